@@ -1,0 +1,92 @@
+"""A set of directional lights and its file form, `vemlight.lights/1`: one JSON object a frame, one a line in .jsonl."""
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import msgspec
+import numpy as np
+
+from services.files import BadInput, written_whole
+from services.sphere import Coverage
+
+
+class Lights(NamedTuple):
+    """Directional lights of one frame, brightest meaning first only where a method says so.
+
+    ids: (n,) int64, stable while a light lives. directions: (n, 3) float32 unit vectors from the scene to the light.
+    irradiance: (n, 3) float32, RGB on a plane that faces the light.
+    """
+
+    ids: np.ndarray
+    directions: np.ndarray
+    irradiance: np.ndarray
+
+    @staticmethod
+    def of(ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray) -> "Lights":
+        """The arrays in their fixed types."""
+        return Lights(
+            np.ascontiguousarray(ids, np.int64), np.ascontiguousarray(directions, np.float32), np.ascontiguousarray(irradiance, np.float32)
+        )
+
+
+class LightRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    id: int
+    direction: tuple[float, float, float]
+    irradiance: tuple[float, float, float]
+
+
+class LightsRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One frame's lights as they stand in a file."""
+
+    schema: Literal["vemlight.lights/1"] = "vemlight.lights/1"
+    sequence: int
+    time_s: float
+    coverage: Coverage
+    lights: list[LightRow]
+
+    def arrays(self) -> Lights:
+        n = len(self.lights)
+        return Lights.of(
+            np.array([light.id for light in self.lights], np.int64),
+            np.array([light.direction for light in self.lights], np.float32).reshape(n, 3),
+            np.array([light.irradiance for light in self.lights], np.float32).reshape(n, 3),
+        )
+
+
+def lights_row(lights: Lights, sequence: int, time_s: float, coverage: Coverage) -> LightsRow:
+    """The frame's record; float32 values are written with the digits that bring them back exactly."""
+    rows = [
+        LightRow(int(i), tuple(map(float, d)), tuple(map(float, e)))
+        for i, d, e in zip(lights.ids.tolist(), lights.directions.tolist(), lights.irradiance.tolist(), strict=True)
+    ]
+    return LightsRow(sequence=sequence, time_s=time_s, coverage=coverage, lights=rows)
+
+
+def lights_json(row: LightsRow) -> bytes:
+    """The record as one line of JSON with the schema's name in it."""
+    return msgspec.json.encode({"schema": row.schema, **msgspec.structs.asdict(row)})
+
+
+def read_lights(path: Path) -> list[LightsRow]:
+    """All frames of a .json (one frame) or .jsonl file. Raises BadInput naming the file and the line."""
+    rows = []
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    for number, line in enumerate(text.splitlines() if path.suffix == ".jsonl" else [text], 1):
+        try:
+            rows.append(msgspec.json.decode(line, type=LightsRow))
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise BadInput(f"{path}: line {number}: {error}; write it again with `vemlight lights`") from error
+    return rows
+
+
+def write_lights(path: Path, rows: list[LightsRow]) -> None:
+    """Writes .json (exactly one frame) or .jsonl. Raises BadInput for another suffix or several frames in a .json."""
+    if path.suffix not in (".json", ".jsonl"):
+        raise BadInput(f"{path}: lights are written as .json or .jsonl; change the suffix")
+    if path.suffix == ".json" and len(rows) != 1:
+        raise BadInput(f"{path}: a .json holds one frame and there are {len(rows)}; name it .jsonl")
+    with written_whole(path) as part:
+        part.write_bytes(b"".join(lights_json(row) + b"\n" for row in rows))

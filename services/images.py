@@ -6,7 +6,7 @@ Every failure to read is one BadInput naming the file, whatever the library belo
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,13 @@ from services.files import BadInput, written_whole
 MAX_SIDE = 16384  # pixels; a lat-long of 16k is 2^27 pixels, 1.6 GB as float32 RGB, and nobody's camera sees more
 MAX_PIXELS = 2**27
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of red, green, blue, white (D65)
-_stderr_lock = threading.Lock()
+_terminal = threading.Lock()
 
 
 @contextmanager
-def _silent_stderr() -> Iterator[None]:
-    """OpenEXR writes its complaint about a damaged file to the terminal as well as into the exception; once is enough."""
-    with _stderr_lock, open(os.devnull, "w") as null:
+def _silent() -> Iterator[None]:
+    """OpenEXR and OpenCV write their complaints about a damaged file to the terminal; ours is the one line that stays."""
+    with _terminal, open(os.devnull, "w") as null, redirect_stdout(null), redirect_stderr(null):
         kept = os.dup(2)
         os.dup2(null.fileno(), 2)
         try:
@@ -53,7 +53,7 @@ def _read_exr(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
 
     OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
     try:
-        with _silent_stderr():
+        with _silent():
             file = OpenEXR.File(str(path))
             channels = {name: channel.pixels for name, channel in file.channels().items()} if file.parts else {}
             attributes = dict(file.header()) if file.parts else {}
@@ -80,7 +80,8 @@ def _read_hdr(path: Path) -> np.ndarray:
     import cv2
 
     try:
-        pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        with _silent():
+            pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise BadInput(f"{path}: is not a readable Radiance HDR ({_one_line(error)}); copy it again") from error
     if pixels is None or pixels.dtype != np.float32 or pixels.ndim != 3:

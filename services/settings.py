@@ -1,0 +1,100 @@
+"""The settings: frozen records, one a service, read once at start from one TOML file. An unknown key is an error.
+
+Paths in the file are relative to it; after `read_settings` they are absolute.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from services.files import BadInput, read_toml
+from services.sphere import Coverage
+
+Count = Annotated[int, Meta(ge=1, le=100_000)]
+Port = Annotated[int, Meta(ge=1, le=65_000)]
+Side = Annotated[int, Meta(ge=1, le=8192)]
+Mode = Literal["live", "lossless"]
+
+
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A section of the settings."""
+
+
+class Wire(Record):
+    """Where the services meet: sockets in a private folder of this machine, or tcp between hosts."""
+
+    transport: Literal["ipc", "tcp"] = "ipc"
+    folder: str = ""  # of the ipc sockets; empty: a folder of this user's, made with mode 0700
+    hosts: dict[Literal["capture", "sampler", "renderer", "viewer"], str] = {}  # tcp: where each service runs; 127.0.0.1 when left out
+    port: Port = 5600  # tcp: the first of the eight ports in use
+    keys: str = ""  # tcp: folder with the CURVE keys of `vemlight keys`
+    insecure: bool = False  # tcp without keys
+
+
+class Capture(Record):
+    source: str = ""  # lat-long .hdr or .exr, a folder of them, or a recorded sequence; empty: the bundled one
+    lens: str = ""  # fisheye sequences: the lens file
+    response: str = ""  # raw fisheye frames: the response file
+    fps: Annotated[float, Meta(gt=0, le=1000)] = 25.0
+    rows: Annotated[int, Meta(ge=2, le=4096)] = 90
+    cols: Annotated[int, Meta(ge=4, le=8192)] = 360
+    coverage: Coverage = "hemisphere"
+    frames: Annotated[int, Meta(ge=0)] = 0  # stop after so many; 0: all of them, again and again in live mode
+
+
+class Sampler(Record):
+    method: Literal["havran-azimuth", "havran-radius", "standard"] = "havran-azimuth"
+    count: Count = 72
+    filter: Literal["fir2005", "none"] = "fir2005"
+
+
+class Renderer(Record):
+    scene: str = ""  # scene file; empty: the bundled one
+    width: Side = 640
+    height: Side = 480
+    shadow_map: Annotated[int, Meta(ge=16, le=4096)] = 256  # texels on a side, for one light
+    exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
+
+
+class Viewer(Record):
+    host: str = "127.0.0.1"
+    port: Port = 8080
+
+
+class Settings(Record):
+    mode: Mode = "live"
+    out: str = ""  # folder for lights (.jsonl) and pictures (EXR and PNG); empty: nothing is written
+    wire: Wire = Wire()
+    capture: Capture = Capture()
+    sampler: Sampler = Sampler()
+    renderer: Renderer = Renderer()
+    viewer: Viewer = Viewer()
+
+
+_PATHS = {"": ("out",), "wire": ("folder", "keys"), "capture": ("source", "lens", "response"), "renderer": ("scene",)}
+
+
+def read_settings(path: Path | None) -> Settings:
+    """The settings at `path` with absolute paths, or the defaults. Raises BadInput naming file and key."""
+    settings = read_toml(path, Settings) if path else Settings()
+    folder = path.resolve().parent if path else Path.cwd()
+    for section, keys in _PATHS.items():
+        record = getattr(settings, section) if section else settings
+        full = {key: str(folder / value) for key in keys if (value := getattr(record, key)) and not value.startswith("/dev/")}
+        if section:
+            settings = msgspec.structs.replace(settings, **{section: msgspec.structs.replace(record, **full)})
+        else:
+            settings = msgspec.structs.replace(settings, **full)
+    check_settings(settings, path)
+    return settings
+
+
+def check_settings(settings: Settings, path: Path | None = None) -> None:
+    """Raises BadInput for values that each are legal but not together."""
+    where = path or "settings"
+    if settings.wire.transport == "tcp" and not settings.wire.keys and not settings.wire.insecure:
+        raise BadInput(f"{where}: [wire] transport = \"tcp\" needs keys = FOLDER (made by `vemlight keys`) or insecure = true")
+    if settings.mode == "lossless" and settings.capture.source.startswith("/dev/"):
+        raise BadInput(f"{where}: mode = \"lossless\" replays files and {settings.capture.source} is a camera; use mode = \"live\"")

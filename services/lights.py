@@ -56,7 +56,7 @@ class LightsRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 def lights_row(lights: Lights, sequence: int, time_s: float, coverage: Coverage) -> LightsRow:
     """The frame's record; float32 values are written with the digits that bring them back exactly."""
     rows = [
-        LightRow(int(i), tuple(map(float, d)), tuple(map(float, e)))
+        LightRow(i, (d[0], d[1], d[2]), (e[0], e[1], e[2]))
         for i, d, e in zip(lights.ids.tolist(), lights.directions.tolist(), lights.irradiance.tolist(), strict=True)
     ]
     return LightsRow(sequence=sequence, time_s=time_s, coverage=coverage, lights=rows)

@@ -22,7 +22,7 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """A section of the settings."""
 
 
-class Wire(Record):
+class Wire(Record, frozen=True):
     """Where the services meet: sockets in a private folder of this machine, or tcp between hosts."""
 
     transport: Literal["ipc", "tcp"] = "ipc"
@@ -33,7 +33,7 @@ class Wire(Record):
     insecure: bool = False  # tcp without keys
 
 
-class Capture(Record):
+class Capture(Record, frozen=True):
     source: str = ""  # lat-long .hdr or .exr, a folder of them, or a recorded sequence; empty: the bundled one
     lens: str = ""  # fisheye sequences: the lens file
     response: str = ""  # raw fisheye frames: the response file
@@ -44,13 +44,13 @@ class Capture(Record):
     frames: Annotated[int, Meta(ge=0)] = 0  # stop after so many; 0: all of them, again and again in live mode
 
 
-class Sampler(Record):
+class Sampler(Record, frozen=True):
     method: Literal["havran-azimuth", "havran-radius", "standard"] = "havran-azimuth"
     count: Count = 72
     filter: Literal["fir2005", "none"] = "fir2005"
 
 
-class Renderer(Record):
+class Renderer(Record, frozen=True):
     scene: str = ""  # scene file; empty: the bundled one
     width: Side = 640
     height: Side = 480
@@ -58,12 +58,12 @@ class Renderer(Record):
     exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
 
 
-class Viewer(Record):
+class Viewer(Record, frozen=True):
     host: str = "127.0.0.1"
     port: Port = 8080
 
 
-class Settings(Record):
+class Settings(Record, frozen=True):
     mode: Mode = "live"
     out: str = ""  # folder for lights (.jsonl) and pictures (EXR and PNG); empty: nothing is written
     wire: Wire = Wire()

@@ -1,0 +1,206 @@
+"""The only door for bytes: records as msgpack, arrays as raw little-endian parts whose type the message's kind fixes.
+
+A message is (topic, header, array, ...). `unpack` gives typed, finite data of known shape or raises one ValueError.
+The law in words, the exported schema and golden messages are in proto/.
+"""
+
+import time
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from services.sphere import Coverage
+
+VERSION = 1
+MAX_HEADER = 64 * 1024  # bytes; the longest legal header has under 2 kB
+MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
+MAX_PARTS = 5  # topic, header and the three arrays of the lights
+
+Sequence53 = Annotated[int, Meta(ge=0, lt=2**53)]  # exact in JSON and in every language
+Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Tally = Annotated[int, Meta(ge=0, lt=2**53)]
+Name = Annotated[str, Meta(min_length=1, max_length=64)]
+Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
+Milliseconds = Annotated[float, Meta(ge=0, le=1e12)]
+Side = Annotated[int, Meta(ge=1, le=8192)]
+
+
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
+    """A message's header; its tag is the message's topic."""
+
+
+class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which frame this is and when its light was seen."""
+
+    sequence: Sequence53
+    time_s: Annotated[float, Meta(ge=0, le=1e12)]  # on the source's own clock: filters use it
+    captured_ns: Nanoseconds  # realtime
+    monotonic_ns: Nanoseconds  # ages on one host: clock steps do not touch it
+    boot_id: Annotated[str, Meta(max_length=64)]  # monotonic clocks compare only when this is equal
+
+
+class Map(Part, frozen=True, tag="map"):
+    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32, finite."""
+
+    stamp: Stamp
+    rows: Side
+    cols: Side
+    coverage: Coverage
+    luminance_scale: Annotated[float, Meta(gt=0, le=1e30)] | None = None  # cd/m2 per unit, when calibrated
+    spoilt: Tally = 0  # cells that came as nan, inf or negative and were set to 0
+    black: Tally = 0  # pixels that the sensor's code clipped
+    saturated: Tally = 0
+
+
+class Lights(Part, frozen=True, tag="lights"):
+    """Directional lights. Arrays: ids (count,) int64; directions (count, 3) and irradiance (count, 3) float32."""
+
+    stamp: Stamp
+    count: Annotated[int, Meta(ge=0, le=100_000)]
+    coverage: Coverage
+    delay_ms: Milliseconds  # by which the filter holds the light back
+
+
+class Image(Part, frozen=True, tag="image"):
+    """A picture for the eye. Arrays: pixels (height, width, 4) uint8, sRGB, alpha straight, the top row first."""
+
+    stamp: Stamp
+    width: Side
+    height: Side
+    lights: Tally
+    render_ms: Milliseconds
+
+
+class Control(Part, frozen=True, tag="control"):
+    """What the person at the viewer wants; what is left out stays as the settings say. No arrays."""
+
+    count: Annotated[int, Meta(ge=1, le=100_000)] | None = None
+    exposure: Annotated[float, Meta(ge=-20, le=20)] | None = None  # stops
+    filtered: bool | None = None
+    paused: bool = False
+
+
+class Status(Part, frozen=True, tag="status"):
+    """How a service fares. No arrays."""
+
+    service: Name
+    sequence: Sequence53 | None  # of its newest frame
+    rate_hz: Annotated[float, Meta(ge=0, le=1e9)]
+    age_ms: Milliseconds | None  # of its newest frame when it was done
+    step_ms: Milliseconds | None  # median of the last frames
+    frames: Tally
+    skipped: Tally  # passed over because this service was slower than its input
+    dropped: Tally  # lost before this service saw them, by the gaps in their numbers
+    refused: Tally  # messages that `unpack` refused
+    restarts: Tally  # how often the supervisor had to start it again
+    spoilt: Tally = 0
+    black: Tally = 0
+    saturated: Tally = 0
+    delay_ms: Milliseconds = 0.0
+
+
+class End(Part, frozen=True, tag="end"):
+    """The stream is over: `sequence` is the first number that will not come. No arrays."""
+
+    sequence: Sequence53
+
+
+class Request(Part, frozen=True, tag="request"):
+    """Lossless mode, from a consumer: send me the `count` frames from `first` on. It replaces what was asked before. No arrays."""
+
+    first: Sequence53
+    count: Annotated[int, Meta(ge=1, le=1024)]
+
+
+Header = Map | Lights | Image | Control | Status | End | Request
+Message = tuple[Header, tuple[np.ndarray, ...]]
+
+_encoder = msgspec.msgpack.Encoder()
+_decoder = msgspec.msgpack.Decoder(Header)
+
+
+def layout(header: Header) -> tuple[tuple[Literal["<f4", "<i8", "|u1"], tuple[int, ...]], ...]:
+    """Type and shape of each array that belongs to `header`."""
+    match header:
+        case Map():
+            return (("<f4", (header.rows, header.cols, 3)),)
+        case Lights():
+            return ("<i8", (header.count,)), ("<f4", (header.count, 3)), ("<f4", (header.count, 3))
+        case Image():
+            return (("|u1", (header.height, header.width, 4)),)
+        case _:
+            return ()
+
+
+def pack(header: Header, arrays: Sequence[np.ndarray] = ()) -> list[bytes]:
+    """The message's parts. Raises ValueError when the arrays are not those of the header."""
+    expected = layout(header)
+    if len(arrays) != len(expected):
+        raise ValueError(f"{_kind(header)}: {len(expected)} arrays belong to it, not {len(arrays)}")
+    parts = [_kind(header).encode(), _encoder.encode(header)]
+    for array, (dtype, shape) in zip(arrays, expected, strict=True):
+        if array.shape != shape:
+            raise ValueError(f"{_kind(header)}: array of shape {array.shape}, the header says {shape}")
+        parts.append(np.ascontiguousarray(array, dtype).tobytes())
+    return parts
+
+
+def unpack(parts: Sequence[bytes]) -> Message:
+    """Header and arrays (read-only views of the parts). Raises ValueError for anything that `pack` would not have made."""
+    if not 2 <= len(parts) <= MAX_PARTS:
+        raise ValueError(f"a message has 2 to {MAX_PARTS} parts, not {len(parts)}")
+    if len(parts[1]) > MAX_HEADER:
+        raise ValueError(f"a header has at most {MAX_HEADER} bytes, not {len(parts[1])}")
+    header = _decoder.decode(parts[1])
+    if bytes(parts[0]) != _kind(header).encode():
+        raise ValueError(f"topic {bytes(parts[0][:20])!r} on a message of kind {_kind(header)}")
+
+    expected = layout(header)
+    if len(parts) != 2 + len(expected):
+        raise ValueError(f"{_kind(header)}: {len(expected)} arrays belong to it, not {len(parts) - 2}")
+    arrays = []
+    for part, (dtype, shape) in zip(parts[2:], expected, strict=True):
+        nbytes = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+        if len(part) != nbytes or nbytes > MAX_PART:
+            raise ValueError(f"{_kind(header)}: array of {len(part)} bytes, the header says {nbytes}, the limit is {MAX_PART}")
+        array = np.frombuffer(part, dtype).reshape(shape)
+        if dtype == "<f4" and not np.isfinite(array).all():
+            raise ValueError(f"{_kind(header)}: array with nan or inf")
+        arrays.append(array)
+    return header, tuple(arrays)
+
+
+def _kind(header: Header) -> str:
+    return str(type(header).__struct_config__.tag)
+
+
+def schema() -> dict:
+    """The headers' JSON Schema, as exported to proto/wire.schema.json."""
+    (kinds,), definitions = msgspec.json.schema_components([Header], ref_template="#/$defs/{name}")
+    draft = "https://json-schema.org/draft/2020-12/schema"
+    return {"$schema": draft, "title": f"vemlight wire {VERSION}", **kinds, "$defs": definitions}
+
+
+@cache
+def boot_id() -> str:
+    """Names this run of this machine's kernel: monotonic clocks compare only within one."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""
+
+
+def stamp(sequence: int, time_s: float) -> Stamp:
+    """A stamp for light that is seen now."""
+    return Stamp(sequence=sequence, time_s=time_s, captured_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), boot_id=boot_id())
+
+
+def age_ms(of: Stamp) -> float:
+    """Milliseconds since the light was seen: by the monotonic clock on one host, by realtime between hosts; never negative."""
+    same_clock = of.boot_id and of.boot_id == boot_id()
+    return max(0.0, ((time.monotonic_ns() - of.monotonic_ns) if same_clock else (time.time_ns() - of.captured_ns)) / 1e6)

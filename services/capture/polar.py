@@ -1,0 +1,94 @@
+"""Images of the light around resampled to the polar map, with the power of each channel conserved.
+
+A lat-long pixel is a box in (1 - cos theta, phi), where solid angle is plain area, and so is a cell of the polar map: their overlaps are
+exact products of two one-dimensional overlaps, and a cell is the mean of the pixels it overlaps, weighted by solid angle.
+
+Values go through as they are: nan and inf reach the cells that their pixel overlaps and no other; negative pixels count in the mean.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from services.sphere import Coverage, ring_edges
+
+DUST = 1e-9  # of a cell: overlaps this thin are rounding of edges that coincide (float64 gives 1e-13), and would carry a nan next door
+
+
+class Overlaps(NamedTuple):
+    """Mean over intervals, sparse: target i = sum of weight[k] * source[index[k]] for start[i] <= k < start[i + 1]."""
+
+    start: np.ndarray  # (n + 1,) int64
+    index: np.ndarray  # (entries,) int64
+    weight: np.ndarray  # (entries,) float64, adding up to 1 for each target
+
+
+class LatlongToPolar(NamedTuple):
+    """Weights from a lat-long image to a polar map."""
+
+    height: int
+    width: int
+    rows: Overlaps
+    cols: Overlaps
+
+
+def overlaps(low: np.ndarray, high: np.ndarray, edges: np.ndarray) -> Overlaps:
+    """Overlaps of the target intervals [low[i], high[i]] with the source intervals [edges[k], edges[k + 1]], ascending."""
+    start, index, weight = [0], [], []
+    for a, b in zip(low, high, strict=True):
+        first = max(int(np.searchsorted(edges, a, side="right")) - 1, 0)
+        last = min(int(np.searchsorted(edges, b, side="left")), len(edges) - 1)
+        k = np.arange(first, last)
+        share = (np.minimum(edges[k + 1], b) - np.maximum(edges[k], a)) / (b - a)
+        index.append(k[share > DUST])
+        weight.append(share[share > DUST])
+        start.append(start[-1] + len(index[-1]))
+    return Overlaps(np.array(start), np.concatenate(index), np.concatenate(weight))
+
+
+def latlong_to_polar(height: int, width: int, rows: int, cols: int, coverage: Coverage) -> LatlongToPolar:
+    """Weights from a lat-long image (height, width) to a polar map (rows, cols)."""
+    rings = ring_edges(rows, coverage)
+    by_row = overlaps(rings[:-1], rings[1:], ring_edges(height, "sphere"))
+    # columns run against phi and the image's centre is phi = 0; negative columns lie at the image's right
+    ends = width / 2 - np.arange(cols + 1) * (width / cols)
+    by_col = overlaps(ends[1:], ends[:-1], np.arange(-(width // 2) - 1, width - width // 2 + 1, dtype=np.float64))
+    columns = (by_col.index - (width // 2) - 1) % width
+    return LatlongToPolar(height, width, by_row, by_col._replace(index=columns))
+
+
+def polar_from_latlong(image: np.ndarray, weights: LatlongToPolar) -> np.ndarray:
+    """The polar map (rows, cols, 3) float32 of a lat-long image (height, width, 3) float32."""
+    return _separable(image, *weights.rows, *weights.cols)
+
+
+@njit(cache=True)
+def _separable(image, row_start, row_index, row_weight, col_start, col_index, col_weight):
+    rows, cols = len(row_start) - 1, len(col_start) - 1
+    used = row_index.max() + 1
+    narrow = np.empty((used, cols, 3), np.float32)
+    for y in range(used):
+        for j in range(cols):
+            r = g = b = 0.0
+            for k in range(col_start[j], col_start[j + 1]):
+                x, w = col_index[k], col_weight[k]
+                r += w * image[y, x, 0]
+                g += w * image[y, x, 1]
+                b += w * image[y, x, 2]
+            narrow[y, j, 0] = r
+            narrow[y, j, 1] = g
+            narrow[y, j, 2] = b
+    polar = np.empty((rows, cols, 3), np.float32)
+    for i in range(rows):
+        for j in range(cols):
+            r = g = b = 0.0
+            for k in range(row_start[i], row_start[i + 1]):
+                y, w = row_index[k], row_weight[k]
+                r += w * narrow[y, j, 0]
+                g += w * narrow[y, j, 1]
+                b += w * narrow[y, j, 2]
+            polar[i, j, 0] = r
+            polar[i, j, 1] = g
+            polar[i, j, 2] = b
+    return polar

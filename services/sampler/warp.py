@@ -1,0 +1,73 @@
+"""The ways from the unit square to the sky, by name: each with its sample, density and inverse."""
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from services.sampler import havran, standard
+from services.sampler.density import LightMap
+
+WarpName = Literal["havran-azimuth", "havran-radius", "standard"]
+
+
+class Samples(NamedTuple):
+    """directions: (n, 3) unit vectors. radiance: (n, 3), of the map there. density: (n,), per sr. All float64."""
+
+    directions: np.ndarray
+    radiance: np.ndarray
+    density: np.ndarray
+
+
+class _Kernels(NamedTuple):
+    tables: Callable[[LightMap], Any]
+    sample: Callable[..., None]
+    density: Callable[..., None]
+    inverse: Callable[..., None]
+
+
+_KERNELS: dict[WarpName, _Kernels] = {
+    "havran-azimuth": _Kernels(havran.azimuth_tables, havran.azimuth_sample, havran.azimuth_density, havran.azimuth_inverse),
+    "havran-radius": _Kernels(havran.radius_tables, havran.radius_sample, havran.radius_density, havran.radius_inverse),
+    "standard": _Kernels(standard.standard_tables, standard.standard_sample, standard.standard_density, standard.standard_inverse),
+}
+
+
+class Warp(NamedTuple):
+    """One map's way from the square to the sky."""
+
+    name: WarpName
+    tables: Any
+
+    def sample(self, points: np.ndarray) -> Samples:
+        """The directions of points (n, 2) in [0, 1]^2, with the map's radiance and the density there."""
+        n = len(points)
+        samples = Samples(np.empty((n, 3)), np.empty((n, 3)), np.empty(n))
+        _KERNELS[self.name].sample(self.tables, points, *samples)
+        return samples
+
+    def density(self, directions: np.ndarray) -> np.ndarray:
+        """Density per sr, (n,) float64, with which the samples of even points fall on unit directions (n, 3); 0 outside the map."""
+        density = np.empty(len(directions))
+        _KERNELS[self.name].density(self.tables, np.ascontiguousarray(directions, np.float64), density)
+        return density
+
+    def inverse(self, directions: np.ndarray) -> np.ndarray:
+        """The points (n, 2) float64 that `sample` sends to unit directions (n, 3)."""
+        points = np.empty((len(directions), 2))
+        _KERNELS[self.name].inverse(self.tables, np.ascontiguousarray(directions, np.float64), points)
+        return points
+
+    @property
+    def seam(self) -> float | None:
+        """Azimuth in rad of the square's cut on the sky, for the warp that has a free one for the whole map; else None."""
+        return havran.seam(self.tables) if self.name == "havran-azimuth" else None
+
+    def with_seam(self, azimuth: float) -> "Warp":
+        """The same warp with its cut at `azimuth` (rad); only where `seam` is not None."""
+        return Warp(self.name, havran.with_seam(self.tables, azimuth))
+
+
+def warp_from_map(light: LightMap, name: WarpName) -> Warp:
+    """The warp of that name for a map."""
+    return Warp(name, _KERNELS[name].tables(light))

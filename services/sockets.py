@@ -4,6 +4,7 @@ Each service binds two sockets: `publish` (XPUB: its frames in live mode, its st
 request, lossless mode).
 """
 
+import fcntl
 import os
 import socket as network
 import stat
@@ -63,11 +64,13 @@ class Wires:
         self.context = context or zmq.Context()
         self._keys: tuple[bytes, bytes] | None = None
         self._gate: ThreadAuthenticator | None = None
+        self._claimed: list[tuple[int, Path]] = []
         if settings.transport == "tcp" and settings.keys:
             self._keys = read_keys(Path(settings.keys))
 
     def bind(self, service: Service, role: Role) -> Any:
         """The socket that `service` binds: XPUB or ROUTER. Raises BadInput when the port is taken."""
+        self._claim(service, role)
         kind = zmq.XPUB if role == "publish" else zmq.ROUTER
         socket = self._limited(kind)
         if role == "publish":
@@ -107,6 +110,23 @@ class Wires:
         if self._gate:
             self._gate.stop()
         self.context.destroy(linger=0)
+        for lock, path in self._claimed:
+            path.unlink(missing_ok=True)
+            path.with_suffix(f"{path.suffix}.lock").unlink(missing_ok=True)
+            os.close(lock)
+
+    def _claim(self, service: Service, role: Role) -> None:
+        """An ipc socket would take over its file from another process without a word: whoever binds holds a lock beside it."""
+        if self.settings.transport != "ipc":
+            return
+        path = runtime_folder(self.settings) / f"{service}.{role}"
+        lock = os.open(path.with_suffix(f"{path.suffix}.lock"), os.O_CREAT | os.O_RDWR, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(lock)
+            raise BadInput(f"{path}: another {service} runs there; stop it or set [wire] folder to another one") from error
+        self._claimed.append((lock, path))
 
     def _limited(self, kind: int) -> Any:
         socket: Any = self.context.socket(kind)

@@ -118,6 +118,7 @@ class Request(Part, frozen=True, tag="request"):
 
 
 Header = Map | Lights | Image | Control | Status | End | Request
+FRAME = Map | Lights | Image  # the kinds that carry a stamp
 Message = tuple[Header, tuple[np.ndarray, ...]]
 
 _encoder = msgspec.msgpack.Encoder()

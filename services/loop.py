@@ -1,0 +1,259 @@
+"""Receive, step, send, stop: what every service does around its own work, in the two modes.
+
+live: a service hears the newest frame and passes over those that came while it worked; what was passed over or lost is counted.
+lossless: the last service asks for each frame by number and every other one makes what is asked for (services/demand.py).
+"""
+
+import signal
+import time
+from typing import Any, Protocol, TypeVar
+
+import zmq
+
+from services import wire
+from services.channels import FRAMES, LAST, UPSTREAM, Service
+from services.demand import Pull, Supply
+from services.settings import Settings
+from services.sockets import Wires, admit
+from services.tally import Tally
+
+State = TypeVar("State")
+POLL_MS = 100  # how late a stop is noticed at most when nothing arrives
+END_PERIOD_S = 0.2  # live: the end is said again and again, for who was not listening
+KEPT_FRAMES = 64  # lossless: how many finished frames a service holds for one that asks again
+
+
+class Stage(Protocol[State]):
+    """A service's own work. `step` has no effect but its result; files are written by `keep`."""
+
+    service: Service
+
+    def kept(self) -> int:
+        """The first frame that this stage's own output lacks; 0 when it writes none."""
+        ...
+
+    def begin(self, target: int) -> tuple[State, int]:
+        """A state, and the frame to feed it first so that every frame from `target` on comes out as in an undisturbed run."""
+        ...
+
+    def step(self, state: State, message: wire.Message) -> tuple[State, wire.Message]: ...
+
+    def control(self, state: State, wish: wire.Control) -> State: ...
+
+    def keep(self, state: State, message: wire.Message) -> None:
+        """Writes what `step` has just made, when files are wanted."""
+        ...
+
+    def done(self) -> None:
+        """After the last frame, in the last stage only."""
+        ...
+
+
+class Source(Protocol):
+    """Where frames come from."""
+
+    fps: float
+
+    def __len__(self) -> int:
+        """How many frames there are."""
+        ...
+
+    def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
+        """Frame `index` of the source as number `sequence`, seen at `time_s`."""
+        ...
+
+
+class Stop:
+    """Set by SIGTERM or SIGINT."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._ask)
+
+    def _ask(self, *_: object) -> None:
+        self.asked = True
+
+
+def publish(publisher: Any, message: wire.Message) -> None:
+    """To whoever listens; a listener whose queue is full misses it."""
+    publisher.send_multipart(wire.pack(*message), zmq.NOBLOCK)
+
+
+def say_status(publisher: Any, tally: Tally) -> None:
+    if status := tally.due():
+        publish(publisher, (status, ()))
+
+
+def received(socket: Any, tally: Tally) -> list[wire.Message]:
+    """All messages that wait at a socket, oldest first; what `unpack` refuses is counted."""
+    messages = []
+    while True:
+        try:
+            parts = socket.recv_multipart(zmq.NOBLOCK)
+        except zmq.Again:
+            return messages
+        try:
+            messages.append(wire.unpack(parts))
+        except ValueError:
+            tally.refused += 1
+
+
+def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
+    """Runs a stage until it is told to stop or, being the last, has done the last frame.
+
+    Raises BadInput for sockets that cannot be had, and whatever the stage raises.
+    """
+    wires = Wires(settings.wire)
+    try:
+        tally = Tally(stage.service, restarts)
+        publisher = wires.bind(stage.service, "publish")
+        run = _lossless if settings.mode == "lossless" else _live
+        run(stage, wires, publisher, tally, Stop())
+    finally:
+        wires.close()
+
+
+def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
+    upstream = UPSTREAM[stage.service]
+    assert upstream
+    frames = wires.subscribe(upstream, FRAMES[upstream], "end")
+    wishes = wires.subscribe("viewer", "control")
+    poller = zmq.Poller()
+    for socket in (frames, wishes, publisher):
+        poller.register(socket, zmq.POLLIN)
+
+    state, _ = stage.begin(0)
+    ended: wire.End | None = None
+    while not stop.asked:
+        poller.poll(POLL_MS)
+        admit(publisher)
+        for wish, _ in received(wishes, tally):
+            if isinstance(wish, wire.Control):
+                state = stage.control(state, wish)
+
+        heard = received(frames, tally)
+        fresh = [(header, arrays) for header, arrays in heard if isinstance(header, wire.FRAME)]
+        if fresh:
+            tally.heard(fresh[-1][0].stamp, len(fresh) - 1)
+            state = _advance(stage, state, fresh[-1], publisher, tally)[0]
+            ended = None
+        ended = next((header for header, _ in heard if isinstance(header, wire.End)), ended)
+        if ended:
+            if stage.service == LAST:
+                stage.done()
+                return
+            publish(publisher, (ended, ()))
+            time.sleep(END_PERIOD_S)
+        say_status(publisher, tally)
+
+
+def _advance(
+    stage: Stage[State], state: State, message: wire.Message, publisher: Any, tally: Tally, keep_from: int = 0
+) -> tuple[State, wire.Message]:
+    began_s = time.monotonic()
+    state, made = stage.step(state, message)
+    if isinstance(made[0], wire.FRAME) and made[0].stamp.sequence >= keep_from:
+        stage.keep(state, made)
+    tally.finished(made, time.monotonic() - began_s)
+    publish(publisher, made)
+    return state, made
+
+
+def _lossless(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
+    upstream = UPSTREAM[stage.service]
+    assert upstream
+    pull, supply = Pull(wires.ask(upstream), tally), Supply(wires.bind(stage.service, "serve"), tally)
+    poller = zmq.Poller()
+    for socket in (pull.socket, supply.socket, publisher):
+        poller.register(socket, zmq.POLLIN)
+
+    kept = stage.kept()
+    is_last = stage.service == LAST
+    state, at = stage.begin(kept if is_last else 0)
+    made: dict[int, wire.Message] = {}
+    while not stop.asked:
+        poller.poll(POLL_MS)
+        admit(publisher)
+        wanted = supply.wanted()
+        if wanted is not None and wanted < at and wanted not in made:
+            state, at = stage.begin(wanted)
+            made.clear()
+            pull.restart()
+        if is_last or (wanted is not None and wanted >= at):
+            message = pull.frame(at)
+            if message:
+                state, made[at] = _advance(stage, state, message, publisher, tally, keep_from=kept)
+                kept, at = max(kept, at + 1), at + 1
+                made.pop(at - KEPT_FRAMES, None)
+        supply.send(made.get, end=pull.end)
+        if is_last and pull.end is not None and at >= pull.end:
+            stage.done()
+            return
+        say_status(publisher, tally)
+
+
+def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
+    """Runs capture: by the clock in live mode, on request in lossless mode. Raises BadInput for sockets that cannot be had."""
+    wires = Wires(settings.wire)
+    try:
+        tally = Tally("capture", restarts)
+        publisher = wires.bind("capture", "publish")
+        if settings.mode == "lossless":
+            _source_lossless(settings, source, wires, publisher, tally, Stop())
+        else:
+            _source_live(settings, source, wires, publisher, tally, Stop())
+    finally:
+        wires.close()
+
+
+def _source_live(settings: Settings, source: Source, wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
+    """Frame n is due at n / fps; a frame whose time has passed is dropped and counted. Paused, the held frame is sent again."""
+    wishes = wires.subscribe("viewer", "control")
+    poller = zmq.Poller()
+    poller.register(wishes, zmq.POLLIN)
+    poller.register(publisher, zmq.POLLIN)
+    limit = settings.capture.frames or None
+    began_s, sequence, index, paused = time.monotonic(), 0, 0, False
+    while not stop.asked:
+        over = limit is not None and sequence >= limit
+        wait_s = END_PERIOD_S if over else began_s + sequence / source.fps - time.monotonic()
+        poller.poll(max(0, min(POLL_MS, round(wait_s * 1e3))))
+        admit(publisher)
+        for wish, _ in received(wishes, tally):
+            paused = wish.paused if isinstance(wish, wire.Control) else paused
+        if over:
+            publish(publisher, (wire.End(sequence=sequence), ()))
+            time.sleep(END_PERIOD_S)
+        elif (late_s := time.monotonic() - began_s - sequence / source.fps) >= 0:
+            missed = int(late_s * source.fps)
+            tally.dropped += missed
+            sequence, index = sequence + missed, index + (0 if paused else missed)
+            made_s = time.monotonic()
+            message = source.message(sequence, index % len(source), sequence / source.fps)
+            publish(publisher, message)
+            tally.finished(message, time.monotonic() - made_s)
+            sequence, index = sequence + 1, index + (0 if paused else 1)
+        say_status(publisher, tally)
+
+
+def _source_lossless(settings: Settings, source: Source, wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
+    supply = Supply(wires.bind("capture", "serve"), tally)
+    poller = zmq.Poller()
+    poller.register(supply.socket, zmq.POLLIN)
+    poller.register(publisher, zmq.POLLIN)
+    count = min(len(source), settings.capture.frames or len(source))
+
+    def frame(k: int) -> wire.Message:
+        began_s = time.monotonic()
+        message = source.message(k, k, k / source.fps)
+        publish(publisher, message)
+        tally.finished(message, time.monotonic() - began_s)
+        return message
+
+    while not stop.asked:
+        poller.poll(POLL_MS)
+        admit(publisher)
+        supply.wanted()
+        supply.send(frame, end=count)
+        say_status(publisher, tally)

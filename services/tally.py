@@ -1,0 +1,62 @@
+"""What a service counts and times of its own frames, and says as its status."""
+
+import time
+from collections import deque
+from statistics import median
+from typing import Any
+
+from services import wire
+from services.channels import STATUS_PERIOD_S, Service
+
+RATE_WINDOW_S = 2.0
+
+
+class Tally:
+    """What a service says of itself: counts, rates and times of the frames it has done."""
+
+    def __init__(self, service: Service, restarts: int) -> None:
+        self.service, self.restarts = service, restarts
+        self.frames = self.skipped = self.dropped = self.refused = 0
+        self._newest: wire.Stamp | None = None
+        self._age_ms = 0.0
+        self._done_s: deque[float] = deque(maxlen=256)
+        self._step_ms: deque[float] = deque(maxlen=32)
+        self._report: dict[str, Any] = {}
+        self._due_s = 0.0
+
+    def heard(self, stamp: wire.Stamp, passed_over: int) -> None:
+        """Counts the gap before a frame. A number below the last one means that the source began again."""
+        self.skipped += passed_over
+        if self._newest and stamp.sequence > self._newest.sequence:
+            self.dropped += max(0, stamp.sequence - self._newest.sequence - 1 - passed_over)
+
+    def finished(self, message: wire.Message, took_s: float) -> None:
+        header = message[0]
+        assert isinstance(header, wire.FRAME)
+        self.frames += 1
+        self._newest, self._age_ms = header.stamp, wire.age_ms(header.stamp)
+        self._done_s.append(time.monotonic())
+        self._step_ms.append(took_s * 1e3)
+        self._report = {name: getattr(header, name) for name in ("spoilt", "black", "saturated", "delay_ms") if hasattr(header, name)}
+
+    def due(self) -> wire.Status | None:
+        """The status, when it is time to say it again."""
+        now = time.monotonic()
+        if now < self._due_s:
+            return None
+        self._due_s = now + STATUS_PERIOD_S
+        recent = [t for t in self._done_s if t > now - RATE_WINDOW_S]
+        rate_hz = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
+        return wire.Status(
+            service=self.service,
+            sequence=self._newest.sequence if self._newest else None,
+            rate_hz=rate_hz,
+            age_ms=self._age_ms if self._newest else None,
+            step_ms=median(self._step_ms) if self._step_ms else None,
+            frames=self.frames,
+            skipped=self.skipped,
+            dropped=self.dropped,
+            refused=self.refused,
+            restarts=self.restarts,
+            **self._report,
+        )

@@ -1,0 +1,60 @@
+"""The GL context and the shader programs, from the files in shaders/. A failure is one BadInput line."""
+
+from pathlib import Path
+
+import moderngl
+
+from services.files import BadInput
+
+SHADERS = Path(__file__).parent / "shaders"
+GL_VERSION = 430  # uniform blocks, instancing, gathers and, for the speed of a software renderer, nothing newer
+
+
+def headless_context() -> moderngl.Context:
+    """A GL context of version 4.3 or later without a window, through EGL. Raises BadInput when the machine gives none."""
+    try:
+        return moderngl.create_context(require=GL_VERSION, standalone=True, backend="egl")
+    except Exception as error:  # glcontext raises bare Exceptions, ImportErrors and OSErrors by the library that fails
+        reason = " ".join(str(error).split())[:160]
+        raise BadInput(
+            f"no OpenGL 4.3 through EGL ({reason}); install it: apt-get install libegl1 libgl1-mesa-dri"
+        ) from error
+
+
+def context_info(context: moderngl.Context) -> str:
+    """GL renderer and version in one line."""
+    return f"{context.info['GL_RENDERER']}, OpenGL {context.info['GL_VERSION']}"
+
+
+class Programs:
+    """Compiles programs once each and releases them together."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._made: list[moderngl.Program] = []
+        for path in SHADERS.glob("*.glsl"):
+            context.includes[path.name] = path.read_text()
+
+    def program(self, vertex: str, fragment: str, **constants: str) -> moderngl.Program:
+        """The program of two files in shaders/; each NAME in them is replaced by its value in `constants`.
+
+        Raises BadInput with the compiler's first complaint, the files and the GL renderer.
+        """
+        sources = [(SHADERS / name).read_text() for name in (vertex, fragment)]
+        names = "".join(f"#define {name} {value}\n" for name, value in constants.items())
+        sources = [source.replace("\n", "\n" + names, 1) for source in sources]
+        try:
+            made = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
+        except moderngl.Error as error:
+            lines = [line for line in str(error).splitlines() if "error" in line.lower()] or [str(error)]
+            raise BadInput(
+                f"{vertex} + {fragment}: {lines[-1].strip()[:200]} ({context_info(self._context)}); update the GL driver"
+            ) from error
+        self._made.append(made)
+        return made
+
+    def release(self) -> None:
+        """Frees all programs made here."""
+        for program in self._made:
+            program.release()
+        self._made.clear()

@@ -1,0 +1,114 @@
+"""Scenes: the scene file, its meshes brought to the world, and the bundled demo scene.
+
+A scene file is TOML; paths in it are relative to it, angles are degrees, lengths are metres, +Z is up.
+"""
+
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from services.files import BadInput, read_toml
+from services.renderer.meshes import Geometry, Shape, bounds, read_geometry, shape_geometry
+from services.sphere import rotation_xyz
+
+DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
+
+Vector = tuple[float, float, float]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Colour = tuple[Fraction, Fraction, Fraction]
+
+
+class Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    position: Vector = msgspec.field(name="from")
+    at: Vector
+    fov_y: Annotated[float, Meta(gt=0, lt=180)] = 40.0  # degrees, from the lower to the upper edge
+
+
+class Material(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Lambert and normalised Phong: diffuse / pi + specular (n + 2) / (2 pi) cos^n(angle between mirrored light and view)."""
+
+    diffuse: Colour = (0.5, 0.5, 0.5)
+    specular: Colour = (0.0, 0.0, 0.0)
+    exponent: Annotated[float, Meta(ge=0, le=1e5)] = 40.0
+
+
+class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One `[[mesh]]`: either `file` or `shape`; in order it is turned y-up, scaled, rotated about x, y, z, and moved."""
+
+    file: str = ""
+    shape: Shape | None = None
+    y_up: bool | None = None  # left out: true for glTF, whose files are y-up by definition
+    scale: Annotated[float, Meta(gt=0)] = 1.0
+    rotate: Vector = (0.0, 0.0, 0.0)
+    at: Vector = (0.0, 0.0, 0.0)
+    material: Material = Material()
+
+
+class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    camera: Camera
+    mesh: list[MeshTable]
+
+
+class Mesh(NamedTuple):
+    """A mesh in the world with its material."""
+
+    name: str
+    geometry: Geometry
+    material: Material
+
+
+class Scene(NamedTuple):
+    """What is drawn. centre and half: the box around all meshes, (3,) float64 each, metres."""
+
+    camera: Camera
+    meshes: tuple[Mesh, ...]
+    centre: np.ndarray
+    half: np.ndarray
+
+
+def load_scene(path: Path | None) -> Scene:
+    """The scene at `path`, or the bundled demo scene for None.
+
+    Raises BadInput, naming the scene file, the mesh and the mend, for unknown keys, a missing or unreadable mesh file and for meshes
+    that are empty, hold nan or have no area.
+    """
+    path = path or DEMO_SCENE
+    table = read_toml(path, SceneTable)
+    if not table.mesh:
+        raise BadInput(f"{path}: has no [[mesh]]; add one")
+    camera = table.camera
+    if not np.all(np.isfinite([*camera.position, *camera.at])) or np.allclose(camera.position, camera.at, rtol=0, atol=1e-9):
+        raise BadInput(f"{path}: [camera] from and at must be two different finite points; mend them")
+    meshes = [mesh for number, row in enumerate(table.mesh, 1) for mesh in _meshes(row, path, f"{path}: [[mesh]] {number}")]
+    low, high = bounds([mesh.geometry for mesh in meshes])
+    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2)
+
+
+def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
+    """The meshes that one [[mesh]] of the file `scene` stands for, in the world. Raises BadInput that begins with `where`."""
+    if bool(row.file) == bool(row.shape):
+        raise BadInput(f"{where}: needs either file = \"...\" or shape = \"sphere\", \"plane\" or \"box\"")
+    total = np.array(row.material.diffuse) + np.array(row.material.specular)
+    if np.any(total > 1 + 1e-6):  # 1e-6: decimal fractions such as 0.7 + 0.3 do not add up to 1 exactly
+        raise BadInput(f"{where}: diffuse + specular reflects {total.max():.4g} of the light; keep the sum at 1 or below")
+    if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])):
+        raise BadInput(f"{where}: scale, rotate and at must be finite; mend them")
+    y_up = row.y_up
+    if row.shape:
+        found = [(row.shape, shape_geometry(row.shape))]
+    else:
+        file = scene.parent / row.file
+        if file.suffix.lower() not in MESH_SUFFIXES:
+            raise BadInput(f"{where}: {file} is none of {', '.join(MESH_SUFFIXES)}; convert it")
+        if not file.is_file():
+            raise BadInput(f"{where}: there is no mesh file {file}; mend the path (it is relative to the scene file)")
+        found = read_geometry(file, where)
+        y_up = file.suffix.lower() in (".glb", ".gltf") if y_up is None else y_up
+    rotation = rotation_xyz(row.rotate)
+    if y_up:
+        rotation = rotation @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
+    return [Mesh(name, geometry.moved(rotation * row.scale, np.array(row.at)), row.material) for name, geometry in found]

@@ -90,3 +90,25 @@ def write_lights(path: Path, rows: list[LightsRow]) -> None:
         raise BadInput(f"{path}: a .json holds one frame and there are {len(rows)}; name it .jsonl")
     with written_whole(path) as part:
         part.write_bytes(b"".join(lights_json(row) + b"\n" for row in rows))
+
+
+class LightsFile:
+    """A .jsonl file that grows by a frame at a time; a line that a killed writer left half is taken away on opening."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises BadInput when the file cannot be written or holds something else."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(path, "a+b")  # noqa: SIM115, it stays open as long as its writer
+        except OSError as error:
+            raise BadInput(f"{path}: cannot be written ({error.strerror}); choose another --out") from error
+        self._file.seek(0)
+        lines = self._file.read().split(b"\n")
+        self._file.truncate(sum(len(line) + 1 for line in lines[:-1]))
+        self.count = len(lines) - 1  # frames in it
+
+    def append(self, lights: Lights, sequence: int, time_s: float, coverage: Coverage) -> None:
+        """Adds a frame; it is out of this process's hands when the call returns."""
+        self._file.write(lights_json(lights_row(lights, sequence, time_s, coverage)) + b"\n")
+        self._file.flush()
+        self.count += 1

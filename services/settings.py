@@ -4,7 +4,7 @@ Paths in the file are relative to it; after `read_settings` they are absolute.
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -98,3 +98,19 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
         raise BadInput(f"{where}: [wire] transport = \"tcp\" needs keys = FOLDER (made by `vemlight keys`) or insecure = true")
     if settings.mode == "lossless" and settings.capture.source.startswith("/dev/"):
         raise BadInput(f"{where}: mode = \"lossless\" replays files and {settings.capture.source} is a camera; use mode = \"live\"")
+
+
+Section = TypeVar("Section", bound=Record)
+
+
+def record(kind: type[Section], values: dict[str, Any], prefix: str) -> Section:
+    """A section made of `values`; None means the default. Raises BadInput naming the option, as `prefix` and its key."""
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in values.items() if value is not None}
+    try:
+        return msgspec.convert(given, kind)
+    except msgspec.ValidationError as error:
+        text, _, where = str(error).partition(" - at `$.")
+        key = where.rstrip("`")
+        choices = get_args(get_type_hints(kind).get(key))
+        known = f"; choose from {', '.join(map(str, choices))}" if choices else ""
+        raise BadInput(f"{prefix}{key}: {text[:1].lower()}{text[1:]}{known or '; mend that option'}") from error

@@ -1,0 +1,79 @@
+"""`vemlight lights` and `vemlight render`: the services' own steps, one after the other in this process, on files."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from services import settings
+from services.capture.source import Frame, open_source
+from services.files import BadInput
+from services.images import write_exr, write_png
+from services.lights import Lights, lights_row, write_lights
+from services.sampler.step import initial_state, step
+from services.settings import record
+
+
+class Lit(NamedTuple):
+    """One frame and its lights."""
+
+    frame: Frame
+    lights: Lights
+
+
+def lit_frames(source: Path, options: dict[str, Any]) -> Iterator[Lit]:
+    """The lights of every frame of `source`, in order; `options` as on the command line.
+
+    Raises BadInput for options or files that cannot be used.
+    """
+    capturing: dict[str, Any] = {key: options[key] for key in ("coverage", "fps", "lens", "response")}
+    capturing |= {"source": str(source.resolve()), "rows": 180 if options["coverage"] == "sphere" else None}
+    frames = open_source(record(settings.Capture, capturing, "--"))
+    filtering = options["filter_"] or (None if len(frames) > 1 else "none")
+    sampling = record(settings.Sampler, {"count": options["count"], "method": options["method"], "filter": filtering}, "--")
+    state = initial_state(sampling)
+    for k in range(len(frames)):
+        frame = frames.frame(k)
+        state, lights, _ = step(sampling, state, frame.radiance, frame.coverage, frame.time_s)
+        yield Lit(frame, lights)
+
+
+def write_lights_of(source: Path, out: Path, **options: Any) -> None:
+    """Writes the lights of each frame of `source` to `out`."""
+    rows = [lights_row(lit.lights, k, lit.frame.time_s, lit.frame.coverage) for k, lit in enumerate(lit_frames(source, options))]
+    write_lights(out, rows)
+
+
+def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: float, out: Path, **options: Any) -> None:
+    """Renders each frame of `source`; several frames are numbered NAME_0000. Raises BadInput for options that cannot be used."""
+    from services.renderer.renderer import Renderer
+    from services.renderer.scene import load_scene
+    from services.renderer.stage import FILE_SAMPLES
+    from services.renderer.tonemap import adapt, tone_mapped
+
+    if out.suffix not in (".exr", ".png"):
+        raise BadInput(f"{out}: pictures are written as .exr or .png; change the suffix")
+    width, _, height = size.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise BadInput(f"--size {size}: is not WIDTHxHEIGHT; write it as 640x480")
+    wanted = record(settings.Renderer, {"width": int(width), "height": int(height), "exposure": exposure}, "--")
+    renderer = Renderer(load_scene(scene), wanted, FILE_SAMPLES)
+    try:
+        adaptation, before_s = None, 0.0
+        lit = list(lit_frames(source, options))
+        for k, (frame, lights) in enumerate(lit):
+            picture = renderer.render(lights)
+            adaptation = adapt(adaptation, picture, max(0.0, frame.time_s - before_s))
+            before_s = frame.time_s
+            path = out if len(lit) == 1 else out.with_stem(f"{out.stem}_{k:04d}")
+            _write(path, picture, tone_mapped(picture, adaptation, exposure))
+    finally:
+        renderer.release()
+
+
+def _write(path: Path, picture: np.ndarray, pixels: np.ndarray) -> None:
+    if path.suffix == ".exr":
+        write_exr(path, picture)
+    else:
+        write_png(path, pixels)

@@ -1,0 +1,84 @@
+"""Golden messages for readers in any language, and the schema: `python tests/golden.py` writes them anew, tests compare."""
+
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from services import wire
+
+PROTO = Path(__file__).parents[1] / "proto"
+STAMP = wire.Stamp(sequence=7, time_s=0.28, captured_ns=1_700_000_000_123_456_789, monotonic_ns=5_000_000_001, boot_id="0b00t1d0")
+
+
+def messages() -> dict[str, wire.Message]:
+    """One message of each kind, small enough to read."""
+    radiance = (np.arange(2 * 4 * 3, dtype=np.float32) / 8).reshape(2, 4, 3)
+    directions = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
+    irradiance = np.array([[1, 0.5, 0.25], [2e6, 0, 1e-3]], np.float32)
+    pixels = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4)
+    status = wire.Status(
+        service="sampler", sequence=7, rate_hz=25.0, age_ms=3.5, step_ms=0.75, frames=8, skipped=1, dropped=2, refused=0, restarts=1
+    )
+    return {
+        "map": (wire.Map(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1), (radiance,)),
+        "lights": (
+            wire.Lights(stamp=STAMP, count=2, coverage="hemisphere", delay_ms=160.0),
+            (np.array([0, 2**40], np.int64), directions, irradiance),
+        ),
+        "lights_none": (
+            wire.Lights(stamp=STAMP, count=0, coverage="sphere", delay_ms=0.0),
+            (np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)),
+        ),
+        "image": (wire.Image(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5), (pixels,)),
+        "control": (wire.Control(count=144, exposure=-0.5, filtered=False, paused=True), ()),
+        "status": (status, ()),
+        "end": (wire.End(sequence=48), ()),
+        "request": (wire.Request(first=12, count=4), ()),
+    }
+
+
+def refused() -> dict[str, list[bytes]]:
+    """Messages that a reader must refuse, each spoilt in one way."""
+    whole = {name: wire.pack(*message) for name, message in messages().items()}
+    topic, header, radiance = whole["map"]
+    spoilt = np.frombuffer(radiance, "<f4").copy()
+    spoilt[5] = np.nan
+    return {
+        "no_header": [topic],
+        "wrong_topic": [b"lights", header, radiance],
+        "array_missing": [topic, header],
+        "array_short": [topic, header, radiance[:-4]],
+        "array_long": [topic, header, radiance + b"\0\0\0\0"],
+        "array_nan": [topic, header, spoilt.tobytes()],
+        "array_too_many": [*whole["end"], b""],
+        "header_cut": [topic, header[:-3], radiance],
+        "header_unknown_key": [b"end", msgspec.msgpack.encode({"kind": "end", "sequence": 1, "extra": 0})],
+        "header_negative": [b"end", msgspec.msgpack.encode({"kind": "end", "sequence": -1})],
+        "header_huge_side": [topic, msgspec.msgpack.encode(msgspec.to_builtins(messages()["map"][0]) | {"rows": 2**30}), radiance],
+        "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon"})],
+    }
+
+
+def vectors() -> dict[str, dict]:
+    """The vectors' files: name -> content."""
+    files = {}
+    for name, (header, arrays) in messages().items():
+        described = [{"dtype": a.dtype.str, "shape": list(a.shape), "values": a.ravel().tolist()} for a in arrays]
+        parts = [part.hex() for part in wire.pack(header, arrays)]
+        files[f"{name}.json"] = {"parts": parts, "header": msgspec.to_builtins(header), "arrays": described}
+    for name, parts in refused().items():
+        files[f"refused_{name}.json"] = {"parts": [part.hex() for part in parts], "refused": True}
+    return files
+
+
+def text(content: dict) -> str:
+    return json.dumps(content, indent=1) + "\n"
+
+
+if __name__ == "__main__":
+    (PROTO / "vectors").mkdir(parents=True, exist_ok=True)
+    (PROTO / "wire.schema.json").write_text(text(wire.schema()))
+    for name, content in vectors().items():
+        (PROTO / "vectors" / name).write_text(text(content))

@@ -1,0 +1,87 @@
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services import wire
+from tests import golden
+
+
+@pytest.mark.parametrize("name", golden.messages())
+def test_a_message_comes_back_as_it_was(name):
+    header, arrays = golden.messages()[name]
+    seen_header, seen_arrays = wire.unpack(wire.pack(header, arrays))
+    assert seen_header == header
+    assert [a.tolist() for a in seen_arrays] == [a.tolist() for a in arrays]
+    assert [a.dtype for a in seen_arrays] == [a.dtype for a in arrays]
+
+
+@pytest.mark.parametrize("name", golden.refused())
+def test_a_spoilt_message_is_one_value_error(name):
+    with pytest.raises(ValueError):
+        wire.unpack(golden.refused()[name])
+
+
+def test_vectors_and_schema_are_current():
+    stored = {path.name: path.read_text() for path in (golden.PROTO / "vectors").iterdir()}
+    assert stored == {name: golden.text(content) for name, content in golden.vectors().items()}, "run `python tests/golden.py`"
+    assert (golden.PROTO / "wire.schema.json").read_text() == golden.text(wire.schema()), "run `python tests/golden.py`"
+
+
+def test_vectors_hold_for_a_reader_that_knows_only_msgpack():
+    for path in (golden.PROTO / "vectors").glob("[!r]*.json"):
+        vector = json.loads(Path(path).read_text())
+        topic, header, *arrays = (bytes.fromhex(part) for part in vector["parts"])
+        assert msgspec.msgpack.decode(header) == vector["header"]
+        assert topic.decode() == vector["header"]["kind"]
+        for raw, array in zip(arrays, vector["arrays"], strict=True):
+            assert np.frombuffer(raw, array["dtype"]).tolist() == array["values"]
+
+
+def test_pack_refuses_arrays_of_another_shape():
+    header, (radiance,) = golden.messages()["map"]
+    with pytest.raises(ValueError, match="shape"):
+        wire.pack(header, [radiance[:1]])
+    with pytest.raises(ValueError, match="arrays belong"):
+        wire.pack(header, [])
+
+
+@given(st.lists(st.binary(max_size=200), max_size=7))
+@settings(max_examples=300, deadline=None)
+def test_bytes_are_a_message_or_a_value_error(parts):
+    try:
+        header, arrays = wire.unpack(parts)
+    except ValueError:
+        return
+    assert wire.unpack(wire.pack(header, arrays))[0] == header
+
+
+@given(st.data())
+@settings(max_examples=600, deadline=None)
+def test_a_golden_message_with_spoilt_bytes_is_legal_or_refused(data):
+    parts = [bytearray(part) for part in wire.pack(*golden.messages()[data.draw(st.sampled_from(sorted(golden.messages())))])]
+    part = parts[data.draw(st.integers(0, len(parts) - 1))]
+    for _ in range(data.draw(st.integers(1, 4))):
+        if part:
+            part[data.draw(st.integers(0, len(part) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        header, arrays = wire.unpack([bytes(p) for p in parts])
+    except ValueError:
+        return
+    for array, (dtype, shape) in zip(arrays, wire.layout(header), strict=True):
+        assert (array.dtype, array.shape) == (np.dtype(dtype), shape)
+        assert array.dtype.kind != "f" or np.isfinite(array).all()
+
+
+def test_age_uses_the_monotonic_clock_on_one_host_and_realtime_between_hosts():
+    now = wire.stamp(0, 0.0)
+    stepped = msgspec.structs.replace(now, captured_ns=0)
+    assert wire.age_ms(stepped) < 60_000
+    elsewhere = msgspec.structs.replace(now, monotonic_ns=0, boot_id="another")
+    assert wire.age_ms(elsewhere) < 60_000
+    ahead = msgspec.structs.replace(now, captured_ns=2**62, boot_id="another")
+    assert wire.age_ms(ahead) == 0

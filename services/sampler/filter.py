@@ -1,7 +1,8 @@
 """Filters over time for the power and the lights: by the frames' times, not their numbers, so that late and lost frames do no harm.
 
-A filter of taps w_k and period T gives sum_k w_k x(t - k T), x being drawn through the captured frames with straight lines; on an even sequence
-that is the plain FIR. After a gap longer than the filter it starts anew from the frame that ended the gap: there is nothing left to smooth with.
+A filter of taps w_k and period T gives sum_k w_k x(t - k T), x being drawn through the captured frames with straight lines; on
+an even sequence that is the plain FIR. After a gap longer than the filter it starts anew from the frame that ended the gap: there is
+nothing left to smooth with.
 """
 
 from typing import NamedTuple

@@ -1,10 +1,10 @@
 """Goniometric diagram mapping (Havran et al. 2005, section 3.1): a continuous map of the square onto the sky that follows its light.
 
-Square -> disc (Shirley and Chiu) -> two one-dimensional inversions, one over the area coordinate a = 1 - cos(theta), one over the azimuth
-phi, the second in a mixture of two neighbouring tables. Since d omega = da d phi, a density over (a, phi) is a density per steradian.
-The paper leaves open which comes first. "azimuth" does phi first (density linear in phi between the centres of columns, constant in a within a
-cell), "radius" a first (linear in a between the centres of rings, constant in phi). The tables that are mixed are not normalised, or a
-one-pixel sun would be smeared along its ring (59 % instead of 77 % of its light within 3 x 3 pixels).
+Square -> disc (Shirley and Chiu) -> two one-dimensional inversions, one over the area coordinate a = 1 - cos(theta), one over
+the azimuth phi, the second in a mixture of two neighbouring tables. Since d omega = da d phi, a density over (a, phi) is a density
+per steradian. The paper leaves open which comes first. "azimuth" does phi first (density linear in phi between the centres of
+columns, constant in a within a cell), "radius" a first (linear in a between the centres of rings, constant in phi). The tables that
+are mixed are not normalised, or a one-pixel sun would be smeared along its ring (59 % instead of 77 % of its light within 3 x 3 pixels).
 
 The sphere is the same code with a up to 2: the rim of the disc, and so the square's edge, is then the nadir.
 """
@@ -41,8 +41,8 @@ class RadiusTables(NamedTuple):
     """Of the radius-first order, unnormalised float64.
 
     edges: as above. importance: (rows, cols). rings: (rows, cols + 1), integral over azimuth up to each column's left side.
-    moments: (rows,), integral of azimuth x importance. knots: (rows + 2,) area coordinates 0, the rings' centres, the rim; density: (rows + 2,)
-    there. outward: (rows + 2,), integral over a up to each knot. radiance: (rows, cols, 3) float32.
+    moments: (rows,), integral of azimuth x importance. knots: (rows + 2,) area coordinates 0, the rings' centres, the rim;
+    density: (rows + 2,) there. outward: (rows + 2,), integral over a up to each knot. radiance: (rows, cols, 3) float32.
     """
 
     edges: np.ndarray
@@ -111,7 +111,7 @@ def _fill_radius(importance, rings, moments):
 
 
 def seam(tables: AzimuthTables) -> float:
-    """Azimuth in rad where the square's cut, w = 0, falls on the sky: the offset in a form that has no origin and can be smoothed in time."""
+    """Azimuth in rad where the square's cut, w = 0, falls on the sky: the offset in a form that has no origin and can be smoothed."""
     j, y = _turn_inverse(tables.turn, tables.columns[-1], (tables.offset % 1.0) * tables.turn[-1])
     return float(((j + 0.5) * TURN / (tables.turn.size - 1) + y) % TURN)
 

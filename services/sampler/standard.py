@@ -19,8 +19,8 @@ TURN = 2 * np.pi
 class StandardTables(NamedTuple):
     """Unnormalised float64.
 
-    edges: (rows + 1,) area coordinates. importance: (rows, cols). rings: (rows, cols + 1), integral over azimuth up to each column's left side.
-    outward: (rows + 1,), integral over the sphere up to each edge. radiance: (rows, cols, 3) float32.
+    edges: (rows + 1,) area coordinates. importance: (rows, cols). rings: (rows, cols + 1), integral over azimuth up to each
+    column's left side. outward: (rows + 1,), integral over the sphere up to each edge. radiance: (rows, cols, 3) float32.
     """
 
     edges: np.ndarray

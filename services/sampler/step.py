@@ -27,8 +27,8 @@ class State(NamedTuple):
 class Report(NamedTuple):
     """What is published beside the lights.
 
-    delay_frames, delay_s: how far the filter lags behind the capture. spoilt: pixels in which a nan, infinite or negative value was set to 0.
-    irradiance: (3,) float64, the map's integral over solid angle.
+    delay_frames, delay_s: how far the filter lags behind the capture. spoilt: pixels in which a nan, infinite or negative value was
+    set to 0. irradiance: (3,) float64, the map's integral over solid angle.
     """
 
     delay_frames: float
@@ -45,8 +45,8 @@ def initial_state(settings: Sampler) -> State:
 def step(settings: Sampler, state: State, radiance: np.ndarray, coverage: Coverage, time_s: float) -> tuple[State, Lights, Report]:
     """The lights of a polar map captured at `time_s`.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. The irradiance of the lights sums to the map's integral in
-    every channel; with a filter the same holds for the filtered integral. Settings may change from call to call.
+    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. The irradiance of the lights sums to the map's
+    integral in every channel; with a filter the same holds for the filtered integral. Settings may change from call to call.
     """
     if state.raw is None or coverage != state.coverage:
         state = initial_state(settings)._replace(coverage=coverage)

@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from services.sampler import filter
+from services.sampler.filter import EMPTY, Frame, filtered
+
+TAPS = filter.taps("fir2005")
+UP = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+
+
+def frame(time_s, power=1.0, light: ArrayLike = UP):
+    return Frame(time_s, np.full(3, float(power)), np.array(light, float).reshape(-1, 6))
+
+
+def run(frames, taps=TAPS):
+    memory, out = EMPTY, []
+    for one in frames:
+        memory, result, _ = filtered(taps, memory, one)
+        out.append(result)
+    return out, memory
+
+
+def test_the_papers_taps_have_gain_one_at_rest_and_their_published_response():
+    assert TAPS.sum() == pytest.approx(1, abs=1e-15)
+    # |H| at 21 Hz as worked out from the published taps after normalisation.
+    expected = {0: 1, 2: 0.844, 5: 0.989, 7: 0.431, 8: 0.100, 9: 0.058, 10: 0.085, 10.5: 0.084}
+    for hertz, gain in expected.items():
+        assert abs((TAPS * np.exp(-2j * np.pi * hertz / 21 * np.arange(9))).sum()) == pytest.approx(gain, abs=6e-4)
+
+
+def test_an_even_sequence_gets_the_plain_fir():
+    x = np.random.default_rng(1).random(40) + 1
+    out, _ = run([frame(k / 25, p) for k, p in enumerate(x)])
+    plain = np.convolve(np.concatenate([np.full(8, x[0]), x]), TAPS, "valid")
+    np.testing.assert_allclose([f.power[0] for f in out], plain, rtol=1e-9)
+
+
+def test_light_switched_off_keeps_its_energy_and_is_never_negative():
+    # The plain response is 1, .943, .931, 1.058, .799, .202, -.0577, .069, .057, 0; the negative lobe is owed to the next frames.
+    for lit in (1, 2, 10):
+        x = [0.0] * 9 + [1.0] * lit + [0.0] * 20
+        out, memory = run([frame(k / 25, p) for k, p in enumerate(x)])
+        power = np.array([f.power[1] for f in out])
+        assert power.min() >= 0
+        # In the dark there is nothing to take the last lobe from, at most .0577 of a frame's light: it waits for the next light.
+        assert -0.058 < memory.debt[1] <= 0
+        assert power.sum() + memory.debt[1] == pytest.approx(lit, abs=1e-12)
+        out, memory = run([frame(k / 25, p) for k, p in enumerate([*x, *[0.1] * 20])])
+        np.testing.assert_allclose(memory.debt, 0, atol=1e-12)
+        plain = np.convolve(np.concatenate([np.zeros(8), x, [0.1] * 20]), TAPS, "valid")
+        assert sum(f.power[1] for f in out) == pytest.approx(plain.sum(), rel=1e-12)
+
+
+def test_the_delay_is_half_the_order():
+    memory, _, _ = filtered(TAPS, EMPTY, frame(0.0))
+    _, _, delay_s = filtered(TAPS, memory, frame(0.04))
+    assert delay_s == pytest.approx(0.16)
+
+
+def test_a_lost_frame_is_bridged_and_a_long_gap_starts_anew():
+    ramp = [frame(k / 25, k) for k in range(30) if k not in (20, 22, 23)]
+    out, _ = run(ramp)
+    for one, result in zip(ramp[12:], out[12:], strict=True):
+        assert result.power[0] == pytest.approx(one.power[0] - 4, abs=1e-9)  # a ramp comes out as a ramp, four frames late
+    out, _ = run([*ramp, frame(10.0, 500.0)])
+    assert out[-1].power[0] == pytest.approx(500)
+
+
+def test_time_that_runs_backwards_starts_anew():
+    out, _ = run([frame(5.0, 1.0), frame(5.04, 1.0), frame(0.0, 7.0)])
+    assert out[-1].power[0] == pytest.approx(7)
+
+
+def test_late_frames_do_not_change_a_steady_motion():
+    generator = np.random.default_rng(2)
+    times = np.cumsum(0.04 + 0.01 * generator.uniform(-1, 1, 60))
+    out, _ = run([frame(t, 3 + 2 * t) for t in times])
+    lag = np.array([3 + 2 * t - f.power[0] for t, f in zip(times, out, strict=True)])[12:] / 2
+    assert np.abs(lag - 0.16).max() < 0.02  # the delay in s, within the period's own uncertainty
+
+
+def test_directions_never_vanish_nor_sink_below_the_horizon():
+    horizon, zenith, back = [1.0, 0, 0], [0.0, 0, 1], [-1.0, 0, 0]
+    blip = [horizon] * 9 + [[np.cos(1.4), 0, np.sin(1.4)]] + [horizon] * 9
+    cases = [[horizon] * 9 + [zenith] * 9, blip, [horizon, back] * 12, [horizon] * 9 + [back] * 9]
+    for case in cases:
+        out, _ = run([frame(k / 25, 1.0, [*d, 1, 1, 1]) for k, d in enumerate(case)])
+        directions = np.concatenate([f.lights[:, :3] for f in out])
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1, atol=1e-12)
+        assert directions[:, 2].min() >= 0
+
+
+def test_new_lights_begin_where_they_are_and_others_stay():
+    memory, before, _ = filtered(TAPS, EMPTY, frame(0.0, 1.0, [UP]))
+    side = np.array([1.0, 0, 0, 0.5, 0.5, 0.5])
+    memory, out, _ = filtered(TAPS, memory, frame(0.04, 1.0, [UP, side]))
+    np.testing.assert_allclose(out.lights, [UP, side], atol=1e-12)
+    _, out, _ = filtered(TAPS, memory, frame(0.08, 1.0, [UP]))
+    np.testing.assert_allclose(out.lights, before.lights, atol=1e-12)
+
+
+def test_memory_does_not_grow_and_old_memories_stay_valid():
+    memory = EMPTY
+    for k in range(200):
+        old, now = memory, frame(k / 25, 1 + k % 3)
+        memory, first, _ = filtered(TAPS, old, now)
+        again = filtered(TAPS, old, now)[1]
+        np.testing.assert_array_equal(first.power, again.power)
+        assert len(memory.frames) <= 11
+    for k in range(200):  # a burst of frames in the time of one
+        memory, _, _ = filtered(TAPS, memory, frame(8 + k * 1e-4))
+        assert len(memory.frames) <= 50

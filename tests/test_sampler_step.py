@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given
+from hypothesis import settings as limits
+from hypothesis import strategies as st
+
+from services.sampler.step import initial_state, irradiance, step
+from services.settings import Sampler
+from services.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+
+METHODS = ["havran-azimuth", "havran-radius", "standard"]
+PLAIN = Sampler(filter="none")
+
+
+def scene(seed=0, rows=30, cols=60, sun=0.0):
+    radiance = np.random.default_rng(seed).lognormal(0, 1, (rows, cols, 3)).astype(np.float32)
+    radiance[rows // 3, cols // 2] += sun
+    return radiance
+
+
+def run(settings, maps, coverage: Coverage = "hemisphere", fps=25.0):
+    state, out = initial_state(settings), []
+    for k, radiance in enumerate(maps):
+        state, lights, report = step(settings, state, radiance, coverage, k / fps)
+        out.append((lights, report))
+    return out, state
+
+
+@pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("sun", [0.0, 1e6])
+def test_the_lights_sum_to_the_map_in_every_channel(method, coverage, sun):
+    radiance = scene(sun=sun)
+    (lights, report), = run(Sampler(method=method, filter="none", count=216), [radiance], coverage)[0]
+    np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(radiance, coverage), rtol=1e-6)
+    np.testing.assert_allclose(report.irradiance, map_irradiance(radiance, coverage), rtol=1e-12)
+    assert report.delay_frames == report.delay_s == 0
+
+
+@given(st.integers(0, 2**32), st.integers(1, 300), st.sampled_from(METHODS), st.sampled_from(["hemisphere", "sphere"]))
+@limits(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_any_map_any_count(seed, count, method, coverage):
+    generator = np.random.default_rng(seed)
+    radiance = (generator.lognormal(0, generator.uniform(0, 4), (8, 16, 3)) * (generator.random((8, 16, 1)) < 0.3)).astype(np.float32)
+    radiance.flat[generator.integers(0, radiance.size, 5)] = [np.nan, np.inf, -np.inf, -1.0, 1e35]
+    (lights, _), = run(Sampler(method=method, filter="none", count=count), [radiance], coverage)[0]
+    clean = np.where(np.isfinite(radiance) & (radiance >= 0) & (radiance < 1e30), radiance, 0)
+    np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(clean, coverage), rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(lights.directions, axis=1), 1, atol=1e-6)
+    np.testing.assert_array_equal(lights.ids, np.arange(count))
+    if coverage == "hemisphere":
+        assert lights.directions[:, 2].min() > -1e-6
+
+
+def test_one_lit_pixel_is_where_the_lights_are():
+    radiance = np.zeros((90, 360, 3), np.float32)
+    radiance[30, 200] = [1.0, 2.0, 3.0]
+    (lights, _), = run(PLAIN, [radiance])[0]
+    target = direction_from_angles(np.radians(30.5), np.radians(200.5))
+    lit = lights.irradiance[:, 1] > 0
+    assert np.degrees(angle_between(lights.directions[lit].astype(float), target)).max() < 1.5
+    assert lit.mean() > 0.95
+    np.testing.assert_allclose(lights.irradiance[lit] / lights.irradiance[lit, :1], [[1, 2, 3]] * lit.sum(), rtol=1e-5)
+
+
+def test_a_channel_that_no_light_sees_is_not_lost():
+    tint = np.array([[1.0, 0.0, 0.5], [1.0, 0.0, 0.0]])
+    np.testing.assert_allclose(irradiance(np.array([0.5, 0.5]), tint, np.array([2.0, 3.0, 4.0])), [[1, 1.5, 4], [1, 1.5, 0]])
+
+
+@pytest.mark.parametrize("filter", ["none", "fir2005"])
+def test_a_black_frame_keeps_ids_and_directions(filter):
+    settings = Sampler(filter=filter)
+    maps = [scene()] * 5 + [np.zeros((30, 60, 3), np.float32)] * 12
+    out, _ = run(settings, maps)
+    first, last = out[4][0], out[-1][0]
+    assert (last.irradiance == 0).all()
+    np.testing.assert_array_equal(last.ids, first.ids)
+    np.testing.assert_allclose(last.directions, first.directions, atol=1e-6)
+
+
+def test_a_first_frame_that_is_black_gives_even_directions():
+    (lights, report), = run(Sampler(), [np.zeros((30, 60, 3), np.float32)])[0]
+    assert (lights.irradiance == 0).all()
+    np.testing.assert_allclose(np.linalg.norm(lights.directions, axis=1), 1, atol=1e-6)
+    assert np.abs(lights.directions.mean(axis=0) - [0, 0, 0.5]).max() < 0.05
+    assert (report.irradiance == 0).all()
+
+
+def test_the_filter_keeps_energy_through_a_flash():
+    # One bright frame between equal ones: what comes out over the time of the filter is what went in.
+    maps = [scene(1)] * 12 + [scene(1) * 50] + [scene(1)] * 20
+    out, _ = run(Sampler(), maps)
+    total = sum(lights.irradiance.sum(axis=0, dtype=float) for lights, _ in out)
+    np.testing.assert_allclose(total, sum(map_irradiance(m, "hemisphere") for m in maps), rtol=1e-5)
+    assert min(lights.irradiance.min() for lights, _ in out) >= 0
+
+
+def test_step_is_a_pure_function():
+    settings, maps = Sampler(), [scene(k) for k in range(4)]
+    _, state = run(settings, maps)
+    radiance = scene(9, sun=1e3)
+    kept = radiance.copy()
+    first = step(settings, state, radiance, "hemisphere", 0.2)
+    step(settings, first[0], scene(10), "hemisphere", 0.24)
+    again = step(settings, state, radiance, "hemisphere", 0.2)
+    np.testing.assert_array_equal(radiance, kept)
+    for one, other in zip(first[1], again[1], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("filter", ["none", "fir2005"])
+def test_more_or_fewer_lights_move_none_of_the_others(filter):
+    state, before = initial_state(Sampler(filter=filter)), None
+    for k, count in enumerate((72, 72, 216, 216, 50)):
+        state, lights, _ = step(Sampler(filter=filter, count=count), state, scene(), "hemisphere", k / 25)
+        np.testing.assert_array_equal(lights.ids, np.arange(len(lights.ids)))
+        if before is not None:
+            shared = min(len(lights.ids), len(before.ids))
+            np.testing.assert_allclose(lights.directions[:shared], before.directions[:shared], atol=1e-6)
+        before = lights
+
+
+def test_another_coverage_begins_anew():
+    settings = Sampler()
+    _, state = run(settings, [scene()] * 3)
+    _, lights, _ = step(settings, state, scene(), "sphere", 0.12)
+    np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(scene(), "sphere"), rtol=1e-6)
+    assert lights.directions[:, 2].min() < -0.5

@@ -1,0 +1,230 @@
+"""The laws of the three warps: sample, density and inverse belong together, light lands where it shines, Havran's maps are continuous."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from services.sampler.density import FLOOR, light_map
+from services.sampler.points import halton
+from services.sampler.warp import WarpName, warp_from_map
+from services.sphere import Coverage, angle_between, angles_from_direction, direction_from_angles
+
+NAMES: list[WarpName] = ["havran-azimuth", "havran-radius", "standard"]
+HAVRAN = NAMES[:2]
+SPANS: dict[Coverage, float] = {"hemisphere": 1.0, "sphere": 2.0}  # largest area coordinate a = 1 - cos(theta)
+
+
+def sky(rows=90, cols=360, sun=0.0, at=(40, 250)):
+    """A smooth sky, brighter towards the horizon and one side, with a sun of one pixel."""
+    theta = (np.arange(rows) + 0.5) / rows
+    phi = (np.arange(cols) + 0.5) / cols * 2 * np.pi
+    gray = (1 + theta[:, None] ** 2) * (1.2 + np.cos(phi)[None, :])
+    gray[at] += sun
+    return (gray[..., None] * [0.8, 1.0, 1.3]).astype(np.float32)
+
+
+MAPS = {
+    "uniform": np.ones((90, 360, 3), np.float32),
+    "sky": sky(),
+    "sun 1e5": sky(sun=1e5),
+    "sun 1e6": sky(sun=1e6),
+    "half black and sun": sky(sun=1e5) * (np.arange(360) < 300)[None, :, None].astype(np.float32) * (np.arange(360) > 120)[None, :, None],
+    "black": np.zeros((90, 360, 3), np.float32),
+    "one pixel": np.eye(90 * 360, dtype=np.float32)[40 * 360 + 250].reshape(90, 360, 1).repeat(3, axis=2),
+}
+
+
+@pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("scene", MAPS)
+def test_round_trip_and_reported_density(scene, name, coverage):
+    warp = warp_from_map(light_map(MAPS[scene], coverage), name)
+    points = np.random.default_rng(3).random((20_000, 2))
+    samples = warp.sample(points)
+    assert np.isfinite(samples.directions).all()
+    np.testing.assert_allclose(np.linalg.norm(samples.directions, axis=1), 1, atol=1e-14)
+    # methods: 2e-15 for a sky, 1e-13 for a sun of 1e6; one lit pixel holds 99.9 % of the square, so its neighbours lose four digits more.
+    back = warp.inverse(samples.directions)
+    apart = np.abs(back - points).max(axis=1)
+    assert np.quantile(apart, 0.999) < 1e-9
+    np.testing.assert_allclose(np.quantile(np.abs(warp.density(samples.directions) / samples.density - 1), 0.999), 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("scene", ["sky", "sun 1e5", "sun 1e6", "half black and sun"])
+def test_directions_come_back_also_from_the_dark(scene, name):
+    # Even directions over the hemisphere: half of "half black" lies on the floor (expected 1.2e-9 degrees at a floor of 1e-3).
+    generator = np.random.default_rng(4)
+    z, phi = generator.random(20_000), generator.random(20_000) * 2 * np.pi
+    directions = direction_from_angles(np.arccos(z), phi)
+    warp = warp_from_map(light_map(MAPS[scene], "hemisphere"), name)
+    back = warp.sample(warp.inverse(directions)).directions
+    assert np.degrees(np.quantile(angle_between(back, directions), 0.999)) < 1e-8
+
+
+@pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("scene", ["uniform", "sky", "sun 1e5", "half black and sun"])
+def test_samples_fall_as_the_density_says(scene, name, coverage):
+    # Chi-square over 30 x 36 bins: expected counts are the density integrated over each bin by midpoints, on a grid that has the kinks of
+    # the density (borders and centres of rings and columns, 3 and 10 a bin) between its cells.
+    n, rows, cols, high, wide = 400_000, 30, 36, 24, 20
+    warp = warp_from_map(light_map(MAPS[scene], coverage), name)
+    directions = warp.sample(np.random.default_rng(5).random((n, 2))).directions
+    theta, phi = angles_from_direction(directions)
+    span = np.arccos(1 - SPANS[coverage])
+    counts, _, _ = np.histogram2d(theta, phi, bins=(rows, cols), range=[[0, span], [0, 2 * np.pi]])
+    edges = np.linspace(0, span, rows * high + 1)
+    centres, area = (edges[1:] + edges[:-1]) / 2, -np.diff(np.cos(edges))
+    azimuths = (np.arange(cols * wide) + 0.5) * 2 * np.pi / (cols * wide)
+    density = warp.density(direction_from_angles(centres[:, None], azimuths[None, :]).reshape(-1, 3))
+    expected = n * density.reshape(rows * high, -1) * area[:, None] * (2 * np.pi / (cols * wide))
+    assert expected.sum() == pytest.approx(n, rel=2e-3)
+    expected = expected.reshape(rows, high, cols, wide).sum(axis=(1, 3))
+    expected *= n / expected.sum()
+    enough = expected >= 5
+    chi2 = ((counts - expected)[enough] ** 2 / expected[enough]).sum()
+    assert stats.chi2.sf(chi2, enough.sum() - 1) > 1e-3
+
+
+@pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("scene", ["uniform", "sky", "sun 1e5"])
+def test_the_inverse_density_averages_to_the_solid_angle(scene, name, coverage):
+    # E[1 / density] = solid angle; stratified points, so far better than 1 / sqrt(n). Floor pixels under a 1e5 sun spread it to 0.5 %.
+    samples = warp_from_map(light_map(MAPS[scene], coverage), name).sample(halton(400_000))
+    assert (1 / samples.density).mean() == pytest.approx(2 * np.pi * SPANS[coverage], rel=5e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("scene", ["sky", "sun 1e5"])
+def test_the_jacobian_is_the_inverse_of_the_density(scene, name):
+    warp, step = warp_from_map(light_map(MAPS[scene], "hemisphere"), name), 1e-7
+    points = 0.01 + 0.98 * np.random.default_rng(6).random((5000, 2))
+    right, left = (warp.sample(points + np.array([sign * step, 0])).directions for sign in (1, -1))
+    up, down = (warp.sample(points + np.array([0, sign * step])).directions for sign in (1, -1))
+    area = np.linalg.norm(np.cross(right - left, up - down), axis=1) / (2 * step) ** 2
+    product = area * warp.sample(points).density
+    assert np.median(product) == pytest.approx(1, abs=1e-5)
+    assert np.quantile(np.abs(product - 1), 0.98) < 1e-3  # the rest straddles a border between cells
+
+
+@pytest.mark.parametrize("name", HAVRAN)
+@pytest.mark.parametrize("scene", ["sky", "sun 1e5"])
+def test_havran_is_continuous_across_the_squares_cut(scene, name):
+    warp = warp_from_map(light_map(MAPS[scene], "hemisphere"), name)
+    r = 0.5 + 0.499 * np.linspace(0.05, 1, 200)
+    for h, bound in ((1e-5, 5.0), (1e-7, 5e-2), (1e-9, 5e-4)):  # Lipschitz: a hundredth of h, a hundredth of the angle
+        above = warp.sample(np.stack([r, np.full(200, 0.5 + h)], axis=1)).directions
+        below = warp.sample(np.stack([r, np.full(200, 0.5 - h)], axis=1)).directions
+        assert np.degrees(angle_between(above, below)).max() < bound
+
+
+@pytest.mark.parametrize("name", HAVRAN)
+def test_neighbours_across_azimuth_zero_are_neighbours_in_the_square(name):
+    warp = warp_from_map(light_map(MAPS["sky"], "hemisphere"), name)
+    theta = np.linspace(0.1, 1.5, 100)
+    before, after = (warp.inverse(direction_from_angles(theta, np.radians(sign * 0.005) % (2 * np.pi))) for sign in (-1, 1))
+    assert np.abs(before - after).max() < 2e-4  # methods: 1.1e-4 for directions 0.01 degrees apart
+
+
+@pytest.mark.parametrize("name", HAVRAN)
+def test_the_squares_centre_is_the_zenith_and_its_edge_the_rim(name):
+    for coverage, span in SPANS.items():
+        warp = warp_from_map(light_map(MAPS["sun 1e5"], coverage), name)
+        assert warp.sample(np.array([[0.5, 0.5]])).directions[0, 2] == 1
+        edge = np.stack([np.ones(50), np.linspace(0, 1, 50)], axis=1)
+        np.testing.assert_allclose(warp.sample(edge).directions[:, 2], 1 - span, atol=1e-12)
+
+
+def test_only_the_standard_inversion_jumps_between_rings():
+    # The square's u at which the standard inversion changes rings; a step of 1e-12 there is a jump over the sky.
+    light = light_map(MAPS["sun 1e5"], "hemisphere")
+    warp = warp_from_map(light, "standard")
+    border = warp.tables.outward[38:44] / warp.tables.outward[-1]
+    around = [warp.sample(np.stack([border + h, np.full(6, 0.3)], axis=1)).directions for h in (-1e-12, 1e-12)]
+    assert np.degrees(angle_between(*around)).max() > 10
+    for name in HAVRAN:
+        warp = warp_from_map(light, name)
+        points = np.random.default_rng(7).random((20_000, 2))
+        points = points[(points > 1e-6).all(axis=1) & (points < 1 - 1e-6).all(axis=1)]
+        apart = angle_between(warp.sample(points).directions, warp.sample(points + np.array([1e-12, 0])).directions)
+        assert np.degrees(apart).max() < 1e-4
+
+
+def test_a_small_sun_keeps_its_light():
+    # Share of the samples within 3 x 3 pixels of a sun of 1e5 against the share of the power there; 0.59 for normalised tables.
+    light = light_map(MAPS["sun 1e5"], "hemisphere")
+    areas = -np.diff(np.cos(np.arange(91) * np.pi / 180))
+    power = light.importance * areas[:, None]
+    truth = power[39:42, 249:252].sum() / power.sum()
+    for name in NAMES:
+        theta, phi = angles_from_direction(warp_from_map(light, name).sample(halton(100_000)).directions)
+        near = (theta >= np.radians(39)) & (theta < np.radians(42)) & (phi >= np.radians(249)) & (phi < np.radians(252))
+        assert near.mean() == pytest.approx(truth, abs=0.005)
+
+
+def test_one_lit_pixel_draws_all_but_the_floor():
+    for coverage, row in SPANS.items():  # degrees a row
+        for name in NAMES:
+            warp = warp_from_map(light_map(MAPS["one pixel"], coverage), name)
+            theta, phi = angles_from_direction(warp.sample(halton(50_000)).directions)
+            near = (np.abs(np.degrees(theta) - 40.5 * row) < 1.5 * row) & (np.abs(np.degrees(phi) - 250.5) < 1.5)
+            assert near.mean() == pytest.approx(1 - FLOOR, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("row", [0, 89])
+def test_light_at_the_pole_and_on_the_horizon(name, row):
+    ring = np.zeros((90, 360, 3), np.float32)
+    ring[row] = 1.0
+    directions = warp_from_map(light_map(ring, "hemisphere"), name).sample(halton(20_000)).directions
+    theta = np.degrees(np.arccos(np.clip(directions[:, 2], -1, 1)))
+    # The tables are linear between the centres of rings, which leaks a little into the neighbouring ring.
+    assert (np.abs(theta - row - 0.5) < 1.5).mean() > 0.99
+    assert np.abs(directions[:, :2].mean(axis=0)).max() < 0.01
+
+
+def test_a_rotating_sun_does_not_sweep_the_others_round_the_sky():
+    # Sun of 1e4 at 0.5 degrees a frame through phi = 0, 216 lights; without the offset the worst frame moves all by 7 degrees on average.
+    points, last = halton(216), {}
+    worst = dict.fromkeys(HAVRAN, 0.0)
+    for step in range(-20, 21):
+        radiance = sky(rows=90, cols=720) * 0 + 1
+        radiance[50, step % 720] += 1e4
+        light = light_map(radiance, "hemisphere")
+        for name in HAVRAN:
+            directions = warp_from_map(light, name).sample(points).directions
+            if name in last:
+                worst[name] = max(worst[name], np.degrees(angle_between(directions, last[name])).mean())
+            last[name] = directions
+    assert worst["havran-azimuth"] < 0.6
+    assert worst["havran-radius"] < 0.6
+
+
+def test_the_seam_and_the_offset_say_the_same():
+    warp = warp_from_map(light_map(MAPS["sky"], "hemisphere"), "havran-azimuth")
+    assert warp.seam is not None
+    again = warp.with_seam(warp.seam)
+    points = halton(100)
+    np.testing.assert_allclose(again.sample(points).directions, warp.sample(points).directions, atol=1e-12)
+    moved = warp.with_seam(1.0)
+    assert moved.seam == pytest.approx(1.0, abs=1e-12)
+    _, phi = angles_from_direction(moved.sample(np.array([[0.9, 0.5]])).directions)  # w = 0
+    assert phi[0] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_the_plain_form_of_the_tables_gives_the_same():
+    # Numpy by hand for the azimuth-first order, one sample at a time, searching the whole table.
+    light = light_map(sky(12, 24, sun=50.0, at=(5, 3)), "hemisphere")
+    tables = warp_from_map(light, "havran-azimuth").tables
+    edges = 1 - np.cos(np.linspace(0, np.pi / 2, 13))
+    columns = np.concatenate([np.zeros((1, 24)), np.cumsum(light.importance * np.diff(edges)[:, None], axis=0)])
+    np.testing.assert_allclose(tables.edges, edges, atol=1e-15)
+    np.testing.assert_allclose(tables.columns, columns, rtol=1e-12)
+    marginal = columns[-1]
+    turn = np.concatenate([[0], np.cumsum((marginal + np.roll(marginal, -1)) / 2 * 2 * np.pi / 24)])
+    np.testing.assert_allclose(tables.turn, turn, rtol=1e-12)
+    fine = (np.arange(240_000) + 0.5) * 2 * np.pi / 240_000
+    density = np.interp(fine / (2 * np.pi / 24), np.arange(25), np.append(marginal, marginal[0]))
+    assert tables.offset == pytest.approx(0.5 - (fine * density).sum() / density.sum() / (2 * np.pi), abs=1e-8)

@@ -1,0 +1,52 @@
+# vemlight. `make` lists the targets.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SETTINGS ?=
+GL_PACKAGES := libegl1 libgl1-mesa-dri
+
+.DEFAULT_GOAL := help
+.PHONY: help env gl run test check golden clean
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@echo "  options of run: FRAMES=24 (stop after so many), OUT=out (write lights and pictures there), SETTINGS=vemlight.toml"
+
+env: $(VENV)/.ready  ## make the Python environment in .venv, from the hashed lock, and nothing else
+
+$(VENV)/.ready: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "vemlight needs Python 3.11 or later and $(PYTHON) is older: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || $(call apt,python3-venv,The module venv)
+	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@touch $@
+
+# As root the system's packages are installed; for anybody else the one command is printed.
+apt = { if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    echo "installing $(1)"; apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(1) >/dev/null; \
+	  else echo "$(2) is missing: run  sudo apt-get install $(1)  and make again" >&2; exit 2; fi; }
+HAS_GL := $(BIN)/python -c 'import moderngl; moderngl.create_context(standalone=True, backend="egl", require=430)' 2>/dev/null
+
+gl: env
+	@$(HAS_GL) || $(call apt,$(GL_PACKAGES),OpenGL)
+	@$(HAS_GL) || { echo "OpenGL 4.3 through EGL does not start here: $(BIN)/vemlight doctor says more" >&2; exit 2; }
+
+run: gl  ## play the bundled sequence through all services and print the viewer's address
+	$(BIN)/vemlight run $(SETTINGS) $(if $(FRAMES),--frames $(FRAMES)) $(if $(OUT),--out $(OUT))
+
+test: gl  ## run the tests
+	$(BIN)/python -m pytest $(PYTEST)
+
+check: env  ## lint and check the types
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+
+golden: gl  ## write the golden messages and the references of the replay tests anew
+	$(BIN)/python tests/golden.py
+	$(BIN)/python tests/references.py
+
+clean:  ## remove the environment and all caches
+	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis build *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,89 @@
+"""A small moving sequence and services as processes, for the tests of whole processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import tomli_w
+
+from services.images import write_exr
+from services.settings import Settings, read_settings
+
+LOADED_S = 120.0  # patience on a machine that is busy: compiling the sampler's loops for the first time takes tens of seconds
+
+
+@pytest.fixture(scope="session")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """16 lat-long frames, 32 x 64: a sky brighter above, and a sun that walks a column a frame."""
+    folder = tmp_path_factory.mktemp("sequence")
+    sky = np.linspace(1.0, 0.1, 32)[:, None, None] * np.array([0.5, 0.7, 1.0])
+    for k in range(16):
+        image = np.broadcast_to(sky, (32, 64, 3)).copy()
+        image[9, 20 + k] += 400
+        write_exr(folder / f"frame_{k:04d}.exr", image)
+    return folder
+
+
+@pytest.fixture
+def make_settings(tmp_path: Path, sequence: Path) -> Callable[..., tuple[Settings, Path]]:
+    """Writes a settings file; keywords replace whole sections' keys. Small pictures and few lights, so that tests are quick."""
+
+    def make(name: str = "vemlight.toml", **sections) -> tuple[Settings, Path]:
+        sockets = tmp_path / "sockets"
+        sockets.mkdir(mode=0o700, exist_ok=True)
+        content = {
+            "wire": {"folder": str(sockets)},
+            "capture": {"source": str(sequence)},
+            "sampler": {"count": 16},
+            "renderer": {"width": 64, "height": 48, "shadow_map": 64},
+        }
+        for key, value in sections.items():
+            content[key] = {**content.get(key, {}), **value} if isinstance(value, dict) else value
+        path = tmp_path / name
+        path.write_text(tomli_w.dumps(content))
+        return read_settings(path), path
+
+    return make
+
+
+class Services:
+    """Processes of a test; those that still run at its end are killed."""
+
+    def __init__(self) -> None:
+        self.running: list[subprocess.Popen[bytes]] = []
+
+    def start(self, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
+        child = subprocess.Popen(
+            [sys.executable, "-m", *arguments], env={**os.environ, **environment}, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        self.running.append(child)
+        return child
+
+
+@pytest.fixture
+def services() -> Iterator[Services]:
+    started = Services()
+    yield started
+    for child in started.running:
+        if child.poll() is None:
+            child.send_signal(signal.SIGKILL)
+        child.communicate()
+
+
+def wait_until(true: Callable[[], object], what: str, patience_s: float = LOADED_S) -> None:
+    """Waits for something that other processes do."""
+    until = time.monotonic() + patience_s
+    while not true():
+        assert time.monotonic() < until, f"{what} did not happen within {patience_s:.0f} s"
+        time.sleep(0.02)
+
+
+def with_section(settings: Settings, section: str, **changes) -> Settings:
+    return msgspec.structs.replace(settings, **{section: msgspec.structs.replace(getattr(settings, section), **changes)})

@@ -76,22 +76,32 @@ def read_geometry(path: Path, where: str) -> list[tuple[str, Geometry]]:
 
     Raises BadInput that begins with `where` when the file cannot be read or a mesh in it is empty, holds nan or has no area.
     """
+    found = []
     try:
         loaded = trimesh.load_scene(path, process=False, maintain_order=True)
-        parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh)]
+        nodes = [(loaded.graph[node][0], loaded.geometry[loaded.graph[node][1]]) for node in loaded.graph.nodes_geometry]
+        parts = [(matrix, part) for matrix, part in nodes if isinstance(part, trimesh.Trimesh)]
     except Exception as error:  # a hostile file raises whatever the parser below trips over
         raise BadInput(f"{where}: {path} is not a readable mesh ({' '.join(str(error).split())[:200]}); export it again") from error
-    found = []
-    for number, part in enumerate(parts):
-        name = path.name if len(parts) == 1 else f"{path.name} part {number + 1}"
-        normals = np.asarray(part.vertex_normals) if "vertex_normals" in part._cache.cache else None
+    for number, (matrix, part) in enumerate(parts, 1):
+        name = path.name if len(parts) == 1 else f"{path.name} part {number}"
         try:
-            found.append((name, clean_geometry(np.asarray(part.vertices), np.asarray(part.faces), normals)))
-        except ValueError as error:
+            found.append((name, _in_file_axes(part, np.asarray(matrix, np.float64))))
+        except (ValueError, np.linalg.LinAlgError) as error:
             raise BadInput(f"{where}: {name} {error}; export it again") from error
     if not found:
         raise BadInput(f"{where}: {path} has no triangles; export it again")
     return found
+
+
+def _in_file_axes(part: trimesh.Trimesh, matrix: np.ndarray) -> Geometry:
+    """Clean geometry of a node's mesh under the node's transform (4, 4)."""
+    positions = np.asarray(part.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
+    normals = None
+    if "vertex_normals" in part._cache.cache:  # there only if the file had them; the property would compute its own
+        normals = np.asarray(part.vertex_normals) @ np.linalg.inv(matrix[:3, :3])
+    faces = np.asarray(part.faces)
+    return clean_geometry(positions, faces if np.linalg.det(matrix[:3, :3]) > 0 else faces[:, ::-1], normals)
 
 
 def clean_geometry(positions: np.ndarray, triangles: np.ndarray, normals: np.ndarray | None) -> Geometry:

@@ -13,7 +13,7 @@ GL_VERSION = 430  # uniform blocks, instancing, gathers and, for the speed of a 
 def headless_context() -> moderngl.Context:
     """A GL context of version 4.3 or later without a window, through EGL. Raises BadInput when the machine gives none."""
     try:
-        return moderngl.create_context(require=GL_VERSION, standalone=True, backend="egl")
+        return moderngl.create_context(require=GL_VERSION, standalone=True, backend="egl")  # pyright: ignore[reportArgumentType]
     except Exception as error:  # glcontext raises bare Exceptions, ImportErrors and OSErrors by the library that fails
         reason = " ".join(str(error).split())[:160]
         raise BadInput(

@@ -93,8 +93,8 @@ class ShadowAtlas:
         self.columns = min(math.ceil(math.sqrt(count)), self._most_columns)
         side = self.columns * self.tile_size
         self.texture = self._context.depth_texture((side, side))
-        self.texture.compare_func = "<="
-        self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.texture.compare_func = ""  # the shader compares: each of the four texels against its own depth
+        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._frame = self._context.framebuffer(depth_attachment=self.texture)
 
     def _free(self) -> None:

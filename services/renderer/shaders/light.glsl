@@ -21,7 +21,7 @@ LightFrame light_frame(vec3 d, vec3 half_size) {
     return LightFrame(right, up, extent + 1e-4 * dot(half_size, vec3(1.0)));
 }
 
-const float GUTTER = 2.0;  // texels at a tile's rim that stay empty: a filtered lookup reaches 1, the normal offset 1 more
+const float GUTTER = 2.0;  // texels at a tile's rim that stay empty, so that a filtered lookup sees no neighbour
 const float DEEPEST = 0.99;  // casters end here, so that only an empty texel holds 1
 
 uniform float tile_size;  // texels on a side
@@ -32,9 +32,8 @@ vec2 tile_corner(float tile) {
     return vec2(tile - row * tile_columns, row) * tile_size;
 }
 
-// Texel coordinates in the atlas and depth in [0, DEEPEST] of a point of the caster box, relative to the box's centre.
-vec3 atlas_from_box(vec3 p, vec3 d, LightFrame frame, float tile) {
+// Texel coordinates in the light's tile and depth in [0, DEEPEST] of a point of the caster box, relative to the box's centre.
+vec3 tile_from_box(vec3 p, vec3 d, LightFrame frame) {
     vec2 inside = vec2(dot(frame.right, p), dot(frame.up, p)) / frame.extent.xy;
-    float depth = (0.5 - 0.5 * dot(d, p) / frame.extent.z) * DEEPEST;
-    return vec3(tile_corner(tile) + 0.5 * tile_size + inside * (0.5 * tile_size - GUTTER), depth);
+    return vec3(0.5 * tile_size + inside * (0.5 * tile_size - GUTTER), (0.5 - 0.5 * dot(d, p) / frame.extent.z) * DEEPEST);
 }

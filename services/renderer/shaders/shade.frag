@@ -13,20 +13,29 @@ uniform sampler2D surface_positions;
 uniform sampler2D surface_normals;
 uniform sampler2D surface_diffuse;
 uniform sampler2D surface_specular;
-uniform sampler2DShadow atlas;
+uniform sampler2D atlas;
 layout(location = 0) out vec4 radiance;
 
-// Share of a light that reaches a point: the four nearest texels compared, weighted bilinearly (percentage-closer filtering).
+const float BIAS = 0.3;  // texels: what a surface may rise above its tangent plane within a texel
+const float STEEPEST = 0.03;  // cosine at which the plane's slope is held; a light so low gives 3 % of its power at most
+
+// Share of a light that reaches a point: the four nearest texels compared with the receiver's plane there, weighted bilinearly
+// (percentage-closer filtering with plane bias, Isidoro 2006).
 float visibility(vec3 position, vec3 flat_normal, vec3 d, float tile, int box) {
     LightFrame frame = light_frame(d, box_half[box]);
-    // Texels compared lie up to sqrt(2) texels off, where a surface at this slope is sqrt(2) texel tan(angle) deeper; a step of
-    // sqrt(2) texel sin(angle) along the normal gains just that depth. 1.5 for sqrt(2) leaves room for the depth's rounding.
-    float texel = 2.0 * max(frame.extent.x, frame.extent.y) / (tile_size - 2.0 * GUTTER);
-    float cosine = dot(flat_normal, d);
-    vec3 p = position - box_centre[box] + flat_normal * (1.5 * texel * sqrt(max(1.0 - cosine * cosine, 0.0)) + 0.02 * texel);
-    if (any(greaterThan(abs(vec2(dot(frame.right, p), dot(frame.up, p))), frame.extent.xy))) return 1.0;
-    vec3 at = atlas_from_box(p, d, frame, tile);
-    return texture(atlas, vec3(at.xy / (tile_size * tile_columns), clamp(at.z, 0.0, 1.0)));
+    vec3 at = tile_from_box(position - box_centre[box], d, frame);
+    if (any(lessThan(at.xy, vec2(1.0))) || any(greaterThan(at.xy, vec2(tile_size - 1.0)))) return 1.0;
+    vec2 texel = frame.extent.xy / (0.5 * tile_size - GUTTER);
+    float depth = 0.5 * DEEPEST / frame.extent.z;  // of a metre
+    vec2 slope = vec2(dot(frame.right, flat_normal), dot(frame.up, flat_normal)) * texel * (depth / max(dot(flat_normal, d), STEEPEST));
+    vec2 corner = floor(at.xy - 0.5);
+    vec2 f = at.xy - 0.5 - corner;
+    vec4 stored = textureGather(atlas, (tile_corner(tile) + corner + 1.0) / (tile_size * tile_columns));
+    float low = at.z - dot(slope, f) - BIAS * depth * max(texel.x, texel.y);
+    vec4 own = low + vec4(slope.y, slope.x + slope.y, slope.x, 0.0);
+    vec4 lit = vec4(lessThanEqual(min(own, 1.0), stored));
+    vec2 side = mix(lit.wx, lit.zy, f.x);
+    return mix(side.x, side.y, f.y);
 }
 
 void main() {

@@ -1,0 +1,261 @@
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import HealthCheck, given
+from hypothesis import settings as example_settings
+from hypothesis import strategies as st
+
+from services.files import BadInput
+from services.lights import Lights
+from services.renderer import shadows
+from services.renderer.programs import Programs, headless_context
+from services.renderer.renderer import Renderer, clip_from_world, pixel_offsets
+from services.renderer.scene import load_scene
+from services.renderer.tonemap import adapt, tone_mapped
+from services.settings import Renderer as Settings
+from services.sphere import direction_from_angles
+
+WHITE = "material = {diffuse = [1.0, 1.0, 1.0]}"
+GROUND = f'[[mesh]]\nshape = "plane"\nscale = 4.0\n{WHITE}\n'
+FROM_ABOVE = "[camera]\nfrom = [0.0, 0.0, 40.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 11.0\n"  # 7.7 m of the ground
+FROM_THE_SIDE = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\nfov_y = 40.0\n"
+
+
+def a_scene(folder: Path, text: str):
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return load_scene(path)
+
+
+def lights_from(directions: npt.ArrayLike, irradiance: float | np.ndarray = 1.0) -> Lights:
+    directions = np.atleast_2d(np.asarray(directions, float))
+    power = np.broadcast_to(np.asarray(irradiance, float).reshape(-1, 1), (len(directions), 3))
+    return Lights.of(np.arange(len(directions)), directions, power)
+
+
+def uniform_lights(count: int, lowest_z: float) -> Lights:
+    """Lights of a sky of radiance 1 over all directions with z > lowest_z: a Fibonacci spiral of equal solid angles."""
+    z = lowest_z + (1 - lowest_z) * (np.arange(count) + 0.5) / count
+    phi = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    return lights_from(direction_from_angles(np.arccos(z), phi), 2 * np.pi * (1 - lowest_z) / count)
+
+
+def picture(scene, lights: Lights, samples: int = 1, **settings) -> np.ndarray:
+    renderer = Renderer(scene, Settings(**{"width": 96, "height": 96, "shadow_map": 128, **settings}), samples)
+    try:
+        return renderer.render(lights).copy()
+    finally:
+        renderer.release()
+
+
+@pytest.fixture(scope="module")
+def pole(tmp_path_factory):
+    """A renderer that looks down on a pole of height 1 in the middle of the ground; +X to the right, +Y up."""
+    import trimesh
+
+    folder = tmp_path_factory.mktemp("pole")
+    tube = trimesh.creation.cylinder(radius=0.05, height=1.0)
+    tube.apply_translation([0, 0, 0.5])
+    tube.export(folder / "pole.obj")
+    scene = a_scene(folder, FROM_ABOVE + GROUND + f'[[mesh]]\nfile = "pole.obj"\n{WHITE}')
+    renderer = Renderer(scene, Settings(width=256, height=256, shadow_map=256))
+    yield renderer
+    renderer.release()
+
+
+@example_settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(theta=st.floats(0.5, 1.2), phi=st.floats(0, 2 * np.pi))
+def test_a_poles_shadow_points_to_phi_plus_180_degrees(pole, theta, phi):
+    image = pole.render(lights_from(direction_from_angles(theta, phi)))[..., 0]
+    row, column = np.nonzero(image < 0.5 * np.median(image))
+    x, y = column + 0.5 - 128, 128 - (row + 0.5)
+    far = np.hypot(x, y) > 8  # pixels; nearer is the pole itself
+    assert far.sum() > 5
+    direction = np.arctan2(y[far].mean(), x[far].mean())
+    off = (direction - (phi + np.pi) + np.pi) % (2 * np.pi) - np.pi
+    # the pole stands within a pixel of the middle and its shadow is 3 pixels wide, seen over 10 pixels or more
+    assert abs(off) < np.radians(5)
+    # the pole's top lies 1 m up: its shadow ends tan(theta) m away; a pixel is 40 tan(5.5 degrees) / 128 = 0.030 m
+    assert np.hypot(x, y).max() * 0.0301 == pytest.approx(np.tan(theta), abs=0.06)
+
+
+@pytest.mark.parametrize("shadow_map", [64, 256])
+@pytest.mark.parametrize("theta", [0.4, 0.9])
+def test_a_boxs_shadow_ends_where_geometry_says(tmp_path, theta, shadow_map):
+    # a box from z = 0 to z = 1; under a light at azimuth 180 degrees its shadow ends at x = 0.5 + tan(theta)
+    box = f'[[mesh]]\nshape = "box"\nscale = 0.5\nat = [0.0, 0.0, 0.5]\n{WHITE}'
+    scene = a_scene(tmp_path, FROM_ABOVE + GROUND + box)
+    image = picture(scene, lights_from(direction_from_angles(theta, np.pi)), width=512, height=512, shadow_map=shadow_map)
+    pixel = 2 * 40 * np.tan(np.radians(5.5)) / 512
+    for row in (256 - 20, 256, 256 + 20):
+        line = image[row, :, 0] / image[row, -1, 0]
+        edge = 256 + np.flatnonzero(line[256:] < 0.5).max() + 1
+        found = (edge - 256) * pixel
+        # the map spans the box: at most its half diagonal sqrt(0.75) m to either side, in tile - 4 texels; 1 / cos(theta) wider on the ground
+        texel = 2 * np.sqrt(0.75) / (shadow_map - 4) / np.cos(theta)
+        assert found == pytest.approx(0.5 + np.tan(theta), abs=1.5 * texel + pixel)
+
+
+def test_the_picture_is_linear_in_the_lights_power(tmp_path):
+    scene = load_scene(None)
+    some = uniform_lights(7, 0.0)
+    double = some._replace(irradiance=some.irradiance * np.array([2, 4, 8], np.float32))
+    one, other = picture(scene, some), picture(scene, double)
+    # powers of two scale every float exactly but for the order in which the shader adds
+    assert np.allclose(one[..., :3] * [2, 4, 8], other[..., :3], rtol=1e-5)
+    assert np.array_equal(one[..., 3], other[..., 3])
+
+
+def test_pictures_of_lights_add_up():
+    scene = load_scene(None)
+    both = uniform_lights(8, 0.0)
+    half = [Lights(*(rows[part] for rows in both)) for part in (slice(0, 5), slice(5, 8))]
+    total = sum(picture(scene, lights)[..., :3] for lights in half)
+    assert np.allclose(total, picture(scene, both)[..., :3], rtol=1e-5, atol=1e-6)
+
+
+def test_no_lights_give_black_with_alpha():
+    image = picture(load_scene(None), lights_from(np.zeros((0, 3))))
+    assert not image[..., :3].any()
+    assert image[..., 3].max() == 1
+    assert image[..., 3].min() == 0
+    dark = picture(load_scene(None), lights_from([0.0, 0.0, 1.0], 0.0))
+    assert np.array_equal(image, dark)
+
+
+@pytest.mark.parametrize("light", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 1e-4), (0.6, 0.0, -0.8), (0.0, 0.0, -1.0)])
+def test_any_direction_and_a_huge_sun_stay_finite(light):
+    direction = np.array(light) / np.linalg.norm(light)
+    image = picture(load_scene(None), lights_from(direction, 1e6))
+    assert np.all(np.isfinite(image))
+    assert image.min() >= 0
+    mirrored = picture(load_scene(None), lights_from(direction * [1, 1, -1], 1e6))
+    if light[2] < 0:  # it reaches what stands on the ground neither through it nor around it but for a texel where they touch
+        assert image[..., :3].sum() < 2e-3 * mirrored[..., :3].sum()
+    else:
+        assert image[..., :3].any()
+
+
+def test_surfaces_have_two_sides(tmp_path):
+    above = a_scene(tmp_path, "[camera]\nfrom = [0.0, 0.0, 5.0]\nat = [0.0, 0.0, 0.0]\n" + GROUND)
+    below = a_scene(tmp_path, "[camera]\nfrom = [0.0, 0.0, -5.0]\nat = [0.0, 0.0, 0.0]\n" + GROUND)
+    up, down = lights_from([0.6, 0.0, 0.8], np.pi), lights_from([0.6, 0.0, -0.8], np.pi)
+    for scene, lit, dark in ((above, up, down), (below, down, up)):
+        assert np.allclose(picture(scene, lit)[20:-20, 20:-20, :3], 0.8, atol=1e-4)
+        assert not picture(scene, dark)[..., :3].any()
+
+
+def test_a_white_plane_under_a_sky_of_radiance_1_has_radiance_1(tmp_path):
+    scene = a_scene(tmp_path, FROM_ABOVE + GROUND)
+    image = picture(scene, uniform_lights(2000, 0.0), width=8, height=8)
+    # midpoint rule in z of the integrand 2 z: exact but for float32 sums
+    assert np.allclose(image[..., :3], 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_convex_bodies_in_a_white_furnace_have_no_shadows_of_their_own(tmp_path, shape):
+    scene = a_scene(tmp_path, FROM_THE_SIDE + f'[[mesh]]\nshape = "{shape}"\nat = [0.0, 0.0, 0.4]\nrotate = [10.0, 20.0, 30.0]\n{WHITE}')
+    image = picture(scene, uniform_lights(1500, -1.0), width=48, height=48, shadow_map=64)
+    inside = image[..., 3] == 1
+    # 1500 lights leave 0.3 % of quadrature error; lights between the smooth and the flat normal of a facet cost up to 0.1 %
+    assert np.abs(image[inside][:, :3] - 1).max() < 0.01
+
+
+def test_energy_of_a_glossy_plane_stays_below_what_comes_in(tmp_path):
+    glossy = GROUND.replace("diffuse = [1.0, 1.0, 1.0]", "diffuse = [0.5, 0.5, 0.5], specular = [0.5, 0.5, 0.5], exponent = 20.0")
+    image = picture(a_scene(tmp_path, FROM_ABOVE + glossy), uniform_lights(2000, 0.0), width=8, height=8)
+    # seen from straight above the lobe integrates to (n + 2) / (n + 2) with the cosine: 0.5 + 0.5
+    assert np.allclose(image[..., :3], 1.0, atol=0.01)
+
+
+def test_a_picture_of_one_pixel():
+    image = picture(load_scene(None), uniform_lights(4, 0.0), width=1, height=1)
+    assert image.shape == (1, 1, 4)
+    assert image[0, 0, 3] == 1
+    assert image[0, 0, :3].min() > 0
+
+
+def test_pixels_are_means_over_their_area():
+    scene, lights = load_scene(None), uniform_lights(3, 0.0)
+    fine = picture(scene, lights, width=192, height=192).reshape(48, 4, 48, 4, 4).mean(axis=(1, 3))
+    coarse = picture(scene, lights, samples=16, width=48, height=48)
+    one = picture(scene, lights, width=48, height=48)
+
+    def off(image):
+        return float(np.sqrt(np.mean((image - fine) ** 2)))
+    assert off(coarse) < 0.4 * off(one)  # 16 well-spread samples against one; both differ from the 16 of the fine picture
+    assert np.abs(coarse.mean(axis=(0, 1)) - fine.mean(axis=(0, 1))).max() < 2e-3
+    assert np.all(np.abs(coarse[..., 3] * 16 - np.round(coarse[..., 3] * 16)) < 1e-4)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 4, 7, 16])
+def test_places_in_a_pixel_are_centred_and_distinct(samples):
+    places = np.array(pixel_offsets(samples))
+    assert places.min() > 0
+    assert places.max() < 1
+    assert np.abs(places.mean(axis=0) - 0.5).max() < 0.5 / samples
+    assert len({tuple(place) for place in places.tolist()}) == samples
+
+
+def test_more_lights_than_the_atlas_holds_are_drawn_in_turns(monkeypatch):
+    scene, lights = load_scene(None), uniform_lights(11, 0.0)
+    whole = picture(scene, lights, shadow_map=64)
+    monkeypatch.setattr(shadows, "MAX_ATLAS_SIDE", 128)  # 2 x 2 tiles of 64
+    assert np.allclose(picture(scene, lights, shadow_map=64), whole, rtol=1e-5, atol=1e-6)
+
+
+def test_a_renderer_draws_the_same_picture_again():
+    scene = load_scene(None)
+    renderer = Renderer(scene, Settings(width=64, height=48, shadow_map=64), samples=2)
+    first = renderer.render(uniform_lights(5, 0.0)).copy()
+    renderer.render(uniform_lights(30, -1.0))
+    assert np.array_equal(renderer.render(uniform_lights(5, 0.0)), first)
+    renderer.release()
+
+
+def test_the_middle_of_the_picture_is_what_the_camera_looks_at():
+    scene = load_scene(None)
+    clip = clip_from_world(scene, (640, 480)) @ [*scene.camera.at, 1]
+    assert np.abs(clip[:2] / clip[3]).max() < 1e-9
+    above = clip_from_world(scene, (640, 480)) @ [*np.add(scene.camera.at, [0, 0, 0.1]), 1]
+    assert above[1] < 0  # row 0 is on top and comes first in memory
+
+
+def test_tone_mapping_on_the_gpu_is_the_one_in_numpy():
+    renderer = Renderer(load_scene(None), Settings(width=64, height=48, shadow_map=64), samples=4)
+    for power in (0.0, 1e-3, 1.0, 1e6):
+        image = renderer.render(lights_from(direction_from_angles(0.7, 3.0), power)).copy()
+        state = adapt(None, image, 0.04)
+        for stops in (-2.0, 0.0, 3.0):
+            gpu = renderer.tone_mapped(state, stops).astype(int)
+            # both round the same curve, from float32 and from float64: they may differ where a value lies on the edge of a step
+            difference = np.abs(gpu - tone_mapped(image, state, stops))
+            assert difference.max() <= 1
+            assert np.mean(difference > 0) < 0.01
+    renderer.release()
+
+
+def test_a_machine_without_gl_is_told_what_to_install(monkeypatch):
+    def refuse(**_):
+        raise Exception("libEGL.so not loaded\nat all")
+
+    monkeypatch.setattr(moderngl, "create_context", refuse)
+    with pytest.raises(BadInput, match="apt-get install libegl1 libgl1-mesa-dri") as caught:
+        headless_context()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_shader_that_fails_is_one_line():
+    context = headless_context()
+    with pytest.raises(BadInput, match=r"screen\.vert \+ shade\.frag") as caught:
+        Programs(context).program("screen.vert", "shade.frag", MAX_LIGHTS="nonsense")
+    assert "\n" not in str(caught.value)
+    context.release()
+
+
+def test_a_picture_beyond_the_limit_is_refused():
+    with pytest.raises(BadInput, match="make them smaller"):
+        Renderer(load_scene(None), Settings(width=10**6, height=4))

@@ -1,0 +1,111 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.files import BadInput
+from services.renderer.scene import load_scene
+
+CAMERA = "[camera]\nfrom = [0.0, -4.0, 2.0]\nat = [0.0, 0.0, 0.0]\n"
+
+
+def scene_file(folder: Path, mesh: str, camera: str = CAMERA) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(f"{camera}\n{mesh}\n")
+    return path
+
+
+def one_triangle(folder: Path, vertices: list[tuple[float, float, float]], name: str = "mesh.obj") -> None:
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    (folder / name).write_text("\n".join([*lines, "f 1 2 3"]) + "\n")
+
+
+def test_the_bundled_scene_loads():
+    scene = load_scene(None)
+    assert len(scene.meshes) >= 4
+    assert np.all(np.isfinite(scene.centre))
+    assert np.all(scene.half > 0)
+
+
+def test_the_box_of_the_scene(tmp_path):
+    scene = load_scene(scene_file(tmp_path, '[[mesh]]\nshape = "box"\nscale = 2.0\nat = [1.0, 2.0, 3.0]'))
+    assert scene.centre.tolist() == [1, 2, 3]
+    assert scene.half.tolist() == [2, 2, 2]
+
+
+def test_y_up_scale_rotate_and_at_come_in_this_order(tmp_path):
+    one_triangle(tmp_path, [(1, 2, 3), (0, 0, 0), (1, 0, 0)])
+    mesh = '[[mesh]]\nfile = "mesh.obj"\ny_up = true\nscale = 2.0\nrotate = [0.0, 0.0, 90.0]\nat = [10.0, 0.0, 0.0]'
+    scene = load_scene(scene_file(tmp_path, mesh))
+    # (1, 2, 3) y-up is (1, -3, 2); twice that is (2, -6, 4); a quarter about z is (6, 2, 4); moved it is (16, 2, 4)
+    positions = scene.meshes[0].geometry.positions
+    assert np.abs(positions - [16, 2, 4]).max(axis=1).min() < 1e-5
+
+
+def test_rotation_is_about_x_then_y_then_z(tmp_path):
+    one_triangle(tmp_path, [(0, 1, 0), (0, 0, 0), (0.5, 0, 0)])
+    scene = load_scene(scene_file(tmp_path, '[[mesh]]\nfile = "mesh.obj"\nrotate = [90.0, 90.0, 0.0]'))
+    # (0, 1, 0) about x is (0, 0, 1), then about y (1, 0, 0)
+    assert np.abs(scene.meshes[0].geometry.positions - [1, 0, 0]).max(axis=1).min() < 1e-6
+
+
+def test_gltf_is_y_up_without_being_told(tmp_path):
+    import trimesh
+
+    trimesh.Trimesh([(0, 1, 0), (0, 0, 0), (0.5, 0, 0)], [(0, 1, 2)], process=False).export(tmp_path / "mesh.glb")
+    scene = load_scene(scene_file(tmp_path, '[[mesh]]\nfile = "mesh.glb"'))
+    assert np.abs(scene.meshes[0].geometry.positions - [0, 0, 1]).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("mesh", "words"),
+    [
+        ('[[mesh]]\nfile = "absent.obj"', ["scene.toml", "[[mesh]] 1", "absent.obj", "mend the path"]),
+        ('[[mesh]]\nfile = "mesh.fbx"', ["mesh.fbx", "convert it"]),
+        ('[[mesh]]\nshape = "cone"', ["scene.toml", "cone"]),
+        ('[[mesh]]\nshape = "box"\nfile = "mesh.obj"', ["either"]),
+        ("[[mesh]]\nscale = 1.0", ["either"]),
+        ('[[mesh]]\nshape = "box"\ncolour = 3', ["scene.toml", "colour"]),
+        ('[[mesh]]\nshape = "box"\nscale = 0.0', ["scale"]),
+        ('[[mesh]]\nshape = "box"\nat = [nan, 0.0, 0.0]', ["finite"]),
+        ('[[mesh]]\nshape = "box"\nmaterial = {diffuse = [0.7, 0.7, 0.7], specular = [0.4, 0.0, 0.0]}', ["diffuse + specular", "1.1"]),
+        ('[[mesh]]\nshape = "box"\nmaterial = {exponent = -1.0}', ["exponent"]),
+        ("mesh = []", ["[[mesh]]"]),
+    ],
+)
+def test_bad_scenes_end_in_one_line_that_says_where(tmp_path, mesh, words):
+    path = scene_file(tmp_path, mesh) if mesh != "mesh = []" else scene_file(tmp_path, CAMERA, camera="mesh = []")
+    with pytest.raises(BadInput) as caught:
+        load_scene(path)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert all(word in text for word in words), text
+
+
+@pytest.mark.parametrize(
+    ("vertices", "words"),
+    [
+        ([(0, 0, 0), (1, 0, 0), (np.nan, 1, 0)], "nan"),
+        ([(0, 0, 0), (1, 0, 0), (2, 0, 0)], "no area"),
+        ([(5, 5, 5), (5, 5, 5), (5, 5, 5)], "no size"),
+    ],
+)
+def test_meshes_that_cannot_be_drawn_are_named(tmp_path, vertices, words):
+    one_triangle(tmp_path, vertices)
+    with pytest.raises(BadInput, match=words) as caught:
+        load_scene(scene_file(tmp_path, '[[mesh]]\nfile = "mesh.obj"'))
+    assert "mesh.obj" in str(caught.value)
+    assert "[[mesh]] 1" in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb", "gltf"])
+def test_random_bytes_and_empty_files_are_bad_input(tmp_path, suffix):
+    for data in (b"", np.random.default_rng(3).bytes(2000)):
+        (tmp_path / f"mesh.{suffix}").write_bytes(data)
+        with pytest.raises(BadInput):
+            load_scene(scene_file(tmp_path, f'[[mesh]]\nfile = "mesh.{suffix}"'))
+
+
+def test_a_camera_must_look_somewhere(tmp_path):
+    with pytest.raises(BadInput, match="camera"):
+        load_scene(scene_file(tmp_path, '[[mesh]]\nshape = "box"', camera="[camera]\nfrom = [1.0, 1.0, 1.0]\nat = [1.0, 1.0, 1.0]"))

@@ -1,0 +1,101 @@
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.renderer.tonemap import LONGEST_STEP_S, MIDDLE_GREY, TIME_CONSTANT_S, Adaptation, adapt, tone_curve, tone_mapped
+
+BLACK = np.concatenate([np.zeros((4, 4, 3), np.float32), np.ones((4, 4, 1), np.float32)], axis=-1)
+
+
+def gray(values: np.ndarray) -> np.ndarray:
+    """A picture (1, n, 4) of gray surfaces."""
+    row = np.repeat(np.asarray(values, np.float32)[:, None], 4, axis=1)
+    row[:, 3] = 1
+    return row[None]
+
+
+def test_the_log_average_is_the_geometric_mean():
+    state = adapt(None, gray(np.array([0.1, 1.0, 10.0])), 0.04)
+    assert state.log_average == pytest.approx(np.log(1.0), abs=1e-6)
+    assert state.seen
+
+
+@given(st.floats(1e-6, 1e6))
+def test_a_pictures_scale_does_not_matter(scale: float):
+    picture = gray(np.array([0.02, 0.1, 0.5, 1.0, 3.0, 20.0]))
+    a = tone_mapped(picture, adapt(None, picture, 0.04), 0.0).astype(int)
+    scaled = picture * np.array([scale, scale, scale, 1], np.float32)
+    b = tone_mapped(scaled, adapt(None, scaled, 0.04), 0.0).astype(int)
+    assert np.abs(a - b).max() <= 1
+
+
+def test_a_flat_picture_becomes_middle_gray():
+    picture = gray(np.full(9, 7.0))
+    state = adapt(None, picture, 0.04)
+    assert state.key == MIDDLE_GREY
+    # white = 1 makes the operator the identity, so 0.18 in sRGB: 1.055 * 0.18^(1 / 2.4) - 0.055 = 0.4613
+    assert tone_mapped(picture, state, 0.0)[0, 0].tolist() == [118, 118, 118, 255]
+
+
+def test_the_highest_luminance_becomes_white_and_order_is_kept():
+    values = np.geomspace(0.01, 100, 400)
+    picture = gray(values)
+    state = adapt(None, picture, 0.04)
+    curve = tone_curve(state, 0.0)
+    level = np.exp(state.log_high) * curve.scale
+    assert level * (1 + level / curve.white**2) / (1 + level) == pytest.approx(1.0)
+    assert np.all(np.diff(tone_mapped(picture, state, 0.0)[0, :, 0].astype(int)) >= 0)
+
+
+def test_smoothing_runs_in_logarithms_alike_up_and_down():
+    low, high = gray(np.full(9, 0.01)), gray(np.full(9, 10.0))
+    up = adapt(adapt(None, low, 0.04), high, 0.1).log_average - np.log(0.01)
+    down = np.log(10.0) - adapt(adapt(None, high, 0.04), low, 0.1).log_average
+    assert up == pytest.approx(down, rel=1e-6)
+    assert up == pytest.approx(np.log(1000) * (1 - np.exp(-0.1 / TIME_CONSTANT_S)), rel=1e-6)
+
+
+def test_two_short_steps_are_one_long_step():
+    low, high = gray(np.full(9, 0.01)), gray(np.full(9, 10.0))
+    start = adapt(None, low, 0.04)
+    assert adapt(adapt(start, high, 0.05), high, 0.05).log_average == pytest.approx(adapt(start, high, 0.1).log_average, rel=1e-9)
+    assert adapt(start, high, 100.0) == adapt(start, high, LONGEST_STEP_S)
+    assert adapt(start, high, -1.0) == start
+
+
+def test_black_frames_change_nothing_and_light_after_them_counts_at_once():
+    lit = gray(np.array([0.5, 1.0, 2.0]))
+    assert adapt(None, BLACK, 0.04) == Adaptation()
+    assert adapt(adapt(None, BLACK, 0.04), lit, 0.04) == adapt(None, lit, 0.04)
+    state = adapt(None, lit, 0.04)
+    assert adapt(state, BLACK, 0.04) == state
+    assert not tone_mapped(BLACK, Adaptation(), 0.0)[..., :3].any()
+
+
+def test_hostile_pixels_stay_in_their_place():
+    picture = gray(np.array([np.nan, np.inf, -1.0, 1.0, 2.0]))
+    state = adapt(None, picture, 0.04)
+    assert state == adapt(None, picture[:, 3:], 0.04)
+    assert tone_mapped(picture, state, 0.0)[0, :3, 0].tolist() == [0, 255, 0]
+
+
+def test_alpha_is_kept_and_colour_is_not_multiplied_by_it():
+    solid = np.array([[[0.3, 0.2, 0.1, 1.0]]], np.float32)
+    state = adapt(None, solid, 0.04)
+    half = tone_mapped(solid * np.float32(0.5), state, 0.0)[0, 0]
+    assert half.tolist() == [*tone_mapped(solid, state, 0.0)[0, 0, :3].tolist(), 128]
+    assert tone_mapped(np.zeros((1, 1, 4), np.float32), state, 0.0)[0, 0].tolist() == [0, 0, 0, 0]
+
+
+def test_a_stop_doubles_the_light():
+    picture = gray(np.array([0.5, 1.0, 2.0]))
+    state = adapt(None, picture, 0.04)
+    doubled = picture * np.array([2, 2, 2, 1], np.float32)
+    assert np.array_equal(tone_mapped(picture, state, 1.0), tone_mapped(doubled, state, 0.0))
+
+
+def test_the_state_survives_its_file_form():
+    state = adapt(None, gray(np.array([0.5, 1.0, 2.0])), 0.04)
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=Adaptation) == state

@@ -1,0 +1,72 @@
+"""A recorded sequence on disk: frames in one folder with manifest.jsonl, one JSON object a frame, because EXR has no checksum."""
+
+import hashlib
+import itertools
+import re
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from services.files import BadInput
+
+MANIFEST = "manifest.jsonl"
+SUFFIXES = (".exr", ".hdr", ".pic")
+
+
+class Entry(msgspec.Struct, frozen=True):
+    """One frame of a recording, as a line of its manifest."""
+
+    name: Annotated[str, Meta(pattern=r"^[^/\\\x00]+$")]  # of the file, in the manifest's own folder
+    sequence: Annotated[int, Meta(ge=0)]  # what the recorder had to drop is missing here
+    time_s: Annotated[float, Meta(ge=-1e12, le=1e12)]
+    sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
+
+
+def file_entry(path: Path, sequence: int, time_s: float) -> Entry:
+    """The manifest's entry for the frame at `path`."""
+    return Entry(path.name, sequence, time_s, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def read_manifest(folder: Path) -> list[Entry]:
+    """The entries of the manifest in `folder`, in its order. Raises BadInput for a line that is none and for frames that are gone."""
+    path = folder / MANIFEST
+    entries = []
+    for number, line in enumerate(path.read_bytes().splitlines(), 1):
+        try:
+            entries.append(msgspec.json.decode(line, type=Entry))
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise BadInput(f"{path}: line {number}: {error}; copy the recording again") from error
+    if not entries:
+        raise BadInput(f"{path}: lists no frames; record again")
+    present = {p.name for p in folder.iterdir()}
+    for entry in entries:
+        if entry.name not in present:
+            raise BadInput(f"{folder}: frame {entry.name} is missing and in {MANIFEST}; copy the recording again")
+    return entries
+
+
+def check_digest(path: Path, sha256: str) -> None:
+    """Raises BadInput when the file at `path` is not what was recorded."""
+    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+        raise BadInput(f"{path}: is not what was recorded (sha256 differs from {MANIFEST}); copy it again")
+
+
+def frame_paths(folder: Path) -> list[Path]:
+    """The images in a `folder` without manifest, in order.
+
+    Raises BadInput when there are none, or when numbered files leave a number out.
+    """
+    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.stem.endswith(".part"))
+    if not paths:
+        raise BadInput(f"{folder}: holds no {' or '.join(SUFFIXES)} files; name a folder of frames")
+    numbered = [(match[1], match[2], p) for p in paths if (match := re.fullmatch(r"(.*?)(\d+)", p.stem))]
+    if len(numbered) < len(paths) or len({prefix for prefix, _, _ in numbered}) > 1:
+        return paths
+    numbered.sort(key=lambda row: int(row[1]))
+    for (_, digits, path), (_, after, _) in itertools.pairwise(numbered):
+        if int(after) != int(digits) + 1:
+            missing = f"{int(digits) + 1:0{len(digits)}d}"
+            raise BadInput(f"{folder}: frame {missing} is missing after {path.name}; copy it again or renumber the rest")
+    return [path for _, _, path in numbered]

@@ -1,0 +1,34 @@
+"""The bundled sequences."""
+
+from pathlib import Path
+
+import pytest
+
+from services.capture.recipe import cook
+from services.files import BadInput
+from services.images import read_radiance
+
+REPLAY = Path(__file__).parents[1] / "replay_data"
+
+
+@pytest.mark.parametrize("name", ["outdoor", "interior"])
+def test_recipe_makes_the_bundled_frames_again(tmp_path: Path, name: str) -> None:
+    cook(REPLAY / name, tmp_path, frames=3)
+    made = sorted(tmp_path.glob("*.exr"))
+    assert len(made) == 3
+    for path in made:
+        assert read_radiance(path)[0].tobytes() == read_radiance(REPLAY / name / path.name)[0].tobytes()
+    for text in ("manifest.jsonl", "truth.jsonl"):
+        lines = (REPLAY / name / text).read_text().splitlines()
+        assert len(lines) == 48
+    assert (tmp_path / "lens.toml").read_text() == (REPLAY / name / "lens.toml").read_text()
+
+
+def test_bundled_sequences_are_small() -> None:
+    assert sum(path.stat().st_size for path in REPLAY.rglob("*") if path.is_file()) <= 8e6
+
+
+def test_unknown_key_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "recipe.toml").write_text('scene = "sky"\nframes = 1\nfps = 24.0\nsun = 2\n')
+    with pytest.raises(BadInput, match=r"recipe\.toml.*sun"):
+        cook(tmp_path, tmp_path)

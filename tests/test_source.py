@@ -1,0 +1,230 @@
+"""Files replayed as polar maps."""
+
+import os
+from fractions import Fraction
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from services.capture.lens import Lens, pixel_from_direction, write_lens
+from services.capture.response import Response, code_from_radiance, write_response
+from services.capture.sequence import MANIFEST, file_entry
+from services.capture.source import open_source, polar_file
+from services.files import BadInput
+from services.images import read_radiance, write_exr
+from services.settings import Capture
+from services.sphere import (
+    angle_between,
+    cell_directions,
+    direction_from_angles,
+    latlong_from_direction,
+    latlong_solid_angles,
+    luminance,
+    map_irradiance,
+)
+
+LENS = Lens(size=(128, 128), f=(37.0, 37.0), c=(63.5, 63.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0)
+RESPONSE = Response(kind="log", bits=12, a=1000.0, b=200.0, c=0.01, luminance_scale=179.0)
+
+
+def capture(source: Path, **changes: object) -> Capture:
+    return Capture(source=str(source), **changes)  # type: ignore[arg-type]
+
+
+def peak_direction(radiance: np.ndarray) -> np.ndarray:
+    rows, cols, _ = radiance.shape
+    y = luminance(radiance)
+    return cell_directions(rows, cols, "hemisphere")[np.unravel_index(int(y.argmax()), y.shape)]
+
+
+def test_one_lit_pixel_of_a_latlong_file(tmp_path: Path) -> None:
+    direction = direction_from_angles(0.7, 2.1)
+    image = np.zeros((256, 512, 3), np.float32)
+    row, col = latlong_from_direction(direction, 256, 512)
+    image[int(row), int(col)] = (1.0, 2.0, 3.0)
+    write_exr(tmp_path / "one.exr", image)
+    frame = open_source(capture(tmp_path / "one.exr")).frame(0)
+    # half a cell and half a pixel: 0.7 and 0.5 degrees across their diagonals
+    assert np.degrees(angle_between(peak_direction(frame.radiance), direction)) < 1.2
+    power = np.array([1, 2, 3]) * latlong_solid_angles(256, 512)[int(row)]
+    np.testing.assert_allclose(map_irradiance(frame.radiance, "hemisphere"), power, rtol=1e-6)
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_one_lit_pixel_of_a_fisheye_file(tmp_path: Path, raw: bool) -> None:
+    direction = direction_from_angles(0.9, 4.0)
+    x, y = np.rint(pixel_from_direction(direction, LENS)).astype(int)
+    image = np.zeros((128, 128, 3), np.float32)
+    image[y, x] = 500.0
+    write_lens(tmp_path / "lens.toml", LENS)
+    if raw:
+        write_response(tmp_path / "response.toml", RESPONSE)
+        image = code_from_radiance(image, RESPONSE).astype(np.float32)
+    write_exr(tmp_path / "one.exr", image)
+    frame = open_source(capture(tmp_path / "one.exr")).frame(0)
+    assert np.degrees(angle_between(peak_direction(frame.radiance), direction)) < 1.8  # a pixel is 1.5 degrees
+    assert frame.luminance_scale == (179.0 if raw else None)
+
+
+def test_codes_bring_counts_of_what_was_clipped(tmp_path: Path) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_response(tmp_path / "response.toml", RESPONSE)
+    image = np.full((128, 128, 3), 2000.0, np.float32)
+    image[0, 0] = 0  # outside the rim: not counted
+    image[64, 60:63] = 4095
+    image[64, 70, 1] = 0
+    write_exr(tmp_path / "codes.exr", image)
+    frame = open_source(capture(tmp_path / "codes.exr")).frame(0)
+    assert (frame.black, frame.saturated) == (1, 9)
+
+
+def test_same_frame_same_bits(sequence: Path) -> None:
+    source = open_source(capture(sequence))
+    first = [source.frame(k).radiance.tobytes() for k in range(3)]
+    again = [source.frame(k).radiance.tobytes() for k in (2, 0, 1)]
+    assert first == [again[1], again[2], again[0]]
+    assert len(set(first)) == 3
+
+
+def test_times_come_from_fps(sequence: Path) -> None:
+    source = open_source(capture(sequence, fps=10.0))
+    assert (len(source), source.fps) == (16, 10.0)
+    assert source.frame(3).time_s == pytest.approx(0.3)
+
+
+def test_times_come_from_the_recording(tmp_path: Path) -> None:
+    for k in range(2):
+        write_exr(tmp_path / f"f{k}.exr", np.ones((16, 32, 3), np.float32), {"framesPerSecond": Fraction(24000, 1001)})
+    lines = [msgspec.json.encode(file_entry(tmp_path / f"f{k}.exr", k, 7.5 + k)) for k in range(2)]
+    (tmp_path / MANIFEST).write_bytes(b"\n".join(lines))
+    source = open_source(capture(tmp_path))
+    assert source.fps == pytest.approx(24000 / 1001)
+    assert source.frame(1).time_s == 8.5
+
+
+def test_changed_frame_of_a_recording_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "f0.exr"
+    write_exr(path, np.ones((16, 32, 3), np.float32))
+    (tmp_path / MANIFEST).write_bytes(msgspec.json.encode(file_entry(path, 0, 0.0)))
+    write_exr(path, np.full((16, 32, 3), 2.0, np.float32))
+    with pytest.raises(BadInput, match=r"f0\.exr: is not what was recorded"):
+        open_source(capture(tmp_path)).frame(0)
+
+
+def test_sphere(tmp_path: Path) -> None:
+    image = np.random.default_rng(4).lognormal(0, 2, (64, 128, 3)).astype(np.float32)
+    write_exr(tmp_path / "all.exr", image)
+    frame = open_source(capture(tmp_path / "all.exr", rows=180, coverage="sphere")).frame(0)
+    truth = np.einsum("ijc,i->c", image.astype(np.float64), latlong_solid_angles(64, 128))
+    assert frame.radiance.shape == (180, 360, 3)
+    np.testing.assert_allclose(map_irradiance(frame.radiance, "sphere"), truth, rtol=1e-6)
+
+
+def test_bad_pixels_are_seen(tmp_path: Path) -> None:
+    image = np.ones((64, 128, 3), np.float32)
+    image[10, 10] = np.nan
+    image[12, 60] = np.inf
+    write_exr(tmp_path / "bad.exr", image)
+    radiance = open_source(capture(tmp_path / "bad.exr", rows=32, cols=128)).frame(0).radiance
+    assert np.argwhere(~np.isfinite(radiance).all(-1)).tolist() == [[10, 53], [12, 3]]
+
+
+def test_black_frame(tmp_path: Path) -> None:
+    write_exr(tmp_path / "black.exr", np.zeros((64, 128, 3), np.float32))
+    assert not open_source(capture(tmp_path / "black.exr")).frame(0).radiance.any()
+
+
+def test_polar_file_is_a_source_of_the_same_map(tmp_path: Path) -> None:
+    image = np.random.default_rng(9).uniform(0, 3000, (128, 128, 3)).round().astype(np.float32)
+    write_exr(tmp_path / "codes.exr", image)
+    write_lens(tmp_path / "l.toml", LENS)
+    write_response(tmp_path / "r.toml", RESPONSE)
+    polar_file(tmp_path / "codes.exr", tmp_path / "l.toml", tmp_path / "r.toml", tmp_path / "map.exr")
+    direct = open_source(capture(tmp_path / "codes.exr", lens=str(tmp_path / "l.toml"), response=str(tmp_path / "r.toml"))).frame(0)
+    through = open_source(capture(tmp_path / "map.exr")).frame(0)
+    assert through.radiance.tobytes() == direct.radiance.tobytes()
+    assert through.luminance_scale == direct.luminance_scale == 179.0
+    with pytest.raises(BadInput, match="hemisphere of 90 x 360"):
+        open_source(capture(tmp_path / "map.exr", rows=45)).frame(0)
+
+
+def test_truncated_files_are_named(tmp_path: Path) -> None:
+    import cv2
+
+    rng = np.random.default_rng(0)
+    image = rng.lognormal(0, 2, (64, 128, 3)).astype(np.float32)
+    write_exr(tmp_path / "cut.exr", image)
+    cv2.imwrite(str(tmp_path / "cut.hdr"), image)
+    for name in ("cut.exr", "cut.hdr"):
+        path = tmp_path / name
+        os.truncate(path, path.stat().st_size // 2)
+        with pytest.raises(BadInput, match=name):
+            open_source(capture(path)).frame(0)
+
+
+def test_two_sizes_are_refused(tmp_path: Path) -> None:
+    write_exr(tmp_path / "f1.exr", np.ones((16, 32, 3), np.float32))
+    write_exr(tmp_path / "f2.exr", np.ones((32, 64, 3), np.float32))
+    source = open_source(capture(tmp_path))
+    source.frame(0)
+    with pytest.raises(BadInput, match=r"f2\.exr: is 64x32 and the frames before it 32x16"):
+        source.frame(1)
+
+
+def test_lens_of_another_size_is_refused(tmp_path: Path) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_exr(tmp_path / "f.exr", np.ones((64, 128, 3), np.float32))
+    with pytest.raises(BadInput, match="the lens file is for 128x128"):
+        open_source(capture(tmp_path / "f.exr")).frame(0)
+
+
+def test_raw_frames_want_their_files(tmp_path: Path) -> None:
+    write_exr(tmp_path / "f.exr", np.ones((128, 128, 3), np.float32), {"vemlight:kind": "codes"})
+    with pytest.raises(BadInput, match=r"lens\.toml is not there"):
+        open_source(capture(tmp_path / "f.exr")).frame(0)
+    write_lens(tmp_path / "lens.toml", LENS)
+    with pytest.raises(BadInput, match=r"response\.toml is not there"):
+        open_source(capture(tmp_path / "f.exr")).frame(0)
+    write_response(tmp_path / "response.toml", RESPONSE)
+    open_source(capture(tmp_path / "f.exr")).frame(0)
+
+
+@pytest.mark.parametrize("value", [0.5, -1.0, 4096.0, np.nan, np.inf])
+def test_what_is_no_code_is_refused(tmp_path: Path, value: float) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_response(tmp_path / "response.toml", RESPONSE)
+    write_exr(tmp_path / "f.exr", np.full((128, 128, 3), value, np.float32))
+    with pytest.raises(BadInput, match=r"f\.exr.*codes"):
+        open_source(capture(tmp_path / "f.exr")).frame(0)
+
+
+def test_unknown_kind_is_refused(tmp_path: Path) -> None:
+    write_exr(tmp_path / "f.exr", np.ones((16, 32, 3), np.float32), {"vemlight:kind": "cube"})
+    with pytest.raises(BadInput, match="cube"):
+        open_source(capture(tmp_path / "f.exr")).frame(0)
+
+
+def test_what_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no such file or folder"):
+        open_source(capture(tmp_path / "nothing"))
+
+
+def test_bundled_sequence_is_the_default() -> None:
+    source = open_source(Capture())
+    frame = source.frame(0)
+    assert len(source) == 48
+    assert frame.radiance.shape == (90, 360, 3)
+    assert np.isfinite(frame.radiance).all()
+
+
+def test_real_map() -> None:
+    data = os.environ.get("VEMLIGHT_DATA")
+    if not data:
+        pytest.skip("VEMLIGHT_DATA names no folder of real maps")
+    path = Path(data) / "hdri" / "kloppenheim_05_1k.hdr"
+    image, _ = read_radiance(path)
+    frame = open_source(capture(path)).frame(0)
+    truth = np.einsum("ijc,i->c", image[:256].astype(np.float64), latlong_solid_angles(512, 1024)[:256])
+    np.testing.assert_allclose(map_irradiance(frame.radiance, "hemisphere"), truth, rtol=1e-6)

@@ -46,8 +46,17 @@ class Capture(Record, frozen=True):
 
 class Sampler(Record, frozen=True):
     method: Literal["havran-azimuth", "havran-radius", "standard"] = "havran-azimuth"
-    count: Count = 72
-    filter: Literal["fir2005", "none"] = "fir2005"
+    points: Literal["relaxed", "halton"] = "relaxed"
+    count: Count = 72  # lights; the most of them where error_percent or frame_ms chooses
+    filter: Literal["fir2005", "fir", "binomial", "iir", "none"] = "fir2005"
+    order: Annotated[int, Meta(ge=2, le=64, multiple_of=2)] = 8  # "fir": frames it looks back; the delay is half of them
+    pass_hz: Annotated[float, Meta(gt=0, le=500)] = 3.0  # "fir": kept up to here; "iir": half the power left here
+    stop_hz: Annotated[float, Meta(gt=0, le=500)] = 6.0  # "fir": removed from here on
+    deflicker: bool = False  # take mains flicker out of the total power
+    clusters: Annotated[int, Meta(ge=0, le=100_000)] = 0  # most lights after merging neighbours; 0: no merging
+    fine: Annotated[int, Meta(ge=0, le=100_000)] = 0  # lights in the second set, many and weak, for glossy surfaces; 0: no such set
+    error_percent: Annotated[float, Meta(ge=0, le=100)] = 0.0  # as many lights as keep the irradiance within this of the map's; 0: `count`
+    frame_ms: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # as many lights as the renderer draws in this time; 0: no limit
 
 
 class Renderer(Record, frozen=True):
@@ -59,8 +68,9 @@ class Renderer(Record, frozen=True):
 
 
 class Viewer(Record, frozen=True):
-    host: str = "127.0.0.1"
+    host: str = "127.0.0.1"  # this machine only; 0.0.0.0: everyone on the network
     port: Port = 8080
+    names: tuple[str, ...] = ()  # under which browsers may ask for the page, beside numbers, localhost and this machine's name
 
 
 class Settings(Record, frozen=True):

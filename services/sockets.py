@@ -155,10 +155,19 @@ class Wires:
 def admit(publisher: Any) -> None:
     """Takes the subscriptions that wait at a publisher, and only those to our channels: an XPUB keeps each one, 10 kB apiece."""
     while publisher.poll(0, zmq.POLLIN):
-        wish = publisher.recv(zmq.NOBLOCK)
-        topic = wish[1:]
-        if topic in TOPICS:
-            publisher.setsockopt(zmq.SUBSCRIBE if wish[:1] == b"\x01" else zmq.UNSUBSCRIBE, topic)
+        _admit_one(publisher, publisher.recv(zmq.NOBLOCK))
+
+
+async def keep_admitting(publisher: Any) -> None:
+    """`admit` for a publisher of zmq.asyncio, until it is cancelled."""
+    while True:
+        _admit_one(publisher, await publisher.recv())
+
+
+def _admit_one(publisher: Any, wish: bytes) -> None:
+    topic = wish[1:]
+    if topic in TOPICS:
+        publisher.setsockopt(zmq.SUBSCRIBE if wish[:1] == b"\x01" else zmq.UNSUBSCRIBE, topic)
 
 
 def _numeric(address: str) -> str:

@@ -1,0 +1,133 @@
+"""All that the page shows: the newest frames ready to be sent, how each service fares, and what the person wants."""
+
+import time
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from services import wire
+from services.channels import FRAMES, LAST, Service
+from services.files import BadInput
+from services.lights import Lights, lights_json, lights_row
+from services.settings import Settings
+from services.tally import Tally
+from services.viewer.feeds import Bell, Feed
+from services.viewer.pictures import Sky, picture_jpeg
+from services.viewer.watch import HEALTHY, Heard, Judgement, Losses, Watch
+
+UNHEARD = "lossless mode makes every frame with the settings as they are and hears no controls; run in live mode to use them"
+
+
+class Board:
+    """One for the process. Messages go in by `take`, wishes by `wish_for`; pages read the feeds."""
+
+    def __init__(self, settings: Settings, restarts: int) -> None:
+        self.settings = settings
+        self.wish = wire.Control()
+        self.wished, self.news = Bell(), Bell()
+        self.disc = Feed(Sky().disc_jpeg, self.news)
+        self.lights = Feed(_lights_line, self.news)
+        self.picture = Feed(self._picture, self.news)
+        self.report = Feed(msgspec.json.encode, self.news)
+        self.tally = Tally("viewer", restarts)
+        self.status: wire.Status | None = None
+        self.watch = Watch(settings.capture.fps)
+        self.pages = 0
+        self._losses, self._lights, self._encode_s = Losses(), 0, 0.0
+
+    def take(self, service: Service, messages: list[wire.Message]) -> None:
+        """What one service has said since last time, in order. Of its frames the newest is shown; the rest is counted as skipped."""
+        own = [message for message in messages if type(message[0]) in _KINDS[service]]
+        self.tally.refused += len(messages) - len(own)
+        for header, _ in own:
+            self.watch.heard[service].take(header, time.monotonic())
+            if service == LAST and isinstance(header, wire.Image):
+                self._losses.frame()
+            elif service == LAST and isinstance(header, wire.Status):
+                self._losses.status(header.frames)
+        frames = [message for message in own if isinstance(message[0], wire.FRAME)]
+        if frames:
+            self._show(*frames[-1], passed_over=len(frames) - 1)
+
+    def _show(self, header: wire.Header, arrays: tuple[np.ndarray, ...], passed_over: int) -> None:
+        match header:
+            case wire.Map():
+                self.disc.put(header, *arrays)
+            case wire.Lights():
+                self._lights = header.count
+                self.lights.put(header, *arrays)
+            case wire.Image():
+                self.picture.put(*arrays)
+                self.tally.skipped += passed_over
+                self.tally.finished((header, arrays), self._encode_s)
+
+    def _picture(self, pixels: np.ndarray) -> bytes:
+        began_s = time.monotonic()
+        data = picture_jpeg(pixels)
+        self._encode_s = time.monotonic() - began_s
+        return data
+
+    def status_due(self) -> wire.Status | None:
+        """The viewer's own status, when it is time to say it again."""
+        self.tally.dropped = self._losses.dropped
+        if status := self.tally.due():
+            self.status = status
+        return status
+
+    def wish_for(self, body: bytes) -> None:
+        """Takes a JSON object with keys of wire.Control: those given replace the wish's, null gives back to the settings.
+
+        Raises BadInput with one line for anything else.
+        """
+        if self.settings.mode == "lossless":
+            raise BadInput(UNHEARD)
+        try:
+            change = msgspec.json.decode(body, type=dict[str, float | bool | str | None])
+            self.wish = msgspec.convert({**msgspec.structs.asdict(self.wish), **change}, wire.Control)
+        except ValueError as error:
+            raise BadInput(f"control: {error}; send JSON like {CONTROL_EXAMPLE}") from error
+        self.wished.ring()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Puts a new report into its feed."""
+        self.report.put(self.summary())
+
+    def summary(self) -> dict[str, Any]:
+        """How everything stands, for the page, `/healthz` and `/metrics`."""
+        judged = self.watch.judge(time.monotonic())
+        s = self.settings
+        rows = [service_row(service, judged[service], self.watch.heard[service]) for service in FRAMES]
+        own = msgspec.to_builtins(self.status) if self.status else {"service": "viewer"}
+        return {
+            "healthy": all(judgement.state in HEALTHY for judgement in judged.values()),
+            "mode": s.mode,
+            "why_no_controls": UNHEARD if s.mode == "lossless" else None,
+            "wish": msgspec.structs.asdict(self.wish),
+            "settings": {"count": s.sampler.count, "exposure": s.renderer.exposure, "filtered": s.sampler.filter != "none"},
+            "lights": self._lights,
+            "pages": self.pages,
+            "services": [*rows, {**own, "state": "live", "words": "live"}],
+        }
+
+
+def service_row(service: Service, judgement: Judgement, heard: Heard) -> dict[str, Any]:
+    """A service's newest status, with the judgement on it. `age_ms` is its newest frame's when it was done, or, when no more come, now."""
+    status = msgspec.to_builtins(heard.status) if heard.status else {}
+    if judgement.state not in HEALTHY:
+        status |= {"age_ms": heard.age_ms()} | ({"rate_hz": 0.0} if heard.status else {})
+    return {**status, "service": service, "state": judgement.state, "words": judgement.words}
+
+
+def _lights_line(header: wire.Lights, ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray) -> bytes:
+    row = lights_row(Lights(ids, directions, irradiance), header.stamp.sequence, header.stamp.time_s, header.coverage)
+    return lights_json(row)
+
+
+_KINDS: dict[Service, tuple[type, ...]] = {
+    "capture": (wire.Map, wire.Status, wire.End),
+    "sampler": (wire.Lights, wire.Status, wire.End),
+    "renderer": (wire.Image, wire.Status, wire.End),
+}
+CONTROL_EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false}'

@@ -1,0 +1,167 @@
+// The sky disc: the map as it came, the lights on it and the short trails that join a light's places by its id.
+// Seen from below: zenith in the middle, +Y at the top, +X at the left, the angle from the zenith proportional to the radius.
+
+const TRAIL_MS = 900;
+const TRAIL_POINTS = 12000; // drawn at most, over all lights: 12 places each for 1000 of them
+const JUMP = 0.35; // of the radius: farther than this within one frame is another place, not a way
+const REACH = 14; // CSS pixels round a light within which the pointer finds it
+const COMPASS = [["N", 90], ["E", 0], ["S", 270], ["W", 180]]; // azimuth in degrees from +X towards +Y; +Y is north
+
+export class Sky {
+  constructor(canvas, facts) {
+    this.canvas = canvas;
+    this.facts = facts;
+    this.image = null;
+    this.lights = [];
+    this.trails = new Map(); // id -> [{x, y, at}], newest last
+    this.pointer = null;
+    this.coverage = "hemisphere";
+    canvas.addEventListener("pointermove", (event) => this.point(event));
+    canvas.addEventListener("pointerdown", (event) => this.point(event));
+    canvas.addEventListener("pointerleave", () => { this.pointer = null; this.draw(); });
+    new ResizeObserver(() => this.draw()).observe(canvas);
+  }
+
+  show(image) {
+    this.image?.close();
+    this.image = image;
+    this.draw();
+  }
+
+  // One frame's lights, as in `vemlight.lights/1`.
+  take(frame, now) {
+    this.coverage = frame.coverage;
+    const span = frame.coverage === "sphere" ? Math.PI : Math.PI / 2;
+    const power = (light) => 0.2126 * light.irradiance[0] + 0.7152 * light.irradiance[1] + 0.0722 * light.irradiance[2];
+    const total = frame.lights.reduce((sum, light) => sum + power(light), 0);
+    this.lights = frame.lights.map((light) => {
+      const [x, y, z] = light.direction;
+      const theta = Math.atan2(Math.hypot(x, y), z), phi = Math.atan2(y, x), r = theta / span;
+      const share = total > 0 ? power(light) / total : 0;
+      return { id: light.id, x: -r * Math.cos(phi), y: -r * Math.sin(phi), theta, phi, share, colour: colour(light.irradiance), light };
+    });
+    const kept = Math.max(4, Math.floor(TRAIL_POINTS / Math.max(1, this.lights.length)));
+    const trails = new Map();
+    for (const light of this.lights) {
+      const old = (this.trails.get(light.id) ?? []).filter((place) => now - place.at < TRAIL_MS).slice(-kept);
+      trails.set(light.id, [...old, { x: light.x, y: light.y, at: now }]);
+    }
+    this.trails = trails;
+    this.draw();
+  }
+
+  draw() {
+    const side = Math.round(this.canvas.clientWidth * devicePixelRatio);
+    if (!side) return;
+    if (this.canvas.width !== side) this.canvas.width = this.canvas.height = side;
+    const c = this.canvas.getContext("2d"), radius = side / 2, unit = devicePixelRatio;
+    c.setTransform(1, 0, 0, 1, 0, 0);
+    c.clearRect(0, 0, side, side);
+    c.translate(radius, radius);
+    const disc = radius - 19 * unit; // the compass stands outside
+    c.save();
+    c.beginPath();
+    c.arc(0, 0, disc, 0, 2 * Math.PI);
+    c.fillStyle = "#0a0d10";
+    c.fill();
+    c.clip();
+    if (this.image) c.drawImage(this.image, -disc, -disc, 2 * disc, 2 * disc);
+    c.restore();
+    drawRings(c, disc, unit, this.coverage);
+    this.drawTrails(c, disc, unit);
+    this.drawLights(c, disc, unit);
+    this.say(disc, radius);
+  }
+
+  drawTrails(c, disc, unit) {
+    c.lineWidth = 1.6 * unit;
+    c.lineCap = "round";
+    for (const light of this.lights) {
+      const places = this.trails.get(light.id);
+      for (let k = 1; k < places.length; k++) {
+        const a = places[k - 1], b = places[k];
+        if (Math.hypot(b.x - a.x, b.y - a.y) > JUMP || (a.x === b.x && a.y === b.y)) continue;
+        c.strokeStyle = `rgb(255 255 255 / ${(0.75 * k) / places.length})`;
+        c.beginPath();
+        c.moveTo(a.x * disc, a.y * disc);
+        c.lineTo(b.x * disc, b.y * disc);
+        c.stroke();
+      }
+    }
+  }
+
+  // The dots' area is their share of the power; all together cover a fixed part of the disc.
+  drawLights(c, disc, unit) {
+    for (const light of this.lights) {
+      light.r = Math.min(0.075 * disc, Math.max(1.7 * unit, 0.26 * disc * Math.sqrt(light.share)));
+      c.beginPath();
+      c.arc(light.x * disc, light.y * disc, light.r, 0, 2 * Math.PI);
+      c.fillStyle = light.colour;
+      c.fill();
+      c.lineWidth = 2.4 * unit;
+      c.strokeStyle = "rgb(8 10 13 / 0.75)";
+      c.stroke();
+      c.lineWidth = 1 * unit;
+      c.strokeStyle = "#fff";
+      c.stroke();
+    }
+  }
+
+  point(event) {
+    const box = this.canvas.getBoundingClientRect();
+    this.pointer = { x: event.clientX - box.left - box.width / 2, y: event.clientY - box.top - box.height / 2 };
+    this.draw();
+  }
+
+  // Words for the light under the pointer, or for the strongest.
+  say(disc) {
+    if (!this.lights.length) {
+      this.facts.textContent = this.image ? "No lights yet." : "The sky from below. Point at a light to read it.";
+      return;
+    }
+    const scale = disc / devicePixelRatio;
+    let best = null, distance = REACH;
+    for (const light of this.pointer ? this.lights : []) {
+      const d = Math.hypot(light.x * scale - this.pointer.x, light.y * scale - this.pointer.y);
+      if (d < distance) [best, distance] = [light, d];
+    }
+    const light = best ?? this.lights.reduce((a, b) => (b.share > a.share ? b : a));
+    const azimuth = ((light.phi * 180) / Math.PI + 360) % 360, height = 90 - (light.theta * 180) / Math.PI;
+    const name = best ? `Light ${light.id}` : `Strongest ${light.id}`;
+    this.facts.textContent =
+      `${name} · ${(100 * light.share).toFixed(1)} % of the power · azimuth ${azimuth.toFixed(0)}° · height ${height.toFixed(0)}°`;
+  }
+}
+
+function drawRings(c, disc, unit, coverage) {
+  c.lineWidth = unit;
+  for (const part of [1 / 3, 2 / 3, 1]) {
+    c.strokeStyle = part === 1 ? "rgb(255 255 255 / 0.28)" : "rgb(255 255 255 / 0.13)";
+    c.beginPath();
+    c.arc(0, 0, part * disc, 0, 2 * Math.PI);
+    c.stroke();
+  }
+  if (coverage === "sphere") { // the horizon lies half way
+    c.strokeStyle = "rgb(255 255 255 / 0.4)";
+    c.setLineDash([4 * unit, 4 * unit]);
+    c.beginPath();
+    c.arc(0, 0, disc / 2, 0, 2 * Math.PI);
+    c.stroke();
+    c.setLineDash([]);
+  }
+  c.font = `600 ${12 * unit}px system-ui, sans-serif`;
+  c.textAlign = "center";
+  c.textBaseline = "middle";
+  c.fillStyle = "#93a1b1";
+  for (const [letter, azimuth] of COMPASS) {
+    const phi = (azimuth * Math.PI) / 180, r = disc + 10 * unit;
+    c.fillText(letter, -r * Math.cos(phi), -r * Math.sin(phi));
+  }
+}
+
+// The light's chroma at full brightness, sRGB.
+function colour(irradiance) {
+  const top = Math.max(...irradiance);
+  if (!(top > 0)) return "#222";
+  return `rgb(${irradiance.map((v) => Math.round(255 * Math.pow(Math.max(0, v / top), 1 / 2.2))).join(" ")})`;
+}

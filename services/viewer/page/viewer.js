@@ -1,0 +1,175 @@
+// The page: one websocket, whose messages go to the sky, the picture, the figures and the controls.
+
+import { Controls } from "/controls.js";
+import { Sky } from "/sky.js";
+
+const DISC = 1, PICTURE = 2; // first byte of a binary message; a JPEG follows
+const AGAIN_MS = 1000;
+const MEASURES = { // of a card: label, how it reads, and whether anything above 0 is bad news
+  age_ms: ["age", milliseconds, false], step_ms: ["step", milliseconds, false], dropped: ["dropped", whole, true],
+  skipped: ["skipped", whole, true], restarts: ["restarts", whole, true], refused: ["refused", whole, true],
+};
+const OWN = { // what only one service has to say
+  capture: { black: ["black", whole, false], saturated: ["saturated", whole, true], spoilt: ["spoilt", whole, true] },
+  sampler: { delay_ms: ["filter delay", milliseconds, false] },
+};
+const at = (id) => document.getElementById(id);
+const sky = new Sky(at("disc"), at("light-facts"));
+const controls = new Controls(notice);
+const notices = new Map();
+let picture = null, newest = null;
+
+function notice(about, text) {
+  text ? notices.set(about, text) : notices.delete(about);
+  at("notice").hidden = notices.size === 0;
+  at("notice").textContent = [...notices.values()].join(" · ");
+}
+
+function connect() {
+  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => notice("socket", "");
+  socket.onmessage = async ({ data }) => {
+    try {
+      const name = typeof data === "string" ? takeText(JSON.parse(data)) : await takePicture(new Uint8Array(data));
+      await new Promise(requestAnimationFrame); // a hidden page asks for nothing
+      if (socket.readyState === WebSocket.OPEN) socket.send(name);
+    } catch (error) {
+      notice("message", `This page could not show a message: ${error.message}`);
+    }
+  };
+  socket.onclose = () => {
+    notice("socket", "The viewer does not answer; trying again …");
+    say(at("overall"), "lost", "viewer lost");
+    document.body.classList.add("dim");
+    setTimeout(connect, AGAIN_MS);
+  };
+}
+
+// Text is a report, or a frame's lights. Returns the feed's name.
+function takeText(message) {
+  if (message.schema === "vemlight.lights/1") {
+    sky.take(message, performance.now());
+    at("sky-facts").textContent = `${message.lights.length} lights · frame ${message.sequence}`;
+    at("disc").setAttribute("aria-label", `The sky seen from below with ${message.lights.length} lights. ${at("light-facts").textContent}`);
+    return "lights";
+  }
+  newest = message;
+  document.body.classList.remove("dim");
+  controls.take(message);
+  showFigures(message);
+  showCards(message);
+  showCovers(message);
+  return "report";
+}
+
+async function takePicture(bytes) {
+  const image = await createImageBitmap(new Blob([bytes.subarray(1)], { type: "image/jpeg" }));
+  if (bytes[0] === DISC) {
+    sky.show(image);
+    count("disc");
+    return "disc";
+  }
+  if (bytes[0] !== PICTURE) throw new Error(`unknown kind ${bytes[0]}`);
+  const canvas = at("picture");
+  if (canvas.width !== image.width || canvas.height !== image.height) [canvas.width, canvas.height] = [image.width, image.height];
+  canvas.getContext("2d").drawImage(image, 0, 0);
+  picture?.close();
+  picture = image;
+  count("picture");
+  return "picture";
+}
+
+// How many have been shown, for whoever looks in from outside.
+function count(id) {
+  at(id).dataset.shown = Number(at(id).dataset.shown ?? 0) + 1;
+}
+
+function say(pill, state, words) {
+  if (pill.dataset.state !== state) pill.dataset.state = state;
+  if (pill.textContent !== words) pill.textContent = words;
+}
+
+function showFigures(report) {
+  const of = Object.fromEntries(report.services.map((row) => [row.service, row]));
+  at("rate").textContent = rate(of.renderer.rate_hz);
+  at("latency").textContent = milliseconds(of.renderer.age_ms, "");
+  at("delay").textContent = milliseconds(of.sampler.delay_ms, "");
+  at("missed").replaceChildren(...report.services.flatMap((row, k) => {
+    const missed = (row.dropped ?? 0) + (row.skipped ?? 0), number = document.createElement(missed ? "b" : "span");
+    number.textContent = whole(missed);
+    return [`${k ? " · " : ""}${row.service} `, number];
+  }));
+  at("scene-facts").textContent = of.renderer.sequence === undefined || of.renderer.sequence === null ? "" : `frame ${of.renderer.sequence}`;
+  if (report.wish.paused) return say(at("overall"), "paused", "paused");
+  const worst = ["silent", "stalled", "not heard", "starting"].find((state) => report.services.some((row) => row.state === state));
+  const culprit = report.services.find((row) => row.state === worst);
+  if (culprit) return say(at("overall"), worst, `${culprit.service}: ${culprit.words}`);
+  const finished = report.services.some((row) => row.state === "finished");
+  say(at("overall"), finished ? "finished" : "live", finished ? "finished" : report.mode === "lossless" ? "lossless" : "live");
+}
+
+function showCards(report) {
+  for (const row of report.services) {
+    const card = at(`card-${row.service}`) ?? newCard(row.service);
+    card.dataset.state = row.state;
+    say(card.querySelector(".pill"), row.state, row.words);
+    card.querySelector("output").textContent = rate(row.rate_hz);
+    for (const [key, [, text, isLoss]] of Object.entries({ ...MEASURES, ...OWN[row.service] })) {
+      const value = card.querySelector(`[data-key="${key}"]`);
+      value.textContent = text(row[key]);
+      value.classList.toggle("lost", isLoss && row[key] > 0);
+    }
+  }
+}
+
+function newCard(service) {
+  const card = at("card").content.cloneNode(true).firstElementChild;
+  card.id = `card-${service}`;
+  card.querySelector("h3").textContent = service;
+  for (const [key, [label]] of Object.entries({ ...MEASURES, ...OWN[service] })) {
+    const pair = document.createElement("div"), name = document.createElement("dt"), value = document.createElement("dd");
+    name.textContent = label;
+    value.dataset.key = key;
+    pair.append(name, value);
+    card.querySelector("dl").append(pair);
+  }
+  at("services").append(card);
+  return card;
+}
+
+// Over the pictures: what is awaited, or why the one below does not move.
+function showCovers(report) {
+  const of = Object.fromEntries(report.services.map((row) => [row.service, row]));
+  cover("sky", of.capture, Boolean(sky.image), report.wish.paused);
+  cover("scene", of.renderer, Boolean(picture), false);
+}
+
+function cover(id, row, hasFrame, paused) {
+  const line = at(`${id}-cover`), still = !["live", "finished"].includes(row.state);
+  line.hidden = hasFrame && !still && !paused;
+  line.classList.toggle("empty", !hasFrame);
+  line.dataset.state = hasFrame ? (still ? row.state : "paused") : "";
+  at(id).classList.toggle("dim", hasFrame && still);
+  if (!hasFrame) {
+    line.textContent = row.state === "not heard" ? `waiting for ${row.service} …` : `${row.service}: ${row.words} …`;
+  } else {
+    line.textContent = still ? `${row.service}: ${row.words}` : "paused: this frame is held";
+  }
+}
+
+function rate(value) {
+  return value === undefined ? "–" : value.toFixed(1);
+}
+
+function milliseconds(value, unit = " ms") {
+  if (value === undefined || value === null) return "–";
+  if (value >= 1e4 && unit) return `${(value / 1e3).toFixed(0)} s`;
+  return `${value < 9.95 ? value.toFixed(1) : value.toFixed(0)}${unit}`;
+}
+
+function whole(value) {
+  return value === undefined ? "–" : value.toLocaleString("en").replaceAll(",", "\u202f");
+}
+
+connect();

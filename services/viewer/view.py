@@ -1,0 +1,108 @@
+"""The viewer's process: hears the other services, serves the page, and says what the person wants."""
+
+import asyncio
+import contextlib
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import zmq
+import zmq.asyncio
+from aiohttp import web
+
+from services import wire
+from services.channels import FRAMES, QUEUE_FRAMES, STATUS_PERIOD_S, Service
+from services.files import BadInput
+from services.settings import Settings, Viewer
+from services.sockets import Wires, keep_admitting
+from services.tally import Tally
+from services.viewer.board import Board
+from services.viewer.gate import is_loopback
+from services.viewer.web import Site
+
+REPORT_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them
+TAKEN_AT_ONCE = 4 * QUEUE_FRAMES  # messages: more than the queues at both ends hold, and a flood cannot fill memory
+SHUTDOWN_S = 0.3  # for open streams, when told to stop
+
+
+async def view(settings: Settings, restarts: int) -> None:
+    """Runs until SIGTERM or SIGINT. Raises BadInput for sockets or a port that cannot be had."""
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    wires = Wires(settings.wire, zmq.asyncio.Context())
+    board = Board(settings, restarts)
+    runner = web.AppRunner(Site(board).app(), access_log=None, shutdown_timeout=SHUTDOWN_S)
+    tasks: list[asyncio.Task[Any]] = []
+    try:
+        publisher = wires.bind("viewer", "publish")
+        await _listen(runner, settings.viewer)
+        for service in FRAMES:
+            tasks.append(asyncio.create_task(hear(wires, service, board)))
+        tasks.append(asyncio.create_task(keep_admitting(publisher)))
+        tasks.append(asyncio.create_task(speak(publisher, board)))
+        tasks.append(asyncio.create_task(report(board)))
+        print(f"vemlight: {address(settings.viewer)}", flush=True)
+        tasks.append(asyncio.create_task(stop.wait()))
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()  # raises what ended it, if it was not the signal
+    finally:
+        for task in tasks:
+            task.cancel()
+        await runner.cleanup()
+        wires.close()
+
+
+async def _listen(runner: web.AppRunner, settings: Viewer) -> None:
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, settings.host, settings.port).start()
+    except OSError as error:
+        where = f"{settings.host}:{settings.port}"
+        reason = error.strerror or error
+        raise BadInput(f"{where}: the viewer cannot listen there ({reason}); stop what holds it or change [viewer] host, port") from error
+
+
+def address(settings: Viewer) -> str:
+    """Where the page is, and who can open it."""
+    if is_loopback(settings.host):
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        return f"the viewer is at http://{host}:{settings.port} (for this machine only)"
+    return f"the viewer is at http://{settings.host}:{settings.port} (for EVERYONE who reaches this machine over the network)"
+
+
+async def hear(wires: Wires, service: Service, board: Board) -> None:
+    """Takes all that waits from one service, and then again."""
+    socket = wires.subscribe(service, FRAMES[service], "status", "end")
+    while True:
+        waiting = [await socket.recv_multipart()]
+        with contextlib.suppress(zmq.Again):
+            while len(waiting) < TAKEN_AT_ONCE:
+                waiting.append(await socket.recv_multipart(zmq.NOBLOCK))
+        board.take(service, list(_unpacked(waiting, board.tally)))
+
+
+def _unpacked(waiting: list[list[bytes]], tally: Tally) -> Iterator[wire.Message]:
+    for parts in waiting:
+        try:
+            yield wire.unpack(parts)
+        except ValueError:
+            tally.refused += 1
+
+
+async def speak(publisher: Any, board: Board) -> None:
+    """Says the whole wish and the viewer's own status, twice a second, and the wish at once when it changes."""
+    while True:
+        await publisher.send_multipart(wire.pack(board.wish))
+        if status := board.status_due():
+            await publisher.send_multipart(wire.pack(status))
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(board.wished.wait(), STATUS_PERIOD_S)
+
+
+async def report(board: Board) -> None:
+    """Refreshes the page's figures."""
+    while True:
+        board.refresh()
+        await asyncio.sleep(REPORT_PERIOD_S)

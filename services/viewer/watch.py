@@ -1,0 +1,110 @@
+"""What the viewer has heard of each service, and its judgement: who works, who waits, who is silent. The clock is passed in."""
+
+from typing import Literal, NamedTuple, get_args
+
+from services import wire
+from services.channels import FRAMES, SILENT_S, UPSTREAM, Service
+
+# not heard: nothing yet. starting: a status but no frame yet. live: frames come. waiting: no frames because the service before it has none.
+# stalled: it speaks, and its frames stay away. silent: not even a status. finished: its stream has ended.
+State = Literal["not heard", "starting", "live", "waiting", "stalled", "silent", "finished"]
+STATES: tuple[State, ...] = get_args(State)
+HEALTHY: tuple[State, ...] = ("live", "finished")
+
+STALLED_S = 1.0  # `/healthz` shall be red within a second of a stalled stage
+STALLED_FRAMES = 3  # and a source slower than 3 Hz has missed two frames by then
+
+
+class Judgement(NamedTuple):
+    """A service's state, and the same in words for a person."""
+
+    state: State
+    words: str
+
+
+class Heard:
+    """The newest of what one service said, and when: monotonic seconds."""
+
+    def __init__(self) -> None:
+        self.status: wire.Status | None = None
+        self.status_s = 0.0
+        self.stamp: wire.Stamp | None = None
+        self.frame_s = 0.0
+        self.ended = False
+
+    def take(self, header: wire.Header, now_s: float) -> None:
+        match header:
+            case wire.Status():
+                self.status, self.status_s = header, now_s
+            case wire.Map() | wire.Lights() | wire.Image():
+                self.stamp, self.frame_s, self.ended = header.stamp, now_s, False
+            case wire.End():
+                self.ended = True
+
+    def age_ms(self) -> float | None:
+        """How long ago the light of its newest frame was seen: it grows while the service stands still."""
+        return None if self.stamp is None else wire.age_ms(self.stamp)
+
+
+class Losses:
+    """Frames of one producer that it published and that never came here.
+
+    Its status and its frames come through one socket in order, so between two statuses the frames it counts and those that came
+    must agree; what is missing was dropped on the way. Gaps in the frames' numbers would also count what it never made.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._before = 0  # dropped before the producer last began to count
+        self._first: int | None = None  # its count when this began
+        self._came = 0
+
+    def frame(self) -> None:
+        self._came += 1
+
+    def status(self, frames: int) -> None:
+        if self._first is None or frames < self._first + self._came:  # the first status, or it was started again
+            self._first, self._came, self._before = frames, 0, self.dropped
+        self.dropped = self._before + frames - self._first - self._came
+
+
+class Watch:
+    """The three services whose frames the viewer shows."""
+
+    def __init__(self, fps: float) -> None:
+        self.heard: dict[Service, Heard] = {service: Heard() for service in FRAMES}
+        self._fps = fps
+
+    def judge(self, now_s: float) -> dict[Service, Judgement]:
+        """One judgement for each service, in the frames' order."""
+        judged: dict[Service, Judgement] = {}
+        for service in self.heard:
+            upstream = UPSTREAM[service]
+            judged[service] = self._judge(service, now_s, upstream if upstream and judged[upstream].state != "live" else None)
+        return judged
+
+    def _judge(self, service: Service, now_s: float, blocked_by: Service | None) -> Judgement:
+        heard = self.heard[service]
+        if heard.ended:
+            return Judgement("finished", "the stream has ended")
+        if heard.status is None and heard.stamp is None:
+            return Judgement("not heard", "not heard yet")
+        step_s = (heard.status.step_ms or 0.0) / 1e3 if heard.status else 0.0
+        silent_s = now_s - max(heard.status_s, heard.frame_s)
+        if silent_s > max(SILENT_S, STALLED_FRAMES * step_s):  # it speaks between two steps, never within one
+            return Judgement("silent", f"silent for {_duration(silent_s)}")
+        if heard.stamp is None:
+            return Judgement("starting", f"waits for {blocked_by}" if blocked_by else "no frame yet")
+
+        late_s = now_s - heard.frame_s
+        if late_s <= max(STALLED_S, STALLED_FRAMES / self._fps, STALLED_FRAMES * step_s):
+            return Judgement("live", "live")
+        if blocked_by:
+            return Judgement("waiting", f"waits for {blocked_by}")
+        return Judgement("stalled", f"no frame for {_duration(late_s)}")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.0f} h"

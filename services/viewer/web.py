@@ -1,0 +1,190 @@
+"""The viewer's addresses: the page, its websocket, pictures for other programs, lights, health, metrics and control."""
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from services.files import BadInput
+from services.viewer.board import Board
+from services.viewer.feeds import Feed
+from services.viewer.gate import add_headers, gate
+from services.viewer.metrics import metrics
+
+PAGE = Path(__file__).parent / "page"
+FILES = {
+    "/": ("index.html", "text/html"),
+    "/viewer.css": ("viewer.css", "text/css"),
+    "/viewer.js": ("viewer.js", "text/javascript"),
+    "/sky.js": ("sky.js", "text/javascript"),
+    "/controls.js": ("controls.js", "text/javascript"),
+}
+MAX_PAGES = 64  # sockets and streams at once; each costs a task and at most one encoded frame on its way
+MAX_BODY = 4096  # bytes; a control has under 100
+MAX_WORD = 64  # bytes of a page's message: the name of a feed
+HEARTBEAT_S = 10.0  # a page that does not answer within half of it is let go
+STALLED_S = 10.0  # and a stream whose reader takes nothing for so long
+DISC, PICTURE = b"\x01", b"\x02"  # first byte of a binary message; a JPEG follows
+RETRY = {"Retry-After": "1"}
+
+
+class Site:
+    """The handlers, over one board."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._files = {path: (PAGE / name).read_bytes() for path, (name, _) in FILES.items()}
+        self._sockets: set[web.WebSocketResponse] = set()
+
+    def app(self) -> web.Application:
+        app = web.Application(middlewares=[gate(self._board.settings.viewer)], client_max_size=MAX_BODY)
+        app.on_response_prepare.append(add_headers)
+        app.on_shutdown.append(self._close_sockets)
+        app.add_routes(
+            [
+                web.get("/", self.page),
+                *(web.get(path, self.file) for path in FILES if path != "/"),
+                web.get("/favicon.ico", self.no_icon),
+                web.get("/ws", self.socket),
+                web.get("/snapshot.jpg", self.snapshot),
+                web.get("/stream.mjpg", self.stream),
+                web.get("/lights", self.lights),
+                web.get("/healthz", self.health),
+                web.get("/metrics", self.metrics),
+                web.post("/control", self.control),
+            ]
+        )
+        return app
+
+    async def page(self, request: web.Request) -> web.StreamResponse:
+        """The page; with `?action=snapshot` or `stream`, as mjpg-streamer has it, the picture."""
+        match request.query.get("action"):
+            case None:
+                return await self.file(request)
+            case "snapshot":
+                return await self.snapshot(request)
+            case "stream":
+                return await self.stream(request)
+        raise web.HTTPBadRequest(text="action: is snapshot or stream\n")
+
+    async def file(self, request: web.Request) -> web.Response:
+        return web.Response(body=self._files[request.path], content_type=FILES[request.path][1], charset="utf-8")
+
+    async def no_icon(self, _: web.Request) -> web.Response:
+        return web.Response(status=204)
+
+    async def snapshot(self, _: web.Request) -> web.Response:
+        number, jpeg = await self._board.picture.newest()
+        if not number:
+            return web.Response(status=503, text="no picture yet: the renderer has sent none\n", headers=RETRY)
+        return web.Response(body=jpeg, content_type="image/jpeg")
+
+    async def lights(self, _: web.Request) -> web.Response:
+        number, line = await self._board.lights.newest()
+        if not number:
+            return web.Response(status=503, text="no lights yet: the sampler has sent none\n", headers=RETRY)
+        return web.Response(body=line, content_type="application/json")
+
+    async def health(self, _: web.Request) -> web.Response:
+        report = self._board.summary()
+        status = 200 if report["healthy"] else 503
+        return web.Response(status=status, body=msgspec.json.encode(report), content_type="application/json")
+
+    async def metrics(self, _: web.Request) -> web.Response:
+        return web.Response(text=metrics(self._board.summary()), headers={"Content-Type": "text/plain; version=0.0.4; charset=utf-8"})
+
+    async def control(self, request: web.Request) -> web.Response:
+        """Takes a wish and answers with the whole one as it now stands."""
+        if request.content_type != "application/json":  # what a form on another page cannot send unasked
+            raise web.HTTPUnsupportedMediaType(text="control: send Content-Type: application/json\n")
+        try:
+            self._board.wish_for(await request.read())
+        except BadInput as error:
+            raise web.HTTPBadRequest(text=f"{error}\n") from error
+        return web.Response(body=msgspec.json.encode(self._board.wish), content_type="application/json")
+
+    async def stream(self, request: web.Request) -> web.StreamResponse:
+        """The pictures as motion JPEG; a reader that is slower than they come misses some."""
+        with self._counted():
+            response = web.StreamResponse(headers={"Content-Type": "multipart/x-mixed-replace; boundary=frame"})
+            await response.prepare(request)
+            await response.write(b"--frame\r\n")
+            number = 0
+            while True:
+                number, jpeg = await self._board.picture.after(number)
+                head = f"Content-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n".encode()
+                try:  # the boundary goes with the picture: browsers show a part when they see its end
+                    await asyncio.wait_for(response.write(head + jpeg + b"\r\n--frame\r\n"), STALLED_S)
+                except (TimeoutError, ConnectionError):
+                    return response
+
+    async def socket(self, request: web.Request) -> web.WebSocketResponse:
+        """To a page: reports and lights as text (JSON), disc and picture as binary (one byte that says which, then a JPEG).
+
+        Of each feed one message at most is on its way: the page names the feed when it has shown it, and only then the newest follows.
+        """
+        with self._counted():
+            socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_WORD, compress=False)
+            await socket.prepare(request)
+            board = self._board
+            feeds = {"report": board.report, "lights": board.lights, "disc": board.disc, "picture": board.picture}
+            shown, taken = set(feeds), asyncio.Event()
+            sender = asyncio.create_task(self._send(socket, feeds, shown, taken))
+            self._sockets.add(socket)
+            try:
+                async for message in socket:
+                    if message.type is not WSMsgType.TEXT or message.data not in feeds:
+                        await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"send the name of a feed")
+                        break
+                    shown.add(message.data)
+                    taken.set()
+            finally:
+                self._sockets.discard(socket)
+                sender.cancel()
+            return socket
+
+    async def _send(self, socket: web.WebSocketResponse, feeds: dict[str, Feed], shown: set[str], taken: asyncio.Event) -> None:
+        sent = dict.fromkeys(feeds, 0)
+        try:
+            while True:
+                ready = [name for name in feeds if name in shown and feeds[name].number > sent[name]]
+                if not ready:
+                    taken.clear()
+                    await _first_of(self._board.news.wait(), taken.wait())
+                for name in ready:
+                    shown.discard(name)
+                    sent[name], data = await feeds[name].newest()
+                    if name in ("disc", "picture"):
+                        await socket.send_bytes((DISC if name == "disc" else PICTURE) + data)
+                    else:
+                        await socket.send_str(data.decode())
+        except ConnectionError:
+            pass  # the page is gone
+
+    @contextmanager
+    def _counted(self) -> Iterator[None]:
+        """One more page. Raises HTTPServiceUnavailable when there are MAX_PAGES."""
+        board = self._board
+        if board.pages >= MAX_PAGES:
+            raise web.HTTPServiceUnavailable(text=f"{MAX_PAGES} pages are open already: close one\n", headers=RETRY)
+        board.pages += 1
+        try:
+            yield
+        finally:
+            board.pages -= 1
+
+    async def _close_sockets(self, _: web.Application) -> None:
+        for socket in list(self._sockets):
+            await socket.close(code=WSCloseCode.GOING_AWAY)
+
+
+async def _first_of(*awaitables) -> None:
+    tasks = [asyncio.ensure_future(each) for each in awaitables]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()

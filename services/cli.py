@@ -106,3 +106,94 @@ def render(source: Path, scene: Path | None, size: str, exposure: float, out: Pa
     from services.offline import write_pictures_of
 
     write_pictures_of(source, scene, size, exposure, out, **options)
+
+
+@main.command()
+@click.argument("maps", nargs=-1, required=True, metavar="MAP...")
+@click.option("--lens", type=EXISTING, required=True, help="Lens file of the camera to play.")
+@click.option("--response", type=EXISTING, help="Response file; left out: radiance instead of raw codes.")
+@click.option("--out", type=EXISTING, required=True, help="Folder for the frames and, beside them, the truth.")
+@click.option("--frames", type=click.IntRange(1), help="How many; left out: one for each map.")
+@click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), default=25.0, show_default=True)
+@click.option("--rotate", type=float, default=0.0, show_default=True, help="Degrees a frame, about the vertical.")
+@click.option("--noise", type=click.FloatRange(0), default=0.0, show_default=True, help="Noise in code steps (sigma).")
+@click.option("--exposure", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds, against mains flicker.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+def simulate(maps: tuple[str, ...], lens: Path, response: Path | None, out: Path, **options: Any) -> None:
+    """The virtual camera: lat-long maps (or a scene of its own: outdoor, interior) in, raw fisheye frames out."""
+    from services.capture.camera import simulate as take
+    from services.capture.lens import read_lens
+    from services.capture.response import read_response
+
+    take(
+        list(maps),
+        read_lens(lens),
+        read_response(response) if response else None,
+        out,
+        frames=options["frames"] or 0,
+        fps=options["fps"],
+        rotate_deg_per_frame=options["rotate"],
+        noise_codes=options["noise"],
+        exposure_s=options["exposure"],
+        seed=options["seed"],
+    )
+
+
+@main.command()
+@click.argument("frame", type=EXISTING)
+@click.option("--lens", type=EXISTING, required=True)
+@click.option("--response", type=EXISTING, help="Left out when the frame holds radiance.")
+@click.option("--out", type=EXISTING, required=True, help="MAP.exr")
+def polar(frame: Path, lens: Path, response: Path | None, out: Path) -> None:
+    """Make the polar map of one fisheye frame."""
+    from services.capture.source import polar_file
+
+    polar_file(frame, lens, response, out)
+
+
+@main.command()
+@click.argument("settings", type=EXISTING, required=False)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+def doctor(settings: Path | None, as_json: bool) -> None:
+    """Say what works on this machine; status 1 when something fails."""
+    import msgspec
+
+    from services.doctor import examine
+    from services.settings import read_settings
+
+    failed = False
+    for finding in examine(read_settings(settings)):
+        failed |= finding.grade == "fail"
+        if as_json:
+            click.echo(msgspec.json.encode(finding).decode())
+            continue
+        colour = {"pass": "green", "warn": "yellow", "fail": "red"}[finding.grade]
+        click.echo(f"{click.style(finding.grade, fg=colour)}  {finding.what}: {finding.found}")
+        if finding.mend:
+            click.echo(f"      -> {finding.mend}")
+    sys.exit(1 if failed else 0)
+
+
+@main.command()
+@click.argument("folder", type=EXISTING)
+def keys(folder: Path) -> None:
+    """Make the keys that the services of one installation share between hosts."""
+    from services.sockets import make_keys
+
+    make_keys(folder)
+    click.echo(f"keys are in {folder}: copy the folder to each host, keep it secret, and set [wire] keys to it")
+
+
+@main.command()
+@click.argument("service", type=click.Choice(["capture", "sampler", "renderer", "viewer"]))
+@click.argument("settings", type=EXISTING, required=False)
+def health(service: Any, settings: Path | None) -> None:
+    """Ask a running service whether it lives: status 0 when it says so, 1 when not."""
+    from services.health import check_health
+    from services.settings import read_settings
+
+    check_health(read_settings(settings), service)
+
+
+if __name__ == "__main__":
+    main()

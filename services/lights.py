@@ -82,12 +82,19 @@ def read_lights(path: Path) -> list[LightsRow]:
     return rows
 
 
-def write_lights(path: Path, rows: list[LightsRow]) -> None:
-    """Writes .json (exactly one frame) or .jsonl. Raises BadInput for another suffix or several frames in a .json."""
+def check_lights_path(path: Path, frames: int) -> None:
+    """Raises BadInput unless `frames` frames can be written there: .json holds exactly one, .jsonl any number."""
     if path.suffix not in (".json", ".jsonl"):
         raise BadInput(f"{path}: lights are written as .json or .jsonl; change the suffix")
-    if path.suffix == ".json" and len(rows) != 1:
-        raise BadInput(f"{path}: a .json holds one frame and there are {len(rows)}; name it .jsonl")
+    if path.suffix == ".json" and frames != 1:
+        raise BadInput(f"{path}: a .json holds one frame and there are {frames}; name it .jsonl")
+    if not path.resolve().parent.is_dir():
+        raise BadInput(f"{path}: there is no such folder; make it first")
+
+
+def write_lights(path: Path, rows: list[LightsRow]) -> None:
+    """Writes .json (exactly one frame) or .jsonl. Raises BadInput for another suffix or several frames in a .json."""
+    check_lights_path(path, len(rows))
     with written_whole(path) as part:
         part.write_bytes(b"".join(lights_json(row) + b"\n" for row in rows))
 

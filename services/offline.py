@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from services import settings
-from services.capture.source import Frame, open_source
+from services.capture.source import Frame, Source, open_source
 from services.files import BadInput
 from services.images import write_exr, write_png
-from services.lights import Lights, lights_row, write_lights
+from services.lights import Lights, check_lights_path, lights_row, write_lights
 from services.sampler.step import initial_state, step
 from services.settings import record
 
@@ -22,8 +22,8 @@ class Lit(NamedTuple):
     lights: Lights
 
 
-def lit_frames(source: Path, options: dict[str, Any]) -> Iterator[Lit]:
-    """The lights of every frame of `source`, in order; `options` as on the command line.
+def opened(source: Path, options: dict[str, Any]) -> tuple[Source, settings.Sampler]:
+    """The frames of `source` and how to sample them; `options` as on the command line.
 
     Raises BadInput for options or files that cannot be used.
     """
@@ -31,7 +31,11 @@ def lit_frames(source: Path, options: dict[str, Any]) -> Iterator[Lit]:
     capturing |= {"source": str(source.resolve()), "rows": 180 if options["coverage"] == "sphere" else None}
     frames = open_source(record(settings.Capture, capturing, "--"))
     filtering = options["filter_"] or (None if len(frames) > 1 else "none")
-    sampling = record(settings.Sampler, {"count": options["count"], "method": options["method"], "filter": filtering}, "--")
+    return frames, record(settings.Sampler, {"count": options["count"], "method": options["method"], "filter": filtering}, "--")
+
+
+def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
+    """The lights of every frame, in order. Raises BadInput for a frame that cannot be read."""
     state = initial_state(sampling)
     for k in range(len(frames)):
         frame = frames.frame(k)
@@ -40,9 +44,11 @@ def lit_frames(source: Path, options: dict[str, Any]) -> Iterator[Lit]:
 
 
 def write_lights_of(source: Path, out: Path, **options: Any) -> None:
-    """Writes the lights of each frame of `source` to `out`."""
-    rows = [lights_row(lit.lights, k, lit.frame.time_s, lit.frame.coverage) for k, lit in enumerate(lit_frames(source, options))]
-    write_lights(out, rows)
+    """Writes the lights of each frame of `source` to `out`. Raises BadInput before any work for an `out` that cannot hold them."""
+    frames, sampling = opened(source, options)
+    check_lights_path(out, len(frames))
+    lit = lit_frames(frames, sampling)
+    write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights) in enumerate(lit)])
 
 
 def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: float, out: Path, **options: Any) -> None:
@@ -58,15 +64,15 @@ def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: flo
     if not (width.isdecimal() and height.isdecimal()):
         raise BadInput(f"--size {size}: is not WIDTHxHEIGHT; write it as 640x480")
     wanted = record(settings.Renderer, {"width": int(width), "height": int(height), "exposure": exposure}, "--")
+    frames, sampling = opened(source, options)
     renderer = Renderer(load_scene(scene), wanted, FILE_SAMPLES)
     try:
         adaptation, before_s = None, 0.0
-        lit = list(lit_frames(source, options))
-        for k, (frame, lights) in enumerate(lit):
+        for k, (frame, lights) in enumerate(lit_frames(frames, sampling)):
             picture = renderer.render(lights)
             adaptation = adapt(adaptation, picture, max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
-            path = out if len(lit) == 1 else out.with_stem(f"{out.stem}_{k:04d}")
+            path = out if len(frames) == 1 else out.with_stem(f"{out.stem}_{k:04d}")
             _write(path, picture, tone_mapped(picture, adaptation, exposure))
     finally:
         renderer.release()

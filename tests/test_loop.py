@@ -26,7 +26,7 @@ def run_chain(services, path: Path, out: Path, kills=()) -> None:
         os.kill(running[name].pid, signal.SIGKILL)
         assert running[name].wait() == -signal.SIGKILL, f"{name} had ended before it could be killed"
         running[name] = services.start(f"services.{name}", str(path))
-    output, errors = running["renderer"].communicate(timeout=LOADED_S)
+    _, errors = running["renderer"].communicate(timeout=LOADED_S)
     assert running["renderer"].returncode == 0, errors.decode()
     for name in ("capture", "sampler"):
         running[name].send_signal(signal.SIGTERM)

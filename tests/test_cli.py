@@ -1,0 +1,146 @@
+"""Wrong input to the command: status 2 and one line that says what, where and how to mend it."""
+
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.images import write_exr
+from services.lights import read_lights
+from services.sphere import latlong_directions
+
+LENS = """
+size = [32, 16]
+f = [5.0, 5.0]
+c = [15.5, 7.5]
+k1 = 0.0
+k2 = 0.0
+k3 = 0.0
+k4 = 0.0
+rim_deg = 90.0
+"""
+
+
+def vemlight(*arguments: object, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    import os
+
+    return subprocess.run(
+        [sys.executable, "-m", "services.cli", *map(str, arguments)],
+        capture_output=True, text=True, timeout=120, cwd=cwd, env={**os.environ, **environment},
+    )  # fmt: skip
+
+
+def refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
+    assert done.returncode == 2, done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    for word in words:
+        assert word in lines[0], lines[0]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    image = np.full((16, 32, 3), 0.5, np.float32)
+    for k in range(3):
+        write_exr(tmp_path / f"f_{k:04d}.exr", image)
+    return tmp_path
+
+
+def test_truncated_exr(folder):
+    whole = (folder / "f_0001.exr").read_bytes()
+    (folder / "f_0001.exr").write_bytes(whole[: len(whole) // 2])
+    refused(vemlight("lights", folder, "--out", folder / "l.jsonl"), "f_0001.exr", "truncated")
+    assert not (folder / "l.jsonl").exists()
+
+
+def test_gap_in_the_numbering(folder):
+    (folder / "f_0001.exr").unlink()
+    refused(vemlight("lights", folder, "--out", folder / "l.jsonl"), "0001", "missing")
+
+
+def test_lens_file_with_a_missing_key(folder):
+    lens = folder / "lens_bad.toml"
+    lens.write_text(LENS.replace("f = [5.0, 5.0]\n", ""))
+    refused(vemlight("polar", folder / "f_0000.exr", "--lens", lens, "--out", folder / "m.exr"), "lens_bad.toml", "`f`")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("colour = 3", ("colour",)),
+        ("[sampler]\ncount = 0", ("count",)),
+        ("[sampler]\nmethod = 'best'", ("method",)),
+        ("[wire]\ntransport = 'tcp'", ("keys",)),
+        ("mode = 'lossless'\n[capture]\nsource = '/dev/video0'", ("/dev/video0", "live")),
+        ("[viewer\n", ("TOML",)),
+        ("[capture]\nsource = 'nowhere'", ("nowhere",)),
+    ],
+)
+def test_unusable_settings(text, words, tmp_path):
+    file = tmp_path / "wrong.toml"
+    file.write_text(text)
+    refused(vemlight("capture", file), *words)
+
+
+def test_scene_that_names_a_mesh_that_is_not_there(folder):
+    scene = folder / "scene.toml"
+    scene.write_text('[camera]\nfrom = [3.0, -4.0, 2.5]\nat = [0.0, 0.0, 0.6]\nfov_y = 40.0\n[[mesh]]\nfile = "ghost.obj"\n')
+    done = vemlight("render", folder / "f_0000.exr", "--scene", scene, "--size", "32x24", "--out", folder / "p.png")
+    refused(done, "scene.toml", "ghost.obj")
+
+
+def test_port_in_use(tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        (tmp_path / "sockets").mkdir(mode=0o700)
+        (tmp_path / "v.toml").write_text(f"[viewer]\nport = {port}\n[wire]\nfolder = 'sockets'\n")
+        refused(vemlight("viewer", tmp_path / "v.toml"), str(port))
+
+
+def test_no_gl(folder):
+    nowhere = {"LIBGL_DRIVERS_PATH": "/none", "__EGL_VENDOR_LIBRARY_FILENAMES": "/none", "EGL_PLATFORM": "surfaceless"}
+    done = vemlight("render", folder / "f_0000.exr", "--size", "32x24", "--out", folder / "p.png", **nowhere)
+    refused(done, "OpenGL", "apt-get install")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("lights", "nothing.hdr", "--out", "l.json"), ("nothing.hdr",)),
+        (("lights", "f_0000.exr", "--out", "l.txt"), ("l.txt", ".jsonl")),
+        (("lights", ".", "--out", "l.json"), ("l.json", ".jsonl")),
+        (("lights", "f_0000.exr", "--method", "best", "--out", "l.json"), ("--method", "havran-azimuth")),
+        (("lights", "f_0000.exr", "--out", "no/folder/l.json"), ("no/folder",)),
+        (("render", "f_0000.exr", "--size", "large", "--out", "p.png"), ("--size", "640x480")),
+        (("render", "f_0000.exr", "--out", "p.gif"), ("p.gif", ".png")),
+        (("run", "absent.toml"), ("absent.toml",)),
+    ],
+)
+def test_unusable_arguments(arguments, words, folder):
+    refused(vemlight(*arguments, cwd=folder), *words)
+
+
+def test_lights_of_one_lit_pixel_point_at_it(tmp_path):
+    """The light's direction is right to a pixel's width, here 180 / 64 degrees."""
+    image = np.zeros((64, 128, 3), np.float32)
+    image[13, 90] = (3.0, 2.0, 1.0)
+    write_exr(tmp_path / "spot.exr", image)
+    done = vemlight("lights", tmp_path / "spot.exr", "--count", 1, "--out", tmp_path / "l.json")
+    assert done.returncode == 0, done.stderr
+    (row,) = read_lights(tmp_path / "l.json")
+    lights = row.arrays()
+    towards = latlong_directions(64, 128)[13, 90]
+    assert np.degrees(np.arccos(np.clip(lights.directions[0] @ towards, -1, 1))) < 180 / 64
+
+
+def test_help_loads_neither_numba_nor_cv2():
+    loaded = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "services.cli", "--help"], capture_output=True, text=True, timeout=60
+    )
+    assert "Usage" in loaded.stdout
+    assert not {"numba", "cv2", "numpy", "moderngl"} & {line.rsplit("|", 1)[-1].strip() for line in loaded.stderr.splitlines()}

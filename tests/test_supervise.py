@@ -1,0 +1,160 @@
+"""`vemlight run`: starts, watches, restarts, and leaves nothing behind."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+import zmq
+
+from services import wire
+from services.lights import read_lights
+from services.settings import Settings
+from services.sockets import Wires
+from services.supervise import GIVE_UP, RUN_FOLDER
+from tests.conftest import LOADED_S, wait_until
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def children(pid: int) -> dict[str, int]:
+    """Service -> process id of the services that `pid` started."""
+    found = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdecimal():
+            try:
+                parent = int(re.search(r"PPid:\s*(\d+)", (folder / "status").read_text())[1])  # type: ignore[index]
+                command = (folder / "cmdline").read_bytes().decode().split("\0")
+            except OSError:
+                continue
+            if parent == pid and "-m" in command:
+                found[command[command.index("-m") + 1].removeprefix("services.")] = int(folder.name)
+    return found
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+class Ear:
+    """Hears what the services of a run say."""
+
+    def __init__(self, settings: Settings, *kinds: str) -> None:
+        self._wires = Wires(settings.wire)
+        self._sockets = [self._wires.subscribe(service, *kinds) for service in ("sampler", "renderer")]
+
+    def next(self, kind: type, true=lambda header: True):
+        until = time.monotonic() + LOADED_S
+        while time.monotonic() < until:
+            for found in zmq.select(self._sockets, [], [], 0.2)[0]:
+                header, _ = wire.unpack(found.recv_multipart())
+                if isinstance(header, kind) and true(header):
+                    return header
+        raise AssertionError(f"no such {kind.__name__} within {LOADED_S} s")
+
+    def close(self) -> None:
+        self._wires.close()
+
+
+@pytest.fixture
+def run(services, make_settings):
+    """Starts `vemlight run` on small settings; gives the settings and the process."""
+
+    def start(*options: str, **sections) -> tuple[Settings, subprocess.Popen[bytes]]:
+        settings, path = make_settings(viewer={"port": free_port()}, **sections)
+        return settings, services.start("services.cli", "run", str(path), *options)
+
+    return start
+
+
+def no_run_folder(pid: int) -> bool:
+    return not (Path(tempfile.gettempdir()) / f"{RUN_FOLDER}{pid}").exists()
+
+
+def test_a_run_with_an_end_writes_everything_and_leaves_nothing(run, tmp_path):
+    settings, process = run("--frames", "5", "--out", str(tmp_path / "out"))
+    output, errors = process.communicate(timeout=LOADED_S)
+    assert process.returncode == 0, errors.decode()
+    assert f"http://127.0.0.1:{settings.viewer.port}" in output.decode()
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {f"frame_{k:04d}.{kind}" for k in range(5) for kind in ("exr", "png")} | {
+        "lights.jsonl",
+        "manifest.jsonl",
+        "contact.png",
+    }
+    assert [row.sequence for row in read_lights(tmp_path / "out" / "lights.jsonl")] == list(range(5))
+    assert not list(Path(settings.wire.folder).iterdir())
+    assert no_run_folder(process.pid)
+
+
+def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run):
+    settings, process = run()
+    ear = Ear(settings, "lights", "image", "status")
+    try:
+        ear.next(wire.Image)
+        before = children(process.pid)
+        assert before.keys() == {"capture", "sampler", "renderer", "viewer"}
+        for service, kind in (("sampler", wire.Lights), ("renderer", wire.Image)):
+            os.kill(before[service], signal.SIGKILL)
+            ear.next(wire.Status, lambda status, service=service: status.service == service and status.restarts == 1)
+            ear.next(kind)
+        after = children(process.pid)
+        assert {name for name in after if after[name] != before[name]} == {"sampler", "renderer"}
+    finally:
+        ear.close()
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=10)
+    assert process.returncode == 0
+    assert "sampler was killed by SIGKILL; restart 1" in errors.decode()
+    assert not any(is_running(pid) for pid in after.values())
+    assert not list(Path(settings.wire.folder).iterdir())
+
+
+def test_no_orphan_when_the_supervisor_itself_is_killed(run):
+    settings, process = run()
+    ear = Ear(settings, "status")
+    try:
+        ear.next(wire.Status)
+    finally:
+        ear.close()
+    started = children(process.pid)
+    process.kill()
+    process.wait()
+    wait_until(lambda: not any(is_running(pid) for pid in started.values()), "the end of the services", 10)
+
+
+def test_what_a_service_cannot_use_ends_the_run_with_its_line(run):
+    _, process = run(renderer={"scene": "nowhere.toml"})
+    _, errors = process.communicate(timeout=LOADED_S)
+    assert process.returncode == 2
+    assert len(errors.decode().strip().splitlines()) == 1
+    assert "nowhere.toml" in errors.decode()
+
+
+def test_a_service_that_dies_again_and_again_is_given_up(run):
+    _, process = run()
+    killed: set[int] = set()
+
+    def kill_the_sampler() -> bool:
+        pid = children(process.pid).get("sampler")
+        if pid and pid not in killed:
+            os.kill(pid, signal.SIGKILL)
+            killed.add(pid)
+        return process.poll() is not None
+
+    wait_until(kill_the_sampler, "the end of the run")
+    assert process.returncode == 1
+    assert len(killed) == GIVE_UP
+    assert f"sampler died {GIVE_UP} times" in process.communicate()[1].decode()

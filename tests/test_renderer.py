@@ -94,7 +94,7 @@ def test_a_boxs_shadow_ends_where_geometry_says(tmp_path, theta, shadow_map):
         line = image[row, :, 0] / image[row, -1, 0]
         edge = 256 + np.flatnonzero(line[256:] < 0.5).max() + 1
         found = (edge - 256) * pixel
-        # the map spans the box: at most its half diagonal sqrt(0.75) m to either side, in tile - 4 texels; 1 / cos(theta) wider on the ground
+        # the map spans the box: at most its half diagonal sqrt(0.75) m a side, in tile - 4 texels, 1 / cos(theta) wider on ground
         texel = 2 * np.sqrt(0.75) / (shadow_map - 4) / np.cos(theta)
         assert found == pytest.approx(0.5 + np.tan(theta), abs=1.5 * texel + pixel)
 

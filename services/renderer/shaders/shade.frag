@@ -16,7 +16,7 @@ uniform sampler2D surface_specular;
 uniform sampler2D atlas;
 layout(location = 0) out vec4 radiance;
 
-const float BIAS = 0.3;  // texels: what a surface may rise above its tangent plane within a texel
+const float BIAS = 1.0;  // texels: what a surface may rise above its tangent plane within a texel
 const float STEEPEST = 0.03;  // cosine at which the plane's slope is held; a light so low gives 3 % of its power at most
 
 // Share of a light that reaches a point: the four nearest texels compared with the receiver's plane there, weighted bilinearly

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from services.sampler import filter
 from services.sampler.filter import EMPTY, Frame, filtered
+from services.sampler.taps import taps_from_settings
+from services.settings import Sampler
 
-TAPS = filter.taps("fir2005")
+PAPER = Sampler(filter="fir2005")
+TAPS = taps_from_settings(PAPER, 25.0)
 UP = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
 
 
@@ -13,10 +15,10 @@ def frame(time_s, power=1.0, light: ArrayLike = UP):
     return Frame(time_s, np.full(3, float(power)), np.array(light, float).reshape(-1, 6))
 
 
-def run(frames, taps=TAPS):
+def run(frames, settings=PAPER):
     memory, out = EMPTY, []
     for one in frames:
-        memory, result, _ = filtered(taps, memory, one)
+        memory, result, _, _ = filtered(settings, memory, one, 0.0)
         out.append(result)
     return out, memory
 
@@ -53,8 +55,8 @@ def test_light_switched_off_keeps_its_energy_and_is_never_negative():
 
 
 def test_the_delay_is_half_the_order():
-    memory, _, _ = filtered(TAPS, EMPTY, frame(0.0))
-    _, _, delay_s = filtered(TAPS, memory, frame(0.04))
+    memory, _, _, _ = filtered(PAPER, EMPTY, frame(0.0), 0.0)
+    _, _, delay_s, _ = filtered(PAPER, memory, frame(0.04), 0.0)
     assert delay_s == pytest.approx(0.16)
 
 
@@ -92,11 +94,11 @@ def test_directions_never_vanish_nor_sink_below_the_horizon():
 
 
 def test_new_lights_begin_where_they_are_and_others_stay():
-    memory, before, _ = filtered(TAPS, EMPTY, frame(0.0, 1.0, [UP]))
+    memory, before, _, _ = filtered(PAPER, EMPTY, frame(0.0, 1.0, [UP]), 0.0)
     side = np.array([1.0, 0, 0, 0.5, 0.5, 0.5])
-    memory, out, _ = filtered(TAPS, memory, frame(0.04, 1.0, [UP, side]))
+    memory, out, _, _ = filtered(PAPER, memory, frame(0.04, 1.0, [UP, side]), 0.0)
     np.testing.assert_allclose(out.lights, [UP, side], atol=1e-12)
-    _, out, _ = filtered(TAPS, memory, frame(0.08, 1.0, [UP]))
+    _, out, _, _ = filtered(PAPER, memory, frame(0.08, 1.0, [UP]), 0.0)
     np.testing.assert_allclose(out.lights, before.lights, atol=1e-12)
 
 
@@ -104,10 +106,10 @@ def test_memory_does_not_grow_and_old_memories_stay_valid():
     memory = EMPTY
     for k in range(200):
         old, now = memory, frame(k / 25, 1 + k % 3)
-        memory, first, _ = filtered(TAPS, old, now)
-        again = filtered(TAPS, old, now)[1]
+        memory, first, _, _ = filtered(PAPER, old, now, 0.0)
+        again = filtered(PAPER, old, now, 0.0)[1]
         np.testing.assert_array_equal(first.power, again.power)
         assert len(memory.frames) <= 11
     for k in range(200):  # a burst of frames in the time of one
-        memory, _, _ = filtered(TAPS, memory, frame(8 + k * 1e-4))
+        memory, _, _, _ = filtered(PAPER, memory, frame(8 + k * 1e-4), 0.0)
         assert len(memory.frames) <= 50

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from services.lights import Lights
-from services.sampler import filter
+from services.sampler import cluster, control, filter, flicker
 from services.sampler.density import LightMap, light_map
 from services.sampler.points import points
 from services.sampler.warp import warp_from_map
@@ -13,68 +13,133 @@ from services.settings import Sampler
 from services.sphere import Coverage
 
 SEAM_TIME_S = 0.12  # the cut of the square follows the light with this time constant: three frames at 25 fps, against pixel noise
+LOWEST: dict[Coverage, float] = {"hemisphere": 0.0, "sphere": -1.0}  # z of the directions that a filter may give
 
 
 class State(NamedTuple):
-    """What the sampler remembers between frames."""
+    """What the sampler remembers between frames.
+
+    time_s: of the last frame, None before the first. seam: azimuth of the square's cut, rad. presence: (n,), how far each light has come.
+    need: lights that the scene needs. can: lights that the renderer can draw.
+    """
 
     coverage: Coverage
-    raw: filter.Frame | None  # the last frame's lights before filtering
-    seam: float | None  # azimuth of the square's cut, rad
-    memory: filter.Memory
+    time_s: float | None
+    seam: float | None
+    filter: filter.Memory
+    flicker: flicker.Flicker
+    presence: np.ndarray
+    need: control.Need | None
+    can: float
+    clusters: cluster.Clusters
 
 
 class Report(NamedTuple):
     """What is published beside the lights.
 
     delay_frames, delay_s: how far the filter lags behind the capture. spoilt: pixels in which a nan, infinite or negative value was
-    set to 0. irradiance: (3,) float64, the map's integral over solid angle.
+    set to 0. irradiance: (3,) float64, the map's integral over solid angle. count: lights wanted before clustering; need, can: what the
+    scene needs and the renderer can draw, 0 where not asked. flicker_hz: beat of lamps with the frame rate, lamp_hz: their own frequency,
+    flicker_depth: amplitude over mean; all 0 when there is none. fine: the second light set, many and weak, of which the first (before
+    clustering) is the beginning with more power; None when not asked for.
     """
 
     delay_frames: float
     delay_s: float
     spoilt: int
     irradiance: np.ndarray
+    count: int
+    need: int
+    can: int
+    flicker_hz: float
+    lamp_hz: float
+    flicker_depth: float
+    fine: Lights | None
 
 
 def initial_state(settings: Sampler) -> State:
     """The state before the first frame."""
-    return State("hemisphere", None, None, filter.EMPTY)
+    return State("hemisphere", None, None, filter.EMPTY, flicker.NONE, np.zeros(0), None, float(settings.count), cluster.NONE)
 
 
-def step(settings: Sampler, state: State, radiance: np.ndarray, coverage: Coverage, time_s: float) -> tuple[State, Lights, Report]:
+def step(
+    settings: Sampler, state: State, radiance: np.ndarray, coverage: Coverage, time_s: float, render_ms: float | None = None
+) -> tuple[State, Lights, Report]:
     """The lights of a polar map captured at `time_s`.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. The irradiance of the lights sums to the map's
-    integral in every channel; with a filter the same holds for the filtered integral. Settings may change from call to call.
+    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. render_ms: time of the renderer's last picture, None when
+    there is no new one. The irradiance of the lights sums to the map's integral in every channel; with a filter (or with flicker taken
+    out) to the filtered integral. Settings may change from call to call.
     """
-    if state.raw is None or coverage != state.coverage:
+    if coverage != state.coverage:
         state = initial_state(settings)._replace(coverage=coverage)
     light = light_map(radiance, coverage)
-    raw, seam = _raw(settings, state, light, time_s)
-    memory, frame, delay_s = filter.filtered(filter.taps(settings.filter), state.memory, raw)
-    weights = np.full(len(raw.lights), 1 / len(raw.lights))
-    lights = Lights.of(np.arange(len(weights)), frame.lights[:, :3], irradiance(weights, frame.lights[:, 3:], frame.power))
-    delay_frames = float(len(filter.taps(settings.filter)) // 2)
-    return State(coverage, raw, seam, memory), lights, Report(delay_frames, delay_s, light.spoilt, light.irradiance)
+    beat = flicker.with_frame(state.flicker, time_s, light.power)
+    drawn, seam = _drawn(settings, state, light, time_s)
+    power = light.irradiance / beat.excess if settings.deflicker else light.irradiance
+    smooth = filter.filtered(settings, state.filter, filter.Frame(time_s, power, drawn), LOWEST[coverage])
+    state, wanted = _counted(settings, state, light, drawn, time_s, render_ms)
+    lights = _lights(state.presence, smooth.frame)
+    clusters = cluster.NONE
+    if settings.clusters:
+        most = min(settings.clusters, int(state.can)) if settings.frame_ms else settings.clusters
+        clusters, lights = cluster.clustered(lights, most, coverage, state.clusters)
+    report = Report(
+        delay_frames=smooth.delay_s / smooth.period_s if smooth.period_s else 0.0,
+        delay_s=smooth.delay_s,
+        spoilt=light.spoilt,
+        irradiance=light.irradiance,
+        count=wanted,
+        need=state.need.count if state.need else 0,
+        can=int(state.can) if settings.frame_ms else 0,
+        flicker_hz=beat.beat_hz,
+        lamp_hz=beat.lamp_hz,
+        flicker_depth=beat.depth,
+        fine=_lights(np.ones(settings.fine), smooth.frame) if settings.fine else None,
+    )
+    return state._replace(time_s=time_s, seam=seam, filter=smooth.memory, flicker=beat, clusters=clusters), lights, report
 
 
-def _raw(settings: Sampler, state: State, light: LightMap, time_s: float) -> tuple[filter.Frame, float | None]:
-    """This frame's lights before filtering, and where the square's cut lies now. A black frame leaves the lights where they were."""
-    n = settings.count
-    if light.power == 0 and state.raw is not None and len(state.raw.lights) == n:
-        return filter.Frame(time_s, light.irradiance, state.raw.lights), state.seam
+def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> tuple[np.ndarray, float | None]:
+    """This frame's lights before filtering, (n, 6) direction and tint, and where the square's cut lies now."""
     warp = warp_from_map(light, settings.method)
     seam = warp.seam
-    if seam is not None and state.seam is not None and state.raw is not None:
-        gain = 1 - np.exp(-max(time_s - state.raw.time_s, 0.0) / SEAM_TIME_S)
+    if seam is not None and state.seam is not None and state.time_s is not None:
+        gain = 1 - np.exp(-max(time_s - state.time_s, 0.0) / SEAM_TIME_S)
         seam = (state.seam + gain * ((seam - state.seam + np.pi) % (2 * np.pi) - np.pi)) % (2 * np.pi)
         warp = warp.with_seam(seam)
-    samples = warp.sample(points(n))
+    # All lights that may be asked for, present or not, so that each has its history in the filter when it comes.
+    samples = warp.sample(points(max(settings.count, settings.fine, len(state.presence)), settings.points))
     # Tint: what a light carries beside the average light, in each channel: (radiance / density) / integral.
     tint = samples.radiance / samples.density[:, None]
     tint /= np.where(light.irradiance > 0, light.irradiance, 1.0)
-    return filter.Frame(time_s, light.irradiance, np.concatenate([samples.directions, tint], axis=1)), seam
+    return np.concatenate([samples.directions, tint], axis=1), seam
+
+
+def _counted(
+    settings: Sampler, state: State, light: LightMap, drawn: np.ndarray, time_s: float, render_ms: float | None
+) -> tuple[State, int]:
+    """The state with the number of lights brought up to date, and the number wanted."""
+    wanted, need, can = settings.count, None, float(settings.count)
+    if settings.error_percent:
+        count = control.need(light, drawn[: settings.count, :3], drawn[: settings.count, 3:], settings.error_percent / 100)
+        need = control.held(state.need, count, time_s)
+        wanted = min(wanted, need.count)
+    if settings.frame_ms:
+        can = min(state.can, can)
+        if render_ms is not None:
+            shown = len(np.unique(state.clusters.labels)) if settings.clusters else len(state.presence)
+            can = min(control.can(can, shown, render_ms, settings.frame_ms), float(settings.count))
+        if not settings.clusters:
+            wanted = min(wanted, int(can))
+    passed_s = None if state.time_s is None else time_s - state.time_s
+    return state._replace(presence=control.faded(state.presence, wanted, passed_s), need=need, can=can), wanted
+
+
+def _lights(weights: np.ndarray, frame: filter.Frame) -> Lights:
+    """The first lights of a frame with the given weights (n,)."""
+    n = len(weights)
+    return Lights.of(np.arange(n), frame.lights[:n, :3], irradiance(weights, frame.lights[:n, 3:], frame.power))
 
 
 def irradiance(weights: np.ndarray, tint: np.ndarray, power: np.ndarray) -> np.ndarray:

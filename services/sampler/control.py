@@ -1,0 +1,152 @@
+"""How many lights: what the scene needs, what the renderer can, and how lights come and go without a step.
+
+Need: the smallest number of lights, counted from the first, whose irradiance stays within an error of the map's own over a fixed set
+of probes. The error is relative to what each probe itself receives (and to 5 % of the mean, in the dark): in the shadow of a strong
+sun the few lights left for the sky must do, which is why a sunlit yard needs more lights than an overcast sky.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from services.sampler.density import LightMap
+from services.sampler.probes import probes, seen
+from services.sphere import LUMINANCE, Coverage, cell_directions, cell_solid_angles
+
+PROBES = 96  # the error's own uncertainty is 1 / sqrt(2 x 96) = 7 %, about a third of a step of the ladder
+ROWS, COLS = 30, 120  # the map is judged in blocks of 3 degrees, but for its HOT cells
+HOT = 1 / 512  # of the power: cells above it are judged where they are, since a sun's shadow is sharper than a block
+DARKEST = 0.05  # of the mean irradiance
+HOLD_S = 1.0  # the need falls only when it has been lower for so long
+FADE_S = 0.2  # in which a light comes or goes: five frames at 25 fps
+SPARE = 0.85  # of the renderer's time: between this and all of it nothing is changed
+GAIN = 0.2  # share of the error in the logarithm that one picture corrects; above 0.22 a loop with 3 pictures of delay would swing
+GROWTH = 1.03  # a picture, while the renderer has time to spare
+
+
+class Need(NamedTuple):
+    """count: the largest need lately. since_s: when it was seen last."""
+
+    count: int
+    since_s: float
+
+
+def ladder(most: int) -> np.ndarray:
+    """The numbers of lights that are tried: steps of a fourth of an octave (19 %) from 4, and `most` itself."""
+    steps = 4 * 2 ** (np.arange(64) / 4)
+    return np.append(np.unique(np.rint(steps[steps < most - 0.5]).astype(np.int64)), most)
+
+
+def need(light: LightMap, directions: np.ndarray, tint: np.ndarray, error: float) -> int:
+    """The smallest number on the ladder that, as every larger one, keeps within `error` (0.1: ten per cent), or all of them.
+
+    directions, tint: (n, 3), the lights of this map before filtering, in their order.
+    """
+    if light.power <= 0:
+        return 1
+    errors = prefix_errors(light, directions, tint)
+    good = np.maximum.accumulate(errors[::-1])[::-1] <= error
+    sizes = ladder(len(directions))
+    return int(sizes[good.argmax()] if good.any() else sizes[-1])
+
+
+def prefix_errors(light: LightMap, directions: np.ndarray, tint: np.ndarray) -> np.ndarray:
+    """Relative error of the irradiance at the probes for each number of lights on the ladder, RMS over the probes."""
+    rows, cols = light.importance.shape
+    responses, directions_of_cells, solid_angles, block_row, block_col = _responses(rows, cols, light.coverage)
+    at = probes(PROBES, light.coverage)
+    truth = np.zeros(PROBES)
+    blocks = np.zeros(responses.shape[0])
+    _gather_map(light.radiance, solid_angles, HOT * light.power, block_row, block_col, directions_of_cells, *at, blocks, truth)
+    truth += blocks @ responses
+    power = tint * light.irradiance @ LUMINANCE
+    return _prefix_errors(directions, power, light.power, *at, truth, ladder(len(directions)))
+
+
+@lru_cache(maxsize=2)
+def _responses(rows: int, cols: int, coverage: Coverage) -> tuple[np.ndarray, ...]:
+    """Mean response (blocks, PROBES) of the probes to each block of cells, and the geometry that goes with it."""
+    block_row = np.arange(rows) * min(ROWS, rows) // rows
+    block_col = np.arange(cols) * min(COLS, cols) // cols
+    directions, solid_angles = cell_directions(rows, cols, coverage), cell_solid_angles(rows, cols, coverage)
+    count = min(ROWS, rows) * min(COLS, cols)
+    total, area = np.zeros((count, PROBES)), np.zeros(count)
+    _fill_responses(directions, solid_angles, block_row, block_col, *probes(PROBES, coverage), total, area)
+    return total / area[:, None], directions, solid_angles, block_row, block_col
+
+
+@njit(cache=True)
+def _fill_responses(directions, solid_angles, block_row, block_col, normals, occluders, total, area):
+    across = block_col[-1] + 1
+    for i in range(directions.shape[0]):
+        for j in range(directions.shape[1]):
+            block = block_row[i] * across + block_col[j]
+            area[block] += solid_angles[i]
+            for k in range(normals.shape[0]):
+                total[block, k] += solid_angles[i] * seen(normals[k], occluders[k], directions[i, j])
+
+
+@njit(cache=True)
+def _gather_map(radiance, solid_angles, hot, block_row, block_col, directions, normals, occluders, blocks, truth):
+    """Adds each cell's power to its block, or when hot its light to the probes."""
+    across = block_col[-1] + 1
+    for i in range(radiance.shape[0]):
+        for j in range(radiance.shape[1]):
+            luminance = LUMINANCE[0] * radiance[i, j, 0] + LUMINANCE[1] * radiance[i, j, 1] + LUMINANCE[2] * radiance[i, j, 2]
+            power = luminance * solid_angles[i]
+            if power <= hot:
+                blocks[block_row[i] * across + block_col[j]] += power
+            else:
+                for k in range(normals.shape[0]):
+                    truth[k] += power * seen(normals[k], occluders[k], directions[i, j])
+
+
+@njit(cache=True)
+def _prefix_errors(directions, power, total, normals, occluders, truth, sizes):
+    got, spent, last = np.zeros(truth.size), 0.0, 0
+    errors, dark = np.empty(sizes.size), DARKEST * truth.mean()
+    for s in range(sizes.size):
+        for n in range(last, sizes[s]):
+            spent += power[n]
+            for k in range(truth.size):
+                got[k] += power[n] * seen(normals[k], occluders[k], directions[n])
+        last = sizes[s]
+        squares = 0.0
+        for k in range(truth.size):
+            squares += ((got[k] * (total / spent if spent > 0 else 0.0) - truth[k]) / (truth[k] + dark)) ** 2
+        errors[s] = np.sqrt(squares / truth.size)
+    return errors
+
+
+def held(before: Need | None, count: int, time_s: float) -> Need:
+    """The need with hysteresis: up at once, down when it has been lower for HOLD_S."""
+    if before is None or count >= before.count or not 0 <= time_s - before.since_s <= HOLD_S:
+        return Need(count, time_s)
+    return before
+
+
+def can(before: float, shown: int, render_ms: float, frame_ms: float) -> float:
+    """How many lights the renderer can draw in `frame_ms`, given that it took `render_ms` for about `shown` lights.
+
+    Grows only while it is what holds the number of lights down, so that it does not run away in easy scenes.
+    """
+    if render_ms > frame_ms:
+        return max(before * (frame_ms / render_ms) ** GAIN, 1.0)
+    if render_ms < SPARE * frame_ms and before <= 1.25 * shown + 1:
+        return before * GROWTH + 0.1
+    return before
+
+
+def faded(presence: np.ndarray, wanted: int, passed_s: float | None) -> np.ndarray:
+    """How present each light is, in [0, 1], once `passed_s` went by (None: at once): the first `wanted` come, the others go."""
+    count = max(wanted, len(presence))
+    goal = (np.arange(count) < wanted).astype(np.float64)
+    if passed_s is None:
+        return goal[:wanted]
+    now = np.zeros(count)
+    now[: len(presence)] = presence
+    step = max(passed_s, 0.0) / FADE_S
+    now += np.clip(goal - now, -step, step)
+    return now[: max(int(np.flatnonzero(now)[-1]) + 1 if now.any() else 0, 1)]

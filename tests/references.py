@@ -1,0 +1,83 @@
+"""Recorded messages of the bundled sequences: `python tests/references.py` writes them anew, test_replay.py compares.
+
+Made by the stages' own steps in this process, so that the replay of whole processes is held against the pure functions.
+"""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from services import wire
+from services.capture.stage import CaptureSource
+from services.loop import Stage
+from services.renderer.stage import RendererStage
+from services.sampler.stage import SamplerStage
+from services.settings import Capture, Renderer, Sampler, Settings
+
+ROOT = Path(__file__).parents[1]
+FOLDER = Path(__file__).parent / "references"
+SEQUENCES = ("outdoor", "interior")
+FRAMES = 6
+KINDS = ("map", "lights", "image")
+CLOCKS = ("captured_ns", "monotonic_ns", "boot_id", "render_ms")  # what a replay cannot repeat, by name
+
+
+def settings(sequence: str, **changes) -> Settings:
+    """Small maps, few lights, small pictures; the 2005 method by name, so that a new default changes no reference."""
+    return Settings(
+        mode="lossless",
+        capture=Capture(source=str(ROOT / "replay_data" / sequence), rows=18, cols=72, frames=FRAMES),
+        sampler=Sampler(method="havran-azimuth", count=24, filter="fir2005"),
+        renderer=Renderer(width=80, height=60, shadow_map=64),
+        **changes,
+    )
+
+
+def recorded(sequence: str, kind: str) -> list[wire.Message]:
+    """The reference messages."""
+    parts = msgspec.msgpack.decode((FOLDER / f"{sequence}_{kind}.msgpack").read_bytes(), type=list[list[bytes]])
+    return [wire.unpack(message) for message in parts]
+
+
+def made(sequence: str) -> dict[str, list[wire.Message]]:
+    """The messages that the steps make now."""
+    wanted = settings(sequence)
+    source = CaptureSource(wanted.capture)
+    maps = [source.message(k, k, k / source.fps) for k in range(FRAMES)]
+    lights = _stepped(SamplerStage(wanted), maps)
+    return {"map": maps, "lights": lights, "image": _stepped(RendererStage(wanted), lights)}
+
+
+def _stepped(stage: Stage, messages: list[wire.Message]) -> list[wire.Message]:
+    state, _ = stage.begin(0)
+    out = []
+    for message in messages:
+        state, result = stage.step(state, message)
+        out.append(result)
+    return out
+
+
+def without_clocks(header: wire.Header) -> dict:
+    """The header's fields, those in CLOCKS left out."""
+
+    def kept(value):
+        return {key: kept(v) for key, v in value.items() if key not in CLOCKS} if isinstance(value, dict) else value
+
+    return kept(msgspec.to_builtins(header))
+
+
+def _still(message: wire.Message) -> list[bytes]:
+    """The message's parts with its clocks at zero, so that a reference changes only where the content does."""
+    header, arrays = message
+    content = msgspec.to_builtins(header)
+    content["stamp"] |= {"captured_ns": 0, "monotonic_ns": 0, "boot_id": ""}
+    content |= {"render_ms": 0.0} if "render_ms" in content else {}
+    return wire.pack(msgspec.convert(content, type(header)), [np.asarray(a) for a in arrays])
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for name in SEQUENCES:
+        for kind, messages in made(name).items():
+            (FOLDER / f"{name}_{kind}.msgpack").write_bytes(msgspec.msgpack.encode([_still(message) for message in messages]))

@@ -1,0 +1,111 @@
+"""From a file of light to a picture: directions, shadows, and frames that no camera should give."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.capture.lens import Lens, pixel_from_direction, write_lens
+from services.capture.source import open_source
+from services.images import read_radiance, write_exr
+from services.lights import read_lights
+from services.offline import write_lights_of, write_pictures_of
+from services.settings import Capture
+from services.sphere import angle_between, cell_from_direction, direction_from_angles, latlong_from_direction, map_irradiance
+
+ANY = {"coverage": "hemisphere", "method": None, "filter_": None, "fps": None, "lens": None, "response": None}
+# Light from theta, phi in degrees; the pole is 1 high, so its shadow is tan(theta) long and stays on the ground.
+TOWARDS = [(30.0, 20.0), (45.0, 137.0), (40.0, 251.0), (50.0, 344.0)]
+LENS = Lens(size=(256, 256), f=(80.0, 80.0), c=(127.5, 127.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=90.0)
+
+
+def latlong_file(folder: Path, direction: np.ndarray) -> tuple[Path, float]:
+    image = np.zeros((256, 512, 3), np.float32)
+    row, column = latlong_from_direction(direction, 256, 512)
+    image[int(row), int(column)] = 1000
+    write_exr(folder / "spot.exr", image)
+    return folder / "spot.exr", np.pi / 256 + np.pi / 180  # a pixel, and a cell of the map it is spread to
+
+
+def polar_file(folder: Path, direction: np.ndarray) -> tuple[Path, float]:
+    image = np.zeros((90, 360, 3), np.float32)
+    row, column = cell_from_direction(direction, 90, 360, "hemisphere")
+    image[int(row), int(column)] = 1000
+    write_exr(folder / "spot.exr", image, {"vemlight:kind": "polar", "vemlight:coverage": "hemisphere"})
+    return folder / "spot.exr", np.pi / 180
+
+
+def fisheye_file(folder: Path, direction: np.ndarray) -> tuple[Path, float]:
+    image = np.zeros((256, 256, 3), np.float32)
+    x, y = pixel_from_direction(direction, LENS)
+    image[round(float(y)), round(float(x))] = 1000
+    write_exr(folder / "spot.exr", image, {"vemlight:kind": "fisheye"})
+    write_lens(folder / "lens.toml", LENS)
+    return folder / "spot.exr", 1 / 80 + np.pi / 180
+
+
+def pole_scene(folder: Path) -> Path:
+    """A square pole, 0.04 wide and 1 high, on the ground, seen from above with +Y on top."""
+    h = 0.02
+    corners = [(x, y, z) for z in (0, 1) for x, y in ((-h, -h), (h, -h), (h, h), (-h, h))]
+    faces = [(1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8), (5, 6, 7, 8)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c} {d}" for a, b, c, d in faces]
+    (folder / "pole.obj").write_text("\n".join(lines) + "\n")
+    scene = folder / "scene.toml"
+    scene.write_text(
+        '[camera]\nfrom = [0.0, 0.0, 12.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 24.0\n'
+        '[[mesh]]\nshape = "plane"\nscale = 2.4\nmaterial = {diffuse = [0.7, 0.7, 0.7]}\n'
+        '[[mesh]]\nfile = "pole.obj"\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    )
+    return scene
+
+
+@pytest.mark.parametrize("make", [latlong_file, polar_file, fisheye_file])
+@pytest.mark.parametrize("towards", TOWARDS)
+def test_one_lit_pixel_gives_its_direction_and_the_shadow_on_the_other_side(make, towards, tmp_path):
+    theta, phi = np.radians(towards)
+    source, width = make(tmp_path, direction_from_angles(theta, phi))
+    write_lights_of(source, tmp_path / "lights.json", count=1, **ANY)
+    direction = read_lights(tmp_path / "lights.json")[0].arrays().directions[0].astype(float)
+    assert angle_between(direction, direction_from_angles(theta, phi)) < width
+
+    write_pictures_of(source, pole_scene(tmp_path), "240x240", 0.0, tmp_path / "picture.exr", count=1, **ANY)
+    picture = read_radiance(tmp_path / "picture.exr")[0][..., 1]
+    lit = np.median(picture[picture > 0])
+    shadow = np.argwhere(picture[20:-20, 20:-20] < 0.5 * lit) + 20
+    x, y = shadow[:, 1] - 119.5, 119.5 - shadow[:, 0]
+    far = np.hypot(x, y) > 15  # beyond the pole itself as the camera sees it
+    towards_shadow = np.arctan2(y[far].mean(), x[far].mean())
+    turn = (towards_shadow - (phi + np.pi) + np.pi) % (2 * np.pi) - np.pi
+    assert abs(np.degrees(turn)) < 2.0  # a pixel of 1/25 across at 30 pixels' distance
+
+
+def test_frames_that_no_camera_should_give(tmp_path):
+    """A plain sky, black, nan and inf and negative pixels, and a sun 10^6 times its sky: all pass, and each is what it should be."""
+    sky = np.full((64, 128, 3), 0.5, np.float32)
+    spoilt, sunny = sky.copy(), sky.copy()
+    spoilt[5, 7], spoilt[9, 40], spoilt[20, 90] = np.nan, np.inf, -3
+    sunny[10, 30] = 0.5e6
+    frames = {"sky": sky, "black": 0 * sky, "spoilt": spoilt, "sunny": sunny}
+    for k, (name, image) in enumerate(frames.items()):
+        write_exr(tmp_path / f"{k}_{name}.exr", image)
+    options = ANY | {"filter_": "none"}
+    write_lights_of(tmp_path, tmp_path / "lights.jsonl", count=32, **options)
+    lights = [row.arrays() for row in read_lights(tmp_path / "lights.jsonl")]
+    source = open_source(Capture(source=str(tmp_path)))
+    for k, found in enumerate(lights):
+        radiance = source.frame(k).radiance
+        good = np.isfinite(radiance) & (radiance >= 0)
+        expected = map_irradiance(np.where(good, radiance, 0), "hemisphere")
+        np.testing.assert_allclose(found.irradiance.sum(axis=0, dtype=float), expected, rtol=1e-3, atol=1e-12)
+        assert np.isfinite(found.directions).all()
+        np.testing.assert_allclose(np.linalg.norm(found.directions, axis=1), 1, atol=1e-5)
+        assert (found.directions[:, 2] >= 0).all()
+    (tmp_path / "out").mkdir()
+    write_pictures_of(tmp_path, None, "48x36", 0.0, tmp_path / "out" / "p.exr", count=32, **options)
+    pictures = [read_radiance(path)[0] for path in sorted((tmp_path / "out").glob("p_*.exr"))]
+    assert all(np.isfinite(picture).all() for picture in pictures)
+    assert pictures[1].max() == 0
+    assert pictures[3].max() > 100 * pictures[0].max()
+    lost = abs(pictures[2].mean() / pictures[0].mean() - 1)
+    assert lost < 0.01  # three of 4096 pixels above the horizon, and their neighbours within a cell

@@ -17,6 +17,7 @@ from services.viewer.pictures import Sky, picture_jpeg
 from services.viewer.watch import HEALTHY, Heard, Judgement, Losses, Watch
 
 UNHEARD = "lossless mode makes every frame with the settings as they are and hears no controls; run in live mode to use them"
+EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false}'
 
 
 class Board:
@@ -38,15 +39,13 @@ class Board:
 
     def take(self, service: Service, messages: list[wire.Message]) -> None:
         """What one service has said since last time, in order. Of its frames the newest is shown; the rest is counted as skipped."""
-        own = [message for message in messages if type(message[0]) in _KINDS[service]]
-        self.tally.refused += len(messages) - len(own)
-        for header, _ in own:
+        for header, _ in messages:
             self.watch.heard[service].take(header, time.monotonic())
             if service == LAST and isinstance(header, wire.Image):
                 self._losses.frame()
             elif service == LAST and isinstance(header, wire.Status):
                 self._losses.status(header.frames)
-        frames = [message for message in own if isinstance(message[0], wire.FRAME)]
+        frames = [message for message in messages if isinstance(message[0], wire.FRAME)]
         if frames:
             self._show(*frames[-1], passed_over=len(frames) - 1)
 
@@ -83,10 +82,10 @@ class Board:
         if self.settings.mode == "lossless":
             raise BadInput(UNHEARD)
         try:
-            change = msgspec.json.decode(body, type=dict[str, float | bool | str | None])
+            change = msgspec.json.decode(body, type=dict[str, int | float | bool | str | None])
             self.wish = msgspec.convert({**msgspec.structs.asdict(self.wish), **change}, wire.Control)
         except ValueError as error:
-            raise BadInput(f"control: {error}; send JSON like {CONTROL_EXAMPLE}") from error
+            raise BadInput(f"control: {error}; send JSON like {EXAMPLE}") from error
         self.wished.ring()
         self.refresh()
 
@@ -123,11 +122,3 @@ def service_row(service: Service, judgement: Judgement, heard: Heard) -> dict[st
 def _lights_line(header: wire.Lights, ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray) -> bytes:
     row = lights_row(Lights(ids, directions, irradiance), header.stamp.sequence, header.stamp.time_s, header.coverage)
     return lights_json(row)
-
-
-_KINDS: dict[Service, tuple[type, ...]] = {
-    "capture": (wire.Map, wire.Status, wire.End),
-    "sampler": (wire.Lights, wire.Status, wire.End),
-    "renderer": (wire.Image, wire.Status, wire.End),
-}
-CONTROL_EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false}'

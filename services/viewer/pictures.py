@@ -23,7 +23,7 @@ def srgb_codes() -> np.ndarray:
     return np.round(255 * curve).astype(np.uint8)
 
 
-_CODES = srgb_codes()
+SRGB_CODES = srgb_codes()
 
 
 class Sky:
@@ -57,7 +57,7 @@ class Sky:
         to_key = KEY / np.exp(self._adapted or 0.0)
         gain = to_key * (1 + y * to_key / WHITE**2) / (1 + y * to_key)
         display = np.clip(radiance[..., ::-1] * gain[..., None], 0, 1)
-        return _CODES[np.rint(display * (LINEAR_STEPS - 1)).astype(np.int32)]
+        return SRGB_CODES[np.rint(display * (LINEAR_STEPS - 1)).astype(np.int32)]
 
 
 def disc_lookup(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:

@@ -101,10 +101,10 @@ function showFigures(report) {
     return [`${k ? " · " : ""}${row.service} `, number];
   }));
   at("scene-facts").textContent = of.renderer.sequence === undefined || of.renderer.sequence === null ? "" : `frame ${of.renderer.sequence}`;
-  if (report.wish.paused) return say(at("overall"), "paused", "paused");
   const worst = ["silent", "stalled", "not heard", "starting"].find((state) => report.services.some((row) => row.state === state));
   const culprit = report.services.find((row) => row.state === worst);
   if (culprit) return say(at("overall"), worst, `${culprit.service}: ${culprit.words}`);
+  if (report.wish.paused) return say(at("overall"), "paused", "paused");
   const finished = report.services.some((row) => row.state === "finished");
   say(at("overall"), finished ? "finished" : "live", finished ? "finished" : report.mode === "lossless" ? "lossless" : "live");
 }

@@ -1,0 +1,348 @@
+"""The viewer as a process, with other services that are made up: messages in, pages, pictures and wishes out."""
+
+import asyncio
+import http.client
+import json
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+import aiohttp
+import cv2
+import msgspec
+import numpy as np
+import pytest
+import zmq
+
+from services import wire
+from services.channels import FRAMES, Service
+from services.lights import LightsRow
+from services.settings import Wire
+from services.sockets import Wires, admit
+from services.tally import Tally
+from services.viewer.web import MAX_BODY, MAX_PAGES
+
+FPS = 25.0
+PATIENCE_S = 20.0  # for what a loaded machine does late; a test that passes waits for none of it
+
+
+def eventually(found, what: str):
+    """The first true value of `found`."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not (value := found()):
+        assert time.monotonic() < give_up_s, f"{what}: not within {PATIENCE_S} s"
+        time.sleep(0.05)
+    return value
+
+
+def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
+    """One frame of each service: a bright spot that goes round, as many lights as wanted, a picture with a bar that moves."""
+    stamp = wire.stamp(sequence, sequence / FPS)
+    radiance = np.full((18, 72, 3), (0.3, 0.5, 0.9), np.float32)
+    radiance[6, sequence % 72] = 500.0
+    phi = 2 * np.pi * (np.arange(count) / count + sequence / 720)
+    theta = np.linspace(0.1, 1.4, count)
+    directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1).astype(np.float32)
+    irradiance = np.outer(1 + np.arange(count) % 3, (1.0, 0.9, 0.7)).astype(np.float32)
+    pixels = np.full((48, 64, 4), 255, np.uint8)
+    pixels[:, sequence % 64] = (255, 0, 0, 255)
+    return {
+        "capture": (wire.Map(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3), (radiance,)),
+        "sampler": (
+            wire.Lights(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
+            (np.arange(count), directions, irradiance),
+        ),
+        "renderer": (wire.Image(stamp=stamp, width=64, height=48, lights=count, render_ms=5.0), (pixels,)),
+    }
+
+
+class MadeUpServices(threading.Thread):
+    """Capture, sampler and renderer in one thread: each publishes frames and statuses while it is in `speaking`, and hears the wishes."""
+
+    def __init__(self, settings: Wire, frames=frames_of) -> None:
+        super().__init__(daemon=True)
+        self.speaking: set[Service] = set(FRAMES)
+        self.wishes: list[wire.Control] = []
+        self.viewers: list[wire.Status] = []
+        self.noise: list[list[bytes]] = []  # said once by the renderer
+        self._settings, self._frames, self._stop_asked = settings, frames, threading.Event()
+
+    def run(self) -> None:
+        wires = Wires(self._settings)
+        publishers = {service: wires.bind(service, "publish") for service in FRAMES}
+        tallies = {service: Tally(service, 0) for service in FRAMES}
+        viewer = wires.subscribe("viewer", "control", "status")
+        sequence = 0
+        while not self._stop_asked.wait(1 / FPS):
+            count = next((wish.count for wish in reversed(self.wishes) if wish.count), 72)
+            made = self._frames(sequence, count)
+            sequence += 1
+            for service in FRAMES:
+                admit(publishers[service])
+                if service in self.speaking:
+                    tallies[service].finished(made[service], 0.004)
+                    publishers[service].send_multipart(wire.pack(*made[service]))
+                    if status := tallies[service].due():
+                        publishers[service].send_multipart(wire.pack(status))
+            if self.noise:  # one at a time: a queue holds four
+                publishers["renderer"].send_multipart(self.noise.pop())
+            while viewer.poll(0, zmq.POLLIN):
+                header, _ = wire.unpack(viewer.recv_multipart())
+                (self.wishes if isinstance(header, wire.Control) else self.viewers).append(header)
+        wires.close()
+
+    def end(self) -> None:
+        self._stop_asked.set()
+        self.join()
+
+
+class Viewer:
+    """The viewer's process, on a free port unless one is given."""
+
+    def __init__(self, folder: Path, port: int | None = None, top: str = "") -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = port or free.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.settings = folder / "vemlight.toml"
+        self.settings.write_text(f'{top}\n[wire]\nfolder = "{folder}"\n[viewer]\nport = {self.port}\n')
+        command = [sys.executable, "-m", "services.viewer", str(self.settings)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def said(self) -> str:
+        """Its first line: it listens now."""
+        assert self.process.stdout
+        return self.process.stdout.readline()
+
+    def get(self, path: str, body: bytes | None = None, **headers: str) -> tuple[int, bytes]:
+        named = {name.replace("_", "-"): value for name, value in headers.items()}
+        try:
+            with urlopen(Request(self.url + path, body, named), timeout=PATIENCE_S) as answer:
+                return answer.status, answer.read()
+        except HTTPError as error:
+            return error.code, error.read()
+
+    def health(self) -> dict:
+        return json.loads(self.get("/healthz")[1])
+
+    def state(self, service: Service) -> str:
+        return next(row["state"] for row in self.health()["services"] if row["service"] == service)
+
+    def wish(self, **wish) -> tuple[int, bytes]:
+        return self.get("/control", json.dumps(wish).encode(), Content_Type="application/json")
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("viewer")
+    folder.chmod(0o700)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def others(folder: Path) -> Iterator[MadeUpServices]:
+    others = MadeUpServices(Wire(folder=str(folder)))
+    others.start()
+    yield others
+    others.end()
+
+
+@pytest.fixture(scope="module")
+def viewer(folder: Path, others: MadeUpServices) -> Iterator[Viewer]:
+    viewer = Viewer(folder)
+    assert f"{viewer.url} (for this machine only)" in viewer.said()
+    eventually(lambda: viewer.get("/healthz")[0] == 200, "all services heard")
+    yield viewer
+    viewer.end()
+
+
+def test_pictures_for_other_programs(viewer):
+    for path in ("/snapshot.jpg", "/?action=snapshot"):
+        status, jpeg = viewer.get(path)
+        assert (status, cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape) == (200, (48, 64, 3))
+    for path in ("/stream.mjpg", "/?action=stream"):
+        stream = cv2.VideoCapture(viewer.url + path, cv2.CAP_FFMPEG)
+        bars = []
+        for _ in range(5):
+            done, picture = stream.read()
+            assert done
+            bars.append(int((picture[..., 2].astype(int) - picture[..., 1]).mean(axis=0).argmax()))
+        assert len(set(bars)) == 5  # the red bar moves: no picture comes twice
+        stream.release()
+
+
+def test_lights_are_the_file_form(viewer):
+    row = msgspec.json.decode(viewer.get("/lights")[1], type=LightsRow)
+    assert np.allclose(np.linalg.norm(row.arrays().directions, axis=1), 1, atol=1e-6)
+
+
+def test_a_wish_is_said_whole_and_again(viewer, others):
+    status, body = viewer.wish(count=17, exposure=-1.5)
+    assert (status, json.loads(body)) == (200, {"kind": "control", "count": 17, "exposure": -1.5, "filtered": None, "paused": False})
+    viewer.wish(paused=True)
+    whole = wire.Control(count=17, exposure=-1.5, paused=True)
+    eventually(lambda: others.wishes[-3:] == [whole] * 3, "the wish on its channel, again and again")
+    eventually(lambda: viewer.health()["lights"] == 17, "as many lights as were wished for")
+    viewer.wish(count=None, exposure=None, paused=False)
+    eventually(lambda: others.wishes[-1] == wire.Control(), "the settings' own again")
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"", b"{", b"[1]", b"7", b"\xff\xfe", b"[" * MAX_BODY, b'{"count": 0}', b'{"count": 2.5}', b'{"count": "many"}', b'{"count": 1e999}',
+        b'{"exposure": 21}', b'{"exposure": NaN}', b'{"filtered": 1}', b'{"paused": null}', b'{"lights": 3}', b'{"kind": "status"}',
+    ],
+)  # fmt: skip
+def test_a_bad_wish_is_refused_in_one_line(viewer, body):
+    before = viewer.health()["wish"]
+    status, line = viewer.get("/control", body, Content_Type="application/json")
+    assert status == 400
+    assert line.startswith(b"control: ")
+    assert line.count(b"\n") == 1
+    assert viewer.health()["wish"] == before
+
+
+def test_what_is_too_large_or_not_json_is_refused(viewer):
+    assert viewer.get("/control", b" " * (MAX_BODY + 1), Content_Type="application/json")[0] == 413
+    assert viewer.get("/control", b"{}", Content_Type="text/plain")[0] == 415
+
+
+@pytest.mark.parametrize("path", ["/..%2f..%2fwire.py", "/page/index.html", "/../view.py", "/ws", "/?action=run", "/viewer.js/x"])
+def test_nothing_else_is_served(viewer, path):
+    assert viewer.get(path)[0] in (400, 404)
+
+
+def test_foreign_names_and_pages_are_refused(viewer):
+    assert viewer.get("/", Host="attacker.example")[0] == 403
+    assert viewer.get("/", Host=f"localhost:{viewer.port}")[0] == 200
+    for path, body in (("/control", b"{}"), ("/ws", None)):
+        assert viewer.get(path, body, Content_Type="application/json", Origin="http://attacker.example")[0] == 403
+    assert viewer.get("/control", b"{}", Content_Type="application/json", Origin=viewer.url)[0] == 200
+
+
+def test_every_answer_keeps_the_page_to_itself(viewer):
+    for path in ("/", "/viewer.js", "/healthz", "/nowhere", "/snapshot.jpg"):
+        connection = http.client.HTTPConnection("127.0.0.1", viewer.port)
+        connection.request("GET", path)
+        headers = connection.getresponse().headers
+        assert headers["Content-Security-Policy"].startswith("default-src 'self';")
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        connection.close()
+
+
+def test_health_names_who_stalls_and_comes_back(viewer, others):
+    others.speaking -= {"sampler", "renderer"}
+    eventually(lambda: viewer.state("sampler") == "stalled", "the sampler shown as stalled")
+    assert viewer.get("/healthz")[0] == 503
+    assert (viewer.state("capture"), viewer.state("renderer")) == ("live", "waiting")
+    eventually(lambda: viewer.state("sampler") == viewer.state("renderer") == "silent", "both shown as silent")
+    others.speaking |= {"sampler", "renderer"}
+    eventually(lambda: viewer.get("/healthz")[0] == 200, "health again")
+
+
+def test_noise_is_counted_and_disturbs_nothing(viewer, others):
+    before = viewer.health()["services"][-1]
+    random = np.random.default_rng(7)
+    others.noise += [[topic, random.bytes(50)] for topic in (b"image", b"status", b"end") for _ in range(3)]
+    others.noise += [wire.pack(wire.Control()), [b"endless", b""], [b"status"] * 9]
+    refused = before["refused"] + 11  # all but the control, whose topic is not subscribed to
+    eventually(lambda: viewer.health()["services"][-1]["refused"] >= refused, "the noise counted")
+    eventually(lambda: viewer.health()["services"][-1]["frames"] > before["frames"] + 25, "frames as before")
+
+
+def test_its_own_status(viewer, others):
+    status = eventually(lambda: others.viewers and others.viewers[-1], "the viewer's status")
+    assert (status.service, status.restarts) == ("viewer", 0)
+    assert status.frames > 0
+
+
+def test_a_page_gets_one_of_each_feed_until_it_asks(viewer):
+    async def page() -> None:
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"{viewer.url}/ws") as socket:
+            first = [await socket.receive(PATIENCE_S) for _ in range(4)]
+            assert sorted(kind_of(message) for message in first) == ["disc", "lights", "picture", "report"]
+            with pytest.raises(TimeoutError):  # 0.5 s: 12 frames later none has followed
+                await socket.receive(0.5)
+            for _ in range(3):
+                await socket.send_str("disc")
+                assert kind_of(await socket.receive(PATIENCE_S)) == "disc"
+            await socket.send_str("everything")
+            assert (await socket.receive(PATIENCE_S)).type is aiohttp.WSMsgType.CLOSE
+
+    asyncio.run(page())
+
+
+def kind_of(message: aiohttp.WSMessage) -> str:
+    if message.type is aiohttp.WSMsgType.TEXT:
+        return "lights" if "schema" in json.loads(message.data) else "report"
+    assert cv2.imdecode(np.frombuffer(message.data[1:], np.uint8), cv2.IMREAD_COLOR) is not None
+    return {1: "disc", 2: "picture"}[message.data[0]]
+
+
+def test_pages_are_bounded_and_come_free(viewer):
+    open_ones = [http.client.HTTPConnection("127.0.0.1", viewer.port) for _ in range(MAX_PAGES)]
+    for connection in open_ones:
+        connection.request("GET", "/stream.mjpg")
+        assert connection.getresponse().status == 200
+    assert viewer.get("/stream.mjpg")[0] == 503
+    assert viewer.get("/snapshot.jpg")[0] == 200
+    for connection in open_ones:
+        connection.close()
+    eventually(lambda: viewer.health()["pages"] == 0, "the pages let go")
+
+
+def test_before_anything_is_heard(tmp_path):
+    tmp_path.chmod(0o700)
+    viewer = Viewer(tmp_path)
+    viewer.said()
+    assert viewer.get("/snapshot.jpg") == (503, b"no picture yet: the renderer has sent none\n")
+    assert viewer.get("/lights")[0] == viewer.get("/healthz")[0] == 503
+    assert {row["state"] for row in viewer.health()["services"][:-1]} == {"not heard"}
+    assert viewer.get("/metrics")[0] == 200
+
+    viewer.end()
+
+
+def test_a_taken_port_is_one_line_and_status_2(tmp_path):
+    tmp_path.chmod(0o700)
+    with socket.create_server(("127.0.0.1", 0)) as holder:
+        viewer = Viewer(tmp_path, port=holder.getsockname()[1])
+        _, said = viewer.process.communicate(timeout=PATIENCE_S)
+    assert viewer.process.returncode == 2
+    assert said.count("\n") == 1
+    assert f"127.0.0.1:{viewer.port}: the viewer cannot listen there" in said
+
+
+def test_lossless_mode_hears_no_wishes(tmp_path):
+    tmp_path.chmod(0o700)
+    viewer = Viewer(tmp_path, top='mode = "lossless"')
+    viewer.said()
+    status, line = viewer.wish(count=3)
+    assert (status, line[:14]) == (400, b"lossless mode ")
+    viewer.end()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_with_pages_open(tmp_path, number):
+    tmp_path.chmod(0o700)
+    viewer = Viewer(tmp_path)
+    viewer.said()
+    stream = http.client.HTTPConnection("127.0.0.1", viewer.port)
+    stream.request("GET", "/stream.mjpg")
+    assert stream.getresponse().status == 200
+    viewer.process.send_signal(number)
+    _, said = viewer.process.communicate(timeout=PATIENCE_S)
+    assert (viewer.process.returncode, said) == (0, "")

@@ -1,0 +1,87 @@
+"""The board counts what it shows and passes over; `/metrics` is text that Prometheus reads."""
+
+import re
+
+import numpy as np
+import pytest
+
+from services import wire
+from services.files import BadInput
+from services.settings import Settings
+from services.viewer.board import Board
+from services.viewer.metrics import metrics
+
+SAMPLE = re.compile(r'([a-z_]+)(?:\{((?:[a-z]+="[^"\\]*",?)*)\})? ([-+0-9.e]+)')
+UNITS = ("_total", "_hertz", "_seconds", "_bytes", "_fds", "_state", "_cells", "_lights", "_pages")
+
+
+def image(sequence: int) -> wire.Message:
+    header = wire.Image(stamp=wire.stamp(sequence, 0.0), width=2, height=1, lights=3, render_ms=1)
+    return header, (np.zeros((1, 2, 4), np.uint8),)
+
+
+def status(frames: int) -> wire.Message:
+    said = wire.Status(
+        service="renderer", sequence=frames, rate_hz=25, age_ms=30, step_ms=9, frames=frames, skipped=2, dropped=1, refused=0, restarts=4
+    )
+    return said, ()
+
+
+def full_board() -> Board:
+    board = Board(Settings(), restarts=2)
+    board.take("renderer", [status(10), image(10), image(11), image(12)])
+    board.take("renderer", [status(15)])  # 5 made, 3 came
+    board.status_due()
+    return board
+
+
+def test_what_is_passed_over_and_what_is_lost():
+    said = full_board().status
+    assert said
+    assert (said.sequence, said.frames, said.skipped, said.dropped, said.restarts) == (12, 1, 2, 2, 2)
+
+
+def test_the_summary_has_a_row_for_each_service():
+    summary = full_board().summary()
+    assert [row["service"] for row in summary["services"]] == ["capture", "sampler", "renderer", "viewer"]
+    assert [row["state"] for row in summary["services"]] == ["not heard", "not heard", "live", "live"]
+    assert not summary["healthy"]
+
+
+def test_a_wish_changes_what_it_names():
+    board = Board(Settings(), 0)
+    board.wish_for(b'{"count": 5, "paused": true}')
+    board.wish_for(b'{"exposure": 2}')
+    board.wish_for(b'{"count": null}')
+    assert board.wish == wire.Control(exposure=2.0, paused=True)
+    with pytest.raises(BadInput, match="lossless"):
+        Board(Settings(mode="lossless"), 0).wish_for(b"{}")
+
+
+@pytest.mark.parametrize("board", [Board(Settings(), 0), full_board()], ids=["empty", "full"])
+def test_metrics_keep_to_the_form(board):
+    kinds: dict[str, str] = {}
+    seen = set()
+    for line in metrics(board.summary()).splitlines():
+        if line.startswith("# TYPE "):
+            _, _, name, kind = line.split()
+            assert kinds.setdefault(name, kind) is kind
+            assert name.startswith(("vemlight_", "process_"))
+            assert name.endswith(UNITS)
+            assert name.endswith("_total") == (kind == "counter")
+        elif not line.startswith("# HELP "):
+            parts = SAMPLE.fullmatch(line)
+            assert parts, line
+            assert parts[1] in kinds
+            assert line.rsplit(" ", 1)[0] not in seen
+            seen.add(line.rsplit(" ", 1)[0])
+            float(parts[3])
+    assert len(seen) <= 200
+
+
+def test_metrics_say_what_the_services_said():
+    text = metrics(full_board().summary())
+    assert 'vemlight_frames_total{stage="renderer",outcome="done"} 15\n' in text
+    assert 'vemlight_frames_total{stage="viewer",outcome="dropped"} 2\n' in text
+    assert 'vemlight_stage_duration_seconds{stage="renderer",quantile="0.5"} 0.009\n' in text
+    assert 'vemlight_stage_state{stage="capture",state="not heard"} 1\n' in text

@@ -1,0 +1,65 @@
+"""Newest-only feeds: encoded once for all, and never when nobody asks."""
+
+import asyncio
+
+from services.viewer.feeds import Bell, Feed
+
+
+class Encoder:
+    def __init__(self) -> None:
+        self.encoded: list[int] = []
+
+    def __call__(self, frame: int) -> bytes:
+        self.encoded.append(frame)
+        return str(frame).encode()
+
+
+def test_a_frame_is_encoded_once_for_any_number_of_readers():
+    async def run() -> None:
+        encode = Encoder()
+        feed = Feed(encode, Bell())
+        assert await feed.newest() == (0, b"")
+        for frame in range(10):
+            feed.put(frame)
+        assert encode.encoded == []
+        assert await asyncio.gather(*(feed.newest() for _ in range(20))) == [(10, b"9")] * 20
+        assert encode.encoded == [9]
+
+    asyncio.run(run())
+
+
+def test_after_waits_for_a_later_frame_and_gives_the_newest():
+    async def run() -> None:
+        feed = Feed(Encoder(), Bell())
+        feed.put(1)
+        assert await feed.after(0) == (1, b"1")
+        waiting = asyncio.gather(*(feed.after(1) for _ in range(3)))
+        await asyncio.sleep(0)
+        feed.put(2)
+        feed.put(3)
+        assert await waiting == [(3, b"3")] * 3
+
+    asyncio.run(run())
+
+
+def test_a_bell_is_heard_by_who_waits_later_for_an_earlier_call():
+    async def run() -> None:
+        bell = Bell()
+        waiting = bell.wait()
+        bell.ring()
+        await asyncio.wait_for(waiting, 5)
+
+    asyncio.run(run())
+
+
+def test_a_frame_that_comes_while_another_is_encoded_is_not_lost():
+    async def run() -> None:
+        feed = Feed(lambda frame: str(frame).encode(), Bell())
+        feed.put(1)
+        first = asyncio.create_task(feed.newest())
+        await asyncio.sleep(0)
+        feed.put(2)
+        assert await first == (1, b"1")
+        assert await feed.newest() == (2, b"2")
+
+    asyncio.run(run())

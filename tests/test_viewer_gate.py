@@ -1,0 +1,26 @@
+"""Which names a browser may use for this machine."""
+
+import pytest
+
+from services.viewer.gate import is_loopback, known_host
+
+NAMES = {"localhost", "stage.example"}
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:80", "127.0.0.1:8080", "[::1]:8080", "192.168.1.7", "stage.example:8080"])
+def test_numbers_and_known_names_pass(host):
+    assert known_host(host, NAMES)
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["", "attacker.example", "localhost.attacker.example", "127.0.0.1.attacker.example", "[::1", "localhost:http", ":8080", "a@localhost.x",
+     "127.0.0.1:99999999", "stage.example.", "0x7f.1"],
+)  # fmt: skip
+def test_others_do_not(host):
+    assert not known_host(host, NAMES)
+
+
+@pytest.mark.parametrize(("host", "only_here"), [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("10.1.2.3", False)])
+def test_who_reaches_an_address(host, only_here):
+    assert is_loopback(host) is only_here

@@ -1,0 +1,195 @@
+"""The page in a real browser: frames arrive, controls act, silence shows, nothing is asked of anybody else."""
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from services import wire
+from services.settings import Wire
+from tests.test_viewer import PATIENCE_S, MadeUpServices, Viewer, eventually
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+QUIET = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking --disable-component-update "
+    "--disable-sync"
+).split()
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, headless=True, args=QUIET)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("page")
+    folder.chmod(0o700)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def others(folder: Path) -> Iterator[MadeUpServices]:
+    others = MadeUpServices(Wire(folder=str(folder)))
+    others.speaking = set()
+    others.start()
+    yield others
+    others.end()
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path, others: MadeUpServices, browser) -> Iterator:
+    """The page before anything was heard; then the services speak."""
+    viewer = Viewer(folder)
+    viewer.said()
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.set_default_timeout(PATIENCE_S * 1e3)
+    page.asked, page.complaints = [], []
+    page.on("request", lambda request: page.asked.append(request.url))
+    page.on("console", lambda message: page.complaints.append(message.text))
+    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    page.viewer = viewer
+    page.goto(viewer.url)
+    page.get_by_text("waiting for capture …").wait_for()
+    page.get_by_text("waiting for renderer …").wait_for()
+    others.speaking = {"capture", "sampler", "renderer"}
+    page.locator("#overall[data-state=live]").wait_for()
+    yield page
+    viewer.end()
+
+
+def shown(page, canvas: str) -> int:
+    return int(page.locator(canvas).get_attribute("data-shown") or 0)
+
+
+def pixel(page, canvas: str, x: float, y: float) -> list[int]:
+    """Red, green, blue at a place of the canvas, in parts of its size."""
+    return page.evaluate(
+        """([canvas, x, y]) => {
+            const c = document.querySelector(canvas);
+            return [...c.getContext("2d").getImageData(Math.floor(x * c.width), Math.floor(y * c.height), 1, 1).data.slice(0, 3)];
+        }""",
+        [canvas, x, y],
+    )
+
+
+def test_frames_arrive(page):
+    for canvas in ("#disc", "#picture"):
+        before = shown(page, canvas)
+        eventually(lambda canvas=canvas, before=before: shown(page, canvas) > before + 10, f"frames on {canvas}")
+    red, green, blue = pixel(page, "#picture", 0.99, 0.5)
+    assert min(red, green, blue) > 200 or red > 200  # white, or the red bar just there
+    red, green, blue = pixel(page, "#disc", 0.3, 0.9)
+    assert blue > red > 0  # the made-up sky is blue
+    assert page.locator("#sky-facts").inner_text().startswith("72 lights")
+    assert page.locator("#sky-cover").is_hidden()
+    assert page.locator("#scene-cover").is_hidden()
+
+
+def test_the_slider_is_heard_on_the_channel(page, others):
+    page.locator("#count").fill("100")  # the slider's own scale: 10 ** (100 / 100)
+    eventually(lambda: others.wishes[-1].count == 10, "the wish for 10 lights")
+    page.get_by_text("10 lights").wait_for()
+    page.locator("#count").focus()
+    page.keyboard.press("End")
+    eventually(lambda: others.wishes[-1].count == 1000, "the wish for 1000 lights, by the keyboard")
+    page.locator("#count-number").fill("72")
+    page.keyboard.press("Enter")
+    eventually(lambda: others.wishes[-1].count == 72, "the wish for 72 lights, by its number")
+
+
+def test_the_other_controls_are_heard_together(page, others):
+    page.locator("#exposure").fill("-1.5")
+    page.locator("#filtered").click()
+    page.get_by_role("button", name="Pause").click()
+    eventually(lambda: others.wishes[-1] == wire.Control(count=72, exposure=-1.5, filtered=False, paused=True), "all of them")
+    page.locator("#sky-cover").get_by_text("paused: this frame is held").wait_for()
+    page.get_by_role("button", name="Paused: go on").click()
+    page.get_by_role("button", name="As in the settings").click()
+    eventually(lambda: others.wishes[-1] == wire.Control(), "the settings' own again")
+    eventually(lambda: page.locator("#exposure").input_value() == "0" and page.locator("#filtered").is_checked(), "the settings shown")
+
+
+def test_two_pages_show_the_same(page, browser, others):
+    second = browser.new_page()
+    second.goto(page.viewer.url)
+    second.locator("#overall[data-state=live]").wait_for()
+    second.locator("#count").fill("150")
+    eventually(lambda: page.locator("#count-number").input_value() == "32", "the other page's wish")
+    second.close()
+    page.viewer.wish(count=None)
+
+
+def test_a_killed_renderer_shows_as_such_and_comes_back(page, others):
+    others.speaking.discard("renderer")
+    page.locator("#card-renderer[data-state=silent]").get_by_text("silent for").wait_for()
+    page.locator("#scene-cover").get_by_text("renderer: silent").wait_for()
+    assert "renderer: silent" in page.locator("#overall").inner_text()
+    assert page.locator("#card-capture").get_attribute("data-state") == "live"
+    others.speaking.add("renderer")
+    page.locator("#card-renderer[data-state=live]").wait_for()
+    assert page.locator("#scene-cover").is_hidden()
+
+
+def test_a_light_can_be_read(page):
+    box = page.locator("#disc").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)  # light 0 goes round the zenith, 11 pixels away
+    eventually(lambda: re.match(r"Light \d+ · .* azimuth", page.locator("#light-facts").inner_text()), "words for the light there")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (768, 1024)])
+def test_nothing_sticks_out(page, width, height):
+    page.set_viewport_size({"width": width, "height": height})
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    cut = page.evaluate(
+        """[...document.querySelectorAll("h2, dt, dd, .pill, label, button, .facts, .under")]
+             .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== "inline")
+             .map((e) => e.textContent)"""
+    )
+    assert cut == []
+    page.set_viewport_size({"width": 1280, "height": 800})
+
+
+def test_a_lost_viewer_is_said_and_found_again(tmp_path, browser):
+    tmp_path.chmod(0o700)
+    others = MadeUpServices(Wire(folder=str(tmp_path)))
+    others.start()
+    viewer = Viewer(tmp_path)
+    viewer.said()
+    page = browser.new_page()
+    page.goto(viewer.url)
+    eventually(lambda: shown(page, "#picture") > 2, "pictures")
+    viewer.end()
+    page.get_by_text("The viewer does not answer").wait_for()
+    again = Viewer(tmp_path, port=viewer.port)
+    page.locator("#overall[data-state=live]").wait_for()
+    assert page.locator("#notice").is_hidden()
+    page.close()
+    again.end()
+    others.end()
+
+
+def test_lossless_mode_says_why_nothing_can_be_changed(tmp_path, browser):
+    tmp_path.chmod(0o700)
+    viewer = Viewer(tmp_path, top='mode = "lossless"')
+    viewer.said()
+    page = browser.new_page()
+    page.goto(viewer.url)
+    page.locator("#unheard").get_by_text("lossless mode").wait_for()
+    assert page.locator("#count").is_disabled()
+    assert page.get_by_role("button", name="Pause").is_disabled()
+    page.close()
+    viewer.end()
+
+
+def test_nobody_else_was_asked_and_nothing_complained(page):
+    assert all(url.startswith((page.viewer.url, page.viewer.url.replace("http", "ws"))) for url in page.asked)
+    assert page.complaints == []

@@ -27,6 +27,7 @@ UPSTREAM: dict[Service, Service | None] = {"capture": None, "sampler": "capture"
 SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer")
 FRAMES: dict[Service, str] = {channel.producer: channel.kind for channel in CHANNELS if channel.producer in UPSTREAM}
 LAST: Service = "renderer"
+HEEDS: dict[Service, Service] = {"sampler": "renderer"}  # live: who hears how another fares, to ask no more of it than it can do
 
 STATUS_PERIOD_S = 0.5
 SILENT_S = 3 * STATUS_PERIOD_S  # a service unheard for so long is shown as silent: two reports in a row are missing

@@ -22,6 +22,10 @@ class Lights(NamedTuple):
     irradiance: np.ndarray
 
     @staticmethod
+    def none() -> "Lights":
+        return Lights.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+    @staticmethod
     def of(ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray) -> "Lights":
         """The arrays in their fixed types."""
         return Lights(

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 import zmq
 
 from services import wire
-from services.channels import FRAMES, LAST, UPSTREAM, Service
+from services.channels import FRAMES, HEEDS, LAST, UPSTREAM, Service
 from services.demand import Pull, Supply
 from services.settings import Settings
 from services.sockets import Wires, admit
@@ -38,7 +38,9 @@ class Stage(Protocol[State]):
 
     def step(self, state: State, message: wire.Message) -> tuple[State, wire.Message]: ...
 
-    def control(self, state: State, wish: wire.Control) -> State: ...
+    def heed(self, state: State, said: wire.Control | wire.Status) -> State:
+        """Live mode: what the person at the viewer wants, and how the service fares that this one heeds (channels.HEEDS)."""
+        ...
 
     def keep(self, state: State, message: wire.Message) -> None:
         """Writes what `step` has just made, when files are wanted."""
@@ -118,9 +120,11 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
     upstream = UPSTREAM[stage.service]
     assert upstream
     frames = wires.subscribe(upstream, FRAMES[upstream], "end")
-    wishes = wires.subscribe("viewer", "control")
+    told = [wires.subscribe("viewer", "control")]
+    if stage.service in HEEDS:
+        told.append(wires.subscribe(HEEDS[stage.service], "status"))
     poller = zmq.Poller()
-    for socket in (frames, wishes, publisher):
+    for socket in (frames, *told, publisher):
         poller.register(socket, zmq.POLLIN)
 
     state, _ = stage.begin(0)
@@ -128,9 +132,9 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
     while not stop.asked:
         poller.poll(POLL_MS)
         admit(publisher)
-        for wish, _ in received(wishes, tally):
-            if isinstance(wish, wire.Control):
-                state = stage.control(state, wish)
+        for said, _ in (message for socket in told for message in received(socket, tally)):
+            if isinstance(said, wire.Control | wire.Status):
+                state = stage.heed(state, said)
 
         heard = received(frames, tally)
         fresh = [(header, arrays) for header, arrays in heard if isinstance(header, wire.FRAME)]

@@ -19,7 +19,7 @@ from services.sphere import Coverage
 VERSION = 1
 MAX_HEADER = 64 * 1024  # bytes; the longest legal header has under 2 kB
 MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
-MAX_PARTS = 5  # topic, header and the three arrays of the lights
+MAX_PARTS = 7  # topic, header and the five arrays of the lights
 
 Sequence53 = Annotated[int, Meta(ge=0, lt=2**53)]  # exact in JSON and in every language
 Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -27,6 +27,7 @@ Tally = Annotated[int, Meta(ge=0, lt=2**53)]
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
 Milliseconds = Annotated[float, Meta(ge=0, le=1e12)]
+Hertz = Annotated[float, Meta(ge=0, le=1e9)]
 Side = Annotated[int, Meta(ge=1, le=8192)]
 
 
@@ -58,12 +59,21 @@ class Map(Part, frozen=True, tag="map"):
 
 
 class Lights(Part, frozen=True, tag="lights"):
-    """Directional lights. Arrays: ids (count,) int64; directions (count, 3) and irradiance (count, 3) float32."""
+    """Directional lights. Arrays: ids (count,) int64; directions and irradiance (count, 3) float32; the same two (fine, 3) again.
+
+    The fine set stands for the same light as the first: many weak lights for the lobes of glossy surfaces (Havran et al. 2005, 4.2).
+    """
 
     stamp: Stamp
     count: Annotated[int, Meta(ge=0, le=100_000)]
     coverage: Coverage
     delay_ms: Milliseconds  # by which the filter holds the light back
+    fine: Annotated[int, Meta(ge=0, le=100_000)] = 0
+    need: Tally = 0  # lights that the scene needs for the error allowed; 0: not asked
+    can: Tally = 0  # lights that the renderer draws in the time allowed; 0: not asked
+    flicker_hz: Hertz = 0.0  # beat of lamps with the frame rate; 0: none
+    lamp_hz: Hertz = 0.0  # the lamps' own frequency behind that beat
+    flicker_depth: Annotated[float, Meta(ge=0, le=1e9)] = 0.0  # amplitude over mean
 
 
 class Image(Part, frozen=True, tag="image"):
@@ -90,7 +100,7 @@ class Status(Part, frozen=True, tag="status"):
 
     service: Name
     sequence: Sequence53 | None  # of its newest frame
-    rate_hz: Annotated[float, Meta(ge=0, le=1e9)]
+    rate_hz: Hertz
     age_ms: Milliseconds | None  # of its newest frame when it was done
     step_ms: Milliseconds | None  # median of the last frames
     frames: Tally
@@ -131,7 +141,8 @@ def layout(header: Header) -> tuple[tuple[Literal["<f4", "<i8", "|u1"], tuple[in
         case Map():
             return (("<f4", (header.rows, header.cols, 3)),)
         case Lights():
-            return ("<i8", (header.count,)), ("<f4", (header.count, 3)), ("<f4", (header.count, 3))
+            n, m = header.count, header.fine
+            return ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n, 3)), ("<f4", (m, 3)), ("<f4", (m, 3))
         case Image():
             return (("|u1", (header.height, header.width, 4)),)
         case _:

@@ -24,12 +24,12 @@ def messages() -> dict[str, wire.Message]:
     return {
         "map": (wire.Map(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1), (radiance,)),
         "lights": (
-            wire.Lights(stamp=STAMP, count=2, coverage="hemisphere", delay_ms=160.0),
-            (np.array([0, 2**40], np.int64), directions, irradiance),
+            wire.Lights(stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, lamp_hz=100.0, flicker_hz=16.0),
+            (np.array([0, 2**40], np.int64), directions, irradiance, directions[:1], irradiance[:1] / 2),
         ),
         "lights_none": (
             wire.Lights(stamp=STAMP, count=0, coverage="sphere", delay_ms=0.0),
-            (np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)),
+            (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
         ),
         "image": (wire.Image(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5), (pixels,)),
         "control": (wire.Control(count=144, exposure=-0.5, filtered=False, paused=True), ()),

@@ -119,7 +119,7 @@ def test_all_together(sequence, small, services, tmp_path):
     assert running[-1].wait(timeout=LOADED_S) == 0
     rows = read_lights(out / "lights.jsonl")
     assert [row.sequence for row in rows] == list(range(references.FRAMES))
-    for row, (_, (ids, directions, irradiance)) in zip(rows, references.recorded(sequence, "lights"), strict=True):
+    for row, (_, (ids, directions, irradiance, *_)) in zip(rows, references.recorded(sequence, "lights"), strict=True):
         lights = row.arrays()
         assert lights.ids.tolist() == ids.tolist()
         np.testing.assert_allclose(lights.directions, directions, atol=1e-5)

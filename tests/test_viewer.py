@@ -3,7 +3,6 @@
 import asyncio
 import http.client
 import json
-import shutil
 import signal
 import socket
 import subprocess
@@ -58,7 +57,7 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
         "capture": (wire.Map(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3), (radiance,)),
         "sampler": (
             wire.Lights(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
-            (np.arange(count), directions, irradiance),
+            (np.arange(count), directions, irradiance, directions[:0], irradiance[:0]),
         ),
         "renderer": (wire.Image(stamp=stamp, width=64, height=48, lights=count, render_ms=5.0), (pixels,)),
     }
@@ -96,7 +95,10 @@ class MadeUpServices(threading.Thread):
                 publishers["renderer"].send_multipart(self.noise.pop())
             while viewer.poll(0, zmq.POLLIN):
                 header, _ = wire.unpack(viewer.recv_multipart())
-                (self.wishes if isinstance(header, wire.Control) else self.viewers).append(header)
+                if isinstance(header, wire.Control):
+                    self.wishes.append(header)
+                elif isinstance(header, wire.Status):
+                    self.viewers.append(header)
         wires.close()
 
     def end(self) -> None:
@@ -168,10 +170,16 @@ def viewer(folder: Path, others: MadeUpServices) -> Iterator[Viewer]:
     viewer.end()
 
 
+def decoded(jpeg: bytes) -> np.ndarray:
+    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None
+    return pixels
+
+
 def test_pictures_for_other_programs(viewer):
     for path in ("/snapshot.jpg", "/?action=snapshot"):
         status, jpeg = viewer.get(path)
-        assert (status, cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).shape) == (200, (48, 64, 3))
+        assert (status, decoded(jpeg).shape) == (200, (48, 64, 3))
     for path in ("/stream.mjpg", "/?action=stream"):
         stream = cv2.VideoCapture(viewer.url + path, cv2.CAP_FFMPEG)
         bars = []
@@ -202,8 +210,9 @@ def test_a_wish_is_said_whole_and_again(viewer, others):
 @pytest.mark.parametrize(
     "body",
     [
-        b"", b"{", b"[1]", b"7", b"\xff\xfe", b"[" * MAX_BODY, b'{"count": 0}', b'{"count": 2.5}', b'{"count": "many"}', b'{"count": 1e999}',
-        b'{"exposure": 21}', b'{"exposure": NaN}', b'{"filtered": 1}', b'{"paused": null}', b'{"lights": 3}', b'{"kind": "status"}',
+        b"", b"{", b"[1]", b"7", b"\xff\xfe", b"[" * MAX_BODY, b'{"count": 0}', b'{"count": 2.5}', b'{"count": "many"}',
+        b'{"count": 1e999}', b'{"exposure": 21}', b'{"exposure": NaN}', b'{"filtered": 1}', b'{"paused": null}',
+        b'{"lights": 3}', b'{"kind": "status"}',
     ],
 )  # fmt: skip
 def test_a_bad_wish_is_refused_in_one_line(viewer, body):
@@ -288,7 +297,7 @@ def test_a_page_gets_one_of_each_feed_until_it_asks(viewer):
 def kind_of(message: aiohttp.WSMessage) -> str:
     if message.type is aiohttp.WSMsgType.TEXT:
         return "lights" if "schema" in json.loads(message.data) else "report"
-    assert cv2.imdecode(np.frombuffer(message.data[1:], np.uint8), cv2.IMREAD_COLOR) is not None
+    assert decoded(message.data[1:]).ndim == 3
     return {1: "disc", 2: "picture"}[message.data[0]]
 
 

@@ -51,7 +51,7 @@ class RendererStage:
         header, arrays = message
         assert isinstance(header, wire.Lights)
         began_s = time.monotonic()
-        picture = self._renderer.render(Lights(*arrays))
+        picture = self._renderer.render(Lights(*arrays[:3]))
         adaptation = adapt(state.adaptation, picture, max(0.0, header.stamp.time_s - state.time_s))
         pixels = tone_mapped(picture, adaptation, state.exposure)
         height, width, _ = pixels.shape
@@ -59,8 +59,10 @@ class RendererStage:
         made = wire.Image(stamp=header.stamp, width=width, height=height, lights=header.count, render_ms=took_ms)
         return RendererState(state.exposure, adaptation, header.stamp.time_s, picture), (made, (pixels,))
 
-    def control(self, state: RendererState, wish: wire.Control) -> RendererState:
-        return state._replace(exposure=self._exposure if wish.exposure is None else wish.exposure)
+    def heed(self, state: RendererState, said: wire.Control | wire.Status) -> RendererState:
+        if isinstance(said, wire.Control):
+            return state._replace(exposure=self._exposure if said.exposure is None else said.exposure)
+        return state
 
     def keep(self, state: RendererState, message: wire.Message) -> None:
         header, (pixels,) = message

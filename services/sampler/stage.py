@@ -16,6 +16,7 @@ class SamplerState(NamedTuple):
 
     settings: settings.Sampler
     memory: State
+    render_ms: float | None  # the renderer's time for a picture, where it has said so since the last frame
 
 
 class SamplerStage:
@@ -33,25 +34,39 @@ class SamplerStage:
 
     def begin(self, target: int) -> tuple[SamplerState, int]:
         """From the first frame: the filters remember, and a replay of maps alone is quick."""
-        return SamplerState(self._settings, initial_state(self._settings)), 0
+        return SamplerState(self._settings, initial_state(self._settings), None), 0
 
     def step(self, state: SamplerState, message: wire.Message) -> tuple[SamplerState, wire.Message]:
         header, arrays = message
         assert isinstance(header, wire.Map)
-        memory, lights, report = step(state.settings, state.memory, arrays[0], header.coverage, header.stamp.time_s)
-        made = wire.Lights(stamp=header.stamp, count=len(lights.ids), coverage=header.coverage, delay_ms=report.delay_s * 1e3)
-        return SamplerState(state.settings, memory), (made, tuple(lights))
+        memory, lights, report = step(state.settings, state.memory, arrays[0], header.coverage, header.stamp.time_s, state.render_ms)
+        fine = report.fine or Lights.none()
+        made = wire.Lights(
+            stamp=header.stamp,
+            count=len(lights.ids),
+            fine=len(fine.ids),
+            coverage=header.coverage,
+            delay_ms=report.delay_s * 1e3,
+            need=report.need,
+            can=report.can,
+            flicker_hz=report.flicker_hz,
+            lamp_hz=report.lamp_hz,
+            flicker_depth=report.flicker_depth,
+        )
+        return SamplerState(state.settings, memory, None), (made, (*lights, fine.directions, fine.irradiance))
 
-    def control(self, state: SamplerState, wish: wire.Control) -> SamplerState:
+    def heed(self, state: SamplerState, said: wire.Control | wire.Status) -> SamplerState:
+        if isinstance(said, wire.Status):
+            return state._replace(render_ms=said.step_ms)
         own = self._settings
-        unfiltered = wish.filtered is False
-        asked = msgspec.structs.replace(own, count=wish.count or own.count, filter="none" if unfiltered else own.filter)
+        unfiltered = said.filtered is False
+        asked = msgspec.structs.replace(own, count=said.count or own.count, filter="none" if unfiltered else own.filter)
         return state._replace(settings=asked)
 
     def keep(self, state: SamplerState, message: wire.Message) -> None:
         header, arrays = message
         if self._file and isinstance(header, wire.Lights):
-            self._file.append(Lights(*arrays), header.stamp.sequence, header.stamp.time_s, header.coverage)
+            self._file.append(Lights(*arrays[:3]), header.stamp.sequence, header.stamp.time_s, header.coverage)
 
     def done(self) -> None:
         pass

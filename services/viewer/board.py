@@ -55,7 +55,7 @@ class Board:
                 self.disc.put(header, *arrays)
             case wire.Lights():
                 self._lights = header.count
-                self.lights.put(header, *arrays)
+                self.lights.put(header, *arrays[:3])
             case wire.Image():
                 self.picture.put(*arrays)
                 self.tally.skipped += passed_over

@@ -1,5 +1,7 @@
 """The disc shows each direction where it should, and brightness without flicker; pictures stand on their ground."""
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 import pytest
@@ -12,7 +14,9 @@ STAMP = wire.stamp(0, 0.0)
 
 
 def decoded(jpeg: bytes) -> np.ndarray:
-    return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels is not None
+    return pixels.astype(int)
 
 
 def disc(radiance: np.ndarray, coverage: Coverage = "hemisphere") -> np.ndarray:
@@ -77,7 +81,7 @@ def test_a_jump_of_brightness_is_taken_slowly():
     sky.codes(radiance, "hemisphere")
     shown = [int(sky.codes(4 * radiance, "hemisphere")[0, 0, 0]) for _ in range(60)]
     assert shown == sorted(shown, reverse=True)
-    assert max(a - b for a, b in zip(shown, shown[1:], strict=False)) < 15
+    assert max(a - b for a, b in pairwise(shown)) < 15
     assert shown[-1] == Sky().codes(radiance, "hemisphere")[0, 0, 0]
 
 
@@ -95,7 +99,7 @@ def test_alpha_lets_the_ground_through():
     pixels[:32] = (200, 100, 50, 255)
     pixels[32:48] = (200, 100, 50, 128)
     seen = decoded(picture_jpeg(pixels))
-    ground = np.array(GROUND)
-    assert np.abs(seen[8] - (50, 100, 200)).max() <= 3  # JPEG's own error
-    assert np.abs(seen[40] - ((50, 100, 200) + ground) / 2).max() <= 4
+    colour, ground = np.array((50, 100, 200)), np.array(GROUND)
+    assert np.abs(seen[8] - colour).max() <= 3  # JPEG's own error
+    assert np.abs(seen[40] - (colour + ground) / 2).max() <= 4
     assert np.abs(seen[60] - ground).max() <= 3

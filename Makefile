@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SETTINGS ?=
-GL_PACKAGES := libegl1 libgl1-mesa-dri
+GL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
 .DEFAULT_GOAL := help
 .PHONY: help env gl run test check golden clean

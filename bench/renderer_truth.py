@@ -16,7 +16,8 @@ LEAF = 4  # triangles
 
 
 class Tree(NamedTuple):
-    """low, high: (nodes, 3) float64 boxes. first, count: (nodes,) int64; a leaf holds count triangles from first, else children first, first + 1.
+    """low, high: (nodes, 3) float64 boxes. first, count: (nodes,) int64; a leaf holds `count` triangles from `first`, another node has
+    count 0 and the children `first` and first + 1.
 
     corners: (m, 3, 3) float64, in the tree's order; order: (m,) their numbers in the scene, meshes one after the other.
     """
@@ -43,7 +44,7 @@ def scene_tree(scene: Scene) -> Tree:
     corners = np.concatenate([mesh.geometry.positions[mesh.geometry.triangles] for mesh in scene.meshes]).astype(np.float64)
     order = np.arange(len(corners))
     centre = corners.mean(axis=1)
-    low, high, first, count, stack = [None], [None], [0], [0], [(0, 0, len(corners))]
+    low, high, first, count, stack = [np.zeros(3)], [np.zeros(3)], [0], [0], [(0, 0, len(corners))]
     while stack:
         node, begin, end = stack.pop()
         part = corners[order[begin:end]].reshape(-1, 3)
@@ -57,8 +58,10 @@ def scene_tree(scene: Scene) -> Tree:
         first[node] = len(low)
         for side in ((begin, middle), (middle, end)):
             stack.append((len(low), *side))
-            for rows, value in ((low, None), (high, None), (first, 0), (count, 0)):
-                rows.append(value)
+            low.append(np.zeros(3))
+            high.append(np.zeros(3))
+            first.append(0)
+            count.append(0)
     return Tree(np.array(low), np.array(high), np.array(first), np.array(count), np.ascontiguousarray(corners[order]), order)
 
 

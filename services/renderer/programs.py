@@ -1,6 +1,8 @@
 """The GL context and the shader programs, from the files in shaders/. A failure is one BadInput line."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import moderngl
 
@@ -8,6 +10,8 @@ from services.files import BadInput
 
 SHADERS = Path(__file__).parent / "shaders"
 GL_VERSION = 430  # uniform blocks, instancing, gathers and, for the speed of a software renderer, nothing newer
+
+Made = TypeVar("Made", moderngl.Program, moderngl.ComputeShader)
 
 
 def headless_context() -> moderngl.Context:
@@ -31,7 +35,7 @@ class Programs:
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        self._made: list[moderngl.Program] = []
+        self._made: list[moderngl.Program | moderngl.ComputeShader] = []
         for path in SHADERS.glob("*.glsl"):
             context.includes[path.name] = path.read_text()
 
@@ -40,16 +44,25 @@ class Programs:
 
         Raises BadInput with the compiler's first complaint, the files and the GL renderer.
         """
-        sources = [(SHADERS / name).read_text() for name in (vertex, fragment)]
-        names = "".join(f"#define {name} {value}\n" for name, value in constants.items())
-        sources = [source.replace("\n", "\n" + names, 1) for source in sources]
+        source = [self._source(name, constants) for name in (vertex, fragment)]
+        return self._compiled(f"{vertex} + {fragment}", lambda: self._context.program(vertex_shader=source[0], fragment_shader=source[1]))
+
+    def compute(self, name: str, **constants: str) -> moderngl.ComputeShader:
+        """The compute shader in a file of shaders/, as `program`."""
+        source = self._source(name, constants)
+        return self._compiled(name, lambda: self._context.compute_shader(source))
+
+    def _source(self, name: str, constants: dict[str, str]) -> str:
+        """The file with its constants defined after its first line, which is #version."""
+        defined = "".join(f"#define {constant} {value}\n" for constant, value in constants.items())
+        return (SHADERS / name).read_text().replace("\n", "\n" + defined, 1)
+
+    def _compiled(self, name: str, compiled: Callable[[], Made]) -> Made:
         try:
-            made = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
+            made = compiled()
         except moderngl.Error as error:
             lines = [line for line in str(error).splitlines() if "error" in line.lower()] or [str(error)]
-            raise BadInput(
-                f"{vertex} + {fragment}: {lines[-1].strip()[:200]} ({context_info(self._context)}); update the GL driver"
-            ) from error
+            raise BadInput(f"{name}: {lines[-1].strip()[:200]} ({context_info(self._context)}); update the GL driver") from error
         self._made.append(made)
         return made
 

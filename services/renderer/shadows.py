@@ -10,7 +10,8 @@ from services.lights import Lights
 from services.renderer.geometry import Drawable, Span
 from services.renderer.programs import Programs
 
-MAX_LIGHTS = 1024  # of a batch: 32 kB of a uniform block, half of what every GL 4.3 driver in use allows (64 kB)
+MAX_LIGHTS = 512  # of a batch: 48 kB of a uniform block; GL drivers in use allow 64 kB
+FRAME_BYTES = 96  # LightFrame in light.glsl
 MAX_ATLAS_SIDE = 8192  # texels; 256 MB of depth at 4 bytes, and no GL 4.3 driver refuses it
 BOXES = ("box_centre", "box_half")
 
@@ -36,8 +37,12 @@ class ShadowAtlas:
         self._most_columns = max(side // tile_size, 1)
         self.capacity = min(self._most_columns**2, MAX_LIGHTS)
         self._program = programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS))
+        self._frames_program = programs.compute("frames.comp")
+        for name in BOXES:
+            self._frames_program[name] = [tuple(row) for row in getattr(drawable, name).tolist()]
         self._vao = context.vertex_array(self._program, [(vertices, "3f 12x", "position")], indices, index_element_size=4)
-        self.buffer = context.buffer(reserve=MAX_LIGHTS * 32, dynamic=True)
+        self._given = context.buffer(reserve=MAX_LIGHTS * 32, dynamic=True)
+        self.buffer = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
         self.columns = 0
         self.texture: moderngl.Texture | None = None
         self._frame: moderngl.Framebuffer | None = None
@@ -61,7 +66,13 @@ class ShadowAtlas:
         """Uploads the batch and draws its maps."""
         self._fit(batch.count)
         assert self._frame is not None
-        self.buffer.write(batch.rows.tobytes())
+        self._given.write(batch.rows.tobytes())
+        self._given.bind_to_storage_buffer(1)
+        self.buffer.bind_to_storage_buffer(2)
+        self.describe(self._frames_program)
+        self._frames_program["light_count"] = batch.count
+        self._frames_program.run(group_x=(batch.count + 63) // 64)
+        self._context.memory_barrier()
         self.buffer.bind_to_uniform_block(0)
         self.describe(self._program)
         self._frame.use()
@@ -78,10 +89,8 @@ class ShadowAtlas:
             self._program["first_light"] = first_light
             self._vao.render(vertices=span.count, first=span.first, instances=count)
 
-    def describe(self, program: moderngl.Program) -> None:
-        """Sets the uniforms of light.glsl in a program that reads the atlas."""
-        for name in BOXES:
-            program[name] = [tuple(row) for row in getattr(self._drawable, name).tolist()]
+    def describe(self, program: moderngl.Program | moderngl.ComputeShader) -> None:
+        """Sets the uniforms of light.glsl in a program."""
         program["tile_size"] = float(self.tile_size)
         program["tile_columns"] = float(self.columns)
 
@@ -95,6 +104,7 @@ class ShadowAtlas:
         self.texture = self._context.depth_texture((side, side))
         self.texture.compare_func = ""  # the shader compares: each of the four texels against its own depth
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.texture.repeat_x = self.texture.repeat_y = False
         self._frame = self._context.framebuffer(depth_attachment=self.texture)
 
     def _free(self) -> None:
@@ -105,5 +115,5 @@ class ShadowAtlas:
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for thing in (self._vao, self.buffer):
+        for thing in (self._vao, self._given, self.buffer):
             thing.release()

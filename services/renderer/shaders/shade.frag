@@ -1,6 +1,7 @@
 #version 430
 // Sums the lights of a batch for each visible surface: Lambert and normalised Phong, each light with its shadow map.
 #include "light.glsl"
+#include "lights.glsl"
 #include "normals.glsl"
 
 const float PI = 3.14159265358979;
@@ -16,26 +17,23 @@ uniform sampler2D surface_specular;
 uniform sampler2D atlas;
 layout(location = 0) out vec4 radiance;
 
-const float BIAS = 1.0;  // texels: what a surface may rise above its tangent plane within a texel
 const float STEEPEST = 0.03;  // cosine at which the plane's slope is held; a light so low gives 3 % of its power at most
 
-// Share of a light that reaches a point: the four nearest texels compared with the receiver's plane there, weighted bilinearly
-// (percentage-closer filtering with plane bias, Isidoro 2006).
-float visibility(vec3 position, vec3 flat_normal, vec3 d, float tile, int box) {
-    LightFrame frame = light_frame(d, box_half[box]);
-    vec3 at = tile_from_box(position - box_centre[box], d, frame);
-    if (any(lessThan(at.xy, vec2(1.0))) || any(greaterThan(at.xy, vec2(tile_size - 1.0)))) return 1.0;
-    vec2 texel = frame.extent.xy / (0.5 * tile_size - GUTTER);
-    float depth = 0.5 * DEEPEST / frame.extent.z;  // of a metre
-    vec2 slope = vec2(dot(frame.right, flat_normal), dot(frame.up, flat_normal)) * texel * (depth / max(dot(flat_normal, d), STEEPEST));
-    vec2 corner = floor(at.xy - 0.5);
-    vec2 f = at.xy - 0.5 - corner;
-    vec4 stored = textureGather(atlas, (tile_corner(tile) + corner + 1.0) / (tile_size * tile_columns));
-    float low = at.z - dot(slope, f) - BIAS * depth * max(texel.x, texel.y);
+// Share of light i that reaches a point of a surface with cosine dot(flat_normal, direction): the four nearest texels compared with the
+// surface's own plane there, weighted bilinearly (percentage-closer filtering with plane bias, Isidoro 2006).
+float visibility(int i, vec4 position, vec3 flat_normal, float cosine) {
+    vec2 at = vec2(dot(lights[i].column, position), dot(lights[i].row, position));
+    vec2 slope = vec2(dot(lights[i].column.xyz, flat_normal), dot(lights[i].row.xyz, flat_normal));
+    slope *= lights[i].corner_slope.zw / max(cosine, STEEPEST);
+    vec2 corner = floor(at - 0.5);
+    vec2 f = at - 0.5 - corner;
+    vec4 stored = textureGather(atlas, (lights[i].corner_slope.xy + corner + 1.0) / (tile_size * tile_columns));
+    float low = dot(lights[i].depth, position) - dot(slope, f) - lights[i].direction.w;
     vec4 own = low + vec4(slope.y, slope.x + slope.y, slope.x, 0.0);
     vec4 lit = vec4(lessThanEqual(min(own, 1.0), stored));
     vec2 side = mix(lit.wx, lit.zy, f.x);
-    return mix(side.x, side.y, f.y);
+    vec2 inside = step(abs(at - 0.5 * tile_size), vec2(0.5 * tile_size - 1.0));
+    return mix(1.0, mix(side.x, side.y, f.y), inside.x * inside.y);
 }
 
 void main() {
@@ -53,15 +51,13 @@ void main() {
 
     vec3 sum = vec3(0.0);
     for (int i = 0; i < light_count; ++i) {
-        vec4 light = lights[2 * i];
-        float cosine = dot(smooth_normal, light.xyz);
-        if (cosine <= 0.0 || dot(flat_normal, light.xyz) <= 0.0) continue;
-        vec4 irradiance = lights[2 * i + 1];
-        float seen = visibility(position.xyz, flat_normal, light.xyz, light.w, int(irradiance.w));
-        if (seen == 0.0) continue;
+        vec3 d = lights[i].direction.xyz;
+        float cosine = dot(smooth_normal, d);
+        float flat_cosine = dot(flat_normal, d);
+        float seen = visibility(i, position, flat_normal, flat_cosine);
         vec3 brdf = lambert;
-        if (glossy) brdf += phong * pow(max(dot(mirrored_view, light.xyz), 0.0), specular.w);
-        sum += irradiance.rgb * brdf * (cosine * seen);
+        if (glossy) brdf += phong * pow(max(dot(mirrored_view, d), 1e-6), specular.w);
+        sum += lights[i].irradiance.rgb * brdf * (flat_cosine > 0.0 ? max(cosine, 0.0) * seen : 0.0);
     }
     radiance = vec4(sum, first_batch) * weight;
 }

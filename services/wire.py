@@ -26,7 +26,7 @@ Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Tally = Annotated[int, Meta(ge=0, lt=2**53)]
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
-Milliseconds = Annotated[float, Meta(ge=0, le=1e12)]
+Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
 Hertz = Annotated[float, Meta(ge=0, le=1e9)]
 Side = Annotated[int, Meta(ge=1, le=8192)]
 

@@ -25,7 +25,7 @@ from services.sphere import angle_between, direction_from_angles, rotation_xyz
 def make_lens(size: int = 200, rim_deg: float = 95.0, **changes: object) -> Lens:
     """An equidistant lens whose rim touches the image's border."""
     f = (size / 2 - 1) / np.radians(rim_deg)
-    lens = Lens(size=(size, size), f=(f, f), c=((size - 1) / 2,) * 2, k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=rim_deg)
+    lens = Lens(size=(size, size), f=(f, f), c=((size - 1) / 2, (size - 1) / 2), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=rim_deg)
     return msgspec.structs.replace(lens, **changes)
 
 

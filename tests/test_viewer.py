@@ -202,7 +202,7 @@ def test_a_wish_is_said_whole_and_again(viewer, others):
     viewer.wish(paused=True)
     whole = wire.Control(count=17, exposure=-1.5, paused=True)
     eventually(lambda: others.wishes[-3:] == [whole] * 3, "the wish on its channel, again and again")
-    eventually(lambda: viewer.health()["lights"] == 17, "as many lights as were wished for")
+    eventually(lambda: viewer.health()["lights"]["count"] == 17, "as many lights as were wished for")
     viewer.wish(count=None, exposure=None, paused=False)
     eventually(lambda: others.wishes[-1] == wire.Control(), "the settings' own again")
 

@@ -142,7 +142,7 @@ def test_a_killed_renderer_shows_as_such_and_comes_back(page, others):
 def test_a_light_can_be_read(page):
     box = page.locator("#disc").bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)  # light 0 goes round the zenith, 11 pixels away
-    eventually(lambda: re.match(r"Light \d+ · .* azimuth", page.locator("#light-facts").inner_text()), "words for the light there")
+    eventually(lambda: re.match(r"Light \d+: .* azimuth", page.locator("#light-facts").inner_text()), "words for the light there")
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (768, 1024)])

@@ -67,6 +67,14 @@ def test_a_slow_source_and_a_slow_step_are_no_stall():
     assert watch.judge(13)["renderer"].state == "live"
 
 
+def test_in_lossless_mode_nobody_stalls_who_is_not_asked():
+    watch = Watch(fps=25, lossless=True)
+    watch.heard["capture"].take(FRAMES["capture"], 10)
+    watch.heard["capture"].take(status("capture"), 99)
+    assert watch.judge(100)["capture"].state == "live"
+    assert watch.judge(99 + 1.1 * SILENT_S)["capture"].state == "silent"
+
+
 def test_the_end_outlasts_silence_until_frames_come_again():
     watch = heard_all(10)
     for heard in watch.heard.values():

@@ -18,6 +18,7 @@ from services.viewer.watch import HEALTHY, Heard, Judgement, Losses, Watch
 
 UNHEARD = "lossless mode makes every frame with the settings as they are and hears no controls; run in live mode to use them"
 EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false}'
+NO_LIGHTS = dict.fromkeys(("count", "need", "can", "flicker_hz", "lamp_hz", "flicker_depth"), 0)  # of wire.Lights
 
 
 class Board:
@@ -33,9 +34,9 @@ class Board:
         self.report = Feed(msgspec.json.encode, self.news)
         self.tally = Tally("viewer", restarts)
         self.status: wire.Status | None = None
-        self.watch = Watch(settings.capture.fps)
+        self.watch = Watch(settings.capture.fps, settings.mode == "lossless")
         self.pages = 0
-        self._losses, self._lights, self._encode_s = Losses(), 0, 0.0
+        self._losses, self._lights, self._encode_s = Losses(), NO_LIGHTS, 0.0
 
     def take(self, service: Service, messages: list[wire.Message]) -> None:
         """What one service has said since last time, in order. Of its frames the newest is shown; the rest is counted as skipped."""
@@ -54,7 +55,7 @@ class Board:
             case wire.Map():
                 self.disc.put(header, *arrays)
             case wire.Lights():
-                self._lights = header.count
+                self._lights = {name: getattr(header, name) for name in NO_LIGHTS}
                 self.lights.put(header, *arrays[:3])
             case wire.Image():
                 self.picture.put(*arrays)
@@ -119,6 +120,6 @@ def service_row(service: Service, judgement: Judgement, heard: Heard) -> dict[st
     return {**status, "service": service, "state": judgement.state, "words": judgement.words}
 
 
-def _lights_line(header: wire.Lights, ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray) -> bytes:
+def _lights_line(header: wire.Lights, ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, *_fine: np.ndarray) -> bytes:
     row = lights_row(Lights(ids, directions, irradiance), header.stamp.sequence, header.stamp.time_s, header.coverage)
     return lights_json(row)

@@ -83,11 +83,8 @@ def _with_neighbours(codes: np.ndarray) -> np.ndarray:
 def picture_jpeg(pixels: np.ndarray) -> bytes:
     """A picture (height, width, 4) uint8 RGBA, alpha straight, over GROUND, as JPEG."""
     colours = cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGR)
-    if (alpha := pixels[..., 3]).min() < 255:
-        alpha = cv2.merge([alpha] * 3)
-        ground = cv2.multiply(np.full_like(colours, GROUND), 255 - alpha, scale=1 / 255)
-        colours = cv2.add(cv2.multiply(colours, alpha, scale=1 / 255), ground)
-    return jpeg(colours)
+    cover = pixels[..., 3].astype(np.float32)
+    return jpeg(cv2.blendLinear(colours, np.full_like(colours, GROUND), cover, 255 - cover))
 
 
 def jpeg(colours: np.ndarray) -> bytes:

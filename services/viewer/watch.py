@@ -71,9 +71,10 @@ class Losses:
 class Watch:
     """The three services whose frames the viewer shows."""
 
-    def __init__(self, fps: float) -> None:
+    def __init__(self, fps: float, lossless: bool = False) -> None:
+        """`fps`: of the source. `lossless`: frames are made on request, and who has no frame for long may just not be asked."""
         self.heard: dict[Service, Heard] = {service: Heard() for service in FRAMES}
-        self._fps = fps
+        self._patience_s = float("inf") if lossless else max(STALLED_S, STALLED_FRAMES / fps)
 
     def judge(self, now_s: float) -> dict[Service, Judgement]:
         """One judgement for each service, in the frames' order."""
@@ -97,7 +98,7 @@ class Watch:
             return Judgement("starting", f"waits for {blocked_by}" if blocked_by else "no frame yet")
 
         late_s = now_s - heard.frame_s
-        if late_s <= max(STALLED_S, STALLED_FRAMES / self._fps, STALLED_FRAMES * step_s):
+        if late_s <= max(self._patience_s, STALLED_FRAMES * step_s):
             return Judgement("live", "live")
         if blocked_by:
             return Judgement("waiting", f"waits for {blocked_by}")

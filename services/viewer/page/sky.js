@@ -70,7 +70,7 @@ export class Sky {
     drawRings(c, disc, unit, this.coverage);
     this.drawTrails(c, disc, unit);
     this.drawLights(c, disc, unit);
-    this.say(disc, radius);
+    this.say(disc);
   }
 
   drawTrails(c, disc, unit) {
@@ -128,8 +128,7 @@ export class Sky {
     const light = best ?? this.lights.reduce((a, b) => (b.share > a.share ? b : a));
     const azimuth = ((light.phi * 180) / Math.PI + 360) % 360, height = 90 - (light.theta * 180) / Math.PI;
     const name = best ? `Light ${light.id}` : `Strongest ${light.id}`;
-    this.facts.textContent =
-      `${name} · ${(100 * light.share).toFixed(1)} % of the power · azimuth ${azimuth.toFixed(0)}° · height ${height.toFixed(0)}°`;
+    this.facts.textContent = `${name}: ${(100 * light.share).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, height ${height.toFixed(0)}°`;
   }
 }
 

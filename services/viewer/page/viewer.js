@@ -5,19 +5,34 @@ import { Sky } from "/sky.js";
 
 const DISC = 1, PICTURE = 2; // first byte of a binary message; a JPEG follows
 const AGAIN_MS = 1000;
-const MEASURES = { // of a card: label, how it reads, and whether anything above 0 is bad news
-  age_ms: ["age", milliseconds, false], step_ms: ["step", milliseconds, false], dropped: ["dropped", whole, true],
-  skipped: ["skipped", whole, true], restarts: ["restarts", whole, true], refused: ["refused", whole, true],
+const GREW_MS = 5000; // a count of losses is coloured while it grows, and for so long after
+const MEASURES = { // of a card: label, how it reads, what it means
+  age_ms: ["age", milliseconds, "of its newest frame: time since that light was seen"],
+  step_ms: ["step", milliseconds, "its own time for one frame, median"],
+  dropped: ["dropped", whole, "frames lost before this service saw them"],
+  skipped: ["skipped", whole, "frames passed over because this service was slower than they came"],
+  restarts: ["restarts", whole, "how often it had to be started again"],
+  refused: ["refused", whole, "messages that were not what they should be"],
 };
 const OWN = { // what only one service has to say
-  capture: { black: ["black", whole, false], saturated: ["saturated", whole, true], spoilt: ["spoilt", whole, true] },
-  sampler: { delay_ms: ["filter delay", milliseconds, false] },
+  capture: {
+    black: ["black", whole, "pixels of the newest frame that the sensor clipped at its lower end"],
+    saturated: ["saturated", whole, "and at its upper end: their light is not known"],
+    spoilt: ["spoilt", whole, "cells of the newest map that came as nan, inf or negative and count as 0"],
+  },
+  sampler: {
+    delay_ms: ["filter delay", milliseconds, "how far the filter holds the light back"],
+    need: ["need / can", needed, "lights that the scene needs for the error allowed / that the renderer draws in the time allowed"],
+    flicker_hz: ["lamp flicker", flicker, "how fast the lamps beat with the frame rate"],
+  },
 };
+const LOSSES = new Set(["dropped", "skipped", "restarts", "refused", "saturated", "spoilt"]);
+const grown = new Map(); // of a loss: its last value and when that rose
 const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
 const controls = new Controls(notice);
 const notices = new Map();
-let picture = null, newest = null;
+let picture = null;
 
 function notice(about, text) {
   text ? notices.set(about, text) : notices.delete(about);
@@ -54,7 +69,6 @@ function takeText(message) {
     at("disc").setAttribute("aria-label", `The sky seen from below with ${message.lights.length} lights. ${at("light-facts").textContent}`);
     return "lights";
   }
-  newest = message;
   document.body.classList.remove("dim");
   controls.take(message);
   showFigures(message);
@@ -93,11 +107,12 @@ function say(pill, state, words) {
 function showFigures(report) {
   const of = Object.fromEntries(report.services.map((row) => [row.service, row]));
   at("rate").textContent = rate(of.renderer.rate_hz);
-  at("latency").textContent = milliseconds(of.renderer.age_ms, "");
-  at("delay").textContent = milliseconds(of.sampler.delay_ms, "");
+  at("latency").textContent = inMilliseconds(of.renderer.age_ms, "");
+  at("delay").textContent = inMilliseconds(of.sampler.delay_ms, "");
   at("missed").replaceChildren(...report.services.flatMap((row, k) => {
-    const missed = (row.dropped ?? 0) + (row.skipped ?? 0), number = document.createElement(missed ? "b" : "span");
+    const missed = (row.dropped ?? 0) + (row.skipped ?? 0), number = document.createElement("span");
     number.textContent = whole(missed);
+    number.classList.toggle("lost", grows(`missed ${row.service}`, missed));
     return [`${k ? " · " : ""}${row.service} `, number];
   }));
   at("scene-facts").textContent = of.renderer.sequence === undefined || of.renderer.sequence === null ? "" : `frame ${of.renderer.sequence}`;
@@ -110,26 +125,36 @@ function showFigures(report) {
 }
 
 function showCards(report) {
-  for (const row of report.services) {
+  for (const service of report.services) {
+    const row = service.service === "sampler" ? { ...report.lights, ...service } : service;
     const card = at(`card-${row.service}`) ?? newCard(row.service);
     card.dataset.state = row.state;
     say(card.querySelector(".pill"), row.state, row.words);
     card.querySelector("output").textContent = rate(row.rate_hz);
-    for (const [key, [, text, isLoss]] of Object.entries({ ...MEASURES, ...OWN[row.service] })) {
+    for (const [key, [, text]] of Object.entries({ ...MEASURES, ...OWN[row.service] })) {
       const value = card.querySelector(`[data-key="${key}"]`);
-      value.textContent = text(row[key]);
-      value.classList.toggle("lost", isLoss && row[key] > 0);
+      value.textContent = text(row[key], row);
+      value.classList.toggle("lost", LOSSES.has(key) && grows(`${key} ${row.service}`, row[key] ?? 0));
     }
   }
+}
+
+// Whether a count has grown lately.
+function grows(name, value) {
+  const now = performance.now(), last = grown.get(name) ?? { value, at: -Infinity };
+  if (value !== last.value) grown.set(name, { value, at: value > last.value ? now : -Infinity });
+  else if (!grown.has(name)) grown.set(name, last);
+  return now - grown.get(name).at < GREW_MS;
 }
 
 function newCard(service) {
   const card = at("card").content.cloneNode(true).firstElementChild;
   card.id = `card-${service}`;
   card.querySelector("h3").textContent = service;
-  for (const [key, [label]] of Object.entries({ ...MEASURES, ...OWN[service] })) {
+  for (const [key, [label, , meaning]] of Object.entries({ ...MEASURES, ...OWN[service] })) {
     const pair = document.createElement("div"), name = document.createElement("dt"), value = document.createElement("dd");
     name.textContent = label;
+    pair.title = meaning;
     value.dataset.key = key;
     pair.append(name, value);
     card.querySelector("dl").append(pair);
@@ -162,10 +187,23 @@ function rate(value) {
   return value === undefined ? "–" : value.toFixed(1);
 }
 
-function milliseconds(value, unit = " ms") {
+function milliseconds(value) {
+  return inMilliseconds(value, " ms");
+}
+
+function inMilliseconds(value, unit) {
   if (value === undefined || value === null) return "–";
   if (value >= 1e4 && unit) return `${(value / 1e3).toFixed(0)} s`;
   return `${value < 9.95 ? value.toFixed(1) : value.toFixed(0)}${unit}`;
+}
+
+// 0: nobody asked the sampler or the renderer to find out.
+function needed(need, row) {
+  return need || row.can ? `${need || "–"} / ${row.can || "–"}` : "–";
+}
+
+function flicker(beat) {
+  return beat === undefined ? "–" : beat > 0 ? `${beat.toFixed(1)} Hz` : "none";
 }
 
 function whole(value) {

@@ -43,7 +43,7 @@ def with_frame(before: Flicker, time_s: float, power: float) -> Flicker:
         before = NONE
     times, powers = np.append(before.times_s[1 - FRAMES :], time_s), np.append(before.power[1 - FRAMES :], power)
     quiet = Flicker(times, powers, 0.0, 0.0, 0.0, 1.0)
-    seen_s, mean = times[-1] - times[0], powers.mean()
+    seen_s, mean = float(times[-1] - times[0]), float(powers.mean())
     if len(times) < FEWEST or mean <= 0:
         return quiet
     rate = (len(times) - 1) / seen_s

@@ -46,8 +46,8 @@ class Tally:
             return None
         self._due_s = now + STATUS_PERIOD_S
         recent = [t for t in self._done_s if t > now - RATE_WINDOW_S]
-        if len(recent) < 2:  # slower than the window: the time since the frame before the last tells
-            recent = [*list(self._done_s)[-2:], now][:2]
+        if len(recent) < 2:  # slower than the window: the last two frames tell
+            recent = list(self._done_s)[-2:]
         rate_hz = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
         return wire.Status(
             service=self.service,

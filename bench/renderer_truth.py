@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit, prange
 
 from services.lights import Lights
-from services.renderer.renderer import view_from_world
 from services.renderer.scene import Scene
+from services.renderer.view import view_from_world
 
 LEAF = 4  # triangles
 

@@ -12,9 +12,10 @@ from services.files import BadInput
 from services.lights import Lights
 from services.renderer import shadows
 from services.renderer.programs import Programs, headless_context
-from services.renderer.renderer import Renderer, clip_from_world, pixel_offsets
+from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
 from services.renderer.tonemap import adapt, tone_mapped
+from services.renderer.view import clip_from_world, pixel_offsets
 from services.settings import Renderer as Settings
 from services.sphere import direction_from_angles
 

@@ -9,29 +9,39 @@ import numpy as np
 from services.lights import Lights
 from services.renderer.geometry import Drawable, Span
 from services.renderer.programs import Programs
+from services.renderer.regions import Regions, region_rows
 
 MAX_LIGHTS = 512  # of a batch: 48 kB of a uniform block; GL drivers in use allow 64 kB
 FRAME_BYTES = 96  # LightFrame in light.glsl
+ALIGNED = 8  # frames; 768 bytes, a multiple of the 256 at which GL drivers let a uniform block begin
 MAX_ATLAS_SIDE = 8192  # texels; 256 MB of depth at 4 bytes, and no GL 4.3 driver refuses it
 BOXES = ("box_centre", "box_half")
 
 
+class Row(NamedTuple):
+    """A run of light frames in the buffer."""
+
+    first: int
+    count: int
+
+
 class Batch(NamedTuple):
-    """Lights that fit the atlas together; rows: (n, 8) float32 as light.glsl reads them."""
+    """Lights that fit the atlas together. entries: (m, 8) float32 as frames.comp reads them, row after row.
 
-    rows: np.ndarray
+    rows: one for each light region, then one with all lights, of which the first `above` are above the floor.
+    """
 
-    @property
-    def count(self) -> int:
-        return len(self.rows)
+    entries: np.ndarray
+    rows: tuple[Row, ...]
+    above: int
 
 
 class ShadowAtlas:
     """One depth texture with a tile of `tile_size` texels a side for each light of a batch."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, drawable: Drawable, vertices: moderngl.Buffer,
-                 indices: moderngl.Buffer, tile_size: int) -> None:
-        self._context, self._drawable = context, drawable
+                 indices: moderngl.Buffer, regions: Regions, tile_size: int) -> None:
+        self._context, self._drawable, self._regions = context, drawable, regions
         self.tile_size = tile_size
         side = min(MAX_ATLAS_SIDE, context.info["GL_MAX_TEXTURE_SIZE"])
         self._most_columns = max(side // tile_size, 1)
@@ -41,65 +51,91 @@ class ShadowAtlas:
         for name in BOXES:
             self._frames_program[name] = [tuple(row) for row in getattr(drawable, name).tolist()]
         self._vao = context.vertex_array(self._program, [(vertices, "3f 12x", "position")], indices, index_element_size=4)
-        self._given = context.buffer(reserve=MAX_LIGHTS * 32, dynamic=True)
-        self.buffer = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
+        self._given = context.buffer(reserve=32, dynamic=True)
+        self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
         self.columns = 0
         self.texture: moderngl.Texture | None = None
         self._frame: moderngl.Framebuffer | None = None
 
     def batches(self, lights: Lights) -> list[Batch]:
-        """The lights that carry power, cut into runs that fit the atlas; lights above the floor come first in each."""
+        """The lights that carry power, cut into runs that fit the atlas."""
         lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
         return [self._batch(lights, lit[first : first + self.capacity]) for first in range(0, len(lit), self.capacity)]
 
     def _batch(self, lights: Lights, chosen: np.ndarray) -> Batch:
         below = lights.directions[chosen] @ self._drawable.floor_normal < 0
-        order = np.argsort(below, kind="stable")
-        rows = np.zeros((len(chosen), 8), np.float32)
-        rows[:, 0:3] = lights.directions[chosen[order]]
-        rows[:, 3] = np.arange(len(chosen))
-        rows[:, 4:7] = lights.irradiance[chosen[order]]
-        rows[:, 7] = below[order]
-        return Batch(rows)
+        light = np.zeros((len(chosen), 8), np.float32)
+        light[:, 0:3] = lights.directions[chosen]
+        light[:, 3] = np.arange(len(chosen))
+        light[:, 4:7] = lights.irradiance[chosen]
+        light[:, 7] = below
+        runs = [*region_rows(self._regions, lights.directions[chosen]), np.argsort(below, kind="stable")]
+        rows, padded, first = [], [], 0
+        for run in runs:
+            rows.append(Row(first, len(run)))
+            room = -(-len(run) // ALIGNED) * ALIGNED
+            padded.append(np.resize(run, room))
+            first += room
+        return Batch(light[np.concatenate(padded)], tuple(rows), int(np.count_nonzero(~below)))
 
     def draw(self, batch: Batch) -> None:
         """Uploads the batch and draws its maps."""
-        self._fit(batch.count)
+        self._fit(batch.rows[-1].count)
         assert self._frame is not None
-        self._given.write(batch.rows.tobytes())
-        self._given.bind_to_storage_buffer(1)
-        self.buffer.bind_to_storage_buffer(2)
-        self.describe(self._frames_program)
-        self._frames_program["light_count"] = batch.count
-        self._frames_program.run(group_x=(batch.count + 63) // 64)
-        self._context.memory_barrier()
-        self.buffer.bind_to_uniform_block(0)
-        self.describe(self._program)
+        self._make_frames(batch)
+        self._describe(self._program)
+        self.bind_row(batch.rows[-1])
         self._frame.use()
         self._frame.clear(depth=1.0)
+        self._context.depth_func = "<"
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        above = int(np.count_nonzero(batch.rows[:, 7] == 0))
-        self._instances(self._drawable.closed, 0, batch.count)
+        count = batch.rows[-1].count
+        self._instances(self._drawable.closed, 0, count)
         self._context.disable(moderngl.CULL_FACE)
-        self._instances(self._drawable.open, 0, batch.count)
-        self._instances(self._drawable.floor, above, batch.count - above)
+        self._instances(self._drawable.open, 0, count)
+        self._instances(self._drawable.floor, batch.above, count - batch.above)
+
+    def _make_frames(self, batch: Batch) -> None:
+        """Has the GPU rebuild the light frames of all rows from the lights' directions."""
+        count = len(batch.entries)
+        if self._given.size < batch.entries.nbytes:
+            self._given.orphan(batch.entries.nbytes)
+            self._frames.orphan((count + MAX_LIGHTS) * FRAME_BYTES)  # a whole uniform block lies behind the last row's beginning
+        self._given.write(batch.entries.tobytes())
+        self._given.bind_to_storage_buffer(1)
+        self._frames.bind_to_storage_buffer(2)
+        self._describe(self._frames_program)
+        self._frames_program["light_count"] = count
+        self._frames_program.run(group_x=(count + 63) // 64)
+        self._context.memory_barrier()
+
+    def bind_row(self, row: Row) -> None:
+        """Makes a row of the batch drawn last the `Lights` of the programs that follow."""
+        self._frames.bind_to_uniform_block(0, offset=row.first * FRAME_BYTES, size=MAX_LIGHTS * FRAME_BYTES)
+
+    def bind(self, program: moderngl.Program, unit: int) -> None:
+        """Gives a program the atlas on a texture unit and the uniforms of light.glsl."""
+        assert self.texture is not None
+        self.texture.use(unit)
+        program["atlas"] = unit
+        self._describe(program)
 
     def _instances(self, span: Span, first_light: int, count: int) -> None:
         if span.count and count:
             self._program["first_light"] = first_light
             self._vao.render(vertices=span.count, first=span.first, instances=count)
 
-    def describe(self, program: moderngl.Program | moderngl.ComputeShader) -> None:
-        """Sets the uniforms of light.glsl in a program."""
+    def _describe(self, program: moderngl.Program | moderngl.ComputeShader) -> None:
         program["tile_size"] = float(self.tile_size)
         program["tile_columns"] = float(self.columns)
 
     def _fit(self, count: int) -> None:
-        """Grows the texture to hold `count` tiles; it never shrinks."""
-        if self.texture is not None and self.columns**2 >= count:
+        """Makes the texture hold `count` tiles and no row more: where a tile lies, and so how it rounds, follows from the lights alone."""
+        columns = math.ceil(math.sqrt(count))
+        if columns == self.columns:
             return
         self._free()
-        self.columns = min(math.ceil(math.sqrt(count)), self._most_columns)
+        self.columns = columns
         side = self.columns * self.tile_size
         self.texture = self._context.depth_texture((side, side))
         self.texture.compare_func = ""  # the shader compares: each of the four texels against its own depth
@@ -115,5 +151,5 @@ class ShadowAtlas:
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for thing in (self._vao, self._given, self.buffer):
+        for thing in (self._vao, self._given, self._frames):
             thing.release()

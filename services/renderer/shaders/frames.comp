@@ -1,5 +1,5 @@
 #version 430
-// Rebuilds, from each light's direction alone, where its shadow map lies: an orthographic view along the light, fitted to the box
+// Rebuilds, for each entry of all rows and from the light's direction alone, where its shadow map lies: an orthographic view along the light, fitted to the box
 // around all that casts its shadow.
 #include "light.glsl"
 

@@ -1,19 +1,22 @@
 #version 430
-// Sums the lights of a batch for each visible surface: Lambert and normalised Phong, each light with its shadow map.
+// Sums a row of lights for each surface of a class: Lambert and, where GLOSSY is 1, normalised Phong; each light with its shadow map.
+
+layout(early_fragment_tests) in;
 #include "light.glsl"
 #include "lights.glsl"
 #include "normals.glsl"
 
 const float PI = 3.14159265358979;
 
+#if GLOSSY
 uniform vec3 eye;
+uniform sampler2D surface_specular;
+#endif
 uniform int light_count;
 uniform float weight;  // of this pass in the picture: 1 / samples
-uniform float first_batch;  // 1 in the first batch of lights, which brings the alpha; else 0
 uniform sampler2D surface_positions;
 uniform sampler2D surface_normals;
 uniform sampler2D surface_diffuse;
-uniform sampler2D surface_specular;
 uniform sampler2D atlas;
 layout(location = 0) out vec4 radiance;
 
@@ -39,25 +42,26 @@ float visibility(int i, vec4 position, vec3 flat_normal, float cosine) {
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     vec4 position = texelFetch(surface_positions, pixel, 0);
-    if (position.w == 0.0) discard;
     vec4 normals = texelFetch(surface_normals, pixel, 0);
     vec3 smooth_normal = direction_from_octahedron(normals.xy);
     vec3 flat_normal = direction_from_octahedron(normals.zw);
-    vec3 mirrored_view = reflect(normalize(position.xyz - eye), smooth_normal);
     vec3 lambert = texelFetch(surface_diffuse, pixel, 0).rgb / PI;
+#if GLOSSY
+    vec3 mirrored_view = reflect(normalize(position.xyz - eye), smooth_normal);
     vec4 specular = texelFetch(surface_specular, pixel, 0);
     vec3 phong = specular.rgb * (specular.w + 2.0) / (2.0 * PI);
-    bool glossy = any(greaterThan(phong, vec3(0.0)));
+#endif
 
     vec3 sum = vec3(0.0);
     for (int i = 0; i < light_count; ++i) {
         vec3 d = lights[i].direction.xyz;
-        float cosine = dot(smooth_normal, d);
         float flat_cosine = dot(flat_normal, d);
-        float seen = visibility(i, position, flat_normal, flat_cosine);
+        float cosine = flat_cosine > 0.0 ? max(dot(smooth_normal, d), 0.0) : 0.0;
         vec3 brdf = lambert;
-        if (glossy) brdf += phong * pow(max(dot(mirrored_view, d), 1e-6), specular.w);
-        sum += lights[i].irradiance.rgb * brdf * (flat_cosine > 0.0 ? max(cosine, 0.0) * seen : 0.0);
+#if GLOSSY
+        brdf += phong * pow(max(dot(mirrored_view, d), 1e-6), specular.w);
+#endif
+        sum += lights[i].irradiance.rgb * brdf * (cosine * visibility(i, position, flat_normal, flat_cosine));
     }
-    radiance = vec4(sum, first_batch) * weight;
+    radiance = vec4(sum, 0.0) * weight;
 }

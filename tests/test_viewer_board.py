@@ -46,6 +46,7 @@ def test_the_summary_has_a_row_for_each_service():
     assert [row["service"] for row in summary["services"]] == ["capture", "sampler", "renderer", "viewer"]
     assert [row["state"] for row in summary["services"]] == ["not heard", "not heard", "live", "live"]
     assert not summary["healthy"]
+    assert Board(Settings(), 0).summary()["services"][-1]["words"] == "waits for renderer"
 
 
 def test_a_wish_changes_what_it_names():

@@ -65,6 +65,10 @@ def test_a_slow_source_and_a_slow_step_are_no_stall():
     watch = heard_all(10)
     watch.heard["renderer"].take(status("renderer", step_ms=2000), 10)
     assert watch.judge(13)["renderer"].state == "live"
+    watch = heard_all(10)
+    watch.heard["renderer"].take(FRAMES["renderer"], 14)  # the pace of its last two frames counts as well
+    assert watch.judge(20)["renderer"].state == "live"
+    assert watch.judge(27)["renderer"].state == "silent"
 
 
 def test_in_lossless_mode_nobody_stalls_who_is_not_asked():

@@ -99,7 +99,9 @@ class Board:
         judged = self.watch.judge(time.monotonic())
         s = self.settings
         rows = [service_row(service, judged[service], self.watch.heard[service]) for service in FRAMES]
-        own = msgspec.to_builtins(self.status) if self.status else {"service": "viewer"}
+        own = {"service": "viewer", **(msgspec.to_builtins(self.status) if self.status else {}), "state": "live", "words": "live"}
+        if judged[LAST].state not in HEALTHY:
+            own |= {"state": "waiting", "words": f"waits for {LAST}", "rate_hz": 0.0}
         return {
             "healthy": all(judgement.state in HEALTHY for judgement in judged.values()),
             "mode": s.mode,
@@ -108,7 +110,7 @@ class Board:
             "settings": {"count": s.sampler.count, "exposure": s.renderer.exposure, "filtered": s.sampler.filter != "none"},
             "lights": self._lights,
             "pages": self.pages,
-            "services": [*rows, {**own, "state": "live", "words": "live"}],
+            "services": [*rows, own],
         }
 
 

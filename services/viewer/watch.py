@@ -30,6 +30,7 @@ class Heard:
         self.status_s = 0.0
         self.stamp: wire.Stamp | None = None
         self.frame_s = 0.0
+        self.pace_s = 0.0  # between its last two frames
         self.ended = False
 
     def take(self, header: wire.Header, now_s: float) -> None:
@@ -37,6 +38,7 @@ class Heard:
             case wire.Status():
                 self.status, self.status_s = header, now_s
             case wire.Map() | wire.Lights() | wire.Image():
+                self.pace_s = now_s - self.frame_s if self.stamp else 0.0
                 self.stamp, self.frame_s, self.ended = header.stamp, now_s, False
             case wire.End():
                 self.ended = True
@@ -90,15 +92,15 @@ class Watch:
             return Judgement("finished", "the stream has ended")
         if heard.status is None and heard.stamp is None:
             return Judgement("not heard", "not heard yet")
-        step_s = (heard.status.step_ms or 0.0) / 1e3 if heard.status else 0.0
+        slow_s = STALLED_FRAMES * max(heard.pace_s, (heard.status.step_ms or 0.0) / 1e3 if heard.status else 0.0)
         silent_s = now_s - max(heard.status_s, heard.frame_s)
-        if silent_s > max(SILENT_S, STALLED_FRAMES * step_s):  # it speaks between two steps, never within one
+        if silent_s > max(SILENT_S, slow_s):  # it speaks between two steps, never within one
             return Judgement("silent", f"silent for {_duration(silent_s)}")
         if heard.stamp is None:
             return Judgement("starting", f"waits for {blocked_by}" if blocked_by else "no frame yet")
 
         late_s = now_s - heard.frame_s
-        if late_s <= max(self._patience_s, STALLED_FRAMES * step_s):
+        if late_s <= max(self._patience_s, slow_s):
             return Judgement("live", "live")
         if blocked_by:
             return Judgement("waiting", f"waits for {blocked_by}")

@@ -107,8 +107,8 @@ function say(pill, state, words) {
 function showFigures(report) {
   const of = Object.fromEntries(report.services.map((row) => [row.service, row]));
   at("rate").textContent = rate(of.renderer.rate_hz);
-  at("latency").textContent = inMilliseconds(of.renderer.age_ms, "");
-  at("delay").textContent = inMilliseconds(of.sampler.delay_ms, "");
+  at("latency").textContent = milliseconds(of.renderer.age_ms);
+  at("delay").textContent = milliseconds(of.sampler.delay_ms);
   at("missed").replaceChildren(...report.services.flatMap((row, k) => {
     const missed = (row.dropped ?? 0) + (row.skipped ?? 0), number = document.createElement("span");
     number.textContent = whole(missed);
@@ -188,13 +188,9 @@ function rate(value) {
 }
 
 function milliseconds(value) {
-  return inMilliseconds(value, " ms");
-}
-
-function inMilliseconds(value, unit) {
   if (value === undefined || value === null) return "–";
-  if (value >= 1e4 && unit) return `${(value / 1e3).toFixed(0)} s`;
-  return `${value < 9.95 ? value.toFixed(1) : value.toFixed(0)}${unit}`;
+  if (value >= 1e4) return `${(value / 1e3).toFixed(0)} s`;
+  return `${value < 9.95 ? value.toFixed(1) : value.toFixed(0)} ms`;
 }
 
 // 0: nobody asked the sampler or the renderer to find out.

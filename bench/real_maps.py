@@ -42,23 +42,19 @@ c = 0.002
 SCENE = """
 [camera]
 from = [2.2, -3.4, 2.2]
-at = [0.0, 0.0, 0.55]
-fov_y = 36.0
+at = [0.0, 0.0, 0.35]
+fov_y = 28.0
 [[mesh]]
 shape = "plane"
-scale = 6.0
+scale = 4.0
 material = {{diffuse = [0.5, 0.5, 0.5]}}
 [[mesh]]
 file = "{suzi}"
 y_up = true
 scale = 0.6
 rotate = [0.0, 0.0, 20.0]
-at = [0.0, 0.0, 0.6]
+at = [0.0, 0.0, 0.402]
 material = {{diffuse = [0.6, 0.5, 0.4], specular = [0.04, 0.04, 0.04], exponent = 40.0}}
-[[mesh]]
-shape = "box"
-scale = 0.02
-at = [-0.9, 0.0, 0.02]
 """
 
 

@@ -109,3 +109,23 @@ def test_frames_that_no_camera_should_give(tmp_path):
     assert pictures[3].max() > 100 * pictures[0].max()
     lost = abs(pictures[2].mean() / pictures[0].mean() - 1)
     assert lost < 0.01  # three of 4096 pixels above the horizon, and their neighbours within a cell
+
+
+def test_five_lamps_give_five_shadows(tmp_path):
+    """Equal lamps all round, 35 degrees up: as many dark strokes from the foot of the pole."""
+    image = np.zeros((256, 512, 3), np.float32)
+    for phi in np.radians([10, 82, 154, 226, 298]):
+        row, column = latlong_from_direction(direction_from_angles(np.radians(55), phi), 256, 512)
+        image[int(row), int(column)] = 1000
+    write_exr(tmp_path / "lamps.exr", image)
+    write_pictures_of(tmp_path / "lamps.exr", pole_scene(tmp_path), "240x240", 0.0, tmp_path / "picture.exr", count=60, **ANY)
+    picture = read_radiance(tmp_path / "picture.exr")[0][..., 1]
+    angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    radius = np.arange(40, 50)[:, None]
+    rows, cols = np.rint(119.5 - radius * np.sin(angle)).astype(int), np.rint(119.5 + radius * np.cos(angle)).astype(int)
+    ring = np.median(picture[rows, cols], axis=0)
+    dark = ring < 0.9 * np.median(ring)  # one lamp of five gone takes a fifth
+    starts = np.flatnonzero(dark & ~np.roll(dark, 1))
+    assert len(starts) == 5
+    turns = (np.degrees(angle[starts]) - np.array([82, 154, 226, 298, 10]).reshape(-1, 1)) % 360
+    assert all(np.abs(turns[:, k] - 180).min() < 6 for k in range(5))

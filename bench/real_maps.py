@@ -116,7 +116,8 @@ def main(out: Path, frames: int) -> None:
         for name in MAPS:
             source = data / "hdri" / f"{name}_1k.hdr"
             image, _ = read_radiance(source)
-            truth = (image[: len(image) // 2, :, 1].sum(axis=1, dtype=float) * latlong_solid_angles(*image.shape[:2])[: len(image) // 2]).sum()
+            above = slice(0, len(image) // 2)
+            truth = image[above, :, 1].sum(axis=1, dtype=float) @ latlong_solid_angles(*image.shape[:2])[above]
             for way, make in (("latlong", turned_maps), ("simulated", simulated)):
                 seen = played(make(source, out / f"{name}_{way}_in", frames), scene, out / f"{name}_{way}", frames)
                 row = [name, way, f"{seen['energy_error']:.1e}", f"{seen['irradiance'] / truth - 1:+.4f}"]

@@ -113,3 +113,57 @@ def test_memory_does_not_grow_and_old_memories_stay_valid():
     for k in range(200):  # a burst of frames in the time of one
         memory, _, _, _ = filtered(PAPER, memory, frame(8 + k * 1e-4), 0.0)
         assert len(memory.frames) <= 50
+
+
+@pytest.mark.parametrize("name", ["fir2005", "fir", "binomial", "iir", "none"])
+def test_every_filter_leaves_rest_alone_and_follows_a_step(name):
+    settings = Sampler(filter=name)
+    out, memory = run([frame(k / 25, 2.0 if k < 20 else 5.0) for k in range(60)], settings)
+    assert out[19].power[0] == pytest.approx(2, rel=1e-9)
+    assert out[-1].power[0] == pytest.approx(5, rel=1e-6)
+    assert min(f.power[0] for f in out) > 0
+    delay_s = filtered(settings, memory, frame(2.4, 5.0), 0.0).delay_s
+    # The step's centre of gravity lies the delay later: sum over frames of what is missing, over the step.
+    missing = sum(5 - f.power[0] for f in out[20:]) / 3 / 25
+    assert missing == pytest.approx(delay_s, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["binomial", "iir", "none"])
+def test_filters_without_negative_weights_never_overshoot(name):
+    generator = np.random.default_rng(3)
+    powers = generator.lognormal(0, 2, 80)
+    out, _ = run([frame(k / 25, p) for k, p in enumerate(powers)], Sampler(filter=name))
+    assert max(f.power[0] for f in out) <= powers.max()
+    assert min(f.power[0] for f in out) >= powers.min()
+
+
+def test_the_two_low_passes_have_half_the_power_at_their_edge_and_ignore_the_frame_rate():
+    for rate in (200.0, 1000.0):
+        times = np.arange(int(4 * rate)) / rate
+        out, _ = run([frame(t, 1 + 0.5 * np.sin(2 * np.pi * 3 * t)) for t in times], Sampler(filter="iir", pass_hz=3.0))
+        swing = np.ptp([f.power[0] for f in out[len(out) // 2 :]]) / 2
+        assert swing / 0.5 == pytest.approx(np.sqrt(0.5), rel=0.02)
+
+
+def test_another_filter_takes_over_without_a_jump():
+    memory, last = EMPTY, None
+    for k in range(60):
+        settings = [PAPER, Sampler(filter="binomial"), Sampler(filter="iir"), Sampler(filter="fir")][k // 15]
+        memory, out, _, _ = filtered(settings, memory, frame(k / 25, 10 + k), 0.0)
+        if last is not None and k > 12:  # past the beginning of the ramp, where the 2005 taps undershoot
+            assert abs(out.power[0] - last - 1) < 3.2  # a ramp of 1 a frame; the delays differ by up to three frames
+        last = out.power[0]
+
+
+@pytest.mark.parametrize("name", ["fir2005", "iir"])
+def test_a_covered_frame_does_not_steer_the_lights(name):
+    away = np.array([1.0, 0, 0, 1, 1, 1])
+    frames = [frame(k / 25, 1e-5 if k == 20 else 1.0, away if k == 20 else UP) for k in range(40)]
+    out, _ = run(frames, Sampler(filter=name))
+    np.testing.assert_allclose(np.concatenate([f.lights for f in out]), np.tile(UP, (40, 1)), atol=1e-9)
+
+
+def test_below_the_horizon_is_allowed_on_the_sphere():
+    down = np.array([0.0, 0, -1, 1, 1, 1])
+    _, out, _, _ = filtered(Sampler(), EMPTY, frame(0.0, 1.0, down), -1.0)
+    np.testing.assert_allclose(out.lights, [down], atol=1e-12)

@@ -1,3 +1,6 @@
+import pickle
+
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given
@@ -127,3 +130,73 @@ def test_another_coverage_begins_anew():
     _, lights, _ = step(settings, state, scene(), "sphere", 0.12)
     np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(scene(), "sphere"), rtol=1e-6)
     assert lights.directions[:, 2].min() < -0.5
+
+
+@pytest.mark.parametrize("filter", ["fir2005", "iir", "none"])
+def test_every_setting_may_change_between_frames(filter):
+    changes = [{}, {"count": 200}, {"clusters": 30}, {"method": "standard"}, {"clusters": 0, "fine": 300}, {"points": "halton"}]
+    changes += [{"error_percent": 20.0}, {"filter": "binomial"}, {"error_percent": 0.0, "count": 10}, {"fine": 0, "frame_ms": 10.0}]
+    changes += [{"deflicker": True}, {"method": "havran-radius"}]
+    settings, radiance = Sampler(filter=filter), scene(sun=1e3)
+    state = initial_state(settings)
+    for k in range(4 * len(changes)):
+        if k % 4 == 0:
+            settings = msgspec.structs.replace(settings, **changes[k // 4])
+        state, lights, report = step(settings, state, radiance, "hemisphere", k / 25, 5.0)
+        np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(radiance, "hemisphere"), rtol=1e-5)
+        assert settings.clusters == 0 or len(lights.ids) <= settings.clusters
+        assert (report.fine is None) == (settings.fine == 0)
+
+
+def test_lights_that_come_are_faded_in():
+    state = initial_state(PLAIN)
+    shares = []
+    for k in range(12):
+        state, lights, _ = step(Sampler(filter="none", count=20 if k < 4 else 40), state, scene(), "hemisphere", k / 25)
+        luminous = lights.irradiance.sum(axis=1, dtype=float)
+        shares.append(luminous[20:].sum() / luminous.sum())
+    assert shares[3] == 0
+    assert 0 < shares[4] < shares[5] < shares[7]
+    assert shares[-1] == pytest.approx(0.5, abs=0.1)
+    assert max(np.diff(shares)) < 0.2
+
+
+def test_the_first_set_begins_the_second_with_more_power():
+    (lights, report), = run(Sampler(filter="none", count=72, fine=216), [scene()])[0]
+    assert report.fine is not None
+    np.testing.assert_array_equal(report.fine.ids[:72], lights.ids)
+    np.testing.assert_array_equal(report.fine.directions[:72], lights.directions)
+    np.testing.assert_allclose(report.fine.irradiance.sum(axis=0, dtype=float), lights.irradiance.sum(axis=0, dtype=float), rtol=1e-6)
+    ratio = lights.irradiance / report.fine.irradiance[:72]
+    np.testing.assert_allclose(ratio, np.broadcast_to(ratio[0], ratio.shape), rtol=1e-4)
+    assert ratio.mean() == pytest.approx(3, rel=0.2)
+
+
+def test_clusters_have_the_power_of_all_and_never_exceed_the_limit():
+    out, _ = run(Sampler(count=300, clusters=72), [scene(k, sun=1e4) for k in range(10)])
+    for lights, _ in out:
+        assert len(lights.ids) <= 72
+        assert set(lights.ids) <= set(range(300))
+
+
+def test_as_many_lights_as_needed_and_as_the_renderer_can():
+    sky = np.ones((30, 60, 3), np.float32)
+    out, _ = run(Sampler(filter="none", count=400, error_percent=15.0), [sky] * 3)
+    need = out[-1][1].need
+    assert 8 < need < 100
+    assert len(out[-1][0].ids) == out[-1][1].count == need
+    settings, state = Sampler(filter="none", count=400, error_percent=15.0, frame_ms=10.0), initial_state(Sampler(count=400))
+    for k in range(300):
+        state, lights, report = step(settings, state, sky, "hemisphere", k / 25, 1.0 * len(state.presence))
+    assert report.can <= 11
+    assert len(lights.ids) == report.count == report.can
+
+
+def test_memory_is_flat():
+    settings, state = Sampler(filter="fir", count=8, clusters=4, error_percent=30.0, fine=12), initial_state(Sampler())
+    radiance, sizes = scene(rows=4, cols=8), []
+    for k in range(3000):
+        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25)
+        if k % 1000 == 999:
+            sizes.append(len(pickle.dumps(state)))
+    assert sizes[0] == sizes[1] == sizes[2]

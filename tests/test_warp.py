@@ -5,8 +5,9 @@ import pytest
 from scipy import stats
 
 from services.sampler.density import FLOOR, light_map
+from services.sampler.havran import turn_from_azimuth
 from services.sampler.points import halton
-from services.sampler.warp import WarpName, warp_from_map
+from services.sampler.warp import WarpName, steadied, warp_from_map
 from services.sphere import Coverage, angle_between, angles_from_direction, direction_from_angles
 
 NAMES: list[WarpName] = ["havran-azimuth", "havran-radius", "standard"]
@@ -202,16 +203,32 @@ def test_a_rotating_sun_does_not_sweep_the_others_round_the_sky():
     assert worst["havran-radius"] < 0.6
 
 
-def test_the_seam_and_the_offset_say_the_same():
-    warp = warp_from_map(light_map(MAPS["sky"], "hemisphere"), "havran-azimuth")
-    assert warp.seam is not None
-    again = warp.with_seam(warp.seam)
-    points = halton(100)
-    np.testing.assert_allclose(again.sample(points).directions, warp.sample(points).directions, atol=1e-12)
-    moved = warp.with_seam(1.0)
-    assert moved.seam == pytest.approx(1.0, abs=1e-12)
-    _, phi = angles_from_direction(moved.sample(np.array([[0.9, 0.5]])).directions)  # w = 0
-    assert phi[0] == pytest.approx(1.0, abs=1e-12)
+def test_the_anchor_steadies_the_offset_and_outlives_light_that_crosses_azimuth_zero():
+    points = halton(216)
+    still, anchor = steadied(warp_from_map(light_map(MAPS["sky"], "hemisphere"), "havran-azimuth"), None, 0.3)
+    assert anchor is not None
+    again, _ = steadied(warp_from_map(light_map(MAPS["sky"], "hemisphere"), "havran-azimuth"), anchor, 0.3)
+    np.testing.assert_allclose(again.sample(points).directions, still.sample(points).directions, atol=1e-12)
+    # Noise of 20 % on a coarse map: the azimuth on the disc of a fixed azimuth shakes less than with the offset of each frame alone.
+    shaken = {}
+    for gain in (0.3, 1.0):
+        generator, anchor, turns = np.random.default_rng(8), None, []
+        for _ in range(60):
+            radiance = sky(12, 24, at=(5, 3)) * (1 + 0.2 * generator.standard_normal((12, 24, 1))).astype(np.float32)
+            warp, anchor = steadied(warp_from_map(light_map(radiance, "hemisphere"), "havran-azimuth"), anchor, gain)
+            turns.append(turn_from_azimuth(warp.tables, 3.0))
+        shaken[gain] = np.abs(np.diff(turns)).mean()
+    assert shaken[0.3] < 0.7 * shaken[1.0]
+    # A sun through azimuth zero: the smoothed offset does not sweep the lights round either.
+    anchor, last, worst = None, None, 0.0
+    for step in range(-20, 21):
+        radiance = np.ones((90, 720, 3), np.float32)
+        radiance[50, step % 720] += 1e4
+        warp, anchor = steadied(warp_from_map(light_map(radiance, "hemisphere"), "havran-azimuth"), anchor, 0.3)
+        now = warp.sample(points).directions
+        worst = worst if last is None else max(worst, float(np.degrees(angle_between(now, last)).mean()))
+        last = now
+    assert worst < 0.6
 
 
 def test_the_plain_form_of_the_tables_gives_the_same():

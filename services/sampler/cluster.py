@@ -40,7 +40,7 @@ def clustered(lights: Lights, most: int, coverage: Coverage, before: Clusters) -
     directions = lights.directions.astype(np.float64)
     old = np.concatenate([before.labels[: len(directions)], np.full(max(len(directions) - len(before.labels), 0), -1)])
     now = _searched(directions, old, most, before.angle_rad or _first_guess(most, coverage))
-    return now, _merged(lights, directions, now.labels)
+    return now, _merged(lights, directions, now, int((now.labels == np.arange(len(directions))).sum()))
 
 
 def _first_guess(most: int, coverage: Coverage) -> float:
@@ -94,15 +94,31 @@ def _labels(directions, old, angle, most):
     return labels, found
 
 
-def _merged(lights: Lights, directions: np.ndarray, labels: np.ndarray) -> Lights:
-    seeds, member = np.unique(labels, return_inverse=True)
-    irradiance = np.zeros((len(seeds), 3))
-    np.add.at(irradiance, member, lights.irradiance)
-    weights = lights.irradiance.astype(np.float64) @ LUMINANCE
-    mean = np.zeros((len(seeds), 3))
-    np.add.at(mean, member, weights[:, None] * directions)
-    length = np.linalg.norm(mean, axis=1, keepdims=True)
-    # A cluster without power, or of opposite lights, lies at its seed.
-    placed = length > 1e-6 * np.bincount(member, weights)[:, None]
-    mean = np.where(placed, mean / np.where(placed, length, 1.0), directions[seeds])
-    return Lights.of(lights.ids[seeds], mean, irradiance)
+def _merged(lights: Lights, directions: np.ndarray, clusters: Clusters, seeds: int) -> Lights:
+    ids, mean, irradiance = np.empty(seeds, np.int64), np.empty((seeds, 3)), np.empty((seeds, 3))
+    _merge(lights.ids, directions, lights.irradiance, clusters.labels, ids, mean, irradiance)
+    return Lights.of(ids, mean, irradiance)
+
+
+@njit(cache=True)
+def _merge(light_ids, directions, light_irradiance, labels, ids, mean, irradiance):
+    place, found = np.empty(labels.size, np.int64), 0
+    weights = np.zeros(ids.size)
+    for i in range(labels.size):
+        s = labels[i]
+        if s == i:
+            place[i] = found
+            ids[found], mean[found], irradiance[found] = light_ids[i], 0.0, 0.0
+            found += 1
+        k, weight = place[s], 0.0
+        for c in range(3):
+            irradiance[k, c] += light_irradiance[i, c]
+            weight += LUMINANCE[c] * light_irradiance[i, c]
+        mean[k] += weight * directions[i]
+        weights[k] += weight
+    for i in range(labels.size):
+        if labels[i] == i:
+            k = place[i]
+            length = np.sqrt((mean[k] ** 2).sum())
+            # A cluster without power, or of opposite lights, lies at its seed.
+            mean[k] = mean[k] / length if length > 1e-6 * weights[k] else directions[i]

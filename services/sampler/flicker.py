@@ -17,7 +17,8 @@ DRIFT_HZ = 0.4  # mains +-0.2 Hz and as much for clocks of cameras, searched in 
 DRIFT_STEP_HZ = 0.1
 STEPS = 9
 SLOWEST_BEAT_HZ = 1.0  # slower beats look like clouds; and at least two of them must fit in the time seen
-FOUND, LOST = 0.5, 0.3  # share of the power's variance that the sines must explain to count as flicker, and to go on counting
+FOUND, LOST = 0.6, 0.4  # share of the power's variance that the sines must explain to count as flicker, and to go on counting
+BLACK = 1e-3  # of the mean: a frame so dark is no lamp's doing, and its logarithm would rule the fit
 FAINTEST = 3e-3  # depth below which flicker is not worth a report: half of the 0.5 % that eyes can see (Weber)
 
 
@@ -44,7 +45,7 @@ def with_frame(before: Flicker, time_s: float, power: float) -> Flicker:
     times, powers = np.append(before.times_s[1 - FRAMES :], time_s), np.append(before.power[1 - FRAMES :], power)
     quiet = Flicker(times, powers, 0.0, 0.0, 0.0, 1.0)
     seen_s, mean = float(times[-1] - times[0]), float(powers.mean())
-    if len(times) < FEWEST or mean <= 0:
+    if len(times) < FEWEST or powers.min() <= BLACK * mean:
         return quiet
     rate = (len(times) - 1) / seen_s
     best = (LOST if before.depth > 0 else FOUND, quiet)
@@ -76,33 +77,33 @@ def _search(times, power, nominal, rate):
 
 @njit(cache=True)
 def _fit(times, power, frequency, rate):
-    """Least squares of a parabola (what the scene does) and sines of the frequency and its double (what the lamp does).
+    """Least squares, to the logarithm, of a parabola (what the scene does) and sines of the frequency and its double (what the lamp does).
 
-    (share of the variance about the parabola that the sines explain, their amplitude, power now over power without them). The double
-    is left out where the camera sees it as standing still or as the frequency itself.
+    (share of the variance about the parabola that the sines explain, the lamp's amplitude over its mean, power now over power without
+    flicker). The double is left out where the camera sees it as standing still or as the frequency itself.
     """
     n = times.size
     span = -times[0]
     beats = frequency - np.round(frequency / rate) * rate, 2 * frequency - np.round(2 * frequency / rate) * rate
     double = abs(beats[1]) > 1 / span and abs(abs(beats[1]) - abs(beats[0])) > 1 / span
-    columns = np.zeros((n, 7))
+    columns = np.zeros((7, n))
     for i in range(n):
         t, angle = times[i] / span, 2 * np.pi * frequency * times[i]
-        columns[i, 0], columns[i, 1], columns[i, 2] = 1.0, t, t * t
-        columns[i, 3], columns[i, 4] = np.cos(angle), np.sin(angle)
+        columns[0, i], columns[1, i], columns[2, i] = 1.0, t, t * t
+        columns[3, i], columns[4, i] = np.cos(angle), np.sin(angle)
         if double:
-            columns[i, 5], columns[i, 6] = np.cos(2 * angle), np.sin(2 * angle)
-    across = np.ascontiguousarray(columns.T)
-    normal = across @ columns
+            columns[5, i], columns[6, i] = np.cos(2 * angle), np.sin(2 * angle)
+    target = np.log(power)
+    normal = columns @ columns.T
     for c in range(7):
         normal[c, c] += 1e-9 * n  # a column that is left out, or sine and cosine at half the frame rate, keep the system solvable
-    right = across @ power
-    plain = columns[:, :3].copy() @ np.linalg.solve(normal[:3, :3].copy(), right[:3].copy())
+    right = columns @ target
+    plain = columns[:3].T @ np.linalg.solve(normal[:3, :3].copy(), right[:3].copy())
     weights = np.linalg.solve(normal, right)
-    scene, lamp = columns[:, :3].copy() @ weights[:3], columns[:, 3:].copy() @ weights[3:]
-    about, left = ((power - plain) ** 2).sum(), ((power - scene - lamp) ** 2).sum()
+    lamp = columns[3:].T @ weights[3:]
+    scene = columns[:3].T @ weights[:3]
+    about, left = ((target - plain) ** 2).sum(), ((target - scene - lamp) ** 2).sum()
     if about <= 1e-12 * n:
         return 0.0, 0.0, 1.0
-    now = scene[n - 1] + lamp[n - 1]
-    excess = now / scene[n - 1] if scene[n - 1] > 0.1 * now > 0 else 1.0
-    return 1 - left / about, np.sqrt(weights[3] ** 2 + weights[4] ** 2), excess
+    amplitude = np.sqrt(weights[3] ** 2 + weights[4] ** 2)  # of log(1 + d sin): 2 (1 - sqrt(1 - d^2)) / d, so d = a / (1 + a^2 / 4)
+    return 1 - left / about, amplitude / (1 + 0.25 * amplitude**2), np.exp(lamp[n - 1]) / np.exp(lamp).mean()

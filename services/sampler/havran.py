@@ -110,22 +110,33 @@ def _fill_radius(importance, rings, moments):
         moments[i] = moment * h * h
 
 
-def seam(tables: AzimuthTables) -> float:
-    """Azimuth in rad where the square's cut, w = 0, falls on the sky: the offset in a form that has no origin and can be smoothed."""
-    j, y = _turn_inverse(tables.turn, tables.columns[-1], (tables.offset % 1.0) * tables.turn[-1])
-    return float(((j + 0.5) * TURN / (tables.turn.size - 1) + y) % TURN)
+def turn_from_azimuth(tables: AzimuthTables, azimuth: float) -> float:
+    """Azimuth on the disc, in turns in [0, 1), of the azimuth (rad) on the sky."""
+    j, y, _ = _segment(azimuth % TURN, tables.turn.size - 1)
+    return float((_turn_at(tables.turn, tables.columns[-1], j, y) / tables.turn[-1] - tables.offset) % 1.0)
 
 
-def with_seam(tables: AzimuthTables, azimuth: float) -> AzimuthTables:
-    """The same tables with the cut at `azimuth` (rad): the inverse of `seam`."""
-    j, y, _ = _segment(azimuth, tables.turn.size - 1)
-    return tables._replace(offset=float(_turn_at(tables.turn, tables.columns[-1], j, y) / tables.turn[-1]))
+def quiet_azimuth(tables: AzimuthTables) -> float:
+    """The azimuth (rad) in the middle of the quarter turn with the least light."""
+    return _quiet_azimuth(tables.turn)
+
+
+@njit(cache=True)
+def _quiet_azimuth(turn):
+    cols = turn.size - 1
+    wide, best, least = max(cols // 4, 1), 0, np.inf
+    for j in range(cols):
+        end = j + wide
+        light = turn[end] - turn[j] if end <= cols else turn[cols] - turn[j] + turn[end - cols]
+        if light < least:
+            best, least = j, light
+    return (best + 0.5 * wide + 0.5) % cols * TURN / cols
 
 
 @njit(cache=True)
 def _step_inverse(d0, d1, h, x):
     """How far into a segment of length h, with density linear from d0 to d1, the integral reaches x (stable for d0 = d1 and for 0)."""
-    root = d0 + np.sqrt(max(d0 * d0 + 2 * (d1 - d0) / h * x, 0.0))
+    root = d0 + np.sqrt(max(d0 * d0 + (d1 - d0) * x * (2 / h), 0.0))
     return min(max(2 * x / root, 0.0), h) if root > 0 else 0.0
 
 
@@ -134,7 +145,7 @@ def _turn_inverse(turn, density, x):
     """(column, way past its centre in rad) where the integral over azimuth reaches x."""
     cols = turn.size - 1
     j = last_at_most(turn, x)
-    return j, _step_inverse(density[j], density[(j + 1) % cols], TURN / cols, x - turn[j])
+    return j, _step_inverse(density[j], density[j + 1 if j + 1 < cols else 0], TURN / cols, x - turn[j])
 
 
 @njit(cache=True)
@@ -160,13 +171,11 @@ def _segment(phi, cols):
 @njit(cache=True)
 def _mixed_cell(table, j0, j1, t, x):
     """The last row of the mixture (1 - t) table[:, j0] + t table[:, j1] that is <= x, and its value there."""
-    low, high = 0, table.shape[0] - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if (1 - t) * table[middle, j0] + t * table[middle, j1] <= x:
-            low = middle
-        else:
-            high = middle
+    low, left = 0, table.shape[0] - 1
+    while left > 1:
+        half = left >> 1
+        low = low + half if (1 - t) * table[low + half, j0] + t * table[low + half, j1] <= x else low
+        left -= half
     return low, (1 - t) * table[low, j0] + t * table[low, j1]
 
 
@@ -175,19 +184,19 @@ def azimuth_sample(tables, points, directions, radiance, density):
     """Fills directions (n, 3), the map's radiance there (n, 3) and the density per sr (n,) for points (n, 2); all float64."""
     edges, importance, columns, turn = tables.edges, tables.importance, tables.columns, tables.turn
     rows, cols = importance.shape
-    total, marginal = turn[cols], columns[rows]
+    total, marginal, h, per_h, per_total = turn[cols], columns[rows], TURN / cols, cols / TURN, 1 / turn[cols]
     for n in range(points.shape[0]):
         # Azimuth of the disc, turned by the offset, through the marginal; then the radius through the mixture of two columns.
         a0, w0 = disc_from_square(points[n, 0], points[n, 1])
         w0 += tables.offset
         j, y = _turn_inverse(turn, marginal, (w0 - np.floor(w0)) * total)
-        k, t = (j + 1) % cols, y * cols / TURN
+        k, t = j + 1 if j + 1 < cols else 0, y * per_h
         target = a0 * ((1 - t) * marginal[j] + t * marginal[k])
         i, below = _mixed_cell(columns, j, k, t, target)
         f = (1 - t) * importance[i, j] + t * importance[i, k]
         a = min(edges[i] + max(target - below, 0.0) / f, edges[i + 1])
-        directions[n] = direction_from_area(a, y + (j + 0.5) * TURN / cols)
-        density[n] = f / total
+        directions[n, 0], directions[n, 1], directions[n, 2] = direction_from_area(a, y + (j + 0.5) * h)
+        density[n] = f * per_total
         for c in range(3):
             radiance[n, c] = (1 - t) * tables.radiance[i, j, c] + t * tables.radiance[i, k, c]
 
@@ -247,13 +256,11 @@ def radius_sample(tables, points, directions, radiance, density):
         lower, upper = rings[i], rings[k]
         ring = (1 - t) * lower[cols] + t * upper[cols]
         w0 += 0.5 - ((1 - t) * tables.moments[i] + t * tables.moments[k]) / (TURN * ring)
-        target, low, high = (w0 - np.floor(w0)) * ring, 0, cols
-        while high - low > 1:
-            middle = (low + high) // 2
-            if (1 - t) * lower[middle] + t * upper[middle] <= target:
-                low = middle
-            else:
-                high = middle
+        target, low, left = (w0 - np.floor(w0)) * ring, 0, cols
+        while left > 1:
+            half = left >> 1
+            low = low + half if (1 - t) * lower[low + half] + t * upper[low + half] <= target else low
+            left -= half
         f = (1 - t) * importance[i, low] + t * importance[k, low]
         way = max(target - (1 - t) * lower[low] - t * upper[low], 0.0) / (f * h)
         directions[n] = direction_from_area(knots[s] + y, (low + min(way, 1.0)) * h)

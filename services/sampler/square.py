@@ -64,11 +64,9 @@ def area_from_direction(x, y, z):
 @njit(cache=True)
 def last_at_most(table, x):
     """The last i < len(table) - 1 with table[i] <= x (0 when x is below all): the cell of x in a cumulative table."""
-    low, high = 0, table.size - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if table[middle] <= x:
-            low = middle
-        else:
-            high = middle
+    low, left = 0, table.size - 1
+    while left > 1:  # steps that do not depend on the outcome, so that no branch is guessed wrong
+        half = left >> 1
+        low = low + half if table[low + half] <= x else low
+        left -= half
     return low

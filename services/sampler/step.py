@@ -8,24 +8,24 @@ from services.lights import Lights
 from services.sampler import cluster, control, filter, flicker
 from services.sampler.density import LightMap, light_map
 from services.sampler.points import points
-from services.sampler.warp import warp_from_map
+from services.sampler.warp import Anchor, steadied, warp_from_map
 from services.settings import Sampler
 from services.sphere import Coverage
 
-SEAM_TIME_S = 0.12  # the cut of the square follows the light with this time constant: three frames at 25 fps, against pixel noise
+OFFSET_TIME_S = 0.12  # the warp's offset follows the light with this time constant: three frames at 25 fps, against pixel noise
 LOWEST: dict[Coverage, float] = {"hemisphere": 0.0, "sphere": -1.0}  # z of the directions that a filter may give
 
 
 class State(NamedTuple):
     """What the sampler remembers between frames.
 
-    time_s: of the last frame, None before the first. seam: azimuth of the square's cut, rad. presence: (n,), how far each light has come.
+    time_s: of the last frame, None before the first. anchor: what steadies the warp's offset. presence: (n,), how far each light has come.
     need: lights that the scene needs. can: lights that the renderer can draw.
     """
 
     coverage: Coverage
     time_s: float | None
-    seam: float | None
+    anchor: Anchor | None
     filter: filter.Memory
     flicker: flicker.Flicker
     presence: np.ndarray
@@ -75,7 +75,7 @@ def step(
         state = initial_state(settings)._replace(coverage=coverage)
     light = light_map(radiance, coverage)
     beat = flicker.with_frame(state.flicker, time_s, light.power)
-    drawn, seam = _drawn(settings, state, light, time_s)
+    drawn, anchor = _drawn(settings, state, light, time_s)
     power = light.irradiance / beat.excess if settings.deflicker else light.irradiance
     smooth = filter.filtered(settings, state.filter, filter.Frame(time_s, power, drawn), LOWEST[coverage])
     state, wanted = _counted(settings, state, light, drawn, time_s, render_ms)
@@ -97,23 +97,21 @@ def step(
         flicker_depth=beat.depth,
         fine=_lights(np.ones(settings.fine), smooth.frame) if settings.fine else None,
     )
-    return state._replace(time_s=time_s, seam=seam, filter=smooth.memory, flicker=beat, clusters=clusters), lights, report
+    return state._replace(time_s=time_s, anchor=anchor, filter=smooth.memory, flicker=beat, clusters=clusters), lights, report
 
 
-def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> tuple[np.ndarray, float | None]:
-    """This frame's lights before filtering, (n, 6) direction and tint, and where the square's cut lies now."""
-    warp = warp_from_map(light, settings.method)
-    seam = warp.seam
-    if seam is not None and state.seam is not None and state.time_s is not None:
-        gain = 1 - np.exp(-max(time_s - state.time_s, 0.0) / SEAM_TIME_S)
-        seam = (state.seam + gain * ((seam - state.seam + np.pi) % (2 * np.pi) - np.pi)) % (2 * np.pi)
-        warp = warp.with_seam(seam)
+def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> tuple[np.ndarray, Anchor | None]:
+    """This frame's lights before filtering, (n, 6) direction and tint, and the anchor of the warp's offset."""
+    passed_s = np.inf if state.time_s is None else max(time_s - state.time_s, 0.0)
+    warp, anchor = steadied(warp_from_map(light, settings.method), state.anchor, 1 - float(np.exp(-passed_s / OFFSET_TIME_S)))
+    if light.power <= 0:
+        anchor = state.anchor  # a black frame says nothing about where the light is
     # All lights that may be asked for, present or not, so that each has its history in the filter when it comes.
     samples = warp.sample(points(max(settings.count, settings.fine, len(state.presence)), settings.points))
     # Tint: what a light carries beside the average light, in each channel: (radiance / density) / integral.
     tint = samples.radiance / samples.density[:, None]
     tint /= np.where(light.irradiance > 0, light.irradiance, 1.0)
-    return np.concatenate([samples.directions, tint], axis=1), seam
+    return np.concatenate([samples.directions, tint], axis=1), anchor
 
 
 def _counted(

@@ -58,16 +58,30 @@ class Warp(NamedTuple):
         _KERNELS[self.name].inverse(self.tables, np.ascontiguousarray(directions, np.float64), points)
         return points
 
-    @property
-    def seam(self) -> float | None:
-        """Azimuth in rad of the square's cut on the sky, for the warp that has a free one for the whole map; else None."""
-        return havran.seam(self.tables) if self.name == "havran-azimuth" else None
-
-    def with_seam(self, azimuth: float) -> "Warp":
-        """The same warp with its cut at `azimuth` (rad); only where `seam` is not None."""
-        return Warp(self.name, havran.with_seam(self.tables, azimuth))
-
 
 def warp_from_map(light: LightMap, name: WarpName) -> Warp:
     """The warp of that name for a map."""
     return Warp(name, _KERNELS[name].tables(light))
+
+
+class Anchor(NamedTuple):
+    """An azimuth (rad) with little light and the disc's azimuth (turns) that it belonged to."""
+
+    azimuth: float
+    turn: float
+
+
+def steadied(warp: Warp, anchor: Anchor | None, gain: float) -> tuple[Warp, Anchor | None]:
+    """The warp with its offset moved only by `gain` in [0, 1] of the way from the last frame's to its own, and this frame's anchor.
+
+    Pixel noise shakes the offset and with it all lights at once. An offset counts from phi = 0 and jumps by the power that crosses it,
+    so it cannot be smoothed; where on the disc a dark azimuth lies can. Only for the azimuth-first order, whose offset is one for the map.
+    """
+    if warp.name != "havran-azimuth":
+        return warp, None
+    tables: havran.AzimuthTables = warp.tables
+    if anchor is not None:
+        away = (havran.turn_from_azimuth(tables, anchor.azimuth) - anchor.turn + 0.5) % 1.0 - 0.5
+        tables = tables._replace(offset=tables.offset + (1 - gain) * away)
+    azimuth = havran.quiet_azimuth(tables)
+    return Warp(warp.name, tables), Anchor(azimuth, havran.turn_from_azimuth(tables, azimuth))

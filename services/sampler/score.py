@@ -1,0 +1,105 @@
+"""How good a sequence of lights is: how true to its maps, and how steady. What the tests, the charts and `vemlight lights --score` use."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from services.lights import Lights
+from services.sampler.density import light_map
+from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from services.sphere import Coverage, angle_between, luminance
+
+PROBES = 512  # the error's own uncertainty is 1 / sqrt(2 x 512) = 3 %
+JUMP_DEG = 10.0  # between two frames; the eye sees it as one light going and another coming
+
+
+class Score(NamedTuple):
+    """Of a sequence of `frames` frames; shares are of the mean irradiance at the probes, RMS over them, luminance.
+
+    error: lights against map, mean over the frames; error_worst: of the worst frame. flicker: change of that difference from frame to
+    frame; change: of the lights' own irradiance. motion_deg, motion_worst_deg: way of a light from frame to frame by id, mean and
+    largest. births, deaths, jumps: ids that come, that go, and moves of more than JUMP_DEG, a frame. power_error: total irradiance of
+    the lights against the map's, worst frame and channel; power_drift: over the whole sequence.
+    """
+
+    frames: int
+    lights_fewest: int
+    lights_mean: float
+    lights_most: int
+    error: float
+    error_worst: float
+    flicker: float
+    change: float
+    motion_deg: float
+    motion_worst_deg: float
+    births: float
+    deaths: float
+    jumps: float
+    power_error: float
+    power_drift: float
+
+
+def score(sequence: Iterable[tuple[np.ndarray, Lights]], coverage: Coverage = "hemisphere") -> Score:
+    """The score of maps (rows, cols, 3) with their lights, in order. Black frames take part with the mean of the sequence as scale.
+
+    Raises ValueError for an empty sequence.
+    """
+    at = probes(PROBES, coverage)
+    errors, irradiance, totals, moves, counts = [], [], [], [], []
+    births = deaths = 0
+    last: Lights | None = None
+    for radiance, lights in sequence:
+        light = light_map(radiance, coverage)
+        truth = irradiance_of_map(at, light.radiance, coverage)
+        irradiance.append((truth, irradiance_of_lights(at, lights.directions, lights.irradiance)))
+        errors.append(_rms(irradiance[-1][1] - truth))
+        totals.append((light.irradiance, lights.irradiance.sum(axis=0, dtype=np.float64)))
+        counts.append(len(lights.ids))
+        if last is not None:
+            _, now, before = np.intersect1d(lights.ids, last.ids, return_indices=True)
+            moves.append(np.degrees(angle_between(*(x.astype(np.float64) for x in (lights.directions[now], last.directions[before])))))
+            births, deaths = births + len(lights.ids) - len(now), deaths + len(last.ids) - len(now)
+        last = lights
+    if not counts:
+        raise ValueError("a score needs at least one frame")
+    truth, got = np.moveaxis(np.array(irradiance), 1, 0)
+    scale = truth.mean() or 1.0
+    steps = max(len(counts) - 1, 1)
+    given, made = np.moveaxis(np.array(totals), 1, 0)
+    moved = np.concatenate(moves) if moves else np.zeros(0)
+    return Score(
+        frames=len(counts),
+        lights_fewest=min(counts),
+        lights_mean=float(np.mean(counts)),
+        lights_most=max(counts),
+        error=float(np.mean(errors) / scale),
+        error_worst=float(np.max(errors) / scale),
+        flicker=float(sum(_rms(d) for d in np.diff(got - truth, axis=0)) / steps / scale),
+        change=float(sum(_rms(d) for d in np.diff(got, axis=0)) / steps / scale),
+        motion_deg=float(moved.mean()) if moved.size else 0.0,
+        motion_worst_deg=float(moved.max()) if moved.size else 0.0,
+        births=births / steps,
+        deaths=deaths / steps,
+        jumps=float((moved > JUMP_DEG).sum() / steps),
+        power_error=float((np.abs(made - given).max(axis=0) / np.maximum(given.mean(axis=0), 1e-30)).max()),
+        power_drift=float(luminance(made.sum(axis=0)) / (luminance(given.sum(axis=0)) or 1.0) - 1) if given.any() else 0.0,
+    )
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values * values)))
+
+
+def text(score: Score) -> str:
+    """The score on one screen, a line a figure."""
+    rows = [
+        ("frames", f"{score.frames}"),
+        ("lights", f"{score.lights_mean:.1f} a frame ({score.lights_fewest} to {score.lights_most})"),
+        ("error", f"{100 * score.error:.2f} % of the irradiance (worst frame {100 * score.error_worst:.2f} %)"),
+        ("flicker", f"{100 * score.flicker:.2f} % a frame (the lights' own change {100 * score.change:.2f} %)"),
+        ("motion", f"{score.motion_deg:.2f} degrees a frame and light (largest {score.motion_worst_deg:.1f})"),
+        ("come and go", f"{score.births:.2f} born, {score.deaths:.2f} dead, {score.jumps:.2f} jumping over {JUMP_DEG:g} degrees a frame"),
+        ("power", f"{100 * score.power_error:.4f} % off in the worst frame, {100 * score.power_drift:+.4f} % over the sequence"),
+    ]
+    return "\n".join(f"{name:<12} {value}" for name, value in rows)

@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as limits
+from hypothesis import strategies as st
+from scipy.spatial import KDTree
+
+from services.lights import Lights
+from services.sampler import cluster
+from services.sampler.cluster import FILL, clustered
+from services.sphere import angle_between
+
+
+def lights(seed: int, count: int, spread=1.0) -> Lights:
+    generator = np.random.default_rng(seed)
+    directions = generator.standard_normal((count, 3)) * [spread, spread, 1]
+    directions[:, 2] = np.abs(directions[:, 2])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return Lights.of(np.arange(count), directions, generator.lognormal(0, 1, (count, 3)))
+
+
+def labels_by_range_search(directions: np.ndarray, angle: float) -> np.ndarray:
+    """The paper's own words: each light in turn, if still free, takes all free lights within the angle."""
+    tree, labels = KDTree(directions), np.full(len(directions), -1)
+    for i, direction in enumerate(directions):
+        if labels[i] < 0:
+            near = np.array(tree.query_ball_point(direction, 2 * np.sin(angle / 2)))
+            labels[near[labels[near] < 0]] = i
+    return labels
+
+
+@pytest.mark.parametrize("degrees", [3, 15, 40])
+def test_the_first_clusters_are_those_of_a_range_search(degrees):
+    directions = lights(1, 300).directions.astype(np.float64)
+    found, seeds = cluster._labels(directions, np.full(300, -1), np.radians(degrees), 300)
+    np.testing.assert_array_equal(found, labels_by_range_search(directions, np.radians(degrees)))
+    assert seeds == len(np.unique(found))
+
+
+@given(st.integers(0, 2**32), st.integers(1, 200), st.integers(1, 80), st.floats(0.01, 1), st.sampled_from(["hemisphere", "sphere"]))
+@limits(max_examples=60, deadline=None)
+def test_never_more_than_asked_for_and_power_is_exact(seed, count, most, spread, coverage):
+    given_lights = lights(seed, count, spread)
+    now, merged = clustered(given_lights, most, coverage, cluster.NONE)
+    assert len(merged.ids) <= most
+    np.testing.assert_allclose(merged.irradiance.sum(axis=0, dtype=float), given_lights.irradiance.sum(axis=0, dtype=float), rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(merged.directions, axis=1), 1, atol=1e-6)
+    assert set(merged.ids) <= set(given_lights.ids)
+    assert len(np.unique(merged.ids)) == len(merged.ids)
+    again, same = clustered(given_lights, most, coverage, now)
+    if count > most:
+        np.testing.assert_array_equal(again.labels, now.labels)  # nothing moved, so nothing changes
+        np.testing.assert_array_equal(same.ids, merged.ids)
+
+
+def test_few_enough_lights_stay_as_they_are():
+    given_lights = lights(3, 20)
+    assert clustered(given_lights, 20, "hemisphere", cluster.NONE)[1] is given_lights
+
+
+def test_the_wanted_number_is_used_up():
+    # The paper's fixed angle leaves about half of Q unused: 40 of 72.
+    _, merged = clustered(lights(4, 300), 72, "hemisphere", cluster.NONE)
+    assert FILL * 72 <= len(merged.ids) <= 72
+
+
+def test_a_cluster_lies_at_the_mean_of_its_lights_weighted_by_power():
+    directions = np.array([[0.0, 0, 1], [0.1, 0, 0.995], [1, 0, 0]])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    given_lights = Lights.of(np.array([5, 7, 9]), directions, np.array([[1.0, 1, 1], [3, 3, 3], [2, 2, 2]]))
+    _, merged = clustered(given_lights, 2, "hemisphere", cluster.NONE)
+    assert merged.ids.tolist() == [5, 9]
+    mean = directions[0] + 3 * directions[1]
+    np.testing.assert_allclose(merged.directions[0], mean / np.linalg.norm(mean), atol=1e-6)
+    np.testing.assert_allclose(merged.irradiance, [[4, 4, 4], [2, 2, 2]])
+
+
+def test_opposite_and_dark_clusters_lie_at_their_seed():
+    pair = Lights.of(np.arange(2), np.array([[1.0, 0, 0], [-1, 0, 0]]), np.ones((2, 3)))
+    _, merged = clustered(pair, 1, "sphere", cluster.NONE)
+    np.testing.assert_array_equal(merged.directions, [[1, 0, 0]])
+    dark = lights(5, 30)._replace(irradiance=np.zeros((30, 3), np.float32))
+    _, merged = clustered(dark, 8, "hemisphere", cluster.NONE)
+    assert np.isfinite(merged.directions).all()
+
+
+def test_clusters_hold_while_lights_shake():
+    # 1 % of noise on the directions: with hysteresis far fewer lights change their cluster than without.
+    base, generator = lights(6, 300), np.random.default_rng(7)
+    changes = {"kept": 0, "anew": 0}
+    state, last = clustered(base, 72, "hemisphere", cluster.NONE)[0], None
+    for _ in range(30):
+        directions = base.directions + 0.01 * generator.standard_normal((300, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        before = state
+        state, _ = clustered(base._replace(directions=directions.astype(np.float32)), 72, "hemisphere", before)
+        fresh = labels_by_range_search(directions, state.angle_rad)
+        changes["kept"] += (state.labels != before.labels).sum()
+        changes["anew"] += 0 if last is None else (fresh != last).sum()
+        last = fresh
+    assert changes["kept"] < 0.2 * changes["anew"]
+
+
+def test_a_lone_pole_far_from_all_others_is_not_lost():
+    near = np.array([[np.sin(a), 0, np.cos(a)] for a in np.linspace(0, 0.02, 50)])
+    given_lights = Lights.of(np.arange(51), np.vstack([near, [[1.0, 0, 0]]]), np.ones((51, 3)))
+    _, merged = clustered(given_lights, 4, "hemisphere", cluster.NONE)
+    assert np.degrees(angle_between(merged.directions.astype(float), np.array([1.0, 0, 0]))).min() < 0.1

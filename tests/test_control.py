@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+
+from services.sampler import control
+from services.sampler.control import FADE_S, HOLD_S, can, faded, held, ladder, need, prefix_errors
+from services.sampler.density import light_map
+from services.sampler.points import points
+from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from services.sampler.warp import warp_from_map
+
+
+def sky(sun=0.0, seed=1):
+    theta = (np.arange(90) + 0.5) * np.pi / 180
+    phi = (np.arange(360) + 0.5) * np.pi / 180
+    gray = (1 + 0.5 * np.sin(theta)[:, None]) * (1.1 + np.cos(phi + seed)[None, :])
+    gray[50:52, 200:202] += sun
+    return np.repeat(gray[..., None], 3, axis=2).astype(np.float32)
+
+
+def drawn(radiance, count):
+    light = light_map(radiance, "hemisphere")
+    samples = warp_from_map(light, "havran-azimuth").sample(points(count, "relaxed"))
+    return light, samples.directions, samples.radiance / samples.density[:, None] / np.maximum(light.irradiance, 1e-30)
+
+
+@pytest.mark.parametrize("sun", [0.0, 1e3, 1e5])
+def test_the_quick_error_is_the_error_of_each_cell_and_light(sun):
+    # By hand, every cell of the map one by one; the quick form takes blocks of 3 degrees except for hot cells.
+    light, directions, tint = drawn(sky(sun), 64)
+    at = probes(control.PROBES, "hemisphere")
+    truth = irradiance_of_map(at, light.radiance, "hemisphere")
+    sizes, quick = ladder(64), prefix_errors(light, directions, tint)
+    for size, error in zip(sizes, quick, strict=True):
+        irradiance = tint[:size] * light.irradiance
+        got = irradiance_of_lights(at, directions[:size], irradiance / irradiance.sum(axis=0) * light.irradiance)
+        exact = np.sqrt((((got - truth) / (truth + control.DARKEST * truth.mean())) ** 2).mean())
+        assert error == pytest.approx(exact, rel=0.03, abs=0.003)
+
+
+def test_a_sunlit_sky_needs_more_lights_than_an_even_one():
+    needs = {sun: need(*drawn(sky(sun), 512), error=0.15) for sun in (0.0, 1e4)}
+    assert needs[1e4] > 1.5 * needs[0.0]
+
+
+def test_the_promise_is_kept_by_every_larger_prefix():
+    for seed in range(6):
+        light, directions, tint = drawn(sky(300.0 * seed, seed), 512)
+        count = need(light, directions, tint, 0.15)
+        errors, sizes = prefix_errors(light, directions, tint), ladder(512)
+        assert (errors[sizes >= count] <= 0.15).all()
+        assert count == 4 or errors[np.flatnonzero(sizes == count)[0] - 1] > 0.15
+
+
+def test_a_promise_out_of_reach_takes_all_and_black_takes_one():
+    assert need(*drawn(sky(1e4), 32), error=1e-4) == 32
+    assert need(*drawn(np.zeros((90, 360, 3), np.float32), 32), error=0.1) == 1
+
+
+@pytest.mark.parametrize("most", [1, 2, 4, 5, 72, 1000])
+def test_the_ladder_ends_where_it_should(most):
+    sizes = ladder(most)
+    assert sizes[-1] == most
+    assert (np.diff(sizes) > 0).all()
+
+
+def test_the_need_rises_at_once_and_falls_late():
+    now = held(None, 40, 0.0)
+    now = held(now, 60, 0.1)
+    assert now.count == 60
+    for k in range(9):
+        now = held(now, 30 + k % 2, 0.2 + 0.1 * k)
+        assert now.count == 60
+    assert held(now, 30, 0.11 + HOLD_S).count == 30
+
+
+def render_ms(lights: int, each: float, fixed: float) -> float:
+    return fixed + each * lights
+
+
+@pytest.mark.parametrize(("each", "fixed"), [(0.1, 2.0), (1.0, 0.0), (0.02, 5.0), (5.0, 10.0)])
+def test_the_renderers_time_is_kept_without_swinging(each, fixed):
+    # A renderer that reports three pictures late, with 5 % of noise, and a target of 20 ms.
+    generator, limit, shown = np.random.default_rng(2), 512.0, [512] * 4
+    for _ in range(400):
+        measured = render_ms(shown[-4], each, fixed) * (1 + 0.05 * generator.standard_normal())
+        limit = min(can(limit, shown[-1], measured, 20.0), 512.0)
+        shown.append(int(limit))
+    settled = np.array(shown[-100:])
+    fits = min((20.0 - fixed) / each, 512)
+    assert np.median(settled) <= 1.05 * fits
+    assert np.median(settled) >= 0.75 * fits
+    assert settled.max() - settled.min() <= max(0.12 * settled.mean(), 1)
+
+
+def test_the_limit_does_not_run_away_where_the_scene_needs_little():
+    limit = 20.0
+    for _ in range(1000):
+        limit = can(limit, 10, 1.0, 20.0)
+    assert limit == 20.0
+
+
+def test_lights_come_and_go_in_steps_of_time():
+    presence = faded(np.zeros(0), 3, None)
+    assert presence.tolist() == [1, 1, 1]
+    presence = faded(presence, 5, FADE_S / 4)
+    np.testing.assert_allclose(presence, [1, 1, 1, 0.25, 0.25])
+    presence = faded(presence, 2, FADE_S / 2)
+    np.testing.assert_allclose(presence, [1, 1, 0.5])
+    assert faded(presence, 2, FADE_S).tolist() == [1, 1]
+    assert faded(presence, 2, 100.0).tolist() == [1, 1]

@@ -1,0 +1,87 @@
+import numpy as np
+import pytest
+
+from services.sampler import flicker
+from services.sampler.flicker import FEWEST, FRAMES, NONE, with_frame
+
+
+def watch(times, power):
+    state, out = NONE, []
+    for t, p in zip(times, power, strict=True):
+        state = with_frame(state, float(t), float(p))
+        out.append(state)
+    return out
+
+
+def lamp(times, hertz=100.0, depth=0.2, phase=0.3):
+    return 1 + depth * np.sin(2 * np.pi * hertz * times + phase)
+
+
+@pytest.mark.parametrize(
+    ("fps", "hertz", "beat"), [(21, 100, 5), (21, 120, 6), (30, 100, 10), (24, 100, 4), (29.97, 100, 10.09), (23.976, 120, 0.12)]
+)
+def test_the_beat_of_lamps_with_the_frame_rate_is_found(fps, hertz, beat):
+    times = np.arange(96) / fps
+    found = watch(times, lamp(times, hertz))[-1]
+    if beat < 1:
+        assert found.beat_hz == 0  # so slow that it is a cloud to all that the camera sees
+        return
+    assert found.beat_hz == pytest.approx(beat, abs=0.05)
+    assert found.lamp_hz == pytest.approx(hertz, abs=0.05)
+    # At 30 fps the lamp's second harmonic, 200 Hz, beats at 10 Hz as well and cannot be told from the first.
+    assert found.depth == pytest.approx(0.2, rel=0.1 if round(fps) == 30 else 0.02)
+
+
+@pytest.mark.parametrize(("fps", "hertz"), [(25, 100), (50, 100), (20, 100), (30, 120), (60, 120)])
+def test_a_rate_that_divides_the_frequency_sees_none(fps, hertz):
+    times = np.arange(96) / fps
+    assert all(found.depth == 0 and found.excess == 1 for found in watch(times, lamp(times, hertz)))
+
+
+@pytest.mark.parametrize("offset", [-0.3, -0.07, 0.13, 0.25])
+def test_mains_and_clocks_may_be_a_little_off(offset):
+    times = np.arange(128) / 21
+    found = watch(times, lamp(times, 100 + offset))
+    assert found[-1].lamp_hz == pytest.approx(100 + offset, abs=0.03)
+    truth = lamp(times, 100 + offset)
+    left = np.array([p / state.excess for p, state in zip(truth, found, strict=True)])[FRAMES:]
+    assert left.std() / left.mean() < 0.1 * 0.2 / np.sqrt(2)
+
+
+def test_what_is_taken_out_is_the_lamps_share_and_not_the_scenes():
+    # A cloud over tubes at 21 fps, with a rectified sine's second harmonic and late frames: the cloud stays, the beat goes.
+    generator = np.random.default_rng(1)
+    times = np.arange(150) / 21 + generator.uniform(-1e-4, 1e-4, 150)
+    cloud = 2 + 0.5 * np.sin(2 * np.pi * 0.1 * times)
+    power = cloud * (lamp(times, 100, 0.2) + 0.04 * np.cos(2 * np.pi * 200 * times))
+    found = watch(times, power)
+    left = np.array([p / state.excess for p, state in zip(power, found, strict=True)])
+    # A stamp that is 1e-4 s off is a phase 0.06 off, 1.3 % of a depth of 0.2.
+    assert np.abs(left / cloud - 1)[FRAMES:].max() < 0.03
+    assert np.abs(power / cloud - 1)[FRAMES:].max() > 0.2
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_and_clouds_are_no_flicker(seed):
+    generator = np.random.default_rng(seed)
+    times = np.arange(200) / 21
+    walk = 1 + 0.02 * np.cumsum(generator.standard_normal(200))
+    for power in (1 + 0.05 * generator.standard_normal(200), np.abs(walk) + 0.1):
+        assert np.mean([state.depth > 0 for state in watch(times, power)]) < 0.05
+
+
+def test_too_little_seen_black_and_gaps_say_nothing():
+    times = np.arange(FEWEST - 1) / 21
+    assert all(state.depth == 0 for state in watch(times, lamp(times)))
+    black = watch(np.arange(60) / 21, np.zeros(60))
+    assert all(state.excess == 1 and state.depth == 0 for state in black)
+    times = np.arange(96) / 21
+    state = watch(times, lamp(times))[-1]
+    assert with_frame(state, times[-1] + 5, 1.0).depth == 0
+    assert with_frame(state, 0.0, 1.0).depth == 0
+
+
+def test_memory_is_bounded():
+    times = np.arange(300) / 30
+    assert len(watch(times, lamp(times))[-1].times_s) == FRAMES
+    assert flicker.NONE.times_s.size == 0

@@ -1,0 +1,127 @@
+"""A luminaire as a file: one multi-part OpenEXR, a part for each image, with the geometry as JSON in the first part's header.
+
+Parts are named image_ROW_COLUMN in the order of the basis functions; in each, the first scanline is the highest t, so that other programs
+show the image as a camera behind the measurement plane would be held: t up, s to the right.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from services.files import BadInput, written_whole
+from services.images import MAX_PIXELS, REC709
+from services.renderer.luminaire.bases import Kind
+from services.renderer.luminaire.lightfield import LightField, Unit
+
+HEADER = "vemlight:luminaire"
+MAX_IMAGES = 1024  # as many parts; the largest published light field has 99
+Length = Annotated[float, Meta(gt=0, le=1e3)]  # metres
+Place = Annotated[float, Meta(ge=-1e3, le=1e3)]
+Count = Annotated[int, Meta(ge=1, le=MAX_IMAGES)]
+
+
+class Description(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The header of a luminaire file."""
+
+    schema: Literal["vemlight.luminaire/1"] = "vemlight.luminaire/1"
+    name: str
+    basis: Kind
+    rows: Count
+    cols: Count
+    spacing_m: Length
+    first_m: tuple[Place, Place]
+    distance_m: Length
+    window_m: tuple[Place, Place, Place, Place]
+    unit: Unit
+
+
+def write_luminaire(path: Path, field: LightField) -> None:
+    """Writes the light field as .exr; images in float16 stay so, all else becomes 32-bit float.
+
+    Raises BadInput for another suffix, OSError when the disk refuses.
+    """
+    import OpenEXR
+
+    if path.suffix.lower() != ".exr":
+        raise BadInput(f"{path}: a luminaire is written as .exr; change the suffix")
+    rows, cols = field.images.shape[:2]
+    text = msgspec.json.encode({"schema": "vemlight.luminaire/1", **msgspec.structs.asdict(_description(field, rows, cols))}).decode()
+    dtype = np.float16 if field.images.dtype == np.float16 else np.float32
+    parts = []
+    for j, i in np.ndindex(rows, cols):
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "chromaticities": REC709,
+                  "colorInteropID": "lin_rec709_scene"}
+        if not parts:
+            header[HEADER] = text
+        pixels = np.ascontiguousarray(field.images[j, i, ::-1], dtype)
+        parts.append(OpenEXR.Part(header, {"RGB": pixels}, f"image_{j}_{i}"))
+    with written_whole(path) as part:
+        try:
+            OpenEXR.File(parts).write(str(part))
+        except RuntimeError as error:
+            raise OSError(f"{path}: {' '.join(str(error).split())[:200]}") from error
+
+
+def _description(field: LightField, rows: int, cols: int) -> Description:
+    return Description(name=field.name, basis=field.kind, rows=rows, cols=cols, spacing_m=field.spacing_m, first_m=field.first_m,
+                       distance_m=field.distance_m, window_m=field.window_m, unit=field.unit)
+
+
+def read_luminaire(path: Path) -> LightField:
+    """The light field in a file that `write_luminaire` or another program with the same header wrote.
+
+    Raises BadInput, naming file and fault, for anything else: no EXR, no header, unknown keys, an empty window, a missing part, parts of
+    different size, too many pixels, nan or inf.
+    """
+    parts = _parts(path)
+    header = parts[0][1].get(HEADER)
+    if not isinstance(header, str):
+        raise BadInput(f"{path}: is an EXR without the attribute {HEADER}; make a luminaire with `vemlight luminaire`")
+    try:
+        about = msgspec.json.decode(header.encode(), type=Description)
+    except msgspec.DecodeError as error:
+        raise BadInput(f"{path}: {HEADER}: {error}; write it again with `vemlight luminaire`") from error
+    low_s, low_t, high_s, high_t = about.window_m
+    if not (low_s < high_s and low_t < high_t):
+        raise BadInput(f"{path}: {HEADER}: window_m {about.window_m} is empty; write s_min, t_min, s_max, t_max")
+    named = {name: pixels for name, _, pixels in parts}
+    images = []
+    for j, i in np.ndindex(about.rows, about.cols):
+        pixels = named.get(f"image_{j}_{i}")
+        if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 3:
+            raise BadInput(f"{path}: has no RGB part image_{j}_{i} of the {about.rows} x {about.cols} its header promises; copy it again")
+        if images and pixels.shape != images[0].shape:
+            raise BadInput(f"{path}: part image_{j}_{i} is {pixels.shape[1]} x {pixels.shape[0]} and the first is "
+                           f"{images[0].shape[1]} x {images[0].shape[0]}; write all parts in one size")
+        images.append(pixels)
+    if about.rows * about.cols * images[0].size > 3 * MAX_PIXELS:
+        raise BadInput(f"{path}: holds more than {MAX_PIXELS} pixels; make the images smaller")
+    stack = np.stack([pixels[::-1] for pixels in images]).astype(np.float32)
+    if not np.all(np.isfinite(stack)):
+        raise BadInput(f"{path}: {np.count_nonzero(~np.isfinite(stack))} values are nan or inf; measure it again or repair the images")
+    stack = stack.reshape(about.rows, about.cols, *images[0].shape)
+    return LightField(stack, about.basis, about.spacing_m, about.first_m, about.distance_m, about.window_m, about.unit, about.name)
+
+
+def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:
+    """(name, attributes, RGB pixels) of each part of an EXR."""
+    import OpenEXR
+
+    from services.images import MAX_SIDE, _one_line, _silent
+
+    if not path.is_file():
+        raise BadInput(f"{path}: there is no such file; check the path")
+    OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
+    try:
+        with _silent():
+            file = OpenEXR.File(str(path))
+            found = [(part.name(), dict(part.header), part.channels["RGB"].pixels if "RGB" in part.channels else np.zeros(0))
+                     for part in file.parts[:MAX_IMAGES]]
+    except (RuntimeError, ValueError, TypeError, MemoryError, IndexError) as error:
+        raise BadInput(f"{path}: is not a readable EXR ({_one_line(error)}); it may be truncated, copy it again") from error
+    if not found:
+        raise BadInput(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
+    return found

@@ -1,0 +1,118 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.files import BadInput
+from services.renderer.luminaire.photometry import FarField, intensity, read_photometry, total_flux_lm
+from services.sphere import direction_from_angles
+
+GAMMA = np.arange(0, 181, 5.0)
+
+
+def lobe(c_deg, gamma_deg):
+    """An intensity with no symmetry."""
+    c, g = np.radians(c_deg)[:, None], np.radians(gamma_deg)
+    return 100 * (1 + np.cos(g)) * (1.2 + 0.5 * np.sin(g) * np.cos(c - 1) + 0.2 * np.sin(g) * np.cos(2 * c))
+
+
+def symmetric(symmetry, c_deg):
+    """`lobe` made to have an EULUMDAT symmetry."""
+    total = [c_deg]
+    if symmetry in (2, 4):
+        total += [-c for c in total]
+    if symmetry in (3, 4):
+        total += [180 - c for c in total]
+    return np.mean([lobe(c, GAMMA) for c in total], axis=0)
+
+
+def eulumdat(symmetry, table, planes=24, flux=2000.0):
+    lines = ["maker", 2, symmetry, planes, 360 / planes, len(GAMMA), 5, "report", "a lamp", "no", "file", "date", 300, 200, 50, 250, 0]
+    lines += [40, 30, 30, 30, 100, 100, 1.0, 0, 1, 1, "LED", flux, 4000, 80, 20, *[0.5] * 10, *np.arange(planes) * 360 / planes, *GAMMA]
+    return "\r\n".join(str(value) for value in [*lines, *np.round(table * 1000 / flux, 6).reshape(-1)])
+
+
+def stored(symmetry, planes=24):
+    c = np.arange(planes) * 360 / planes
+    return {0: c, 1: c[:1], 2: c[: planes // 2 + 1], 3: c[planes // 4 : 3 * planes // 4 + 1], 4: c[: planes // 4 + 1]}[symmetry]
+
+
+@pytest.mark.parametrize("symmetry", [0, 2, 3, 4])
+def test_eulumdat_symmetries_unfold_to_the_whole_turn(tmp_path, symmetry):
+    (tmp_path / "a.ldt").write_text(eulumdat(symmetry, symmetric(symmetry, stored(symmetry))))
+    far = read_photometry(tmp_path / "a.ldt")
+    assert far.c_deg == pytest.approx(np.arange(25) * 15.0)
+    assert far.candela == pytest.approx(symmetric(symmetry, far.c_deg), rel=1e-4)
+    assert far.size_m == (0.25, 0.2, 0.04)
+    assert far.valid_from_m == 1.25
+    assert far.name == "a lamp"
+
+
+@pytest.mark.parametrize(("last", "count"), [(90, 7), (180, 13), (360, 25), (0, 1)])
+def test_lm63_symmetries_unfold_to_the_whole_turn(tmp_path, last, count):
+    c = np.linspace(0, last, count)
+    symmetry = {90: 4, 180: 2, 360: 0, 0: 4}[last]
+    table = symmetric(symmetry, c)
+    numbers = [1, 2000, 2.0, len(GAMMA), count, 1, 1, 0.5, 1.0, 0.1, 1.0, 0.5, 20, *GAMMA, *c, *table.reshape(-1)]
+    text = "IESNA:LM-63-2002\n[LUMCAT] a lamp\nTILT=NONE\n" + "\n".join(f"{n:.6g}" for n in numbers)
+    (tmp_path / "a.ies").write_text(text)
+    far = read_photometry(tmp_path / "a.ies")
+    assert far.c_deg[[0, -1]].tolist() == [0.0, 360.0]
+    expected = np.repeat(table, 2, axis=0) if count == 1 else symmetric(symmetry, far.c_deg)
+    assert far.candela == pytest.approx(expected, rel=1e-4)
+    assert far.size_m == pytest.approx((0.3048, 0.1524, 0.03048))
+    assert far.lamp_flux_lm == 2000
+
+
+def test_even_intensity_has_4_pi_times_its_flux():
+    far = FarField(np.full((2, 37), 10.0), np.array([0.0, 360.0]), GAMMA, (0.1, 0.1, 0.1), np.nan, "even")
+    assert total_flux_lm(far) == pytest.approx(40 * np.pi, rel=1e-12)
+    rng = np.random.default_rng(1)
+    d = rng.normal(size=(100, 3))
+    assert intensity(far, d / np.linalg.norm(d, axis=1, keepdims=True)) == pytest.approx(np.full(100, 10.0))
+
+
+def test_flux_is_the_mean_intensity_times_4_pi():
+    c = np.arange(0, 361, 15.0)
+    far = FarField(lobe(c, GAMMA), c, GAMMA, (0.1, 0.1, 0.1), np.nan, "lobe")
+    n = 20_000
+    z, phi = 1 - 2 * (np.arange(n) + 0.5) / n, np.arange(n) * np.pi * (3 - np.sqrt(5))
+    mean = intensity(far, direction_from_angles(np.arccos(z), phi)).mean()
+    assert total_flux_lm(far) == pytest.approx(4 * np.pi * mean, rel=1e-3)
+
+
+def test_intensity_is_the_table_at_its_angles():
+    c = np.arange(0, 361, 15.0)
+    far = FarField(lobe(c, GAMMA), c, GAMMA, (0.1, 0.1, 0.1), np.nan, "lobe")
+    for k, j in [(0, 3), (7, 20), (23, 30)]:
+        d = direction_from_angles(np.radians(GAMMA[j]), np.radians(c[k]))
+        assert intensity(far, d) == pytest.approx(far.candela[k, j], rel=1e-9)
+
+
+@pytest.mark.parametrize("text", ["", "TILT=NONE", "TILT=NONE\n1 2 3", "TILT=lamp.tlt\n1", "TILT=NONE\n" + "nan " * 300])
+def test_a_broken_lm63_is_refused(tmp_path, text):
+    (tmp_path / "bad.ies").write_text(text)
+    with pytest.raises(BadInput, match=r"bad\.ies") as caught:
+        read_photometry(tmp_path / "bad.ies")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("spoil", [
+    lambda t: t[: len(t) // 2], lambda t: t.replace("\r\n24\r\n", "\r\n-4\r\n", 1), lambda t: "maker\r\n" * 9,
+    lambda t: t.replace("2000.0", "1e400"),
+])
+def test_a_broken_eulumdat_is_refused(tmp_path, spoil):
+    (tmp_path / "bad.ldt").write_text(spoil(eulumdat(0, symmetric(0, stored(0)))))
+    with pytest.raises(BadInput, match=r"bad\.ldt"):
+        read_photometry(tmp_path / "bad.ldt")
+
+
+@pytest.mark.skipif("VEMLIGHT_DATA" not in os.environ, reason="VEMLIGHT_DATA names no folder with real data")
+def test_real_files_carry_the_flux_they_state():
+    folder = Path(os.environ["VEMLIGHT_DATA"]) / "luminaire"
+    for path in sorted(folder.glob("*.ldt")):
+        far = read_photometry(path)
+        assert total_flux_lm(far) == pytest.approx(far.lamp_flux_lm, rel=1e-3), path  # all of these state a light output ratio of 100 %
+    far = read_photometry(folder / "examp1.ies")
+    assert total_flux_lm(far) / far.lamp_flux_lm == pytest.approx(0.913, abs=1e-3)  # a T8 luminaire of 91 % efficiency

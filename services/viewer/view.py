@@ -22,7 +22,7 @@ from services.viewer.web import Site
 
 REPORT_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them
 TAKEN_AT_ONCE = 4 * QUEUE_FRAMES  # messages: more than the queues at both ends hold, and a flood cannot fill memory
-SHUTDOWN_S = 0.3  # for open streams, when told to stop
+SHUTDOWN_S = 0.1  # aiohttp waits for open streams so long twice, and they would go on for ever
 
 
 async def view(settings: Settings, restarts: int) -> None:

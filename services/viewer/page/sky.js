@@ -75,7 +75,6 @@ export class Sky {
 
   drawTrails(c, disc, unit) {
     c.lineWidth = 1.6 * unit;
-    c.lineCap = "round";
     for (const light of this.lights) {
       const places = this.trails.get(light.id);
       for (let k = 1; k < places.length; k++) {

@@ -118,7 +118,7 @@ function showFigures(report) {
   at("scene-facts").textContent = of.renderer.sequence === undefined || of.renderer.sequence === null ? "" : `frame ${of.renderer.sequence}`;
   const worst = ["silent", "stalled", "not heard", "starting"].find((state) => report.services.some((row) => row.state === state));
   const culprit = report.services.find((row) => row.state === worst);
-  if (culprit) return say(at("overall"), worst, `${culprit.service}: ${culprit.words}`);
+  if (culprit) return say(at("overall"), worst, `${culprit.service} ${worst}`);
   if (report.wish.paused) return say(at("overall"), "paused", "paused");
   const finished = report.services.some((row) => row.state === "finished");
   say(at("overall"), finished ? "finished" : "live", finished ? "finished" : report.mode === "lossless" ? "lossless" : "live");

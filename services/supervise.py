@@ -107,6 +107,7 @@ class Supervisor:
         self._statuses = [self._wires.subscribe(service, "status") for service in SERVICES]
         self._newest: dict[str, wire.Status] = {}
         self._signals = 0
+        self._said = 0  # pictures that a progress line has spoken of
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
 
@@ -162,8 +163,10 @@ class Supervisor:
     def _say_progress(self) -> None:
         """A line now and then while files are written; a live run has its page."""
         last = self._newest.get(LAST)
-        if self._settings.out and last and last.sequence is not None:
-            print(f"vemlight: picture {last.sequence + 1}, {last.rate_hz:.1f} a second", file=sys.stderr, flush=True)
+        if self._settings.out and last and last.sequence is not None and last.sequence >= self._said:
+            self._said = last.sequence + 1
+            wanted = f" of {self._settings.capture.frames}" if self._settings.capture.frames else ""
+            print(f"vemlight: picture {self._said}{wanted}, {last.rate_hz:.1f} a second", file=sys.stderr, flush=True)
 
     def _stop(self) -> None:
         asked = self._signals

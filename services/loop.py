@@ -19,6 +19,8 @@ from services.tally import Tally
 
 State = TypeVar("State")
 POLL_MS = 100  # how late a stop is noticed at most when nothing arrives
+REFILL_MS = 2  # how long libzmq may take to refill a queue that was drained
+DRAIN_S = 0.1  # for catching up at most, should frames come faster than one in REFILL_MS
 END_PERIOD_S = 0.2  # live: the end is said again and again, for who was not listening
 KEPT_FRAMES = 64  # lossless: how many finished frames a service holds for one that asks again
 
@@ -137,6 +139,9 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
                 state = stage.heed(state, said)
 
         heard = received(frames, tally)
+        drained_by_s = time.monotonic() + DRAIN_S
+        while len(heard) > 1 and time.monotonic() < drained_by_s and frames.poll(REFILL_MS):
+            heard += received(frames, tally)  # behind the queue of a slow service the system's buffers hold hundreds of small messages
         fresh = [(header, arrays) for header, arrays in heard if isinstance(header, wire.FRAME)]
         if fresh:
             tally.heard(fresh[-1][0].stamp, len(fresh) - 1)

@@ -24,6 +24,7 @@ from services.settings import Wire
 Role = Literal["publish", "serve"]
 ROLES: tuple[Role, ...] = ("publish", "serve")
 HANDSHAKE_MS = 2000  # libzmq's 30 s lets 800 silent connections hold 800 files
+PROBE_S, PROBES = 1, 3  # tcp: after a second of silence the peer's kernel is asked; a host or container that vanished says no goodbye
 ZAP_DOMAIN = "vemlight"  # the same on both sides: with a wildcard everyone is refused
 KEY_NAME = "vemlight"
 TOPICS = {channel.kind.encode() for channel in CHANNELS}
@@ -135,6 +136,8 @@ class Wires:
         socket.handshake_ivl = HANDSHAKE_MS
         socket.sndhwm = socket.rcvhwm = QUEUE_FRAMES
         socket.reconnect_ivl, socket.reconnect_ivl_max = 50, 500  # ms
+        socket.tcp_keepalive, socket.tcp_keepalive_cnt = 1, PROBES
+        socket.tcp_keepalive_idle = socket.tcp_keepalive_intvl = PROBE_S
         if self._keys:
             socket.curve_publickey, socket.curve_secretkey = self._keys
         return socket

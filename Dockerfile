@@ -1,0 +1,28 @@
+# One image for every service: `docker run IMAGE COMMAND`, where COMMAND is one of the command `vemlight`.
+FROM python:3.11-slim-bookworm
+
+RUN apt-get update -qq \
+ && apt-get install -y -qq --no-install-recommends libegl1 libgl1 libgl1-mesa-dri \
+ && rm -rf /var/lib/apt/lists/*
+
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
+WORKDIR /vemlight
+COPY requirements.lock ./
+RUN pip install --quiet --only-binary :all: --require-hashes -r requirements.lock
+
+COPY . ./
+RUN pip install --quiet --no-deps --editable . \
+ && useradd --uid 10001 --no-create-home --shell /usr/sbin/nologin vemlight \
+ && install -d -o vemlight -g vemlight -m 700 /keys
+
+# The bundled sequence goes through all services once: an image that cannot draw is never finished, and numba's compiled code stays in
+# the image. 48 frames, because some of it is called for only when a second has been seen; small pictures, because they are thrown away.
+RUN printf '[renderer]\nwidth = 64\nheight = 48\n' > /tmp/small.toml \
+ && NUMBA_CACHE_DIR=/var/cache/vemlight vemlight run /tmp/small.toml --frames 48 --out /tmp/warm \
+ && rm -r /tmp/small.toml /tmp/warm
+
+# numba leaves a cache that it cannot write to unread, so each container takes a copy of its own to /tmp, the one place it may write.
+USER 10001:10001
+ENV HOME=/tmp NUMBA_CACHE_DIR=/tmp/numba
+ENTRYPOINT ["/bin/sh", "-c", "cp -rT /var/cache/vemlight /tmp/numba && exec vemlight \"$@\"", "vemlight"]
+CMD ["run"]

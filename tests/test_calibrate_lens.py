@@ -138,7 +138,9 @@ def test_photographs_to_lens_file(tmp_path: Path) -> None:
     # the image circle's edge is seen: the rim is found to two degrees
     assert report.lens.rim_deg == pytest.approx(lens.rim_deg, abs=2.5)
     assert read_lens(tmp_path / "lens.toml") == report.lens
-    assert cv2.imread(str(tmp_path / "coverage.png")).shape == (560, 560, 3)
+    picture = cv2.imread(str(tmp_path / "coverage.png"))
+    assert picture is not None
+    assert picture.shape == (560, 560, 3)
 
 
 def test_charuco_board_is_found_when_part_of_it_is_hidden() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from services.capture.camera import fisheye_radiance, simulate
 from services.capture.lens import Lens, direction_from_pixel, pixel_solid_angles
-from services.capture.response import Response
+from services.capture.response import Log, Response
 from services.capture.source import Frame, open_source
 from services.capture.surround import Disc, Surround
 from services.files import BadInput
@@ -29,7 +29,7 @@ LENS = Lens(
 )
 PIXEL = 1 / 69
 B = 4095 / np.log(1e9)
-LOG = Response(kind="log", bits=12, a=float(-B * np.log(1e-3)), b=float(B), c=1e-3)
+LOG = Log(bits=12, a=float(-B * np.log(1e-3)), b=float(B), c=1e-3)
 DARK = np.zeros((64, 128, 3))
 
 
@@ -128,7 +128,7 @@ def test_seed_makes_the_same_codes(tmp_path: Path) -> None:
 
 
 def test_saturated_sun_is_counted(tmp_path: Path) -> None:
-    low = Response(kind="log", bits=12, a=float(-B * np.log(1e-3)), b=float(4095 / np.log(1e5)), c=1e-3)
+    low = Log(bits=12, a=float(-B * np.log(1e-3)), b=float(4095 / np.log(1e5)), c=1e-3)
     simulate(["sky"], LENS, low, tmp_path, frames=1)
     assert open_source(Capture(source=str(tmp_path))).frame(0).saturated > 0
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from services.capture.lens import Lens, pixel_from_direction, write_lens
-from services.capture.response import Response, code_from_radiance, write_response
+from services.capture.response import Log, code_from_radiance, write_response
 from services.capture.sequence import MANIFEST, file_entry
 from services.capture.source import open_source, polar_file
 from services.files import BadInput
@@ -26,7 +26,7 @@ from services.sphere import (
 )
 
 LENS = Lens(size=(128, 128), f=(37.0, 37.0), c=(63.5, 63.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0)
-RESPONSE = Response(kind="log", bits=12, a=1000.0, b=200.0, c=0.01, luminance_scale=179.0)
+RESPONSE = Log(bits=12, a=1000.0, b=200.0, c=0.01, luminance_scale=179.0)
 
 
 def capture(source: Path, **changes: object) -> Capture:
@@ -196,7 +196,7 @@ def test_what_is_no_code_is_refused(tmp_path: Path, value: float) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_response(tmp_path / "response.toml", RESPONSE)
     write_exr(tmp_path / "f.exr", np.full((128, 128, 3), value, np.float32))
-    with pytest.raises(BadInput, match=r"f\.exr.*codes"):
+    with pytest.raises(BadInput, match=r"f\.exr.*code"):
         open_source(capture(tmp_path / "f.exr")).frame(0)
 
 

@@ -25,7 +25,7 @@ from services.capture.lens import (
     vignetting_from_angle,
     write_lens,
 )
-from services.capture.response import Response, check_response, code_from_signal, signal_from_radiance, write_response
+from services.capture.response import Response, check_response, code_from_signal, write_response
 from services.capture.sequence import MANIFEST, file_entry
 from services.capture.sky import Sky
 from services.capture.surround import Maps, Scene, Surround, disc_points, hemisphere_irradiance, sun_direction
@@ -197,7 +197,7 @@ def exposed(radiance: np.ndarray, lens: Lens, response: Response | None, noise_c
     behind = radiance * vignetting_from_angle(theta, lens)[..., None]
     if response is None:
         return np.minimum(behind, 65504.0).astype(np.float16)
-    signal = signal_from_radiance(behind, response)
+    signal = response.signal(behind)
     if noise_codes > 0:
         signal += np.random.default_rng(seed).normal(0.0, noise_codes, signal.shape)
     return code_from_signal(signal, response).astype(np.float32)

@@ -25,7 +25,7 @@ IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1
 STEPS = 1024  # the polynomial's slope is looked at so often between axis and rim; a degree-8 even polynomial bends 8 times at most
 
 
-class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """One lens on one sensor, as its TOML file has it."""
 
     size: tuple[int, int]  # width, height in pixels
@@ -37,6 +37,7 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     k4: float
     rim_deg: float  # no light comes from farther off the axis than this
     vignetting: tuple[float, ...] = ()  # relative response 1 + v1 theta^2 + v2 theta^4 + ...
+    flat_field: str = ""  # image of even light beside this file; takes the place of vignetting
     world_from_camera: tuple[Row, Row, Row] = IDENTITY  # a camera that looks up, image right = +X
     views: int = 0  # images that the calibration kept; 0: not calibrated from images
     rms_px: float = 0.0  # of the corners in them
@@ -86,6 +87,8 @@ def check_lens(lens: Lens) -> None:
         raise BadInput(f"k1..k4 turn back at {at:.1f} degrees, before rim_deg = {lens.rim_deg:g}; calibrate again or lower rim_deg")
     if vignetting_from_angle(theta, lens).min() <= 0:
         raise BadInput(f"vignetting falls to 0 before rim_deg = {lens.rim_deg:g}; mend it or lower rim_deg")
+    if lens.flat_field and lens.vignetting:
+        raise BadInput("flat_field holds the vignetting already; leave one of the two out")
     if not np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(lens.rotation) < 0:
         raise BadInput("world_from_camera is no rotation; its rows must be unit vectors at right angles, right-handed")
 

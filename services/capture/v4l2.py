@@ -1,0 +1,271 @@
+"""Cameras of the Linux kernel: raw frames by its streaming calls, with its time stamps and sequence numbers.
+
+linuxpy brings the structures and calls; formats are listed here from the bare structure, because its own list knows not every code.
+"""
+
+import errno
+import fcntl
+import os
+import select
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from services.capture.frames import Mosaic
+from services.files import BadInput
+
+BUFFERS = 4  # frames that the kernel holds while we are busy; what comes on top is lost, and its number with it
+GONE = (errno.ENODEV, errno.ENXIO, errno.EIO, errno.ENOENT, errno.EBADF)  # what an unplugged camera answers
+BIG_ENDIAN = 1 << 31  # in a format's code
+
+
+class Format(NamedTuple):
+    """How a frame's bytes are codes."""
+
+    name: str  # the kernel's four letters, -BE behind them for the big-endian form
+    dtype: str
+    mosaic: Mosaic
+    bits: int
+
+
+MOSAICS: dict[Mosaic, dict[int, str]] = {  # the kernel's four letters by bits
+    "mono": {8: "GREY", 10: "Y10 ", 12: "Y12 ", 16: "Y16 "},
+    "BGGR": {8: "BA81", 10: "BG10", 12: "BG12", 16: "BYR2"},
+    "GBRG": {8: "GBRG", 10: "GB10", 12: "GB12", 16: "GB16"},
+    "GRBG": {8: "GRBG", 10: "BA10", 12: "BA12", 16: "GR16"},
+    "RGGB": {8: "RGGB", 10: "RG10", 12: "RG12", 16: "RG16"},
+}
+
+
+def _formats() -> dict[int, Format]:
+    known = {}
+    for mosaic, letters in MOSAICS.items():
+        for bits, four in letters.items():
+            code = int.from_bytes(four.encode(), "little")
+            known[code] = Format(four.strip(), "<u1" if bits == 8 else "<u2", mosaic, bits)
+            if bits > 8:
+                known[code | BIG_ENDIAN] = Format(four.strip() + "-BE", ">u2", mosaic, bits)
+    return known
+
+
+FORMATS = _formats()  # by the kernel's code
+
+
+class Raw(NamedTuple):
+    """One frame as the camera gave it."""
+
+    codes: np.ndarray  # (height, width) uint8 or uint16
+    mosaic: Mosaic
+    sequence: int  # the kernel's
+    monotonic_ns: int  # the kernel's time stamp, on the monotonic clock
+    lost: int  # frames between the one before and this one
+
+
+class Listed(NamedTuple):
+    """A camera on this machine."""
+
+    path: str
+    card: str
+    formats: list[str]  # names of those that can be read here
+
+
+def list_cameras() -> list[Listed]:
+    """The cameras on this machine, /dev/video0 first; those that cannot be opened are left out."""
+    found = []
+    for path in sorted(Path("/dev").glob("video*"), key=lambda p: (len(p.name), p.name)):
+        try:
+            device = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+        except OSError:
+            continue
+        try:
+            card, streams = _capabilities(device)
+            if streams:
+                found.append(Listed(str(path), card, [FORMATS[code].name for code in _offered(device) if code in FORMATS]))
+        except OSError:
+            continue
+        finally:
+            os.close(device)
+    return found
+
+
+def _capabilities(device: int) -> tuple[str, bool]:
+    # name of the card, and whether it streams video to us
+    from linuxpy.video import device as v4l2
+
+    answer = v4l2.read_capabilities(device)
+    wanted = v4l2.Capability.VIDEO_CAPTURE | v4l2.Capability.STREAMING
+    return answer.card.decode(errors="replace"), v4l2.Capability(answer.device_caps) & wanted == wanted
+
+
+def _offered(device: int) -> list[int]:
+    from linuxpy.video import device as v4l2
+
+    codes = []
+    for index in range(1000):
+        description = v4l2.raw.v4l2_fmtdesc(index=index, type=v4l2.BufferType.VIDEO_CAPTURE)
+        try:
+            fcntl.ioctl(device, v4l2.IOC.ENUM_FMT.value, description)
+        except OSError as error:
+            if error.errno == errno.EINVAL:
+                break
+            raise
+        codes.append(int(description.pixelformat))
+    return codes
+
+
+def codes_from_bytes(data: Any, form: Format, width: int, height: int, stride: int) -> np.ndarray:
+    """The codes (height, width) uint8 or uint16, in this machine's byte order, of a frame's bytes with rows `stride` bytes apart.
+
+    Raises ValueError when there are fewer bytes than that takes.
+    """
+    item = np.dtype(form.dtype).itemsize
+    if stride < width * item or len(data) < stride * (height - 1) + width * item:
+        raise ValueError(f"{len(data)} bytes are no frame of {width}x{height}")
+    rows = np.frombuffer(data, np.uint8, stride * (height - 1) + width * item)
+    if len(rows) < stride * height:
+        rows = np.pad(rows, (0, stride * height - len(rows)))
+    codes = rows.reshape(height, stride)[:, : width * item].copy().view(form.dtype)
+    return codes.astype(codes.dtype.newbyteorder("="), copy=False)
+
+
+class Camera:
+    """A camera that streams. It may vanish and come back; `state` says what is the case, in words."""
+
+    def __init__(self, path: str, *, form: str = "", width: int = 0, height: int = 0, fps: float = 0.0):
+        """Asks for the format, size and rate named (empty or 0: the deepest format known here, the camera's own size and rate).
+
+        `name`, `form`, `width`, `height` and `fps` then say what was got. Raises BadInput when the camera cannot be used.
+        """
+        self.path, self.lost, self.outages = path, 0, 0
+        self._asked = (form, width, height, fps)
+        self._device, self._maps = -1, []
+        self._last = -1
+        try:
+            self._open()
+        except OSError as error:
+            self._close()
+            raise BadInput(f"{path}: is no camera that can be opened ({error.strerror}); check [capture] source, or free it") from error
+
+    def _open(self) -> None:
+        from linuxpy.video import device as v4l2
+
+        self._device = os.open(self.path, os.O_RDWR | os.O_NONBLOCK)
+        kind = v4l2.BufferType.VIDEO_CAPTURE
+        self.name, streams = _capabilities(self._device)
+        if not streams:
+            raise BadInput(f"{self.path}: {self.name} streams no video; name a camera")
+        form, width, height, fps = self._asked
+        before = v4l2.get_raw_format(self._device, kind).fmt.pix
+        code = self._choose(form)
+        v4l2.set_format(self._device, kind, width or before.width, height or before.height, code)
+        got = v4l2.get_raw_format(self._device, kind).fmt.pix
+        if got.pixelformat not in FORMATS or (form and FORMATS[got.pixelformat].name != form):
+            raise BadInput(f"{self.path}: {self.name} refuses format {FORMATS[code].name}; choose another [capture] format")
+        self.form, self.width, self.height = FORMATS[got.pixelformat], int(got.width), int(got.height)
+        self._stride, self._size = int(got.bytesperline), int(got.sizeimage)
+        try:
+            if fps:
+                v4l2.set_fps(self._device, kind, fps)
+            self.fps = float(v4l2.get_fps(self._device, kind))
+        except (OSError, ZeroDivisionError):
+            self.fps = fps or 25.0  # cameras without a rate of their own run by a trigger
+        v4l2.request_buffers(self._device, kind, v4l2.Memory.MMAP, BUFFERS)
+        for index in range(BUFFERS):
+            buffer = v4l2.query_buffer(self._device, kind, v4l2.Memory.MMAP, index)
+            self._maps.append(v4l2.mmap_from_buffer(self._device, buffer))
+            v4l2.enqueue_buffer_raw(self._device, buffer)
+        v4l2.stream_on(self._device, kind)
+        self._last = -1
+        self.state = f"{self.path}: {self.name}, {self.form.name} {self.width}x{self.height} at {self.fps:g} a second"
+
+    def _choose(self, form: str) -> Any:
+        # the format's code that was asked for, else the deepest
+        offered = [code for code in _offered(self._device) if code in FORMATS]
+        names = ", ".join(FORMATS[code].name for code in offered)
+        if form:
+            for code in offered:
+                if FORMATS[code].name == form:
+                    return code
+            raise BadInput(f"{self.path}: {self.name} has no format {form} but {names or 'none that is read here'}; set [capture] format")
+        if not offered:
+            raise BadInput(f"{self.path}: {self.name} has no raw format (GREY, Y10, Y12, Y16 or Bayer); use another camera")
+        return max(offered, key=lambda code: (FORMATS[code].bits, FORMATS[code].mosaic == "mono", -code))
+
+    def read(self, wait_s: float) -> Raw | None:
+        """The next frame, or None when none came within `wait_s` (s): the camera may be gone, and is then looked for again.
+
+        Raises BadInput when it comes back with another format or size.
+        """
+        if self._device < 0 and not self._reopened():
+            select.select([], [], [], wait_s)
+            return None
+        try:
+            ready, _, broken = select.select([self._device], [], [self._device], wait_s)
+            if not ready and not broken:
+                return None
+            return self._dequeue()
+        except OSError as error:
+            if error.errno == errno.EAGAIN:
+                return None
+            if error.errno not in GONE:
+                raise
+            self._close()
+            self.outages += 1
+            self.state = f"{self.path}: is gone ({error.strerror}); waiting for it"
+            return None
+
+    def _dequeue(self) -> Raw | None:
+        from linuxpy.video import device as v4l2
+
+        buffer = v4l2.dequeue_buffer(self._device, v4l2.BufferType.VIDEO_CAPTURE, v4l2.Memory.MMAP)
+        try:
+            damaged = v4l2.BufferFlag.ERROR in v4l2.BufferFlag(buffer.flags)
+            codes = None
+            if not damaged:
+                try:
+                    data = memoryview(self._maps[buffer.index])[: buffer.bytesused]
+                    codes = codes_from_bytes(data, self.form, self.width, self.height, self._stride)
+                    data.release()
+                except ValueError as error:
+                    raise BadInput(f"{self.path}: sent {error}, which it had agreed to; set [capture] width and height") from error
+            sequence = int(buffer.sequence)
+            stamp = buffer.timestamp.secs * 10**9 + buffer.timestamp.usecs * 1000
+        finally:
+            v4l2.enqueue_buffer_raw(self._device, buffer)
+        if codes is None:
+            return None  # its number is missing from the next one's
+        lost = frames_between(self._last, sequence)
+        self._last, self.lost = sequence, self.lost + lost
+        return Raw(codes, self.form.mosaic, sequence, stamp, lost)
+
+    def _reopened(self) -> bool:
+        before = (self.form, self.width, self.height)
+        try:
+            self._open()
+        except (OSError, BadInput):
+            self._close()
+            return False
+        if (self.form, self.width, self.height) != before:
+            found = f"{self.form.name} {self.width}x{self.height}"
+            self._close()
+            raise BadInput(f"{self.path}: came back with {found} instead of {before[0].name} {before[1]}x{before[2]}; start again")
+        return True
+
+    def _close(self) -> None:
+        for mapped in self._maps:
+            mapped.close()
+        self._maps = []
+        if self._device >= 0:
+            os.close(self._device)
+        self._device = -1
+
+    def close(self) -> None:
+        """Ends the stream."""
+        self._close()
+        self.state = f"{self.path}: closed"
+
+
+def frames_between(last: int, sequence: int) -> int:
+    """Frames lost between two of the kernel's 32-bit sequence numbers; `last` -1 stands for none before."""
+    return 0 if last < 0 else (sequence - last - 1) % 2**32

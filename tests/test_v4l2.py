@@ -1,0 +1,85 @@
+"""Cameras of the kernel. What needs one runs where /dev/video0 is the kernel's test driver (vivid)."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.capture.v4l2 import FORMATS, Camera, Format, codes_from_bytes, frames_between, list_cameras
+from services.files import BadInput
+
+BY_NAME = {form.name: form for form in FORMATS.values()}
+
+
+def has_vivid() -> bool:
+    return any("vivid" in camera.card for camera in list_cameras())
+
+
+def test_formats_by_the_kernels_letters() -> None:
+    assert FORMATS[0x59455247] == Format("GREY", "<u1", "mono", 8)
+    assert FORMATS[0x20363159] == Format("Y16", "<u2", "mono", 16)
+    assert FORMATS[0x20363159 | 1 << 31] == Format("Y16-BE", ">u2", "mono", 16)
+    assert BY_NAME["BA10"].mosaic == "GRBG"
+    assert BY_NAME["BYR2"] == Format("BYR2", "<u2", "BGGR", 16)
+    assert len(BY_NAME) == len(FORMATS)
+
+
+@pytest.mark.parametrize("name", ["GREY", "Y12", "Y16-BE", "RG12"])
+@pytest.mark.parametrize("padding", [0, 6])
+def test_codes_of_bytes(name: str, padding: int) -> None:
+    form = BY_NAME[name]
+    codes = np.random.default_rng(1).integers(0, 2**form.bits, (5, 7)).astype(form.dtype)
+    data = b"".join(row.tobytes() + b"\xee" * padding for row in codes)
+    stride = 7 * codes.dtype.itemsize + padding
+    got = codes_from_bytes(data[: len(data) - padding], form, 7, 5, stride)
+    assert got.dtype in (np.uint8, np.uint16)
+    assert np.array_equal(got, codes)
+
+
+def test_too_few_bytes_are_no_frame() -> None:
+    with pytest.raises(ValueError, match="no frame of 7x5"):
+        codes_from_bytes(b"x" * 69, BY_NAME["Y16"], 7, 5, 14)
+
+
+@pytest.mark.parametrize(("last", "now", "lost"), [(-1, 17, 0), (3, 4, 0), (3, 8, 4), (2**32 - 1, 0, 0), (2**32 - 2, 1, 2)])
+def test_lost_frames_are_known_by_number(last: int, now: int, lost: int) -> None:
+    assert frames_between(last, now) == lost
+
+
+def test_what_is_no_camera_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    for path in (tmp_path / "file", tmp_path / "nothing"):
+        with pytest.raises(BadInput, match="no camera that can be opened"):
+            Camera(str(path))
+
+
+@pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")
+@pytest.mark.parametrize("name", ["Y16", "Y12", "GREY", "RG12", "Y10", "Y16-BE", "RGGB", "RG16"])
+def test_200_frames_without_an_unreported_gap(name: str) -> None:
+    camera = Camera("/dev/video0", form=name, width=320, height=180, fps=15.0)
+    frames = []
+    try:
+        assert (camera.form.name, camera.width, camera.height) == (name, 320, 180)
+        for _ in range(2000):
+            raw = camera.read(1.0)
+            if raw is not None:
+                assert raw.codes.shape == (180, 320)
+                assert raw.codes.max() < 2**camera.form.bits
+                frames.append((raw.sequence, raw.monotonic_ns, raw.lost))
+            if len(frames) == int(os.environ.get("V4L2_FRAMES", "200")):
+                break
+    finally:
+        camera.close()
+    sequence, stamps, lost = map(np.array, zip(*frames, strict=True))
+    assert np.array_equal(np.diff(sequence) - 1, lost[1:])
+    assert lost.sum() == camera.lost
+    assert np.all(np.diff(stamps) > 0)
+    # stamps keep step with the numbers: the driver's clock ticks by a frame each
+    assert np.polyfit(sequence, stamps, 1)[0] == pytest.approx(1e9 / camera.fps, rel=0.05)
+
+
+@pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")
+def test_format_that_the_camera_lacks_is_refused() -> None:
+    with pytest.raises(BadInput, match="has no format Y10-BE but"):
+        Camera("/dev/video0", form="Y10-BE")

@@ -28,7 +28,7 @@ def error_bound(field: LightField) -> float:
     """
     strength = np.abs(field.images).max(axis=-1)
     half = field.half_support_m
-    axes = [low + step * (np.arange(n) + 0.5) for low, step, n in zip(field.window_m[:2], field.pixel_m, field.images.shape[3:1:-1], strict=True)]
+    axes = [field.window_m[k] + field.pixel_m[k] * (np.arange(field.images.shape[3 - k]) + 0.5) for k in (0, 1)]
     worst = 0.0
     for j, i in np.ndindex(field.images.shape[:2]):
         lit = strength[j, i] > 1e-3 * strength.max()

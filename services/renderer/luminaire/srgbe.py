@@ -1,7 +1,7 @@
 """Signed RGBE: three signed fractions and a common exponent in four bytes (Granier et al. 2003, section 4.2 and appendix A).
 
-The safe codec keeps zero exactly and has no nan; the paper's own, beside it, shows what it costs to follow the print. Both keep 7 bits and a
-sign: adding up passes in this format loses small terms, so light is summed in float and encoded once at most.
+The safe codec keeps zero exactly and has no nan; the paper's own, beside it, shows what it costs to follow the print. Both keep 7 bits
+and a sign: adding up passes in this format loses small terms, so light is summed in float and encoded once at most.
 """
 
 import numpy as np

@@ -27,19 +27,19 @@ class Pull:
         self._tally = tally
         self.end: int | None = None  # the first frame that will not come, once known
         self._asked_until = 0
-        self._heard_s = float("-inf")
+        self._waits_since_s = float("-inf")
 
     def restart(self) -> None:
         """Forgets what was asked for: the next frame wanted is another one."""
-        self._heard_s = float("-inf")
+        self._waits_since_s = float("-inf")
 
     def frame(self, due: int) -> wire.Message | None:
         """Frame `due` if it has come, each once; asks for more. What else comes is what was asked for twice, and is left."""
         while True:
-            self._ask(due)
             try:
                 parts = self.socket.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:
+                self._ask(due)
                 return None
             try:
                 header, arrays = wire.unpack(parts)
@@ -47,24 +47,27 @@ class Pull:
                 self._tally.refused += 1
                 continue
             if isinstance(header, wire.End):
-                self.end, self._heard_s = header.sequence, time.monotonic()
+                self.end = header.sequence
             elif isinstance(header, wire.FRAME) and header.stamp.sequence == due:
-                self._heard_s = time.monotonic()
+                self._waits_since_s = time.monotonic()
+                self._ask(due + 1)
                 return header, arrays
 
-    def _ask(self, first: int) -> None:
-        if self.end is not None and first >= self.end:
+    def _ask(self, due: int) -> None:
+        """Tops the window up; begins again at the frame that is due when it has not come for too long."""
+        now = time.monotonic()
+        if self.end is not None and due >= self.end:
             return
-        if time.monotonic() - self._heard_s > ASK_AGAIN_S:
-            start, self._heard_s = first, time.monotonic()
-        elif self._asked_until - first > WINDOW_FRAMES // 2:
+        if now - self._waits_since_s > ASK_AGAIN_S:
+            start = due
+        elif self._asked_until - due > WINDOW_FRAMES // 2:
             return
         else:
-            start = max(self._asked_until, first)
-        count = first + WINDOW_FRAMES - start
+            start = max(self._asked_until, due)
+        count = due + WINDOW_FRAMES - start
         try:
             self.socket.send_multipart(wire.pack(wire.Request(first=start, count=count)), zmq.NOBLOCK)
-            self._asked_until = start + count
+            self._asked_until, self._waits_since_s = start + count, now
         except zmq.Again:  # nobody there yet: ask again later
             pass
 

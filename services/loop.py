@@ -15,12 +15,13 @@ from services.channels import FRAMES, HEEDS, LAST, UPSTREAM, Service
 from services.demand import Pull, Supply
 from services.settings import Settings
 from services.sockets import Wires, admit
-from services.tally import Tally
+from services.tally import Losses, Tally
 
 State = TypeVar("State")
 POLL_MS = 100  # how late a stop is noticed at most when nothing arrives
 REFILL_MS = 2  # how long libzmq may take to refill a queue that was drained
 DRAIN_S = 0.1  # for catching up at most, should frames come faster than one in REFILL_MS
+FRESH_MS = 60  # live: a frame older than this has waited in a queue while one and a half newer ones came, at 25 a second
 END_PERIOD_S = 0.2  # live: the end is said again and again, for who was not listening
 KEPT_FRAMES = 64  # lossless: how many finished frames a service holds for one that asks again
 
@@ -121,7 +122,7 @@ def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
 def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
     upstream = UPSTREAM[stage.service]
     assert upstream
-    frames = wires.subscribe(upstream, FRAMES[upstream], "end")
+    frames = wires.subscribe(upstream, FRAMES[upstream], "status", "end")
     told = [wires.subscribe("viewer", "control")]
     if stage.service in HEEDS:
         told.append(wires.subscribe(HEEDS[stage.service], "status"))
@@ -130,6 +131,7 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
         poller.register(socket, zmq.POLLIN)
 
     state, _ = stage.begin(0)
+    losses = Losses()
     ended: wire.End | None = None
     while not stop.asked:
         poller.poll(POLL_MS)
@@ -138,16 +140,9 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
             if isinstance(said, wire.Control | wire.Status):
                 state = stage.heed(state, said)
 
-        heard = received(frames, tally)
-        drained_by_s = time.monotonic() + DRAIN_S
-        while len(heard) > 1 and time.monotonic() < drained_by_s and frames.poll(REFILL_MS):
-            heard += received(frames, tally)  # behind the queue of a slow service the system's buffers hold hundreds of small messages
-        fresh = [(header, arrays) for header, arrays in heard if isinstance(header, wire.FRAME)]
-        if fresh:
-            tally.heard(fresh[-1][0].stamp, len(fresh) - 1)
-            state = _advance(stage, state, fresh[-1], publisher, tally)[0]
-            ended = None
-        ended = next((header for header, _ in heard if isinstance(header, wire.End)), ended)
+        newest, ended = _newest(frames, tally, losses, ended)
+        if newest:
+            state = _advance(stage, state, newest, publisher, tally)[0]
         if ended:
             if stage.service == LAST:
                 stage.done()
@@ -155,6 +150,31 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
             publish(publisher, (ended, ()))
             time.sleep(END_PERIOD_S)
         say_status(publisher, tally)
+
+
+def _newest(frames: Any, tally: Tally, losses: Losses, ended: wire.End | None) -> tuple[wire.Message | None, wire.End | None]:
+    """The newest frame that an upstream service has published, if there is one, and the stream's end, once it was said.
+
+    While this service worked, the queue between the two kept the oldest frames and refused the newer ones. So when what waits is old,
+    what comes next is waited for: at most FRESH_MS once, and the picture is up to date instead of a queue behind.
+    """
+    newest: wire.Message | None = None
+    waited = False
+    while True:
+        for header, arrays in received(frames, tally):
+            if isinstance(header, wire.FRAME):
+                losses.frame()
+                tally.skipped += newest is not None
+                newest, ended = (header, arrays), None
+            elif isinstance(header, wire.Status):
+                losses.status(header.frames)
+                tally.dropped = losses.dropped
+            elif isinstance(header, wire.End):
+                ended = header
+        stale = newest is not None and isinstance(newest[0], wire.FRAME) and wire.age_ms(newest[0].stamp) > FRESH_MS
+        if waited or ended or not stale or not frames.poll(FRESH_MS):
+            return newest, ended
+        waited = True
 
 
 def _advance(

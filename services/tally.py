@@ -11,6 +11,28 @@ from services.channels import STATUS_PERIOD_S, Service
 RATE_WINDOW_S = 2.0
 
 
+class Losses:
+    """Frames of one producer that it published and that never came here.
+
+    Its status and its frames come through one socket in order, so between two statuses the frames it counts and those that came
+    must agree; what is missing was dropped on the way. Gaps in the frames' numbers would also count what it never made.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._before = 0  # dropped before the producer last began to count
+        self._first: int | None = None  # its count when this began
+        self._came = 0
+
+    def frame(self) -> None:
+        self._came += 1
+
+    def status(self, frames: int) -> None:
+        if self._first is None or frames < self._first + self._came:  # the first status, or it was started again
+            self._first, self._came, self._before = frames, 0, self.dropped
+        self.dropped = self._before + frames - self._first - self._came
+
+
 class Tally:
     """What a service says of itself: counts, rates and times of the frames it has done."""
 
@@ -23,12 +45,6 @@ class Tally:
         self._step_ms: deque[float] = deque(maxlen=32)
         self._report: dict[str, Any] = {}
         self._due_s = 0.0
-
-    def heard(self, stamp: wire.Stamp, passed_over: int) -> None:
-        """Counts the gap before a frame. A number below the last one means that the source began again."""
-        self.skipped += passed_over
-        if self._newest and stamp.sequence > self._newest.sequence:
-            self.dropped += max(0, stamp.sequence - self._newest.sequence - 1 - passed_over)
 
     def finished(self, message: wire.Message, took_s: float) -> None:
         header = message[0]

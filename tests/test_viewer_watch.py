@@ -4,7 +4,8 @@ import random
 
 from services import wire
 from services.channels import SILENT_S, Service
-from services.viewer.watch import STALLED_S, Losses, Watch
+from services.tally import Losses
+from services.viewer.watch import STALLED_S, Watch
 
 STAMP = wire.stamp(5, 0.2)
 FRAMES: dict[Service, wire.Header] = {

@@ -11,10 +11,10 @@ from services.channels import FRAMES, LAST, Service
 from services.files import BadInput
 from services.lights import Lights, lights_json, lights_row
 from services.settings import Settings
-from services.tally import Tally
+from services.tally import Losses, Tally
 from services.viewer.feeds import Bell, Feed
 from services.viewer.pictures import Sky, picture_jpeg
-from services.viewer.watch import HEALTHY, Heard, Judgement, Losses, Watch
+from services.viewer.watch import HEALTHY, Heard, Judgement, Watch
 
 UNHEARD = "lossless mode makes every frame with the settings as they are and hears no controls; run in live mode to use them"
 EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false}'

@@ -48,28 +48,6 @@ class Heard:
         return None if self.stamp is None else wire.age_ms(self.stamp)
 
 
-class Losses:
-    """Frames of one producer that it published and that never came here.
-
-    Its status and its frames come through one socket in order, so between two statuses the frames it counts and those that came
-    must agree; what is missing was dropped on the way. Gaps in the frames' numbers would also count what it never made.
-    """
-
-    def __init__(self) -> None:
-        self.dropped = 0
-        self._before = 0  # dropped before the producer last began to count
-        self._first: int | None = None  # its count when this began
-        self._came = 0
-
-    def frame(self) -> None:
-        self._came += 1
-
-    def status(self, frames: int) -> None:
-        if self._first is None or frames < self._first + self._came:  # the first status, or it was started again
-            self._first, self._came, self._before = frames, 0, self.dropped
-        self.dropped = self._before + frames - self._first - self._came
-
-
 class Watch:
     """The three services whose frames the viewer shows."""
 

@@ -217,6 +217,18 @@ def test_a_renderer_draws_the_same_picture_again():
     renderer.release()
 
 
+def test_two_renderers_of_one_process_do_not_disturb_each_other():
+    scene, lights = load_scene(None), uniform_lights(3, 0.0)
+    one = Renderer(scene, Settings(width=64, height=48, shadow_map=64))
+    alone = one.render(lights).copy()
+    other = Renderer(scene, Settings(width=32, height=32, shadow_map=32))
+    other.render(uniform_lights(5, 0.0))
+    assert np.array_equal(one.render(lights), alone)
+    other.release()
+    assert np.array_equal(one.render(lights), alone)
+    one.release()
+
+
 def test_the_middle_of_the_picture_is_what_the_camera_looks_at():
     scene = load_scene(None)
     clip = clip_from_world(scene, (640, 480)) @ [*scene.camera.at, 1]

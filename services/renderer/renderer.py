@@ -1,5 +1,9 @@
 """Lit pictures: surfaces first, then for each visible pixel the sum over all lights with their shadow maps."""
 
+import time
+from collections.abc import Callable
+from functools import partial
+
 import moderngl
 import numpy as np
 
@@ -7,6 +11,7 @@ from services import settings
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.geometry import drawable_scene
+from services.renderer.pace import Pace, affordable_lights, affordable_maps, first_lights, learnt
 from services.renderer.programs import Programs, context_info, headless_context
 from services.renderer.regions import light_regions
 from services.renderer.scene import Scene
@@ -15,6 +20,8 @@ from services.renderer.shadows import ShadowAtlas
 from services.renderer.surfaces import Surfaces
 from services.renderer.tonemap import Adaptation, tone_curve
 from services.renderer.view import pixel_offsets
+
+WARM_UP = 2  # frames: GL drivers compile on the first and tune on the second
 
 
 class Renderer:
@@ -34,6 +41,9 @@ class Renderer:
             raise BadInput(f"[renderer] width, height: {size} is beyond the {limit} pixels of this GL; make them smaller")
         self._scene = scene
         self._offsets = pixel_offsets(samples)
+        self._frame_ms = settings.frame_ms
+        self._pace = Pace()
+        self._drawn_frames = 0
         self._programs = Programs(self._context)
         self._build(settings.shadow_map, settings.light_regions)
 
@@ -56,38 +66,81 @@ class Renderer:
         """The picture under `lights`, (height, width, 4) float32, linear, row 0 on top.
 
         RGB is radiance times alpha (the average over the pixel's area), alpha the share of the area where rays meet a surface.
+        With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
-        self._shading.frame.clear()
+        with self._context:  # another renderer of this process may have made its own the current one
+            self._shading.frame.clear()
+            if self._frame_ms:
+                self._render_in_time(lights)
+            else:
+                self._render_all(lights)
+            data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
+        return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
+
+    @property
+    def affordable_lights(self) -> int | None:
+        """How many lights fit the target frame time; None without a target and until the first frames have told."""
+        return affordable_lights(self._pace, self._frame_ms) if self._frame_ms else None
+
+    def _render_all(self, lights: Lights) -> None:
+        """Draws all maps and sums all lights."""
         weight = 1 / len(self._offsets)
         for number, batch in enumerate(self._atlas.batches(lights) or [None]):
             if batch:
                 self._atlas.draw(batch)
             for offset in self._offsets:
-                self._surfaces.draw(offset)
-                self._shading.classify(self._surfaces, weight if number == 0 else 0.0)
+                self._see(offset, weight if number == 0 else 0.0)
                 if batch:
                     self._shading.add(self._surfaces, self._atlas, batch, weight)
-        data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
-        return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
+
+    def _see(self, offset: tuple[float, float], alpha: float) -> None:
+        """Draws the surfaces at `offset` in each pixel, worth `alpha` of the picture's."""
+        self._surfaces.draw(offset)
+        self._shading.classify(self._surfaces, alpha)
+
+    def _render_in_time(self, lights: Lights) -> None:
+        """Draws what fits the target frame time and learns from what it took."""
+        chosen = first_lights(lights, self.affordable_lights or len(lights.ids))
+        count = len(chosen.ids)
+        batch = self._atlas.cached_batch(chosen, affordable_maps(self._pace, self._frame_ms, count))
+        if batch is None:
+            self._render_all(chosen)
+            return
+        weight = 1 / len(self._offsets)
+        maps_ms = self._spent_ms(lambda: self._atlas.draw(batch))
+        seen_ms = lights_ms = 0.0
+        for offset in self._offsets:
+            seen_ms += self._spent_ms(partial(self._see, offset, weight))
+            lights_ms += self._spent_ms(lambda: self._shading.add(self._surfaces, self._atlas, batch, weight))
+        self._drawn_frames += 1
+        if self._drawn_frames > WARM_UP:
+            self._pace = learnt(self._pace, seen_ms, batch.maps.count, maps_ms, count, lights_ms)
+
+    def _spent_ms(self, work: Callable[[], None]) -> float:
+        """How long the GPU is busy with some work, when it had nothing else to do."""
+        started_s = time.perf_counter()
+        work()
+        self._context.finish()
+        return (time.perf_counter() - started_s) * 1e3
 
     def tone_mapped(self, adaptation: Adaptation, exposure_stops: float) -> np.ndarray:
         """The picture that `render` made last, for a screen: (height, width, 4) uint8, as `tonemap.tone_mapped` gives it."""
         curve = tone_curve(adaptation, exposure_stops)
-        self._shading.picture.use(0)
-        self._tonemap["picture"] = 0
-        self._tonemap["scale"] = curve.scale
-        self._tonemap["white"] = curve.white
-        self._screen_frame.use()
-        self._context.enable_only(moderngl.NOTHING)
-        self._tonemap_array.render(moderngl.TRIANGLES, vertices=3)
-        data = self._screen_frame.read(components=4, alignment=1)
+        with self._context:
+            self._shading.picture.use(0)
+            self._tonemap["picture"] = 0
+            self._tonemap["scale"] = curve.scale
+            self._tonemap["white"] = curve.white
+            self._screen_frame.use()
+            self._context.enable_only(moderngl.NOTHING)
+            self._tonemap_array.render(moderngl.TRIANGLES, vertices=3)
+            data = self._screen_frame.read(components=4, alignment=1)
         return np.frombuffer(data, np.uint8).reshape(self._size[1], self._size[0], 4)
 
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
-        for part in (self._atlas, self._surfaces, self._shading, self._tonemap_array, self._screen_frame, self._screen):
-            part.release()
-        self._vertices.release()
-        self._indices.release()
-        self._programs.release()
+        with self._context:
+            parts = (self._atlas, self._surfaces, self._shading, self._tonemap_array, self._screen_frame, self._screen)
+            for part in (*parts, self._vertices, self._indices, self._programs):
+                part.release()
         self._context.release()

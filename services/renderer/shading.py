@@ -49,7 +49,7 @@ class Shading:
             program["weight"] = weight
             if glossy:
                 program["eye"] = surfaces.eye
-            for region, row in enumerate(batch.rows[:-1]):
+            for region, row in enumerate(batch.rows):
                 if row.count:
                     atlas.bind_row(row)
                     program["light_count"] = row.count

@@ -7,13 +7,16 @@ import moderngl
 import numpy as np
 
 from services.lights import Lights
+from services.renderer.cache import no_maps, planned_maps
 from services.renderer.geometry import Drawable, Span
 from services.renderer.programs import Programs
 from services.renderer.regions import Regions, region_rows
+from services.sphere import luminance
 
 MAX_LIGHTS = 512  # of a batch: 48 kB of a uniform block; GL drivers in use allow 64 kB
 FRAME_BYTES = 96  # LightFrame in light.glsl
 ALIGNED = 8  # frames; 768 bytes, a multiple of the 256 at which GL drivers let a uniform block begin
+GUTTER = 2  # texels at a tile's rim, as in light.glsl
 MAX_ATLAS_SIDE = 8192  # texels; 256 MB of depth at 4 bytes, and no GL 4.3 driver refuses it
 BOXES = ("box_centre", "box_half")
 
@@ -26,13 +29,14 @@ class Row(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Lights that fit the atlas together. entries: (m, 8) float32 as frames.comp reads them, row after row.
+    """Lights that share the atlas. entries: (m, 12) float32 as frames.comp reads them, row after row.
 
-    rows: one for each light region, then one with all lights, of which the first `above` are above the floor.
+    rows: the lights of each light region. maps: those whose maps are drawn now, of which the first `above` are above the floor.
     """
 
     entries: np.ndarray
     rows: tuple[Row, ...]
+    maps: Row
     above: int
 
 
@@ -51,49 +55,87 @@ class ShadowAtlas:
         for name in BOXES:
             self._frames_program[name] = [tuple(row) for row in getattr(drawable, name).tolist()]
         self._vao = context.vertex_array(self._program, [(vertices, "3f 12x", "position")], indices, index_element_size=4)
-        self._given = context.buffer(reserve=32, dynamic=True)
+        self._drawn = no_maps(0)  # of the tiles, for `cached_batch`; empty while each batch draws all its maps
+        self._given = context.buffer(reserve=48, dynamic=True)
         self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
         self.columns = 0
         self.texture: moderngl.Texture | None = None
         self._frame: moderngl.Framebuffer | None = None
 
     def batches(self, lights: Lights) -> list[Batch]:
-        """The lights that carry power, cut into runs that fit the atlas."""
+        """The lights that carry power, cut into runs that fit the atlas, each with all its maps to draw."""
         lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
-        return [self._batch(lights, lit[first : first + self.capacity]) for first in range(0, len(lit), self.capacity)]
+        self._drawn = no_maps(0)
+        runs = [lit[first : first + self.capacity] for first in range(0, len(lit), self.capacity)]
+        return [self._batch(lights, run, np.arange(len(run)), lights.directions[run], np.arange(len(run))) for run in runs]
 
-    def _batch(self, lights: Lights, chosen: np.ndarray) -> Batch:
-        below = lights.directions[chosen] @ self._drawable.floor_normal < 0
-        light = np.zeros((len(chosen), 8), np.float32)
-        light[:, 0:3] = lights.directions[chosen]
-        light[:, 3] = np.arange(len(chosen))
-        light[:, 4:7] = lights.irradiance[chosen]
+    def cached_batch(self, lights: Lights, budget: int) -> Batch | None:
+        """The lights that carry power as one batch that draws at most `budget` maps, and the others as they were drawn.
+
+        A light keeps its map while it moves less than a texel at the far end of a scene as deep as wide. None when the atlas cannot
+        hold them.
+        """
+        lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
+        budget = min(max(budget, 1), max(len(lit), 1))
+        if len(lit) + budget > self.capacity:
+            return None
+        if len(self._drawn) < len(lit) + budget:
+            self._fit(len(lit) + budget)
+            self._drawn = no_maps(self.columns**2)
+        strength = luminance(lights.irradiance[lit])
+        plan = planned_maps(self._drawn, lights.directions[lit], strength, budget, 1 / (self.tile_size - 2 * GUTTER))
+        self._drawn = plan.drawn
+        return self._batch(lights, lit, plan.tiles, plan.drawn[plan.tiles], np.flatnonzero(np.isin(plan.tiles, plan.renewed)))
+
+    def _batch(self, lights: Lights, lit: np.ndarray, tiles: np.ndarray, map_directions: np.ndarray, renewed: np.ndarray) -> Batch:
+        """The lights numbered `lit` with the tile that each reads, the direction of its map, and which of them draw it now."""
+        below = map_directions @ self._drawable.floor_normal < 0
+        light = np.zeros((len(lit), 12), np.float32)
+        light[:, 0:3] = lights.directions[lit]
+        light[:, 3] = tiles
+        light[:, 4:7] = lights.irradiance[lit]
         light[:, 7] = below
-        runs = [*region_rows(self._regions, lights.directions[chosen]), np.argsort(below, kind="stable")]
+        light[:, 8:11] = map_directions
+        runs = [*region_rows(self._regions, lights.directions[lit]), renewed[np.argsort(below[renewed], kind="stable")]]
         rows, padded, first = [], [], 0
         for run in runs:
             rows.append(Row(first, len(run)))
             room = -(-len(run) // ALIGNED) * ALIGNED
             padded.append(np.resize(run, room))
             first += room
-        return Batch(light[np.concatenate(padded)], tuple(rows), int(np.count_nonzero(~below)))
+        entries = light[np.concatenate(padded).astype(np.int64)]
+        return Batch(entries, tuple(rows[:-1]), rows[-1], int(np.count_nonzero(~below[renewed])))
 
     def draw(self, batch: Batch) -> None:
-        """Uploads the batch and draws its maps."""
-        self._fit(batch.rows[-1].count)
+        """Uploads the batch and draws the maps that it renews."""
+        count = batch.maps.count
+        if len(self._drawn) == 0:
+            self._fit(count)
         assert self._frame is not None
         self._make_frames(batch)
         self._describe(self._program)
-        self.bind_row(batch.rows[-1])
         self._frame.use()
-        self._frame.clear(depth=1.0)
+        self._clear(batch)
+        if count == 0:
+            return
+        self.bind_row(batch.maps)
         self._context.depth_func = "<"
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        count = batch.rows[-1].count
         self._instances(self._drawable.closed, 0, count)
         self._context.disable(moderngl.CULL_FACE)
         self._instances(self._drawable.open, 0, count)
         self._instances(self._drawable.floor, batch.above, count - batch.above)
+
+    def _clear(self, batch: Batch) -> None:
+        """Empties the tiles whose maps are drawn anew."""
+        assert self._frame is not None
+        if len(self._drawn) == 0:
+            self._frame.clear(depth=1.0)
+            return
+        tiles = batch.entries[batch.maps.first : batch.maps.first + batch.maps.count, 3].astype(int)
+        for tile in tiles.tolist():
+            corner = (tile % self.columns * self.tile_size, tile // self.columns * self.tile_size)
+            self._frame.clear(depth=1.0, viewport=(*corner, self.tile_size, self.tile_size))
 
     def _make_frames(self, batch: Batch) -> None:
         """Has the GPU rebuild the light frames of all rows from the lights' directions."""

@@ -5,7 +5,7 @@
 
 layout(local_size_x = 64) in;
 
-struct Light { vec4 direction_tile; vec4 irradiance_box; };
+struct Light { vec4 direction_tile; vec4 irradiance_box; vec4 map_direction; };  // the map may have been drawn for a direction nearby
 layout(std430, binding = 1) readonly buffer Given { Light given[]; };
 layout(std430, binding = 2) writeonly buffer Made { LightFrame made[]; };
 
@@ -16,7 +16,7 @@ uniform vec3 box_half[2];
 void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i >= uint(light_count)) return;
-    vec3 d = given[i].direction_tile.xyz;
+    vec3 d = given[i].map_direction.xyz;
     float tile = given[i].direction_tile.w;
     int box = int(given[i].irradiance_box.w);
 
@@ -36,7 +36,7 @@ void main() {
     made[i].column = vec4(right * scale.x, middle.x - dot(right, box_centre[box]) * scale.x);
     made[i].row = vec4(up * scale.y, middle.y - dot(up, box_centre[box]) * scale.y);
     made[i].depth = vec4(d * scale.z, middle.z - dot(d, box_centre[box]) * scale.z);
-    made[i].direction = vec4(d, -BIAS * scale.z / min(scale.x, scale.y));
+    made[i].direction = vec4(given[i].direction_tile.xyz, -BIAS * scale.z / min(scale.x, scale.y));
     made[i].irradiance = vec4(given[i].irradiance_box.rgb, 0.0);
     made[i].corner_slope = vec4(vec2(tile - row * tile_columns, row) * tile_size, -scale.z / (scale.xy * scale.xy));
 }

@@ -1,0 +1,54 @@
+"""Which shadow maps are drawn again: each light reads the drawn map whose direction is nearest, and a frame's budget renews the worst."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class MapPlan(NamedTuple):
+    """tiles: (n,) int64, the map each light reads. renewed: (k,) int64 tiles to draw now, above all others in worth.
+
+    drawn: (m, 3) float32, the direction of each tile's map once that is done; nan where there is none.
+    """
+
+    tiles: np.ndarray
+    renewed: np.ndarray
+    drawn: np.ndarray
+
+
+def no_maps(tiles: int) -> np.ndarray:
+    """The state `drawn` of an atlas of so many tiles in which nothing is drawn."""
+    return np.full((tiles, 3), np.nan, np.float32)
+
+
+def planned_maps(drawn: np.ndarray, directions: np.ndarray, strength: np.ndarray, budget: int, tolerance: float) -> MapPlan:
+    """A plan for lights from `directions` (n, 3) of `strength` (n,) with at least n + budget tiles in `drawn`.
+
+    A light keeps a map within `tolerance` rad of it. The others are served by strength times angle, the largest error first, as many as
+    the budget allows, into tiles that no other light reads; what is left over reads the nearest map until its turn comes. While nothing
+    is drawn the budget does not count. Raises ValueError when the tiles are too few.
+    """
+    count = len(directions)
+    if len(drawn) < count + min(budget, count):
+        raise ValueError(f"{len(drawn)} tiles are too few for {count} lights and {budget} maps a frame")
+    have = np.flatnonzero(~np.isnan(drawn[:, 0]))
+    if len(have) == 0:
+        after = drawn.copy()
+        after[:count] = directions
+        return MapPlan(np.arange(count), np.arange(count), after)
+    # Chord lengths: exact for small angles, where an arc cosine of float32 knows nothing below 0.02 degrees.
+    chord = np.linalg.norm(directions[:, None, :] - drawn[None, have, :], axis=-1)
+    nearest = np.argmin(chord, axis=1)
+    off = chord[np.arange(count), nearest]
+    error = np.where(off > tolerance, strength * off, 0.0)
+    order = np.argsort(-error, kind="stable")
+    chosen = order[: min(budget, int(np.count_nonzero(error > 0)))]
+    tiles = have[nearest]
+    kept = np.ones(count, bool)
+    kept[chosen] = False
+    free = np.setdiff1d(np.arange(len(drawn)), tiles[kept])
+    empty_first = free[np.argsort(~np.isnan(drawn[free, 0]), kind="stable")]
+    tiles[chosen] = empty_first[: len(chosen)]
+    after = drawn.copy()
+    after[tiles[chosen]] = directions[chosen]
+    return MapPlan(tiles, tiles[chosen], after)

@@ -1,0 +1,243 @@
+"""Tracked lights: each carries the exact light of one cell of the sky and stands at its flux centroid; cells go on from frame to
+frame.
+
+Lloyd's relaxation on the sphere, begun from the last frame's sites, on tiles of little light (tracked_tiles). Sites weigh
+radiance^1.6, so that their density follows radiance^0.8: that minimises the sum of F^2 r over cells of flux F and radius r, the
+mean square error at the edges of shadows. What relaxation is too slow for is done by splitting the cell that gains most and
+merging the pair that costs least.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from services.lights import Lights
+from services.sampler.tracked_cells import assign, centroid, cheapest_pair, gather, move, split, unrest
+from services.sampler.tracked_smooth import LONGEST_GAP_S, NO_FLICKER, NO_NOISE, STRIDE, Flicker, Noise, ripple, with_lights, with_map
+from services.sampler.tracked_tiles import Grid, Tiles, grid, received, tiles_from_map
+from services.sphere import LUMINANCE, Coverage, luminance
+
+NO_CENTROIDS = np.empty((0, 4))
+FIRST_STEPS, STEPS = 12, 2  # Lloyd's steps in the first frame, and in every other
+CHURN = 2.0  # a split must gain this many times what the merge costs that makes room for it,
+WORTH = 0.5  # and this many times the mean unrest of a cell
+CHANGES = 16  # one light in so many, and at least one, may be split in a frame when light changes suddenly or lights are added
+SUDDEN = 2.0  # times the usual unrest: light has changed faster than sites move
+PACE = 8  # frames between splits when it has not
+USUAL = 0.2  # of the way that the usual unrest goes to this frame's: a memory of five frames
+EASE_S = 0.12  # a new light leaves its parent's place with this time constant: three frames at 25 fps
+
+
+class State(NamedTuple):
+    """What is remembered between frames.
+
+    ids: (n,) int64. sites: (n, 3) unit vectors. offset: (n, 3), what still parts a shown direction from its own. next_id: of the
+    next light. usual: unrest over squared power lately. credit: of the next split, in splits. clean: (rows, cols, 3) float32,
+    the last map without what was spoilt, None before the first frame. black: (rows, cols) uint8, frames for which a black cell
+    was taken for spoilt.
+    """
+
+    coverage: Coverage
+    time_s: float
+    ids: np.ndarray
+    sites: np.ndarray
+    offset: np.ndarray
+    next_id: int
+    usual: float
+    credit: float
+    clean: np.ndarray | None
+    black: np.ndarray
+    noise: Noise
+    flicker: Flicker
+
+
+class Report(NamedTuple):
+    """spoilt: cells with a nan, infinite or negative value. irradiance: (3,) float64, integral of the map, of its filled one
+    when smoothing.
+    """
+
+    spoilt: int
+    irradiance: np.ndarray
+
+
+class Shares(NamedTuple):
+    """What each cell holds.
+
+    flux: (n, 3), RGB. moment: (n, 4), power x direction, and power. pull: (n, 3), weight x direction. unease: (n,), root of its
+    unrest. nearest: (tiles,) int64, the cell of each tile.
+    """
+
+    flux: np.ndarray
+    moment: np.ndarray
+    pull: np.ndarray
+    unease: np.ndarray
+    nearest: np.ndarray
+
+
+def initial_state() -> State:
+    """The state before the first frame."""
+    none = np.zeros((0, 3))
+    return State("hemisphere", 0.0, np.zeros(0, np.int64), none, none, 0, 0.0, 0.0, None, np.zeros((0, 0), np.uint8), NO_NOISE, NO_FLICKER)
+
+
+def tracked_step(
+    count: int,
+    state: State,
+    radiance: np.ndarray,
+    coverage: Coverage,
+    time_s: float,
+    centroids: np.ndarray | None = None,
+    smoothing: bool = True,
+    lamp_hz: float = 0.0,
+) -> tuple[State, Lights, Report]:
+    """The lights, at most `count`, of a polar map captured at `time_s`. Pure: an old state stays valid.
+
+    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. centroids: (k, 4) or None, for strong cells
+    row * cols + column and the unit vector of the flux centroid inside the cell. Without smoothing the lights sum to the map's
+    integral in every channel. With it, spoilt cells show what they showed last, lights' noise and a flicker of `lamp_hz` (0:
+    none) are taken out, and new lights leave their parents' places; the sum is then the smoothed one. A map with fewer lit cells
+    than lights has that many; the lights of a black one stay where they are, with irradiance 0.
+    """
+    rows, cols, _ = radiance.shape
+    if state.clean is None or coverage != state.coverage or state.clean.shape != radiance.shape:
+        state = initial_state()._replace(coverage=coverage, time_s=time_s)
+    of = grid(rows, cols, coverage)
+    noise = with_map(state.noise, luminance(radiance[:, ::STRIDE].astype(np.float64))) if smoothing else NO_NOISE
+    before = state.clean if smoothing and 0 < time_s - state.time_s < LONGEST_GAP_S else None
+    clean, black, irradiance, spoilt = received(radiance, of.solid_angles, before, state.black, noise.variance)
+    power = float(irradiance @ LUMINANCE)
+    known = state._replace(time_s=time_s, clean=clean, black=black, noise=noise)
+    report = Report(spoilt, irradiance)
+    if power <= 0:
+        if not len(state.ids):
+            return known, Lights.of(np.arange(count), _even(count, coverage), np.zeros((count, 3))), report
+        dark = np.zeros((len(state.ids), 3))
+        return known, Lights.of(state.ids, state.sites, dark), report
+
+    tiles = tiles_from_map(clean, coverage, count, NO_CENTROIDS if centroids is None else centroids)
+    after, held, changed = _followed(known, of, tiles, count, power)
+    directions = np.empty((len(after.ids), 3))
+    for n in range(len(after.ids)):
+        centroid(held.moment[n], after.sites[n], directions[n])
+    flux = held.flux
+    if smoothing:
+        flicker = with_lights(state.flicker, after.ids, held.moment[:, 3], time_s, changed)
+        flux = flux / ripple(flicker, lamp_hz)[:, None]
+        fading = float(np.exp(-max(time_s - state.time_s, 0.0) / EASE_S))
+        offset = after.offset * fading
+        directions = _shown(directions, offset)
+        after = after._replace(flicker=flicker, offset=offset)
+    return after, Lights.of(after.ids, directions, flux), report
+
+
+def _even(count: int, coverage: Coverage) -> np.ndarray:
+    """Directions (count, 3) spread evenly, on a spiral of golden angles."""
+    k = np.arange(count)
+    z = 1 - (k + 0.5) / count * (1 if coverage == "hemisphere" else 2)
+    phi, s = k * np.pi * (3 - np.sqrt(5)), np.sqrt(1 - z * z)
+    return np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=-1)
+
+
+def _shown(directions: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    moved = directions + offset
+    length = np.linalg.norm(moved, axis=1, keepdims=True)
+    return np.where(length > 0.1, moved / np.maximum(length, 0.1), directions)
+
+
+def _shares(of: Grid, tiles: Tiles, sites: np.ndarray) -> Shares:
+    n, count = len(sites), len(tiles.power)
+    nearest, second, share = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
+    held = Shares(np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty(n), nearest)
+    assign(of, tiles, sites, nearest, second, share)
+    gather(tiles, nearest, second, share, held.flux, held.moment, held.pull)
+    unrest(tiles, nearest, second, share, held.moment, sites, held.unease)
+    return held
+
+
+def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) -> tuple[State, Shares, set[int]]:
+    """The state with sites that fit the tiles, what their cells hold, and the ids whose cells were split or merged."""
+    new = not len(state.ids)
+    if new:
+        zenith = np.array([[0.0, 0.0, 1.0]])
+        state = state._replace(ids=np.zeros(1, np.int64), sites=zenith, offset=np.zeros((1, 3)), next_id=1)
+    held = _shares(of, tiles, state.sites)
+    changed: set[int] = set()
+    level = float((held.unease**2).sum()) / power**2
+    sudden = new or level > SUDDEN * state.usual
+    resized = len(state.ids) != count
+
+    # The number of lights: down at once, up a few in a frame unless all light is new.
+    while len(state.ids) > count:
+        _, kept, lost = cheapest_pair(held.moment, state.sites, held.unease)
+        state, held = _merged(state, of, tiles, held, kept, lost, changed)
+    for _ in range(count if sudden else max(1, len(state.ids) // CHANGES)):
+        if len(state.ids) == count:
+            break
+        _, cell, halves = _best_split(tiles, held, state.sites)
+        if cell < 0:
+            break
+        state, held = _split(state, of, tiles, held, cell, halves, changed, eased=not sudden)
+
+    # Splits paid by merges: many when light changed suddenly, else now and then.
+    credit = min(state.credit + 1 / PACE, 1.0)
+    for _ in range(0 if new or len(state.ids) < 2 else max(1, count // CHANGES) if sudden else int(credit)):
+        gain, cell, halves = _best_split(tiles, held, state.sites)
+        spare = gain - WORTH * float((held.unease**2).mean())
+        if cell < 0 or spare <= 0:
+            break
+        cost, kept, lost = cheapest_pair(held.moment, state.sites, held.unease)
+        if cell in (kept, lost) or spare < CHURN * cost:
+            break
+        lost_id = state.ids[lost]
+        state, held = _split(state, of, tiles, held, cell, halves, changed, eased=not sudden)
+        state, held = _merged(state, of, tiles, held, kept, int(np.flatnonzero(state.ids == lost_id)[0]), changed)
+        credit -= not sudden
+
+    # Lloyd's steps; none where the number changed, so that the others stay.
+    for _ in range(FIRST_STEPS if new else 0 if resized else STEPS):
+        sites = state.sites.copy()
+        move(held.pull, sites)
+        state, held = state._replace(sites=sites), _shares(of, tiles, sites)
+    level = float((held.unease**2).sum()) / power**2
+    usual = level if new else state.usual + USUAL * (level - state.usual)
+    return state._replace(usual=usual, credit=credit), held, changed
+
+
+def _best_split(tiles: Tiles, held: Shares, sites: np.ndarray) -> tuple[float, int, np.ndarray]:
+    """(gain, cell, the two sites (2, 3)) of the split that lowers the unrest most; cell -1 when no cell has two tiles."""
+    halves, parts = np.empty((2, 3)), np.empty((2, 4))
+    own = held.unease**2
+    gain, best, places = -np.inf, -1, halves
+    for cell in np.argsort(own)[::-1]:
+        if own[cell] <= gain:
+            break
+        found = split(tiles, held.nearest, cell, sites[cell], halves, parts)
+        if found != 0 and found > gain:
+            gain, best, places = found, int(cell), halves.copy()
+    return gain, best, places
+
+
+def _split(
+    state: State, of: Grid, tiles: Tiles, held: Shares, cell: int, halves: np.ndarray, changed: set[int], eased: bool
+) -> tuple[State, Shares]:
+    """The cell cut in two; the new light begins at its parent's place when `eased`."""
+    parent = np.empty(3)
+    centroid(held.moment[cell], state.sites[cell], parent)
+    sites = np.concatenate([state.sites, halves[1:]])
+    sites[cell] = halves[0]
+    offset = np.concatenate([state.offset, (parent - halves[1] if eased else np.zeros(3))[None]])
+    changed |= {int(state.ids[cell]), state.next_id}
+    state = state._replace(ids=np.append(state.ids, state.next_id), sites=sites, offset=offset, next_id=state.next_id + 1)
+    return state, _shares(of, tiles, sites)
+
+
+def _merged(
+    state: State, of: Grid, tiles: Tiles, held: Shares, kept: int, lost: int, changed: set[int]
+) -> tuple[State, Shares]:
+    """Two cells made one."""
+    sites = state.sites.copy()
+    move(np.ascontiguousarray((held.pull[kept] + held.pull[lost])[None]), sites[kept : kept + 1])
+    sites = np.delete(sites, lost, axis=0)
+    changed.add(int(state.ids[kept]))
+    state = state._replace(ids=np.delete(state.ids, lost), sites=sites, offset=np.delete(state.offset, lost, axis=0))
+    return state, _shares(of, tiles, sites)

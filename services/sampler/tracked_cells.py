@@ -1,0 +1,216 @@
+"""Cells of a few sites over many tiles: nearest sites, Lloyd's step, the split of the worst cell, the merge of the
+cheapest pair.
+"""
+
+import numpy as np
+from numba import njit
+
+from services.sampler.tracked_tiles import Grid, Tiles
+
+EDGE = 0.0175
+SPLIT_ROUNDS = 4  # of two-means inside a cell that is split: enough for two lamps, and Lloyd's later steps do the rest
+
+
+@njit(cache=True)
+def assign(of: Grid, tiles: Tiles, sites, first, second, share):
+    """Fills for each tile the nearest site, the next one (-1: none) and the next one's share in [0, 1/2].
+
+    A tile on the border of two cells is shared by them as the border cuts a disc of the tile's radius (linearly), so that light
+    goes over from one cell to the other without a jump. Exact: of each base tile only sites are tried that can be nearest or
+    next there.
+    """
+    n = sites.shape[0]
+    xs, ys, zs = sites[:, 0].copy(), sites[:, 1].copy(), sites[:, 2].copy()
+    chords, near = np.empty(n), np.empty(n, np.int64)
+    for base in range(of.centres.shape[0]):
+        if tiles.start[base] == tiles.start[base + 1]:
+            continue
+        cx, cy, cz = of.centres[base]
+        for s in range(n):
+            chords[s] = (xs[s] - cx) ** 2 + (ys[s] - cy) ** 2 + (zs[s] - cz) ** 2
+        best = after = 4.0
+        for s in range(n):
+            if chords[s] < after:
+                after = chords[s]
+                if after < best:
+                    best, after = after, best
+        limit = (np.sqrt(after) + 2 * of.reach[base]) ** 2
+        count = 0
+        for s in range(n):
+            if chords[s] <= limit:
+                near[count] = s
+                count += 1
+        for t in range(tiles.start[base], tiles.start[base + 1]):
+            x, y, z = tiles.direction[t]
+            a = b = -1
+            da = db = 9.0
+            for k in range(count):
+                s = near[k]
+                d = (xs[s] - x) ** 2 + (ys[s] - y) ** 2 + (zs[s] - z) ** 2
+                if d < db:
+                    if d < da:
+                        db, b = da, a
+                        da, a = d, s
+                    else:
+                        db, b = d, s
+            first[t], second[t], share[t] = a, b, 0.0
+            if b >= 0:
+                # Way to the bisector of both sites: (db - da) / (2 |a - b|).
+                apart = np.sqrt((sites[a, 0] - sites[b, 0]) ** 2 + (sites[a, 1] - sites[b, 1]) ** 2 + (sites[a, 2] - sites[b, 2]) ** 2)
+                if apart > 0:
+                    share[t] = max(0.5 - (db - da) / (4 * apart * min(tiles.radius[t], 0.25 * apart)), 0.0)
+
+
+@njit(cache=True)
+def gather(tiles: Tiles, first, second, share, flux, moment, pull):
+    """Fills per cell the flux (n, 3), the moment of power (n, 4): power x direction, power; and of weight (n, 3)."""
+    flux[:] = 0.0
+    moment[:] = 0.0
+    pull[:] = 0.0
+    for t in range(tiles.power.size):
+        _add(tiles, t, first[t], 1.0 - share[t], flux, moment)
+        if share[t] > 0:
+            _add(tiles, t, second[t], share[t], flux, moment)
+        for c in range(3):
+            pull[first[t], c] += tiles.weight[t] * tiles.direction[t, c]
+
+
+@njit(cache=True)
+def _add(tiles, t, s, part, flux, moment):
+    power = part * tiles.power[t]
+    for c in range(3):
+        flux[s, c] += part * tiles.flux[t, c]
+        moment[s, c] += power * tiles.direction[t, c]
+    moment[s, 3] += power
+
+
+@njit(cache=True)
+def root(chord):
+    """Square root of d^2 / (d + EDGE): the share of shadow edges that matter between two directions a chord d apart."""
+    return chord / np.sqrt(chord + EDGE)
+
+
+@njit(cache=True)
+def unrest(tiles: Tiles, first, second, share, moment, sites, unease):
+    """Fills unease (n,), the root of each cell's unrest: the sum of power x root(chord to the flux centroid)."""
+    n = moment.shape[0]
+    unease[:] = 0.0
+    centre = np.empty((n, 3))
+    for s in range(n):
+        centroid(moment[s], sites[s], centre[s])
+    for t in range(tiles.power.size):
+        unease[first[t]] += (1.0 - share[t]) * tiles.power[t] * root(np.sqrt(_chord(tiles, t, centre[first[t]])))
+        if share[t] > 0:
+            unease[second[t]] += share[t] * tiles.power[t] * root(np.sqrt(_chord(tiles, t, centre[second[t]])))
+
+
+@njit(cache=True)
+def centroid(moment, site, direction):
+    """Fills the unit vector of a cell's flux centroid; of its site where the light cancels out or there is none."""
+    length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
+    for c in range(3):
+        direction[c] = moment[c] / length if length > 1e-9 * moment[3] else site[c]
+
+
+@njit(cache=True)
+def move(pull, sites):
+    """Lloyd's step: every site with light goes to the weighted centroid of its cell."""
+    for s in range(sites.shape[0]):
+        length = np.sqrt(pull[s, 0] ** 2 + pull[s, 1] ** 2 + pull[s, 2] ** 2)
+        if length > 0:
+            for c in range(3):
+                sites[s, c] = pull[s, c] / length
+
+
+@njit(cache=True)
+def cheapest_pair(moment, sites, unease):
+    """(cost, kept, lost): the two cells whose union adds the least unrest; the one with more power is kept."""
+    n = moment.shape[0]
+    cost, kept, lost = np.inf, -1, -1
+    centre = np.empty((n, 3))
+    for s in range(n):
+        centroid(moment[s], sites[s], centre[s])
+    for a in range(n):
+        pa = moment[a, 3]
+        for b in range(a):
+            pb = moment[b, 3]
+            if unease[a] * unease[b] > cost:
+                continue
+            chord = np.sqrt((centre[a, 0] - centre[b, 0]) ** 2 + (centre[a, 1] - centre[b, 1]) ** 2 + (centre[a, 2] - centre[b, 2]) ** 2)
+            p = pa + pb
+            if p > 0:
+                # Each part keeps its own spread and goes to the joint centroid.
+                ka, kb = root(chord * pb / p), root(chord * pa / p)
+                ua, ub = np.sqrt(unease[a] ** 2 + (pa * ka) ** 2), np.sqrt(unease[b] ** 2 + (pb * kb) ** 2)
+                joint = (ua + ub) ** 2 - unease[a] ** 2 - unease[b] ** 2
+            else:
+                joint = 0.0
+            if joint < cost:
+                cost = joint
+                kept, lost = (a, b) if pa >= pb else (b, a)
+    return cost, kept, lost
+
+
+@njit(cache=True)
+def split(tiles: Tiles, first, cell, centre, halves, parts):
+    """The gain in unrest of cutting `cell` in two, or 0 when it is one tile.
+
+    Fills the two sites halves (2, 3), the first the nearer to the old `centre` (3,), and their moments of power parts (2, 4).
+    """
+    power = x = y = z = 0.0
+    count = 0
+    for t in range(first.size):
+        if first[t] == cell:
+            p = tiles.power[t]
+            x, y, z, power = x + p * tiles.direction[t, 0], y + p * tiles.direction[t, 1], z + p * tiles.direction[t, 2], power + p
+            count += 1
+    length = np.sqrt(x * x + y * y + z * z)
+    if count < 2 or length <= 1e-9 * power:
+        return 0.0
+    # Two-means from the centroid and from the tile with the largest flux x chord.
+    halves[0] = x / length, y / length, z / length
+    far = -1.0
+    members, k = np.empty(count, np.int64), 0
+    for t in range(first.size):
+        if first[t] == cell:
+            members[k] = t
+            k += 1
+            d = root(np.sqrt(_chord(tiles, t, halves[0]))) * tiles.power[t]
+            if d > far:
+                far = d
+                halves[1] = tiles.direction[t]
+    pull = np.empty((2, 3))
+    for _ in range(SPLIT_ROUNDS):
+        parts[:] = 0.0
+        pull[:] = 0.0
+        for t in members:
+            s = 0 if _chord(tiles, t, halves[0]) <= _chord(tiles, t, halves[1]) else 1
+            for c in range(3):
+                parts[s, c] += tiles.power[t] * tiles.direction[t, c]
+                pull[s, c] += tiles.weight[t] * tiles.direction[t, c]
+            parts[s, 3] += tiles.power[t]
+        move(pull, halves)
+    if ((halves[0] - centre) ** 2).sum() > ((halves[1] - centre) ** 2).sum():
+        for c in range(4):
+            parts[0, c], parts[1, c] = parts[1, c], parts[0, c]
+        for c in range(3):
+            halves[0, c], halves[1, c] = halves[1, c], halves[0, c]
+    # Unrest before and after.
+    whole = one = other = 0.0
+    centres = np.empty((3, 3))
+    centres[2] = x / length, y / length, z / length
+    centroid(parts[0], halves[0], centres[0])
+    centroid(parts[1], halves[1], centres[1])
+    for t in members:
+        whole += tiles.power[t] * root(np.sqrt(_chord(tiles, t, centres[2])))
+        if _chord(tiles, t, halves[0]) <= _chord(tiles, t, halves[1]):
+            one += tiles.power[t] * root(np.sqrt(_chord(tiles, t, centres[0])))
+        else:
+            other += tiles.power[t] * root(np.sqrt(_chord(tiles, t, centres[1])))
+    return whole**2 - one**2 - other**2
+
+
+@njit(cache=True)
+def _chord(tiles, t, site):
+    """Squared chord."""
+    return (tiles.direction[t, 0] - site[0]) ** 2 + (tiles.direction[t, 1] - site[1]) ** 2 + (tiles.direction[t, 2] - site[2]) ** 2

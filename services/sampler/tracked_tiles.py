@@ -1,0 +1,219 @@
+"""A polar map as few tiles of little light each: a tree of halvings whose leaves carry their exact power and flux centroid.
+
+One direction that stands for light of flux F spread over a radius r is wrong, at shadow edges, by about F for a share r of all
+edges: a mean square of F^2 r. For N lights the sum of it is least when their density follows radiance^0.8; a tile is halved
+until its part of that density is SHARE of a light.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from services.sampler.density import LARGEST
+from services.sphere import LUMINANCE, SPAN, Coverage, cell_directions, cell_solid_angles
+
+BASE = 8  # cells on a side of the largest tile
+SHARE = 0.125  # of a light, for one tile: a light has 8 tiles or more
+MOST = 4.0  # lights that a base tile counts for: beyond it there are single cells, which cannot be halved
+SITES = 1.6  # sites weigh radiance^1.6 in Lloyd's step: in the plane their density is then the weight's root
+HOLD = 2  # frames; a lost picture is bridged, and darkness is believed 80 ms late at 25 fps
+CLEAR = 3.0  # standard deviations of the noise: a change of so many goes through at once
+LEAST = 0.12  # gain: noise is averaged over 2 / 0.12 - 1 = 16 frames at most
+_RED, _GREEN, _BLUE = (float(weight) for weight in LUMINANCE)
+
+
+class Grid(NamedTuple):
+    """What depends on the map's shape alone, float64.
+
+    solid_angles: (rows,), sr of a cell. directions: (rows, cols, 3), of the cells' centres. height: of a cell, rad. widths:
+    (rows,), rad. centres: (bases, 3), reach: (bases,): the middle of a base tile and the chord from there to its farthest cell.
+    """
+
+    solid_angles: np.ndarray
+    directions: np.ndarray
+    height: float
+    widths: np.ndarray
+    centres: np.ndarray
+    reach: np.ndarray
+
+
+class Tiles(NamedTuple):
+    """The n lit tiles, base tile by base tile, float64.
+
+    flux: (n, 3), RGB. power: (n,), its luminance. direction: (n, 3), flux centroid, not normalised. weight: (n,), for Lloyd's step.
+    radius: (n,), rad. start: (bases + 1,) int64, the first tile of each base tile.
+    """
+
+    flux: np.ndarray
+    power: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+    radius: np.ndarray
+    start: np.ndarray
+
+
+@lru_cache(maxsize=4)
+def grid(rows: int, cols: int, coverage: Coverage) -> Grid:
+    """The grid of maps with this shape."""
+    directions = cell_directions(rows, cols, coverage)
+    height = SPAN[coverage] / rows
+    widths = np.sin((np.arange(rows) + 0.5) * height) * (2 * np.pi / cols)
+    blocks = [directions[i : i + BASE, j : j + BASE].reshape(-1, 3) for i in range(0, rows, BASE) for j in range(0, cols, BASE)]
+    centres = np.array([block.mean(axis=0) for block in blocks])
+    centres /= np.linalg.norm(centres, axis=1, keepdims=True)
+    # A flux centroid inside a cell lies up to half a diagonal beyond the cell's centre.
+    reach = np.array([np.linalg.norm(block - centre, axis=1).max() for block, centre in zip(blocks, centres, strict=True)])
+    return Grid(cell_solid_angles(rows, cols, coverage), directions, height, widths, centres, reach + 0.5 * np.hypot(height, widths.max()))
+
+
+def received(
+    radiance: np.ndarray, solid_angles: np.ndarray, before: np.ndarray | None, black: np.ndarray, variance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """(clean map (rows, cols, 3) float32, black (rows, cols) uint8, irradiance (3,), spoilt cells) of a map as it came.
+
+    Spoilt values (nan, infinite, negative, above LARGEST) become 0, or when the map `before` is given, the whole cell becomes
+    what it was there. So does a cell that turned black, for HOLD frames: a lost line of the picture comes back, a light that
+    went out stays out. A cell whose change lies within noise of that relative variance goes only part of the way.
+    """
+    clean, irradiance = np.empty(radiance.shape, np.float32), np.empty(3)
+    ages = np.zeros(radiance.shape[:2], np.uint8) if black.shape != radiance.shape[:2] else black.copy()
+    old = clean if before is None else before
+    spoilt = _receive(np.ascontiguousarray(radiance, np.float32), solid_angles, before is not None, old, variance, ages, clean, irradiance)
+    return clean, ages, irradiance, spoilt
+
+
+@njit(cache=True)
+def _receive(radiance, solid_angles, filling, before, variance, ages, clean, irradiance):
+    rows, cols, _ = radiance.shape
+    irradiance[:] = 0.0
+    spoilt = 0
+    within = 1 / (CLEAR * CLEAR * variance) if variance > 0 else np.inf
+    for i in range(rows):
+        red = green = blue = 0.0
+        for j in range(cols):
+            r, g, b = radiance[i, j, 0], radiance[i, j, 1], radiance[i, j, 2]
+            good = (0 <= r <= LARGEST) and (0 <= g <= LARGEST) and (0 <= b <= LARGEST)  # false for nan
+            if not good or r + g + b == 0:
+                spoilt += not good
+                if filling and (not good or ages[i, j] < HOLD):
+                    if good:
+                        ages[i, j] += 1
+                    r, g, b = before[i, j, 0], before[i, j, 1], before[i, j, 2]
+                else:
+                    r = r if 0 <= r <= LARGEST else np.float32(0)
+                    g = g if 0 <= g <= LARGEST else np.float32(0)
+                    b = b if 0 <= b <= LARGEST else np.float32(0)
+            else:
+                ages[i, j] = 0
+                if filling and variance > 0:
+                    r0, g0, b0 = before[i, j, 0], before[i, j, 1], before[i, j, 2]
+                    old = _RED * r0 + _GREEN * g0 + _BLUE * b0
+                    change = _RED * r + _GREEN * g + _BLUE * b - old
+                    if old > 0:
+                        gain = min(max((change * change * within / (old * old)) ** 2, LEAST), 1.0)
+                        r, g, b = r0 + gain * (r - r0), g0 + gain * (g - g0), b0 + gain * (b - b0)
+            clean[i, j, 0], clean[i, j, 1], clean[i, j, 2] = r, g, b
+            red, green, blue = red + r, green + g, blue + b
+        irradiance[0] += red * solid_angles[i]
+        irradiance[1] += green * solid_angles[i]
+        irradiance[2] += blue * solid_angles[i]
+    return spoilt
+
+
+def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, centroids: np.ndarray) -> Tiles:
+    """The tiles of a clean map (rows, cols, 3) float32, fine enough for `count` lights.
+
+    centroids: (k, 4), for strong cells: row * cols + column, and the unit vector of the flux centroid inside the cell.
+    """
+    rows, cols, _ = radiance.shape
+    of = grid(rows, cols, coverage)
+    inside = np.full(rows * cols, -1, np.int32)
+    inside[centroids[:, 0].astype(np.int64)] = np.arange(len(centroids))
+    whole, start = np.empty((rows * cols, 10)), np.empty(len(of.centres) + 1, np.int64)
+    table = whole[: _fill(radiance, of, centroids, inside, count, whole, start)]
+    return Tiles(table[:, 0:3], table[:, 3], table[:, 4:7], table[:, 7], table[:, 8], start)
+
+
+@njit(cache=True)
+def _fill(radiance, of, centroids, inside, count, table, start):
+    rows, cols, _ = radiance.shape
+    # Base tiles first, for the sum of the density; those of strong sources count for MOST lights.
+    bases, tile = 0, np.empty((of.centres.shape[0], 10))
+    for row in range(0, rows, BASE):
+        for col in range(0, cols, BASE):
+            _measure(radiance, of, centroids, inside, row, min(row + BASE, rows), col, min(col + BASE, cols), tile[bases])
+            bases += 1
+    total = tile[:, 9].sum()
+    total = np.minimum(tile[:, 9], MOST / max(count, MOST) * total).sum()
+    limit = SHARE / count * total
+
+    n, base = 0, 0
+    stack = np.empty((16, 4), np.int64)
+    for row in range(0, rows, BASE):
+        for col in range(0, cols, BASE):
+            start[base] = n
+            if tile[base, 3] > 0 and tile[base, 9] <= limit:
+                table[n] = tile[base]
+                n += 1
+            elif tile[base, 3] > 0:
+                n = _halve(radiance, of, centroids, inside, limit, stack, row, col, table, n)
+            base += 1
+    start[base] = n
+    return n
+
+
+@njit(cache=True)
+def _halve(radiance, of, centroids, inside, limit, stack, row, col, table, n):
+    """Appends the tiles of one base tile to the table and returns its new length."""
+    rows, cols, _ = radiance.shape
+    stack[0] = row, min(row + BASE, rows), col, min(col + BASE, cols)
+    depth = 1
+    while depth:
+        depth -= 1
+        i0, i1, j0, j1 = stack[depth]
+        if _measure(radiance, of, centroids, inside, i0, i1, j0, j1, table[n]) == 0.0:
+            continue
+        if table[n, 9] <= limit or (i1 - i0) * (j1 - j0) == 1:
+            n += 1
+        elif i1 - i0 > 1 and ((i1 - i0) * of.height >= (j1 - j0) * of.widths[(i0 + i1) // 2] or j1 - j0 == 1):
+            middle = (i0 + i1) // 2
+            stack[depth], stack[depth + 1] = (middle, i1, j0, j1), (i0, middle, j0, j1)
+            depth += 2
+        else:
+            middle = (j0 + j1) // 2
+            stack[depth], stack[depth + 1] = (i0, i1, middle, j1), (i0, i1, j0, middle)
+            depth += 2
+    return n
+
+
+@njit(cache=True)
+def _measure(radiance, of, centroids, inside, i0, i1, j0, j1, tile):
+    """Fills a row of the table (flux, power, direction, weight, radius, density) and returns the power."""
+    red = green = blue = power = x = y = z = area = 0.0
+    for i in range(i0, i1):
+        omega = of.solid_angles[i]
+        area += omega * (j1 - j0)
+        for j in range(j0, j1):
+            r, g, b = omega * radiance[i, j, 0], omega * radiance[i, j, 1], omega * radiance[i, j, 2]
+            light = _RED * r + _GREEN * g + _BLUE * b
+            red += r
+            green += g
+            blue += b
+            power += light
+            x += light * of.directions[i, j, 0]
+            y += light * of.directions[i, j, 1]
+            z += light * of.directions[i, j, 2]
+    if power > 0.0:
+        k = inside[i0 * radiance.shape[1] + j0]
+        if k >= 0 and (i1 - i0) * (j1 - j0) == 1:
+            x, y, z = power * centroids[k, 1], power * centroids[k, 2], power * centroids[k, 3]
+        tile[0], tile[1], tile[2], tile[3] = red, green, blue, power
+        tile[4], tile[5], tile[6] = x / power, y / power, z / power
+        height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
+        root = (power / area) ** (0.5 * SITES)
+        tile[7], tile[8], tile[9] = area * root * root, 0.5 * np.sqrt(height * height + width * width), area * root
+    else:
+        tile[:] = 0.0
+    return power

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from services.sampler.tracked_cells import assign
+from services.sampler.tracked_smooth import NO_FLICKER, NO_NOISE, Flicker, ripple, with_lights, with_map
+from services.sampler.tracked_tiles import grid, received, tiles_from_map
+from services.sphere import Coverage, cell_directions, luminance, map_irradiance
+
+NONE = np.empty((0, 4))
+
+
+def sky(seed, rows=36, cols=90):
+    radiance = np.random.default_rng(seed).lognormal(0, 1.5, (rows, cols, 3)).astype(np.float32)
+    radiance[np.random.default_rng(seed + 1).random((rows, cols)) < 0.2] = 0
+    return radiance
+
+
+@pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
+@pytest.mark.parametrize("count", [1, 64, 1000])
+def test_tiles_hold_the_map_and_its_moment(count, coverage: Coverage):
+    radiance = sky(0)
+    total = map_irradiance(radiance, coverage)
+    tiles = tiles_from_map(radiance, coverage, count, NONE)
+    np.testing.assert_allclose(tiles.flux.sum(axis=0), total, rtol=1e-12)
+    np.testing.assert_allclose(tiles.power, luminance(tiles.flux), rtol=1e-12)
+    of = grid(36, 90, coverage)
+    moment = np.einsum("ij,i,ijc->c", luminance(radiance.astype(float)), of.solid_angles, cell_directions(36, 90, coverage))
+    np.testing.assert_allclose(tiles.power @ tiles.direction, moment, atol=1e-9 * tiles.power.sum())
+
+
+def test_more_lights_get_finer_tiles():
+    counts = [len(tiles_from_map(sky(0), "hemisphere", n, NONE).power) for n in (8, 64, 512)]
+    assert counts[0] < counts[1] < counts[2] <= 36 * 90
+
+
+@pytest.mark.parametrize("count", [1, 2, 17, 200])
+def test_the_nearest_two_sites_are_those_of_a_full_search(count):
+    tiles = tiles_from_map(sky(2), "hemisphere", 300, NONE)
+    sites = np.random.default_rng(0).normal(size=(count, 3))
+    sites[:, 2] = abs(sites[:, 2])
+    sites /= np.linalg.norm(sites, axis=1, keepdims=True)
+    n = len(tiles.power)
+    first, second, share = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    assign(grid(36, 90, "hemisphere"), tiles, sites, first, second, share)
+    chords = np.linalg.norm(tiles.direction[:, None] - sites[None], axis=-1)
+    order = np.argsort(chords, axis=1)
+    np.testing.assert_array_equal(first, order[:, 0])
+    np.testing.assert_array_equal(second, order[:, 1] if count > 1 else -1)
+    assert (share >= 0).all()
+    assert (share <= 0.5).all()
+
+
+def test_received_cleans_fills_and_waits():
+    solid = grid(36, 90, "hemisphere").solid_angles
+    before, now = sky(3), sky(4)
+    now[0, :3] = [[np.nan, 1, 1], [1, np.inf, 1], [1, 1, -1]]
+    now[5] = 0
+    clean, ages, total, spoilt = received(now, solid, None, np.zeros((0, 0), np.uint8), 0.0)
+    assert spoilt == 3
+    np.testing.assert_array_equal(clean[0, :3], [[0, 1, 1], [1, 0, 1], [1, 1, 0]])
+    np.testing.assert_allclose(total, map_irradiance(clean, "hemisphere"), rtol=1e-12)
+    for wait in (True, True, False):
+        clean, ages, _, _ = received(now, solid, before, ages, 0.0)
+        np.testing.assert_array_equal(clean[0, :3], before[0, :3])
+        np.testing.assert_array_equal(clean[5], before[5] if wait else 0)
+
+
+def test_noise_is_found_and_taken_out_and_changes_are_not():
+    generator, truth = np.random.default_rng(5), np.exp(sky(6).clip(0, 2))
+    solid = grid(36, 90, "hemisphere").solid_angles
+    noise, clean, ages = NO_NOISE, None, np.zeros((0, 0), np.uint8)
+    for _ in range(40):
+        seen = (truth * (1 + 0.03 * generator.standard_normal(truth.shape[:2])[..., None])).astype(np.float32)
+        noise = with_map(noise, luminance(seen[:, ::4].astype(float)))
+        clean, ages, _, _ = received(seen, solid, clean, ages, noise.variance)
+    assert np.sqrt(noise.variance) == pytest.approx(0.03, rel=0.15)
+    assert np.std(clean / truth - 1) < 0.6 * 0.03
+    brighter, _, _, _ = received((1.5 * truth).astype(np.float32), solid, clean, ages, noise.variance)
+    np.testing.assert_allclose(brighter, 1.5 * truth, rtol=1e-6)
+
+
+def test_a_turning_sky_has_no_noise():
+    noise, radiance = NO_NOISE, np.cumsum(sky(7), axis=1)
+    for k in range(20):
+        noise = with_map(noise, luminance(np.roll(radiance, 2 * k, axis=1)[:, ::4].astype(float)))
+    assert np.sqrt(noise.variance) < 0.01
+
+
+@pytest.mark.parametrize("fps", [21.0, 30.0])
+def test_a_lamps_flicker_is_taken_from_the_lamp_alone(fps):
+    flicker = NO_FLICKER
+    for k in range(40):
+        part = 1 + 0.3 * np.cos(2 * np.pi * 100 * k / fps + 1)
+        flicker = with_lights(flicker, np.array([4, 7]), np.array([2.0 * part, 5.0]), k / fps, set())
+    np.testing.assert_allclose(ripple(flicker, 100.0), [part, 1.0], atol=0.03)
+    np.testing.assert_array_equal(ripple(flicker, 0.0), [1.0, 1.0])
+
+
+def test_a_new_light_takes_the_past_of_all_light():
+    flicker = Flicker(np.array([1, 2]), np.array([0.0, 0.04]), np.array([[1.0, 3.0], [2.0, 6.0]]))
+    after = with_lights(flicker, np.array([2, 9]), np.array([3.0, 1.0]), 0.08, set())
+    np.testing.assert_allclose(after.powers, [[3, 1], [6, 2], [3, 1]])

@@ -1,6 +1,7 @@
 """A small moving sequence and services as processes, for the tests of whole processes."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,12 @@ from services.images import write_exr
 from services.settings import Settings, read_settings
 
 LOADED_S = 120.0  # patience on a machine that is busy: compiling the sampler's loops for the first time takes tens of seconds
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+QUIET = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -87,3 +94,12 @@ def wait_until(true: Callable[[], object], what: str, patience_s: float = LOADED
 
 def with_section(settings: Settings, section: str, **changes) -> Settings:
     return msgspec.structs.replace(settings, **{section: msgspec.structs.replace(getattr(settings, section), **changes)})
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator:
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, headless=True, args=QUIET)
+        yield browser
+        browser.close()

@@ -1,0 +1,47 @@
+"""`vemlight run` seen in a real browser: frames arrive, the slider changes what the sampler sends, a killed renderer shows."""
+
+import os
+import re
+import signal
+
+import pytest
+
+from services import wire
+from tests.conftest import CHROMIUM, LOADED_S
+from tests.test_supervise import Ear, children, run  # noqa: F401, run is a fixture
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
+
+
+def test_the_page_of_a_run(run, browser):  # noqa: F811
+    settings, process = run()
+    ear = Ear(settings, "lights", "image")
+    page = browser.new_page()
+    page.set_default_timeout(LOADED_S * 1e3)
+    try:
+        ear.next(wire.Image)
+        page.goto(f"http://127.0.0.1:{settings.viewer.port}")
+        page.locator("#picture[data-shown]").wait_for(state="attached")
+        page.locator("#disc[data-shown]").wait_for(state="attached")
+        ear.next(wire.Lights, lambda lights: lights.count == 16)
+
+        page.locator("#count-number").fill("33")
+        page.locator("#count-number").press("Enter")
+        ear.next(wire.Lights, lambda lights: lights.count == 33)
+        ear.next(wire.Image, lambda image: image.lights == 33)
+
+        renderer = children(process.pid)["renderer"]
+        os.kill(renderer, signal.SIGSTOP)
+        card = page.locator("article", has_text="renderer")
+        card.get_by_text(re.compile("silent|stalled|no frame")).first.wait_for()
+        os.kill(renderer, signal.SIGKILL)
+        page.wait_for_function(
+            """() => [...document.querySelectorAll("article")].some(card => card.querySelector("h3").textContent === "renderer"
+                && /restarts\\s*1/.test(card.textContent.replace(/\\s+/g, " ")) && /live/.test(card.textContent))"""
+        )
+        ear.next(wire.Image, lambda image: image.lights == 33)  # the wish outlives the renderer
+    finally:
+        page.close()
+        ear.close()
+        process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=10) == 0

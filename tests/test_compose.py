@@ -1,0 +1,89 @@
+"""The compose file and what it starts, read as files: no container engine is needed."""
+
+from pathlib import Path
+
+import pytest
+
+from services.channels import SERVICES
+from services.settings import read_settings
+from services.sockets import endpoint
+
+yaml = pytest.importorskip("yaml")
+ROOT = Path(__file__).parents[1]
+COMPOSE = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
+CONTAINERS = COMPOSE["services"]
+NETWORK = "${VEMLIGHT_NET:-10.213.7}"
+
+
+def test_each_service_has_a_container_and_only_the_keys_have_another():
+    assert CONTAINERS.keys() == {*SERVICES, "keys"}
+
+
+@pytest.mark.parametrize("name", sorted(CONTAINERS))
+def test_a_container_may_do_no_more_than_its_work(name):
+    container = CONTAINERS[name]
+    assert container["user"] == "10001:10001"
+    assert container["cap_drop"] == ["ALL"]
+    assert container["security_opt"] == ["no-new-privileges:true"]
+    assert container["read_only"] is True
+    assert [mount.partition(":")[0] for mount in container["tmpfs"]] == ["/tmp"]
+    assert container["init"] is True
+    assert 0 < container["pids_limit"] <= 256
+    assert container["mem_limit"] in ("512m", "1g")
+    forbidden = {"privileged", "cap_add", "pid", "ipc", "devices", "userns_mode", "env_file"}
+    assert not forbidden & container.keys()
+    assert container.get("network_mode") in (None, "none")
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_service_says_how_it_fares_and_comes_back(name):
+    container = CONTAINERS[name]
+    assert container["command"] == [name, "/settings/vemlight.toml"]
+    assert container["healthcheck"]["test"] == ["CMD", "vemlight", "health", name, "/settings/vemlight.toml"]
+    assert container["restart"] == "unless-stopped"
+    assert container["depends_on"]["keys"] == {"condition": "service_completed_successfully"}
+    assert all(volume.endswith(":ro") for volume in container["volumes"])
+
+
+def test_only_the_page_is_published_and_only_to_this_machine():
+    published = {name: container["ports"] for name, container in CONTAINERS.items() if "ports" in container}
+    assert published == {"viewer": ["127.0.0.1:${VEMLIGHT_PORT:-8080}:8080"]}
+    assert COMPOSE["networks"]["wire"]["internal"] is True
+    assert [name for name in SERVICES if "page" in CONTAINERS[name]["networks"]] == ["viewer"]
+
+
+def test_every_container_finds_the_others_without_dns():
+    addresses = {name: CONTAINERS[name]["networks"]["wire"]["ipv4_address"] for name in SERVICES}
+    assert len(set(addresses.values())) == len(SERVICES)
+    assert all(address.startswith(f"{NETWORK}.") for address in addresses.values())
+    for name in SERVICES:
+        assert dict(entry.split(":", 1) for entry in _plain(CONTAINERS[name]["extra_hosts"])) == _plain_values(addresses)
+
+
+def _plain(entries: list[str]) -> list[str]:
+    return [entry.replace(NETWORK, "net") for entry in entries]
+
+
+def _plain_values(addresses: dict[str, str]) -> dict[str, str]:
+    return {name: address.replace(NETWORK, "net") for name, address in addresses.items()}
+
+
+def test_the_settings_are_those_of_the_compose_file():
+    settings = read_settings(ROOT / "deploy" / "vemlight.toml")
+    assert settings.wire.keys == "/keys"
+    assert not settings.wire.insecure
+    assert settings.viewer.port == 8080
+    for name in SERVICES:
+        assert endpoint(settings.wire, name, "publish").startswith(f"tcp://{name}:")
+        assert "keys:/keys:ro" in CONTAINERS[name]["volumes"]
+    assert CONTAINERS["keys"]["volumes"] == ["keys:/keys"]
+
+
+def test_the_image_is_unprivileged_and_its_packages_are_those_of_the_lock():
+    lines = (ROOT / "Dockerfile").read_text().splitlines()
+    assert [line for line in lines if line.startswith("USER")] == ["USER 10001:10001"]
+    last_root, user = max(k for k, line in enumerate(lines) if line.startswith("RUN")), lines.index("USER 10001:10001")
+    assert last_root < user < next(k for k, line in enumerate(lines) if line.startswith("ENTRYPOINT"))
+    assert any("--require-hashes -r requirements.lock" in line for line in lines)
+    allowed = [line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")]
+    assert allowed == ["services", "replay_data", "pyproject.toml", "requirements.lock", "README.md", "LICENSE"]

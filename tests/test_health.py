@@ -1,0 +1,67 @@
+"""The health check hears a service of its own, and nothing else."""
+
+import threading
+from contextlib import contextmanager
+
+import pytest
+import zmq
+
+from services import health, wire
+from services.settings import Settings, Wire
+from services.sockets import Wires, admit
+from services.tally import Tally
+
+
+@pytest.fixture
+def settings(tmp_path):
+    return Settings(wire=Wire(folder=str(tmp_path / "s")))
+
+
+@contextmanager
+def speaking(settings, *messages):
+    """A sampler's publisher that says these messages again and again."""
+    stop, ready = threading.Event(), threading.Event()
+
+    def speak():
+        wires = Wires(settings.wire)
+        publisher = wires.bind("sampler", "publish")
+        ready.set()
+        while not stop.wait(0.02):
+            admit(publisher)
+            for parts in messages:
+                publisher.send_multipart(parts, zmq.NOBLOCK)
+        wires.close()
+
+    thread = threading.Thread(target=speak)
+    thread.start()
+    assert ready.wait(10)
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def status(service):
+    said = Tally(service, 0).due()
+    assert said
+    return wire.pack(said)
+
+
+def test_a_status_is_health(settings, capsys):
+    with speaking(settings, status("sampler")):
+        health.check_health(settings, "sampler")
+    assert capsys.readouterr().out == "vemlight: sampler: no frame yet\n"
+
+
+@pytest.mark.parametrize("said", [(), (status("capture"),), ([b"status", b"\xff" * 40],)])
+def test_silence_another_service_and_random_bytes_are_none(said, settings, monkeypatch):
+    monkeypatch.setattr(health, "HEARD_S", 0.4)
+    with speaking(settings, *said), pytest.raises(SystemExit, match="sampler: has said nothing for 0[.]4 s; start it"):
+        health.check_health(settings, "sampler")
+
+
+def test_a_service_that_does_not_run_is_not_healthy(settings, monkeypatch):
+    monkeypatch.setattr(health, "HEARD_S", 0.1)
+    with pytest.raises(SystemExit, match="sampler: has said nothing"):
+        health.check_health(settings, "sampler")

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit, prange
 
 from services.lights import Lights
+from services.renderer.materials import Ggx
 from services.renderer.scene import Scene
 from services.renderer.view import view_from_world
 
@@ -158,15 +159,35 @@ def unshadowed(scene: Scene, hits: Hits, direction: np.ndarray, irradiance: np.n
     """Radiance (height, width, 3) that a light without shadows would give."""
     sizes = [len(mesh.geometry.triangles) for mesh in scene.meshes]
     mesh = np.repeat(np.arange(len(sizes)), sizes)[hits.triangle]
-    diffuse = np.array([m.material.diffuse for m in scene.meshes])[mesh]
-    specular = np.array([m.material.specular for m in scene.meshes])[mesh]
-    n = np.array([m.material.exponent for m in scene.meshes])[mesh][..., None]
-    view = hits.position - np.array(scene.camera.position)
+    view = np.array(scene.camera.position) - hits.position
     view /= np.linalg.norm(view, axis=-1, keepdims=True)
-    mirrored = view - 2 * np.einsum("ijk,ijk->ij", view, hits.smooth_normal)[..., None] * hits.smooth_normal
-    lobe = np.maximum(mirrored @ direction, 0)[..., None]
-    brdf = diffuse / np.pi + specular * (n + 2) / (2 * np.pi) * lobe**n
-    return irradiance * np.maximum(hits.smooth_normal @ direction, 0)[..., None] * brdf * (hits.triangle >= 0)[..., None]
+    cosine = np.maximum(hits.smooth_normal @ direction, 0)[..., None]
+    brdf = np.zeros((*mesh.shape, 3))
+    for k, made in enumerate(m.material for m in scene.meshes):
+        here = mesh == k
+        if isinstance(made, Ggx):
+            brdf[here] = ggx(made, hits.smooth_normal[here], view[here], np.asarray(direction, np.float64))
+        else:
+            mirrored = 2 * np.einsum("ij,ij->i", view[here], hits.smooth_normal[here])[:, None] * hits.smooth_normal[here] - view[here]
+            lobe = np.maximum(mirrored @ direction, 0)[:, None] ** made.exponent
+            brdf[here] = np.array(made.diffuse) / np.pi + np.array(made.specular) * (made.exponent + 2) / (2 * np.pi) * lobe
+    return irradiance * cosine * brdf * (hits.triangle >= 0)[..., None]
+
+
+def ggx(material: Ggx, normal: np.ndarray, view: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """The BRDF (n, 3) of glTF 2.0, appendix B, for unit vectors normal and view (n, 3) and light (3,), written from the specification."""
+    base, metallic, alpha = np.array(material.base_color), material.metallic, max(material.roughness, 0.05) ** 2
+    half = view + light
+    half /= np.linalg.norm(half, axis=-1, keepdims=True)
+    nl, nv = np.maximum(normal @ light, 1e-4), np.maximum(np.einsum("ij,ij->i", normal, view), 1e-4)
+    nh, vh = np.einsum("ij,ij->i", normal, half), np.einsum("ij,ij->i", view, half)
+    microfacets = alpha**2 / (np.pi * (nh**2 * (alpha**2 - 1) + 1) ** 2)
+    # Smith's Lambda of either direction; masked and shadowed at correlated heights: G = 1 / (1 + Lambda + Lambda) (Heitz 2014)
+    hidden = sum((np.sqrt(1 + alpha**2 * (1 - c**2) / c**2) - 1) / 2 for c in (nl, nv))
+    both = 1 / (1 + hidden) / (4 * nl * nv)
+    f0 = 0.04 * (1 - metallic) + base * metallic
+    fresnel = f0 + (1 - f0) * (1 - vh[:, None]) ** 5
+    return (1 - fresnel) * base * (1 - metallic) / np.pi + fresnel * (microfacets * both)[:, None]
 
 
 def near_edges(seen: np.ndarray, pixels: int) -> np.ndarray:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from services.renderer.meshes import clean_geometry, read_geometry, shape_geometry
+from services.renderer.meshes import clean_geometry, read_parts, shape_geometry
 
 
 def face_normals(geometry) -> np.ndarray:
@@ -68,8 +68,8 @@ def test_inside_out_and_open_meshes_are_not_closed():
 def test_normals_of_the_file_are_kept_and_bad_ones_replaced(tmp_path):
     plane = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     (tmp_path / "good.obj").write_text(plane + "vn 0.6 0 0.8\nf 1//1 2//1 3//1\n")
-    ((_, good),) = read_geometry(tmp_path / "good.obj", "here")
-    assert np.abs(good.normals - [0.6, 0, 0.8]).max() < 1e-6
+    (good,) = read_parts(tmp_path / "good.obj", "here")
+    assert np.abs(good.geometry.normals - [0.6, 0, 0.8]).max() < 1e-6
     bad = clean_geometry(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]]), np.zeros((3, 3)))
     assert np.abs(bad.normals - [0, 0, 1]).max() < 1e-6
 

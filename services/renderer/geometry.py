@@ -7,7 +7,7 @@ import numpy as np
 from services.renderer.meshes import Geometry, bounds
 from services.renderer.scene import Mesh, Scene
 
-VERTEX = np.dtype([("position", np.float32, 3), ("normal", np.float32, 3)])
+VERTEX = np.dtype([("position", np.float32, 3), ("normal", np.float32, 3), ("uv", np.float32, 2)])
 
 
 class Span(NamedTuple):
@@ -45,7 +45,7 @@ def drawable_scene(scene: Scene) -> Drawable:
     for k in order:
         mesh = _local_order(scene.meshes[k].geometry)
         rows = np.empty(len(mesh.positions), VERTEX)
-        rows["position"], rows["normal"] = mesh.positions, mesh.normals
+        rows["position"], rows["normal"], rows["uv"] = mesh.positions, mesh.normals, mesh.uvs
         vertices.append(rows)
         indices.append(mesh.triangles.reshape(-1) + np.uint32(first_vertex))
         spans[k] = Span(first_index, mesh.triangles.size)
@@ -110,4 +110,4 @@ def _local_order(mesh: Geometry) -> Geometry:
     used = used[np.argsort(first)]
     renumbered = np.empty(len(mesh.positions), np.uint32)
     renumbered[used] = np.arange(len(used), dtype=np.uint32)
-    return Geometry(mesh.positions[used], mesh.normals[used], renumbered[triangles], mesh.closed)
+    return Geometry(mesh.positions[used], mesh.normals[used], mesh.uvs[used], renumbered[triangles], mesh.closed)

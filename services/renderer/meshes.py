@@ -13,19 +13,21 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from services.files import BadInput
+from services.renderer.materials import Material, material_from_visual
 
 Shape = Literal["sphere", "plane", "box"]
 CREASE = np.radians(40.0)  # between a round form in coarse facets (a 12-sided tube: 30 degrees) and a chamfer (45 degrees)
 
 
 class Geometry(NamedTuple):
-    """positions (n, 3) float32, metres; normals (n, 3) float32, unit; triangles (m, 3) uint32.
+    """positions (n, 3) float32, metres; normals (n, 3) float32, unit; uvs (n, 2) float32, v upwards; triangles (m, 3) uint32.
 
     closed: the faces enclose volumes and are wound outwards.
     """
 
     positions: np.ndarray
     normals: np.ndarray
+    uvs: np.ndarray
     triangles: np.ndarray
     closed: bool
 
@@ -33,7 +35,15 @@ class Geometry(NamedTuple):
         """The geometry under a rotation with uniform scale `linear` (3, 3), then `offset` (3,)."""
         positions = self.positions @ linear.T.astype(np.float64) + offset
         normals = self.normals @ (linear / np.cbrt(np.linalg.det(linear))).T
-        return Geometry(positions.astype(np.float32), normals.astype(np.float32), self.triangles, self.closed)
+        return self._replace(positions=positions.astype(np.float32), normals=normals.astype(np.float32))
+
+
+class Part(NamedTuple):
+    """A mesh of a file; material: what the file says it is made of."""
+
+    name: str
+    geometry: Geometry
+    material: Material | None
 
 
 def bounds(geometries: list[Geometry]) -> tuple[np.ndarray, np.ndarray]:
@@ -71,8 +81,8 @@ def _sphere(rows: int, cols: int) -> Geometry:
     return clean_geometry(positions, np.concatenate(faces), positions)
 
 
-def read_geometry(path: Path, where: str) -> list[tuple[str, Geometry]]:
-    """The (name, geometry) of each mesh in a glTF, OBJ, PLY or STL file, in the file's own axes with its scene graph applied.
+def read_parts(path: Path, where: str) -> list[Part]:
+    """Each mesh in a glTF, OBJ, PLY or STL file, in the file's own axes with its scene graph applied.
 
     Raises BadInput that begins with `where` when the file cannot be read or a mesh in it is empty, holds nan or has no area.
     """
@@ -86,26 +96,29 @@ def read_geometry(path: Path, where: str) -> list[tuple[str, Geometry]]:
     for number, (matrix, part) in enumerate(parts, 1):
         name = path.name if len(parts) == 1 else f"{path.name} part {number}"
         try:
-            found.append((name, _in_file_axes(part, np.asarray(matrix, np.float64))))
-        except (ValueError, np.linalg.LinAlgError) as error:
+            material, uvs = material_from_visual(part.visual)
+            found.append(Part(name, _in_file_axes(part, np.asarray(matrix, np.float64), uvs), material))
+        except (ValueError, OSError, SyntaxError, np.linalg.LinAlgError) as error:  # PIL raises SyntaxError for a damaged PNG
             raise BadInput(f"{where}: {name} {error}; export it again") from error
     if not found:
         raise BadInput(f"{where}: {path} has no triangles; export it again")
     return found
 
 
-def _in_file_axes(part: trimesh.Trimesh, matrix: np.ndarray) -> Geometry:
+def _in_file_axes(part: trimesh.Trimesh, matrix: np.ndarray, uvs: np.ndarray | None) -> Geometry:
     """Clean geometry of a node's mesh under the node's transform (4, 4)."""
     positions = np.asarray(part.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
     normals = None
     if "vertex_normals" in part._cache.cache:  # there only if the file had them; the property would compute its own
         normals = np.asarray(part.vertex_normals) @ np.linalg.inv(matrix[:3, :3])
     faces = np.asarray(part.faces)
-    return clean_geometry(positions, faces if np.linalg.det(matrix[:3, :3]) > 0 else faces[:, ::-1], normals)
+    return clean_geometry(positions, faces if np.linalg.det(matrix[:3, :3]) > 0 else faces[:, ::-1], normals, uvs)
 
 
-def clean_geometry(positions: np.ndarray, triangles: np.ndarray, normals: np.ndarray | None) -> Geometry:
-    """Geometry of (n, 3) positions and (m, 3) indices without triangles of no area; normals (n, 3) are used where they are good.
+def clean_geometry(
+    positions: np.ndarray, triangles: np.ndarray, normals: np.ndarray | None, uvs: np.ndarray | None = None
+) -> Geometry:
+    """Geometry of (n, 3) positions and (m, 3) indices without triangles of no area; normals (n, 3) are used when all are good.
 
     Raises ValueError saying what is wrong when nothing can be drawn: no triangles, nan or inf vertices, indices out of range, no area.
     """
@@ -128,12 +141,14 @@ def clean_geometry(positions: np.ndarray, triangles: np.ndarray, normals: np.nda
     triangles, facing = triangles[good], facing[good] / area[good, None]
     welded = _welded(positions, triangles)
     if normals is None or normals.shape != positions.shape or not np.all(np.linalg.norm(normals[used], axis=-1) > 1e-6):
-        positions, triangles, normals = _smoothed(positions, triangles, welded, facing)
+        vertex, triangles, normals = _smoothed(positions, triangles, welded, facing, uvs is not None)
+        positions, uvs = positions[vertex], None if uvs is None else uvs[vertex]
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-6)
     return Geometry(
         np.ascontiguousarray(positions, np.float32),
         np.ascontiguousarray(normals, np.float32),
+        np.zeros((len(positions), 2), np.float32) if uvs is None else np.ascontiguousarray(uvs, np.float32),
         np.ascontiguousarray(triangles, np.uint32),
         _closed(welded, corners[good]),
     )
@@ -159,9 +174,11 @@ def _closed(welded: np.ndarray, corners: np.ndarray) -> bool:
 
 
 def _smoothed(
-    positions: np.ndarray, triangles: np.ndarray, welded: np.ndarray, facing: np.ndarray
+    positions: np.ndarray, triangles: np.ndarray, welded: np.ndarray, facing: np.ndarray, seams: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, triangles and normals with a vertex for each group of corners that smooth edges join.
+    """Old vertex numbers (n,), triangles and normals with a vertex for each group of corners that smooth edges join.
+
+    With `seams`, corners of one group that were different vertices (of other texture coordinates) stay different.
 
     A smooth edge joins exactly two faces whose normals differ by less than CREASE; a group's normal is the mean of its faces' normals,
     weighted by the corners' angles (Thuermer and Wuethrich 1998).
@@ -191,9 +208,10 @@ def _smoothed(
     angles = np.stack([_corner_angle(points[:, k], points[:, (k + 1) % 3], points[:, (k + 2) % 3]) for k in range(3)], axis=-1)
     weighted = (facing[:, None, :] * angles[..., None]).reshape(-1, 3)
     normals = np.stack([np.bincount(group, weighted[:, axis], groups) for axis in range(3)], axis=-1)
-    merged = np.empty((groups, 3))
-    merged[group] = points.reshape(-1, 3)
-    return merged, group.reshape(-1, 3), normals
+    old = triangles.reshape(-1).astype(np.int64)
+    key = group.astype(np.int64) * len(positions) + old if seams else group.astype(np.int64)
+    _, first, vertex = np.unique(key, return_index=True, return_inverse=True)
+    return old[first], vertex.reshape(-1, 3), normals[group[first]]
 
 
 def _corner_angle(at: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:

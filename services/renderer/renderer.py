@@ -11,6 +11,7 @@ from services import settings
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.geometry import drawable_scene
+from services.renderer.materials import kind_of
 from services.renderer.pace import Pace, affordable_lights, affordable_maps, first_lights, learnt
 from services.renderer.programs import Programs, context_info, headless_context
 from services.renderer.regions import light_regions
@@ -56,7 +57,8 @@ class Renderer:
         buffers = (self._vertices, self._indices)
         self._atlas = ShadowAtlas(context, self._programs, drawable, *buffers, found, shadow_map)
         self._surfaces = Surfaces(context, self._programs, self._scene, drawable, *buffers, self._size)
-        self._shading = Shading(context, self._programs, found, self._size)
+        kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}
+        self._shading = Shading(context, self._programs, found, kinds, self._size)
         self._tonemap = self._programs.program("screen.vert", "tonemap.frag")
         self._tonemap_array = context.vertex_array(self._tonemap, [])
         self._screen = context.renderbuffer(self._size, 4)

@@ -11,29 +11,20 @@ import numpy as np
 from msgspec import Meta
 
 from services.files import BadInput, read_toml
-from services.renderer.meshes import Geometry, Shape, bounds, read_geometry, shape_geometry
+from services.renderer.materials import Material, MaterialTable, Phong, material_from_table
+from services.renderer.meshes import Geometry, Part, Shape, bounds, read_parts, shape_geometry
 from services.sphere import rotation_xyz
 
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 
 Vector = tuple[float, float, float]
-Fraction = Annotated[float, Meta(ge=0, le=1)]
-Colour = tuple[Fraction, Fraction, Fraction]
 
 
 class Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     position: Vector = msgspec.field(name="from")
     at: Vector
     fov_y: Annotated[float, Meta(gt=0, lt=180)] = 40.0  # degrees, from the lower to the upper edge
-
-
-class Material(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Lambert and normalised Phong: diffuse / pi + specular (n + 2) / (2 pi) cos^n(angle between mirrored light and view)."""
-
-    diffuse: Colour = (0.5, 0.5, 0.5)
-    specular: Colour = (0.0, 0.0, 0.0)
-    exponent: Annotated[float, Meta(ge=0, le=1e5)] = 40.0
 
 
 class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -45,7 +36,7 @@ class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     scale: Annotated[float, Meta(gt=0)] = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     at: Vector = (0.0, 0.0, 0.0)
-    material: Material = Material()
+    material: MaterialTable | None = None  # left out: as the file says, gray when it says nothing
 
 
 class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -92,23 +83,25 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
     """The meshes that one [[mesh]] of the file `scene` stands for, in the world. Raises BadInput that begins with `where`."""
     if bool(row.file) == bool(row.shape):
         raise BadInput(f"{where}: needs either file = \"...\" or shape = \"sphere\", \"plane\" or \"box\"")
-    total = np.array(row.material.diffuse) + np.array(row.material.specular)
-    if np.any(total > 1 + 1e-6):  # 1e-6: decimal fractions such as 0.7 + 0.3 do not add up to 1 exactly
-        raise BadInput(f"{where}: diffuse + specular reflects {total.max():.4g} of the light; keep the sum at 1 or below")
+    try:
+        wanted = material_from_table(row.material) if row.material else None
+    except ValueError as error:
+        raise BadInput(f"{where}: {error}") from error
     if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])):
         raise BadInput(f"{where}: scale, rotate and at must be finite; mend them")
     y_up = row.y_up
     if row.shape:
-        found = [(row.shape, shape_geometry(row.shape))]
+        found = [Part(row.shape, shape_geometry(row.shape), None)]
     else:
         file = scene.parent / row.file
         if file.suffix.lower() not in MESH_SUFFIXES:
             raise BadInput(f"{where}: {file} is none of {', '.join(MESH_SUFFIXES)}; convert it")
         if not file.is_file():
             raise BadInput(f"{where}: there is no mesh file {file}; mend the path (it is relative to the scene file)")
-        found = read_geometry(file, where)
+        found = read_parts(file, where)
         y_up = file.suffix.lower() in (".glb", ".gltf") if y_up is None else y_up
     rotation = rotation_xyz(row.rotate)
     if y_up:
         rotation = rotation @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
-    return [Mesh(name, geometry.moved(rotation * row.scale, np.array(row.at)), row.material) for name, geometry in found]
+    placed = [part.geometry.moved(rotation * row.scale, np.array(row.at)) for part in found]
+    return [Mesh(part.name, geometry, wanted or part.material or Phong()) for part, geometry in zip(found, placed, strict=True)]

@@ -1,30 +1,31 @@
 """The sum over the lights for each visible pixel, one class of pixels after the other.
 
-A class is a light region and whether the material shines. The classes are written as depths, and each is drawn with a depth test for that
+A class is a light region and a kind of material. The classes are written as depths, and each is drawn with a depth test for that
 value, so that all pixels of a draw call walk the same row of lights: no pixel waits for lights that only its neighbour sees.
 """
 
 import moderngl
 import numpy as np
 
+from services.renderer.materials import KINDS
 from services.renderer.programs import Programs
 from services.renderer.regions import CUBE_SIDE, Regions
 from services.renderer.shadows import MAX_LIGHTS, Batch, ShadowAtlas
 from services.renderer.surfaces import Surfaces
 
-CLASSES = 512  # depths in use are (class + 1/2) / CLASSES: exact in 24 bits, two for each of 256 regions
+CLASSES = 1024  # depths in use are (class + 1/2) / CLASSES: exact in 24 bits, KINDS for each of 256 regions
 
 
 class Shading:
-    """Sums lights into a picture of `size` pixels (width, height), linear RGBA."""
+    """Sums lights into a picture of `size` pixels (width, height), linear RGBA, for surfaces of the `kinds` of material."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, regions: Regions, size: tuple[int, int]) -> None:
+    def __init__(self, context: moderngl.Context, programs: Programs, regions: Regions, kinds: set[int], size: tuple[int, int]) -> None:
         self._context = context
         self._classify = programs.program("screen.vert", "classify.frag", CLASSES=f"{CLASSES}.0")
-        self._programs = [
-            programs.program("screen.vert", "shade.frag", MAX_LIGHTS=str(MAX_LIGHTS), GLOSSY=str(glossy)) for glossy in (0, 1)
-        ]
-        self._arrays = [context.vertex_array(program, []) for program in (self._classify, *self._programs)]
+        self._programs = {
+            kind: programs.program("screen.vert", "shade.frag", MAX_LIGHTS=str(MAX_LIGHTS), KIND=str(kind)) for kind in sorted(kinds)
+        }
+        self._arrays = [context.vertex_array(program, []) for program in (self._classify, *self._programs.values())]
         self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, regions.cube.astype(np.float32).tobytes(), dtype="f4")
         self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.picture = context.texture(size, 4, dtype="f4")
@@ -43,17 +44,17 @@ class Shading:
     def add(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, weight: float) -> None:
         """Adds a batch of lights, whose maps are in the atlas, times `weight` to the pixels that `classify` found."""
         self._begin("==")
-        for glossy, (program, array) in enumerate(zip(self._programs, self._arrays[1:], strict=True)):
+        for (kind, program), array in zip(self._programs.items(), self._arrays[1:], strict=True):
             unit = surfaces.bind(program)
             atlas.bind(program, unit)
             program["weight"] = weight
-            if glossy:
+            if kind:
                 program["eye"] = surfaces.eye
             for region, row in enumerate(batch.rows):
                 if row.count:
                     atlas.bind_row(row)
                     program["light_count"] = row.count
-                    program["depth"] = (2 * region + glossy + 0.5) / CLASSES
+                    program["depth"] = (KINDS * region + kind + 0.5) / CLASSES
                     array.render(moderngl.TRIANGLES, vertices=3)
 
     def _begin(self, depth_func: str) -> None:

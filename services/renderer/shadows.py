@@ -54,7 +54,7 @@ class ShadowAtlas:
         self._frames_program = programs.compute("frames.comp")
         for name in BOXES:
             self._frames_program[name] = [tuple(row) for row in getattr(drawable, name).tolist()]
-        self._vao = context.vertex_array(self._program, [(vertices, "3f 12x", "position")], indices, index_element_size=4)
+        self._vao = context.vertex_array(self._program, [(vertices, "3f 20x", "position")], indices, index_element_size=4)
         self._drawn = no_maps(0)  # of the tiles, for `cached_batch`; empty while each batch draws all its maps
         self._given = context.buffer(reserve=48, dynamic=True)
         self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)

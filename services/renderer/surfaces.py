@@ -1,8 +1,10 @@
 """What each pixel sees: position, normals and material of the nearest surface, drawn before any light is summed."""
 
 import moderngl
+import numpy as np
 
 from services.renderer.geometry import Drawable
+from services.renderer.materials import Material, Phong, kind_of
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
 from services.renderer.view import clip_from_world
@@ -18,10 +20,12 @@ class Surfaces:
         self._context, self._scene, self._spans, self._size = context, scene, drawable.spans, size
         self.eye = scene.camera.position
         self._program = programs.program("surface.vert", "surface.frag")
-        self._vao = context.vertex_array(self._program, [(vertices, "3f 3f", "position", "normal")], indices, index_element_size=4)
+        self._vao = context.vertex_array(self._program, [(vertices, "3f 3f 2f", "position", "normal", "uv")], indices, index_element_size=4)
         self._images = [context.texture(size, 4, dtype=dtype) for dtype in IMAGES.values()]
         for image in self._images:
             image.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        images = [None, *(image for mesh in scene.meshes for image in mesh.material if isinstance(image, np.ndarray))]
+        self._textures = {id(image): self._texture(image) for image in images}
         self._depth = context.depth_renderbuffer(size)
         self._frame = context.framebuffer(self._images, self._depth)
 
@@ -35,10 +39,31 @@ class Surfaces:
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
         for mesh, span in zip(self._scene.meshes, self._spans, strict=True):
-            self._program["diffuse"] = mesh.material.diffuse
-            self._program["specular"] = mesh.material.specular
-            self._program["exponent"] = mesh.material.exponent
+            self._wear(mesh.material)
             self._vao.render(vertices=span.count, first=span.first)
+
+    def _wear(self, material: Material) -> None:
+        """Sets a material's numbers and images."""
+        if isinstance(material, Phong):
+            numbers = (material.diffuse, material.specular, material.exponent)
+            images = (material.image, None)
+        else:
+            numbers = (material.base_color, (material.metallic, 0.0, 0.0), material.roughness)
+            images = (material.image, material.metal_rough)
+        self._program["kind"] = float(kind_of(material))
+        for name, value in zip(("colour", "shine", "shape"), numbers, strict=True):
+            self._program[name] = value
+        for unit, (name, image) in enumerate(zip(("colour_image", "shape_image"), images, strict=True)):
+            self._textures[id(image)].use(unit)
+            self._program[name] = unit
+
+    def _texture(self, image: np.ndarray | None) -> moderngl.Texture:
+        """An image on the GPU; white where there is none."""
+        texels = np.ones((1, 1, 3), np.float16) if image is None else image
+        texture = self._context.texture((texels.shape[1], texels.shape[0]), texels.shape[2], texels.tobytes(), alignment=1, dtype="f2")
+        texture.build_mipmaps()
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        return texture
 
     def bind(self, program: moderngl.Program) -> int:
         """Gives a program the images it reads; the first texture unit that is still free."""
@@ -50,5 +75,5 @@ class Surfaces:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for thing in (self._vao, self._frame, self._depth, *self._images):
+        for thing in (self._vao, self._frame, self._depth, *self._images, *self._textures.values()):
             thing.release()

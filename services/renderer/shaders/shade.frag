@@ -1,5 +1,6 @@
 #version 430
-// Sums a row of lights for each surface of a class: Lambert and, where GLOSSY is 1, normalised Phong; each light with its shadow map.
+// Sums a row of lights for each surface of a class: KIND 0 is Lambert, 1 adds
+// normalised Phong, 2 is GGX as glTF has it; each light with its shadow map.
 
 layout(early_fragment_tests) in;
 #include "light.glsl"
@@ -8,7 +9,7 @@ layout(early_fragment_tests) in;
 
 const float PI = 3.14159265358979;
 
-#if GLOSSY
+#if KIND > 0
 uniform vec3 eye;
 uniform sampler2D surface_specular;
 #endif
@@ -39,6 +40,20 @@ float visibility(int i, vec4 position, vec3 flat_normal, float cosine) {
     return mix(1.0, mix(side.x, side.y, f.y), inside.x * inside.y);
 }
 
+#if KIND == 2
+// glTF 2.0, appendix B.3: Trowbridge-Reitz with the height-correlated Smith term and Schlick's Fresnel term.
+vec3 ggx(vec3 lambert, vec3 f0, float alpha, vec3 normal, vec3 view, float view_cosine, vec3 d, float cosine) {
+    vec3 halfway = normalize(view + d);
+    float n = clamp(dot(normal, halfway), 0.0, 1.0);
+    float a2 = alpha * alpha;
+    float t = n * n * (a2 - 1.0) + 1.0;
+    float visible = 0.5 / (cosine * sqrt(view_cosine * view_cosine * (1.0 - a2) + a2) + view_cosine * sqrt(cosine * cosine * (1.0 - a2) + a2));
+    float grazing = 1.0 - clamp(dot(view, halfway), 0.0, 1.0);
+    vec3 fresnel = f0 + (1.0 - f0) * (grazing * grazing) * (grazing * grazing) * grazing;
+    return lambert * (1.0 - fresnel) + fresnel * (a2 / (PI * t * t) * visible);
+}
+#endif
+
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     vec4 position = texelFetch(surface_positions, pixel, 0);
@@ -46,10 +61,15 @@ void main() {
     vec3 smooth_normal = direction_from_octahedron(normals.xy);
     vec3 flat_normal = direction_from_octahedron(normals.zw);
     vec3 lambert = texelFetch(surface_diffuse, pixel, 0).rgb / PI;
-#if GLOSSY
-    vec3 mirrored_view = reflect(normalize(position.xyz - eye), smooth_normal);
+#if KIND > 0
+    vec3 view = normalize(eye - position.xyz);
     vec4 specular = texelFetch(surface_specular, pixel, 0);
+#endif
+#if KIND == 1
+    vec3 mirrored_view = reflect(-view, smooth_normal);
     vec3 phong = specular.rgb * (specular.w + 2.0) / (2.0 * PI);
+#elif KIND == 2
+    float view_cosine = max(dot(smooth_normal, view), 1e-4);
 #endif
 
     vec3 sum = vec3(0.0);
@@ -57,9 +77,12 @@ void main() {
         vec3 d = lights[i].direction.xyz;
         float flat_cosine = dot(flat_normal, d);
         float cosine = flat_cosine > 0.0 ? max(dot(smooth_normal, d), 0.0) : 0.0;
+#if KIND == 0
         vec3 brdf = lambert;
-#if GLOSSY
-        brdf += phong * pow(max(dot(mirrored_view, d), 1e-6), specular.w);
+#elif KIND == 1
+        vec3 brdf = lambert + phong * pow(max(dot(mirrored_view, d), 1e-6), specular.w);
+#else
+        vec3 brdf = ggx(lambert, specular.rgb, specular.w, smooth_normal, view, view_cosine, d, max(cosine, 1e-4));
 #endif
         sum += lights[i].irradiance.rgb * brdf * (cosine * visibility(i, position, flat_normal, flat_cosine));
     }

@@ -3,15 +3,21 @@
 #include "normals.glsl"
 
 uniform vec3 eye;
-uniform vec3 diffuse;
-uniform vec3 specular;
-uniform float exponent;
+uniform float kind;  // of material: 0 Lambert, 1 with Phong, 2 GGX
+uniform vec3 colour;  // diffuse; base colour
+uniform vec3 shine;  // specular; metallic, 0, 0
+uniform float shape;  // exponent; roughness
+uniform sampler2D colour_image;
+uniform sampler2D shape_image;  // metallic, roughness
 in vec3 surface_position;
 in vec3 surface_normal;
+in vec2 surface_uv;
 layout(location = 0) out vec4 out_position;  // world; w = 1 where there is a surface
 layout(location = 1) out vec4 out_normals;  // of shading and of the triangle, both on the viewer's side
-layout(location = 2) out vec4 out_diffuse;
-layout(location = 3) out vec4 out_specular;  // w: exponent
+layout(location = 2) out vec4 out_diffuse;  // w: kind
+layout(location = 3) out vec4 out_specular;  // at normal incidence; w: exponent, or roughness squared
+
+const float SMOOTHEST = 0.05;  // roughness; a directional light in a smoother surface is a highlight smaller than a pixel
 
 void main() {
     vec3 flat_normal = normalize(cross(dFdx(surface_position), dFdy(surface_position)));
@@ -20,6 +26,14 @@ void main() {
     if (dot(smooth_normal, flat_normal) < 0.0) smooth_normal = -smooth_normal;
     out_position = vec4(surface_position, 1.0);
     out_normals = vec4(octahedron_from_direction(smooth_normal), octahedron_from_direction(flat_normal));
-    out_diffuse = vec4(diffuse, 1.0);
-    out_specular = vec4(specular, exponent);
+    vec3 own = colour * texture(colour_image, surface_uv).rgb;
+    if (kind < 2.0) {
+        out_diffuse = vec4(own, kind);
+        out_specular = vec4(shine, shape);
+    } else {  // glTF 2.0, appendix B.2
+        vec2 metal_rough = vec2(shine.x, shape) * texture(shape_image, surface_uv).rg;
+        float rough = max(metal_rough.y, SMOOTHEST);
+        out_diffuse = vec4(own * (1.0 - metal_rough.x), kind);
+        out_specular = vec4(mix(vec3(0.04), own, metal_rough.x), rough * rough);
+    }
 }

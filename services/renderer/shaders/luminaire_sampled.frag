@@ -1,0 +1,110 @@
+#version 430
+// Position-dependent importance sampling of a light field (Lu et al. 2015): estimator.py, in GLSL.
+#include "luminaire_field.glsl"
+
+uniform sampler2D sequence;  // Halton points, one texel each
+uniform sampler2D shifts;  // of the sequence and of the rounding, a tile of pixels
+uniform int samples;
+uniform int most;  // samples of one image
+uniform float scale;  // the lamp's power times the weight of this pass
+layout(location = 0) out vec4 radiance;
+
+// The pixel and the shares of the box at uniform numbers a and b.
+ivec2 sample_box(AxisBox u, AxisBox v, int m, ivec2 size, vec2 ab, out vec2 share) {
+    Pair i = pair_of(u.x0, u.x1, size.x), j = pair_of(v.x0, v.x1, size.y);
+    if (i.last - i.first <= 1 && j.last - j.first <= 1) {
+        float q00 = importance(ivec3(i.first, j.first, m)), q10 = importance(ivec3(i.last, j.first, m));
+        float q01 = importance(ivec3(i.first, j.last, m)), q11 = importance(ivec3(i.last, j.last, m));
+        float left = i.share * mix(q01, q00, j.share), right = (1.0 - i.share) * mix(q11, q10, j.share);
+        float target = ab.x * (left + right);
+        bool first = target < left || right <= 0.0;
+        share.x = first ? i.share * target / left : i.share + (1.0 - i.share) * min((target - left) / right, 1.0);
+        float low = j.share * (first ? q00 : q10), high = (1.0 - j.share) * (first ? q01 : q11);
+        target = ab.y * (low + high);
+        bool below = target < low || high <= 0.0;
+        share.y = below ? j.share * target / low : j.share + (1.0 - j.share) * min((target - low) / high, 1.0);
+        return ivec2(first ? i.first : i.last, below ? j.first : j.last);
+    }
+    double base = strip(u.x0, v.x0, v.x1, m, size);
+    double target = base + ab.x * (strip(u.x1, v.x0, v.x1, m, size) - base);
+    int low = i.first, high = i.last + 1;
+    while (high - low > 1) {
+        int middle = (low + high) / 2;
+        if (strip(float(middle), v.x0, v.x1, m, size) <= target) low = middle; else high = middle;
+    }
+    float left = max(float(low), u.x0), right = min(float(low + 1), u.x1);
+    double at_left = strip(left, v.x0, v.x1, m, size);
+    float width = float(strip(right, v.x0, v.x1, m, size) - at_left);
+    float x = left + (right - left) * (width > 0.0 ? clamp(float(target - at_left) / width, 0.0, 1.0) : 0.5);
+    int column = low;
+    base = column_at(column, v.x0, m, size);
+    target = base + ab.y * (column_at(column, v.x1, m, size) - base);
+    low = j.first;
+    high = j.last + 1;
+    while (high - low > 1) {
+        int middle = (low + high) / 2;
+        if (sum_at(column + 1, middle, m) - sum_at(column, middle, m) <= target) low = middle; else high = middle;
+    }
+    float bottom = max(float(low), v.x0), top = min(float(low + 1), v.x1);
+    double at_bottom = column_at(column, bottom, m, size);
+    float height = float(column_at(column, top, m, size) - at_bottom);
+    float y = bottom + (top - bottom) * (height > 0.0 ? clamp(float(target - at_bottom) / height, 0.0, 1.0) : 0.5);
+    share = vec2((x - u.x0) / (u.x1 - u.x0), (y - v.x0) / (v.x1 - v.x0));
+    return ivec2(column, low);
+}
+
+float lit[MAX_MAPS];  // what is known of each cell's map; below 0: nothing yet
+
+float cell_visibility(vec2 u, Surface surface) {
+    ivec2 cells = grid + SUPPORT_CELLS - 1;
+    ivec2 cell = clamp(ivec2(floor((u - first_m) / spacing + 0.5 * SUPPORT)), ivec2(0), cells - 1);
+    int index = cell.y * cells.x + cell.x;
+    if (lit[index] < 0.0) lit[index] = map_visibility(index, surface);
+    return lit[index];
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    Surface surface;
+    if (!surface_at(pixel, surface) || surface.position.z <= 0.0) discard;
+    vec3 p = surface.position;
+    ivec2 size = textureSize(images, 0).xy;
+    int count = grid.x * grid.y;
+    float total = 0.0;
+    for (int m = 0; m < count; ++m) total += image_share(m, p, size);
+    if (total <= 0.0) discard;
+    for (int k = 0; k < MAX_MAPS; ++k) lit[k] = -1.0;
+    vec3 shift = texelFetch(shifts, pixel % textureSize(shifts, 0), 0).xyz;
+    float ratio = plane_distance / (p.z * spacing);
+    float passed = 0.0;
+    int drawn = 0;
+    vec3 sum = vec3(0.0);
+    for (int m = 0; m < count; ++m) {
+        AxisBox u, v;
+        vec2 centre;
+        if (!image_boxes(m, p, size, u, v, centre)) continue;
+        float part = mean_importance(u, v, m, size) * abs((u.u1 - u.u0) * (v.u1 - v.u0));
+        float expected = float(samples) * (part / total);
+        int number = int(floor(passed + expected + shift.z)) - int(floor(passed + shift.z));
+        passed += expected;
+        float divisor = expected;
+        if (expected > float(most)) { number = most; divisor = float(most); }
+        float weight = ratio * ratio * part / divisor;
+        for (int k = 0; k < number; ++k, ++drawn) {
+            vec2 ab = fract(texelFetch(sequence, ivec2(drawn, 0), 0).xy + shift.xy);
+            vec2 share;
+            ivec2 at = sample_box(u, v, m, size, ab, share);
+            vec3 colour = texelFetch(images, ivec3(at, m), 0).rgb;
+            float q = dot(abs(colour), vec3(0.2126, 0.7152, 0.0722));
+            if (q <= 0.0) continue;
+            vec2 place = vec2(mix(u.u0, u.u1, share.x), mix(v.u0, v.u1, share.y));
+            vec2 x = (place - centre) / spacing;
+            vec3 d = vec3(place, 0.0) - p;
+            float r = length(d);
+            vec3 value = reflected(surface, d / r);
+            if (value == vec3(0.0)) continue;
+            sum += colour * value * (weight * basis(x.x) * basis(x.y) * (r / p.z) / q * cell_visibility(place, surface));
+        }
+    }
+    radiance = vec4(max(sum, 0.0) * scale, 0.0);
+}

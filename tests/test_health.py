@@ -57,7 +57,7 @@ def test_a_status_is_health(settings, capsys):
 @pytest.mark.parametrize("said", [(), (status("capture"),), ([b"status", b"\xff" * 40],)])
 def test_silence_another_service_and_random_bytes_are_none(said, settings, monkeypatch):
     monkeypatch.setattr(health, "HEARD_S", 0.4)
-    with speaking(settings, *said), pytest.raises(SystemExit, match="sampler: has said nothing for 0[.]4 s; start it"):
+    with speaking(settings, *said), pytest.raises(SystemExit, match="sampler: has said nothing"):
         health.check_health(settings, "sampler")
 
 

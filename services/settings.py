@@ -34,7 +34,7 @@ class Wire(Record, frozen=True):
 
 
 class Capture(Record, frozen=True):
-    source: str = ""  # lat-long .hdr or .exr, a folder of them, or a recorded sequence; empty: the bundled one
+    source: str = ""  # lat-long .hdr or .exr, a folder of them, a recorded sequence, or /dev/videoN; empty: the bundled sequence
     lens: str = ""  # fisheye sequences: the lens file
     response: str = ""  # raw fisheye frames: the response file
     fps: Annotated[float, Meta(gt=0, le=1000)] = 25.0
@@ -42,6 +42,13 @@ class Capture(Record, frozen=True):
     cols: Annotated[int, Meta(ge=4, le=8192)] = 360
     coverage: Coverage = "hemisphere"
     frames: Annotated[int, Meta(ge=0)] = 0  # stop after so many; 0: all of them, again and again in live mode
+    start: Annotated[int, Meta(ge=0)] = 0  # files: the first frame to play
+    end: Annotated[int, Meta(ge=0)] = 0  # files: the one to stop before; 0: to the last
+    speed: Annotated[float, Meta(gt=0, le=100)] = 1.0  # files: times their own rate
+    format: str = ""  # cameras: the kernel's four letters, such as Y12 or RG10; empty: the deepest one
+    width: Annotated[int, Meta(ge=0, le=16384)] = 0  # cameras: what to ask for; 0: the lens file's size
+    height: Annotated[int, Meta(ge=0, le=16384)] = 0
+    record: str = ""  # folder to record to; empty: nothing is recorded
 
 
 class Sampler(Record, frozen=True):
@@ -85,7 +92,7 @@ class Settings(Record, frozen=True):
     viewer: Viewer = Viewer()
 
 
-_PATHS = {"": ("out",), "wire": ("folder", "keys"), "capture": ("source", "lens", "response"), "renderer": ("scene",)}
+_PATHS = {"": ("out",), "wire": ("folder", "keys"), "capture": ("source", "lens", "response", "record"), "renderer": ("scene",)}
 
 
 def read_settings(path: Path | None) -> Settings:

@@ -42,7 +42,9 @@ def test_too_few_bytes_are_no_frame() -> None:
         codes_from_bytes(b"x" * 69, BY_NAME["Y16"], 7, 5, 14)
 
 
-@pytest.mark.parametrize(("last", "now", "lost"), [(-1, 17, 0), (3, 4, 0), (3, 8, 4), (2**32 - 1, 0, 0), (2**32 - 2, 1, 2)])
+@pytest.mark.parametrize(
+    ("last", "now", "lost"), [(-1, 17, 0), (3, 4, 0), (3, 8, 4), (2**32 - 1, 0, 0), (2**32 - 2, 1, 2), (5, 5, 0), (9, 2, 0)]
+)
 def test_lost_frames_are_known_by_number(last: int, now: int, lost: int) -> None:
     assert frames_between(last, now) == lost
 
@@ -72,9 +74,10 @@ def test_200_frames_without_an_unreported_gap(name: str) -> None:
     finally:
         camera.close()
     sequence, stamps, lost = map(np.array, zip(*frames, strict=True))
-    assert np.array_equal(np.diff(sequence) - 1, lost[1:])
+    # under load the driver has been seen to give two frames one number
+    assert np.array_equal(np.maximum(np.diff(sequence) - 1, 0), lost[1:])
     assert lost.sum() == camera.lost
-    assert np.all(np.diff(stamps) > 0)
+    assert np.all(np.diff(stamps) >= 0)
     # stamps keep step with the numbers: the driver's clock ticks by a frame each
     assert np.polyfit(sequence, stamps, 1)[0] == pytest.approx(1e9 / camera.fps, rel=0.05)
 

@@ -6,37 +6,26 @@ pixel perhaps) is handed over point by point with its flux, so that nothing brig
 
 import json
 import math
-from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import numpy as np
 from numba import njit
 
-from services.capture.interior import Interior
-from services.capture.lens import (
-    Lens,
-    angle_from_radius,
-    check_lens,
-    pixel_angles,
-    pixel_solid_angles,
-    radius_from_angle,
-    vignetting_from_angle,
-    write_lens,
-)
-from services.capture.response import Response, check_response, code_from_signal, write_response
-from services.capture.sequence import MANIFEST, file_entry
+from services.capture.film import Film, behind_lens, exposed, fixed_pattern
+from services.capture.frames import Mosaic
+from services.capture.interior import Interior, mean_cosine
+from services.capture.lens import Lens, angle_from_radius, check_lens, pixel_solid_angles, radius_from_angle
+from services.capture.motion import motion
+from services.capture.response import Response, check_response
 from services.capture.sky import Sky
-from services.capture.surround import Maps, Scene, Surround, disc_points, hemisphere_irradiance, sun_direction
+from services.capture.surround import Maps, Scene, Surround, dimmed, disc_points, hemisphere_irradiance, sun_direction
 from services.files import BadInput
-from services.images import write_exr
-from services.sphere import rotation_xyz
 
 RAYS = 4  # a side of a pixel
 BRIGHT = 16.0  # times the image's mean: light above is handed over by flux. Below, a pixel's error is 1/16 of a ray in the worst case
 SPREAD = 4  # points a side of a camera's pixel for what is handed over
 DISC_POINTS = 4096
+FLICKER_DEPTH = 0.3  # of the light's mean: discharge lamps on magnetic ballasts have 0.2 to 0.5
 SCENES = {"sky": Sky, "interior": Interior}
 
 
@@ -151,68 +140,54 @@ def simulate(
     frames: int = 0,
     fps: float = 25.0,
     rotate_deg_per_frame: float = 0.0,
+    keyframes: Path | None = None,
     noise_codes: float = 0.0,
+    pattern_codes: float = 0.0,
+    mosaic: Mosaic | None = None,
     exposure_s: float = 0.0,
+    flicker_hz: float = 0.0,
+    dropouts: float = 0.0,
+    truth_maps: bool = False,
     seed: int = 0,
 ) -> None:
     """Takes `frames` frames (0: one for each map) of the light in `maps` and writes them as NAME_0000.exr .. to `out`, with lens.toml,
     response.toml, manifest.jsonl and truth.jsonl beside them.
 
-    The maps turn about +Z by `rotate_deg_per_frame`. With a response the frames are raw codes (32-bit float EXR, which holds them exactly),
-    after Gaussian noise of `noise_codes`; without one they are radiance as half floats.
+    With a response the frames are raw codes (32-bit float EXR, which holds them exactly), after Gaussian noise of `noise_codes` and a
+    fixed pattern of `pattern_codes` (sigmas), in three channels or a `mosaic`; without one they are radiance as half floats.
+    The maps turn about +Z by `rotate_deg_per_frame`, or as `keyframes` say (TOML: [[key]] time_s, rotate_deg = [x, y, z]).
+    `flicker_hz` (100 or 120) makes the light swing with the mains, averaged over `exposure_s`. Of all frames the share `dropouts` is lost,
+    as a busy camera loses them: their numbers are missing.
+
     truth.jsonl has for each frame: irradiance (RGB, integral over the upper hemisphere), sun (unit vector in the world),
-    world_from_map (3 x 3), time_s. Raises BadInput for a map, lens or response that cannot be used, OSError when the disk refuses.
+    world_from_map (3 x 3), time_s. `truth_maps` adds the folder truth/: the same frames as radiance, without noise.
+    Raises BadInput for a map, lens, response or keyframe file that cannot be used, OSError when the disk refuses.
     """
     check_lens(lens)
     if response is not None:
         check_response(response)
-    scene = open_scene(maps, seed)
-    out.mkdir(parents=True, exist_ok=True)
-    write_lens(out / "lens.toml", lens)
-    if response is not None:
-        write_response(out / "response.toml", response)
-    with open(out / MANIFEST, "w", encoding="utf-8") as manifest, open(out / "truth.jsonl", "w", encoding="utf-8") as truth:
-        for k in range(frames or len(maps)):
+    scene, turned = open_scene(maps, seed), motion(rotate_deg_per_frame * fps, keyframes)
+    count = frames or len(maps)
+    kept = np.flatnonzero(np.random.default_rng((seed, 1 << 32)).random(count) >= dropouts)
+    film = Film(out, scene.name, lens, response, mosaic, fps, exposure_s)
+    true_film = Film(out / "truth", scene.name, lens, None, None, fps, exposure_s) if truth_maps else None
+    pattern = fixed_pattern(lens, pattern_codes, seed)
+    with open(out / "truth.jsonl", "w", encoding="utf-8") as truth:
+        for k in map(int, kept):
             time_s = k / fps
-            world_from_map = rotation_xyz((0.0, 0.0, k * rotate_deg_per_frame))
+            world_from_map = turned(time_s)
             surround = scene.surround(k, time_s, exposure_s)
-            path = out / f"{scene.name}_{k:04d}.exr"
-            image = exposed(fisheye_radiance(surround, world_from_map, lens), lens, response, noise_codes, (seed, k))
-            write_exr(path, image, frame_attributes(k, time_s, fps, exposure_s, response))
-            manifest.write(msgspec.json.encode(file_entry(path, k, time_s)).decode() + "\n")
-            manifest.flush()
+            if flicker_hz:
+                surround = dimmed(surround, 1 + FLICKER_DEPTH * mean_cosine(flicker_hz, 0.0, time_s, exposure_s))
+            radiance = behind_lens(fisheye_radiance(surround, world_from_map, lens), lens)
+            film.write(k, time_s, exposed(radiance, response, noise_codes, pattern, mosaic, (seed, k)))
+            if true_film:
+                true_film.write(k, time_s, radiance.astype(np.float32))
             row = {
-                "name": path.name,
+                "name": film.name(k),
                 "time_s": time_s,
                 "irradiance": hemisphere_irradiance(surround, world_from_map).tolist(),
                 "sun": (world_from_map @ sun_direction(surround)).tolist(),
                 "world_from_map": world_from_map.tolist(),
             }
             truth.write(json.dumps(row) + "\n")
-
-
-def exposed(radiance: np.ndarray, lens: Lens, response: Response | None, noise_codes: float, seed: tuple[int, int]) -> np.ndarray:
-    """The file's pixels: radiance behind the lens as half floats, or codes as float32 after noise of `noise_codes` (sigma)."""
-    theta = np.minimum(pixel_angles(lens), lens.rim)
-    behind = radiance * vignetting_from_angle(theta, lens)[..., None]
-    if response is None:
-        return np.minimum(behind, 65504.0).astype(np.float16)
-    signal = response.signal(behind)
-    if noise_codes > 0:
-        signal += np.random.default_rng(seed).normal(0.0, noise_codes, signal.shape)
-    return code_from_signal(signal, response).astype(np.float32)
-
-
-def frame_attributes(k: int, time_s: float, fps: float, exposure_s: float, response: Response | None) -> dict[str, Any]:
-    """What a frame's EXR header says beside the standard attributes."""
-    attributes: dict[str, Any] = {
-        "imageCounter": k,
-        "framesPerSecond": Fraction(fps).limit_denominator(1001),
-        "vemlight:kind": "fisheye" if response is None else "codes",
-        "vemlight:time_s": repr(time_s),
-    }
-    if exposure_s > 0:
-        attributes["expTime"] = exposure_s
-    if response is not None:
-        attributes["colorInteropID"] = "data"  # codes are no colours
-    return attributes

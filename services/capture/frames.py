@@ -42,6 +42,8 @@ class Frame(NamedTuple):
     saturated: int  # and at its highest
     strong: np.ndarray = np.empty(0, np.int32)  # (n,) int32, flat index of each cell with more than 1/500 of the power, strongest first
     centres: np.ndarray = np.empty((0, 3), np.float32)  # (n, 3) float32, unit vectors to the centres of the light in them
+    lost: int = 0  # cameras: frames that the kernel counted and we never had, since the frame before
+    monotonic_ns: int | None = None  # cameras: the kernel's time stamp
 
 
 class FrameMaker:
@@ -61,6 +63,18 @@ class FrameMaker:
         self._latlong: LatlongToPolar | None = None
         self._fisheye: list[FisheyeToPolar] = []
         self._spans = np.empty((0, 2), np.int64)
+
+    @property
+    def lens(self) -> Lens | None:
+        """The lens, if there is one."""
+        return self._lens
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The lens and response files that are in use."""
+        return tuple(
+            path for path, used in ((self._lens_path, self._lens), (self._response_path, self._response)) if used is not None
+        )
 
     def frame(self, name: str, image: np.ndarray, attributes: dict[str, Any], time_s: float) -> Frame:
         """The frame of a file's `image` (height, width, 3) float32 with the file's `attributes`; `name` is for errors."""

@@ -6,6 +6,8 @@ raw. lens.toml and response.toml are looked for beside the frames when the setti
 values stay in the cells that they touch.
 """
 
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,11 +15,14 @@ from typing import Any, Protocol
 import msgspec
 
 from services.capture.frames import Frame, FrameMaker
+from services.capture.record import Recorder
 from services.capture.sequence import MANIFEST, Entry, check_digest, frame_paths, read_manifest
+from services.capture.v4l2 import Camera
 from services.files import BadInput
 from services.images import read_radiance, write_exr
 from services.settings import Capture
 
+AHEAD = 2  # frames made before they are asked for
 BUNDLED = Path(__file__).parents[2] / "replay_data" / "outdoor"
 
 
@@ -34,15 +39,20 @@ class Source(Protocol):
 
 
 class Files:
-    """Image files in order, frame by frame."""
+    """Image files in order, frame by frame, from `start` to `end` and at `speed` as the settings say."""
 
     def __init__(self, settings: Capture, paths: list[Path], entries: list[Entry] | None):
-        self.paths = paths
-        self.entries = entries
+        """Raises BadInput when start and end leave nothing, or the first file is damaged."""
+        end = min(settings.end or len(paths), len(paths))
+        if settings.start >= end:
+            raise BadInput(f"{paths[0].parent}: has frames 0 to {len(paths) - 1}; [capture] start and end leave none of them")
+        self.paths = paths[settings.start : end]
+        self._entries = entries[settings.start : end] if entries else None
         self._maker = FrameMaker(settings, paths[0].parent)
         self._checked: set[int] = set()
-        rate = read_radiance(paths[0])[1].get("framesPerSecond")
-        self.fps = float(Fraction(rate)) if rate else settings.fps
+        self._speed = settings.speed
+        rate = read_radiance(self.paths[0])[1].get("framesPerSecond")
+        self.fps = (float(Fraction(rate)) if rate else settings.fps) * settings.speed
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -50,12 +60,80 @@ class Files:
     def frame(self, k: int) -> Frame:
         """Frame k of 0 .. len - 1. Raises BadInput for a file that is damaged, changed or of another size than the first one read."""
         path = self.paths[k]
-        if self.entries and k not in self._checked:
-            check_digest(path, self.entries[k].sha256)
+        if self._entries and k not in self._checked:
+            check_digest(path, self._entries[k].sha256)
             self._checked.add(k)
         image, attributes = read_radiance(path)
-        time_s = self.entries[k].time_s if self.entries else k / self.fps
+        time_s = self._entries[k].time_s / self._speed if self._entries else k / self.fps
         return self._maker.frame(str(path), image, attributes, time_s)
+
+
+class Prefetched:
+    """A source whose next frames are made in a thread while the last one is in use."""
+
+    def __init__(self, source: Source):
+        self._source = source
+        self.fps = source.fps
+        self._thread = ThreadPoolExecutor(1, "reader")
+        self._coming: dict[int, Future[Frame]] = {}
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def frame(self, k: int) -> Frame:
+        """See Source."""
+        wanted = [(k + n) % len(self) for n in range(min(AHEAD, len(self) - 1) + 1)]
+        for index in [index for index in self._coming if index not in wanted]:
+            self._coming.pop(index).cancel()
+        for index in wanted:
+            if index not in self._coming:
+                self._coming[index] = self._thread.submit(self._source.frame, index)
+        return self._coming.pop(k).result()
+
+
+class Live:
+    """A camera's frames as they come."""
+
+    def __init__(self, settings: Capture):
+        """Raises BadInput for a camera, lens or response that cannot be used."""
+        self._maker = FrameMaker(settings, Path.cwd())
+        width, height = self._maker.lens.size if self._maker.lens else (0, 0)
+        self._camera = Camera(
+            settings.source, form=settings.format, width=settings.width or width, height=settings.height or height, fps=settings.fps
+        )
+        self.fps = self._camera.fps
+        self.recorder = Recorder(Path(settings.record), beside=self._maker.files) if settings.record else None
+        self._first_ns: int | None = None
+        self._count = 0
+
+    @property
+    def state(self) -> str:
+        """What was got, or that the camera is gone, or why nothing is recorded; for a log."""
+        return self.recorder.trouble if self.recorder and self.recorder.trouble else self._camera.state
+
+    def next(self, wait_s: float) -> Frame | None:
+        """The next frame, or None when none came within `wait_s` (s); `state` then says why.
+
+        Raises BadInput for another size than the lens's or the one agreed on.
+        """
+        raw = self._camera.read(wait_s)
+        if raw is None:
+            return None
+        self._first_ns = raw.monotonic_ns if self._first_ns is None else self._first_ns
+        time_s = (raw.monotonic_ns - self._first_ns) / 1e9
+        self._count += raw.lost + 1
+        if self.recorder:
+            attributes = {"vemlight:kind": "codes", "vemlight:mosaic": raw.mosaic, "colorInteropID": "data"}
+            attributes |= {"framesPerSecond": Fraction(self.fps).limit_denominator(1001)}
+            self.recorder.put(raw.codes, attributes, self._count - 1, time_s)
+        frame = self._maker.frame_from_codes(self._camera.path, raw.codes, raw.mosaic, time_s)
+        return frame._replace(lost=raw.lost, monotonic_ns=raw.monotonic_ns)
+
+    def close(self) -> None:
+        """Ends the stream and the recording."""
+        self._camera.close()
+        if self.recorder:
+            self.recorder.close()
 
 
 def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settings: Capture | None = None) -> None:
@@ -67,14 +145,55 @@ def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settin
         settings or Capture(), source=str(frame), lens=str(lens), response=str(response) if response else ""
     )
     made = Files(settings, [frame], None).frame(0)
-    attributes: dict[str, Any] = {"vemlight:kind": "polar", "vemlight:coverage": made.coverage}
-    if made.luminance_scale is not None:
-        attributes["whiteLuminance"] = made.luminance_scale
-    write_exr(out, made.radiance, attributes)
+    write_exr(out, made.radiance, map_attributes(made, settings.fps))
+
+
+def record(settings: Capture, frames: int) -> Recorder:
+    """Records `frames` frames (0: all that a file source has) of the settings' source to [capture] record; gives back the counts.
+
+    Cameras are recorded as raw codes, files as polar maps. Raises BadInput for a source or folder that cannot be used.
+    """
+    if not settings.record:
+        raise BadInput("[capture] record names no folder; name one to record to")
+    if settings.source.startswith("/dev/"):
+        live = Live(settings)
+        try:
+            had = 0
+            while had < frames or not frames:
+                had += live.next(0.5) is not None
+        finally:
+            live.close()
+        assert live.recorder is not None
+        return live.recorder
+    source = open_source(msgspec.structs.replace(settings, record=""))
+    recorder = Recorder(Path(settings.record))
+    try:
+        for k in range(min(frames or len(source), len(source))):
+            frame = source.frame(k)
+            while not recorder.put(frame.radiance, map_attributes(frame, source.fps), k, frame.time_s):
+                recorder.dropped -= 1  # files wait: nothing is lost by reading them later
+                time.sleep(0.01)
+    finally:
+        recorder.close()
+    return recorder
+
+
+def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
+    """What the header of a polar map's EXR says."""
+    attributes: dict[str, Any] = {
+        "vemlight:kind": "polar",
+        "vemlight:coverage": frame.coverage,
+        "framesPerSecond": Fraction(fps).limit_denominator(1001),
+    }
+    if frame.luminance_scale is not None:
+        attributes["whiteLuminance"] = frame.luminance_scale
+    return attributes
 
 
 def open_source(settings: Capture) -> Source:
-    """The source that the settings name. Raises BadInput when it is not there or not whole."""
+    """The files that the settings name, read ahead. Raises BadInput when they are not there or not whole."""
+    if settings.record:
+        raise BadInput("[capture] record is for cameras; `vemlight record` records files")
     path = Path(settings.source) if settings.source else BUNDLED
     if not path.exists():
         if not settings.source:
@@ -84,5 +203,5 @@ def open_source(settings: Capture) -> Source:
         return Files(settings, [path], None)
     if (path / MANIFEST).exists():
         entries = read_manifest(path)
-        return Files(settings, [path / entry.name for entry in entries], entries)
-    return Files(settings, frame_paths(path), None)
+        return Prefetched(Files(settings, [path / entry.name for entry in entries], entries))
+    return Prefetched(Files(settings, frame_paths(path), None))

@@ -28,6 +28,11 @@ class Surround(NamedTuple):
     discs: list[Disc]
 
 
+def dimmed(surround: Surround, factor: float) -> Surround:
+    """The same light, `factor` times as strong."""
+    return Surround(surround.image * factor, [d._replace(irradiance=d.irradiance * factor) for d in surround.discs])
+
+
 class Scene(Protocol):
     """Light that changes in time."""
 

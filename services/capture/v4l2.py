@@ -267,5 +267,9 @@ class Camera:
 
 
 def frames_between(last: int, sequence: int) -> int:
-    """Frames lost between two of the kernel's 32-bit sequence numbers; `last` -1 stands for none before."""
-    return 0 if last < 0 else (sequence - last - 1) % 2**32
+    """Frames lost between two of the kernel's 32-bit sequence numbers; `last` -1 stands for none before.
+
+    A number that comes twice or goes back, as drivers under load and after a restart give them, tells of none.
+    """
+    lost = (sequence - last - 1) % 2**32
+    return 0 if last < 0 or lost >= 2**31 else lost

@@ -156,10 +156,10 @@ def _newest(frames: Any, tally: Tally, losses: Losses, ended: wire.End | None) -
     """The newest frame that an upstream service has published, if there is one, and the stream's end, once it was said.
 
     While this service worked, the queue between the two kept the oldest frames and refused the newer ones. So when what waits is old,
-    what comes next is waited for: at most FRESH_MS once, and the picture is up to date instead of a queue behind.
+    what comes next is waited for, FRESH_MS at most, and the picture is up to date instead of a queue behind.
     """
     newest: wire.Message | None = None
-    waited = False
+    give_up_s = time.monotonic() + FRESH_MS / 1e3
     while True:
         for header, arrays in received(frames, tally):
             if isinstance(header, wire.FRAME):
@@ -172,9 +172,9 @@ def _newest(frames: Any, tally: Tally, losses: Losses, ended: wire.End | None) -
             elif isinstance(header, wire.End):
                 ended = header
         stale = newest is not None and isinstance(newest[0], wire.FRAME) and wire.age_ms(newest[0].stamp) > FRESH_MS
-        if waited or ended or not stale or not frames.poll(FRESH_MS):
+        left_ms = round((give_up_s - time.monotonic()) * 1e3)
+        if ended or not stale or left_ms <= 0 or not frames.poll(left_ms):
             return newest, ended
-        waited = True
 
 
 def _advance(

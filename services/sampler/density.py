@@ -51,11 +51,10 @@ def _clean(radiance, solid_angles, clean, luminance, irradiance):
         red = green = blue = 0.0
         for j in range(cols):
             r, g, b = radiance[i, j, 0], radiance[i, j, 1], radiance[i, j, 2]
-            good_r, good_g, good_b = 0 <= r <= LARGEST, 0 <= g <= LARGEST, 0 <= b <= LARGEST  # false for nan
-            r = r if good_r else np.float32(0)
-            g = g if good_g else np.float32(0)
-            b = b if good_b else np.float32(0)
-            spoilt += not (good_r and good_g and good_b)
+            if not (min(r, g, b) >= 0 and r + g + b <= LARGEST):  # rare; each comparison is false for nan
+                bad_r, bad_g, bad_b = not 0 <= r <= LARGEST, not 0 <= g <= LARGEST, not 0 <= b <= LARGEST
+                r, g, b = np.float32(0) if bad_r else r, np.float32(0) if bad_g else g, np.float32(0) if bad_b else b
+                spoilt += bad_r or bad_g or bad_b
             clean[i, j, 0], clean[i, j, 1], clean[i, j, 2] = r, g, b
             luminance[i, j] = _RED * r + _GREEN * g + _BLUE * b
             red, green, blue = red + r, green + g, blue + b

@@ -73,11 +73,12 @@ def step(
     """
     if coverage != state.coverage:
         state = initial_state(settings)._replace(coverage=coverage)
-    light = light_map(radiance, coverage)
-    beat = flicker.with_frame(state.flicker, time_s, light.power)
+    seen = light = light_map(radiance, coverage)
+    beat = flicker.with_frame(state.flicker, time_s, flicker.block_powers(seen, settings.deflicker))
+    if settings.deflicker and beat.depth > 0:
+        light = light_map(flicker.without_flicker(seen, beat), coverage)
     drawn, anchor = _drawn(settings, state, light, time_s)
-    power = light.irradiance / beat.excess if settings.deflicker else light.irradiance
-    smooth = filter.filtered(settings, state.filter, filter.Frame(time_s, power, drawn), LOWEST[coverage])
+    smooth = filter.filtered(settings, state.filter, filter.Frame(time_s, light.irradiance, drawn), LOWEST[coverage])
     state, wanted = _counted(settings, state, light, drawn, time_s, render_ms)
     lights = _lights(state.presence, smooth.frame)
     clusters = cluster.NONE
@@ -87,8 +88,8 @@ def step(
     report = Report(
         delay_frames=smooth.delay_s / smooth.period_s if smooth.period_s else 0.0,
         delay_s=smooth.delay_s,
-        spoilt=light.spoilt,
-        irradiance=light.irradiance,
+        spoilt=seen.spoilt,
+        irradiance=seen.irradiance,
         count=wanted,
         need=state.need.count if state.need else 0,
         can=int(state.can) if settings.frame_ms else 0,

@@ -1,0 +1,74 @@
+"""What a scene needs: VEMLIGHT_DATA=FOLDER python -m bench.sampler_need. Writes docs/charts/sampler_need.csv and .png.
+
+For each map of FOLDER/hdri: the number of lights that the controller chooses for promised errors of 5 to 40 %, and the error it then has,
+measured apart: on 1024 probes it does not know, against every cell of the map.
+"""
+
+import csv
+import os
+import sys
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+from bench.judge import read_source
+from services.files import written_whole
+from services.sampler.control import DARKEST, need
+from services.sampler.density import light_map
+from services.sampler.points import points
+from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from services.sampler.warp import warp_from_map
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+OUT = Path(__file__).parents[1] / "docs" / "charts"
+PROMISED = (0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4)
+MOST = 1024
+
+
+def chosen(radiance: np.ndarray) -> list[tuple[float, int, float]]:
+    """(promised error, number of lights, error on other probes) for a map (rows, cols, 3)."""
+    light = light_map(radiance, "hemisphere")
+    samples = warp_from_map(light, "havran-azimuth").sample(points(MOST, "relaxed"))
+    tint = samples.radiance / samples.density[:, None] / light.irradiance
+    at = probes(1024, "hemisphere")
+    truth, result = irradiance_of_map(at, light.radiance, "hemisphere"), []
+    for promised in PROMISED:
+        count = need(light, samples.directions, tint, promised)
+        irradiance = tint[:count] / tint[:count].sum(axis=0) * light.irradiance
+        got = irradiance_of_lights(at, samples.directions[:count], irradiance)
+        error = np.sqrt((((got - truth) / (truth + DARKEST * truth.mean())) ** 2).mean())
+        result.append((promised, count, float(error)))
+    return result
+
+
+def main() -> None:
+    folder = Path(os.environ.get("VEMLIGHT_DATA", "")) / "hdri"
+    paths = sorted(path for path in folder.glob("*") if path.suffix in (".hdr", ".exr"))
+    if not paths:
+        sys.exit(f"{folder}: there are no .hdr or .exr maps; set VEMLIGHT_DATA to a folder with hdri/ in it")
+    results = {path.stem.removesuffix("_1k"): chosen(read_source(path).polar) for path in paths}
+    OUT.mkdir(parents=True, exist_ok=True)
+    with written_whole(OUT / "sampler_need.csv") as part, open(part, "w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(("map", "promised", "lights", "had"))
+        table.writerows((name, p, n, f"{e:.4f}") for name, rows in results.items() for p, n, e in rows)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(13, 5))
+    for k, (name, rows) in enumerate(sorted(results.items(), key=lambda item: -item[1][3][1])):
+        promised, count, had = np.array(rows).T
+        left.loglog(promised * 100, count, "o-", color=plt.get_cmap("turbo")(k / max(len(results) - 1, 1)), label=name)
+        right.loglog(promised * 100, had * 100, "o-", color=plt.get_cmap("turbo")(k / max(len(results) - 1, 1)))
+        print(f"{name:<28}", " ".join(f"{100 * p:4.1f} %: {n:4.0f} ({100 * e:4.1f} %)" for p, n, e in rows))
+    left.set(xlabel="promised error, %", ylabel="lights chosen", title="Lights that a scene needs")
+    left.legend(fontsize=7)
+    right.plot([4, 50], [4, 50], color="gray", linestyle="--")
+    right.set(xlabel="promised error, %", ylabel="error on other probes, %", title="Promised and had")
+    figure.text(0.01, 0.01, "python -m bench.sampler_need; havran-azimuth, relaxed points, at most 1024 lights", fontsize=7)
+    figure.tight_layout(rect=(0, 0.03, 1, 1))
+    figure.savefig(OUT / "sampler_need.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()

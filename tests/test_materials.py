@@ -112,3 +112,10 @@ def test_the_scene_files_material_overrules_the_mesh_files(tmp_path):
     quad(tmp_path, "quad.glb", Image.new("RGB", (4, 4), (255, 0, 0)))
     scene = scene_of(tmp_path, '[[mesh]]\nfile = "quad.glb"\nmaterial = {diffuse = [0.1, 0.2, 0.3]}')
     assert scene.meshes[0].material == Phong((0.1, 0.2, 0.3))
+
+
+def test_a_file_that_says_nothing_of_its_material_is_gray(tmp_path):
+    (tmp_path / "plain.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
+    (tmp_path / "plainer.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    for name in ("plain.obj", "plainer.obj"):
+        assert scene_of(tmp_path, f'[[mesh]]\nfile = "{name}"').meshes[0].material == Phong()

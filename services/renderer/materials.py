@@ -82,9 +82,16 @@ def material_from_visual(visual: Any) -> tuple[Material | None, np.ndarray | Non
         both = found.metallicRoughnessTexture
         rough = None if both is None else np.ascontiguousarray(_texels(both, linear=True)[..., [2, 1]])  # blue, green
         return Ggx(base, metallic, roughness, _colours(found.baseColorTexture), rough), uv
+    if _stands_in(getattr(found, "image", None)):
+        return None, None
     image = _colours(getattr(found, "image", None))
     diffuse = (1.0, 1.0, 1.0) if image is not None else _factor(getattr(found, "diffuse", None), coded=True)
     return Phong(diffuse, image=image), uv
+
+
+def _stands_in(image: Any) -> bool:
+    """Whether this is the plain 2 x 2 image that trimesh puts where an OBJ has texture coordinates but no material."""
+    return image is not None and image.size == (2, 2) and len(np.unique(np.asarray(image).reshape(4, -1), axis=0)) == 1
 
 
 def _factor(value: Any, coded: bool = False) -> Colour:

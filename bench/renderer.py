@@ -1,0 +1,194 @@
+"""What each pass of the renderer costs and how that grows; the speed and the error of kept shadow maps.
+
+    python -m bench.renderer [--out docs/charts] [--frames 15]
+
+Writes renderer_passes.csv and .png (cost over lights, triangles and pixels) and renderer_speed.csv (frames a second). The scene has the
+size of Havran et al. 2005: 16,206 triangles, 72 lights, 72 maps of 256 x 256, 320 x 240 pixels. Times are medians and least values of
+wall time.
+"""
+
+import argparse
+import csv
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from services.lights import Lights
+from services.renderer.materials import Phong
+from services.renderer.meshes import Geometry, bounds, clean_geometry, shape_geometry
+from services.renderer.renderer import Renderer
+from services.renderer.scene import Camera, Mesh, Scene
+from services.settings import Renderer as Settings
+from services.sphere import direction_from_angles
+
+PASSES = ("shadow maps", "surfaces", "classes", "lights", "whole frame")
+LIGHTS = 72
+
+
+def tube_knot(steps: int, sides: int) -> Geometry:
+    """A trefoil knot as a closed tube with 2 steps sides triangles, about 1 m wide."""
+    t = np.arange(steps) * (2 * np.pi / steps)
+    path = 0.2 * np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=-1)
+    along = np.roll(path, -1, axis=0) - np.roll(path, 1, axis=0)
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    side = np.cross(along, np.array([0.0, 0.0, 1.0]))  # the path is never upright
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    a = np.arange(sides) * (2 * np.pi / sides)
+    ring = np.cos(a)[None, :, None] * side[:, None] + np.sin(a)[None, :, None] * np.cross(along, side)[:, None]
+    index = np.arange(steps * sides).reshape(steps, sides)
+    right, up, both = np.roll(index, -1, 1), np.roll(index, -1, 0), np.roll(np.roll(index, -1, 0), -1, 1)
+    quads = [np.stack([index, right, both], axis=-1), np.stack([index, both, up], axis=-1)]
+    return clean_geometry((path[:, None] + 0.09 * ring).reshape(-1, 3), np.concatenate([q.reshape(-1, 3) for q in quads]), None)
+
+
+def paper_scene(knot: Geometry | None = None) -> Scene:
+    """Ground, box, sphere and knot: 2 + 12 + 9,024 + 7,168 triangles unless another knot is given."""
+    knot = knot or tube_knot(256, 14)
+    shine = (0.1, 0.1, 0.1)
+    parts = [
+        Mesh("ground", shape_geometry("plane").moved(3 * np.eye(3), np.zeros(3)), Phong((0.6, 0.6, 0.6))),
+        Mesh("box", shape_geometry("box").moved(0.4 * np.eye(3), np.array([-0.9, 0.2, 0.4])), Phong((0.2, 0.3, 0.5))),
+        Mesh("sphere", shape_geometry("sphere").moved(0.45 * np.eye(3), np.array([0.9, -0.3, 0.45])), Phong((0.5, 0.2, 0.1), shine, 80)),
+        Mesh("knot", knot.moved(np.eye(3), np.array([0.1, 0.9, 0.6])), Phong((0.6, 0.5, 0.2), shine, 40)),
+    ]
+    low, high = bounds([part.geometry for part in parts])
+    return Scene(Camera(position=(2.4, -4.0, 2.4), at=(0.0, 0.1, 0.45), fov_y=34.0), tuple(parts), (low + high) / 2, (high - low) / 2)
+
+
+def sky(count: int, turn: float = 0.0, lowest: float = 0.0) -> Lights:
+    """Equal lights spread evenly over all directions with z above `lowest`, turned about z by `turn` rad."""
+    k = np.arange(count) + 0.5
+    directions = direction_from_angles(np.arccos(1 - (1 - lowest) * k / count), k * np.pi * (3 - np.sqrt(5)) + turn)
+    return Lights.of(k, directions, np.full((count, 3), np.pi / count))
+
+
+def spent(work: Callable[[], object], frames: int) -> tuple[float, float]:
+    """Median and least wall time in ms of a piece of work."""
+    times = []
+    work()
+    for _ in range(frames):
+        started = time.perf_counter()
+        work()
+        times.append((time.perf_counter() - started) * 1e3)
+    return float(np.median(times)), float(np.min(times))
+
+
+def passes(scene: Scene, lights: Lights, settings: Settings, frames: int) -> dict[str, tuple[float, float]]:
+    """Wall time of each pass, ms: (median, least)."""
+    renderer = Renderer(scene, settings)
+    context, atlas, surfaces, shading = renderer._context, renderer._atlas, renderer._surfaces, renderer._shading
+    batch = atlas.batches(lights)[0]
+    works = (
+        lambda: atlas.draw(batch),
+        lambda: surfaces.draw((0.5, 0.5)),
+        lambda: shading.classify(surfaces, 1.0),
+        lambda: shading.add(surfaces, atlas, batch, 1.0),
+    )
+
+    def finished(work: Callable[[], None]) -> None:
+        with context:
+            work()
+            context.finish()
+
+    found = {name: spent(partial(finished, work), frames) for name, work in zip(PASSES, works, strict=False)}
+    found[PASSES[-1]] = spent(lambda: renderer.render(lights), frames)
+    renderer.release()
+    return found
+
+
+def growth(frames: int) -> Iterator[tuple[str, int, str, float, float]]:
+    """Rows (what grows, how much, pass, median ms, least ms)."""
+    usual = Settings(width=320, height=240)
+    for count in (8, 24, 72, 144, 288):
+        for name, (median, least) in passes(paper_scene(), sky(count), usual, frames).items():
+            yield "lights", count, name, median, least
+    for steps in (24, 80, 256, 800, 2500):
+        scene = paper_scene(tube_knot(steps, steps // 18 + 3))
+        size = sum(len(mesh.geometry.triangles) for mesh in scene.meshes)
+        for name, (median, least) in passes(scene, sky(LIGHTS), usual, max(frames // 3, 3)).items():
+            yield "triangles", size, name, median, least
+    for width in (80, 160, 320, 640, 1280):
+        settings = Settings(width=width, height=width * 3 // 4)
+        for name, (median, least) in passes(paper_scene(), sky(LIGHTS), settings, max(frames // 2, 3)).items():
+            yield "pixels", width * width * 3 // 4, name, median, least
+    for regions in (0, 12, 24, 48, 100):
+        settings = Settings(width=320, height=240, light_regions=regions)
+        for name, (median, least) in passes(paper_scene(), sky(LIGHTS, lowest=-1.0), settings, frames).items():
+            yield "regions, lights from all sides", regions, name, median, least
+
+
+def speed(frames: int) -> Iterator[tuple[float, float, float, float, int, float]]:
+    """Rows (target ms or 0, degrees a frame, median ms, least ms, lights drawn, relative RMSE against all lights and maps)."""
+    exact = Renderer(paper_scene(), Settings(width=320, height=240))
+    for target_ms in (0.0, 100.0, 40.0):
+        for degrees in (0.0, 0.05, 0.5, 5.0):
+            renderer = Renderer(paper_scene(), Settings(width=320, height=240, frame_ms=target_ms))
+            times, errors = [], []
+            for frame in range(frames + 5):
+                lights = sky(LIGHTS, np.radians(degrees) * frame)
+                started = time.perf_counter()
+                picture = renderer.render(lights)
+                times.append((time.perf_counter() - started) * 1e3)
+                truth = exact.render(lights)
+                errors.append(float(np.sqrt(np.mean((picture - truth) ** 2) / np.mean(truth**2))))
+            drawn = min(LIGHTS, renderer.affordable_lights or LIGHTS)
+            renderer.release()
+            yield target_ms, degrees, float(np.median(times[5:])), float(np.min(times[5:])), drawn, float(np.mean(errors[5:]))
+    exact.release()
+
+
+def chart(rows: list[tuple[str, int, str, float, float]], caption: str, path: Path) -> None:
+    """One small picture for each thing that grows, a line a pass."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    kinds = list(dict.fromkeys(row[0] for row in rows))
+    figure, axes = pyplot.subplots(1, len(kinds), figsize=(4.2 * len(kinds), 4.2), sharey=True)
+    for axis, kind in zip(axes, kinds, strict=True):
+        for name in PASSES:
+            points = [(size, least) for grows, size, what, _, least in rows if (grows, what) == (kind, name)]
+            axis.plot(*zip(*points, strict=True), marker="o", markersize=3, label=name)
+        axis.set(xlabel=kind, yscale="log", xscale="symlog" if kind.startswith("regions") else "log")
+        axis.grid(alpha=0.3, which="both")
+    axes[0].set_ylabel("ms, least of the frames")
+    axes[0].legend(fontsize=8)
+    figure.suptitle(caption, fontsize=8, y=0.02)
+    figure.tight_layout(rect=(0, 0.04, 1, 1))
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--out", type=Path, default=Path("docs/charts"))
+    options.add_argument("--frames", type=int, default=15)
+    given = options.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    probe = Renderer(paper_scene(), Settings(width=8, height=8))
+    machine = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {probe.info}"
+    probe.release()
+    rows = []
+    for row in growth(given.frames):
+        rows.append(row)
+        print(f"{row[0]:32} {row[1]:9d}  {row[2]:12} {row[3]:8.1f} ms (least {row[4]:.1f})", flush=True)
+    with (given.out / "renderer_passes.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([("grows", "size", "pass", "median_ms", "least_ms"), *rows])
+    chart(rows, f"python -m bench.renderer; 16,206 triangles, 72 lights, maps of 256 x 256, 320 x 240 where not said otherwise; {machine}",
+          given.out / "renderer_passes.png")
+    table = []
+    for row in speed(given.frames):
+        table.append(row)
+        print("target {:.0f} ms, {:.2f} degrees a frame: {:.1f} ms (least {:.1f}), {} lights, error {:.4f}".format(*row), flush=True)
+    with (given.out / "renderer_speed.csv").open("w", newline="") as file:
+        header = ("target_ms", "degrees_a_frame", "median_ms", "least_ms", "lights", "relative_rmse")
+        csv.writer(file).writerows([header, *table])
+
+
+if __name__ == "__main__":
+    main()

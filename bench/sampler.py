@@ -1,7 +1,7 @@
 """How fast the sampler is: python -m bench.sampler [--frames 100000]. Writes docs/charts/sampler_speed.csv and .png, and prints the table.
 
-Times are CPU times of the whole process, which one thread uses; wall clocks of a shared machine would measure its other users. With
-mitsuba installed (extra `bench`; it needs libLLVM 15 or newer, DRJIT_LIBLLVM_PATH) its envmap is measured in the same run on the same
+Times are CPU times of the whole process, which one thread uses, in the quietest of five batches: on a shared machine the rest measures its
+other users, who empty the caches. With mitsuba installed (extra `bench`; it needs libLLVM 15 or newer, DRJIT_LIBLLVM_PATH) its envmap is measured in the same run on the same
 pixels and points.
 """
 
@@ -33,13 +33,14 @@ from matplotlib import pyplot as plt
 
 OUT = Path(__file__).parents[1] / "docs" / "charts"
 METHODS: tuple[WarpName, ...] = ("havran-azimuth", "havran-radius", "standard")
+BATCHES = 5
 PAPER_SAMPLES_PER_MS = 410  # Havran et al. 2005, section 5, a Pentium 4 of 3 GHz
 FIRST_FRAME = """
 import time; start = time.perf_counter()
 import numpy as np
 from services.sampler.step import initial_state, step
 from services.settings import Sampler
-settings = Sampler(count=300, clusters=72)
+settings = Sampler(method="havran-azimuth", count=300, clusters=72)
 step(settings, initial_state(settings), np.ones((90, 360, 3), np.float32), "hemisphere", 0.0)
 print(time.perf_counter() - start)
 """
@@ -65,21 +66,22 @@ def sky(rows: int = 90, cols: int = 360) -> np.ndarray:
 
 
 def measured(what: str, size: int, work: Callable[[], Any], repeats: int, counted: int = 0) -> Row:
-    """CPU time of `work`, after three runs that are not counted."""
+    """CPU time of `work` in the quietest of BATCHES batches, after three runs that are not counted."""
     for _ in range(3):
         work()
-    times = np.empty(repeats)
-    for k in range(repeats):
+    batches = np.empty((BATCHES, repeats))
+    for k in range(batches.size):
         start = time.process_time()
         work()
-        times[k] = time.process_time() - start
+        batches.flat[k] = time.process_time() - start
+    times = batches[np.median(batches, axis=1).argmin()]
     median, p99 = np.quantile(times, [0.5, 0.99]) * 1e3
     return Row(what, size, float(median), float(p99), counted / float(median) if counted else 0.0)
 
 
 def whole_step() -> list[Row]:
     """The step of the issue's target, 90 x 360 to 300 lights with tables, sampling, FIR and clustering, and its parts."""
-    radiance, settings = sky(), Sampler(count=300, clusters=72)
+    radiance, settings = sky(), Sampler(method=METHODS[0], count=300, clusters=72)
     maps = [radiance * np.float32(1 + 0.02 * k) for k in range(4)]
     state = initial_state(settings)
     frame = 0
@@ -89,14 +91,14 @@ def whole_step() -> list[Row]:
         state, _, _ = step(settings, state, maps[frame % 4], "hemisphere", frame / 25)
         frame += 1
 
-    rows = [measured("step: 90 x 360 to 300 lights, FIR, 72 clusters", 300, one, 3000)]
+    rows = [measured("step: 90 x 360 to 300 lights, FIR, 72 clusters", 300, one, 1000)]
     light = light_map(radiance, "hemisphere")
     warp, anchor = steadied(warp_from_map(light, "havran-azimuth"), None, 1.0)
     table = points(300, "relaxed")
     samples = warp.sample(table)
     drawn = np.concatenate([samples.directions, samples.radiance / samples.density[:, None] / light.irradiance], axis=1)
     now = filter.Frame(frame / 25, light.irradiance, drawn)
-    lights = step(Sampler(count=300), initial_state(settings), radiance, "hemisphere", 0.0)[1]
+    lights = step(Sampler(method=METHODS[0], count=300), initial_state(settings), radiance, "hemisphere", 0.0)[1]
     clusters = cluster.clustered(lights, 72, "hemisphere", cluster.NONE)[0]
     parts: list[tuple[str, Callable[[], Any]]] = [
         ("part: cleaning, importance, integrals", lambda: light_map(radiance, "hemisphere")),
@@ -108,10 +110,10 @@ def whole_step() -> list[Row]:
         ("part: irradiance", lambda: irradiance(np.ones(300), drawn[:, 3:], light.irradiance)),
         ("part: clustering", lambda: cluster.clustered(lights, 72, "hemisphere", clusters)),
     ]
-    rows += [measured(what, 300, work, 1000) for what, work in parts]
-    asked = Sampler(count=300, error_percent=15.0)
+    rows += [measured(what, 300, work, 300) for what, work in parts]
+    asked = Sampler(method=METHODS[0], count=300, error_percent=15.0)
     state = step(asked, initial_state(asked), radiance, "hemisphere", 0.0)[0]
-    rows.append(measured("step with the number of lights controlled", 300, lambda: step(asked, state, radiance, "hemisphere", 0.04), 1000))
+    rows.append(measured("step with the number of lights controlled", 300, lambda: step(asked, state, radiance, "hemisphere", 0.04), 300))
     return rows
 
 
@@ -123,14 +125,14 @@ def scaling() -> list[Row]:
         warp = warp_from_map(light, method)
         for count in (300, 1000, 10_000, 100_000):
             table = halton(count)
-            rows.append(measured(f"samples: {method}", count, lambda w=warp, t=table: w.sample(t), max(30, 300_000 // count), count))
+            rows.append(measured(f"samples: {method}", count, lambda w=warp, t=table: w.sample(t), max(20, 100_000 // count), count))
     for factor in (0.5, 1, 2, 4, 8):
         size = (int(90 * factor), int(360 * factor))
         radiance = sky(*size)
         cells = size[0] * size[1]
-        rows.append(measured("map to tables", cells, lambda r=radiance: warp_from_map(light_map(r, "hemisphere"), METHODS[0]), 60, cells))
+        rows.append(measured("map to tables", cells, lambda r=radiance: warp_from_map(light_map(r, "hemisphere"), METHODS[0]), 30, cells))
     for count in (300, 3000, 30_000, 100_000):
-        settings = Sampler(count=count)
+        settings = Sampler(method=METHODS[0], count=count)
         state = step(settings, initial_state(settings), sky(), "hemisphere", 0.0)[0]
         work = partial(step, settings, state, sky(), "hemisphere", 0.04)
         rows.append(measured("step: lights, FIR", count, work, 20, count))
@@ -147,7 +149,7 @@ def beside_mitsuba() -> list[Row]:
         def build(table: np.ndarray = table) -> None:
             warp_from_map(light_map(radiance, "sphere"), "havran-azimuth").sample(table)
 
-        rows.append(measured("vemlight: new map, then samples", count, build, 60, count))
+        rows.append(measured("vemlight: new map, then samples", count, build, 30, count))
     try:
         import drjit as dr  # pyright: ignore[reportMissingImports]
         import mitsuba as mi  # pyright: ignore[reportMissingImports]
@@ -171,13 +173,13 @@ def beside_mitsuba() -> list[Row]:
             dr.eval(record, weight)
             dr.sync_thread()
 
-        rows.append(measured("mitsuba envmap: new map, then samples", count, rebuild, 60, count))
+        rows.append(measured("mitsuba envmap: new map, then samples", count, rebuild, 30, count))
     return rows
 
 
 def memory(frames: int) -> list[Row]:
     """Resident memory in MiB (in the column of the median) after a tenth and after all of many frames."""
-    settings, radiance = Sampler(count=72, clusters=36), sky(24, 96)
+    settings, radiance = Sampler(method=METHODS[0], count=72, clusters=36), sky(24, 96)
     state, rows = initial_state(settings), []
     for k in range(1, frames + 1):
         state, _, _ = step(settings, state, radiance, "hemisphere", k / 25)

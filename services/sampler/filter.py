@@ -15,7 +15,7 @@ from services.sampler.taps import taps_from_settings
 from services.settings import Sampler
 from services.sphere import luminance
 
-LONGEST_GAP_S = 1.0  # what was seen longer ago says nothing about now, unless the frames come that slowly
+LONGEST_GAP_S = 1.0  # what was seen longer ago says nothing about now; a sequence slower than this is one of stills, each by itself
 RATE_FRAMES = 9  # the period is the median of the last 8 intervals, so that three lost frames do not change it
 DARK = 1e-3  # a frame with less than this of its neighbours' power does not steer the lights: it is a dropped or covered picture
 HALF_POWER = np.sqrt(np.sqrt(2.0) - 1)  # angular frequency x time constant at which two low-passes in a row leave half the power
@@ -60,12 +60,12 @@ def filtered(settings: Sampler, memory: Memory, frame: Frame, lowest: float) -> 
     Directions never cancel out: a short mean is pulled to the light's own direction in the middle of the filter.
     """
     frames = memory.frames
-    taps = taps_from_settings(settings, 1 / period if (period := _period(frames)) else 0.0)
-    if frames and not 0 < frame.time_s - frames[-1].time_s <= max((len(taps) - 1) * period, LONGEST_GAP_S):
+    if frames and not 0 < frame.time_s - frames[-1].time_s <= max(_reach_s(settings, frames), LONGEST_GAP_S):
         memory, frames = EMPTY, ()
     frames = tuple(f._replace(lights=_as_many(f.lights, frame.lights)) for f in frames)
     frames = (*frames, _steered(settings, frames, frame))
     period = _period(frames)
+    taps = taps_from_settings(settings, 1 / period if period else 0.0)
     if settings.filter == "iir":
         stages, delay_s = _low_passed(settings, memory.stages, frames, period, lowest)
         return Filtered(Memory(frames[-RATE_FRAMES:], memory.debt, stages), stages[1], delay_s, period)
@@ -75,6 +75,11 @@ def filtered(settings: Sampler, memory: Memory, frame: Frame, lowest: float) -> 
     power = np.maximum(owed, 0.0)
     result = Frame(frame.time_s, power, _mean_lights(frames, shares, delay_s, lowest))
     return Filtered(Memory(_needed(frames, shares, len(taps)), owed - power, (result, result)), result, delay_s, period)
+
+
+def _reach_s(settings: Sampler, frames: tuple[Frame, ...]) -> float:
+    period = _period(frames)
+    return (len(taps_from_settings(settings, 1 / period)) - 1) * period if period else 0.0
 
 
 def _period(frames: tuple[Frame, ...]) -> float:

@@ -8,6 +8,8 @@ import signal
 import time
 from typing import Any, Protocol, TypeVar
 
+import msgspec
+import numpy as np
 import zmq
 
 from services import wire
@@ -66,6 +68,16 @@ class Source(Protocol):
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
         """Frame `index` of the source as number `sequence`, seen at `time_s`."""
         ...
+
+
+class Camera(Protocol):
+    """Where frames come from by themselves."""
+
+    def message(self, wait_s: float) -> tuple[tuple[wire.Map, tuple[np.ndarray, ...]] | None, int]:
+        """The next frame, if one came within `wait_s`, and how many were lost before it."""
+        ...
+
+    def close(self) -> None: ...
 
 
 class Stop:
@@ -286,3 +298,38 @@ def _source_lossless(settings: Settings, source: Source, wires: Wires, publisher
         supply.wanted()
         supply.send(frame, end=count)
         say_status(publisher, tally)
+
+
+def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
+    """Runs capture on a camera, in live mode. Paused, the held light is sent again with each new frame's number and stamp.
+
+    Raises BadInput for sockets that cannot be had and for a camera that cannot go on.
+    """
+    wires = Wires(settings.wire)
+    stop = Stop()
+    try:
+        tally = Tally("capture", restarts)
+        publisher, wishes = wires.bind("capture", "publish"), wires.subscribe("viewer", "control")
+        paused, limit = False, settings.capture.frames or None
+        held: tuple[wire.Map, tuple[np.ndarray, ...]] | None = None
+        while not stop.asked:
+            admit(publisher)
+            for wish, _ in received(wishes, tally):
+                paused = wish.paused if isinstance(wish, wire.Control) else paused
+            if limit is not None and tally.frames >= limit:
+                publish(publisher, (wire.End(sequence=2**53 - 1), ()))
+                time.sleep(END_PERIOD_S)
+            else:
+                began_s = time.monotonic()
+                message, lost = camera.message(POLL_MS / 1e3)
+                tally.dropped += lost
+                if message and held and paused:
+                    message = msgspec.structs.replace(held[0], stamp=message[0].stamp), held[1]
+                if message:
+                    held = message
+                    publish(publisher, message)
+                    tally.finished(message, time.monotonic() - began_s)
+            say_status(publisher, tally)
+    finally:
+        camera.close()
+        wires.close()

@@ -39,7 +39,8 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
     state = initial_state(sampling)
     for k in range(len(frames)):
         frame = frames.frame(k)
-        state, lights, _ = step(sampling, state, frame.radiance, frame.coverage, frame.time_s)
+        centroids = np.column_stack([frame.strong, frame.centres.astype(np.float64)])
+        state, lights, _ = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, None, centroids)
         yield Lit(frame, lights)
 
 

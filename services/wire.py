@@ -46,12 +46,15 @@ class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Map(Part, frozen=True, tag="map"):
-    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32, finite."""
+    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32; of the cells that hold much of the light, strong (strong,) int64,
+    row * cols + column, and centres (strong, 3) float32, the direction of the light's centre inside each.
+    """
 
     stamp: Stamp
     rows: Side
     cols: Side
     coverage: Coverage
+    strong: Annotated[int, Meta(ge=0, le=4096)] = 0
     luminance_scale: Annotated[float, Meta(gt=0, le=1e30)] | None = None  # cd/m2 per unit, when calibrated
     spoilt: Tally = 0  # cells that came as nan, inf or negative and were set to 0
     black: Tally = 0  # pixels that the sensor's code clipped
@@ -139,7 +142,7 @@ def layout(header: Header) -> tuple[tuple[Literal["<f4", "<i8", "|u1"], tuple[in
     """Type and shape of each array that belongs to `header`."""
     match header:
         case Map():
-            return (("<f4", (header.rows, header.cols, 3)),)
+            return ("<f4", (header.rows, header.cols, 3)), ("<i8", (header.strong,)), ("<f4", (header.strong, 3))
         case Lights():
             n, m = header.count, header.fine
             return ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n, 3)), ("<f4", (m, 3)), ("<f4", (m, 3))
@@ -184,6 +187,8 @@ def unpack(parts: Sequence[bytes]) -> Message:
         if dtype == "<f4" and not np.isfinite(array).all():
             raise ValueError(f"{_kind(header)}: array with nan or inf")
         arrays.append(array)
+    if isinstance(header, Map) and not ((arrays[1] >= 0) & (arrays[1] < header.rows * header.cols)).all():
+        raise ValueError("map: a strong cell outside the map")
     return header, tuple(arrays)
 
 

@@ -22,7 +22,10 @@ def messages() -> dict[str, wire.Message]:
         service="sampler", sequence=7, rate_hz=25.0, age_ms=3.5, step_ms=0.75, frames=8, skipped=1, dropped=2, refused=0, restarts=1
     )
     return {
-        "map": (wire.Map(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1), (radiance,)),
+        "map": (
+            wire.Map(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1, strong=1),
+            (radiance, np.array([5], np.int64), directions[1:]),
+        ),
         "lights": (
             wire.Lights(stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, lamp_hz=100.0, flicker_hz=16.0),
             (np.array([0, 2**40], np.int64), directions, irradiance, directions[:1], irradiance[:1] / 2),
@@ -42,21 +45,22 @@ def messages() -> dict[str, wire.Message]:
 def refused() -> dict[str, list[bytes]]:
     """Messages that a reader must refuse, each spoilt in one way."""
     whole = {name: wire.pack(*message) for name, message in messages().items()}
-    topic, header, radiance = whole["map"]
+    topic, header, radiance, *strong = whole["map"]
     spoilt = np.frombuffer(radiance, "<f4").copy()
     spoilt[5] = np.nan
     return {
         "no_header": [topic],
-        "wrong_topic": [b"lights", header, radiance],
+        "wrong_topic": [b"lights", header, radiance, *strong],
         "array_missing": [topic, header],
-        "array_short": [topic, header, radiance[:-4]],
-        "array_long": [topic, header, radiance + b"\0\0\0\0"],
-        "array_nan": [topic, header, spoilt.tobytes()],
+        "array_short": [topic, header, radiance[:-4], *strong],
+        "array_long": [topic, header, radiance + b"\0\0\0\0", *strong],
+        "array_nan": [topic, header, spoilt.tobytes(), *strong],
         "array_too_many": [*whole["end"], b""],
-        "header_cut": [topic, header[:-3], radiance],
+        "header_cut": [topic, header[:-3], radiance, *strong],
         "header_unknown_key": [b"end", msgspec.msgpack.encode({"kind": "end", "sequence": 1, "extra": 0})],
         "header_negative": [b"end", msgspec.msgpack.encode({"kind": "end", "sequence": -1})],
-        "header_huge_side": [topic, msgspec.msgpack.encode(msgspec.to_builtins(messages()["map"][0]) | {"rows": 2**30}), radiance],
+        "header_huge_side": [topic, msgspec.msgpack.encode(msgspec.to_builtins(messages()["map"][0]) | {"rows": 2**30}), radiance, *strong],
+        "strong_outside": [topic, header, radiance, np.array([8], "<i8").tobytes(), strong[1]],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon"})],
     }
 

@@ -54,7 +54,10 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
     pixels = np.full((48, 64, 4), 255, np.uint8)
     pixels[:, sequence % 64] = (255, 0, 0, 255)
     return {
-        "capture": (wire.Map(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3), (radiance,)),
+        "capture": (
+            wire.Map(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3),
+            (radiance, np.zeros(0, int), np.zeros((0, 3))),
+        ),
         "sampler": (
             wire.Lights(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
             (np.arange(count), directions, irradiance, directions[:0], irradiance[:0]),

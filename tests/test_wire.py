@@ -43,9 +43,9 @@ def test_vectors_hold_for_a_reader_that_knows_only_msgpack():
 
 
 def test_pack_refuses_arrays_of_another_shape():
-    header, (radiance,) = golden.messages()["map"]
+    header, (radiance, *strong) = golden.messages()["map"]
     with pytest.raises(ValueError, match="shape"):
-        wire.pack(header, [radiance[:1]])
+        wire.pack(header, [radiance[:1], *strong])
     with pytest.raises(ValueError, match="arrays belong"):
         wire.pack(header, [])
 

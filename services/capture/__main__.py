@@ -2,14 +2,17 @@
 
 import sys
 
-from services.capture.stage import CaptureSource
-from services.loop import run_source
+from services.capture.stage import CaptureCamera, CaptureSource
+from services.loop import run_camera, run_source
 from services.settings import Settings
 from services.start import start
 
 
 def main(settings: Settings, restarts: int = 0) -> None:
-    run_source(settings, CaptureSource(settings.capture), restarts)
+    if settings.capture.source.startswith("/dev/"):
+        run_camera(settings, CaptureCamera(settings.capture), restarts)
+    else:
+        run_source(settings, CaptureSource(settings.capture), restarts)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,19 @@
-"""Capture as a source of the pipeline: the frames of a recording or a camera as messages."""
+"""Capture as the beginning of the pipeline: the frames of a recording or a camera as messages."""
 
+import sys
+
+import msgspec
 import numpy as np
 
 from services import settings, wire
-from services.capture.source import open_source
+from services.capture.frames import Frame
+from services.capture.source import Live, open_source
+
+MapMessage = tuple[wire.Map, tuple[np.ndarray, ...]]
 
 
 class CaptureSource:
-    """See `services.loop.Source`."""
+    """Recorded frames; see `services.loop.Source`."""
 
     def __init__(self, settings: settings.Capture) -> None:
         """Raises BadInput when the source is not there or not whole."""
@@ -18,19 +24,54 @@ class CaptureSource:
         return len(self._source)
 
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
-        """What is nan, infinite or negative is counted as spoilt and travels as 0. Raises BadInput for a damaged file."""
-        stamp = wire.stamp(sequence, time_s)
-        frame = self._source.frame(index)
-        good = np.isfinite(frame.radiance) & (frame.radiance >= 0)
-        rows, cols, _ = frame.radiance.shape
-        header = wire.Map(
-            stamp=stamp,
-            rows=rows,
-            cols=cols,
-            coverage=frame.coverage,
-            luminance_scale=frame.luminance_scale,
-            spoilt=int(np.count_nonzero(~good.all(axis=-1))),
-            black=frame.black,
-            saturated=frame.saturated,
-        )
-        return header, (np.where(good, frame.radiance, np.float32(0)),)
+        """Raises BadInput for a damaged file."""
+        return map_message(self._source.frame(index), wire.stamp(sequence, time_s))
+
+
+class CaptureCamera:
+    """A camera's frames as they come; see `services.loop.Camera`."""
+
+    def __init__(self, settings: settings.Capture) -> None:
+        """Raises BadInput for a camera, lens or response that cannot be used."""
+        self._live = Live(settings)
+        self._said = ""
+        self._sequence = -1
+
+    def message(self, wait_s: float) -> tuple[MapMessage | None, int]:
+        """The next frame, if one came within `wait_s`, and how many were lost before it. Numbers go on over the lost ones.
+
+        Raises BadInput when the camera comes back with another size.
+        """
+        frame = self._live.next(wait_s)
+        if self._live.state != self._said:
+            self._said = self._live.state
+            print(f"vemlight: {self._said}", file=sys.stderr, flush=True)
+        if frame is None:
+            return None, 0
+        self._sequence += frame.lost + 1
+        stamp = wire.stamp(self._sequence, frame.time_s)
+        if frame.monotonic_ns is not None:  # the kernel's stamp: realtime is moved back by the frame's age
+            age_ns = max(0, stamp.monotonic_ns - frame.monotonic_ns)
+            stamp = msgspec.structs.replace(stamp, monotonic_ns=frame.monotonic_ns, captured_ns=stamp.captured_ns - age_ns)
+        return map_message(frame, stamp), frame.lost
+
+    def close(self) -> None:
+        self._live.close()
+
+
+def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
+    """What is nan, infinite or negative in the frame is counted as spoilt and travels as 0."""
+    good = np.isfinite(frame.radiance) & (frame.radiance >= 0)
+    rows, cols, _ = frame.radiance.shape
+    header = wire.Map(
+        stamp=stamp,
+        rows=rows,
+        cols=cols,
+        coverage=frame.coverage,
+        strong=len(frame.strong),
+        luminance_scale=frame.luminance_scale,
+        spoilt=int(np.count_nonzero(~good.all(axis=-1))),
+        black=frame.black,
+        saturated=frame.saturated,
+    )
+    return header, (np.where(good, frame.radiance, np.float32(0)), frame.strong.astype(np.int64), frame.centres)

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
+import numpy as np
 
 from services import settings, wire
 from services.channels import Service
@@ -39,7 +40,10 @@ class SamplerStage:
     def step(self, state: SamplerState, message: wire.Message) -> tuple[SamplerState, wire.Message]:
         header, arrays = message
         assert isinstance(header, wire.Map)
-        memory, lights, report = step(state.settings, state.memory, arrays[0], header.coverage, header.stamp.time_s, state.render_ms)
+        radiance, strong, centres = arrays
+        centroids = np.column_stack([strong, centres.astype(np.float64)])
+        time_s = header.stamp.time_s
+        memory, lights, report = step(state.settings, state.memory, radiance, header.coverage, time_s, state.render_ms, centroids)
         fine = report.fine or Lights.none()
         made = wire.Lights(
             stamp=header.stamp,

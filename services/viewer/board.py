@@ -53,7 +53,7 @@ class Board:
     def _show(self, header: wire.Header, arrays: tuple[np.ndarray, ...], passed_over: int) -> None:
         match header:
             case wire.Map():
-                self.disc.put(header, *arrays)
+                self.disc.put(header, arrays[0])
             case wire.Lights():
                 self._lights = {name: getattr(header, name) for name in NO_LIGHTS}
                 self.lights.put(header, *arrays[:3])

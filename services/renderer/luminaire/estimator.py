@@ -26,22 +26,22 @@ SHADOW_START = 1e-4  # of the way to the lamp: a ray leaves its own surface
 
 class Surfaces(NamedTuple):
     """What is lit, (n, ...) float64 in the luminaire's frame: positions, shading and flat normals on the viewer's side, the mirrored view,
-    and lambert = diffuse / pi, phong = specular (exponent + 2) / (2 pi), (n, 3) each, exponent (n,)."""
+    diffuse and specular (n, 3), shape (n,), the Phong exponent or GGX' alpha, and kind (n,): 2 for GGX, below for Lambert and Phong."""
 
     positions: np.ndarray
     normals: np.ndarray
     flat_normals: np.ndarray
     mirrored: np.ndarray
-    lambert: np.ndarray
-    phong: np.ndarray
-    exponent: np.ndarray
+    diffuse: np.ndarray
+    specular: np.ndarray
+    shape: np.ndarray
+    kind: np.ndarray
 
 
 def receivers(positions: np.ndarray, normals: np.ndarray) -> Surfaces:
-    """White surfaces whose reflected radiance is the irradiance itself: lambert = 1."""
+    """Surfaces whose reflected radiance is the irradiance itself: diffuse = pi."""
     n = len(positions)
-    zeros = np.zeros((n, 3))
-    return Surfaces(positions, normals, normals, normals, np.ones((n, 3)), zeros, np.zeros(n))
+    return Surfaces(positions, normals, normals, normals, np.full((n, 3), np.pi), np.zeros((n, 3)), np.zeros(n), np.zeros(n))
 
 
 def halton(count: int) -> np.ndarray:
@@ -164,6 +164,34 @@ def _add_image(tables, m, surfaces, n, box, shift, points, weight, scene, matrix
             if blocked(scene, ox, oy, oz, wx, wy, wz, SHADOW_START * r, r):
                 continue
         value = weight * phi * (r / p[2]) * cosine / q
-        lobe = max(mirrored[0] * dx + mirrored[1] * dy + mirrored[2] * dz, 0.0) ** surfaces.exponent[n]
+        lobe = max(mirrored[0] * dx + mirrored[1] * dy + mirrored[2] * dz, 0.0)
+        shape = surfaces.shape[n]
+        if surfaces.kind[n] >= 2:
+            over = normal[0] * mirrored[0] + normal[1] * mirrored[1] + normal[2] * mirrored[2]  # cosine of the view, as of its mirror
+            towards = 2 * over * cosine - lobe_signed(mirrored, dx, dy, dz)  # cosine between view and light
+            ggx, grazing = ggx_lobe(cosine, max(over, 1e-4), towards, shape)
+        else:
+            ggx, grazing = (shape + 2) / (2 * math.pi) * lobe**shape, -1.0
         for c in range(3):
-            out[n, c] += value * tables.pixels[m, row, column, c] * (surfaces.lambert[n, c] + surfaces.phong[n, c] * lobe)
+            if grazing < 0:
+                brdf = surfaces.diffuse[n, c] / math.pi + surfaces.specular[n, c] * ggx
+            else:
+                fresnel = surfaces.specular[n, c] + (1 - surfaces.specular[n, c]) * grazing
+                brdf = surfaces.diffuse[n, c] / math.pi * (1 - fresnel) + fresnel * ggx
+            out[n, c] += value * tables.pixels[m, row, column, c] * brdf
+
+
+@njit(cache=True)
+def lobe_signed(mirrored, dx, dy, dz):
+    return mirrored[0] * dx + mirrored[1] * dy + mirrored[2] * dz
+
+
+@njit(cache=True)
+def ggx_lobe(cosine, over, towards, alpha):
+    """(distribution x visibility, Schlick's (1 - v.h)^5) of glTF 2.0, appendix B.3, from the cosines of light and view and between them."""
+    length = math.sqrt(max(2 + 2 * towards, 1e-12))
+    n = min((cosine + over) / length, 1.0)
+    a2 = alpha * alpha
+    t = n * n * (a2 - 1) + 1
+    smith = cosine * math.sqrt(over * over * (1 - a2) + a2) + over * math.sqrt(cosine * cosine * (1 - a2) + a2)
+    return a2 / (math.pi * t * t) * 0.5 / smith, (1 - min((1 + towards) / length, 1.0)) ** 5

@@ -1,5 +1,7 @@
 #version 430
 // A lamp from its far-field photometry: a point with an intensity over direction, and a map towards each face of a cube.
+#include "normals.glsl"
+#include "luminaire_maps.glsl"
 #include "luminaire_surface.glsl"
 
 uniform sampler2D candela;  // columns: C from 0 to 360 degrees; rows: gamma from 0 to 180 degrees; both ends on texel centres

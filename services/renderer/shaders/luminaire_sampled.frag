@@ -1,5 +1,8 @@
 #version 430
 // Position-dependent importance sampling of a light field (Lu et al. 2015): estimator.py, in GLSL.
+#include "normals.glsl"
+#include "luminaire_maps.glsl"
+#include "luminaire_surface.glsl"
 #include "luminaire_field.glsl"
 
 uniform sampler2D sequence;  // Halton points, one texel each

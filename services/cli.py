@@ -80,6 +80,9 @@ _service("viewer", "One service: the page that shows it all.")
 @click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), help="Frames a second, where the source does not say.")
 @click.option("--lens", type=EXISTING, help="Lens file of fisheye frames.")
 @click.option("--response", type=EXISTING, help="Response file of raw frames.")
+@click.option("--clusters", type=click.IntRange(1, 100_000), help="Most lights after merging neighbours.")
+@click.option("--error", type=click.FloatRange(0, 100, min_open=True), help="Per cent: as few lights as keep the irradiance within it.")
+@click.option("--score", is_flag=True, help="Print how true and how steady the lights are.")
 @click.option("--out", type=EXISTING, required=True, help="LIGHTS.json for one frame, LIGHTS.jsonl for any number.")
 def lights(source: Path, out: Path, **options: Any) -> None:
     """Write the lights of a map or a sequence."""
@@ -116,8 +119,14 @@ def render(source: Path, scene: Path | None, size: str, exposure: float, out: Pa
 @click.option("--frames", type=click.IntRange(1), help="How many; left out: one for each map.")
 @click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), default=25.0, show_default=True)
 @click.option("--rotate", type=float, default=0.0, show_default=True, help="Degrees a frame, about the vertical.")
+@click.option("--keyframes", type=EXISTING, help="Motion instead: TOML of [[key]] time_s, rotate_deg = [x, y, z].")
 @click.option("--noise", type=click.FloatRange(0), default=0.0, show_default=True, help="Noise in code steps (sigma).")
+@click.option("--pattern", type=click.FloatRange(0), default=0.0, show_default=True, help="Fixed pattern noise in code steps (sigma).")
+@click.option("--mosaic", type=click.Choice(["mono", "RGGB", "GRBG", "GBRG", "BGGR"]), help="One value a pixel; left out: three.")
 @click.option("--exposure", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds, against mains flicker.")
+@click.option("--flicker", type=click.FloatRange(0), default=0.0, show_default=True, help="Hz of the light: 100 or 120 for mains.")
+@click.option("--dropouts", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Share of frames that get lost.")
+@click.option("--truth", is_flag=True, help="Write the true radiance of each frame, too.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 def simulate(maps: tuple[str, ...], lens: Path, response: Path | None, out: Path, **options: Any) -> None:
     """The virtual camera: lat-long maps (or a scene of its own: outdoor, interior) in, raw fisheye frames out."""
@@ -133,10 +142,107 @@ def simulate(maps: tuple[str, ...], lens: Path, response: Path | None, out: Path
         frames=options["frames"] or 0,
         fps=options["fps"],
         rotate_deg_per_frame=options["rotate"],
+        keyframes=options["keyframes"],
         noise_codes=options["noise"],
+        pattern_codes=options["pattern"],
+        mosaic=options["mosaic"],
         exposure_s=options["exposure"],
+        flicker_hz=options["flicker"],
+        dropouts=options["dropouts"],
+        truth_maps=options["truth"],
         seed=options["seed"],
     )
+
+
+@main.group()
+def calibrate() -> None:
+    """Find what your camera's lens and sensor do."""
+
+
+@calibrate.command()
+@click.argument("images", nargs=-1, required=True, type=EXISTING, metavar="IMAGE...")
+@click.option("--board", required=True, help="Inner corners, COLUMNSxROWS, such as 8x6.")
+@click.option("--square", type=click.FloatRange(0, 10, min_open=True), required=True, help="Side of a square in metres.")
+@click.option("--dictionary", default="", help="ChArUco board: OpenCV's name of its markers, such as DICT_4X4_50.")
+@click.option("--marker", type=click.FloatRange(0, 10), default=0.0, help="ChArUco board: side of a marker in metres.")
+@click.option("--rim", type=click.FloatRange(0, 180), default=0.0, help="Degrees off the axis where the image ends; 0: found.")
+@click.option("--picture", type=EXISTING, help="PNG of coverage and residuals; left out: beside the lens file.")
+@click.option("--out", type=EXISTING, required=True, help="LENS.toml")
+def lens(images: tuple[Path, ...], board: str, square: float, out: Path, **options: Any) -> None:
+    """Find the lens from photographs of a chessboard."""
+    from services.capture.boards import Board
+    from services.capture.calibrate_lens import calibrate_lens
+
+    columns, _, rows = board.partition("x")
+    if not (columns.isdecimal() and rows.isdecimal()):
+        raise BadInput(f"--board {board}: is not COLUMNSxROWS; write it as 8x6")
+    wanted = Board((int(columns), int(rows)), square, options["dictionary"], options["marker"])
+    picture = options["picture"] or out.with_suffix(".png")
+    report = calibrate_lens(list(images), wanted, out, rim_deg=options["rim"], picture=picture)
+    for name, rms in report.views.items():
+        click.echo(f"{name}: {rms:.2f} px")
+    for name, rms in report.rejected.items():
+        click.echo(f"{name}: {rms:.2f} px, left out")
+    for name in report.without:
+        click.echo(f"{name}: no board found")
+    for name, sigma in report.sigma.items():
+        click.echo(f"{name}: +-{sigma:.2g}")
+    click.echo(f"RMS {report.rms_px:.2f} px over {len(report.views)} views, corners out to {report.reach_deg:.1f} degrees; see {picture}")
+
+
+@calibrate.command()
+@click.argument("patches", type=EXISTING)
+@click.option("--kind", type=click.Choice(["log", "companding", "linear", "srgb"]), default="log", show_default=True)
+@click.option("--bits", type=click.IntRange(1, 16), help="Of a code; left out: the fewest of 8, 10, 12, 14, 16 that hold them.")
+@click.option("--accept", is_flag=True, help="Take an error above 5 % at a check patch.")
+@click.option("--corners", help="PATCHES is a frame of a ColorChecker: x,y of dark skin, bluish green, black, white: x,y,x,y,x,y,x,y.")
+@click.option("--white", type=click.FloatRange(0, min_open=True), help="With --corners: cd/m2 measured on the white patch.")
+@click.option("--picture", type=EXISTING, help="PNG of the fit; left out: beside the response file.")
+@click.option("--out", type=EXISTING, required=True, help="RESPONSE.toml")
+def response(patches: Path, kind: Any, bits: int | None, accept: bool, out: Path, **options: Any) -> None:
+    """Find the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
+    from services.capture.calibrate_response import calibrate_response, read_patches
+
+    read = _chart(patches, options["corners"], options["white"]) if options["corners"] else read_patches(patches)
+    picture = options["picture"] or out.with_suffix(".png")
+    report = calibrate_response(read, out, kind=kind, bits=bits or 0, accept=accept, picture=picture)
+    for patch, error in report.errors:
+        click.echo(f"check patch of {patch.luminance:g} cd/m2: {error:+.2%}")
+    click.echo(f"worst error {report.worst:.2%}; see {picture}")
+
+
+def _chart(frame: Path, corners: str, white: float | None) -> list[Any]:
+    from services.capture.calibrate_response import gray_patches
+    from services.images import read_codes
+
+    try:
+        numbers = [float(number) for number in corners.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 8 or not white:
+        raise BadInput("--corners: needs eight numbers x,y,x,y,x,y,x,y and --white the luminance of the white patch")
+    return gray_patches(read_codes(frame), list(zip(numbers[::2], numbers[1::2], strict=True)), white)
+
+
+@main.command()
+@click.argument("settings", type=EXISTING, required=False)
+@click.option("--source", help="Instead of the settings' source: a file, a folder, or /dev/videoN.")
+@click.option("--frames", type=click.IntRange(1), help="How many; left out: all that there are, or until Ctrl-C.")
+@click.option("--out", type=EXISTING, required=True, help="Folder for the recording.")
+def record(settings: Path | None, source: str | None, frames: int | None, out: Path) -> None:
+    """Record a camera's raw frames, or a file source as polar maps, with all that is known in the headers."""
+    import msgspec
+
+    from services.capture.source import record as run
+    from services.settings import read_settings
+
+    wanted = msgspec.structs.replace(read_settings(settings).capture, record=str(out))
+    if source:
+        wanted = msgspec.structs.replace(wanted, source=source if source.startswith("/dev/") else str(Path(source).resolve()))
+    done = run(wanted, frames or 0)
+    click.echo(f"{done.written} frames are in {out}; {done.dropped} dropped, {done.failed} refused by the disk")
+    if done.trouble:
+        raise BadInput(done.trouble)
 
 
 @main.command()

@@ -90,14 +90,19 @@ def _gl() -> Finding:
 
 
 def _cameras() -> Iterator[Finding]:
-    devices = sorted(Path("/dev").glob("video*"))
-    if not devices:
-        yield Finding("warn", "cameras", "none", "plug one in, or replay a recording: [capture] source = FOLDER")
-    for device in devices:
-        if os.access(device, os.R_OK | os.W_OK):
-            yield Finding("pass", "camera", str(device))
+    from services.capture.v4l2 import list_cameras
+
+    cameras = list_cameras()
+    for camera in cameras:
+        if camera.formats:
+            yield Finding("pass", "camera", f"{camera.path}: {camera.card}, {', '.join(camera.formats)}")
         else:
-            yield Finding("fail", "camera", f"{device} may not be opened", "join its group: sudo usermod -aG video $USER")
+            yield Finding("warn", "camera", f"{camera.path}: {camera.card} has no raw format", "use one with GREY, Y10, Y12, Y16 or Bayer")
+    closed = [str(path) for path in sorted(Path("/dev").glob("video*")) if not os.access(path, os.R_OK | os.W_OK)]
+    if closed:
+        yield Finding("fail", "cameras", f"{', '.join(closed)} may not be opened", "join their group: sudo usermod -aG video $USER")
+    elif not cameras:
+        yield Finding("warn", "cameras", "none", "plug one in, or replay a recording: [capture] source = FOLDER")
 
 
 def _ports(settings: Settings) -> Iterator[Finding]:

@@ -89,6 +89,24 @@ def _read_hdr(path: Path) -> np.ndarray:
     return np.ascontiguousarray(pixels[..., ::-1])
 
 
+def read_codes(path: Path) -> np.ndarray:
+    """An image's values as they stand, (height, width) or (height, width, 3) RGB: EXR, or 8 or 16 bits of PNG, TIFF, JPEG.
+
+    Raises BadInput for a file that is missing, damaged or of another kind.
+    """
+    if path.suffix.lower() == ".exr":
+        return read_radiance(path)[0]
+    import cv2
+
+    if not path.is_file():
+        raise BadInput(f"{path}: there is no such file; check the path")
+    with _silent():
+        pixels = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    if pixels is None:
+        raise BadInput(f"{path}: is no readable image; give PNG, TIFF, JPEG or EXR")
+    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., ::-1])
+
+
 def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split())[:200]
 

@@ -7,10 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from services import settings
-from services.capture.source import Frame, Source, open_source
+from services.capture.frames import Frame
+from services.capture.source import Source, open_source
 from services.files import BadInput
 from services.images import write_exr, write_png
 from services.lights import Lights, check_lights_path, lights_row, write_lights
+from services.sampler.score import score as scored
+from services.sampler.score import text
 from services.sampler.step import initial_state, step
 from services.settings import record
 
@@ -31,7 +34,9 @@ def opened(source: Path, options: dict[str, Any]) -> tuple[Source, settings.Samp
     capturing |= {"source": str(source.resolve()), "rows": 180 if options["coverage"] == "sphere" else None}
     frames = open_source(record(settings.Capture, capturing, "--"))
     filtering = options["filter_"] or (None if len(frames) > 1 else "none")
-    return frames, record(settings.Sampler, {"count": options["count"], "method": options["method"], "filter": filtering}, "--")
+    sampling = {"count": options["count"], "method": options["method"], "filter": filtering}
+    sampling |= {"clusters": options.get("clusters"), "error_percent": options.get("error")}
+    return frames, record(settings.Sampler, sampling, "--")
 
 
 def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
@@ -44,12 +49,17 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
         yield Lit(frame, lights)
 
 
-def write_lights_of(source: Path, out: Path, **options: Any) -> None:
-    """Writes the lights of each frame of `source` to `out`. Raises BadInput before any work for an `out` that cannot hold them."""
+def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: Any) -> None:
+    """Writes the lights of each frame of `source` to `out`; `score` prints how true and how steady they are.
+
+    Raises BadInput before any work for an `out` that cannot hold them.
+    """
     frames, sampling = opened(source, options)
     check_lights_path(out, len(frames))
-    lit = lit_frames(frames, sampling)
+    lit = list(lit_frames(frames, sampling))
     write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights) in enumerate(lit)])
+    if score:
+        print(text(scored(((frame.radiance, lights) for frame, lights in lit), lit[0].frame.coverage)))
 
 
 def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: float, out: Path, **options: Any) -> None:

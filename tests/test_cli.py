@@ -46,6 +46,8 @@ def folder(tmp_path: Path) -> Path:
     image = np.full((16, 32, 3), 0.5, np.float32)
     for k in range(3):
         write_exr(tmp_path / f"f_{k:04d}.exr", image)
+    rows = "".join(f"{code},{luminance},fit\n" for code, luminance in ((40, 1), (90, 10), (60, 100), (160, 1000), (190, 5000)))
+    (tmp_path / "falling.csv").write_text(f"code,luminance,use\n{rows}110,30,check\n")
     return tmp_path
 
 
@@ -119,6 +121,14 @@ def test_no_gl(folder):
         (("render", "f_0000.exr", "--size", "large", "--out", "p.png"), ("--size", "640x480")),
         (("render", "f_0000.exr", "--out", "p.gif"), ("p.gif", ".png")),
         (("run", "absent.toml"), ("absent.toml",)),
+        (("calibrate", "lens", "f_0000.exr", "--board", "8", "--square", "0.03", "--out", "l.toml"), ("--board", "8x6")),
+        (("calibrate", "lens", "ghost.jpg", "--board", "8x6", "--square", "0.03", "--out", "l.toml"), ("ghost.jpg",)),
+        (("calibrate", "response", "ghost.csv", "--out", "r.toml"), ("ghost.csv",)),
+        (("calibrate", "response", "falling.csv", "--out", "r.toml"), ("rise",)),
+        (("calibrate", "response", "f_0000.exr", "--corners", "1,2,3", "--white", "9", "--out", "r.toml"), ("--corners",)),
+        (("record", "--source", "/dev/video9999", "--out", "kept"), ("/dev/video9999",)),
+        (("simulate", "f_0000.exr", "--lens", "ghost.toml", "--out", "taken"), ("ghost.toml",)),
+        (("health", "capture", "elsewhere.toml"), ("elsewhere.toml",)),
     ],
 )
 def test_unusable_arguments(arguments, words, folder):
@@ -136,6 +146,20 @@ def test_lights_of_one_lit_pixel_point_at_it(tmp_path):
     lights = row.arrays()
     towards = latlong_directions(64, 128)[13, 90]
     assert np.degrees(np.arccos(np.clip(lights.directions[0] @ towards, -1, 1))) < 180 / 64
+
+
+def test_a_recording_plays_back_the_same_and_lights_are_scored(folder):
+    done = vemlight("record", "--source", ".", "--out", "kept", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "3 frames" in done.stdout
+    for source, out in ((".", "a.jsonl"), ("kept", "b.jsonl")):
+        done = vemlight("lights", source, "--count", 8, "--fps", 25, "--score", "--out", out, cwd=folder)
+        assert done.returncode == 0, done.stderr
+        assert "error" in done.stdout
+        assert "flicker" in done.stdout
+    assert [row.arrays().directions.tolist() for row in read_lights(folder / "a.jsonl")] == [
+        row.arrays().directions.tolist() for row in read_lights(folder / "b.jsonl")
+    ]
 
 
 def test_help_loads_neither_numba_nor_cv2():

@@ -1,8 +1,8 @@
 """How fast the sampler is: python -m bench.sampler [--frames 100000]. Writes docs/charts/sampler_speed.csv and .png, and prints the table.
 
-Times are CPU times of the whole process, which one thread uses, in the quietest of five batches: on a shared machine the rest measures its
-other users, who empty the caches. With mitsuba installed (extra `bench`; it needs libLLVM 15 or newer, DRJIT_LIBLLVM_PATH) its envmap is measured in the same run on the same
-pixels and points.
+Times are CPU times of the whole process, which one thread uses, in the quietest of five batches: on a shared machine the rest measures
+its other users, who empty the caches. With mitsuba installed (extra `bench`; it needs libLLVM 15 or newer, DRJIT_LIBLLVM_PATH) its envmap
+is measured in the same run on the same pixels and points.
 """
 
 import argparse

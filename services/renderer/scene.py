@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Meta
 
 from services.files import BadInput, read_toml
+from services.renderer.luminaire.placement import Luminaire, LuminaireTable, load_luminaire
 from services.renderer.materials import Material, MaterialTable, Phong, material_from_table
 from services.renderer.meshes import Geometry, Part, Shape, bounds, read_parts, shape_geometry
 from services.sphere import rotation_xyz
@@ -42,6 +43,7 @@ class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     camera: Camera
     mesh: list[MeshTable]
+    luminaire: list[LuminaireTable] = []
 
 
 class Mesh(NamedTuple):
@@ -59,13 +61,14 @@ class Scene(NamedTuple):
     meshes: tuple[Mesh, ...]
     centre: np.ndarray
     half: np.ndarray
+    luminaires: tuple[Luminaire, ...] = ()
 
 
 def load_scene(path: Path | None) -> Scene:
     """The scene at `path`, or the bundled demo scene for None.
 
-    Raises BadInput, naming the scene file, the mesh and the mend, for unknown keys, a missing or unreadable mesh file and for meshes
-    that are empty, hold nan or have no area.
+    Raises BadInput, naming the scene file, the mesh and the mend, for unknown keys, a missing or unreadable mesh file, for meshes
+    that are empty, hold nan or have no area, and for luminaires that cannot be read.
     """
     path = path or DEMO_SCENE
     table = read_toml(path, SceneTable)
@@ -76,7 +79,8 @@ def load_scene(path: Path | None) -> Scene:
         raise BadInput(f"{path}: [camera] from and at must be two different finite points; mend them")
     meshes = [mesh for number, row in enumerate(table.mesh, 1) for mesh in _meshes(row, path, f"{path}: [[mesh]] {number}")]
     low, high = bounds([mesh.geometry for mesh in meshes])
-    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2)
+    lamps = [load_luminaire(row, path.parent, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
+    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps))
 
 
 def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:

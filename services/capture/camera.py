@@ -35,7 +35,9 @@ def fisheye_radiance(surround: Surround, world_from_map: np.ndarray, lens: Lens)
     map_from_camera = world_from_map.T @ lens.rotation
     level = BRIGHT * surround.image.mean(axis=(0, 1))
     f, c = np.array(lens.f), np.array(lens.c)
-    image = _gathered(surround.image, level, solid, f, c, lens.k, lens.rim, map_from_camera)
+    image = np.zeros((*solid.shape, 3))
+    if surround.image.any():
+        _gather(surround.image, level, image, solid, f, c, lens.k, lens.rim, map_from_camera)
     camera_from_map = np.ascontiguousarray(map_from_camera.T)
     fine = math.ceil(SPREAD * (math.pi / surround.image.shape[0]) * max(lens.f))
     _hand_over_pixels(surround.image, level, fine, image, solid, f, c, lens.k, lens.rim, camera_from_map)
@@ -46,10 +48,9 @@ def fisheye_radiance(surround: Surround, world_from_map: np.ndarray, lens: Lens)
 
 
 @njit(cache=True)
-def _gathered(source, level, solid, f, c, k, rim, rotation):
+def _gather(source, level, image, solid, f, c, k, rim, rotation):
     rows, cols, _ = source.shape
     height, width = solid.shape
-    image = np.zeros((height, width, 3))
     for y in range(height):
         for x in range(width):
             if solid[y, x] == 0:
@@ -68,7 +69,6 @@ def _gathered(source, level, solid, f, c, k, rim, rotation):
                 col = int((math.pi - math.atan2(my, mx)) / (2 * math.pi) * cols) % cols
                 for q in range(3):
                     image[y, x, q] += min(source[row, col, q], level[q]) / (RAYS * RAYS)
-    return image
 
 
 @njit(cache=True)

@@ -53,7 +53,7 @@ class FisheyeToPolar(NamedTuple):
     rows: int
     cols: int
     pixel: np.ndarray  # (m,) uint32, index into the flat image, ascending
-    cell: np.ndarray  # (m,) uint32, index into the flat map
+    cell: np.ndarray  # (m,) uint16 or uint32, index into the flat map
     weight: np.ndarray  # (m,) float32, shared solid angle / the cell's, over vignetting and flat field
     by_cell: np.ndarray  # (m,) int32, the order that sorts `cell`
     start: np.ndarray  # (rows * cols + 1,) int32: cell c has by_cell[start[c] : start[c + 1]]
@@ -96,7 +96,8 @@ def fisheye_to_polar(
     weight = (share / cells[cell] / own.ravel()[pixel]).astype(np.float32)
     by_cell = np.argsort(cell, kind="stable").astype(np.int32)
     start = np.searchsorted(cell[by_cell], np.arange(rows * cols + 1)).astype(np.int32)
-    return FisheyeToPolar(solid.shape, rows, cols, pixel.astype(np.uint32), cell.astype(np.uint32), weight, by_cell, start)
+    cell = cell.astype(np.uint16 if rows * cols <= 2**16 else np.uint32)  # what is read most is best small
+    return FisheyeToPolar(solid.shape, rows, cols, pixel.astype(np.uint32), cell, weight, by_cell, start)
 
 
 def _seen_whole(lens: Lens, rows: int, cols: int, coverage: Coverage) -> np.ndarray:

@@ -134,18 +134,26 @@ def _axis_nodes(field: LightField, point: np.ndarray, axis: int) -> tuple[np.nda
 def far_intensity(field: LightField, direction: np.ndarray) -> np.ndarray:
     """Intensity (n, 3), W sr^-1 (cd), far away towards unit vectors (n, 3) with z > 0: the integral of L cos theta over U.
 
-    With s = u + distance tan(theta) the sum of phi_m C_m over U is a correlation; the midpoint rule takes 16 places a spacing.
+    Along parallel rays s - u is one vector, so image m contributes its mean over the support, weighted by phi, at the support moved by it;
+    the midpoint rule takes 16 places a spacing.
     """
-    direction = np.atleast_2d(direction)
     cells = 16
-    (u_m, v_m), half = field.centres_m, field.half_support_m
-    axes = [np.arange(c[0] - half, c[-1] + half, field.spacing_m / cells) + field.spacing_m / (2 * cells) for c in (u_m, v_m)]
-    u = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    rows = []
-    for d in direction:
+    n = SUPPORT_CELLS[field.kind] * cells
+    local = (np.arange(n) + 0.5) / cells - n / (2 * cells)  # spacings
+    phi = basis(field.kind, local) * (field.spacing_m / cells)
+    height, width = field.images.shape[2:4]
+    out = np.zeros((len(np.atleast_2d(direction)), 3))
+    for k, d in enumerate(np.atleast_2d(direction)):
         if d[2] <= 0:
-            rows.append(np.zeros(3))
             continue
-        s = u + field.distance_m * d[:2] / d[2]
-        rows.append(radiance(field, u, s).sum(axis=0) * d[2] * (field.spacing_m / cells) ** 2)
-    return np.array(rows)
+        along = []
+        for axis, size in ((0, width), (1, height)):
+            s = field.centres_m[axis][:, None] + local * field.spacing_m + field.distance_m * d[axis] / d[2]
+            place = (s - field.window_m[axis]) / field.pixel_m[axis]
+            pixel = np.clip(place, 0, size - 1).astype(np.int64)
+            share = np.zeros((len(s), size))  # of each pixel in the weighted mean
+            np.add.at(share, (np.arange(len(s))[:, None], pixel), phi * ((place >= 0) & (place < size)))
+            along.append(share)
+        total = np.einsum("is,jt,jitsc->c", along[0], along[1], field.images, optimize=True)
+        out[k] = total * (field.distance_m / field.spacing_m) ** 2 / d[2] ** 3  # cos theta of the emitter over cos^4 theta
+    return out

@@ -96,10 +96,10 @@ def from_rays(path: Path, out: Path, *, basis: Kind = "bell", functions: int = 9
         raise BadInput(f"{path}: functions lie in 2..32, pixels in 1..1024 and the angle in 1..87 degrees; mend the option")
     file = read_rays(path)
     rays = file.rays
-    z = waist_z_m(rays) if plane_z_m is None else plane_z_m
     ahead = rays.directions[:, 2] > np.cos(np.radians(angle_deg))
     if not ahead.any() or luminance(rays.flux[ahead]).sum() <= 0:
         raise BadInput(f"{path}: no ray goes within {angle_deg:g} degrees of +z; turn the set or widen the angle")
+    z = waist_z_m(rays._replace(flux=rays.flux * ahead[:, None])) if plane_z_m is None else plane_z_m
     if spacing_m is None:
         slope = rays.directions[ahead, :2] / rays.directions[ahead, 2:]
         reach = np.abs(rays.positions[ahead, :2] + (z - rays.positions[ahead, 2:]) * slope).max(axis=1)

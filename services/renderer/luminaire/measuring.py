@@ -174,8 +174,10 @@ def field_from_rays(rays: Rays, planes: Planes, plane_z_m: float, unit: Unit, na
 
 
 def waist_z_m(rays: Rays) -> float:
-    """Height of the plane across which the rays are least spread: where the flux-weighted variance of their crossings is smallest."""
-    forward = rays.directions[:, 2] > 0.1  # steeper than 84 degrees says nothing of where the source is
+    """Height of the plane that rays with flux cross least spread: where the flux-weighted variance of their crossings is smallest."""
+    forward = (rays.directions[:, 2] > 0.05) & (rays.flux.sum(axis=-1) > 0)  # steeper than 87 degrees says nothing of the source's place
+    if not forward.any():
+        return 0.0
     weight = rays.flux[forward].sum(axis=-1)
     slope = rays.directions[forward, :2] / rays.directions[forward, 2:]
     at_zero = rays.positions[forward, :2] - rays.positions[forward, 2:] * slope

@@ -1,0 +1,180 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.files import BadInput
+from services.lights import Lights
+from services.renderer.luminaire.bases import Kind
+from services.renderer.luminaire.cells import cell_views, median_position
+from services.renderer.luminaire.lightfield import LightField, irradiance
+from services.renderer.luminaire.luminaire_file import write_luminaire
+from services.renderer.luminaire.placement import placed
+from services.renderer.renderer import Renderer
+from services.renderer.scene import load_scene
+from services.settings import Renderer as Settings
+
+DARK = Lights.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+SIZE = 48
+FROM_ABOVE = "[camera]\nfrom = [0.0, 0.0, 40.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 4.0\n"  # 2.8 m of the ground
+GROUND = '[[mesh]]\nshape = "plane"\nscale = 4.0\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n'
+BALL = '[[mesh]]\nshape = "sphere"\nscale = 0.2\nat = [0.1, 0.1, 0.4]\nmaterial = {diffuse = [0.4, 0.3, 0.3], specular = [0.2, 0.2, 0.2]}\n'
+LAMP = '[[luminaire]]\nfile = "lamp.exr"\nat = [0.0, 0.0, 1.5]\nrotate = [180.0, 0.0, 0.0]\nmethod = "sampled"\n'
+
+
+def a_field(kind: Kind = "bell", distance: float = 0.3, window: float = 0.2) -> LightField:
+    rng = np.random.default_rng(1)
+    y, x = np.meshgrid(np.linspace(-1, 1, 16), np.linspace(-1, 1, 16), indexing="ij")
+    images = np.empty((3, 4, 16, 16, 3))
+    for j, i in np.ndindex(3, 4):
+        lobe = np.exp(-3 * ((x - (i - 1.5) / 5) ** 2 + (y - (j - 1) / 5) ** 2)) * np.exp(0.4 * rng.normal(size=(16, 16)))
+        images[j, i] = lobe[..., None] * [1.0, 0.8, 0.6]
+    return LightField(images.astype(np.float32), kind, 0.03, (-0.045, -0.03), distance, (-window, -window, window, window), "radiometric",
+                      "lobes")
+
+
+def scene_with(folder: Path, text: str, field: LightField | None = None):
+    write_luminaire(folder / "lamp.exr", field or a_field())
+    (folder / "scene.toml").write_text(text)
+    return load_scene(folder / "scene.toml")
+
+
+def picture(scene, lights: Lights = DARK, samples: int = 1, move=None) -> np.ndarray:
+    renderer = Renderer(scene, Settings(width=SIZE, height=SIZE, shadow_map=64), samples)
+    try:
+        if move:
+            renderer.render(lights)
+            renderer.place_luminaire(*move)
+        return renderer.render(lights).copy()
+    finally:
+        renderer.release()
+
+
+def ground_points() -> np.ndarray:
+    """World positions of the pixels of FROM_ABOVE on the ground, (SIZE * SIZE, 3): +X right, +Y up."""
+    step = 2 * 40 * np.tan(np.radians(2)) / SIZE
+    x = (np.arange(SIZE) + 0.5 - SIZE / 2) * step
+    return np.stack([*np.meshgrid(x, -x), np.zeros((SIZE, SIZE))], axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("kind", ["bell", "b-spline"])
+def test_a_white_ground_reflects_the_exact_irradiance_over_pi(tmp_path, kind):
+    field = a_field(kind)
+    image = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + LAMP + "samples = 3000\ninterleave = 1\n", field))[..., :3].reshape(-1, 3)
+    world_from_local = placed((0.0, 0.0, 1.5), (180.0, 0.0, 0.0))
+    some = np.random.default_rng(2).choice(SIZE * SIZE, 60, replace=False)
+    local = (ground_points()[some] - world_from_local[:3, 3]) @ world_from_local[:3, :3]
+    truth = np.array([irradiance(field, p, np.array([0.0, 0.0, -1.0])) for p in local]) / np.pi
+    assert np.abs(image[some] - truth).max() < 0.01 * truth.max()  # 3,000 Halton points
+
+
+def test_the_gpu_draws_what_the_cpu_draws(tmp_path):
+    """The same samples in float32 and float64, with a pixel 10^5 times the mean in a table that only float64 holds."""
+    field = a_field()
+    field.images[1, 2, 8, 9] = 1e5 * field.images.mean()
+    lamp = LAMP + "samples = 40\ninterleave = 4\n"
+    scene = scene_with(tmp_path, FROM_ABOVE + GROUND + lamp + 'shadows = "none"\n', field)
+    gpu = picture(scene)[..., :3]
+    cpu = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + lamp + 'shadows = "traced"\n', field))[..., :3]
+    assert cpu.max() > 0
+    close = np.abs(gpu - cpu) <= 5e-3 * cpu + 1e-5 * cpu.max()
+    # a sample within 10^-7 of a pixel's edge may fall on either side of it
+    assert np.mean(close) > 0.999
+    assert gpu.sum() == pytest.approx(cpu.sum(), rel=1e-3)
+
+
+def test_maps_cast_the_shadows_that_rays_cast(tmp_path):
+    pictures = {}
+    for shadows in ("maps", "traced", "none"):
+        text = FROM_ABOVE + GROUND + BALL + LAMP + f'samples = 150\nshadow_map = 256\nshadows = "{shadows}"\n'
+        pictures[shadows] = picture(scene_with(tmp_path, text))[..., :3]
+
+    def off(a):
+        return np.sqrt(np.mean((pictures[a] - pictures["traced"]) ** 2)) / pictures["traced"].mean()
+    assert off("maps") < 0.25 * off("none")
+    assert pictures["maps"].sum() == pytest.approx(pictures["traced"].sum(), rel=0.02)
+
+
+def test_the_approximation_is_near_the_samples_for_a_narrow_lamp(tmp_path):
+    field = a_field("bell", 1.5, 0.15)
+    text = FROM_ABOVE + GROUND + BALL + LAMP.replace('"sampled"', '"METHOD"') + "samples = 600\n"
+    exact, spots = (picture(scene_with(tmp_path, text.replace("METHOD", m), field))[..., :3] for m in ("sampled", "shift-invariant"))
+    assert np.sqrt(np.mean((spots - exact) ** 2)) < 0.06 * np.sqrt(np.mean(exact**2))
+    assert spots.sum() == pytest.approx(exact.sum(), rel=0.02)
+
+
+def test_auto_chooses_by_the_bound(tmp_path):
+    text = FROM_ABOVE + GROUND + LAMP.replace("sampled", "auto")
+    assert not scene_with(tmp_path, text, a_field()).luminaires[0].shift_invariant
+    assert scene_with(tmp_path, text, a_field("bell", 1.5, 0.05)).luminaires[0].shift_invariant
+
+
+def test_luminaires_add_up_with_each_other_and_with_the_lights(tmp_path):
+    sky = Lights.of(np.arange(1), np.array([[0.0, 0.6, 0.8]]), np.ones((1, 3)))
+    other = LAMP.replace("at = [0.0, 0.0, 1.5]", "at = [0.5, 0.2, 1.0]")
+    one, two, both = (picture(scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamps)) for lamps in (LAMP, other, LAMP + other))
+    lit = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + BALL), sky)
+    together = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + LAMP + other), sky)
+    assert np.allclose(both[..., :3], one[..., :3] + two[..., :3], rtol=1e-4, atol=1e-6)
+    assert np.allclose(together[..., :3], both[..., :3] + lit[..., :3], rtol=1e-4, atol=1e-6)
+    assert np.array_equal(together[..., 3], lit[..., 3])
+
+
+def test_a_moved_and_dimmed_lamp_is_as_if_it_had_always_been_there(tmp_path):
+    scene = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + LAMP)
+    there = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + LAMP.replace("[0.0, 0.0, 1.5]", "[0.3, 0.1, 1.2]") + "power = 0.5\n")
+    assert np.array_equal(picture(scene, move=(0, (0.3, 0.1, 1.2), (180.0, 0.0, 0.0), 0.5)), picture(there))
+
+
+def test_behind_the_lamp_and_with_no_power_it_is_dark(tmp_path):
+    for change in (LAMP.replace("[180.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]"), LAMP + "power = 0.0\n"):
+        image = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + change))
+        assert not image[..., :3].any()
+        assert image[..., 3].min() == 1
+
+
+def test_a_far_field_lights_by_the_inverse_square(tmp_path):
+    numbers = [1, 1000, 1.0, 3, 1, 1, 2, 0.1, 0.1, 0.0, 1.0, 1.0, 10, 0, 90, 180, 0, 100, 100, 100]
+    (tmp_path / "even.ies").write_text("TILT=NONE\n" + " ".join(str(n) for n in numbers))
+    lamp = '[[luminaire]]\nfile = "even.ies"\nat = [0.0, 0.0, 1.5]\n'
+    image = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + lamp))[..., :3].reshape(-1, 3)
+    r = np.linalg.norm(ground_points() - [0, 0, 1.5], axis=1)
+    assert image == pytest.approx(np.repeat((100 * 1.5 / r**3 / np.pi)[:, None], 3, axis=1), rel=2e-3)
+    shadowed = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamp))[..., :3].reshape(-1, 3)
+    # the ball hangs at 0.4 m below the lamp's 1.5 m: its shadow is centred at 0.1 x 1.5 / 1.1 and 0.2 x 1.5 / 1.1 wide, under the ball
+    # itself but for a rim on the far side
+    rim = np.hypot(*(ground_points()[:, :2] - 0.1 * 1.5 / 1.1).T) < 0.2
+    rim &= np.hypot(*(ground_points()[:, :2] - 0.1).T) > 0.24
+    assert np.all(shadowed[rim] == 0)
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ('[[luminaire]]\nfile = "none.exr"\n', "no such file"),
+    ('[[luminaire]]\nfile = "lamp.exr"\nsamples = 0\n', "samples"),
+    ('[[luminaire]]\nfile = "lamp.exr"\nat = [nan, 0.0, 0.0]\n', "finite"),
+    ('[[luminaire]]\nfile = "lamp.exr"\ncolour = 1\n', "colour"),
+    ('[[luminaire]]\nfile = "lamp.exr"\nshadows = "soft"\n', "shadows"),
+])
+def test_a_bad_table_is_refused(tmp_path, text, said):
+    with pytest.raises(BadInput, match=said) as caught:
+        scene_with(tmp_path, FROM_ABOVE + GROUND + text)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("rows", "cols", "kind", "count"), [(7, 9, "bell", 80), (5, 5, "b-spline", 49), (9, 11, "b-spline", 143)])
+def test_there_are_as_many_maps_as_2015_counts(rows, cols, kind, count):
+    field = a_field(kind)._replace(images=np.ones((rows, cols, 4, 4, 3), np.float32))
+    for reference in ("sampling", "measurement"):
+        views = cell_views(field, 5.0, reference)
+        assert len(views.rows) == count
+        assert np.all(views.rows[:, 4:6] < views.rows[:, 6:8])
+
+
+def test_the_reference_on_the_measurement_plane_is_where_the_light_is():
+    field = a_field()._replace(images=np.zeros((3, 4, 16, 16, 3), np.float32))
+    field.images[:, :, 5, 12] = 1
+    s = np.array([-0.2 + 12.5 * 0.025, -0.2 + 5.5 * 0.025])
+    assert median_position(field, field.images[0, 0, ..., 0]) == pytest.approx(s, abs=1e-9)
+    assert cell_views(field, 5.0, "measurement").rows[:, :3] == pytest.approx(np.tile([*s, 0.3], (20, 1)), abs=1e-6)
+    field.images[:] = 0
+    assert np.all(cell_views(field, 5.0, "measurement").rows[:, :2] == 0)

@@ -182,8 +182,9 @@ def photometry(out: Path) -> None:
     none = np.zeros((1, 1, 1))
     rows = []
     for n, level in enumerate(levels):
-        codes = exposed(np.full((64, 64, 3), level), LOG12, 0.5, none, None, (0, n)).astype(np.uint16)
-        error = np.abs(radiance_table(LOG12)[codes] / level - 1)
+        true = level * 10 ** np.random.default_rng(n).uniform(-0.025, 0.025, (64, 64, 3))  # all places between two codes
+        codes = exposed(true, LOG12, 0.5, none, None, (0, n)).astype(np.uint16)
+        error = np.abs(radiance_table(LOG12)[codes] / true - 1)
         rows.append([f"{level:.6g}", f"{np.median(error):.6f}", f"{np.percentile(error, 95):.6f}"])
     write_rows(out / "capture_photometry.csv", ["radiance", "median_error", "p95_error"], rows)
     median, p95 = np.array([[float(r[1]), float(r[2])] for r in rows]).T

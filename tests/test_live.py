@@ -4,6 +4,7 @@ import os
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ LENS = Lens(size=(320, 180), f=(55.0, 55.0), c=(159.5, 89.5), k1=0.0, k2=0.0, k3
 def live_settings(folder: Path, form: str = "Y12", bits: int = 12, **changes) -> Capture:
     write_lens(folder / "l.toml", LENS)
     write_response(folder / "r.toml", Linear(bits=bits, a=0.0, b=100.0))
-    names = {"lens": str(folder / "l.toml"), "response": str(folder / "r.toml")}
+    names: dict[str, Any] = {"lens": str(folder / "l.toml"), "response": str(folder / "r.toml")}
     return Capture(source="/dev/video0", format=form, fps=10.0, rows=30, cols=90, **names, **changes)
 
 
@@ -42,7 +43,7 @@ def test_recording_replays_to_the_same_maps(tmp_path: Path, form: str, bits: int
     live.close()
     assert len(frames) == 10
     assert f"{form} 320x180 at 10" not in live.state  # closed
-    files = {"lens": str(tmp_path / "l.toml"), "response": str(tmp_path / "r.toml")}
+    files: dict[str, Any] = {"lens": str(tmp_path / "l.toml"), "response": str(tmp_path / "r.toml")}
     again = open_source(Capture(source=str(tmp_path / "out"), rows=30, cols=90, **files))
     assert live.recorder is not None
     assert len(again) + live.recorder.dropped == 10

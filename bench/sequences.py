@@ -26,6 +26,7 @@ ROWS, COLS, FPS, FRAMES = 90, 360, 25.0, 48
 NOISE = 0.02  # standard deviation of a pixel's noise, relative
 SUN = 2.0  # power of the added sun, over the map's own: two thirds of all light, as in the sunny maps
 LAMP = 1.0  # of the added lamp
+SETTLE_S = 1.5  # flicker is looked for from the 24th frame on
 RIPPLE = 0.3  # amplitude of a lamp on alternating current, relative; fluorescent tubes have 0.2 to 0.5
 
 
@@ -178,14 +179,14 @@ def spoilt(world: World) -> Iterator[Frame]:
 
 
 def mains(fps: float) -> Callable[[World], Iterator[Frame]]:
-    """Half of all light from a lamp on 50 Hz, which ripples at 100 Hz; the truth is its mean. A second to settle, then FRAMES
+    """Half of all light from a lamp on 50 Hz, which ripples at 100 Hz; the truth is its mean. SETTLE_S to settle, then FRAMES
     frames.
     """
 
     def frames(world: World) -> Iterator[Frame]:
         generator = np.random.default_rng(4)
         truth = turned(world, np.eye(3), disc(LAMP_AT, 4.0, LAMP * world.power))
-        for k in range(round(fps) + FRAMES):
+        for k in range(round(SETTLE_S * fps) + FRAMES):
             part = 1 + RIPPLE * np.cos(2 * np.pi * 100 * k / fps + 0.7)
             now = turned(world, np.eye(3), disc(LAMP_AT, 4.0, part * LAMP * world.power))
             yield Frame(k / fps, truth._replace(centroids=now.centroids), _noisy(now.polar, generator))

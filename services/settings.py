@@ -52,10 +52,10 @@ class Capture(Record, frozen=True):
 
 
 class Sampler(Record, frozen=True):
-    method: Literal["havran-azimuth", "havran-radius", "standard"] = "havran-azimuth"
+    method: Literal["tracked", "havran-azimuth", "havran-radius", "standard"] = "tracked"
     points: Literal["relaxed", "halton"] = "relaxed"
     count: Count = 72  # lights; the most of them where error_percent or frame_ms chooses
-    filter: Literal["fir2005", "fir", "binomial", "iir", "none"] = "fir2005"
+    filter: Literal["auto", "adaptive", "fir2005", "fir", "binomial", "iir", "none"] = "auto"  # auto: "tracked" adaptive, others fir2005
     order: Annotated[int, Meta(ge=2, le=64, multiple_of=2)] = 8  # "fir": frames it looks back; the delay is half of them
     pass_hz: Annotated[float, Meta(gt=0, le=500)] = 3.0  # "fir": kept up to here; "iir": half the power left here
     stop_hz: Annotated[float, Meta(gt=0, le=500)] = 6.0  # "fir": removed from here on
@@ -64,6 +64,10 @@ class Sampler(Record, frozen=True):
     fine: Annotated[int, Meta(ge=0, le=100_000)] = 0  # lights in the second set, many and weak, for glossy surfaces; 0: no such set
     error_percent: Annotated[float, Meta(ge=0, le=100)] = 0.0  # as many lights as keep the irradiance within this of the map's; 0: `count`
     frame_ms: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # as many lights as the renderer draws in this time; 0: no limit
+
+    def __post_init__(self) -> None:
+        if self.filter not in ("auto", "none") and (self.method == "tracked") != (self.filter == "adaptive"):
+            raise ValueError(f"filter {self.filter} does not go with method {self.method}; name another method, or filter auto")
 
 
 class Renderer(Record, frozen=True):

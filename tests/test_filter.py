@@ -1,10 +1,14 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
 from services.sampler.filter import EMPTY, Frame, filtered
 from services.sampler.taps import taps_from_settings
-from services.settings import Sampler
+from services.settings import Sampler as Settings
+
+Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
 
 PAPER = Sampler(filter="fir2005")
 TAPS = taps_from_settings(PAPER, 25.0)

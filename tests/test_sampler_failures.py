@@ -1,12 +1,16 @@
 """What happens where the method is not at home: each case with its defined answer, for every method and filter that it concerns."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from services.sampler.score import score
 from services.sampler.step import initial_state, step
-from services.settings import Sampler
+from services.settings import Sampler as Settings
 from services.sphere import angle_between, direction_from_angles, map_irradiance
+
+Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
 
 ROWS, COLS = 45, 180  # cells of 2 degrees
 METHODS = ["havran-azimuth", "havran-radius", "standard"]

@@ -1,4 +1,5 @@
 import pickle
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -8,8 +9,10 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 
 from services.sampler.step import initial_state, irradiance, step
-from services.settings import Sampler
+from services.settings import Sampler as Settings
 from services.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+
+Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
 
 METHODS = ["havran-azimuth", "havran-radius", "standard"]
 PLAIN = Sampler(filter="none")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from services.sampler.tracked_cells import assign
-from services.sampler.tracked_smooth import NO_FLICKER, NO_NOISE, Flicker, ripple, with_lights, with_map
+from services.sampler.tracked_noise import NO_NOISE, with_map
 from services.sampler.tracked_tiles import grid, received, tiles_from_map
 from services.sphere import Coverage, cell_directions, luminance, map_irradiance
 
@@ -84,19 +84,3 @@ def test_a_turning_sky_has_no_noise():
     for k in range(20):
         noise = with_map(noise, luminance(np.roll(radiance, 2 * k, axis=1)[:, ::4].astype(float)))
     assert np.sqrt(noise.variance) < 0.01
-
-
-@pytest.mark.parametrize("fps", [21.0, 30.0])
-def test_a_lamps_flicker_is_taken_from_the_lamp_alone(fps):
-    flicker = NO_FLICKER
-    for k in range(40):
-        part = 1 + 0.3 * np.cos(2 * np.pi * 100 * k / fps + 1)
-        flicker = with_lights(flicker, np.array([4, 7]), np.array([2.0 * part, 5.0]), k / fps, set())
-    np.testing.assert_allclose(ripple(flicker, 100.0), [part, 1.0], atol=0.03)
-    np.testing.assert_array_equal(ripple(flicker, 0.0), [1.0, 1.0])
-
-
-def test_a_new_light_takes_the_past_of_all_light():
-    flicker = Flicker(np.array([1, 2]), np.array([0.0, 0.04]), np.array([[1.0, 3.0], [2.0, 6.0]]))
-    after = with_lights(flicker, np.array([2, 9]), np.array([3.0, 1.0]), 0.08, set())
-    np.testing.assert_allclose(after.powers, [[3, 1], [6, 2], [3, 1]])

@@ -8,9 +8,11 @@ from services.lights import Lights
 from services.sampler import cluster, control, filter, flicker
 from services.sampler.density import LightMap, light_map
 from services.sampler.points import points
+from services.sampler.tracked import NO_CENTROIDS, TRIALS, initial_tracked, needed, tracked_step
+from services.sampler.tracked import State as Tracked
 from services.sampler.warp import Anchor, steadied, warp_from_map
 from services.settings import Sampler
-from services.sphere import Coverage
+from services.sphere import Coverage, luminance
 
 OFFSET_TIME_S = 0.12  # the warp's offset follows the light with this time constant: three frames at 25 fps, against pixel noise
 LOWEST: dict[Coverage, float] = {"hemisphere": 0.0, "sphere": -1.0}  # z of the directions that a filter may give
@@ -20,7 +22,7 @@ class State(NamedTuple):
     """What the sampler remembers between frames.
 
     time_s: of the last frame, None before the first. anchor: what steadies the warp's offset. presence: (n,), how far each light has come.
-    need: lights that the scene needs. can: lights that the renderer can draw.
+    need: lights that the scene needs. can: lights that the renderer can draw. tracked, tracked_fine: of the method "tracked".
     """
 
     coverage: Coverage
@@ -32,6 +34,8 @@ class State(NamedTuple):
     need: control.Need | None
     can: float
     clusters: cluster.Clusters
+    tracked: Tracked
+    tracked_fine: Tracked
 
 
 class Report(NamedTuple):
@@ -59,20 +63,30 @@ class Report(NamedTuple):
 
 def initial_state(settings: Sampler) -> State:
     """The state before the first frame."""
-    return State("hemisphere", None, None, filter.EMPTY, flicker.NONE, np.zeros(0), None, float(settings.count), cluster.NONE)
+    can, tracked = float(settings.count), initial_tracked()
+    return State("hemisphere", None, None, filter.EMPTY, flicker.NONE, np.zeros(0), None, can, cluster.NONE, tracked, tracked)
 
 
 def step(
-    settings: Sampler, state: State, radiance: np.ndarray, coverage: Coverage, time_s: float, render_ms: float | None = None
+    settings: Sampler,
+    state: State,
+    radiance: np.ndarray,
+    coverage: Coverage,
+    time_s: float,
+    render_ms: float | None = None,
+    centroids: np.ndarray = NO_CENTROIDS,
 ) -> tuple[State, Lights, Report]:
     """The lights of a polar map captured at `time_s`.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. render_ms: time of the renderer's last picture, None when
-    there is no new one. The irradiance of the lights sums to the map's integral in every channel; with a filter (or with flicker taken
-    out) to the filtered integral. Settings may change from call to call.
+    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. render_ms: time of the renderer's last picture,
+    None when there is no new one. centroids: (k, 4) float64, of strong cells row * cols + column and the unit vector of the flux
+    centroid inside the cell, which the method "tracked" uses. The irradiance of the lights sums to the map's integral in every
+    channel; with a filter (or with flicker taken out) to the filtered integral. Settings may change from call to call.
     """
     if coverage != state.coverage:
         state = initial_state(settings)._replace(coverage=coverage)
+    if settings.method == "tracked":
+        return _tracked(settings, state, radiance, coverage, time_s, render_ms, centroids)
     seen = light = light_map(radiance, coverage)
     beat = flicker.with_frame(state.flicker, time_s, flicker.block_powers(seen, settings.deflicker))
     if settings.deflicker and beat.depth > 0:
@@ -101,8 +115,67 @@ def step(
     return state._replace(time_s=time_s, anchor=anchor, filter=smooth.memory, flicker=beat, clusters=clusters), lights, report
 
 
+def _tracked(
+    settings: Sampler,
+    state: State,
+    radiance: np.ndarray,
+    coverage: Coverage,
+    time_s: float,
+    render_ms: float | None,
+    centroids: np.ndarray,
+) -> tuple[State, Lights, Report]:
+    """The step of the method "tracked", whose lights need neither a filter with a delay nor clusters."""
+    shown, beat = radiance, state.flicker
+    if settings.deflicker:
+        seen = light_map(radiance, coverage)
+        beat = flicker.with_frame(beat, time_s, flicker.block_powers(seen, True))
+        shown = flicker.without_flicker(seen, beat) if beat.depth > 0 else radiance
+    smoothing = settings.filter != "none"
+    can, wanted = float(settings.count), settings.count
+    if settings.clusters:
+        wanted = min(wanted, settings.clusters)
+    if settings.frame_ms:
+        can = min(state.can, can)
+        if render_ms is not None and len(state.tracked.ids):
+            can = min(control.can(can, len(state.tracked.ids), render_ms, settings.frame_ms), float(settings.count))
+        wanted = min(wanted, max(int(can), 1))
+    most, need = wanted, state.need
+    if settings.error_percent and need:
+        wanted = min(wanted, need.count)
+    now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, centroids, smoothing)
+    if settings.error_percent:
+        light, first = light_map(shown, coverage), need is None
+        for _ in range(TRIALS if first else 1):
+            need = control.held(need, needed(light, lights, settings.error_percent / 100, most), time_s)
+            if first:
+                wanted = need.count
+                now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, centroids, smoothing)
+                need = None
+        need = need or control.Need(wanted, time_s)
+    fine_state, fine = state.tracked_fine, None
+    if settings.fine:
+        fine_state, fine, _ = tracked_step(settings.fine, fine_state, shown, coverage, time_s, centroids, smoothing)
+    if not settings.deflicker:
+        beat = flicker.with_frame(beat, time_s, np.array([float(luminance(report.irradiance))]))
+    made = Report(
+        delay_frames=0.0,
+        delay_s=0.0,
+        spoilt=report.spoilt,
+        irradiance=report.irradiance,
+        count=wanted,
+        need=need.count if need and settings.error_percent else 0,
+        can=int(can) if settings.frame_ms else 0,
+        flicker_hz=beat.beat_hz,
+        lamp_hz=beat.lamp_hz,
+        flicker_depth=beat.depth,
+        fine=fine,
+    )
+    return state._replace(time_s=time_s, flicker=beat, need=need, can=can, tracked=now, tracked_fine=fine_state), lights, made
+
+
 def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> tuple[np.ndarray, Anchor | None]:
     """This frame's lights before filtering, (n, 6) direction and tint, and the anchor of the warp's offset."""
+    assert settings.method != "tracked"
     passed_s = np.inf if state.time_s is None else max(time_s - state.time_s, 0.0)
     warp, anchor = steadied(warp_from_map(light, settings.method), state.anchor, 1 - float(np.exp(-passed_s / OFFSET_TIME_S)))
     if light.power <= 0:
@@ -121,7 +194,8 @@ def _counted(
     """The state with the number of lights brought up to date, and the number wanted."""
     wanted, need, can = settings.count, None, float(settings.count)
     if settings.error_percent:
-        count = control.need(light, drawn[: settings.count, :3], drawn[: settings.count, 3:], settings.error_percent / 100)
+        before = state.need.count if state.need else 0
+        count = control.need(light, drawn[: settings.count, :3], drawn[: settings.count, 3:], settings.error_percent / 100, before)
         need = control.held(state.need, count, time_s)
         wanted = min(wanted, need.count)
     if settings.frame_ms:

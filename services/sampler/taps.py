@@ -15,7 +15,7 @@ BINOMIAL = (1.0, 4.0, 6.0, 4.0, 1.0)  # no negative weight, so nothing overshoot
 
 def taps_from_settings(settings: Sampler, rate_hz: float) -> np.ndarray:
     """The weights of the filter named in the settings for frames at `rate_hz` (0 when unknown), read-only; "iir" and "none": one weight."""
-    if settings.filter == "fir2005":
+    if settings.filter in ("auto", "fir2005"):
         return _unit_sum(PAPER)
     if settings.filter == "binomial":
         return _unit_sum(BINOMIAL)

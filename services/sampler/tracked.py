@@ -12,8 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from services.lights import Lights
+from services.sampler.control import prefix_errors
+from services.sampler.density import LightMap
 from services.sampler.tracked_cells import assign, centroid, cheapest_pair, gather, move, split, unrest
-from services.sampler.tracked_smooth import LONGEST_GAP_S, NO_FLICKER, NO_NOISE, STRIDE, Flicker, Noise, ripple, with_lights, with_map
+from services.sampler.tracked_noise import LONGEST_GAP_S, NO_NOISE, STRIDE, Noise, with_map
 from services.sampler.tracked_tiles import Grid, Tiles, grid, received, tiles_from_map
 from services.sphere import LUMINANCE, Coverage, luminance
 
@@ -25,6 +27,9 @@ CHANGES = 16  # one light in so many, and at least one, may be split in a frame 
 SUDDEN = 2.0  # times the usual unrest: light has changed faster than sites move
 PACE = 8  # frames between splits when it has not
 USUAL = 0.2  # of the way that the usual unrest goes to this frame's: a memory of five frames
+ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_error.csv
+AIM = 0.9  # of the error asked for, since the next frame is another
+TRIALS = 4  # numbers of lights that are tried on the first frame
 EASE_S = 0.12  # a new light leaves its parent's place with this time constant: three frames at 25 fps
 
 
@@ -48,7 +53,6 @@ class State(NamedTuple):
     clean: np.ndarray | None
     black: np.ndarray
     noise: Noise
-    flicker: Flicker
 
 
 class Report(NamedTuple):
@@ -74,10 +78,10 @@ class Shares(NamedTuple):
     nearest: np.ndarray
 
 
-def initial_state() -> State:
+def initial_tracked() -> State:
     """The state before the first frame."""
     none = np.zeros((0, 3))
-    return State("hemisphere", 0.0, np.zeros(0, np.int64), none, none, 0, 0.0, 0.0, None, np.zeros((0, 0), np.uint8), NO_NOISE, NO_FLICKER)
+    return State("hemisphere", 0.0, np.zeros(0, np.int64), none, none, 0, 0.0, 0.0, None, np.zeros((0, 0), np.uint8), NO_NOISE)
 
 
 def tracked_step(
@@ -88,21 +92,20 @@ def tracked_step(
     time_s: float,
     centroids: np.ndarray | None = None,
     smoothing: bool = True,
-    lamp_hz: float = 0.0,
 ) -> tuple[State, Lights, Report]:
     """The lights, at most `count`, of a polar map captured at `time_s`. Pure: an old state stays valid.
 
     radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. centroids: (k, 4) or None, for strong cells
     row * cols + column and the unit vector of the flux centroid inside the cell. Without smoothing the lights sum to the map's
-    integral in every channel. With it, spoilt cells show what they showed last, lights' noise and a flicker of `lamp_hz` (0:
-    none) are taken out, and new lights leave their parents' places; the sum is then the smoothed one. A map with fewer lit cells
-    than lights has that many; the lights of a black one stay where they are, with irradiance 0.
+    integral in every channel. With it, spoilt cells show what they showed last, noise is taken out and new lights leave their
+    parents' places; the sum is then the smoothed map's. A map with fewer lit cells than lights has that many; the lights of a black
+    one stay where they are, with irradiance 0.
     """
     rows, cols, _ = radiance.shape
     if state.clean is None or coverage != state.coverage or state.clean.shape != radiance.shape:
-        state = initial_state()._replace(coverage=coverage, time_s=time_s)
+        state = initial_tracked()._replace(coverage=coverage, time_s=time_s)
     of = grid(rows, cols, coverage)
-    noise = with_map(state.noise, luminance(radiance[:, ::STRIDE].astype(np.float64))) if smoothing else NO_NOISE
+    noise = with_map(state.noise, luminance(radiance[:, ::STRIDE])) if smoothing else NO_NOISE
     before = state.clean if smoothing and 0 < time_s - state.time_s < LONGEST_GAP_S else None
     clean, black, irradiance, spoilt = received(radiance, of.solid_angles, before, state.black, noise.variance)
     power = float(irradiance @ LUMINANCE)
@@ -115,19 +118,27 @@ def tracked_step(
         return known, Lights.of(state.ids, state.sites, dark), report
 
     tiles = tiles_from_map(clean, coverage, count, NO_CENTROIDS if centroids is None else centroids)
-    after, held, changed = _followed(known, of, tiles, count, power)
+    after, held = _followed(known, of, tiles, count, power)
     directions = np.empty((len(after.ids), 3))
     for n in range(len(after.ids)):
         centroid(held.moment[n], after.sites[n], directions[n])
     flux = held.flux
     if smoothing:
-        flicker = with_lights(state.flicker, after.ids, held.moment[:, 3], time_s, changed)
-        flux = flux / ripple(flicker, lamp_hz)[:, None]
         fading = float(np.exp(-max(time_s - state.time_s, 0.0) / EASE_S))
         offset = after.offset * fading
         directions = _shown(directions, offset)
-        after = after._replace(flicker=flicker, offset=offset)
+        after = after._replace(offset=offset)
     return after, Lights.of(after.ids, directions, flux), report
+
+
+def needed(light: LightMap, lights: Lights, error: float, most: int) -> int:
+    """How many lights, at most `most`, would keep the irradiance within `error` of the map's, judged by what these lights keep."""
+    tint = lights.irradiance / np.where(light.irradiance > 0, light.irradiance, 1.0)
+    if light.power <= 0:
+        return 1
+    now = float(prefix_errors(light, lights.directions.astype(np.float64), tint)[-1])
+    wanted = len(lights.ids) * (now / (AIM * error)) ** (1 / ORDER)
+    return int(np.clip(np.ceil(wanted), 1, most))
 
 
 def _even(count: int, coverage: Coverage) -> np.ndarray:
@@ -154,14 +165,13 @@ def _shares(of: Grid, tiles: Tiles, sites: np.ndarray) -> Shares:
     return held
 
 
-def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) -> tuple[State, Shares, set[int]]:
-    """The state with sites that fit the tiles, what their cells hold, and the ids whose cells were split or merged."""
+def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) -> tuple[State, Shares]:
+    """The state with sites that fit the tiles, and what their cells hold."""
     new = not len(state.ids)
     if new:
         zenith = np.array([[0.0, 0.0, 1.0]])
         state = state._replace(ids=np.zeros(1, np.int64), sites=zenith, offset=np.zeros((1, 3)), next_id=1)
     held = _shares(of, tiles, state.sites)
-    changed: set[int] = set()
     level = float((held.unease**2).sum()) / power**2
     sudden = new or level > SUDDEN * state.usual
     resized = len(state.ids) != count
@@ -169,19 +179,19 @@ def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) ->
     # The number of lights: down at once, up a few in a frame unless all light is new.
     while len(state.ids) > count:
         _, kept, lost = cheapest_pair(held.moment, state.sites, held.unease)
-        state, held = _merged(state, of, tiles, held, kept, lost, changed)
+        state, held = _merged(state, of, tiles, held, kept, lost)
     for _ in range(count if sudden else max(1, len(state.ids) // CHANGES)):
         if len(state.ids) == count:
             break
-        _, cell, halves = _best_split(tiles, held, state.sites)
+        _, cell, halves = _best_split(tiles, held, state.sites, sudden)
         if cell < 0:
             break
-        state, held = _split(state, of, tiles, held, cell, halves, changed, eased=not sudden)
+        state, held = _split(state, of, tiles, held, cell, halves, eased=not sudden)
 
     # Splits paid by merges: many when light changed suddenly, else now and then.
     credit = min(state.credit + 1 / PACE, 1.0)
     for _ in range(0 if new or len(state.ids) < 2 else max(1, count // CHANGES) if sudden else int(credit)):
-        gain, cell, halves = _best_split(tiles, held, state.sites)
+        gain, cell, halves = _best_split(tiles, held, state.sites, sudden)
         spare = gain - WORTH * float((held.unease**2).mean())
         if cell < 0 or spare <= 0:
             break
@@ -189,8 +199,8 @@ def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) ->
         if cell in (kept, lost) or spare < CHURN * cost:
             break
         lost_id = state.ids[lost]
-        state, held = _split(state, of, tiles, held, cell, halves, changed, eased=not sudden)
-        state, held = _merged(state, of, tiles, held, kept, int(np.flatnonzero(state.ids == lost_id)[0]), changed)
+        state, held = _split(state, of, tiles, held, cell, halves, eased=not sudden)
+        state, held = _merged(state, of, tiles, held, kept, int(np.flatnonzero(state.ids == lost_id)[0]))
         credit -= not sudden
 
     # Lloyd's steps; none where the number changed, so that the others stay.
@@ -200,10 +210,10 @@ def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) ->
         state, held = state._replace(sites=sites), _shares(of, tiles, sites)
     level = float((held.unease**2).sum()) / power**2
     usual = level if new else state.usual + USUAL * (level - state.usual)
-    return state._replace(usual=usual, credit=credit), held, changed
+    return state._replace(usual=usual, credit=credit), held
 
 
-def _best_split(tiles: Tiles, held: Shares, sites: np.ndarray) -> tuple[float, int, np.ndarray]:
+def _best_split(tiles: Tiles, held: Shares, sites: np.ndarray, sudden: bool) -> tuple[float, int, np.ndarray]:
     """(gain, cell, the two sites (2, 3)) of the split that lowers the unrest most; cell -1 when no cell has two tiles."""
     halves, parts = np.empty((2, 3)), np.empty((2, 4))
     own = held.unease**2
@@ -211,14 +221,14 @@ def _best_split(tiles: Tiles, held: Shares, sites: np.ndarray) -> tuple[float, i
     for cell in np.argsort(own)[::-1]:
         if own[cell] <= gain:
             break
-        found = split(tiles, held.nearest, cell, sites[cell], halves, parts)
+        found = split(tiles, held.nearest, cell, sites[cell], sudden, halves, parts)
         if found != 0 and found > gain:
             gain, best, places = found, int(cell), halves.copy()
     return gain, best, places
 
 
 def _split(
-    state: State, of: Grid, tiles: Tiles, held: Shares, cell: int, halves: np.ndarray, changed: set[int], eased: bool
+    state: State, of: Grid, tiles: Tiles, held: Shares, cell: int, halves: np.ndarray, eased: bool
 ) -> tuple[State, Shares]:
     """The cell cut in two; the new light begins at its parent's place when `eased`."""
     parent = np.empty(3)
@@ -226,18 +236,16 @@ def _split(
     sites = np.concatenate([state.sites, halves[1:]])
     sites[cell] = halves[0]
     offset = np.concatenate([state.offset, (parent - halves[1] if eased else np.zeros(3))[None]])
-    changed |= {int(state.ids[cell]), state.next_id}
     state = state._replace(ids=np.append(state.ids, state.next_id), sites=sites, offset=offset, next_id=state.next_id + 1)
     return state, _shares(of, tiles, sites)
 
 
 def _merged(
-    state: State, of: Grid, tiles: Tiles, held: Shares, kept: int, lost: int, changed: set[int]
+    state: State, of: Grid, tiles: Tiles, held: Shares, kept: int, lost: int
 ) -> tuple[State, Shares]:
     """Two cells made one."""
     sites = state.sites.copy()
     move(np.ascontiguousarray((held.pull[kept] + held.pull[lost])[None]), sites[kept : kept + 1])
     sites = np.delete(sites, lost, axis=0)
-    changed.add(int(state.ids[kept]))
     state = state._replace(ids=np.delete(state.ids, lost), sites=sites, offset=np.delete(state.offset, lost, axis=0))
     return state, _shares(of, tiles, sites)

@@ -152,10 +152,11 @@ def cheapest_pair(moment, sites, unease):
 
 
 @njit(cache=True)
-def split(tiles: Tiles, first, cell, centre, halves, parts):
+def split(tiles: Tiles, first, cell, centre, sudden, halves, parts):
     """The gain in unrest of cutting `cell` in two, or 0 when it is one tile.
 
-    Fills the two sites halves (2, 3), the first the nearer to the old `centre` (3,), and their moments of power parts (2, 4).
+    Fills the two sites halves (2, 3) and their moments of power parts (2, 4). The first is the one with more power; under `sudden`
+    light the one nearer to the old `centre` (3,), since the power may be what is new.
     """
     power = x = y = z = 0.0
     count = 0
@@ -190,7 +191,8 @@ def split(tiles: Tiles, first, cell, centre, halves, parts):
                 pull[s, c] += tiles.weight[t] * tiles.direction[t, c]
             parts[s, 3] += tiles.power[t]
         move(pull, halves)
-    if ((halves[0] - centre) ** 2).sum() > ((halves[1] - centre) ** 2).sum():
+    nearer = ((halves[0] - centre) ** 2).sum() <= ((halves[1] - centre) ** 2).sum()
+    if not nearer if sudden else parts[0, 3] < parts[1, 3]:
         for c in range(4):
             parts[0, c], parts[1, c] = parts[1, c], parts[0, c]
         for c in range(3):

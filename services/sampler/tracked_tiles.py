@@ -15,7 +15,7 @@ from services.sampler.density import LARGEST
 from services.sphere import LUMINANCE, SPAN, Coverage, cell_directions, cell_solid_angles
 
 BASE = 8  # cells on a side of the largest tile
-SHARE = 0.125  # of a light, for one tile: a light has 8 tiles or more
+SHARE = 0.25  # of a light, for one tile: a light has 4 tiles or more, of even sky 8
 MOST = 4.0  # lights that a base tile counts for: beyond it there are single cells, which cannot be halved
 SITES = 1.6  # sites weigh radiance^1.6 in Lloyd's step: in the plane their density is then the weight's root
 HOLD = 2  # frames; a lost picture is bridged, and darkness is believed 80 ms late at 25 fps
@@ -27,12 +27,16 @@ _RED, _GREEN, _BLUE = (float(weight) for weight in LUMINANCE)
 class Grid(NamedTuple):
     """What depends on the map's shape alone, float64.
 
-    solid_angles: (rows,), sr of a cell. directions: (rows, cols, 3), of the cells' centres. height: of a cell, rad. widths:
-    (rows,), rad. centres: (bases, 3), reach: (bases,): the middle of a base tile and the chord from there to its farthest cell.
+    solid_angles: (rows,), sr of a cell. across, up: (rows,), sine and cosine of a ring's polar angle. cosines, sines: (cols,), of a
+    column's azimuth. height: of a cell, rad. widths: (rows,), rad. centres: (bases, 3), reach: (bases,): the middle of a base tile and
+    the chord from there to its farthest cell.
     """
 
     solid_angles: np.ndarray
-    directions: np.ndarray
+    across: np.ndarray
+    up: np.ndarray
+    cosines: np.ndarray
+    sines: np.ndarray
     height: float
     widths: np.ndarray
     centres: np.ndarray
@@ -59,13 +63,16 @@ def grid(rows: int, cols: int, coverage: Coverage) -> Grid:
     """The grid of maps with this shape."""
     directions = cell_directions(rows, cols, coverage)
     height = SPAN[coverage] / rows
-    widths = np.sin((np.arange(rows) + 0.5) * height) * (2 * np.pi / cols)
+    theta, phi = (np.arange(rows) + 0.5) * height, (np.arange(cols) + 0.5) * (2 * np.pi / cols)
+    widths = np.sin(theta) * (2 * np.pi / cols)
     blocks = [directions[i : i + BASE, j : j + BASE].reshape(-1, 3) for i in range(0, rows, BASE) for j in range(0, cols, BASE)]
     centres = np.array([block.mean(axis=0) for block in blocks])
     centres /= np.linalg.norm(centres, axis=1, keepdims=True)
     # A flux centroid inside a cell lies up to half a diagonal beyond the cell's centre.
     reach = np.array([np.linalg.norm(block - centre, axis=1).max() for block, centre in zip(blocks, centres, strict=True)])
-    return Grid(cell_solid_angles(rows, cols, coverage), directions, height, widths, centres, reach + 0.5 * np.hypot(height, widths.max()))
+    reach += 0.5 * np.hypot(height, widths.max())
+    turn = np.cos(phi), np.sin(phi)
+    return Grid(cell_solid_angles(rows, cols, coverage), np.sin(theta), np.cos(theta), *turn, height, widths, centres, reach)
 
 
 def received(
@@ -94,8 +101,9 @@ def _receive(radiance, solid_angles, filling, before, variance, ages, clean, irr
         red = green = blue = 0.0
         for j in range(cols):
             r, g, b = radiance[i, j, 0], radiance[i, j, 1], radiance[i, j, 2]
-            good = (0 <= r <= LARGEST) and (0 <= g <= LARGEST) and (0 <= b <= LARGEST)  # false for nan
-            if not good or r + g + b == 0:
+            whole = r + g + b
+            good = r >= 0 and g >= 0 and b >= 0 and whole <= LARGEST  # false for nan
+            if not good or whole == 0:
                 spoilt += not good
                 if filling and (not good or ages[i, j] < HOLD):
                     if good:
@@ -111,8 +119,9 @@ def _receive(radiance, solid_angles, filling, before, variance, ages, clean, irr
                     r0, g0, b0 = before[i, j, 0], before[i, j, 1], before[i, j, 2]
                     old = _RED * r0 + _GREEN * g0 + _BLUE * b0
                     change = _RED * r + _GREEN * g + _BLUE * b - old
-                    if old > 0:
-                        gain = min(max((change * change * within / (old * old)) ** 2, LEAST), 1.0)
+                    square = change * change * within
+                    if square < old * old:
+                        gain = max((square / (old * old)) ** 2, LEAST)
                         r, g, b = r0 + gain * (r - r0), g0 + gain * (g - g0), b0 + gain * (b - b0)
             clean[i, j, 0], clean[i, j, 1], clean[i, j, 2] = r, g, b
             red, green, blue = red + r, green + g, blue + b
@@ -154,7 +163,7 @@ def _fill(radiance, of, centroids, inside, count, table, start):
     for row in range(0, rows, BASE):
         for col in range(0, cols, BASE):
             start[base] = n
-            if tile[base, 3] > 0 and tile[base, 9] <= limit:
+            if tile[base, 3] > 0 and (tile[base, 9] <= limit or min(rows - row, BASE) * min(cols - col, BASE) == 1):
                 table[n] = tile[base]
                 n += 1
             elif tile[base, 3] > 0:
@@ -169,13 +178,13 @@ def _halve(radiance, of, centroids, inside, limit, stack, row, col, table, n):
     """Appends the tiles of one base tile to the table and returns its new length."""
     rows, cols, _ = radiance.shape
     stack[0] = row, min(row + BASE, rows), col, min(col + BASE, cols)
-    depth = 1
+    depth, whole = 1, True
     while depth:
         depth -= 1
         i0, i1, j0, j1 = stack[depth]
-        if _measure(radiance, of, centroids, inside, i0, i1, j0, j1, table[n]) == 0.0:
+        if not whole and _measure(radiance, of, centroids, inside, i0, i1, j0, j1, table[n]) == 0.0:
             continue
-        if table[n, 9] <= limit or (i1 - i0) * (j1 - j0) == 1:
+        if not whole and (table[n, 9] <= limit or (i1 - i0) * (j1 - j0) == 1):
             n += 1
         elif i1 - i0 > 1 and ((i1 - i0) * of.height >= (j1 - j0) * of.widths[(i0 + i1) // 2] or j1 - j0 == 1):
             middle = (i0 + i1) // 2
@@ -185,35 +194,38 @@ def _halve(radiance, of, centroids, inside, limit, stack, row, col, table, n):
             middle = (j0 + j1) // 2
             stack[depth], stack[depth + 1] = (i0, i1, middle, j1), (i0, i1, j0, middle)
             depth += 2
+        whole = False
     return n
 
 
 @njit(cache=True)
 def _measure(radiance, of, centroids, inside, i0, i1, j0, j1, tile):
     """Fills a row of the table (flux, power, direction, weight, radius, density) and returns the power."""
-    red = green = blue = power = x = y = z = area = 0.0
+    red = green = blue = x = y = z = area = 0.0
     for i in range(i0, i1):
+        r = g = b = c = s = 0.0
+        for j in range(j0, j1):
+            light = _RED * radiance[i, j, 0] + _GREEN * radiance[i, j, 1] + _BLUE * radiance[i, j, 2]
+            r += radiance[i, j, 0]
+            g += radiance[i, j, 1]
+            b += radiance[i, j, 2]
+            c += light * of.cosines[j]
+            s += light * of.sines[j]
         omega = of.solid_angles[i]
         area += omega * (j1 - j0)
-        for j in range(j0, j1):
-            r, g, b = omega * radiance[i, j, 0], omega * radiance[i, j, 1], omega * radiance[i, j, 2]
-            light = _RED * r + _GREEN * g + _BLUE * b
-            red += r
-            green += g
-            blue += b
-            power += light
-            x += light * of.directions[i, j, 0]
-            y += light * of.directions[i, j, 1]
-            z += light * of.directions[i, j, 2]
-    if power > 0.0:
-        k = inside[i0 * radiance.shape[1] + j0]
-        if k >= 0 and (i1 - i0) * (j1 - j0) == 1:
-            x, y, z = power * centroids[k, 1], power * centroids[k, 2], power * centroids[k, 3]
-        tile[0], tile[1], tile[2], tile[3] = red, green, blue, power
-        tile[4], tile[5], tile[6] = x / power, y / power, z / power
-        height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
-        root = (power / area) ** (0.5 * SITES)
-        tile[7], tile[8], tile[9] = area * root * root, 0.5 * np.sqrt(height * height + width * width), area * root
-    else:
+        red, green, blue = red + omega * r, green + omega * g, blue + omega * b
+        x, y = x + omega * of.across[i] * c, y + omega * of.across[i] * s
+        z += omega * of.up[i] * (_RED * r + _GREEN * g + _BLUE * b)
+    power = _RED * red + _GREEN * green + _BLUE * blue
+    if power <= 0.0:
         tile[:] = 0.0
+        return 0.0
+    k = inside[i0 * radiance.shape[1] + j0]
+    if k >= 0 and (i1 - i0) * (j1 - j0) == 1:
+        x, y, z = power * centroids[k, 1], power * centroids[k, 2], power * centroids[k, 3]
+    height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
+    root = (power / area) ** (0.5 * SITES)
+    tile[0], tile[1], tile[2], tile[3] = red, green, blue, power
+    tile[4], tile[5], tile[6] = x / power, y / power, z / power
+    tile[7], tile[8], tile[9] = area * root * root, 0.5 * np.sqrt(height * height + width * width), area * root
     return power

@@ -161,8 +161,10 @@ def test_convex_bodies_in_a_white_furnace_have_no_shadows_of_their_own(tmp_path,
     scene = a_scene(tmp_path, FROM_THE_SIDE + f'[[mesh]]\nshape = "{shape}"\nat = [0.0, 0.0, 0.4]\nrotate = [10.0, 20.0, 30.0]\n{WHITE}')
     image = picture(scene, uniform_lights(1500, -1.0), width=48, height=48, shadow_map=64)
     inside = image[..., 3] == 1
-    # 1500 lights leave 0.3 % of quadrature error; lights between the smooth and the flat normal of a facet cost up to 0.1 %
-    assert np.abs(image[inside][:, :3] - 1).max() < 0.01
+    # 1500 lights leave 0.3 % of quadrature error, lights between the smooth and the flat normal of a facet cost up to 0.1 %, and a
+    # caster simplified by up to a texel costs what grazes it: 1.2 % at the worst pixel
+    assert np.abs(image[inside][:, :3] - 1).max() < 0.02
+    assert np.abs(image[inside][:, :3] - 1).mean() < 0.004
 
 
 def test_energy_of_a_glossy_plane_stays_below_what_comes_in(tmp_path):

@@ -150,7 +150,7 @@ def clean_geometry(
         np.ascontiguousarray(normals, np.float32),
         np.zeros((len(positions), 2), np.float32) if uvs is None else np.ascontiguousarray(uvs, np.float32),
         np.ascontiguousarray(triangles, np.uint32),
-        _closed(welded, corners[good]),
+        is_closed(welded, corners[good]),
     )
 
 
@@ -160,8 +160,11 @@ def _welded(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.unique(places, axis=0, return_inverse=True)[1].reshape(-1)[triangles]
 
 
-def _closed(welded: np.ndarray, corners: np.ndarray) -> bool:
-    """Whether each edge is used once in either direction and each connected part has a positive volume (faces wound outwards)."""
+def is_closed(welded: np.ndarray, corners: np.ndarray) -> bool:
+    """Whether each edge of welded triangles (m, 3) is used once in either direction and each connected part has a positive volume.
+
+    corners: their positions, (m, 3, 3) float64.
+    """
     edges = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]]).astype(np.int64)
     n = int(welded.max()) + 1
     forward, backward = np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0])

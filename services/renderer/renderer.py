@@ -10,7 +10,9 @@ import numpy as np
 from services import settings
 from services.files import BadInput
 from services.lights import Lights
-from services.renderer.geometry import drawable_scene
+from services.renderer.casters import scene_casters
+from services.renderer.luminaire.illumination import Illumination
+from services.renderer.luminaire.placement import Vector, placed
 from services.renderer.materials import kind_of
 from services.renderer.pace import Pace, affordable_lights, affordable_maps, first_lights, learnt
 from services.renderer.programs import Programs, context_info, headless_context
@@ -50,15 +52,12 @@ class Renderer:
 
     def _build(self, shadow_map: int, regions: int) -> None:
         context = self._context
-        drawable = drawable_scene(self._scene)
         found = light_regions(regions)
-        self._vertices = context.buffer(drawable.vertices.tobytes())
-        self._indices = context.buffer(drawable.indices.tobytes())
-        buffers = (self._vertices, self._indices)
-        self._atlas = ShadowAtlas(context, self._programs, drawable, *buffers, found, shadow_map)
-        self._surfaces = Surfaces(context, self._programs, self._scene, drawable, *buffers, self._size)
+        self._atlas = ShadowAtlas(context, self._programs, scene_casters(self._scene, shadow_map), found, shadow_map)
+        self._surfaces = Surfaces(context, self._programs, self._scene, self._size)
         kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}
         self._shading = Shading(context, self._programs, found, kinds, self._size)
+        self._illumination = Illumination(context, self._programs, self._scene, self._size)
         self._tonemap = self._programs.program("screen.vert", "tonemap.frag")
         self._tonemap_array = context.vertex_array(self._tonemap, [])
         self._screen = context.renderbuffer(self._size, 4)
@@ -71,6 +70,7 @@ class Renderer:
         With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
         with self._context:  # another renderer of this process may have made its own the current one
+            self._illumination.draw_maps()
             self._shading.frame.clear()
             if self._frame_ms:
                 self._render_in_time(lights)
@@ -96,9 +96,11 @@ class Renderer:
                     self._shading.add(self._surfaces, self._atlas, batch, weight)
 
     def _see(self, offset: tuple[float, float], alpha: float) -> None:
-        """Draws the surfaces at `offset` in each pixel, worth `alpha` of the picture's."""
+        """Draws the surfaces at `offset` in each pixel, worth `alpha` of the picture's, and what the luminaires add to them."""
         self._surfaces.draw(offset)
         self._shading.classify(self._surfaces, alpha)
+        if alpha > 0:
+            self._illumination.add(self._surfaces, self._shading.frame, alpha)
 
     def _render_in_time(self, lights: Lights) -> None:
         """Draws what fits the target frame time and learns from what it took."""
@@ -125,6 +127,10 @@ class Renderer:
         self._context.finish()
         return (time.perf_counter() - started_s) * 1e3
 
+    def place_luminaire(self, number: int, at: Vector, rotate: Vector, power: float) -> None:
+        """Moves, turns (degrees about x, y, z) and dims a luminaire of the scene, counted from 0, before the next picture."""
+        self._illumination.lamps[number].place(placed(at, rotate), power)
+
     def tone_mapped(self, adaptation: Adaptation, exposure_stops: float) -> np.ndarray:
         """The picture that `render` made last, for a screen: (height, width, 4) uint8, as `tonemap.tone_mapped` gives it."""
         curve = tone_curve(adaptation, exposure_stops)
@@ -142,7 +148,7 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            parts = (self._atlas, self._surfaces, self._shading, self._tonemap_array, self._screen_frame, self._screen)
-            for part in (*parts, self._vertices, self._indices, self._programs):
+            parts = (self._atlas, self._surfaces, self._shading, self._illumination, self._tonemap_array, self._screen_frame, self._screen)
+            for part in (*parts, self._programs):
                 part.release()
         self._context.release()

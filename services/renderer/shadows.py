@@ -8,7 +8,8 @@ import numpy as np
 
 from services.lights import Lights
 from services.renderer.cache import no_maps, planned_maps
-from services.renderer.geometry import Drawable, Span
+from services.renderer.casters import Casters
+from services.renderer.geometry import Span
 from services.renderer.programs import Programs
 from services.renderer.regions import Regions, region_rows
 from services.sphere import luminance
@@ -43,9 +44,8 @@ class Batch(NamedTuple):
 class ShadowAtlas:
     """One depth texture with a tile of `tile_size` texels a side for each light of a batch."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, drawable: Drawable, vertices: moderngl.Buffer,
-                 indices: moderngl.Buffer, regions: Regions, tile_size: int) -> None:
-        self._context, self._drawable, self._regions = context, drawable, regions
+    def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, regions: Regions, tile_size: int) -> None:
+        self._context, self._casters, self._regions = context, casters, regions
         self.tile_size = tile_size
         side = min(MAX_ATLAS_SIDE, context.info["GL_MAX_TEXTURE_SIZE"])
         self._most_columns = max(side // tile_size, 1)
@@ -53,8 +53,9 @@ class ShadowAtlas:
         self._program = programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS))
         self._frames_program = programs.compute("frames.comp")
         for name in BOXES:
-            self._frames_program[name] = [tuple(row) for row in getattr(drawable, name).tolist()]
-        self._vao = context.vertex_array(self._program, [(vertices, "3f 20x", "position")], indices, index_element_size=4)
+            self._frames_program[name] = [tuple(row) for row in getattr(casters, name).tolist()]
+        self._buffers = (context.buffer(casters.positions.tobytes()), context.buffer(casters.indices.tobytes()))
+        self._vao = context.vertex_array(self._program, [(self._buffers[0], "3f", "position")], self._buffers[1], index_element_size=4)
         self._drawn = no_maps(0)  # of the tiles, for `cached_batch`; empty while each batch draws all its maps
         self._given = context.buffer(reserve=48, dynamic=True)
         self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
@@ -89,7 +90,7 @@ class ShadowAtlas:
 
     def _batch(self, lights: Lights, lit: np.ndarray, tiles: np.ndarray, map_directions: np.ndarray, renewed: np.ndarray) -> Batch:
         """The lights numbered `lit` with the tile that each reads, the direction of its map, and which of them draw it now."""
-        below = map_directions @ self._drawable.floor_normal < 0
+        below = map_directions @ self._casters.floor_normal < 0
         light = np.zeros((len(lit), 12), np.float32)
         light[:, 0:3] = lights.directions[lit]
         light[:, 3] = tiles
@@ -121,10 +122,10 @@ class ShadowAtlas:
         self.bind_row(batch.maps)
         self._context.depth_func = "<"
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self._instances(self._drawable.closed, 0, count)
+        self._instances(self._casters.closed, 0, count)
         self._context.disable(moderngl.CULL_FACE)
-        self._instances(self._drawable.open, 0, count)
-        self._instances(self._drawable.floor, batch.above, count - batch.above)
+        self._instances(self._casters.open, 0, count)
+        self._instances(self._casters.floor, batch.above, count - batch.above)
 
     def _clear(self, batch: Batch) -> None:
         """Empties the tiles whose maps are drawn anew."""
@@ -193,5 +194,5 @@ class ShadowAtlas:
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for thing in (self._vao, self._given, self._frames):
+        for thing in (self._vao, *self._buffers, self._given, self._frames):
             thing.release()

@@ -3,7 +3,7 @@
 import moderngl
 import numpy as np
 
-from services.renderer.geometry import Drawable
+from services.renderer.geometry import drawable_scene
 from services.renderer.materials import Material, Phong, kind_of
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
@@ -15,12 +15,14 @@ IMAGES = {"surface_positions": "f4", "surface_normals": "f4", "surface_diffuse":
 class Surfaces:
     """The images of the nearest surfaces, each `size` pixels (width, height)."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, drawable: Drawable, vertices: moderngl.Buffer,
-                 indices: moderngl.Buffer, size: tuple[int, int]) -> None:
+    def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, size: tuple[int, int]) -> None:
+        drawable = drawable_scene(scene)
         self._context, self._scene, self._spans, self._size = context, scene, drawable.spans, size
+        self.buffers = (context.buffer(drawable.vertices.tobytes()), context.buffer(drawable.indices.tobytes()))
         self.eye = scene.camera.position
         self._program = programs.program("surface.vert", "surface.frag")
-        self._vao = context.vertex_array(self._program, [(vertices, "3f 3f 2f", "position", "normal", "uv")], indices, index_element_size=4)
+        layout = [(self.buffers[0], "3f 3f 2f", "position", "normal", "uv")]
+        self._vao = context.vertex_array(self._program, layout, self.buffers[1], index_element_size=4)
         self._images = [context.texture(size, 4, dtype=dtype) for dtype in IMAGES.values()]
         for image in self._images:
             image.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -73,7 +75,12 @@ class Surfaces:
                 program[name] = unit
         return len(IMAGES)
 
+    def read(self) -> dict[str, np.ndarray]:
+        """The images by name, (height * width, 4) float32 each, row 0 on top."""
+        data = {name: self._frame.read(components=4, attachment=k, dtype="f4", alignment=1) for k, name in enumerate(IMAGES)}
+        return {name: np.frombuffer(image, np.float32).reshape(-1, 4) for name, image in data.items()}
+
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for thing in (self._vao, self._frame, self._depth, *self._images, *self._textures.values()):
+        for thing in (self._vao, *self.buffers, self._frame, self._depth, *self._images, *self._textures.values()):
             thing.release()

@@ -47,8 +47,14 @@ def test_the_promise_is_kept_by_every_larger_prefix():
         light, directions, tint = drawn(sky(300.0 * seed, seed), 512)
         count = need(light, directions, tint, 0.15)
         errors, sizes = prefix_errors(light, directions, tint), ladder(512)
-        assert (errors[sizes >= count] <= 0.15).all()
-        assert count == 4 or errors[np.flatnonzero(sizes == count)[0] - 1] > 0.15
+        aim = control.MARGIN * 0.15
+        assert (errors[sizes >= count] <= aim).all()
+        assert count == 4 or errors[np.flatnonzero(sizes == count)[0] - 1] > aim
+        # A number in use stays while it is within the error itself, and not a step longer.
+        worst = np.maximum.accumulate(errors[::-1])[::-1]
+        for size, error in zip(sizes[sizes < count], worst[sizes < count], strict=True):
+            assert need(light, directions, tint, 0.15, int(size)) == (size if error <= 0.15 else count)
+        assert need(light, directions, tint, 0.15, 512) == count
 
 
 def test_a_promise_out_of_reach_takes_all_and_black_takes_one():

@@ -19,6 +19,7 @@ PROBES = 96  # the error's own uncertainty is 1 / sqrt(2 x 96) = 7 %, about a th
 ROWS, COLS = 30, 120  # the map is judged in blocks of 3 degrees, but for its HOT cells
 HOT = 1 / 512  # of the power: cells above it are judged where they are, since a sun's shadow is sharper than a block
 DARKEST = 0.05  # of the mean irradiance
+MARGIN = 0.85  # of the error that is aimed at, so that the number chosen lasts while the scene changes a little
 HOLD_S = 1.0  # the need falls only when it has been lower for so long
 FADE_S = 0.2  # in which a light comes or goes: five frames at 25 fps
 SPARE = 0.85  # of the renderer's time: between this and all of it nothing is changed
@@ -39,17 +40,20 @@ def ladder(most: int) -> np.ndarray:
     return np.append(np.unique(np.rint(steps[steps < most - 0.5]).astype(np.int64)), most)
 
 
-def need(light: LightMap, directions: np.ndarray, tint: np.ndarray, error: float) -> int:
-    """The smallest number on the ladder that, as every larger one, keeps within `error` (0.1: ten per cent), or all of them.
+def need(light: LightMap, directions: np.ndarray, tint: np.ndarray, error: float, before: int = 0) -> int:
+    """The number of lights that keeps within `error` (0.1: ten per cent): the smallest on the ladder that has MARGIN to it, or all.
 
-    directions, tint: (n, 3), the lights of this map before filtering, in their order.
+    directions, tint: (n, 3), the lights of this map before filtering, in their order. before: the number in use, which is kept instead of
+    a larger one as long as it is within the error itself. Each number counts as bad as the worst of those above it.
     """
     if light.power <= 0:
         return 1
-    errors = prefix_errors(light, directions, tint)
-    good = np.maximum.accumulate(errors[::-1])[::-1] <= error
-    sizes = ladder(len(directions))
-    return int(sizes[good.argmax()] if good.any() else sizes[-1])
+    sizes, errors = ladder(len(directions)), prefix_errors(light, directions, tint)
+    errors = np.maximum.accumulate(errors[::-1])[::-1]
+    good = errors <= MARGIN * error
+    count = int(sizes[good.argmax()] if good.any() else sizes[-1])
+    keeps = 0 < before < count and errors[np.searchsorted(sizes, before, side="right") - 1] <= error
+    return before if keeps else count
 
 
 def prefix_errors(light: LightMap, directions: np.ndarray, tint: np.ndarray) -> np.ndarray:

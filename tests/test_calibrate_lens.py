@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from services.capture.boards import Board, View, find_board
-from services.capture.calibrate_lens import calibrate_lens, fit_lens
+from services.capture.calibrate_lens import calibrate_lens, fit_lens, lens_summary
 from services.capture.lens import Lens, direction_from_pixel, pixel_angles, pixel_from_direction, read_lens
 from services.files import BadInput
 from services.sphere import direction_from_angles, rotation_xyz
@@ -86,6 +86,7 @@ def test_bad_view_is_left_out_and_named() -> None:
     views[4] = views[4]._replace(pixels=views[4].pixels + np.random.default_rng(0).normal(0, 4, (48, 2)))
     report = fit_lens(views, FISHEYE.size)
     assert list(report.rejected) == ["v4"]
+    assert "v4: left out" in lens_summary(report)
     assert report.rejected["v4"] > 3
     assert set(report.views) == {f"v{n}" for n in range(10)} - {"v4"}
     assert disagreement_px(report.lens, FISHEYE, 80) < 0.5

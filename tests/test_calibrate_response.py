@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from services.capture.calibrate_response import Kind, Patch, calibrate_response, gray_patches, read_patches
+from services.capture.calibrate_response import Kind, Patch, calibrate_response, gray_patches, read_patches, response_summary
 from services.capture.response import Companding, Linear, Log, Response, Srgb, read_response
 from services.files import BadInput
 
@@ -29,6 +29,7 @@ def test_exact_log_patches_give_the_exact_response(tmp_path: Path) -> None:
     assert isinstance(report.response, Log)
     np.testing.assert_allclose([report.response.a, report.response.b, report.response.c], [30, 22, 1.5], rtol=1e-4)
     assert report.worst < 1e-4
+    assert "20 cd/m2" in response_summary(report)
     assert read_response(tmp_path / "response.toml") == report.response
     picture = cv2.imread(str(tmp_path / "fit.png"))
     assert picture is not None

@@ -11,7 +11,8 @@ import pytest
 from services.capture.lens import Lens, pixel_from_direction, write_lens
 from services.capture.response import Log, code_from_radiance, write_response
 from services.capture.sequence import MANIFEST, file_entry
-from services.capture.source import open_source, polar_file
+from services.capture.source import open_source, polar_file, raw_attributes
+from services.capture.v4l2 import Raw
 from services.files import BadInput
 from services.images import read_radiance, write_exr
 from services.settings import Capture
@@ -228,3 +229,14 @@ def test_real_map() -> None:
     frame = open_source(capture(path)).frame(0)
     truth = np.einsum("ijc,i->c", image[:256].astype(np.float64), latlong_solid_angles(512, 1024)[:256])
     np.testing.assert_allclose(map_irradiance(frame.radiance, "hemisphere"), truth, rtol=1e-6)
+
+
+def test_header_of_a_cameras_frame_survives_the_file(tmp_path: Path) -> None:
+    raw = Raw(np.zeros((4, 6), np.uint16), "RGGB", 2**31 + 5, 2**40 + 7, 0)
+    write_exr(tmp_path / "f.exr", raw.codes.astype(np.float32), raw_attributes(raw, 29.97))
+    _, attributes = read_radiance(tmp_path / "f.exr")
+    assert attributes["vemlight:monotonic_ns"] == str(2**40 + 7)
+    assert attributes["vemlight:kernel_sequence"] == str(2**31 + 5)
+    assert attributes["vemlight:mosaic"] == "RGGB"
+    assert float(Fraction(attributes["framesPerSecond"])) == pytest.approx(29.97, rel=1e-5)
+    assert attributes["utcOffset"] == 0

@@ -63,6 +63,20 @@ def calibrate_lens(images: list[Path], board: Board, out: Path, *, rim_deg: floa
     return report
 
 
+def lens_summary(report: LensReport) -> str:
+    """The report in lines for a terminal."""
+    lens, px = report.lens, "px RMS"
+    reach = f"corners reach {report.reach_deg:.1f} degrees, the rim is at {lens.rim_deg:.1f}"
+    lines = [f"{report.rms_px:.3f} {px} over {lens.views} views; {reach}"]
+    lines += [f"  {name}: {rms:.3f} {px}" for name, rms in report.views.items()]
+    lines += [f"  {name}: left out, {rms:.3f} {px}" for name, rms in report.rejected.items()]
+    lines += [f"  {name}: no board found" for name in report.without]
+    if report.wild:
+        lines.append(f"  {report.wild} single corners left out")
+    values: dict[str, float] = dict(zip(map(str, NAMES), (*lens.f, *lens.c, *lens.k), strict=True))
+    return "\n".join([*lines, *(f"{name} = {values[name]:.6g} +- {sigma:.2g}" for name, sigma in report.sigma.items())])
+
+
 def fit_lens(views: list[View], size: tuple[int, int], without: list[str] | None = None) -> LensReport:
     """The lens from corners alone; its rim is where the outermost corner lies. Raises BadInput for too few views."""
     _enough(views, without or [])

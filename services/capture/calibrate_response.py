@@ -109,6 +109,12 @@ def calibrate_response(
     return ResponseReport(response, errors, worst)
 
 
+def response_summary(report: ResponseReport) -> str:
+    """The report in lines for a terminal."""
+    checks = [f"  {patch.luminance:g} cd/m2 (code {patch.code:g}): {error:+.2%}" for patch, error in report.errors]
+    return "\n".join([f"{report.response}", f"check patches, worst {report.worst:.2%}:", *checks])
+
+
 def _fitted(fit: list[Patch], kind: Kind, bits: int) -> Response:
     code, luminance = np.array([p.code for p in fit]), np.array([p.luminance for p in fit])
     weight = np.sqrt([p.weight for p in fit])

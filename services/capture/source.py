@@ -17,7 +17,7 @@ import msgspec
 from services.capture.frames import Frame, FrameMaker
 from services.capture.record import Recorder
 from services.capture.sequence import MANIFEST, Entry, check_digest, frame_paths, read_manifest
-from services.capture.v4l2 import Camera
+from services.capture.v4l2 import Camera, Raw
 from services.files import BadInput
 from services.images import read_radiance, write_exr
 from services.settings import Capture
@@ -123,9 +123,7 @@ class Live:
         time_s = (raw.monotonic_ns - self._first_ns) / 1e9
         self._count += raw.lost + 1
         if self.recorder:
-            attributes = {"vemlight:kind": "codes", "vemlight:mosaic": raw.mosaic, "colorInteropID": "data"}
-            attributes |= {"framesPerSecond": Fraction(self.fps).limit_denominator(1001)}
-            self.recorder.put(raw.codes, attributes, self._count - 1, time_s)
+            self.recorder.put(raw.codes, raw_attributes(raw, self.fps), self._count - 1, time_s)
         frame = self._maker.frame_from_codes(self._camera.path, raw.codes, raw.mosaic, time_s)
         return frame._replace(lost=raw.lost, monotonic_ns=raw.monotonic_ns)
 
@@ -176,6 +174,21 @@ def record(settings: Capture, frames: int) -> Recorder:
     finally:
         recorder.close()
     return recorder
+
+
+def raw_attributes(raw: Raw, fps: float) -> dict[str, Any]:
+    """What the header of a camera's frame says; nanoseconds are text, because the format's integers have 32 bits."""
+    seen_s = time.time() - (time.monotonic_ns() - raw.monotonic_ns) / 1e9
+    return {
+        "vemlight:kind": "codes",
+        "vemlight:mosaic": raw.mosaic,
+        "vemlight:monotonic_ns": str(raw.monotonic_ns),
+        "vemlight:kernel_sequence": str(raw.sequence),
+        "colorInteropID": "data",
+        "framesPerSecond": Fraction(fps).limit_denominator(1001),
+        "capDate": time.strftime("%Y:%m:%d %H:%M:%S", time.gmtime(seen_s)),
+        "utcOffset": 0.0,
+    }
 
 
 def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:

@@ -96,7 +96,7 @@ def with_section(settings: Settings, section: str, **changes) -> Settings:
     return msgspec.structs.replace(settings, **{section: msgspec.structs.replace(getattr(settings, section), **changes)})
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # while it lives, no other test of this thread can run an event loop of its own
 def browser() -> Iterator:
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as started:

@@ -1,0 +1,296 @@
+"""Luminaires: error against samples, the 2003 approximation against the exact field, shadow maps against rays, and what it all costs.
+
+    python -m bench.luminaires [--out docs/luminaires] [--only NAME ...]
+
+Names: convergence, accuracy, approximation, shadows, search, speed. Each writes luminaires_NAME.csv, and a chart where there is one. The
+lamp of the charts is a faceted headlight from the virtual bench, 7 x 9 images, about as Lu et al. 2015's `bike`.
+"""
+
+import argparse
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from bench.rivals import luminaire_sampling as rivals
+from services.lights import Lights
+from services.renderer.luminaire import cells, illumination, shift_invariant
+from services.renderer.luminaire.bases import compact_dual
+from services.renderer.luminaire.bench import Lamp, measured_lamp
+from services.renderer.luminaire.estimator import halton, interleaving, receivers, shade
+from services.renderer.luminaire.lightfield import LightField, irradiance
+from services.renderer.luminaire.measuring import Planes
+from services.renderer.luminaire.placement import Luminaire, LuminaireTable, placed
+from services.renderer.luminaire.tables import tables_of
+from services.renderer.meshes import bounds, shape_geometry
+from services.renderer.renderer import Renderer
+from services.renderer.scene import Camera, Mesh, Scene, load_scene
+from services.settings import Renderer as Settings
+
+DOWN = np.array([0.0, 0.0, -1.0])
+DARK = Lights.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+PAPER_2003 = {(25, 500): 2.7, (49, 500): 1.5, (63, 500): 1.2, (25, 8000): 1.3, (49, 8000): 0.7, (63, 8000): 0.55}  # frames/s, table 1
+PAPER_PRECOMPUTED_MS = {(63, 300): 513, (25, 256): 129, (99, 256): 527}  # Lu et al. 2015, section 7
+
+
+def headlight() -> LightField:
+    lamp = Lamp(aperture_radius_m=0.03, focal_m=0.007, ball_radius_m=0.002, offset_m=(0.001, 0.0, 0.0), radiance=(4e6, 3.5e6, 2.6e6),
+                facets=20, facet_tilt=0.08)
+    planes = Planes("bell", 0.0075, 9, 7, 0.12, (0.14, 0.14), 96, 96)
+    return measured_lamp(lamp, planes, compact_dual("bell", 4), per_spacing=6, name="headlight")
+
+
+def same(count: int) -> np.ndarray:
+    return interleaving(np.zeros(count, int), np.zeros(count, int), 1)
+
+
+def wall(distance_m: float, half_m: float, columns: int, rows: int) -> np.ndarray:
+    """Points (rows * columns, 3) of a wall across the axis."""
+    x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * half_m
+    y = ((np.arange(rows) + 0.5) / rows * 2 - 1) * half_m * rows / columns
+    return np.stack([*np.meshgrid(x, y), np.full((rows, columns), distance_m)], axis=-1).reshape(-1, 3)
+
+
+def rmse(picture: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((picture - truth) ** 2)) / np.mean(truth))
+
+
+def lab_error(picture: np.ndarray, truth: np.ndarray) -> float:
+    """Mean distance in Lab of tone-mapped pictures: 1 - exp(-L / mean), as Lu et al. 2015 compare them, and the sRGB curve."""
+    lab = []
+    for image in (picture, truth):
+        level = 1 - np.exp(-np.maximum(image, 0) / truth.mean())
+        lab.append(cv2.cvtColor((level ** (1 / 2.2)).astype(np.float32).reshape(-1, 1, 3), cv2.COLOR_RGB2Lab))
+    return float(np.linalg.norm(lab[0] - lab[1], axis=-1).mean())
+
+
+def median_s(work: Callable[[], object], times: int = 3) -> float:
+    spent = []
+    for _ in range(times):
+        start = time.perf_counter()
+        work()
+        spent.append(time.perf_counter() - start)
+    return float(np.median(spent))
+
+
+def write(path: Path, header: list[str], rows: list[list]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "w", newline="") as file:
+        csv.writer(file).writerows([header, *([f"{v:.5g}" if isinstance(v, float) else v for v in row] for row in rows)])
+    print(path.name)
+    for row in rows:
+        print("  " + ", ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
+
+
+def chart(path: Path, series: dict[str, tuple[list, list]], x: str, y: str) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6, 4), dpi=110)
+    for name, (a, b) in series.items():
+        axes.loglog(a, b, marker="o", label=name)
+    axes.set(xlabel=x, ylabel=y)
+    axes.grid(True, which="both", alpha=0.3)
+    axes.legend()
+    figure.tight_layout()
+    figure.savefig(path)
+    plt.close(figure)
+
+
+def convergence(out: Path) -> None:
+    """Error against samples a pixel of uniform, precomputed global and position-dependent sampling, on a wall in the beam."""
+    field = headlight()
+    tables, points = tables_of(field), wall(1.2, 0.9, 32, 24)
+    truth, rng = np.array([irradiance(field, p, DOWN) for p in points]), np.random.default_rng(1)
+    ways = {
+        "uniform": lambda n: rivals.uniform(tables, points, n, halton(n)),
+        "precomputed": lambda n: rivals.precomputed(tables, points, n, np.column_stack([halton(n)[:, 0], rng.random((n, 2))])),
+        "ours": lambda n: shade(tables, receivers(points, np.tile(DOWN, (len(points), 1))), same(len(points)), n),
+    }
+    rows, series = [], {}
+    for name, way in ways.items():
+        way(4)
+        counts = [63, 126, 252, 504, 1008, 4032] + ([16128, 63000] if name == "precomputed" else [])
+        for n in counts:
+            start = time.perf_counter()
+            picture = way(n)
+            spent_us = (time.perf_counter() - start) / len(points) * 1e6
+            rows.append([name, n, spent_us, rmse(picture, truth), lab_error(picture, truth)])
+        mine = [row for row in rows if row[0] == name]
+        series[name] = ([row[1] for row in mine], [row[3] for row in mine])
+    write(out / "luminaires_convergence.csv", ["sampling", "samples a point", "us a point", "relative RMSE", "mean Lab error"], rows)
+    chart(out / "luminaires_convergence.png", series, "samples a point", "relative RMSE")
+    timed = {name: ([r[2] for r in rows if r[0] == name], [r[3] for r in rows if r[0] == name]) for name in ways}
+    chart(out / "luminaires_equal_time.png", timed, "microseconds a point, one core", "relative RMSE")
+
+
+def accuracy(out: Path) -> None:
+    """1,000 points before, on, near and between the planes: the mean of 10^5 samples against quadrature."""
+    field, rng = headlight(), np.random.default_rng(1)
+    d = field.distance_m
+    z = rng.choice([0.5 * d, d - 1e-4, d - 1e-5, d, d + 1e-5, d + 1e-4, 1.1 * d, 2 * d, 8 * d], 1000)
+    points = np.concatenate([rng.uniform(-0.05, 0.05, (1000, 2)) * np.maximum(z / d, 1)[:, None], z[:, None]], axis=1)
+    got = shade(tables_of(field), receivers(points, np.tile(DOWN, (1000, 1))), same(1000), 100_000)
+    truth = np.array([irradiance(field, p, DOWN) for p in points])
+    off = np.linalg.norm(got - truth, axis=1) / np.linalg.norm(truth, axis=1)
+    lit = np.linalg.norm(truth, axis=1) > 1e-3 * np.linalg.norm(truth, axis=1).max()
+    parts = {"within 1e-4 of S": np.abs(z - d) < 2e-4, "between": z < d - 1e-3, "beyond": z > d + 1e-3}
+    rows = [[name, int((lit & part).sum()), *np.quantile(off[lit & part], (0.5, 0.99, 1.0)).tolist()] for name, part in parts.items()]
+    write(out / "luminaires_accuracy.csv", ["points", "count", "median error", "99 %", "largest"], rows)
+
+
+def approximation(out: Path) -> None:
+    """Figure 3 of 2003, and its approximation against the exact field for filters of different width."""
+    theta = np.radians(np.arange(0, 81, 10.0))
+    rows = [["E_r", s, *[float(e) for e in shift_invariant.relative_error(theta, s)]] for s in (0.01, 0.02, 0.04, 0.08)]
+    write(out / "luminaires_figure3.csv", ["", "s", *[f"{np.degrees(a):.0f} degrees" for a in theta]], rows)
+    rows = []
+    for factor in (0.5, 1.0, 2.0, 4.0):
+        lamp = Lamp(aperture_radius_m=0.02, focal_m=0.005, ball_radius_m=0.002, radiance=(4e6, 3.5e6, 2.6e6))
+        planes = Planes("bell", 0.0075, 5, 5, 0.12 * factor, (0.1 + 0.05 * factor, 0.1 + 0.05 * factor), 48, 48)
+        field = measured_lamp(lamp, planes, compact_dual("bell", 4), per_spacing=6)
+        for distance in (2 * planes.distance_m, 10 * planes.distance_m):
+            points = wall(distance, 0.4 * distance, 12, 9)
+            exact = np.array([irradiance(field, p, DOWN) for p in points])
+            spots = np.array([shift_invariant.irradiance(field, p, DOWN) for p in points])
+            rows.append([2 * planes.spacing_m / planes.distance_m, distance, shift_invariant.error_bound(field), rmse(spots, exact)])
+    write(out / "luminaires_approximation.csv", ["s", "distance m", "bound E_r", "relative RMSE"], rows)
+
+
+def pictured(scene: Scene, size: tuple[int, int]) -> np.ndarray:
+    renderer = Renderer(scene, Settings(width=size[0], height=size[1]))
+    try:
+        return renderer.render(DARK)[..., :3].copy()
+    finally:
+        renderer.release()
+
+
+def with_lamp(scene: Scene, field: LightField, at: tuple, rotate: tuple, **table) -> Scene:
+    row = LuminaireTable(at=at, rotate=rotate, **table)
+    return scene._replace(luminaires=(Luminaire(field, placed(at, rotate), 1.0, row),))
+
+
+def shadows(out: Path) -> None:
+    """Shadow maps from both reference positions, and none, against traced rays on the bundled scene."""
+    demo, field = load_scene(None), headlight()
+    lit = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "method": "sampled", "samples": 200}
+    truth = pictured(with_lamp(demo, field, **lit, shadows="traced"), (160, 120))
+    rows = []
+    for name, reference, kind, size in (("none", "sampling", "none", 16), ("measurement plane, 2015", "measurement", "maps", 192),
+                                        ("sampling plane", "sampling", "maps", 64), ("sampling plane", "sampling", "maps", 192),
+                                        ("sampling plane", "sampling", "maps", 384)):
+        illumination.cell_views = lambda f, far, reference=reference: cells.cell_views(f, far, reference)
+        picture = pictured(with_lamp(demo, field, **lit, shadows=kind, shadow_map=size), (160, 120))
+        rows.append([name, size, rmse(picture, truth), lab_error(picture, truth), float(picture.sum() / truth.sum())])
+    illumination.cell_views = cells.cell_views
+    write(out / "luminaires_shadows.csv", ["maps from", "texels", "relative RMSE", "mean Lab error", "energy"], rows)
+
+
+def search(out: Path) -> None:
+    """Probes in a CDF of 300 entries: binary, regula falsi (the secant variant of 2015), and the two in turns."""
+    rng, x = np.random.default_rng(1), np.linspace(-1, 1, 300)
+    shapes = {"uniform": np.ones(300), "smooth bump": np.exp(-4 * x**2), "narrow peak": np.exp(-400 * x**2) + 1e-4, "ramp": np.exp(8 * x),
+              "random HDR": np.exp(2 * rng.normal(size=300))}
+    rows = []
+    for name, density in shapes.items():
+        edges = np.concatenate([[0], np.cumsum(density)]) / density.sum()
+        for way in ("binary", "regula falsi", "in turns"):
+            probes = [_probes(edges, float(t), way) for t in rng.random(2000)]
+            rows.append([name, way, float(np.mean(probes)), int(np.max(probes))])
+    write(out / "luminaires_search.csv", ["density", "search", "mean probes", "most"], rows)
+
+
+def _probes(edges: np.ndarray, target: float, way: str) -> int:
+    low, high, count = 0, len(edges) - 1, 0
+    while high - low > 1:
+        share = (target - edges[low]) / max(edges[high] - edges[low], 1e-300)
+        guess = low + int(share * (high - low))
+        halves = way == "binary" or (way == "in turns" and count % 2)
+        middle = (low + high) // 2 if halves else min(max(guess, low + 1), high - 1)
+        count += 1
+        low, high = (middle, high) if edges[middle] <= target else (low, middle)
+    return count
+
+
+def speed(out: Path) -> None:
+    """Tables, maps and the light of one lamp, on this machine's GL, at the papers' sizes."""
+    rng, rows = np.random.default_rng(1), []
+
+    def field(rows_: int, cols: int, side: int) -> LightField:
+        grain = cv2.GaussianBlur(rng.random((side, side)).astype(np.float32), (0, 0), side / 30)
+        y, x = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij")
+        image = (np.exp(-6 * (x**2 + y**2)) * grain)[..., None] * np.ones(3)
+        images = np.broadcast_to(image, (rows_, cols, side, side, 3)).astype(np.float32)
+        return Planes("bell", 0.0075, rows_, cols, 0.12, (0.14, 0.14), side, side).field(images, "photometric", "smooth")
+
+    for (count, side), paper_ms in PAPER_PRECOMPUTED_MS.items():
+        lamp = field(count // 9 if count != 25 else 5, 9 if count == 63 else 11 if count == 99 else 5, side)
+        ms = median_s(lambda lamp=lamp: (tables_of(lamp), cells.cell_views(lamp, 10.0, "measurement"))) * 1e3
+        rows.append([f"tables, {lamp.images.shape[0] * lamp.images.shape[1]} images of {side} x {side}", ms, f"2015: {paper_ms} ms"])
+    lit = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0)}
+    for count, polygons in PAPER_2003:
+        side = {25: (5, 5), 49: (7, 7), 63: (9, 7)}[count]
+        scene = with_lamp(polygon_scene(polygons), field(*side, 300), **lit, method="shift-invariant", shadow_map=192)
+        ms = _frame_ms(scene, (400, 400))
+        paper_ms = 1e3 / PAPER_2003[count, polygons]
+        rows.append([f"2003: {count} spots, {polygons} polygons, 400 x 400, maps anew", ms, f"2003: {paper_ms:.0f} ms"])
+    scene = with_lamp(load_scene(None), field(9, 7, 300), **lit, method="sampled", samples=200, shadow_map=256)
+    ms = _frame_ms(scene, (1024, 768), 1)
+    rows.append(["2015: 63 images, 200 samples, 1024 x 768, 80 maps anew", ms, "2015: 67 to 143 ms (GTX 580)"])
+    write(out / "luminaires_speed.csv", ["what", "ms", "paper"], rows)
+
+
+def polygon_scene(polygons: int) -> Scene:
+    """A ground, and boxes of 12 triangles in rows, about `polygons` in all."""
+    box = shape_geometry("box")
+    parts = [Mesh("ground", shape_geometry("plane").moved(np.eye(3) * 4.5, np.zeros(3)), load_scene(None).meshes[0].material)]
+    side = int(np.ceil(np.sqrt(polygons / 12)))
+    stack = [box.moved(np.eye(3) * 1.2 / side, np.array([(i + 0.5) / side * 6 - 3, (j + 0.5) / side * 6 - 3, 1.2 / side]))
+             for i, j in np.ndindex(side, side)][: polygons // 12]
+    first = np.arange(len(stack)) * len(box.positions)
+    triangles = np.concatenate([g.triangles + np.uint32(k) for g, k in zip(stack, first, strict=True)])
+    joined = stack[0]._replace(positions=np.concatenate([g.positions for g in stack]), normals=np.concatenate([g.normals for g in stack]),
+                               triangles=triangles)
+    if hasattr(joined, "uvs"):
+        joined = joined._replace(uvs=np.concatenate([g.uvs for g in stack]))
+    parts.append(Mesh("boxes", joined, parts[0].material))
+    low, high = bounds([part.geometry for part in parts])
+    return Scene(Camera(position=(3.4, -4.6, 2.7), at=(0.0, 0.1, 0.5), fov_y=40.0), tuple(parts), (low + high) / 2, (high - low) / 2)
+
+
+def _frame_ms(scene: Scene, size: tuple[int, int], times: int = 3) -> float:
+    """A frame in which the lamp moved, so that all its maps are drawn."""
+    renderer = Renderer(scene, Settings(width=size[0], height=size[1]))
+    table = scene.luminaires[0].table
+    step = iter(range(100))
+
+    def frame() -> None:
+        renderer.place_luminaire(0, (table.at[0], table.at[1], table.at[2] + 1e-3 * next(step)), table.rotate, 1.0)
+        renderer.render(DARK)
+    try:
+        if times > 1:
+            frame()
+        return median_s(frame, times) * 1e3
+    finally:
+        renderer.release()
+
+
+BENCHES = {f.__name__: f for f in (convergence, accuracy, approximation, shadows, search, speed)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("docs/luminaires"))
+    parser.add_argument("--only", nargs="+", choices=list(BENCHES), default=list(BENCHES))
+    arguments = parser.parse_args()
+    for name in arguments.only:
+        BENCHES[name](arguments.out)
+
+
+if __name__ == "__main__":
+    main()

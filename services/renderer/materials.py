@@ -30,17 +30,24 @@ class Ggx(NamedTuple):
     metal_rough: np.ndarray | None = None
 
 
-Material = Phong | Ggx
-KINDS = 3  # the shaders know surfaces of Lambert alone, of Lambert and Phong, and of GGX
+class Catcher(NamedTuple):
+    """A real ground that is in the plate already: it shows only the share of light that the scene's shadows take from it."""
+
+
+Material = Phong | Ggx | Catcher
+KINDS = 4  # the shaders know surfaces of Lambert alone, of Lambert and Phong, of GGX, and catchers of shadows
+CATCHER = 3
 
 
 def kind_of(material: Material) -> int:
     """Which of the KINDS a material is."""
-    return 2 if isinstance(material, Ggx) else int(any(value > 0 for value in material.specular))
+    if isinstance(material, Phong):
+        return int(any(value > 0 for value in material.specular))
+    return 2 if isinstance(material, Ggx) else CATCHER
 
 
 class MaterialTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`material = {...}` of a scene file: keys of the one kind or of the other."""
+    """`material = {...}` of a scene file: keys of one kind, or catcher = true."""
 
     diffuse: Colour | None = None
     specular: Colour | None = None
@@ -48,10 +55,15 @@ class MaterialTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     base_color: Colour | None = None
     metallic: Fraction | None = None
     roughness: Fraction | None = None
+    catcher: bool = False
 
 
 def material_from_table(table: MaterialTable) -> Material:
     """The material of a scene file's keys. Raises ValueError when they mix two kinds or reflect more than they receive."""
+    if table.catcher:
+        if table != MaterialTable(catcher=True):
+            raise ValueError("a catcher has no colour; leave the other keys of its material out")
+        return Catcher()
     phong = {key: value for key in ("diffuse", "specular", "exponent") if (value := getattr(table, key)) is not None}
     ggx = {key: value for key in ("metallic", "roughness") if (value := getattr(table, key)) is not None}
     if table.base_color is not None and not phong:
@@ -106,6 +118,11 @@ def _factor(value: Any, coded: bool = False) -> Colour:
 
 def _colours(image: Any) -> np.ndarray | None:
     return None if image is None else _texels(image, linear=False)
+
+
+def plate_pixels(image: Any) -> np.ndarray:
+    """A PIL image of a place, (h, w, 3) float16, linear, the first row on top."""
+    return np.ascontiguousarray(_texels(image, linear=False)[::-1])
 
 
 def _texels(image: Any, linear: bool) -> np.ndarray:

@@ -15,6 +15,7 @@ from services.renderer.luminaire.illumination import Illumination
 from services.renderer.luminaire.placement import Vector, placed
 from services.renderer.materials import kind_of
 from services.renderer.pace import Pace, affordable_lights, affordable_maps, first_lights, learnt
+from services.renderer.plate import Plate
 from services.renderer.programs import Programs, context_info, headless_context
 from services.renderer.regions import light_regions
 from services.renderer.scene import Scene
@@ -23,6 +24,7 @@ from services.renderer.shadows import ShadowAtlas
 from services.renderer.surfaces import Surfaces
 from services.renderer.tonemap import Adaptation, tone_curve
 from services.renderer.view import pixel_offsets
+from services.sphere import luminance
 
 WARM_UP = 2  # frames: GL drivers compile on the first and tune on the second
 
@@ -58,6 +60,8 @@ class Renderer:
         kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}
         self._shading = Shading(context, self._programs, found, kinds, self._size)
         self._illumination = Illumination(context, self._programs, self._scene, self._size)
+        plate = self._scene.plate
+        self._plate = None if plate is None else Plate(context, self._programs, plate, self._size)
         self._tonemap = self._programs.program("screen.vert", "tonemap.frag")
         self._tonemap_array = context.vertex_array(self._tonemap, [])
         self._screen = context.renderbuffer(self._size, 4)
@@ -66,7 +70,8 @@ class Renderer:
     def render(self, lights: Lights) -> np.ndarray:
         """The picture under `lights`, (height, width, 4) float32, linear, row 0 on top.
 
-        RGB is radiance times alpha (the average over the pixel's area), alpha the share of the area where rays meet a surface.
+        RGB is radiance times alpha (the average over the pixel's area), alpha the share of the area where rays meet a surface; a catcher
+        is black with the share of light that shadows take from it as alpha. With a plate it lies behind all and alpha is 1.
         With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
         with self._context:  # another renderer of this process may have made its own the current one
@@ -76,6 +81,8 @@ class Renderer:
                 self._render_in_time(lights)
             else:
                 self._render_all(lights)
+            if self._plate:
+                self._plate.draw(self._shading.frame)
             data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
         return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
 
@@ -86,14 +93,14 @@ class Renderer:
 
     def _render_all(self, lights: Lights) -> None:
         """Draws all maps and sums all lights."""
-        weight = 1 / len(self._offsets)
+        weight, unshadowed = 1 / len(self._offsets), self._unshadowed(lights)
         for number, batch in enumerate(self._atlas.batches(lights) or [None]):
             if batch:
                 self._atlas.draw(batch)
             for offset in self._offsets:
                 self._see(offset, weight if number == 0 else 0.0)
                 if batch:
-                    self._shading.add(self._surfaces, self._atlas, batch, weight)
+                    self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed)
 
     def _see(self, offset: tuple[float, float], alpha: float) -> None:
         """Draws the surfaces at `offset` in each pixel, worth `alpha` of the picture's, and what the luminaires add to them."""
@@ -110,15 +117,22 @@ class Renderer:
         if batch is None:
             self._render_all(chosen)
             return
-        weight = 1 / len(self._offsets)
+        weight, unshadowed = 1 / len(self._offsets), self._unshadowed(chosen)
         maps_ms = self._spent_ms(lambda: self._atlas.draw(batch))
         seen_ms = lights_ms = 0.0
         for offset in self._offsets:
             seen_ms += self._spent_ms(partial(self._see, offset, weight))
-            lights_ms += self._spent_ms(lambda: self._shading.add(self._surfaces, self._atlas, batch, weight))
+            lights_ms += self._spent_ms(lambda: self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed))
         self._drawn_frames += 1
         if self._drawn_frames > WARM_UP:
             self._pace = learnt(self._pace, seen_ms, batch.maps.count, maps_ms, count, lights_ms)
+
+    def _unshadowed(self, lights: Lights) -> float:
+        """Luminance of what the lights give to the scene's catcher where no shadow falls, above 0."""
+        normal = self._scene.catcher_normal
+        if normal is None:
+            return 1.0
+        return max(float(np.maximum(lights.directions @ normal, 0) @ luminance(lights.irradiance)), 1e-30)
 
     def _spent_ms(self, work: Callable[[], None]) -> float:
         """How long the GPU is busy with some work, when it had nothing else to do."""
@@ -149,6 +163,7 @@ class Renderer:
         """Frees everything on the GPU and the context."""
         with self._context:
             parts = (self._atlas, self._surfaces, self._shading, self._illumination, self._tonemap_array, self._screen_frame, self._screen)
-            for part in (*parts, self._programs):
-                part.release()
+            for part in (*parts, self._plate, self._programs):
+                if part is not None:
+                    part.release()
         self._context.release()

@@ -12,8 +12,9 @@ from msgspec import Meta
 
 from services.files import BadInput, read_toml
 from services.renderer.luminaire.placement import Luminaire, LuminaireTable, load_luminaire
-from services.renderer.materials import Material, MaterialTable, Phong, material_from_table
+from services.renderer.materials import Catcher, Material, MaterialTable, Phong, material_from_table
 from services.renderer.meshes import Geometry, Part, Shape, bounds, read_parts, shape_geometry
+from services.renderer.plate import PlateTable, load_plate
 from services.sphere import rotation_xyz
 
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
@@ -44,6 +45,7 @@ class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     camera: Camera
     mesh: list[MeshTable]
     luminaire: list[LuminaireTable] = []
+    plate: PlateTable | None = None
 
 
 class Mesh(NamedTuple):
@@ -62,13 +64,23 @@ class Scene(NamedTuple):
     centre: np.ndarray
     half: np.ndarray
     luminaires: tuple[Luminaire, ...] = ()
+    plate: np.ndarray | None = None  # (h, w, 3) float16, radiance of what lies behind, row 0 on top
+
+    @property
+    def catcher_normal(self) -> np.ndarray | None:
+        """Unit normal (3,) of the catcher on the camera's side; None when there is none."""
+        for mesh in self.meshes:
+            if isinstance(mesh.material, Catcher):
+                normal = mesh.geometry.normals[0].astype(np.float64)
+                return normal if (self.camera.position - mesh.geometry.positions[0].astype(np.float64)) @ normal >= 0 else -normal
+        return None
 
 
 def load_scene(path: Path | None) -> Scene:
     """The scene at `path`, or the bundled demo scene for None.
 
     Raises BadInput, naming the scene file, the mesh and the mend, for unknown keys, a missing or unreadable mesh file, for meshes
-    that are empty, hold nan or have no area, and for luminaires that cannot be read.
+    that are empty, hold nan or have no area, and for luminaires and plates that cannot be read.
     """
     path = path or DEMO_SCENE
     table = read_toml(path, SceneTable)
@@ -80,7 +92,18 @@ def load_scene(path: Path | None) -> Scene:
     meshes = [mesh for number, row in enumerate(table.mesh, 1) for mesh in _meshes(row, path, f"{path}: [[mesh]] {number}")]
     low, high = bounds([mesh.geometry for mesh in meshes])
     lamps = [load_luminaire(row, path.parent, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
-    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps))
+    _check_catchers(meshes, path)
+    plate = load_plate(table.plate, path.parent, f"{path}: [plate]") if table.plate else None
+    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate)
+
+
+def _check_catchers(meshes: list[Mesh], path: Path) -> None:
+    """Raises BadInput when there is more than one catcher or it is not flat: the light that it would have then varies over it."""
+    catchers = [mesh for mesh in meshes if isinstance(mesh.material, Catcher)]
+    if len(catchers) > 1:
+        raise BadInput(f"{path}: has {len(catchers)} meshes with catcher = true; join them in one flat mesh")
+    if catchers and np.ptp(catchers[0].geometry.normals, axis=0).max() > 1e-3:
+        raise BadInput(f"{path}: {catchers[0].name} with catcher = true is not flat; use shape = \"plane\"")
 
 
 def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
@@ -108,4 +131,8 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
     if y_up:
         rotation = rotation @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
     placed = [part.geometry.moved(rotation * row.scale, np.array(row.at)) for part in found]
-    return [Mesh(part.name, geometry, wanted or part.material or Phong()) for part, geometry in zip(found, placed, strict=True)]
+    made = [part.material if wanted is None else wanted for part in found]
+    return [
+        Mesh(part.name, geometry, Phong() if material is None else material)
+        for part, geometry, material in zip(found, placed, made, strict=True)
+    ]

@@ -7,7 +7,7 @@ value, so that all pixels of a draw call walk the same row of lights: no pixel w
 import moderngl
 import numpy as np
 
-from services.renderer.materials import KINDS
+from services.renderer.materials import CATCHER, KINDS
 from services.renderer.programs import Programs
 from services.renderer.regions import CUBE_SIDE, Regions
 from services.renderer.shadows import MAX_LIGHTS, Batch, ShadowAtlas
@@ -41,14 +41,19 @@ class Shading:
         self._begin("1")
         self._arrays[0].render(moderngl.TRIANGLES, vertices=3)
 
-    def add(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, weight: float) -> None:
-        """Adds a batch of lights, whose maps are in the atlas, times `weight` to the pixels that `classify` found."""
+    def add(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, weight: float, unshadowed: float = 1.0) -> None:
+        """Adds a batch of lights, whose maps are in the atlas, times `weight` to the pixels that `classify` found.
+
+        unshadowed: luminance of the irradiance that all lights of all batches would give to a catcher without shadows, above 0.
+        """
         self._begin("==")
         for (kind, program), array in zip(self._programs.items(), self._arrays[1:], strict=True):
             unit = surfaces.bind(program)
             atlas.bind(program, unit)
             program["weight"] = weight
-            if kind:
+            if kind == CATCHER:
+                program["unshadowed"] = unshadowed
+            elif kind:
                 program["eye"] = surfaces.eye
             for region, row in enumerate(batch.rows):
                 if row.count:

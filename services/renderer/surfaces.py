@@ -4,7 +4,7 @@ import moderngl
 import numpy as np
 
 from services.renderer.geometry import drawable_scene
-from services.renderer.materials import Material, Phong, kind_of
+from services.renderer.materials import Catcher, Material, Phong, kind_of
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
 from services.renderer.view import clip_from_world
@@ -49,6 +49,8 @@ class Surfaces:
         if isinstance(material, Phong):
             numbers = (material.diffuse, material.specular, material.exponent)
             images = (material.image, None)
+        elif isinstance(material, Catcher):
+            numbers, images = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0), (None, None)
         else:
             numbers = (material.base_color, (material.metallic, 0.0, 0.0), material.roughness)
             images = (material.image, material.metal_rough)

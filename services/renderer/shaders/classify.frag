@@ -1,5 +1,5 @@
 #version 430
-// Writes each pixel's class as a depth: 3 * (light region of its normal) + its kind of material, nothing where there is no surface.
+// Writes each pixel's class as a depth: 4 * (light region of its normal) + its kind of material, nothing where there is no surface.
 #include "normals.glsl"
 
 uniform sampler2D surface_positions;
@@ -15,6 +15,6 @@ void main() {
     vec3 normal = direction_from_octahedron(texelFetch(surface_normals, pixel, 0).xy);
     float kind = texelFetch(surface_diffuse, pixel, 0).w;
     float region = texture(region_of_normal, normal).r;
-    gl_FragDepth = there > 0.0 ? (3.0 * region + kind + 0.5) / CLASSES : 1.0;
-    radiance = vec4(0.0, 0.0, 0.0, there * alpha);
+    gl_FragDepth = there > 0.0 ? (4.0 * region + kind + 0.5) / CLASSES : 1.0;
+    radiance = vec4(0.0, 0.0, 0.0, kind < 3.0 ? there * alpha : 0.0);  // a catcher covers by its shadows alone
 }

@@ -13,10 +13,11 @@ struct Surface { vec3 position, normal, flat_normal, mirrored, lambert, specular
 
 const float LAMPS_PI = 3.14159265358979;
 
-// False where the pixel sees no surface.
+// False where the pixel sees no surface, or one that only catches shadows.
 bool surface_at(ivec2 pixel, out Surface surface) {
     vec4 position = texelFetch(surface_positions, pixel, 0);
-    if (position.w == 0.0) return false;
+    vec4 diffuse = texelFetch(surface_diffuse, pixel, 0);
+    if (position.w == 0.0 || diffuse.w > 2.5) return false;
     vec4 normals = texelFetch(surface_normals, pixel, 0);
     mat3 turn = mat3(local_from_world);
     vec3 normal = direction_from_octahedron(normals.xy);
@@ -25,7 +26,6 @@ bool surface_at(ivec2 pixel, out Surface surface) {
     surface.normal = turn * normal;
     surface.flat_normal = turn * direction_from_octahedron(normals.zw);
     surface.mirrored = turn * reflect(normalize(position.xyz - eye), normal);
-    vec4 diffuse = texelFetch(surface_diffuse, pixel, 0);
     surface.lambert = diffuse.rgb / LAMPS_PI;
     surface.specular = specular.rgb;
     surface.shape = specular.w;

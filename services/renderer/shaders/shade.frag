@@ -1,6 +1,7 @@
 #version 430
 // Sums a row of lights for each surface of a class: KIND 0 is Lambert, 1 adds
-// normalised Phong, 2 is GGX as glTF has it; each light with its shadow map.
+// normalised Phong, 2 is GGX as glTF has it; 3 catches shadows: its alpha is the share of
+// light that they take. Each light with its shadow map.
 
 layout(early_fragment_tests) in;
 #include "light.glsl"
@@ -9,7 +10,9 @@ layout(early_fragment_tests) in;
 
 const float PI = 3.14159265358979;
 
-#if KIND > 0
+#if KIND == 3
+uniform float unshadowed;  // luminance of what the lights give to a catcher without shadows
+#elif KIND > 0
 uniform vec3 eye;
 uniform sampler2D surface_specular;
 #endif
@@ -60,8 +63,10 @@ void main() {
     vec4 normals = texelFetch(surface_normals, pixel, 0);
     vec3 smooth_normal = direction_from_octahedron(normals.xy);
     vec3 flat_normal = direction_from_octahedron(normals.zw);
+#if KIND < 3
     vec3 lambert = texelFetch(surface_diffuse, pixel, 0).rgb / PI;
-#if KIND > 0
+#endif
+#if KIND == 1 || KIND == 2
     vec3 view = normalize(eye - position.xyz);
     vec4 specular = texelFetch(surface_specular, pixel, 0);
 #endif
@@ -73,10 +78,14 @@ void main() {
 #endif
 
     vec3 sum = vec3(0.0);
+    float taken = 0.0;
     for (int i = 0; i < light_count; ++i) {
         vec3 d = lights[i].direction.xyz;
         float flat_cosine = dot(flat_normal, d);
         float cosine = flat_cosine > 0.0 ? max(dot(smooth_normal, d), 0.0) : 0.0;
+#if KIND == 3
+        taken += dot(lights[i].irradiance.rgb, vec3(0.2126, 0.7152, 0.0722)) * cosine * (1.0 - visibility(i, position, flat_normal, flat_cosine));
+#else
 #if KIND == 0
         vec3 brdf = lambert;
 #elif KIND == 1
@@ -85,6 +94,10 @@ void main() {
         vec3 brdf = ggx(lambert, specular.rgb, specular.w, smooth_normal, view, view_cosine, d, max(cosine, 1e-4));
 #endif
         sum += lights[i].irradiance.rgb * brdf * (cosine * visibility(i, position, flat_normal, flat_cosine));
+#endif
     }
-    radiance = vec4(sum, 0.0) * weight;
+#if KIND == 3
+    taken /= unshadowed;
+#endif
+    radiance = vec4(sum, taken) * weight;
 }

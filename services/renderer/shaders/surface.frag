@@ -3,7 +3,7 @@
 #include "normals.glsl"
 
 uniform vec3 eye;
-uniform float kind;  // of material: 0 Lambert, 1 with Phong, 2 GGX
+uniform float kind;  // of material: 0 Lambert, 1 with Phong, 2 GGX, 3 a catcher of shadows
 uniform vec3 colour;  // diffuse; base colour
 uniform vec3 shine;  // specular; metallic, 0, 0
 uniform float shape;  // exponent; roughness
@@ -27,7 +27,7 @@ void main() {
     out_position = vec4(surface_position, 1.0);
     out_normals = vec4(octahedron_from_direction(smooth_normal), octahedron_from_direction(flat_normal));
     vec3 own = colour * texture(colour_image, surface_uv).rgb;
-    if (kind < 2.0) {
+    if (kind != 2.0) {
         out_diffuse = vec4(own, kind);
         out_specular = vec4(shine, shape);
     } else {  // glTF 2.0, appendix B.2

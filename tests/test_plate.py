@@ -1,0 +1,91 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.files import BadInput
+from services.images import write_exr, write_png
+from services.lights import Lights
+from services.renderer.renderer import Renderer
+from services.renderer.scene import load_scene
+from services.settings import Renderer as Settings
+from services.sphere import direction_from_angles
+
+CAMERA = "[camera]\nfrom = [0.0, -6.0, 4.0]\nat = [0.0, 0.0, 0.2]\nfov_y = 40.0\n"
+BOX = '[[mesh]]\nshape = "box"\nscale = 0.4\nat = [0.0, 0.0, 0.4]\n'
+CATCHER = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {catcher = true}\n'
+REAL = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {diffuse = [0.5, 0.5, 0.5]}\n'
+
+
+def drawn(folder: Path, text: str, lights: Lights, **settings) -> np.ndarray:
+    (folder / "scene.toml").write_text(CAMERA + text)
+    wanted = Settings(**{"width": 64, "height": 48, "shadow_map": 128, **settings})
+    renderer = Renderer(load_scene(folder / "scene.toml"), wanted, samples=4)
+    picture = renderer.render(lights).copy()
+    renderer.release()
+    return picture
+
+
+def some_lights(count: int) -> Lights:
+    k = np.arange(count) + 0.5
+    irradiance = np.random.default_rng(2).uniform(0, 1, (count, 1)) * np.ones(3)
+    return Lights.of(k, direction_from_angles(np.arccos(k / count), k * 2.4), irradiance)
+
+
+@pytest.mark.parametrize("count", [1, 12])
+def test_a_catcher_darkens_the_plate_as_a_real_ground_would_be_darkened(tmp_path, count):
+    lights = some_lights(count)
+    real, empty = drawn(tmp_path, REAL + BOX, lights), drawn(tmp_path, REAL, lights)
+    caught = drawn(tmp_path, CATCHER + BOX, lights)
+    ground = (np.abs(real[..., 3] - 1) < 1e-6) & ~caught[..., :3].any(axis=-1)  # where no part of the box is seen
+    assert ground.sum() > 500
+    left = real[ground][:, 0] / empty[ground][:, 0]
+    assert np.abs((1 - caught[ground][:, 3]) - left).max() < 2e-3
+    assert caught[ground][:, 3].max() > 0.3 / count
+
+
+def test_the_plate_lies_behind_everything(tmp_path):
+    pixels = np.random.default_rng(1).uniform(0, 2, (48, 64, 3)).astype(np.float32)
+    write_exr(tmp_path / "plate.exr", pixels)
+    lights = some_lights(5)
+    over = drawn(tmp_path, CATCHER + BOX + '[plate]\nfile = "plate.exr"\nstops = 1.0', lights)
+    alone = drawn(tmp_path, CATCHER + BOX, lights)
+    assert np.all(over[..., 3] == 1)
+    # half floats keep 11 bits of the plate
+    assert np.allclose(over[..., :3], alone[..., :3] + 2 * pixels * (1 - alone[..., 3:]), rtol=2e-3, atol=1e-4)
+
+
+def test_a_plate_as_png_is_taken_to_linear_light_upright(tmp_path):
+    pixels = np.zeros((2, 2, 3), np.uint8)
+    pixels[0] = 188
+    write_png(tmp_path / "plate.png", pixels)
+    picture = drawn(tmp_path, CATCHER + '[plate]\nfile = "plate.png"', some_lights(1))
+    assert np.allclose(picture[0, :, :3], 0.503, atol=2e-3)
+    assert not picture[-1, :, :3].any()
+
+
+def test_without_light_a_catcher_is_clear(tmp_path):
+    dark = some_lights(3)._replace(irradiance=np.zeros((3, 3), np.float32))
+    assert drawn(tmp_path, CATCHER, dark).max() == 0
+
+
+def test_a_target_frame_time_catches_the_same_shadows(tmp_path):
+    lights = some_lights(6)
+    assert np.allclose(drawn(tmp_path, CATCHER + BOX, lights, frame_ms=1e4), drawn(tmp_path, CATCHER + BOX, lights), atol=2e-2)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (CATCHER + CATCHER, "join them"),
+        ('[[mesh]]\nshape = "sphere"\nmaterial = {catcher = true}', "not flat"),
+        ('[[mesh]]\nshape = "plane"\nmaterial = {catcher = true, diffuse = [0.1, 0.1, 0.1]}', "no colour"),
+        (CATCHER + '[plate]\nfile = "absent.png"', "absent.png"),
+        (CATCHER + '[plate]\nfile = "absent.exr"', "absent.exr"),
+        (CATCHER + '[plate]\nfile = "plate.gif"', "convert it"),
+    ],
+)
+def test_bad_catchers_and_plates_are_named(tmp_path, text, words):
+    (tmp_path / "scene.toml").write_text(CAMERA + text)
+    with pytest.raises(BadInput, match=words):
+        load_scene(tmp_path / "scene.toml")

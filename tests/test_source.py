@@ -11,7 +11,7 @@ import pytest
 from services.capture.lens import Lens, pixel_from_direction, write_lens
 from services.capture.response import Log, code_from_radiance, write_response
 from services.capture.sequence import MANIFEST, file_entry
-from services.capture.source import open_source, polar_file, raw_attributes
+from services.capture.source import open_source, polar_file, raw_attributes, recorded_rate
 from services.capture.v4l2 import Raw
 from services.files import BadInput
 from services.images import read_radiance, write_exr
@@ -240,3 +240,19 @@ def test_header_of_a_cameras_frame_survives_the_file(tmp_path: Path) -> None:
     assert attributes["vemlight:mosaic"] == "RGGB"
     assert float(Fraction(attributes["framesPerSecond"])) == pytest.approx(29.97, rel=1e-5)
     assert attributes["utcOffset"] == 0
+
+
+@pytest.mark.parametrize("rate", [None, 0, "x", float("nan"), -5, 1e9, Fraction(30000, 1001)])
+def test_rate_of_a_hostile_header(rate: object) -> None:
+    got = recorded_rate({} if rate is None else {"framesPerSecond": rate}, 25.0)
+    assert got == (pytest.approx(29.97, rel=1e-4) if isinstance(rate, Fraction) else 25.0)
+
+
+def test_hostile_header(tmp_path: Path) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_response(tmp_path / "response.toml", RESPONSE)
+    write_exr(tmp_path / "m.exr", np.ones((128, 128), np.float32), {"vemlight:kind": "codes", "vemlight:mosaic": "CMYK"})
+    with pytest.raises(BadInput, match="CMYK"):
+        open_source(capture(tmp_path / "m.exr")).frame(0)
+    write_exr(tmp_path / "s.exr", np.ones((16, 32, 3), np.float32), {"vemlight:kind": "latlong", "whiteLuminance": -3.0})
+    assert open_source(capture(tmp_path / "s.exr")).frame(0).luminance_scale is None

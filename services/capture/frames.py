@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from services.settings import Capture
 from services.sphere import Coverage, cell_solid_angles, luminance
 
 Mosaic = Literal["mono"] | Bayer
+MOSAICS: tuple[Mosaic, ...] = ("mono", *get_args(Bayer))
 STRONG = 1 / 500  # of the map's power: a cell that holds more has its flux centre measured; a tenth of a light when there are 50
 MOST = 64  # such cells a frame
 
@@ -84,7 +85,10 @@ class FrameMaker:
         self._check_size(name, image)
         s = self._settings
         if kind == "codes":
-            return self.frame_from_codes(name, _whole_codes(name, image, attributes), attributes.get("vemlight:mosaic"), time_s)
+            mosaic = attributes.get("vemlight:mosaic")
+            if mosaic not in (None, *MOSAICS):
+                raise BadInput(f"{name}: vemlight:mosaic = {str(mosaic)[:40]!r} is not known; it is one of {', '.join(MOSAICS)}")
+            return self.frame_from_codes(name, _whole_codes(name, image, mosaic), mosaic, time_s)
         if kind == "polar":
             if (*image.shape[:2], attributes.get("vemlight:coverage")) != (s.rows, s.cols, s.coverage):
                 found = f"{attributes.get('vemlight:coverage')} of {image.shape[0]} x {image.shape[1]}"
@@ -103,7 +107,9 @@ class FrameMaker:
             raise BadInput(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
         strong = strong_cells(radiance, s.coverage) if centres else np.empty(0, np.int32)
         where = centres(strong) if centres and len(strong) else np.empty((0, 3), np.float32)
-        return Frame(radiance, s.coverage, time_s, attributes.get("whiteLuminance"), 0, 0, strong, where)
+        scale = attributes.get("whiteLuminance")
+        scale = float(scale) if isinstance(scale, float | int) and 0 < scale < 1e30 else None
+        return Frame(radiance, s.coverage, time_s, scale, 0, 0, strong, where)
 
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
         """The frame of raw `codes` uint8 or uint16: (height, width) of a `mosaic`, or (height, width, 3) without one.
@@ -193,9 +199,9 @@ def strong_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
     return strong[np.argsort(-flux[strong], kind="stable")][:MOST].astype(np.int32)
 
 
-def _whole_codes(name: str, image: np.ndarray, attributes: dict[str, Any]) -> np.ndarray:
+def _whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndarray:
     # a file's float pixels as uint16 codes: (height, width) of a mosaic, else (height, width, 3)
-    if attributes.get("vemlight:mosaic") is not None:
+    if mosaic:
         image = np.ascontiguousarray(image[..., 0])
     codes = np.where((image >= 0) & (image <= 65535), image, 0).astype(np.uint16)
     if not np.array_equal(codes, image):

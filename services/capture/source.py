@@ -51,8 +51,7 @@ class Files:
         self._maker = FrameMaker(settings, paths[0].parent)
         self._checked: set[int] = set()
         self._speed = settings.speed
-        rate = read_radiance(self.paths[0])[1].get("framesPerSecond")
-        self.fps = (float(Fraction(rate)) if rate else settings.fps) * settings.speed
+        self.fps = recorded_rate(read_radiance(self.paths[0])[1], settings.fps) * settings.speed
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -66,6 +65,15 @@ class Files:
         image, attributes = read_radiance(path)
         time_s = self._entries[k].time_s / self._speed if self._entries else k / self.fps
         return self._maker.frame(str(path), image, attributes, time_s)
+
+
+def recorded_rate(attributes: dict[str, Any], otherwise: float) -> float:
+    """Frames a second that a file's header tells, or `otherwise` where it tells none that can be."""
+    try:
+        rate = float(Fraction(attributes["framesPerSecond"]))
+    except (KeyError, TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return otherwise
+    return rate if 0 < rate <= 1000 else otherwise
 
 
 class Prefetched:

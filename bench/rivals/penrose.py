@@ -1,0 +1,91 @@
+"""Hierarchical importance sampling with Penrose tiling (Ostromoukhov, Donohue and Jodoin 2004).
+
+The plane is tiled by six types of triangles and sample points whose subdivision numbers them in the Fibonacci system; a tile's sample is
+taken where the importance reaches its number. The plane is laid on the sky by an area-preserving map (Shirley and Chiu 1997), so
+importance is radiance. The paper's table of corrections, made by Lloyd's relaxation, is left out: distances between samples are then .53 to
+.81 of the best possible. Equal-power lights; the scale of the importance is the one at which there are N of them.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from services.lights import Lights
+from services.sampler.density import light_map
+from services.sampler.square import direction_from_area, disc_from_square
+from services.sampler.step import irradiance
+from services.sphere import Coverage, cell_from_direction, ring_edges
+
+GOLDEN = (1 + np.sqrt(5)) / 2
+# type -> children: (type, vertex, turn in units of 18 degrees, bits). Vertices: "1", "2", "3" of the parent, "k.v": vertex v of child k.
+RULES: dict[str, tuple[tuple[str, str, int, str], ...]] = {
+    "A": (("B", "1", 0, "00"),),
+    "B": (("A", "1", 10, "00"),),
+    "C": (("F", "3", 14, "00"), ("C", "2", 6, "01"), ("A", "0.3", 1, "01")),
+    "D": (("E", "2", 6, "00"), ("D", "0.3", 14, "01")),
+    "E": (("C", "3", 12, "01"), ("E", "2", 8, "10"), ("F", "1", 0, "00"), ("A", "0.2", 7, "01")),
+    "F": (("F", "3", 12, "10"), ("E", "0.3", 0, "00"), ("D", "1.3", 8, "01"), ("A", "0.3", 15, "10")),
+}
+LEVELS = 15  # of subdivision: 75,000 samples in the square
+ROOT = 3.4  # scale of the root triangle, which then covers the unit square
+
+
+def _vertices(kind: str, place: complex, k: int, scale: float) -> tuple[complex, complex, complex]:
+    def along(turn: int) -> complex:
+        return 1j * np.exp(1j * np.pi / 10 * turn)
+
+    if kind in "AB":
+        return place, place, place
+    if kind in "CD":
+        return place, place + scale * along(k), place + GOLDEN * scale * along(k + 4)
+    return place, place + GOLDEN**2 * scale * along(k), place + GOLDEN * scale * along(k + 2)
+
+
+@lru_cache(maxsize=1)
+def _samples() -> tuple[np.ndarray, np.ndarray]:
+    """All sample points of the unit square (n, 2), and their numbers (n,), of which all tones have the same density."""
+    tiles: list[tuple[str, complex, int, float, str]] = [("E", complex(1.25, -1.9), 0, ROOT, "")]
+    for _ in range(LEVELS):
+        after = []
+        for kind, place, k, scale, bits in tiles:
+            corners = _vertices(kind, place, k, scale)
+            box = np.array([[c.real, c.imag] for c in corners])
+            if (box.max(axis=0) < 0).any() or (box.min(axis=0) > 1).any():
+                continue
+            made: list[tuple[complex, complex, complex]] = []
+            for child, vertex, turn, digits in RULES[kind]:
+                at = corners[int(vertex) - 1] if "." not in vertex else made[int(vertex[0])][int(vertex[2]) - 1]
+                after.append((child, at, (k + turn) % 20, scale / GOLDEN, bits + digits))
+                made.append(_vertices(child, at, (k + turn) % 20, scale / GOLDEN))
+        tiles = after
+    fibonacci = [1.0, 2.0]
+    while len(fibonacci) < 2 * LEVELS:
+        fibonacci.append(fibonacci[-1] + fibonacci[-2])
+    points, numbers = [], []
+    for kind, place, _, _, bits in tiles:
+        if kind in "AB" and 0 <= place.real < 1 and 0 <= place.imag < 1:
+            points.append((place.real, place.imag))
+            numbers.append(sum(f for bit, f in zip(bits, fibonacci, strict=False) if bit == "1"))
+    return np.array(points), np.array(numbers)
+
+
+@lru_cache(maxsize=2)
+def _on_sky(area: float) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (n, 3) of the samples on the part of the sphere whose area coordinate ends at `area`, and their numbers."""
+    points, numbers = _samples()
+    disc = [disc_from_square(u, v) for u, v in points]
+    return np.array([direction_from_area(a * area, w * 2 * np.pi) for a, w in disc]), numbers
+
+
+def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
+    """`count` lights of a polar map (rows, cols, 3): the samples whose numbers the importance reaches first."""
+    light = light_map(radiance, coverage)
+    rows, cols = light.importance.shape
+    directions, numbers = _on_sky(float(ring_edges(rows, coverage)[-1]))
+    i, j = cell_from_direction(directions, rows, cols, coverage)
+    cell = np.minimum(i.astype(int), rows - 1), np.minimum(j.astype(int), cols - 1)
+    importance = light.importance[cell] / light.importance.mean()
+    taken = np.argsort(numbers / importance)[:count]
+    tint = light.radiance[cell][taken] / importance[taken, None]
+    flux = irradiance(np.full(count, 1 / count), tint.astype(float), light.irradiance) if light.power > 0 else np.zeros((count, 3))
+    return Lights.of(taken, directions[taken], flux)

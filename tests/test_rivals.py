@@ -1,0 +1,84 @@
+"""Laws that every method must keep, ours among them."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bench.rivals.kollig_keller import kollig_keller
+from bench.rivals.median_cut import median_cut, variance_minimisation
+from bench.rivals.penrose import penrose
+from bench.rivals.structured import structured
+from services.lights import Lights
+from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from services.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+
+Method = Callable[[np.ndarray, Coverage, int], Lights]
+METHODS: list[Method] = [median_cut, variance_minimisation, kollig_keller, structured, penrose]
+BY_REGION: list[Method] = METHODS[:4]
+
+
+def sky(seed: int) -> np.ndarray:
+    coarse = np.random.default_rng(seed).lognormal(0, 1.2, (10, 30, 3))
+    return coarse.repeat(3, axis=0).repeat(4, axis=1).astype(np.float32)
+
+
+@pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.__name__)
+def test_energy_is_kept_in_every_channel(method, coverage):
+    for count in (1, 7, 40):
+        lights = method(sky(1), coverage, count)
+        np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(sky(1), coverage), rtol=1e-5)
+        np.testing.assert_allclose(np.linalg.norm(lights.directions, axis=1), 1, atol=1e-5)
+        assert 0 < len(lights.ids) <= count
+
+
+@pytest.mark.parametrize("method", BY_REGION, ids=lambda m: m.__name__)
+def test_the_number_of_lights_is_the_one_asked_for(method):
+    assert [len(method(sky(1), "hemisphere", count).ids) for count in (1, 2, 7, 40)] == [1, 2, 7, 40]
+
+
+@pytest.mark.parametrize("method", BY_REGION, ids=lambda m: m.__name__)
+def test_one_lit_cell_is_one_light_in_its_place(method):
+    radiance = np.zeros((30, 120, 3), np.float32)
+    radiance[10, 60] = [1.0, 2.0, 3.0]
+    lights = method(radiance, "hemisphere", 16)
+    lit = lights.irradiance.sum(axis=1) > 1e-6
+    place = direction_from_angles(np.radians(31.5), np.radians(181.5))
+    assert lit.sum() == 1
+    assert np.degrees(angle_between(lights.directions[lit].astype(float), place)).max() < 1.5
+
+
+def test_one_lit_cell_draws_the_samples_of_the_tiling():
+    radiance = np.zeros((30, 120, 3), np.float32)
+    radiance[10, 60] = [1.0, 2.0, 3.0]
+    lights = penrose(radiance, "hemisphere", 64)
+    place = direction_from_angles(np.radians(31.5), np.radians(181.5))
+    near = np.degrees(angle_between(lights.directions.astype(float), place)) < 3
+    assert lights.irradiance[near].sum() > 0.99 * lights.irradiance.sum()
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.__name__)
+def test_a_black_map_gives_no_light(method):
+    lights = method(np.zeros((12, 24, 3), np.float32), "hemisphere", 8)
+    assert np.isfinite(lights.directions).all()
+    assert lights.irradiance.sum() == 0
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.__name__)
+def test_the_same_map_gives_the_same_lights(method):
+    for one, other in zip(method(sky(2), "hemisphere", 20), method(sky(2), "hemisphere", 20), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.__name__)
+def test_error_falls_with_the_number_of_lights(method):
+    at, errors = probes(200, "hemisphere"), []
+    for count in (8, 32, 128):
+        square = 0.0
+        for seed in range(4):
+            truth = irradiance_of_map(at, sky(seed).astype(float), "hemisphere")
+            lights = method(sky(seed), "hemisphere", count)
+            square += np.mean(((irradiance_of_lights(at, lights.directions, lights.irradiance) - truth) / truth.mean()) ** 2)
+        errors.append(np.sqrt(square / 4))
+    assert errors[0] > errors[1] > errors[2]

@@ -6,7 +6,7 @@ SETTINGS ?=
 GL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
 .DEFAULT_GOAL := help
-.PHONY: help env gl run test check golden clean
+.PHONY: help env gl run test check charts golden clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -42,6 +42,10 @@ test: gl  ## run the tests
 check: env  ## lint and check the types
 	$(BIN)/ruff check .
 	$(BIN)/pyright
+
+charts: gl  ## make the charts in docs/charts anew (needs VEMLIGHT_DATA for real maps; under 30 minutes on 2 cores)
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock -r requirements-dev.lock -r requirements-bench.lock
+	$(BIN)/python -m bench.charts
 
 golden: gl  ## write the golden messages and the references of the replay tests anew
 	$(BIN)/python tests/golden.py

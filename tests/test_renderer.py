@@ -1,3 +1,4 @@
+import resource
 from pathlib import Path
 
 import moderngl
@@ -250,6 +251,22 @@ def test_tone_mapping_on_the_gpu_is_the_one_in_numpy():
             difference = np.abs(gpu - tone_mapped(image, state, stops))
             assert difference.max() <= 1
             assert np.mean(difference > 0) < 0.01
+    renderer.release()
+
+
+@pytest.mark.parametrize("frame_ms", [0.0, 20.0])
+def test_frames_leave_nothing_behind(frame_ms):
+    renderer = Renderer(load_scene(None), Settings(width=8, height=8, shadow_map=128, frame_ms=frame_ms))
+    state = adapt(None, renderer.render(uniform_lights(40, 0.0)), 0.04)
+
+    def peak_bytes(frames: int) -> int:
+        for count in range(frames):
+            renderer.render(uniform_lights((1, 20, 40)[count % 3], -1.0))  # atlases of 1, 5 x 5 and 7 x 7 tiles: 0.1, 1.6 and 3.2 MB
+            renderer.tone_mapped(state, 0.0)
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+    before = peak_bytes(6)
+    assert peak_bytes(45) - before < 20e6  # 15 rounds that left their atlases behind would hold 73 MB more
     renderer.release()
 
 

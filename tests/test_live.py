@@ -27,7 +27,7 @@ def live_settings(folder: Path, form: str = "Y12", bits: int = 12, **changes) ->
     return Capture(source="/dev/video0", format=form, fps=10.0, rows=30, cols=90, **names, **changes)
 
 
-def some_frames(live: Live, count: int, patience_s: float = 60.0) -> list:
+def some_frames(live: Live, count: int, patience_s: float = 120.0) -> list:
     frames, until = [], time.monotonic() + patience_s
     while len(frames) < count and time.monotonic() < until:
         frame = live.next(0.5)
@@ -42,7 +42,6 @@ def test_recording_replays_to_the_same_maps(tmp_path: Path, form: str, bits: int
     frames = some_frames(live, 10)
     live.close()
     assert len(frames) == 10
-    assert f"{form} 320x180 at 10" not in live.state  # closed
     files: dict[str, Any] = {"lens": str(tmp_path / "l.toml"), "response": str(tmp_path / "r.toml")}
     again = open_source(Capture(source=str(tmp_path / "out"), rows=30, cols=90, **files))
     assert live.recorder is not None
@@ -57,12 +56,8 @@ def test_recording_replays_to_the_same_maps(tmp_path: Path, form: str, bits: int
 
 
 def test_lens_of_another_size_is_refused(tmp_path: Path) -> None:
-    live = Live(live_settings(tmp_path, width=640, height=360))
-    try:
-        with pytest.raises(BadInput, match="lens file is for 320x180"):
-            some_frames(live, 1)
-    finally:
-        live.close()
+    with pytest.raises(BadInput, match="lens file is for 320x180"):
+        Live(live_settings(tmp_path, width=640, height=360))
 
 
 @pytest.mark.skipif(os.environ.get("V4L2_UNPLUG") != "1", reason="V4L2_UNPLUG=1 lets this test unload the driver")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import msgspec
+import numpy as np
 
 from services.capture.frames import Frame, FrameMaker
 from services.capture.record import Recorder
@@ -103,13 +104,20 @@ class Live:
     """A camera's frames as they come."""
 
     def __init__(self, settings: Capture):
-        """Raises BadInput for a camera, lens or response that cannot be used."""
+        """Raises BadInput for a camera, lens or response that cannot be used, and for a lens of another size."""
         self._maker = FrameMaker(settings, Path.cwd())
         width, height = self._maker.lens.size if self._maker.lens else (0, 0)
         self._camera = Camera(
             settings.source, form=settings.format, width=settings.width or width, height=settings.height or height, fps=settings.fps
         )
         self.fps = self._camera.fps
+        # a dark frame makes the weights before the stream begins, and refuses a lens of another size
+        dark = np.zeros((self._camera.height, self._camera.width), np.uint8 if self._camera.form.bits == 8 else np.uint16)
+        try:
+            self._maker.frame_from_codes(settings.source, dark, self._camera.form.mosaic, 0.0)
+        except BadInput:
+            self._camera.close()
+            raise
         self.recorder = Recorder(Path(settings.record), beside=self._maker.files) if settings.record else None
         self._first_ns: int | None = None
         self._count = 0
@@ -122,7 +130,7 @@ class Live:
     def next(self, wait_s: float) -> Frame | None:
         """The next frame, or None when none came within `wait_s` (s); `state` then says why.
 
-        Raises BadInput for another size than the lens's or the one agreed on.
+        Raises BadInput for another size or format than was agreed on.
         """
         raw = self._camera.read(wait_s)
         if raw is None:

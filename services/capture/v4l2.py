@@ -135,14 +135,18 @@ class Camera:
     def __init__(self, path: str, *, form: str = "", width: int = 0, height: int = 0, fps: float = 0.0):
         """Asks for the format, size and rate named (empty or 0: the deepest format known here, the camera's own size and rate).
 
-        `name`, `form`, `width`, `height` and `fps` then say what was got. Raises BadInput when the camera cannot be used.
+        `name`, `form`, `width`, `height` and `fps` then say what was got; the stream begins with the first `read`.
+        Raises BadInput when the camera cannot be used.
         """
         self.path, self.lost, self.outages = path, 0, 0
         self._asked = (form, width, height, fps)
         self._device, self._maps = -1, []
-        self._last = -1
+        self._streams, self._last = False, -1
         try:
             self._open()
+        except BadInput:
+            self._close()
+            raise
         except OSError as error:
             self._close()
             raise BadInput(f"{path}: is no camera that can be opened ({error.strerror}); check [capture] source, or free it") from error
@@ -175,8 +179,7 @@ class Camera:
             buffer = v4l2.query_buffer(self._device, kind, v4l2.Memory.MMAP, index)
             self._maps.append(v4l2.mmap_from_buffer(self._device, buffer))
             v4l2.enqueue_buffer_raw(self._device, buffer)
-        v4l2.stream_on(self._device, kind)
-        self._last = -1
+        self._streams, self._last = False, -1
         self.state = f"{self.path}: {self.name}, {self.form.name} {self.width}x{self.height} at {self.fps:g} a second"
 
     def _choose(self, form: str) -> Any:
@@ -201,6 +204,8 @@ class Camera:
             select.select([], [], [], wait_s)
             return None
         try:
+            if not self._streams:
+                self._stream()
             ready, _, broken = select.select([self._device], [], [self._device], wait_s)
             if not ready and not broken:
                 return None
@@ -214,6 +219,12 @@ class Camera:
             self.outages += 1
             self.state = f"{self.path}: is gone ({error.strerror}); waiting for it"
             return None
+
+    def _stream(self) -> None:
+        from linuxpy.video import device as v4l2
+
+        v4l2.stream_on(self._device, v4l2.BufferType.VIDEO_CAPTURE)
+        self._streams = True
 
     def _dequeue(self) -> Raw | None:
         from linuxpy.video import device as v4l2

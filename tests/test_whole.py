@@ -1,6 +1,7 @@
 """From a file of light to a picture: directions, shadows, and frames that no camera should give."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from services.offline import write_lights_of, write_pictures_of
 from services.settings import Capture
 from services.sphere import angle_between, cell_from_direction, direction_from_angles, latlong_from_direction, map_irradiance
 
-ANY = {"coverage": "hemisphere", "method": None, "filter_": None, "fps": None, "lens": None, "response": None}
+ANY: dict[str, Any] = {"coverage": "hemisphere", "method": None, "filter_": None, "fps": None, "lens": None, "response": None}
 # Light from theta, phi in degrees; the pole is 1 high, so its shadow is tan(theta) long and stays on the ground.
 TOWARDS = [(30.0, 20.0), (45.0, 137.0), (40.0, 251.0), (50.0, 344.0)]
 LENS = Lens(size=(256, 256), f=(80.0, 80.0), c=(127.5, 127.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=90.0)
@@ -24,7 +25,7 @@ def latlong_file(folder: Path, direction: np.ndarray) -> tuple[Path, float]:
     row, column = latlong_from_direction(direction, 256, 512)
     image[int(row), int(column)] = 1000
     write_exr(folder / "spot.exr", image)
-    return folder / "spot.exr", np.pi / 256 + np.pi / 180  # a pixel, and a cell of the map it is spread to
+    return folder / "spot.exr", np.pi / 256
 
 
 def polar_file(folder: Path, direction: np.ndarray) -> tuple[Path, float]:
@@ -41,7 +42,7 @@ def fisheye_file(folder: Path, direction: np.ndarray) -> tuple[Path, float]:
     image[round(float(y)), round(float(x))] = 1000
     write_exr(folder / "spot.exr", image, {"vemlight:kind": "fisheye"})
     write_lens(folder / "lens.toml", LENS)
-    return folder / "spot.exr", 1 / 80 + np.pi / 180
+    return folder / "spot.exr", 1 / 80
 
 
 def pole_scene(folder: Path) -> Path:

@@ -49,7 +49,7 @@ def _brightest_of_cells(field: LightField, rows: int, cols: int) -> np.ndarray:
     n = SUPPORT_CELLS[field.kind]
     sums, count = np.zeros((rows, cols, 2)), np.zeros((rows, cols, 1))
     for j, i in np.ndindex(field.images.shape[:2]):
-        strength = np.abs(field.images[j, i]) @ LUMINANCE
+        strength = np.abs(field.images[j, i]) @ LUMINANCE.astype(np.float32)
         if strength.sum() > 0:
             sums[j : j + n, i : i + n] += median_position(field, strength)
             count[j : j + n, i : i + n] += 1

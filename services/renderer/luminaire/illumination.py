@@ -249,7 +249,7 @@ class TracedLamp:
         """Adds the lamp's light on the surfaces to a picture."""
         table, matrix = self.luminaire.table, self.luminaire.world_from_local
         seen = surfaces.read()
-        chosen = seen["surface_positions"][:, 3] > 0
+        chosen = (seen["surface_positions"][:, 3] > 0) & (seen["surface_diffuse"][:, 3] < 2.5)  # kind 3 only catches shadows
         lit = _lit(seen, chosen, np.array(surfaces.eye), np.linalg.inv(matrix))
         picture = np.zeros((len(chosen), 3), np.float32)
         picture[chosen] = shade(self._tables, lit, self._shifts[chosen], table.samples, table.most, self._casters.triangles, matrix)

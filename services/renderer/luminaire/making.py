@@ -76,19 +76,20 @@ def measure(recipe: Path, out: Path) -> LightField:
 
 
 class FromRays(NamedTuple):
-    """A light field made of a ray file, and where the flux went."""
+    """A light field made of a ray file, and where the flux went. origin_m: the sampling plane's middle in the file's frame."""
 
     field: LightField
     ledger: Ledger
     header_flux: float
-    plane_z_m: float
+    origin_m: tuple[float, float, float]
 
 
 def from_rays(path: Path, out: Path, *, basis: Kind = "bell", functions: int = 9, pixels: int = 48, angle_deg: float = 76.0,
               spacing_m: float | None = None, distance_m: float | None = None, plane_z_m: float | None = None) -> FromRays:
     """`vemlight luminaire from-rays RAYS --out LAMP.exr`: a TM-25 ray file as a light field.
 
-    The sampling plane lies where the rays are least spread unless plane_z_m (in the file's frame) says otherwise; functions x functions
+    The sampling plane lies where the rays are least spread unless plane_z_m (in the file's frame) says otherwise, with its middle in the
+    median of the flux; functions x functions
     basis functions hold 98 % of the flux with a spacing to each side to spare; the planes are 10 spacings apart; the window takes rays up
     to angle_deg from the axis. Raises BadInput for a file that cannot be read or options that leave nothing.
     """
@@ -100,19 +101,26 @@ def from_rays(path: Path, out: Path, *, basis: Kind = "bell", functions: int = 9
     if not ahead.any() or luminance(rays.flux[ahead]).sum() <= 0:
         raise BadInput(f"{path}: no ray goes within {angle_deg:g} degrees of +z; turn the set or widen the angle")
     z = waist_z_m(rays._replace(flux=rays.flux * ahead[:, None])) if plane_z_m is None else plane_z_m
+    crossing = rays.positions[ahead, :2] + (z - rays.positions[ahead, 2:]) * rays.directions[ahead, :2] / rays.directions[ahead, 2:]
+    strength = luminance(rays.flux[ahead])
+    x, y = (_quantile(along, strength, 0.5) for along in crossing.T)
+    rays = rays._replace(positions=rays.positions - [x, y, 0.0])
     if spacing_m is None:
-        slope = rays.directions[ahead, :2] / rays.directions[ahead, 2:]
-        reach = np.abs(rays.positions[ahead, :2] + (z - rays.positions[ahead, 2:]) * slope).max(axis=1)
-        order = np.argsort(reach)
-        share = np.cumsum(luminance(rays.flux[ahead])[order])
-        half = reach[order][np.searchsorted(share, RAY_SOURCE * share[-1])]
+        half = _quantile(np.abs(crossing - [x, y]).max(axis=1), strength, RAY_SOURCE)
         spacing_m = float(max(half / max((functions - 3) / 2, 0.5), 1e-6))
     distance_m = distance_m or 10 * spacing_m
     edge = (functions / 2) * spacing_m + distance_m * float(np.tan(np.radians(angle_deg)))
     planes = Planes(basis, spacing_m, functions, functions, distance_m, (edge, edge), pixels, pixels)
     field, ledger = field_from_rays(rays, planes, z, "photometric" if file.photometric else "radiometric", file.name)
     write_luminaire(out, field)
-    return FromRays(field, ledger, file.header_flux, z)
+    return FromRays(field, ledger, file.header_flux, (x, y, z))
+
+
+def _quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
+    """The value below which `share` of the weight lies."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][min(np.searchsorted(total, share * total[-1]), len(values) - 1)])
 
 
 def report(path: Path) -> list[str]:

@@ -39,14 +39,28 @@ def tables_of(field: LightField) -> Tables:
     """The tables of a light field; images in order of rows, then columns of basis functions."""
     rows, cols, height, width, _ = field.images.shape
     pixels = np.ascontiguousarray(field.images.reshape(rows * cols, height, width, 3), np.float32)
-    importance = np.abs(pixels) @ LUMINANCE
-    sums = np.zeros((rows * cols, height + 1, width + 1))
-    sums[:, 1:, 1:] = importance.cumsum(axis=1).cumsum(axis=2)
+    importance, sums = np.empty((rows * cols, height, width)), np.zeros((rows * cols, height + 1, width + 1))
+    _sum(pixels, LUMINANCE, importance, sums)
     u, v = np.meshgrid(*field.centres_m)
     centres, half = np.stack([u.ravel(), v.ravel()], axis=-1), field.half_support_m
     supports = np.concatenate([centres - half, centres + half], axis=-1)
     window = np.array([*field.window_m[:2], *field.pixel_m])
     return Tables(sums, pixels, importance, supports, window, float(field.distance_m), float(field.spacing_m), SUPPORT_CELLS[field.kind])
+
+
+@njit(cache=True)
+def _sum(pixels, weights, importance, sums):
+    """Fills importance and its summed-area tables in one pass over the pixels."""
+    for m in range(importance.shape[0]):
+        for j in range(importance.shape[1]):
+            row = 0.0
+            for i in range(importance.shape[2]):
+                q = 0.0
+                for c in range(3):
+                    q += weights[c] * abs(pixels[m, j, i, c])
+                importance[m, j, i] = q
+                row += q
+                sums[m, j + 1, i + 1] = sums[m, j, i + 1] + row
 
 
 @njit(cache=True)

@@ -89,3 +89,14 @@ float image_share(int m, vec3 p, ivec2 size) {
     if (!image_boxes(m, p, size, u, v, centre)) return 0.0;
     return mean_importance(u, v, m, size) * abs((u.u1 - u.u0) * (v.u1 - v.u0));
 }
+
+float lit[MAX_MAPS];  // what is known of each cell's map; below 0: nothing yet
+
+void forget_cells() { for (int k = 0; k < MAX_MAPS; ++k) lit[k] = -1.0; }
+
+// Share of a cell's light that reaches the surface; each map is looked up once a pixel.
+float cell_visibility(ivec2 cell, Surface surface) {
+    int index = cell.y * (grid.x + SUPPORT_CELLS - 1) + cell.x;
+    if (lit[index] < 0.0) lit[index] = map_visibility(index, surface);
+    return lit[index];
+}

@@ -56,14 +56,10 @@ ivec2 sample_box(AxisBox u, AxisBox v, int m, ivec2 size, vec2 ab, out vec2 shar
     return ivec2(column, low);
 }
 
-float lit[MAX_MAPS];  // what is known of each cell's map; below 0: nothing yet
-
-float cell_visibility(vec2 u, Surface surface) {
-    ivec2 cells = grid + SUPPORT_CELLS - 1;
-    ivec2 cell = clamp(ivec2(floor((u - first_m) / spacing + 0.5 * SUPPORT)), ivec2(0), cells - 1);
-    int index = cell.y * cells.x + cell.x;
-    if (lit[index] < 0.0) lit[index] = map_visibility(index, surface);
-    return lit[index];
+// Of the cell that a sample leaves through.
+float sample_visibility(vec2 u, Surface surface) {
+    ivec2 cell = ivec2(floor((u - first_m) / spacing + 0.5 * SUPPORT));
+    return cell_visibility(clamp(cell, ivec2(0), grid + SUPPORT_CELLS - 2), surface);
 }
 
 void main() {
@@ -76,7 +72,7 @@ void main() {
     float total = 0.0;
     for (int m = 0; m < count; ++m) total += image_share(m, p, size);
     if (total <= 0.0) discard;
-    for (int k = 0; k < MAX_MAPS; ++k) lit[k] = -1.0;
+    forget_cells();
     vec3 shift = texelFetch(shifts, pixel % textureSize(shifts, 0), 0).xyz;
     float ratio = plane_distance / (p.z * spacing);
     float passed = 0.0;
@@ -106,7 +102,7 @@ void main() {
             float r = length(d);
             vec3 value = reflected(surface, d / r);
             if (value == vec3(0.0)) continue;
-            sum += colour * value * (weight * basis(x.x) * basis(x.y) * (r / p.z) / q * cell_visibility(place, surface));
+            sum += colour * value * (weight * basis(x.x) * basis(x.y) * (r / p.z) / q * sample_visibility(place, surface));
         }
     }
     radiance = vec4(max(sum, 0.0) * scale, 0.0);

@@ -34,7 +34,6 @@ vec3 mean_colour(AxisBox u, AxisBox v, int m, ivec2 size) {
 
 // Mean over the cells of a basis function, each with the integral of the function over it.
 float spot_visibility(int m, Surface surface) {
-    int cells = grid.x + SUPPORT_CELLS - 1;
     float seen = 0.0;
     for (int b = 0; b < SUPPORT_CELLS; ++b) for (int a = 0; a < SUPPORT_CELLS; ++a) {
 #if SUPPORT_CELLS == 2
@@ -42,7 +41,7 @@ float spot_visibility(int m, Surface surface) {
 #else
         float part = (a == 1 ? 4.0 : 1.0) * (b == 1 ? 4.0 : 1.0) / 36.0;
 #endif
-        seen += part * map_visibility((m / grid.x + b) * cells + m % grid.x + a, surface);
+        seen += part * cell_visibility(ivec2(m % grid.x + a, m / grid.x + b), surface);
     }
     return seen;
 }
@@ -51,6 +50,7 @@ void main() {
     Surface surface;
     if (!surface_at(ivec2(gl_FragCoord.xy), surface) || surface.position.z <= 0.0) discard;
     ivec2 size = textureSize(images, 0).xy;
+    forget_cells();
     vec3 sum = vec3(0.0);
     for (int m = 0; m < grid.x * grid.y; ++m) {
         AxisBox u, v;

@@ -61,10 +61,10 @@ def paper_scene(knot: Geometry | None = None) -> Scene:
 
 
 def sky(count: int, turn: float = 0.0, lowest: float = 0.0) -> Lights:
-    """Equal lights spread evenly over all directions with z above `lowest`, turned about z by `turn` rad."""
-    k = np.arange(count) + 0.5
+    """Equal lights spread evenly over all directions with z above `lowest`, turned about z by `turn` rad, any first of them as evenly."""
+    k = np.argsort(np.arange(count) * (np.sqrt(5) - 1) / 2 % 1) + 0.5
     directions = direction_from_angles(np.arccos(1 - (1 - lowest) * k / count), k * np.pi * (3 - np.sqrt(5)) + turn)
-    return Lights.of(k, directions, np.full((count, 3), np.pi / count))
+    return Lights.of(np.arange(count), directions, np.full((count, 3), np.pi / count))
 
 
 def spent(work: Callable[[], object], frames: int) -> tuple[float, float]:

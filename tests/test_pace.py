@@ -12,6 +12,12 @@ def test_nothing_is_promised_before_anything_is_known():
     assert affordable_maps(Pace(), 40.0, 7) == 7
 
 
+def test_lights_that_stand_still_are_counted_without_their_maps():
+    pace = learnt(Pace(), 4.0, 0, 0.1, 72, 36.0)
+    assert affordable_lights(pace, 40.0) == 72
+    assert affordable_maps(pace, 40.0, 7) == 7
+
+
 def test_a_steady_machine_is_learnt_at_once_and_kept():
     pace = Pace()
     for _ in range(5):

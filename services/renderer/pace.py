@@ -33,9 +33,10 @@ def learnt(pace: Pace, fixed_ms: float, maps: int, maps_ms: float, lights: int, 
 
 def affordable_lights(pace: Pace, frame_ms: float) -> int | None:
     """How many lights with LEAST_RENEWED of their maps fit into frame_ms, at least 1; None while their cost is not known."""
-    if pace.light_ms is None or pace.map_ms is None:
+    if pace.light_ms is None:
         return None
-    return max(1, int((frame_ms - pace.fixed_ms) / max(pace.light_ms + LEAST_RENEWED * pace.map_ms, 1e-6)))
+    map_ms = pace.map_ms or 0.0  # not known while the lights stand still, and then not spent either
+    return max(1, int((frame_ms - pace.fixed_ms) / max(pace.light_ms + LEAST_RENEWED * map_ms, 1e-6)))
 
 
 def affordable_maps(pace: Pace, frame_ms: float, lights: int) -> int:

@@ -8,7 +8,7 @@ import pytest
 SERVICES = Path(__file__).parents[1] / "services"
 ROOMS = sorted(path.name for path in SERVICES.iterdir() if (path / "__init__.py").exists())
 # Where rooms meet: one process on files, the command line, and the check of the machine.
-MEETING_PLACES = {"cli.py", "offline.py", "doctor.py"}
+MEETING_PLACES = {"accuracy.py", "cli.py", "offline.py", "doctor.py"}
 
 
 def imports(path: Path) -> set[str]:

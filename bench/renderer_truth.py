@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, prange
 
 from services.lights import Lights
-from services.renderer.materials import Ggx
+from services.renderer.materials import Ggx, Phong
 from services.renderer.scene import Scene
 from services.renderer.view import view_from_world
 
@@ -167,7 +167,7 @@ def unshadowed(scene: Scene, hits: Hits, direction: np.ndarray, irradiance: np.n
         here = mesh == k
         if isinstance(made, Ggx):
             brdf[here] = ggx(made, hits.smooth_normal[here], view[here], np.asarray(direction, np.float64))
-        else:
+        elif isinstance(made, Phong):
             mirrored = 2 * np.einsum("ij,ij->i", view[here], hits.smooth_normal[here])[:, None] * hits.smooth_normal[here] - view[here]
             lobe = np.maximum(mirrored @ direction, 0)[:, None] ** made.exponent
             brdf[here] = np.array(made.diffuse) / np.pi + np.array(made.specular) * (made.exponent + 2) / (2 * np.pi) * lobe

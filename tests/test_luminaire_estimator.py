@@ -52,11 +52,11 @@ def same(count: int) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["bell", "b-spline"])
 def test_a_hundred_thousand_samples_give_the_exact_irradiance(kind):
     field = a_field(kind)
-    points, normals = some_points(150, 4)
-    got = luminance(shade(tables_of(field), receivers(points, normals), same(150), 100_000))
+    points, normals = some_points(90, 4)
+    got = luminance(shade(tables_of(field), receivers(points, normals), same(90), 100_000))
     truth = luminance(np.array([irradiance(field, p, n) for p, n in zip(points, normals, strict=True)]))
     lit = truth > 1e-4 * truth.max()
-    assert lit.sum() > 100
+    assert lit.sum() > 60
     assert np.abs(got[lit] / truth[lit] - 1).max() < 2e-3
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from services.sampler.tracked_cells import assign
+from services.sampler.tracked_cells import assign, candidates
 from services.sampler.tracked_noise import NO_NOISE, with_map
 from services.sampler.tracked_tiles import grid, received, tiles_from_map
 from services.sphere import Coverage, cell_directions, luminance, map_irradiance
@@ -33,15 +33,16 @@ def test_more_lights_get_finer_tiles():
     assert counts[0] < counts[1] < counts[2] <= 36 * 90
 
 
+@pytest.mark.parametrize("slack", [0.0, 0.05])
 @pytest.mark.parametrize("count", [1, 2, 17, 200])
-def test_the_nearest_two_sites_are_those_of_a_full_search(count):
+def test_the_nearest_two_sites_are_those_of_a_full_search(count, slack):
     tiles = tiles_from_map(sky(2), "hemisphere", 300, NONE)
     sites = np.random.default_rng(0).normal(size=(count, 3))
     sites[:, 2] = abs(sites[:, 2])
     sites /= np.linalg.norm(sites, axis=1, keepdims=True)
     n = len(tiles.power)
     first, second, share = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
-    assign(grid(36, 90, "hemisphere"), tiles, sites, first, second, share)
+    assign(tiles, sites, *candidates(grid(36, 90, "hemisphere"), tiles, sites, slack), first, second, share)
     chords = np.linalg.norm(tiles.direction[:, None] - sites[None], axis=-1)
     order = np.argsort(chords, axis=1)
     np.testing.assert_array_equal(first, order[:, 0])

@@ -14,7 +14,7 @@ import numpy as np
 from services.lights import Lights
 from services.sampler.control import prefix_errors
 from services.sampler.density import LightMap
-from services.sampler.tracked_cells import assign, centroid, cheapest_pair, gather, move, split, unrest
+from services.sampler.tracked_cells import assign, candidates, centroid, cheapest_pair, gather, move, split, unrest
 from services.sampler.tracked_noise import LONGEST_GAP_S, NO_NOISE, STRIDE, Noise, with_map
 from services.sampler.tracked_tiles import Grid, Tiles, grid, received, tiles_from_map
 from services.sphere import LUMINANCE, Coverage, luminance
@@ -23,7 +23,10 @@ NO_CENTROIDS = np.empty((0, 4))
 FIRST_STEPS, STEPS = 12, 2  # Lloyd's steps in the first frame, and in every other
 CHURN = 2.0  # a split must gain this many times what the merge costs that makes room for it,
 WORTH = 0.5  # and this many times the mean unrest of a cell
-CHANGES = 16  # one light in so many, and at least one, may be split in a frame when light changes suddenly or lights are added
+CHANGES = 16  # one light in so many, and at least one, is added in a frame when more are wanted,
+GROWTH = 4  # and in a round of the first frame, or of one with sudden light
+MOST_CHANGES = 6  # splits paid by merges in a frame of sudden light: each costs as much time as two of Lloyd's steps
+SLACK = 0.01  # rad: Lloyd's steps are shorter once lights have settled
 SUDDEN = 2.0  # times the usual unrest: light has changed faster than sites move
 PACE = 8  # frames between splits when it has not
 USUAL = 0.2  # of the way that the usual unrest goes to this frame's: a memory of five frames
@@ -76,6 +79,15 @@ class Shares(NamedTuple):
     pull: np.ndarray
     unease: np.ndarray
     nearest: np.ndarray
+    second: np.ndarray
+
+
+class Split(NamedTuple):
+    """gain: unrest saved. cell: the one that is cut. halves: (2, 3), its two sites."""
+
+    gain: float
+    cell: int
+    halves: np.ndarray
 
 
 def initial_tracked() -> State:
@@ -155,13 +167,14 @@ def _shown(directions: np.ndarray, offset: np.ndarray) -> np.ndarray:
     return np.where(length > 0.1, moved / np.maximum(length, 0.1), directions)
 
 
-def _shares(of: Grid, tiles: Tiles, sites: np.ndarray) -> Shares:
+def _shares(of: Grid, tiles: Tiles, sites: np.ndarray, near: tuple[np.ndarray, np.ndarray] | None = None) -> Shares:
+    """What the sites' cells hold; `near`, when given, are candidates that still hold."""
     n, count = len(sites), len(tiles.power)
-    nearest, second, share = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
-    held = Shares(np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty(n), nearest)
-    assign(of, tiles, sites, nearest, second, share)
-    gather(tiles, nearest, second, share, held.flux, held.moment, held.pull)
-    unrest(tiles, nearest, second, share, held.moment, sites, held.unease)
+    held = Shares(np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty(n), np.empty(count, np.int64), np.empty(count, np.int64))
+    share = np.empty(count)
+    assign(tiles, sites, *(near or candidates(of, tiles, sites, 0.0)), held.nearest, held.second, share)
+    gather(tiles, held.nearest, held.second, share, held.flux, held.moment, held.pull)
+    unrest(tiles, held.nearest, held.second, share, held.moment, sites, held.unease)
     return held
 
 
@@ -172,77 +185,87 @@ def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) ->
         zenith = np.array([[0.0, 0.0, 1.0]])
         state = state._replace(ids=np.zeros(1, np.int64), sites=zenith, offset=np.zeros((1, 3)), next_id=1)
     held = _shares(of, tiles, state.sites)
-    level = float((held.unease**2).sum()) / power**2
-    sudden = new or level > SUDDEN * state.usual
-    resized = len(state.ids) != count
+    sudden = new or float((held.unease**2).sum()) > SUDDEN * state.usual * power**2
 
     # The number of lights: down at once, up a few in a frame unless all light is new.
+    before = len(state.ids)
     while len(state.ids) > count:
-        _, kept, lost = cheapest_pair(held.moment, state.sites, held.unease)
+        _, kept, lost = cheapest_pair(held.nearest, held.second, held.moment, state.sites, held.unease)
         state, held = _merged(state, of, tiles, held, kept, lost)
-    for _ in range(count if sudden else max(1, len(state.ids) // CHANGES)):
-        if len(state.ids) == count:
-            break
-        _, cell, halves = _best_split(tiles, held, state.sites, sudden)
-        if cell < 0:
-            break
-        state, held = _split(state, of, tiles, held, cell, halves, eased=not sudden)
+    growing = len(state.ids) < count
+    while growing:
+        wanted = min(count - len(state.ids), max(1, len(state.ids) // (GROWTH if sudden else CHANGES)))
+        splits = _best_splits(tiles, held, state.sites, wanted, sudden)
+        state, held = _split(state, of, tiles, held, splits, eased=not sudden)
+        growing = sudden and len(splits) > 0 and len(state.ids) < count
 
-    # Splits paid by merges: many when light changed suddenly, else now and then.
+    # Splits paid by merges: several when light changed suddenly, else one now and then.
     credit = min(state.credit + 1 / PACE, 1.0)
-    for _ in range(0 if new or len(state.ids) < 2 else max(1, count // CHANGES) if sudden else int(credit)):
-        gain, cell, halves = _best_split(tiles, held, state.sites, sudden)
-        spare = gain - WORTH * float((held.unease**2).mean())
-        if cell < 0 or spare <= 0:
+    for _ in range(0 if new or len(state.ids) < 2 else MOST_CHANGES if sudden else int(credit)):
+        splits = _best_splits(tiles, held, state.sites, 1, sudden)
+        spare = splits[0].gain - WORTH * float((held.unease**2).mean()) if splits else 0.0
+        if spare <= 0:
             break
-        cost, kept, lost = cheapest_pair(held.moment, state.sites, held.unease)
-        if cell in (kept, lost) or spare < CHURN * cost:
+        cost, kept, lost = cheapest_pair(held.nearest, held.second, held.moment, state.sites, held.unease)
+        if splits[0].cell in (kept, lost) or spare < CHURN * cost:
             break
         lost_id = state.ids[lost]
-        state, held = _split(state, of, tiles, held, cell, halves, eased=not sudden)
+        state, held = _split(state, of, tiles, held, splits, eased=not sudden)
         state, held = _merged(state, of, tiles, held, kept, int(np.flatnonzero(state.ids == lost_id)[0]))
         credit -= not sudden
 
     # Lloyd's steps; none where the number changed, so that the others stay.
-    for _ in range(FIRST_STEPS if new else 0 if resized else STEPS):
-        sites = state.sites.copy()
-        move(held.pull, sites)
-        state, held = state._replace(sites=sites), _shares(of, tiles, sites)
+    if new or len(state.ids) == before:
+        state, held = _relaxed(state, of, tiles, held, FIRST_STEPS if new else STEPS)
     level = float((held.unease**2).sum()) / power**2
     usual = level if new else state.usual + USUAL * (level - state.usual)
     return state._replace(usual=usual, credit=credit), held
 
 
-def _best_split(tiles: Tiles, held: Shares, sites: np.ndarray, sudden: bool) -> tuple[float, int, np.ndarray]:
-    """(gain, cell, the two sites (2, 3)) of the split that lowers the unrest most; cell -1 when no cell has two tiles."""
+def _relaxed(state: State, of: Grid, tiles: Tiles, held: Shares, steps: int) -> tuple[State, Shares]:
+    """So many of Lloyd's steps. Candidates are searched anew only when a site has moved farther than SLACK."""
+    near, since = candidates(of, tiles, state.sites, SLACK), state.sites
+    for _ in range(steps):
+        sites = state.sites.copy()
+        move(held.pull, sites)
+        if ((sites - since) ** 2).sum(axis=1).max() > SLACK**2:
+            near, since = candidates(of, tiles, sites, SLACK), sites
+        state, held = state._replace(sites=sites), _shares(of, tiles, sites, near)
+    return state, held
+
+
+def _best_splits(tiles: Tiles, held: Shares, sites: np.ndarray, most: int, sudden: bool) -> list[Split]:
+    """The splits, at most `most`, that lower the unrest most, best first; cells of one tile have none."""
     halves, parts = np.empty((2, 3)), np.empty((2, 4))
     own = held.unease**2
-    gain, best, places = -np.inf, -1, halves
+    found: list[Split] = []
     for cell in np.argsort(own)[::-1]:
-        if own[cell] <= gain:
+        if len(found) >= most and own[cell] <= min(one.gain for one in found[:most]):
             break
-        found = split(tiles, held.nearest, cell, sites[cell], sudden, halves, parts)
-        if found != 0 and found > gain:
-            gain, best, places = found, int(cell), halves.copy()
-    return gain, best, places
+        gain = split(tiles, held.nearest, cell, sites[cell], sudden, halves, parts)
+        if gain != 0:
+            found.append(Split(gain, int(cell), halves.copy()))
+            found.sort(key=lambda one: -one.gain)
+    return found[:most]
 
 
-def _split(
-    state: State, of: Grid, tiles: Tiles, held: Shares, cell: int, halves: np.ndarray, eased: bool
-) -> tuple[State, Shares]:
-    """The cell cut in two; the new light begins at its parent's place when `eased`."""
+def _split(state: State, of: Grid, tiles: Tiles, held: Shares, splits: list[Split], eased: bool) -> tuple[State, Shares]:
+    """The cells cut in two; new lights begin at their parents' places when `eased`."""
+    sites, offset = state.sites.copy(), [state.offset]
     parent = np.empty(3)
-    centroid(held.moment[cell], state.sites[cell], parent)
-    sites = np.concatenate([state.sites, halves[1:]])
-    sites[cell] = halves[0]
-    offset = np.concatenate([state.offset, (parent - halves[1] if eased else np.zeros(3))[None]])
-    state = state._replace(ids=np.append(state.ids, state.next_id), sites=sites, offset=offset, next_id=state.next_id + 1)
+    for one in splits:
+        centroid(held.moment[one.cell], state.sites[one.cell], parent)
+        sites[one.cell] = one.halves[0]
+        offset.append((parent - one.halves[1] if eased else np.zeros(3))[None])
+    sites = np.concatenate([sites, *(one.halves[1:] for one in splits)])
+    born = state.next_id + np.arange(len(splits))
+    state = state._replace(
+        ids=np.concatenate([state.ids, born]), sites=sites, offset=np.concatenate(offset), next_id=state.next_id + len(splits)
+    )
     return state, _shares(of, tiles, sites)
 
 
-def _merged(
-    state: State, of: Grid, tiles: Tiles, held: Shares, kept: int, lost: int
-) -> tuple[State, Shares]:
+def _merged(state: State, of: Grid, tiles: Tiles, held: Shares, kept: int, lost: int) -> tuple[State, Shares]:
     """Two cells made one."""
     sites = state.sites.copy()
     move(np.ascontiguousarray((held.pull[kept] + held.pull[lost])[None]), sites[kept : kept + 1])

@@ -12,17 +12,16 @@ SPLIT_ROUNDS = 4  # of two-means inside a cell that is split: enough for two lam
 
 
 @njit(cache=True)
-def assign(of: Grid, tiles: Tiles, sites, first, second, share):
-    """Fills for each tile the nearest site, the next one (-1: none) and the next one's share in [0, 1/2].
+def candidates(of: Grid, tiles: Tiles, sites, slack):
+    """(near, start): for each base tile, near[start[base] : start[base + 1]] are the sites that can be nearest or next in it.
 
-    A tile on the border of two cells is shared by them as the border cuts a disc of the tile's radius (linearly), so that light
-    goes over from one cell to the other without a jump. Exact: of each base tile only sites are tried that can be nearest or
-    next there.
+    They stay so while no site moves by more than the chord `slack`.
     """
-    n = sites.shape[0]
+    n, bases = sites.shape[0], of.centres.shape[0]
     xs, ys, zs = sites[:, 0].copy(), sites[:, 1].copy(), sites[:, 2].copy()
-    chords, near = np.empty(n), np.empty(n, np.int64)
-    for base in range(of.centres.shape[0]):
+    chords, near, start = np.empty(n), np.empty(16 * bases, np.int64), np.zeros(bases + 1, np.int64)
+    for base in range(bases):
+        start[base + 1] = start[base]
         if tiles.start[base] == tiles.start[base + 1]:
             continue
         cx, cy, cz = of.centres[base]
@@ -34,17 +33,32 @@ def assign(of: Grid, tiles: Tiles, sites, first, second, share):
                 after = chords[s]
                 if after < best:
                     best, after = after, best
-        limit = (np.sqrt(after) + 2 * of.reach[base]) ** 2
-        count = 0
+        limit = (np.sqrt(after) + 2 * of.reach[base] + 2 * slack) ** 2
+        if start[base] + n > near.size:
+            near = np.concatenate((near, np.empty(near.size + n, np.int64)))
+        count = start[base]
         for s in range(n):
             if chords[s] <= limit:
                 near[count] = s
                 count += 1
+        start[base + 1] = count
+    return near, start
+
+
+@njit(cache=True)
+def assign(tiles: Tiles, sites, near, start, first, second, share):
+    """Fills for each tile the nearest site, the next one (-1: none) and the next one's share in [0, 1/2].
+
+    near, start: see `candidates`. A tile on the border of two cells is shared by them as the border cuts a disc of the tile's radius
+    (linearly), so that light goes over from one cell to the other without a jump.
+    """
+    xs, ys, zs = sites[:, 0].copy(), sites[:, 1].copy(), sites[:, 2].copy()
+    for base in range(start.size - 1):
         for t in range(tiles.start[base], tiles.start[base + 1]):
             x, y, z = tiles.direction[t]
             a = b = -1
             da = db = 9.0
-            for k in range(count):
+            for k in range(start[base], start[base + 1]):
                 s = near[k]
                 d = (xs[s] - x) ** 2 + (ys[s] - y) ** 2 + (zs[s] - z) ** 2
                 if d < db:
@@ -123,31 +137,31 @@ def move(pull, sites):
 
 
 @njit(cache=True)
-def cheapest_pair(moment, sites, unease):
-    """(cost, kept, lost): the two cells whose union adds the least unrest; the one with more power is kept."""
+def cheapest_pair(first, second, moment, sites, unease):
+    """(cost, kept, lost): the two neighbours whose union adds the least unrest; the one with more power is kept. A dark cell costs nothing.
+
+    Neighbours are the nearest and next site of some tile.
+    """
     n = moment.shape[0]
-    cost, kept, lost = np.inf, -1, -1
+    cost, kept, lost = np.inf, 0, 1
     centre = np.empty((n, 3))
     for s in range(n):
         centroid(moment[s], sites[s], centre[s])
-    for a in range(n):
-        pa = moment[a, 3]
-        for b in range(a):
-            pb = moment[b, 3]
-            if unease[a] * unease[b] > cost:
-                continue
-            chord = np.sqrt((centre[a, 0] - centre[b, 0]) ** 2 + (centre[a, 1] - centre[b, 1]) ** 2 + (centre[a, 2] - centre[b, 2]) ** 2)
-            p = pa + pb
-            if p > 0:
-                # Each part keeps its own spread and goes to the joint centroid.
-                ka, kb = root(chord * pb / p), root(chord * pa / p)
-                ua, ub = np.sqrt(unease[a] ** 2 + (pa * ka) ** 2), np.sqrt(unease[b] ** 2 + (pb * kb) ** 2)
-                joint = (ua + ub) ** 2 - unease[a] ** 2 - unease[b] ** 2
-            else:
-                joint = 0.0
-            if joint < cost:
-                cost = joint
-                kept, lost = (a, b) if pa >= pb else (b, a)
+        if moment[s, 3] <= 0:
+            return 0.0, 1 if s == 0 else 0, s
+    for t in range(first.size):
+        a, b = first[t], second[t]
+        if b < 0:
+            continue
+        # Each part keeps its own spread and goes to the joint centroid.
+        pa, pb = moment[a, 3], moment[b, 3]
+        chord = np.sqrt((centre[a, 0] - centre[b, 0]) ** 2 + (centre[a, 1] - centre[b, 1]) ** 2 + (centre[a, 2] - centre[b, 2]) ** 2)
+        ka, kb = root(chord * pb / (pa + pb)), root(chord * pa / (pa + pb))
+        ua, ub = np.sqrt(unease[a] ** 2 + (pa * ka) ** 2), np.sqrt(unease[b] ** 2 + (pb * kb) ** 2)
+        joint = (ua + ub) ** 2 - unease[a] ** 2 - unease[b] ** 2
+        if joint < cost:
+            cost = joint
+            kept, lost = (a, b) if pa >= pb else (b, a)
     return cost, kept, lost
 
 

@@ -12,6 +12,8 @@ samples of 25 images).
 """
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +23,7 @@ from services.renderer.luminaire.occlusion import Hierarchy, blocked, hierarchy_
 from services.renderer.luminaire.tables import Tables, axis_box, mean_importance, sample_box
 
 EMPTY = hierarchy_of(np.zeros((0, 3, 3)))
+CHUNK = 512  # points a thread takes at a time: far longer than handing them out takes
 SHADOW_START = 1e-4  # of the way to the lamp: a ray leaves its own surface
 
 
@@ -78,7 +81,15 @@ def shade(tables: Tables, surfaces: Surfaces, shifts: np.ndarray, samples: int, 
     out = np.zeros((len(surfaces.positions), 3))
     matrix = np.eye(4) if world_from_local is None else np.ascontiguousarray(world_from_local, np.float64)
     arrays = Surfaces(*(np.ascontiguousarray(a, np.float64) for a in surfaces))
-    _shade(tables, arrays, np.ascontiguousarray(shifts, np.float64), halton(samples + 1), samples, most or samples + 1, scene, matrix, out)
+    points, shifts = halton(samples + 1), np.ascontiguousarray(shifts, np.float64)
+    cuts = range(0, len(out), CHUNK)
+
+    def work(first: int) -> None:
+        part = slice(first, first + CHUNK)
+        _shade(tables, Surfaces(*(a[part] for a in arrays)), shifts[part], points, samples, most or samples + 1, scene, matrix, out[part])
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # the compiled loop leaves Python's lock
+        list(threads.map(work, cuts))
     return out
 
 
@@ -105,7 +116,7 @@ def image_box(tables, m, p, box):
     return mean * abs((box[3] - box[2]) * (box[7] - box[6]))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _shade(tables, surfaces, shifts, points, samples, most, scene, matrix, out):
     box = np.empty(8)
     share = np.empty(len(tables.sums))

@@ -78,7 +78,7 @@ def test_a_strong_cell_stands_where_its_centroid_says():
     radiance = scene(sun=1e6)
     place = direction_from_angles(np.radians(31.9), np.radians(180.4))  # in cell (10, 60), whose centre is at (31.5, 181.5)
     centroids = np.array([[10 * COLS + 60, *place]])
-    (lights, _), = run([radiance], 32, centroids=centroids)[0]
+    (lights, _), = run([radiance], 32, inside=centroids)[0]
     brightest = lights.directions[lights.irradiance[:, 1].argmax()].astype(float)
     assert np.degrees(angle_between(brightest, place)) < 0.01
 

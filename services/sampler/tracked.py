@@ -14,7 +14,7 @@ import numpy as np
 from services.lights import Lights
 from services.sampler.control import prefix_errors
 from services.sampler.density import LightMap
-from services.sampler.tracked_cells import assign, candidates, centroid, cheapest_pair, gather, move, split, unrest
+from services.sampler.tracked_cells import assign, candidates, centroid, centroids, cheapest_pair, gather, move, split, unrest
 from services.sampler.tracked_noise import LONGEST_GAP_S, NO_NOISE, STRIDE, Noise, with_map
 from services.sampler.tracked_tiles import Grid, Tiles, grid, received, tiles_from_map
 from services.sphere import LUMINANCE, Coverage, luminance
@@ -102,12 +102,12 @@ def tracked_step(
     radiance: np.ndarray,
     coverage: Coverage,
     time_s: float,
-    centroids: np.ndarray | None = None,
+    inside: np.ndarray = NO_CENTROIDS,
     smoothing: bool = True,
 ) -> tuple[State, Lights, Report]:
     """The lights, at most `count`, of a polar map captured at `time_s`. Pure: an old state stays valid.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. centroids: (k, 4) or None, for strong cells
+    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. inside: (k, 4), for strong cells
     row * cols + column and the unit vector of the flux centroid inside the cell. Without smoothing the lights sum to the map's
     integral in every channel. With it, spoilt cells show what they showed last, noise is taken out and new lights leave their
     parents' places; the sum is then the smoothed map's. A map with fewer lit cells than lights has that many; the lights of a black
@@ -129,18 +129,15 @@ def tracked_step(
         dark = np.zeros((len(state.ids), 3))
         return known, Lights.of(state.ids, state.sites, dark), report
 
-    tiles = tiles_from_map(clean, coverage, count, NO_CENTROIDS if centroids is None else centroids)
+    tiles = tiles_from_map(clean, coverage, count, inside)
     after, held = _followed(known, of, tiles, count, power)
-    directions = np.empty((len(after.ids), 3))
-    for n in range(len(after.ids)):
-        centroid(held.moment[n], after.sites[n], directions[n])
-    flux = held.flux
+    directions = centroids(held.moment, after.sites)
     if smoothing:
         fading = float(np.exp(-max(time_s - state.time_s, 0.0) / EASE_S))
         offset = after.offset * fading
         directions = _shown(directions, offset)
         after = after._replace(offset=offset)
-    return after, Lights.of(after.ids, directions, flux), report
+    return after, Lights.of(after.ids, directions, held.flux), report
 
 
 def needed(light: LightMap, lights: Lights, error: float, most: int) -> int:

@@ -107,11 +107,8 @@ def root(chord):
 @njit(cache=True)
 def unrest(tiles: Tiles, first, second, share, moment, sites, unease):
     """Fills unease (n,), the root of each cell's unrest: the sum of power x root(chord to the flux centroid)."""
-    n = moment.shape[0]
     unease[:] = 0.0
-    centre = np.empty((n, 3))
-    for s in range(n):
-        centroid(moment[s], sites[s], centre[s])
+    centre = centroids(moment, sites)
     for t in range(tiles.power.size):
         unease[first[t]] += (1.0 - share[t]) * tiles.power[t] * root(np.sqrt(_chord(tiles, t, centre[first[t]])))
         if share[t] > 0:
@@ -124,6 +121,15 @@ def centroid(moment, site, direction):
     length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
     for c in range(3):
         direction[c] = moment[c] / length if length > 1e-9 * moment[3] else site[c]
+
+
+@njit(cache=True)
+def centroids(moment, sites):
+    """Flux centroids (n, 3) of all cells."""
+    directions = np.empty((moment.shape[0], 3))
+    for s in range(moment.shape[0]):
+        centroid(moment[s], sites[s], directions[s])
+    return directions
 
 
 @njit(cache=True)
@@ -144,9 +150,8 @@ def cheapest_pair(first, second, moment, sites, unease):
     """
     n = moment.shape[0]
     cost, kept, lost = np.inf, 0, 1
-    centre = np.empty((n, 3))
+    centre = centroids(moment, sites)
     for s in range(n):
-        centroid(moment[s], sites[s], centre[s])
         if moment[s, 3] <= 0:
             return 0.0, 1 if s == 0 else 0, s
     for t in range(first.size):

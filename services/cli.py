@@ -129,7 +129,7 @@ def render(source: Path, scene: Path | None, size: str, exposure: float, out: Pa
 @click.option("--truth", is_flag=True, help="Write the true radiance of each frame, too.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 def simulate(maps: tuple[str, ...], lens: Path, response: Path | None, out: Path, **options: Any) -> None:
-    """The virtual camera: lat-long maps (or a scene of its own: outdoor, interior) in, raw fisheye frames out."""
+    """The virtual camera: lat-long maps (or a scene of its own: sky, interior) in, raw fisheye frames out."""
     from services.capture.camera import simulate as take
     from services.capture.lens import read_lens
     from services.capture.response import read_response
@@ -171,7 +171,7 @@ def calibrate() -> None:
 def lens(images: tuple[Path, ...], board: str, square: float, out: Path, **options: Any) -> None:
     """Find the lens from photographs of a chessboard."""
     from services.capture.boards import Board
-    from services.capture.calibrate_lens import calibrate_lens
+    from services.capture.calibrate_lens import calibrate_lens, lens_summary
 
     columns, _, rows = board.partition("x")
     if not (columns.isdecimal() and rows.isdecimal()):
@@ -179,15 +179,7 @@ def lens(images: tuple[Path, ...], board: str, square: float, out: Path, **optio
     wanted = Board((int(columns), int(rows)), square, options["dictionary"], options["marker"])
     picture = options["picture"] or out.with_suffix(".png")
     report = calibrate_lens(list(images), wanted, out, rim_deg=options["rim"], picture=picture)
-    for name, rms in report.views.items():
-        click.echo(f"{name}: {rms:.2f} px")
-    for name, rms in report.rejected.items():
-        click.echo(f"{name}: {rms:.2f} px, left out")
-    for name in report.without:
-        click.echo(f"{name}: no board found")
-    for name, sigma in report.sigma.items():
-        click.echo(f"{name}: +-{sigma:.2g}")
-    click.echo(f"RMS {report.rms_px:.2f} px over {len(report.views)} views, corners out to {report.reach_deg:.1f} degrees; see {picture}")
+    click.echo(f"{lens_summary(report)}\nsee {picture}")
 
 
 @calibrate.command()
@@ -201,14 +193,12 @@ def lens(images: tuple[Path, ...], board: str, square: float, out: Path, **optio
 @click.option("--out", type=EXISTING, required=True, help="RESPONSE.toml")
 def response(patches: Path, kind: Any, bits: int | None, accept: bool, out: Path, **options: Any) -> None:
     """Find the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
-    from services.capture.calibrate_response import calibrate_response, read_patches
+    from services.capture.calibrate_response import calibrate_response, read_patches, response_summary
 
     read = _chart(patches, options["corners"], options["white"]) if options["corners"] else read_patches(patches)
     picture = options["picture"] or out.with_suffix(".png")
     report = calibrate_response(read, out, kind=kind, bits=bits or 0, accept=accept, picture=picture)
-    for patch, error in report.errors:
-        click.echo(f"check patch of {patch.luminance:g} cd/m2: {error:+.2%}")
-    click.echo(f"worst error {report.worst:.2%}; see {picture}")
+    click.echo(f"{response_summary(report)}\nsee {picture}")
 
 
 def _chart(frame: Path, corners: str, white: float | None) -> list[Any]:

@@ -12,7 +12,7 @@ from services.lights import Lights
 from services.renderer.album import Album
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
-from services.renderer.tonemap import Adaptation, adapt, tone_mapped
+from services.renderer.tonemap import Adaptation, adapt
 
 FILE_SAMPLES = 4  # a pixel of a file is the average over its area
 LIVE_SAMPLES = 1
@@ -53,7 +53,7 @@ class RendererStage:
         began_s = time.monotonic()
         picture = self._renderer.render(Lights(*arrays[:3]))
         adaptation = adapt(state.adaptation, picture, max(0.0, header.stamp.time_s - state.time_s))
-        pixels = tone_mapped(picture, adaptation, state.exposure)
+        pixels = self._renderer.tone_mapped(adaptation, state.exposure)
         height, width, _ = pixels.shape
         took_ms = (time.monotonic() - began_s) * 1e3
         made = wire.Image(stamp=header.stamp, width=width, height=height, lights=header.count, render_ms=took_ms)

@@ -11,6 +11,7 @@ import csv
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -178,12 +179,14 @@ def with_lamp(scene: Scene, field: LightField, at: tuple, rotate: tuple, **table
 def shadows(out: Path) -> None:
     """Shadow maps from both reference positions, and none, against traced rays on the bundled scene."""
     demo, field = load_scene(None), headlight()
-    lit = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "method": "sampled", "samples": 200}
+    lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "method": "sampled", "samples": 200}
     truth = pictured(with_lamp(demo, field, **lit, shadows="traced"), (160, 120))
+    tried: list[tuple[str, cells.Reference, str, int]] = [
+        ("none", "sampling", "none", 16), ("measurement plane, 2015", "measurement", "maps", 192), ("sampling plane", "sampling", "maps", 64),
+        ("sampling plane", "sampling", "maps", 192), ("sampling plane", "sampling", "maps", 384),
+    ]
     rows = []
-    for name, reference, kind, size in (("none", "sampling", "none", 16), ("measurement plane, 2015", "measurement", "maps", 192),
-                                        ("sampling plane", "sampling", "maps", 64), ("sampling plane", "sampling", "maps", 192),
-                                        ("sampling plane", "sampling", "maps", 384)):
+    for name, reference, kind, size in tried:
         illumination.cell_views = lambda f, far, reference=reference: cells.cell_views(f, far, reference)
         picture = pictured(with_lamp(demo, field, **lit, shadows=kind, shadow_map=size), (160, 120))
         rows.append([name, size, rmse(picture, truth), lab_error(picture, truth), float(picture.sum() / truth.sum())])
@@ -233,7 +236,7 @@ def speed(out: Path) -> None:
         tables_of(lamp)
         ms = median_s(lambda lamp=lamp: (tables_of(lamp), cells.cell_views(lamp, 10.0, "measurement"))) * 1e3
         rows.append([f"tables, {lamp.images.shape[0] * lamp.images.shape[1]} images of {side} x {side}", ms, f"2015: {paper_ms} ms"])
-    lit = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0)}
+    lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0)}
     for count, polygons in PAPER_2003:
         side = {25: (5, 5), 49: (7, 7), 63: (9, 7)}[count]
         scene = with_lamp(polygon_scene(polygons), field(*side, 300), **lit, method="shift-invariant", shadow_map=192)

@@ -28,6 +28,7 @@ from services.sphere import LUMINANCE, angle_between, map_irradiance
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 COMMAND = "python -m bench.accuracy"
 COUNTS = tuple(2**k for k in range(2, 11))
@@ -70,7 +71,7 @@ def save(figure: Figure, rows: Iterable[dict[str, Any]], out: Path, name: str, n
     out.mkdir(parents=True, exist_ok=True)
     for suffix in (".png", ".svg"):
         with written_whole(out / f"accuracy_{name}{suffix}") as part:
-            figure.savefig(part, dpi=110)
+            figure.savefig(part, dpi=85)
     plt.close(figure)
     rows = list(rows)
     with written_whole(out / f"accuracy_{name}.csv") as part, open(part, "w", newline="") as file:
@@ -207,7 +208,7 @@ def _means(rows: list[dict[str, Any]], sequence: str, method: str, key: str) -> 
 
 def _grid(count: int, height: float) -> tuple[Figure, np.ndarray]:
     figure, axes = plt.subplots(-(-count // 3), 3, figsize=(16, height * -(-count // 3)), layout="constrained")
-    figure.get_layout_engine().set(rect=(0, 0.06, 1, 0.94))  # type: ignore[union-attr]
+    figure.get_layout_engine().set(rect=(0, 0.09, 1, 0.91))  # type: ignore[union-attr]
     return figure, axes.ravel()
 
 
@@ -222,6 +223,9 @@ def _chart_flicker(rows: list[dict[str, Any]], out: Path) -> None:
             axis.loglog(_means(rows, name, method.name, "error"), _means(rows, name, method.name, "flicker"), "*" if k < 1 else "o",
                         ms=15 if k < 1 else 7, color=COLOURS[2 * k % 20 + k // 10], label=method.name)
         axis.set(title=name, xlabel="error, hard edges", ylabel="flicker per frame, softened edges")
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.yaxis.set_minor_formatter(NullFormatter())
+        axis.set(xlim=(0.01, 1), ylim=(5e-4, 0.6))
         axis.grid(alpha=0.3, which="both")
     _legend(figure, axes[0])
     save(figure, rows, out, "moving_flicker", f"N = {COUNT}, mean over four maps, {FRAMES} frames; bottom left is best.")
@@ -255,7 +259,9 @@ def _chart_events(curves: list[dict[str, Any]], out: Path) -> None:
                 rows.append({"sequence": name, "method": method.name, "frame": n, "error": float(error), "flicker": float(flicker)})
             for part, label in enumerate(("error", "flicker")):
                 axis = axes[2 * place + part]
-                axis.semilogy(own[:, part].clip(1e-4), color=COLOURS[2 * k % 20 + k // 10], lw=2.2 if k == 0 else 0.9, label=method.name)
+                shown = own[part:, part].clip(1e-4)  # the first frame has no flicker
+                colour, width = COLOURS[2 * k % 20 + k // 10], 2.2 if k == 0 else 0.9
+                axis.semilogy(np.arange(part, len(own)), shown, color=colour, lw=width, label=method.name)
                 axis.set_title(f"{name}: {label}", fontsize=9)
                 axis.grid(alpha=0.3)
     _legend(figure, axes[0])

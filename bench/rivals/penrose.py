@@ -14,7 +14,7 @@ from services.lights import Lights
 from services.sampler.density import light_map
 from services.sampler.square import direction_from_area, disc_from_square
 from services.sampler.step import irradiance
-from services.sphere import Coverage, cell_from_direction, ring_edges
+from services.sphere import Coverage, cell_from_direction, cell_solid_angles, ring_edges
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 # type -> children: (type, vertex, turn in units of 18 degrees, bits). Vertices: "1", "2", "3" of the parent, "k.v": vertex v of child k.
@@ -86,6 +86,15 @@ def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
     cell = np.minimum(i.astype(int), rows - 1), np.minimum(j.astype(int), cols - 1)
     importance = light.importance[cell] / light.importance.mean()
     taken = np.argsort(numbers / importance)[:count]
+    if light.power <= 0:
+        return Lights.of(taken, directions[taken], np.zeros((count, 3)))
+    # The prepared tiling ends at its last level: where all samples of a cell are taken, they share the cell's light.
+    place = cell[0] * cols + cell[1]
+    found, there = np.bincount(place[taken], minlength=rows * cols), np.bincount(place, minlength=rows * cols)
+    flux = light.importance * cell_solid_angles(rows, cols, coverage)[:, None] / light.power
+    full = (found == there)[place[taken]]
+    weights = np.where(full, flux.ravel()[place[taken]] / np.maximum(found[place[taken]], 1), 0.0)
+    rest = np.where(full, 0.0, 1.0)
+    weights += rest / max(rest.sum(), 1.0) * max(1 - weights.sum(), 0.0)
     tint = light.radiance[cell][taken] / importance[taken, None]
-    flux = irradiance(np.full(count, 1 / count), tint.astype(float), light.irradiance) if light.power > 0 else np.zeros((count, 3))
-    return Lights.of(taken, directions[taken], flux)
+    return Lights.of(taken, directions[taken], irradiance(weights, tint.astype(float), light.irradiance))

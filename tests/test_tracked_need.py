@@ -1,0 +1,54 @@
+"""The number of tracked lights that a scene needs, by the settings' error_percent."""
+
+import numpy as np
+import pytest
+
+from services.sampler.control import DARKEST
+from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from services.sampler.step import initial_state, step
+from services.settings import Sampler
+from services.sphere import direction_from_angles
+
+
+def sky(seed):
+    """A smooth sky with a few lamps and sometimes a sun."""
+    generator = np.random.default_rng(seed)
+    theta, phi = (np.arange(45) + 0.5) * np.pi / 90, (np.arange(180) + 0.5) * np.pi / 90
+    directions = direction_from_angles(theta[:, None], phi[None])
+    radiance = 0.3 + generator.uniform(0, 1) * directions[..., 2]
+    for _ in range(int(generator.integers(2, 7))):
+        axis = direction_from_angles(np.arccos(generator.random()), 2 * np.pi * generator.random())
+        radiance = radiance + generator.lognormal(0, 1) * np.exp(generator.uniform(5, 300) * (directions @ axis - 1))
+    radiance[10, 20] += generator.choice([0.0, 2e3])
+    return (radiance[..., None] * generator.uniform(0.6, 1, 3)).astype(np.float32)
+
+
+def lights_of(radiance, **settings):
+    wanted = Sampler(method="tracked", filter="none", count=512, **settings)
+    state, counts = initial_state(wanted), []
+    for k in range(20):
+        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / 25)
+        counts.append(len(lights.ids))
+    return lights, counts
+
+
+def error_elsewhere(radiance, lights):
+    """As the controller has it, on probes it has not seen."""
+    at = probes(700, "hemisphere")
+    truth = irradiance_of_map(at, radiance.astype(float), "hemisphere")[300:]
+    got = irradiance_of_lights(at, lights.directions, lights.irradiance)[300:]
+    return float(np.sqrt(np.mean(((got - truth) / (truth + DARKEST * truth.mean())) ** 2)))
+
+
+@pytest.mark.parametrize("promise", [30.0, 10.0])
+def test_the_promise_is_kept_on_maps_not_seen_before(promise):
+    had = [error_elsewhere(sky(seed), lights_of(sky(seed), error_percent=promise)[0]) for seed in range(100, 106)]
+    # 96 probes know the error to 7 %, and lights are judged by other ones.
+    assert np.sqrt(np.mean(np.square(had))) < promise / 100
+    assert max(had) < 1.6 * promise / 100
+
+
+def test_a_smaller_error_takes_more_lights_and_the_number_settles():
+    few, many = (lights_of(sky(3), error_percent=percent)[1] for percent in (40.0, 10.0))
+    assert few[-1] < many[-1] < 512
+    assert len(set(many[-5:])) == 1

@@ -92,7 +92,7 @@ def main() -> None:
     by_angle(out, sources)
     write_png(out / "headlights.png", shown(load_scene(DEMO_SCENE.with_name("headlights.toml")), (480, 300)))
     lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "samples": 128}
-    kinds = ({"shadows": "traced"}, {"shadows": "maps"}, {"shadows": "maps", "method": "shift-invariant"})
+    kinds: list[dict[str, Any]] = [{"shadows": "traced"}, {"shadows": "maps"}, {"shadows": "maps", "method": "shift-invariant"}]
     panels = [shown(with_lamp(load_scene(None), lamp, **lit, **kind), (240, 180), 1.0) for kind in kinds]
     write_png(out / "shadows.png", np.hstack(panels))
 

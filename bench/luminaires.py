@@ -10,6 +10,7 @@ import argparse
 import csv
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -182,12 +183,13 @@ def shadows(out: Path) -> None:
     lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "method": "sampled", "samples": 200}
     truth = pictured(with_lamp(demo, field, **lit, shadows="traced"), (160, 120))
     tried: list[tuple[str, cells.Reference, str, int]] = [
-        ("none", "sampling", "none", 16), ("measurement plane, 2015", "measurement", "maps", 192), ("sampling plane", "sampling", "maps", 64),
-        ("sampling plane", "sampling", "maps", 192), ("sampling plane", "sampling", "maps", 384),
+        ("none", "sampling", "none", 16), ("measurement plane, 2015", "measurement", "maps", 192),
+        ("sampling plane", "sampling", "maps", 64), ("sampling plane", "sampling", "maps", 192),
+        ("sampling plane", "sampling", "maps", 384),
     ]
     rows = []
     for name, reference, kind, size in tried:
-        illumination.cell_views = lambda f, far, reference=reference: cells.cell_views(f, far, reference)
+        illumination.cell_views = partial(cells.cell_views, reference=reference)
         picture = pictured(with_lamp(demo, field, **lit, shadows=kind, shadow_map=size), (160, 120))
         rows.append([name, size, rmse(picture, truth), lab_error(picture, truth), float(picture.sum() / truth.sum())])
     illumination.cell_views = cells.cell_views

@@ -60,6 +60,15 @@ def test_a_hundred_thousand_samples_give_the_exact_irradiance(kind):
     assert np.abs(got[lit] / truth[lit] - 1).max() < 2e-3
 
 
+def test_a_point_at_grazing_height_above_the_lamp_is_as_exact():
+    field = a_field()
+    points = np.array([[0.02, 0.01, z] for z in (1e-4, 1e-3, 5e-3, 0.02)])
+    for normal in (DOWN, np.array([-0.9, 0.0, -0.436])):
+        got = luminance(shade(tables_of(field), receivers(points, np.tile(normal, (4, 1))), same(4), 100_000))
+        truth = luminance(np.array([irradiance(field, p, normal) for p in points]))
+        assert np.abs(got / truth - 1).max() < 2e-3
+
+
 def test_few_samples_are_right_on_average():
     """Unbiased: 4,000 estimates of 5 samples each, shifted at random, average to the integral (4,000 x 5 samples of spread 1.5: 1 %)."""
     field, rng = a_field("bell", 1.5), np.random.default_rng(1)

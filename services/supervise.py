@@ -22,7 +22,8 @@ from services.settings import Settings
 from services.sockets import Wires
 
 RUN_FOLDER = "vemlight-run-"
-READY_S = 20.0  # for GL and compiled code; capture then starts in any case
+READY_S = 90.0  # for GL, and the first time for compiling; capture then starts in any case
+SLOW_START_S = 8.0  # after so long a line says why
 BACK_OFF_S = (0.0, 0.5, 1.0, 2.0)  # before a restart: the more often it died lately the longer
 GIVE_UP = 5  # deaths of one service within
 GIVE_UP_S = 60.0
@@ -130,11 +131,15 @@ class Supervisor:
 
     def _watch(self, until_ready: bool = False) -> int | None:
         """Until somebody cannot go on or all is done: the status to end with. Or None as soon as all but capture have spoken."""
-        ready_by_s, said_s = time.monotonic() + READY_S, time.monotonic()
+        began_s = said_s = time.monotonic()
+        patient = False
         while not self._signals:
             self._hear()
-            if until_ready and (len(self._newest) == len(SERVICES) - 1 or time.monotonic() > ready_by_s):
+            if until_ready and (len(self._newest) == len(SERVICES) - 1 or time.monotonic() > began_s + READY_S):
                 return None
+            if until_ready and not patient and time.monotonic() > began_s + SLOW_START_S:
+                patient = True
+                print("vemlight: starting; the first time, code is compiled, which takes up to a minute", file=sys.stderr, flush=True)
             for child in self._children.values():
                 if child.running and (ended := child.running.poll()) is not None:
                     if ended == 2 or (ended == 0 and child.service == LAST):

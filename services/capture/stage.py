@@ -19,6 +19,7 @@ class CaptureSource:
         """Raises BadInput when the source is not there or not whole."""
         self._source = open_source(settings)
         self.fps = self._source.fps
+        self._source.frame(0)  # weights are made and loops compiled before the first frame is due
 
     def __len__(self) -> int:
         return len(self._source)

@@ -12,6 +12,9 @@ from services.lights import Lights, LightsFile
 from services.sampler.step import State, initial_state, step
 
 
+WARM_FRAMES = 64  # the search for flicker begins with the second second of light
+
+
 class SamplerState(NamedTuple):
     """The sampler's memory and the settings in force, which the viewer's wishes change."""
 
@@ -29,6 +32,7 @@ class SamplerStage:
         """Raises BadInput when the output folder cannot be written."""
         self._settings = settings.sampler
         self._file = LightsFile(Path(settings.out) / "lights.jsonl") if settings.out else None
+        warm(settings.sampler)
 
     def kept(self) -> int:
         return self._file.count if self._file else 0
@@ -74,3 +78,13 @@ class SamplerStage:
 
     def done(self) -> None:
         pass
+
+
+def warm(settings: settings.Sampler) -> None:
+    """Has everything compiled that a frame may need, on a small map whose light flickers, so that no frame of a run waits for it."""
+    state = initial_state(settings)
+    for k in range(WARM_FRAMES):
+        radiance = np.full((6, 24, 3), 1.5 + np.sin(2 * np.pi * k / 4), np.float32)
+        radiance[2, k % 24] = 100
+        centroids = np.array([[2 * 24 + k % 24, 0.0, 0.0, 1.0]])
+        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25, None, centroids)

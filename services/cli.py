@@ -247,6 +247,73 @@ def polar(frame: Path, lens: Path, response: Path | None, out: Path) -> None:
     polar_file(frame, lens, response, out)
 
 
+@main.group()
+def luminaire() -> None:
+    """Lamps close to the scene, as light fields between two planes."""
+
+
+@luminaire.command()
+@click.argument("recipe", type=EXISTING)
+@click.option("--out", type=EXISTING, required=True, help="LAMP.exr")
+def measure(recipe: Path, out: Path) -> None:
+    """Measure a lamp that RECIPE describes on the virtual bench."""
+    from services.renderer.luminaire.making import measure as take
+
+    take(recipe, out)
+
+
+@luminaire.command("from-rays")
+@click.argument("rays", type=EXISTING)
+@click.option("--basis", type=click.Choice(["bell", "b-spline"]), default="bell", show_default=True)
+@click.option("--functions", type=click.IntRange(2, 32), default=9, show_default=True, help="Basis functions on a side.")
+@click.option("--pixels", type=click.IntRange(1, 1024), default=48, show_default=True, help="On a side of each image.")
+@click.option("--angle", type=click.FloatRange(1, 87), default=76.0, show_default=True, help="Degrees off the axis that the planes catch.")
+@click.option("--spacing", type=click.FloatRange(0, min_open=True), help="Metres between basis functions; left out: as the rays need.")
+@click.option("--distance", type=click.FloatRange(0, min_open=True), help="Metres between the planes; left out: as the rays need.")
+@click.option("--plane-z", type=float, help="Height of the sampling plane in the file's metres; left out: where they are least spread.")
+@click.option("--out", type=EXISTING, required=True, help="LAMP.exr")
+def from_rays(rays: Path, out: Path, **options: Any) -> None:
+    """Make a lamp of a measured ray file (IES TM-25)."""
+    from services.renderer.luminaire.making import from_rays as make
+
+    made = make(
+        rays,
+        out,
+        basis=options["basis"],
+        functions=options["functions"],
+        pixels=options["pixels"],
+        angle_deg=options["angle"],
+        spacing_m=options["spacing"],
+        distance_m=options["distance"],
+        plane_z_m=options["plane_z"],
+    )
+    for name, flux in made.ledger._asdict().items():
+        click.echo(f"{name.replace('_', ' ')}: {flux:.2f}")
+    click.echo(f"flux in the file's header: {made.header_flux}; the lamp's origin in the file: {made.origin_m} m")
+
+
+@luminaire.command()
+@click.argument("lamp", type=EXISTING)
+@click.option("--out", type=EXISTING, help="Folder for pictures: its images, flux by angle, a plane lit at three distances.")
+def show(lamp: Path, out: Path | None) -> None:
+    """Say what a lamp file holds (.exr, .ies, .ldt)."""
+    from services.renderer.luminaire.making import report, write_pictures
+
+    click.echo("\n".join(report(lamp)))
+    if out:
+        write_pictures(lamp, out)
+
+
+@main.command()
+@click.argument("maps", nargs=-1, required=True, type=EXISTING, metavar="MAP...")
+@click.option("--out", type=EXISTING, required=True, help="Folder for the charts and their numbers.")
+def chart(maps: tuple[Path, ...], out: Path) -> None:
+    """Chart how true, steady and quick each method is on your own maps."""
+    from services.accuracy import chart as draw
+
+    draw(list(maps), out)
+
+
 @main.command()
 @click.argument("settings", type=EXISTING, required=False)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")

@@ -21,7 +21,7 @@ _terminal = threading.Lock()
 
 
 @contextmanager
-def _silent() -> Iterator[None]:
+def silent() -> Iterator[None]:
     """OpenEXR and OpenCV write their complaints about a damaged file to the terminal; ours is the one line that stays."""
     with _terminal, open(os.devnull, "w") as null, redirect_stdout(null), redirect_stderr(null):
         kept = os.dup(2)
@@ -53,12 +53,12 @@ def _read_exr(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
 
     OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
     try:
-        with _silent():
+        with silent():
             file = OpenEXR.File(str(path))
             channels = {name: channel.pixels for name, channel in file.channels().items()} if file.parts else {}
             attributes = dict(file.header()) if file.parts else {}
     except (RuntimeError, ValueError, TypeError, MemoryError, IndexError) as error:
-        raise BadInput(f"{path}: is not a readable EXR ({_one_line(error)}); it may be truncated, copy it again") from error
+        raise BadInput(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
     if not channels:
         raise BadInput(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
     for name in ("RGB", "RGBA", "Y"):
@@ -80,10 +80,10 @@ def _read_hdr(path: Path) -> np.ndarray:
     import cv2
 
     try:
-        with _silent():
+        with silent():
             pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise BadInput(f"{path}: is not a readable Radiance HDR ({_one_line(error)}); copy it again") from error
+        raise BadInput(f"{path}: is not a readable Radiance HDR ({one_line(error)}); copy it again") from error
     if pixels is None or pixels.dtype != np.float32 or pixels.ndim != 3:
         raise BadInput(f"{path}: is not a readable Radiance HDR; it may be truncated, copy it again")
     return np.ascontiguousarray(pixels[..., ::-1])
@@ -100,14 +100,14 @@ def read_codes(path: Path) -> np.ndarray:
 
     if not path.is_file():
         raise BadInput(f"{path}: there is no such file; check the path")
-    with _silent():
+    with silent():
         pixels = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
     if pixels is None:
         raise BadInput(f"{path}: is no readable image; give PNG, TIFF, JPEG or EXR")
     return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., ::-1])
 
 
-def _one_line(error: BaseException) -> str:
+def one_line(error: BaseException) -> str:
     return " ".join(str(error).split())[:200]
 
 
@@ -133,7 +133,7 @@ def write_exr(path: Path, pixels: np.ndarray, attributes: dict[str, Any] | None 
             with OpenEXR.File(header, {name: np.ascontiguousarray(pixels, dtype)}) as file:
                 file.write(str(part))
         except RuntimeError as error:
-            raise OSError(f"{path}: {_one_line(error)}") from error
+            raise OSError(f"{path}: {one_line(error)}") from error
 
 
 def write_png(path: Path, pixels: np.ndarray) -> None:

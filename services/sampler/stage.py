@@ -11,7 +11,6 @@ from services.channels import Service
 from services.lights import Lights, LightsFile
 from services.sampler.step import State, initial_state, step
 
-
 WARM_FRAMES = 64  # the search for flicker begins with the second second of light
 
 

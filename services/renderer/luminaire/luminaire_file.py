@@ -110,18 +110,18 @@ def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:
     """(name, attributes, RGB pixels) of each part of an EXR."""
     import OpenEXR
 
-    from services.images import MAX_SIDE, _one_line, _silent
+    from services.images import MAX_SIDE, one_line, silent
 
     if not path.is_file():
         raise BadInput(f"{path}: there is no such file; check the path")
     OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
     try:
-        with _silent():
+        with silent():
             file = OpenEXR.File(str(path))
             found = [(part.name(), dict(part.header), part.channels["RGB"].pixels if "RGB" in part.channels else np.zeros(0))
                      for part in file.parts[:MAX_IMAGES]]
     except (RuntimeError, ValueError, TypeError, MemoryError, IndexError) as error:
-        raise BadInput(f"{path}: is not a readable EXR ({_one_line(error)}); it may be truncated, copy it again") from error
+        raise BadInput(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
     if not found:
         raise BadInput(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
     return found

@@ -271,6 +271,7 @@ def _chart_events(curves: list[dict[str, Any]], out: Path) -> None:
 # --- what a scene needs ----------------------------------------------------------------------------------------------------------------
 
 PROMISES = (40.0, 30.0, 20.0, 15.0, 10.0, 7.0)  # per cent
+NEED_FRAMES = 20  # in which the number of lights settles
 DARKEST = 0.05  # of the mean irradiance, as the controller has it
 
 
@@ -288,7 +289,7 @@ def need(out: Path, progress: Progress) -> None:
             for promise in PROMISES:
                 settings = Sampler(method=method, filter="none", count=1024, error_percent=promise)
                 state, lights = initial_state(settings), None
-                for k in range(6):
+                for k in range(NEED_FRAMES):
                     state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, None, source.centroids)
                 assert lights is not None
                 got = judge(points_of_lights(lights)).soft[500:] @ LUMINANCE

@@ -88,12 +88,12 @@ def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
     taken = np.argsort(numbers / importance)[:count]
     if light.power <= 0:
         return Lights.of(taken, directions[taken], np.zeros((count, 3)))
-    # The prepared tiling ends at its last level: where all samples of a cell are taken, they share the cell's light.
-    place = cell[0] * cols + cell[1]
-    found, there = np.bincount(place[taken], minlength=rows * cols), np.bincount(place, minlength=rows * cols)
+    # The prepared tiling ends at its last level: where importance goes beyond its largest number, a cell's samples share the cell's light.
+    place = (cell[0] * cols + cell[1])[taken]
+    found = np.bincount(place, minlength=rows * cols)
+    full = importance[taken] * (numbers / importance)[taken[-1]] >= numbers.max()
     flux = light.importance * cell_solid_angles(rows, cols, coverage)[:, None] / light.power
-    full = (found == there)[place[taken]]
-    weights = np.where(full, flux.ravel()[place[taken]] / np.maximum(found[place[taken]], 1), 0.0)
+    weights = np.where(full, flux.ravel()[place] / found[place], 0.0)
     rest = np.where(full, 0.0, 1.0)
     weights += rest / max(rest.sum(), 1.0) * max(1 - weights.sum(), 0.0)
     tint = light.radiance[cell][taken] / importance[taken, None]

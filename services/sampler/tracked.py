@@ -28,6 +28,7 @@ GROWTH = 4  # and in a round of the first frame, or of one with sudden light
 MOST_CHANGES = 6  # splits paid by merges in a frame of sudden light: each costs as much time as two of Lloyd's steps
 SLACK = 0.01  # rad: Lloyd's steps are shorter once lights have settled
 SUDDEN = 2.0  # times the usual unrest: light has changed faster than sites move
+NOTABLE = 0.02**2  # unrest over squared power below which nothing is urgent: its root is about the error of the irradiance
 PACE = 8  # frames between splits when it has not
 USUAL = 0.2  # of the way that the usual unrest goes to this frame's: a memory of five frames
 ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_error.csv
@@ -182,7 +183,7 @@ def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) ->
         zenith = np.array([[0.0, 0.0, 1.0]])
         state = state._replace(ids=np.zeros(1, np.int64), sites=zenith, offset=np.zeros((1, 3)), next_id=1)
     held = _shares(of, tiles, state.sites)
-    sudden = new or float((held.unease**2).sum()) > SUDDEN * state.usual * power**2
+    sudden = new or float((held.unease**2).sum()) > max(SUDDEN * state.usual, NOTABLE) * power**2
 
     # The number of lights: down at once, up a few in a frame unless all light is new.
     before = len(state.ids)

@@ -20,6 +20,8 @@ class Command(click.Group):
         except BadInput as error:
             print(f"vemlight: {error}", file=sys.stderr)
             context.exit(2)
+        except BrokenPipeError:  # `| head` has read enough
+            raise
         except OSError as error:
             print(f"vemlight: {error.filename or ''}: {error.strerror or error}; check the path and the disk", file=sys.stderr)
             context.exit(2)

@@ -1,7 +1,7 @@
 """Mitsuba 3's own importance sampling of environment maps, fed with our points of the unit square.
 
-Mitsuba puts row k of an image at theta = k pi / (rows - 1), so the map is registered anew: a row between two of ours is their mean. The scalar
-variant is used, one sample at a time from Python: its accuracy is Mitsuba's, its time is not. Lights are equal in nothing but their
+Mitsuba puts row k of an image at theta = k pi / (rows - 1), so the map is registered anew: a row between two of ours is their mean. The
+scalar variant is used, one sample at a time from Python: its accuracy is Mitsuba's, its time is not. Lights are equal in nothing but their
 number: each carries radiance / density / N, and the channels' totals are then made exact.
 """
 

@@ -1,6 +1,6 @@
-"""Charts of accuracy, speed and steadiness: VEMLIGHT_DATA=FOLDER python -m bench.accuracy [--out docs/charts] [still moving need figure6]
+"""Charts of accuracy, speed and steadiness: VEMLIGHT_DATA=FOLDER python -m bench.accuracy [--out docs/charts] [CHART ...]
 
-Writes accuracy_NAME.png, .svg and .csv. FOLDER holds hdri/*.hdr and *.exr, lat-long.
+Charts: still, moving, need, figure6, pictures. Writes accuracy_NAME.png, .svg and .csv. FOLDER holds hdri/*.hdr and *.exr, lat-long.
 """
 
 import argparse
@@ -41,6 +41,7 @@ KINDS = {
 }
 PROBES = 400  # over the sequences: the error's own uncertainty is 1 / sqrt(2 x 400) = 4 %
 JUMP_DEG = 10.0
+REFERENCE = 512  # lights of the picture that others are compared with
 SETTLED = 8  # frames of a still map before it is judged and timed
 COLOURS = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
 
@@ -348,6 +349,44 @@ def figure6(out: Path, progress: Progress) -> None:
     save(figure, rows, out, "figure6", f"{path.stem}: equal areas, circles as large as a light's share; error, hard edges.")
 
 
+def pictures(out: Path, progress: Progress) -> None:
+    """The product's own scene under 4 to 128 lights of each method, and its difference from the picture under REFERENCE lights."""
+    from services.renderer.renderer import Renderer
+    from services.renderer.scene import load_scene
+    from services.settings import Renderer as Size
+
+    counts, source = (4, 8, 16, 32, 64, 128), read_source(chosen()["a sun"])
+    names = ("structured", "Kollig and Keller", "Penrose tiling", "Havran, azimuth first", TRACKED)
+    methods = [next(m for m in STILL if m.name == name) for name in names]
+    renderer, rows = Renderer(load_scene(None), Size(width=200, height=150, shadow_map=256), 4), []
+    task = progress.add_task("pictures", total=len(methods) * len(counts) + 1)
+
+    def rendered(method: Method, count: int) -> np.ndarray:
+        state, lights = method.start(count), None
+        for k in range(SETTLED if method.steady else 1):
+            state, lights = method.step(state, source.polar, k / 25, source.centroids)
+        assert lights is not None
+        progress.advance(task)
+        return np.array(renderer.render(lights))[..., :3]
+
+    try:
+        truth = rendered(methods[-1], REFERENCE)
+        figure, axes = plt.subplots(len(methods), len(counts), figsize=(13, 8.6), layout="constrained")
+        figure.get_layout_engine().set(rect=(0, 0.03, 1, 0.97))  # type: ignore[union-attr]
+        for line, method in zip(axes, methods, strict=True):
+            for axis, count in zip(line, counts, strict=True):
+                picture = rendered(method, count)
+                error = float(np.sqrt(np.mean(((picture - truth) @ LUMINANCE) ** 2)) / np.mean(truth @ LUMINANCE))
+                rows.append({"method": method.name, "lights": count, "difference": error})
+                axis.imshow((picture / (picture + truth.mean())).clip(0, 1) ** (1 / 2.2))
+                axis.set_title(f"{count}: {100 * error:.1f} %", fontsize=8)
+                axis.set(xticks=[], yticks=[])
+            line[0].set_ylabel(method.name, fontsize=9)
+    finally:
+        renderer.release()
+    save(figure, rows, out, "pictures", f"Under a sun; difference in luminance from the picture under {REFERENCE} tracked lights.")
+
+
 def _disc(polar: np.ndarray) -> np.ndarray:
     """A polar map seen from below, equal areas, tone-mapped for the eye (150, 150, 3)."""
     rows, cols, _ = polar.shape
@@ -360,7 +399,7 @@ def _disc(polar: np.ndarray) -> np.ndarray:
     return np.where((x**2 + y**2 <= 1)[..., None], seen.clip(0, 1) ** (1 / 2.2), 1.0)
 
 
-CHARTS = {"still": still, "moving": moving, "need": need, "figure6": figure6}
+CHARTS = {"still": still, "moving": moving, "need": need, "figure6": figure6, "pictures": pictures}
 
 
 def main() -> None:

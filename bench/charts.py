@@ -20,6 +20,7 @@ BENCHES: dict[str, tuple[list[str], bool]] = {
     "sampler_need": (["bench.sampler_need"], True),
     "luminaires": (["bench.luminaires"], False),
     "figure6": (["bench.accuracy", "figure6"], True),
+    "pictures": (["bench.accuracy", "pictures"], True),
     "still": (["bench.accuracy", "still"], True),
     "need": (["bench.accuracy", "need"], True),
     "moving": (["bench.accuracy", "moving"], True),

@@ -51,9 +51,11 @@ class CaptureCamera:
             return None, 0
         self._sequence += frame.lost + 1
         stamp = wire.stamp(self._sequence, frame.time_s)
-        if frame.monotonic_ns is not None:  # the kernel's stamp: realtime is moved back by the frame's age
-            age_ns = max(0, stamp.monotonic_ns - frame.monotonic_ns)
-            stamp = msgspec.structs.replace(stamp, monotonic_ns=frame.monotonic_ns, captured_ns=stamp.captured_ns - age_ns)
+        if frame.monotonic_ns is not None:  # the kernel's stamp: both clocks are moved back by the frame's age
+            age_ns = max(0, stamp.monotonic_ns - frame.monotonic_ns)  # some drivers stamp the end of a frame before it has come
+            stamp = msgspec.structs.replace(
+                stamp, monotonic_ns=stamp.monotonic_ns - age_ns, captured_ns=stamp.captured_ns - age_ns
+            )
         return map_message(frame, stamp), frame.lost
 
     def close(self) -> None:

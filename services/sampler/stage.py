@@ -85,5 +85,6 @@ def warm(settings: settings.Sampler) -> None:
     for k in range(WARM_FRAMES):
         radiance = np.full((6, 24, 3), 1.5 + np.sin(2 * np.pi * k / 4), np.float32)
         radiance[2, k % 24] = 100
+        radiance.flags.writeable = False  # as maps come off the wire: numba compiles the same loop for each of the two
         centroids = np.array([[2 * 24 + k % 24, 0.0, 0.0, 1.0]])
         state, _, _ = step(settings, state, radiance, "hemisphere", k / 25, None, centroids)

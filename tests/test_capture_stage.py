@@ -1,0 +1,65 @@
+"""A camera's frames as messages; the camera is replaced by one that gives what the test says."""
+
+import time
+
+import numpy as np
+import pytest
+
+from services import wire
+from services.capture import stage
+from services.capture.frames import Frame
+from services.capture.stage import CaptureCamera
+from services.settings import Capture
+
+
+class Shelf:
+    """Stands in for `services.capture.source.Live`."""
+
+    state = "a camera"
+
+    def __init__(self, _: Capture) -> None:
+        self.frames: list[Frame] = []
+
+    def next(self, _: float) -> Frame | None:
+        return self.frames.pop(0) if self.frames else None
+
+
+def frame(monotonic_ns: int, lost: int = 0) -> Frame:
+    radiance = np.ones((4, 8, 3), np.float32)
+    return Frame(radiance, "hemisphere", 0.5, None, 0, 0, lost=lost, monotonic_ns=monotonic_ns)
+
+
+@pytest.fixture
+def camera(monkeypatch: pytest.MonkeyPatch) -> tuple[CaptureCamera, list[Frame]]:
+    monkeypatch.setattr(stage, "Live", Shelf)
+    made = CaptureCamera(Capture(source="/dev/video0"))
+    return made, made._live.frames  # type: ignore[attr-defined]
+
+
+def test_numbers_go_on_over_lost_frames(camera) -> None:
+    made, frames = camera
+    assert made.message(0.0) == (None, 0)
+    frames += [frame(0), frame(0, lost=3), frame(0)]
+    heard = [made.message(0.0) for _ in range(3)]
+    assert [message[0].stamp.sequence for message, _ in heard] == [0, 4, 5]
+    assert [lost for _, lost in heard] == [0, 3, 0]
+
+
+@pytest.mark.parametrize("age_ns", [0, 40_000_000, 3_000_000_000])
+def test_age_is_that_of_the_kernels_stamp(camera, age_ns: int) -> None:
+    made, frames = camera
+    before_ns, before_wall_ns = time.monotonic_ns(), time.time_ns()
+    frames.append(frame(before_ns - age_ns))
+    stamp = made.message(0.0)[0][0].stamp
+    assert stamp.monotonic_ns == before_ns - age_ns
+    assert before_wall_ns - age_ns <= stamp.captured_ns + 5_000_000  # the two clocks are read one after the other
+    assert stamp.captured_ns <= time.time_ns() - age_ns
+    assert wire.age_ms(stamp) >= age_ns / 1e6
+
+
+def test_stamp_of_the_future_is_taken_for_now(camera) -> None:
+    made, frames = camera
+    frames.append(frame(time.monotonic_ns() + 10**10))
+    stamp = made.message(0.0)[0][0].stamp
+    assert stamp.monotonic_ns <= time.monotonic_ns()
+    assert stamp.captured_ns <= time.time_ns()

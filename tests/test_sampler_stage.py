@@ -1,0 +1,31 @@
+"""The sampler as a stage."""
+
+import subprocess
+import sys
+
+import pytest
+
+FIRST_MAP = """
+import sys
+import numpy as np
+from services import wire
+from services.sampler.stage import SamplerStage
+from services.settings import Sampler, Settings
+
+def compiled():
+    modules = [module for name, module in sys.modules.items() if name.startswith("services.")]
+    return {f"{name}{loop.signatures}" for module in modules for name, loop in vars(module).items() if hasattr(loop, "signatures")}
+
+stage = SamplerStage(Settings(sampler=Sampler(method=sys.argv[1])))
+ready = compiled()
+header = wire.Map(stamp=wire.stamp(0, 0.0), rows=6, cols=24, coverage="hemisphere", strong=1)
+arrays = np.ones((6, 24, 3), np.float32), np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32)
+stage.step(stage.begin(0)[0], wire.unpack(wire.pack(header, arrays)))
+assert ready and compiled() == ready, compiled() - ready
+"""
+
+
+@pytest.mark.parametrize("method", ["tracked", "standard", "havran-azimuth"])
+def test_first_map_waits_for_no_compiler(method: str) -> None:
+    """In a process of its own, because every other test compiles too."""
+    subprocess.run([sys.executable, "-c", FIRST_MAP, method], check=True)

@@ -118,7 +118,8 @@ def tracked_step(
     if state.clean is None or coverage != state.coverage or state.clean.shape != radiance.shape:
         state = initial_tracked()._replace(coverage=coverage, time_s=time_s)
     of = grid(rows, cols, coverage)
-    noise = with_map(state.noise, luminance(radiance[:, ::STRIDE])) if smoothing else NO_NOISE
+    with np.errstate(invalid="ignore"):  # inf - inf; spoilt cells tell no noise
+        noise = with_map(state.noise, luminance(radiance[:, ::STRIDE])) if smoothing else NO_NOISE
     before = state.clean if smoothing and 0 < time_s - state.time_s < LONGEST_GAP_S else None
     clean, black, irradiance, spoilt = received(radiance, of.solid_angles, before, state.black, noise.variance)
     power = float(irradiance @ LUMINANCE)

@@ -1,5 +1,6 @@
 """Wrong input to the command: status 2 and one line that says what, where and how to mend it."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -24,12 +25,10 @@ rim_deg = 90.0
 """
 
 
-def vemlight(*arguments: object, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
-    import os
-
+def vemlight(*arguments: object, cwd: Path | None = None, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "services.cli", *map(str, arguments)],
-        capture_output=True, text=True, timeout=120, cwd=cwd, env={**os.environ, **environment},
+        capture_output=True, text=True, timeout=120, cwd=cwd, env={**os.environ, **(environment or {})},
     )  # fmt: skip
 
 
@@ -106,7 +105,7 @@ def test_port_in_use(tmp_path):
 
 def test_no_gl(folder):
     nowhere = {"LIBGL_DRIVERS_PATH": "/none", "__EGL_VENDOR_LIBRARY_FILENAMES": "/none", "EGL_PLATFORM": "surfaceless"}
-    done = vemlight("render", folder / "f_0000.exr", "--size", "32x24", "--out", folder / "p.png", **nowhere)
+    done = vemlight("render", folder / "f_0000.exr", "--size", "32x24", "--out", folder / "p.png", environment=nowhere)
     refused(done, "OpenGL", "apt-get install")
 
 

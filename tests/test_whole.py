@@ -90,7 +90,7 @@ def test_frames_that_no_camera_should_give(tmp_path):
     frames = {"sky": sky, "black": 0 * sky, "spoilt": spoilt, "sunny": sunny}
     for k, (name, image) in enumerate(frames.items()):
         write_exr(tmp_path / f"{k}_{name}.exr", image)
-    options = ANY | {"filter_": "none"}
+    options: dict[str, Any] = {**ANY, "filter_": "none"}
     write_lights_of(tmp_path, tmp_path / "lights.jsonl", count=32, **options)
     lights = [row.arrays() for row in read_lights(tmp_path / "lights.jsonl")]
     source = open_source(Capture(source=str(tmp_path)))

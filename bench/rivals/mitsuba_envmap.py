@@ -5,7 +5,7 @@ scalar variant is used, one sample at a time from Python: its accuracy is Mitsub
 number: each carries radiance / density / N, and the channels' totals are then made exact.
 """
 
-import mitsuba as mi
+import mitsuba as mi  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from services.lights import Lights

@@ -105,12 +105,13 @@ def lights(source: Path, out: Path, **options: Any) -> None:
 @click.option("--lens", type=EXISTING, help="Lens file of fisheye frames.")
 @click.option("--response", type=EXISTING, help="Response file of raw frames.")
 @click.option("--exposure", type=click.FloatRange(-20, 20), default=0.0, show_default=True, help="Stops, for the PNG.")
+@click.option("--shadow-map", type=click.IntRange(16, 4096), default=512, show_default=True, help="Texels on a side, for each light.")
 @click.option("--out", type=EXISTING, required=True, help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
-def render(source: Path, scene: Path | None, size: str, exposure: float, out: Path, **options: Any) -> None:
+def render(source: Path, scene: Path | None, size: str, exposure: float, shadow_map: int, out: Path, **options: Any) -> None:
     """Render a scene under the light of a map or a sequence."""
     from services.offline import write_pictures_of
 
-    write_pictures_of(source, scene, size, exposure, out, **options)
+    write_pictures_of(source, scene, size, exposure, out, shadow_map=shadow_map, **options)
 
 
 @main.command()

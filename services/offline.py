@@ -62,7 +62,9 @@ def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: 
         print(text(scored(((frame.radiance, lights) for frame, lights in lit), lit[0].frame.coverage)))
 
 
-def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: float, out: Path, **options: Any) -> None:
+def write_pictures_of(
+    source: Path, scene: Path | None, size: str, exposure: float, out: Path, *, shadow_map: int = 256, **options: Any
+) -> None:
     """Renders each frame of `source`; several frames are numbered NAME_0000. Raises BadInput for options that cannot be used."""
     from services.renderer.renderer import Renderer
     from services.renderer.scene import load_scene
@@ -74,7 +76,7 @@ def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: flo
     width, _, height = size.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
         raise BadInput(f"--size {size}: is not WIDTHxHEIGHT; write it as 640x480")
-    wanted = record(settings.Renderer, {"width": int(width), "height": int(height), "exposure": exposure}, "--")
+    wanted = record(settings.Renderer, {"width": int(width), "height": int(height), "exposure": exposure, "shadow_map": shadow_map}, "--")
     frames, sampling = opened(source, options)
     renderer = Renderer(load_scene(scene), wanted, FILE_SAMPLES)
     try:

@@ -1,6 +1,7 @@
 """The command `vemlight`. Each command loads what it needs when it runs, so that `vemlight --help` answers at once."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -73,15 +74,28 @@ _service("renderer", "One service: lights become pictures of the scene.")
 _service("viewer", "One service: the page that shows it all.")
 
 
+# What `lights` and `render` both ask of a source and of its lights.
+SAMPLING = (
+    click.option("--count", type=click.IntRange(1, 100_000), default=72, show_default=True, help="Lights a frame."),
+    click.option("--method", help="How lights are chosen."),
+    click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True),
+    click.option("--filter", "filter_", help="Temporal filter, or none. One map alone needs none."),
+    click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), help="Frames a second, where the source does not say."),
+    click.option("--lens", type=EXISTING, help="Lens file of fisheye frames."),
+    click.option("--response", type=EXISTING, help="Response file of raw frames."),
+)
+
+
+def sampling(command: Callable[..., None]) -> Callable[..., None]:
+    """Adds the options in SAMPLING to a command."""
+    for option in reversed(SAMPLING):
+        command = option(command)
+    return command
+
+
 @main.command()
 @click.argument("source", type=EXISTING)
-@click.option("--count", type=click.IntRange(1, 100_000), default=72, show_default=True, help="Lights a frame.")
-@click.option("--method", help="How lights are chosen.")
-@click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True)
-@click.option("--filter", "filter_", help="Temporal filter, or none. One map alone needs none.")
-@click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), help="Frames a second, where the source does not say.")
-@click.option("--lens", type=EXISTING, help="Lens file of fisheye frames.")
-@click.option("--response", type=EXISTING, help="Response file of raw frames.")
+@sampling
 @click.option("--clusters", type=click.IntRange(1, 100_000), help="Most lights after merging neighbours.")
 @click.option("--error", type=click.FloatRange(0, 100, min_open=True), help="Per cent: as few lights as keep the irradiance within it.")
 @click.option("--score", is_flag=True, help="Print how true and how steady the lights are.")
@@ -95,15 +109,9 @@ def lights(source: Path, out: Path, **options: Any) -> None:
 
 @main.command()
 @click.argument("source", type=EXISTING)
+@sampling
 @click.option("--scene", type=EXISTING, help="Scene file; left out: the bundled scene.")
-@click.option("--count", type=click.IntRange(1, 100_000), default=72, show_default=True, help="Lights a frame.")
 @click.option("--size", default="640x480", show_default=True, help="WIDTHxHEIGHT in pixels.")
-@click.option("--method", help="How lights are chosen.")
-@click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True)
-@click.option("--filter", "filter_", help="Temporal filter, or none. One map alone needs none.")
-@click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), help="Frames a second, where the source does not say.")
-@click.option("--lens", type=EXISTING, help="Lens file of fisheye frames.")
-@click.option("--response", type=EXISTING, help="Response file of raw frames.")
 @click.option("--exposure", type=click.FloatRange(-20, 20), default=0.0, show_default=True, help="Stops, for the PNG.")
 @click.option("--shadow-map", type=click.IntRange(16, 4096), default=512, show_default=True, help="Texels on a side, for each light.")
 @click.option("--out", type=EXISTING, required=True, help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")

@@ -21,7 +21,7 @@ def headless_context() -> moderngl.Context:
     except Exception as error:  # glcontext raises bare Exceptions, ImportErrors and OSErrors by the library that fails
         reason = " ".join(str(error).split())[:160]
         raise BadInput(
-            f"no OpenGL 4.3 through EGL ({reason}); install it: apt-get install libegl1 libgl1-mesa-dri"
+            f"no OpenGL 4.3 through EGL ({reason}); install it: apt-get install libegl1 libgl1 libgl1-mesa-dri"
         ) from error
 
 

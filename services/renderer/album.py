@@ -14,6 +14,7 @@ from services.renderer.tonemap import Adaptation
 
 SHEET_COLUMNS = 6
 SHEET_PICTURES = 24
+SHEET_GROUND = 40  # gray, of 255, where a picture shows nothing
 THUMBNAIL_WIDTH = 320  # pixels; 6 of them make 1920
 
 
@@ -81,15 +82,17 @@ def write_contact_sheet(path: Path, pictures: list[Path]) -> None:
     chosen = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, SHEET_PICTURES).round().astype(int))]
     thumbnails = []
     for name in chosen:
-        image = cv2.imread(str(name.with_suffix(".png")), cv2.IMREAD_COLOR)
-        if image is None:
+        image = cv2.imread(str(name.with_suffix(".png")), cv2.IMREAD_UNCHANGED)
+        if image is None or image.shape[2:] != (4,):
             raise BadInput(f"{name.with_suffix('.png')}: cannot be read back; was it removed meanwhile?")
+        alpha = image[..., 3:] / 255
+        image = (image[..., :3] * alpha + SHEET_GROUND * (1 - alpha)).astype(np.uint8)
         height = max(1, round(image.shape[0] * THUMBNAIL_WIDTH / image.shape[1]))
         thumbnails.append(cv2.resize(image, (THUMBNAIL_WIDTH, height), interpolation=cv2.INTER_AREA))
     height = thumbnails[0].shape[0]
     rows = -(-len(thumbnails) // SHEET_COLUMNS)
     columns = min(len(thumbnails), SHEET_COLUMNS)
-    sheet = np.full((rows * height, columns * THUMBNAIL_WIDTH, 3), 24, np.uint8)
+    sheet = np.full((rows * height, columns * THUMBNAIL_WIDTH, 3), SHEET_GROUND, np.uint8)
     for k, thumbnail in enumerate(thumbnails):
         row, column = divmod(k, SHEET_COLUMNS)
         sheet[row * height : (row + 1) * height, column * THUMBNAIL_WIDTH : (column + 1) * THUMBNAIL_WIDTH] = thumbnail

@@ -9,6 +9,7 @@ from services import wire
 from services.channels import STATUS_PERIOD_S, Service
 
 RATE_WINDOW_S = 2.0
+REPORTED = ("spoilt", "black", "saturated", "delay_ms", "delay_frames")  # of the newest frame's header, where its kind has them
 
 
 class Losses:
@@ -53,7 +54,7 @@ class Tally:
         self._newest, self._age_ms = header.stamp, wire.age_ms(header.stamp)
         self._done_s.append(time.monotonic())
         self._step_ms.append(took_s * 1e3)
-        self._report = {name: getattr(header, name) for name in ("spoilt", "black", "saturated", "delay_ms") if hasattr(header, name)}
+        self._report = {name: getattr(header, name) for name in REPORTED if hasattr(header, name)}
 
     def due(self) -> wire.Status | None:
         """The status, when it is time to say it again."""

@@ -28,6 +28,7 @@ Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
 Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
 Hertz = Annotated[float, Meta(ge=0, le=1e9)]
+Frames = Annotated[float, Meta(ge=0, le=1e6)]
 Side = Annotated[int, Meta(ge=1, le=8192)]
 
 
@@ -71,6 +72,7 @@ class Lights(Part, frozen=True, tag="lights"):
     count: Annotated[int, Meta(ge=0, le=100_000)]
     coverage: Coverage
     delay_ms: Milliseconds  # by which the filter holds the light back
+    delay_frames: Frames = 0.0  # the same, in frames at the rate they come at
     fine: Annotated[int, Meta(ge=0, le=100_000)] = 0
     need: Tally = 0  # lights that the scene needs for the error allowed; 0: not asked
     can: Tally = 0  # lights that the renderer draws in the time allowed; 0: not asked
@@ -115,6 +117,7 @@ class Status(Part, frozen=True, tag="status"):
     black: Tally = 0
     saturated: Tally = 0
     delay_ms: Milliseconds = 0.0
+    delay_frames: Frames = 0.0
 
 
 class End(Part, frozen=True, tag="end"):

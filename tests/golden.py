@@ -27,7 +27,7 @@ def messages() -> dict[str, wire.Message]:
             (radiance, np.array([5], np.int64), directions[1:]),
         ),
         "lights": (
-            wire.Lights(stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, lamp_hz=100.0, flicker_hz=16.0),
+            wire.Lights(stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0),
             (np.array([0, 2**40], np.int64), directions, irradiance, directions[:1], irradiance[:1] / 2),
         ),
         "lights_none": (

@@ -3,7 +3,12 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+from services import wire
+from services.sampler.stage import SamplerStage
+from services.settings import Sampler, Settings
 
 FIRST_MAP = """
 import sys
@@ -29,3 +34,15 @@ assert ready and compiled() == ready, compiled() - ready
 def test_first_map_waits_for_no_compiler(method: str) -> None:
     """In a process of its own, because every other test compiles too."""
     subprocess.run([sys.executable, "-c", FIRST_MAP, method], check=True)
+
+
+@pytest.mark.parametrize(("name", "frames"), [("fir2005", 4), ("binomial", 2), ("none", 0)])
+def test_the_filters_delay_goes_out_in_frames_and_in_ms(name, frames) -> None:
+    stage = SamplerStage(Settings(sampler=Sampler(method="havran-azimuth", filter=name, count=4)))
+    state, _ = stage.begin(0)
+    for k in range(6):
+        header = wire.Map(stamp=wire.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere")
+        arrays = np.ones((6, 24, 3), np.float32), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
+        state, (made, _) = stage.step(state, (header, arrays))
+    assert isinstance(made, wire.Lights)
+    assert (made.delay_frames, made.delay_ms) == pytest.approx((frames, frames * 40))

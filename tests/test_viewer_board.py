@@ -8,11 +8,12 @@ import pytest
 from services import wire
 from services.files import BadInput
 from services.settings import Settings
+from services.tally import Tally
 from services.viewer.board import Board
 from services.viewer.metrics import metrics
 
 SAMPLE = re.compile(r'([a-z_]+)(?:\{((?:[a-z]+="[^"\\]*",?)*)\})? ([-+0-9.e]+)')
-UNITS = ("_total", "_hertz", "_seconds", "_bytes", "_fds", "_state", "_cells", "_lights", "_pages")
+UNITS = ("_total", "_hertz", "_seconds", "_frames", "_bytes", "_fds", "_state", "_cells", "_lights", "_pages")
 
 
 def image(sequence: int) -> wire.Message:
@@ -78,6 +79,19 @@ def test_metrics_keep_to_the_form(board):
             seen.add(line.rsplit(" ", 1)[0])
             float(parts[3])
     assert len(seen) <= 200
+
+
+def test_the_filters_delay_is_told_in_seconds_and_in_frames():
+    board, stamp, none = Board(Settings(), 0), wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
+    tally = Tally("sampler", 0)
+    lights = wire.Lights(stamp=stamp, count=0, coverage="hemisphere", delay_ms=160.0, delay_frames=4.0)
+    tally.finished((lights, (np.zeros(0, np.int64), none, none, none, none)), 0.001)
+    said = tally.due()
+    assert said
+    board.take("sampler", [(said, ())])
+    text = metrics(board.summary()).splitlines()
+    assert 'vemlight_filter_delay_seconds{stage="sampler"} 0.16' in text
+    assert 'vemlight_filter_delay_frames{stage="sampler"} 4' in text
 
 
 def test_metrics_say_what_the_services_said():

@@ -54,6 +54,7 @@ class SamplerStage:
             fine=len(fine.ids),
             coverage=header.coverage,
             delay_ms=report.delay_s * 1e3,
+            delay_frames=report.delay_frames,
             need=report.need,
             can=report.can,
             flicker_hz=report.flicker_hz,

@@ -30,6 +30,7 @@ def metrics(report: dict[str, Any]) -> str:
             _family("vemlight_stage_restarts_total", "counter", "How often a stage was started again.", _of(rows, "restarts", 1)),
             _family("vemlight_stage_state", "gauge", "1 for the state that a stage is in.", states),
             _family("vemlight_filter_delay_seconds", "gauge", "How far the filter holds the light back.", _of(rows[1:2], "delay_ms", 1e-3)),
+            _family("vemlight_filter_delay_frames", "gauge", "The same, in frames.", _of(rows[1:2], "delay_frames", 1)),
             _family("vemlight_map_cells", "gauge", "Of the newest map: cells and pixels set aside, by kind.", pixels),
             _family("vemlight_lights", "gauge", "Lights of the newest frame.", [({}, report["lights"]["count"])]),
             _family("vemlight_flicker_hertz", "gauge", "Beat of lamps with the frame rate, or 0.", [({}, report["lights"]["flicker_hz"])]),

@@ -21,7 +21,7 @@ const OWN = { // what only one service has to say
     spoilt: ["spoilt", whole, "cells of the newest map that came as nan, inf or negative and count as 0"],
   },
   sampler: {
-    delay_ms: ["filter delay", milliseconds, "how far the filter holds the light back"],
+    delay_ms: ["filter delay", delay, "how far the filter holds the light back"],
     need: ["need / can", needed, "lights that the scene needs for the error allowed / that the renderer draws in the time allowed"],
     flicker_hz: ["lamp flicker", flicker, "how fast the lamps beat with the frame rate"],
   },
@@ -108,7 +108,7 @@ function showFigures(report) {
   const of = Object.fromEntries(report.services.map((row) => [row.service, row]));
   at("rate").textContent = rate(of.renderer.rate_hz);
   at("latency").textContent = milliseconds(of.renderer.age_ms);
-  at("delay").textContent = milliseconds(of.sampler.delay_ms);
+  at("delay").textContent = delay(of.sampler.delay_ms, of.sampler);
   at("missed").replaceChildren(...report.services.flatMap((row, k) => {
     const missed = (row.dropped ?? 0) + (row.skipped ?? 0), number = document.createElement("span");
     number.textContent = whole(missed);
@@ -191,6 +191,10 @@ function milliseconds(value) {
   if (value === undefined || value === null) return "–";
   if (value >= 1e4) return `${(value / 1e3).toFixed(0)} s`;
   return `${value < 9.95 ? value.toFixed(1) : value.toFixed(0)} ms`;
+}
+
+function delay(value, row) {
+  return row.delay_frames ? `${milliseconds(value)} · ${Number(row.delay_frames.toFixed(1))} frames` : milliseconds(value);
 }
 
 // 0: nobody asked the sampler or the renderer to find out.

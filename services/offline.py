@@ -35,7 +35,7 @@ def opened(source: Path, options: dict[str, Any]) -> tuple[Source, settings.Samp
     frames = open_source(record(settings.Capture, capturing, "--"))
     filtering = options["filter_"] or (None if len(frames) > 1 else "none")
     sampling = {"count": options["count"], "method": options["method"], "filter": filtering}
-    sampling |= {"clusters": options.get("clusters"), "error_percent": options.get("error")}
+    sampling |= {"clusters": options.get("clusters"), "error_percent": options.get("error"), "deflicker": options.get("deflicker")}
     return frames, record(settings.Sampler, sampling, "--")
 
 

@@ -161,6 +161,23 @@ def test_a_recording_plays_back_the_same_and_lights_are_scored(folder):
     ]
 
 
+@pytest.mark.parametrize("method", ["tracked", "havran-azimuth"])
+def test_mains_flicker_is_taken_out_of_a_recording_on_wish(method, tmp_path):
+    """Lamps of 100 Hz at 21 frames a second, with 64 frames for them to be known; the total power then stands still."""
+    (tmp_path / "in").mkdir()
+    for k in range(80):
+        write_exr(tmp_path / "in" / f"f_{k:04d}.exr", np.full((16, 32, 3), 1 + 0.3 * np.sin(200 * np.pi * k / 21), np.float32))
+    swing = {}
+    for wish in ([], ["--deflicker"]):
+        shared = ("--method", method, "--filter", "none", "--count", 8, "--fps", 21, "--out", tmp_path / "l.jsonl")
+        done = vemlight("lights", tmp_path / "in", *shared, *wish)
+        assert done.returncode == 0, done.stderr
+        power = [row.arrays().irradiance.sum() for row in read_lights(tmp_path / "l.jsonl")[64:]]
+        swing[len(wish)] = np.ptp(power) / np.mean(power)
+    assert swing[0] > 0.5
+    assert swing[1] < 0.02
+
+
 def test_help_loads_neither_numba_nor_cv2():
     loaded = subprocess.run(
         [sys.executable, "-X", "importtime", "-m", "services.cli", "--help"], capture_output=True, text=True, timeout=60

@@ -291,3 +291,20 @@ def test_a_shader_that_fails_is_one_line():
 def test_a_picture_beyond_the_limit_is_refused():
     with pytest.raises(BadInput, match="make them smaller"):
         Renderer(load_scene(None), Settings(width=10**6, height=4))
+
+
+@pytest.mark.parametrize("frame_ms", [0.0, 20.0])
+def test_the_cost_of_every_pass_is_told_on_wish(frame_ms):
+    renderer = Renderer(load_scene(None), Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms), samples=2)
+    lights = uniform_lights(5, 0.0)
+    adaptation = adapt(None, renderer.render(lights), 0.04)
+    assert renderer.timings_ms == {}
+    renderer.time_passes()
+    for _ in range(2):  # a second picture begins to count again
+        renderer.render(lights)
+        renderer.tone_mapped(adaptation, 0.0)
+    spent_ms = renderer.timings_ms
+    assert {"shadow maps", "surfaces", "classes", "lights", "read-back", "tone mapping"} <= set(spent_ms)
+    assert renderer.timings_ms == spent_ms
+    assert min(spent_ms.values()) > 0
+    renderer.release()

@@ -20,8 +20,9 @@ from services.renderer.programs import Programs, context_info, headless_context
 from services.renderer.regions import light_regions
 from services.renderer.scene import Scene
 from services.renderer.shading import Shading
-from services.renderer.shadows import ShadowAtlas
+from services.renderer.shadows import Batch, ShadowAtlas
 from services.renderer.surfaces import Surfaces
+from services.renderer.timers import Timers
 from services.renderer.tonemap import Adaptation, tone_curve
 from services.renderer.view import pixel_offsets
 from services.sphere import luminance
@@ -50,6 +51,7 @@ class Renderer:
         self._pace = Pace()
         self._drawn_frames = 0
         self._programs = Programs(self._context)
+        self._timers = Timers(self._context)
         self._build(settings.shadow_map, settings.light_regions)
 
     def _build(self, shadow_map: int, regions: int) -> None:
@@ -75,16 +77,30 @@ class Renderer:
         With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
         with self._context:  # another renderer of this process may have made its own the current one
-            self._illumination.draw_maps()
+            self._timers.begin()
+            with self._timers.measured("luminaire maps"):
+                self._illumination.draw_maps()
             self._shading.frame.clear()
             if self._frame_ms:
                 self._render_in_time(lights)
             else:
                 self._render_all(lights)
             if self._plate:
-                self._plate.draw(self._shading.frame)
-            data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
+                with self._timers.measured("plate"):
+                    self._plate.draw(self._shading.frame)
+            with self._timers.measured("read-back"):
+                data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
         return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
+
+    def time_passes(self) -> None:
+        """From the next picture on `timings_ms` tells what each pass costs; this takes some time itself."""
+        self._timers.on = True
+
+    @property
+    def timings_ms(self) -> dict[str, float]:
+        """What each pass of the last picture cost the GPU, by name; empty before `time_passes`."""
+        with self._context:
+            return self._timers.read_ms()
 
     @property
     def affordable_lights(self) -> int | None:
@@ -96,18 +112,30 @@ class Renderer:
         weight, unshadowed = 1 / len(self._offsets), self._unshadowed(lights)
         for number, batch in enumerate(self._atlas.batches(lights) or [None]):
             if batch:
-                self._atlas.draw(batch)
+                self._draw_maps(batch)
             for offset in self._offsets:
                 self._see(offset, weight if number == 0 else 0.0)
                 if batch:
-                    self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed)
+                    self._add(batch, weight, unshadowed)
 
     def _see(self, offset: tuple[float, float], alpha: float) -> None:
         """Draws the surfaces at `offset` in each pixel, worth `alpha` of the picture's, and what the luminaires add to them."""
-        self._surfaces.draw(offset)
-        self._shading.classify(self._surfaces, alpha)
+        with self._timers.measured("surfaces"):
+            self._surfaces.draw(offset)
+        with self._timers.measured("classes"):
+            self._shading.classify(self._surfaces, alpha)
         if alpha > 0:
-            self._illumination.add(self._surfaces, self._shading.frame, alpha)
+            with self._timers.measured("luminaires"):
+                self._illumination.add(self._surfaces, self._shading.frame, alpha)
+
+    def _draw_maps(self, batch: Batch) -> None:
+        with self._timers.measured("shadow maps"):
+            self._atlas.draw(batch)
+
+    def _add(self, batch: Batch, weight: float, unshadowed: float) -> None:
+        """Sums the lights of a batch, times `weight`, on what `_see` has drawn."""
+        with self._timers.measured("lights"):
+            self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed)
 
     def _render_in_time(self, lights: Lights) -> None:
         """Draws what fits the target frame time and learns from what it took."""
@@ -118,11 +146,11 @@ class Renderer:
             self._render_all(chosen)
             return
         weight, unshadowed = 1 / len(self._offsets), self._unshadowed(chosen)
-        maps_ms = self._spent_ms(lambda: self._atlas.draw(batch))
+        maps_ms = self._spent_ms(partial(self._draw_maps, batch))
         seen_ms = lights_ms = 0.0
         for offset in self._offsets:
             seen_ms += self._spent_ms(partial(self._see, offset, weight))
-            lights_ms += self._spent_ms(lambda: self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed))
+            lights_ms += self._spent_ms(partial(self._add, batch, weight, unshadowed))
         self._drawn_frames += 1
         if self._drawn_frames > WARM_UP:
             self._pace = learnt(self._pace, seen_ms, batch.maps.count, maps_ms, count, lights_ms)
@@ -149,14 +177,16 @@ class Renderer:
         """The picture that `render` made last, for a screen: (height, width, 4) uint8, as `tonemap.tone_mapped` gives it."""
         curve = tone_curve(adaptation, exposure_stops)
         with self._context:
-            self._shading.picture.use(0)
-            self._tonemap["picture"] = 0
-            self._tonemap["scale"] = curve.scale
-            self._tonemap["white"] = curve.white
-            self._screen_frame.use()
-            self._context.enable_only(moderngl.NOTHING)
-            self._tonemap_array.render(moderngl.TRIANGLES, vertices=3)
-            data = self._screen_frame.read(components=4, alignment=1)
+            with self._timers.measured("tone mapping"):
+                self._shading.picture.use(0)
+                self._tonemap["picture"] = 0
+                self._tonemap["scale"] = curve.scale
+                self._tonemap["white"] = curve.white
+                self._screen_frame.use()
+                self._context.enable_only(moderngl.NOTHING)
+                self._tonemap_array.render(moderngl.TRIANGLES, vertices=3)
+            with self._timers.measured("read-back"):
+                data = self._screen_frame.read(components=4, alignment=1)
         return np.frombuffer(data, np.uint8).reshape(self._size[1], self._size[0], 4)
 
     def release(self) -> None:

@@ -32,11 +32,13 @@ class Row(NamedTuple):
 class Batch(NamedTuple):
     """Lights that share the atlas. entries: (m, 12) float32 as frames.comp reads them, row after row.
 
-    rows: the lights of each light region. maps: those whose maps are drawn now, of which the first `above` are above the floor.
+    rows: the lights of each light region. every: all of them in their order. maps: those whose maps are drawn now, of which the first
+    `above` are above the floor.
     """
 
     entries: np.ndarray
     rows: tuple[Row, ...]
+    every: Row
     maps: Row
     above: int
 
@@ -97,7 +99,7 @@ class ShadowAtlas:
         light[:, 4:7] = lights.irradiance[lit]
         light[:, 7] = below
         light[:, 8:11] = map_directions
-        runs = [*region_rows(self._regions, lights.directions[lit]), renewed[np.argsort(below[renewed], kind="stable")]]
+        runs = [*region_rows(self._regions, lights.directions[lit]), np.arange(len(lit)), renewed[np.argsort(below[renewed], kind="stable")]]
         rows, padded, first = [], [], 0
         for run in runs:
             rows.append(Row(first, len(run)))
@@ -105,7 +107,7 @@ class ShadowAtlas:
             padded.append(np.resize(run, room))
             first += room
         entries = light[np.concatenate(padded).astype(np.int64)]
-        return Batch(entries, tuple(rows[:-1]), rows[-1], int(np.count_nonzero(~below[renewed])))
+        return Batch(entries, tuple(rows[:-2]), rows[-2], rows[-1], int(np.count_nonzero(~below[renewed])))
 
     def draw(self, batch: Batch) -> None:
         """Uploads the batch and draws the maps that it renews."""

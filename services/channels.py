@@ -2,7 +2,7 @@
 
 from typing import Literal, NamedTuple
 
-Service = Literal["capture", "sampler", "renderer", "viewer"]
+Service = Literal["capture", "sampler", "renderer", "viewer", "plate"]
 
 
 class Channel(NamedTuple):
@@ -17,14 +17,15 @@ CHANNELS = (
     Channel("map", "capture", "radiance of one frame as a polar map"),
     Channel("lights", "sampler", "directional lights of one frame"),
     Channel("image", "renderer", "picture of the scene under one frame's lights, tone-mapped"),
+    Channel("plate", "plate", "what a second camera sees, to stand behind the scene"),
     Channel("control", "viewer", "what the person at the viewer wants, whole, twice a second"),
     Channel("status", None, "how a service fares, twice a second"),
     Channel("end", None, "no frame of this number or a later one will come"),
 )
 
 # The frames' way: each service and the service whose frames it takes. A later one ends the run when it has the last frame.
-UPSTREAM: dict[Service, Service | None] = {"capture": None, "sampler": "capture", "renderer": "sampler"}
-SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer")
+UPSTREAM: dict[Service, Service | None] = {"capture": None, "sampler": "capture", "renderer": "sampler", "plate": None}
+SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer", "plate")  # the order gives the ports
 FRAMES: dict[Service, str] = {channel.producer: channel.kind for channel in CHANNELS if channel.producer in UPSTREAM}
 LAST: Service = "renderer"
 HEEDS: dict[Service, Service] = {"sampler": "renderer"}  # live: who hears how another fares, to ask no more of it than it can do

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from services.channels import SERVICES
 from services.files import BadInput
 
 EXISTING = click.Path(path_type=Path)
@@ -72,6 +73,7 @@ _service("capture", "One service: frames of a recording or a camera become polar
 _service("sampler", "One service: polar maps become lights.")
 _service("renderer", "One service: lights become pictures of the scene.")
 _service("viewer", "One service: the page that shows it all.")
+_service("plate", "One service: a second camera's picture behind the scene.")
 
 
 # What `lights` and `render` both ask of a source and of its lights.
@@ -80,7 +82,6 @@ SAMPLING = (
     click.option("--method", help="How lights are chosen."),
     click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True),
     click.option("--filter", "filter_", help="Temporal filter, or none. One map alone needs none."),
-    click.option("--deflicker", is_flag=True, help="Take the mains flicker of lamps out of the light."),
     click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), help="Frames a second, where the source does not say."),
     click.option("--lens", type=EXISTING, help="Lens file of fisheye frames."),
     click.option("--response", type=EXISTING, help="Response file of raw frames."),
@@ -360,7 +361,7 @@ def keys(folder: Path) -> None:
 
 
 @main.command()
-@click.argument("service", type=click.Choice(["capture", "sampler", "renderer", "viewer"]))
+@click.argument("service", type=click.Choice(SERVICES))
 @click.argument("settings", type=EXISTING, required=False)
 def health(service: Any, settings: Path | None) -> None:
     """Ask a running service whether it lives: status 0 when it says so, 1 when not."""

@@ -13,13 +13,15 @@ import numpy as np
 import zmq
 
 from services import wire
+from services.beside import Nearest, Together, received
 from services.channels import FRAMES, HEEDS, LAST, UPSTREAM, Service
-from services.demand import Pull, Supply
+from services.demand import Supply
 from services.settings import Settings
 from services.sockets import Wires, admit
 from services.tally import Losses, Tally
 
 State = TypeVar("State")
+CameraMessage = tuple[wire.Map | wire.Plate, tuple[np.ndarray, ...]]
 POLL_MS = 100  # how late a stop is noticed at most when nothing arrives
 REFILL_MS = 2  # how long libzmq may take to refill a queue that was drained
 DRAIN_S = 0.1  # for catching up at most, should frames come faster than one in REFILL_MS
@@ -32,6 +34,7 @@ class Stage(Protocol[State]):
     """A service's own work. `step` has no effect but its result; files are written by `keep`."""
 
     service: Service
+    beside: tuple[Service, ...]  # whose frames of the same moment it heeds, beside those that it steps on
 
     def kept(self) -> int:
         """The first frame that this stage's own output lacks; 0 when it writes none."""
@@ -43,8 +46,10 @@ class Stage(Protocol[State]):
 
     def step(self, state: State, message: wire.Message) -> tuple[State, wire.Message]: ...
 
-    def heed(self, state: State, said: wire.Control | wire.Status) -> State:
-        """Live mode: what the person at the viewer wants, and how the service fares that this one heeds (channels.HEEDS)."""
+    def heed(self, state: State, said: wire.Message) -> State:
+        """A frame from `beside`, before the step. In live mode also a wire.Control, what the person at the viewer wants, and a wire.Status,
+        how the service fares that this one heeds (channels.HEEDS).
+        """
         ...
 
     def keep(self, state: State, message: wire.Message) -> None:
@@ -59,7 +64,9 @@ class Stage(Protocol[State]):
 class Source(Protocol):
     """Where frames come from."""
 
+    service: Service
     fps: float
+    limit: int | None  # frames to be sent in all; None: no end, from the first again after the last
 
     def __len__(self) -> int:
         """How many frames there are."""
@@ -73,7 +80,10 @@ class Source(Protocol):
 class Camera(Protocol):
     """Where frames come from by themselves."""
 
-    def message(self, wait_s: float) -> tuple[tuple[wire.Map, tuple[np.ndarray, ...]] | None, int]:
+    service: Service
+    limit: int | None  # frames to be sent in all; None: no end
+
+    def message(self, wait_s: float) -> tuple[CameraMessage | None, int]:
         """The next frame, if one came within `wait_s`, and how many were lost before it."""
         ...
 
@@ -102,20 +112,6 @@ def say_status(publisher: Any, tally: Tally) -> None:
         publish(publisher, (status, ()))
 
 
-def received(socket: Any, tally: Tally) -> list[wire.Message]:
-    """All messages that wait at a socket, oldest first; what `unpack` refuses is counted."""
-    messages = []
-    while True:
-        try:
-            parts = socket.recv_multipart(zmq.NOBLOCK)
-        except zmq.Again:
-            return messages
-        try:
-            messages.append(wire.unpack(parts))
-        except ValueError:
-            tally.refused += 1
-
-
 def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
     """Runs a stage until it is told to stop or, being the last, has done the last frame.
 
@@ -138,6 +134,7 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
     told = [wires.subscribe("viewer", "control")]
     if stage.service in HEEDS:
         told.append(wires.subscribe(HEEDS[stage.service], "status"))
+    nearest = Nearest(wires, stage.beside)
     poller = zmq.Poller()
     for socket in (frames, *told, publisher):
         poller.register(socket, zmq.POLLIN)
@@ -148,13 +145,15 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
     while not stop.asked:
         poller.poll(POLL_MS)
         admit(publisher)
-        for said, _ in (message for socket in told for message in received(socket, tally)):
-            if isinstance(said, wire.Control | wire.Status):
+        for said in (message for socket in told for message in received(socket, tally)):
+            if isinstance(said[0], wire.Control | wire.Status):
                 state = stage.heed(state, said)
 
         newest, ended = _newest(frames, tally, losses, ended)
         if newest:
-            state = _advance(stage, state, newest, publisher, tally)[0]
+            assert isinstance(newest[0], wire.FRAME)
+            beside = nearest.to(newest[0].stamp, tally)
+            state = _advance(stage, state, newest, beside, publisher, tally)[0]
         if ended:
             if stage.service == LAST:
                 stage.done()
@@ -190,9 +189,17 @@ def _newest(frames: Any, tally: Tally, losses: Losses, ended: wire.End | None) -
 
 
 def _advance(
-    stage: Stage[State], state: State, message: wire.Message, publisher: Any, tally: Tally, keep_from: int = 0
+    stage: Stage[State],
+    state: State,
+    message: wire.Message,
+    beside: list[wire.Message],
+    publisher: Any,
+    tally: Tally,
+    keep_from: int = 0,
 ) -> tuple[State, wire.Message]:
     began_s = time.monotonic()
+    for said in beside:
+        state = stage.heed(state, said)
     state, made = stage.step(state, message)
     if isinstance(made[0], wire.FRAME) and made[0].stamp.sequence >= keep_from:
         stage.keep(state, made)
@@ -204,60 +211,53 @@ def _advance(
 def _lossless(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
     upstream = UPSTREAM[stage.service]
     assert upstream
-    pull, supply = Pull(wires.ask(upstream), tally), Supply(wires.bind(stage.service, "serve"), tally)
-    poller = zmq.Poller()
-    for socket in (pull.socket, supply.socket, publisher):
-        poller.register(socket, zmq.POLLIN)
-
+    inputs, supply = Together(wires, (upstream, *stage.beside), tally), Supply(wires.bind(stage.service, "serve"), tally)
     kept = stage.kept()
     is_last = stage.service == LAST
     state, at = stage.begin(kept if is_last else 0)
     made: dict[int, wire.Message] = {}
     while not stop.asked:
-        poller.poll(POLL_MS)
+        zmq.select([*inputs.awaited(), supply.socket, publisher], [], [], POLL_MS / 1e3)
         admit(publisher)
         wanted = supply.wanted()
         if wanted is not None and wanted < at and wanted not in made:
             state, at = stage.begin(wanted)
             made.clear()
-            pull.restart()
+            inputs.restart()
         if is_last or (wanted is not None and wanted >= at):
-            message = pull.frame(at)
-            if message:
-                state, made[at] = _advance(stage, state, message, publisher, tally, keep_from=kept)
+            if frames := inputs.frames(at):
+                message, *beside = frames
+                state, made[at] = _advance(stage, state, message, beside, publisher, tally, keep_from=kept)
                 kept, at = max(kept, at + 1), at + 1
                 made.pop(at - KEPT_FRAMES, None)
-        supply.send(made.get, end=pull.end)
-        if is_last and pull.end is not None and at >= pull.end:
+        supply.send(made.get, end=inputs.end)
+        if is_last and inputs.end is not None and at >= inputs.end:
             stage.done()
             return
         say_status(publisher, tally)
 
 
 def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
-    """Runs capture: by the clock in live mode, on request in lossless mode. Raises BadInput for sockets that cannot be had."""
+    """Runs a source: by the clock in live mode, on request in lossless mode. Raises BadInput for sockets that cannot be had."""
     wires = Wires(settings.wire)
     try:
-        tally = Tally("capture", restarts)
-        publisher = wires.bind("capture", "publish")
-        if settings.mode == "lossless":
-            _source_lossless(settings, source, wires, publisher, tally, Stop())
-        else:
-            _source_live(settings, source, wires, publisher, tally, Stop())
+        tally = Tally(source.service, restarts)
+        publisher = wires.bind(source.service, "publish")
+        run = _source_lossless if settings.mode == "lossless" else _source_live
+        run(source, wires, publisher, tally, Stop())
     finally:
         wires.close()
 
 
-def _source_live(settings: Settings, source: Source, wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
+def _source_live(source: Source, wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
     """Frame n is due at n / fps; a frame whose time has passed is dropped and counted. Paused, the held frame is sent again."""
     wishes = wires.subscribe("viewer", "control")
     poller = zmq.Poller()
     poller.register(wishes, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
-    limit = settings.capture.frames or None
     began_s, sequence, index, paused = time.monotonic(), 0, 0, False
     while not stop.asked:
-        over = limit is not None and sequence >= limit
+        over = source.limit is not None and sequence >= source.limit
         wait_s = END_PERIOD_S if over else began_s + sequence / source.fps - time.monotonic()
         poller.poll(max(0, min(POLL_MS, round(wait_s * 1e3))))
         admit(publisher)
@@ -278,45 +278,48 @@ def _source_live(settings: Settings, source: Source, wires: Wires, publisher: An
         say_status(publisher, tally)
 
 
-def _source_lossless(settings: Settings, source: Source, wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
-    supply = Supply(wires.bind("capture", "serve"), tally)
+def _source_lossless(source: Source, wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
+    supply = Supply(wires.bind(source.service, "serve"), tally)
     poller = zmq.Poller()
     poller.register(supply.socket, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
-    count = min(len(source), settings.capture.frames or len(source))
+    made: dict[int, wire.Message] = {}
 
     def frame(k: int) -> wire.Message:
-        began_s = time.monotonic()
-        message = source.message(k, k, k / source.fps)
-        publish(publisher, message)
-        tally.finished(message, time.monotonic() - began_s)
-        return message
+        if k not in made:
+            began_s = time.monotonic()
+            made[k] = source.message(k, k % len(source), k / source.fps)
+            publish(publisher, made[k])
+            tally.finished(made[k], time.monotonic() - began_s)
+            if len(made) > KEPT_FRAMES:
+                del made[next(iter(made))]
+        return made[k]
 
     while not stop.asked:
         poller.poll(POLL_MS)
         admit(publisher)
         supply.wanted()
-        supply.send(frame, end=count)
+        supply.send(frame, end=source.limit)
         say_status(publisher, tally)
 
 
 def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
-    """Runs capture on a camera, in live mode. Paused, the held light is sent again with each new frame's number and stamp.
+    """Runs a camera, in live mode. Paused, the held light is sent again with each new frame's number and stamp.
 
     Raises BadInput for sockets that cannot be had and for a camera that cannot go on.
     """
     wires = Wires(settings.wire)
     stop = Stop()
     try:
-        tally = Tally("capture", restarts)
-        publisher, wishes = wires.bind("capture", "publish"), wires.subscribe("viewer", "control")
-        paused, limit = False, settings.capture.frames or None
-        held: tuple[wire.Map, tuple[np.ndarray, ...]] | None = None
+        tally = Tally(camera.service, restarts)
+        publisher, wishes = wires.bind(camera.service, "publish"), wires.subscribe("viewer", "control")
+        paused = False
+        held: CameraMessage | None = None
         while not stop.asked:
             admit(publisher)
             for wish, _ in received(wishes, tally):
                 paused = wish.paused if isinstance(wish, wire.Control) else paused
-            if limit is not None and tally.frames >= limit:
+            if camera.limit is not None and tally.frames >= camera.limit:
                 publish(publisher, (wire.End(sequence=2**53 - 1), ()))
                 time.sleep(END_PERIOD_S)
             else:

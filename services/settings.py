@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 import msgspec
 from msgspec import Meta
 
+from services.channels import SERVICES, Service
 from services.files import BadInput, read_toml
 from services.sphere import Coverage
 
@@ -27,8 +28,8 @@ class Wire(Record, frozen=True):
 
     transport: Literal["ipc", "tcp"] = "ipc"
     folder: str = ""  # of the ipc sockets; empty: a folder of this user's, made with mode 0700
-    hosts: dict[Literal["capture", "sampler", "renderer", "viewer"], str] = {}  # tcp: where each service runs; 127.0.0.1 when left out
-    port: Port = 5600  # tcp: the first of the eight ports in use
+    hosts: dict[Service, str] = {}  # tcp: where each service runs; 127.0.0.1 when left out
+    port: Port = 5600  # tcp: the first of the ten ports in use
     keys: str = ""  # tcp: folder with the CURVE keys of `vemlight keys`
     insecure: bool = False  # tcp without keys
 
@@ -80,6 +81,14 @@ class Renderer(Record, frozen=True):
     exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
 
 
+class Plate(Record, frozen=True):
+    """A second camera, whose picture stands behind the scene."""
+
+    source: str = ""  # a film, a folder of pictures, or /dev/videoN; empty: there is none
+    fps: Annotated[float, Meta(gt=0, le=1000)] = 25.0  # folders of pictures; films have their own
+    stops: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # brighter or darker, to fit the lights
+
+
 class Viewer(Record, frozen=True):
     host: str = "127.0.0.1"  # this machine only; 0.0.0.0: everyone on the network
     port: Port = 8080
@@ -94,9 +103,21 @@ class Settings(Record, frozen=True):
     sampler: Sampler = Sampler()
     renderer: Renderer = Renderer()
     viewer: Viewer = Viewer()
+    plate: Plate = Plate()
+
+    @property
+    def services(self) -> tuple[Service, ...]:
+        """Those that run."""
+        return tuple(service for service in SERVICES if service != "plate" or self.plate.source)
 
 
-_PATHS = {"": ("out",), "wire": ("folder", "keys"), "capture": ("source", "lens", "response", "record"), "renderer": ("scene",)}
+_PATHS = {
+    "": ("out",),
+    "wire": ("folder", "keys"),
+    "capture": ("source", "lens", "response", "record"),
+    "renderer": ("scene",),
+    "plate": ("source",),
+}
 
 
 def read_settings(path: Path | None) -> Settings:
@@ -119,8 +140,9 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
     where = path or "settings"
     if settings.wire.transport == "tcp" and not settings.wire.keys and not settings.wire.insecure:
         raise BadInput(f"{where}: [wire] transport = \"tcp\" needs keys = FOLDER (made by `vemlight keys`) or insecure = true")
-    if settings.mode == "lossless" and settings.capture.source.startswith("/dev/"):
-        raise BadInput(f"{where}: mode = \"lossless\" replays files and {settings.capture.source} is a camera; use mode = \"live\"")
+    for source in (settings.capture.source, settings.plate.source):
+        if settings.mode == "lossless" and source.startswith("/dev/"):
+            raise BadInput(f"{where}: mode = \"lossless\" replays files and {source} is a camera; use mode = \"live\"")
 
 
 Section = TypeVar("Section", bound=Record)

@@ -1,4 +1,4 @@
-"""`vemlight run`: starts the four services, watches them, starts one that dies again, and stops them all; leaves no orphan and no file."""
+"""`vemlight run`: starts the services, watches them, starts one that dies again, and stops them all; leaves no orphan and no file."""
 
 import ctypes
 import os
@@ -16,7 +16,7 @@ import tomli_w
 import zmq
 
 from services import wire
-from services.channels import LAST, SERVICES, Service
+from services.channels import LAST, Service
 from services.files import BadInput
 from services.settings import Settings
 from services.sockets import Wires
@@ -99,13 +99,13 @@ def supervise(settings: Settings) -> int:
 
 
 class Supervisor:
-    """The four processes and what they say of themselves."""
+    """The processes and what they say of themselves."""
 
     def __init__(self, settings: Settings, settings_file: Path) -> None:
         self._settings = settings
-        self._children = {service: Child(service, settings_file) for service in SERVICES}
+        self._children = {service: Child(service, settings_file) for service in settings.services}
         self._wires = Wires(settings.wire)
-        self._statuses = [self._wires.subscribe(service, "status") for service in SERVICES]
+        self._statuses = [self._wires.subscribe(service, "status") for service in settings.services]
         self._newest: dict[str, wire.Status] = {}
         self._signals = 0
         self._said = 0  # pictures that a progress line has spoken of
@@ -135,7 +135,7 @@ class Supervisor:
         patient = False
         while not self._signals:
             self._hear()
-            if until_ready and (len(self._newest) == len(SERVICES) - 1 or time.monotonic() > began_s + READY_S):
+            if until_ready and (len(self._newest) == len(self._children) - 1 or time.monotonic() > began_s + READY_S):
                 return None
             if until_ready and not patient and time.monotonic() > began_s + SLOW_START_S:
                 patient = True

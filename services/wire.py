@@ -47,8 +47,9 @@ class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Map(Part, frozen=True, tag="map"):
-    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32; of the cells that hold much of the light, strong (strong,) int64,
-    row * cols + column, and centres (strong, 3) float32, the direction of the light's centre inside each.
+    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32; of the parts of cells that hold much of the light, in
+    their order, cells (strong,) int64, row * cols + column; centres (strong, 3) float32, the direction of the light's centre in the part;
+    and shares (strong,) float32 of the cell's light.
     """
 
     stamp: Stamp
@@ -89,6 +90,14 @@ class Image(Part, frozen=True, tag="image"):
     height: Side
     lights: Tally
     render_ms: Milliseconds
+
+
+class Plate(Part, frozen=True, tag="plate"):
+    """What a second camera sees. Arrays: pixels (height, width, 3) uint8, sRGB, the top row first."""
+
+    stamp: Stamp
+    width: Side
+    height: Side
 
 
 class Control(Part, frozen=True, tag="control"):
@@ -133,8 +142,8 @@ class Request(Part, frozen=True, tag="request"):
     count: Annotated[int, Meta(ge=1, le=1024)]
 
 
-Header = Map | Lights | Image | Control | Status | End | Request
-FRAME = Map | Lights | Image  # the kinds that carry a stamp
+Header = Map | Lights | Image | Plate | Control | Status | End | Request
+FRAME = Map | Lights | Image | Plate  # the kinds that carry a stamp
 Message = tuple[Header, tuple[np.ndarray, ...]]
 
 _encoder = msgspec.msgpack.Encoder()
@@ -145,12 +154,15 @@ def layout(header: Header) -> tuple[tuple[Literal["<f4", "<i8", "|u1"], tuple[in
     """Type and shape of each array that belongs to `header`."""
     match header:
         case Map():
-            return ("<f4", (header.rows, header.cols, 3)), ("<i8", (header.strong,)), ("<f4", (header.strong, 3))
+            n = header.strong
+            return ("<f4", (header.rows, header.cols, 3)), ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n,))
         case Lights():
             n, m = header.count, header.fine
             return ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n, 3)), ("<f4", (m, 3)), ("<f4", (m, 3))
         case Image():
             return (("|u1", (header.height, header.width, 4)),)
+        case Plate():
+            return (("|u1", (header.height, header.width, 3)),)
         case _:
             return ()
 
@@ -192,6 +204,8 @@ def unpack(parts: Sequence[bytes]) -> Message:
         arrays.append(array)
     if isinstance(header, Map) and not ((arrays[1] >= 0) & (arrays[1] < header.rows * header.cols)).all():
         raise ValueError("map: a strong cell outside the map")
+    if isinstance(header, Map) and not ((np.diff(arrays[1]) >= 0).all() and ((arrays[3] > 0) & (arrays[3] <= 1)).all()):
+        raise ValueError("map: strong cells out of order, or a share of a cell's light that is none")
     return header, tuple(arrays)
 
 

@@ -23,8 +23,8 @@ def messages() -> dict[str, wire.Message]:
     )
     return {
         "map": (
-            wire.Map(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1, strong=1),
-            (radiance, np.array([5], np.int64), directions[1:]),
+            wire.Map(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1, strong=2),
+            (radiance, np.array([5, 5], np.int64), directions, np.array([0.25, 0.75], np.float32)),
         ),
         "lights": (
             wire.Lights(stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0),
@@ -35,6 +35,7 @@ def messages() -> dict[str, wire.Message]:
             (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
         ),
         "image": (wire.Image(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5), (pixels,)),
+        "plate": (wire.Plate(stamp=STAMP, width=3, height=2), (pixels[..., :3],)),
         "control": (wire.Control(count=144, exposure=-0.5, filtered=False, paused=True), ()),
         "status": (status, ()),
         "end": (wire.End(sequence=48), ()),
@@ -60,7 +61,9 @@ def refused() -> dict[str, list[bytes]]:
         "header_unknown_key": [b"end", msgspec.msgpack.encode({"kind": "end", "sequence": 1, "extra": 0})],
         "header_negative": [b"end", msgspec.msgpack.encode({"kind": "end", "sequence": -1})],
         "header_huge_side": [topic, msgspec.msgpack.encode(msgspec.to_builtins(messages()["map"][0]) | {"rows": 2**30}), radiance, *strong],
-        "strong_outside": [topic, header, radiance, np.array([8], "<i8").tobytes(), strong[1]],
+        "strong_outside": [topic, header, radiance, np.array([5, 8], "<i8").tobytes(), *strong[1:]],
+        "strong_unordered": [topic, header, radiance, np.array([5, 4], "<i8").tobytes(), *strong[1:]],
+        "strong_share_none": [topic, header, radiance, *strong[:2], np.array([1, 0], "<f4").tobytes()],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon"})],
     }
 

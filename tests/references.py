@@ -43,7 +43,7 @@ def recorded(sequence: str, kind: str) -> list[wire.Message]:
 def made(sequence: str) -> dict[str, list[wire.Message]]:
     """The messages that the steps make now."""
     wanted = settings(sequence)
-    source = CaptureSource(wanted.capture)
+    source = CaptureSource(wanted)
     maps = [source.message(k, k, k / source.fps) for k in range(FRAMES)]
     lights = _stepped(SamplerStage(wanted), maps)
     return {"map": maps, "lights": lights, "image": _stepped(RendererStage(wanted), lights)}

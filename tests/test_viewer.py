@@ -22,13 +22,14 @@ import pytest
 import zmq
 
 from services import wire
-from services.channels import FRAMES, Service
+from services.channels import Service
 from services.lights import LightsRow
 from services.settings import Wire
 from services.sockets import Wires, admit
 from services.tally import Tally
 from services.viewer.web import MAX_BODY, MAX_PAGES
 
+MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
 FPS = 25.0
 PATIENCE_S = 20.0  # for what a loaded machine does late; a test that passes waits for none of it
 
@@ -71,7 +72,7 @@ class MadeUpServices(threading.Thread):
 
     def __init__(self, settings: Wire, frames=frames_of) -> None:
         super().__init__(daemon=True)
-        self.speaking: set[Service] = set(FRAMES)
+        self.speaking: set[Service] = set(MAKERS)
         self.wishes: list[wire.Control] = []
         self.viewers: list[wire.Status] = []
         self.noise: list[list[bytes]] = []  # said once by the renderer
@@ -79,15 +80,15 @@ class MadeUpServices(threading.Thread):
 
     def run(self) -> None:
         wires = Wires(self._settings)
-        publishers = {service: wires.bind(service, "publish") for service in FRAMES}
-        tallies = {service: Tally(service, 0) for service in FRAMES}
+        publishers = {service: wires.bind(service, "publish") for service in MAKERS}
+        tallies = {service: Tally(service, 0) for service in MAKERS}
         viewer = wires.subscribe("viewer", "control", "status")
         sequence = 0
         while not self._stop_asked.wait(1 / FPS):
             count = next((wish.count for wish in reversed(self.wishes) if wish.count), 72)
             made = self._frames(sequence, count)
             sequence += 1
-            for service in FRAMES:
+            for service in MAKERS:
                 admit(publishers[service])
                 if service in self.speaking:
                     tallies[service].finished(made[service], 0.004)

@@ -8,6 +8,7 @@ from services.tally import Losses
 from services.viewer.watch import STALLED_S, Watch
 
 STAMP = wire.stamp(5, 0.2)
+MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
 FRAMES: dict[Service, wire.Header] = {
     "capture": wire.Map(stamp=STAMP, rows=1, cols=1, coverage="hemisphere"),
     "sampler": wire.Lights(stamp=STAMP, count=0, coverage="hemisphere", delay_ms=0),
@@ -22,7 +23,7 @@ def status(service: Service, frames: int = 1, step_ms: float = 4.0) -> wire.Stat
 
 
 def heard_all(now_s: float) -> Watch:
-    watch = Watch(fps=25)
+    watch = Watch(MAKERS, fps=25)
     for service, frame in FRAMES.items():
         watch.heard[service].take(frame, now_s)
         watch.heard[service].take(status(service), now_s)
@@ -34,7 +35,7 @@ def states(watch: Watch, now_s: float) -> list[str]:
 
 
 def test_from_unheard_to_live():
-    watch = Watch(fps=25)
+    watch = Watch(MAKERS, fps=25)
     assert states(watch, 0) == ["not heard"] * 3
     watch.heard["capture"].take(status("capture"), 10)
     assert states(watch, 10) == ["starting", "not heard", "not heard"]
@@ -59,7 +60,7 @@ def test_silence_is_longer_than_a_stall():
 
 
 def test_a_slow_source_and_a_slow_step_are_no_stall():
-    slow = Watch(fps=0.5)
+    slow = Watch(MAKERS, fps=0.5)
     slow.heard["capture"].take(FRAMES["capture"], 10)
     slow.heard["capture"].take(status("capture"), 12.9)
     assert slow.judge(13)["capture"].state == "live"
@@ -73,7 +74,7 @@ def test_a_slow_source_and_a_slow_step_are_no_stall():
 
 
 def test_in_lossless_mode_nobody_stalls_who_is_not_asked():
-    watch = Watch(fps=25, lossless=True)
+    watch = Watch(MAKERS, fps=25, lossless=True)
     watch.heard["capture"].take(FRAMES["capture"], 10)
     watch.heard["capture"].take(status("capture"), 99)
     assert watch.judge(100)["capture"].state == "live"

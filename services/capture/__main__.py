@@ -12,7 +12,7 @@ def main(settings: Settings, restarts: int = 0) -> None:
     if settings.capture.source.startswith("/dev/"):
         run_camera(settings, CaptureCamera(settings.capture), restarts)
     else:
-        run_source(settings, CaptureSource(settings.capture), restarts)
+        run_source(settings, CaptureSource(settings), restarts)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 
 from services import settings, wire
+from services.channels import Service
 from services.capture.frames import Frame
 from services.capture.source import Live, open_source
 
@@ -15,10 +16,14 @@ MapMessage = tuple[wire.Map, tuple[np.ndarray, ...]]
 class CaptureSource:
     """Recorded frames; see `services.loop.Source`."""
 
-    def __init__(self, settings: settings.Capture) -> None:
+    service: Service = "capture"
+
+    def __init__(self, settings: settings.Settings) -> None:
         """Raises BadInput when the source is not there or not whole."""
-        self._source = open_source(settings)
+        self._source = open_source(settings.capture)
         self.fps = self._source.fps
+        wanted = settings.capture.frames or None
+        self.limit = min(len(self), wanted or len(self)) if settings.mode == "lossless" else wanted
         self._source.frame(0)  # weights are made and loops compiled before the first frame is due
 
     def __len__(self) -> int:
@@ -32,9 +37,12 @@ class CaptureSource:
 class CaptureCamera:
     """A camera's frames as they come; see `services.loop.Camera`."""
 
+    service: Service = "capture"
+
     def __init__(self, settings: settings.Capture) -> None:
         """Raises BadInput for a camera, lens or response that cannot be used."""
         self._live = Live(settings)
+        self.limit = settings.frames or None
         self._said = ""
         self._sequence = -1
 
@@ -71,10 +79,10 @@ def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
         rows=rows,
         cols=cols,
         coverage=frame.coverage,
-        strong=len(frame.strong),
+        strong=len(frame.strong.cells),
         luminance_scale=frame.luminance_scale,
         spoilt=int(np.count_nonzero(~good.all(axis=-1))),
         black=frame.black,
         saturated=frame.saturated,
     )
-    return header, (np.where(good, frame.radiance, np.float32(0)), frame.strong.astype(np.int64), frame.centres)
+    return header, (np.where(good, frame.radiance, np.float32(0)), *frame.strong)

@@ -35,6 +35,7 @@ class RendererStage:
     def __init__(self, settings: settings.Settings) -> None:
         """Raises BadInput for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
         scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
+        self.beside: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
         self._exposure = settings.renderer.exposure
         self._album = Album(Path(settings.out)) if settings.out else None
         self._renderer = Renderer(scene, settings.renderer, FILE_SAMPLES if self._album else LIVE_SAMPLES)
@@ -59,9 +60,10 @@ class RendererStage:
         made = wire.Image(stamp=header.stamp, width=width, height=height, lights=header.count, render_ms=took_ms)
         return RendererState(state.exposure, adaptation, header.stamp.time_s, picture), (made, (pixels,))
 
-    def heed(self, state: RendererState, said: wire.Control | wire.Status) -> RendererState:
-        if isinstance(said, wire.Control):
-            return state._replace(exposure=self._exposure if said.exposure is None else said.exposure)
+    def heed(self, state: RendererState, said: wire.Message) -> RendererState:
+        header, _ = said
+        if isinstance(header, wire.Control):
+            return state._replace(exposure=self._exposure if header.exposure is None else header.exposure)
         return state
 
     def keep(self, state: RendererState, message: wire.Message) -> None:

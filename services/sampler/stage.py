@@ -26,6 +26,7 @@ class SamplerStage:
     """See `services.loop.Stage`."""
 
     service: Service = "sampler"
+    beside: tuple[Service, ...] = ()
 
     def __init__(self, settings: settings.Settings) -> None:
         """Raises BadInput when the output folder cannot be written."""
@@ -43,8 +44,8 @@ class SamplerStage:
     def step(self, state: SamplerState, message: wire.Message) -> tuple[SamplerState, wire.Message]:
         header, arrays = message
         assert isinstance(header, wire.Map)
-        radiance, strong, centres = arrays
-        centroids = np.column_stack([strong, centres.astype(np.float64)])
+        radiance, *strong = arrays
+        centroids = np.column_stack(strong)
         time_s = header.stamp.time_s
         memory, lights, report = step(state.settings, state.memory, radiance, header.coverage, time_s, state.render_ms, centroids)
         fine = report.fine or Lights.none()
@@ -63,12 +64,14 @@ class SamplerStage:
         )
         return SamplerState(state.settings, memory, None), (made, (*lights, fine.directions, fine.irradiance))
 
-    def heed(self, state: SamplerState, said: wire.Control | wire.Status) -> SamplerState:
-        if isinstance(said, wire.Status):
-            return state._replace(render_ms=said.step_ms)
+    def heed(self, state: SamplerState, said: wire.Message) -> SamplerState:
+        wish, _ = said
+        if isinstance(wish, wire.Status):
+            return state._replace(render_ms=wish.step_ms)
+        assert isinstance(wish, wire.Control)
         own = self._settings
-        unfiltered = said.filtered is False
-        asked = msgspec.structs.replace(own, count=said.count or own.count, filter="none" if unfiltered else own.filter)
+        unfiltered = wish.filtered is False
+        asked = msgspec.structs.replace(own, count=wish.count or own.count, filter="none" if unfiltered else own.filter)
         return state._replace(settings=asked)
 
     def keep(self, state: SamplerState, message: wire.Message) -> None:
@@ -87,5 +90,5 @@ def warm(settings: settings.Sampler) -> None:
         radiance = np.full((6, 24, 3), 1.5 + np.sin(2 * np.pi * k / 4), np.float32)
         radiance[2, k % 24] = 100
         radiance.flags.writeable = False  # as maps come off the wire: numba compiles the same loop for each of the two
-        centroids = np.array([[2 * 24 + k % 24, 0.0, 0.0, 1.0]])
+        centroids = np.array([[2 * 24 + k % 24, 0.0, 0.0, 1.0, 1.0]])
         state, _, _ = step(settings, state, radiance, "hemisphere", k / 25, None, centroids)

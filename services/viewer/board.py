@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from services import wire
-from services.channels import FRAMES, LAST, Service
+from services.channels import LAST, UPSTREAM, Service
 from services.files import BadInput
 from services.lights import Lights, lights_json, lights_row
 from services.settings import Settings
@@ -34,7 +34,8 @@ class Board:
         self.report = Feed(msgspec.json.encode, self.news)
         self.tally = Tally("viewer", restarts)
         self.status: wire.Status | None = None
-        self.watch = Watch(settings.capture.fps, settings.mode == "lossless")
+        makers: list[Service] = [service for service in settings.services if service in UPSTREAM]
+        self.watch = Watch(makers, settings.capture.fps, settings.mode == "lossless")
         self.pages = 0
         self._losses, self._lights, self._encode_s = Losses(), NO_LIGHTS, 0.0
 
@@ -98,7 +99,7 @@ class Board:
         """How everything stands, for the page, `/healthz` and `/metrics`."""
         judged = self.watch.judge(time.monotonic())
         s = self.settings
-        rows = [service_row(service, judged[service], self.watch.heard[service]) for service in FRAMES]
+        rows = [service_row(service, judged[service], heard) for service, heard in self.watch.heard.items()]
         own = {"service": "viewer", **(msgspec.to_builtins(self.status) if self.status else {}), "state": "live", "words": "live"}
         if judged[LAST].state not in HEALTHY:
             own |= {"state": "waiting", "words": f"waits for {LAST}", "rate_hz": 0.0}

@@ -37,7 +37,7 @@ async def view(settings: Settings, restarts: int) -> None:
     try:
         publisher = wires.bind("viewer", "publish")
         await _listen(runner, settings.viewer)
-        for service in FRAMES:
+        for service in board.watch.heard:
             tasks.append(asyncio.create_task(hear(wires, service, board)))
         tasks.append(asyncio.create_task(keep_admitting(publisher)))
         tasks.append(asyncio.create_task(speak(publisher, board)))

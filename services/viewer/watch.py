@@ -1,9 +1,10 @@
 """What the viewer has heard of each service, and its judgement: who works, who waits, who is silent. The clock is passed in."""
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
 from services import wire
-from services.channels import FRAMES, SILENT_S, UPSTREAM, Service
+from services.channels import SILENT_S, UPSTREAM, Service
 
 # not heard: nothing yet. starting: a status but no frame yet. live: frames come. waiting: no frames because the service before it has none.
 # stalled: it speaks, and its frames stay away. silent: not even a status. finished: its stream has ended.
@@ -37,7 +38,7 @@ class Heard:
         match header:
             case wire.Status():
                 self.status, self.status_s = header, now_s
-            case wire.Map() | wire.Lights() | wire.Image():
+            case wire.Map() | wire.Lights() | wire.Image() | wire.Plate():
                 self.pace_s = now_s - self.frame_s if self.stamp else 0.0
                 self.stamp, self.frame_s, self.ended = header.stamp, now_s, False
             case wire.End():
@@ -49,11 +50,13 @@ class Heard:
 
 
 class Watch:
-    """The three services whose frames the viewer shows."""
+    """The services that make frames."""
 
-    def __init__(self, fps: float, lossless: bool = False) -> None:
-        """`fps`: of the source. `lossless`: frames are made on request, and who has no frame for long may just not be asked."""
-        self.heard: dict[Service, Heard] = {service: Heard() for service in FRAMES}
+    def __init__(self, services: Sequence[Service], fps: float, lossless: bool = False) -> None:
+        """`services`: each after its upstream. `fps`: of the source. `lossless`: frames are made on request, and who has no frame for long
+        may just not be asked.
+        """
+        self.heard: dict[Service, Heard] = {service: Heard() for service in services}
         self._patience_s = float("inf") if lossless else max(STALLED_S, STALLED_FRAMES / fps)
 
     def judge(self, now_s: float) -> dict[Service, Judgement]:

@@ -1,0 +1,87 @@
+"""What a stage needs beside its own input, for the same moment: the map behind the lights, the picture of a second camera.
+
+live: of each service's last frames the one whose light was seen nearest in time. lossless: the frame of the same number.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import zmq
+
+from services import wire
+from services.channels import FRAMES, Service
+from services.demand import Pull
+from services.sockets import Wires
+from services.tally import Tally
+
+LAST_FRAMES = 16  # 0.6 s at 25 a second: more than lights are behind their map
+
+
+class Nearest:
+    """Live mode."""
+
+    def __init__(self, wires: Wires, services: Sequence[Service]) -> None:
+        self.sockets = [wires.subscribe(service, FRAMES[service]) for service in services]
+        self._last: list[deque[wire.Message]] = [deque(maxlen=LAST_FRAMES) for _ in services]
+
+    def to(self, stamp: wire.Stamp, tally: Tally) -> list[wire.Message]:
+        """One frame of each service that has sent any."""
+        for socket, last in zip(self.sockets, self._last, strict=True):
+            last.extend(message for message in received(socket, tally) if isinstance(message[0], wire.FRAME))
+        return [min(last, key=lambda message: _apart_ns(message[0], stamp)) for last in self._last if last]
+
+
+def _apart_ns(header: wire.Header, stamp: wire.Stamp) -> int:
+    assert isinstance(header, wire.FRAME)
+    same_clock = stamp.boot_id and stamp.boot_id == header.stamp.boot_id
+    return abs(header.stamp.monotonic_ns - stamp.monotonic_ns if same_clock else header.stamp.captured_ns - stamp.captured_ns)
+
+
+class Together:
+    """Lossless mode: the frames of one number from the service before this one and from those beside it."""
+
+    def __init__(self, wires: Wires, services: Sequence[Service], tally: Tally) -> None:
+        """`services`: the one whose frames this stage takes comes first."""
+        self._pulls = [Pull(wires.ask(service), tally) for service in services]
+        self._came: dict[Pull, wire.Message] = {}
+
+    @property
+    def end(self) -> int | None:
+        """The first frame that will not come, once known."""
+        return self._pulls[0].end
+
+    def awaited(self) -> list[Any]:
+        """The sockets that something is due from."""
+        return [pull.socket for pull in self._pulls if pull not in self._came]
+
+    def frames(self, due: int) -> list[wire.Message] | None:
+        """Frame `due` of each service in order, once all have come; asks for more."""
+        for pull in self._pulls:
+            if pull not in self._came and (message := pull.frame(due)):
+                self._came[pull] = message
+        if len(self._came) < len(self._pulls):
+            return None
+        frames = [self._came[pull] for pull in self._pulls]
+        self._came.clear()
+        return frames
+
+    def restart(self) -> None:
+        """Forgets what was asked for and what has come: the next frame wanted is another one."""
+        self._came.clear()
+        for pull in self._pulls:
+            pull.restart()
+
+
+def received(socket: Any, tally: Tally) -> list[wire.Message]:
+    """All messages that wait at a socket, oldest first; what `unpack` refuses is counted."""
+    messages = []
+    while True:
+        try:
+            parts = socket.recv_multipart(zmq.NOBLOCK)
+        except zmq.Again:
+            return messages
+        try:
+            messages.append(wire.unpack(parts))
+        except ValueError:
+            tally.refused += 1

@@ -36,6 +36,7 @@ class Catcher(NamedTuple):
 
 Material = Phong | Ggx | Catcher
 KINDS = 4  # the shaders know surfaces of Lambert alone, of Lambert and Phong, of GGX, and catchers of shadows
+GLOSSY = frozenset({1, 2})
 CATCHER = 3
 
 

@@ -11,9 +11,10 @@ from services import settings
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.casters import scene_casters
+from services.renderer.gloss import NO_CONE, Gloss
 from services.renderer.luminaire.illumination import Illumination
 from services.renderer.luminaire.placement import Vector, placed
-from services.renderer.materials import kind_of
+from services.renderer.materials import GLOSSY, Colour, kind_of
 from services.renderer.pace import Pace, affordable_lights, affordable_maps, first_lights, learnt
 from services.renderer.plate import Plate
 from services.renderer.programs import Programs, context_info, headless_context
@@ -25,7 +26,6 @@ from services.renderer.surfaces import Surfaces
 from services.renderer.timers import Timers
 from services.renderer.tonemap import Adaptation, tone_curve
 from services.renderer.view import pixel_offsets
-from services.sphere import luminance
 
 WARM_UP = 2  # frames: GL drivers compile on the first and tune on the second
 
@@ -61,6 +61,7 @@ class Renderer:
         self._surfaces = Surfaces(context, self._programs, self._scene, self._size)
         kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}
         self._shading = Shading(context, self._programs, found, kinds, self._size)
+        self._gloss = Gloss(context, self._programs) if kinds & GLOSSY else None
         self._illumination = Illumination(context, self._programs, self._scene, self._size)
         plate = self._scene.plate
         self._plate = None if plate is None else Plate(context, self._programs, plate, self._size)
@@ -69,22 +70,23 @@ class Renderer:
         self._screen = context.renderbuffer(self._size, 4)
         self._screen_frame = context.framebuffer([self._screen])
 
-    def render(self, lights: Lights) -> np.ndarray:
+    def render(self, lights: Lights, weak: Lights = Lights.none()) -> np.ndarray:  # noqa: B008
         """The picture under `lights`, (height, width, 4) float32, linear, row 0 on top.
 
         RGB is radiance times alpha (the average over the pixel's area), alpha the share of the area where rays meet a surface; a catcher
         is black with the share of light that shadows take from it as alpha. With a plate it lies behind all and alpha is 1.
+        weak: a second, larger set that stands for the same light, for the lobes of glossy surfaces; none: `lights` do that too.
         With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
         with self._context:  # another renderer of this process may have made its own the current one
             self._timers.begin()
             with self._timers.measured("luminaire maps"):
                 self._illumination.draw_maps()
-            self._shading.frame.clear()
+            self._shading.clear()
             if self._frame_ms:
-                self._render_in_time(lights)
+                self._render_in_time(lights, weak)
             else:
-                self._render_all(lights)
+                self._render_all(lights, weak)
             if self._plate:
                 with self._timers.measured("plate"):
                     self._plate.draw(self._shading.frame)
@@ -107,16 +109,18 @@ class Renderer:
         """How many lights fit the target frame time; None without a target and until the first frames have told."""
         return affordable_lights(self._pace, self._frame_ms) if self._frame_ms else None
 
-    def _render_all(self, lights: Lights) -> None:
+    def _render_all(self, lights: Lights, weak: Lights) -> None:
         """Draws all maps and sums all lights."""
         weight, unshadowed = 1 / len(self._offsets), self._unshadowed(lights)
         for number, batch in enumerate(self._atlas.batches(lights) or [None]):
             if batch:
                 self._draw_maps(batch)
+                if number == 0:
+                    self._gather(weak, batch)
             for offset in self._offsets:
                 self._see(offset, weight if number == 0 else 0.0)
                 if batch:
-                    self._add(batch, weight, unshadowed)
+                    self._add(batch, weight, unshadowed, glossy=number == 0)
 
     def _see(self, offset: tuple[float, float], alpha: float) -> None:
         """Draws the surfaces at `offset` in each pixel, worth `alpha` of the picture's, and what the luminaires add to them."""
@@ -132,21 +136,29 @@ class Renderer:
         with self._timers.measured("shadow maps"):
             self._atlas.draw(batch)
 
-    def _add(self, batch: Batch, weight: float, unshadowed: float) -> None:
-        """Sums the lights of a batch, times `weight`, on what `_see` has drawn."""
-        with self._timers.measured("lights"):
-            self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed)
+    def _gather(self, weak: Lights, batch: Batch) -> None:
+        if self._gloss:
+            self._gloss.gather(weak, batch)
 
-    def _render_in_time(self, lights: Lights) -> None:
+    def _add(self, batch: Batch, weight: float, unshadowed: Colour, glossy: bool = True) -> None:
+        """Sums the lights of a batch, times `weight`, on what `_see` has drawn, and the weak lights when `glossy`."""
+        with self._timers.measured("lights"):
+            self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed, self._gloss.cone if self._gloss else NO_CONE)
+        if self._gloss and glossy:
+            with self._timers.measured("weak lights"):
+                self._gloss.add(self._surfaces, self._atlas, batch, self._shading.frame, weight)
+
+    def _render_in_time(self, lights: Lights, weak: Lights) -> None:
         """Draws what fits the target frame time and learns from what it took."""
         chosen = first_lights(lights, self.affordable_lights or len(lights.ids))
         count = len(chosen.ids)
         batch = self._atlas.cached_batch(chosen, affordable_maps(self._pace, self._frame_ms, count))
         if batch is None:
-            self._render_all(chosen)
+            self._render_all(chosen, weak)
             return
         weight, unshadowed = 1 / len(self._offsets), self._unshadowed(chosen)
         maps_ms = self._spent_ms(partial(self._draw_maps, batch))
+        self._gather(weak, batch)
         seen_ms = lights_ms = 0.0
         for offset in self._offsets:
             seen_ms += self._spent_ms(partial(self._see, offset, weight))
@@ -155,12 +167,13 @@ class Renderer:
         if self._drawn_frames > WARM_UP:
             self._pace = learnt(self._pace, seen_ms, batch.maps.count, maps_ms, count, lights_ms)
 
-    def _unshadowed(self, lights: Lights) -> float:
-        """Luminance of what the lights give to the scene's catcher where no shadow falls, above 0."""
+    def _unshadowed(self, lights: Lights) -> Colour:
+        """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
         normal = self._scene.catcher_normal
         if normal is None:
-            return 1.0
-        return max(float(np.maximum(lights.directions @ normal, 0) @ luminance(lights.irradiance)), 1e-30)
+            return (1.0, 1.0, 1.0)
+        red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, 1e-30).tolist()
+        return (red, green, blue)
 
     def _spent_ms(self, work: Callable[[], None]) -> float:
         """How long the GPU is busy with some work, when it had nothing else to do."""
@@ -192,8 +205,8 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            parts = (self._atlas, self._surfaces, self._shading, self._illumination, self._tonemap_array, self._screen_frame, self._screen)
-            for part in (*parts, self._plate, self._programs):
+            parts = (self._atlas, self._surfaces, self._shading, self._gloss, self._illumination, self._plate)
+            for part in (*parts, self._tonemap_array, self._screen_frame, self._screen, self._programs):
                 if part is not None:
                     part.release()
         self._context.release()

@@ -7,7 +7,7 @@ value, so that all pixels of a draw call walk the same row of lights: no pixel w
 import moderngl
 import numpy as np
 
-from services.renderer.materials import CATCHER, KINDS
+from services.renderer.materials import CATCHER, GLOSSY, KINDS, Colour
 from services.renderer.programs import Programs
 from services.renderer.regions import CUBE_SIDE, Regions
 from services.renderer.shadows import MAX_LIGHTS, Batch, ShadowAtlas
@@ -31,6 +31,11 @@ class Shading:
         self.picture = context.texture(size, 4, dtype="f4")
         self._class_depth = context.depth_texture(size)
         self.frame = context.framebuffer([self.picture], self._class_depth)
+        self.cover: moderngl.Texture | None = None  # what catchers take from what lies behind: a share in each channel, and in alpha
+        self._catching: moderngl.Framebuffer | None = None
+        if CATCHER in kinds:
+            self.cover = context.texture(size, 4, dtype="f4")
+            self._catching = context.framebuffer([self.picture, self.cover], self._class_depth)
 
     def classify(self, surfaces: Surfaces, alpha: float) -> None:
         """Finds each pixel's class, and adds `alpha` to the picture's where there is a surface."""
@@ -41,10 +46,17 @@ class Shading:
         self._begin("1")
         self._arrays[0].render(moderngl.TRIANGLES, vertices=3)
 
-    def add(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, weight: float, unshadowed: float = 1.0) -> None:
+    def clear(self) -> None:
+        """Empties the picture, and what catchers take."""
+        (self._catching or self.frame).clear()
+
+    def add(
+        self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, weight: float, unshadowed: Colour, cone: tuple[float, float]
+    ) -> None:
         """Adds a batch of lights, whose maps are in the atlas, times `weight` to the pixels that `classify` found.
 
-        unshadowed: luminance of the irradiance that all lights of all batches would give to a catcher without shadows, above 0.
+        unshadowed: the irradiance that all lights of all batches would give to a catcher without shadows, above 0. cone: where the lobes
+        of glossy surfaces are left to other lights, as in gloss.py.
         """
         self._begin("==")
         for (kind, program), array in zip(self._programs.items(), self._arrays[1:], strict=True):
@@ -53,8 +65,11 @@ class Shading:
             program["weight"] = weight
             if kind == CATCHER:
                 program["unshadowed"] = unshadowed
-            elif kind:
+                assert self._catching is not None
+                self._catching.use()  # the last of the kinds
+            elif kind in GLOSSY:
                 program["eye"] = surfaces.eye
+                program["cone"] = cone
             for region, row in enumerate(batch.rows):
                 if row.count:
                     atlas.bind_row(row)
@@ -70,5 +85,6 @@ class Shading:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for thing in (*self._arrays, self._cube, self.frame, self.picture, self._class_depth):
-            thing.release()
+        for thing in (*self._arrays, self._cube, self.frame, self.picture, self._class_depth, self.cover, self._catching):
+            if thing is not None:
+                thing.release()

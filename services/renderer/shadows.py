@@ -99,7 +99,8 @@ class ShadowAtlas:
         light[:, 4:7] = lights.irradiance[lit]
         light[:, 7] = below
         light[:, 8:11] = map_directions
-        runs = [*region_rows(self._regions, lights.directions[lit]), np.arange(len(lit)), renewed[np.argsort(below[renewed], kind="stable")]]
+        drawn = renewed[np.argsort(below[renewed], kind="stable")]
+        runs = [*region_rows(self._regions, lights.directions[lit]), np.arange(len(lit)), drawn]
         rows, padded, first = [], [], 0
         for run in runs:
             rows.append(Row(first, len(run)))

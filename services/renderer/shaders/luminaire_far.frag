@@ -2,6 +2,7 @@
 // A lamp from its far-field photometry: a point with an intensity over direction, and a map towards each face of a cube.
 #include "normals.glsl"
 #include "luminaire_maps.glsl"
+#include "brdf.glsl"
 #include "luminaire_surface.glsl"
 
 uniform sampler2D candela;  // columns: C from 0 to 360 degrees; rows: gamma from 0 to 180 degrees; both ends on texel centres
@@ -15,7 +16,7 @@ void main() {
     float r = length(p);
     vec3 value = reflected(surface, -p / r);
     if (value == vec3(0.0) || r == 0.0) discard;
-    vec2 turn = vec2(fract(atan(p.y, p.x) / (2.0 * LAMPS_PI)), atan(length(p.xy), p.z) / LAMPS_PI);
+    vec2 turn = vec2(fract(atan(p.y, p.x) / (2.0 * PI)), atan(length(p.xy), p.z) / PI);
     vec2 size = vec2(textureSize(candela, 0));
     float strength = texture(candela, (turn * (size - 1.0) + 0.5) / size).r;
     vec3 a = abs(p);

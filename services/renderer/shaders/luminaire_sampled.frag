@@ -2,6 +2,7 @@
 // Position-dependent importance sampling of a light field (Lu et al. 2015): estimator.py, in GLSL.
 #include "normals.glsl"
 #include "luminaire_maps.glsl"
+#include "brdf.glsl"
 #include "luminaire_surface.glsl"
 #include "luminaire_field.glsl"
 

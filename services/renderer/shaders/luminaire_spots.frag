@@ -3,6 +3,7 @@
 // holds E'; a summed-area table per channel gives the mean over the support seen from the point, and nothing is sampled.
 #include "normals.glsl"
 #include "luminaire_maps.glsl"
+#include "brdf.glsl"
 #include "luminaire_surface.glsl"
 #include "luminaire_field.glsl"
 

@@ -1,4 +1,4 @@
-// The surface a pixel sees, in the luminaire's frame, its reflection, and the share of a map's light that reaches it.
+// The surface a pixel sees, in the luminaire's frame, its reflection, and the share of a map's light that reaches it; after brdf.glsl.
 
 uniform mat4 local_from_world;
 uniform vec3 eye;
@@ -10,8 +10,6 @@ uniform sampler2D shadow_maps;
 uniform float shadows;  // 1: maps are looked up; 0: all is lit
 
 struct Surface { vec3 position, normal, flat_normal, mirrored, lambert, specular; float shape, kind; };
-
-const float LAMPS_PI = 3.14159265358979;
 
 // False where the pixel sees no surface, or one that only catches shadows.
 bool surface_at(ivec2 pixel, out Surface surface) {
@@ -26,31 +24,23 @@ bool surface_at(ivec2 pixel, out Surface surface) {
     surface.normal = turn * normal;
     surface.flat_normal = turn * direction_from_octahedron(normals.zw);
     surface.mirrored = turn * reflect(normalize(position.xyz - eye), normal);
-    surface.lambert = diffuse.rgb / LAMPS_PI;
+    surface.lambert = diffuse.rgb / PI;
     surface.specular = specular.rgb;
     surface.shape = specular.w;
     surface.kind = diffuse.w;
     return true;
 }
 
-// BRDF times cosine towards unit vector d: Lambert and normalised Phong, or GGX (glTF 2.0, appendix B.3).
+// BRDF times cosine towards unit vector d.
 vec3 reflected(Surface surface, vec3 d) {
     float cosine = dot(surface.normal, d);
     if (cosine <= 0.0 || dot(surface.flat_normal, d) <= 0.0) return vec3(0.0);
     float mirrored = dot(surface.mirrored, d);
-    if (surface.kind < 2.0) {
-        float lobe = (surface.shape + 2.0) / (2.0 * LAMPS_PI) * pow(max(mirrored, 1e-6), surface.shape);
-        return (surface.lambert + surface.specular * lobe) * cosine;
-    }
-    float over = max(dot(surface.normal, surface.mirrored), 1e-4);  // the view's cosine, as of its mirror
-    float towards = 2.0 * over * cosine - mirrored;  // cosine between view and light
-    float size = sqrt(max(2.0 + 2.0 * towards, 1e-12));
-    float n = min((cosine + over) / size, 1.0);
-    float a2 = surface.shape * surface.shape;
-    float t = n * n * (a2 - 1.0) + 1.0;
-    float smith = cosine * sqrt(over * over * (1.0 - a2) + a2) + over * sqrt(cosine * cosine * (1.0 - a2) + a2);
-    vec3 fresnel = surface.specular + (1.0 - surface.specular) * pow(1.0 - min((1.0 + towards) / size, 1.0), 5.0);
-    return (surface.lambert * (1.0 - fresnel) + fresnel * (a2 / (LAMPS_PI * t * t) * 0.5 / smith)) * cosine;
+    if (surface.kind < 2.0) return (surface.lambert + surface.specular * phong_lobe(surface.shape, mirrored)) * cosine;
+    float view = max(dot(surface.normal, surface.mirrored), 1e-4);  // the view's cosine, as of its mirror
+    vec2 lobe = ggx_lobe(surface.shape, cosine, view, 2.0 * view * cosine - mirrored);
+    vec3 fresnel = mix(surface.specular, vec3(1.0), lobe.y);
+    return (surface.lambert * (1.0 - fresnel) + fresnel * lobe.x) * cosine;
 }
 
 const float MAP_BIAS = 0.5;  // texels: what a surface may rise above its tangent plane within a texel

@@ -1,0 +1,99 @@
+"""The second set of lights, many and weak, for the lobes of glossy surfaces (Havran et al. 2005, section 4.2).
+
+In a cone about the mirrored view the weak lights stand in for the strong ones, with a soft rim: each set has the share of a lobe that the
+other leaves. As normals have light regions, mirrored views have regions with the weak lights that lie in any cone of theirs.
+"""
+
+import moderngl
+import numpy as np
+
+from services.lights import Lights
+from services.renderer.programs import Programs
+from services.renderer.regions import CUBE_SIDE, light_regions
+from services.renderer.shadows import MAX_LIGHTS, Batch, ShadowAtlas
+from services.renderer.surfaces import Surfaces
+
+RIM = np.radians(20.0)  # of the cone, where the weak lights end
+CORE = np.radians(12.0)  # where they are alone
+CONE = (float(np.cos(RIM)), float(np.cos(CORE)))
+NO_CONE = (2.0, 3.0)  # cosines that no light reaches
+REGIONS = 256  # of mirrored views: caps of 10 degrees, beside a cone of 20 degrees
+MOST = 128  # weak lights of a region; of more, the first so many with all the power
+
+
+class Gloss:
+    """Adds the weak lights to a picture of `surfaces`."""
+
+    def __init__(self, context: moderngl.Context, programs: Programs) -> None:
+        self._context = context
+        self._program = programs.program("screen.vert", "gloss.frag", MAX_LIGHTS=str(MAX_LIGHTS))
+        self._array = context.vertex_array(self._program, [])
+        self._regions = light_regions(REGIONS)
+        self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, self._regions.cube.astype(np.float32).tobytes(), dtype="f4")
+        self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._rows = context.texture((2 * MOST, REGIONS), 4, dtype="f4")
+        self._rows.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._program["cone"] = CONE
+        self.cone = NO_CONE  # which the strong lights leave to the weak ones
+
+    def gather(self, weak: Lights, batch: Batch) -> None:
+        """Takes the weak lights of the pictures that follow, each shadowed by the nearest of a batch's strong lights."""
+        strong = batch.entries[batch.every.first : batch.every.first + batch.every.count, 0:3]
+        lit = np.flatnonzero(np.any(weak.irradiance != 0, axis=1))
+        self.cone = CONE if len(lit) else NO_CONE
+        if not len(lit):
+            return
+        nearest = np.argmax(weak.directions[lit] @ strong.T, axis=1)
+        rows = weak_rows(self._regions.centres, self._regions.reach + RIM, weak.directions[lit], weak.irradiance[lit], nearest)
+        self._rows.write(rows.tobytes())
+
+    def add(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, frame: moderngl.Framebuffer, weight: float) -> None:
+        """Adds the weak lights times `weight` to the picture in `frame`; the maps of the batch are in the atlas."""
+        if self.cone == NO_CONE:
+            return
+        unit = surfaces.bind(self._program)
+        atlas.bind(self._program, unit)
+        atlas.bind_row(batch.every)
+        for number, (name, texture) in enumerate((("region_of_direction", self._cube), ("weak_lights", self._rows)), unit + 1):
+            texture.use(number)
+            self._program[name] = number
+        self._program["eye"] = surfaces.eye
+        self._program["weight"] = weight
+        frame.use()
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = moderngl.ONE, moderngl.ONE
+        self._array.render(moderngl.TRIANGLES, vertices=3)
+
+    def release(self) -> None:
+        """Frees what this holds on the GPU."""
+        for thing in (self._array, self._cube, self._rows):
+            thing.release()
+
+
+def weak_rows(centres: np.ndarray, reach: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, strong: np.ndarray) -> np.ndarray:
+    """The weak lights (m, 3) within `reach` (n,) rad of each region's centre (n, 3), as gloss.frag reads them: (n, 2 MOST, 4) float32.
+
+    A light is its direction and the number of its strong light (m,), then its irradiance; -1 ends a row. Of more than MOST the first are
+    kept and scaled so that the row's sum stays what it was in each channel. First is who is stronger by a power of two, then the order of
+    the set: lights of like power keep the progressive order, and where powers differ none of weight is left out.
+    """
+    rows = np.zeros((len(centres), 2 * MOST, 4), np.float32)
+    rows[:, 0::2, 3] = -1
+    power = irradiance.max(axis=1)
+    order = np.argsort(-np.floor(np.log2(np.maximum(power / power.mean(), 1e-6)) + 0.5), kind="stable")
+    directions, irradiance, strong = directions[order], irradiance[order], strong[order]
+    region, light = np.nonzero(centres @ directions.T >= np.cos(np.minimum(reach, np.pi))[:, None])
+    place = np.arange(len(region)) - np.searchsorted(region, region)
+    total = _sums(region, irradiance[light], len(centres))
+    region, light, place = (index[place < MOST] for index in (region, light, place))
+    kept = _sums(region, irradiance[light], len(centres))
+    scale = np.divide(total, kept, out=np.ones_like(total), where=kept > 0)
+    rows[region, 2 * place, 0:3] = directions[light]
+    rows[region, 2 * place, 3] = strong[light]
+    rows[region, 2 * place + 1, 0:3] = irradiance[light] * scale[region]
+    return rows
+
+
+def _sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Sums (count, 3) of values (k, 3) by their group."""
+    return np.stack([np.bincount(group, values[:, c], count) for c in range(3)], axis=-1)

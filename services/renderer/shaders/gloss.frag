@@ -1,0 +1,57 @@
+#version 430
+// Adds what the many weak lights of the second set give to the lobes of glossy surfaces: those in the cone about the mirrored view, from
+// the row of the region that it lies in. Each is shadowed by the map of the strong light nearest to it.
+
+#include "light.glsl"
+#include "lights.glsl"
+#include "visibility.glsl"
+#include "normals.glsl"
+#include "brdf.glsl"
+#include "cone.glsl"
+
+uniform float weight;  // of this pass in the picture: 1 / samples
+uniform vec3 eye;
+uniform sampler2D surface_positions;
+uniform sampler2D surface_normals;
+uniform sampler2D surface_diffuse;
+uniform sampler2D surface_specular;
+uniform samplerCube region_of_direction;
+uniform sampler2D weak_lights;  // a row a region; each light: direction and its strong light, or -1 behind the last; irradiance
+layout(location = 0) out vec4 radiance;
+
+void main() {
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec4 position = texelFetch(surface_positions, pixel, 0);
+    float kind = texelFetch(surface_diffuse, pixel, 0).w;
+    if (position.w == 0.0 || kind < 0.5 || kind > 2.5) discard;
+    vec4 normals = texelFetch(surface_normals, pixel, 0);
+    vec3 smooth_normal = direction_from_octahedron(normals.xy);
+    vec3 flat_normal = direction_from_octahedron(normals.zw);
+    vec4 specular = texelFetch(surface_specular, pixel, 0);
+    vec3 mirrored_view = reflect(normalize(position.xyz - eye), smooth_normal);
+    float view_cosine = max(dot(smooth_normal, mirrored_view), 1e-4);
+    int region = int(textureLod(region_of_direction, mirrored_view, 0.0).r);
+    int last = textureSize(weak_lights, 0).x - 2;
+
+    vec3 sum = vec3(0.0);
+    for (int k = 0; k <= last; k += 2) {
+        vec4 light = texelFetch(weak_lights, ivec2(k, region), 0);
+        if (light.w < 0.0) break;
+        float mirrored = dot(mirrored_view, light.xyz);
+        float share = in_cone(mirrored);
+        float cosine = dot(smooth_normal, light.xyz);
+        if (share <= 0.0 || cosine <= 0.0 || dot(flat_normal, light.xyz) <= 0.0) continue;
+        vec3 lobe;
+        if (kind < 1.5) {
+            lobe = specular.rgb * phong_lobe(specular.w, mirrored);
+        } else {
+            vec2 facets = ggx_lobe(specular.w, cosine, view_cosine, 2.0 * view_cosine * cosine - mirrored);
+            lobe = mix(specular.rgb, vec3(1.0), facets.y) * facets.x;
+        }
+        int strong = int(light.w);
+        float over = dot(flat_normal, lights[strong].direction.xyz);
+        float seen = over > 0.0 ? visibility(strong, position, flat_normal, over) : 1.0;  // a map knows nothing of what it lies behind
+        sum += texelFetch(weak_lights, ivec2(k + 1, region), 0).rgb * lobe * (share * cosine * seen);
+    }
+    radiance = vec4(sum * weight, 0.0);
+}

@@ -1,0 +1,22 @@
+// Which share of a light reaches a surface, looked up in the light's shadow map; after light.glsl and lights.glsl.
+
+uniform sampler2D atlas;
+
+const float STEEPEST = 0.03;  // cosine at which the plane's slope is held; a light so low gives 3 % of its power at most
+
+// Share of light i that reaches a point of a surface with cosine dot(flat_normal, direction): the four nearest texels compared with the
+// surface's own plane there, weighted bilinearly (percentage-closer filtering with plane bias, Isidoro 2006).
+float visibility(int i, vec4 position, vec3 flat_normal, float cosine) {
+    vec2 at = vec2(dot(lights[i].column, position), dot(lights[i].row, position));
+    vec2 slope = vec2(dot(lights[i].column.xyz, flat_normal), dot(lights[i].row.xyz, flat_normal));
+    slope *= lights[i].corner_slope.zw / max(cosine, STEEPEST);
+    vec2 corner = floor(at - 0.5);
+    vec2 f = at - 0.5 - corner;
+    vec4 stored = textureGather(atlas, (lights[i].corner_slope.xy + corner + 1.0) / (tile_size * tile_columns));
+    float low = dot(lights[i].depth, position) - dot(slope, f) - lights[i].direction.w;
+    vec4 own = low + vec4(slope.y, slope.x + slope.y, slope.x, 0.0);
+    vec4 lit = vec4(lessThanEqual(min(own, 1.0), stored));
+    vec2 side = mix(lit.wx, lit.zy, f.x);
+    vec2 inside = step(abs(at - 0.5 * tile_size), vec2(0.5 * tile_size - 1.0));
+    return mix(1.0, mix(side.x, side.y, f.y), inside.x * inside.y);
+}

@@ -1,0 +1,153 @@
+"""The renderer's plate and its catchers of shadows."""
+
+"""A second camera's pictures: the film's own, in any order, at the moment of the light that they stand behind."""
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from services import wire
+from services.beside import Nearest, Together
+from services.demand import Supply
+from services.files import BadInput
+from services.plate.films import open_pictures
+from services.plate.stage import PlateSource
+from services.settings import Plate, read_settings
+from services.sockets import Wires, admit
+from services.tally import Tally
+from tests.conftest import wait_until
+
+SIZE = 64, 48
+FRAMES = 12
+
+
+def gray_of(k: int) -> int:
+    return 20 + 15 * k  # far enough apart for a codec that loses detail
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plate") / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 24.0, SIZE)
+    for k in range(FRAMES):
+        writer.write(np.full((SIZE[1], SIZE[0], 3), gray_of(k), np.uint8))
+    writer.release()
+    return path
+
+
+def test_a_films_pictures_come_in_any_order(film):
+    pictures = open_pictures(film, fps=1.0)
+    assert (len(pictures), pictures.fps) == (FRAMES, 24.0)
+    for k in (0, 1, 2, 7, 3, 11, 0):
+        assert abs(pictures.picture(k).mean() - gray_of(k)) < 3, k
+
+
+def test_a_folders_pictures_have_rgb_and_the_settings_rate(tmp_path):
+    red = np.zeros((3, 4, 3), np.uint8)
+    red[..., 2] = 250  # OpenCV writes BGR
+    cv2.imwrite(str(tmp_path / "b.png"), red)
+    cv2.imwrite(str(tmp_path / "a.png"), 0 * red)
+    pictures = open_pictures(tmp_path, fps=5.0)
+    assert (len(pictures), pictures.fps) == (2, 5.0)
+    assert pictures.picture(1)[0, 0].tolist() == [250, 0, 0]
+
+
+def test_what_is_no_film_is_one_clear_line(tmp_path, film):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "noise.mp4").write_bytes(np.random.default_rng(1).bytes(5000))
+    (tmp_path / "cut.avi").write_bytes(film.read_bytes()[:60])
+    (tmp_path / "short.avi").write_bytes(film.read_bytes()[: film.stat().st_size * 2 // 3])
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
+    for name in ("missing", "empty", "noise.mp4", "cut.avi", "short.avi"):
+        with pytest.raises(BadInput, match=name.partition(".")[0]):
+            open_pictures(tmp_path / name, 25.0)
+    with pytest.raises(BadInput, match=r"a\.png"):
+        open_pictures(tmp_path / "pictures", 25.0).picture(0)
+
+
+def test_the_film_goes_on_from_its_start(film):
+    source = PlateSource(Plate(source=str(film)))
+    assert source.limit is None
+    header, (pixels,) = source.message(FRAMES + 2, 2, 0.0)
+    assert isinstance(header, wire.Plate)
+    assert (header.stamp.sequence, header.width, header.height) == (FRAMES + 2, *SIZE)
+    assert abs(pixels.mean() - gray_of(2)) < 3
+
+
+@pytest.fixture
+def wires(make_settings):
+    opened = Wires(make_settings()[0].wire)
+    yield opened
+    opened.close()
+
+
+def plate(sequence: int, monotonic_ns: int) -> wire.Message:
+    stamp = msgspec.structs.replace(wire.stamp(sequence, 0.0), monotonic_ns=monotonic_ns)
+    return wire.Plate(stamp=stamp, width=1, height=1), (np.full((1, 1, 3), sequence, np.uint8),)
+
+
+def test_live_the_picture_nearest_in_time_is_taken(wires):
+    publisher = wires.bind("plate", "publish")
+    nearest, tally = Nearest(wires, ["plate"]), Tally("renderer", 0)
+    lights = msgspec.structs.replace(wire.stamp(90, 0.0), monotonic_ns=1_000_000)
+    assert nearest.to(lights, tally) == []
+    wait_until(lambda: publisher.poll(0) or None, "the subscription")
+    admit(publisher)
+    for sequence, at_ns in ((1, 700_000), (2, 1_100_000), (3, 1_300_000)):
+        publisher.send_multipart(wire.pack(*plate(sequence, at_ns)))
+    wait_until(lambda: nearest.to(lights, tally) and len(nearest._last[0]) == 3, "three pictures")
+    assert [array[0, 0, 0] for _, (array,) in nearest.to(lights, tally)] == [2]
+
+
+def test_lossless_the_frames_of_one_number_come_together(wires):
+    supplies = {name: Supply(wires.bind(name, "serve"), Tally(name, 0)) for name in ("sampler", "plate")}
+    inputs = Together(wires, ["sampler", "plate"], Tally("renderer", 0))
+    seen = []
+
+    def served() -> bool:
+        for name, supply in supplies.items():
+            supply.wanted()
+            ready = 5 if name == "plate" else 3  # the lights of frame 3 are not made yet
+            supply.send(lambda k, ready=ready: plate(k, 0) if k < ready else None, end=None)
+        if frames := inputs.frames(len(seen)):
+            seen.append([header.stamp.sequence for header, _ in frames if isinstance(header, wire.FRAME)])
+        return len(seen) == 3
+
+    wait_until(served, "three pairs")
+    assert seen == [[0, 0], [1, 1], [2, 2]]
+    assert len(inputs.awaited()) == 2
+    inputs.frames(3)
+    wait_until(lambda: served() and len(inputs.awaited()) == 1, "the picture without its lights")
+    inputs.restart()
+    assert len(inputs.awaited()) == 2
+
+
+def test_the_service_sends_what_is_asked_for(make_settings, services, film):
+    _, path = make_settings(mode="lossless", plate={"source": str(film)})
+    settings = read_settings(path)
+    assert settings.services[-1] == "plate"
+    services.start("services.plate", str(path))
+    wires = Wires(settings.wire)
+    try:
+        inputs, seen = Together(wires, ["plate"], Tally("renderer", 0)), []
+
+        def came() -> bool:
+            if frames := inputs.frames(FRAMES - 2 + len(seen)):
+                seen.extend(array.mean() for _, (array,) in frames)
+            return len(seen) == 4
+
+        wait_until(came, "four pictures")
+    finally:
+        wires.close()
+    np.testing.assert_allclose(seen, [gray_of(k) for k in (FRAMES - 2, FRAMES - 1, 0, 1)], atol=3)
+
+
+def test_without_a_second_camera_none_runs(make_settings):
+    assert make_settings()[0].services == ("capture", "sampler", "renderer", "viewer")
+
+
+def test_a_camera_cannot_be_replayed(make_settings):
+    with pytest.raises(BadInput, match="/dev/video1 is a camera"):
+        make_settings(mode="lossless", plate={"source": "/dev/video1"})

@@ -13,6 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from services.files import BadInput
+from services.renderer.animation import Motion, read_motions
 from services.renderer.materials import Material, material_from_visual
 
 Shape = Literal["sphere", "plane", "box"]
@@ -39,11 +40,12 @@ class Geometry(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A mesh of a file; material: what the file says it is made of."""
+    """A mesh of a file; material: what the file says it is made of; motion: how its animation moves it, in the file's axes."""
 
     name: str
     geometry: Geometry
     material: Material | None
+    motion: Motion | None = None
 
 
 def bounds(geometries: list[Geometry]) -> tuple[np.ndarray, np.ndarray]:
@@ -89,20 +91,26 @@ def read_parts(path: Path, where: str) -> list[Part]:
     found = []
     try:
         loaded = trimesh.load_scene(path, process=False, maintain_order=True)
-        nodes = [(loaded.graph[node][0], loaded.geometry[loaded.graph[node][1]]) for node in loaded.graph.nodes_geometry]
-        parts = [(matrix, part) for matrix, part in nodes if isinstance(part, trimesh.Trimesh)]
+        motions = read_motions(path) if path.suffix.lower() in (".glb", ".gltf") else {}
+        nodes = [(*loaded.graph[node], _motion_of(node, loaded, motions)) for node in loaded.graph.nodes_geometry]
+        parts = [(matrix, part, motion) for matrix, name, motion in nodes if isinstance(part := loaded.geometry[name], trimesh.Trimesh)]
     except Exception as error:  # a hostile file raises whatever the parser below trips over
         raise BadInput(f"{where}: {path} is not a readable mesh ({' '.join(str(error).split())[:200]}); export it again") from error
-    for number, (matrix, part) in enumerate(parts, 1):
+    for number, (matrix, part, motion) in enumerate(parts, 1):
         name = path.name if len(parts) == 1 else f"{path.name} part {number}"
         try:
             material, uvs = material_from_visual(part.visual)
-            found.append(Part(name, _in_file_axes(part, np.asarray(matrix, np.float64), uvs), material))
+            found.append(Part(name, _in_file_axes(part, np.asarray(matrix, np.float64), uvs), material, motion))
         except (ValueError, OSError, SyntaxError, np.linalg.LinAlgError) as error:  # PIL raises SyntaxError for a damaged PNG
             raise BadInput(f"{where}: {name} {error}; export it again") from error
     if not found:
         raise BadInput(f"{where}: {path} has no triangles; export it again")
     return found
+
+
+def _motion_of(node: str, loaded: trimesh.Scene, motions: dict[str, Motion]) -> Motion | None:
+    """A node's motion; a mesh of several materials stands in nodes of trimesh's own below the file's."""
+    return motions.get(node) or motions.get(loaded.graph.transforms.parents.get(node, ""))
 
 
 def _in_file_axes(part: trimesh.Trimesh, matrix: np.ndarray, uvs: np.ndarray | None) -> Geometry:

@@ -15,7 +15,6 @@ from urllib.parse import unquote
 import numpy as np
 import trimesh
 
-Path3 = Literal["translation", "rotation", "scale"]
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # componentType, section 3.6.2.2
 WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 MOST_KEYS = 1_000_000  # of a track; nine hours at 30 a second
@@ -33,8 +32,8 @@ class Node(NamedTuple):
     """A node on the way from the file's root to a mesh. rest: (4, 4) as the file places it; rested: its three parts."""
 
     rest: np.ndarray
-    rested: dict[Path3, np.ndarray]
-    tracks: dict[Path3, Track]
+    rested: dict[str, np.ndarray]
+    tracks: dict[str, Track]
 
 
 class Motion(NamedTuple):
@@ -71,7 +70,7 @@ def node_matrix(node: Node, time_s: float) -> np.ndarray:
     return placed(node.rested | {path: value_at(track, time_s, path == "rotation") for path, track in node.tracks.items()})
 
 
-def placed(parts: dict[Path3, np.ndarray]) -> np.ndarray:
+def placed(parts: dict[str, np.ndarray]) -> np.ndarray:
     """The transform (4, 4) that scales, turns and moves."""
     matrix = np.eye(4)
     matrix[:3, :3] = rotation_from_quaternion(parts["rotation"]) * parts["scale"]
@@ -126,7 +125,7 @@ def read_motions(path: Path) -> dict[str, Motion]:
     if not animations:
         return {}
     read = _Accessors(document, binary, path.parent)
-    tracks: dict[int, dict[Path3, Track]] = {}
+    tracks: dict[int, dict[str, Track]] = {}
     for channel in animations[0]["channels"]:
         node, path = channel["target"].get("node"), channel["target"]["path"]
         if node is not None and path in ("translation", "rotation", "scale"):
@@ -161,8 +160,8 @@ def _chain(number: int, parents: dict[int, int], most: int) -> list[int]:
     return chain
 
 
-def _node(node: dict[str, Any], tracks: dict[Path3, Track]) -> Node:
-    rested: dict[Path3, np.ndarray] = {
+def _node(node: dict[str, Any], tracks: dict[str, Track]) -> Node:
+    rested: dict[str, np.ndarray] = {
         "translation": np.array(node.get("translation", (0.0, 0.0, 0.0)), float).reshape(3),
         "rotation": np.array(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), float).reshape(4),
         "scale": np.array(node.get("scale", (1.0, 1.0, 1.0)), float).reshape(3),
@@ -172,7 +171,7 @@ def _node(node: dict[str, Any], tracks: dict[Path3, Track]) -> Node:
     return Node(placed(rested), rested, tracks)
 
 
-def _track(read: "_Accessors", sampler: dict[str, Any], path: Path3) -> Track:
+def _track(read: "_Accessors", sampler: dict[str, Any], path: str) -> Track:
     interpolation = sampler.get("interpolation", "LINEAR")
     if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
         raise ValueError(f"has an animation with interpolation {str(interpolation)[:20]}")

@@ -1,0 +1,165 @@
+"""Animated glTF files, written here by hand: where their meshes stand at a time."""
+
+import base64
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.files import BadInput
+from services.renderer.animation import Track, rotation_from_quaternion, value_at
+from services.renderer.meshes import read_parts
+from services.sphere import rotation_xyz
+
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+HALF = float(np.sqrt(0.5))
+
+
+class Film:
+    """A glTF document that grows: a parent and a child node, the child with a triangle."""
+
+    def __init__(self, **child: Any) -> None:
+        self.data = b""
+        nodes: list[dict[str, Any]] = [{"children": [1]}, {"name": "leaf", "mesh": 0, **child}]
+        self.document: dict[str, Any] = {
+            "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": nodes, "accessors": [], "bufferViews": [],
+            "animations": [{"channels": [], "samplers": []}],
+        }  # fmt: skip
+        self.document["meshes"] = [{"primitives": [{"attributes": {"POSITION": self.accessor(TRIANGLE)}}]}]
+        self.document["accessors"][0] |= {"min": TRIANGLE.min(axis=0).tolist(), "max": TRIANGLE.max(axis=0).tolist()}
+
+    def accessor(self, values: np.ndarray, **more: Any) -> int:
+        self.document["bufferViews"].append({"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes})
+        kind = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[1 if values.ndim == 1 else values.shape[-1]]
+        code = {"f": 5126, "h": 5122}[values.dtype.char]
+        view, count = len(self.document["bufferViews"]) - 1, len(values.reshape(-1, *values.shape[-1:] if values.ndim > 1 else ()))
+        self.document["accessors"].append({"bufferView": view, "componentType": code, "count": count, "type": kind, **more})
+        self.data += values.tobytes() + b"\0" * (-values.nbytes % 4)
+        return len(self.document["accessors"]) - 1
+
+    def move(self, node: int, path: str, times, values, interpolation: str = "LINEAR", **more: Any) -> "Film":
+        values = values if isinstance(values, np.ndarray) else np.array(values, np.float32)
+        animation = self.document["animations"][0]
+        given, followed = self.accessor(np.array(times, np.float32)), self.accessor(values, **more)
+        animation["samplers"].append({"input": given, "output": followed, "interpolation": interpolation})
+        animation["channels"].append({"sampler": len(animation["samplers"]) - 1, "target": {"node": node, "path": path}})
+        return self
+
+    def write(self, path: Path) -> Path:
+        if path.suffix == ".glb":
+            self.document["buffers"] = [{"byteLength": len(self.data)}]
+            text = json.dumps(self.document).encode()
+            text += b" " * (-len(text) % 4)
+            chunks = [struct.pack("<I4s", len(text), b"JSON") + text, struct.pack("<I4s", len(self.data), b"BIN\0") + self.data]
+            path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + sum(map(len, chunks))) + b"".join(chunks))
+            return path
+        coded = base64.b64encode(self.data).decode()
+        self.document["buffers"] = [{"byteLength": len(self.data), "uri": f"data:application/octet-stream;base64,{coded}"}]
+        path.write_text(json.dumps(self.document))
+        return path
+
+    def corners(self, folder: Path, time_s: float, suffix: str = "gltf") -> np.ndarray:
+        """The triangle's corners at a time, as the file is read."""
+        part = read_parts(self.write(folder / f"film.{suffix}"), "here")[0]
+        assert part.motion is not None
+        matrix = part.motion.file_from_rest(time_s)
+        return part.geometry.positions @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+@pytest.mark.parametrize("suffix", ["gltf", "glb"])
+def test_a_mesh_goes_where_its_keys_say_and_begins_again(tmp_path, suffix):
+    film = Film(translation=[5.0, 0.0, 0.0]).move(1, "translation", [0, 1, 3], [[0, 0, 0], [0, 0, 2], [4, 0, 2]])
+    for time_s, at in ((0.0, (0, 0, 0)), (0.5, (0, 0, 1)), (1.0, (0, 0, 2)), (2.0, (2, 0, 2)), (3.5, (0, 0, 1)), (302.0, (2, 0, 2))):
+        assert np.allclose(film.corners(tmp_path, time_s, suffix), TRIANGLE + np.array(at), atol=1e-6), time_s
+
+
+def test_steps_hold_until_the_next_key(tmp_path):
+    film = Film().move(1, "translation", [0.5, 1, 2], [[1, 0, 0], [2, 0, 0], [3, 0, 0]], "STEP")
+    assert [film.corners(tmp_path, t)[0, 0] for t in (0.0, 0.5, 0.99, 1.0, 1.99)] == [1, 1, 1, 2, 2]
+
+
+def test_a_parents_turn_carries_its_child(tmp_path):
+    film = Film(translation=[2.0, 0.0, 0.0]).move(0, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]])
+    turned = rotation_xyz((0, 0, 45))
+    assert np.allclose(film.corners(tmp_path, 0.5), (TRIANGLE + np.array([2, 0, 0])) @ turned.T, atol=1e-6)
+
+
+def test_turns_take_the_shorter_way_and_may_be_short_integers(tmp_path):
+    quarter = np.round(np.array([[0, 0, 0, 1], [0, 0, -HALF, -HALF]]) * 32767).astype(np.int16)
+    film = Film().move(1, "rotation", [0, 1], quarter, normalized=True)
+    assert np.allclose(film.corners(tmp_path, 1 / 3), TRIANGLE @ rotation_xyz((0, 0, 30)).T, atol=1e-4)  # 16 bits
+
+
+def test_scale_turn_and_place_apply_in_this_order(tmp_path):
+    film = Film().move(1, "scale", [0, 1], [[1, 1, 1], [2, 2, 2]]).move(1, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]])
+    film.move(1, "translation", [0, 1], [[0, 0, 0], [1, 1, 1]])
+    near = 1 - 1e-6  # at 1 the animation begins again
+    assert np.allclose(film.corners(tmp_path, near)[1], [1, 3, 1], atol=1e-4)
+
+
+@given(st.floats(0, 1), st.floats(0.5, 5), st.lists(st.floats(-3, 3), min_size=4, max_size=4))
+def test_a_cubic_spline_is_the_cubic_that_it_was_made_of(t, step_s, coefficients):
+    cubic = np.polynomial.Polynomial(coefficients)
+    slope = cubic.deriv()
+    keys = [[[slope(x)], [cubic(x)], [slope(x)]] for x in (0.0, step_s)]
+    track = Track(np.array([0.0, step_s]), np.array(keys), "CUBICSPLINE")
+    assert value_at(track, t * step_s, False)[0] == pytest.approx(cubic(t * step_s), abs=1e-9 * (1 + np.abs(keys).max() * step_s))
+
+
+@given(st.lists(st.floats(-1, 1), min_size=8, max_size=8), st.floats(0, 1))
+def test_turns_go_evenly(numbers, t):
+    a, b = np.array(numbers[:4]), np.array(numbers[4:])
+    if min(np.linalg.norm(a), np.linalg.norm(b)) < 1e-3:
+        return
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    track = Track(np.array([0.0, 1.0]), np.repeat(np.array([a, b])[:, None], 3, axis=1), "LINEAR")
+    between = value_at(track, t, True)
+    assert np.linalg.norm(between) == pytest.approx(1, abs=1e-9)
+    whole, part = (np.arccos(min(abs(float(a @ other)), 1.0)) for other in (b, between))
+    assert part == pytest.approx(t * whole, abs=1e-6)
+    assert np.allclose(rotation_from_quaternion(between), rotation_from_quaternion(-between))
+
+
+def test_a_file_without_animation_stands_still(tmp_path):
+    film = Film()
+    del film.document["animations"]
+    assert read_parts(film.write(tmp_path / "film.gltf"), "here")[0].motion is None
+
+
+def spoilt_key_order(film):
+    film.move(1, "translation", [1, 0], [[0, 0, 0], [1, 0, 0]])
+
+
+def spoilt_nan(film):
+    film.move(1, "translation", [0, 1], [[0, 0, 0], [np.nan, 0, 0]])
+
+
+def spoilt_count(film):
+    film.move(1, "translation", [0, 1, 2], [[0, 0, 0], [1, 0, 0]])
+
+
+def spoilt_accessor(film):
+    film.move(1, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]])
+    film.document["accessors"][-1]["count"] = 10**6
+
+
+def spoilt_interpolation(film):
+    film.move(1, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "SWAY")
+
+
+def spoilt_turn(film):
+    film.move(1, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, 0, 0]])
+
+
+@pytest.mark.parametrize("spoil", [spoilt_key_order, spoilt_nan, spoilt_count, spoilt_accessor, spoilt_interpolation, spoilt_turn])
+def test_a_spoilt_animation_is_one_line(tmp_path, spoil):
+    film = Film()
+    spoil(film)
+    with pytest.raises(BadInput, match=r"^here: .*film\.gltf .*export it again$") as caught:
+        read_parts(film.write(tmp_path / "film.gltf"), "here")
+    assert "\n" not in str(caught.value)

@@ -165,7 +165,9 @@ def centres(folder: Path) -> None:
         frame = maker.frame_from_codes("sun", codes, "mono", 0.0)
         spent.append(time.perf_counter() - began)
         at = where.copy()
-        at[frame.strong] = frame.centres
+        cells, centres, shares = frame.strong
+        at[cells] = 0
+        np.add.at(at, cells, centres * shares[:, None])
         flux = frame.radiance[..., 1].ravel().astype(np.float64) * solid
         energy.append(flux.sum() / SUN - 1)
         centre = flux @ at

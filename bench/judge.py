@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from services.capture.frames import strong_cells
 from services.capture.polar import latlong_to_polar, polar_from_latlong
 from services.images import read_radiance
 from services.lights import Lights
@@ -28,6 +29,7 @@ from services.sphere import (
     latlong_solid_angles,
     luminance,
 )
+from services.strong import strong_light
 
 STRONGEST = 4096  # source pixels that are kept apart
 PROBES = 1500
@@ -45,8 +47,8 @@ class Source(NamedTuple):
     """A map as it is and as a camera on a polar grid sees it.
 
     strong: the strongest pixels. rest: (rows, cols, 3) float32, radiance of the remaining ones on the grid. polar: rest and
-    strong together, what the methods get. centroids: (k, 4) float64, for the strong cells: row * cols + column, and the flux
-    centroid's unit vector.
+    strong together, what the methods get. centroids: (k, 5) float64, of the parts of strong cells, as the capture makes
+    them: row * cols + column, the flux centroid's unit vector, the share of the cell's light.
     """
 
     strong: Points
@@ -85,14 +87,14 @@ def with_strong(strong: Points, rest: np.ndarray) -> Source:
     added = np.stack([np.bincount(cell, strong.irradiance[:, c], rows * cols) for c in range(3)], axis=-1).reshape(rows, cols, 3)
     polar = (rest + added / solid_angles[:, None, None]).astype(np.float32)
 
-    # The centroid of a strong cell: its strong points, and the rest at the cell's centre.
-    cells = np.unique(cell)
-    weight = luminance(strong.irradiance)
-    moment = np.stack([np.bincount(cell, weight * strong.directions[:, c], rows * cols) for c in range(3)], axis=-1)[cells]
-    beside = (luminance(rest) * solid_angles[:, None]).ravel()[cells, None]
-    moment += beside * cell_directions(rows, cols, "hemisphere").reshape(-1, 3)[cells]
-    moment /= np.linalg.norm(moment, axis=1, keepdims=True)
-    return Source(strong, rest, polar, np.concatenate([cells[:, None].astype(float), moment], axis=1))
+    # A strong cell's light: its strong points, and the rest at the cell's centre.
+    cells = strong_cells(polar, "hemisphere").astype(np.int64)
+    own = np.isin(cell, cells)
+    beside = (luminance(rest.astype(np.float64)) * solid_angles[:, None]).ravel()[cells]
+    directions = np.concatenate([strong.directions[own], cell_directions(rows, cols, "hemisphere").reshape(-1, 3)[cells]])
+    flux = np.concatenate([luminance(strong.irradiance)[own], beside])
+    parts = strong_light(np.concatenate([cell[own], cells]), directions, flux, rows, cols, "hemisphere")
+    return Source(strong, rest, polar, np.column_stack(parts))
 
 
 @lru_cache(maxsize=16)

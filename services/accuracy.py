@@ -44,47 +44,47 @@ def chart(maps: list[Path], out: Path) -> None:
     still: list[dict[str, Any]] = []
     moving: list[dict[str, Any]] = []
     for path, frame in track(sources.items(), description="maps"):
-        centroids = np.column_stack([frame.strong, frame.centres.astype(np.float64)])
+        strong = np.column_stack(frame.strong)
         for method in METHODS:
-            still += [_still(path.stem, method, count, frame.radiance, centroids) for count in COUNTS]
-            moving.append(_moving(path.stem, method, frame.radiance, centroids))
+            still += [_still(path.stem, method, count, frame.radiance, strong) for count in COUNTS]
+            moving.append(_moving(path.stem, method, frame.radiance, strong))
     _save(out, "error", still, "ms", "error", f"a still map, {COUNTS[0]} to {COUNTS[-1]} lights")
     _save(out, "flicker", moving, "error", "flicker", f"the map turned a column a frame, {MOVING_COUNT} lights, {FRAMES} frames")
 
 
-def _still(name: str, method: str, count: int, radiance: np.ndarray, centroids: np.ndarray) -> dict[str, Any]:
+def _still(name: str, method: str, count: int, radiance: np.ndarray, strong: np.ndarray) -> dict[str, Any]:
     wanted = settings.record(Sampler, {"method": method, "count": count, "filter": "none"}, "--")
     state, taken, made = initial_state(wanted), [], []
     for k in range(STILL_FRAMES):
         begin = time.thread_time()
-        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / FPS, None, centroids)
+        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / FPS, None, strong)
         taken.append(1e3 * (time.thread_time() - begin))
         made = [(radiance, lights)]
     result = score(made, "hemisphere")
     return {"map": name, "method": method, "lights": count, "ms": float(np.median(taken[1:])), "error": result.error}
 
 
-def _moving(name: str, method: str, radiance: np.ndarray, centroids: np.ndarray) -> dict[str, Any]:
+def _moving(name: str, method: str, radiance: np.ndarray, strong: np.ndarray) -> dict[str, Any]:
     wanted = settings.record(Sampler, {"method": method, "count": MOVING_COUNT}, "--")
     state, made = initial_state(wanted), []
     rows, cols, _ = radiance.shape
     for k in range(FRAMES):
         seen = np.roll(radiance, k, axis=1)
-        state, lights, _ = step(wanted, state, seen, "hemisphere", k / FPS, None, _turned(centroids, k, rows, cols))
+        state, lights, _ = step(wanted, state, seen, "hemisphere", k / FPS, None, _turned(strong, k, cols))
         made.append((seen, lights))
     result = score(made, "hemisphere")
     kept = {key: getattr(result, key) for key in ("error", "error_worst", "flicker", "motion_deg", "jumps", "deaths", "power_error")}
     return {"map": name, "method": method, "lights": MOVING_COUNT, **kept}
 
 
-def _turned(centroids: np.ndarray, columns: int, rows: int, cols: int) -> np.ndarray:
-    """The centroids (k, 4) of a map turned by whole columns."""
+def _turned(strong: np.ndarray, columns: int, cols: int) -> np.ndarray:
+    """The parts (k, 5) of strong cells of a map turned by whole columns."""
     angle = columns * 2 * np.pi / cols
-    row, col = np.divmod(centroids[:, 0].astype(np.int64), cols)
-    assert row.max(initial=0) < rows
-    x, y = centroids[:, 1], centroids[:, 2]
+    row, col = np.divmod(strong[:, 0].astype(np.int64), cols)
+    x, y = strong[:, 1], strong[:, 2]
     turned = np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
-    return np.column_stack([row * cols + (col + columns) % cols, *turned, centroids[:, 3]])
+    parts = np.column_stack([row * cols + (col + columns) % cols, *turned, strong[:, 3:]])
+    return parts[np.argsort(parts[:, 0], kind="stable")]
 
 
 def _save(out: Path, name: str, rows: list[dict[str, Any]], across: str, up: str, title: str) -> None:

@@ -44,8 +44,7 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
     state = initial_state(sampling)
     for k in range(len(frames)):
         frame = frames.frame(k)
-        centroids = np.column_stack([frame.strong, frame.centres.astype(np.float64)])
-        state, lights, _ = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, None, centroids)
+        state, lights, _ = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, None, np.column_stack(frame.strong))
         yield Lit(frame, lights)
 
 

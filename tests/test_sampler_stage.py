@@ -24,7 +24,7 @@ def compiled():
 stage = SamplerStage(Settings(sampler=Sampler(method=sys.argv[1])))
 ready = compiled()
 header = wire.Map(stamp=wire.stamp(0, 0.0), rows=6, cols=24, coverage="hemisphere", strong=1)
-arrays = np.ones((6, 24, 3), np.float32), np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32)
+arrays = np.ones((6, 24, 3), np.float32), np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32), np.ones(1, np.float32)
 stage.step(stage.begin(0)[0], wire.unpack(wire.pack(header, arrays)))
 assert ready and compiled() == ready, compiled() - ready
 """

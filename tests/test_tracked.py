@@ -77,10 +77,23 @@ def test_one_lit_cell_is_one_light_in_its_place_whatever_the_count():
 def test_a_strong_cell_stands_where_its_centroid_says():
     radiance = scene(sun=1e6)
     place = direction_from_angles(np.radians(31.9), np.radians(180.4))  # in cell (10, 60), whose centre is at (31.5, 181.5)
-    centroids = np.array([[10 * COLS + 60, *place]])
-    (lights, _), = run([radiance], 32, inside=centroids)[0]
+    strong = np.array([[10 * COLS + 60, *place, 1.0]])
+    (lights, _), = run([radiance], 32, strong=strong)[0]
     brightest = lights.directions[lights.irradiance[:, 1].argmax()].astype(float)
     assert np.degrees(angle_between(brightest, place)) < 0.01
+
+
+def test_a_strong_cell_is_cut_into_its_parts_when_there_are_lights_for_it():
+    radiance = scene(sun=1e5)
+    places = direction_from_angles(np.radians([30.4, 30.6, 32.5]), np.radians([180.2, 182.7, 181.5]))
+    strong = np.column_stack([np.full(3, 10 * COLS + 60), places, [0.5, 0.3, 0.2]])
+    (few, _), = run([radiance], 4, strong=strong)[0]
+    (many, _), = run([radiance], 100, strong=strong)[0]
+    sun = many.irradiance[:, 1] > 0.1 * total(many)[1]
+    assert np.degrees(angle_between(many.directions[sun][:, None].astype(float), places)).min(axis=0).max() < 0.05
+    assert (few.irradiance[:, 1] > 0.1 * total(few)[1]).sum() < 3
+    for lights in (few, many):
+        np.testing.assert_allclose(total(lights), map_irradiance(radiance, "hemisphere"), rtol=1e-6)
 
 
 def test_two_equal_opposite_lamps():

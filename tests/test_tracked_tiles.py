@@ -6,7 +6,7 @@ from services.sampler.tracked_noise import NO_NOISE, with_map
 from services.sampler.tracked_tiles import grid, received, tiles_from_map
 from services.sphere import Coverage, cell_directions, luminance, map_irradiance
 
-NONE = np.empty((0, 4))
+NONE = np.empty((0, 5))
 
 
 def sky(seed, rows=36, cols=90):

@@ -26,6 +26,7 @@ from services.capture.lens import (
     vignetting_from_angle,
 )
 from services.sphere import SPAN, Coverage, angles_from_direction, cell_solid_angles, direction_from_angles
+from services.strong import NONE, StrongLight, strong_light
 
 Bayer = Literal["RGGB", "BGGR", "GRBG", "GBRG"]  # colours of the first two pixels of the first two rows
 LOOKUP = 4096  # angles of the radius table; between two of them the line is off by (3 / 4096)^2 / 8 = 7e-8 rad at most
@@ -263,19 +264,19 @@ def lit_spans(weights: FisheyeToPolar) -> np.ndarray:
     return np.column_stack([np.minimum(first, last), last])
 
 
-def fisheye_centres(
-    brightness: Callable[[np.ndarray], np.ndarray], weights: FisheyeToPolar, lens: Lens, cells: np.ndarray
-) -> np.ndarray:
-    """Directions (n, 3) float32 to the centre of the light inside each of the map's `cells` (n,).
+def fisheye_strong(
+    brightness: Callable[[np.ndarray], np.ndarray], weights: FisheyeToPolar, lens: Lens, cells: np.ndarray, coverage: Coverage
+) -> StrongLight:
+    """Where light sits inside each of the map's `cells` (n,), flat indices.
 
     `brightness`: luminance of the image's pixels (m,) int64, flat indices, some of which must be lit in each cell.
     """
+    if not len(cells):
+        return NONE
     entries = [weights.by_cell[weights.start[c] : weights.start[c + 1]] for c in cells]
     each = np.concatenate(entries)
     pixel = weights.pixel[each].astype(np.int64)
     flux = (weights.weight[each] * brightness(pixel)).astype(np.float64)
     at = np.column_stack([pixel % weights.shape[1], pixel // weights.shape[1]])
-    moment = flux[:, None] * direction_from_pixel(at, lens)
-    ends = np.cumsum([0] + [len(part) for part in entries[:-1]])
-    total = np.add.reduceat(moment, ends) @ lens.rotation.T
-    return (total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)).astype(np.float32)
+    owner = np.repeat(cells.astype(np.int64), [len(part) for part in entries])
+    return strong_light(owner, direction_from_pixel(at, lens) @ lens.rotation.T, flux, weights.rows, weights.cols, coverage)

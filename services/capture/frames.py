@@ -12,23 +12,24 @@ from services.capture.fisheye import (
     FisheyeToPolar,
     clipped_counts,
     colour_lattices,
-    fisheye_centres,
+    fisheye_strong,
     fisheye_to_polar,
     lit_spans,
     polar_from_codes,
     polar_from_fisheye,
 )
 from services.capture.lens import Lens, read_lens
-from services.capture.polar import LatlongToPolar, latlong_centres, latlong_to_polar, polar_from_latlong
+from services.capture.polar import LatlongToPolar, latlong_strong, latlong_to_polar, polar_from_latlong
 from services.capture.response import Response, radiance_table, read_response
 from services.files import BadInput
 from services.images import read_radiance
 from services.settings import Capture
 from services.sphere import Coverage, cell_solid_angles, luminance
+from services.strong import NONE, StrongLight
 
 Mosaic = Literal["mono"] | Bayer
 MOSAICS: tuple[Mosaic, ...] = ("mono", *get_args(Bayer))
-STRONG = 1 / 500  # of the map's power: a cell that holds more has its flux centre measured; a tenth of a light when there are 50
+STRONG = 1 / 500  # of the map's power: a cell that holds more is measured part by part; a tenth of a light when there are 50
 MOST = 64  # such cells a frame
 
 
@@ -41,8 +42,7 @@ class Frame(NamedTuple):
     luminance_scale: float | None  # cd/m2 per unit of luminance, where it is known
     black: int  # values inside the lens's rim at the sensor's lowest code; 0 for files of radiance
     saturated: int  # and at its highest
-    strong: np.ndarray = np.empty(0, np.int32)  # (n,) int32, flat index of each cell with more than 1/500 of the power, strongest first
-    centres: np.ndarray = np.empty((0, 3), np.float32)  # (n, 3) float32, unit vectors to the centres of the light in them
+    strong: StrongLight = NONE  # where light sits inside each cell with more than 1/500 of the power
     lost: int = 0  # cameras: frames that the kernel counted and we never had, since the frame before
     monotonic_ns: int | None = None  # cameras: the kernel's time stamp
 
@@ -93,23 +93,22 @@ class FrameMaker:
             if (*image.shape[:2], attributes.get("vemlight:coverage")) != (s.rows, s.cols, s.coverage):
                 found = f"{attributes.get('vemlight:coverage')} of {image.shape[0]} x {image.shape[1]}"
                 raise BadInput(f"{name}: is a {found} cells and [capture] asks for a {s.coverage} of {s.rows} x {s.cols}; set it so")
-            radiance, centres = image, None
+            radiance, strong_of = image, None
         elif kind == "latlong":
             height, width = image.shape[:2]
             weights = self._latlong = self._latlong or latlong_to_polar(height, width, s.rows, s.cols, s.coverage)
-            radiance, centres = polar_from_latlong(image, weights), lambda cells: latlong_centres(image, weights, cells, s.coverage)
+            radiance, strong_of = polar_from_latlong(image, weights), lambda cells: latlong_strong(image, weights, cells, s.coverage)
         elif kind == "fisheye":
             self._prepare(name, image, None)
             radiance = polar_from_fisheye(image, self._fisheye[0])
             flat = image.reshape(-1, 3)
-            centres = self._centres(lambda pixel: luminance(flat[pixel]))
+            strong_of = self._strong_of(lambda pixel: luminance(flat[pixel]))
         else:
             raise BadInput(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
-        strong = strong_cells(radiance, s.coverage) if centres else np.empty(0, np.int32)
-        where = centres(strong) if centres and len(strong) else np.empty((0, 3), np.float32)
+        strong = strong_of(strong_cells(radiance, s.coverage)) if strong_of else NONE
         scale = attributes.get("whiteLuminance")
         scale = float(scale) if isinstance(scale, float | int) and 0 < scale < 1e30 else None
-        return Frame(radiance, s.coverage, time_s, scale, 0, 0, strong, where)
+        return Frame(radiance, s.coverage, time_s, scale, 0, 0, strong)
 
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
         """The frame of raw `codes` uint8 or uint16: (height, width) of a `mosaic`, or (height, width, 3) without one.
@@ -137,13 +136,12 @@ class FrameMaker:
             weights = self._fisheye if len(self._fisheye) == 3 else self._fisheye * 3
             maps = [polar_from_codes(channel, w, table) for channel, w in zip(channels, weights, strict=True)]
             radiance = np.stack(maps, axis=-1)
-        strong = strong_cells(radiance, s.coverage)
         flat = codes.reshape(-1) if codes.ndim == 2 else codes.reshape(-1, 3)
         # a mosaic's green pixels stand for its luminance
-        bright = self._centres(lambda pixel: table[flat[pixel]] if codes.ndim == 2 else luminance(table[flat[pixel]]))
-        where = bright(strong) if len(strong) else np.empty((0, 3), np.float32)
+        strong_of = self._strong_of(lambda pixel: table[flat[pixel]] if codes.ndim == 2 else luminance(table[flat[pixel]]))
+        strong = strong_of(strong_cells(radiance, s.coverage))
         black, saturated = (sum(count[n] for count in counts) for n in (0, 1))
-        return Frame(radiance, s.coverage, time_s, response.luminance_scale, black, saturated, strong, where)
+        return Frame(radiance, s.coverage, time_s, response.luminance_scale, black, saturated, strong)
 
     def _check_size(self, name: str, image: np.ndarray) -> None:
         height, width = image.shape[:2]
@@ -184,10 +182,10 @@ class FrameMaker:
             raise BadInput(f"{path}: is no image of even light; it must be finite, and lit where the optical axis is")
         return np.maximum(image / middle, 1e-3)  # what the lens shades to less says nothing, and lies beyond the rim
 
-    def _centres(self, brightness: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    def _strong_of(self, brightness: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], StrongLight]:
         lens, weights = self._lens, self._fisheye[1 if len(self._fisheye) == 3 else 0]
         assert lens is not None
-        return lambda cells: fisheye_centres(brightness, weights, lens, cells)
+        return lambda cells: fisheye_strong(brightness, weights, lens, cells, self._settings.coverage)
 
 
 def strong_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:

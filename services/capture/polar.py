@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from services.sphere import SPAN, Coverage, direction_from_angles, luminance, ring_edges
+from services.strong import NONE, StrongLight, strong_light
 
 DUST = 1e-9  # of a cell: overlaps this thin are rounding of edges that coincide (float64 gives 1e-13), and would carry a nan next door
 
@@ -94,14 +95,15 @@ def _separable(image, row_start, row_index, row_weight, col_start, col_index, co
     return polar
 
 
-def latlong_centres(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray, coverage: Coverage) -> np.ndarray:
-    """Directions (n, 3) float32 to the centre of the light inside each of the map's `cells` (n,), flat indices.
+def latlong_strong(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray, coverage: Coverage) -> StrongLight:
+    """Where light sits inside each of the map's `cells` (n,), flat indices.
 
     A pixel's light counts from the middle of what the pixel and the cell share.
     """
     rows, cols = len(weights.rows.start) - 1, len(weights.cols.start) - 1
-    centres = np.empty((len(cells), 3), np.float32)
-    for n, (i, j) in enumerate(zip(*np.divmod(cells, cols), strict=True)):
+    owner, directions, flux = [], [], []
+    for cell in cells.tolist():
+        i, j = divmod(cell, cols)
         y = weights.rows.index[weights.rows.start[i] : weights.rows.start[i + 1]]
         x = weights.cols.index[weights.cols.start[j] : weights.cols.start[j + 1]]
         share = weights.rows.weight[weights.rows.start[i] : weights.rows.start[i + 1], None]
@@ -111,10 +113,12 @@ def latlong_centres(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarra
         # phi of a pixel's low edge, brought next to the cell's
         low = (np.pi - (x + 1) * 2 * np.pi / weights.width - j * turn + np.pi) % (2 * np.pi) - np.pi + j * turn
         phi = _middle(low, 2 * np.pi / weights.width, j * turn, turn)
-        flux = share * np.maximum(luminance(image[np.ix_(y, x)]).astype(np.float64), 0)
-        total = np.einsum("yx,yxc->c", flux, direction_from_angles(theta[:, None], phi[None, :]))
-        centres[n] = total / max(np.linalg.norm(total), 1e-300)
-    return centres
+        owner.append(np.full(share.size, cell))
+        directions.append(direction_from_angles(theta[:, None], phi[None, :]).reshape(-1, 3))
+        flux.append((share * luminance(image[np.ix_(y, x)])).ravel())
+    if not owner:
+        return NONE
+    return strong_light(np.concatenate(owner), np.concatenate(directions), np.concatenate(flux), rows, cols, coverage)
 
 
 def _middle(low: np.ndarray, size: float, cell: float, cell_size: float) -> np.ndarray:

@@ -45,9 +45,8 @@ class SamplerStage:
         header, arrays = message
         assert isinstance(header, wire.Map)
         radiance, *strong = arrays
-        centroids = np.column_stack(strong)
         time_s = header.stamp.time_s
-        memory, lights, report = step(state.settings, state.memory, radiance, header.coverage, time_s, state.render_ms, centroids)
+        memory, lights, report = step(state.settings, state.memory, radiance, header.coverage, time_s, state.render_ms, np.column_stack(strong))
         fine = report.fine or Lights.none()
         made = wire.Lights(
             stamp=header.stamp,
@@ -90,5 +89,5 @@ def warm(settings: settings.Sampler) -> None:
         radiance = np.full((6, 24, 3), 1.5 + np.sin(2 * np.pi * k / 4), np.float32)
         radiance[2, k % 24] = 100
         radiance.flags.writeable = False  # as maps come off the wire: numba compiles the same loop for each of the two
-        centroids = np.array([[2 * 24 + k % 24, 0.0, 0.0, 1.0, 1.0]])
-        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25, None, centroids)
+        strong = np.array([[2 * 24 + k % 24, 0.0, 0.0, 1.0, 1.0]])
+        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25, None, strong)

@@ -8,7 +8,7 @@ from services.lights import Lights
 from services.sampler import cluster, control, filter, flicker
 from services.sampler.density import LightMap, light_map
 from services.sampler.points import points
-from services.sampler.tracked import NO_CENTROIDS, TRIALS, initial_tracked, needed, tracked_step
+from services.sampler.tracked import NO_STRONG, TRIALS, initial_tracked, needed, tracked_step
 from services.sampler.tracked import State as Tracked
 from services.sampler.warp import Anchor, steadied, warp_from_map
 from services.settings import Sampler
@@ -74,19 +74,19 @@ def step(
     coverage: Coverage,
     time_s: float,
     render_ms: float | None = None,
-    centroids: np.ndarray = NO_CENTROIDS,
+    strong: np.ndarray = NO_STRONG,
 ) -> tuple[State, Lights, Report]:
     """The lights of a polar map captured at `time_s`.
 
     radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. render_ms: time of the renderer's last picture,
-    None when there is no new one. centroids: (k, 4) float64, of strong cells row * cols + column and the unit vector of the flux
-    centroid inside the cell, which the method "tracked" uses. The irradiance of the lights sums to the map's integral in every
+    None when there is no new one. strong: (k, 5) float64, which the method "tracked" uses: of the parts of strong cells row * cols +
+    column, ascending, the unit vector of the flux centroid and the share of the cell's light. The irradiance of the lights sums to the map's integral in every
     channel; with a filter (or with flicker taken out) to the filtered integral. Settings may change from call to call.
     """
     if coverage != state.coverage:
         state = initial_state(settings)._replace(coverage=coverage)
     if settings.method == "tracked":
-        return _tracked(settings, state, radiance, coverage, time_s, render_ms, centroids)
+        return _tracked(settings, state, radiance, coverage, time_s, render_ms, strong)
     seen = light = light_map(radiance, coverage)
     beat = flicker.with_frame(state.flicker, time_s, flicker.block_powers(seen, settings.deflicker))
     if settings.deflicker and beat.depth > 0:
@@ -122,7 +122,7 @@ def _tracked(
     coverage: Coverage,
     time_s: float,
     render_ms: float | None,
-    centroids: np.ndarray,
+    strong: np.ndarray,
 ) -> tuple[State, Lights, Report]:
     """The step of the method "tracked", whose lights need neither a filter with a delay nor clusters."""
     shown, beat = radiance, state.flicker
@@ -142,19 +142,19 @@ def _tracked(
     most, need = wanted, state.need
     if settings.error_percent and need:
         wanted = min(wanted, need.count)
-    now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, centroids, smoothing)
+    now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, strong, smoothing)
     if settings.error_percent:
         light, first = light_map(shown, coverage), need is None
         for _ in range(TRIALS if first else 1):
             need = control.held(need, needed(light, lights, settings.error_percent / 100, most), time_s)
             if first:
                 wanted = need.count
-                now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, centroids, smoothing)
+                now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, strong, smoothing)
                 need = None
         need = need or control.Need(wanted, time_s)
     fine_state, fine = state.tracked_fine, None
     if settings.fine:
-        fine_state, fine, _ = tracked_step(settings.fine, fine_state, shown, coverage, time_s, centroids, smoothing)
+        fine_state, fine, _ = tracked_step(settings.fine, fine_state, shown, coverage, time_s, strong, smoothing)
     if not settings.deflicker:
         beat = flicker.with_frame(beat, time_s, np.array([float(luminance(report.irradiance))]))
     made = Report(

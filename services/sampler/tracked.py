@@ -19,7 +19,7 @@ from services.sampler.tracked_noise import LONGEST_GAP_S, NO_NOISE, STRIDE, Nois
 from services.sampler.tracked_tiles import Grid, Tiles, grid, received, tiles_from_map
 from services.sphere import LUMINANCE, Coverage, luminance
 
-NO_CENTROIDS = np.empty((0, 4))
+NO_STRONG = np.empty((0, 5))
 FIRST_STEPS, STEPS = 12, 2  # Lloyd's steps in the first frame, and in every other
 CHURN = 2.0  # a split must gain this many times what the merge costs that makes room for it,
 WORTH = 0.5  # and this many times the mean unrest of a cell
@@ -103,13 +103,13 @@ def tracked_step(
     radiance: np.ndarray,
     coverage: Coverage,
     time_s: float,
-    inside: np.ndarray = NO_CENTROIDS,
+    strong: np.ndarray = NO_STRONG,
     smoothing: bool = True,
 ) -> tuple[State, Lights, Report]:
     """The lights, at most `count`, of a polar map captured at `time_s`. Pure: an old state stays valid.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. inside: (k, 4), for strong cells
-    row * cols + column and the unit vector of the flux centroid inside the cell. Without smoothing the lights sum to the map's
+    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. strong: (k, 5), of the parts of
+    strong cells row * cols + column, the unit vector of the flux centroid and the share of the cell's light. Without smoothing the lights sum to the map's
     integral in every channel. With it, spoilt cells show what they showed last, noise is taken out and new lights leave their
     parents' places; the sum is then the smoothed map's. A map with fewer lit cells than lights has that many; the lights of a black
     one stay where they are, with irradiance 0.
@@ -131,7 +131,7 @@ def tracked_step(
         dark = np.zeros((len(state.ids), 3))
         return known, Lights.of(state.ids, state.sites, dark), report
 
-    tiles = tiles_from_map(clean, coverage, count, inside)
+    tiles = tiles_from_map(clean, coverage, count, strong)
     after, held = _followed(known, of, tiles, count, power)
     directions = centroids(held.moment, after.sites)
     if smoothing:

@@ -13,10 +13,11 @@ from numba import njit
 
 from services.sampler.density import LARGEST
 from services.sphere import LUMINANCE, SPAN, Coverage, cell_directions, cell_solid_angles
+from services.strong import PARTS
 
 BASE = 8  # cells on a side of the largest tile
 SHARE = 0.25  # of a light, for one tile: a light has 4 tiles or more, of even sky 8
-MOST = 4.0  # lights that a base tile counts for: beyond it there are single cells, which cannot be halved
+MOST = 4.0  # lights that a base tile counts for: beyond it there are single cells, which are cut into their parts at most
 SITES = 1.6  # sites weigh radiance^1.6 in Lloyd's step: in the plane their density is then the weight's root
 HOLD = 2  # frames; a lost picture is bridged, and darkness is believed 80 ms late at 25 fps
 CLEAR = 3.0  # standard deviations of the noise: a change of so many goes through at once
@@ -131,28 +132,32 @@ def _receive(radiance, solid_angles, filling, before, variance, ages, clean, irr
     return spoilt
 
 
-def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, centroids: np.ndarray) -> Tiles:
+def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, strong: np.ndarray) -> Tiles:
     """The tiles of a clean map (rows, cols, 3) float32, fine enough for `count` lights.
 
-    centroids: (k, 4), for strong cells: row * cols + column, and the unit vector of the flux centroid inside the cell.
+    strong: (k, 5), of the parts of strong cells: row * cols + column, ascending, unit vector to the part's flux centroid, share of the
+    cell's light (a cell's shares are brought to 1).
     """
     rows, cols, _ = radiance.shape
     of = grid(rows, cols, coverage)
-    inside = np.full(rows * cols, -1, np.int32)
-    inside[centroids[:, 0].astype(np.int64)] = np.arange(len(centroids))
-    whole, start = np.empty((rows * cols, 10)), np.empty(len(of.centres) + 1, np.int64)
-    table = whole[: _fill(radiance, of, centroids, inside, count, whole, start)]
+    inside, strong = np.full(rows * cols, -1, np.int32), strong.copy()
+    if len(strong):
+        cells, first = np.unique(strong[:, 0].astype(np.int64), return_index=True)
+        inside[cells] = first
+        strong[:, 4] /= np.repeat(np.add.reduceat(strong[:, 4], first), np.diff(first, append=len(strong)))
+    whole, start = np.empty((rows * cols + len(strong), 10)), np.empty(len(of.centres) + 1, np.int64)
+    table = whole[: _fill(radiance, of, strong, inside, count, whole, start)]
     return Tiles(table[:, 0:3], table[:, 3], table[:, 4:7], table[:, 7], table[:, 8], start)
 
 
 @njit(cache=True)
-def _fill(radiance, of, centroids, inside, count, table, start):
+def _fill(radiance, of, strong, inside, count, table, start):
     rows, cols, _ = radiance.shape
     # Base tiles first, for the sum of the density; those of strong sources count for MOST lights.
     bases, tile = 0, np.empty((of.centres.shape[0], 10))
     for row in range(0, rows, BASE):
         for col in range(0, cols, BASE):
-            _measure(radiance, of, centroids, inside, row, min(row + BASE, rows), col, min(col + BASE, cols), tile[bases])
+            _measure(radiance, of, strong, inside, row, min(row + BASE, rows), col, min(col + BASE, cols), tile[bases])
             bases += 1
     total = tile[:, 9].sum()
     total = np.minimum(tile[:, 9], MOST / max(count, MOST) * total).sum()
@@ -167,14 +172,14 @@ def _fill(radiance, of, centroids, inside, count, table, start):
                 table[n] = tile[base]
                 n += 1
             elif tile[base, 3] > 0:
-                n = _halve(radiance, of, centroids, inside, limit, stack, row, col, table, n)
+                n = _halve(radiance, of, strong, inside, limit, stack, row, col, table, n)
             base += 1
     start[base] = n
     return n
 
 
 @njit(cache=True)
-def _halve(radiance, of, centroids, inside, limit, stack, row, col, table, n):
+def _halve(radiance, of, strong, inside, limit, stack, row, col, table, n):
     """Appends the tiles of one base tile to the table and returns its new length."""
     rows, cols, _ = radiance.shape
     stack[0] = row, min(row + BASE, rows), col, min(col + BASE, cols)
@@ -182,10 +187,11 @@ def _halve(radiance, of, centroids, inside, limit, stack, row, col, table, n):
     while depth:
         depth -= 1
         i0, i1, j0, j1 = stack[depth]
-        if not whole and _measure(radiance, of, centroids, inside, i0, i1, j0, j1, table[n]) == 0.0:
+        if not whole and _measure(radiance, of, strong, inside, i0, i1, j0, j1, table[n]) == 0.0:
             continue
         if not whole and (table[n, 9] <= limit or (i1 - i0) * (j1 - j0) == 1):
-            n += 1
+            k = inside[i0 * cols + j0]
+            n = _in_parts(strong, k, of.solid_angles[i0], table, n) if k >= 0 and table[n, 9] > limit else n + 1
         elif i1 - i0 > 1 and ((i1 - i0) * of.height >= (j1 - j0) * of.widths[(i0 + i1) // 2] or j1 - j0 == 1):
             middle = (i0 + i1) // 2
             stack[depth], stack[depth + 1] = (middle, i1, j0, j1), (i0, middle, j0, j1)
@@ -199,7 +205,7 @@ def _halve(radiance, of, centroids, inside, limit, stack, row, col, table, n):
 
 
 @njit(cache=True)
-def _measure(radiance, of, centroids, inside, i0, i1, j0, j1, tile):
+def _measure(radiance, of, strong, inside, i0, i1, j0, j1, tile):
     """Fills a row of the table (flux, power, direction, weight, radius, density) and returns the power."""
     red = green = blue = x = y = z = area = 0.0
     for i in range(i0, i1):
@@ -222,10 +228,29 @@ def _measure(radiance, of, centroids, inside, i0, i1, j0, j1, tile):
         return 0.0
     k = inside[i0 * radiance.shape[1] + j0]
     if k >= 0 and (i1 - i0) * (j1 - j0) == 1:
-        x, y, z = power * centroids[k, 1], power * centroids[k, 2], power * centroids[k, 3]
+        cell = strong[k, 0]
+        x = y = z = 0.0
+        while k < strong.shape[0] and strong[k, 0] == cell:
+            part = power * strong[k, 4]
+            x, y, z = x + part * strong[k, 1], y + part * strong[k, 2], z + part * strong[k, 3]
+            k += 1
     height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
     root = (power / area) ** (0.5 * SITES)
     tile[0], tile[1], tile[2], tile[3] = red, green, blue, power
     tile[4], tile[5], tile[6] = x / power, y / power, z / power
     tile[7], tile[8], tile[9] = area * root * root, 0.5 * np.sqrt(height * height + width * width), area * root
     return power
+
+
+@njit(cache=True)
+def _in_parts(strong, k, area, table, n):
+    """Replaces the last tile of the table, the cell whose parts begin at `k`, by its parts; returns the table's new length."""
+    cell, whole, small = strong[k, 0], table[n].copy(), area / (PARTS * PARTS)
+    while k < strong.shape[0] and strong[k, 0] == cell:
+        share = strong[k, 4]
+        root = (whole[3] * share / small) ** (0.5 * SITES)
+        table[n, :4] = share * whole[:4]
+        table[n, 4:7] = strong[k, 1:4]
+        table[n, 7], table[n, 8], table[n, 9] = small * root * root, whole[8] / PARTS, small * root
+        n, k = n + 1, k + 1
+    return n

@@ -50,6 +50,7 @@ class Capture(Record, frozen=True):
     width: Annotated[int, Meta(ge=0, le=16384)] = 0  # cameras: what to ask for; 0: the lens file's size
     height: Annotated[int, Meta(ge=0, le=16384)] = 0
     record: str = ""  # folder to record to; empty: nothing is recorded
+    threads: Annotated[int, Meta(ge=1, le=8)] = 1  # fisheye frames: that share the work; more are for images above 2 megapixels
 
 
 class Sampler(Record, frozen=True):

@@ -1,153 +1,93 @@
 """The renderer's plate and its catchers of shadows."""
 
-"""A second camera's pictures: the film's own, in any order, at the moment of the light that they stand behind."""
+from pathlib import Path
 
-import cv2
-import msgspec
 import numpy as np
 import pytest
 
-from services import wire
-from services.beside import Nearest, Together
-from services.demand import Supply
 from services.files import BadInput
-from services.plate.films import open_pictures
-from services.plate.stage import PlateSource
-from services.settings import Plate, read_settings
-from services.sockets import Wires, admit
-from services.tally import Tally
-from tests.conftest import wait_until
+from services.images import write_exr, write_png
+from services.lights import Lights
+from services.renderer.renderer import Renderer
+from services.renderer.scene import load_scene
+from services.settings import Renderer as Settings
+from services.sphere import direction_from_angles
 
-SIZE = 64, 48
-FRAMES = 12
-
-
-def gray_of(k: int) -> int:
-    return 20 + 15 * k  # far enough apart for a codec that loses detail
+CAMERA = "[camera]\nfrom = [0.0, -6.0, 4.0]\nat = [0.0, 0.0, 0.2]\nfov_y = 40.0\n"
+BOX = '[[mesh]]\nshape = "box"\nscale = 0.4\nat = [0.0, 0.0, 0.4]\n'
+CATCHER = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {catcher = true}\n'
+REAL = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {diffuse = [0.5, 0.5, 0.5]}\n'
 
 
-@pytest.fixture(scope="module")
-def film(tmp_path_factory):
-    path = tmp_path_factory.mktemp("plate") / "film.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 24.0, SIZE)
-    for k in range(FRAMES):
-        writer.write(np.full((SIZE[1], SIZE[0], 3), gray_of(k), np.uint8))
-    writer.release()
-    return path
+def drawn(folder: Path, text: str, lights: Lights, **settings) -> np.ndarray:
+    (folder / "scene.toml").write_text(CAMERA + text)
+    wanted = Settings(**{"width": 64, "height": 48, "shadow_map": 128, **settings})
+    renderer = Renderer(load_scene(folder / "scene.toml"), wanted, samples=4)
+    picture = renderer.render(lights).copy()
+    renderer.release()
+    return picture
 
 
-def test_a_films_pictures_come_in_any_order(film):
-    pictures = open_pictures(film, fps=1.0)
-    assert (len(pictures), pictures.fps) == (FRAMES, 24.0)
-    for k in (0, 1, 2, 7, 3, 11, 0):
-        assert abs(pictures.picture(k).mean() - gray_of(k)) < 3, k
+def some_lights(count: int) -> Lights:
+    k = np.arange(count) + 0.5
+    irradiance = np.random.default_rng(2).uniform(0, 1, (count, 1)) * np.ones(3)
+    return Lights.of(k, direction_from_angles(np.arccos(k / count), k * 2.4), irradiance)
 
 
-def test_a_folders_pictures_have_rgb_and_the_settings_rate(tmp_path):
-    red = np.zeros((3, 4, 3), np.uint8)
-    red[..., 2] = 250  # OpenCV writes BGR
-    cv2.imwrite(str(tmp_path / "b.png"), red)
-    cv2.imwrite(str(tmp_path / "a.png"), 0 * red)
-    pictures = open_pictures(tmp_path, fps=5.0)
-    assert (len(pictures), pictures.fps) == (2, 5.0)
-    assert pictures.picture(1)[0, 0].tolist() == [250, 0, 0]
+@pytest.mark.parametrize("count", [1, 12])
+def test_a_catcher_darkens_the_plate_as_a_real_ground_would_be_darkened(tmp_path, count):
+    lights = some_lights(count)
+    real, empty = drawn(tmp_path, REAL + BOX, lights), drawn(tmp_path, REAL, lights)
+    caught = drawn(tmp_path, CATCHER + BOX, lights)
+    ground = (np.abs(real[..., 3] - 1) < 1e-6) & ~caught[..., :3].any(axis=-1)  # where no part of the box is seen
+    assert ground.sum() > 500
+    left = real[ground][:, 0] / empty[ground][:, 0]
+    assert np.abs((1 - caught[ground][:, 3]) - left).max() < 2e-3
+    assert caught[ground][:, 3].max() > 0.3 / count
 
 
-def test_what_is_no_film_is_one_clear_line(tmp_path, film):
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "noise.mp4").write_bytes(np.random.default_rng(1).bytes(5000))
-    (tmp_path / "cut.avi").write_bytes(film.read_bytes()[:60])
-    (tmp_path / "short.avi").write_bytes(film.read_bytes()[: film.stat().st_size * 2 // 3])
-    (tmp_path / "pictures").mkdir()
-    (tmp_path / "pictures" / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
-    for name in ("missing", "empty", "noise.mp4", "cut.avi", "short.avi"):
-        with pytest.raises(BadInput, match=name.partition(".")[0]):
-            open_pictures(tmp_path / name, 25.0)
-    with pytest.raises(BadInput, match=r"a\.png"):
-        open_pictures(tmp_path / "pictures", 25.0).picture(0)
+def test_the_plate_lies_behind_everything(tmp_path):
+    pixels = np.random.default_rng(1).uniform(0, 2, (48, 64, 3)).astype(np.float32)
+    write_exr(tmp_path / "plate.exr", pixels)
+    lights = some_lights(5)
+    over = drawn(tmp_path, CATCHER + BOX + '[plate]\nfile = "plate.exr"\nstops = 1.0', lights)
+    alone = drawn(tmp_path, CATCHER + BOX, lights)
+    assert np.all(over[..., 3] == 1)
+    # half floats keep 11 bits of the plate
+    assert np.allclose(over[..., :3], alone[..., :3] + 2 * pixels * (1 - alone[..., 3:]), rtol=2e-3, atol=1e-4)
 
 
-def test_the_film_goes_on_from_its_start(film):
-    source = PlateSource(Plate(source=str(film)))
-    assert source.limit is None
-    header, (pixels,) = source.message(FRAMES + 2, 2, 0.0)
-    assert isinstance(header, wire.Plate)
-    assert (header.stamp.sequence, header.width, header.height) == (FRAMES + 2, *SIZE)
-    assert abs(pixels.mean() - gray_of(2)) < 3
+def test_a_plate_as_png_is_taken_to_linear_light_upright(tmp_path):
+    pixels = np.zeros((2, 2, 3), np.uint8)
+    pixels[0] = 188
+    write_png(tmp_path / "plate.png", pixels)
+    picture = drawn(tmp_path, CATCHER + '[plate]\nfile = "plate.png"', some_lights(1))
+    assert np.allclose(picture[0, :, :3], 0.503, atol=2e-3)
+    assert not picture[-1, :, :3].any()
 
 
-@pytest.fixture
-def wires(make_settings):
-    opened = Wires(make_settings()[0].wire)
-    yield opened
-    opened.close()
+def test_without_light_a_catcher_is_clear(tmp_path):
+    dark = some_lights(3)._replace(irradiance=np.zeros((3, 3), np.float32))
+    assert drawn(tmp_path, CATCHER, dark).max() == 0
 
 
-def plate(sequence: int, monotonic_ns: int) -> wire.Message:
-    stamp = msgspec.structs.replace(wire.stamp(sequence, 0.0), monotonic_ns=monotonic_ns)
-    return wire.Plate(stamp=stamp, width=1, height=1), (np.full((1, 1, 3), sequence, np.uint8),)
+def test_a_target_frame_time_catches_the_same_shadows(tmp_path):
+    lights = some_lights(6)
+    assert np.allclose(drawn(tmp_path, CATCHER + BOX, lights, frame_ms=1e4), drawn(tmp_path, CATCHER + BOX, lights), atol=2e-2)
 
 
-def test_live_the_picture_nearest_in_time_is_taken(wires):
-    publisher = wires.bind("plate", "publish")
-    nearest, tally = Nearest(wires, ["plate"]), Tally("renderer", 0)
-    lights = msgspec.structs.replace(wire.stamp(90, 0.0), monotonic_ns=1_000_000)
-    assert nearest.to(lights, tally) == []
-    wait_until(lambda: publisher.poll(0) or None, "the subscription")
-    admit(publisher)
-    for sequence, at_ns in ((1, 700_000), (2, 1_100_000), (3, 1_300_000)):
-        publisher.send_multipart(wire.pack(*plate(sequence, at_ns)))
-    wait_until(lambda: nearest.to(lights, tally) and len(nearest._last[0]) == 3, "three pictures")
-    assert [array[0, 0, 0] for _, (array,) in nearest.to(lights, tally)] == [2]
-
-
-def test_lossless_the_frames_of_one_number_come_together(wires):
-    supplies = {name: Supply(wires.bind(name, "serve"), Tally(name, 0)) for name in ("sampler", "plate")}
-    inputs = Together(wires, ["sampler", "plate"], Tally("renderer", 0))
-    seen = []
-
-    def served() -> bool:
-        for name, supply in supplies.items():
-            supply.wanted()
-            ready = 5 if name == "plate" else 3  # the lights of frame 3 are not made yet
-            supply.send(lambda k, ready=ready: plate(k, 0) if k < ready else None, end=None)
-        if frames := inputs.frames(len(seen)):
-            seen.append([header.stamp.sequence for header, _ in frames if isinstance(header, wire.FRAME)])
-        return len(seen) == 3
-
-    wait_until(served, "three pairs")
-    assert seen == [[0, 0], [1, 1], [2, 2]]
-    assert len(inputs.awaited()) == 2
-    inputs.frames(3)
-    wait_until(lambda: served() and len(inputs.awaited()) == 1, "the picture without its lights")
-    inputs.restart()
-    assert len(inputs.awaited()) == 2
-
-
-def test_the_service_sends_what_is_asked_for(make_settings, services, film):
-    _, path = make_settings(mode="lossless", plate={"source": str(film)})
-    settings = read_settings(path)
-    assert settings.services[-1] == "plate"
-    services.start("services.plate", str(path))
-    wires = Wires(settings.wire)
-    try:
-        inputs, seen = Together(wires, ["plate"], Tally("renderer", 0)), []
-
-        def came() -> bool:
-            if frames := inputs.frames(FRAMES - 2 + len(seen)):
-                seen.extend(array.mean() for _, (array,) in frames)
-            return len(seen) == 4
-
-        wait_until(came, "four pictures")
-    finally:
-        wires.close()
-    np.testing.assert_allclose(seen, [gray_of(k) for k in (FRAMES - 2, FRAMES - 1, 0, 1)], atol=3)
-
-
-def test_without_a_second_camera_none_runs(make_settings):
-    assert make_settings()[0].services == ("capture", "sampler", "renderer", "viewer")
-
-
-def test_a_camera_cannot_be_replayed(make_settings):
-    with pytest.raises(BadInput, match="/dev/video1 is a camera"):
-        make_settings(mode="lossless", plate={"source": "/dev/video1"})
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (CATCHER + CATCHER, "join them"),
+        ('[[mesh]]\nshape = "sphere"\nmaterial = {catcher = true}', "not flat"),
+        ('[[mesh]]\nshape = "plane"\nmaterial = {catcher = true, diffuse = [0.1, 0.1, 0.1]}', "no colour"),
+        (CATCHER + '[plate]\nfile = "absent.png"', "absent.png"),
+        (CATCHER + '[plate]\nfile = "absent.exr"', "absent.exr"),
+        (CATCHER + '[plate]\nfile = "plate.gif"', "convert it"),
+    ],
+)
+def test_bad_catchers_and_plates_are_named(tmp_path, text, words):
+    (tmp_path / "scene.toml").write_text(CAMERA + text)
+    with pytest.raises(BadInput, match=words):
+        load_scene(tmp_path / "scene.toml")

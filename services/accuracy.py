@@ -67,7 +67,7 @@ def _still(name: str, method: str, count: int, radiance: np.ndarray, strong: np.
 def _moving(name: str, method: str, radiance: np.ndarray, strong: np.ndarray) -> dict[str, Any]:
     wanted = settings.record(Sampler, {"method": method, "count": MOVING_COUNT}, "--")
     state, made = initial_state(wanted), []
-    rows, cols, _ = radiance.shape
+    cols = radiance.shape[1]
     for k in range(FRAMES):
         seen = np.roll(radiance, k, axis=1)
         state, lights, _ = step(wanted, state, seen, "hemisphere", k / FPS, None, _turned(strong, k, cols))

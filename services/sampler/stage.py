@@ -45,8 +45,8 @@ class SamplerStage:
         header, arrays = message
         assert isinstance(header, wire.Map)
         radiance, *strong = arrays
-        time_s = header.stamp.time_s
-        memory, lights, report = step(state.settings, state.memory, radiance, header.coverage, time_s, state.render_ms, np.column_stack(strong))
+        told = radiance, header.coverage, header.stamp.time_s, state.render_ms, np.column_stack(strong)
+        memory, lights, report = step(state.settings, state.memory, *told)
         fine = report.fine or Lights.none()
         made = wire.Lights(
             stamp=header.stamp,

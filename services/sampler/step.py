@@ -80,8 +80,9 @@ def step(
 
     radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. render_ms: time of the renderer's last picture,
     None when there is no new one. strong: (k, 5) float64, which the method "tracked" uses: of the parts of strong cells row * cols +
-    column, ascending, the unit vector of the flux centroid and the share of the cell's light. The irradiance of the lights sums to the map's integral in every
-    channel; with a filter (or with flicker taken out) to the filtered integral. Settings may change from call to call.
+    column, ascending, the unit vector of the flux centroid and the share of the cell's light. The irradiance of the lights sums to
+    the map's integral in every channel; with a filter (or with flicker taken out) to the filtered integral. Settings may change from
+    call to call.
     """
     if coverage != state.coverage:
         state = initial_state(settings)._replace(coverage=coverage)

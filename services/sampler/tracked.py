@@ -108,11 +108,11 @@ def tracked_step(
 ) -> tuple[State, Lights, Report]:
     """The lights, at most `count`, of a polar map captured at `time_s`. Pure: an old state stays valid.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. strong: (k, 5), of the parts of
-    strong cells row * cols + column, the unit vector of the flux centroid and the share of the cell's light. Without smoothing the lights sum to the map's
-    integral in every channel. With it, spoilt cells show what they showed last, noise is taken out and new lights leave their
-    parents' places; the sum is then the smoothed map's. A map with fewer lit cells than lights has that many; the lights of a black
-    one stay where they are, with irradiance 0.
+    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. strong: (k, 5), of the parts of strong cells
+    row * cols + column, ascending, the unit vector of the flux centroid and the share of the cell's light. Without smoothing the lights
+    sum to the map's integral in every channel. With it, spoilt cells show what they showed last, noise is taken out and new lights
+    leave their parents' places; the sum is then the smoothed map's. A map with fewer lit cells than lights has that many; the lights
+    of a black one stay where they are, with irradiance 0.
     """
     rows, cols, _ = radiance.shape
     if state.clean is None or coverage != state.coverage or state.clean.shape != radiance.shape:

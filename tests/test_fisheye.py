@@ -4,8 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.capture.fisheye import fisheye_to_polar, polar_from_fisheye
+from services.capture.fisheye import fisheye_to_polar
 from services.capture.lens import Lens, direction_from_pixel, pixel_from_direction, pixel_solid_angles
+from services.capture.scatter import polar_from_fisheye
 from services.sphere import angle_between, cell_directions, cell_solid_angles, map_irradiance, rotation_xyz
 
 ROWS, COLS = 45, 180

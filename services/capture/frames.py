@@ -10,17 +10,15 @@ from services.capture.fisheye import (
     ALL,
     Bayer,
     FisheyeToPolar,
-    clipped_counts,
     colour_lattices,
     fisheye_strong,
     fisheye_to_polar,
     lit_spans,
-    polar_from_codes,
-    polar_from_fisheye,
 )
 from services.capture.lens import Lens, read_lens
 from services.capture.polar import LatlongToPolar, latlong_strong, latlong_to_polar, polar_from_latlong
 from services.capture.response import Response, radiance_table, read_response
+from services.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
 from services.files import BadInput
 from services.images import read_radiance
 from services.settings import Capture
@@ -59,6 +57,7 @@ class FrameMaker:
         self._response: Response | None = (
             read_response(self._response_path) if settings.response or self._response_path.exists() else None
         )
+        self._threads = Threads(settings.threads)
         self._table: np.ndarray | None = None
         self._shape: tuple[int, int] | None = None
         self._latlong: LatlongToPolar | None = None
@@ -100,7 +99,7 @@ class FrameMaker:
             radiance, strong_of = polar_from_latlong(image, weights), lambda cells: latlong_strong(image, weights, cells, s.coverage)
         elif kind == "fisheye":
             self._prepare(name, image, None)
-            radiance = polar_from_fisheye(image, self._fisheye[0])
+            radiance = polar_from_fisheye(image, self._fisheye[0], self._threads)
             flat = image.reshape(-1, 3)
             strong_of = self._strong_of(lambda pixel: luminance(flat[pixel]))
         else:
@@ -130,11 +129,11 @@ class FrameMaker:
         if (highest := max(count[2] for count in counts)) > response.top:
             raise BadInput(f"{name}: has code {highest} and the response {response.bits} bits; give the response of this sensor")
         if mosaic == "mono":
-            gray = polar_from_codes(codes, self._fisheye[0], table)
-            radiance = np.repeat(gray[..., None], 3, axis=-1)
+            radiance = np.empty((s.rows, s.cols, 3), np.float32)
+            radiance[...] = polar_from_codes(codes, self._fisheye[0], table, self._threads)[..., None]
         else:
             weights = self._fisheye if len(self._fisheye) == 3 else self._fisheye * 3
-            maps = [polar_from_codes(channel, w, table) for channel, w in zip(channels, weights, strict=True)]
+            maps = [polar_from_codes(channel, w, table, self._threads) for channel, w in zip(channels, weights, strict=True)]
             radiance = np.stack(maps, axis=-1)
         flat = codes.reshape(-1) if codes.ndim == 2 else codes.reshape(-1, 3)
         # a mosaic's green pixels stand for its luminance

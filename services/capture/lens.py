@@ -199,11 +199,12 @@ def pixel_angles(lens: Lens) -> np.ndarray:
     width, height = lens.size
     x, y = np.meshgrid((np.arange(width) - lens.c[0]) / lens.f[0], (np.arange(height) - lens.c[1]) / lens.f[1])
     flat = np.hypot(x, y).ravel()
-    return _angles(flat, lens.k, lens.rim).reshape(height, width)
+    return angles_from_radii(flat, lens.k, lens.rim).reshape(height, width)
 
 
 @njit(cache=True)
-def _angles(radius, k, rim):
+def angles_from_radii(radius, k, rim):
+    """`angle_from_radius` of many, (n,) float64."""
     theta = np.empty_like(radius)
     for i in range(len(radius)):
         theta[i] = angle_from_radius(radius[i], k, rim)

@@ -1,0 +1,93 @@
+"""Fisheye images through their weights: one pass over what each pixel gives to each cell, by one thread or shared by several.
+
+Each thread adds to a part of the map that is its own, and each cell is added to in one order: any number of threads gives the same bytes.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import wait as all_of
+
+import numpy as np
+from numba import njit
+
+from services.capture.fisheye import PARTS, FisheyeToPolar
+
+
+class Threads:
+    """This thread and `count` - 1 others."""
+
+    def __init__(self, count: int = 1):
+        self.count = min(count, PARTS)
+        self._others = ThreadPoolExecutor(self.count - 1, "scatter") if self.count > 1 else None
+
+    def share(self, job: Callable[[slice], None], ends: np.ndarray) -> None:
+        """Calls `job` with slices that make up ends[0] : ends[-1], each from one of the ends to another, and waits for all."""
+        cuts = [int(ends[n * PARTS // self.count]) for n in range(self.count + 1)]
+        if self._others is None:
+            job(slice(cuts[0], cuts[-1]))
+            return
+        others = [self._others.submit(job, slice(*pair)) for pair in zip(cuts[1:-1], cuts[2:], strict=True)]
+        job(slice(cuts[0], cuts[1]))
+        for other in all_of(others).done:
+            other.result()
+
+
+ALONE = Threads()
+
+
+def polar_from_fisheye(image: np.ndarray, weights: FisheyeToPolar, threads: Threads = ALONE) -> np.ndarray:
+    """The polar map (rows, cols, 3) float32 of a fisheye image of radiance (height, width, 3) float32."""
+    polar, flat = np.zeros((weights.rows * weights.cols, 3), np.float32), image.reshape(-1, 3)
+
+    def job(some: slice) -> None:
+        _add_radiance(polar, flat, weights.pixel[some], weights.cell[some], weights.weight[some])
+
+    threads.share(job, weights.ends)
+    return polar.reshape(weights.rows, weights.cols, 3)
+
+
+@njit(cache=True, nogil=True)
+def _add_radiance(polar, image, pixel, cell, weight):
+    for m in range(len(pixel)):
+        w, p, at = weight[m], pixel[m], cell[m]
+        polar[at, 0] += w * image[p, 0]
+        polar[at, 1] += w * image[p, 1]
+        polar[at, 2] += w * image[p, 2]
+
+
+def polar_from_codes(codes: np.ndarray, weights: FisheyeToPolar, table: np.ndarray, threads: Threads = ALONE) -> np.ndarray:
+    """The polar map (rows, cols) float32 of one channel of raw codes, (height, width) uint8 or uint16.
+
+    `table`: radiance of each code that the dtype has, (256,) or (65536,) float32, finite.
+    """
+    polar, flat = np.zeros(weights.rows * weights.cols, np.float32), codes.reshape(-1)
+
+    def job(some: slice) -> None:
+        _add_codes(polar, flat, weights.pixel[some], weights.cell[some], weights.weight[some], table)
+
+    threads.share(job, weights.ends)
+    return polar.reshape(weights.rows, weights.cols)
+
+
+@njit(cache=True, nogil=True)
+def _add_codes(polar, codes, pixel, cell, weight, table):
+    for m in range(len(pixel)):
+        polar[cell[m]] += weight[m] * table[codes[pixel[m]]]
+
+
+@njit(cache=True)
+def clipped_counts(codes, spans, top):
+    """(black, saturated, highest code) of codes (height, width) within `spans` (height, 2) of columns, first and last + 1."""
+    black, saturated, highest = 0, 0, 0
+    for y in range(len(spans)):
+        row = codes[y, spans[y, 0] : spans[y, 1]]
+        # counters as narrow as codes let the processor count many at a time; no row has 2^16 pixels
+        low, high, most = np.uint16(0), np.uint16(0), np.uint16(0)
+        for x in range(len(row)):
+            low += np.uint16(row[x] == 0)
+            high += np.uint16(row[x] >= top)
+            most = max(most, np.uint16(row[x]))
+        black += low
+        saturated += high
+        highest = max(highest, most)
+    return black, saturated, highest

@@ -1,0 +1,79 @@
+"""Fisheye images through their weights."""
+
+import numpy as np
+import pytest
+
+from services.capture.fisheye import PARTS, colour_lattices, fisheye_to_polar, lit_spans
+from services.capture.lens import Lens
+from services.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
+from services.sphere import map_irradiance
+
+LENS = Lens(size=(220, 200), f=(57.0, 57.5), c=(109.2, 99.6), k1=-0.01, k2=0.001, k3=0.0, k4=0.0, rim_deg=95.0)
+WEIGHTS = fisheye_to_polar(LENS, 45, 180, "hemisphere")
+
+
+@pytest.mark.parametrize("count", [2, 3, PARTS, PARTS + 1])
+def test_any_number_of_threads_gives_the_same_bytes(count: int) -> None:
+    rng, threads = np.random.default_rng(1), Threads(count)
+    codes, table = rng.integers(0, 4096, (200, 220)).astype(np.uint16), rng.lognormal(0, 3, 65536).astype(np.float32)
+    image = rng.lognormal(0, 3, (200, 220, 3)).astype(np.float32)
+    assert polar_from_codes(codes, WEIGHTS, table, threads).tobytes() == polar_from_codes(codes, WEIGHTS, table).tobytes()
+    assert polar_from_fisheye(image, WEIGHTS, threads).tobytes() == polar_from_fisheye(image, WEIGHTS).tobytes()
+
+
+def test_trouble_in_another_thread_is_not_lost() -> None:
+    def job(some: slice) -> None:
+        if some.start > 0:
+            raise MemoryError("no room")
+
+    with pytest.raises(MemoryError):
+        Threads(2).share(job, WEIGHTS.ends)
+
+
+@pytest.mark.parametrize("lattices", [None, *colour_lattices("GRBG")])
+def test_parts_have_cells_of_their_own_and_much_the_same_work(lattices: tuple | None) -> None:
+    weights = fisheye_to_polar(LENS, 45, 180, "hemisphere", lattices) if lattices else WEIGHTS
+    assert weights.ends[0] == 0
+    assert weights.ends[-1] == len(weights.cell)
+    cells = [np.unique(weights.cell[begin:end]) for begin, end in zip(weights.ends[:-1], weights.ends[1:], strict=True)]
+    assert all(before.max() < after.min() for before, after in zip(cells[:-1], cells[1:], strict=True))
+    assert np.diff(weights.ends).max() < 1.1 * len(weights.cell) / PARTS
+
+
+def test_codes_are_radiance_by_the_table() -> None:
+    rng = np.random.default_rng(2)
+    codes, table = rng.integers(0, 256, (200, 220)).astype(np.uint8), rng.lognormal(0, 1, 256).astype(np.float32)
+    by_codes = polar_from_codes(codes, WEIGHTS, table)
+    by_radiance = polar_from_fisheye(np.repeat(table[codes][..., None], 3, -1), WEIGHTS)
+    assert by_codes.tobytes() == by_radiance[..., 1].tobytes()
+
+
+def test_a_black_frame_is_a_black_map() -> None:
+    assert not polar_from_codes(np.zeros((200, 220), np.uint16), WEIGHTS, np.zeros(65536, np.float32)).any()
+
+
+def test_a_map_too_small_for_all_parts_is_whole() -> None:
+    weights = fisheye_to_polar(LENS, 2, 4, "hemisphere")  # one cell may be a part, and a part empty
+    for threads in (Threads(), Threads(3)):
+        got = polar_from_fisheye(np.ones((200, 220, 3), np.float32), weights, threads)
+        assert map_irradiance(got, "hemisphere")[0] == pytest.approx(2 * np.pi, rel=1e-3)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_clipped_codes_are_counted_in_the_spans_only(dtype: type) -> None:
+    top = int(np.iinfo(dtype).max)
+    codes = np.random.default_rng(3).choice(np.array([0, 1, top - 1, top], dtype), (200, 220))
+    spans = lit_spans(WEIGHTS)
+    inside = np.zeros(codes.shape, bool)
+    for y, (first, last) in enumerate(spans):
+        inside[y, first:last] = True
+    seen = codes[inside]
+    assert tuple(map(int, clipped_counts(codes, spans, top))) == (np.sum(seen == 0), np.sum(seen == top), top)
+
+
+def test_spans_hold_every_pixel_with_a_weight() -> None:
+    y, x = np.divmod(WEIGHTS.pixel.astype(int), 220)
+    spans = lit_spans(WEIGHTS)
+    for row in np.unique(y):
+        assert tuple(spans[row]) == (x[y == row].min(), x[y == row].max() + 1)
+    assert (spans[np.setdiff1d(np.arange(200), y)] == 0).all()

@@ -17,8 +17,9 @@ from msgspec import Meta
 from services.sphere import Coverage
 
 VERSION = 1
-MAX_HEADER = 64 * 1024  # bytes; the longest legal header has under 2 kB
+MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 46 kB, most have under 2 kB
 MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
+MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of header
 MAX_PARTS = 7  # topic, header and the five arrays of the lights
 
 Sequence53 = Annotated[int, Meta(ge=0, lt=2**53)]  # exact in JSON and in every language
@@ -30,6 +31,7 @@ Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x
 Hertz = Annotated[float, Meta(ge=0, le=1e9)]
 Frames = Annotated[float, Meta(ge=0, le=1e6)]
 Side = Annotated[int, Meta(ge=1, le=8192)]
+Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
@@ -44,6 +46,19 @@ class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     captured_ns: Nanoseconds  # realtime
     monotonic_ns: Nanoseconds  # ages on one host: clock steps do not touch it
     boot_id: Annotated[str, Meta(max_length=64)]  # monotonic clocks compare only when this is equal
+
+
+class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where a named object or lamp of the scene stands."""
+
+    name: Name
+    at: tuple[Metres, Metres, Metres]
+    turn: tuple[Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 1.0)  # unit quaternion x, y, z, w
+    power: Annotated[float, Meta(ge=0, le=1e12)] | None = None  # of a lamp: times the measured one; None: as it is, or no lamp
+
+    def __post_init__(self) -> None:
+        if not abs(sum(q * q for q in self.turn) - 1) < 1e-3:  # three decimals of each number are enough
+            raise ValueError("turn is no unit quaternion")
 
 
 class Map(Part, frozen=True, tag="map"):
@@ -83,13 +98,17 @@ class Lights(Part, frozen=True, tag="lights"):
 
 
 class Image(Part, frozen=True, tag="image"):
-    """A picture for the eye. Arrays: pixels (height, width, 4) uint8, sRGB, alpha straight, the top row first."""
+    """A picture for the eye. Arrays: pixels (height, width, 4) uint8, sRGB, alpha straight, the top row first; where it is linear also the
+    picture before tone mapping, (height, width, 4) float16, RGB times alpha.
+    """
 
     stamp: Stamp
     width: Side
     height: Side
     lights: Tally
     render_ms: Milliseconds
+    linear: bool = False
+    things: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # where the scene's objects and lamps stand in it
 
 
 class Plate(Part, frozen=True, tag="plate"):
@@ -107,6 +126,7 @@ class Control(Part, frozen=True, tag="control"):
     exposure: Annotated[float, Meta(ge=-20, le=20)] | None = None  # stops
     filtered: bool | None = None
     paused: bool = False
+    poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of what stands elsewhere than in the scene file
 
 
 class Status(Part, frozen=True, tag="status"):
@@ -150,7 +170,7 @@ _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(Header)
 
 
-def layout(header: Header) -> tuple[tuple[Literal["<f4", "<i8", "|u1"], tuple[int, ...]], ...]:
+def layout(header: Header) -> tuple[tuple[Literal["<f2", "<f4", "<i8", "|u1"], tuple[int, ...]], ...]:
     """Type and shape of each array that belongs to `header`."""
     match header:
         case Map():
@@ -160,7 +180,8 @@ def layout(header: Header) -> tuple[tuple[Literal["<f4", "<i8", "|u1"], tuple[in
             n, m = header.count, header.fine
             return ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n, 3)), ("<f4", (m, 3)), ("<f4", (m, 3))
         case Image():
-            return (("|u1", (header.height, header.width, 4)),)
+            shape = (header.height, header.width, 4)
+            return (("|u1", shape), ("<f2", shape)) if header.linear else (("|u1", shape),)
         case Plate():
             return (("|u1", (header.height, header.width, 3)),)
         case _:
@@ -199,7 +220,7 @@ def unpack(parts: Sequence[bytes]) -> Message:
         if len(part) != nbytes or nbytes > MAX_PART:
             raise ValueError(f"{_kind(header)}: array of {len(part)} bytes, the header says {nbytes}, the limit is {MAX_PART}")
         array = np.frombuffer(part, dtype).reshape(shape)
-        if dtype == "<f4" and not np.isfinite(array).all():
+        if dtype in ("<f2", "<f4") and not np.isfinite(array).all():
             raise ValueError(f"{_kind(header)}: array with nan or inf")
         arrays.append(array)
     if isinstance(header, Map) and not ((arrays[1] >= 0) & (arrays[1] < header.rows * header.cols)).all():

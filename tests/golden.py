@@ -17,6 +17,8 @@ def messages() -> dict[str, wire.Message]:
     radiance = (np.arange(2 * 4 * 3, dtype=np.float32) / 8).reshape(2, 4, 3)
     directions = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
     irradiance = np.array([[1, 0.5, 0.25], [2e6, 0, 1e-3]], np.float32)
+    box = wire.Pose(name="box", at=(0.5, -1.0, 0.25), turn=(0.0, 0.0, 0.6, 0.8))
+    lamp = wire.Pose(name="lamp", at=(0.0, 0.0, 2.0), power=0.5)
     pixels = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4)
     status = wire.Status(
         service="sampler", sequence=7, rate_hz=25.0, age_ms=3.5, step_ms=0.75, frames=8, skipped=1, dropped=2, refused=0, restarts=1
@@ -27,16 +29,22 @@ def messages() -> dict[str, wire.Message]:
             (radiance, np.array([5, 5], np.int64), directions, np.array([0.25, 0.75], np.float32)),
         ),
         "lights": (
-            wire.Lights(stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0),
+            wire.Lights(
+                stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0
+            ),
             (np.array([0, 2**40], np.int64), directions, irradiance, directions[:1], irradiance[:1] / 2),
         ),
         "lights_none": (
             wire.Lights(stamp=STAMP, count=0, coverage="sphere", delay_ms=0.0),
             (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
         ),
-        "image": (wire.Image(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5), (pixels,)),
+        "image": (wire.Image(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5, things=(box,)), (pixels,)),
         "plate": (wire.Plate(stamp=STAMP, width=3, height=2), (pixels[..., :3],)),
-        "control": (wire.Control(count=144, exposure=-0.5, filtered=False, paused=True), ()),
+        "image_linear": (
+            wire.Image(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5, linear=True),
+            (pixels, (np.arange(2 * 3 * 4) / 4).astype(np.float16).reshape(2, 3, 4)),
+        ),
+        "control": (wire.Control(count=144, exposure=-0.5, filtered=False, paused=True, poses=(box, lamp)), ()),
         "status": (status, ()),
         "end": (wire.End(sequence=48), ()),
         "request": (wire.Request(first=12, count=4), ()),
@@ -49,6 +57,7 @@ def refused() -> dict[str, list[bytes]]:
     topic, header, radiance, *strong = whole["map"]
     spoilt = np.frombuffer(radiance, "<f4").copy()
     spoilt[5] = np.nan
+    turned_twice = {"name": "box", "at": [0, 0, 0], "turn": [0, 0, 0, 2]}
     return {
         "no_header": [topic],
         "wrong_topic": [b"lights", header, radiance, *strong],
@@ -64,6 +73,7 @@ def refused() -> dict[str, list[bytes]]:
         "strong_outside": [topic, header, radiance, np.array([5, 8], "<i8").tobytes(), *strong[1:]],
         "strong_unordered": [topic, header, radiance, np.array([5, 4], "<i8").tobytes(), *strong[1:]],
         "strong_share_none": [topic, header, radiance, *strong[:2], np.array([1, 0], "<f4").tobytes()],
+        "turn_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "poses": [turned_twice]})],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon"})],
     }
 

@@ -100,3 +100,23 @@ def test_metrics_say_what_the_services_said():
     assert 'vemlight_frames_total{stage="viewer",outcome="dropped"} 2\n' in text
     assert 'vemlight_stage_duration_seconds{stage="renderer",quantile="0.5"} 0.009\n' in text
     assert 'vemlight_stage_state{stage="capture",state="not heard"} 1\n' in text
+
+
+def test_a_pose_is_wished_and_taken_back() -> None:
+    board = Board(Settings(), 0)
+    board.wish_for(b'{"poses": [{"name": "box", "at": [0, 0, 1]}], "count": 5}')
+    assert board.wish.poses == (wire.Pose(name="box", at=(0.0, 0.0, 1.0)),)
+    board.wish_for(b'{"exposure": 1.0}')
+    assert len(board.wish.poses) == 1
+    board.wish_for(b'{"poses": null, "count": null}')
+    assert board.wish == wire.Control(exposure=1.0)
+
+
+@pytest.mark.parametrize(
+    "poses",
+    ['[{"name": "box", "at": [0, 0, 1e9]}]', '[{"name": "box", "at": [0, 0, 1], "turn": [0, 0, 0, 2]}]', "7", '[{"name": "box"}]', "[" * 99]
+)
+def test_poses_that_nothing_can_take_are_one_line(poses: str) -> None:
+    with pytest.raises(BadInput, match=r"^control: ") as caught:
+        Board(Settings(), 0).wish_for(f'{{"poses": {poses}}}'.encode())
+    assert "\n" not in str(caught.value)

@@ -127,10 +127,10 @@ def read_motions(path: Path) -> dict[str, Motion]:
     read = _Accessors(document, binary, path.parent)
     tracks: dict[int, dict[str, Track]] = {}
     for channel in animations[0]["channels"]:
-        node, path = channel["target"].get("node"), channel["target"]["path"]
-        if node is not None and path in ("translation", "rotation", "scale"):
-            tracks.setdefault(node, {})[path] = _track(read, animations[0]["samplers"][channel["sampler"]], path)
-    duration_s = max((track.times[-1] for moved in tracks.values() for track in moved.values()), default=0.0)
+        node, moved = channel["target"].get("node"), channel["target"]["path"]
+        if node is not None and moved in ("translation", "rotation", "scale"):
+            tracks.setdefault(node, {})[moved] = _track(read, animations[0]["samplers"][channel["sampler"]], moved)
+    duration_s = max((track.times[-1] for moving in tracks.values() for track in moving.values()), default=0.0)
     if duration_s <= 0:
         return {}
     nodes = document["nodes"]

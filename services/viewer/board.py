@@ -17,7 +17,7 @@ from services.viewer.pictures import Sky, picture_jpeg
 from services.viewer.watch import HEALTHY, Heard, Judgement, Watch
 
 UNHEARD = "lossless mode makes every frame with the settings as they are and hears no controls; run in live mode to use them"
-EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false}'
+EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false, "poses": [{"name": "box", "at": [0, 0, 1]}]}'
 NO_LIGHTS = dict.fromkeys(("count", "need", "can", "flicker_hz", "lamp_hz", "flicker_depth"), 0)  # of wire.Lights
 
 
@@ -38,6 +38,7 @@ class Board:
         self.watch = Watch(makers, settings.capture.fps, settings.mode == "lossless")
         self.pages = 0
         self._losses, self._lights, self._encode_s = Losses(), NO_LIGHTS, 0.0
+        self._things: tuple[wire.Pose, ...] = ()
 
     def take(self, service: Service, messages: list[wire.Message]) -> None:
         """What one service has said since last time, in order. Of its frames the newest is shown; the rest is counted as skipped."""
@@ -59,7 +60,8 @@ class Board:
                 self._lights = {name: getattr(header, name) for name in NO_LIGHTS}
                 self.lights.put(header, *arrays[:3])
             case wire.Image():
-                self.picture.put(*arrays)
+                self.picture.put(arrays[0])
+                self._things = header.things
                 self.tally.skipped += passed_over
                 self.tally.finished((header, arrays), self._encode_s)
 
@@ -84,8 +86,9 @@ class Board:
         if self.settings.mode == "lossless":
             raise BadInput(UNHEARD)
         try:
-            change = msgspec.json.decode(body, type=dict[str, int | float | bool | str | None])
-            self.wish = msgspec.convert({**msgspec.structs.asdict(self.wish), **change}, wire.Control)
+            change = msgspec.json.decode(body, type=dict[str, int | float | bool | str | list[wire.Pose] | None])
+            whole = msgspec.to_builtins({**msgspec.structs.asdict(self.wish), **change})
+            self.wish = msgspec.convert({key: value for key, value in whole.items() if value is not None}, wire.Control)
         except ValueError as error:
             raise BadInput(f"control: {error}; send JSON like {EXAMPLE}") from error
         self.wished.ring()
@@ -110,6 +113,7 @@ class Board:
             "wish": msgspec.structs.asdict(self.wish),
             "settings": {"count": s.sampler.count, "exposure": s.renderer.exposure, "filtered": s.sampler.filter != "none"},
             "lights": self._lights,
+            "things": self._things,
             "pages": self.pages,
             "services": [*rows, own],
         }

@@ -23,7 +23,7 @@ FILES = {
     "/controls.js": ("controls.js", "text/javascript"),
 }
 MAX_PAGES = 64  # sockets and streams at once; each costs a task and at most one encoded frame on its way
-MAX_BODY = 4096  # bytes; a control has under 100
+MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of wire.MAX_POSES things about 20,000
 MAX_WORD = 64  # bytes of a page's message: the name of a feed
 HEARTBEAT_S = 10.0  # a page that does not answer within half of it is let go
 STALLED_S = 10.0  # and a stream whose reader takes nothing for so long

@@ -1,13 +1,23 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.sampler.square import area_from_direction, direction_from_area, disc_from_square, last_at_most, square_from_disc
+from services.sampler.square import (
+    BLOCK,
+    area_from_direction,
+    cosine_and_sine,
+    direction_from_area,
+    disc_from_square,
+    last_at_most,
+    load_cells,
+    square_from_disc,
+)
 
 unit = st.floats(0, 1)
 
 
+@settings(deadline=None)  # the first call compiles
 @given(unit, unit)
 def test_square_to_disc_and_back(u, v):
     a, w = disc_from_square(u, v)
@@ -36,14 +46,41 @@ def test_areas_are_kept():
         assert abs(da[0] * dw[1] - da[1] * dw[0]) / (2 * step) ** 2 == pytest.approx(1, abs=1e-6)
 
 
-@given(st.floats(0, 2), st.floats(0, 2 * np.pi, exclude_max=True))
-def test_direction_to_area_and_back(a, phi):
-    x, y, z = direction_from_area(a, phi)
+@settings(deadline=None)  # the first call compiles
+@given(st.floats(0, 2), st.floats(0, 1, exclude_max=True))
+def test_direction_to_area_and_back(a, w):
+    x, y, z = direction_from_area(a, w)
     assert x * x + y * y + z * z == pytest.approx(1, abs=1e-14)
-    back, azimuth = area_from_direction(x, y, z)
+    back, turn = area_from_direction(x, y, z)
     assert back == pytest.approx(a, rel=1e-12, abs=3e-16)
     if 1e-12 < a < 2 - 1e-3:
-        assert np.cos(azimuth - phi) == pytest.approx(1, abs=1e-14)
+        assert np.cos(2 * np.pi * (turn - w)) == pytest.approx(1, abs=1e-14)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.floats(-2, 2))
+def test_cosine_and_sine_are_those_of_the_library(w):
+    # 3e-16: two roundings of the angle within an eighth of a turn, and one of the sum; the library's own argument 2 pi w has one more.
+    cosine, sine = cosine_and_sine(w)
+    quarter = np.rint(4 * w)
+    angle = (4 * w - quarter) * np.pi / 2
+    expected = np.exp(1j * angle) * (1, 1j, -1, -1j)[int(quarter) % 4]
+    assert cosine == pytest.approx(expected.real, abs=3e-16)
+    assert sine == pytest.approx(expected.imag, abs=3e-16)
+
+
+def test_quarters_of_a_turn_are_exact():
+    assert [cosine_and_sine(w) for w in (0.0, 0.25, 0.5, 0.75, 1.0)] == [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 0)]
+
+
+@pytest.mark.parametrize("count", [1, 63, 64, 65, 200])
+def test_a_block_of_searches_finds_what_each_of_them_does(count):
+    generator = np.random.default_rng(count)
+    table = np.sort(generator.integers(0, 50, count + 1)).astype(float)
+    x, cells = generator.uniform(-1, 51, BLOCK), np.full(BLOCK, 99, np.uint64)
+    load_cells(table, x, cells, 40)
+    assert cells[:40].tolist() == [last_at_most(table, one) for one in x[:40]]
+    assert (cells[40:] == 99).all()
 
 
 def test_the_azimuth_stays_below_a_full_turn():

@@ -74,7 +74,7 @@ def _on_sky(area: float) -> tuple[np.ndarray, np.ndarray]:
     """Directions (n, 3) of the samples on the part of the sphere whose area coordinate ends at `area`, and their numbers."""
     points, numbers = _samples()
     disc = [disc_from_square(u, v) for u, v in points]
-    return np.array([direction_from_area(a * area, w * 2 * np.pi) for a, w in disc]), numbers
+    return np.array([direction_from_area(a * area, w) for a, w in disc]), numbers
 
 
 def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:

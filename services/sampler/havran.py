@@ -15,7 +15,15 @@ import numpy as np
 from numba import njit
 
 from services.sampler.density import LightMap
-from services.sampler.square import area_from_direction, direction_from_area, disc_from_square, last_at_most, square_from_disc
+from services.sampler.square import (
+    BLOCK,
+    area_from_direction,
+    last_at_most,
+    load_cells,
+    load_disc,
+    square_from_disc,
+    store_directions,
+)
 from services.sphere import SPAN, ring_edges
 
 TURN = 2 * np.pi
@@ -112,7 +120,7 @@ def _fill_radius(importance, rings, moments):
 
 def turn_from_azimuth(tables: AzimuthTables, azimuth: float) -> float:
     """Azimuth on the disc, in turns in [0, 1), of the azimuth (rad) on the sky."""
-    j, y, _ = _segment(azimuth % TURN, tables.turn.size - 1)
+    j, y, _ = _segment(azimuth / TURN % 1.0, tables.turn.size - 1)
     return float((_turn_at(tables.turn, tables.columns[-1], j, y) / tables.turn[-1] - tables.offset) % 1.0)
 
 
@@ -133,19 +141,11 @@ def _quiet_azimuth(turn):
     return (best + 0.5 * wide + 0.5) % cols * TURN / cols
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _step_inverse(d0, d1, h, x):
-    """How far into a segment of length h, with density linear from d0 to d1, the integral reaches x (stable for d0 = d1 and for 0)."""
+    """How far into a segment of length h, with density > 0 linear from d0 to d1, the integral reaches x (stable for d0 = d1)."""
     root = d0 + np.sqrt(max(d0 * d0 + (d1 - d0) * x * (2 / h), 0.0))
-    return min(max(2 * x / root, 0.0), h) if root > 0 else 0.0
-
-
-@njit(cache=True)
-def _turn_inverse(turn, density, x):
-    """(column, way past its centre in rad) where the integral over azimuth reaches x."""
-    cols = turn.size - 1
-    j = last_at_most(turn, x)
-    return j, _step_inverse(density[j], density[j + 1 if j + 1 < cols else 0], TURN / cols, x - turn[j])
+    return min(max(2 * x / root, 0.0), h)
 
 
 @njit(cache=True)
@@ -157,48 +157,69 @@ def _turn_at(turn, density, j, y):
 
 
 @njit(cache=True)
-def _segment(phi, cols):
-    """(j, y, t): the column whose centre comes before the azimuth phi, the way past it in rad and as a share."""
-    h = TURN / cols
-    psi = phi - 0.5 * h
+def _segment(w, cols):
+    """(j, y, t): the column whose centre comes before the azimuth of w turns, the way past it in rad and as a share."""
+    psi = w * cols - 0.5
     if psi < 0:
-        psi += TURN
-    j = min(int(psi / h), cols - 1)
-    y = min(max(psi - j * h, 0.0), h)
-    return j, y, y / h
+        psi += cols
+    j = min(int(psi), cols - 1)
+    t = min(max(psi - j, 0.0), 1.0)
+    return j, t * TURN / cols, t
 
 
-@njit(cache=True)
-def _mixed_cell(table, j0, j1, t, x):
-    """The last row of the mixture (1 - t) table[:, j0] + t table[:, j1] that is <= x, and its value there."""
-    low, left = 0, table.shape[0] - 1
-    while left > 1:
-        half = left >> 1
-        low = low + half if (1 - t) * table[low + half, j0] + t * table[low + half, j1] <= x else low
-        left -= half
-    return low, (1 - t) * table[low, j0] + t * table[low, j1]
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def azimuth_sample(tables, points, directions, radiance, density):
     """Fills directions (n, 3), the map's radiance there (n, 3) and the density per sr (n,) for points (n, 2); all float64."""
-    edges, importance, columns, turn = tables.edges, tables.importance, tables.columns, tables.turn
-    rows, cols = importance.shape
-    total, marginal, h, per_h, per_total = turn[cols], columns[rows], TURN / cols, cols / TURN, 1 / turn[cols]
-    for n in range(points.shape[0]):
-        # Azimuth of the disc, turned by the offset, through the marginal; then the radius through the mixture of two columns.
-        a0, w0 = disc_from_square(points[n, 0], points[n, 1])
-        w0 += tables.offset
-        j, y = _turn_inverse(turn, marginal, (w0 - np.floor(w0)) * total)
-        k, t = j + 1 if j + 1 < cols else 0, y * per_h
-        target = a0 * ((1 - t) * marginal[j] + t * marginal[k])
-        i, below = _mixed_cell(columns, j, k, t, target)
-        f = (1 - t) * importance[i, j] + t * importance[i, k]
-        a = min(edges[i] + max(target - below, 0.0) / f, edges[i + 1])
-        directions[n, 0], directions[n, 1], directions[n, 2] = direction_from_area(a, y + (j + 0.5) * h)
-        density[n] = f * per_total
+    rows, cols = tables.importance.shape
+    total, marginal, zero = tables.turn[cols], tables.columns[rows], np.uint64(0)
+    a, w, t, d0, d1 = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    j, right, i = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.uint64)
+    for first in range(0, points.shape[0], BLOCK):
+        n = min(BLOCK, points.shape[0] - first)
+        # Azimuth of the disc, turned by the offset, through the marginal.
+        load_disc(points[first : first + n], a, w)
+        for k in range(n):
+            w[k] += tables.offset
+            w[k] = (w[k] - np.floor(w[k])) * total
+        load_cells(tables.turn, w, j, n)
+        for k in range(n):
+            right[k] = j[k] + np.uint64(1) if j[k] + np.uint64(1) < np.uint64(cols) else zero
+            d0[k], d1[k], t[k] = marginal[j[k]], marginal[right[k]], tables.turn[j[k]]
+        for k in range(n):
+            t[k] = _step_inverse(d0[k], d1[k], TURN / cols, w[k] - t[k]) * (cols / TURN)
+            a[k] *= (1 - t[k]) * d0[k] + t[k] * d1[k]
+            w[k] = (t[k] + 0.5 + j[k]) / cols
+        # Radius through the mixture of two columns.
+        _mixed_rows(tables.columns, j, right, t, a, i, n)
+        _azimuth_store(tables, i, j, right, t, a, total, radiance[first : first + n], density[first : first + n])
+        store_directions(a, w, directions[first : first + n])
+
+
+@njit(cache=True)
+def _mixed_rows(table, j0, j1, t, x, rows, n):
+    """Fills the first n of rows (BLOCK,) with the last row of the mixture (1 - t) table[:, j0] + t table[:, j1] that is <= x."""
+    rows[:n] = 0
+    left = np.uint64(table.shape[0] - 1)
+    while left > 1:
+        half = left >> np.uint64(1)
+        for k in range(n):
+            at = rows[k] + half
+            rows[k] = at if (1 - t[k]) * table[at, j0[k]] + t[k] * table[at, j1[k]] <= x[k] else rows[k]
+        left -= half
+
+
+@njit(cache=True, error_model="numpy")
+def _azimuth_store(tables, i, j, right, t, x, total, radiance, density):
+    """Fills radiance and density in the cells found and puts the area coordinate in the place of x (BLOCK,)."""
+    edges, importance, columns = tables.edges, tables.importance, tables.columns
+    for k in range(density.size):
+        row, j0, j1, share = i[k], j[k], right[k], t[k]
+        f = (1 - share) * importance[row, j0] + share * importance[row, j1]
+        below = (1 - share) * columns[row, j0] + share * columns[row, j1]
+        x[k] = min(edges[row] + max(x[k] - below, 0.0) / f, edges[row + np.uint64(1)])
+        density[k] = f / total
         for c in range(3):
-            radiance[n, c] = (1 - t) * tables.radiance[i, j, c] + t * tables.radiance[i, k, c]
+            radiance[k, c] = (1 - share) * tables.radiance[row, j0, c] + share * tables.radiance[row, j1, c]
 
 
 @njit(cache=True)
@@ -207,8 +228,8 @@ def azimuth_density(tables, directions, density):
     edges, importance = tables.edges, tables.importance
     rows, cols = importance.shape
     for n in range(directions.shape[0]):
-        a, phi = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
-        j, _, t = _segment(phi, cols)
+        a, w = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
+        j, _, t = _segment(w, cols)
         i = last_at_most(edges, a)
         inside = a <= edges[rows]
         density[n] = ((1 - t) * importance[i, j] + t * importance[i, (j + 1) % cols]) / tables.turn[cols] if inside else 0.0
@@ -221,8 +242,8 @@ def azimuth_inverse(tables, directions, points):
     rows, cols = importance.shape
     marginal = columns[rows]
     for n in range(directions.shape[0]):
-        a, phi = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
-        j, y, t = _segment(phi, cols)
+        a, w = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
+        j, y, t = _segment(w, cols)
         k, a = (j + 1) % cols, min(a, edges[rows])
         i = last_at_most(edges, a)
         before = (1 - t) * columns[i, j] + t * columns[i, k]
@@ -240,33 +261,67 @@ def _ring_pair(s, y, knots, rows):
     return s - 1, s, y / (knots[s + 1] - knots[s])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def radius_sample(tables, points, directions, radiance, density):
     """As `azimuth_sample`, radius first."""
-    importance, rings, knots, d, outward = tables.importance, tables.rings, tables.knots, tables.density, tables.outward
+    rings, knots, d, outward = tables.rings, tables.knots, tables.density, tables.outward
+    rows, cols = tables.importance.shape
+    a, w, t, h, d0, d1 = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    segment, i, upper, j = np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.uint64)
+    for first in range(0, points.shape[0], BLOCK):
+        n = min(BLOCK, points.shape[0] - first)
+        # Radius through the marginal.
+        load_disc(points[first : first + n], a, w)
+        for k in range(n):
+            a[k] *= outward[rows + 1]
+        load_cells(outward, a, segment, n)
+        for k in range(n):
+            s = segment[k]
+            after = s + np.uint64(1)
+            d0[k], d1[k], h[k], t[k] = d[s], d[after], knots[after] - knots[s], a[k] - outward[s]
+            a[k], i[k], upper[k] = knots[s], max(s, np.uint64(1)) - np.uint64(1), min(s, np.uint64(rows - 1))
+        for k in range(n):
+            way = _step_inverse(d0[k], d1[k], h[k], t[k])
+            a[k], t[k] = a[k] + way, way / h[k]
+        # The azimuth, turned by the offset of this radius, through the mixture of two rings.
+        for k in range(n):
+            h[k] = (1 - t[k]) * tables.moments[i[k]] + t[k] * tables.moments[upper[k]]
+            d0[k] = (1 - t[k]) * rings[i[k], cols] + t[k] * rings[upper[k], cols]
+        for k in range(n):
+            w[k] += 0.5 - h[k] / (TURN * d0[k])
+            w[k] = (w[k] - np.floor(w[k])) * d0[k]
+        _mixed_cols(rings, i, upper, t, w, j, n)
+        _radius_store(tables, i, upper, j, t, w, radiance[first : first + n], density[first : first + n])
+        store_directions(a, w, directions[first : first + n])
+
+
+@njit(cache=True)
+def _mixed_cols(table, i0, i1, t, x, cols, n):
+    """Fills the first n of cols (BLOCK,) with the last column of the mixture (1 - t) table[i0] + t table[i1] that is <= x."""
+    cols[:n] = 0
+    left = np.uint64(table.shape[1] - 1)
+    while left > 1:
+        half = left >> np.uint64(1)
+        for k in range(n):
+            at = cols[k] + half
+            cols[k] = at if (1 - t[k]) * table[i0[k], at] + t[k] * table[i1[k], at] <= x[k] else cols[k]
+        left -= half
+
+
+@njit(cache=True, error_model="numpy")
+def _radius_store(tables, i, upper, j, t, x, radiance, density):
+    """Fills radiance and density in the cells found and puts the azimuth in turns in the place of x (BLOCK,)."""
+    importance, rings = tables.importance, tables.rings
     rows, cols = importance.shape
-    total, h = outward[rows + 1], TURN / cols
-    for n in range(points.shape[0]):
-        # Radius through the marginal; then the azimuth, turned by the offset of this radius, through the mixture of two rings.
-        a0, w0 = disc_from_square(points[n, 0], points[n, 1])
-        x = a0 * total
-        s = last_at_most(outward, x)
-        y = _step_inverse(d[s], d[s + 1], knots[s + 1] - knots[s], x - outward[s])
-        i, k, t = _ring_pair(s, y, knots, rows)
-        lower, upper = rings[i], rings[k]
-        ring = (1 - t) * lower[cols] + t * upper[cols]
-        w0 += 0.5 - ((1 - t) * tables.moments[i] + t * tables.moments[k]) / (TURN * ring)
-        target, low, left = (w0 - np.floor(w0)) * ring, 0, cols
-        while left > 1:
-            half = left >> 1
-            low = low + half if (1 - t) * lower[low + half] + t * upper[low + half] <= target else low
-            left -= half
-        f = (1 - t) * importance[i, low] + t * importance[k, low]
-        way = max(target - (1 - t) * lower[low] - t * upper[low], 0.0) / (f * h)
-        directions[n] = direction_from_area(knots[s] + y, (low + min(way, 1.0)) * h)
-        density[n] = f / total
+    h, per_total = TURN / cols, 1 / tables.outward[rows + 1]
+    for k in range(density.size):
+        i0, i1, col, share = i[k], upper[k], j[k], t[k]
+        f = (1 - share) * importance[i0, col] + share * importance[i1, col]
+        before = (1 - share) * rings[i0, col] + share * rings[i1, col]
+        x[k] = (col + min(max(x[k] - before, 0.0) / (f * h), 1.0)) / cols
+        density[k] = f * per_total
         for c in range(3):
-            radiance[n, c] = (1 - t) * tables.radiance[i, low, c] + t * tables.radiance[k, low, c]
+            radiance[k, c] = (1 - share) * tables.radiance[i0, col, c] + share * tables.radiance[i1, col, c]
 
 
 @njit(cache=True)
@@ -275,10 +330,10 @@ def radius_density(tables, directions, density):
     importance, knots = tables.importance, tables.knots
     rows, cols = importance.shape
     for n in range(directions.shape[0]):
-        a, phi = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
+        a, w = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
         s = last_at_most(knots, a)
         i, k, t = _ring_pair(s, a - knots[s], knots, rows)
-        j = min(int(phi * cols / TURN), cols - 1)
+        j = min(int(w * cols), cols - 1)
         inside = a <= knots[rows + 1]
         density[n] = ((1 - t) * importance[i, j] + t * importance[k, j]) / tables.outward[rows + 1] if inside else 0.0
 
@@ -290,14 +345,14 @@ def radius_inverse(tables, directions, points):
     rows, cols = importance.shape
     h = TURN / cols
     for n in range(directions.shape[0]):
-        a, phi = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
+        a, w = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
         a = min(a, knots[rows + 1])
         s = last_at_most(knots, a)
         y, length = a - knots[s], knots[s + 1] - knots[s]
         i, k, t = _ring_pair(s, y, knots, rows)
         a0 = (outward[s] + y * (d[s] + 0.5 * y * (d[s + 1] - d[s]) / length)) / outward[rows + 1]
-        j = min(int(phi / h), cols - 1)
+        j = min(int(w * cols), cols - 1)
         ring = (1 - t) * rings[i, cols] + t * rings[k, cols]
-        before = (1 - t) * rings[i, j] + t * rings[k, j] + (phi - j * h) * ((1 - t) * importance[i, j] + t * importance[k, j])
+        before = (1 - t) * rings[i, j] + t * rings[k, j] + (w * cols - j) * h * ((1 - t) * importance[i, j] + t * importance[k, j])
         w0 = before / ring - 0.5 + ((1 - t) * tables.moments[i] + t * tables.moments[k]) / (TURN * ring)
         points[n] = square_from_disc(min(a0, 1.0), w0 - np.floor(w0))

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from services.sampler.density import LightMap
-from services.sampler.square import area_from_direction, direction_from_area, last_at_most
+from services.sampler.square import BLOCK, area_from_direction, last_at_most, load_cells, store_directions
 from services.sphere import ring_edges
 
 TURN = 2 * np.pi
@@ -51,23 +51,44 @@ def _fill(importance, edges, rings, outward):
         outward[i + 1] = outward[i] + total * (edges[i + 1] - edges[i])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def standard_sample(tables, points, directions, radiance, density):
     """Fills directions (n, 3), the map's radiance there (n, 3) and the density per sr (n,) for points (n, 2); all float64."""
     edges, importance, rings, outward = tables.edges, tables.importance, tables.rings, tables.outward
     rows, cols = importance.shape
-    h = TURN / cols
-    for n in range(points.shape[0]):
-        x = points[n, 0] * outward[rows]
-        i = last_at_most(outward, x)
-        share = min(max((x - outward[i]) / (outward[i + 1] - outward[i]), 0.0), 1.0)
-        target = points[n, 1] * rings[i, cols]
-        j = last_at_most(rings[i], target)
-        way = min(max((target - rings[i, j]) / (importance[i, j] * h), 0.0), 1.0)
-        directions[n] = direction_from_area(edges[i] + share * (edges[i + 1] - edges[i]), (j + way) * h)
-        density[n] = importance[i, j] / outward[rows]
-        for c in range(3):
-            radiance[n, c] = tables.radiance[i, j, c]
+    h, per_total = TURN / cols, 1 / outward[rows]
+    a, w, i, j = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, np.uint64), np.empty(BLOCK, np.uint64)
+    for first in range(0, points.shape[0], BLOCK):
+        n = min(BLOCK, points.shape[0] - first)
+        for k in range(n):
+            a[k] = points[first + k, 0] * outward[rows]
+        load_cells(outward, a, i, n)
+        for k in range(n):
+            w[k] = points[first + k, 1] * rings[i[k], cols]
+        _load_cols(rings, i, w, j, n)
+        for k in range(n):
+            row, col, after = i[k], j[k], i[k] + np.uint64(1)
+            f = importance[row, col]
+            share = min(max((a[k] - outward[row]) / (outward[after] - outward[row]), 0.0), 1.0)
+            a[k] = edges[row] + share * (edges[after] - edges[row])
+            w[k] = (col + min(max((w[k] - rings[row, col]) / (f * h), 0.0), 1.0)) / cols
+            density[first + k] = f * per_total
+            for c in range(3):
+                radiance[first + k, c] = tables.radiance[row, col, c]
+        store_directions(a, w, directions[first : first + n])
+
+
+@njit(cache=True)
+def _load_cols(table, rows, x, cols, n):
+    """Fills the first n of cols (BLOCK,) with the last column of each sample's row of the table that is <= x."""
+    cols[:n] = 0
+    left = np.uint64(table.shape[1] - 1)
+    while left > 1:
+        half = left >> np.uint64(1)
+        for k in range(n):
+            at = cols[k] + half
+            cols[k] = at if table[rows[k], at] <= x[k] else cols[k]
+        left -= half
 
 
 @njit(cache=True)
@@ -76,8 +97,8 @@ def standard_density(tables, directions, density):
     edges, importance = tables.edges, tables.importance
     rows, cols = importance.shape
     for n in range(directions.shape[0]):
-        a, phi = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
-        j = min(int(phi * cols / TURN), cols - 1)
+        a, w = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
+        j = min(int(w * cols), cols - 1)
         density[n] = importance[last_at_most(edges, a), j] / tables.outward[rows] if a <= edges[rows] else 0.0
 
 
@@ -88,9 +109,9 @@ def standard_inverse(tables, directions, points):
     rows, cols = importance.shape
     h = TURN / cols
     for n in range(directions.shape[0]):
-        a, phi = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
+        a, w = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
         a = min(a, edges[rows])
-        i, j = last_at_most(edges, a), min(int(phi / h), cols - 1)
+        i, j = last_at_most(edges, a), min(int(w * cols), cols - 1)
         share = (a - edges[i]) / (edges[i + 1] - edges[i])
         points[n, 0] = (outward[i] + share * (outward[i + 1] - outward[i])) / outward[rows]
-        points[n, 1] = (rings[i, j] + (phi - j * h) * importance[i, j]) / rings[i, cols]
+        points[n, 1] = (rings[i, j] + (w * cols - j) * h * importance[i, j]) / rings[i, cols]

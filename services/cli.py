@@ -82,6 +82,7 @@ SAMPLING = (
     click.option("--method", help="How lights are chosen."),
     click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True),
     click.option("--filter", "filter_", help="Temporal filter, or none. One map alone needs none."),
+    click.option("--deflicker", is_flag=True, help="Take the mains flicker of lamps out of the light."),
     click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), help="Frames a second, where the source does not say."),
     click.option("--lens", type=EXISTING, help="Lens file of fisheye frames."),
     click.option("--response", type=EXISTING, help="Response file of raw frames."),

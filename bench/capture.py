@@ -23,7 +23,7 @@ from services.capture.frames import FrameMaker
 from services.capture.lens import Lens, pixel_from_direction, write_lens
 from services.capture.polar import latlong_to_polar, polar_from_latlong
 from services.capture.response import Log, code_from_radiance, radiance_table, write_response
-from services.capture.scatter import Threads, polar_from_codes
+from services.capture.scatter import polar_from_codes
 from services.capture.sequence import read_manifest
 from services.capture.source import BUNDLED, Files, Prefetched
 from services.capture.surround import Disc, Surround

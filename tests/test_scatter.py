@@ -1,5 +1,7 @@
 """Fisheye images through their weights."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -35,8 +37,8 @@ def test_parts_have_cells_of_their_own_and_much_the_same_work(lattices: tuple | 
     weights = fisheye_to_polar(LENS, 45, 180, "hemisphere", lattices) if lattices else WEIGHTS
     assert weights.ends[0] == 0
     assert weights.ends[-1] == len(weights.cell)
-    cells = [np.unique(weights.cell[begin:end]) for begin, end in zip(weights.ends[:-1], weights.ends[1:], strict=True)]
-    assert all(before.max() < after.min() for before, after in zip(cells[:-1], cells[1:], strict=True))
+    cells = [np.unique(weights.cell[begin:end]) for begin, end in itertools.pairwise(weights.ends)]
+    assert all(before.max() < after.min() for before, after in itertools.pairwise(cells))
     assert np.diff(weights.ends).max() < 1.1 * len(weights.cell) / PARTS
 
 

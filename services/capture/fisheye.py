@@ -5,6 +5,7 @@ The weight of pixel p in cell c is the solid angle they share over the cell's.
 A Bayer mosaic is not demosaiced: the pixels of each colour stand for the ground between them, and have weights of their own.
 """
 
+import itertools
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
@@ -23,7 +24,6 @@ from services.capture.lens import (
 )
 from services.capture.shares import LOOKUP, balance, shares
 from services.sphere import SPAN, Coverage, angles_from_direction, cell_solid_angles, direction_from_angles
-from services.strong import NONE, StrongLight, strong_light
 from services.strong import NONE, StrongLight, strong_light
 
 Bayer = Literal["RGGB", "BGGR", "GRBG", "GBRG"]  # colours of the first two pixels of the first two rows
@@ -84,7 +84,7 @@ def fisheye_to_polar(
     reach = radius_from_angle(lens.rim, lens.k, lens.rim) + 4 / min(lens.f)
     angles = angles_from_radii(np.linspace(0, reach, LOOKUP), lens.k, lens.rim)
     found = [shares(solid, f, c, angles, reach, lens.rotation, rows, cols, SPAN[coverage], *lattice) for lattice in lattices]
-    pixel, cell, share = (np.concatenate([part[n] for part in found]) for n in range(3))
+    pixel, cell, share = map(np.concatenate, zip(*found, strict=True))
     cells = np.repeat(cell_solid_angles(rows, cols, coverage), cols)
     balance(pixel, cell, share, np.where(_seen_whole(lens, rows, cols, coverage).ravel(), cells, 0.0))
     own = vignetting_from_angle(np.minimum(pixel_angles(lens), lens.rim), lens) if flat_field is None else flat_field
@@ -103,7 +103,7 @@ def _in_turns(cell: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
     sorted_by_part = np.argsort(part, kind="stable")
     ends = np.concatenate([[0], np.cumsum(np.bincount(part, minlength=PARTS))])
     pieces = []
-    for begin, end in zip(ends[:-1], ends[1:], strict=True):
+    for begin, end in itertools.pairwise(ends):
         even = begin + (end - begin) // LANES * LANES
         pieces += [sorted_by_part[begin:even].reshape(LANES, -1).T.ravel(), sorted_by_part[even:end]]
     return np.concatenate(pieces), ends

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
+from numba import njit
 
 from services.capture.fisheye import (
     ALL,
@@ -22,7 +23,7 @@ from services.capture.scatter import Threads, clipped_counts, polar_from_codes, 
 from services.files import BadInput
 from services.images import read_radiance
 from services.settings import Capture
-from services.sphere import Coverage, cell_solid_angles, luminance
+from services.sphere import LUMINANCE, Coverage, cell_solid_angles, luminance
 from services.strong import NONE, StrongLight
 
 Mosaic = Literal["mono"] | Bayer
@@ -129,8 +130,7 @@ class FrameMaker:
         if (highest := max(count[2] for count in counts)) > response.top:
             raise BadInput(f"{name}: has code {highest} and the response {response.bits} bits; give the response of this sensor")
         if mosaic == "mono":
-            radiance = np.empty((s.rows, s.cols, 3), np.float32)
-            radiance[...] = polar_from_codes(codes, self._fisheye[0], table, self._threads)[..., None]
+            radiance = np.repeat(polar_from_codes(codes, self._fisheye[0], table, self._threads)[..., None], 3, axis=-1)
         else:
             weights = self._fisheye if len(self._fisheye) == 3 else self._fisheye * 3
             maps = [polar_from_codes(channel, w, table, self._threads) for channel, w in zip(channels, weights, strict=True)]
@@ -139,7 +139,7 @@ class FrameMaker:
         # a mosaic's green pixels stand for its luminance
         strong_of = self._strong_of(lambda pixel: table[flat[pixel]] if codes.ndim == 2 else luminance(table[flat[pixel]]))
         strong = strong_of(strong_cells(radiance, s.coverage))
-        black, saturated = (sum(count[n] for count in counts) for n in (0, 1))
+        black, saturated = (int(sum(count[n] for count in counts)) for n in (0, 1))
         return Frame(radiance, s.coverage, time_s, response.luminance_scale, black, saturated, strong)
 
     def _check_size(self, name: str, image: np.ndarray) -> None:
@@ -190,10 +190,21 @@ class FrameMaker:
 def strong_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
     """Flat indices (n,) int32 of the cells of a polar map that hold more than 1/500 of its power, strongest first, 64 at most."""
     rows, cols, _ = radiance.shape
-    flux = (luminance(radiance) * cell_solid_angles(rows, cols, coverage)[:, None].astype(np.float32)).ravel()
-    flux[~(flux > 0) | ~np.isfinite(flux)] = 0
+    flux = _cell_flux(radiance, cell_solid_angles(rows, cols, coverage).astype(np.float32), LUMINANCE.astype(np.float32))
     strong = np.flatnonzero(flux > STRONG * flux.sum(dtype=np.float64))
     return strong[np.argsort(-flux[strong], kind="stable")][:MOST].astype(np.int32)
+
+
+@njit(cache=True)
+def _cell_flux(radiance, solid, weights):
+    # luminous flux of each cell (rows * cols,) float32, 0 where it is none
+    rows, cols, _ = radiance.shape
+    flux = np.empty(rows * cols, np.float32)
+    for i in range(rows):
+        for j in range(cols):
+            value = (radiance[i, j, 0] * weights[0] + radiance[i, j, 1] * weights[1] + radiance[i, j, 2] * weights[2]) * solid[i]
+            flux[i * cols + j] = value if 0 < value < np.inf else 0
+    return flux
 
 
 def _whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndarray:

@@ -3,6 +3,7 @@
 Each thread adds to a part of the map that is its own, and each cell is added to in one order: any number of threads gives the same bytes.
 """
 
+import itertools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import wait as all_of
@@ -26,7 +27,7 @@ class Threads:
         if self._others is None:
             job(slice(cuts[0], cuts[-1]))
             return
-        others = [self._others.submit(job, slice(*pair)) for pair in zip(cuts[1:-1], cuts[2:], strict=True)]
+        others = [self._others.submit(job, slice(*pair)) for pair in itertools.pairwise(cuts[1:])]
         job(slice(cuts[0], cuts[1]))
         for other in all_of(others).done:
             other.result()
@@ -81,13 +82,8 @@ def clipped_counts(codes, spans, top):
     black, saturated, highest = 0, 0, 0
     for y in range(len(spans)):
         row = codes[y, spans[y, 0] : spans[y, 1]]
-        # counters as narrow as codes let the processor count many at a time; no row has 2^16 pixels
-        low, high, most = np.uint16(0), np.uint16(0), np.uint16(0)
         for x in range(len(row)):
-            low += np.uint16(row[x] == 0)
-            high += np.uint16(row[x] >= top)
-            most = max(most, np.uint16(row[x]))
-        black += low
-        saturated += high
-        highest = max(highest, most)
+            black += row[x] == 0
+            saturated += row[x] >= top
+            highest = max(highest, row[x])
     return black, saturated, highest

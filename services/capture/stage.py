@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 
 from services import settings, wire
-from services.channels import Service
 from services.capture.frames import Frame
 from services.capture.source import Live, open_source
+from services.channels import Service
 
 MapMessage = tuple[wire.Map, tuple[np.ndarray, ...]]
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numba import njit
 
 from services.capture.fisheye import (
     ALL,
@@ -23,7 +22,7 @@ from services.capture.scatter import Threads, clipped_counts, polar_from_codes, 
 from services.files import BadInput
 from services.images import read_radiance
 from services.settings import Capture
-from services.sphere import LUMINANCE, Coverage, cell_solid_angles, luminance
+from services.sphere import Coverage, cell_solid_angles, luminance
 from services.strong import NONE, StrongLight
 
 Mosaic = Literal["mono"] | Bayer
@@ -190,21 +189,10 @@ class FrameMaker:
 def strong_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
     """Flat indices (n,) int32 of the cells of a polar map that hold more than 1/500 of its power, strongest first, 64 at most."""
     rows, cols, _ = radiance.shape
-    flux = _cell_flux(radiance, cell_solid_angles(rows, cols, coverage).astype(np.float32), LUMINANCE.astype(np.float32))
+    flux = (luminance(radiance) * cell_solid_angles(rows, cols, coverage)[:, None].astype(np.float32)).ravel()
+    flux[~(flux > 0) | ~np.isfinite(flux)] = 0
     strong = np.flatnonzero(flux > STRONG * flux.sum(dtype=np.float64))
     return strong[np.argsort(-flux[strong], kind="stable")][:MOST].astype(np.int32)
-
-
-@njit(cache=True)
-def _cell_flux(radiance, solid, weights):
-    # luminous flux of each cell (rows * cols,) float32, 0 where it is none
-    rows, cols, _ = radiance.shape
-    flux = np.empty(rows * cols, np.float32)
-    for i in range(rows):
-        for j in range(cols):
-            value = (radiance[i, j, 0] * weights[0] + radiance[i, j, 1] * weights[1] + radiance[i, j, 2] * weights[2]) * solid[i]
-            flux[i * cols + j] = value if 0 < value < np.inf else 0
-    return flux
 
 
 def _whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndarray:

@@ -48,3 +48,14 @@ def test_the_largest_values_stay_finite_as_float32():
     light = light_map(np.full((4, 8, 3), LARGEST, np.float32), "sphere")
     assert light.spoilt in (0, 32)  # float32(1e30) may round above 1e30
     assert np.isfinite(light.irradiance.astype(np.float32)).all()
+
+
+def test_a_good_map_is_looked_at_and_neither_copied_nor_changed():
+    radiance = np.random.default_rng(2).random((8, 16, 3)).astype(np.float32)
+    light = light_map(radiance, "hemisphere")
+    assert np.shares_memory(light.radiance, radiance)
+    with pytest.raises(ValueError):
+        light.radiance[0, 0, 0] = 1
+    radiance[0, 0, 0] = np.nan  # the caller's own stays writable, and a spoilt one as it was
+    assert light_map(radiance, "hemisphere").radiance[0, 0, 0] == 0
+    assert np.isnan(radiance[0, 0, 0])

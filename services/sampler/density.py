@@ -1,5 +1,6 @@
 """The polar map as the sampler needs it: cleaned of spoilt values, its integrals, and an importance that is nowhere zero."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from services.sphere import LUMINANCE, Coverage, cell_solid_angles
 # within 1e-9 degrees even on a black half; of N samples N / 1000 lie there and carry the (little) light that they find.
 FLOOR = 1e-3
 LARGEST = 1e30  # a brighter value is spoilt; the whole sphere at this radiance, 1.3e31, is still far from float32's 3.4e38
+_LARGEST = np.float32(LARGEST)
 _RED, _GREEN, _BLUE = (float(weight) for weight in LUMINANCE)
 
 
@@ -30,38 +32,61 @@ class LightMap(NamedTuple):
 
 
 def light_map(radiance: np.ndarray, coverage: Coverage) -> LightMap:
-    """The map (rows, cols, 3) with every value that is nan, infinite, negative or above LARGEST set to 0, and what follows from it."""
+    """The map (rows, cols, 3) with every value that is nan, infinite, negative or above LARGEST set to 0, and what follows from it.
+
+    A map without such values is not copied: the result's radiance is a view of it.
+    """
     rows, cols, _ = radiance.shape
-    clean = np.empty((rows, cols, 3), np.float32)
-    importance = np.empty((rows, cols))
-    irradiance = np.empty(3)
-    solid_angles = cell_solid_angles(rows, cols, coverage)
-    spoilt = _clean(np.ascontiguousarray(radiance, np.float32), solid_angles, clean, importance, irradiance)
+    clean, spoilt = np.ascontiguousarray(radiance, np.float32), 0
+    importance, irradiance, solid_angles = np.empty((rows, cols)), np.empty(3), _solid_angles(rows, cols, coverage)
+    if not _measure(clean, clean.reshape(rows, -1), solid_angles, importance, irradiance):
+        clean = clean.copy()
+        spoilt = _mend(clean)
+        _measure(clean, clean.reshape(rows, -1), solid_angles, importance, irradiance)
+    clean = clean.view()
+    clean.flags.writeable = False
     power = float(irradiance @ LUMINANCE)
     _raise_floor(importance, power / float(solid_angles.sum() * cols))
     return LightMap(clean, importance, irradiance, power, spoilt, coverage)
 
 
+_solid_angles = lru_cache(maxsize=8)(cell_solid_angles)
+
+
 @njit(cache=True)
-def _clean(radiance, solid_angles, clean, luminance, irradiance):
-    rows, cols, _ = radiance.shape
+def _mend(radiance):
+    """Sets spoilt values to 0; the number of pixels that had one."""
+    spoilt = 0
+    for i in range(radiance.shape[0]):
+        for j in range(radiance.shape[1]):
+            bad = False
+            for c in range(3):
+                if not 0 <= radiance[i, j, c] <= _LARGEST:
+                    radiance[i, j, c], bad = 0, True
+            spoilt += bad
+    return spoilt
+
+
+@njit(cache=True, fastmath={"reassoc"})  # sums in any order, so that several are made at once
+def _measure(radiance, values, solid_angles, luminance, irradiance):
+    """Fills the luminance (rows, cols) and the integral (3,) of the radiance; whether all values are finite, >= 0 and at most LARGEST.
+
+    values: (rows, 3 cols), the same memory as radiance. A row is gone through twice, while it is still in the nearest cache.
+    """
     irradiance[:] = 0.0
     spoilt = 0
-    for i in range(rows):
+    for i in range(radiance.shape[0]):
+        for k in range(values.shape[1]):
+            spoilt += 0 if (values[i, k] >= 0) & (values[i, k] <= _LARGEST) else 1
         red = green = blue = 0.0
-        for j in range(cols):
+        for j in range(radiance.shape[1]):
             r, g, b = radiance[i, j, 0], radiance[i, j, 1], radiance[i, j, 2]
-            if not (min(r, g, b) >= 0 and r + g + b <= LARGEST):  # rare; each comparison is false for nan
-                bad_r, bad_g, bad_b = not 0 <= r <= LARGEST, not 0 <= g <= LARGEST, not 0 <= b <= LARGEST
-                r, g, b = np.float32(0) if bad_r else r, np.float32(0) if bad_g else g, np.float32(0) if bad_b else b
-                spoilt += bad_r or bad_g or bad_b
-            clean[i, j, 0], clean[i, j, 1], clean[i, j, 2] = r, g, b
             luminance[i, j] = _RED * r + _GREEN * g + _BLUE * b
             red, green, blue = red + r, green + g, blue + b
         irradiance[0] += red * solid_angles[i]
         irradiance[1] += green * solid_angles[i]
         irradiance[2] += blue * solid_angles[i]
-    return spoilt
+    return spoilt == 0
 
 
 @njit(cache=True)

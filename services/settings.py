@@ -46,7 +46,7 @@ class Capture(Record, frozen=True):
     start: Annotated[int, Meta(ge=0)] = 0  # files: the first frame to play
     end: Annotated[int, Meta(ge=0)] = 0  # files: the one to stop before; 0: to the last
     speed: Annotated[float, Meta(gt=0, le=100)] = 1.0  # files: times their own rate
-    format: str = ""  # cameras: the kernel's four letters, such as Y12 or RG10; empty: the deepest one
+    format: str = ""  # cameras: the kernel's four letters, such as Y12 or RG10; empty: the deepest one. PNG frames: their mosaic
     width: Annotated[int, Meta(ge=0, le=16384)] = 0  # cameras: what to ask for; 0: the lens file's size
     height: Annotated[int, Meta(ge=0, le=16384)] = 0
     record: str = ""  # folder to record to; empty: nothing is recorded

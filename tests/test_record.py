@@ -31,6 +31,26 @@ def test_recorded_maps_replay_bit_for_bit(tmp_path: Path, sequence: Path) -> Non
         assert again.frame(k).time_s == first.frame(k).time_s
 
 
+def test_recorded_maps_replay_with_all_that_travels_with_them(tmp_path: Path) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_response(tmp_path / "response.toml", Log(bits=12, a=0.0, b=300.0, c=1.0, luminance_scale=179.123))
+    rng = np.random.default_rng(3)
+    for k in range(3):
+        codes = rng.integers(0, 900, (48, 64)).astype(np.float32)
+        codes[20:23, 30 + k] = 4095  # a sun, cut by cells
+        write_exr(tmp_path / f"f{k}.exr", codes, {"vemlight:kind": "codes", "vemlight:mosaic": "mono"})
+    raw = open_source(Capture(source=str(tmp_path), rows=20, cols=40))
+    record(Capture(source=str(tmp_path), rows=20, cols=40, record=str(tmp_path / "out")), frames=0)
+    again = open_source(Capture(source=str(tmp_path / "out"), rows=20, cols=40))
+    for k in range(3):
+        one, two = raw.frame(k), again.frame(k)
+        assert len(one.strong.cells) > 1
+        assert one.saturated > 0
+        for a, b in zip((one.radiance, *one.strong), (two.radiance, *two.strong), strict=True):
+            assert (a.dtype, a.tobytes()) == (b.dtype, b.tobytes())
+        assert one[1:6] == two[1:6]  # coverage, time, scale, counts
+
+
 @pytest.mark.parametrize("mosaic", ["mono", "RGGB"])
 def test_recorded_codes_replay_to_the_same_maps(tmp_path: Path, mosaic) -> None:
     from services.capture.frames import FrameMaker

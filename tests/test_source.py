@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from services.capture.lens import Lens, pixel_from_direction, write_lens
-from services.capture.response import Log, code_from_radiance, write_response
+from services.capture.response import Log, Srgb, code_from_radiance, write_response
 from services.capture.sequence import MANIFEST, file_entry
 from services.capture.source import open_source, polar_file, raw_attributes, recorded_rate
 from services.capture.v4l2 import Raw
 from services.files import BadInput
-from services.images import read_radiance, write_exr
+from services.images import read_radiance, write_exr, write_png
 from services.settings import Capture
 from services.sphere import (
     angle_between,
@@ -199,6 +199,56 @@ def test_what_is_no_code_is_refused(tmp_path: Path, value: float) -> None:
     write_exr(tmp_path / "f.exr", np.full((128, 128, 3), value, np.float32))
     with pytest.raises(BadInput, match=r"f\.exr.*code"):
         open_source(capture(tmp_path / "f.exr")).frame(0)
+
+
+def codes_of(image: np.ndarray) -> np.ndarray:
+    return code_from_radiance(image.astype(np.float64), RESPONSE)
+
+
+@pytest.mark.parametrize(("form", "colour"), [("", False), ("Y12", False), ("GB12", False), ("", True)])
+def test_png_frames_are_the_same_as_exr_frames(tmp_path: Path, form: str, colour: bool) -> None:
+    rng = np.random.default_rng(8)
+    for kind in ("png", "exr"):
+        (tmp_path / kind).mkdir()
+        write_lens(tmp_path / kind / "lens.toml", LENS)
+        write_response(tmp_path / kind / "response.toml", RESPONSE)
+    write_png(tmp_path / "png" / "lens.png", np.zeros((9, 9), np.uint8))  # what a calibration draws is no frame
+    mosaic = {} if colour else {"vemlight:mosaic": "GBRG" if form == "GB12" else "mono"}
+    for k in range(3):
+        codes = codes_of(rng.lognormal(0, 2, (128, 128, 3) if colour else (128, 128)))
+        write_png(tmp_path / "png" / f"f{k}.png", codes)
+        write_exr(tmp_path / "exr" / f"f{k}.exr", codes.astype(np.float32), {"vemlight:kind": "codes", **mosaic})
+    png, exr = open_source(capture(tmp_path / "png", format=form)), open_source(capture(tmp_path / "exr"))
+    assert len(png) == len(exr) == 3
+    for k in range(3):
+        a, b = png.frame(k), exr.frame(k)
+        assert a.radiance.tobytes() == b.radiance.tobytes()
+        assert (a.time_s, a.black, a.saturated, a.luminance_scale) == (b.time_s, b.black, b.saturated, b.luminance_scale)
+
+
+def test_png_of_eight_bits(tmp_path: Path) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_response(tmp_path / "response.toml", Srgb(bits=8))
+    write_png(tmp_path / "f.png", np.full((128, 128), 255, np.uint8))
+    frame = open_source(capture(tmp_path / "f.png")).frame(0)
+    np.testing.assert_allclose(frame.radiance, 1.0, rtol=0.02)
+    assert frame.saturated > 1000
+
+
+def test_png_that_cannot_be_raw_is_refused(tmp_path: Path) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_response(tmp_path / "response.toml", RESPONSE)
+    write_png(tmp_path / "f.png", np.zeros((128, 128, 3), np.uint8))
+    with pytest.raises(BadInput, match=r"f\.png: is in colour"):
+        open_source(capture(tmp_path / "f.png", format="RG12")).frame(0)
+    with pytest.raises(BadInput, match="format = 'XY12' is not known"):
+        open_source(capture(tmp_path / "f.png", format="XY12"))
+    write_png(tmp_path / "g.png", np.full((128, 128), 4096, np.uint16))
+    with pytest.raises(BadInput, match=r"g\.png: has code 4096 and the response 12 bits"):
+        open_source(capture(tmp_path / "g.png")).frame(0)
+    (tmp_path / "h.png").write_bytes((tmp_path / "g.png").read_bytes()[:40])
+    with pytest.raises(BadInput, match=r"h\.png: is no readable image"):
+        open_source(capture(tmp_path / "h.png")).frame(0)
 
 
 def test_unknown_kind_is_refused(tmp_path: Path) -> None:

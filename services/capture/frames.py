@@ -15,6 +15,7 @@ from services.capture.fisheye import (
     fisheye_to_polar,
     lit_spans,
 )
+from services.capture.header import count_from_attributes, scale_from_attributes, strong_from_attributes
 from services.capture.lens import Lens, read_lens
 from services.capture.polar import LatlongToPolar, latlong_strong, latlong_to_polar, polar_from_latlong
 from services.capture.response import Response, radiance_table, read_response
@@ -92,22 +93,21 @@ class FrameMaker:
             if (*image.shape[:2], attributes.get("vemlight:coverage")) != (s.rows, s.cols, s.coverage):
                 found = f"{attributes.get('vemlight:coverage')} of {image.shape[0]} x {image.shape[1]}"
                 raise BadInput(f"{name}: is a {found} cells and [capture] asks for a {s.coverage} of {s.rows} x {s.cols}; set it so")
-            radiance, strong_of = image, None
+            radiance, strong = image, strong_from_attributes(name, attributes, s.rows * s.cols)
         elif kind == "latlong":
             height, width = image.shape[:2]
             weights = self._latlong = self._latlong or latlong_to_polar(height, width, s.rows, s.cols, s.coverage)
-            radiance, strong_of = polar_from_latlong(image, weights), lambda cells: latlong_strong(image, weights, cells, s.coverage)
+            radiance = polar_from_latlong(image, weights)
+            strong = latlong_strong(image, weights, strong_cells(radiance, s.coverage), s.coverage)
         elif kind == "fisheye":
             self._prepare(name, image, None)
             radiance = polar_from_fisheye(image, self._fisheye[0], self._threads)
             flat = image.reshape(-1, 3)
-            strong_of = self._strong_of(lambda pixel: luminance(flat[pixel]))
+            strong = self._strong(radiance, lambda pixel: luminance(flat[pixel]))
         else:
             raise BadInput(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
-        strong = strong_of(strong_cells(radiance, s.coverage)) if strong_of else NONE
-        scale = attributes.get("whiteLuminance")
-        scale = float(scale) if isinstance(scale, float | int) and 0 < scale < 1e30 else None
-        return Frame(radiance, s.coverage, time_s, scale, 0, 0, strong)
+        black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
+        return Frame(radiance, s.coverage, time_s, scale_from_attributes(attributes), black, saturated, strong)
 
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
         """The frame of raw `codes` uint8 or uint16: (height, width) of a `mosaic`, or (height, width, 3) without one.
@@ -136,8 +136,7 @@ class FrameMaker:
             radiance = np.stack(maps, axis=-1)
         flat = codes.reshape(-1) if codes.ndim == 2 else codes.reshape(-1, 3)
         # a mosaic's green pixels stand for its luminance
-        strong_of = self._strong_of(lambda pixel: table[flat[pixel]] if codes.ndim == 2 else luminance(table[flat[pixel]]))
-        strong = strong_of(strong_cells(radiance, s.coverage))
+        strong = self._strong(radiance, lambda pixel: table[flat[pixel]] if codes.ndim == 2 else luminance(table[flat[pixel]]))
         black, saturated = (int(sum(count[n] for count in counts)) for n in (0, 1))
         return Frame(radiance, s.coverage, time_s, response.luminance_scale, black, saturated, strong)
 
@@ -180,10 +179,10 @@ class FrameMaker:
             raise BadInput(f"{path}: is no image of even light; it must be finite, and lit where the optical axis is")
         return np.maximum(image / middle, 1e-3)  # what the lens shades to less says nothing, and lies beyond the rim
 
-    def _strong_of(self, brightness: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], StrongLight]:
-        lens, weights = self._lens, self._fisheye[1 if len(self._fisheye) == 3 else 0]
+    def _strong(self, radiance: np.ndarray, brightness: Callable[[np.ndarray], np.ndarray]) -> StrongLight:
+        lens, weights, coverage = self._lens, self._fisheye[1 if len(self._fisheye) == 3 else 0], self._settings.coverage
         assert lens is not None
-        return lambda cells: fisheye_strong(brightness, weights, lens, cells, self._settings.coverage)
+        return fisheye_strong(brightness, weights, lens, strong_cells(radiance, coverage), coverage)
 
 
 def strong_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:

@@ -13,6 +13,7 @@ from services.files import BadInput
 
 MANIFEST = "manifest.jsonl"
 SUFFIXES = (".exr", ".hdr", ".pic")
+PNG = ".png"  # raw codes
 
 
 class Entry(msgspec.Struct, frozen=True):
@@ -32,11 +33,13 @@ def file_entry(path: Path, sequence: int, time_s: float) -> Entry:
 def read_manifest(folder: Path) -> list[Entry]:
     """The entries of the manifest in `folder`, in its order. Raises BadInput for a line that is none and for frames that are gone."""
     path = folder / MANIFEST
-    entries = []
-    for number, line in enumerate(path.read_bytes().splitlines(), 1):
+    entries, lines = [], path.read_bytes().splitlines(keepends=True)
+    for number, line in enumerate(lines, 1):
         try:
             entries.append(msgspec.json.decode(line, type=Entry))
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            if number == len(lines) and not line.endswith(b"\n"):
+                break  # it was being written when the power went
             raise BadInput(f"{path}: line {number}: {error}; copy the recording again") from error
     if not entries:
         raise BadInput(f"{path}: lists no frames; record again")
@@ -58,9 +61,12 @@ def frame_paths(folder: Path) -> list[Path]:
 
     Raises BadInput when there are none, or when numbered files leave a number out.
     """
-    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.stem.endswith(".part"))
+    whole = sorted(p for p in folder.iterdir() if not p.stem.endswith(".part"))
+    paths = [p for p in whole if p.suffix.lower() in SUFFIXES]
+    if not paths:  # pictures beside frames of radiance are for the eye, and so are those of a calibration beside its file
+        paths = [p for p in whole if p.suffix.lower() == PNG and not p.with_suffix(".toml").exists()]
     if not paths:
-        raise BadInput(f"{folder}: holds no {' or '.join(SUFFIXES)} files; name a folder of frames")
+        raise BadInput(f"{folder}: holds no {', '.join(SUFFIXES)} or {PNG} files; name a folder of frames")
     numbered = [(match[1], match[2], p) for p in paths if (match := re.fullmatch(r"(.*?)(\d+)", p.stem))]
     if len(numbered) < len(paths) or len({prefix for prefix, _, _ in numbered}) > 1:
         return paths

@@ -2,8 +2,9 @@
 
 Frames are lat-long images, fisheye images of radiance (with a lens file) or of raw codes (with a response file too), or polar
 maps. What a frame is stands in its EXR header as `vemlight:kind`; without it, a lens file makes it fisheye and a response file
-raw. lens.toml and response.toml are looked for beside the frames when the settings name none. A frame's nan, inf and negative
-values stay in the cells that they touch.
+raw. PNG files are raw: gray ones of one colour, or of the mosaic that the settings' `format` names, others of three channels.
+lens.toml and response.toml are looked for beside the frames when the settings name none. A frame's nan, inf and negative values
+stay in the cells that they touch.
 """
 
 import time
@@ -16,11 +17,12 @@ import msgspec
 import numpy as np
 
 from services.capture.frames import Frame, FrameMaker
+from services.capture.header import strong_text
 from services.capture.record import Recorder
-from services.capture.sequence import MANIFEST, Entry, check_digest, frame_paths, read_manifest
-from services.capture.v4l2 import Camera, Raw
+from services.capture.sequence import MANIFEST, PNG, Entry, check_digest, frame_paths, read_manifest
+from services.capture.v4l2 import Camera, Raw, mosaic_of
 from services.files import BadInput
-from services.images import read_radiance, write_exr
+from services.images import read_codes, read_radiance, write_exr
 from services.settings import Capture
 
 AHEAD = 2  # frames made before they are asked for
@@ -52,7 +54,10 @@ class Files:
         self._maker = FrameMaker(settings, paths[0].parent)
         self._checked: set[int] = set()
         self._speed = settings.speed
-        self.fps = recorded_rate(read_radiance(self.paths[0])[1], settings.fps) * settings.speed
+        self._mosaic = mosaic_of(settings.format)
+        self.fps = settings.fps * settings.speed
+        if self.paths[0].suffix.lower() != PNG:
+            self.fps = recorded_rate(read_radiance(self.paths[0])[1], settings.fps) * settings.speed
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -63,8 +68,13 @@ class Files:
         if self._entries and k not in self._checked:
             check_digest(path, self._entries[k].sha256)
             self._checked.add(k)
-        image, attributes = read_radiance(path)
         time_s = self._entries[k].time_s / self._speed if self._entries else k / self.fps
+        if path.suffix.lower() == PNG:
+            codes = read_codes(path)
+            if codes.ndim == 3 and self._mosaic:
+                raise BadInput(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
+            return self._maker.frame_from_codes(str(path), codes, None if codes.ndim == 3 else self._mosaic or "mono", time_s)
+        image, attributes = read_radiance(path)
         return self._maker.frame(str(path), image, attributes, time_s)
 
 
@@ -212,10 +222,13 @@ def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
     attributes: dict[str, Any] = {
         "vemlight:kind": "polar",
         "vemlight:coverage": frame.coverage,
+        "vemlight:strong": strong_text(frame.strong),
+        "vemlight:black": frame.black,
+        "vemlight:saturated": frame.saturated,
         "framesPerSecond": Fraction(fps).limit_denominator(1001),
     }
     if frame.luminance_scale is not None:
-        attributes["whiteLuminance"] = frame.luminance_scale
+        attributes |= {"whiteLuminance": frame.luminance_scale, "vemlight:luminance_scale": repr(frame.luminance_scale)}
     return attributes
 
 

@@ -52,6 +52,16 @@ def _formats() -> dict[int, Format]:
 FORMATS = _formats()  # by the kernel's code
 
 
+def mosaic_of(form: str) -> Mosaic | None:
+    """The mosaic of the format called `form`, None for an empty name. Raises BadInput for one that is not known."""
+    if not form:
+        return None
+    for known in FORMATS.values():
+        if known.name == form:
+            return known.mosaic
+    raise BadInput(f"[capture] format = {form[:20]!r} is not known; it is one of {', '.join(f.name for f in FORMATS.values())}")
+
+
 class Raw(NamedTuple):
     """One frame as the camera gave it."""
 

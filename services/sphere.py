@@ -101,3 +101,9 @@ def rotation_xyz(degrees: tuple[float, float, float]) -> np.ndarray:
     about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
     about_z = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
     return about_z @ about_y @ about_x
+
+
+def quaternion_xyz(degrees: tuple[float, float, float]) -> tuple[float, float, float, float]:
+    """The unit quaternion x, y, z, w of `rotation_xyz`."""
+    (a, b, c), (d, e, f) = np.sin(np.radians(degrees) / 2).tolist(), np.cos(np.radians(degrees) / 2).tolist()
+    return (a * e * f - d * b * c, d * b * f + a * e * c, d * e * c - a * b * f, d * e * f + a * b * c)

@@ -67,7 +67,7 @@ class Film:
         """The triangle's corners at a time, as the file is read."""
         part = read_parts(self.write(folder / f"film.{suffix}"), "here")[0]
         assert part.motion is not None
-        matrix = part.motion.file_from_rest(time_s)
+        matrix = part.motion.world_from_rest(time_s)
         return part.geometry.positions @ matrix[:3, :3].T + matrix[:3, 3]
 
 

@@ -37,17 +37,18 @@ class Node(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """nodes: from the root to the mesh. duration_s: of the animation, above 0."""
+    """nodes: from the root to the mesh. duration_s: of the animation, above 0. world_from_file: (4, 4)."""
 
     nodes: tuple[Node, ...]
     duration_s: float
+    world_from_file: np.ndarray
 
-    def file_from_rest(self, time_s: float) -> np.ndarray:
-        """Where the mesh stands at a time, (4, 4) in the file's axes, as a transform from where the file itself puts it."""
-        now = np.eye(4)
+    def world_from_rest(self, time_s: float) -> np.ndarray:
+        """Where the mesh stands at a time, (4, 4), as a transform from where the file puts it without its animation."""
+        now = self.world_from_file
         for node in self.nodes:
             now = now @ node_matrix(node, time_s % self.duration_s)
-        return now @ np.linalg.inv(self.file_from_node())
+        return now @ np.linalg.inv(self.world_from_file @ self.file_from_node())
 
     def file_from_node(self) -> np.ndarray:
         """Where the file itself puts the mesh's node, (4, 4)."""
@@ -57,10 +58,10 @@ class Motion(NamedTuple):
         return matrix
 
     def times_s(self, most: int) -> np.ndarray:
-        """Moments that show where it goes: the keys, at most `most` of them, and twice as many evenly spread ones."""
+        """Moments that show where it goes: the keys, at most `most` of them, and as many evenly spread ones; all before its end."""
         keys = np.unique(np.concatenate([track.times for node in self.nodes for track in node.tracks.values()]))
         chosen = keys[np.unique(np.linspace(0, len(keys) - 1, most).round().astype(int))]
-        return np.concatenate([chosen, np.linspace(0, self.duration_s, 2 * most)])
+        return np.minimum(np.concatenate([chosen, np.linspace(0, self.duration_s, most)]), np.nextafter(self.duration_s, 0))
 
 
 def node_matrix(node: Node, time_s: float) -> np.ndarray:
@@ -144,7 +145,7 @@ def read_motions(path: Path) -> dict[str, Motion]:
     for name, number in names.items():
         chain = _chain(number, parents, len(nodes))
         if any(passed in tracks for passed in chain):
-            motions[name] = Motion(tuple(made[passed] for passed in chain), float(duration_s))
+            motions[name] = Motion(tuple(made[passed] for passed in chain), float(duration_s), np.eye(4))
             if not abs(np.linalg.det(motions[name].file_from_node())) > 1e-18:  # scaled to a millionth, three times
                 raise ValueError("has an animated node that is scaled to nothing where the file places it")
     return motions

@@ -21,9 +21,12 @@ def no_maps(tiles: int) -> np.ndarray:
     return np.full((tiles, 3), np.nan, np.float32)
 
 
-def planned_maps(drawn: np.ndarray, directions: np.ndarray, strength: np.ndarray, budget: int, tolerance: float) -> MapPlan:
+def planned_maps(
+    drawn: np.ndarray, directions: np.ndarray, strength: np.ndarray, budget: int, tolerance: float, stale: np.ndarray | float = 0.0
+) -> MapPlan:
     """A plan for lights from `directions` (n, 3) of `strength` (n,) with at least n + budget tiles in `drawn`.
 
+    stale: (m,) rad by which a light would have to turn to move a shadow as far as what casts it has moved since the tile was drawn.
     A light keeps a map within `tolerance` rad of it. The others are served by strength times angle, the largest error first, as many as
     the budget allows, into tiles that no other light reads; what is left over reads the nearest map until its turn comes. While nothing
     is drawn the budget does not count. Raises ValueError when the tiles are too few.
@@ -37,7 +40,7 @@ def planned_maps(drawn: np.ndarray, directions: np.ndarray, strength: np.ndarray
         after[:count] = directions
         return MapPlan(np.arange(count), np.arange(count), after)
     # Chord lengths: exact for small angles, where an arc cosine of float32 knows nothing below 0.02 degrees.
-    chord = np.linalg.norm(directions[:, None, :] - drawn[None, have, :], axis=-1)
+    chord = np.linalg.norm(directions[:, None, :] - drawn[None, have, :], axis=-1) + np.broadcast_to(stale, len(drawn))[have]
     nearest = np.argmin(chord, axis=1)
     off = chord[np.arange(count), nearest]
     error = np.where(off > tolerance, strength * off, 0.0)

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from services.renderer.geometry import Span, local_order
-from services.renderer.meshes import Geometry, bounds, is_closed
+from services.renderer.geometry import Piece, Span, local_order, pieces
+from services.renderer.meshes import Geometry, bounds, box_corners, is_closed, swept_bounds
 from services.renderer.scene import Mesh, Scene
 
 WORTH = 500  # triangles; fewer cost a shadow map less than a clear of its tile
@@ -14,12 +14,21 @@ PROBES = 2000  # points at which either surface is compared with the other; with
 NEAREST = 8  # of those points, in whose triangles the nearest is looked for
 
 
+class Caster(NamedTuple):
+    """One mesh in the buffers: its number in the scene, its runs of indices and of vertices, and the box around it, (8, 3) float64."""
+
+    mesh: int
+    indices: Span
+    vertices: Span
+    corners: np.ndarray
+
+
 class Casters(NamedTuple):
-    """positions: (n, 3) float32. indices: (3 m,) uint32, of them runs that are closed, open, and the floor.
+    """positions: (n, 3) float32. indices: (3 m,) uint32, of them runs that are closed, open, and the floor; members: in the runs' order.
 
     Closed meshes cast with the faces towards the light alone. The floor, a flat mesh with the whole scene on one side, casts only for
     lights on the other; floor_normal (3,) points to the scene, zeros without a floor. box_centre, box_half: (2, 3) float32, the box around
-    the casters of lights above the floor, and of lights below.
+    the casters of lights above the floor, and of lights below. tolerance: metres by which a floor may be pierced.
     """
 
     positions: np.ndarray
@@ -27,6 +36,19 @@ class Casters(NamedTuple):
     closed: Span
     open: Span
     floor: Span
+    members: tuple[Caster, ...]
+    floor_normal: np.ndarray
+    box_centre: np.ndarray
+    box_half: np.ndarray
+    tolerance: float
+
+
+class Placed(NamedTuple):
+    """Casters as they stand: what is drawn as closed, as open and as the floor; the rest as in Casters."""
+
+    closed: tuple[Piece, ...]
+    open: tuple[Piece, ...]
+    floor: tuple[Piece, ...]
     floor_normal: np.ndarray
     box_centre: np.ndarray
     box_half: np.ndarray
@@ -34,27 +56,104 @@ class Casters(NamedTuple):
 
 def scene_casters(scene: Scene, tile_size: int) -> Casters:
     """The casters for maps of `tile_size` texels a side, the closed ones first: simplified by no more than a texel, the shader's bias."""
-    floor, normal = _floor(scene)
-    standing = [mesh.geometry for k, mesh in enumerate(scene.meshes) if k != floor]
-    low, high = bounds(standing)
+    tolerance = 1e-4 * float(np.linalg.norm(scene.half))  # a foot sunk by so little casts no shadow that a texel shows
+    floor, normal = _floor(scene, tolerance)
+    standing = {k: mesh.geometry for k, mesh in enumerate(scene.meshes) if k != floor}
+    low, high = bounds(list(standing.values()))
     # Seen from any side the box is at least as large as its middle extent, so no map's texel is smaller than this.
     texel = float(np.sort(high - low)[1]) / tile_size
-    standing = [local_order(simplified(geometry, texel)) for geometry in standing]
-    runs = [[g for g in standing if g.closed], [g for g in standing if not g.closed], [scene.meshes[floor].geometry] if floor >= 0 else []]
-    parts = [geometry for run in runs for geometry in run]
-    counts = [sum(geometry.triangles.size for geometry in run) for run in runs]
-    offsets = np.cumsum([0, *(len(geometry.positions) for geometry in parts)])
-    boxes = [bounds([*runs[0], *runs[1]]), bounds([*parts, *(mesh.geometry for mesh in scene.meshes)])]
+    standing = {k: local_order(simplified(geometry, texel)) for k, geometry in standing.items()}
+    closed = [k for k, geometry in standing.items() if geometry.closed]
+    open_ = [k for k, geometry in standing.items() if not geometry.closed]
+    runs = [closed, open_, [floor] if floor >= 0 else []]
+    parts = [scene.meshes[k].geometry if k == floor else standing[k] for run in runs for k in run]
+    vertices = np.cumsum([0, *(len(geometry.positions) for geometry in parts)]).tolist()
+    indices = np.cumsum([0, *(geometry.triangles.size for geometry in parts)]).tolist()
+    members = [
+        Caster(k, Span(indices[n], part.triangles.size), Span(vertices[n], len(part.positions)), box_corners(part))
+        for n, (k, part) in enumerate(zip([k for run in runs for k in run], parts, strict=True))
+    ]
+    moving = [swept_bounds(mesh.geometry, mesh.motion) for mesh in scene.meshes if mesh.motion]
+    everything = bounds([*parts, *(mesh.geometry for mesh in scene.meshes)])
+    boxes = [_around([bounds(list(standing.values())), *moving]), _around([everything, *moving])]
+    ends = (0, indices[len(closed)], indices[len(closed) + len(open_)], indices[-1])
     return Casters(
         np.concatenate([geometry.positions for geometry in parts]),
-        np.concatenate([geometry.triangles.reshape(-1) + np.uint32(first) for geometry, first in zip(parts, offsets[:-1], strict=True)]),
-        Span(0, counts[0]),
-        Span(counts[0], counts[1]),
-        Span(counts[0] + counts[1], counts[2]),
+        np.concatenate([geometry.triangles.reshape(-1) + np.uint32(first) for geometry, first in zip(parts, vertices[:-1], strict=True)]),
+        Span(ends[0], ends[1] - ends[0]),
+        Span(ends[1], ends[2] - ends[1]),
+        Span(ends[2], ends[3] - ends[2]),
+        tuple(members),
         normal,
         np.array([(high + low) / 2 for low, high in boxes], np.float32),
         np.array([(high - low) / 2 for low, high in boxes], np.float32),
+        tolerance,
     )
+
+
+def _around(boxes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    return np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
+
+
+def placed_casters(casters: Casters, matrices: np.ndarray, before: Placed | None = None) -> Placed:
+    """The casters with world_from_rest (n, 4, 4) of the scene's meshes.
+
+    Runs that nothing moved are drawn as one. The boxes stay those of `before` (of `casters` at first) while all casters are inside;
+    else they grow. A floor that moves or that something moved pierces casts like any open mesh, until it no longer does.
+    """
+    moved = [member for member in casters.members if not np.array_equal(matrices[member.mesh], np.eye(4))]
+    floor = bool(casters.floor_normal.any()) and not any(_pierces(casters, member, matrices[member.mesh]) for member in moved)
+    closed, open_, apart = [], [], []
+    for member in casters.members:
+        first = member.indices.first
+        run = closed if first < casters.open.first else open_ if first < casters.floor.first or not floor else apart
+        run.append(member)
+    runs = {
+        name: pieces([member.indices for member in run], [matrices[member.mesh] for member in run])
+        for name, run in (("closed", closed), ("open", open_), ("floor", apart))
+    }
+    if before and bool(before.floor) == floor:
+        centre, half = before.box_centre, before.box_half
+    else:
+        boxes = [0 if floor else 1, 1]
+        centre, half = casters.box_centre[boxes], casters.box_half[boxes]
+    for member in moved:
+        centre, half = _grown(centre, half, _moved(member.corners, matrices[member.mesh]))
+    return Placed(**runs, floor_normal=casters.floor_normal if floor else np.zeros(3), box_centre=centre, box_half=half)
+
+
+def moved_by_m(casters: Casters, before: np.ndarray, after: np.ndarray) -> float:
+    """How far any point of the casters moved at most between two states of the matrices (n, 4, 4), metres."""
+    changed = [member for member in casters.members if not np.array_equal(before[member.mesh], after[member.mesh])]
+    # The distance between two affine images of a point is convex in it: nowhere in a box is it larger than at a corner.
+    steps = [_moved(member.corners, after[member.mesh]) - _moved(member.corners, before[member.mesh]) for member in changed]
+    return max((float(np.linalg.norm(step, axis=-1).max()) for step in steps), default=0.0)
+
+
+def _moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _pierces(casters: Casters, member: Caster, matrix: np.ndarray) -> bool:
+    """Whether a moved caster reaches below the floor, or is the floor."""
+    if member.indices == casters.floor:
+        return True
+    span = member.vertices
+    points = _moved(casters.positions[span.first : span.first + span.count].astype(np.float64), matrix)
+    floor = casters.positions[casters.indices[casters.floor.first]].astype(np.float64)
+    return bool(((points - floor) @ casters.floor_normal).min() < -casters.tolerance)
+
+
+def _grown(centre: np.ndarray, half: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The boxes (2, 3), a tenth larger than needed towards points that lie outside: the next ones may lie farther out."""
+    low, high, lowest, highest = centre - half, centre + half, corners.min(axis=0), corners.max(axis=0)
+    slack = 1e-5 * (high - low).max()  # float32
+    if np.all(lowest >= low - slack) and np.all(highest <= high + slack):
+        return centre, half
+    more = 0.1 * (np.maximum(high, highest) - np.minimum(low, lowest))
+    low = np.where(lowest < low - slack, lowest - more, low)
+    high = np.where(highest > high + slack, highest + more, high)
+    return ((low + high) / 2).astype(np.float32), ((high - low) / 2).astype(np.float32)
 
 
 def simplified(geometry: Geometry, tolerance: float) -> Geometry:
@@ -131,14 +230,13 @@ def _distances(probes: np.ndarray, points: np.ndarray, triangles: np.ndarray, ga
     return np.where(distance**2 - height**2 < gap**2, height, distance)
 
 
-def _floor(scene: Scene) -> tuple[int, np.ndarray]:
-    """Index and normal of the largest flat mesh that has all the others on one side; (-1, zeros) when there is none."""
-    tolerance = 1e-4 * float(np.linalg.norm(scene.half))  # a foot sunk by so little casts no shadow that a texel shows
+def _floor(scene: Scene, tolerance: float) -> tuple[int, np.ndarray]:
+    """Index and normal of the largest flat mesh that stands still and has all the others on one side; (-1, zeros) when there is none."""
     best, index, normal = 0.0, -1, np.zeros(3)
     for k, mesh in enumerate(scene.meshes):
         others = [other.geometry.positions for j, other in enumerate(scene.meshes) if j != k]
         area, n, point = _plane(mesh, tolerance)
-        if area <= best or not others:
+        if area <= best or not others or mesh.motion:
             continue
         low = min(float(((p - point) @ n).min()) for p in others)
         high = max(float(((p - point) @ n).max()) for p in others)

@@ -1,5 +1,6 @@
 """The scene's triangles as the GPU reads them: one vertex and one index buffer, neighbours near in memory."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,13 @@ class Span(NamedTuple):
 
     first: int
     count: int
+
+
+class Piece(NamedTuple):
+    """A run of the index buffer that moves as one: world_from_rest (4, 4)."""
+
+    indices: Span
+    world_from_rest: np.ndarray
 
 
 class Drawable(NamedTuple):
@@ -38,6 +46,18 @@ def drawable_scene(scene: Scene) -> Drawable:
         spans.append(Span(first_index, near.triangles.size))
         first_vertex, first_index = first_vertex + len(rows), first_index + near.triangles.size
     return Drawable(np.concatenate(vertices), np.concatenate(indices), tuple(spans))
+
+
+def pieces(spans: Iterable[Span], matrices: Iterable[np.ndarray]) -> tuple[Piece, ...]:
+    """Runs of meshes in the buffer's order, joined where they touch and stand alike."""
+    found: list[Piece] = []
+    for span, matrix in zip(spans, matrices, strict=True):
+        last = found[-1] if found else None
+        if last and sum(last.indices) == span.first and np.array_equal(last.world_from_rest, matrix):
+            found[-1] = Piece(Span(last.indices.first, last.indices.count + span.count), matrix)
+        else:
+            found.append(Piece(span, matrix))
+    return tuple(found)
 
 
 def local_order(mesh: Geometry) -> Geometry:

@@ -17,6 +17,7 @@ from services.renderer.animation import Motion, read_motions
 from services.renderer.materials import Material, material_from_visual
 
 Shape = Literal["sphere", "plane", "box"]
+MOST_TIMES = 64  # moments of an animation at which its reach is looked at, keys and evenly spread ones each
 CREASE = np.radians(40.0)  # between a round form in coarse facets (a 12-sided tube: 30 degrees) and a chamfer (45 degrees)
 
 
@@ -53,6 +54,23 @@ def bounds(geometries: list[Geometry]) -> tuple[np.ndarray, np.ndarray]:
     low = np.min([g.positions.min(axis=0) for g in geometries], axis=0)
     high = np.max([g.positions.max(axis=0) for g in geometries], axis=0)
     return low.astype(np.float64), high.astype(np.float64)
+
+
+def box_corners(geometry: Geometry) -> np.ndarray:
+    """The corners (8, 3) float64 of the box around a geometry."""
+    low, high = bounds([geometry])
+    return np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low)
+
+
+def swept_bounds(geometry: Geometry, motion: Motion | None) -> tuple[np.ndarray, np.ndarray]:
+    """As `bounds`, of the box around all places to which a motion brings a geometry's own box."""
+    if motion is None:
+        return bounds([geometry])
+    matrices = np.stack([motion.world_from_rest(time_s) for time_s in motion.times_s(MOST_TIMES)])
+    swept = np.einsum("tij,cj->tci", matrices[:, :3, :3], box_corners(geometry)) + matrices[:, None, :3, 3]
+    low, high = swept.min(axis=(0, 1)), swept.max(axis=(0, 1))
+    between = 0.02 * (high - low)  # a half turn between two of ten moments leaves its chord by 1 - cos(pi / 20), 1.2 % of its radius
+    return low - between, high + between
 
 
 def shape_geometry(shape: Shape) -> Geometry:

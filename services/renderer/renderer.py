@@ -1,13 +1,13 @@
 """Lit pictures: surfaces first, then for each visible pixel the sum over all lights with their shadow maps."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import moderngl
 import numpy as np
 
-from services import settings
+from services import settings, wire
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.casters import scene_casters
@@ -22,6 +22,7 @@ from services.renderer.regions import light_regions
 from services.renderer.scene import Scene
 from services.renderer.shading import Shading
 from services.renderer.shadows import Batch, ShadowAtlas
+from services.renderer.standing import Standing, standing
 from services.renderer.surfaces import Surfaces
 from services.renderer.timers import Timers
 from services.renderer.tonemap import Adaptation, tone_curve
@@ -50,6 +51,7 @@ class Renderer:
         self._frame_ms = settings.frame_ms
         self._pace = Pace()
         self._drawn_frames = 0
+        self._standing = standing(scene, 0.0)
         self._programs = Programs(self._context)
         self._timers = Timers(self._context)
         self._build(settings.shadow_map, settings.light_regions)
@@ -58,6 +60,7 @@ class Renderer:
         context = self._context
         found = light_regions(regions)
         self._atlas = ShadowAtlas(context, self._programs, scene_casters(self._scene, shadow_map), found, shadow_map)
+        self._atlas.place(self._standing.matrices)
         self._surfaces = Surfaces(context, self._programs, self._scene, self._size)
         kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}
         self._shading = Shading(context, self._programs, found, kinds, self._size)
@@ -70,7 +73,24 @@ class Renderer:
         self._screen = context.renderbuffer(self._size, 4)
         self._screen_frame = context.framebuffer([self._screen])
 
-    def render(self, lights: Lights, weak: Lights = Lights.none()) -> np.ndarray:  # noqa: B008
+    def place(self, time_s: float, poses: Iterable[wire.Pose] = ()) -> tuple[wire.Pose, ...]:
+        """Moves the scene, before the next picture, to where animations have brought it at a time and what `poses` names where they say.
+
+        Returns where its objects and lamps stand now; what is not named stands where the scene file puts it.
+        """
+        now = standing(self._scene, time_s, poses)
+        with self._context:
+            self._place(now)
+        return now.things
+
+    def _place(self, now: Standing) -> None:
+        self._illumination.place(now)
+        if not np.array_equal(now.matrices, self._standing.matrices):
+            self._atlas.place(now.matrices)
+            self._surfaces.place(now)
+        self._standing = now
+
+    def render(self, lights: Lights, weak: Lights | None = None) -> np.ndarray:
         """The picture under `lights`, (height, width, 4) float32, linear, row 0 on top.
 
         RGB is radiance times alpha (the average over the pixel's area), alpha the share of the area where rays meet a surface; a catcher
@@ -84,9 +104,9 @@ class Renderer:
                 self._illumination.draw_maps()
             self._shading.clear()
             if self._frame_ms:
-                self._render_in_time(lights, weak)
+                self._render_in_time(lights, weak or Lights.none())
             else:
-                self._render_all(lights, weak)
+                self._render_all(lights, weak or Lights.none())
             if self._plate:
                 with self._timers.measured("plate"):
                     self._plate.draw(self._shading.frame)
@@ -169,7 +189,7 @@ class Renderer:
 
     def _unshadowed(self, lights: Lights) -> Colour:
         """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
-        normal = self._scene.catcher_normal
+        normal = self._scene.catcher_normal(self._standing.matrices)
         if normal is None:
             return (1.0, 1.0, 1.0)
         red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, 1e-30).tolist()

@@ -10,15 +10,19 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from services import wire
 from services.files import BadInput, read_toml
-from services.renderer.luminaire.placement import Luminaire, LuminaireTable, load_luminaire
+from services.renderer.animation import Motion
+from services.renderer.luminaire.placement import BUNDLED, Luminaire, LuminaireTable, load_luminaire
 from services.renderer.materials import Catcher, Material, MaterialTable, Phong, material_from_table
-from services.renderer.meshes import Geometry, Part, Shape, bounds, read_parts, shape_geometry
+from services.renderer.meshes import Geometry, Part, Shape, bounds, read_parts, shape_geometry, swept_bounds
 from services.renderer.plate import PlateTable, load_plate
-from services.sphere import rotation_xyz
+from services.sphere import quaternion_xyz, rotation_xyz
 
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
+
+FARTHEST_M = 1e6  # as poses on the wire; there float32 is 6 cm coarse
 
 Vector = tuple[float, float, float]
 
@@ -34,6 +38,7 @@ class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     file: str = ""
     shape: Shape | None = None
+    name: Annotated[str, Meta(max_length=64)] = ""  # by which it is moved; left out: the file's or the shape's
     y_up: bool | None = None  # left out: true for glTF, whose files are y-up by definition
     scale: Annotated[float, Meta(gt=0)] = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
@@ -49,15 +54,23 @@ class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class Mesh(NamedTuple):
-    """A mesh in the world with its material."""
+    """A mesh in the world, where the scene file puts it, with its material.
+
+    thing: the number of what it is part of; None: nothing that can be moved. motion: how its file's animation moves it.
+    """
 
     name: str
     geometry: Geometry
     material: Material
+    thing: int | None = None
+    motion: Motion | None = None
 
 
 class Scene(NamedTuple):
-    """What is drawn. centre and half: the box around all meshes, (3,) float64 each, metres."""
+    """What is drawn. centre and half: the box around all meshes and wherever animations bring them, (3,) float64 each, metres.
+
+    things: what can be moved, where the scene file puts it: an object for each [[mesh]], then the lamps in their order.
+    """
 
     camera: Camera
     meshes: tuple[Mesh, ...]
@@ -65,14 +78,16 @@ class Scene(NamedTuple):
     half: np.ndarray
     luminaires: tuple[Luminaire, ...] = ()
     plate: np.ndarray | None = None  # (h, w, 3) float16, radiance of what lies behind, row 0 on top
+    things: tuple[wire.Pose, ...] = ()
 
-    @property
-    def catcher_normal(self) -> np.ndarray | None:
-        """Unit normal (3,) of the catcher on the camera's side; None when there is none."""
-        for mesh in self.meshes:
+    def catcher_normal(self, matrices: np.ndarray) -> np.ndarray | None:
+        """Unit normal (3,) of the catcher on the camera's side, with world_from_rest (n, 4, 4) of the meshes; None when there is none."""
+        for mesh, matrix in zip(self.meshes, matrices, strict=True):
             if isinstance(mesh.material, Catcher):
-                normal = mesh.geometry.normals[0].astype(np.float64)
-                return normal if (self.camera.position - mesh.geometry.positions[0].astype(np.float64)) @ normal >= 0 else -normal
+                normal = np.linalg.inv(matrix[:3, :3]).T @ mesh.geometry.normals[0].astype(np.float64)
+                normal /= np.linalg.norm(normal)
+                place = matrix[:3, :3] @ mesh.geometry.positions[0].astype(np.float64) + matrix[:3, 3]
+                return normal if (self.camera.position - place) @ normal >= 0 else -normal
         return None
 
 
@@ -89,12 +104,36 @@ def load_scene(path: Path | None) -> Scene:
     camera = table.camera
     if not np.all(np.isfinite([*camera.position, *camera.at])) or np.allclose(camera.position, camera.at, rtol=0, atol=1e-9):
         raise BadInput(f"{path}: [camera] from and at must be two different finite points; mend them")
-    meshes = [mesh for number, row in enumerate(table.mesh, 1) for mesh in _meshes(row, path, f"{path}: [[mesh]] {number}")]
-    low, high = bounds([mesh.geometry for mesh in meshes])
+    meshes = [
+        mesh._replace(thing=number - 1)
+        for number, row in enumerate(table.mesh, 1)
+        for mesh in _meshes(row, path, f"{path}: [[mesh]] {number}")
+    ]
+    boxes = [swept_bounds(mesh.geometry, mesh.motion) for mesh in meshes] + [bounds([mesh.geometry for mesh in meshes])]
+    low, high = np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
     lamps = [load_luminaire(row, path.parent, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
     _check_catchers(meshes, path)
     plate = load_plate(table.plate, path.parent, f"{path}: [plate]") if table.plate else None
-    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate)
+    things = _things(table, path)
+    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate, things)
+
+
+def _things(table: SceneTable, path: Path) -> tuple[wire.Pose, ...]:
+    """The objects and lamps by name. A name left out is the file's or the shape's, with a number where another has it already."""
+    rows: list[tuple[MeshTable | LuminaireTable, str, float | None]] = [(row, row.shape or Path(row.file).stem, None) for row in table.mesh]
+    rows += [(row, Path(row.file or BUNDLED).stem, row.power) for row in table.luminaire]
+    given = [row.name for row, _, _ in rows if row.name]
+    taken = set(given)
+    if twice := [name for name in taken if given.count(name) > 1]:
+        raise BadInput(f"{path}: {min(twice)} is the name of several meshes or luminaires; give each its own")
+    things = []
+    for row, plain, power in rows:
+        plain = plain[:56] or "mesh"  # a number fits behind it
+        free = (f"{plain} {k}" if k > 1 else plain for k in range(1, len(rows) + 2))
+        name = row.name or next(name for name in free if name not in taken)
+        taken.add(name)
+        things.append(wire.Pose(name=name, at=row.at, turn=quaternion_xyz(row.rotate), power=power))
+    return tuple(things)
 
 
 def _check_catchers(meshes: list[Mesh], path: Path) -> None:
@@ -114,8 +153,8 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
         wanted = material_from_table(row.material) if row.material else None
     except ValueError as error:
         raise BadInput(f"{where}: {error}") from error
-    if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])):
-        raise BadInput(f"{where}: scale, rotate and at must be finite; mend them")
+    if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > FARTHEST_M:
+        raise BadInput(f"{where}: scale, rotate and at must be finite, at within {FARTHEST_M:.0f} m; mend them")
     y_up = row.y_up
     if row.shape:
         found = [Part(row.shape, shape_geometry(row.shape), None)]
@@ -130,9 +169,12 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
     rotation = rotation_xyz(row.rotate)
     if y_up:
         rotation = rotation @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
+    world_from_file = np.eye(4)
+    world_from_file[:3, :3], world_from_file[:3, 3] = rotation * row.scale, row.at
     placed = [part.geometry.moved(rotation * row.scale, np.array(row.at)) for part in found]
     made = [part.material if wanted is None else wanted for part in found]
+    motions = [part.motion and part.motion._replace(world_from_file=world_from_file) for part in found]
     return [
-        Mesh(part.name, geometry, Phong() if material is None else material)
-        for part, geometry, material in zip(found, placed, made, strict=True)
+        Mesh(part.name, geometry, Phong() if material is None else material, None, motion)
+        for part, geometry, material, motion in zip(found, placed, made, motions, strict=True)
     ]

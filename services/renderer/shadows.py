@@ -8,8 +8,8 @@ import numpy as np
 
 from services.lights import Lights
 from services.renderer.cache import no_maps, planned_maps
-from services.renderer.casters import Casters
-from services.renderer.geometry import Span
+from services.renderer.casters import Casters, moved_by_m, placed_casters
+from services.renderer.geometry import Piece
 from services.renderer.programs import Programs
 from services.renderer.regions import Regions, region_rows
 from services.sphere import luminance
@@ -54,16 +54,33 @@ class ShadowAtlas:
         self.capacity = min(self._most_columns**2, MAX_LIGHTS)
         self._program = programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS))
         self._frames_program = programs.compute("frames.comp")
-        for name in BOXES:
-            self._frames_program[name] = [tuple(row) for row in getattr(casters, name).tolist()]
         self._buffers = (context.buffer(casters.positions.tobytes()), context.buffer(casters.indices.tobytes()))
         self._vao = context.vertex_array(self._program, [(self._buffers[0], "3f", "position")], self._buffers[1], index_element_size=4)
         self._drawn = no_maps(0)  # of the tiles, for `cached_batch`; empty while each batch draws all its maps
+        self._stale = np.zeros(0)  # of the tiles, see planned_maps
         self._given = context.buffer(reserve=48, dynamic=True)
         self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
         self.columns = 0
         self.texture: moderngl.Texture | None = None
         self._frame: moderngl.Framebuffer | None = None
+        self._matrices = np.tile(np.eye(4), (1 + max(member.mesh for member in casters.members), 1, 1))
+        self._placed = placed_casters(casters, self._matrices)
+        self._fit_boxes()
+
+    def place(self, matrices: np.ndarray) -> None:
+        """Moves the casters: world_from_rest (n, 4, 4) of the scene's meshes. Maps that are kept age by as much as the casters moved."""
+        before = self._placed
+        self._placed = placed_casters(self._casters, matrices, before)
+        width_m = 2 * float(self._placed.box_half.max())
+        self._stale += moved_by_m(self._casters, self._matrices, matrices) / width_m
+        self._matrices = matrices
+        if not all(np.array_equal(getattr(before, name), getattr(self._placed, name)) for name in (*BOXES, "floor_normal")):
+            self._drawn = no_maps(len(self._drawn))
+            self._fit_boxes()
+
+    def _fit_boxes(self) -> None:
+        for name in BOXES:
+            self._frames_program[name] = [tuple(row) for row in getattr(self._placed, name).tolist()]
 
     def batches(self, lights: Lights) -> list[Batch]:
         """The lights that carry power, cut into runs that fit the atlas, each with all its maps to draw."""
@@ -84,15 +101,17 @@ class ShadowAtlas:
             return None
         if len(self._drawn) < len(lit) + budget:
             self._fit(len(lit) + budget)
-            self._drawn = no_maps(self.columns**2)
+            self._drawn, self._stale = no_maps(self.columns**2), np.zeros(self.columns**2)
         strength = luminance(lights.irradiance[lit])
-        plan = planned_maps(self._drawn, lights.directions[lit], strength, budget, 1 / (self.tile_size - 2 * GUTTER))
+        texel = 1 / (self.tile_size - 2 * GUTTER)
+        plan = planned_maps(self._drawn, lights.directions[lit], strength, budget, texel, self._stale)
         self._drawn = plan.drawn
+        self._stale[plan.renewed] = 0.0
         return self._batch(lights, lit, plan.tiles, plan.drawn[plan.tiles], np.flatnonzero(np.isin(plan.tiles, plan.renewed)))
 
     def _batch(self, lights: Lights, lit: np.ndarray, tiles: np.ndarray, map_directions: np.ndarray, renewed: np.ndarray) -> Batch:
         """The lights numbered `lit` with the tile that each reads, the direction of its map, and which of them draw it now."""
-        below = map_directions @ self._casters.floor_normal < 0
+        below = map_directions @ self._placed.floor_normal < 0
         light = np.zeros((len(lit), 12), np.float32)
         light[:, 0:3] = lights.directions[lit]
         light[:, 3] = tiles
@@ -125,10 +144,10 @@ class ShadowAtlas:
         self.bind_row(batch.maps)
         self._context.depth_func = "<"
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self._instances(self._casters.closed, 0, count)
+        self._instances(self._placed.closed, 0, count)
         self._context.disable(moderngl.CULL_FACE)
-        self._instances(self._casters.open, 0, count)
-        self._instances(self._casters.floor, batch.above, count - batch.above)
+        self._instances(self._placed.open, 0, count)
+        self._instances(self._placed.floor, batch.above, count - batch.above)
 
     def _clear(self, batch: Batch) -> None:
         """Empties the tiles whose maps are drawn anew."""
@@ -166,10 +185,11 @@ class ShadowAtlas:
         program["atlas"] = unit
         self._describe(program)
 
-    def _instances(self, span: Span, first_light: int, count: int) -> None:
-        if span.count and count:
+    def _instances(self, pieces: tuple[Piece, ...], first_light: int, count: int) -> None:
+        for piece in pieces if count else ():
             self._program["first_light"] = first_light
-            self._vao.render(vertices=span.count, first=span.first, instances=count)
+            self._program["world_from_rest"] = tuple(piece.world_from_rest.T.reshape(-1))
+            self._vao.render(vertices=piece.indices.count, first=piece.indices.first, instances=count)
 
     def _describe(self, program: moderngl.Program | moderngl.ComputeShader) -> None:
         program["tile_size"] = float(self.tile_size)

@@ -7,6 +7,7 @@ from services.renderer.geometry import drawable_scene
 from services.renderer.materials import Catcher, Material, Phong, kind_of
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
+from services.renderer.standing import Standing, standing
 from services.renderer.view import clip_from_world
 
 IMAGES = {"surface_positions": "f4", "surface_normals": "f4", "surface_diffuse": "f2", "surface_specular": "f4"}  # name and number format
@@ -30,6 +31,14 @@ class Surfaces:
         self._textures = {id(image): self._texture(image) for image in images}
         self._depth = context.depth_renderbuffer(size)
         self._frame = context.framebuffer(self._images, self._depth)
+        self.place(standing(scene, 0.0))
+
+    def place(self, now: Standing) -> None:
+        """Moves the meshes."""
+        self._scene = self._scene._replace(centre=now.centre, half=now.half)
+        normals = np.linalg.pinv(now.matrices[:, :3, :3])  # row by row what the shader reads column by column: inverse and transposed
+        placed = zip(now.matrices, normals, strict=True)
+        self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.reshape(-1))) for matrix, normal in placed]
 
     def draw(self, offset: tuple[float, float]) -> None:
         """Draws what the pixels see at `offset` in each."""
@@ -40,8 +49,9 @@ class Surfaces:
         self._frame.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
-        for mesh, span in zip(self._scene.meshes, self._spans, strict=True):
+        for mesh, span, (matrix, normal) in zip(self._scene.meshes, self._spans, self._placed, strict=True):
             self._wear(mesh.material)
+            self._program["world_from_rest"], self._program["normal_from_rest"] = matrix, normal
             self._vao.render(vertices=span.count, first=span.first)
 
     def _wear(self, material: Material) -> None:

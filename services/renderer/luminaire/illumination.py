@@ -8,6 +8,7 @@ import moderngl
 import numpy as np
 
 from services.files import BadInput
+from services.renderer.geometry import Span, pieces
 from services.renderer.luminaire.bases import SUPPORT_CELLS
 from services.renderer.luminaire.cells import MapViews, cell_views, cube_views
 from services.renderer.luminaire.estimator import Surfaces as Lit
@@ -18,8 +19,10 @@ from services.renderer.luminaire.photometry import FarField, intensity
 from services.renderer.luminaire.placement import Luminaire
 from services.renderer.luminaire.shift_invariant import radiance_images
 from services.renderer.luminaire.tables import Tables, tables_of
+from services.renderer.meshes import box_corners
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
+from services.renderer.standing import Standing, standing, world_from_thing
 from services.renderer.surfaces import Surfaces
 from services.sphere import direction_from_angles
 
@@ -29,26 +32,37 @@ FAR_ROWS, FAR_COLS = 181, 361  # a degree apart, as the finest photometry files 
 
 
 class Casters(NamedTuple):
-    """The scene as the maps draw it. positions: (n, 3) float32 a vertex. centre, half: its box in the world, (3,) metres. triangles: for
-    traced shadows, empty where no luminaire asks for them."""
+    """The scene as the maps draw it. positions: (n, 3) float32 a vertex. spans: each mesh's indices. now: where the meshes stand.
+    triangles: for traced shadows, empty where no luminaire asks for them."""
 
     positions: moderngl.Buffer
     indices: moderngl.Buffer
-    centre: np.ndarray
-    half: np.ndarray
+    spans: tuple[Span, ...]
+    now: Standing
     triangles: Hierarchy
 
 
-def casters_of(context: moderngl.Context, scene: Scene) -> Casters:
+def casters_of(context: moderngl.Context, scene: Scene, now: Standing) -> Casters:
     """The scene's triangles on the GPU, and for rays where a luminaire traces its shadows."""
     meshes = [mesh.geometry for mesh in scene.meshes]
     first = np.cumsum([0, *(len(mesh.positions) for mesh in meshes)])
     indices = np.concatenate([mesh.triangles.reshape(-1) + np.uint32(start) for mesh, start in zip(meshes, first[:-1], strict=True)])
     positions = np.concatenate([mesh.positions for mesh in meshes]).astype(np.float32)
-    traced = any(luminaire.table.shadows == "traced" for luminaire in scene.luminaires)
-    corners = positions[indices].reshape(-1, 3, 3) if traced else np.zeros((0, 3, 3))
+    ends = np.cumsum([0, *(mesh.triangles.size for mesh in meshes)]).tolist()
+    spans = tuple(Span(start, mesh.triangles.size) for mesh, start in zip(meshes, ends[:-1], strict=True))
     buffers = context.buffer(positions.tobytes()), context.buffer(indices.astype(np.uint32).tobytes())
-    return Casters(*buffers, scene.centre, scene.half, hierarchy_of(corners))
+    return Casters(*buffers, spans, now, traced_triangles(scene, now))
+
+
+def traced_triangles(scene: Scene, now: Standing) -> Hierarchy:
+    """The scene's triangles in the world, for rays; none where no luminaire traces its shadows."""
+    if all(luminaire.table.shadows != "traced" for luminaire in scene.luminaires):
+        return hierarchy_of(np.zeros((0, 3, 3)))
+    placed = [
+        (mesh.geometry.positions @ matrix[:3, :3].T + matrix[:3, 3])[mesh.geometry.triangles]
+        for mesh, matrix in zip(scene.meshes, now.matrices, strict=True)
+    ]
+    return hierarchy_of(np.concatenate(placed))
 
 
 class MapAtlas:
@@ -69,19 +83,20 @@ class MapAtlas:
         self._frame = context.framebuffer(depth_attachment=self._texture)
         self._range = (0.0, 0.0)
 
-    def draw(self, views: MapViews, local_from_world: np.ndarray) -> None:
+    def draw(self, views: MapViews, local_from_world: np.ndarray, casters: Casters) -> None:
         self._range = (1 / views.near_m, 1 / views.far_m)
         self._buffer.write(views.rows.tobytes())
         self._buffer.bind_to_uniform_block(0)
         self._describe(self._program)
-        self._program["local_from_world"] = tuple(local_from_world.T.reshape(-1))
         self._frame.use()
         self._frame.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
         for plane in range(4):
             self._context.enable_direct(0x3000 + plane)  # GL_CLIP_DISTANCE0
-        self._vao.render(instances=self._count)
+        for piece in pieces(casters.spans, casters.now.matrices):
+            self._program["local_from_rest"] = tuple((local_from_world @ piece.world_from_rest).T.reshape(-1))
+            self._vao.render(vertices=piece.indices.count, first=piece.indices.first, instances=self._count)
         for plane in range(4):
             self._context.disable_direct(0x3000 + plane)
 
@@ -137,15 +152,23 @@ class Lamp:
         self._moved = self._moved or not np.array_equal(world_from_local, self.luminaire.world_from_local)
         self.luminaire = self.luminaire._replace(world_from_local=world_from_local, power=power)
 
+    def place_casters(self, casters: Casters, corners: np.ndarray) -> None:
+        """Moves what casts shadows; corners (n, 3) of boxes around what moved, before and after: maps that they do not touch are kept."""
+        self._casters = casters
+        local_from_world = np.linalg.inv(self.luminaire.world_from_local)
+        behind = isinstance(self.luminaire.source, LightField) and np.all(corners @ local_from_world[2, :3] + local_from_world[2, 3] < 0)
+        self._moved = self._moved or not behind
+
     def draw_maps(self) -> None:
-        """Draws the shadow maps if the lamp moved since they were drawn."""
+        """Draws the shadow maps if the lamp, or what casts shadows in its light, moved since they were drawn."""
         if self._atlas is None or not self._moved:
             return
-        local_from_world = np.linalg.inv(self.luminaire.world_from_local)
-        off = local_from_world[:3, :3] @ self._casters.centre + local_from_world[:3, 3]
-        far_m = float(np.linalg.norm(off) + np.linalg.norm(self._casters.half)) * 1.01
+        local_from_world, now = np.linalg.inv(self.luminaire.world_from_local), self._casters.now
+        off = local_from_world[:3, :3] @ now.centre + local_from_world[:3, 3]
+        far_m = float(np.linalg.norm(off) + np.linalg.norm(now.half)) * 1.01
         source = self.luminaire.source
-        self._atlas.draw(cube_views(far_m) if isinstance(source, FarField) else cell_views(source, far_m), local_from_world)
+        views = cube_views(far_m) if isinstance(source, FarField) else cell_views(source, far_m)
+        self._atlas.draw(views, local_from_world, self._casters)
         self._moved = False
 
     def add(self, surfaces: Surfaces, frame: moderngl.Framebuffer, weight: float) -> None:
@@ -242,6 +265,11 @@ class TracedLamp:
     def place(self, world_from_local: np.ndarray, power: float) -> None:
         self.luminaire = self.luminaire._replace(world_from_local=world_from_local, power=power)
 
+    def place_casters(self, casters: Casters, corners: np.ndarray) -> None:
+        """Moves what casts shadows."""
+        del corners  # a ray needs no map
+        self._casters = casters
+
     def draw_maps(self) -> None:
         """There are none."""
 
@@ -292,7 +320,8 @@ class Illumination:
     def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, size: tuple[int, int]) -> None:
         """Raises BadInput for a luminaire beyond what this GL holds, or a far field with traced shadows."""
         self.lamps: list[Lamp | TracedLamp] = []
-        self._casters = casters = casters_of(context, scene)
+        self._scene = scene
+        self._casters = casters = casters_of(context, scene, standing(scene, 0.0))
         for luminaire in scene.luminaires:
             if luminaire.table.shadows != "traced":
                 self.lamps.append(Lamp(context, programs, casters, luminaire))
@@ -300,6 +329,22 @@ class Illumination:
                 raise BadInput(f"luminaire {luminaire.source.name}: a far field has shadows = \"maps\" or \"none\"; choose one")
             else:
                 self.lamps.append(TracedLamp(context, programs, casters, luminaire, size))
+
+    def place(self, now: Standing) -> None:
+        """Moves the lamps and what casts shadows in their light."""
+        before = self._casters.now
+        changed = [k for k in range(len(now.matrices)) if not np.array_equal(before.matrices[k], now.matrices[k])]
+        if changed and self.lamps:
+            self._casters = self._casters._replace(now=now, triangles=traced_triangles(self._scene, now))
+            boxes = [(box_corners(self._scene.meshes[k].geometry), m[k]) for k in changed for m in (before.matrices, now.matrices)]
+            corners = np.concatenate([box @ matrix[:3, :3].T + matrix[:3, 3] for box, matrix in boxes])
+            for lamp in self.lamps:
+                lamp.place_casters(self._casters, corners)
+        poses = [(was, pose) for was, pose in zip(before.things, now.things, strict=True) if pose.power is not None]
+        for lamp, (was, pose) in zip(self.lamps, poses, strict=False):  # a scene made without a file names nothing
+            if pose != was:
+                lamp.place(world_from_thing(pose), pose.power or 0.0)
+        self._casters = self._casters._replace(now=now)
 
     def draw_maps(self) -> None:
         """Draws what shadow maps are out of date."""

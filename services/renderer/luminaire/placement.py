@@ -29,6 +29,7 @@ class LuminaireTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """
 
     file: str = ""
+    name: Annotated[str, Meta(max_length=64)] = ""  # left out: the file's
     at: Vector = (0.0, 0.0, 0.0)
     rotate: Vector = (0.0, 0.0, 0.0)
     power: Annotated[float, Meta(ge=0, le=1e12)] = 1.0
@@ -65,8 +66,8 @@ def placed(at: Vector, rotate: Vector) -> np.ndarray:
 
 def load_luminaire(table: LuminaireTable, folder: Path, where: str) -> Luminaire:
     """The lamp of a scene file's table, whose paths are relative to `folder`. Raises BadInput that begins with `where`."""
-    if not np.all(np.isfinite([*table.at, *table.rotate])):
-        raise BadInput(f"{where}: at and rotate must be finite; mend them")
+    if not np.all(np.isfinite([*table.at, *table.rotate])) or np.abs(table.at).max() > 1e6:
+        raise BadInput(f"{where}: at and rotate must be finite, at within 1000000 m; mend them")
     path = folder / table.file if table.file else BUNDLED
     try:
         source = read_photometry(path) if path.suffix.lower() in (".ldt", ".ies") else read_luminaire(path)

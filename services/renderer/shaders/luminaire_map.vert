@@ -3,13 +3,13 @@
 #include "luminaire_maps.glsl"
 
 in vec3 position;
-uniform mat4 local_from_world;
+uniform mat4 local_from_rest;  // of the mesh that is drawn
 out float gl_ClipDistance[4];
 
 void main() {
     vec4 origin = maps[2 * gl_InstanceID];
     vec4 window = maps[2 * gl_InstanceID + 1];
-    vec3 q = facing((local_from_world * vec4(position, 1.0)).xyz - origin.xyz, int(origin.w));
+    vec3 q = facing((local_from_rest * vec4(position, 1.0)).xyz - origin.xyz, int(origin.w));
     vec2 inside = (2.0 * q.xy - (window.xy + window.zw) * q.z) / (window.zw - window.xy);
     gl_ClipDistance[0] = q.z - inside.x;
     gl_ClipDistance[1] = q.z + inside.x;

@@ -1,5 +1,7 @@
 #version 430
 uniform mat4 clip_from_world;
+uniform mat4 world_from_rest;  // 1 but for a mesh that moved
+uniform mat3 normal_from_rest;
 in vec3 position;
 in vec3 normal;
 in vec2 uv;
@@ -8,8 +10,9 @@ out vec3 surface_normal;
 out vec2 surface_uv;
 
 void main() {
-    surface_position = position;
-    surface_normal = normal;
+    vec4 place = world_from_rest * vec4(position, 1.0);
+    surface_position = place.xyz;
+    surface_normal = normal_from_rest * normal;
     surface_uv = uv;
-    gl_Position = clip_from_world * vec4(position, 1.0);
+    gl_Position = clip_from_world * place;
 }

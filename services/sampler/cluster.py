@@ -114,11 +114,13 @@ def _merge(light_ids, directions, light_irradiance, labels, ids, mean, irradianc
         for c in range(3):
             irradiance[k, c] += light_irradiance[i, c]
             weight += LUMINANCE[c] * light_irradiance[i, c]
-        mean[k] += weight * directions[i]
+        for c in range(3):
+            mean[k, c] += weight * directions[i, c]
         weights[k] += weight
     for i in range(labels.size):
         if labels[i] == i:
             k = place[i]
-            length = np.sqrt((mean[k] ** 2).sum())
+            length = np.sqrt(mean[k, 0] ** 2 + mean[k, 1] ** 2 + mean[k, 2] ** 2)
             # A cluster without power, or of opposite lights, lies at its seed.
-            mean[k] = mean[k] / length if length > 1e-6 * weights[k] else directions[i]
+            for c in range(3):
+                mean[k, c] = mean[k, c] / length if length > 1e-6 * weights[k] else directions[i, c]

@@ -145,6 +145,8 @@ def can(before: float, shown: int, render_ms: float, frame_ms: float) -> float:
 
 def faded(presence: np.ndarray, wanted: int, passed_s: float | None) -> np.ndarray:
     """How present each light is, in [0, 1], once `passed_s` went by (None: at once): the first `wanted` come, the others go."""
+    if len(presence) == wanted and presence.min() == 1:  # nothing is to change, as nearly always
+        return presence
     count = max(wanted, len(presence))
     goal = (np.arange(count) < wanted).astype(np.float64)
     if passed_s is None:

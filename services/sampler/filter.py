@@ -62,7 +62,8 @@ def filtered(settings: Sampler, memory: Memory, frame: Frame, lowest: float) -> 
     frames = memory.frames
     if frames and not 0 < frame.time_s - frames[-1].time_s <= max(_reach_s(settings, frames), LONGEST_GAP_S):
         memory, frames = EMPTY, ()
-    frames = tuple(f._replace(lights=_as_many(f.lights, frame.lights)) for f in frames)
+    if any(len(f.lights) != len(frame.lights) for f in frames):
+        frames = tuple(f._replace(lights=_as_many(f.lights, frame.lights)) for f in frames)
     frames = (*frames, _steered(settings, frames, frame))
     period = _period(frames)
     taps = taps_from_settings(settings, 1 / period if period else 0.0)
@@ -71,7 +72,7 @@ def filtered(settings: Sampler, memory: Memory, frame: Frame, lowest: float) -> 
         return Filtered(Memory(frames[-RATE_FRAMES:], memory.debt, stages), stages[1], delay_s, period)
     delay_s = (len(taps) - 1) / 2 * period
     shares = _shares(np.array([f.time_s for f in frames]), taps, period)
-    owed = sum((share * f.power for share, f in zip(shares, frames, strict=True)), memory.debt)
+    owed = memory.debt + shares @ np.array([f.power for f in frames])
     power = np.maximum(owed, 0.0)
     result = Frame(frame.time_s, power, _mean_lights(frames, shares, delay_s, lowest))
     return Filtered(Memory(_needed(frames, shares, len(taps)), owed - power, (result, result)), result, delay_s, period)
@@ -95,9 +96,10 @@ def _as_many(lights: np.ndarray, like: np.ndarray) -> np.ndarray:
 
 def _steered(settings: Sampler, frames: tuple[Frame, ...], frame: Frame) -> Frame:
     """The frame with the last frame's lights when it is black, or (under a filter) much darker than those in memory."""
-    limit = 0.0 if settings.filter == "none" else DARK * max((float(luminance(f.power)) for f in frames), default=0.0)
-    dark = frames and float(luminance(frame.power)) <= limit
-    return frame._replace(lights=frames[-1].lights) if dark else frame
+    if not frames:
+        return frame
+    limit = 0.0 if settings.filter == "none" else DARK * float(luminance(np.array([f.power for f in frames])).max())
+    return frame._replace(lights=frames[-1].lights) if float(luminance(frame.power)) <= limit else frame
 
 
 def _needed(frames: tuple[Frame, ...], shares: np.ndarray, taps: int) -> tuple[Frame, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from services.sampler.density import LightMap
+from services.sampler.square import cosine_and_sine
 from services.sphere import LUMINANCE, cell_solid_angles
 
 LAMPS_HZ = (100.0, 120.0)
@@ -118,8 +119,8 @@ def _columns(times, frequency, rate):
     use_double = double > 1 / span and abs(double - _beat(frequency, rate)) > 1 / span
     columns = np.zeros((7, times.size))
     for i in range(times.size):
-        t, angle = times[i] / span, 2 * np.pi * frequency * times[i]
-        cosine, sine = np.cos(angle), np.sin(angle)
+        t = times[i] / span
+        cosine, sine = cosine_and_sine(frequency * times[i])
         columns[0, i], columns[1, i], columns[2, i] = 1.0, t, t * t
         columns[3, i], columns[4, i] = cosine, sine
         if use_double:
@@ -128,44 +129,53 @@ def _columns(times, frequency, rate):
 
 
 @njit(cache=True)
-def _fit(columns, target):
-    """Least squares of target (n, k): (weights (7, k), share (k,) of the variance about the parabola that the sines explain)."""
-    n = target.shape[0]
+def _left(columns, target):
+    """Least squares of target (n, k): (weights (c, k), squares (k,) that are left)."""
+    count, n = columns.shape
     normal = columns @ columns.T
-    for c in range(7):
+    for c in range(count):
         normal[c, c] += 1e-9 * n  # a column that is left out, or sine and cosine at half the frame rate, keep the system solvable
-    right = columns @ target
-    plain = target - columns[:3].T @ np.linalg.solve(normal[:3, :3].copy(), right[:3].copy())
-    weights = np.linalg.solve(normal, right)
-    left = target - columns.T @ weights
-    share = np.zeros(target.shape[1])
+    weights = np.linalg.solve(normal, columns @ target)
+    left, squares = target - columns.T @ weights, np.zeros(target.shape[1])
+    for i in range(n):
+        for k in range(squares.size):
+            squares[k] += left[i, k] * left[i, k]
+    return weights, squares
+
+
+@njit(cache=True)
+def _share(about, left, n):
+    """Share (k,) of the squares `about` the parabola that the sines explain when they leave the squares `left`, over n frames."""
+    share = np.zeros(about.size)
     for k in range(share.size):
-        about = (plain[:, k] ** 2).sum()
-        share[k] = 1 - (left[:, k] ** 2).sum() / about if about > 1e-12 * n else 0.0
-    return weights, share
+        share[k] = 1 - left[k] / about[k] if about[k] > 1e-12 * n else 0.0
+    return share
 
 
 @njit(cache=True)
 def _search(times, target, nominal, rate):
     """(share of variance explained, frequency, depth) of the best fit to the logarithm of the power near the nominal frequency."""
-    shares, single = np.empty(STEPS), target.reshape(-1, 1)
+    shares, single, n = np.empty(STEPS), target.reshape(-1, 1), times.size
+    about = _left(_columns(times, nominal, rate)[:3], single)[1]
     for k in range(STEPS):
-        shares[k] = _fit(_columns(times, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate), single)[1][0]
+        shares[k] = _share(about, _left(_columns(times, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate), single)[1], n)[0]
     k = int(np.argmax(shares))
     offset = 0.0
     if 0 < k < STEPS - 1:  # the top of the parabola through the best and its neighbours
         bend = shares[k - 1] - 2 * shares[k] + shares[k + 1]
         offset = 0.5 * (shares[k - 1] - shares[k + 1]) / bend if bend < 0 else 0.0
     frequency = nominal - DRIFT_HZ + (k + offset) * DRIFT_STEP_HZ
-    weights, share = _fit(_columns(times, frequency, rate), single)
+    weights, left = _left(_columns(times, frequency, rate), single)
     amplitude = np.sqrt(weights[3, 0] ** 2 + weights[4, 0] ** 2)
     # log(1 + d sin) has the amplitude a = 2 (1 - sqrt(1 - d^2)) / d, so d = a / (1 + a^2 / 4).
-    return share[0], frequency, amplitude / (1 + 0.25 * amplitude**2)
+    return _share(about, left, n)[0], frequency, amplitude / (1 + 0.25 * amplitude**2)
 
 
 def _excess(columns: np.ndarray, powers: np.ndarray) -> np.ndarray:
     """Power now over power without flicker, for each block (n, blocks); 1 where a block was dark or does something else."""
     lit = powers.min(axis=0) > BLACK * np.maximum(powers.mean(axis=0), 1e-300)
-    weights, share = _fit(columns, np.log(np.where(lit, powers, 1.0)))
+    target = np.log(np.where(lit, powers, 1.0))
+    weights, left = _left(columns, target)
+    share = _share(_left(columns[:3], target)[1], left, len(target))
     lamp = np.exp(columns[3:].T @ weights[3:])
     return (lamp[-1] / lamp.mean(axis=0)) ** (lit * np.clip((share - UNSURE) / (SURE - UNSURE), 0, 1))

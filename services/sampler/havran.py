@@ -9,6 +9,7 @@ are mixed are not normalised, or a one-pixel sun would be smeared along its ring
 The sphere is the same code with a up to 2: the rim of the disc, and so the square's edge, is then the nadir.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from services.sampler.square import (
 from services.sphere import SPAN, ring_edges
 
 TURN = 2 * np.pi
+_ring_edges = lru_cache(maxsize=8)(ring_edges)
 
 
 class AzimuthTables(NamedTuple):
@@ -70,7 +72,7 @@ def azimuth_tables(light: LightMap) -> AzimuthTables:
     transport of the marginal to the even one, in closed form.
     """
     rows, cols = light.importance.shape
-    edges, columns, turn = ring_edges(rows, light.coverage), np.empty((rows + 1, cols)), np.empty(cols + 1)
+    edges, columns, turn = _ring_edges(rows, light.coverage), np.empty((rows + 1, cols)), np.empty(cols + 1)
     offset = _fill_azimuth(light.importance, edges, columns, turn)
     return AzimuthTables(edges, light.importance, columns, turn, offset, light.radiance)
 
@@ -95,7 +97,7 @@ def _fill_azimuth(importance, edges, columns, turn):
 def radius_tables(light: LightMap) -> RadiusTables:
     """The tables of a map; the offset of the azimuth follows from them ring by ring."""
     rows, cols = light.importance.shape
-    edges, rings, moments = ring_edges(rows, light.coverage), np.empty((rows, cols + 1)), np.empty(rows)
+    edges, rings, moments = _ring_edges(rows, light.coverage), np.empty((rows, cols + 1)), np.empty(rows)
     centres = 2 * np.sin((np.arange(rows) + 0.5) * (SPAN[light.coverage] / rows) / 2) ** 2
     knots = np.concatenate([[0.0], centres, edges[-1:]])
     _fill_radius(light.importance, rings, moments)

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from services.lights import Lights
 from services.sampler import cluster, control, filter, flicker
@@ -184,9 +185,17 @@ def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> t
     # All lights that may be asked for, present or not, so that each has its history in the filter when it comes.
     samples = warp.sample(points(max(settings.count, settings.fine, len(state.presence)), settings.points))
     # Tint: what a light carries beside the average light, in each channel: (radiance / density) / integral.
-    tint = samples.radiance / samples.density[:, None]
-    tint /= np.where(light.irradiance > 0, light.irradiance, 1.0)
-    return np.concatenate([samples.directions, tint], axis=1), anchor
+    drawn = np.empty((len(samples.density), 6))
+    _fill_drawn(*samples, np.where(light.irradiance > 0, light.irradiance, 1.0), drawn)
+    return drawn, anchor
+
+
+@njit(cache=True)
+def _fill_drawn(directions, radiance, density, irradiance, drawn):
+    for n in range(density.size):
+        for c in range(3):
+            drawn[n, c] = directions[n, c]
+            drawn[n, 3 + c] = radiance[n, c] / (density[n] * irradiance[c])
 
 
 def _counted(
@@ -221,6 +230,8 @@ def irradiance(weights: np.ndarray, tint: np.ndarray, power: np.ndarray) -> np.n
 
     A channel in which no light has a tint but which has power is shared by the weights alone.
     """
-    parts = weights[:, None] * tint
-    parts = np.where(parts.sum(axis=0) > 0, parts, weights[:, None])
-    return parts * (power / parts.sum(axis=0))
+    total = weights @ tint
+    if not total.all():
+        tint = np.where(total > 0, tint, 1.0)
+        total = weights @ tint
+    return weights[:, None] * tint * (power / total)

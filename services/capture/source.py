@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import msgspec
 import numpy as np
 
-from services.capture.frames import Frame, FrameMaker
+from services.capture.frames import Frame, FrameMaker, Mosaic
 from services.capture.header import strong_text
 from services.capture.record import Recorder
 from services.capture.sequence import MANIFEST, PNG, Entry, check_digest, frame_paths, read_manifest
@@ -73,7 +73,8 @@ class Files:
             codes = read_codes(path)
             if codes.ndim == 3 and self._mosaic:
                 raise BadInput(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
-            return self._maker.frame_from_codes(str(path), codes, None if codes.ndim == 3 else self._mosaic or "mono", time_s)
+            mosaic: Mosaic | None = None if codes.ndim == 3 else self._mosaic or "mono"
+            return self._maker.frame_from_codes(str(path), codes, mosaic, time_s)
         image, attributes = read_radiance(path)
         return self._maker.frame(str(path), image, attributes, time_s)
 

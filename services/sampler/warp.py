@@ -42,7 +42,8 @@ class Warp(NamedTuple):
     def sample(self, points: np.ndarray) -> Samples:
         """The directions of points (n, 2) in [0, 1]^2, with the map's radiance and the density there."""
         n = len(points)
-        samples = Samples(np.empty((n, 3)), np.empty((n, 3)), np.empty(n))
+        block = np.empty(7 * n)  # one piece of memory: several large ones would go back to the system and come anew each time, page by page
+        samples = Samples(block[: 3 * n].reshape(n, 3), block[3 * n : 6 * n].reshape(n, 3), block[6 * n :])
         _KERNELS[self.name].sample(self.tables, points, *samples)
         return samples
 

@@ -80,6 +80,7 @@ class Renderer(Record, frozen=True):
     frame_ms: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # met by drawing fewer shadow maps a frame, then fewer lights; 0: all of them
     light_regions: Annotated[int, Meta(ge=0, le=256)] = 24  # of the sphere of normals, each with the lights it sees; 0: none
     exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
+    picture: Literal["srgb8", "linear16"] = "srgb8"  # linear16: for other programs also the picture before tone mapping, as half floats
 
 
 class Plate(Record, frozen=True):

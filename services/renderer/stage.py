@@ -8,6 +8,7 @@ import numpy as np
 
 from services import settings, wire
 from services.channels import Service
+from services.files import BadInput
 from services.lights import Lights
 from services.renderer.album import Album
 from services.renderer.renderer import Renderer
@@ -19,12 +20,20 @@ LIVE_SAMPLES = 1
 
 
 class RendererState(NamedTuple):
-    """What the tone mapping remembers, the exposure wanted, and the picture just made."""
+    """What the tone mapping remembers, what the person at the viewer wants, and the picture just made."""
 
     exposure: float  # stops
     adaptation: Adaptation | None
     time_s: float
     picture: np.ndarray | None  # (height, width, 4) float32, linear
+    poses: tuple[wire.Pose, ...] = ()
+    paused: bool = False
+    paused_s: float = 0.0  # how long the scene's animations have stood still
+
+
+def half_floats(picture: np.ndarray) -> np.ndarray:
+    """A picture as float16; what is brighter than the largest half float, 65504, becomes that."""
+    return np.clip(np.nan_to_num(picture), -65504, 65504).astype(np.float16)
 
 
 class RendererStage:
@@ -37,6 +46,12 @@ class RendererStage:
         scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
         self.beside: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
         self._exposure = settings.renderer.exposure
+        self._linear = settings.renderer.picture == "linear16"
+        pixel_bytes = 8 if self._linear else 4
+        if settings.renderer.width * settings.renderer.height * pixel_bytes > wire.MAX_PART:
+            size = f"{settings.renderer.width} x {settings.renderer.height}"
+            most = wire.MAX_PART // pixel_bytes
+            raise BadInput(f"[renderer] width, height: {size} is more than the {most} pixels that one message holds; make them smaller")
         self._album = Album(Path(settings.out)) if settings.out else None
         self._renderer = Renderer(scene, settings.renderer, FILE_SAMPLES if self._album else LIVE_SAMPLES)
 
@@ -52,22 +67,30 @@ class RendererStage:
         header, arrays = message
         assert isinstance(header, wire.Lights)
         began_s = time.monotonic()
+        time_s = header.stamp.time_s
+        dt_s = max(0.0, time_s - state.time_s)
+        state = state._replace(time_s=time_s, paused_s=state.paused_s + dt_s if state.paused else state.paused_s)
+        things = self._renderer.place(time_s - state.paused_s, state.poses)
         picture = self._renderer.render(Lights(*arrays[:3]))
-        adaptation = adapt(state.adaptation, picture, max(0.0, header.stamp.time_s - state.time_s))
+        adaptation = adapt(state.adaptation, picture, dt_s)
         pixels = self._renderer.tone_mapped(adaptation, state.exposure)
         height, width, _ = pixels.shape
         took_ms = (time.monotonic() - began_s) * 1e3
-        made = wire.Image(stamp=header.stamp, width=width, height=height, lights=header.count, render_ms=took_ms)
-        return RendererState(state.exposure, adaptation, header.stamp.time_s, picture), (made, (pixels,))
+        made = wire.Image(
+            stamp=header.stamp, width=width, height=height, lights=header.count, render_ms=took_ms, linear=self._linear,
+            things=things[: wire.MAX_POSES],
+        )  # fmt: skip
+        return state._replace(adaptation=adaptation, picture=picture), (made, (pixels, half_floats(picture)) if self._linear else (pixels,))
 
     def heed(self, state: RendererState, said: wire.Message) -> RendererState:
         header, _ = said
         if isinstance(header, wire.Control):
-            return state._replace(exposure=self._exposure if header.exposure is None else header.exposure)
+            exposure = self._exposure if header.exposure is None else header.exposure
+            return state._replace(exposure=exposure, poses=header.poses, paused=header.paused)
         return state
 
     def keep(self, state: RendererState, message: wire.Message) -> None:
-        header, (pixels,) = message
+        header, (pixels, *_) = message
         if self._album and state.picture is not None and state.adaptation is not None and isinstance(header, wire.Image):
             self._album.add(state.picture, pixels, header.stamp, state.adaptation)
 

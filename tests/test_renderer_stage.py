@@ -1,0 +1,115 @@
+"""The renderer as a stage: what a control message changes, whose clock animations follow, what an image carries."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services import wire
+from services.files import BadInput
+from services.renderer.stage import RendererStage, RendererState
+from services.settings import Renderer, Settings
+from services.sphere import quaternion_xyz
+from tests.test_animation import Film
+from tests.test_renderer import uniform_lights
+
+SCENE = """
+[camera]
+from = [0.0, -7.0, 4.0]
+at = [0.0, 0.0, 0.4]
+[[mesh]]
+shape = "plane"
+scale = 3.0
+[[mesh]]
+file = "film.gltf"
+at = [-1.0, 0.0, 0.0]
+[[luminaire]]
+at = [0.0, 0.0, 2.0]
+rotate = [180.0, 0.0, 0.0]
+samples = 4
+shadows = "none"
+"""
+
+
+def lights_message(sequence: int, fps: float = 10.0) -> wire.Message:
+    lights = uniform_lights(3, 0.0)
+    none = np.zeros((0, 3), np.float32)
+    header = wire.Lights(stamp=wire.stamp(sequence, sequence / fps), count=3, coverage="hemisphere", delay_ms=0.0, delay_frames=0.0)
+    return header, (lights.ids, lights.directions, lights.irradiance, none, none)
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> RendererStage:
+    Film().move(1, "translation", [0, 2], [[0, 1, 0], [2, 1, 0]]).write(tmp_path / "film.gltf")
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return RendererStage(Settings(renderer=Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, shadow_map=64)))
+
+
+def stepped(stage: RendererStage, state: RendererState, sequence: int) -> tuple[RendererState, wire.Image]:
+    state, (header, arrays) = stage.step(state, lights_message(sequence))
+    assert isinstance(header, wire.Image)
+    assert wire.unpack(wire.pack(header, arrays))[0] == header
+    return state, header
+
+
+def picture_of(state: RendererState) -> np.ndarray:
+    assert state.picture is not None
+    return state.picture
+
+
+def heeded(stage: RendererStage, state: RendererState, **wish) -> RendererState:
+    return stage.heed(state, (wire.Control(**wish), ()))
+
+
+def test_an_image_tells_where_things_stand_and_a_pose_moves_them(stage):
+    state, image = stepped(stage, stage.begin(0)[0], 0)
+    assert [(thing.name, thing.at, thing.power) for thing in image.things] == [
+        ("plane", (0, 0, 0), None), ("film", (-1, 0, 0), None), ("torch", (0, 0, 2), 1)
+    ]  # fmt: skip
+    lit = picture_of(state)
+    there = wire.Pose(name="torch", at=(1.0, 0.0, 2.0), turn=quaternion_xyz((180.0, 0.0, 0.0)), power=5.0)
+    state, image = stepped(stage, heeded(stage, state, poses=(there,)), 0)
+    assert image.things[2] == there
+    assert not np.array_equal(picture_of(state), lit)
+    state, image = stepped(stage, heeded(stage, state), 0)
+    assert np.array_equal(picture_of(state), lit)
+
+
+def test_a_pause_holds_the_animation_and_it_goes_on_from_there(stage):
+    state, shown = stage.begin(0)[0], []
+    for sequence in range(8):
+        state = heeded(stage, state, paused=3 <= sequence < 6)
+        state, _ = stepped(stage, state, sequence)
+        shown.append(picture_of(state))
+    assert all(np.array_equal(shown[2], held) for held in shown[3:6])
+    assert not np.array_equal(shown[5], shown[6])
+    state, _ = stage.begin(0)
+    for sequence in (0, 3, 4):  # 0.3 s and 0.4 s are what the two pictures after the pause show
+        state, _ = stepped(stage, state, sequence)
+        if sequence:
+            assert np.array_equal(picture_of(state), shown[sequence + 3])
+
+
+def test_linear_pictures_travel_as_half_floats(tmp_path):
+    stage = RendererStage(Settings(renderer=Renderer(width=32, height=24, shadow_map=64, picture="linear16")))
+    header, arrays = lights_message(0)
+    state, (image, (pixels, linear)) = stage.step(stage.begin(0)[0], (header, (*arrays[:2], arrays[2] * 1e7, *arrays[3:])))
+    assert isinstance(image, wire.Image)
+    assert image.linear
+    assert pixels.shape == linear.shape == (24, 32, 4)
+    assert linear.dtype == np.float16
+    assert picture_of(state).max() > 65504
+    _, (_, again) = wire.unpack(wire.pack(image, (pixels, linear)))
+    # 11 bits of a half float; what is beyond its largest number becomes that
+    assert np.allclose(again, np.minimum(picture_of(state), 65504), rtol=2**-11, atol=1e-7)
+
+
+@pytest.mark.parametrize(("picture", "width", "fits"), [("srgb8", 4096, True), ("srgb8", 4097, False), ("linear16", 2049, False)])
+def test_a_picture_that_no_message_holds_is_refused_at_once(picture, width, fits, monkeypatch):
+    monkeypatch.setattr("services.renderer.stage.Renderer", lambda *_: None)
+    wanted = Settings(renderer=Renderer(width=width, height=4096, picture=picture))
+    if fits:
+        RendererStage(wanted)
+    else:
+        with pytest.raises(BadInput, match=r"\[renderer\] width, height: .* make them smaller"):
+            RendererStage(wanted)

@@ -26,6 +26,7 @@ from services.channels import Service
 from services.lights import LightsRow
 from services.settings import Wire
 from services.sockets import Wires, admit
+from services.strong import NONE
 from services.tally import Tally
 from services.viewer.web import MAX_BODY, MAX_PAGES
 
@@ -57,7 +58,7 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
     return {
         "capture": (
             wire.Map(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3),
-            (radiance, np.zeros(0, int), np.zeros((0, 3))),
+            (radiance, *NONE),
         ),
         "sampler": (
             wire.Lights(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
@@ -202,7 +203,8 @@ def test_lights_are_the_file_form(viewer):
 
 def test_a_wish_is_said_whole_and_again(viewer, others):
     status, body = viewer.wish(count=17, exposure=-1.5)
-    assert (status, json.loads(body)) == (200, {"kind": "control", "count": 17, "exposure": -1.5, "filtered": None, "paused": False})
+    wish = {"kind": "control", "count": 17, "exposure": -1.5, "filtered": None, "paused": False, "poses": []}
+    assert (status, json.loads(body)) == (200, wish)
     viewer.wish(paused=True)
     whole = wire.Control(count=17, exposure=-1.5, paused=True)
     eventually(lambda: others.wishes[-3:] == [whole] * 3, "the wish on its channel, again and again")
@@ -215,7 +217,7 @@ def test_a_wish_is_said_whole_and_again(viewer, others):
     "body",
     [
         b"", b"{", b"[1]", b"7", b"\xff\xfe", b"[" * MAX_BODY, b'{"count": 0}', b'{"count": 2.5}', b'{"count": "many"}',
-        b'{"count": 1e999}', b'{"exposure": 21}', b'{"exposure": NaN}', b'{"filtered": 1}', b'{"paused": null}',
+        b'{"count": 1e999}', b'{"exposure": 21}', b'{"exposure": NaN}', b'{"filtered": 1}', b'{"paused": 2}',
         b'{"lights": 3}', b'{"kind": "status"}',
     ],
 )  # fmt: skip

@@ -73,7 +73,8 @@ class Files:
             codes = read_codes(path)
             if codes.ndim == 3 and self._mosaic:
                 raise BadInput(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
-            mosaic: Mosaic | None = None if codes.ndim == 3 else self._mosaic or "mono"
+            mono: Mosaic = "mono"
+            mosaic = None if codes.ndim == 3 else self._mosaic or mono
             return self._maker.frame_from_codes(str(path), codes, mosaic, time_s)
         image, attributes = read_radiance(path)
         return self._maker.frame(str(path), image, attributes, time_s)

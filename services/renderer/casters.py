@@ -27,8 +27,9 @@ class Casters(NamedTuple):
     """positions: (n, 3) float32. indices: (3 m,) uint32, of them runs that are closed, open, and the floor; members: in the runs' order.
 
     Closed meshes cast with the faces towards the light alone. The floor, a flat mesh with the whole scene on one side, casts only for
-    lights on the other; floor_normal (3,) points to the scene, zeros without a floor. box_centre, box_half: (2, 3) float32, the box around
-    the casters of lights above the floor, and of lights below. tolerance: metres by which a floor may be pierced.
+    lights on the other; floor_normal (3,) points to the scene, zeros without a floor. box_centre, box_half: (2, 3) float32, the box
+    around what stands on the floor, which is all that its own shadow can fall on too, and the box around everything. tolerance: metres by
+    which a floor may be pierced.
     """
 
     positions: np.ndarray
@@ -44,7 +45,7 @@ class Casters(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Casters as they stand: what is drawn as closed, as open and as the floor; the rest as in Casters."""
+    """Casters as they stand: what is drawn as closed, as open and as the floor, and the box around what shadows fall from and on, (3,)."""
 
     closed: tuple[Piece, ...]
     open: tuple[Piece, ...]
@@ -98,8 +99,8 @@ def _around(boxes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
 def placed_casters(casters: Casters, matrices: np.ndarray, before: Placed | None = None) -> Placed:
     """The casters with world_from_rest (n, 4, 4) of the scene's meshes.
 
-    Runs that nothing moved are drawn as one. The boxes stay those of `before` (of `casters` at first) while all casters are inside;
-    else they grow. A floor that moves or that something moved pierces casts like any open mesh, until it no longer does.
+    Runs that nothing moved are drawn as one. The box stays that of `before` (of `casters` at first) while all casters are inside; else
+    it grows. A floor that moves or that something moved pierces casts like any open mesh, until it no longer does.
     """
     moved = [member for member in casters.members if not np.array_equal(matrices[member.mesh], np.eye(4))]
     floor = bool(casters.floor_normal.any()) and not any(_pierces(casters, member, matrices[member.mesh]) for member in moved)
@@ -115,8 +116,8 @@ def placed_casters(casters: Casters, matrices: np.ndarray, before: Placed | None
     if before and bool(before.floor) == floor:
         centre, half = before.box_centre, before.box_half
     else:
-        boxes = [0 if floor else 1, 1]
-        centre, half = casters.box_centre[boxes], casters.box_half[boxes]
+        around = 0 if floor else 1
+        centre, half = casters.box_centre[around], casters.box_half[around]
     for member in moved:
         centre, half = _grown(centre, half, _moved(member.corners, matrices[member.mesh]))
     return Placed(**runs, floor_normal=casters.floor_normal if floor else np.zeros(3), box_centre=centre, box_half=half)
@@ -145,7 +146,7 @@ def _pierces(casters: Casters, member: Caster, matrix: np.ndarray) -> bool:
 
 
 def _grown(centre: np.ndarray, half: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The boxes (2, 3), a tenth larger than needed towards points that lie outside: the next ones may lie farther out."""
+    """The box, a tenth larger than needed towards points that lie outside: the next ones may lie farther out."""
     low, high, lowest, highest = centre - half, centre + half, corners.min(axis=0), corners.max(axis=0)
     slack = 1e-5 * (high - low).max()  # float32
     if np.all(lowest >= low - slack) and np.all(highest <= high + slack):

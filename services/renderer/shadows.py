@@ -19,7 +19,8 @@ FRAME_BYTES = 96  # LightFrame in light.glsl
 ALIGNED = 8  # frames; 768 bytes, a multiple of the 256 at which GL drivers let a uniform block begin
 GUTTER = 2  # texels at a tile's rim, as in light.glsl
 MAX_ATLAS_SIDE = 8192  # texels; 256 MB of depth at 4 bytes, and no GL 4.3 driver refuses it
-BOXES = ("box_centre", "box_half")
+BOX = ("box_centre", "box_half")
+BEYOND = (0x864F, *range(0x3000, 0x3004))  # GL_DEPTH_CLAMP, GL_CLIP_DISTANCE0 to 3, for which moderngl has no name
 
 
 class Row(NamedTuple):
@@ -52,10 +53,12 @@ class ShadowAtlas:
         side = min(MAX_ATLAS_SIDE, context.info["GL_MAX_TEXTURE_SIZE"])
         self._most_columns = max(side // tile_size, 1)
         self.capacity = min(self._most_columns**2, MAX_LIGHTS)
-        self._program = programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS))
+        # The floor has a program of its own: it reaches beyond the box, and so beyond the tile and nearer to a light from below.
+        self._programs = [programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS), BEYOND=beyond) for beyond in "01"]
         self._frames_program = programs.compute("frames.comp")
         self._buffers = (context.buffer(casters.positions.tobytes()), context.buffer(casters.indices.tobytes()))
-        self._vao = context.vertex_array(self._program, [(self._buffers[0], "3f", "position")], self._buffers[1], index_element_size=4)
+        layout = [(self._buffers[0], "3f", "position")]
+        self._arrays = [context.vertex_array(program, layout, self._buffers[1], index_element_size=4) for program in self._programs]
         self._drawn = no_maps(0)  # of the tiles, for `cached_batch`; empty while each batch draws all its maps
         self._stale = np.zeros(0)  # of the tiles, see planned_maps
         self._given = context.buffer(reserve=48, dynamic=True)
@@ -65,7 +68,7 @@ class ShadowAtlas:
         self._frame: moderngl.Framebuffer | None = None
         self._matrices = np.tile(np.eye(4), (1 + max(member.mesh for member in casters.members), 1, 1))
         self._placed = placed_casters(casters, self._matrices)
-        self._fit_boxes()
+        self._fit_box()
 
     def place(self, matrices: np.ndarray) -> None:
         """Moves the casters: world_from_rest (n, 4, 4) of the scene's meshes. Maps that are kept age by as much as the casters moved."""
@@ -74,13 +77,13 @@ class ShadowAtlas:
         width_m = 2 * float(self._placed.box_half.max())
         self._stale += moved_by_m(self._casters, self._matrices, matrices) / width_m
         self._matrices = matrices
-        if not all(np.array_equal(getattr(before, name), getattr(self._placed, name)) for name in (*BOXES, "floor_normal")):
+        if not all(np.array_equal(getattr(before, name), getattr(self._placed, name)) for name in (*BOX, "floor_normal")):
             self._drawn = no_maps(len(self._drawn))
-            self._fit_boxes()
+            self._fit_box()
 
-    def _fit_boxes(self) -> None:
-        for name in BOXES:
-            self._frames_program[name] = [tuple(row) for row in getattr(self._placed, name).tolist()]
+    def _fit_box(self) -> None:
+        for name in BOX:
+            self._frames_program[name] = tuple(getattr(self._placed, name).tolist())
 
     def batches(self, lights: Lights) -> list[Batch]:
         """The lights that carry power, cut into runs that fit the atlas, each with all its maps to draw."""
@@ -116,7 +119,6 @@ class ShadowAtlas:
         light[:, 0:3] = lights.directions[lit]
         light[:, 3] = tiles
         light[:, 4:7] = lights.irradiance[lit]
-        light[:, 7] = below
         light[:, 8:11] = map_directions
         drawn = renewed[np.argsort(below[renewed], kind="stable")]
         runs = [*region_rows(self._regions, lights.directions[lit]), np.arange(len(lit)), drawn]
@@ -136,7 +138,6 @@ class ShadowAtlas:
             self._fit(count)
         assert self._frame is not None
         self._make_frames(batch)
-        self._describe(self._program)
         self._frame.use()
         self._clear(batch)
         if count == 0:
@@ -144,10 +145,14 @@ class ShadowAtlas:
         self.bind_row(batch.maps)
         self._context.depth_func = "<"
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self._instances(self._placed.closed, 0, count)
+        self._instances(0, self._placed.closed, 0, count)
         self._context.disable(moderngl.CULL_FACE)
-        self._instances(self._placed.open, 0, count)
-        self._instances(self._placed.floor, batch.above, count - batch.above)
+        self._instances(0, self._placed.open, 0, count)
+        for flag in BEYOND:
+            self._context.enable_direct(flag)
+        self._instances(1, self._placed.floor, batch.above, count - batch.above)
+        for flag in BEYOND:
+            self._context.disable_direct(flag)
 
     def _clear(self, batch: Batch) -> None:
         """Empties the tiles whose maps are drawn anew."""
@@ -185,11 +190,13 @@ class ShadowAtlas:
         program["atlas"] = unit
         self._describe(program)
 
-    def _instances(self, pieces: tuple[Piece, ...], first_light: int, count: int) -> None:
+    def _instances(self, beyond: int, pieces: tuple[Piece, ...], first_light: int, count: int) -> None:
+        program = self._programs[beyond]
+        self._describe(program)
         for piece in pieces if count else ():
-            self._program["first_light"] = first_light
-            self._program["world_from_rest"] = tuple(piece.world_from_rest.T.reshape(-1))
-            self._vao.render(vertices=piece.indices.count, first=piece.indices.first, instances=count)
+            program["first_light"] = first_light
+            program["world_from_rest"] = tuple(piece.world_from_rest.T.reshape(-1))
+            self._arrays[beyond].render(vertices=piece.indices.count, first=piece.indices.first, instances=count)
 
     def _describe(self, program: moderngl.Program | moderngl.ComputeShader) -> None:
         program["tile_size"] = float(self.tile_size)
@@ -217,5 +224,5 @@ class ShadowAtlas:
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for thing in (self._vao, *self._buffers, self._given, self._frames):
+        for thing in (*self._arrays, *self._buffers, self._given, self._frames):
             thing.release()

@@ -3,13 +3,27 @@
 #include "light.glsl"
 #include "lights.glsl"
 
+const float SUNK = 0.9;  // of the bias: how far a floor lies nearer to the light, so that none comes through at an object's foot
+
 in vec3 position;
 uniform int first_light;
 uniform mat4 world_from_rest;
+#if BEYOND
+out float gl_ClipDistance[4];  // what reaches beyond the tile ends there
+#endif
 
 void main() {
     int i = first_light + gl_InstanceID;
     vec4 p = world_from_rest * vec4(position, 1.0);
-    vec2 texel = lights[i].corner_slope.xy + vec2(dot(lights[i].column, p), dot(lights[i].row, p));
-    gl_Position = vec4(texel / (0.5 * tile_size * tile_columns) - 1.0, 2.0 * dot(lights[i].depth, p) - 1.0, 1.0);
+    vec2 own = vec2(dot(lights[i].column, p), dot(lights[i].row, p));
+    vec2 texel = lights[i].corner_slope.xy + own;
+    float depth = dot(lights[i].depth, p);
+#if BEYOND
+    depth -= SUNK * lights[i].direction.w;
+    gl_ClipDistance[0] = own.x;
+    gl_ClipDistance[1] = own.y;
+    gl_ClipDistance[2] = tile_size - own.x;
+    gl_ClipDistance[3] = tile_size - own.y;
+#endif
+    gl_Position = vec4(texel / (0.5 * tile_size * tile_columns) - 1.0, 2.0 * depth - 1.0, 1.0);
 }

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from services.sampler.tracked_cells import assign, candidates
+from services.sampler.tracked_cells import assign, candidates, reassign
 from services.sampler.tracked_noise import NO_NOISE, with_map
 from services.sampler.tracked_tiles import grid, received, tiles_from_map
 from services.sphere import Coverage, cell_directions, luminance, map_irradiance
@@ -49,6 +49,30 @@ def test_the_nearest_two_sites_are_those_of_a_full_search(count, slack):
     np.testing.assert_array_equal(second, order[:, 1] if count > 1 else -1)
     assert (share >= 0).all()
     assert (share <= 0.5).all()
+
+
+@pytest.mark.parametrize("count", [2, 3, 40])
+def test_a_few_sites_that_moved_change_the_nearest_two_as_a_search_anew_would(count):
+    tiles, of = tiles_from_map(sky(2), "hemisphere", 300, NONE), grid(36, 90, "hemisphere")
+    generator, n = np.random.default_rng(1), len(tiles.power)
+
+    def places(k):
+        sites = generator.normal(size=(k, 3)) * [1, 1, 0.5] + [0, 0, 1]
+        return sites / np.linalg.norm(sites, axis=1, keepdims=True)
+
+    def searched(sites):
+        found = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+        assign(tiles, sites, *candidates(of, tiles, sites, 0.0), *found)
+        return found
+
+    sites = places(count)
+    found = searched(sites)
+    for _ in range(5):
+        changed = generator.choice(count, min(3, count), replace=False)
+        sites[changed] = places(len(changed))
+        reassign(tiles, sites, changed, *found)
+        for one, other in zip(found, searched(sites), strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 def test_received_cleans_fills_and_waits():

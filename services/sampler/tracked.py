@@ -14,7 +14,18 @@ import numpy as np
 from services.lights import Lights
 from services.sampler.control import prefix_errors
 from services.sampler.density import LightMap
-from services.sampler.tracked_cells import assign, candidates, centroid, centroids, cheapest_pair, gather, move, split, unrest
+from services.sampler.tracked_cells import (
+    candidates,
+    centroid,
+    centroids,
+    cheapest_pair,
+    move,
+    reassign,
+    relaxed,
+    shares_of_sites,
+    shares_of_tiles,
+    split,
+)
 from services.sampler.tracked_noise import LONGEST_GAP_S, NO_NOISE, STRIDE, Noise, with_map
 from services.sampler.tracked_tiles import Grid, Tiles, grid, received, tiles_from_map
 from services.sphere import LUMINANCE, Coverage, luminance
@@ -26,7 +37,7 @@ WORTH = 0.5  # and this many times the mean unrest of a cell
 CHANGES = 16  # one light in so many, and at least one, is added in a frame when more are wanted,
 GROWTH = 4  # and in a round of the first frame, or of one with sudden light
 MOST_CHANGES = 6  # splits paid by merges in a frame of sudden light: each costs as much time as two of Lloyd's steps
-SLACK = 0.01  # rad: Lloyd's steps are shorter once lights have settled
+SLACK = 0.02  # rad: Lloyd's steps are shorter once lights have settled, or follow a slow turn
 SUDDEN = 2.0  # times the usual unrest: light has changed faster than sites move
 NOTABLE = 0.02**2  # unrest over squared power below which nothing is urgent: its root is about the error of the irradiance
 PACE = 8  # frames between splits when it has not
@@ -72,7 +83,7 @@ class Shares(NamedTuple):
     """What each cell holds.
 
     flux: (n, 3), RGB. moment: (n, 4), power x direction, and power. pull: (n, 3), weight x direction. unease: (n,), root of its
-    unrest. nearest: (tiles,) int64, the cell of each tile.
+    unrest. nearest, second: (tiles,) int64, the cell of each tile and the next one. share: (tiles,), what of a tile goes to the next one.
     """
 
     flux: np.ndarray
@@ -81,6 +92,7 @@ class Shares(NamedTuple):
     unease: np.ndarray
     nearest: np.ndarray
     second: np.ndarray
+    share: np.ndarray
 
 
 class Split(NamedTuple):
@@ -166,24 +178,14 @@ def _shown(directions: np.ndarray, offset: np.ndarray) -> np.ndarray:
     return np.where(length > 0.1, moved / np.maximum(length, 0.1), directions)
 
 
-def _shares(of: Grid, tiles: Tiles, sites: np.ndarray, near: tuple[np.ndarray, np.ndarray] | None = None) -> Shares:
-    """What the sites' cells hold; `near`, when given, are candidates that still hold."""
-    n, count = len(sites), len(tiles.power)
-    held = Shares(np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty(n), np.empty(count, np.int64), np.empty(count, np.int64))
-    share = np.empty(count)
-    assign(tiles, sites, *(near or candidates(of, tiles, sites, 0.0)), held.nearest, held.second, share)
-    gather(tiles, held.nearest, held.second, share, held.flux, held.moment, held.pull)
-    unrest(tiles, held.nearest, held.second, share, held.moment, sites, held.unease)
-    return held
-
-
 def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) -> tuple[State, Shares]:
     """The state with sites that fit the tiles, and what their cells hold."""
     new = not len(state.ids)
     if new:
         zenith = np.array([[0.0, 0.0, 1.0]])
         state = state._replace(ids=np.zeros(1, np.int64), sites=zenith, offset=np.zeros((1, 3)), next_id=1)
-    held = _shares(of, tiles, state.sites)
+    near = candidates(of, tiles, state.sites, SLACK)
+    held = Shares(*shares_of_sites(tiles, state.sites, *near))
     sudden = new or float((held.unease**2).sum()) > max(SUDDEN * state.usual, NOTABLE) * power**2
 
     # The number of lights: down at once, up a few in a frame unless all light is new.
@@ -208,29 +210,19 @@ def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) ->
         cost, kept, lost = cheapest_pair(held.nearest, held.second, held.moment, state.sites, held.unease)
         if splits[0].cell in (kept, lost) or spare < CHURN * cost:
             break
-        lost_id = state.ids[lost]
-        state, held = _split(state, of, tiles, held, splits, eased=not sudden)
-        state, held = _merged(state, of, tiles, held, kept, int(np.flatnonzero(state.ids == lost_id)[0]))
+        state, held = _exchanged(state, tiles, held, splits[0], kept, lost, eased=not sudden)
+        near = None
         credit -= not sudden
 
     # Lloyd's steps; none where the number changed, so that the others stay.
     if new or len(state.ids) == before:
-        state, held = _relaxed(state, of, tiles, held, FIRST_STEPS if new else STEPS)
+        if near is None or new:
+            near = candidates(of, tiles, state.sites, SLACK)
+        sites, found = relaxed(of, tiles, state.sites, held.pull, *near, SLACK, FIRST_STEPS if new else STEPS)
+        state, held = state._replace(sites=sites), Shares(*found)
     level = float((held.unease**2).sum()) / power**2
     usual = level if new else state.usual + USUAL * (level - state.usual)
     return state._replace(usual=usual, credit=credit), held
-
-
-def _relaxed(state: State, of: Grid, tiles: Tiles, held: Shares, steps: int) -> tuple[State, Shares]:
-    """So many of Lloyd's steps. Candidates are searched anew only when a site has moved farther than SLACK."""
-    near, since = candidates(of, tiles, state.sites, SLACK), state.sites
-    for _ in range(steps):
-        sites = state.sites.copy()
-        move(held.pull, sites)
-        if ((sites - since) ** 2).sum(axis=1).max() > SLACK**2:
-            near, since = candidates(of, tiles, sites, SLACK), sites
-        state, held = state._replace(sites=sites), _shares(of, tiles, sites, near)
-    return state, held
 
 
 def _best_splits(tiles: Tiles, held: Shares, sites: np.ndarray, most: int, sudden: bool) -> list[Split]:
@@ -261,7 +253,7 @@ def _split(state: State, of: Grid, tiles: Tiles, held: Shares, splits: list[Spli
     state = state._replace(
         ids=np.concatenate([state.ids, born]), sites=sites, offset=np.concatenate(offset), next_id=state.next_id + len(splits)
     )
-    return state, _shares(of, tiles, sites)
+    return state, _searched(of, tiles, sites)
 
 
 def _merged(state: State, of: Grid, tiles: Tiles, held: Shares, kept: int, lost: int) -> tuple[State, Shares]:
@@ -270,4 +262,20 @@ def _merged(state: State, of: Grid, tiles: Tiles, held: Shares, kept: int, lost:
     move(np.ascontiguousarray((held.pull[kept] + held.pull[lost])[None]), sites[kept : kept + 1])
     sites = np.delete(sites, lost, axis=0)
     state = state._replace(ids=np.delete(state.ids, lost), sites=sites, offset=np.delete(state.offset, lost, axis=0))
-    return state, _shares(of, tiles, sites)
+    return state, _searched(of, tiles, sites)
+
+
+def _exchanged(state: State, tiles: Tiles, held: Shares, one: Split, kept: int, lost: int, eased: bool) -> tuple[State, Shares]:
+    """One cell cut in two and two others made one; the new light takes the place of the lost one in the list."""
+    ids, sites, offset, parent = state.ids.copy(), state.sites.copy(), state.offset.copy(), np.empty(3)
+    centroid(held.moment[one.cell], state.sites[one.cell], parent)
+    move((held.pull[kept] + held.pull[lost])[None], sites[kept : kept + 1])
+    sites[one.cell], sites[lost] = one.halves
+    ids[lost], offset[lost] = state.next_id, parent - one.halves[1] if eased else 0.0
+    reassign(tiles, sites, np.array([one.cell, kept, lost]), held.nearest, held.second, held.share)
+    after = Shares(*shares_of_tiles(tiles, sites, held.nearest, held.second, held.share))
+    return state._replace(ids=ids, sites=sites, offset=offset, next_id=state.next_id + 1), after
+
+
+def _searched(of: Grid, tiles: Tiles, sites: np.ndarray) -> Shares:
+    return Shares(*shares_of_sites(tiles, sites, *candidates(of, tiles, sites, 0.0)))

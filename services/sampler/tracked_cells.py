@@ -15,64 +15,148 @@ SPLIT_ROUNDS = 4  # of two-means inside a cell that is split: enough for two lam
 def candidates(of: Grid, tiles: Tiles, sites, slack):
     """(near, start): for each base tile, near[start[base] : start[base + 1]] are the sites that can be nearest or next in it.
 
-    They stay so while no site moves by more than the chord `slack`.
+    They stay so while no site moves by more than the chord `slack`. Searched among those of the base tile's group.
     """
-    n, bases = sites.shape[0], of.centres.shape[0]
-    xs, ys, zs = sites[:, 0].copy(), sites[:, 1].copy(), sites[:, 2].copy()
-    chords, near, start = np.empty(n), np.empty(16 * bases, np.int64), np.zeros(bases + 1, np.int64)
+    n, bases, groups = sites.shape[0], of.centres.shape[0], of.group_centres.shape[0]
+    every, chords, few, count = np.arange(n), np.empty(n), np.empty((groups, n), np.int64), np.empty(groups, np.int64)
+    places = sites.T.copy()
+    own = np.empty((groups, 3, n))
+    for g in range(groups):
+        count[g] = _near(of.group_centres[g], of.group_reach[g] + slack, places, every, n, chords, few[g], 0)
+        for k in range(count[g]):
+            own[g, :, k] = sites[few[g, k]]
+    near, start = np.empty(16 * bases + n, np.int64), np.zeros(bases + 1, np.int64)
     for base in range(bases):
         start[base + 1] = start[base]
         if tiles.start[base] == tiles.start[base + 1]:
             continue
-        cx, cy, cz = of.centres[base]
-        for s in range(n):
-            chords[s] = (xs[s] - cx) ** 2 + (ys[s] - cy) ** 2 + (zs[s] - cz) ** 2
-        best = after = 4.0
-        for s in range(n):
-            if chords[s] < after:
-                after = chords[s]
-                if after < best:
-                    best, after = after, best
-        limit = (np.sqrt(after) + 2 * of.reach[base] + 2 * slack) ** 2
+        g = of.group[base]
         if start[base] + n > near.size:
             near = np.concatenate((near, np.empty(near.size + n, np.int64)))
-        count = start[base]
-        for s in range(n):
-            if chords[s] <= limit:
-                near[count] = s
-                count += 1
-        start[base + 1] = count
+        start[base + 1] = _near(of.centres[base], of.reach[base] + slack, own[g], few[g], count[g], chords, near, start[base])
     return near, start
+
+
+@njit(cache=True, inline="always")
+def _near(centre, reach, places, names, count, chords, near, end):
+    """Appends to `near`, from `end` on, the names of those of `count` places (3, n) that can be nearest or next within `reach`."""
+    xs, ys, zs = places
+    x, y, z = centre
+    for k in range(count):
+        chords[k] = (xs[k] - x) ** 2 + (ys[k] - y) ** 2 + (zs[k] - z) ** 2
+    best = after = 4.0
+    for k in range(count):
+        if chords[k] < after:
+            after = chords[k]
+            if after < best:
+                best, after = after, best
+    limit = (np.sqrt(after) + 2 * reach) ** 2
+    for k in range(count):
+        if chords[k] <= limit:
+            near[end] = names[k]
+            end += 1
+    return end
 
 
 @njit(cache=True)
 def assign(tiles: Tiles, sites, near, start, first, second, share):
-    """Fills for each tile the nearest site, the next one (-1: none) and the next one's share in [0, 1/2].
-
-    near, start: see `candidates`. A tile on the border of two cells is shared by them as the border cuts a disc of the tile's radius
-    (linearly), so that light goes over from one cell to the other without a jump.
-    """
-    xs, ys, zs = sites[:, 0].copy(), sites[:, 1].copy(), sites[:, 2].copy()
+    """Fills for each tile the nearest site, the next one (-1: none) and the next one's share in [0, 1/2]. near, start: see `candidates`."""
+    most = np.diff(start).max()
+    xs, ys, zs, chords = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     for base in range(start.size - 1):
+        count = start[base + 1] - start[base]
+        names = near[start[base] : start[base + 1]]
+        for k in range(count):
+            xs[k], ys[k], zs[k] = sites[names[k]]
         for t in range(tiles.start[base], tiles.start[base + 1]):
-            x, y, z = tiles.direction[t]
-            a = b = -1
-            da = db = 9.0
-            for k in range(start[base], start[base + 1]):
-                s = near[k]
-                d = (xs[s] - x) ** 2 + (ys[s] - y) ** 2 + (zs[s] - z) ** 2
-                if d < db:
-                    if d < da:
-                        db, b = da, a
-                        da, a = d, s
-                    else:
-                        db, b = d, s
-            first[t], second[t], share[t] = a, b, 0.0
-            if b >= 0:
-                # Way to the bisector of both sites: (db - da) / (2 |a - b|).
-                apart = np.sqrt((sites[a, 0] - sites[b, 0]) ** 2 + (sites[a, 1] - sites[b, 1]) ** 2 + (sites[a, 2] - sites[b, 2]) ** 2)
-                if apart > 0:
-                    share[t] = max(0.5 - (db - da) / (4 * apart * min(tiles.radius[t], 0.25 * apart)), 0.0)
+            x, y, z = tiles.direction[t, 0], tiles.direction[t, 1], tiles.direction[t, 2]
+            for k in range(count):
+                chords[k] = (xs[k] - x) ** 2 + (ys[k] - y) ** 2 + (zs[k] - z) ** 2
+            _nearest_two(t, chords, count, names, tiles.radius[t], sites, first, second, share)
+
+
+@njit(cache=True, inline="always")
+def _nearest_two(t, chords, count, names, radius, sites, first, second, share):
+    """Fills what `assign` does for one tile, from its squared chords to so many sites, by their names."""
+    a = b = -1
+    da = db = 9.0
+    for k in range(count):
+        d = chords[k]
+        if d < db:
+            if d < da:
+                db, b = da, a
+                da, a = d, k
+            else:
+                db, b = d, k
+    first[t] = names[a]
+    second[t] = names[b] if b >= 0 else -1
+    share[t] = _next_share(radius, sites, first[t], second[t], da, db)
+
+
+@njit(cache=True, inline="always")
+def _next_share(radius, sites, a, b, da, db):
+    """What of a tile goes to its next site `b`: the border of two cells cuts a disc of the tile's radius (linearly), so that light
+    goes over from one cell to the other without a jump. da, db: squared chords to both.
+    """
+    if b < 0:
+        return 0.0
+    square = (sites[a, 0] - sites[b, 0]) ** 2 + (sites[a, 1] - sites[b, 1]) ** 2 + (sites[a, 2] - sites[b, 2]) ** 2
+    if (db - da) ** 2 >= 4 * square * radius * radius:
+        return 0.0
+    # Way to the bisector of both sites: (db - da) / (2 |a - b|).
+    apart = np.sqrt(square)
+    return max(0.5 - (db - da) / (4 * apart * min(radius, 0.25 * apart)), 0.0)
+
+
+@njit(cache=True)
+def reassign(tiles: Tiles, sites, changed, first, second, share):
+    """What `assign` would fill, once the few sites `changed` (k,) int64 of two or more have moved anywhere."""
+    n = sites.shape[0]
+    every, chords = np.arange(n), np.empty(n)
+    for t in range(first.size):
+        again, reach = False, _chord(tiles, t, sites[second[t]])
+        for s in changed:
+            again |= s == first[t] or s == second[t] or _chord(tiles, t, sites[s]) < reach
+        if again:
+            for s in range(n):
+                chords[s] = _chord(tiles, t, sites[s])
+            _nearest_two(t, chords, n, every, tiles.radius[t], sites, first, second, share)
+
+
+@njit(cache=True)
+def shares_of_sites(tiles: Tiles, sites, near, start):
+    """What the sites' cells hold (flux, moment, pull, unease) and whose the tiles are (first, second, share); see `Shares`."""
+    count = tiles.power.size
+    first, second, share = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
+    assign(tiles, sites, near, start, first, second, share)
+    return shares_of_tiles(tiles, sites, first, second, share)
+
+
+@njit(cache=True)
+def shares_of_tiles(tiles: Tiles, sites, first, second, share):
+    """The same when it is known whose the tiles are."""
+    n = sites.shape[0]
+    flux, moment, pull, unease = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty(n)
+    gather(tiles, first, second, share, flux, moment, pull)
+    unrest(tiles, first, second, share, moment, sites, unease)
+    return flux, moment, pull, unease, first, second, share
+
+
+@njit(cache=True)
+def relaxed(of: Grid, tiles: Tiles, sites, pull, near, start, slack, steps):
+    """The sites after so many of Lloyd's steps, and what their cells hold.
+
+    pull: of the sites' cells. near, start: `candidates` of the sites with `slack`, searched anew only when a site has moved farther.
+    """
+    since = sites
+    for _ in range(steps):
+        sites = sites.copy()
+        move(pull, sites)
+        if ((sites - since) ** 2).sum(axis=1).max() > slack**2:
+            near, start = candidates(of, tiles, sites, slack)
+            since = sites
+        flux, moment, pull, unease, first, second, share = shares_of_sites(tiles, sites, near, start)
+    return sites, (flux, moment, pull, unease, first, second, share)
 
 
 @njit(cache=True)
@@ -231,7 +315,7 @@ def split(tiles: Tiles, first, cell, centre, sudden, halves, parts):
     return whole**2 - one**2 - other**2
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _chord(tiles, t, site):
     """Squared chord."""
     return (tiles.direction[t, 0] - site[0]) ** 2 + (tiles.direction[t, 1] - site[1]) ** 2 + (tiles.direction[t, 2] - site[2]) ** 2

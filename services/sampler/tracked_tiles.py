@@ -16,6 +16,7 @@ from services.sphere import LUMINANCE, SPAN, Coverage, cell_directions, cell_sol
 from services.strong import PARTS
 
 BASE = 8  # cells on a side of the largest tile
+GROUP = 4  # base tiles on a side of a group, whose sites are searched first
 SHARE = 0.25  # of a light, for one tile: a light has 4 tiles or more, of even sky 8
 MOST = 4.0  # lights that a base tile counts for: beyond it there are single cells, which are cut into their parts at most
 SITES = 1.6  # sites weigh radiance^1.6 in Lloyd's step: in the plane their density is then the weight's root
@@ -30,7 +31,8 @@ class Grid(NamedTuple):
 
     solid_angles: (rows,), sr of a cell. across, up: (rows,), sine and cosine of a ring's polar angle. cosines, sines: (cols,), of a
     column's azimuth. height: of a cell, rad. widths: (rows,), rad. centres: (bases, 3), reach: (bases,): the middle of a base tile and
-    the chord from there to its farthest cell.
+    the chord from there to its farthest cell. group: (bases,) int64, group_centres, group_reach: of groups
+    of base tiles.
     """
 
     solid_angles: np.ndarray
@@ -42,6 +44,9 @@ class Grid(NamedTuple):
     widths: np.ndarray
     centres: np.ndarray
     reach: np.ndarray
+    group: np.ndarray
+    group_centres: np.ndarray
+    group_reach: np.ndarray
 
 
 class Tiles(NamedTuple):
@@ -66,14 +71,23 @@ def grid(rows: int, cols: int, coverage: Coverage) -> Grid:
     height = SPAN[coverage] / rows
     theta, phi = (np.arange(rows) + 0.5) * height, (np.arange(cols) + 0.5) * (2 * np.pi / cols)
     widths = np.sin(theta) * (2 * np.pi / cols)
-    blocks = [directions[i : i + BASE, j : j + BASE].reshape(-1, 3) for i in range(0, rows, BASE) for j in range(0, cols, BASE)]
+    turn = np.cos(phi), np.sin(phi)
+    # A flux centroid inside a cell lies up to half a diagonal beyond the cell's centre.
+    beyond = 0.5 * np.hypot(height, widths.max())
+    bases, groups = _blocks(directions, BASE, beyond), _blocks(directions, GROUP * BASE, beyond)
+    down, across = np.arange(-(-rows // BASE)) // GROUP, np.arange(-(-cols // BASE)) // GROUP
+    group = (down[:, None] * (across[-1] + 1) + across).ravel()
+    return Grid(cell_solid_angles(rows, cols, coverage), np.sin(theta), np.cos(theta), *turn, height, widths, *bases, group, *groups)
+
+
+def _blocks(directions: np.ndarray, side: int, beyond: float) -> tuple[np.ndarray, np.ndarray]:
+    """Middles (n, 3) of all blocks of so many cells on a side, and the chords from there to their farthest cells, and so far `beyond`."""
+    rows, cols, _ = directions.shape
+    blocks = [directions[i : i + side, j : j + side].reshape(-1, 3) for i in range(0, rows, side) for j in range(0, cols, side)]
     centres = np.array([block.mean(axis=0) for block in blocks])
     centres /= np.linalg.norm(centres, axis=1, keepdims=True)
-    # A flux centroid inside a cell lies up to half a diagonal beyond the cell's centre.
     reach = np.array([np.linalg.norm(block - centre, axis=1).max() for block, centre in zip(blocks, centres, strict=True)])
-    reach += 0.5 * np.hypot(height, widths.max())
-    turn = np.cos(phi), np.sin(phi)
-    return Grid(cell_solid_angles(rows, cols, coverage), np.sin(theta), np.cos(theta), *turn, height, widths, centres, reach)
+    return centres, reach + beyond
 
 
 def received(
@@ -145,7 +159,7 @@ def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, strong:
         cells, first = np.unique(strong[:, 0].astype(np.int64), return_index=True)
         inside[cells] = first
         strong[:, 4] /= np.repeat(np.add.reduceat(strong[:, 4], first), np.diff(first, append=len(strong)))
-    whole, start = np.empty((rows * cols + len(strong), 10)), np.empty(len(of.centres) + 1, np.int64)
+    whole, start = np.empty((rows * cols + len(strong), 9)), np.empty(len(of.centres) + 1, np.int64)
     table = whole[: _fill(radiance, of, strong, inside, count, whole, start)]
     return Tiles(table[:, 0:3], table[:, 3], table[:, 4:7], table[:, 7], table[:, 8], start)
 
@@ -154,44 +168,62 @@ def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, strong:
 def _fill(radiance, of, strong, inside, count, table, start):
     rows, cols, _ = radiance.shape
     # Base tiles first, for the sum of the density; those of strong sources count for MOST lights.
-    bases, tile = 0, np.empty((of.centres.shape[0], 10))
+    base, density = 0, np.empty(of.centres.shape[0])
     for row in range(0, rows, BASE):
         for col in range(0, cols, BASE):
-            _measure(radiance, of, strong, inside, row, min(row + BASE, rows), col, min(col + BASE, cols), tile[bases])
-            bases += 1
-    total = tile[:, 9].sum()
-    total = np.minimum(tile[:, 9], MOST / max(count, MOST) * total).sum()
+            power = area = 0.0
+            for i in range(row, min(row + BASE, rows)):
+                light = 0.0
+                for j in range(col, min(col + BASE, cols)):
+                    light += _RED * radiance[i, j, 0] + _GREEN * radiance[i, j, 1] + _BLUE * radiance[i, j, 2]
+                power += of.solid_angles[i] * light
+                area += of.solid_angles[i] * (min(col + BASE, cols) - col)
+            density[base] = power ** (0.5 * SITES) * area ** (1 - 0.5 * SITES)
+            base += 1
+    total = density.sum()
+    total = np.minimum(density, MOST / max(count, MOST) * total).sum()
     limit = SHARE / count * total
 
     n, base = 0, 0
-    stack = np.empty((16, 4), np.int64)
+    stack, sums = np.empty((16, 4), np.int64), np.zeros((BASE, BASE + 1))
     for row in range(0, rows, BASE):
         for col in range(0, cols, BASE):
             start[base] = n
-            if tile[base, 3] > 0 and (tile[base, 9] <= limit or min(rows - row, BASE) * min(cols - col, BASE) == 1):
-                table[n] = tile[base]
+            if density[base] > limit:
+                n = _halve(radiance, of, strong, inside, limit**5, stack, sums, row, col, table, n)
+            elif density[base] > 0:
+                _measure(radiance, of, strong, inside, row, min(row + BASE, rows), col, min(col + BASE, cols), table[n])
                 n += 1
-            elif tile[base, 3] > 0:
-                n = _halve(radiance, of, strong, inside, limit, stack, row, col, table, n)
             base += 1
     start[base] = n
     return n
 
 
 @njit(cache=True)
-def _halve(radiance, of, strong, inside, limit, stack, row, col, table, n):
-    """Appends the tiles of one base tile to the table and returns its new length."""
+def _halve(radiance, of, strong, inside, limit, stack, sums, row, col, table, n):
+    """Appends the tiles of one base tile to the table and returns its new length. limit: of the density, to the power of 5."""
     rows, cols, _ = radiance.shape
     stack[0] = row, min(row + BASE, rows), col, min(col + BASE, cols)
-    depth, whole = 1, True
+    for i in range(row, stack[0, 1]):
+        light = 0.0  # summed along the row: what is 0 stays 0 in the differences
+        for j in range(col, stack[0, 3]):
+            light += _RED * radiance[i, j, 0] + _GREEN * radiance[i, j, 1] + _BLUE * radiance[i, j, 2]
+            sums[i - row, j - col + 1] = light
+    depth = 1
     while depth:
         depth -= 1
         i0, i1, j0, j1 = stack[depth]
-        if not whole and _measure(radiance, of, strong, inside, i0, i1, j0, j1, table[n]) == 0.0:
+        power = area = 0.0
+        for i in range(i0, i1):
+            power += of.solid_angles[i] * (sums[i - row, j1 - col] - sums[i - row, j0 - col])
+            area += of.solid_angles[i] * (j1 - j0)
+        if power == 0.0:
             continue
-        if not whole and (table[n, 9] <= limit or (i1 - i0) * (j1 - j0) == 1):
+        fine = power**4 * area <= limit  # the density, power^0.8 area^0.2, to the power of 5
+        if fine or (i1 - i0) * (j1 - j0) == 1:
+            _measure(radiance, of, strong, inside, i0, i1, j0, j1, table[n])
             k = inside[i0 * cols + j0]
-            n = _in_parts(strong, k, of.solid_angles[i0], table, n) if k >= 0 and table[n, 9] > limit else n + 1
+            n = n + 1 if fine or k < 0 else _in_parts(strong, k, of.solid_angles[i0], table, n)
         elif i1 - i0 > 1 and ((i1 - i0) * of.height >= (j1 - j0) * of.widths[(i0 + i1) // 2] or j1 - j0 == 1):
             middle = (i0 + i1) // 2
             stack[depth], stack[depth + 1] = (middle, i1, j0, j1), (i0, middle, j0, j1)
@@ -200,13 +232,12 @@ def _halve(radiance, of, strong, inside, limit, stack, row, col, table, n):
             middle = (j0 + j1) // 2
             stack[depth], stack[depth + 1] = (i0, i1, middle, j1), (i0, i1, j0, middle)
             depth += 2
-        whole = False
     return n
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _measure(radiance, of, strong, inside, i0, i1, j0, j1, tile):
-    """Fills a row of the table (flux, power, direction, weight, radius, density) and returns the power."""
+    """Fills a row of the table: flux, power, direction, weight, radius."""
     red = green = blue = x = y = z = area = 0.0
     for i in range(i0, i1):
         r = g = b = c = s = 0.0
@@ -223,9 +254,6 @@ def _measure(radiance, of, strong, inside, i0, i1, j0, j1, tile):
         x, y = x + omega * of.across[i] * c, y + omega * of.across[i] * s
         z += omega * of.up[i] * (_RED * r + _GREEN * g + _BLUE * b)
     power = _RED * red + _GREEN * green + _BLUE * blue
-    if power <= 0.0:
-        tile[:] = 0.0
-        return 0.0
     k = inside[i0 * radiance.shape[1] + j0]
     if k >= 0 and (i1 - i0) * (j1 - j0) == 1:
         cell = strong[k, 0]
@@ -235,11 +263,9 @@ def _measure(radiance, of, strong, inside, i0, i1, j0, j1, tile):
             x, y, z = x + part * strong[k, 1], y + part * strong[k, 2], z + part * strong[k, 3]
             k += 1
     height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
-    root = (power / area) ** (0.5 * SITES)
     tile[0], tile[1], tile[2], tile[3] = red, green, blue, power
     tile[4], tile[5], tile[6] = x / power, y / power, z / power
-    tile[7], tile[8], tile[9] = area * root * root, 0.5 * np.sqrt(height * height + width * width), area * root
-    return power
+    tile[7], tile[8] = area * (power / area) ** SITES, 0.5 * np.sqrt(height * height + width * width)
 
 
 @njit(cache=True)
@@ -248,9 +274,8 @@ def _in_parts(strong, k, area, table, n):
     cell, whole, small = strong[k, 0], table[n].copy(), area / (PARTS * PARTS)
     while k < strong.shape[0] and strong[k, 0] == cell:
         share = strong[k, 4]
-        root = (whole[3] * share / small) ** (0.5 * SITES)
         table[n, :4] = share * whole[:4]
         table[n, 4:7] = strong[k, 1:4]
-        table[n, 7], table[n, 8], table[n, 9] = small * root * root, whole[8] / PARTS, small * root
+        table[n, 7], table[n, 8] = small * (whole[3] * share / small) ** SITES, whole[8] / PARTS
         n, k = n + 1, k + 1
     return n

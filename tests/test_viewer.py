@@ -32,6 +32,7 @@ from services.viewer.web import MAX_BODY, MAX_PAGES
 
 MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
 FPS = 25.0
+THINGS = (wire.Pose(name="box", at=(1.0, 0.0, 0.5)), wire.Pose(name="lamp", at=(0.0, 0.0, 2.0), turn=(1.0, 0.0, 0.0, 0.0), power=1.0))
 PATIENCE_S = 20.0  # for what a loaded machine does late; a test that passes waits for none of it
 
 
@@ -64,7 +65,7 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
             wire.Lights(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
             (np.arange(count), directions, irradiance, directions[:0], irradiance[:0]),
         ),
-        "renderer": (wire.Image(stamp=stamp, width=64, height=48, lights=count, render_ms=5.0), (pixels,)),
+        "renderer": (wire.Image(stamp=stamp, width=64, height=48, lights=count, render_ms=5.0, things=THINGS), (pixels,)),
     }
 
 

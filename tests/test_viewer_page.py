@@ -4,10 +4,12 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from services import wire
 from services.settings import Wire
+from services.sphere import quaternion_xyz
 from tests.conftest import CHROMIUM
 from tests.test_viewer import PATIENCE_S, MadeUpServices, Viewer, eventually
 
@@ -101,6 +103,45 @@ def test_the_other_controls_are_heard_together(page, others):
     page.get_by_role("button", name="As in the settings").click()
     eventually(lambda: others.wishes[-1] == wire.Control(), "the settings' own again")
     eventually(lambda: page.locator("#exposure").input_value() == "0" and page.locator("#filtered").is_checked(), "the settings shown")
+
+
+def test_a_lamp_is_moved_turned_and_dimmed(page, others):
+    assert page.locator("#thing").input_value() == "lamp"  # lamps are what one moves first
+    assert page.locator("#thing-about-x").input_value() == "180"
+    page.locator("#thing-x").fill("-0.25")
+    page.locator("#thing-about-z").fill("90")
+    page.locator("#thing-power").fill("3")
+    eventually(lambda: others.wishes[-1].poses and others.wishes[-1].poses[0].power == 3.0, "the lamp's power")
+    (lamp,) = others.wishes[-1].poses
+    assert (lamp.name, lamp.at) == ("lamp", (-0.25, 0.0, 2.0))
+    assert np.allclose(lamp.turn, quaternion_xyz((180.0, 0.0, 90.0)), atol=1e-6)
+    page.locator("#thing").select_option("box")
+    assert page.locator("#thing-power").is_hidden()
+    page.locator("#thing-y").fill("2")
+    eventually(lambda: len(others.wishes[-1].poses) == 2, "both")
+    page.get_by_role("button", name="As in the scene file").click()
+    eventually(lambda: others.wishes[-1].poses == (lamp,), "the box back")
+    page.locator("#thing").select_option("lamp")
+    page.get_by_role("button", name="As in the scene file").click()
+    eventually(lambda: others.wishes[-1] == wire.Control(), "all back")
+
+
+TURNS = [(0, 0, 0), (30, -40, 170), (180, 0, 90), (-90, 89, 10), (20, 90, 50), (20, -90, 50), (725, 12, -300), (0, 95, 0), (0, -120, 3)]
+
+
+@pytest.mark.parametrize("degrees", TURNS)
+def test_turns_go_there_and_back(page, degrees):
+    turn, again, shown = page.evaluate(
+        """async (degrees) => {
+            const { turnFrom, anglesFrom } = await import("/things.js");
+            return [turnFrom(degrees), turnFrom(anglesFrom(turnFrom(degrees))), anglesFrom(turnFrom(degrees))];
+        }""",
+        degrees,
+    )
+    if degrees in ((0, 95, 0), (30, -40, 170)):
+        assert np.allclose(shown, degrees)
+    assert np.allclose(turn, quaternion_xyz(degrees), atol=1e-9)
+    assert abs(np.dot(turn, again)) == pytest.approx(1, abs=1e-9)  # q and -q are the same turn
 
 
 def test_two_pages_show_the_same(page, browser, others):

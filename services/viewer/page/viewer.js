@@ -2,6 +2,7 @@
 
 import { Controls } from "/controls.js";
 import { Sky } from "/sky.js";
+import { Things } from "/things.js";
 
 const DISC = 1, PICTURE = 2; // first byte of a binary message; a JPEG follows
 const AGAIN_MS = 1000;
@@ -31,6 +32,7 @@ const grown = new Map(); // of a loss: its last value and when that rose
 const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
 const controls = new Controls(notice);
+const things = new Things((change) => controls.wish(change));
 const notices = new Map();
 let picture = null;
 
@@ -71,6 +73,7 @@ function takeText(message) {
   }
   document.body.classList.remove("dim");
   controls.take(message);
+  things.take(message);
   showFigures(message);
   showCards(message);
   showCovers(message);

@@ -195,6 +195,39 @@ def test_as_many_lights_as_needed_and_as_the_renderer_can():
     assert len(lights.ids) == report.count == report.can
 
 
+def noisy_days(frames, sun):
+    """A smooth sky of 60 x 240 with noise of 2 %; `sun(k)` is how much sun there is in frame k."""
+    generator, height, turn = np.random.default_rng(5), np.arange(60)[:, None] / 60, np.arange(240)[None] * np.pi / 120
+    sky = (1 + height**2) * (1.3 + np.cos(turn))
+    for k in range(frames):
+        gray = sky * (1 + 0.02 * generator.standard_normal(sky.shape))
+        gray[24:26, 100:102] += 2e4 * sun(k)
+        yield (gray[..., None] * [0.8, 1.0, 1.2]).astype(np.float32)
+
+
+@pytest.mark.parametrize("sun", [0, 1])
+@pytest.mark.parametrize("method", ["havran-azimuth", "tracked"])
+def test_a_steady_scene_keeps_its_number_of_lights(method, sun):
+    settings = Settings(method=method, count=400, error_percent=15.0, filter="none")
+    needs = [report.need for _, report in run(settings, noisy_days(200, lambda _: sun))[0]]
+    assert len(set(needs[100:])) == 1
+    assert len(set(needs)) <= 6
+
+
+@pytest.mark.parametrize(("method", "lit"), [("havran-azimuth", True), ("tracked", False)])
+def test_a_change_of_the_scene_is_answered_soon(method, lit):
+    # The sun comes or goes so that more lights are needed from frame 80 to 130: of equal lights under the sun, which takes most of them and
+    # leaves few for its shadows; of tracked ones, a single one of which is the sun, without it.
+    settings = Settings(method=method, count=400, error_percent=15.0, filter="none")
+    out = run(settings, noisy_days(200, lambda k: lit == (80 <= k < 130)))[0]
+    needs = np.array([report.need for _, report in out])
+    few, many = needs[79], needs[129]
+    assert many > 1.4 * few
+    assert needs[80 + 8] >= 0.8 * many  # frames: a third of a second
+    assert needs[130 + 60] <= 1.3 * few  # a second of doubt twice: at first the offset, or a light, is still on its way
+    assert len(out[-1][0].ids) <= 1.3 * few
+
+
 def test_memory_is_flat():
     settings, state = Sampler(filter="fir", count=8, clusters=4, error_percent=30.0, fine=12), initial_state(Sampler())
     radiance, sizes = scene(rows=4, cols=8), []

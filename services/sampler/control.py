@@ -20,7 +20,9 @@ ROWS, COLS = 30, 120  # the map is judged in blocks of 3 degrees, but for its HO
 HOT = 1 / 512  # of the power: cells above it are judged where they are, since a sun's shadow is sharper than a block
 DARKEST = 0.05  # of the mean irradiance
 MARGIN = 0.85  # of the error that is aimed at, so that the number chosen lasts while the scene changes a little
-HOLD_S = 1.0  # the need falls only when it has been lower for so long
+HOLD_S = 1.0  # the need falls only when it has been well below the number in use for so long, to the largest seen meanwhile
+LESSON_S = 60.0  # for so long a number that proved too small is remembered: in a scene that stands still, one try a minute
+WELL_BELOW = 0.8  # of the number in use: less saves nothing that is worth a change, and noise alone moves the need by a tenth
 FADE_S = 0.2  # in which a light comes or goes: five frames at 25 fps
 SPARE = 0.85  # of the renderer's time: between this and all of it nothing is changed
 GAIN = 0.2  # share of the error in the logarithm that one picture corrects; above 0.22 a loop with 3 pictures of delay would swing
@@ -28,10 +30,17 @@ GROWTH = 1.03  # a picture, while the renderer has time to spare
 
 
 class Need(NamedTuple):
-    """count: the largest need lately. since_s: when it was seen last."""
+    """count: lights in use. peak: the largest need since `since_s`, when it fell well below that; else 0. seen_s: time of the last frame.
+
+    fell_s: when the number last fell. too_few: the number that it then fell to and that at once proved too small; else 0.
+    """
 
     count: int
+    peak: int
     since_s: float
+    seen_s: float
+    fell_s: float
+    too_few: int
 
 
 def ladder(most: int) -> np.ndarray:
@@ -124,11 +133,24 @@ def _prefix_errors(directions, power, total, normals, occluders, truth, sizes):
     return errors
 
 
-def held(before: Need | None, count: int, time_s: float) -> Need:
-    """The need with hysteresis: up at once, down when it has been lower for HOLD_S."""
-    if before is None or count >= before.count or not 0 <= time_s - before.since_s <= HOLD_S:
-        return Need(count, time_s)
-    return before
+def held(before: Need | None, count: int, time_s: float, slack: float = 1.0) -> Need:
+    """The need with hysteresis: up at once when it is above `slack` times the number in use, down when it was WELL_BELOW for HOLD_S.
+
+    A need that is estimated at the number in use may look smaller than it proves to be: a fall that is taken back within HOLD_S is a lesson
+    for LESSON_S, in which the number falls only WELL_BELOW what proved too small. A gap over HOLD_S and time that goes back begin anew.
+    """
+    if before is None or not 0 <= time_s - before.seen_s <= HOLD_S:
+        return Need(count, 0, time_s, time_s, -np.inf, 0)
+    now = before._replace(seen_s=time_s)
+    if count > slack * before.count:
+        regret = time_s - before.fell_s <= HOLD_S
+        return now._replace(count=count, peak=0, too_few=before.count if regret else before.too_few)
+    lesson = before.too_few if time_s - before.fell_s <= LESSON_S else 0
+    if count > WELL_BELOW * (lesson or before.count):
+        return now._replace(peak=0)
+    now = now._replace(peak=max(before.peak, count), since_s=before.since_s if before.peak else time_s)
+    fall = time_s - now.since_s >= HOLD_S
+    return now._replace(count=now.peak, peak=0, fell_s=time_s, too_few=0) if fall else now
 
 
 def can(before: float, shown: int, render_ms: float, frame_ms: float) -> float:

@@ -16,6 +16,7 @@ from services.settings import Sampler
 from services.sphere import Coverage, luminance
 
 OFFSET_TIME_S = 0.12  # the warp's offset follows the light with this time constant: three frames at 25 fps, against pixel noise
+SLACK = 1.1  # tracked lights: their need is an estimate, which noise moves by as much; they aim at 0.85 of the error, 1.24 would reach it
 LOWEST: dict[Coverage, float] = {"hemisphere": 0.0, "sphere": -1.0}  # z of the directions that a filter may give
 
 
@@ -148,12 +149,12 @@ def _tracked(
     if settings.error_percent:
         light, first = light_map(shown, coverage), need is None
         for _ in range(TRIALS if first else 1):
-            need = control.held(need, needed(light, lights, settings.error_percent / 100, most), time_s)
+            need = control.held(need, needed(light, lights, settings.error_percent / 100, most), time_s, SLACK)
             if first:
                 wanted = need.count
                 now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, strong, smoothing)
                 need = None
-        need = need or control.Need(wanted, time_s)
+        need = need or control.held(None, wanted, time_s)
     fine_state, fine = state.tracked_fine, None
     if settings.fine:
         fine_state, fine, _ = tracked_step(settings.fine, fine_state, shown, coverage, time_s, strong, smoothing)

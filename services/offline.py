@@ -19,10 +19,11 @@ from services.settings import record
 
 
 class Lit(NamedTuple):
-    """One frame and its lights."""
+    """One frame, its lights and the second set of them, None when none is asked for."""
 
     frame: Frame
     lights: Lights
+    fine: Lights | None
 
 
 def opened(source: Path, options: dict[str, Any]) -> tuple[Source, settings.Sampler]:
@@ -36,6 +37,7 @@ def opened(source: Path, options: dict[str, Any]) -> tuple[Source, settings.Samp
     filtering = options["filter_"] or (None if len(frames) > 1 else "none")
     sampling = {"count": options["count"], "method": options["method"], "filter": filtering}
     sampling |= {"clusters": options.get("clusters"), "error_percent": options.get("error"), "deflicker": options.get("deflicker")}
+    sampling |= {"fine": options.get("fine")}
     return frames, record(settings.Sampler, sampling, "--")
 
 
@@ -44,8 +46,8 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
     state = initial_state(sampling)
     for k in range(len(frames)):
         frame = frames.frame(k)
-        state, lights, _ = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, None, np.column_stack(frame.strong))
-        yield Lit(frame, lights)
+        state, lights, report = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, None, np.column_stack(frame.strong))
+        yield Lit(frame, lights, report.fine)
 
 
 def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: Any) -> None:
@@ -56,9 +58,9 @@ def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: 
     frames, sampling = opened(source, options)
     check_lights_path(out, len(frames))
     lit = list(lit_frames(frames, sampling))
-    write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights) in enumerate(lit)])
+    write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights, _) in enumerate(lit)])
     if score:
-        print(text(scored(((frame.radiance, lights) for frame, lights in lit), lit[0].frame.coverage)))
+        print(text(scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)))
 
 
 def write_pictures_of(
@@ -80,8 +82,8 @@ def write_pictures_of(
     renderer = Renderer(load_scene(scene), wanted, FILE_SAMPLES)
     try:
         adaptation, before_s = None, 0.0
-        for k, (frame, lights) in enumerate(lit_frames(frames, sampling)):
-            picture = renderer.render(lights)
+        for k, (frame, lights, fine) in enumerate(lit_frames(frames, sampling)):
+            picture = renderer.render(lights, fine)
             adaptation = adapt(adaptation, picture, max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             path = out if len(frames) == 1 else out.with_stem(f"{out.stem}_{k:04d}")

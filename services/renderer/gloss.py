@@ -1,11 +1,13 @@
 """The second set of lights, many and weak, for the lobes of glossy surfaces (Havran et al. 2005, section 4.2).
 
 In a cone about the mirrored view the weak lights stand in for the strong ones, with a soft rim: each set has the share of a lobe that the
-other leaves. As normals have light regions, mirrored views have regions with the weak lights that lie in any cone of theirs.
+other leaves. A weak light widens the lobe by its own spread, so that a mirror shows the light around and no dots. As normals have light
+regions, mirrored views have regions with the weak lights that lie in any cone of theirs.
 """
 
 import moderngl
 import numpy as np
+from scipy.spatial import KDTree
 
 from services.lights import Lights
 from services.renderer.programs import Programs
@@ -18,7 +20,8 @@ CORE = np.radians(12.0)  # where they are alone
 CONE = (float(np.cos(RIM)), float(np.cos(CORE)))
 NO_CONE = (2.0, 3.0)  # cosines that no light reaches
 REGIONS = 256  # of mirrored views: caps of 10 degrees, beside a cone of 20 degrees
-MOST = 128  # weak lights of a region; of more, the first so many with all the power
+MOST = 256  # weak lights of a region; of more, so many carry what the others had
+NEIGHBOURS = 4  # of a light, whose distance tells its spread
 
 
 class Gloss:
@@ -73,27 +76,44 @@ class Gloss:
 def weak_rows(centres: np.ndarray, reach: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, strong: np.ndarray) -> np.ndarray:
     """The weak lights (m, 3) within `reach` (n,) rad of each region's centre (n, 3), as gloss.frag reads them: (n, 2 MOST, 4) float32.
 
-    A light is its direction and the number of its strong light (m,), then its irradiance; -1 ends a row. Of more than MOST the first are
-    kept and scaled so that the row's sum stays what it was in each channel. First is who is stronger by a power of two, then the order of
-    the set: lights of like power keep the progressive order, and where powers differ none of weight is left out.
+    A light is its direction and the number of its strong light (m,), then its irradiance and the square of its spread; -1 ends a row. Of
+    more than MOST the first are kept, who is stronger by a power of two before the others and then in the order of the set, and those
+    like the last of them carry what the others had, in each channel. So lights of like power keep the progressive order and are scaled
+    alike, and a sun stays what it is.
     """
     rows = np.zeros((len(centres), 2 * MOST, 4), np.float32)
     rows[:, 0::2, 3] = -1
     power = irradiance.max(axis=1)
-    order = np.argsort(-np.floor(np.log2(np.maximum(power / power.mean(), 1e-6)) + 0.5), kind="stable")
-    directions, irradiance, strong = directions[order], irradiance[order], strong[order]
+    level = np.floor(np.log2(np.maximum(power / power.mean(), 1e-6)) + 0.5)
+    order = np.argsort(-level, kind="stable")
+    directions, irradiance, strong, level = directions[order], irradiance[order], strong[order], level[order]
     region, light = np.nonzero(centres @ directions.T >= np.cos(np.minimum(reach, np.pi))[:, None])
-    place = np.arange(len(region)) - np.searchsorted(region, region)
-    total = _sums(region, irradiance[light], len(centres))
-    region, light, place = (index[place < MOST] for index in (region, light, place))
-    kept = _sums(region, irradiance[light], len(centres))
-    scale = np.divide(total, kept, out=np.ones_like(total), where=kept > 0)
-    rows[region, 2 * place, 0:3] = directions[light]
-    rows[region, 2 * place, 3] = strong[light]
-    rows[region, 2 * place + 1, 0:3] = irradiance[light] * scale[region]
+    first = np.searchsorted(region, np.arange(len(centres)))
+    place = np.arange(len(region)) - first[region]
+    kept = place < MOST
+    last = level[light[np.minimum(first + MOST, len(light)) - 1]]  # of each full row
+    alike = kept & (level[light] <= last[region] + 1)
+    left = _sums(region[~kept], irradiance[light[~kept]], len(centres))
+    carrying = _sums(region[alike], irradiance[light[alike]], len(centres))
+    scale = 1 + np.divide(left, carrying, out=np.zeros_like(left), where=carrying > 0)
+    rows[region[kept], 2 * place[kept], 0:3] = directions[light[kept]]
+    rows[region[kept], 2 * place[kept], 3] = strong[light[kept]]
+    rows[region[kept], 2 * place[kept] + 1, 0:3] = irradiance[light[kept]]
+    rows[region[kept], 2 * place[kept] + 1, 3] = spread(directions)[light[kept]] ** 2
+    rows[region[alike], 2 * place[alike] + 1, 0:3] *= scale[region[alike]]
     return rows
+
+
+def spread(directions: np.ndarray) -> np.ndarray:
+    """About how far, in rad, the light that each of the directions (m, 3) stands for reaches around it, (m,) float64.
+
+    Half the diagonal of a square cell whose neighbours are as far as the NEIGHBOURS nearest lights; 0 where there are no more than those.
+    """
+    if len(directions) <= NEIGHBOURS:
+        return np.zeros(len(directions))
+    return KDTree(directions).query(directions, NEIGHBOURS + 1)[0][:, 1:].mean(axis=1) / np.sqrt(2)
 
 
 def _sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """Sums (count, 3) of values (k, 3) by their group."""
-    return np.stack([np.bincount(group, values[:, c], count) for c in range(3)], axis=-1)
+    return np.stack([np.bincount(group, values[:, c], count) for c in range(3)], axis=-1, dtype=np.float64)

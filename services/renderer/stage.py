@@ -71,7 +71,7 @@ class RendererStage:
         dt_s = max(0.0, time_s - state.time_s)
         state = state._replace(time_s=time_s, paused_s=state.paused_s + dt_s if state.paused else state.paused_s)
         things = self._renderer.place(time_s - state.paused_s, state.poses)
-        picture = self._renderer.render(Lights(*arrays[:3]))
+        picture = self._renderer.render(Lights(*arrays[:3]), Lights.of(np.arange(header.fine), *arrays[3:5]))
         adaptation = adapt(state.adaptation, picture, dt_s)
         pixels = self._renderer.tone_mapped(adaptation, state.exposure)
         height, width, _ = pixels.shape

@@ -16,7 +16,9 @@ uniform sampler2D surface_normals;
 uniform sampler2D surface_diffuse;
 uniform sampler2D surface_specular;
 uniform samplerCube region_of_direction;
-uniform sampler2D weak_lights;  // a row a region; each light: direction and its strong light, or -1 behind the last; irradiance
+uniform sampler2D weak_lights;  // a row a region; each light: direction and its strong light, or -1 behind the last; irradiance and
+// the square of its spread, rad: a disc of that radius has a quarter of it as variance along an axis, Phong's lobe 1 / exponent, and GGX',
+// in which the light counts half since halfway vectors move half as far, alpha^2 / 2
 layout(location = 0) out vec4 radiance;
 
 void main() {
@@ -24,10 +26,13 @@ void main() {
     vec4 position = texelFetch(surface_positions, pixel, 0);
     float kind = texelFetch(surface_diffuse, pixel, 0).w;
     if (position.w == 0.0 || kind < 0.5 || kind > 2.5) discard;
+    vec4 specular = texelFetch(surface_specular, pixel, 0);
+    bool phong = kind < 1.5;
+    float narrow = phong ? narrow_phong(specular.w) : narrow_ggx(specular.w);
+    if (narrow == 0.0) discard;
     vec4 normals = texelFetch(surface_normals, pixel, 0);
     vec3 smooth_normal = direction_from_octahedron(normals.xy);
     vec3 flat_normal = direction_from_octahedron(normals.zw);
-    vec4 specular = texelFetch(surface_specular, pixel, 0);
     vec3 mirrored_view = reflect(normalize(position.xyz - eye), smooth_normal);
     float view_cosine = max(dot(smooth_normal, mirrored_view), 1e-4);
     int region = int(textureLod(region_of_direction, mirrored_view, 0.0).r);
@@ -41,17 +46,18 @@ void main() {
         float share = in_cone(mirrored);
         float cosine = dot(smooth_normal, light.xyz);
         if (share <= 0.0 || cosine <= 0.0 || dot(flat_normal, light.xyz) <= 0.0) continue;
+        vec4 irradiance = texelFetch(weak_lights, ivec2(k + 1, region), 0);
         vec3 lobe;
-        if (kind < 1.5) {
-            lobe = specular.rgb * phong_lobe(specular.w, mirrored);
+        if (phong) {
+            lobe = specular.rgb * phong_lobe(1.0 / (1.0 / max(specular.w, 1e-3) + 0.25 * irradiance.w), mirrored);
         } else {
-            vec2 facets = ggx_lobe(specular.w, cosine, view_cosine, 2.0 * view_cosine * cosine - mirrored);
+            vec2 facets = ggx_lobe(sqrt(specular.w * specular.w + 0.125 * irradiance.w), cosine, view_cosine, 2.0 * view_cosine * cosine - mirrored);
             lobe = mix(specular.rgb, vec3(1.0), facets.y) * facets.x;
         }
         int strong = int(light.w);
         float over = dot(flat_normal, lights[strong].direction.xyz);
         float seen = over > 0.0 ? visibility(strong, position, flat_normal, over) : 1.0;  // a map knows nothing of what it lies behind
-        sum += texelFetch(weak_lights, ivec2(k + 1, region), 0).rgb * lobe * (share * cosine * seen);
+        sum += irradiance.rgb * lobe * (share * cosine * seen);
     }
-    radiance = vec4(sum * weight, 0.0);
+    radiance = vec4(sum * (narrow * weight), 0.0);
 }

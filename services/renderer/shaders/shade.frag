@@ -44,6 +44,12 @@ void main() {
     float view_cosine = max(dot(smooth_normal, mirrored_view), 1e-4);
 #endif
 
+#if KIND == 1
+    float narrow = narrow_phong(specular.w);
+#elif KIND == 2
+    float narrow = narrow_ggx(specular.w);
+#endif
+
     vec3 sum = vec3(0.0);
     for (int i = 0; i < light_count; ++i) {
         vec3 d = lights[i].direction.xyz;
@@ -57,7 +63,7 @@ void main() {
         vec3 brdf = lambert;
 #else
         float mirrored = dot(mirrored_view, d);
-        float own = 1.0 - in_cone(mirrored);
+        float own = 1.0 - narrow * in_cone(mirrored);
 #endif
 #if KIND == 1
         vec3 brdf = lambert + specular.rgb * (own * phong_lobe(specular.w, mirrored));

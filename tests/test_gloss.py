@@ -1,0 +1,141 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.lights import Lights
+from services.renderer import gloss, shadows
+from services.renderer.gloss import MOST, NEIGHBOURS, spread, weak_rows
+from services.renderer.regions import light_regions
+from services.renderer.renderer import Renderer
+from services.renderer.scene import load_scene
+from services.settings import Renderer as Settings
+from services.sphere import direction_from_angles
+
+CAMERA = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\nfov_y = 30.0\n"
+METAL = "material = {base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = 0.25}"
+PHONG = "material = {diffuse = [0.3, 0.3, 0.3], specular = [0.6, 0.5, 0.4], exponent = 60.0}"
+SPHERE = '[[mesh]]\nshape = "sphere"\nscale = 0.6\nat = [0.0, 0.0, 0.8]\n'
+GROUND = '[[mesh]]\nshape = "plane"\nscale = 3.0\n'
+
+
+def pictures(folder: Path, text: str, *sets: tuple[Lights, Lights | None], **wanted) -> list[np.ndarray]:
+    (folder / "scene.toml").write_text(CAMERA + text)
+    renderer = Renderer(load_scene(folder / "scene.toml"), Settings(**{"width": 64, "height": 64, "shadow_map": 128, **wanted}))
+    made = [renderer.render(*pair).copy() for pair in sets]
+    renderer.release()
+    return made
+
+
+def sky(count: int, lowest_z: float = 0.0) -> Lights:
+    """Radiance 1 from all directions above lowest_z."""
+    z = lowest_z + (1 - lowest_z) * (np.arange(count) + 0.5) / count
+    directions = direction_from_angles(np.arccos(z), np.arange(count) * np.pi * (3 - np.sqrt(5)))
+    return Lights.of(np.arange(count), directions, np.full((count, 3), 2 * np.pi * (1 - lowest_z) / count))
+
+
+def random_lights(count: int, seed: int) -> Lights:
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(count, 3)) * [1, 1, 1] + [0, 0, 1]
+    return Lights.of(np.arange(count), directions / np.linalg.norm(directions, axis=1, keepdims=True), rng.uniform(0, 1, (count, 3)))
+
+
+@pytest.mark.parametrize("frame_ms", [0.0, 1e4])
+@pytest.mark.parametrize("material", [METAL, PHONG])
+def test_a_second_set_like_the_first_changes_nothing(tmp_path, material, frame_ms):
+    # no more lights than neighbours are asked for, and so without a spread
+    for seed in range(6):
+        lights = random_lights(NEIGHBOURS, seed)
+        one, two = pictures(tmp_path, SPHERE + material + "\n" + GROUND + material, (lights, None), (lights, lights), frame_ms=frame_ms)
+        assert one[..., :3].max() > 0.1
+        assert np.allclose(one, two, rtol=1e-4, atol=1e-5)  # two orders of float32 sums
+
+
+def test_more_strong_lights_than_the_atlas_holds_share_their_cones_too(tmp_path, monkeypatch):
+    lights = random_lights(NEIGHBOURS, 3)
+    monkeypatch.setattr(shadows, "MAX_ATLAS_SIDE", 256)  # 2 x 2 tiles of 128
+    many = Lights.of(np.arange(12), np.repeat(lights.directions, 3, axis=0), np.repeat(lights.irradiance, 3, axis=0) / 3)
+    one, two = pictures(tmp_path, SPHERE + METAL, (lights, None), (many._replace(ids=np.arange(12)), lights))
+    inside = one[..., 3] > 0
+    # the first four of twelve hold two of the directions: a sphere alone has no shadow but its own terminator
+    assert np.mean(np.abs(one - two)[inside].max(axis=-1) > 0.02 * one.max()) < 0.02
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.2, 0.3, 0.45, 0.6, 1.0])
+def test_a_white_furnace_stays_white_with_two_sets(tmp_path, roughness):
+    sphere = SPHERE.replace("0.6", "1.2").replace("0.8", "0.4") + METAL.replace("0.25", str(roughness))
+    one, both = pictures(tmp_path, sphere, (sky(3000, -1.0), None), (sky(100, -1.0), sky(1500, -1.0)), width=48, height=48)
+    inside = np.hypot(*np.indices((48, 48)) - 23.5) < 11  # 70 % of its radius: farther out a pixel holds many normals
+    assert one[inside][:, 3].min() == 1
+    if roughness > 0.4:
+        assert both[inside].mean(axis=0) == pytest.approx(one[inside].mean(axis=0), rel=0.01)
+    else:
+        # single bounces of smooth metal lose up to 3 %; lobes wider than the cone's core leave 2 % to the 100 lights
+        assert both[inside][:, :3].mean() == pytest.approx(1, abs=0.05)
+        dots = [np.std(image[inside][:, 0]) for image in pictures(tmp_path, sphere, (sky(100, -1.0), None), width=48, height=48)]
+        assert np.std(both[inside][:, 0]) < 0.3 * dots[0]
+
+
+def test_lambert_and_wide_lobes_do_not_ask_the_second_set(tmp_path):
+    lights, other = random_lights(3, 1), random_lights(3, 2)
+    for material in ("material = {diffuse = [0.5, 0.5, 0.5]}", METAL.replace("0.25", "0.7"), PHONG.replace("60.0", "3.0")):
+        one, two = pictures(tmp_path, SPHERE + material, (lights, None), (lights, other))
+        assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("power", [0.0, 1e6])
+def test_darkness_and_a_huge_sun(tmp_path, power):
+    directions, powers = np.array([[0, 0, 1], [0.6, 0, 0.8], [0, -0.6, 0.8]]), np.array([[power], [1], [0]]) * np.ones(3)
+    weak = Lights.of(np.arange(3), directions, powers)
+    strong = Lights.of(np.arange(2), directions[:2], powers[:2])
+    none = Lights.none()
+    for image in pictures(tmp_path, SPHERE + METAL, (strong, weak), (strong, none), (none, weak), (none, none)):
+        assert np.all(np.isfinite(image))
+        assert image.min() >= 0
+
+
+def test_a_rows_sum_is_that_of_the_lights_in_reach():
+    regions = light_regions(64)
+    rng = np.random.default_rng(4)
+    # crowded about one direction, with a sun among them, in three tints
+    directions = rng.normal(size=(3000, 3)) * 0.3 + [0, 0.6, 0.8]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    irradiance = rng.lognormal(0, 2, (3000, 1)) * rng.uniform(0.5, 1, (3000, 3))
+    irradiance[1234] = 1e6
+    reach = regions.reach + 0.3
+    rows = weak_rows(regions.centres, reach, directions, irradiance, np.zeros(3000))
+    within = regions.centres @ directions.T >= np.cos(reach)[:, None]
+    assert within.sum(axis=1).max() > MOST
+    assert within.sum(axis=1).min() < MOST
+    assert np.allclose(rows[:, 1::2, :3].sum(axis=1, dtype=np.float64), within @ irradiance, rtol=1e-5)
+    for row, inside in zip(rows, within, strict=True):
+        count = int((row[0::2, 3] >= 0).sum())
+        assert count == min(inside.sum(), MOST)
+        assert not row[1::2][count:].any()
+    full = rows[within[:, 1234], 1::2, 0]
+    assert np.allclose(full.max(axis=1), 1e6)  # the sun is never scaled
+
+
+@given(st.integers(MOST + 1, 2000))
+def test_of_equal_lights_the_first_are_kept_and_scaled_alike(count):
+    directions = np.tile([[0.0, 0.0, 1.0]], (count, 1))
+    directions[:, 0] = np.arange(count) * 1e-6  # to tell them apart
+    rows = weak_rows(np.array([[0.0, 0.0, 1.0]]), np.array([0.5]), directions, np.ones((count, 3)), np.arange(count))
+    assert np.array_equal(rows[0, 0::2, 3], np.arange(MOST))
+    assert np.allclose(rows[0, 1::2, :3], count / MOST)
+
+
+def test_the_spread_of_an_even_sky_is_that_of_its_cells():
+    for count in (100, 1000):
+        cell = 2 * np.pi / count  # sr
+        found = spread(sky(count).directions.astype(np.float64))
+        # a square cell of side a has the half diagonal a / sqrt(2); a spiral's cells are square to some tenths, at the horizon one-sided
+        assert np.median(found) == pytest.approx(np.sqrt(cell / 2), rel=0.15)
+    assert not spread(sky(NEIGHBOURS).directions).any()
+
+
+def test_a_cone_lies_within_its_rim():
+    assert gloss.CORE < gloss.RIM
+    assert gloss.NO_CONE[0] > 1

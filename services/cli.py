@@ -202,31 +202,38 @@ def lens(images: tuple[Path, ...], board: str, square: float, out: Path, **optio
 @click.option("--kind", type=click.Choice(["log", "companding", "linear", "srgb"]), default="log", show_default=True)
 @click.option("--bits", type=click.IntRange(1, 16), help="Of a code; left out: the fewest of 8, 10, 12, 14, 16 that hold them.")
 @click.option("--accept", is_flag=True, help="Take an error above 5 % at a check patch.")
-@click.option("--corners", help="PATCHES is a frame of a ColorChecker: x,y of dark skin, bluish green, black, white: x,y,x,y,x,y,x,y.")
-@click.option("--white", type=click.FloatRange(0, min_open=True), help="With --corners: cd/m2 measured on the white patch.")
+@click.option("--white", type=click.FloatRange(0, min_open=True), help="PATCHES is a frame of a ColorChecker: cd/m2 of its white patch.")
+@click.option("--corners", help="Where it is, left out: found. Pixels of dark skin, bluish green, black, white: x,y,x,y,x,y,x,y.")
 @click.option("--picture", type=EXISTING, help="PNG of the fit; left out: beside the response file.")
 @click.option("--out", type=EXISTING, required=True, help="RESPONSE.toml")
 def response(patches: Path, kind: Any, bits: int | None, accept: bool, out: Path, **options: Any) -> None:
     """Find the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
     from services.capture.calibrate_response import calibrate_response, read_patches, response_summary
 
-    read = _chart(patches, options["corners"], options["white"]) if options["corners"] else read_patches(patches)
+    in_frame = options["corners"] or options["white"]
+    read = _chart(patches, options["corners"], options["white"]) if in_frame else read_patches(patches)
     picture = options["picture"] or out.with_suffix(".png")
     report = calibrate_response(read, out, kind=kind, bits=bits or 0, accept=accept, picture=picture)
     click.echo(f"{response_summary(report)}\nsee {picture}")
 
 
-def _chart(frame: Path, corners: str, white: float | None) -> list[Any]:
+def _chart(frame: Path, corners: str | None, white: float | None) -> list[Any]:
     from services.capture.calibrate_response import gray_patches
+    from services.capture.colorchecker import chart_from_corners, find_chart
     from services.images import read_codes
 
+    if not white:
+        raise BadInput("--corners: needs --white, the luminance of the white patch")
+    codes = read_codes(frame)
+    if not corners:
+        return gray_patches(codes, find_chart(codes), white)
     try:
         numbers = [float(number) for number in corners.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != 8 or not white:
-        raise BadInput("--corners: needs eight numbers x,y,x,y,x,y,x,y and --white the luminance of the white patch")
-    return gray_patches(read_codes(frame), list(zip(numbers[::2], numbers[1::2], strict=True)), white)
+    if len(numbers) != 8:
+        raise BadInput("--corners: needs eight numbers, x,y,x,y,x,y,x,y")
+    return gray_patches(codes, chart_from_corners(list(zip(numbers[::2], numbers[1::2], strict=True))), white)
 
 
 @main.command()

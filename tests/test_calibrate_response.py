@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from services.capture.calibrate_response import Kind, Patch, calibrate_response, gray_patches, read_patches, response_summary
+from services.capture.colorchecker import chart_from_corners
 from services.capture.response import Companding, Linear, Log, Response, Srgb, read_response
 from services.files import BadInput
 
@@ -115,10 +116,10 @@ def test_gray_row_of_a_colorchecker() -> None:
     codes = np.full((240, 320), 50, np.uint16)
     for n in range(6):
         codes[163:197, 33 + 40 * n : 67 + 40 * n] = 1000 - 100 * n
-    found = gray_patches(codes, [(50, 60), (250, 60), (250, 180), (50, 180)], white_luminance=900.0)
+    found = gray_patches(codes, chart_from_corners([(50, 60), (250, 60), (250, 180), (50, 180)]), white_luminance=900.0)
     assert [p.code for p in found] == [1000, 900, 800, 700, 600, 500]
     assert [p.check for p in found] == [False, True, False, False, True, False]
     # published reflectances of the row: 0.91, 0.59, 0.36, 0.19, 0.09, 0.03
     np.testing.assert_allclose([p.luminance / 900 * 0.913 for p in found], [0.913, 0.589, 0.363, 0.191, 0.088, 0.031], atol=2e-3)
-    with pytest.raises(BadInput, match="outside the frame"):
-        gray_patches(codes, [(50, 60), (350, 60), (350, 180), (50, 180)], 900.0)
+    with pytest.raises(BadInput, match="lies outside the frame"):
+        gray_patches(codes, chart_from_corners([(50, 60), (350, 60), (350, 180), (50, 180)]), 900.0)

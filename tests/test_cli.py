@@ -125,6 +125,8 @@ def test_no_gl(folder):
         (("calibrate", "response", "ghost.csv", "--out", "r.toml"), ("ghost.csv",)),
         (("calibrate", "response", "falling.csv", "--out", "r.toml"), ("rise",)),
         (("calibrate", "response", "f_0000.exr", "--corners", "1,2,3", "--white", "9", "--out", "r.toml"), ("--corners",)),
+        (("calibrate", "response", "f_0000.exr", "--corners", "1,2,3,4,5,6,7,8", "--out", "r.toml"), ("--white",)),
+        (("calibrate", "response", "f_0000.exr", "--white", "9", "--out", "r.toml"), ("no ColorChecker", "corners")),
         (("record", "--source", "/dev/video9999", "--out", "kept"), ("/dev/video9999",)),
         (("simulate", "f_0000.exr", "--lens", "ghost.toml", "--out", "taken"), ("ghost.toml",)),
         (("health", "capture", "elsewhere.toml"), ("elsewhere.toml",)),

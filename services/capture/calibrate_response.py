@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
+from services.capture.colorchecker import LIGHTNESS, gray_codes
 from services.capture.response import Companding, Linear, Log, Response, Srgb, check_response, write_response
 from services.files import BadInput
 
@@ -22,8 +23,6 @@ WORST = 0.05  # of a check patch's luminance: beyond, the response is refused
 FEWEST: dict[Kind, int] = {"log": 4, "linear": 2, "companding": 2, "srgb": 1}  # fit patches: the unknowns, and one over for log's c
 FALL = 2.0  # codes by which a patch may lie below a darker one: noise of the patches' means
 LOSS = 2.0  # codes (log, where noise is even in code): patches farther off pull in proportion
-GRAY_L = (96.54, 81.26, 66.77, 50.87, 35.66, 20.46)  # CIE L* of the ColorChecker's gray row, published by its maker for 2005
-PATCH = 0.35  # side of the square that is read of a ColorChecker's patch, in patch spacings: patches are 0.87 wide
 
 
 class Patch(NamedTuple):
@@ -170,26 +169,15 @@ def _least_absolute(rows: np.ndarray, goal: np.ndarray, weight: np.ndarray) -> n
     return found
 
 
-def gray_patches(codes: np.ndarray, corners: list[tuple[float, float]], white_luminance: float) -> list[Patch]:
+def gray_patches(codes: np.ndarray, chart: np.ndarray, white_luminance: float) -> list[Patch]:
     """The six gray patches of a ColorChecker in a frame of code values (height, width) or (.., 3).
 
-    `corners`: pixels x, y of the centres of the patches at the chart's corners, in its own order: dark skin, bluish green, black, white.
-    `white_luminance`: measured on the white patch, cd/m2. Patches 2 and 5 of the row are marked check. Raises BadInput for corners outside.
+    `chart`: centres of its patches, (4, 6, 2), as `find_chart` and `chart_from_corners` give them; `white_luminance`: measured on the white
+    patch, cd/m2. Patches 2 and 5 of the row are marked check. Raises BadInput for a chart that lies outside the frame.
     """
-    gray = codes if codes.ndim == 2 else codes[..., 1]
-    chart = np.array([[0, 0], [5, 0], [5, 3], [0, 3]], np.float32)
-    pixel_from_chart = cv2.getPerspectiveTransform(chart, np.array(corners, np.float32))
-    u, v = np.meshgrid(np.linspace(-PATCH / 2, PATCH / 2, 15), np.linspace(-PATCH / 2, PATCH / 2, 15))
-    white = ((GRAY_L[0] + 16) / 116) ** 3
-    patches = []
-    for n, lightness in enumerate(GRAY_L):
-        at = np.stack([n + u, 3 + v], -1).reshape(-1, 1, 2).astype(np.float32)
-        x, y = np.rint(cv2.perspectiveTransform(at, pixel_from_chart)[:, 0]).astype(int).T
-        if x.min() < 0 or y.min() < 0 or x.max() >= gray.shape[1] or y.max() >= gray.shape[0]:
-            raise BadInput(f"gray patch {n + 1} of the ColorChecker lies outside the frame; check its corners")
-        luminance = ((lightness + 16) / 116) ** 3 / white * white_luminance  # CIE 1976, above L* = 8
-        patches.append(Patch(float(np.median(gray[y, x])), luminance, n in (1, 4)))
-    return patches
+    relative = ((LIGHTNESS[-1] + 16) / 116) ** 3  # CIE 1976, above L* = 8
+    levels = relative / relative[0] * white_luminance
+    return [Patch(float(code), float(levels[n]), n in (1, 4)) for n, code in enumerate(gray_codes(codes, chart))]
 
 
 def fit_picture(response: Response, patches: list[Patch]) -> np.ndarray:

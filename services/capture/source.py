@@ -54,7 +54,7 @@ class Files:
         self._maker = FrameMaker(settings, paths[0].parent)
         self._checked: set[int] = set()
         self._speed = settings.speed
-        self._mosaic = mosaic_of(settings.format)
+        self._mosaic: Mosaic | None = mosaic_of(settings.format)
         self.fps = settings.fps * settings.speed
         if self.paths[0].suffix.lower() != PNG:
             self.fps = recorded_rate(read_radiance(self.paths[0])[1], settings.fps) * settings.speed
@@ -73,8 +73,7 @@ class Files:
             codes = read_codes(path)
             if codes.ndim == 3 and self._mosaic:
                 raise BadInput(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
-            mono: Mosaic = "mono"
-            mosaic = None if codes.ndim == 3 else self._mosaic or mono
+            mosaic: Mosaic | None = None if codes.ndim == 3 else "mono" if self._mosaic is None else self._mosaic
             return self._maker.frame_from_codes(str(path), codes, mosaic, time_s)
         image, attributes = read_radiance(path)
         return self._maker.frame(str(path), image, attributes, time_s)

@@ -8,6 +8,7 @@ import pytest
 from services.files import BadInput
 from services.images import write_exr, write_png
 from services.lights import Lights
+from services.renderer import scene as scene_module
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
 from services.settings import Renderer as Settings
@@ -16,6 +17,7 @@ from services.sphere import direction_from_angles
 CAMERA = "[camera]\nfrom = [0.0, -6.0, 4.0]\nat = [0.0, 0.0, 0.2]\nfov_y = 40.0\n"
 BOX = '[[mesh]]\nshape = "box"\nscale = 0.4\nat = [0.0, 0.0, 0.4]\n'
 CATCHER = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {catcher = true}\n'
+TORCH = Path(scene_module.__file__).parent / "luminaire" / "lamps" / "torch.exr"
 REAL = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {diffuse = [0.5, 0.5, 0.5]}\n'
 
 
@@ -64,6 +66,56 @@ def test_a_plate_as_png_is_taken_to_linear_light_upright(tmp_path):
     picture = drawn(tmp_path, CATCHER + '[plate]\nfile = "plate.png"', some_lights(1))
     assert np.allclose(picture[0, :, :3], 0.503, atol=2e-3)
     assert not picture[-1, :, :3].any()
+
+
+def test_shadows_on_the_plate_are_dark_in_the_colours_that_they_lack(tmp_path):
+    red, blue = ([0.6, 0.0, 0.8], [0.9, 0.1, 0.0]), ([-0.6, 0.0, 0.8], [0.1, 0.3, 0.9])
+    lights = Lights.of(np.arange(2), np.array([red[0], blue[0]]), np.array([red[1], blue[1]]))
+    real, empty = drawn(tmp_path, REAL + BOX, lights), drawn(tmp_path, REAL, lights)
+    write_exr(tmp_path / "plate.exr", np.full((4, 4, 3), 0.5, np.float32))
+    caught = drawn(tmp_path, CATCHER + BOX, lights)
+    over = drawn(tmp_path, CATCHER + BOX + '[plate]\nfile = "plate.exr"', lights)
+    ground = (np.abs(real[..., 3] - 1) < 1e-6) & ~caught[..., :3].any(axis=-1)
+    left = real[ground][:, :3] / empty[ground][:, :3]
+    assert np.ptp(left, axis=1).max() > 0.5  # the two shadows have different colours
+    assert np.abs(over[ground][:, :3] - 0.5 * left).max() < 2e-3
+    assert np.all(over[..., 3] == 1)
+
+
+@pytest.mark.parametrize(("shadows", "power"), [("maps", 1e-3), ("traced", 1e-3)])
+def test_a_lamp_brightens_the_plate_by_its_share_of_the_light(tmp_path, shadows, power):
+    lamp = f'[[luminaire]]\nfile = "{TORCH}"\nat = [0.5, 0.0, 1.5]\nrotate = [180.0, 0.0, 0.0]\npower = {power}\nshadows = "{shadows}"\n'
+    lights = some_lights(3)
+    real, empty = drawn(tmp_path, REAL + BOX + lamp, lights), drawn(tmp_path, REAL, lights)
+    write_exr(tmp_path / "plate.exr", np.full((4, 4, 3), 0.5, np.float32))
+    over = drawn(tmp_path, CATCHER + BOX + lamp + '[plate]\nfile = "plate.exr"', lights)
+    alone = drawn(tmp_path, CATCHER + BOX + lamp, lights)
+    ground = (np.abs(real[..., 3] - 1) < 1e-6) & ~alone[..., :3].any(axis=-1)
+    ratio = real[ground][:, :3] / empty[ground][:, :3]
+    assert 1.2 < ratio.max() < 20
+    assert np.abs(over[ground][:, :3] / (0.5 * ratio) - 1).max() < 5e-3
+    assert alone[..., 3].max() <= 1 + 1e-6  # without a plate a lamp's light on the ground is left out
+
+
+def test_a_plate_is_replaced_while_it_runs(tmp_path):
+    (tmp_path / "scene.toml").write_text(CAMERA + CATCHER)
+    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=48, shadow_map=128))
+    none = Lights.none()
+    assert not renderer.render(none).any()
+    random = np.random.default_rng(3)
+    for height, width in ((48, 64), (24, 32), (96, 128), (96, 128)):
+        code = random.integers(0, 256, (3,))
+        renderer.show_plate(np.broadcast_to(code, (height, width, 3)).astype(np.uint8), 1.0)
+        linear = np.where(code <= 10, code / 255 / 12.92, ((code / 255 + 0.055) / 1.055) ** 2.4)
+        # a GL may keep 8-bit sRGB texels at 12 bits while it filters
+        assert np.allclose(renderer.render(none), [*(2 * linear), 1], rtol=0.01, atol=1e-3)
+    half = np.zeros((48, 64, 3), np.uint8)
+    half[:24] = 255
+    renderer.show_plate(half)
+    picture = renderer.render(none)
+    assert np.allclose(picture[:24, :, :3], 1, atol=1e-3)
+    assert not picture[24:, :, :3].any()
+    renderer.release()
 
 
 def test_without_light_a_catcher_is_clear(tmp_path):

@@ -1,7 +1,7 @@
 """Mixed reality: the picture of a real place behind the scene, on which catchers leave the scene's shadows.
 
 Differential rendering (Debevec 1998) in its form for a ground whose colour is unknown: where virtual objects take a share of the light from
-a catcher, the plate is darkened by that share.
+a catcher, the plate is darkened by that share, in each channel.
 """
 
 from pathlib import Path
@@ -14,8 +14,11 @@ from msgspec import Meta
 
 from services.files import BadInput
 from services.images import read_radiance
+from services.renderer.backdrop import Backdrop
 from services.renderer.materials import plate_pixels
 from services.renderer.programs import Programs
+
+SRGB8 = 0x8C41  # OpenGL's name of 8-bit texels that are taken to linear light before they are filtered
 
 
 class PlateTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -43,28 +46,40 @@ def load_plate(table: PlateTable, folder: Path, where: str) -> np.ndarray:
 
 
 class Plate:
-    """Puts the plate behind a picture of `size` pixels (width, height) by its alpha."""
+    """A picture behind a picture of `size` pixels (width, height), stretched over it."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, pixels: np.ndarray, size: tuple[int, int]) -> None:
+    def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int]) -> None:
         self._context, self._size = context, size
-        self._program = programs.program("screen.vert", "plate.frag")
-        self._array = context.vertex_array(self._program, [])
-        self._texture = context.texture((pixels.shape[1], pixels.shape[0]), 3, pixels.tobytes(), alignment=1, dtype="f2")
-        self._texture.build_mipmaps()
-        self._texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        self._texture.repeat_x = self._texture.repeat_y = False
+        self._backdrop = Backdrop(context, programs, "plate.frag")
+        self._texture: moderngl.Texture | None = None
+        self._gain = 1.0
 
-    def draw(self, frame: moderngl.Framebuffer) -> None:
-        """Fills what the picture in `frame` leaves open; its alpha becomes 1."""
-        self._texture.use(0)
-        self._program["plate"] = 0
-        self._program["size"] = self._size
-        frame.use()
-        self._context.enable_only(moderngl.BLEND)
-        self._context.blend_func = moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE
-        self._array.render(moderngl.TRIANGLES, vertices=3)
+    def show(self, pixels: np.ndarray, stops: float = 0.0) -> None:
+        """Takes the plate's pixels (h, w, 3), row 0 on top: float16 radiance, or uint8 sRGB, `stops` brighter. Others are replaced."""
+        coded = pixels.dtype == np.uint8
+        size, kind = (pixels.shape[1], pixels.shape[0]), "f1" if coded else "f2"
+        if self._texture is None or (self._texture.size, self._texture.dtype) != (size, kind):
+            self._free()
+            self._texture = self._context.texture(size, 3, alignment=1, dtype=kind, internal_format=SRGB8 if coded else None)
+            self._texture.repeat_x = self._texture.repeat_y = False
+        self._texture.write(np.ascontiguousarray(pixels), alignment=1)
+        if size[0] > self._size[0] or size[1] > self._size[1]:  # only then several of its pixels fall into one
+            self._texture.build_mipmaps()
+            self._texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        else:
+            self._texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self._gain = 2.0**stops
+
+    def draw(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None) -> None:
+        """Fills what the picture in `frame` leaves open; its alpha becomes 1. Does nothing before the first `show`."""
+        if self._texture:
+            self._backdrop.draw(frame, cover, self._texture, {"size": self._size, "gain": self._gain})
+
+    def _free(self) -> None:
+        if self._texture:
+            self._texture.release()
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        self._array.release()
-        self._texture.release()
+        self._backdrop.release()
+        self._free()

@@ -10,6 +10,7 @@ import numpy as np
 from services import settings, wire
 from services.files import BadInput
 from services.lights import Lights
+from services.renderer.background import Background
 from services.renderer.casters import scene_casters
 from services.renderer.gloss import NO_CONE, Gloss
 from services.renderer.luminaire.illumination import Illumination
@@ -27,7 +28,9 @@ from services.renderer.surfaces import Surfaces
 from services.renderer.timers import Timers
 from services.renderer.tonemap import Adaptation, tone_curve
 from services.renderer.view import pixel_offsets
+from services.sphere import Coverage
 
+NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides
 WARM_UP = 2  # frames: GL drivers compile on the first and tune on the second
 
 
@@ -66,8 +69,10 @@ class Renderer:
         self._shading = Shading(context, self._programs, found, kinds, self._size)
         self._gloss = Gloss(context, self._programs) if kinds & GLOSSY else None
         self._illumination = Illumination(context, self._programs, self._scene, self._size)
-        plate = self._scene.plate
-        self._plate = None if plate is None else Plate(context, self._programs, plate, self._size)
+        self._plate = Plate(context, self._programs, self._size)
+        if self._scene.plate is not None:
+            self._plate.show(self._scene.plate)
+        self._background = Background(context, self._programs, self._size)
         self._tonemap = self._programs.program("screen.vert", "tonemap.frag")
         self._tonemap_array = context.vertex_array(self._tonemap, [])
         self._screen = context.renderbuffer(self._size, 4)
@@ -94,7 +99,7 @@ class Renderer:
         """The picture under `lights`, (height, width, 4) float32, linear, row 0 on top.
 
         RGB is radiance times alpha (the average over the pixel's area), alpha the share of the area where rays meet a surface; a catcher
-        is black with the share of light that shadows take from it as alpha. With a plate it lies behind all and alpha is 1.
+        is black with the share of light that shadows take from it as alpha. A plate or a background lies behind all, and alpha is 1 there.
         weak: a second, larger set that stands for the same light, for the lobes of glossy surfaces; none: `lights` do that too.
         With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
@@ -107,9 +112,9 @@ class Renderer:
                 self._render_in_time(lights, weak or Lights.none())
             else:
                 self._render_all(lights, weak or Lights.none())
-            if self._plate:
-                with self._timers.measured("plate"):
-                    self._plate.draw(self._shading.frame)
+            with self._timers.measured("backdrop"):
+                self._plate.draw(self._shading.frame, self._shading.cover)
+                self._background.draw(self._shading.frame, self._shading.cover, self._scene.camera)
             with self._timers.measured("read-back"):
                 data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
         return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
@@ -138,11 +143,11 @@ class Renderer:
                 if number == 0:
                     self._gather(weak, batch)
             for offset in self._offsets:
-                self._see(offset, weight if number == 0 else 0.0)
+                self._see(offset, weight if number == 0 else 0.0, unshadowed)
                 if batch:
                     self._add(batch, weight, unshadowed, glossy=number == 0)
 
-    def _see(self, offset: tuple[float, float], alpha: float) -> None:
+    def _see(self, offset: tuple[float, float], alpha: float, unshadowed: Colour) -> None:
         """Draws the surfaces at `offset` in each pixel, worth `alpha` of the picture's, and what the luminaires add to them."""
         with self._timers.measured("surfaces"):
             self._surfaces.draw(offset)
@@ -150,7 +155,10 @@ class Renderer:
             self._shading.classify(self._surfaces, alpha)
         if alpha > 0:
             with self._timers.measured("luminaires"):
-                self._illumination.add(self._surfaces, self._shading.frame, alpha)
+                self._illumination.add(self._surfaces, self._shading.frame, (alpha, alpha, alpha))
+                if self._shading.cover_frame:  # a lamp brightens what lies behind by its share of the light there
+                    red, green, blue = (-alpha / value if value > NO_LIGHT else 0.0 for value in unshadowed)
+                    self._illumination.add(self._surfaces, self._shading.cover_frame, (red, green, blue), catching=True)
 
     def _draw_maps(self, batch: Batch) -> None:
         with self._timers.measured("shadow maps"):
@@ -181,7 +189,7 @@ class Renderer:
         self._gather(weak, batch)
         seen_ms = lights_ms = 0.0
         for offset in self._offsets:
-            seen_ms += self._spent_ms(partial(self._see, offset, weight))
+            seen_ms += self._spent_ms(partial(self._see, offset, weight, unshadowed))
             lights_ms += self._spent_ms(partial(self._add, batch, weight, unshadowed))
         self._drawn_frames += 1
         if self._drawn_frames > WARM_UP:
@@ -192,7 +200,7 @@ class Renderer:
         normal = self._scene.catcher_normal(self._standing.matrices)
         if normal is None:
             return (1.0, 1.0, 1.0)
-        red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, 1e-30).tolist()
+        red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, NO_LIGHT).tolist()
         return (red, green, blue)
 
     def _spent_ms(self, work: Callable[[], None]) -> float:
@@ -205,6 +213,19 @@ class Renderer:
     def place_luminaire(self, number: int, at: Vector, rotate: Vector, power: float) -> None:
         """Moves, turns (degrees about x, y, z) and dims a luminaire of the scene, counted from 0, before the next picture."""
         self._illumination.lamps[number].place(placed(at, rotate), power)
+
+    def show_plate(self, pixels: np.ndarray, stops: float = 0.0) -> None:
+        """Puts a picture behind the pictures that follow, stretched over them: (h, w, 3) uint8, sRGB, row 0 on top, `stops` brighter."""
+        with self._context:
+            self._plate.show(pixels, stops)
+
+    def show_background(self, radiance: np.ndarray, coverage: Coverage) -> None:
+        """Puts a polar map (rows, cols, 3) float32, laid out as in sphere.py, behind the pictures that follow; a plate hides it.
+
+        nan and negative values are black. Below a hemisphere's horizon the picture stays open.
+        """
+        with self._context:
+            self._background.show(radiance, coverage)
 
     def tone_mapped(self, adaptation: Adaptation, exposure_stops: float) -> np.ndarray:
         """The picture that `render` made last, for a screen: (height, width, 4) uint8, as `tonemap.tone_mapped` gives it."""
@@ -225,7 +246,7 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            parts = (self._atlas, self._surfaces, self._shading, self._gloss, self._illumination, self._plate)
+            parts = (self._atlas, self._surfaces, self._shading, self._gloss, self._illumination, self._plate, self._background)
             for part in (*parts, self._tonemap_array, self._screen_frame, self._screen, self._programs):
                 if part is not None:
                     part.release()

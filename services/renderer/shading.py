@@ -32,9 +32,11 @@ class Shading:
         self._class_depth = context.depth_texture(size)
         self.frame = context.framebuffer([self.picture], self._class_depth)
         self.cover: moderngl.Texture | None = None  # what catchers take from what lies behind: a share in each channel, and in alpha
+        self.cover_frame: moderngl.Framebuffer | None = None
         self._catching: moderngl.Framebuffer | None = None
         if CATCHER in kinds:
             self.cover = context.texture(size, 4, dtype="f4")
+            self.cover_frame = context.framebuffer([self.cover])
             self._catching = context.framebuffer([self.picture, self.cover], self._class_depth)
 
     def classify(self, surfaces: Surfaces, alpha: float) -> None:
@@ -85,6 +87,7 @@ class Shading:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for thing in (*self._arrays, self._cube, self.frame, self.picture, self._class_depth, self.cover, self._catching):
+        pictures = (self.frame, self.picture, self._class_depth, self.cover, self.cover_frame, self._catching)
+        for thing in (*self._arrays, self._cube, *pictures):
             if thing is not None:
                 thing.release()

@@ -29,6 +29,14 @@ def view_from_world(camera: Camera) -> np.ndarray:
     return view
 
 
+def ray_from_pixel(camera: Camera, size: tuple[int, int]) -> np.ndarray:
+    """(3, 3): from (x, y, 1) in a picture of `size` pixels, row 0 on top, pixel 0 from 0 to 1, to the world direction seen there."""
+    tall = np.tan(np.radians(camera.fov_y) / 2)
+    wide = tall * size[0] / size[1]
+    view_from_pixel = np.array([[2 * wide / size[0], 0, -wide], [0, 2 * tall / size[1], -tall], [0, 0, 1]])
+    return view_from_world(camera)[:3, :3].T @ view_from_pixel
+
+
 def clip_from_world(scene: Scene, size: tuple[int, int], offset: tuple[float, float] = (0.5, 0.5)) -> np.ndarray:
     """Projection (4, 4) whose picture has row 0 on top in memory (y down) and is sampled at `offset` in each pixel of `size`.
 

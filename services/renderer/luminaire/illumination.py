@@ -12,13 +12,14 @@ from services.renderer.geometry import Span, pieces
 from services.renderer.luminaire.bases import SUPPORT_CELLS
 from services.renderer.luminaire.cells import MapViews, cell_views, cube_views
 from services.renderer.luminaire.estimator import Surfaces as Lit
-from services.renderer.luminaire.estimator import halton, interleaving, shade
+from services.renderer.luminaire.estimator import halton, interleaving, receivers, shade
 from services.renderer.luminaire.lightfield import LightField
 from services.renderer.luminaire.occlusion import Hierarchy, hierarchy_of
 from services.renderer.luminaire.photometry import FarField, intensity
-from services.renderer.luminaire.placement import Luminaire
+from services.renderer.luminaire.placement import Luminaire, Vector
 from services.renderer.luminaire.shift_invariant import radiance_images
 from services.renderer.luminaire.tables import Tables, tables_of
+from services.renderer.materials import CATCHER
 from services.renderer.meshes import box_corners
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
@@ -171,8 +172,8 @@ class Lamp:
         self._atlas.draw(views, local_from_world, self._casters)
         self._moved = False
 
-    def add(self, surfaces: Surfaces, frame: moderngl.Framebuffer, weight: float) -> None:
-        """Adds the lamp's light on the surfaces to a picture."""
+    def add(self, surfaces: Surfaces, frame: moderngl.Framebuffer, weight: Vector, catching: bool) -> None:
+        """Adds the lamp's light on the surfaces, or its irradiance of catchers, to a picture."""
         unit = surfaces.bind(self._program)
         for number, (name, texture) in enumerate(self._textures.items(), unit + 1):
             texture.use(number)
@@ -186,7 +187,8 @@ class Lamp:
         self._program["shadows"] = float(self._atlas is not None)
         self._program["local_from_world"] = tuple(np.linalg.inv(self.luminaire.world_from_local).T.reshape(-1))
         self._program["eye"] = surfaces.eye
-        self._program["scale"] = self.luminaire.power * weight
+        self._program["scale"] = tuple(self.luminaire.power * part for part in weight)
+        self._program["catching"] = catching
         begin_adding(self._context, frame)
         self._array.render(moderngl.TRIANGLES, vertices=3)
 
@@ -273,18 +275,20 @@ class TracedLamp:
     def draw_maps(self) -> None:
         """There are none."""
 
-    def add(self, surfaces: Surfaces, frame: moderngl.Framebuffer, weight: float) -> None:
-        """Adds the lamp's light on the surfaces to a picture."""
+    def add(self, surfaces: Surfaces, frame: moderngl.Framebuffer, weight: Vector, catching: bool) -> None:
+        """Adds the lamp's light on the surfaces, or its irradiance of catchers, to a picture."""
         table, matrix = self.luminaire.table, self.luminaire.world_from_local
         seen = surfaces.read()
-        chosen = (seen["surface_positions"][:, 3] > 0) & (seen["surface_diffuse"][:, 3] < 2.5)  # kind 3 only catches shadows
+        chosen = (seen["surface_positions"][:, 3] > 0) & ((seen["surface_diffuse"][:, 3] == CATCHER) == catching)
         lit = _lit(seen, chosen, np.array(surfaces.eye), np.linalg.inv(matrix))
+        if catching:
+            lit = receivers(lit.positions, lit.normals)._replace(flat_normals=lit.flat_normals)
         picture = np.zeros((len(chosen), 3), np.float32)
         picture[chosen] = shade(self._tables, lit, self._shifts[chosen], table.samples, table.most, self._casters.triangles, matrix)
         self._texture.write(picture.tobytes(), alignment=1)
         self._texture.use(0)
         self._program["computed"] = 0
-        self._program["scale"] = self.luminaire.power * weight
+        self._program["scale"] = tuple(self.luminaire.power * part for part in weight)
         begin_adding(self._context, frame)
         self._array.render(moderngl.TRIANGLES, vertices=3)
 
@@ -351,10 +355,10 @@ class Illumination:
         for lamp in self.lamps:
             lamp.draw_maps()
 
-    def add(self, surfaces: Surfaces, frame: moderngl.Framebuffer, weight: float) -> None:
-        """Adds all lamps' light on the surfaces, times `weight`, to a picture."""
+    def add(self, surfaces: Surfaces, frame: moderngl.Framebuffer, weight: Vector, catching: bool = False) -> None:
+        """Adds all lamps' light on the surfaces, times `weight`, to a picture; when `catching`, the irradiance of catchers."""
         for lamp in self.lamps:
-            lamp.add(surfaces, frame, weight)
+            lamp.add(surfaces, frame, weight, catching)
 
     def release(self) -> None:
         """Frees what the lamps hold on the GPU."""

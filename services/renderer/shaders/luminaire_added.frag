@@ -1,7 +1,7 @@
 #version 430
 // Adds what was computed elsewhere.
 uniform sampler2D computed;
-uniform float scale;
+uniform vec3 scale;
 layout(location = 0) out vec4 radiance;
 
 void main() { radiance = vec4(max(texelFetch(computed, ivec2(gl_FragCoord.xy), 0).rgb, 0.0) * scale, 0.0); }

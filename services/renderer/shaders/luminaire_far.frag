@@ -6,7 +6,7 @@
 #include "luminaire_surface.glsl"
 
 uniform sampler2D candela;  // columns: C from 0 to 360 degrees; rows: gamma from 0 to 180 degrees; both ends on texel centres
-uniform float scale;
+uniform vec3 scale;
 layout(location = 0) out vec4 radiance;
 
 void main() {
@@ -23,5 +23,5 @@ void main() {
     int axis = a.z >= a.x && a.z >= a.y ? 0 : a.x >= a.y ? 2 : 4;
     float along = axis == 0 ? p.z : axis == 2 ? p.x : p.y;
     float seen = map_visibility(axis + (along < 0.0 ? 1 : 0), surface);
-    radiance = vec4(vec3(strength / (r * r)) * value * (seen * scale), 0.0);
+    radiance = vec4(value * scale * (strength / (r * r) * seen), 0.0);
 }

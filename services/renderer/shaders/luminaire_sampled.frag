@@ -10,7 +10,7 @@ uniform sampler2D sequence;  // Halton points, one texel each
 uniform sampler2D shifts;  // of the sequence and of the rounding, a tile of pixels
 uniform int samples;
 uniform int most;  // samples of one image
-uniform float scale;  // the lamp's power times the weight of this pass
+uniform vec3 scale;  // the lamp's power times the weight of this pass
 layout(location = 0) out vec4 radiance;
 
 // The pixel and the shares of the box at uniform numbers a and b.

@@ -8,7 +8,7 @@
 #include "luminaire_field.glsl"
 
 uniform sampler2DArray colour_sums;  // E' summed over pixels below and left
-uniform float scale;
+uniform vec3 scale;
 layout(location = 0) out vec4 radiance;
 
 vec3 colour_sum_at(float x, float y, int m, ivec2 size) {

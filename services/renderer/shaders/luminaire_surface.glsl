@@ -7,15 +7,16 @@ uniform sampler2D surface_normals;
 uniform sampler2D surface_diffuse;
 uniform sampler2D surface_specular;
 uniform sampler2D shadow_maps;
+uniform bool catching;  // the irradiance of catchers of shadows; otherwise the radiance of all other surfaces
 uniform float shadows;  // 1: maps are looked up; 0: all is lit
 
 struct Surface { vec3 position, normal, flat_normal, mirrored, lambert, specular; float shape, kind; };
 
-// False where the pixel sees no surface, or one that only catches shadows.
+// False where the pixel sees no surface of those that are lit now.
 bool surface_at(ivec2 pixel, out Surface surface) {
     vec4 position = texelFetch(surface_positions, pixel, 0);
     vec4 diffuse = texelFetch(surface_diffuse, pixel, 0);
-    if (position.w == 0.0 || diffuse.w > 2.5) return false;
+    if (position.w == 0.0 || catching != (diffuse.w > 2.5)) return false;
     vec4 normals = texelFetch(surface_normals, pixel, 0);
     mat3 turn = mat3(local_from_world);
     vec3 normal = direction_from_octahedron(normals.xy);
@@ -24,10 +25,10 @@ bool surface_at(ivec2 pixel, out Surface surface) {
     surface.normal = turn * normal;
     surface.flat_normal = turn * direction_from_octahedron(normals.zw);
     surface.mirrored = turn * reflect(normalize(position.xyz - eye), normal);
-    surface.lambert = diffuse.rgb / PI;
+    surface.lambert = catching ? vec3(1.0) : diffuse.rgb / PI;
     surface.specular = specular.rgb;
     surface.shape = specular.w;
-    surface.kind = diffuse.w;
+    surface.kind = catching ? 0.0 : diffuse.w;
     return true;
 }
 

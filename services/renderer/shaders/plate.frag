@@ -1,10 +1,12 @@
 #version 430
-// The picture of the place behind everything, stretched over the picture.
+// A picture of the place behind everything, stretched over the picture.
+#include "behind.glsl"
 
 uniform sampler2D plate;
 uniform vec2 size;  // of the picture, pixels
+uniform float gain;
 layout(location = 0) out vec4 radiance;
 
 void main() {
-    radiance = vec4(texture(plate, gl_FragCoord.xy / size).rgb, 1.0);
+    radiance = behind(texture(plate, gl_FragCoord.xy / size).rgb * gain);
 }

@@ -103,21 +103,34 @@ class Renderer:
         weak: a second, larger set that stands for the same light, for the lobes of glossy surfaces; none: `lights` do that too.
         With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
+        in_time = self._render_in_time if self._frame_ms else partial(self._render_all, offsets=self._offsets)
+        return self._picture(lambda: in_time(lights, weak or Lights.none()))
+
+    def render_pass(self, lights: Lights, offset: tuple[float, float], catcher: Colour | None) -> np.ndarray:
+        """As `render`, at one place in each pixel, with all lights and all maps whatever the time.
+
+        catcher: what is given to the scene's catcher where no shadow falls, see `catcher_irradiance`, when `lights` are not all lights.
+        """
+        return self._picture(lambda: self._render_all(lights, Lights.none(), [offset], catcher))
+
+    def _picture(self, draw: Callable[[], None]) -> np.ndarray:
         with self._context:  # another renderer of this process may have made its own the current one
             self._timers.begin()
             with self._timers.measured("luminaire maps"):
                 self._illumination.draw_maps()
             self._shading.clear()
-            if self._frame_ms:
-                self._render_in_time(lights, weak or Lights.none())
-            else:
-                self._render_all(lights, weak or Lights.none())
+            draw()
             with self._timers.measured("backdrop"):
                 self._plate.draw(self._shading.frame, self._shading.cover)
                 self._background.draw(self._shading.frame, self._shading.cover, self._scene.camera)
             with self._timers.measured("read-back"):
                 data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
         return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
+
+    def show(self, picture: np.ndarray) -> None:
+        """Makes (height, width, 4) float32 the picture that `tone_mapped` sees."""
+        with self._context:
+            self._shading.picture.write(np.ascontiguousarray(picture, np.float32).tobytes(), alignment=1)
 
     def time_passes(self) -> None:
         """From the next picture on `timings_ms` tells what each pass costs; this takes some time itself."""
@@ -134,15 +147,17 @@ class Renderer:
         """How many lights fit the target frame time; None without a target and until the first frames have told."""
         return affordable_lights(self._pace, self._frame_ms) if self._frame_ms else None
 
-    def _render_all(self, lights: Lights, weak: Lights) -> None:
-        """Draws all maps and sums all lights."""
-        weight, unshadowed = 1 / len(self._offsets), self._unshadowed(lights)
+    def _render_all(
+        self, lights: Lights, weak: Lights, offsets: list[tuple[float, float]], catcher: Colour | None = None
+    ) -> None:
+        """Draws all maps and sums all lights, at `offsets` in each pixel."""
+        weight, unshadowed = 1 / len(offsets), catcher or self.catcher_irradiance(lights)
         for number, batch in enumerate(self._atlas.batches(lights) or [None]):
             if batch:
                 self._draw_maps(batch)
                 if number == 0:
                     self._gather(weak, batch)
-            for offset in self._offsets:
+            for offset in offsets:
                 self._see(offset, weight if number == 0 else 0.0, unshadowed)
                 if batch:
                     self._add(batch, weight, unshadowed, glossy=number == 0)
@@ -182,9 +197,9 @@ class Renderer:
         count = len(chosen.ids)
         batch = self._atlas.cached_batch(chosen, affordable_maps(self._pace, self._frame_ms, count))
         if batch is None:
-            self._render_all(chosen, weak)
+            self._render_all(chosen, weak, self._offsets)
             return
-        weight, unshadowed = 1 / len(self._offsets), self._unshadowed(chosen)
+        weight, unshadowed = 1 / len(self._offsets), self.catcher_irradiance(chosen)
         maps_ms = self._spent_ms(partial(self._draw_maps, batch))
         self._gather(weak, batch)
         seen_ms = lights_ms = 0.0
@@ -195,7 +210,7 @@ class Renderer:
         if self._drawn_frames > WARM_UP:
             self._pace = learnt(self._pace, seen_ms, batch.maps.count, maps_ms, count, lights_ms)
 
-    def _unshadowed(self, lights: Lights) -> Colour:
+    def catcher_irradiance(self, lights: Lights) -> Colour:
         """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
         normal = self._scene.catcher_normal(self._standing.matrices)
         if normal is None:

@@ -24,12 +24,21 @@ def spread_points(first: int, count: int) -> np.ndarray:
 class Refined(NamedTuple):
     """A picture that is the mean of `passes` passes. total: (height, width, 4) float64, their sum."""
 
-    total: np.ndarray
+    total: np.ndarray | float
     passes: int
+
+    @staticmethod
+    def nothing() -> "Refined":
+        return Refined(0.0, 0)
 
     @property
     def picture(self) -> np.ndarray:
-        return (self.total / self.passes).astype(np.float32)
+        """At least one pass must be in it."""
+        return np.asarray(self.total / self.passes, np.float32)
+
+    @property
+    def lights(self) -> int:
+        return self.passes * LIGHTS
 
     @property
     def converged(self) -> bool:
@@ -50,6 +59,7 @@ class MapLights:
         self._total = float(power.sum())
         self._rows = np.concatenate([[0.0], np.cumsum(power.sum(axis=1))])
         self._cols = np.concatenate([np.zeros((rows, 1)), np.cumsum(power, axis=1)], axis=1)
+
 
     def of_pass(self, number: int) -> Lights:
         """The LIGHTS lights of a pass; none of a black map. Their irradiance's mean over passes is the map's, in each channel."""

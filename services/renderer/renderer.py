@@ -15,10 +15,11 @@ from services.renderer.casters import scene_casters
 from services.renderer.gloss import NO_CONE, Gloss
 from services.renderer.luminaire.illumination import Illumination
 from services.renderer.luminaire.placement import Vector, placed
-from services.renderer.materials import GLOSSY, Colour, kind_of
+from services.renderer.materials import GLOSSY, Catcher, Colour, kind_of
 from services.renderer.pace import Pace, affordable_lights, affordable_maps, first_lights, learnt
 from services.renderer.plate import Plate
 from services.renderer.programs import Programs, context_info, headless_context
+from services.renderer.refine import MapLights, spread_points
 from services.renderer.regions import light_regions
 from services.renderer.scene import Scene
 from services.renderer.shading import Shading
@@ -51,6 +52,7 @@ class Renderer:
             raise BadInput(f"[renderer] width, height: {size} is beyond the {limit} pixels of this GL; make them smaller")
         self._scene = scene
         self._offsets = pixel_offsets(samples)
+        self._has_catcher = any(isinstance(mesh.material, Catcher) for mesh in scene.meshes)
         self._frame_ms = settings.frame_ms
         self._pace = Pace()
         self._drawn_frames = 0
@@ -106,12 +108,11 @@ class Renderer:
         in_time = self._render_in_time if self._frame_ms else partial(self._render_all, offsets=self._offsets)
         return self._picture(lambda: in_time(lights, weak or Lights.none()))
 
-    def render_pass(self, lights: Lights, offset: tuple[float, float], catcher: Colour | None) -> np.ndarray:
-        """As `render`, at one place in each pixel, with all lights and all maps whatever the time.
-
-        catcher: what is given to the scene's catcher where no shadow falls, see `catcher_irradiance`, when `lights` are not all lights.
-        """
-        return self._picture(lambda: self._render_all(lights, Lights.none(), [offset], catcher))
+    def render_pass(self, light: MapLights, number: int) -> np.ndarray:
+        """As `render`, a pass of services/renderer/refine.py: at one place in each pixel, with all lights and maps whatever the time."""
+        (offset,) = [(x, y) for x, y in spread_points(number, 1).tolist()]
+        catcher = self._catcher_irradiance(light.cells()) if self._has_catcher else None  # of all passes together
+        return self._picture(lambda: self._render_all(light.of_pass(number), Lights.none(), [offset], catcher))
 
     def _picture(self, draw: Callable[[], None]) -> np.ndarray:
         with self._context:  # another renderer of this process may have made its own the current one
@@ -150,8 +151,8 @@ class Renderer:
     def _render_all(
         self, lights: Lights, weak: Lights, offsets: list[tuple[float, float]], catcher: Colour | None = None
     ) -> None:
-        """Draws all maps and sums all lights, at `offsets` in each pixel."""
-        weight, unshadowed = 1 / len(offsets), catcher or self.catcher_irradiance(lights)
+        """Draws all maps and sums all lights, at `offsets` in each pixel; `catcher`: see Shading.add, None: as these lights give it."""
+        weight, unshadowed = 1 / len(offsets), catcher or self._catcher_irradiance(lights)
         for number, batch in enumerate(self._atlas.batches(lights) or [None]):
             if batch:
                 self._draw_maps(batch)
@@ -199,7 +200,7 @@ class Renderer:
         if batch is None:
             self._render_all(chosen, weak, self._offsets)
             return
-        weight, unshadowed = 1 / len(self._offsets), self.catcher_irradiance(chosen)
+        weight, unshadowed = 1 / len(self._offsets), self._catcher_irradiance(chosen)
         maps_ms = self._spent_ms(partial(self._draw_maps, batch))
         self._gather(weak, batch)
         seen_ms = lights_ms = 0.0
@@ -210,7 +211,7 @@ class Renderer:
         if self._drawn_frames > WARM_UP:
             self._pace = learnt(self._pace, seen_ms, batch.maps.count, maps_ms, count, lights_ms)
 
-    def catcher_irradiance(self, lights: Lights) -> Colour:
+    def _catcher_irradiance(self, lights: Lights) -> Colour:
         """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
         normal = self._scene.catcher_normal(self._standing.matrices)
         if normal is None:

@@ -11,12 +11,24 @@ from services.channels import Service
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.album import Album
+from services.renderer.refine import MapLights, Refined
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
 from services.renderer.tonemap import Adaptation, adapt
+from services.sphere import Coverage
 
 FILE_SAMPLES = 4  # a pixel of a file is the average over its area
 LIVE_SAMPLES = 1
+
+
+class Still(NamedTuple):
+    """A picture that gets better while nothing changes: of what light, with what where, how far, and as it was last shown."""
+
+    light: MapLights
+    poses: tuple[wire.Pose, ...]
+    refined: Refined
+    exposure: float
+    pixels: np.ndarray
 
 
 class RendererState(NamedTuple):
@@ -29,6 +41,8 @@ class RendererState(NamedTuple):
     poses: tuple[wire.Pose, ...] = ()
     paused: bool = False
     paused_s: float = 0.0  # how long the scene's animations have stood still
+    around: tuple[np.ndarray, Coverage] | None = None  # the map behind the lights, in live mode
+    still: Still | None = None  # in a pause
 
 
 def half_floats(picture: np.ndarray) -> np.ndarray:
@@ -44,7 +58,8 @@ class RendererStage:
     def __init__(self, settings: settings.Settings) -> None:
         """Raises BadInput for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
         scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
-        self.beside: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
+        plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
+        self.beside: tuple[Service, ...] = ("capture", *plate) if settings.mode == "live" else plate  # a pause shows the map itself
         self._exposure = settings.renderer.exposure
         self._linear = settings.renderer.picture == "linear16"
         pixel_bytes = 8 if self._linear else 4
@@ -71,22 +86,43 @@ class RendererStage:
         dt_s = max(0.0, time_s - state.time_s)
         state = state._replace(time_s=time_s, paused_s=state.paused_s + dt_s if state.paused else state.paused_s)
         things = self._renderer.place(time_s - state.paused_s, state.poses)
-        picture = self._renderer.render(Lights(*arrays[:3]), Lights.of(np.arange(header.fine), *arrays[3:5]))
-        adaptation = adapt(state.adaptation, picture, dt_s)
-        pixels = self._renderer.tone_mapped(adaptation, state.exposure)
+        if state.paused and state.around:
+            state, pixels, count = self._refine(state, *state.around, dt_s)
+        else:
+            picture = self._renderer.render(Lights(*arrays[:3]), Lights.of(np.arange(header.fine), *arrays[3:5]))
+            state = state._replace(picture=picture, adaptation=adapt(state.adaptation, picture, dt_s), still=None)
+            pixels, count = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure), header.count
         height, width, _ = pixels.shape
         took_ms = (time.monotonic() - began_s) * 1e3
         made = wire.Image(
-            stamp=header.stamp, width=width, height=height, lights=header.count, render_ms=took_ms, linear=self._linear,
+            stamp=header.stamp, width=width, height=height, lights=count, render_ms=took_ms, linear=self._linear,
             things=things[: wire.MAX_POSES],
         )  # fmt: skip
-        return state._replace(adaptation=adaptation, picture=picture), (made, (pixels, half_floats(picture)) if self._linear else (pixels,))
+        assert state.picture is not None
+        return state, (made, (pixels, half_floats(state.picture)) if self._linear else (pixels,))
+
+    def _refine(self, state: RendererState, radiance: np.ndarray, coverage: Coverage, dt_s: float) -> tuple[RendererState, np.ndarray, int]:
+        """One pass more of a picture under the map itself, its pixels and how many lights it has; no work once it has converged."""
+        before = state.still
+        same = before and before.poses == state.poses and np.array_equal(before.light.radiance, radiance)
+        light = before.light if before and same else MapLights(radiance, coverage)
+        refined = before.refined if before and same else Refined.nothing()
+        if before and refined.converged and before.exposure == state.exposure:
+            return state, before.pixels, refined.lights
+        if not refined.converged:
+            refined = refined.with_pass(self._renderer.render_pass(light, refined.passes))
+            self._renderer.show(refined.picture)
+            state = state._replace(picture=refined.picture, adaptation=adapt(state.adaptation, refined.picture, dt_s))
+        pixels = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure)
+        return state._replace(still=Still(light, state.poses, refined, state.exposure, pixels)), pixels, refined.lights
 
     def heed(self, state: RendererState, said: wire.Message) -> RendererState:
         header, _ = said
         if isinstance(header, wire.Control):
             exposure = self._exposure if header.exposure is None else header.exposure
             return state._replace(exposure=exposure, poses=header.poses, paused=header.paused)
+        if isinstance(header, wire.Map):
+            return state._replace(around=(said[1][0], header.coverage))
         return state
 
     def keep(self, state: RendererState, message: wire.Message) -> None:

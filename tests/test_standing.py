@@ -187,7 +187,7 @@ def test_the_maps_hold_what_casts_wherever_it_stands(box_on_ground, at, rotate, 
         for piece in (*placed.closed, *placed.open):
             run = casters.positions[casters.indices[piece.indices.first : sum(piece.indices)]]
             points = run @ piece.world_from_rest[:3, :3].T + piece.world_from_rest[:3, 3]
-            assert np.all(np.abs(points - placed.box_centre[0]) <= placed.box_half[0] + 1e-3)
+            assert np.all(np.abs(points - placed.box_centre) <= placed.box_half + 1e-3)
             lowest = min(lowest, points[:, 2].min()) if any(piece is closed for closed in placed.closed) else lowest
         assert bool(placed.floor) == (lowest >= -casters.tolerance)
     assert last == pytest.approx(np.linalg.norm(np.subtract(at, then)), abs=1e-6)

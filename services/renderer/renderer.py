@@ -52,10 +52,10 @@ class Renderer:
             raise BadInput(f"[renderer] width, height: {size} is beyond the {limit} pixels of this GL; make them smaller")
         self._scene = scene
         self._offsets = pixel_offsets(samples)
-        self._has_catcher = any(isinstance(mesh.material, Catcher) for mesh in scene.meshes)
         self._frame_ms = settings.frame_ms
         self._pace = Pace()
         self._drawn_frames = 0
+        self._has_catcher = any(isinstance(mesh.material, Catcher) for mesh in scene.meshes)
         self._standing = standing(scene, 0.0)
         self._programs = Programs(self._context)
         self._timers = Timers(self._context)

@@ -21,6 +21,7 @@ BENCHES: dict[str, tuple[list[str], bool]] = {
     "luminaires": (["bench.luminaires"], False),
     "figure6": (["bench.accuracy", "figure6"], True),
     "pictures": (["bench.accuracy", "pictures"], True),
+    "times": (["bench.accuracy", "times"], True),
     "still": (["bench.accuracy", "still"], True),
     "need": (["bench.accuracy", "need"], True),
     "moving": (["bench.accuracy", "moving"], True),

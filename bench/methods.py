@@ -1,19 +1,24 @@
 """Every way to make lights of maps, behind one interface: a start, and a step from frame to frame."""
 
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from bench.judge import Source
 from bench.rivals.kollig_keller import kollig_keller
 from bench.rivals.median_cut import median_cut, variance_minimisation
 from bench.rivals.penrose import penrose
+from bench.rivals.q2tree import q2tree
 from bench.rivals.structured import structured
 from services.lights import Lights
 from services.sampler.step import initial_state, step
 from services.settings import Sampler
 from services.sphere import Coverage
+
+SETTLED = 8  # frames of a still map before it is judged and timed
 
 Step = Callable[[Any, np.ndarray, float, np.ndarray], tuple[Any, Lights]]
 Alone = Callable[[np.ndarray, Coverage, int], Lights]
@@ -46,9 +51,23 @@ def ours(name: str, **settings: Any) -> Method:
     return Method(name, start, steps, steady=True)
 
 
-def anew(name: str, method: Alone, most: int = 1024) -> Method:
+def anew(name: str, method: Alone, most: int = 1024, steady: bool = False) -> Method:
     """A method that sees each frame by itself. It knows no centroids inside cells: none of the published ones does."""
-    return Method(name, lambda count: count, lambda count, radiance, _time, _inside: (count, method(radiance, "hemisphere", count)), most)
+
+    def steps(count: int, radiance: np.ndarray, _time_s: float, _centroids: np.ndarray) -> tuple[int, Lights]:
+        return count, method(radiance, "hemisphere", count)
+
+    return Method(name, lambda count: count, steps, most, steady)
+
+
+def settled(method: Method, count: int, source: Source) -> tuple[Lights, float]:
+    """The lights of a map that stands still, once they have settled, and the median time of a frame in ms."""
+    state, taken, lights = method.start(count), [], Lights.none()
+    for k in range(SETTLED if method.steady else 2):
+        begin = time.thread_time()
+        state, lights = method.step(state, source.polar, k / 25, source.centroids)
+        taken.append(1e3 * (time.thread_time() - begin))
+    return lights, float(np.median(taken[1:]))
 
 
 def _mitsuba() -> list[Method]:
@@ -70,7 +89,8 @@ STILL = [
     anew("variance minimisation", variance_minimisation),
     anew("Kollig and Keller", kollig_keller, most=256),
     anew("structured", structured),
-    anew("Penrose tiling", penrose),
+    anew("Q2-tree", q2tree, steady=True),
+    anew("Penrose tiling", penrose, steady=True),
     *_mitsuba(),
 ]
 MOVING = [
@@ -83,6 +103,7 @@ MOVING = [
     anew("median cut", median_cut),
     anew("variance minimisation", variance_minimisation),
     anew("structured", structured),
-    anew("Penrose tiling", penrose),
+    anew("Q2-tree", q2tree, steady=True),
+    anew("Penrose tiling", penrose, steady=True),
     *_mitsuba(),
 ]

@@ -178,6 +178,21 @@ def spoilt(world: World) -> Iterator[Frame]:
         yield Frame(k / FPS, source, seen)
 
 
+def blackout(world: World) -> Iterator[Frame]:
+    """A slow turn; every twelfth frame arrives black."""
+    for k, frame in enumerate(rotation(world)):
+        yield frame._replace(seen=np.zeros_like(frame.seen)) if k % 12 == 11 else frame
+
+
+def dropped(world: World) -> Iterator[Frame]:
+    """A sun at 45 degrees, half a degree a frame, and a third of the frames are lost on the way."""
+    kept = np.sort(np.random.default_rng(5).permutation(FRAMES * 3 // 2)[:FRAMES])
+    for k in kept:
+        place = direction_from_angles(np.pi / 4, np.radians(60 + 0.5 * int(k)))
+        source = turned(world, np.eye(3), disc(place, 0.53, SUN * world.power))
+        yield Frame(int(k) / FPS, source, source.polar)
+
+
 def mains(fps: float) -> Callable[[World], Iterator[Frame]]:
     """Half of all light from a lamp on 50 Hz, which ripples at 100 Hz; the truth is its mean. SETTLE_S to settle, then FRAMES
     frames.
@@ -201,6 +216,8 @@ SEQUENCES: dict[str, Callable[[World], Iterator[Frame]]] = {
     "seam": seam,
     "lamp": lamp,
     "spoilt": spoilt,
+    "black frames": blackout,
+    "lost frames": dropped,
     "mains 21 fps": mains(21.0),
     "mains 25 fps": mains(25.0),
     "mains 30 fps": mains(30.0),

@@ -1,6 +1,8 @@
 """`vemlight chart`: how true, how steady and how quick each method is on a user's own maps, as charts and as numbers."""
 
 import csv
+import os
+import platform
 import time
 from pathlib import Path
 from typing import Any
@@ -50,6 +52,14 @@ def chart(maps: list[Path], out: Path) -> None:
             moving.append(_moving(path.stem, method, frame.radiance, strong))
     _save(out, "error", still, "ms", "error", f"a still map, {COUNTS[0]} to {COUNTS[-1]} lights")
     _save(out, "flicker", moving, "error", "flicker", f"the map turned a column a frame, {MOVING_COUNT} lights, {FRAMES} frames")
+
+
+def machine() -> str:
+    """The processor and how many of it there are, for captions."""
+    listed = Path("/proc/cpuinfo")
+    lines = listed.read_text().splitlines() if listed.exists() else []
+    model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+    return f"{model}, {os.cpu_count()} cores"
 
 
 def _still(name: str, method: str, count: int, radiance: np.ndarray, strong: np.ndarray) -> dict[str, Any]:

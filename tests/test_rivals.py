@@ -8,14 +8,15 @@ import pytest
 from bench.rivals.kollig_keller import kollig_keller
 from bench.rivals.median_cut import median_cut, variance_minimisation
 from bench.rivals.penrose import penrose
+from bench.rivals.q2tree import DEPTH, q2tree, quadrilaterals
 from bench.rivals.structured import structured
 from services.lights import Lights
 from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from services.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+from services.sphere import Coverage, angle_between, cell_solid_angles, direction_from_angles, map_irradiance
 
 Method = Callable[[np.ndarray, Coverage, int], Lights]
-METHODS: list[Method] = [median_cut, variance_minimisation, kollig_keller, structured, penrose]
-BY_REGION: list[Method] = METHODS[:4]
+METHODS: list[Method] = [median_cut, variance_minimisation, kollig_keller, structured, q2tree, penrose]
+BY_REGION: list[Method] = METHODS[:5]
 
 
 def sky(seed: int) -> np.ndarray:
@@ -33,9 +34,32 @@ def test_energy_is_kept_in_every_channel(method, coverage):
         assert 0 < len(lights.ids) <= count
 
 
-@pytest.mark.parametrize("method", BY_REGION, ids=lambda m: m.__name__)
+@pytest.mark.parametrize("method", BY_REGION[:4], ids=lambda m: m.__name__)
 def test_the_number_of_lights_is_the_one_asked_for(method):
     assert [len(method(sky(1), "hemisphere", count).ids) for count in (1, 2, 7, 40)] == [1, 2, 7, 40]
+
+
+def test_quartering_misses_the_number_by_two_at_most():
+    lit = [len(q2tree(sky(1), "hemisphere", count).ids) for count in range(9, 60)]
+    assert all(count - 2 <= found <= count for count, found in zip(range(9, 60), lit, strict=True))
+
+
+def test_quadrilaterals_have_equal_areas_at_every_depth():
+    areas = np.repeat(cell_solid_angles(360, 720, "sphere"), 720)
+    for depth in range(4):
+        sums = np.bincount(quadrilaterals(360, 720, "sphere") >> 2 * (DEPTH - depth), areas)
+        assert len(sums) == 12 * 4**depth
+        np.testing.assert_allclose(sums, sums.mean(), rtol=0.005 * 2**depth)  # half a degree of border, counted to whole cells
+
+
+def test_light_that_changes_in_one_place_leaves_the_quadrilaterals_elsewhere():
+    before, brighter = sky(1), sky(1)
+    brighter[12:15, 20:24] *= 4
+    old, new = q2tree(before, "hemisphere", 40), q2tree(brighter, "hemisphere", 40)
+    _, a, b = np.intersect1d(old.ids, new.ids, return_indices=True)
+    assert len(a) > 20
+    far = angle_between(old.directions[a].astype(float), direction_from_angles(np.radians(40.0), np.radians(66.0))) > np.radians(30)
+    np.testing.assert_allclose(old.directions[a][far], new.directions[b][far], atol=1e-6)
 
 
 @pytest.mark.parametrize("method", BY_REGION, ids=lambda m: m.__name__)

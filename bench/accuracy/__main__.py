@@ -1,0 +1,31 @@
+"""Charts of accuracy, speed and steadiness: VEMLIGHT_DATA=FOLDER python -m bench.accuracy [--out docs/charts] [CHART ...]
+
+Writes accuracy_NAME.png, .svg and .csv. FOLDER holds hdri/*.hdr and *.exr, lat-long.
+"""
+
+import argparse
+from pathlib import Path
+
+from rich.progress import Progress
+
+from bench.accuracy.figure6 import figure6, pictures
+from bench.accuracy.moving import moving
+from bench.accuracy.need import need
+from bench.accuracy.still import still
+from bench.accuracy.times import times
+
+CHARTS = {"still": still, "moving": moving, "need": need, "figure6": figure6, "pictures": pictures, "times": times}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("charts", nargs="*", help=f"of {', '.join(CHARTS)}; none: all")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[2] / "docs" / "charts")
+    asked = parser.parse_args()
+    with Progress() as progress:
+        for name in asked.charts or CHARTS:
+            CHARTS[name](asked.out, progress)
+
+
+if __name__ == "__main__":
+    main()

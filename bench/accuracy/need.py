@@ -1,0 +1,53 @@
+"""Chart 6: the number of lights that the controller chooses, the error it promised and the error it had."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib import pyplot as plt
+from rich.progress import Progress
+
+from bench.accuracy.drawing import colour, room, save
+from bench.accuracy.maps import maps
+from bench.judge import judge, points_of, points_of_lights, read_source
+from services.sampler.step import initial_state, step
+from services.settings import Sampler
+from services.sphere import LUMINANCE
+
+PROMISES = (40.0, 30.0, 20.0, 15.0, 10.0, 7.0)  # per cent
+NEED_FRAMES = 20  # in which the number of lights settles
+DARKEST = 0.05  # of the mean irradiance, as the controller has it
+
+
+def need(out: Path, progress: Progress) -> None:
+    """The number of lights that the controller chooses, and the error that they have on probes it has not seen."""
+    rows, paths = [], maps()
+    task = progress.add_task("what scenes need", total=len(paths) * len(PROMISES) * 2)
+    for path in paths:
+        source = read_source(path)
+        truth = judge(points_of(source)).soft[500:] @ LUMINANCE  # the controller looks at the first ones of the same sequence
+        for method in ("tracked", "havran-azimuth"):
+            for promise in PROMISES:
+                settings = Sampler(method=method, filter="none", count=1024, error_percent=promise)
+                state, lights = initial_state(settings), None
+                for k in range(NEED_FRAMES):
+                    state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, None, source.centroids)
+                assert lights is not None
+                got = judge(points_of_lights(lights)).soft[500:] @ LUMINANCE
+                error = float(np.sqrt(np.mean(((got - truth) / (truth + DARKEST * truth.mean())) ** 2)))
+                rows.append({"map": path.stem, "method": method, "promised": promise / 100, "lights": len(lights.ids), "had": error})
+                progress.advance(task)
+    figure, axes = plt.subplots(1, 3, figsize=(17, 5.6), layout="constrained")
+    room(figure, 0.05)
+    for axis, method in zip(axes, ("tracked", "havran-azimuth"), strict=False):
+        for k, path in enumerate(paths):
+            own = [r for r in rows if r["map"] == path.stem and r["method"] == method]
+            axis.loglog([r["promised"] for r in own], [r["had"] for r in own], "o-", ms=4, lw=0.8, color=colour(k), label=path.stem)
+            axes[2].loglog([r["promised"] for r in own], [r["lights"] for r in own], "o-" if method == "tracked" else "x:", ms=4, lw=0.8,
+                           color=colour(k))
+        axis.plot([0.06, 0.5], [0.06, 0.5], color="0.5", lw=3, alpha=0.5)
+        axis.set(title=method, xlabel="error promised", ylabel="error had, on other probes")
+        axis.grid(alpha=0.3, which="both")
+    axes[0].legend(fontsize=7)
+    axes[2].set(title="lights chosen (dotted: havran-azimuth)", xlabel="error promised", ylabel="lights")
+    axes[2].grid(alpha=0.3, which="both")
+    save(figure, rows, out, "need", "Error relative to what each probe receives; below the gray line the promise is kept.")

@@ -94,7 +94,7 @@ def whole_step() -> list[Row]:
     rows = [measured("step: 90 x 360 to 300 lights, FIR, 72 clusters", 300, one, 1000)]
     light = light_map(radiance, "hemisphere")
     warp, anchor = steadied(warp_from_map(light, "havran-azimuth"), None, 1.0)
-    table = points(300, "relaxed")
+    table = points(300, "disc")
     samples = warp.sample(table)
     drawn = np.concatenate([samples.directions, samples.radiance / samples.density[:, None] / light.irradiance], axis=1)
     now = filter.Frame(frame / 25, light.irradiance, drawn)

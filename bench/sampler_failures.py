@@ -33,8 +33,8 @@ VARIANTS = {
     "havran-azimuth, none": Sampler(filter="none"),
     "havran-azimuth, iir": Sampler(filter="iir"),
     "havran-azimuth, fir2005, deflicker": Sampler(deflicker=True),
-    "havran-radius, none": Sampler(method="havran-radius", points="halton", filter="none"),
-    "standard, none": Sampler(method="standard", points="halton", filter="none"),
+    "havran-radius, none": Sampler(method="havran-radius", filter="none"),
+    "standard, none": Sampler(method="standard", filter="none"),
 }
 Sequence = list[tuple[float, np.ndarray]]  # times in s and maps
 

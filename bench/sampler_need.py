@@ -31,7 +31,7 @@ MOST = 1024
 def chosen(radiance: np.ndarray) -> list[tuple[float, int, float]]:
     """(promised error, number of lights, error on other probes) for a map (rows, cols, 3)."""
     light = light_map(radiance, "hemisphere")
-    samples = warp_from_map(light, "havran-azimuth").sample(points(MOST, "relaxed"))
+    samples = warp_from_map(light, "havran-azimuth").sample(points(MOST, "disc"))
     tint = samples.radiance / samples.density[:, None] / light.irradiance
     at = probes(1024, "hemisphere")
     truth, result = irradiance_of_map(at, light.radiance, "hemisphere"), []
@@ -65,7 +65,7 @@ def main() -> None:
     left.legend(fontsize=7)
     right.plot([4, 50], [4, 50], color="gray", linestyle="--")
     right.set(xlabel="promised error, %", ylabel="error on other probes, %", title="Promised and had")
-    figure.text(0.01, 0.01, "python -m bench.sampler_need; havran-azimuth, relaxed points, at most 1024 lights", fontsize=7)
+    figure.text(0.01, 0.01, "python -m bench.sampler_need; havran-azimuth, at most 1024 lights", fontsize=7)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     figure.savefig(OUT / "sampler_need.png", dpi=110)
 

@@ -55,7 +55,7 @@ class Capture(Record, frozen=True):
 
 class Sampler(Record, frozen=True):
     method: Literal["tracked", "havran-azimuth", "havran-radius", "standard"] = "tracked"
-    points: Literal["relaxed", "halton"] = "relaxed"
+    points: Literal["auto", "disc", "relaxed", "halton"] = "auto"  # not "tracked"; auto: "standard" relaxed, the others disc
     count: Count = 72  # lights; the most of them where error_percent or frame_ms chooses
     filter: Literal["auto", "adaptive", "fir2005", "fir", "binomial", "iir", "none"] = "auto"  # auto: "tracked" adaptive, others fir2005
     order: Annotated[int, Meta(ge=2, le=64, multiple_of=2)] = 8  # "fir": frames it looks back; the delay is half of them

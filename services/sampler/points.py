@@ -1,6 +1,13 @@
 """The points of the unit square from which lights are drawn, in an order whose every prefix is well spread.
 
 Light number i always belongs to point number i, so raising or lowering the number of lights moves none of the others.
+
+"halton" is even in the square's own coordinates. "relaxed", after the 2005 paper, has its points pushed apart: better in the square, and
+under the standard inversion up to some 200 points. But points that keep their distance from the square's edges lie in bands along them, and
+the concentric map makes bands of one radius of these: of 512 points, 24 too many or too few lie within some radius ("halton": 4). Havran's
+warps invert one cumulative function over the squared radius and one over the azimuth, so "disc" is even in those two (2 of 512).
+Irradiance under half-space occluders on eleven real maps, 16 to 512 lights, geometric mean against "halton":
+azimuth first .67 disc, .87 relaxed; radius first .90, 1.32; standard inversion .94 relaxed (above 1 under strong suns of one cell).
 """
 
 from functools import lru_cache
@@ -8,12 +15,16 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numba import njit
 from scipy.spatial import Voronoi
+
+from services.sampler.square import square_from_disc
 
 RELAXED = 512  # points in the stored table; those beyond it are plain Halton points
 FAVOURED = (72, 216)  # prefixes of the 2005 paper (4.1), weighted FAVOUR times
 FAVOUR = 4.0
 _TABLE = Path(__file__).with_name("points.npy")
+Kind = Literal["disc", "relaxed", "halton"]
 
 
 def halton(count: int) -> np.ndarray:
@@ -28,6 +39,19 @@ def _radical_inverse(base: int, count: int) -> np.ndarray:
         value += digit * scale
         scale /= base
     return value
+
+
+def disc_halton(count: int) -> np.ndarray:
+    """Points of the square, (count, 2) float64, whose squared radii and azimuths on the disc are Halton's, in bases 3 and 2."""
+    result = np.empty((count, 2))
+    _fill_square(_radical_inverse(3, count), _radical_inverse(2, count), result)
+    return result
+
+
+@njit(cache=True)
+def _fill_square(a, w, points):
+    for k in range(a.size):
+        points[k, 0], points[k, 1] = square_from_disc(a[k], w[k])
 
 
 def relaxed_halton(count: int, rounds: int = 60) -> np.ndarray:
@@ -62,10 +86,10 @@ def _centroids(sites: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def points(count: int, kind: Literal["relaxed", "halton"]) -> np.ndarray:
+def points(count: int, kind: Kind) -> np.ndarray:
     """The first `count` points, (count, 2) float64, read-only. "relaxed": the stored `relaxed_halton(RELAXED)`, then plain Halton."""
-    table = np.load(_TABLE).astype(np.float64)[:count] if kind == "relaxed" else halton(count)
-    if count > len(table):
-        table = np.concatenate([table, halton(count)[len(table) :]])
+    table = disc_halton(count) if kind == "disc" else halton(count)
+    if kind == "relaxed":
+        table[:RELAXED] = np.load(_TABLE)[:count]
     table.setflags(write=False)
     return table

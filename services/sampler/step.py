@@ -8,7 +8,7 @@ from numba import njit
 from services.lights import Lights
 from services.sampler import cluster, control, filter, flicker
 from services.sampler.density import LightMap, light_map
-from services.sampler.points import points
+from services.sampler.points import Kind, points
 from services.sampler.tracked import NO_STRONG, TRIALS, initial_tracked, needed, tracked_step
 from services.sampler.tracked import State as Tracked
 from services.sampler.warp import Anchor, steadied, warp_from_map
@@ -184,11 +184,17 @@ def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> t
     if light.power <= 0:
         anchor = state.anchor  # a black frame says nothing about where the light is
     # All lights that may be asked for, present or not, so that each has its history in the filter when it comes.
-    samples = warp.sample(points(max(settings.count, settings.fine, len(state.presence)), settings.points))
+    samples = warp.sample(points(max(settings.count, settings.fine, len(state.presence)), _kind(settings)))
     # Tint: what a light carries beside the average light, in each channel: (radiance / density) / integral.
     drawn = np.empty((len(samples.density), 6))
     _fill_drawn(*samples, np.where(light.irradiance > 0, light.irradiance, 1.0), drawn)
     return drawn, anchor
+
+
+def _kind(settings: Sampler) -> Kind:
+    if settings.points == "auto":
+        return "relaxed" if settings.method == "standard" else "disc"
+    return settings.points
 
 
 @njit(cache=True)

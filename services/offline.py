@@ -77,17 +77,21 @@ def write_pictures_of(
     width, _, height = size.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
         raise BadInput(f"--size {size}: is not WIDTHxHEIGHT; write it as 640x480")
-    wanted = record(settings.Renderer, {"width": int(width), "height": int(height), "exposure": exposure, "shadow_map": shadow_map}, "--")
+    drawing = {key: options.get(key) for key in ("tone", "background")}
+    drawing |= {"width": int(width), "height": int(height), "exposure": exposure, "shadow_map": shadow_map}
+    wanted = record(settings.Renderer, drawing, "--")
     frames, sampling = opened(source, options)
     renderer = Renderer(load_scene(scene), wanted, FILE_SAMPLES)
     try:
         adaptation, before_s = None, 0.0
         for k, (frame, lights, fine) in enumerate(lit_frames(frames, sampling)):
+            if wanted.background == "map":
+                renderer.show_background(frame.radiance, frame.coverage)
             picture = renderer.render(lights, fine)
             adaptation = adapt(adaptation, picture, max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             path = out if len(frames) == 1 else out.with_stem(f"{out.stem}_{k:04d}")
-            _write(path, picture, tone_mapped(picture, adaptation, exposure))
+            _write(path, picture, tone_mapped(picture, adaptation, exposure, wanted.tone))
     finally:
         renderer.release()
 

@@ -17,6 +17,7 @@ Count = Annotated[int, Meta(ge=1, le=100_000)]
 Port = Annotated[int, Meta(ge=1, le=65_000)]
 Side = Annotated[int, Meta(ge=1, le=8192)]
 Mode = Literal["live", "lossless"]
+Tone = Literal["reinhard", "exponential"]
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -80,6 +81,8 @@ class Renderer(Record, frozen=True):
     frame_ms: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # met by drawing fewer shadow maps a frame, then fewer lights; 0: all of them
     light_regions: Annotated[int, Meta(ge=0, le=256)] = 24  # of the sphere of normals, each with the lights it sees; 0: none
     exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
+    tone: Tone = "reinhard"  # the curve of the tone mapping
+    background: Literal["clear", "map"] = "clear"  # behind the scene: nothing, with alpha 0, or the light around
     picture: Literal["srgb8", "linear16"] = "srgb8"  # linear16: for other programs also the picture before tone mapping, as half floats
 
 

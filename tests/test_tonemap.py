@@ -4,7 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from services.lights import Lights
+from services.renderer.renderer import Renderer
+from services.renderer.scene import load_scene
 from services.renderer.tonemap import LONGEST_STEP_S, MIDDLE_GREY, TIME_CONSTANT_S, Adaptation, adapt, tone_curve, tone_mapped
+from services.settings import Renderer as Settings
 
 BLACK = np.concatenate([np.zeros((4, 4, 3), np.float32), np.ones((4, 4, 1), np.float32)], axis=-1)
 
@@ -44,6 +48,7 @@ def test_the_highest_luminance_becomes_white_and_order_is_kept():
     picture = gray(values)
     state = adapt(None, picture, 0.04)
     curve = tone_curve(state, 0.0)
+    assert curve.white is not None
     level = np.exp(state.log_high) * curve.scale
     assert level * (1 + level / curve.white**2) / (1 + level) == pytest.approx(1.0)
     assert np.all(np.diff(tone_mapped(picture, state, 0.0)[0, :, 0].astype(int)) >= 0)
@@ -99,3 +104,37 @@ def test_a_stop_doubles_the_light():
 def test_the_state_survives_its_file_form():
     state = adapt(None, gray(np.array([0.5, 1.0, 2.0])), 0.04)
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=Adaptation) == state
+
+
+def test_the_exponential_curve_is_that_of_its_paper():
+    values = np.array([0.0, 0.5, 1.0, 2.5])  # of mean 1
+    picture = gray(values)
+    state = adapt(None, picture, 0.04)
+    assert state.log_mean == pytest.approx(0, abs=1e-7)
+    linear = 1 - np.exp(-values)
+    coded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    assert np.abs(tone_mapped(picture, state, 0.0, "exponential")[0, :, 0] - 255 * coded).max() <= 0.5 + 1e-4
+    assert not tone_mapped(BLACK, Adaptation(), 0.0, "exponential")[..., :3].any()
+
+
+@given(st.floats(1e-6, 1e6))
+def test_a_pictures_scale_does_not_matter_to_the_exponential_curve_either(scale: float):
+    picture = gray(np.array([0.02, 0.1, 0.5, 1.0, 3.0, 20.0]))
+    scaled = picture * np.array([scale, scale, scale, 1], np.float32)
+    a, b = (tone_mapped(image, adapt(None, image, 0.04), 0.0, "exponential").astype(int) for image in (picture, scaled))
+    assert np.abs(a - b).max() <= 1
+    assert np.all(np.diff(a[0, :, 0]) >= 0)
+
+
+@pytest.mark.parametrize("tone", ["reinhard", "exponential"])
+def test_the_shader_draws_the_same_curve(tone):
+    renderer = Renderer(load_scene(None), Settings(width=48, height=36, shadow_map=32, tone=tone))
+    for power in (0.0, 1e-20, 1.0, 1e9):
+        lights = Lights.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.array([[power, power / 2, power / 3]]))
+        picture = renderer.render(lights).copy()
+        state = adapt(None, picture, 0.04)
+        for stops in (-4.0, 0.0, 6.0):
+            off = np.abs(renderer.tone_mapped(state, stops).astype(int) - tone_mapped(picture, state, stops, tone))
+            assert off.max() <= 1  # float32 and float64 on either side of a step
+            assert np.mean(off > 0) < 0.01
+    renderer.release()

@@ -29,6 +29,7 @@ from services.renderer.surfaces import Surfaces
 from services.renderer.timers import Timers
 from services.renderer.tonemap import Adaptation, tone_curve
 from services.renderer.view import pixel_offsets
+from services.settings import Tone
 from services.sphere import Coverage
 
 NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides
@@ -53,6 +54,7 @@ class Renderer:
         self._scene = scene
         self._offsets = pixel_offsets(samples)
         self._frame_ms = settings.frame_ms
+        self._tone: Tone = settings.tone
         self._pace = Pace()
         self._drawn_frames = 0
         self._has_catcher = any(isinstance(mesh.material, Catcher) for mesh in scene.meshes)
@@ -245,13 +247,14 @@ class Renderer:
 
     def tone_mapped(self, adaptation: Adaptation, exposure_stops: float) -> np.ndarray:
         """The picture that `render` made last, for a screen: (height, width, 4) uint8, as `tonemap.tone_mapped` gives it."""
-        curve = tone_curve(adaptation, exposure_stops)
+        curve = tone_curve(adaptation, exposure_stops, self._tone)
         with self._context:
             with self._timers.measured("tone mapping"):
                 self._shading.picture.use(0)
                 self._tonemap["picture"] = 0
                 self._tonemap["scale"] = curve.scale
-                self._tonemap["white"] = curve.white
+                self._tonemap["white"] = curve.white or 1.0
+                self._tonemap["exponential"] = curve.white is None
                 self._screen_frame.use()
                 self._context.enable_only(moderngl.NOTHING)
                 self._tonemap_array.render(moderngl.TRIANGLES, vertices=3)

@@ -1,8 +1,11 @@
-"""Tone mapping: Reinhard's global operator, its statistics smoothed over time.
+"""Tone mapping: Reinhard's global operator or an exponential one, their statistics smoothed over time.
 
 Reinhard et al. 2002, Photographic Tone Reproduction for Digital Images, equations 1 to 4: a picture's luminance is scaled by
 key / log-average to L, which is compressed to L (1 + L / white^2) / (1 + L). Key and white follow from the log-average, the lowest and
 the highest luminance (1 % and 99 % quantiles), which are smoothed as logarithms, so that brightening and darkening take equally long.
+
+Lu et al. 2015, section 5: a luminance over the frame's mean is L, which becomes 1 - exp(-L). It keeps its contrast in the dark and turns
+all that is some times brighter than the mean white.
 """
 
 from typing import NamedTuple
@@ -10,6 +13,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from services.settings import Tone
 from services.sphere import luminance
 
 TIME_CONSTANT_S = 0.4  # of the eye's slower receptors (Krawczyk et al. 2005); leaves 4 % of a 10 Hz flicker
@@ -24,6 +28,7 @@ class Adaptation(msgspec.Struct, frozen=True):
     log_average: float = 0.0
     log_low: float = 0.0
     log_high: float = 0.0
+    log_mean: float = 0.0
     seen: bool = False
 
     @property
@@ -36,10 +41,10 @@ class Adaptation(msgspec.Struct, frozen=True):
 
 
 class Curve(NamedTuple):
-    """scale: from luminance to the operator's L. white: the L that becomes 1; 1 makes the operator linear up to white."""
+    """scale: from luminance to the operator's L. white: the L that becomes 1, where 1 makes the operator linear; None: exponential."""
 
     scale: float
-    white: float
+    white: float | None
 
 
 def adapt(adaptation: Adaptation | None, picture: np.ndarray, dt_s: float) -> Adaptation:
@@ -48,49 +53,51 @@ def adapt(adaptation: Adaptation | None, picture: np.ndarray, dt_s: float) -> Ad
     A picture without light leaves it as it was; the first picture with light sets it at once.
     """
     before = adaptation or Adaptation()
-    logs = _log_luminance(picture)
-    if logs.size == 0:
+    values = _luminance(picture)
+    if not np.any(values > 0):
         return before
+    # Pixels darker than that are black to the eye beside the others and would pull the mean of logarithms down without limit.
+    lit = values[values > 0]
+    logs = np.log(lit[lit >= 1e-4 * np.median(lit)])
     low, high = np.quantile(logs, (0.01, 0.99))
-    now = (float(logs.mean()), float(low), float(high))
+    now = (float(logs.mean()), float(low), float(high), float(np.log(values.mean())))
     if not before.seen:
         return Adaptation(*now, seen=True)
     share = 1 - np.exp(-min(max(dt_s, 0.0), LONGEST_STEP_S) / TIME_CONSTANT_S)
-    old = (before.log_average, before.log_low, before.log_high)
+    old = (before.log_average, before.log_low, before.log_high, before.log_mean)
     return Adaptation(*(float(a + share * (b - a)) for a, b in zip(old, now, strict=True)), seen=True)
 
 
-def _log_luminance(picture: np.ndarray) -> np.ndarray:
-    """Logarithms of the luminance of the surfaces in a picture, where it is finite and above 10^-4 of its median, (n,) float64.
-
-    Pixels darker than that are black to the eye beside the others and would pull the mean of logarithms down without limit.
-    """
+def _luminance(picture: np.ndarray) -> np.ndarray:
+    """The luminance of the surfaces in a picture where it is finite and not negative, (n,) float64."""
     stride = max(int(np.ceil(np.sqrt(picture.shape[0] * picture.shape[1] / MOST_PIXELS))), 1)
     pixels = picture[stride // 2 :: stride, stride // 2 :: stride].reshape(-1, 4).astype(np.float64)
     pixels = pixels[pixels[:, 3] > 0]
     values = luminance(pixels[:, :3]) / pixels[:, 3]
-    values = values[np.isfinite(values) & (values > 0)]
-    return np.log(values[values >= 1e-4 * np.median(values)]) if values.size else values
+    return values[np.isfinite(values) & (values >= 0)]
 
 
-def tone_curve(adaptation: Adaptation, exposure_stops: float) -> Curve:
-    """The operator's two numbers. White is the adapted highest luminance, at least 1 so that a flat picture is not all white."""
+def tone_curve(adaptation: Adaptation, exposure_stops: float, tone: Tone = "reinhard") -> Curve:
+    """The operator's numbers. White is the adapted highest luminance, at least 1 so that a flat picture is not all white."""
+    if tone == "exponential":
+        return Curve(float(2.0**exposure_stops * np.exp(-adaptation.log_mean)), None)
     scale = adaptation.key * np.exp(-adaptation.log_average)
     white = max(1.0, float(scale * np.exp(adaptation.log_high)))
     return Curve(float(scale * 2.0**exposure_stops), white)
 
 
-def tone_mapped(picture: np.ndarray, adaptation: Adaptation, exposure_stops: float) -> np.ndarray:
+def tone_mapped(picture: np.ndarray, adaptation: Adaptation, exposure_stops: float, tone: Tone = "reinhard") -> np.ndarray:
     """The picture (height, width, 4), linear with RGB times alpha, for a screen: (height, width, 4) uint8, sRGB, RGB not times alpha.
 
     nan and negative values become 0, inf becomes white. The same function as tonemap.frag.
     """
-    curve = tone_curve(adaptation, exposure_stops)
+    curve = tone_curve(adaptation, exposure_stops, tone)
     alpha = np.clip(picture[..., 3:], 0, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         colour = np.where(alpha > 0, picture[..., :3] / alpha, 0)
     colour = np.minimum(np.where(colour > 0, colour, 0), np.float32(1e30))
     level = curve.scale * luminance(colour.astype(np.float64))[..., None]
-    colour = np.clip(curve.scale * colour * ((1 + level / curve.white**2) / (1 + level)), 0, 1)
+    kept = -np.expm1(-level) / np.maximum(level, 1e-300) if curve.white is None else (1 + level / curve.white**2) / (1 + level)
+    colour = np.clip(curve.scale * colour * kept, 0, 1)
     encoded = np.where(colour <= 0.0031308, 12.92 * colour, 1.055 * colour ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
     return (np.concatenate([encoded, alpha], axis=-1) * 255 + 0.5).astype(np.uint8)

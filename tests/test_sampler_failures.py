@@ -128,6 +128,27 @@ def test_two_opposite_equal_lamps_share_the_lights_and_none_lies_between(method)
         assert shares == pytest.approx([0.5, 0.5], abs=0.02)
 
 
+@pytest.mark.parametrize("filter", ["fir2005", "none"])
+def test_clusters_of_two_opposite_equal_lamps_lie_at_them_and_none_between(filter):
+    maps = [lamp(60, 0, 1e5, lamp(60, 180, 1e5, SKY * np.float32(1e-3)))] * 12
+    for most in (3, 8):  # one for the few lights of the dark floor, or several for a lamp too
+        lights, _ = run(maps, Sampler(filter=filter, count=300, clusters=most))
+        strength = lights[-1].irradiance[:, 1].astype(float)
+        lamps = direction_from_angles(np.radians(61), np.radians([1.0, 181.0]))
+        sides = [angle_between(lights[-1].directions.astype(float), at) for at in lamps]
+        shares = [strength[side < np.radians(4)].sum() / strength.sum() for side in sides]
+        assert shares == pytest.approx([0.5, 0.5], abs=0.03)
+
+
+def test_two_opposite_lamps_that_take_turns_keep_their_lights_apart_and_safe():
+    # The hardest for a mean of directions: every light goes to and fro between opposite places. What comes out is dim, not wrong: unit
+    # directions, nothing below the horizon, the power of the filtered sum.
+    maps = [lamp(60, 180 * (k % 2), 1e5, SKY * np.float32(1e-3)) for k in range(30)]
+    for filter in FILTERS:
+        lights, _ = run(maps, Sampler(filter=filter, count=100))
+        np.testing.assert_allclose(totals(lights)[-1], map_irradiance(maps[0], "hemisphere"), rtol=1e-5)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_light_on_the_horizon_alone_stays_there(method):
     ring = np.zeros_like(SKY)
@@ -137,6 +158,9 @@ def test_light_on_the_horizon_alone_stays_there(method):
     strength = lights[-1].irradiance[:, 1]
     assert strength[height <= 3].sum() > 0.99 * strength.sum()
     assert np.abs((strength[:, None] * lights[-1].directions[:, :2]).sum(axis=0)).max() < 0.02 * strength.sum()
+    clusters, _ = run([ring] * 10, Sampler(method=method, count=200, clusters=24))
+    height = np.degrees(np.arcsin(clusters[-1].directions[:, 2]))
+    assert height @ clusters[-1].irradiance[:, 1] < 3 * strength.sum()  # a row and a half on average
 
 
 def test_pixel_noise_moves_no_light_far():

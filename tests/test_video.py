@@ -1,0 +1,94 @@
+"""Videos decode back: every picture, in its time, in its colours; a video that was not finished is not there."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from services.files import BadInput
+from services.renderer.video import GROUND, video
+
+
+def decoded(path: Path) -> tuple[list[np.ndarray], list[float], float]:
+    """Pictures (h, w, 3) uint8, their times, and the rate in the header."""
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert stream.codec_context.name == "h264"
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        frames = list(container.decode(video=0))
+        assert stream.average_rate is not None
+        pictures = [frame.reformat(format="rgb24", src_colorspace="ITU709").to_ndarray() for frame in frames]
+        return pictures, [float(frame.time or 0) for frame in frames], float(stream.average_rate)
+
+
+def flat(width: int, height: int, colour: tuple[int, int, int], alpha: int = 255) -> np.ndarray:
+    return np.broadcast_to(np.array([*colour, alpha], np.uint8), (height, width, 4))
+
+
+COLOURS = [(200, 60, 30), (20, 180, 90), (128, 128, 128), (0, 0, 0), (255, 255, 255), (40, 60, 220)]
+
+
+@pytest.mark.parametrize(("width", "height"), [(64, 48), (63, 47), (1, 1), (64, 47)])
+@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
+def test_all_pictures_come_back_in_their_colours(tmp_path, width, height, suffix):
+    with video(tmp_path / f"film.{suffix}", 25.0) as add:
+        for k, colour in enumerate(COLOURS):
+            add(flat(width, height, colour), k / 25)
+    pictures, times, rate = decoded(tmp_path / f"film.{suffix}")
+    assert [picture.shape for picture in pictures] == len(COLOURS) * [(height + height % 2, width + width % 2, 3)]
+    assert times == pytest.approx([k / 25 for k in range(len(COLOURS))], abs=1e-3)  # Matroska counts milliseconds
+    assert rate == pytest.approx(25, abs=0.3)
+    for picture, colour in zip(pictures, COLOURS, strict=True):
+        assert np.abs(picture.astype(int) - colour).max() <= 6  # 8 bits of luma and colour difference, and the encoder
+
+
+def test_frames_keep_their_own_times(tmp_path):
+    shown_s = [7.0, 7.04, 7.2, 7.2, 7.1, 9.0]  # a gap, one twice, one back
+    with video(tmp_path / "film.mp4", 25.0) as add:
+        for time_s in shown_s:
+            add(flat(32, 32, (50, 100, 150)), time_s)
+    _, times, _ = decoded(tmp_path / "film.mp4")
+    assert times == pytest.approx([0, 0.04, 0.2, 0.2, 0.2, 2.0], abs=1e-4)
+    assert np.all(np.diff(times) > 0)
+
+
+def test_odd_rates_last_to_the_frame(tmp_path):
+    fps = 30000 / 1001
+    with video(tmp_path / "film.mp4", fps) as add:
+        for k in range(90):
+            add(flat(16, 16, (k, 100, 150)), k / fps)
+    pictures, times, rate = decoded(tmp_path / "film.mp4")
+    assert len(pictures) == 90
+    assert rate == pytest.approx(fps, rel=1e-3)
+    assert times[-1] == pytest.approx(89 / fps, abs=1e-4)
+
+
+def test_what_shows_nothing_is_the_grounds_gray(tmp_path):
+    with video(tmp_path / "film.mp4", 25.0) as add:
+        add(flat(32, 32, (255, 0, 0), alpha=0), 0.0)
+    assert np.abs(decoded(tmp_path / "film.mp4")[0][0].astype(int) - GROUND).max() <= 3
+
+
+def test_a_video_that_was_not_finished_is_not_there(tmp_path):
+    def interrupted():
+        with video(tmp_path / "film.mp4", 25.0) as add:
+            add(flat(32, 32, (9, 9, 9)), 0.0)
+            raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        interrupted()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_picture_no_video(tmp_path):
+    with pytest.raises(BadInput, match="needs a picture"), video(tmp_path / "film.mp4", 25.0):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["film.avi", "film", "nowhere/film.mp4"])
+def test_where_no_video_can_be_is_one_line(tmp_path, name):
+    with pytest.raises(BadInput) as caught, video(tmp_path / name, 25.0):
+        pass
+    assert "\n" not in str(caught.value)

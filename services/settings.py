@@ -83,6 +83,7 @@ class Renderer(Record, frozen=True):
     exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
     tone: Tone = "reinhard"  # the curve of the tone mapping
     background: Literal["clear", "map"] = "clear"  # behind the scene: nothing, with alpha 0, or the light around
+    video: str = ""  # file to make of all pictures at the end, .mp4, .mov or .mkv; needs `out`; empty: none
     picture: Literal["srgb8", "linear16"] = "srgb8"  # linear16: for other programs also the picture before tone mapping, as half floats
 
 
@@ -120,7 +121,7 @@ _PATHS = {
     "": ("out",),
     "wire": ("folder", "keys"),
     "capture": ("source", "lens", "response", "record"),
-    "renderer": ("scene",),
+    "renderer": ("scene", "video"),
     "plate": ("source",),
 }
 

@@ -6,8 +6,13 @@ import av
 import numpy as np
 import pytest
 
+from services import wire
 from services.files import BadInput
+from services.renderer.album import Album
+from services.renderer.stage import RendererStage
+from services.renderer.tonemap import Adaptation
 from services.renderer.video import GROUND, video
+from services.settings import Renderer, Settings
 
 
 def decoded(path: Path) -> tuple[list[np.ndarray], list[float], float]:
@@ -92,3 +97,27 @@ def test_where_no_video_can_be_is_one_line(tmp_path, name):
     with pytest.raises(BadInput) as caught, video(tmp_path / name, 25.0):
         pass
     assert "\n" not in str(caught.value)
+
+
+def test_an_album_becomes_a_video_though_its_writer_was_started_again(tmp_path):
+    def add(album: Album, sequence: int) -> None:
+        picture = np.full((36, 47, 4), sequence / 10, np.float32)
+        album.add(picture, flat(47, 36, (20 * sequence, 90, 200)), wire.stamp(sequence, sequence / 24), Adaptation())
+
+    album = Album(tmp_path / "out")
+    for sequence in range(5):
+        add(album, sequence)
+    album = Album(tmp_path / "out")
+    for sequence in range(album.count, 9):
+        add(album, sequence)
+    album.write_video(tmp_path / "film.mp4")
+    pictures, times, rate = decoded(tmp_path / "film.mp4")
+    assert len(pictures) == 9
+    assert rate == pytest.approx(24, rel=1e-3)
+    assert times == pytest.approx(np.arange(9) / 24, abs=1e-4)
+    assert [abs(int(picture[5, 5, 0]) - 20 * k) <= 6 for k, picture in enumerate(pictures)] == 9 * [True]
+
+
+def test_a_video_without_pictures_to_make_it_of_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="set it, or use --out"):
+        RendererStage(Settings(renderer=Renderer(video=str(tmp_path / "film.mp4"))))

@@ -1,20 +1,24 @@
 """The pictures of a run as files: frame_0000.exr (linear) and .png (for the eye), a manifest, and a contact sheet of them all."""
 
 import hashlib
+import sys
 from pathlib import Path
 
 import cv2
 import msgspec
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 
 from services import wire
 from services.files import BadInput
 from services.images import write_exr, write_png
 from services.renderer.tonemap import Adaptation
+from services.renderer.video import GROUND, on_ground, video
 
 SHEET_COLUMNS = 6
 SHEET_PICTURES = 24
-SHEET_GROUND = 40  # gray, of 255, where a picture shows nothing
+USUAL_FPS = 25.0  # of a video of one picture
 THUMBNAIL_WIDTH = 320  # pixels; 6 of them make 1920
 
 
@@ -77,23 +81,36 @@ class Album:
             write_contact_sheet(self._folder / "contact.png", [self._folder / entry.name for entry in self._entries])
 
 
+    def write_video(self, path: Path) -> None:
+        """Writes all pictures as a video: from the files, so that it is whole however often the renderer was started again."""
+        steps_s = np.diff([entry.time_s for entry in self._entries])
+        steps_s = steps_s[steps_s > 0]
+        with video(path, 1 / float(np.median(steps_s)) if len(steps_s) else USUAL_FPS) as add:
+            for entry in track(self._entries, description=path.name, console=Console(stderr=True), disable=not sys.stderr.isatty()):
+                add(read_picture(self._folder / entry.name), entry.time_s)
+
+
+def read_picture(name: Path) -> np.ndarray:
+    """The .png beside a picture, (height, width, 4) uint8. Raises BadInput when it is gone or another's."""
+    image = cv2.imread(str(name.with_suffix(".png")), cv2.IMREAD_UNCHANGED)
+    if image is None or image.shape[2:] != (4,):
+        raise BadInput(f"{name.with_suffix('.png')}: cannot be read back; was it removed meanwhile?")
+    return image[..., [2, 1, 0, 3]]
+
+
 def write_contact_sheet(path: Path, pictures: list[Path]) -> None:
     """Writes a sheet of up to 24 of the pictures (their .png), evenly chosen, left to right and down, on a dark ground."""
     chosen = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, SHEET_PICTURES).round().astype(int))]
     thumbnails = []
     for name in chosen:
-        image = cv2.imread(str(name.with_suffix(".png")), cv2.IMREAD_UNCHANGED)
-        if image is None or image.shape[2:] != (4,):
-            raise BadInput(f"{name.with_suffix('.png')}: cannot be read back; was it removed meanwhile?")
-        alpha = image[..., 3:] / 255
-        image = (image[..., :3] * alpha + SHEET_GROUND * (1 - alpha)).astype(np.uint8)
+        image = on_ground(read_picture(name))
         height = max(1, round(image.shape[0] * THUMBNAIL_WIDTH / image.shape[1]))
         thumbnails.append(cv2.resize(image, (THUMBNAIL_WIDTH, height), interpolation=cv2.INTER_AREA))
     height = thumbnails[0].shape[0]
     rows = -(-len(thumbnails) // SHEET_COLUMNS)
     columns = min(len(thumbnails), SHEET_COLUMNS)
-    sheet = np.full((rows * height, columns * THUMBNAIL_WIDTH, 3), SHEET_GROUND, np.uint8)
+    sheet = np.full((rows * height, columns * THUMBNAIL_WIDTH, 3), GROUND, np.uint8)
     for k, thumbnail in enumerate(thumbnails):
         row, column = divmod(k, SHEET_COLUMNS)
         sheet[row * height : (row + 1) * height, column * THUMBNAIL_WIDTH : (column + 1) * THUMBNAIL_WIDTH] = thumbnail
-    write_png(path, sheet[..., ::-1])
+    write_png(path, sheet)

@@ -15,6 +15,7 @@ from services.renderer.refine import MapLights, Refined
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
 from services.renderer.tonemap import Adaptation, adapt
+from services.renderer.video import check_video_path
 from services.sphere import Coverage
 
 FILE_SAMPLES = 4  # a pixel of a file is the average over its area
@@ -68,6 +69,11 @@ class RendererStage:
             most = wire.MAX_PART // pixel_bytes
             raise BadInput(f"[renderer] width, height: {size} is more than the {most} pixels that one message holds; make them smaller")
         self._album = Album(Path(settings.out)) if settings.out else None
+        self._video = Path(settings.renderer.video) if settings.renderer.video else None
+        if self._video:
+            check_video_path(self._video)
+            if not self._album:
+                raise BadInput("[renderer] video: is made of the pictures in the folder out, which is not set; set it, or use --out")
         self._renderer = Renderer(scene, settings.renderer, FILE_SAMPLES if self._album else LIVE_SAMPLES)
 
     def kept(self) -> int:
@@ -133,3 +139,5 @@ class RendererStage:
     def done(self) -> None:
         if self._album:
             self._album.write_contact_sheet()
+            if self._video and self._album.count:
+                self._album.write_video(self._video)

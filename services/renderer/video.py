@@ -14,7 +14,7 @@ from services.files import BadInput, written_whole
 SUFFIXES = (".mp4", ".mov", ".mkv")
 TICKS = 90_000  # a second: 24, 25, 30, 50 and 60 frames a second divide it, and 30000/1001 too
 QUALITY = 18  # of x264 (constant rate factor): no difference is seen, 0.1 to 0.3 bits a pixel
-GROUND = 40  # gray, of 255, where a picture shows nothing, as on the contact sheet
+GROUND = 40  # gray, of 255, where a picture shows nothing
 BT709, MPEG_RANGE, SRGB_TRANSFER = 1, 1, 13  # ITU-T H.273: primaries and matrix; limited range (FFmpeg's number); IEC 61966-2-1
 
 Add = Callable[[np.ndarray, float], None]
@@ -53,7 +53,7 @@ def video(path: Path, fps: float) -> Iterator[Add]:
                 begun: list[tuple[float, int]] = []  # the first picture's time and the newest one's tick
 
                 def add(pixels: np.ndarray, time_s: float) -> None:
-                    even = np.pad(_on_ground(pixels), ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
+                    even = np.pad(on_ground(pixels), ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
                     if not begun:
                         begun.append((time_s, -1))
                         stream.height, stream.width = even.shape[:2]
@@ -73,7 +73,7 @@ def video(path: Path, fps: float) -> Iterator[Add]:
             raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def _on_ground(pixels: np.ndarray) -> np.ndarray:
-    """(height, width, 3) uint8, over GROUND."""
+def on_ground(pixels: np.ndarray) -> np.ndarray:
+    """A picture (height, width, 4) uint8 with straight alpha over GROUND, (height, width, 3) uint8."""
     alpha = pixels[..., 3:].astype(np.uint16)
     return ((pixels[..., :3] * alpha + GROUND * (255 - alpha) + 127) // 255).astype(np.uint8)

@@ -4,7 +4,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.lights import Lights
-from services.renderer.pace import LEAST_RENEWED, Pace, affordable_lights, affordable_maps, first_lights, learnt
+from services.renderer.pace import (
+    LEAST_RENEWED,
+    Pace,
+    Spent,
+    affordable_lights,
+    affordable_maps,
+    first_lights,
+    learnt,
+    map_size,
+    waited,
+)
+
+
+def spent(fixed_ms: float, maps: int, map_ms: float, lookups: int | None, lookup_ms: float, lights: int, light_ms: float) -> Spent:
+    """A frame on a machine with these costs."""
+    lights_ms = lights * (light_ms if lookups is not None else light_ms + lookup_ms)
+    lookups_ms = (lookups or 0) * lookup_ms
+    return Spent(fixed_ms + maps * map_ms + lookups_ms + lights_ms, maps, maps * map_ms, lookups, lookups_ms, lights, lights_ms)
+
+
+def frame_ms(pace: Pace, maps: int, lights: int, moved: bool) -> float:
+    """What a frame takes on a machine that costs what `pace` says."""
+    lookups = lights if moved or maps > 0.75 * lights else maps
+    return pace.fixed_ms + maps * (pace.map_ms or 0) + lookups * pace.lookup_ms + lights * (pace.light_ms or 0)
 
 
 def test_nothing_is_promised_before_anything_is_known():
@@ -13,7 +36,7 @@ def test_nothing_is_promised_before_anything_is_known():
 
 
 def test_lights_that_stand_still_are_counted_without_their_maps():
-    pace = learnt(Pace(), 4.0, 0, 0.1, 72, 36.0)
+    pace = learnt(Pace(), spent(4.0, 0, 0.1, 0, 0.0, 72, 0.5))
     assert affordable_lights(pace, 40.0) == 72
     assert affordable_maps(pace, 40.0, 7) == 7
 
@@ -21,22 +44,64 @@ def test_lights_that_stand_still_are_counted_without_their_maps():
 def test_a_steady_machine_is_learnt_at_once_and_kept():
     pace = Pace()
     for _ in range(5):
-        pace = learnt(pace, 4.0, 10, 9.0, 72, 36.0)
-    assert pace == pytest.approx((4.0, 0.9, 0.5))
-    assert learnt(pace, 4.0, 0, 0.1, 72, 36.0).map_ms == pytest.approx(0.9)  # a frame without maps tells nothing about maps
+        pace = learnt(pace, spent(4.0, 10, 0.9, 10, 0.3, 72, 0.5))
+    assert pace == pytest.approx((4.0, 0.9, 0.5, 0.3, 1.0))
+    still = learnt(pace, spent(4.0, 0, 0.9, 0, 0.3, 72, 0.5))
+    assert still == pytest.approx(pace)  # a frame without maps tells nothing about maps, and none without lookups about them
 
 
-@given(st.floats(0, 10), st.floats(0.01, 5), st.floats(0.01, 5), st.floats(1, 100), st.integers(1, 500))
-def test_what_is_promised_fits(fixed, map_ms, light_ms, frame_ms, lights):
-    pace = Pace(fixed, map_ms, light_ms)
-    most = affordable_lights(pace, frame_ms)
+def test_lights_looked_up_in_the_sum_cost_what_both_cost():
+    pace = Pace()
+    for _ in range(5):
+        pace = learnt(pace, spent(4.0, 72, 0.9, None, 0.6, 72, 0.3))
+    assert pace.light_ms is not None
+    assert pace.light_ms + pace.lookup_ms == pytest.approx(0.9)
+    for _ in range(40):
+        pace = learnt(pace, spent(4.0, 4, 0.9, 4, 0.6, 72, 0.3))
+    assert (pace.light_ms, pace.lookup_ms) == pytest.approx((0.3, 0.6), rel=0.01)
+
+
+@given(
+    st.floats(0, 10), st.floats(0.01, 5), st.floats(0.01, 5), st.floats(0, 5), st.floats(1, 100), st.integers(1, 500), st.booleans()
+)
+def test_what_is_promised_fits(fixed, map_ms, light_ms, lookup_ms, target_ms, lights, moved):
+    pace = Pace(fixed, map_ms, light_ms, lookup_ms)
+    most = affordable_lights(pace, target_ms, moved)
     assert most is not None
-    assert most == 1 or fixed + most * (light_ms + LEAST_RENEWED * map_ms) <= frame_ms * (1 + 1e-9)
-    assert fixed + (most + 1) * (light_ms + LEAST_RENEWED * map_ms) > frame_ms * (1 - 1e-9)
-    maps = affordable_maps(pace, frame_ms, lights)
+    each = light_ms + (1 if moved else LEAST_RENEWED) * lookup_ms + LEAST_RENEWED * map_ms
+    assert most == 1 or fixed + most * each <= target_ms * (1 + 1e-9)
+    assert fixed + (most + 1) * each > target_ms * (1 - 1e-9)
+    maps = affordable_maps(pace, target_ms, lights, moved)
     least = int(np.ceil(lights * LEAST_RENEWED))
     assert least <= maps <= lights
-    assert maps == least or fixed + lights * light_ms + maps * map_ms <= frame_ms * (1 + 1e-9)
+    assert maps == least or frame_ms(pace, maps, lights, moved) <= target_ms * (1 + 1e-9)
+    # one more would not fit, but where all lookups fall due at once
+    assert maps == lights or frame_ms(pace, maps + 1, lights, moved) > target_ms * (1 - 1e-9)
+
+
+def test_maps_that_wait_become_coarser_and_those_that_do_not_finer_again():
+    pace, size = Pace(), 256
+    for _ in range(20):
+        pace = waited(pace, 72, 3)
+    assert map_size(pace, size, 256) == 128
+    assert map_size(pace, 64, 256) == 64  # no coarser than a quarter
+    assert map_size(pace, 16, 16) == 16
+    for _ in range(40):
+        pace = waited(pace, 0, 0)
+    assert map_size(pace, 64, 256) == 128
+    assert map_size(pace, 256, 256) == 256
+
+
+@given(st.floats(0.0, 30.0))
+def test_no_size_is_left_to_come_back_to_at_once(backlog):
+    pace = Pace(backlog=backlog)
+    size = map_size(pace, 256, 1024)
+    # Of half the size a map moves half as many texels and costs a third or more; of twice the size the other way round.
+    after = backlog / 2 if size < 256 else backlog * 6 if size > 256 else backlog
+    if size < 256:
+        assert map_size(Pace(backlog=after), size, 1024) <= size
+    elif size > 256:
+        assert map_size(Pace(backlog=after), size, 1024) >= size
 
 
 @given(st.integers(1, 30), st.integers(0, 40))
@@ -51,7 +116,7 @@ def test_fewer_lights_keep_the_power_in_each_channel(n, count):
 
 
 def test_a_learnt_cost_follows_the_machine():
-    pace = learnt(Pace(), 1.0, 10, 10.0, 10, 10.0)
+    pace = learnt(Pace(), spent(1.0, 10, 1.0, 0, 0.0, 10, 1.0))
     for _ in range(30):
-        pace = learnt(pace, 1.0, 10, 40.0, 10, 10.0)
+        pace = learnt(pace, spent(1.0, 10, 4.0, 0, 0.0, 10, 1.0))
     assert pace.map_ms == pytest.approx(4.0, rel=0.01)

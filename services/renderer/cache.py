@@ -8,12 +8,13 @@ import numpy as np
 class MapPlan(NamedTuple):
     """tiles: (n,) int64, the map each light reads. renewed: (k,) int64 tiles to draw now, above all others in worth.
 
-    drawn: (m, 3) float32, the direction of each tile's map once that is done; nan where there is none.
+    drawn: (m, 3) float32, the direction of each tile's map once that is done; nan where there is none. off: how many lights needed a map.
     """
 
     tiles: np.ndarray
     renewed: np.ndarray
     drawn: np.ndarray
+    off: int
 
 
 def no_maps(tiles: int) -> np.ndarray:
@@ -24,7 +25,7 @@ def no_maps(tiles: int) -> np.ndarray:
 def planned_maps(
     drawn: np.ndarray, directions: np.ndarray, strength: np.ndarray, budget: int, tolerance: float, stale: np.ndarray | float = 0.0
 ) -> MapPlan:
-    """A plan for lights from `directions` (n, 3) of `strength` (n,) with at least n + budget tiles in `drawn`.
+    """A plan for lights from `directions` (n, 3) of `strength` (n,) with at least n tiles in `drawn`.
 
     stale: (m,) rad by which a light would have to turn to move a shadow as far as what casts it has moved since the tile was drawn.
     A light keeps a map within `tolerance` rad of it. The others are served by strength times angle, the largest error first, as many as
@@ -32,20 +33,21 @@ def planned_maps(
     is drawn the budget does not count. Raises ValueError when the tiles are too few.
     """
     count = len(directions)
-    if len(drawn) < count + min(budget, count):
-        raise ValueError(f"{len(drawn)} tiles are too few for {count} lights and {budget} maps a frame")
+    if len(drawn) < count:
+        raise ValueError(f"{len(drawn)} tiles are too few for {count} lights")
     have = np.flatnonzero(~np.isnan(drawn[:, 0]))
     if len(have) == 0:
         after = drawn.copy()
         after[:count] = directions
-        return MapPlan(np.arange(count), np.arange(count), after)
+        return MapPlan(np.arange(count), np.arange(count), after, count)
     # Chord lengths: exact for small angles, where an arc cosine of float32 knows nothing below 0.02 degrees.
     chord = np.linalg.norm(directions[:, None, :] - drawn[None, have, :], axis=-1) + np.broadcast_to(stale, len(drawn))[have]
     nearest = np.argmin(chord, axis=1)
     off = chord[np.arange(count), nearest]
     error = np.where(off > tolerance, strength * off, 0.0)
     order = np.argsort(-error, kind="stable")
-    chosen = order[: min(budget, int(np.count_nonzero(error > 0)))]
+    wanted = int(np.count_nonzero(error > 0))
+    chosen = order[: min(budget, wanted)]
     tiles = have[nearest]
     kept = np.ones(count, bool)
     kept[chosen] = False
@@ -54,4 +56,4 @@ def planned_maps(
     tiles[chosen] = empty_first[: len(chosen)]
     after = drawn.copy()
     after[tiles[chosen]] = directions[chosen]
-    return MapPlan(tiles, tiles[chosen], after)
+    return MapPlan(tiles, tiles[chosen], after, wanted)

@@ -1,4 +1,4 @@
-"""A target frame time, met by the number of shadow maps drawn in a frame and then by the number of lights."""
+"""A target frame time, met by the number of shadow maps drawn in a frame, by their size, and then by the number of lights."""
 
 from typing import NamedTuple
 
@@ -8,43 +8,99 @@ from services.lights import Lights
 
 NEWEST = 0.2  # weight of the newest frame in what a frame costs: half known after 3 frames, one odd frame moves it by a fifth
 LEAST_RENEWED = 1 / 24  # share of the maps drawn in each frame whatever the time: at 24 frames a second none is older than a second
+WORTH = 3 / 4  # of the maps drawn: a lookup apart takes 4/3 of one in the sum (78 and 59 ms of 72 lights); more are quicker there
+LOOKUP = 2 / 3  # of a light's cost where it is looked up, until both are known apart: 59 of 86 ms of 72 lights
+# Halved maps have at most half the backlog; doubled ones six times as much, with twice the texels to move by and three times the cost.
+MUCH, LITTLE = 2.0, 0.125
+COARSEST = 4  # times as coarse as the settings say
 
 
 class Pace(NamedTuple):
-    """What a frame costs on this machine, ms: whatever is lit, for each map drawn, for each light summed. None: not yet known."""
+    """What a frame costs on this machine, ms: whatever is lit, for each map drawn, for each light summed and looked up. None: not known.
+
+    backlog: maps off by more than a texel for each that is drawn, smoothed.
+    """
 
     fixed_ms: float = 0.0
     map_ms: float | None = None
     light_ms: float | None = None
+    lookup_ms: float = 0.0
+    backlog: float = 1.0
 
 
-def learnt(pace: Pace, fixed_ms: float, maps: int, maps_ms: float, lights: int, lights_ms: float) -> Pace:
-    """The pace after a frame that drew `maps` in maps_ms and summed `lights` in lights_ms, with fixed_ms beside them."""
+class Spent(NamedTuple):
+    """What a frame did and how long it took: all of it, its maps, its lookups where apart from its lights, its lights."""
+
+    frame_ms: float
+    maps: int
+    maps_ms: float
+    lookups: int | None  # None: in the sum itself
+    lookups_ms: float
+    lights: int
+    lights_ms: float
+
+
+def learnt(pace: Pace, spent: Spent) -> Pace:
+    """The pace after a frame."""
 
     def mixed(before: float | None, total: float, count: int) -> float | None:
         if count == 0:
             return before
         return total / count if before is None else before + NEWEST * (total / count - before)
 
+    fixed = spent.frame_ms - spent.maps_ms - spent.lookups_ms - spent.lights_ms
     known = pace.light_ms is not None
-    fixed = pace.fixed_ms + NEWEST * (fixed_ms - pace.fixed_ms) if known else fixed_ms
-    return Pace(fixed, mixed(pace.map_ms, maps_ms, maps), mixed(pace.light_ms, lights_ms, lights))
+    pace = pace._replace(
+        fixed_ms=pace.fixed_ms + NEWEST * (fixed - pace.fixed_ms) if known else fixed, map_ms=mixed(pace.map_ms, spent.maps_ms, spent.maps)
+    )
+    if spent.lights == 0:
+        return pace
+    if spent.lookups is not None:
+        lookup_ms = mixed(pace.lookup_ms or None, spent.lookups_ms, spent.lookups) or 0.0
+        return pace._replace(light_ms=mixed(pace.light_ms, spent.lights_ms, spent.lights), lookup_ms=lookup_ms)
+    # Both at once: what is known of their shares stays.
+    whole = spent.lights_ms / spent.lights
+    share = pace.lookup_ms / max(pace.lookup_ms + pace.light_ms, 1e-9) if pace.light_ms is not None else LOOKUP
+    before = pace.lookup_ms + pace.light_ms if pace.light_ms is not None else whole
+    now = before + NEWEST * (whole - before)
+    return pace._replace(light_ms=(1 - share) * now, lookup_ms=share * now)
 
 
-def affordable_lights(pace: Pace, frame_ms: float) -> int | None:
-    """How many lights with LEAST_RENEWED of their maps fit into frame_ms, at least 1; None while their cost is not known."""
+def affordable_lights(pace: Pace, frame_ms: float, moved: bool = False) -> int | None:
+    """How many lights with LEAST_RENEWED of their maps fit into frame_ms, at least 1; None while their cost is not known.
+
+    moved: surfaces have, so that each light is looked up anew.
+    """
     if pace.light_ms is None:
         return None
     map_ms = pace.map_ms or 0.0  # not known while the lights stand still, and then not spent either
-    return max(1, int((frame_ms - pace.fixed_ms) / max(pace.light_ms + LEAST_RENEWED * map_ms, 1e-6)))
+    lookups = 1.0 if moved else LEAST_RENEWED
+    each = pace.light_ms + lookups * pace.lookup_ms + LEAST_RENEWED * map_ms
+    return max(1, int((frame_ms - pace.fixed_ms) / max(each, 1e-6)))
 
 
-def affordable_maps(pace: Pace, frame_ms: float, lights: int) -> int:
+def affordable_maps(pace: Pace, frame_ms: float, lights: int, moved: bool = False) -> int:
     """How many maps fit into what `lights` leave of frame_ms, between LEAST_RENEWED of them and all."""
     least = int(np.ceil(lights * LEAST_RENEWED))
     if pace.light_ms is None or pace.map_ms is None:
         return lights
-    return int(np.clip((frame_ms - pace.fixed_ms - lights * pace.light_ms) / max(pace.map_ms, 1e-6), least, max(lights, least)))
+    left = frame_ms - pace.fixed_ms - lights * pace.light_ms
+    most = (left - lights * pace.lookup_ms) / max(pace.map_ms, 1e-6)  # every light looked up in the sum
+    if not moved and most <= WORTH * lights:
+        most = min(left / max(pace.map_ms + pace.lookup_ms, 1e-6), WORTH * lights)
+    return int(np.clip(most, least, max(lights, least)))
+
+
+def waited(pace: Pace, off: int, drawn: int) -> Pace:
+    """The pace after a frame in which `off` maps were off by more than a texel and `drawn` of them were drawn anew."""
+    return pace._replace(backlog=pace.backlog + NEWEST * (off / max(drawn, 1) - pace.backlog))
+
+
+def map_size(pace: Pace, size: int, largest: int) -> int:
+    """Texels on a map's side from now on: half as many when maps wait for their turn, as many again when they do not."""
+    if pace.backlog > MUCH and size // 2 >= max(largest // COARSEST, 16):
+        return size // 2
+    return min(2 * size, largest) if pace.backlog < LITTLE else size
 
 
 def first_lights(lights: Lights, count: int) -> Lights:

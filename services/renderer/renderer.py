@@ -13,10 +13,11 @@ from services.lights import Lights
 from services.renderer.background import Background
 from services.renderer.casters import scene_casters
 from services.renderer.gloss import NO_CONE, Gloss
+from services.renderer.kept import Kept
 from services.renderer.luminaire.illumination import Illumination
 from services.renderer.luminaire.placement import Vector, placed
 from services.renderer.materials import GLOSSY, Catcher, Colour, kind_of
-from services.renderer.pace import Pace, affordable_lights, affordable_maps, first_lights, learnt
+from services.renderer.pace import Pace, Spent, affordable_lights, affordable_maps, first_lights, learnt, map_size, waited
 from services.renderer.plate import Plate
 from services.renderer.programs import Programs, context_info, headless_context
 from services.renderer.refine import MapLights, spread_points
@@ -54,13 +55,19 @@ class Renderer:
         self._scene = scene
         self._offsets = pixel_offsets(samples)
         self._frame_ms = settings.frame_ms
+        self._shadow_map = settings.shadow_map
         self._tone: Tone = settings.tone
         self._pace = Pace()
         self._drawn_frames = 0
+        self._moved = True  # the surfaces, since the last picture
+        self._looked = False  # whether the last picture's lookups were kept
+        self._done: Batch | None = None  # what the last picture drew within its target time
+        self._rendered_s = self._after_ms = 0.0  # when the last picture was done, and how long until it was tone-mapped
         self._has_catcher = any(isinstance(mesh.material, Catcher) for mesh in scene.meshes)
         self._standing = standing(scene, 0.0)
         self._programs = Programs(self._context)
         self._timers = Timers(self._context)
+        self._timers.on = self._frame_ms > 0
         self._build(settings.shadow_map, settings.light_regions)
 
     def _build(self, shadow_map: int, regions: int) -> None:
@@ -71,6 +78,9 @@ class Renderer:
         self._surfaces = Surfaces(context, self._programs, self._scene, self._size)
         kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}
         self._shading = Shading(context, self._programs, found, kinds, self._size)
+        # Lookups are kept for one place in each pixel, and where they bring frames nearer to a target time.
+        once = self._frame_ms > 0 and len(self._offsets) == 1
+        self._kept = Kept(context, self._programs, self._size, self._shading.class_depth) if once else None
         self._gloss = Gloss(context, self._programs) if kinds & GLOSSY else None
         self._illumination = Illumination(context, self._programs, self._scene, self._size)
         self._plate = Plate(context, self._programs, self._size)
@@ -97,6 +107,7 @@ class Renderer:
         if not np.array_equal(now.matrices, self._standing.matrices):
             self._atlas.place(now.matrices)
             self._surfaces.place(now)
+            self._moved = True
         self._standing = now
 
     def render(self, lights: Lights, weak: Lights | None = None) -> np.ndarray:
@@ -117,8 +128,10 @@ class Renderer:
         return self._picture(lambda: self._render_all(light.of_pass(number), Lights.none(), [offset], catcher))
 
     def _picture(self, draw: Callable[[], None]) -> np.ndarray:
+        began_s = time.perf_counter()
         with self._context:  # another renderer of this process may have made its own the current one
             self._timers.begin()
+            self._done = None
             with self._timers.measured("luminaire maps"):
                 self._illumination.draw_maps()
             self._shading.clear()
@@ -128,6 +141,9 @@ class Renderer:
                 self._background.draw(self._shading.frame, self._shading.cover, self._scene.camera)
             with self._timers.measured("read-back"):
                 data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
+            self._rendered_s = time.perf_counter()
+            if self._done:
+                self._learn(self._done, (self._rendered_s - began_s) * 1e3)
         return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
 
     def show(self, picture: np.ndarray) -> None:
@@ -141,14 +157,14 @@ class Renderer:
 
     @property
     def timings_ms(self) -> dict[str, float]:
-        """What each pass of the last picture cost the GPU, by name; empty before `time_passes`."""
+        """What each pass of the last picture cost the GPU, by name; without a target frame time empty before `time_passes`."""
         with self._context:
             return self._timers.read_ms()
 
     @property
     def affordable_lights(self) -> int | None:
         """How many lights fit the target frame time; None without a target and until the first frames have told."""
-        return affordable_lights(self._pace, self._frame_ms) if self._frame_ms else None
+        return affordable_lights(self._pace, self._frame_ms, self._moved) if self._frame_ms else None
 
     def _render_all(
         self, lights: Lights, weak: Lights, offsets: list[tuple[float, float]], catcher: Colour | None = None
@@ -186,32 +202,48 @@ class Renderer:
         if self._gloss:
             self._gloss.gather(weak, batch)
 
-    def _add(self, batch: Batch, weight: float, unshadowed: Colour, glossy: bool = True) -> None:
+    def _add(self, batch: Batch, weight: float, unshadowed: Colour, glossy: bool = True, kept: Kept | None = None) -> None:
         """Sums the lights of a batch, times `weight`, on what `_see` has drawn, and the weak lights when `glossy`."""
+        cone = self._gloss.cone if self._gloss else NO_CONE
         with self._timers.measured("lights"):
-            self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed, self._gloss.cone if self._gloss else NO_CONE)
+            self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed, cone, kept)
         if self._gloss and glossy:
             with self._timers.measured("weak lights"):
                 self._gloss.add(self._surfaces, self._atlas, batch, self._shading.frame, weight)
 
     def _render_in_time(self, lights: Lights, weak: Lights) -> None:
-        """Draws what fits the target frame time and learns from what it took."""
+        """Draws what fits the target frame time."""
         chosen = first_lights(lights, self.affordable_lights or len(lights.ids))
-        count = len(chosen.ids)
-        batch = self._atlas.cached_batch(chosen, affordable_maps(self._pace, self._frame_ms, count))
+        if (size := map_size(self._pace, self._atlas.tile_size, self._shadow_map)) != self._atlas.tile_size:
+            self._atlas.resize(size)
+            self._pace = self._pace._replace(backlog=1.0)
+        if self._moved:
+            self._atlas.forget_lookups()
+        batch = self._atlas.cached_batch(chosen, affordable_maps(self._pace, self._frame_ms, len(chosen.ids), self._moved))
         if batch is None:
             self._render_all(chosen, weak, self._offsets)
             return
-        weight, unshadowed = 1 / len(self._offsets), self._catcher_irradiance(chosen)
-        maps_ms = self._spent_ms(partial(self._draw_maps, batch))
+        self._draw_maps(batch)
         self._gather(weak, batch)
-        seen_ms = lights_ms = 0.0
+        weight, unshadowed, self._looked = 1 / len(self._offsets), self._catcher_irradiance(chosen), False
         for offset in self._offsets:
-            seen_ms += self._spent_ms(partial(self._see, offset, weight, unshadowed))
-            lights_ms += self._spent_ms(partial(self._add, batch, weight, unshadowed))
+            self._see(offset, weight, unshadowed)
+            if self._kept and not self._moved:
+                with self._timers.measured("lookups"):
+                    self._looked = self._kept.look(self._surfaces, self._atlas, batch)
+            self._add(batch, weight, unshadowed, kept=self._kept if self._looked else None)
+        self._moved, self._done = False, batch
+
+    def _learn(self, batch: Batch, frame_ms: float) -> None:
+        """Learns what a frame costs from the last one."""
         self._drawn_frames += 1
-        if self._drawn_frames > WARM_UP:
-            self._pace = learnt(self._pace, seen_ms, batch.maps.count, maps_ms, count, lights_ms)
+        if self._drawn_frames <= WARM_UP:
+            return
+        spent = self._timers.read_ms()
+        lookups = batch.unknown.count if self._looked else None
+        lights_ms, maps_ms, lookups_ms = (spent.get(name, 0.0) for name in ("lights", "shadow maps", "lookups"))
+        done = Spent(frame_ms + self._after_ms, batch.maps.count, maps_ms, lookups, lookups_ms, batch.every.count, lights_ms)
+        self._pace = waited(learnt(self._pace, done), batch.off, batch.maps.count)
 
     def _catcher_irradiance(self, lights: Lights) -> Colour:
         """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
@@ -220,13 +252,6 @@ class Renderer:
             return (1.0, 1.0, 1.0)
         red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, NO_LIGHT).tolist()
         return (red, green, blue)
-
-    def _spent_ms(self, work: Callable[[], None]) -> float:
-        """How long the GPU is busy with some work, when it had nothing else to do."""
-        started_s = time.perf_counter()
-        work()
-        self._context.finish()
-        return (time.perf_counter() - started_s) * 1e3
 
     def place_luminaire(self, number: int, at: Vector, rotate: Vector, power: float) -> None:
         """Moves, turns (degrees about x, y, z) and dims a luminaire of the scene, counted from 0, before the next picture."""
@@ -260,13 +285,14 @@ class Renderer:
                 self._tonemap_array.render(moderngl.TRIANGLES, vertices=3)
             with self._timers.measured("read-back"):
                 data = self._screen_frame.read(components=4, alignment=1)
+        self._after_ms = min((time.perf_counter() - self._rendered_s) * 1e3, self._frame_ms)
         return np.frombuffer(data, np.uint8).reshape(self._size[1], self._size[0], 4)
 
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            parts = (self._atlas, self._surfaces, self._shading, self._gloss, self._illumination, self._plate, self._background)
-            for part in (*parts, self._tonemap_array, self._screen_frame, self._screen, self._programs):
+            lit = (self._atlas, self._surfaces, self._shading, self._kept, self._gloss, self._illumination)
+            for part in (*lit, self._plate, self._background, self._tonemap_array, self._screen_frame, self._screen, self._programs):
                 if part is not None:
                     part.release()
         self._context.release()

@@ -4,9 +4,12 @@ A class is a light region and a kind of material. The classes are written as dep
 value, so that all pixels of a draw call walk the same row of lights: no pixel waits for lights that only its neighbour sees.
 """
 
+import itertools
+
 import moderngl
 import numpy as np
 
+from services.renderer.kept import Kept
 from services.renderer.materials import CATCHER, GLOSSY, KINDS, Colour
 from services.renderer.programs import Programs
 from services.renderer.regions import CUBE_SIDE, Regions
@@ -20,24 +23,22 @@ class Shading:
     """Sums lights into a picture of `size` pixels (width, height), linear RGBA, for surfaces of the `kinds` of material."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, regions: Regions, kinds: set[int], size: tuple[int, int]) -> None:
-        self._context = context
+        self._context, self._programs, self._kinds = context, programs, sorted(kinds)
         self._classify = programs.program("screen.vert", "classify.frag", CLASSES=f"{CLASSES}.0")
-        self._programs = {
-            kind: programs.program("screen.vert", "shade.frag", MAX_LIGHTS=str(MAX_LIGHTS), KIND=str(kind)) for kind in sorted(kinds)
-        }
-        self._arrays = [context.vertex_array(program, []) for program in (self._classify, *self._programs.values())]
+        self._classify_array = context.vertex_array(self._classify, [])
+        self._arrays: dict[bool, list[moderngl.VertexArray]] = {}  # with lookups kept or not, of each kind
         self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, regions.cube.astype(np.float32).tobytes(), dtype="f4")
         self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.picture = context.texture(size, 4, dtype="f4")
-        self._class_depth = context.depth_texture(size)
-        self.frame = context.framebuffer([self.picture], self._class_depth)
+        self.class_depth = context.depth_texture(size)
+        self.frame = context.framebuffer([self.picture], self.class_depth)
         self.cover: moderngl.Texture | None = None  # what catchers take from what lies behind: a share in each channel, and in alpha
         self.cover_frame: moderngl.Framebuffer | None = None
         self._catching: moderngl.Framebuffer | None = None
         if CATCHER in kinds:
             self.cover = context.texture(size, 4, dtype="f4")
             self.cover_frame = context.framebuffer([self.cover])
-            self._catching = context.framebuffer([self.picture, self.cover], self._class_depth)
+            self._catching = context.framebuffer([self.picture, self.cover], self.class_depth)
 
     def classify(self, surfaces: Surfaces, alpha: float) -> None:
         """Finds each pixel's class, and adds `alpha` to the picture's where there is a surface."""
@@ -46,24 +47,32 @@ class Shading:
         self._classify["region_of_normal"] = unit
         self._classify["alpha"] = alpha
         self._begin("1")
-        self._arrays[0].render(moderngl.TRIANGLES, vertices=3)
+        self._classify_array.render(moderngl.TRIANGLES, vertices=3)
 
     def clear(self) -> None:
         """Empties the picture, and what catchers take."""
         (self._catching or self.frame).clear()
 
     def add(
-        self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, weight: float, unshadowed: Colour, cone: tuple[float, float]
+        self,
+        surfaces: Surfaces,
+        atlas: ShadowAtlas,
+        batch: Batch,
+        weight: float,
+        unshadowed: Colour,
+        cone: tuple[float, float],
+        kept: Kept | None = None,
     ) -> None:
         """Adds a batch of lights, whose maps are in the atlas, times `weight` to the pixels that `classify` found.
 
         unshadowed: the irradiance that all lights of all batches would give to a catcher without shadows, above 0. cone: where the lobes
-        of glossy surfaces are left to other lights, as in gloss.py.
+        of glossy surfaces are left to other lights, as in gloss.py. kept: where the batch's lookups are, if not in the maps.
         """
         self._begin("==")
-        for (kind, program), array in zip(self._programs.items(), self._arrays[1:], strict=True):
+        for kind, array in zip(self._kinds, self._made(kept is not None), strict=True):
+            program = array.program
             unit = surfaces.bind(program)
-            atlas.bind(program, unit)
+            (kept or atlas).bind(program, unit)
             program["weight"] = weight
             if kind == CATCHER:
                 program["unshadowed"] = unshadowed
@@ -79,6 +88,14 @@ class Shading:
                     program["depth"] = (KINDS * region + kind + 0.5) / CLASSES
                     array.render(moderngl.TRIANGLES, vertices=3)
 
+    def _made(self, kept: bool) -> list[moderngl.VertexArray]:
+        """The programs of all kinds of surface, compiled when they are first wanted."""
+        if kept not in self._arrays:
+            named = ({"MAX_LIGHTS": str(MAX_LIGHTS), "KIND": str(kind), "KEPT": str(int(kept))} for kind in self._kinds)
+            programs = [self._programs.program("screen.vert", "shade.frag", **names) for names in named]
+            self._arrays[kept] = [self._context.vertex_array(program, []) for program in programs]
+        return self._arrays[kept]
+
     def _begin(self, depth_func: str) -> None:
         self.frame.use()
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
@@ -87,7 +104,7 @@ class Shading:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        pictures = (self.frame, self.picture, self._class_depth, self.cover, self.cover_frame, self._catching)
-        for thing in (*self._arrays, self._cube, *pictures):
+        pictures = (self.frame, self.picture, self.class_depth, self.cover, self.cover_frame, self._catching)
+        for thing in (self._classify_array, *itertools.chain(*self._arrays.values()), self._cube, *pictures):
             if thing is not None:
                 thing.release()

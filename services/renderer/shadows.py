@@ -33,15 +33,18 @@ class Row(NamedTuple):
 class Batch(NamedTuple):
     """Lights that share the atlas. entries: (m, 12) float32 as frames.comp reads them, row after row.
 
-    rows: the lights of each light region. every: all of them in their order. maps: those whose maps are drawn now, of which the first
-    `above` are above the floor.
+    rows: the lights of each light region. every: all of them in their order. unknown: one for each map that was drawn since lookups in it
+    were kept. maps: those whose maps are drawn now, of which the first
+    `above` are above the floor. off: how many lights needed theirs drawn.
     """
 
     entries: np.ndarray
     rows: tuple[Row, ...]
     every: Row
+    unknown: Row
     maps: Row
     above: int
+    off: int
 
 
 class ShadowAtlas:
@@ -49,10 +52,7 @@ class ShadowAtlas:
 
     def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, regions: Regions, tile_size: int) -> None:
         self._context, self._casters, self._regions = context, casters, regions
-        self.tile_size = tile_size
-        side = min(MAX_ATLAS_SIDE, context.info["GL_MAX_TEXTURE_SIZE"])
-        self._most_columns = max(side // tile_size, 1)
-        self.capacity = min(self._most_columns**2, MAX_LIGHTS)
+        self._set_size(tile_size)
         # The floor has a program of its own: it reaches beyond the box, and so beyond the tile and nearer to a light from below.
         self._programs = [programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS), BEYOND=beyond) for beyond in "01"]
         self._frames_program = programs.compute("frames.comp")
@@ -61,6 +61,7 @@ class ShadowAtlas:
         self._arrays = [context.vertex_array(program, layout, self._buffers[1], index_element_size=4) for program in self._programs]
         self._drawn = no_maps(0)  # of the tiles, for `cached_batch`; empty while each batch draws all its maps
         self._stale = np.zeros(0)  # of the tiles, see planned_maps
+        self._looked = np.zeros(0, bool)  # of the tiles: whether kept lookups are of the map that is in them
         self._given = context.buffer(reserve=48, dynamic=True)
         self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
         self.columns = 0
@@ -69,6 +70,11 @@ class ShadowAtlas:
         self._matrices = np.tile(np.eye(4), (1 + max(member.mesh for member in casters.members), 1, 1))
         self._placed = placed_casters(casters, self._matrices)
         self._fit_box()
+
+    def _set_size(self, tile_size: int) -> None:
+        self.tile_size = tile_size
+        side = min(MAX_ATLAS_SIDE, self._context.info["GL_MAX_TEXTURE_SIZE"])
+        self.capacity = min(max(side // tile_size, 1) ** 2, MAX_LIGHTS)
 
     def place(self, matrices: np.ndarray) -> None:
         """Moves the casters: world_from_rest (n, 4, 4) of the scene's meshes. Maps that are kept age by as much as the casters moved."""
@@ -88,7 +94,7 @@ class ShadowAtlas:
     def batches(self, lights: Lights) -> list[Batch]:
         """The lights that carry power, cut into runs that fit the atlas, each with all its maps to draw."""
         lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
-        self._drawn = no_maps(0)
+        self._drawn, self._looked = no_maps(0), np.zeros(0, bool)
         runs = [lit[first : first + self.capacity] for first in range(0, len(lit), self.capacity)]
         return [self._batch(lights, run, np.arange(len(run)), lights.directions[run], np.arange(len(run))) for run in runs]
 
@@ -100,17 +106,20 @@ class ShadowAtlas:
         """
         lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
         budget = min(max(budget, 1), max(len(lit), 1))
-        if len(lit) + budget > self.capacity:
+        if len(lit) > self.capacity:
             return None
-        if len(self._drawn) < len(lit) + budget:
-            self._fit(len(lit) + budget)
-            self._drawn, self._stale = no_maps(self.columns**2), np.zeros(self.columns**2)
+        if len(self._drawn) < max(len(lit), 1):
+            self._fit(max(len(lit), 1))
+            tiles = self.columns**2
+            self._drawn, self._stale, self._looked = no_maps(tiles), np.zeros(tiles), np.zeros(tiles, bool)
         strength = luminance(lights.irradiance[lit])
         texel = 1 / (self.tile_size - 2 * GUTTER)
         plan = planned_maps(self._drawn, lights.directions[lit], strength, budget, texel, self._stale)
         self._drawn = plan.drawn
         self._stale[plan.renewed] = 0.0
-        return self._batch(lights, lit, plan.tiles, plan.drawn[plan.tiles], np.flatnonzero(np.isin(plan.tiles, plan.renewed)))
+        self._looked[plan.renewed] = False
+        renewed = np.flatnonzero(np.isin(plan.tiles, plan.renewed))
+        return self._batch(lights, lit, plan.tiles, plan.drawn[plan.tiles], renewed)._replace(off=plan.off)
 
     def _batch(self, lights: Lights, lit: np.ndarray, tiles: np.ndarray, map_directions: np.ndarray, renewed: np.ndarray) -> Batch:
         """The lights numbered `lit` with the tile that each reads, the direction of its map, and which of them draw it now."""
@@ -121,7 +130,9 @@ class ShadowAtlas:
         light[:, 4:7] = lights.irradiance[lit]
         light[:, 8:11] = map_directions
         drawn = renewed[np.argsort(below[renewed], kind="stable")]
-        runs = [*region_rows(self._regions, lights.directions[lit]), np.arange(len(lit)), drawn]
+        unknown = np.unique(tiles, return_index=True)[1]
+        unknown = unknown[~self._looked[tiles[unknown]]] if len(self._looked) else unknown[:0]
+        runs = [*region_rows(self._regions, lights.directions[lit]), np.arange(len(lit)), unknown, drawn]
         rows, padded, first = [], [], 0
         for run in runs:
             rows.append(Row(first, len(run)))
@@ -129,7 +140,23 @@ class ShadowAtlas:
             padded.append(np.resize(run, room))
             first += room
         entries = light[np.concatenate(padded).astype(np.int64)]
-        return Batch(entries, tuple(rows[:-2]), rows[-2], rows[-1], int(np.count_nonzero(~below[renewed])))
+        every, unknown, maps = rows[-3:]
+        return Batch(entries, tuple(rows[:-3]), every, unknown, maps, int(np.count_nonzero(~below[renewed])), len(renewed))
+
+    def looked_up(self, batch: Batch) -> None:
+        """Notes that lookups in the maps of `batch.unknown` are kept."""
+        self._looked[batch.entries[batch.unknown.first : batch.unknown.first + batch.unknown.count, 3].astype(int)] = True
+
+    def forget_lookups(self) -> None:
+        """Notes that the surfaces have changed on which lookups are kept."""
+        self._looked[:] = False
+
+    def resize(self, tile_size: int) -> None:
+        """Draws all maps anew, with `tile_size` texels a side."""
+        self._drawn = no_maps(0)
+        self._free()
+        self.columns = 0
+        self._set_size(tile_size)
 
     def draw(self, batch: Batch) -> None:
         """Uploads the batch and draws the maps that it renews."""
@@ -220,6 +247,7 @@ class ShadowAtlas:
         for thing in (self._frame, self.texture):
             if thing is not None:
                 thing.release()
+        self.texture = self._frame = None
 
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""

@@ -38,10 +38,14 @@ class Surfaces:
         self._scene = self._scene._replace(centre=now.centre, half=now.half)
         normals = np.linalg.pinv(now.matrices[:, :3, :3])  # row by row what the shader reads column by column: inverse and transposed
         placed = zip(now.matrices, normals, strict=True)
+        self._drawn_at: tuple[float, float] | None = None
         self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.reshape(-1))) for matrix, normal in placed]
 
     def draw(self, offset: tuple[float, float]) -> None:
-        """Draws what the pixels see at `offset` in each."""
+        """Draws what the pixels see at `offset` in each, unless that is what was drawn last."""
+        if offset == self._drawn_at:
+            return
+        self._drawn_at = offset
         matrix = clip_from_world(self._scene, self._size, offset)
         self._program["clip_from_world"] = tuple(matrix.T.reshape(-1))
         self._program["eye"] = self.eye

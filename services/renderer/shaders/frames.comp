@@ -36,6 +36,6 @@ void main() {
     made[i].row = vec4(up * scale.y, middle.y - dot(up, box_centre) * scale.y);
     made[i].depth = vec4(d * scale.z, middle.z - dot(d, box_centre) * scale.z);
     made[i].direction = vec4(given[i].direction_tile.xyz, -BIAS * scale.z / min(scale.x, scale.y));
-    made[i].irradiance = vec4(given[i].irradiance.rgb, 0.0);
+    made[i].irradiance = vec4(given[i].irradiance.rgb, tile);
     made[i].corner_slope = vec4(vec2(tile - row * tile_columns, row) * tile_size, -scale.z / (scale.xy * scale.xy));
 }

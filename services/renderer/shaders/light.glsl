@@ -8,7 +8,7 @@ struct LightFrame {
     vec4 column, row;  // texel in the light's tile = dot(xyz, world position) + w
     vec4 depth;  // likewise in [0, DEEPEST], growing away from the light
     vec4 direction;  // to the light; w: BIAS in depth
-    vec4 irradiance;  // RGB on a plane that faces the light
+    vec4 irradiance;  // RGB on a plane that faces the light; w: number of the tile
     vec4 corner_slope;  // the tile's first texel; depth a texel of a plane with normal n: zw * dot(column or row, n) / dot(direction, n)
 };
 

@@ -1,0 +1,23 @@
+#version 430
+// Stores, for each light of a row and each pixel with a surface, which share of the light reaches it, in the layer of the light's map.
+
+layout(early_fragment_tests) in;
+#include "light.glsl"
+#include "lights.glsl"
+#include "visibility.glsl"
+#include "normals.glsl"
+
+uniform int light_count;
+uniform sampler2D surface_positions;
+uniform sampler2D surface_normals;
+layout(r8) uniform writeonly image2DArray kept;
+
+void main() {
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec4 position = texelFetch(surface_positions, pixel, 0);
+    vec3 flat_normal = direction_from_octahedron(texelFetch(surface_normals, pixel, 0).zw);
+    for (int i = 0; i < light_count; ++i) {
+        float seen = visibility(i, position, flat_normal, dot(flat_normal, lights[i].direction.xyz));
+        imageStore(kept, ivec3(pixel, int(lights[i].irradiance.w)), vec4(seen));
+    }
+}

@@ -13,11 +13,15 @@ import msgspec
 import numpy as np
 import pytest
 import tomli_w
+from hypothesis import settings as hypothesis_settings
 
 from services.images import write_exr
 from services.settings import Settings, read_settings
 
 LOADED_S = 120.0  # patience on a machine that is busy: compiling the sampler's loops for the first time takes tens of seconds
+
+hypothesis_settings.register_profile("any machine", deadline=None)  # how long an example takes says nothing on a busy one
+hypothesis_settings.load_profile("any machine")
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 QUIET = [

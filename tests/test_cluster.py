@@ -38,7 +38,7 @@ def test_the_first_clusters_are_those_of_a_range_search(degrees):
 
 
 @given(st.integers(0, 2**32), st.integers(1, 200), st.integers(1, 80), st.floats(0.01, 1), st.sampled_from(["hemisphere", "sphere"]))
-@limits(max_examples=60, deadline=None)
+@limits(max_examples=60)
 def test_never_more_than_asked_for_and_power_is_exact(seed, count, most, spread, coverage):
     given_lights = lights(seed, count, spread)
     now, merged = clustered(given_lights, most, coverage, cluster.NONE)

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from services.capture.lens import (
@@ -29,7 +29,6 @@ def make_lens(size: int = 200, rim_deg: float = 95.0, **changes: object) -> Lens
     return msgspec.structs.replace(lens, **changes)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(
     k1=st.floats(-0.03, 0.08),
     k2=st.floats(-0.003, 0.01),
@@ -84,7 +83,6 @@ def test_nothing_beyond_the_rim() -> None:
     assert np.all((pixel_solid_angles(lens) > 0) == (pixel_angles(lens) <= lens.rim))
 
 
-@settings(deadline=None)
 @given(
     numbers=st.lists(st.floats(1e-6, 1e6), min_size=4, max_size=4),
     vignetting=st.lists(st.floats(-0.02, 0.1), max_size=3),

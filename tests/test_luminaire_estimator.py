@@ -162,7 +162,7 @@ def test_samples_of_a_box_have_its_density(box):
 
 
 @given(st.floats(0.001, 0.999), st.floats(0.001, 0.999))
-@example_settings(max_examples=60, deadline=None)
+@example_settings(max_examples=60)
 def test_inverting_a_sample_brings_the_numbers_back(a, b):
     tables = tables_of(a_field("bell", 1.0))
     box = (3.3, 17.8, 5.1, 20.4)
@@ -182,7 +182,7 @@ def test_a_dark_pixel_is_never_drawn():
 
 
 @given(p=st.floats(-2, 2), z=st.floats(1e-3, 5), low=st.floats(-1, 1))
-@example_settings(max_examples=200, deadline=None)
+@example_settings(max_examples=200)
 def test_points_of_the_support_are_seen_through_the_box(p, z, low):
     """Between the planes, where Delta is negative, the box is mirrored; the printed |Delta| gives another box."""
     x0, x1, u0, u1 = axis_box(low, low + 0.1, p, 0.4 / z, -0.5, 0.05, 20)

@@ -68,7 +68,7 @@ def pole(tmp_path_factory):
     renderer.release()
 
 
-@example_settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@example_settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(theta=st.floats(0.5, 1.2), phi=st.floats(0, 2 * np.pi))
 def test_a_poles_shadow_points_to_phi_plus_180_degrees(pole, theta, phi):
     image = pole.render(lights_from(direction_from_angles(theta, phi)))[..., 0]

@@ -44,7 +44,7 @@ def test_the_lights_sum_to_the_map_in_every_channel(method, coverage, sun):
 
 
 @given(st.integers(0, 2**32), st.integers(1, 300), st.sampled_from(METHODS), st.sampled_from(["hemisphere", "sphere"]))
-@limits(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@limits(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 def test_any_map_any_count(seed, count, method, coverage):
     generator = np.random.default_rng(seed)
     radiance = (generator.lognormal(0, generator.uniform(0, 4), (8, 16, 3)) * (generator.random((8, 16, 1)) < 0.3)).astype(np.float32)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from services.sampler.square import (
@@ -17,7 +17,6 @@ from services.sampler.square import (
 unit = st.floats(0, 1)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(unit, unit)
 def test_square_to_disc_and_back(u, v):
     a, w = disc_from_square(u, v)
@@ -46,7 +45,6 @@ def test_areas_are_kept():
         assert abs(da[0] * dw[1] - da[1] * dw[0]) / (2 * step) ** 2 == pytest.approx(1, abs=1e-6)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.floats(0, 2), st.floats(0, 1, exclude_max=True))
 def test_direction_to_area_and_back(a, w):
     x, y, z = direction_from_area(a, w)
@@ -57,7 +55,6 @@ def test_direction_to_area_and_back(a, w):
         assert np.cos(2 * np.pi * (turn - w)) == pytest.approx(1, abs=1e-14)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.floats(-2, 2))
 def test_cosine_and_sine_are_those_of_the_library(w):
     # 3e-16: two roundings of the angle within an eighth of a turn, and one of the sum; the library's own argument 2 pi w has one more.

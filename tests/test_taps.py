@@ -42,7 +42,7 @@ def test_what_is_no_sum_over_frames_has_one_weight(name):
 
 
 @given(st.floats(1, 1000), st.integers(1, 16).map(lambda half: 2 * half), st.floats(0.1, 100), st.floats(0.1, 100))
-@limits(max_examples=60, deadline=None)
+@limits(max_examples=60)
 def test_any_rate_order_and_band_gives_a_filter(rate, order, pass_hz, stop_hz):
     taps = taps_from_settings(Sampler(filter="fir", order=order, pass_hz=pass_hz, stop_hz=stop_hz), rate)
     assert taps.shape == (order + 1,)

@@ -44,7 +44,7 @@ def test_the_lights_sum_to_the_map_in_every_channel(count, sun, coverage):
 
 
 @given(st.integers(0, 2**32), st.integers(1, 150), st.sampled_from(["hemisphere", "sphere"]), st.booleans())
-@limits(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@limits(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 def test_any_maps_any_count(seed, count, coverage, smoothing):
     generator = np.random.default_rng(seed)
     maps = []

@@ -51,7 +51,7 @@ def test_pack_refuses_arrays_of_another_shape():
 
 
 @given(st.lists(st.binary(max_size=200), max_size=7))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_bytes_are_a_message_or_a_value_error(parts):
     try:
         header, arrays = wire.unpack(parts)
@@ -61,7 +61,7 @@ def test_bytes_are_a_message_or_a_value_error(parts):
 
 
 @given(st.data())
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=600)
 def test_a_golden_message_with_spoilt_bytes_is_legal_or_refused(data):
     parts = [bytearray(part) for part in wire.pack(*golden.messages()[data.draw(st.sampled_from(sorted(golden.messages())))])]
     part = parts[data.draw(st.integers(0, len(parts) - 1))]

@@ -42,7 +42,8 @@ class RendererState(NamedTuple):
     poses: tuple[wire.Pose, ...] = ()
     paused: bool = False
     paused_s: float = 0.0  # how long the scene's animations have stood still
-    around: tuple[np.ndarray, Coverage] | None = None  # the map behind the lights, in live mode
+    around: tuple[np.ndarray, Coverage] | None = None  # the map behind the lights
+    plate: np.ndarray | None = None  # what the second camera sees, (h, w, 3) uint8 sRGB
     still: Still | None = None  # in a pause
 
 
@@ -60,7 +61,9 @@ class RendererStage:
         """Raises BadInput for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
         scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
         plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
-        self.beside: tuple[Service, ...] = ("capture", *plate) if settings.mode == "live" else plate  # a pause shows the map itself
+        self._behind, self._stops = settings.renderer.background == "map", settings.plate.stops
+        needs_map = self._behind or settings.mode == "live"  # a pause is lit by the map itself
+        self.beside: tuple[Service, ...] = ("capture", *plate) if needs_map else plate
         self._exposure = settings.renderer.exposure
         self._linear = settings.renderer.picture == "linear16"
         pixel_bytes = 8 if self._linear else 4
@@ -92,6 +95,10 @@ class RendererStage:
         dt_s = max(0.0, time_s - state.time_s)
         state = state._replace(time_s=time_s, paused_s=state.paused_s + dt_s if state.paused else state.paused_s)
         things = self._renderer.place(time_s - state.paused_s, state.poses)
+        if self._behind and state.around:
+            self._renderer.show_background(*state.around)
+        if state.plate is not None:
+            self._renderer.show_plate(state.plate, self._stops)
         if state.paused and state.around:
             state, pixels, count = self._refine(state, *state.around, dt_s)
         else:
@@ -123,12 +130,14 @@ class RendererStage:
         return state._replace(still=Still(light, state.poses, refined, state.exposure, pixels)), pixels, refined.lights
 
     def heed(self, state: RendererState, said: wire.Message) -> RendererState:
-        header, _ = said
+        header, arrays = said
         if isinstance(header, wire.Control):
             exposure = self._exposure if header.exposure is None else header.exposure
             return state._replace(exposure=exposure, poses=header.poses, paused=header.paused)
         if isinstance(header, wire.Map):
-            return state._replace(around=(said[1][0], header.coverage))
+            return state._replace(around=(arrays[0], header.coverage))
+        if isinstance(header, wire.Plate):
+            return state._replace(plate=arrays[0])
         return state
 
     def keep(self, state: RendererState, message: wire.Message) -> None:

@@ -12,7 +12,11 @@ import numpy as np
 from services import settings
 from services.capture.source import open_source
 from services.files import BadInput, written_whole
-from services.sampler.score import score
+from services.lights import Lights
+from services.sampler import score
+from services.sampler.control import DARKEST, PROBES
+from services.sampler.density import light_map
+from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 from services.sampler.step import initial_state, step
 from services.settings import Sampler
 
@@ -22,11 +26,15 @@ MOVING_COUNT = 64
 FRAMES = 24  # of the turning map
 STILL_FRAMES = 6  # of the still one: enough for lights to settle and for a median of times
 FPS = 25.0
+PROMISES = (40.0, 20.0, 10.0)  # per cent of error asked for
+NEED_FRAMES = 20  # in which the number of lights settles
+MOST = 512
+UNSEEN = slice(PROBES, 600)  # probes that the controller does not look at
 
 
 def chart(maps: list[Path], out: Path) -> None:
-    """Writes error.png, .svg and .csv (a still map, 4 to 512 lights) and flicker.* (the map turned a column a frame) to the
-    folder `out`.
+    """Writes error.png, .svg and .csv (a still map, 4 to 512 lights), flicker.* (the map turned a column a frame; its table has motion,
+    jumps and deaths too) and need.* (the lights chosen for an error, and the error they have) to the folder `out`.
 
     Each map is a lat-long .hdr or .exr; of sequences the first frame is taken. Raises BadInput for maps that cannot be read, for
     a folder that cannot be made, and where matplotlib is not installed.
@@ -43,15 +51,23 @@ def chart(maps: list[Path], out: Path) -> None:
     except OSError as error:
         raise BadInput(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
     sources = {path: open_source(settings.Capture(source=str(path.resolve()))).frame(0) for path in maps}
+    same = len({path.stem for path in maps}) < len(maps)
     still: list[dict[str, Any]] = []
     moving: list[dict[str, Any]] = []
+    needs: list[dict[str, Any]] = []
     for path, frame in track(sources.items(), description="maps"):
-        strong = np.column_stack(frame.strong)
+        name, strong = str(path) if same else path.stem, np.column_stack(frame.strong)
         for method in METHODS:
-            still += [_still(path.stem, method, count, frame.radiance, strong) for count in COUNTS]
-            moving.append(_moving(path.stem, method, frame.radiance, strong))
-    _save(out, "error", still, "ms", "error", f"a still map, {COUNTS[0]} to {COUNTS[-1]} lights")
-    _save(out, "flicker", moving, "error", "flicker", f"the map turned a column a frame, {MOVING_COUNT} lights, {FRAMES} frames")
+            still += [_still(name, method, count, frame.radiance, strong) for count in COUNTS]
+            moving.append(_moving(name, method, frame.radiance, strong))
+            needs += [_need(name, method, promise, frame.radiance, strong) for promise in PROMISES]
+    command = f"vemlight chart {' '.join(path.name for path in maps)}"
+    caption = f"{command}   {machine()}, one thread   error: RMS at {score.PROBES} shadowed probes over their mean"
+    _save(out, "error", still, "ms", "error", f"a still map, {COUNTS[0]} to {COUNTS[-1]} lights", caption)
+    title = f"the map turned a column a frame, {MOVING_COUNT} lights, {FRAMES} frames"
+    _save(out, "flicker", moving, "error", "flicker", title, caption)
+    caption = f"{command}   {machine()}   error relative to what each probe receives, at probes that the controller has not seen"
+    _save(out, "need", needs, "lights", "had", "the lights chosen for an error of " + ", ".join(f"{p:g} %" for p in PROMISES), caption)
 
 
 def machine() -> str:
@@ -70,7 +86,7 @@ def _still(name: str, method: str, count: int, radiance: np.ndarray, strong: np.
         state, lights, _ = step(wanted, state, radiance, "hemisphere", k / FPS, None, strong)
         taken.append(1e3 * (time.thread_time() - begin))
         made = [(radiance, lights)]
-    result = score(made, "hemisphere")
+    result = score.score(made, "hemisphere")
     return {"map": name, "method": method, "lights": count, "ms": float(np.median(taken[1:])), "error": result.error}
 
 
@@ -82,9 +98,22 @@ def _moving(name: str, method: str, radiance: np.ndarray, strong: np.ndarray) ->
         seen = np.roll(radiance, k, axis=1)
         state, lights, _ = step(wanted, state, seen, "hemisphere", k / FPS, None, _turned(strong, k, cols))
         made.append((seen, lights))
-    result = score(made, "hemisphere")
+    result = score.score(made, "hemisphere")
     kept = {key: getattr(result, key) for key in ("error", "error_worst", "flicker", "motion_deg", "jumps", "deaths", "power_error")}
     return {"map": name, "method": method, "lights": MOVING_COUNT, **kept}
+
+
+def _need(name: str, method: str, promise: float, radiance: np.ndarray, strong: np.ndarray) -> dict[str, Any]:
+    wanted = settings.record(Sampler, {"method": method, "count": MOST, "filter": "none", "error_percent": promise}, "--")
+    state, lights = initial_state(wanted), Lights.none()
+    for k in range(NEED_FRAMES):
+        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / FPS, None, strong)
+    at = probes(UNSEEN.stop, "hemisphere")
+    truth = irradiance_of_map(at, light_map(radiance, "hemisphere").radiance, "hemisphere")[UNSEEN]
+    got = irradiance_of_lights(at, lights.directions, lights.irradiance)[UNSEEN]
+    dark = DARKEST * truth.mean() or 1.0
+    had = float(np.sqrt(np.mean(((got - truth) / (truth + dark)) ** 2)))
+    return {"map": name, "method": method, "promised": promise / 100, "lights": len(lights.ids), "had": had}
 
 
 def _turned(strong: np.ndarray, columns: int, cols: int) -> np.ndarray:
@@ -97,7 +126,7 @@ def _turned(strong: np.ndarray, columns: int, cols: int) -> np.ndarray:
     return parts[np.argsort(parts[:, 0], kind="stable")]
 
 
-def _save(out: Path, name: str, rows: list[dict[str, Any]], across: str, up: str, title: str) -> None:
+def _save(out: Path, name: str, rows: list[dict[str, Any]], across: str, up: str, title: str, caption: str) -> None:
     from matplotlib import pyplot as plt
 
     maps = list(dict.fromkeys(row["map"] for row in rows))
@@ -105,12 +134,13 @@ def _save(out: Path, name: str, rows: list[dict[str, Any]], across: str, up: str
     for axis, of in zip(axes[0], maps, strict=True):
         for k, method in enumerate(METHODS):
             own = [row for row in rows if row["map"] == of and row["method"] == method]
-            axis.loglog([row[across] for row in own], [row[up] for row in own], "o-", label=method, color=f"C{k}")
+            axis.loglog([row[across] for row in own], [max(row[up], 1e-6) for row in own], "o-", label=method, color=f"C{k}")
         axis.set(title=of, xlabel=across)
         axis.grid(alpha=0.3, which="both")
     axes[0, 0].set_ylabel(up)
     axes[0, 0].legend()
     figure.suptitle(title, fontsize=9)
+    figure.supxlabel(caption, fontsize=6, color="0.35")
     for suffix in (".png", ".svg"):
         with written_whole(out / f"{name}{suffix}") as part:
             figure.savefig(part, dpi=110)

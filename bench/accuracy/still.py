@@ -28,7 +28,7 @@ def still(out: Path, progress: Progress) -> None:
                 progress.advance(task)
     for against, label in (("ms", "ms per frame"), ("lights", "lights")):
         figure, axes = plt.subplots(1, 4, figsize=(17, 5.4), sharey=True, layout="constrained")
-        room(figure, 0.09)
+        room(figure, 0.16)
         for axis, kind in zip(axes, paths, strict=True):
             for k, method in enumerate(STILL):
                 own = [r for r in rows if r["map"] == kind and r["method"] == method.name]

@@ -120,8 +120,9 @@ def lights(source: Path, out: Path, **options: Any) -> None:
 @click.option("--background", type=click.Choice(["clear", "map"]), default="clear", show_default=True, help="Behind the scene.")
 @click.option("--fine", type=click.IntRange(0, 100_000), default=0, show_default=True, help="Lights in a second set for glossy surfaces.")
 @click.option("--shadow-map", type=click.IntRange(16, 4096), default=512, show_default=True, help="Texels on a side, for each light.")
-@click.option("--out", type=EXISTING, required=True, help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
-def render(source: Path, scene: Path | None, size: str, exposure: float, shadow_map: int, out: Path, **options: Any) -> None:
+@click.option("--video", type=EXISTING, help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
+@click.option("--out", type=EXISTING, help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
+def render(source: Path, scene: Path | None, size: str, exposure: float, shadow_map: int, out: Path | None, **options: Any) -> None:
     """Render a scene under the light of a map or a sequence."""
     from services.offline import write_pictures_of
 

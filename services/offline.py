@@ -1,10 +1,14 @@
 """`vemlight lights` and `vemlight render`: the services' own steps, one after the other in this process, on files."""
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 
 from services import settings
 from services.capture.frames import Frame
@@ -64,15 +68,21 @@ def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: 
 
 
 def write_pictures_of(
-    source: Path, scene: Path | None, size: str, exposure: float, out: Path, *, shadow_map: int = 256, **options: Any
+    source: Path, scene: Path | None, size: str, exposure: float, out: Path | None, *, shadow_map: int = 256, **options: Any
 ) -> None:
-    """Renders each frame of `source`; several frames are numbered NAME_0000. Raises BadInput for options that cannot be used."""
+    """Renders each frame of `source`, to pictures (several are numbered NAME_0000), to a video, or both.
+
+    Raises BadInput for options that cannot be used.
+    """
     from services.renderer.renderer import Renderer
     from services.renderer.scene import load_scene
     from services.renderer.stage import FILE_SAMPLES
     from services.renderer.tonemap import adapt, tone_mapped
+    from services.renderer.video import video
 
-    if out.suffix not in (".exr", ".png"):
+    if not (out or options.get("video")):
+        raise BadInput("--out, --video: neither is given; name a picture or a video to write")
+    if out and out.suffix not in (".exr", ".png"):
         raise BadInput(f"{out}: pictures are written as .exr or .png; change the suffix")
     width, _, height = size.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
@@ -81,19 +91,28 @@ def write_pictures_of(
     drawing |= {"width": int(width), "height": int(height), "exposure": exposure, "shadow_map": shadow_map}
     wanted = record(settings.Renderer, drawing, "--")
     frames, sampling = opened(source, options)
-    renderer = Renderer(load_scene(scene), wanted, FILE_SAMPLES)
-    try:
+    with ExitStack() as open_:
+        add = open_.enter_context(video(options["video"], frames.fps)) if options.get("video") else None
+        renderer = Renderer(load_scene(scene), wanted, FILE_SAMPLES)
+        open_.callback(renderer.release)
         adaptation, before_s = None, 0.0
-        for k, (frame, lights, fine) in enumerate(lit_frames(frames, sampling)):
+        for k, (frame, lights, fine) in enumerate(_told(lit_frames(frames, sampling), len(frames))):
             if wanted.background == "map":
                 renderer.show_background(frame.radiance, frame.coverage)
+            renderer.place(frame.time_s)
             picture = renderer.render(lights, fine)
             adaptation = adapt(adaptation, picture, max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
-            path = out if len(frames) == 1 else out.with_stem(f"{out.stem}_{k:04d}")
-            _write(path, picture, tone_mapped(picture, adaptation, exposure, wanted.tone))
-    finally:
-        renderer.release()
+            pixels = tone_mapped(picture, adaptation, exposure, wanted.tone)
+            if out:
+                _write(out if len(frames) == 1 else out.with_stem(f"{out.stem}_{k:04d}"), picture, pixels)
+            if add:
+                add(pixels, frame.time_s)
+
+
+def _told(lit: Iterable[Lit], count: int) -> Iterable[Lit]:
+    """The frames with a bar on the terminal that says how many of several are done."""
+    return track(lit, description="frames", total=count, console=Console(stderr=True), disable=count == 1 or not sys.stderr.isatty())
 
 
 def _write(path: Path, picture: np.ndarray, pixels: np.ndarray) -> None:

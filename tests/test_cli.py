@@ -119,6 +119,8 @@ def test_no_gl(folder):
         (("lights", "f_0000.exr", "--out", "no/folder/l.json"), ("no/folder",)),
         (("render", "f_0000.exr", "--size", "large", "--out", "p.png"), ("--size", "640x480")),
         (("render", "f_0000.exr", "--out", "p.gif"), ("p.gif", ".png")),
+        (("render", "f_0000.exr", "--size", "32x24"), ("--out", "--video")),
+        (("render", "f_0000.exr", "--size", "32x24", "--video", "p.avi"), ("p.avi", ".mp4")),
         (("run", "absent.toml"), ("absent.toml",)),
         (("calibrate", "lens", "f_0000.exr", "--board", "8", "--square", "0.03", "--out", "l.toml"), ("--board", "8x6")),
         (("calibrate", "lens", "ghost.jpg", "--board", "8x6", "--square", "0.03", "--out", "l.toml"), ("ghost.jpg",)),

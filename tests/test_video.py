@@ -1,6 +1,7 @@
 """Videos decode back: every picture, in its time, in its colours; a video that was not finished is not there."""
 
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -8,11 +9,13 @@ import pytest
 
 from services import wire
 from services.files import BadInput
+from services.offline import write_pictures_of
 from services.renderer.album import Album
 from services.renderer.stage import RendererStage
 from services.renderer.tonemap import Adaptation
 from services.renderer.video import GROUND, video
 from services.settings import Renderer, Settings
+from tests.test_animation import Film
 
 
 def decoded(path: Path) -> tuple[list[np.ndarray], list[float], float]:
@@ -121,3 +124,18 @@ def test_an_album_becomes_a_video_though_its_writer_was_started_again(tmp_path):
 def test_a_video_without_pictures_to_make_it_of_is_refused(tmp_path):
     with pytest.raises(BadInput, match="set it, or use --out"):
         RendererStage(Settings(renderer=Renderer(video=str(tmp_path / "film.mp4"))))
+
+
+def test_the_command_renders_a_sequence_to_a_video_in_which_animations_play(tmp_path, sequence):
+    Film(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.5], [[0, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
+    camera = "[camera]\nfrom = [0.0, -7.0, 4.0]\nat = [0.0, 0.0, 1.0]\n"
+    (tmp_path / "scene.toml").write_text(camera + '[[mesh]]\nfile = "film.gltf"\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n')
+    options: dict[str, Any] = {"coverage": "hemisphere", "fps": 10.0, "lens": None, "response": None, "filter_": None, "method": None}
+    write_pictures_of(sequence, tmp_path / "scene.toml", "32x24", 0.0, None, count=4, video=tmp_path / "film.mp4", **options)
+    pictures, times, rate = decoded(tmp_path / "film.mp4")
+    assert len(pictures) == 16
+    assert times == pytest.approx(np.arange(16) / 10, abs=1e-4)
+    assert rate == pytest.approx(10)
+    # it goes to and comes back after 5 frames: where it stands, not its light
+    shapes = [np.abs(picture.astype(int) - GROUND).max(axis=-1) > 30 for picture in pictures]
+    assert np.mean(shapes[1] != shapes[6]) < 0.005 < np.mean(shapes[1] != shapes[4])

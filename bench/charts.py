@@ -24,6 +24,8 @@ BENCHES: dict[str, tuple[list[str], bool]] = {
     "times": (["bench.accuracy", "times"], True),
     "still": (["bench.accuracy", "still"], True),
     "need": (["bench.accuracy", "need"], True),
+    "renderer_figure6": (["bench.renderer_accuracy", "figure6"], True),
+    "renderer_time": (["bench.renderer_accuracy", "time"], True),
     "moving": (["bench.accuracy", "moving"], True),
 }
 

@@ -1,10 +1,11 @@
 """What each pass of the renderer costs and how that grows; the speed and the error of kept shadow maps.
 
     python -m bench.renderer [--out docs/charts] [--frames 15]
+    python -m bench.renderer --large            1920 x 1080, 100,000 triangles, 72 and 300 lights, maps of 512 x 512: for a graphics card
 
-Writes renderer_passes.csv and .png (cost over lights, triangles and pixels) and renderer_speed.csv (frames a second). The scene has the
-size of Havran et al. 2005: 16,206 triangles, 72 lights, 72 maps of 256 x 256, 320 x 240 pixels. Times are medians and least values of
-wall time.
+Writes renderer_passes.csv and .png (cost over lights, triangles and pixels) and renderer_speed.csv (frames a second); --large prints only.
+The scene has the size of Havran et al. 2005: 16,206 triangles, 72 lights, 72 maps of 256 x 256, 320 x 240 pixels. Times of passes are
+medians and least values of what the renderer's own timers tell, of frames the same of wall time.
 """
 
 import argparse
@@ -12,8 +13,7 @@ import csv
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,7 @@ from services.renderer.scene import Camera, Mesh, Scene
 from services.settings import Renderer as Settings
 from services.sphere import direction_from_angles
 
-PASSES = ("shadow maps", "surfaces", "classes", "lights", "whole frame")
+PASSES = ("shadow maps", "surfaces", "classes", "lights", "read-back", "whole frame")
 LIGHTS = 72
 
 
@@ -67,38 +67,20 @@ def sky(count: int, turn: float = 0.0, lowest: float = 0.0) -> Lights:
     return Lights.of(np.arange(count), directions, np.full((count, 3), np.pi / count))
 
 
-def spent(work: Callable[[], object], frames: int) -> tuple[float, float]:
-    """Median and least wall time in ms of a piece of work."""
-    times = []
-    work()
-    for _ in range(frames):
-        started = time.perf_counter()
-        work()
-        times.append((time.perf_counter() - started) * 1e3)
-    return float(np.median(times)), float(np.min(times))
-
-
 def passes(scene: Scene, lights: Lights, settings: Settings, frames: int) -> dict[str, tuple[float, float]]:
-    """Wall time of each pass, ms: (median, least)."""
+    """Cost of each pass with everything drawn anew, ms: (median, least)."""
     renderer = Renderer(scene, settings)
-    context, atlas, surfaces, shading = renderer._context, renderer._atlas, renderer._surfaces, renderer._shading
-    batch = atlas.batches(lights)[0]
-    works = (
-        lambda: atlas.draw(batch),
-        lambda: surfaces.draw((0.5, 0.5)),
-        lambda: shading.classify(surfaces, 1.0),
-        lambda: shading.add(surfaces, atlas, batch, 1.0),
-    )
-
-    def finished(work: Callable[[], None]) -> None:
-        with context:
-            work()
-            context.finish()
-
-    found = {name: spent(partial(finished, work), frames) for name, work in zip(PASSES, works, strict=False)}
-    found[PASSES[-1]] = spent(lambda: renderer.render(lights), frames)
+    renderer.time_passes()
+    rows: dict[str, list[float]] = {name: [] for name in PASSES}
+    for frame in range(frames + 2):
+        renderer._surfaces.place(renderer._standing)  # or they would not be drawn again
+        started_s = time.perf_counter()
+        renderer.render(lights)
+        took = {**renderer.timings_ms, PASSES[-1]: (time.perf_counter() - started_s) * 1e3}
+        for name in PASSES if frame >= 2 else ():
+            rows[name].append(took[name])
     renderer.release()
-    return found
+    return {name: (float(np.median(times)), float(np.min(times))) for name, times in rows.items()}
 
 
 def growth(frames: int) -> Iterator[tuple[str, int, str, float, float]]:
@@ -122,24 +104,48 @@ def growth(frames: int) -> Iterator[tuple[str, int, str, float, float]]:
             yield "regions, lights from all sides", regions, name, median, least
 
 
-def speed(frames: int) -> Iterator[tuple[float, float, float, float, int, float]]:
-    """Rows (target ms or 0, degrees a frame, median ms, least ms, lights drawn, relative RMSE against all lights and maps)."""
+def speed(frames: int) -> Iterator[tuple[float, float, float, float, int, int, float]]:
+    """Rows (target ms or 0, degrees a frame, median ms, least ms, lights drawn, texels of a map, relative RMSE against all of them)."""
     exact = Renderer(paper_scene(), Settings(width=320, height=240))
-    for target_ms in (0.0, 40.0):
+    for target_ms in (0.0, 1e4, 40.0, 20.0):  # everything anew, as much as is needed, in time
         for degrees in (0.0, 0.05, 0.5, 5.0):
             renderer = Renderer(paper_scene(), Settings(width=320, height=240, frame_ms=target_ms))
             times, errors = [], []
-            for frame in range(frames + 5):
+            for frame in range(2 * frames):
                 lights = sky(LIGHTS, np.radians(degrees) * frame)
                 started = time.perf_counter()
                 picture = renderer.render(lights)
                 times.append((time.perf_counter() - started) * 1e3)
                 truth = exact.render(lights)
                 errors.append(float(np.sqrt(np.mean((picture - truth) ** 2) / np.mean(truth**2))))
-            drawn = min(LIGHTS, renderer.affordable_lights or LIGHTS)
+            drawn, texels = min(LIGHTS, renderer.affordable_lights or LIGHTS), renderer._atlas.tile_size
             renderer.release()
-            yield target_ms, degrees, float(np.median(times[5:])), float(np.min(times[5:])), drawn, float(np.mean(errors[5:]))
+            half = float(np.median(times[frames:])), float(np.min(times[frames:]))
+            yield target_ms, degrees, *half, drawn, texels, float(np.mean(errors[frames:]))
     exact.release()
+
+
+def large(frames: int) -> None:
+    """Prints frames a second of a scene for a graphics card, from the passes' own times and from the clock."""
+    scene = paper_scene(tube_knot(1312, 35))
+    size = sum(len(mesh.geometry.triangles) for mesh in scene.meshes)
+    for count in (LIGHTS, 300):
+        for name, target_ms, degrees in (("all maps anew", 0.0, 1.0), ("slow lights", 1e4, 0.02), ("still lights", 1e4, 0.0)):
+            renderer = Renderer(scene, Settings(width=1920, height=1080, shadow_map=512, frame_ms=target_ms))
+            renderer.time_passes()
+            drawn, whole = [], []
+            for frame in range(frames + 5):
+                lights = sky(count, np.radians(degrees) * frame)
+                started_s = time.perf_counter()
+                renderer.render(lights)
+                whole.append((time.perf_counter() - started_s) * 1e3)
+                spent_ms = renderer.timings_ms
+                drawn.append(sum(ms for what, ms in spent_ms.items() if what != "read-back"))
+            drawn_ms, whole_ms = float(np.median(drawn[5:])), float(np.median(whole[5:]))
+            what = f"{renderer.info}; {size:,} triangles, {count} lights, {name}"
+            rates = f"drawn in {drawn_ms:.2f} ms, {1e3 / drawn_ms:.0f} a second; read back too {whole_ms:.2f} ms, {1e3 / whole_ms:.0f}"
+            print(f"{what}: {rates}", flush=True)
+            renderer.release()
 
 
 def chart(rows: list[tuple[str, int, str, float, float]], caption: str, path: Path) -> None:
@@ -168,7 +174,10 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, default=Path("docs/charts"))
     options.add_argument("--frames", type=int, default=15)
+    options.add_argument("--large", action="store_true")
     given = options.parse_args()
+    if given.large:
+        return large(given.frames)
     given.out.mkdir(parents=True, exist_ok=True)
     probe = Renderer(paper_scene(), Settings(width=8, height=8))
     machine = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {probe.info}"
@@ -184,9 +193,10 @@ def main() -> None:
     table = []
     for row in speed(given.frames):
         table.append(row)
-        print("target {:.0f} ms, {:.2f} degrees a frame: {:.1f} ms (least {:.1f}), {} lights, error {:.4f}".format(*row), flush=True)
+        what = "target {:.0f} ms, {:.2f} degrees a frame: {:.1f} ms (least {:.1f}), {} lights, {} texels, error {:.4f}"
+        print(what.format(*row), flush=True)
     with (given.out / "renderer_speed.csv").open("w", newline="") as file:
-        header = ("target_ms", "degrees_a_frame", "median_ms", "least_ms", "lights", "relative_rmse")
+        header = ("target_ms", "degrees_a_frame", "median_ms", "least_ms", "lights", "texels", "relative_rmse")
         csv.writer(file).writerows([header, *table])
 
 

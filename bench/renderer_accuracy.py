@@ -1,0 +1,280 @@
+"""Pictures of the renderer against the map itself: VEMLIGHT_DATA=FOLDER python -m bench.renderer_accuracy [--out docs/charts] [CHART ...]
+
+Charts: figure6 (error over the number of lights), time (error over ms a picture, beside Mitsuba 3 and Embree). Writes renderer_NAME.png,
+.svg and .csv. The truth is Mitsuba's picture under the whole map, TRUTH paths a pixel. Measures: RMSE of radiance over the root mean
+square of the truth; mean FLIP (Andersson et al. 2020) and mean colour difference in CIE 1976 L*a*b* of both pictures tone-mapped alike,
+as the truth is. Needs the extra `bench` and a libLLVM.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import flip_evaluator  # pyright: ignore[reportMissingImports]
+import numpy as np
+from matplotlib import pyplot as plt
+from rich.progress import Progress
+
+from bench.accuracy.drawing import room
+from bench.accuracy.maps import chosen
+from bench.judge import read_source
+from bench.renderer import paper_scene
+from bench.rivals import mitsuba_picture
+from services.accuracy import machine
+from services.files import written_whole
+from services.images import read_radiance
+from services.lights import Lights
+from services.renderer import renderer as renderer_module
+from services.renderer.renderer import Renderer
+from services.renderer.scene import Scene, load_scene
+from services.renderer.tonemap import adapt, tone_mapped
+from services.sampler.step import initial_state, step
+from services.settings import Renderer as Settings
+from services.settings import Sampler
+from services.sphere import rotation_xyz
+
+TRUTH = 2048  # paths a pixel: leaves a noise of 0.3 % (two such truths differ by 0.4 %)
+COUNTS = (4, 8, 16, 32, 64, 128, 256)
+SETTLED = 8  # frames in which tracked lights find their places on a still map
+METHODS = {"tracked (default)": {"method": "tracked"}, "Havran 2005": {"method": "havran-azimuth"}}
+MEASURES = {"rmse": "relative RMSE", "flip": "mean FLIP", "lab": "mean difference in L*a*b*"}
+FRAMES, LONGEST_S = 9, 1.0  # pictures timed, after two that are not; three where they take longer
+TURN_DEG = 0.5  # a frame, of the lights whose maps are drawn within a budget
+
+
+class Error(NamedTuple):
+    """How far a picture is from the truth: `MEASURES`."""
+
+    rmse: float
+    flip: float
+    lab: float
+
+
+def errors(picture: np.ndarray, truth: np.ndarray) -> Error:
+    """The difference of two linear pictures (height, width, 3)."""
+    rmse = float(np.sqrt(np.mean((picture - truth) ** 2) / np.mean(truth**2)))
+    whole = [np.concatenate([p, np.ones_like(p[..., :1])], axis=-1) for p in (truth, picture)]
+    eye = adapt(None, whole[0], 0.0)
+    coded = [(tone_mapped(p, eye, 0.0)[..., :3] / np.float32(255)).astype(np.float32) for p in whole]
+    flip = float(flip_evaluator.evaluate(coded[0], coded[1], "LDR")[1])
+    lab = [cv2.cvtColor(p, cv2.COLOR_RGB2Lab) for p in coded]
+    return Error(rmse, flip, float(np.linalg.norm(lab[0] - lab[1], axis=-1).mean()))
+
+
+@lru_cache(maxsize=64)
+def lights_of(path: Path, count: int, method: str, clusters: int = 0) -> Lights:
+    """What the sampler makes of a still map."""
+    settings, source = Sampler(method=method, filter="none", count=count, clusters=clusters), read_source(path)  # type: ignore[arg-type]
+    state, lights = initial_state(settings), None
+    for k in range(SETTLED):
+        state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, None, source.centroids)
+    assert lights is not None
+    return lights
+
+
+def rendered(scene: Scene, size: tuple[int, int], samples: int, lights: Lights, **settings: Any) -> np.ndarray:
+    renderer = Renderer(scene, Settings(width=size[0], height=size[1], **settings), samples)
+    try:
+        return renderer.render(lights)[..., :3].copy()
+    finally:
+        renderer.release()
+
+
+# --- over the number of lights: the paper's figure 6 -----------------------------------------------------------------------------------
+
+
+def figure6(out: Path, progress: Progress) -> None:
+    """Error over 4 to 256 lights, two scenes, four maps; 16 samples and the whole area of each pixel."""
+    size, rows = (200, 150), []
+    scenes = {"the paper's size": paper_scene(), "bundled scene": load_scene(None)}
+    task = progress.add_task("against the map", total=len(scenes) * len(chosen()) * (1 + len(METHODS) * len(COUNTS)))
+    for scene_name, scene in scenes.items():
+        for kind, path in chosen().items():
+            world = mitsuba_picture.mitsuba_scene(scene, size, read_radiance(path)[0])
+            truth = mitsuba_picture.picture(world, TRUTH)
+            progress.advance(task)
+            for name, method in METHODS.items():
+                for count in COUNTS:
+                    made = rendered(scene, size, 16, lights_of(path, count, **method), shadow_map=512)
+                    rows.append({"scene": scene_name, "map": kind, "method": name, "lights": count, **errors(made, truth)._asdict()})
+                    progress.advance(task)
+    figure, axes = plt.subplots(len(MEASURES), 4, figsize=(16, 10), sharey="row", layout="constrained")
+    room(figure, 0.03)
+    for line, (measure, label) in zip(axes, MEASURES.items(), strict=True):
+        for axis, kind in zip(line, chosen(), strict=True):
+            for k, scene_name in enumerate(scenes):
+                for name, style in zip(METHODS, ("o-", "x:"), strict=True):
+                    own = [r for r in rows if (r["scene"], r["map"], r["method"]) == (scene_name, kind, name)]
+                    axis.loglog([r["lights"] for r in own], [r[measure] for r in own], style, color=f"C{k}", label=f"{scene_name}, {name}")
+            axis.set(title=kind if line is axes[0] else None, xlabel="lights" if line is axes[-1] else None)
+            axis.set_xticks(COUNTS, map(str, COUNTS))
+            axis.minorticks_off()
+            axis.grid(alpha=0.3, which="both")
+        line[0].set_ylabel(label)
+    axes[0, 0].legend(fontsize=8)
+    save(figure, rows, out, "figure6", f"Against Mitsuba 3 under the whole map, {TRUTH} paths a pixel; {size[0]} x {size[1]}.")
+
+
+# --- over time -------------------------------------------------------------------------------------------------------------------------
+
+
+def timed(work: Callable[[int], Any], frames: int = FRAMES) -> tuple[float, Any]:
+    """Median wall time in ms of a piece of work that is given the frame's number, and what it gave last."""
+    times, made = [], None
+    for frame in range(-2, frames):
+        begin = time.perf_counter()
+        made = work(frame)
+        times.append((time.perf_counter() - begin) * 1e3)
+        if frame >= 2 and frames == FRAMES and sum(times[2:]) > 1e3 * LONGEST_S:
+            break
+    return float(np.median(times[2:])), made
+
+
+def turned(lights: Lights, degrees: float) -> Lights:
+    """The lights turned about z."""
+    return Lights.of(lights.ids, lights.directions @ rotation_xyz((0.0, 0.0, degrees)).T, lights.irradiance)
+
+
+def ours(scene: Scene, size: tuple[int, int], lights: Lights, kept: bool = False, **settings: Any) -> tuple[float, np.ndarray]:
+    """ms a picture and the picture; kept: the lights stand still and keep their maps."""
+    renderer = Renderer(scene, Settings(width=size[0], height=size[1], frame_ms=1e4 if kept else 0.0, **settings))
+    try:
+        return timed(lambda _: renderer.render(lights)[..., :3].copy())
+    finally:
+        renderer.release()
+
+
+def within(budget: int, scene: Scene, size: tuple[int, int], lights: Lights) -> tuple[float, np.ndarray]:
+    """The same of the last of 48 pictures, when lights that turn have come to where `lights` is; at most `budget` maps drawn a frame."""
+    renderer = Renderer(scene, Settings(width=size[0], height=size[1], frame_ms=1e4))
+    usual, renderer_module.affordable_maps = renderer_module.affordable_maps, lambda *_: budget
+    try:
+        return timed(lambda frame: renderer.render(turned(lights, TURN_DEG * (frame - 45)))[..., :3].copy(), 46)
+    finally:
+        renderer_module.affordable_maps = usual
+        renderer.release()
+
+
+Measured = Callable[[], tuple[float, np.ndarray]]
+
+
+def settings_of(scene: Scene, size: tuple[int, int], path: Path, world: Any) -> dict[str, dict[str, Measured]]:
+    """Every curve's points: what is measured under which label."""
+    lights = partial(lights_of, path, method="tracked")
+    traced = mitsuba_picture.TracedLights(world, size)
+    return {
+        "lights, maps drawn anew": {str(n): partial(ours, scene, size, lights(n)) for n in COUNTS},
+        "lights, maps kept": {str(n): partial(ours, scene, size, lights(n), kept=True) for n in COUNTS},
+        "lights, no regions": {str(n): partial(ours, scene, size, lights(n), light_regions=0) for n in COUNTS},
+        "2005 lights": {str(n): partial(ours, scene, size, lights_of(path, n, "havran-azimuth")) for n in COUNTS},
+        "2005 lights, 4 n merged to n": {
+            str(n): partial(ours, scene, size, lights_of(path, 4 * n, "havran-azimuth", n)) for n in COUNTS
+        },
+        "72 lights, texels of a map": {str(n): partial(ours, scene, size, lights(72), shadow_map=n) for n in (32, 64, 128, 256, 512)},
+        "72 turning lights, maps a frame": {str(n): partial(within, n, scene, size, lights(72)) for n in (3, 6, 12, 24, 72)},
+        "Embree, the same lights": {str(n): partial(_traced, traced, lights(n)) for n in COUNTS},
+        "Mitsuba 3, paths a pixel": {str(n): partial(_sampled, world, n) for n in (1, 2, 4, 8, 16, 32, 64, 128, 256)},
+    }
+
+
+def _traced(traced: Any, lights: Lights) -> tuple[float, np.ndarray]:
+    return timed(lambda frame: traced.picture(lights))
+
+
+def _sampled(world: Any, samples: int) -> tuple[float, np.ndarray]:
+    return timed(lambda frame: mitsuba_picture.picture(world, samples, frame + 2, centred=True))
+
+
+def times(out: Path, progress: Progress) -> None:
+    """Error against ms a picture at the scene of the paper's size, at the centres of the pixels."""
+    size, scene, rows = (320, 240), paper_scene(), []
+    kinds = ("a sun", "an overcast sky")
+    task = progress.add_task("against time", total=None)
+    for kind in kinds:
+        path = chosen()[kind]
+        world = mitsuba_picture.mitsuba_scene(scene, size, read_radiance(path)[0])
+        truth = mitsuba_picture.picture(world, TRUTH, centred=True)
+        points = settings_of(scene, size, path, world)
+        progress.update(task, total=len(kinds) * sum(map(len, points.values())))
+        for curve, works in points.items():
+            for label, work in works.items():
+                ms, made = work()
+                rows.append({"map": kind, "curve": curve, "at": label, "ms": ms, **errors(made, truth)._asdict()})
+                progress.advance(task)
+    rows += [row for kind in kinds for row in equal_error([r for r in rows if r["map"] == kind])]
+    figure, axes = plt.subplots(len(kinds), len(MEASURES), figsize=(17, 10), layout="constrained")
+    room(figure, 0.07)
+    for line, kind in zip(axes, kinds, strict=True):
+        for axis, (measure, label) in zip(line, MEASURES.items(), strict=True):
+            for k, curve in enumerate(dict.fromkeys(r["curve"] for r in rows if r["curve"] != EQUAL)):
+                own = [r for r in rows if (r["map"], r["curve"]) == (kind, curve)]
+                rival = curve.startswith(("Mitsuba", "Embree"))
+                axis.loglog([r["ms"] for r in own], [r[measure] for r in own], "s--" if rival else "o-", ms=4, color=f"C{k}",
+                            label=f"{curve}: {own[0]['at']} ... {own[-1]['at']}")
+            axis.set(title=kind, xlabel="ms a picture", ylabel=label)
+            axis.grid(alpha=0.3, which="both")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, bbox_to_anchor=(0.5, 0.02))
+    save(figure, rows, out, "time", f"{triangles(scene)} triangles, {size[0]} x {size[1]}, maps of 256 x 256; bottom left is best.")
+
+
+EQUAL = "times as long for the RMSE of 72 lights"
+
+
+def equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """How much longer Mitsuba's sampling and Embree take for the error of 72 lights: interpolated on log-log lines."""
+
+    def time_for(curve: str, error: float) -> float:
+        own = sorted((r["rmse"], r["ms"]) for r in rows if r["curve"] == curve)
+        return float(np.exp(np.interp(np.log(error), *np.log(own).T)))
+
+    made = []
+    for curve in ("lights, maps drawn anew", "lights, maps kept"):
+        own = [(float(r["at"]), r["ms"], r["rmse"]) for r in rows if r["curve"] == curve]
+        count, ms, rmse = np.log(own).T
+        own_ms, error = (float(np.exp(np.interp(np.log(72), count, values))) for values in (ms, rmse))
+        for rival in ("Mitsuba 3, paths a pixel", "Embree, the same lights"):
+            ratio = time_for(rival, error) / own_ms
+            made.append({"map": rows[0]["map"], "curve": EQUAL, "at": f"{rival} / {curve}", "ms": ratio, "rmse": error})
+    return made
+
+
+def triangles(scene: Scene) -> str:
+    return f"{sum(len(mesh.geometry.triangles) for mesh in scene.meshes):,}"
+
+
+def save(figure: Any, rows: list[dict[str, Any]], out: Path, name: str, note: str) -> None:
+    import csv
+
+    caption = f"{note}   python -m bench.renderer_accuracy {name}   {machine()}"
+    figure.text(0.01, 0.004, caption, fontsize=7, color="0.35")
+    out.mkdir(parents=True, exist_ok=True)
+    for suffix in (".png", ".svg"):
+        with written_whole(out / f"renderer_{name}{suffix}") as part:
+            figure.savefig(part, dpi=85)
+    plt.close(figure)
+    with written_whole(out / f"renderer_{name}.csv") as part, open(part, "w", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]), restval="")
+        table.writeheader()
+        table.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+
+
+CHARTS = {"figure6": figure6, "time": times}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("charts", nargs="*", help=f"of {', '.join(CHARTS)}; none: all")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs" / "charts")
+    asked = parser.parse_args()
+    mitsuba_picture.start()
+    with Progress() as progress:
+        for name in asked.charts or CHARTS:
+            CHARTS[name](asked.out, progress)
+
+
+if __name__ == "__main__":
+    main()

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.lights import Lights
@@ -50,7 +50,8 @@ def test_a_second_set_like_the_first_changes_nothing(tmp_path, material, frame_m
         lights = random_lights(NEIGHBOURS, seed)
         one, two = pictures(tmp_path, SPHERE + material + "\n" + GROUND + material, (lights, None), (lights, lights), frame_ms=frame_ms)
         assert one[..., :3].max() > 0.1
-        assert np.allclose(one, two, rtol=1e-4, atol=1e-5)  # two orders of float32 sums
+        # two orders of float32 sums; with a target frame time lookups are kept in 8 bits, and the second set looks at the maps itself
+        assert np.allclose(one, two, rtol=1e-4, atol=one[..., :3].max() * (1 / 255 if frame_ms else 1e-5))
 
 
 def test_more_strong_lights_than_the_atlas_holds_share_their_cones_too(tmp_path, monkeypatch):
@@ -118,6 +119,7 @@ def test_a_rows_sum_is_that_of_the_lights_in_reach():
     assert np.allclose(full.max(axis=1), 1e6)  # the sun is never scaled
 
 
+@settings(deadline=None, max_examples=20)
 @given(st.integers(MOST + 1, 2000))
 def test_of_equal_lights_the_first_are_kept_and_scaled_alike(count):
     directions = np.tile([[0.0, 0.0, 1.0]], (count, 1))

@@ -37,7 +37,7 @@ from services.settings import Renderer as Settings
 from services.settings import Sampler
 from services.sphere import rotation_xyz
 
-TRUTH = 2048  # paths a pixel: leaves a noise of 0.3 % (two such truths differ by 0.4 %)
+TRUTH = 1024  # paths a pixel: leaves a noise of 0.4 % under a sun and 0.6 % under an overcast sky
 COUNTS = (4, 8, 16, 32, 64, 128, 256)
 SETTLED = 8  # frames in which tracked lights find their places on a still map
 METHODS = {"tracked (default)": {"method": "tracked"}, "Havran 2005": {"method": "havran-azimuth"}}
@@ -76,14 +76,6 @@ def lights_of(path: Path, count: int, method: str, clusters: int = 0) -> Lights:
     return lights
 
 
-def rendered(scene: Scene, size: tuple[int, int], samples: int, lights: Lights, **settings: Any) -> np.ndarray:
-    renderer = Renderer(scene, Settings(width=size[0], height=size[1], **settings), samples)
-    try:
-        return renderer.render(lights)[..., :3].copy()
-    finally:
-        renderer.release()
-
-
 # --- over the number of lights: the paper's figure 6 -----------------------------------------------------------------------------------
 
 
@@ -93,15 +85,16 @@ def figure6(out: Path, progress: Progress) -> None:
     scenes = {"the paper's size": paper_scene(), "bundled scene": load_scene(None)}
     task = progress.add_task("against the map", total=len(scenes) * len(chosen()) * (1 + len(METHODS) * len(COUNTS)))
     for scene_name, scene in scenes.items():
+        renderer = Renderer(scene, Settings(width=size[0], height=size[1], shadow_map=512), 16)
         for kind, path in chosen().items():
-            world = mitsuba_picture.mitsuba_scene(scene, size, read_radiance(path)[0])
-            truth = mitsuba_picture.picture(world, TRUTH)
+            truth = mitsuba_picture.picture(mitsuba_picture.mitsuba_scene(scene, size, read_radiance(path)[0]), TRUTH)
             progress.advance(task)
             for name, method in METHODS.items():
                 for count in COUNTS:
-                    made = rendered(scene, size, 16, lights_of(path, count, **method), shadow_map=512)
+                    made = renderer.render(lights_of(path, count, **method))[..., :3].copy()
                     rows.append({"scene": scene_name, "map": kind, "method": name, "lights": count, **errors(made, truth)._asdict()})
                     progress.advance(task)
+        renderer.release()
     figure, axes = plt.subplots(len(MEASURES), 4, figsize=(16, 10), sharey="row", layout="constrained")
     room(figure, 0.03)
     for line, (measure, label) in zip(axes, MEASURES.items(), strict=True):
@@ -139,43 +132,55 @@ def turned(lights: Lights, degrees: float) -> Lights:
     return Lights.of(lights.ids, lights.directions @ rotation_xyz((0.0, 0.0, degrees)).T, lights.irradiance)
 
 
-def ours(scene: Scene, size: tuple[int, int], lights: Lights, kept: bool = False, **settings: Any) -> tuple[float, np.ndarray]:
-    """ms a picture and the picture; kept: the lights stand still and keep their maps."""
-    renderer = Renderer(scene, Settings(width=size[0], height=size[1], frame_ms=1e4 if kept else 0.0, **settings))
-    try:
+class Ours:
+    """Renderers of a scene in a picture of `size`, one for each of the settings asked for."""
+
+    def __init__(self, scene: Scene, size: tuple[int, int]) -> None:
+        self._scene, self._size = scene, size
+        self._made: dict[tuple[Any, ...], Renderer] = {}
+
+    def timed(self, lights: Lights, **settings: Any) -> tuple[float, np.ndarray]:
+        """ms a picture and the picture; frame_ms = 1e4: the lights stand still and keep their maps."""
+        renderer = self._renderer(**settings)
         return timed(lambda _: renderer.render(lights)[..., :3].copy())
-    finally:
-        renderer.release()
 
+    def within(self, budget: int, lights: Lights) -> tuple[float, np.ndarray]:
+        """The same where lights turn, with at most `budget` maps drawn a frame; the last of 48 pictures, when they are where `lights` is."""
+        renderer = self._renderer(frame_ms=1e4)
+        usual = renderer_module.affordable_maps, renderer_module.map_size
+        renderer_module.affordable_maps, renderer_module.map_size = lambda *_: budget, lambda _pace, size, _largest: size
+        try:
+            return timed(lambda frame: renderer.render(turned(lights, TURN_DEG * (frame - 45)))[..., :3].copy(), 46)
+        finally:
+            renderer_module.affordable_maps, renderer_module.map_size = usual
 
-def within(budget: int, scene: Scene, size: tuple[int, int], lights: Lights) -> tuple[float, np.ndarray]:
-    """The same of the last of 48 pictures, when lights that turn have come to where `lights` is; at most `budget` maps drawn a frame."""
-    renderer = Renderer(scene, Settings(width=size[0], height=size[1], frame_ms=1e4))
-    usual, renderer_module.affordable_maps = renderer_module.affordable_maps, lambda *_: budget
-    try:
-        return timed(lambda frame: renderer.render(turned(lights, TURN_DEG * (frame - 45)))[..., :3].copy(), 46)
-    finally:
-        renderer_module.affordable_maps = usual
-        renderer.release()
+    def _renderer(self, **settings: Any) -> Renderer:
+        key = tuple(sorted(settings.items()))
+        if key not in self._made:
+            self._made[key] = Renderer(self._scene, Settings(width=self._size[0], height=self._size[1], **settings))
+        return self._made[key]
+
+    def release(self) -> None:
+        for renderer in self._made.values():
+            renderer.release()
 
 
 Measured = Callable[[], tuple[float, np.ndarray]]
 
 
-def settings_of(scene: Scene, size: tuple[int, int], path: Path, world: Any) -> dict[str, dict[str, Measured]]:
+def curves_of(ours: Ours, traced: Any, world: Any, path: Path) -> dict[str, dict[str, Measured]]:
     """Every curve's points: what is measured under which label."""
     lights = partial(lights_of, path, method="tracked")
-    traced = mitsuba_picture.TracedLights(world, size)
     return {
-        "lights, maps drawn anew": {str(n): partial(ours, scene, size, lights(n)) for n in COUNTS},
-        "lights, maps kept": {str(n): partial(ours, scene, size, lights(n), kept=True) for n in COUNTS},
-        "lights, no regions": {str(n): partial(ours, scene, size, lights(n), light_regions=0) for n in COUNTS},
-        "2005 lights": {str(n): partial(ours, scene, size, lights_of(path, n, "havran-azimuth")) for n in COUNTS},
+        "lights, maps drawn anew": {str(n): partial(ours.timed, lights(n)) for n in COUNTS},
+        "lights, maps kept": {str(n): partial(ours.timed, lights(n), frame_ms=1e4) for n in COUNTS},
+        "lights, no regions": {str(n): partial(ours.timed, lights(n), light_regions=0) for n in COUNTS},
+        "2005 lights": {str(n): partial(ours.timed, lights_of(path, n, "havran-azimuth")) for n in COUNTS},
         "2005 lights, 4 n merged to n": {
-            str(n): partial(ours, scene, size, lights_of(path, 4 * n, "havran-azimuth", n)) for n in COUNTS
+            str(n): partial(ours.timed, lights_of(path, 4 * n, "havran-azimuth", n)) for n in COUNTS
         },
-        "72 lights, texels of a map": {str(n): partial(ours, scene, size, lights(72), shadow_map=n) for n in (32, 64, 128, 256, 512)},
-        "72 turning lights, maps a frame": {str(n): partial(within, n, scene, size, lights(72)) for n in (3, 6, 12, 24, 72)},
+        "72 lights, texels of a map": {str(n): partial(ours.timed, lights(72), shadow_map=n) for n in (32, 64, 128, 256, 512)},
+        "72 turning lights, maps a frame": {str(n): partial(ours.within, n, lights(72)) for n in (3, 6, 12, 24, 72)},
         "Embree, the same lights": {str(n): partial(_traced, traced, lights(n)) for n in COUNTS},
         "Mitsuba 3, paths a pixel": {str(n): partial(_sampled, world, n) for n in (1, 2, 4, 8, 16, 32, 64, 128, 256)},
     }
@@ -192,19 +197,21 @@ def _sampled(world: Any, samples: int) -> tuple[float, np.ndarray]:
 def times(out: Path, progress: Progress) -> None:
     """Error against ms a picture at the scene of the paper's size, at the centres of the pixels."""
     size, scene, rows = (320, 240), paper_scene(), []
+    ours = Ours(scene, size)
     kinds = ("a sun", "an overcast sky")
     task = progress.add_task("against time", total=None)
     for kind in kinds:
         path = chosen()[kind]
         world = mitsuba_picture.mitsuba_scene(scene, size, read_radiance(path)[0])
         truth = mitsuba_picture.picture(world, TRUTH, centred=True)
-        points = settings_of(scene, size, path, world)
+        points = curves_of(ours, mitsuba_picture.TracedLights(world, size), world, path)
         progress.update(task, total=len(kinds) * sum(map(len, points.values())))
         for curve, works in points.items():
             for label, work in works.items():
                 ms, made = work()
                 rows.append({"map": kind, "curve": curve, "at": label, "ms": ms, **errors(made, truth)._asdict()})
                 progress.advance(task)
+    ours.release()
     rows += [row for kind in kinds for row in equal_error([r for r in rows if r["map"] == kind])]
     figure, axes = plt.subplots(len(kinds), len(MEASURES), figsize=(17, 10), layout="constrained")
     room(figure, 0.07)

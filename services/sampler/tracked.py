@@ -42,8 +42,8 @@ SUDDEN = 2.0  # times the usual unrest: light has changed faster than sites move
 NOTABLE = 0.02**2  # unrest over squared power below which nothing is urgent: its root is about the error of the irradiance
 PACE = 8  # frames between splits when it has not
 USUAL = 0.2  # of the way that the usual unrest goes to this frame's: a memory of five frames
-ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_error.csv
-AIM = 0.85  # of the error asked for: the next frame is another, and the probes know the error to 7 %
+ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_still_lights.csv
+AIM = 0.77  # of the error asked for: three times the 7 % to which 96 probes know it, below it
 TRIALS = 4  # numbers of lights that are tried on the first frame
 EASE_S = 0.12  # a new light leaves its parent's place with this time constant: three frames at 25 fps
 

@@ -1,7 +1,7 @@
 """What a scene needs: VEMLIGHT_DATA=FOLDER python -m bench.sampler_need. Writes docs/charts/sampler_need.csv and .png.
 
-For each map of FOLDER/hdri: the number of lights that the controller chooses for promised errors of 5 to 40 %, and the error it then has,
-measured apart: on 1024 probes it does not know, against every cell of the map.
+For each map of FOLDER/hdri and the CIE's overcast sky: the number of lights that the controller chooses for promised errors of 5 to
+40 %, and the error it then has, measured apart: on 1024 probes it does not know, against every cell of the map.
 """
 
 import csv
@@ -44,12 +44,19 @@ def chosen(radiance: np.ndarray) -> list[tuple[float, int, float]]:
     return result
 
 
+def overcast() -> np.ndarray:
+    """The CIE's overcast sky as a polar map (90, 360, 3): three times as bright at the zenith as at the horizon."""
+    gray = (1 + 2 * np.cos((np.arange(90) + 0.5) * np.pi / 180)) / 3
+    return np.repeat(np.repeat(gray[:, None, None], 360, axis=1), 3, axis=2).astype(np.float32)
+
+
 def main() -> None:
     folder = Path(os.environ.get("VEMLIGHT_DATA", "")) / "hdri"
     paths = sorted(path for path in folder.glob("*") if path.suffix in (".hdr", ".exr"))
     if not paths:
         sys.exit(f"{folder}: there are no .hdr or .exr maps; set VEMLIGHT_DATA to a folder with hdri/ in it")
     results = {path.stem.removesuffix("_1k"): chosen(read_source(path).polar) for path in paths}
+    results["overcast sky (CIE)"] = chosen(overcast())
     OUT.mkdir(parents=True, exist_ok=True)
     with written_whole(OUT / "sampler_need.csv") as part, open(part, "w", newline="") as file:
         table = csv.writer(file)

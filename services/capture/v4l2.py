@@ -249,7 +249,7 @@ class Camera:
                     codes = codes_from_bytes(data, self.form, self.width, self.height, self._stride)
                     data.release()
                 except ValueError as error:
-                    raise BadInput(f"{self.path}: sent {error}, which it had agreed to; set [capture] width and height") from error
+                    raise BadInput(f"{self.path}: {error}, which it had agreed to send; set [capture] width and height") from error
             sequence = int(buffer.sequence)
             stamp = buffer.timestamp.secs * 10**9 + buffer.timestamp.usecs * 1000
         finally:

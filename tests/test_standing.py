@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 
+from bench.endurance import gl_objects
 from services import wire
 from services.files import BadInput
 from services.renderer import renderer as renderer_module
@@ -154,7 +155,8 @@ def test_below_the_ground_no_light_from_above_arrives(tmp_path):
 
 
 def test_kept_maps_follow_what_moved_within_their_budget(tmp_path, monkeypatch):
-    monkeypatch.setattr(renderer_module, "affordable_maps", lambda pace, frame_ms, lights: 4)
+    monkeypatch.setattr(renderer_module, "affordable_maps", lambda *_: 4)
+    monkeypatch.setattr(renderer_module, "affordable_lights", lambda *_: None)
     scene = a_scene(tmp_path, GROUND + box("[-1.0, 0.0, 0.4]") + box("[1.5, 1.5, 0.4]"))
     renderer, lights = renderer_of(scene, frame_ms=1000.0, shadow_map=64), uniform_lights(24, 0.0)
     renderer.render(lights)
@@ -191,3 +193,19 @@ def test_the_maps_hold_what_casts_wherever_it_stands(box_on_ground, at, rotate, 
             lowest = min(lowest, points[:, 2].min()) if any(piece is closed for closed in placed.closed) else lowest
         assert bool(placed.floor) == (lowest >= -casters.tolerance)
     assert last == pytest.approx(np.linalg.norm(np.subtract(at, then)), abs=1e-6)
+
+
+def test_what_moves_leaves_nothing_on_the_gpu(tmp_path):
+    lamp = "[[luminaire]]\nat = [0.0, 0.0, 2.5]\nrotate = [180.0, 0.0, 0.0]\nsamples = 4\nshadow_map = 32\n"
+    renderer = renderer_of(a_scene(tmp_path, GROUND + box("[0.0, 0.0, 0.4]") + lamp), frame_ms=1000.0, width=16, height=12, shadow_map=32)
+
+    def objects_after(frames: range) -> tuple[int, ...]:
+        for k in frames:
+            renderer.place(0.0, [pose("box", (0.3 * k, 0.0, 0.4)), pose("torch", (0.1 * k, 0.0, 2.5), (180.0, 0.0, 0.0), 1.0)])
+            renderer.render(uniform_lights(5 + k % 20, 0.0))  # the atlas is made anew where it must hold more
+        return gl_objects(renderer._context)
+
+    before = objects_after(range(25))
+    assert min(before) > 0
+    assert objects_after(range(25, 60)) == before
+    renderer.release()

@@ -1,0 +1,96 @@
+"""Does anything grow? Thousands of pictures in which lights, objects and a lamp move: memory and GL objects, every thousandth of the way.
+
+python -m bench.endurance [FRAMES]
+"""
+
+import ctypes
+import sys
+import time
+from pathlib import Path
+
+import moderngl
+import numpy as np
+
+from services import wire
+from services.lights import Lights
+from services.renderer.refine import MapLights
+from services.renderer.renderer import Renderer
+from services.renderer.scene import load_scene
+from services.renderer.tonemap import adapt
+from services.settings import Renderer as Settings
+from services.sphere import direction_from_angles, quaternion_xyz
+
+SCENES = Path(__file__).parents[1] / "services" / "renderer" / "scenes"
+COUNTS = (24, 72, 7, 130)  # lights: the atlas is made anew where more come than it holds
+REPORTS = 20
+
+
+def resident_mb() -> float:
+    """Memory of this process that is in RAM."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096 / 1e6
+
+
+def gl_objects(context: moderngl.Context) -> tuple[int, ...]:
+    """How many buffers, textures, frames and programs (with shaders) there are, by asking for each name that was ever given."""
+    library = ctypes.CDLL("libGL.so.1")
+    asked = (library.glIsBuffer, library.glIsTexture, library.glIsFramebuffer, library.glIsProgram)
+    with context:
+        buffer, texture = context.buffer(reserve=16), context.texture((1, 1), 4)
+        frame = context.framebuffer([texture])
+        program = context.program(vertex_shader="#version 430\nvoid main() { gl_Position = vec4(0.0); }")
+        newest = [int(made.glo) for made in (buffer, texture, frame, program)]
+        for made in (program, frame, texture, buffer):
+            made.release()
+        return tuple(sum(bool(exists(name)) for name in range(1, last)) for exists, last in zip(asked, newest, strict=True))
+
+
+def sky(count: int, turn: float) -> Lights:
+    """Lights spread over the hemisphere that go round."""
+    k = np.arange(count) + 0.5
+    return Lights.of(np.arange(count), direction_from_angles(np.arccos(k / count), k * 2.4 + turn), np.full((count, 3), 3.0 / count))
+
+
+class Show:
+    """A scene with a lamp in which everything moves."""
+
+    def __init__(self, frame_ms: float) -> None:
+        scene = load_scene(SCENES / "headlights.toml")
+        lamp = scene.luminaires[0]
+        scene = scene._replace(luminaires=(lamp._replace(table=type(lamp.table)(samples=4, shadow_map=32)),), things=scene.things[:-1])
+        self.renderer = Renderer(scene, Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms))
+        self._light = MapLights(np.ones((6, 12, 3), np.float32), "hemisphere")
+        self._adaptation = None
+
+    def frame(self, k: int) -> None:
+        turn = 0.01 * k
+        ball = wire.Pose(name="ball", at=(3.6 + np.sin(turn), -0.5 + np.cos(turn), 0.6), turn=quaternion_xyz((0.0, 57 * turn, 0.0)))
+        lamp = wire.Pose(name="left headlight", at=(-0.25, 0.45, 0.7), turn=quaternion_xyz((0.0, 95.0, 20 * np.sin(turn))), power=1 + k % 2)
+        self.renderer.place(k / 25, (ball, lamp))
+        if k % 50 == 49:  # a pause
+            picture = self.renderer.render_pass(self._light, k % 64)
+            self.renderer.show(picture)
+        else:
+            picture = self.renderer.render(sky(COUNTS[k // 100 % len(COUNTS)], turn), sky(200, turn) if k % 3 == 0 else None)
+        self._adaptation = adapt(self._adaptation, picture, 0.04)
+        self.renderer.tone_mapped(self._adaptation, 0.0)
+
+    def objects(self) -> tuple[int, ...]:
+        return gl_objects(self.renderer._context)
+
+
+def main(frames: int) -> None:
+    shows = [Show(0.0), Show(15.0)]
+    began_s = time.monotonic()
+    print("frames  resident MB  buffers, textures, frames, programs of the one and of the other renderer")
+    for k in range(frames + 1):
+        if k % max(frames // REPORTS, 1) == 0:
+            objects = "  ".join(" ".join(map(str, show.objects())) for show in shows)
+            print(f"{k:6d}  {resident_mb():11.1f}  {objects}  {time.monotonic() - began_s:.0f} s", flush=True)
+        shows[k % 2].frame(k)
+    for show in shows:
+        show.renderer.release()
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10_000)

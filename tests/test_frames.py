@@ -6,6 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from services.capture import fisheye, scatter, shares
+from services.capture import lens as lens_module
 from services.capture.camera import fisheye_radiance
 from services.capture.fisheye import colour_lattices
 from services.capture.frames import FrameMaker, strong_cells
@@ -144,3 +146,17 @@ def test_flat_field_takes_the_place_of_vignetting(tmp_path: Path) -> None:
     write_exr(tmp_path / "flat.exr", np.ones((4, 4), np.float32))
     with pytest.raises(BadInput, match="flat"):
         FrameMaker(Capture(), tmp_path).frame("even", image, {}, 0.0)
+
+
+@pytest.mark.parametrize("mosaic", ["mono", "RGGB"])
+def test_nothing_is_left_to_compile_after_a_dark_frame(tmp_path: Path, mosaic) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_response(tmp_path / "response.toml", RESPONSE)
+    maker = FrameMaker(Capture(), tmp_path)
+    maker.frame_from_codes("dark", np.zeros((512, 512), np.uint16), mosaic, 0.0)
+    compiled = [loop for module in (fisheye, scatter, shares, lens_module) for loop in vars(module).values() if hasattr(loop, "signatures")]
+    before = [len(loop.signatures) for loop in compiled]
+    codes = np.zeros((512, 512), np.uint16)
+    codes[200:204, 300:304] = 60000
+    assert len(maker.frame_from_codes("lit", codes, mosaic, 0.0).strong.cells)
+    assert [len(loop.signatures) for loop in compiled] == before

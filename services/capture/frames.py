@@ -16,7 +16,7 @@ from services.capture.fisheye import (
     lit_spans,
 )
 from services.capture.header import count_from_attributes, scale_from_attributes, strong_from_attributes
-from services.capture.lens import Lens, read_lens
+from services.capture.lens import Lens, direction_from_pixel, read_lens
 from services.capture.polar import LatlongToPolar, latlong_strong, latlong_to_polar, polar_from_latlong
 from services.capture.response import Response, radiance_table, read_response
 from services.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
@@ -161,6 +161,7 @@ class FrameMaker:
         lattices = [ALL] if mosaic in (None, "mono") else colour_lattices(mosaic)
         s, flat = self._settings, self._flat_field()
         self._fisheye = [fisheye_to_polar(self._lens, s.rows, s.cols, s.coverage, lattice, flat) for lattice in lattices]
+        direction_from_pixel(np.zeros((1, 2)), self._lens)  # compiled here, and not when the first strong light comes
         spans = np.array([lit_spans(weights) for weights in self._fisheye])
         self._spans = np.column_stack([spans[..., 0].min(0), spans[..., 1].max(0)])
 

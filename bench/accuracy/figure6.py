@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.progress import Progress
 
 from bench.accuracy.drawing import few_shades, room, save
-from bench.accuracy.maps import chosen
+from bench.accuracy.maps import one
 from bench.judge import judge, points_of, points_of_lights, read_source, relative_rms
 from bench.methods import STILL, TRACKED, settled
 from services.renderer.renderer import Renderer
@@ -27,7 +27,7 @@ DISC = 100  # pixels of a sky's picture
 
 def figure6(out: Path, progress: Progress) -> None:
     """The lights of each method on one sky, and the error they have."""
-    path = chosen()["an overcast sky"]
+    path = one("an overcast sky")
     source = read_source(path)
     truth, rows = judge(points_of(source)), []
     figure, axes = _sheet((11, 9.6))
@@ -56,7 +56,7 @@ def figure6(out: Path, progress: Progress) -> None:
 
 def pictures(out: Path, progress: Progress) -> None:
     """The product's own scene under the lights of each method, and its difference from the picture under REFERENCE lights."""
-    source = read_source(chosen()["a sun"])
+    source = read_source(one("a sun"))
     figure, axes = _sheet((13, 8.6))
     renderer, rows = Renderer(load_scene(None), Size(width=200, height=150, shadow_map=256), 4), []
     task = progress.add_task("pictures", total=axes.size)

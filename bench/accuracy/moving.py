@@ -100,7 +100,7 @@ def _chart_flicker(rows: list[dict[str, Any]], out: Path) -> None:
         axis.set(xlim=(0.01, 1), ylim=(5e-4, 0.6))
         axis.grid(alpha=0.3, which="both")
     legend(figure, axes[0])
-    save(figure, rows, out, "moving_flicker", f"N = {COUNT}, mean over four maps, {FRAMES} frames; bottom left is best.")
+    save(figure, rows, out, "moving_flicker", f"N = {COUNT}, mean over the maps, {FRAMES} frames; bottom left is best.")
 
 
 def _chart_motion(rows: list[dict[str, Any]], out: Path) -> None:
@@ -138,4 +138,4 @@ def _chart_events(curves: list[dict[str, Any]], out: Path) -> None:
                 axis.set_title(f"{name}: {label}", fontsize=9)
                 axis.grid(alpha=0.3)
     legend(figure, axes[0])
-    save(figure, rows, out, "moving_events", f"N = {COUNT}, mean over four maps, frame by frame.")
+    save(figure, rows, out, "moving_events", f"N = {COUNT}, mean over the maps, frame by frame.")

@@ -27,9 +27,9 @@ def still(out: Path, progress: Progress) -> None:
                     rows.append(_row(kind, method, count, source, truth))
                 progress.advance(task)
     for against, label in (("ms", "ms per frame"), ("lights", "lights")):
-        figure, axes = plt.subplots(1, 4, figsize=(17, 5.4), sharey=True, layout="constrained")
+        figure, axes = plt.subplots(1, len(paths), figsize=(17, 5.4), sharey=True, squeeze=False, layout="constrained")
         room(figure, 0.16)
-        for axis, kind in zip(axes, paths, strict=True):
+        for axis, kind in zip(axes[0], paths, strict=True):
             for k, method in enumerate(STILL):
                 own = [r for r in rows if r["map"] == kind and r["method"] == method.name]
                 heavy = method.name == TRACKED
@@ -40,8 +40,8 @@ def still(out: Path, progress: Progress) -> None:
                 axis.step(*zip(*front, strict=True), where="post", color="0.6", lw=5, alpha=0.4, zorder=1, label="Pareto front")
             axis.set(title=kind, xlabel=label)
             axis.grid(alpha=0.3, which="both")
-        axes[0].set_ylabel("relative RMS error of irradiance, hard edges")
-        legend(figure, axes[0])
+        axes[0, 0].set_ylabel("relative RMS error of irradiance, hard edges")
+        legend(figure, axes[0, 0])
         save(figure, rows, out, f"still_{against}", "1500 probes, N = 4 ... 1024.")
 
 

@@ -14,7 +14,7 @@ from matplotlib import pyplot as plt
 from rich.progress import Progress
 
 from bench.accuracy.drawing import room, save
-from bench.accuracy.maps import chosen
+from bench.accuracy.maps import one
 from bench.judge import read_source
 from bench.real_maps import LENS, RESPONSE
 from services.capture.frames import FrameMaker
@@ -31,7 +31,7 @@ ROUNDS = 200
 
 def times(out: Path, progress: Progress) -> None:
     """Milliseconds a frame of each part, the paper's and ours."""
-    radiance = read_source(chosen()["a sun"]).polar
+    radiance = read_source(one("a sun")).polar
     parts = _parts(radiance)
     task = progress.add_task("times", total=len(parts))
     rows = []
@@ -89,7 +89,7 @@ def _step(radiance: np.ndarray, **settings: object) -> Callable[[], object]:
     """A step on one map again and again, 40 ms apart."""
     wanted = Sampler(**settings)  # type: ignore[arg-type]
     kept = [initial_state(wanted), 0.0]
-    centroids = read_source(chosen()["a sun"]).centroids
+    centroids = read_source(one("a sun")).centroids
 
     def run() -> None:
         kept[0] = step(wanted, kept[0], radiance, "hemisphere", kept[1], None, centroids)[0]  # type: ignore[arg-type]

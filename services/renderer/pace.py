@@ -7,7 +7,8 @@ import numpy as np
 from services.lights import Lights
 
 NEWEST = 0.2  # weight of the newest frame in what a frame costs: half known after 3 frames, one odd frame moves it by a fifth
-LEAST_RENEWED = 1 / 24  # share of the maps drawn in each frame whatever the time: at 24 frames a second none is older than a second
+LEAST_RENEWED = 1 / 24  # share of the maps drawn in each frame whatever the time: at 24 frames a second none is older than a second;
+MOST_RENEWED = 1 / 8  # ... and none older than a third of one where that many lights move, before there is time for more lights
 WORTH = 3 / 4  # of the maps drawn: a lookup apart takes 4/3 of one in the sum (78 and 59 ms of 72 lights); more are quicker there
 LOOKUP = 2 / 3  # of a light's cost where it is looked up, until both are known apart: 59 of 86 ms of 72 lights
 # Halved maps have at most half the backlog; doubled ones six times as much, with twice the texels to move by and three times the cost.
@@ -18,7 +19,7 @@ COARSEST = 4  # times as coarse as the settings say
 class Pace(NamedTuple):
     """What a frame costs on this machine, ms: whatever is lit, for each map drawn, for each light summed and looked up. None: not known.
 
-    backlog: maps off by more than a texel for each that is drawn, smoothed.
+    backlog: maps off by more than a texel for each that is drawn, smoothed; off: for each light.
     """
 
     fixed_ms: float = 0.0
@@ -26,6 +27,12 @@ class Pace(NamedTuple):
     light_ms: float | None = None
     lookup_ms: float = 0.0
     backlog: float = 1.0
+    off: float = 0.0
+
+    @property
+    def renewed(self) -> float:
+        """Share of the maps for which each frame has time before it has time for more lights."""
+        return min(max(self.off, LEAST_RENEWED), MOST_RENEWED)
 
 
 class Spent(NamedTuple):
@@ -67,21 +74,20 @@ def learnt(pace: Pace, spent: Spent) -> Pace:
 
 
 def affordable_lights(pace: Pace, frame_ms: float, moved: bool = False) -> int | None:
-    """How many lights with LEAST_RENEWED of their maps fit into frame_ms, at least 1; None while their cost is not known.
+    """How many lights with the share `renewed` of their maps fit into frame_ms, at least 1; None while their cost is not known.
 
     moved: surfaces have, so that each light is looked up anew.
     """
     if pace.light_ms is None:
         return None
     map_ms = pace.map_ms or 0.0  # not known while the lights stand still, and then not spent either
-    lookups = 1.0 if moved else LEAST_RENEWED
-    each = pace.light_ms + lookups * pace.lookup_ms + LEAST_RENEWED * map_ms
+    each = pace.light_ms + (1.0 if moved else pace.renewed) * pace.lookup_ms + pace.renewed * map_ms
     return max(1, int((frame_ms - pace.fixed_ms) / max(each, 1e-6)))
 
 
 def affordable_maps(pace: Pace, frame_ms: float, lights: int, moved: bool = False) -> int:
-    """How many maps fit into what `lights` leave of frame_ms, between LEAST_RENEWED of them and all."""
-    least = int(np.ceil(lights * LEAST_RENEWED))
+    """How many maps fit into what `lights` leave of frame_ms, between the share `renewed` of them and all."""
+    least = int(np.ceil(lights * pace.renewed))
     if pace.light_ms is None or pace.map_ms is None:
         return lights
     left = frame_ms - pace.fixed_ms - lights * pace.light_ms
@@ -91,9 +97,10 @@ def affordable_maps(pace: Pace, frame_ms: float, lights: int, moved: bool = Fals
     return int(np.clip(most, least, max(lights, least)))
 
 
-def waited(pace: Pace, off: int, drawn: int) -> Pace:
-    """The pace after a frame in which `off` maps were off by more than a texel and `drawn` of them were drawn anew."""
-    return pace._replace(backlog=pace.backlog + NEWEST * (off / max(drawn, 1) - pace.backlog))
+def waited(pace: Pace, off: int, drawn: int, lights: int) -> Pace:
+    """The pace after a frame in which `off` maps of `lights` were off by more than a texel and `drawn` of them were drawn anew."""
+    backlog, share = off / max(drawn, 1), off / max(lights, 1)
+    return pace._replace(backlog=pace.backlog + NEWEST * (backlog - pace.backlog), off=pace.off + NEWEST * (share - pace.off))
 
 
 def map_size(pace: Pace, size: int, largest: int) -> int:

@@ -243,7 +243,7 @@ class Renderer:
         lookups = batch.unknown.count if self._looked else None
         lights_ms, maps_ms, lookups_ms = (spent.get(name, 0.0) for name in ("lights", "shadow maps", "lookups"))
         done = Spent(frame_ms + self._after_ms, batch.maps.count, maps_ms, lookups, lookups_ms, batch.every.count, lights_ms)
-        self._pace = waited(learnt(self._pace, done), batch.off, batch.maps.count)
+        self._pace = waited(learnt(self._pace, done), batch.off, batch.maps.count, batch.every.count)
 
     def _catcher_irradiance(self, lights: Lights) -> Colour:
         """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""

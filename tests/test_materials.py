@@ -120,3 +120,73 @@ def test_a_file_that_says_nothing_of_its_material_is_gray(tmp_path):
     (tmp_path / "plainer.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     for name in ("plain.obj", "plainer.obj"):
         assert scene_of(tmp_path, f'[[mesh]]\nfile = "{name}"').meshes[0].material == Phong()
+
+
+def bumpy_quad(folder: Path, code: tuple[int, int, int], mirrored: bool = False) -> None:
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+    if mirrored:
+        uv[:, 0] = 1 - uv[:, 0]
+    material = PBRMaterial(normalTexture=Image.new("RGB", (4, 4), code), baseColorFactor=[255, 255, 255, 255], metallicFactor=0.0)
+    mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], visual=TextureVisuals(uv=uv, material=material), process=False)
+    mesh.export(folder / "quad.glb")
+
+
+@pytest.mark.parametrize("camera", [ABOVE, ABOVE.replace("10.0]", "-10.0]"), CAMERA])
+@pytest.mark.parametrize(("code", "normal"), [((230, 128, 204), (0.8, 0.0, 0.6)), ((128, 230, 204), (0.0, 0.8, 0.6))])
+def test_a_normal_map_turns_the_normal_towards_its_axes(tmp_path, camera, code, normal):
+    # x along u, y along v upwards; from below the normal is turned round with all it has
+    bumpy_quad(tmp_path, code)
+    scene = scene_of(tmp_path, '[[mesh]]\nfile = "quad.glb"\ny_up = false', camera)
+    below = "-10.0]" in camera
+    for direction in ((0.6, 0.0, 0.8), (-0.6, 0.0, 0.8), (0.0, 0.6, 0.8), (0.0, -0.6, 0.8)):
+        light = np.array(direction) * [1, 1, -1 if below else 1]
+        value = drawn(scene, Lights.of(np.zeros(1), light[None], np.ones((1, 3))), 8, 8)[4, 4, 0]
+        cosine = max(float(np.dot(normal, light)) * (-1 if below else 1), 0.0)
+        # Lambert's share of the white, rough dielectric: 0.96 / pi and a specular part of a percent or two of the light
+        assert value == pytest.approx(cosine / np.pi, abs=0.03)
+
+
+def test_a_mirrored_normal_map_turns_the_other_way(tmp_path):
+    bumpy_quad(tmp_path, (230, 128, 204), mirrored=True)
+    scene = scene_of(tmp_path, '[[mesh]]\nfile = "quad.glb"\ny_up = false', ABOVE)
+    left, right = (
+        drawn(scene, Lights.of(np.zeros(1), np.array([[x, 0.0, 0.8]]), np.ones((1, 3))), 8, 8)[4, 4, 0] for x in (-0.6, 0.6)
+    )
+    assert left > 0.25
+    assert right < 0.03
+
+
+def test_a_flat_normal_map_changes_nothing(tmp_path):
+    (tmp_path / "flat").mkdir()
+    bumpy_quad(tmp_path, (128, 128, 255))
+    quad(tmp_path / "flat", "quad.glb", Image.new("RGB", (4, 4), (255, 255, 255)))
+    scenes = [scene_of(folder, '[[mesh]]\nfile = "quad.glb"', CAMERA) for folder in (tmp_path, tmp_path / "flat")]
+    one, other = (drawn(scene, sky(50), 16, 16) for scene in scenes)
+    assert np.abs(one - other).max() < 0.01  # 128 is half a step off the middle: 0.2 degrees
+
+
+def test_vertex_colours_are_linear_in_gltf_and_coded_elsewhere(tmp_path):
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    faces, colours = [[0, 1, 2], [0, 2, 3]], np.array([[255, 128, 0, 255]] * 4, np.uint8)
+    trimesh.Trimesh(corners, faces, vertex_colors=colours, process=False).export(tmp_path / "quad.ply")
+    trimesh.Trimesh(corners, faces, vertex_colors=colours, process=False).export(tmp_path / "quad.glb")
+    light = Lights.of(np.zeros(1), np.array([[0.0, 0.0, 1.0]]), np.full((1, 3), np.pi))
+    for name, green in (("quad.ply", 0.2159), ("quad.glb", 128 / 255)):
+        text = f'[[mesh]]\nfile = "{name}"\ny_up = false\n'
+        assert drawn(scene_of(tmp_path, text, ABOVE), light, 4, 4)[2, 2, :3] == pytest.approx([1, green, 0], abs=2e-3)
+        overruled = scene_of(tmp_path, text + "material = {diffuse = [0.5, 0.5, 0.5]}", ABOVE)
+        assert drawn(overruled, light, 4, 4)[2, 2, :3] == pytest.approx([0.5, 0.5, 0.5], abs=2e-3)
+
+
+def test_vertex_colours_multiply_the_material_and_its_image(tmp_path):
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+    material = PBRMaterial(baseColorTexture=Image.new("RGB", (4, 4), (255, 188, 255)), metallicFactor=1.0, roughnessFactor=1.0)
+    visual = TextureVisuals(uv=uv, material=material)
+    visual.vertex_attributes["color"] = np.array([[128, 128, 255, 255]] * 4, np.uint8)
+    trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False).export(tmp_path / "quad.glb")
+    scene = scene_of(tmp_path, '[[mesh]]\nfile = "quad.glb"\ny_up = false', ABOVE)
+    red, green, blue = drawn(scene, sky(200), 4, 4)[2, 2, :3]
+    assert red / blue == pytest.approx(0.5, abs=0.03)  # Fresnel adds some white at grazing angles
+    assert green / red == pytest.approx(0.503, abs=0.03)

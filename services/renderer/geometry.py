@@ -8,7 +8,7 @@ import numpy as np
 from services.renderer.meshes import Geometry
 from services.renderer.scene import Scene
 
-VERTEX = np.dtype([("position", np.float32, 3), ("normal", np.float32, 3), ("uv", np.float32, 2)])
+VERTEX = np.dtype([("position", np.float32, 3), ("normal", np.float32, 3), ("uv", np.float32, 2), ("colour", np.float16, 4)])
 
 
 class Span(NamedTuple):
@@ -41,6 +41,7 @@ def drawable_scene(scene: Scene) -> Drawable:
         near = local_order(mesh.geometry)
         rows = np.empty(len(near.positions), VERTEX)
         rows["position"], rows["normal"], rows["uv"] = near.positions, near.normals, near.uvs
+        rows["colour"][:, :3], rows["colour"][:, 3] = 1.0 if near.colours is None else near.colours, 1.0
         vertices.append(rows)
         indices.append(near.triangles.reshape(-1) + np.uint32(first_vertex))
         spans.append(Span(first_index, near.triangles.size))
@@ -77,4 +78,5 @@ def local_order(mesh: Geometry) -> Geometry:
     used = used[np.argsort(first)]
     renumbered = np.empty(len(mesh.positions), np.uint32)
     renumbered[used] = np.arange(len(used), dtype=np.uint32)
-    return Geometry(mesh.positions[used], mesh.normals[used], mesh.uvs[used], renumbered[triangles], mesh.closed)
+    colours = None if mesh.colours is None else mesh.colours[used]
+    return Geometry(mesh.positions[used], mesh.normals[used], mesh.uvs[used], renumbered[triangles], mesh.closed, colours)

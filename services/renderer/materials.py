@@ -21,13 +21,17 @@ class Phong(NamedTuple):
 
 
 class Ggx(NamedTuple):
-    """glTF 2.0's metallic-roughness. image (h, w, 3) float16, linear, times base_color; metal_rough (h, w, 2) times the two numbers."""
+    """glTF 2.0's metallic-roughness. image (h, w, 3) float16, linear, times base_color; metal_rough (h, w, 2) times the two numbers.
+
+    bumps (h, w, 3): the normal in the frame of the texture coordinates, from -1 .. 1 to 0 .. 1.
+    """
 
     base_color: Colour
     metallic: float = 0.0
     roughness: float = 0.5
     image: np.ndarray | None = None
     metal_rough: np.ndarray | None = None
+    bumps: np.ndarray | None = None
 
 
 class Catcher(NamedTuple):
@@ -94,12 +98,30 @@ def material_from_visual(visual: Any) -> tuple[Material | None, np.ndarray | Non
         metallic, roughness = (1.0 if value is None else float(np.clip(value, 0, 1)) for value in numbers)
         both = found.metallicRoughnessTexture
         rough = None if both is None else np.ascontiguousarray(_texels(both, linear=True)[..., [2, 1]])  # blue, green
-        return Ggx(base, metallic, roughness, _colours(found.baseColorTexture), rough), uv
+        bumps = None if found.normalTexture is None else _texels(found.normalTexture, linear=True)
+        return Ggx(base, metallic, roughness, _colours(found.baseColorTexture), rough, bumps), uv
     if _stands_in(getattr(found, "image", None)):
         return None, None
     image = _colours(getattr(found, "image", None))
     diffuse = (1.0, 1.0, 1.0) if image is not None else _factor(getattr(found, "diffuse", None), coded=True)
     return Phong(diffuse, image=image), uv
+
+
+def colours_from_visual(visual: Any, linear: bool) -> np.ndarray | None:
+    """The colours (n, 3) float32, linear, that a mesh file gives its vertices; None where it gives none that can be used.
+
+    linear: whether the file stores them so, as glTF does, or sRGB-coded.
+    """
+    found = getattr(visual, "vertex_attributes", {}).get("color")
+    if found is None and getattr(visual, "kind", None) == "vertex":
+        found = visual.vertex_colors
+    if found is None or found.ndim != 2 or found.shape[1] < 3:
+        return None
+    colours = found[:, :3] / (np.iinfo(found.dtype).max if found.dtype.kind in "iu" else 1.0)
+    if not np.all(np.isfinite(colours)):
+        return None
+    colours = np.clip(colours, 0, 1)
+    return (colours if linear else _linear(colours)).astype(np.float32)
 
 
 def _stands_in(image: Any) -> bool:

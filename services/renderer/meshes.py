@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from services.files import BadInput
 from services.renderer.animation import Motion, read_motions
-from services.renderer.materials import Material, material_from_visual
+from services.renderer.materials import Material, Phong, colours_from_visual, material_from_visual
 
 Shape = Literal["sphere", "plane", "box"]
 MOST_TIMES = 64  # moments of an animation at which its reach is looked at, keys and evenly spread ones each
@@ -24,7 +24,7 @@ CREASE = np.radians(40.0)  # between a round form in coarse facets (a 12-sided t
 class Geometry(NamedTuple):
     """positions (n, 3) float32, metres; normals (n, 3) float32, unit; uvs (n, 2) float32, v upwards; triangles (m, 3) uint32.
 
-    closed: the faces enclose volumes and are wound outwards.
+    closed: the faces enclose volumes and are wound outwards. colours: (n, 3) float32, linear, times the material's; None: white.
     """
 
     positions: np.ndarray
@@ -32,6 +32,7 @@ class Geometry(NamedTuple):
     uvs: np.ndarray
     triangles: np.ndarray
     closed: bool
+    colours: np.ndarray | None = None
 
     def moved(self, linear: np.ndarray, offset: np.ndarray) -> "Geometry":
         """The geometry under a rotation with uniform scale `linear` (3, 3), then `offset` (3,)."""
@@ -118,7 +119,10 @@ def read_parts(path: Path, where: str) -> list[Part]:
         name = path.name if len(parts) == 1 else f"{path.name} part {number}"
         try:
             material, uvs = material_from_visual(part.visual)
-            found.append(Part(name, _in_file_axes(part, np.asarray(matrix, np.float64), uvs), material, motion))
+            colours = colours_from_visual(part.visual, linear=path.suffix.lower() in (".glb", ".gltf"))
+            if material is None and colours is not None:
+                material = Phong((1.0, 1.0, 1.0))
+            found.append(Part(name, _in_file_axes(part, np.asarray(matrix, np.float64), uvs, colours), material, motion))
         except (ValueError, OSError, SyntaxError, np.linalg.LinAlgError) as error:  # PIL raises SyntaxError for a damaged PNG
             raise BadInput(f"{where}: {name} {error}; export it again") from error
     if not found:
@@ -131,18 +135,22 @@ def _motion_of(node: str, loaded: trimesh.Scene, motions: dict[str, Motion]) -> 
     return motions.get(node) or motions.get(loaded.graph.transforms.parents.get(node, ""))
 
 
-def _in_file_axes(part: trimesh.Trimesh, matrix: np.ndarray, uvs: np.ndarray | None) -> Geometry:
+def _in_file_axes(part: trimesh.Trimesh, matrix: np.ndarray, uvs: np.ndarray | None, colours: np.ndarray | None) -> Geometry:
     """Clean geometry of a node's mesh under the node's transform (4, 4)."""
     positions = np.asarray(part.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
     normals = None
     if "vertex_normals" in part._cache.cache:  # there only if the file had them; the property would compute its own
         normals = np.asarray(part.vertex_normals) @ np.linalg.inv(matrix[:3, :3])
     faces = np.asarray(part.faces)
-    return clean_geometry(positions, faces if np.linalg.det(matrix[:3, :3]) > 0 else faces[:, ::-1], normals, uvs)
+    return clean_geometry(positions, faces if np.linalg.det(matrix[:3, :3]) > 0 else faces[:, ::-1], normals, uvs, colours)
 
 
 def clean_geometry(
-    positions: np.ndarray, triangles: np.ndarray, normals: np.ndarray | None, uvs: np.ndarray | None = None
+    positions: np.ndarray,
+    triangles: np.ndarray,
+    normals: np.ndarray | None,
+    uvs: np.ndarray | None = None,
+    colours: np.ndarray | None = None,
 ) -> Geometry:
     """Geometry of (n, 3) positions and (m, 3) indices without triangles of no area; normals (n, 3) are used when all are good.
 
@@ -167,8 +175,9 @@ def clean_geometry(
     triangles, facing = triangles[good], facing[good] / area[good, None]
     welded = _welded(positions, triangles)
     if normals is None or normals.shape != positions.shape or not np.all(np.linalg.norm(normals[used], axis=-1) > 1e-6):
-        vertex, triangles, normals = _smoothed(positions, triangles, welded, facing, uvs is not None)
-        positions, uvs = positions[vertex], None if uvs is None else uvs[vertex]
+        vertex, triangles, normals = _smoothed(positions, triangles, welded, facing, uvs is not None or colours is not None)
+        uvs, colours = (None if rows is None else rows[vertex] for rows in (uvs, colours))
+        positions = positions[vertex]
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-6)
     return Geometry(
@@ -177,6 +186,7 @@ def clean_geometry(
         np.zeros((len(positions), 2), np.float32) if uvs is None else np.ascontiguousarray(uvs, np.float32),
         np.ascontiguousarray(triangles, np.uint32),
         is_closed(welded, corners[good]),
+        colours,
     )
 
 
@@ -207,7 +217,7 @@ def _smoothed(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Old vertex numbers (n,), triangles and normals with a vertex for each group of corners that smooth edges join.
 
-    With `seams`, corners of one group that were different vertices (of other texture coordinates) stay different.
+    With `seams`, corners of one group that were different vertices (of other texture coordinates or colours) stay different.
 
     A smooth edge joins exactly two faces whose normals differ by less than CREASE; a group's normal is the mean of its faces' normals,
     weighted by the corners' angles (Thuermer and Wuethrich 1998).

@@ -172,6 +172,8 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
     world_from_file = np.eye(4)
     world_from_file[:3, :3], world_from_file[:3, 3] = rotation * row.scale, row.at
     placed = [part.geometry.moved(rotation * row.scale, np.array(row.at)) for part in found]
+    if wanted is not None:
+        placed = [geometry._replace(colours=None) for geometry in placed]
     made = [part.material if wanted is None else wanted for part in found]
     motions = [part.motion and part.motion._replace(world_from_file=world_from_file) for part in found]
     return [

@@ -22,7 +22,7 @@ class Surfaces:
         self.buffers = (context.buffer(drawable.vertices.tobytes()), context.buffer(drawable.indices.tobytes()))
         self.eye = scene.camera.position
         self._program = programs.program("surface.vert", "surface.frag")
-        layout = [(self.buffers[0], "3f 3f 2f", "position", "normal", "uv")]
+        layout = [(self.buffers[0], "3f 3f 2f 4f2", "position", "normal", "uv", "vertex_colour")]
         self._vao = context.vertex_array(self._program, layout, self.buffers[1], index_element_size=4)
         self._images = [context.texture(size, 4, dtype=dtype) for dtype in IMAGES.values()]
         for image in self._images:
@@ -62,16 +62,17 @@ class Surfaces:
         """Sets a material's numbers and images."""
         if isinstance(material, Phong):
             numbers = (material.diffuse, material.specular, material.exponent)
-            images = (material.image, None)
+            images = (material.image, None, None)
         elif isinstance(material, Catcher):
-            numbers, images = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0), (None, None)
+            numbers, images = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0), (None, None, None)
         else:
             numbers = (material.base_color, (material.metallic, 0.0, 0.0), material.roughness)
-            images = (material.image, material.metal_rough)
+            images = (material.image, material.metal_rough, material.bumps)
         self._program["kind"] = float(kind_of(material))
         for name, value in zip(("colour", "shine", "shape"), numbers, strict=True):
             self._program[name] = value
-        for unit, (name, image) in enumerate(zip(("colour_image", "shape_image"), images, strict=True)):
+        self._program["bumpy"] = images[2] is not None
+        for unit, (name, image) in enumerate(zip(("colour_image", "shape_image", "normal_image"), images, strict=True)):
             self._textures[id(image)].use(unit)
             self._program[name] = unit
 

@@ -9,9 +9,12 @@ uniform vec3 shine;  // specular; metallic, 0, 0
 uniform float shape;  // exponent; roughness
 uniform sampler2D colour_image;
 uniform sampler2D shape_image;  // metallic, roughness
+uniform sampler2D normal_image;  // in the frame of the texture coordinates, 0 .. 1 for -1 .. 1
+uniform bool bumpy;
 in vec3 surface_position;
 in vec3 surface_normal;
 in vec2 surface_uv;
+in vec3 surface_colour;
 layout(location = 0) out vec4 out_position;  // world; w = 1 where there is a surface
 layout(location = 1) out vec4 out_normals;  // of shading and of the triangle, both on the viewer's side
 layout(location = 2) out vec4 out_diffuse;  // w: kind
@@ -19,14 +22,29 @@ layout(location = 3) out vec4 out_specular;  // at normal incidence; w: exponent
 
 const float SMOOTHEST = 0.05;  // roughness; a directional light in a smoother surface is a highlight smaller than a pixel
 
+// The normal that the image says. Its frame follows from how position and texture coordinates change over the picture (Schueler 2013),
+// whichever way round the picture shows them.
+vec3 bumped(vec3 normal) {
+    vec3 across = dFdx(surface_position), down = dFdy(surface_position);
+    vec2 uv_across = dFdx(surface_uv), uv_down = dFdy(surface_uv);
+    vec3 bump = 2.0 * texture(normal_image, surface_uv).xyz - 1.0;
+    vec3 a = cross(down, normal), b = cross(normal, across);
+    vec3 right = a * uv_across.x + b * uv_down.x, up = a * uv_across.y + b * uv_down.y;
+    float size = sqrt(max(dot(right, right), dot(up, up)));
+    if (size == 0.0) return normal;  // no texture coordinates
+    return normalize((right * bump.x + up * bump.y) * (dot(across, a) < 0.0 ? -1.0 / size : 1.0 / size) + normal * bump.z);
+}
+
 void main() {
     vec3 flat_normal = normalize(cross(dFdx(surface_position), dFdy(surface_position)));
     if (dot(flat_normal, eye - surface_position) < 0.0) flat_normal = -flat_normal;
     vec3 smooth_normal = normalize(surface_normal);
-    if (dot(smooth_normal, flat_normal) < 0.0) smooth_normal = -smooth_normal;
+    bool behind = dot(smooth_normal, flat_normal) < 0.0;
+    if (bumpy) smooth_normal = bumped(smooth_normal);
+    if (behind) smooth_normal = -smooth_normal;
     out_position = vec4(surface_position, 1.0);
     out_normals = vec4(octahedron_from_direction(smooth_normal), octahedron_from_direction(flat_normal));
-    vec3 own = colour * texture(colour_image, surface_uv).rgb;
+    vec3 own = colour * surface_colour * texture(colour_image, surface_uv).rgb;
     if (kind != 2.0) {
         out_diffuse = vec4(own, kind);
         out_specular = vec4(shine, shape);

@@ -5,14 +5,17 @@ uniform mat3 normal_from_rest;
 in vec3 position;
 in vec3 normal;
 in vec2 uv;
+in vec4 vertex_colour;
 out vec3 surface_position;
 out vec3 surface_normal;
 out vec2 surface_uv;
+out vec3 surface_colour;
 
 void main() {
     vec4 place = world_from_rest * vec4(position, 1.0);
     surface_position = place.xyz;
     surface_normal = normal_from_rest * normal;
     surface_uv = uv;
+    surface_colour = vertex_colour.rgb;
     gl_Position = clip_from_world * place;
 }

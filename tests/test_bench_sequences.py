@@ -1,0 +1,59 @@
+"""The moving light that methods are judged on: its truth must be true."""
+
+from itertools import islice, pairwise
+
+import numpy as np
+import pytest
+
+from bench.judge import judge, points_of, points_of_lights
+from bench.sequences import FRAMES, SEQUENCES, SUN, world_from_latlong
+from services.lights import Lights
+from services.sphere import angle_between, map_irradiance
+
+
+@pytest.fixture(scope="module")
+def world():
+    image = np.random.default_rng(0).lognormal(0, 1, (128, 256, 3)).astype(np.float32)
+    image[30, 100] = 300
+    return world_from_latlong(image)
+
+
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_the_truth_and_the_map_hold_the_same_light(name, world):
+    times = []
+    for frame in islice(SEQUENCES[name](world), 6):
+        times.append(frame.time_s)
+        points = points_of(frame.source)
+        np.testing.assert_allclose(points.irradiance.sum(axis=0), map_irradiance(frame.source.polar, "hemisphere"), rtol=1e-5)
+        assert (points.directions[:, 2] > 0).all()
+        cells, shares = frame.source.centroids[:, 0], frame.source.centroids[:, 4]
+        assert (np.diff(cells) >= 0).all()
+        np.testing.assert_allclose([shares[cells == cell].sum() for cell in np.unique(cells)], 1, rtol=1e-5)
+    assert (np.diff(times) > 0).all()
+
+
+def test_lost_frames_leave_gaps_and_the_sun_goes_on(world):
+    frames = list(SEQUENCES["lost frames"](world))
+    steps = np.rint(np.diff([frame.time_s for frame in frames]) * 25).astype(int)
+    assert len(frames) == FRAMES
+    assert steps.max() > 1
+    suns = [frame.source.strong.directions[-61:].mean(axis=0) for frame in frames]
+    moved = [np.degrees(angle_between(*(sun / np.linalg.norm(sun) for sun in pair))) for pair in pairwise(suns)]
+    np.testing.assert_allclose(moved, steps * 0.5 * np.sin(np.pi / 4), rtol=0.01)
+    added = frames[0].source.strong.irradiance[-61:].sum(axis=0)
+    np.testing.assert_allclose(added, SUN * world.power, rtol=1e-9)
+
+
+def test_black_frames_are_black_only_to_the_methods(world):
+    frames = list(SEQUENCES["black frames"](world))
+    dark = [k for k, frame in enumerate(frames) if not frame.seen.any()]
+    assert dark == [11, 23, 35, 47]
+    assert all(frame.source.polar.any() for frame in frames)
+
+
+def test_lights_that_are_the_points_have_no_error(world):
+    frame = next(SEQUENCES["zenith"](world))
+    points = points_of(frame.source)
+    same = judge(points_of_lights(Lights.of(np.arange(len(points.directions)), points.directions, points.irradiance)), 200)
+    truth = judge(points, 200)
+    np.testing.assert_allclose(same.soft, truth.soft, rtol=1e-4, atol=1e-5 * truth.soft.mean())

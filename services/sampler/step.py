@@ -16,7 +16,7 @@ from services.settings import Sampler
 from services.sphere import Coverage, luminance
 
 OFFSET_TIME_S = 0.12  # the warp's offset follows the light with this time constant: three frames at 25 fps, against pixel noise
-SLACK = 1.1  # tracked lights: their need is an estimate, which noise moves by as much; they aim at 0.85 of the error, 1.24 would reach it
+SLACK = 1.1  # tracked lights' need is an estimate that noise moves by so much; AIM leaves four times as much room below the promise
 LOWEST: dict[Coverage, float] = {"hemisphere": 0.0, "sphere": -1.0}  # z of the directions that a filter may give
 
 

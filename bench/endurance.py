@@ -21,7 +21,7 @@ from services.settings import Renderer as Settings
 from services.sphere import direction_from_angles, quaternion_xyz
 
 SCENES = Path(__file__).parents[1] / "services" / "renderer" / "scenes"
-COUNTS = (24, 72, 7, 130)  # lights: the atlas is made anew where more come than it holds
+COUNTS = (12, 40, 5, 70)  # lights: the atlas is made anew where more come than it holds
 REPORTS = 20
 
 
@@ -57,8 +57,8 @@ class Show:
     def __init__(self, frame_ms: float) -> None:
         scene = load_scene(SCENES / "headlights.toml")
         lamp = scene.luminaires[0]
-        scene = scene._replace(luminaires=(lamp._replace(table=type(lamp.table)(samples=4, shadow_map=32)),), things=scene.things[:-1])
-        self.renderer = Renderer(scene, Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms))
+        scene = scene._replace(luminaires=(lamp._replace(table=type(lamp.table)(samples=4, shadow_map=16)),), things=scene.things[:-1])
+        self.renderer = Renderer(scene, Settings(width=32, height=24, shadow_map=16, light_regions=4, frame_ms=frame_ms))
         self._light = MapLights(np.ones((6, 12, 3), np.float32), "hemisphere")
         self._adaptation = None
 
@@ -71,7 +71,7 @@ class Show:
             picture = self.renderer.render_pass(self._light, k % 64)
             self.renderer.show(picture)
         else:
-            picture = self.renderer.render(sky(COUNTS[k // 100 % len(COUNTS)], turn), sky(200, turn) if k % 3 == 0 else None)
+            picture = self.renderer.render(sky(COUNTS[k // 100 % len(COUNTS)], turn), sky(100, turn) if k % 3 == 0 else None)
         self._adaptation = adapt(self._adaptation, picture, 0.04)
         self.renderer.tone_mapped(self._adaptation, 0.0)
 

@@ -16,6 +16,10 @@ class BadInput(ValueError):
     """What the user must mend. Its text is one line that says what is wrong, where, and how to mend it."""
 
 
+class Failed(RuntimeError):
+    """What nobody can mend but a new start may: a device that is gone. Its text is one line."""
+
+
 def read_toml(path: Path, kind: type[Record]) -> Record:
     """The TOML file at `path` as a record of `kind` (a msgspec Struct).
 

@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from services.files import BadInput
+from services.files import BadInput, Failed
 from services.settings import Settings, read_settings
 
 
@@ -20,6 +20,9 @@ def start(main: Callable[[Settings, int], None], arguments: Sequence[str]) -> in
     except BadInput as error:
         print(f"vemlight: {error}", file=sys.stderr)
         return 2
+    except Failed as error:
+        print(f"vemlight: {error}", file=sys.stderr)
+        return 1
     except Exception:
         traceback.print_exc()
         return 1

@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 
-from services.files import BadInput
+from services.files import BadInput, Failed
 from services.lights import Lights
 from services.renderer import shadows
-from services.renderer.programs import Programs, headless_context
+from services.renderer.programs import Programs, check_context, headless_context
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
 from services.renderer.tonemap import adapt, tone_mapped
@@ -308,3 +308,29 @@ def test_the_cost_of_every_pass_is_told_on_wish(frame_ms):
     assert renderer.timings_ms == spent_ms
     assert min(spent_ms.values()) > 0
     renderer.release()
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "words"), [("GL_OUT_OF_MEMORY", BadInput, "make them smaller"), ("GL_UNKNOWN_ERROR", Failed, "start again")]
+)
+def test_a_context_that_fails_is_one_line(error, kind, words, monkeypatch):
+    renderer = Renderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))
+    monkeypatch.setattr(moderngl.Context, "error", property(lambda _: error))
+    with pytest.raises(kind, match=words) as caught:
+        renderer.render(uniform_lights(3, 0.0))
+    assert "\n" not in str(caught.value)
+    with pytest.raises(kind, match=words):
+        Renderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))
+    monkeypatch.undo()
+    renderer.release()
+
+
+def test_gl_finds_no_fault_in_what_is_asked_of_it():
+    for frame_ms in (0.0, 1000.0):
+        renderer = Renderer(load_scene(None), Settings(width=8, height=6, shadow_map=16, frame_ms=frame_ms), samples=2)
+        for count in (1, 3, 30):
+            adaptation = adapt(None, renderer.render(uniform_lights(count, 0.0), uniform_lights(2 * count, 0.0)), 0.04)
+            renderer.tone_mapped(adaptation, 0.0)
+        with renderer._context:
+            check_context(renderer._context)
+        renderer.release()

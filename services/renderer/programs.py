@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import moderngl
 
-from services.files import BadInput
+from services.files import BadInput, Failed
 
 SHADERS = Path(__file__).parent / "shaders"
 GL_VERSION = 430  # uniform blocks, instancing, gathers and, for the speed of a software renderer, nothing newer
@@ -28,6 +28,16 @@ def headless_context() -> moderngl.Context:
 def context_info(context: moderngl.Context) -> str:
     """GL renderer and version in one line."""
     return f"{context.info['GL_RENDERER']}, OpenGL {context.info['GL_VERSION']}"
+
+
+def check_context(context: moderngl.Context) -> None:
+    """Raises BadInput when the GPU's memory was not enough for what was asked since the last check, Failed when the context is lost."""
+    error = context.error
+    if error == "GL_OUT_OF_MEMORY":
+        wanted = "[renderer] width, height, shadow_map"
+        raise BadInput(f"{wanted}: {context_info(context)} has no memory for them; make them smaller, or textures and luminaires")
+    if error != "GL_NO_ERROR":
+        raise Failed(f"OpenGL stopped working ({error}, {context_info(context)}): the card was reset or its driver failed; start again")
 
 
 class Programs:

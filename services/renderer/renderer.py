@@ -19,7 +19,7 @@ from services.renderer.luminaire.placement import Vector, placed
 from services.renderer.materials import GLOSSY, Catcher, Colour, kind_of
 from services.renderer.pace import Pace, Spent, affordable_lights, affordable_maps, first_lights, learnt, map_size, waited
 from services.renderer.plate import Plate
-from services.renderer.programs import Programs, context_info, headless_context
+from services.renderer.programs import Programs, check_context, context_info, headless_context
 from services.renderer.refine import MapLights, spread_points
 from services.renderer.regions import light_regions
 from services.renderer.scene import Scene
@@ -69,6 +69,7 @@ class Renderer:
         self._timers = Timers(self._context)
         self._timers.on = self._frame_ms > 0
         self._build(settings.shadow_map, settings.light_regions)
+        check_context(self._context)
 
     def _build(self, shadow_map: int, regions: int) -> None:
         context = self._context
@@ -141,6 +142,7 @@ class Renderer:
                 self._background.draw(self._shading.frame, self._shading.cover, self._scene.camera)
             with self._timers.measured("read-back"):
                 data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
+            check_context(self._context)
             self._rendered_s = time.perf_counter()
             if self._done:
                 self._learn(self._done, (self._rendered_s - began_s) * 1e3)

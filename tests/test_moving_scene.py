@@ -1,0 +1,79 @@
+"""Whole runs of scenes that move: poses through the page's address, a pause that refines, a video at the end of a run."""
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from urllib.request import Request, urlopen
+
+import av
+import numpy as np
+
+from services import wire
+from services.images import read_radiance
+from tests.conftest import LOADED_S
+from tests.test_animation import Film
+from tests.test_supervise import Ear, children, run  # noqa: F401, run is a fixture
+
+CAMERA = "[camera]\nfrom = [0.0, -7.0, 4.0]\nat = [0.0, 0.0, 1.0]\n"
+GROUND = '[[mesh]]\nshape = "plane"\nscale = 3.0\n'
+
+
+def wish(port: int, **wanted) -> None:
+    body = json.dumps(wanted).encode()
+    with urlopen(Request(f"http://127.0.0.1:{port}/control", body, {"Content-Type": "application/json"}), timeout=LOADED_S) as answer:
+        assert answer.status == 200
+
+
+def heard(ear: Ear, true: Callable[[wire.Image], object] = lambda image: True) -> wire.Image:
+    image = ear.next(wire.Image, true)
+    assert isinstance(image, wire.Image)
+    return image
+
+
+def test_poses_reach_the_picture_and_a_pause_refines_it(run, tmp_path):  # noqa: F811
+    scene = tmp_path / "scene.toml"
+    scene.write_text(CAMERA + GROUND + '[[mesh]]\nshape = "box"\nscale = 0.4\nat = [0.0, 0.0, 0.4]\n')
+    settings, process = run(renderer={"scene": str(scene), "picture": "linear16"})
+    ear = Ear(settings, "image")
+    try:
+        image = heard(ear)
+        assert image.linear
+        assert [thing.name for thing in image.things] == ["plane", "box"]
+        there = {"name": "box", "at": [1.0, 0.0, 0.4], "turn": [0.0, 0.0, 0.6, 0.8]}
+        wish(settings.viewer.port, poses=[there])
+        image = heard(ear, lambda image: image.things[1].at == (1.0, 0.0, 0.4))
+        assert image.lights == 16
+        wish(settings.viewer.port, paused=True)
+        heard(ear, lambda image: image.lights > 200)  # some passes
+        wish(settings.viewer.port, paused=False, poses=None)
+        heard(ear, lambda image: image.lights == 16 and image.things[1].at == (0.0, 0.0, 0.4))
+    finally:
+        ear.close()
+        process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=10) == 0
+
+
+def test_an_animated_run_is_the_same_though_its_renderer_is_killed(run, tmp_path):  # noqa: F811
+    scene = tmp_path / "scene.toml"
+    Film(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.4], [[-1, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
+    scene.write_text(CAMERA + GROUND + '[[mesh]]\nfile = "film.gltf"\n')
+    sections = {"renderer": {"scene": str(scene), "video": str(tmp_path / "film.mp4")}}
+
+    def frames(out: Path, kill: bool) -> list[np.ndarray]:
+        settings, process = run("--frames", "8", "--out", str(out), **sections)
+        if kill:
+            ear = Ear(settings, "image")
+            heard(ear, lambda image: image.stamp.sequence >= 2)
+            os.kill(children(process.pid)["renderer"], signal.SIGKILL)
+            ear.close()
+        _, errors = process.communicate(timeout=LOADED_S)
+        assert process.returncode == 0, errors.decode()
+        return [read_radiance(out / f"frame_{k:04d}.exr")[0] for k in range(8)]
+
+    whole, killed = frames(tmp_path / "a", kill=False), frames(tmp_path / "b", kill=True)
+    assert all(np.array_equal(a, b) for a, b in zip(whole, killed, strict=True))
+    assert not np.array_equal(whole[0], whole[5])
+    with av.open(str(tmp_path / "film.mp4")) as container:
+        assert len(list(container.decode(video=0))) == 8

@@ -18,6 +18,8 @@ BOARD = Board((8, 6), 0.03)
 NARROW = Lens(size=(640, 480), f=(420.0, 421.0), c=(325.0, 236.0), k1=0.04, k2=-0.01, k3=0.0, k4=0.0, rim_deg=52.0)
 FISHEYE = Lens(size=(800, 600), f=(176.0, 176.4), c=(411.0, 291.0), k1=-0.01, k2=0.003, k3=-0.001, k4=0.0, rim_deg=95.0)
 WIDE = Lens(size=(700, 700), f=(165.0, 165.0), c=(340.0, 356.0), k1=0.02, k2=-0.008, k3=0.0, k4=0.0, rim_deg=118.0)
+# 2 sin(theta / 2), whose first two terms are k1 = -1/24 and k2 = 1/1920
+SOLID = Lens(size=(800, 800), f=(240.0, 240.0), c=(405.0, 396.0), k1=-1 / 24, k2=1 / 1920, k3=-1 / 322560, k4=0.0, rim_deg=95.0)
 
 
 def board_points() -> np.ndarray:
@@ -170,8 +172,34 @@ def test_no_board_in_any_image(tmp_path: Path) -> None:
 
 
 def test_too_few_views() -> None:
-    with pytest.raises(BadInput, match="only 2 usable views"):
-        fit_lens(corner_views(FISHEYE, 2, 1, 0.1), FISHEYE.size)
+    views = corner_views(FISHEYE, 2, 1, 0.1)
+    with pytest.raises(BadInput, match="only 2 usable views of the board and 3 are needed; take more, sharp"):
+        fit_lens(views, FISHEYE.size)
+    with pytest.raises(BadInput, match=r"none was found in a\.png, b\.png, c\.png \.\.: check --board"):
+        fit_lens(views, FISHEYE.size, ["a.png", "b.png", "c.png", "d.png"])
+
+
+@pytest.mark.parametrize(
+    ("lens", "count", "noise_px", "share"),
+    [
+        (msgspec.structs.replace(FISHEYE, c=(300.0, 371.0)), 14, 0.1, 1.0),  # the axis far from the image's middle
+        (FISHEYE, 4, 0.1, 1.0),
+        (WIDE, 20, 0.5, 1.0),
+        (WIDE, 14, 0.1, 0.4),  # as ChArUco boards that are seen in part
+        (SOLID, 14, 0.1, 1.0),
+    ],
+    ids=["decentred", "few", "noisy", "in-part", "equisolid"],
+)
+def test_lens_comes_back_from_poor_sets(lens: Lens, count: int, noise_px: float, share: float) -> None:
+    rng, views = np.random.default_rng(9), corner_views(lens, count, 21, noise_px)
+    for n, view in enumerate(views):
+        kept = np.sort(rng.permutation(48)[: max(8, round(48 * share * rng.uniform(0.5, 1)))]) if share < 1 else np.arange(48)
+        views[n] = View(view.name, view.pixels[kept], view.points[kept])
+    report = fit_lens(views, lens.size)
+    assert report.rms_px < 1.6 * noise_px
+    assert not report.rejected
+    # where corners are: 1 px at a tenth of a pixel of noise, and more with more of it
+    assert disagreement_px(report.lens, lens, report.reach_deg) < max(1.0, 3 * noise_px)
 
 
 def test_two_sizes(tmp_path: Path) -> None:

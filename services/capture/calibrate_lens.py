@@ -136,7 +136,7 @@ def _rms(errors: list[np.ndarray]) -> float:
 
 def _enough(views: list[View], without: list[str]) -> None:
     if len(views) < FEWEST:
-        hint = f"; no board was found in {', '.join(without[:3])}{' ..' if len(without) > 3 else ''}" if without else ""
+        hint = f"; none was found in {', '.join(without[:3])}{' ..' if len(without) > 3 else ''}: check --board" if without else ""
         raise BadInput(f"only {len(views)} usable views of the board and {FEWEST} are needed{hint}; take more, sharp, from all sides")
 
 

@@ -245,3 +245,73 @@ def test_the_plain_form_of_the_tables_gives_the_same():
     fine = (np.arange(240_000) + 0.5) * 2 * np.pi / 240_000
     density = np.interp(fine / (2 * np.pi / 24), np.arange(25), np.append(marginal, marginal[0]))
     assert tables.offset == pytest.approx(0.5 - (fine * density).sum() / density.sum() / (2 * np.pi), abs=1e-8)
+
+
+def disc(points):
+    """Squared radius and turns of points (n, 2): Shirley and Chiu's map, quarter by quarter."""
+    x, y = 2 * points.T - 1
+    r = np.maximum(np.abs(x), np.abs(y))
+    quarters = [(x >= np.abs(y), y), (y > np.abs(x), -x), (-x >= np.abs(y), -y), (-y > np.abs(x), x)]
+    w = np.select([inside for inside, _ in quarters], [k / 4 + way / np.where(r > 0, r, 1) / 8 for k, (_, way) in enumerate(quarters)])
+    return r * r, w % 1.0
+
+
+def linear_inverse(knots, density, x):
+    """Where the integral of a density, linear between knots, reaches x, by halving each interval fifty times."""
+    integral = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(knots))])
+    i = np.clip(np.searchsorted(integral, x, "right") - 1, 0, len(knots) - 2)
+    h, rest, low, high = knots[i + 1] - knots[i], x - integral[i], np.zeros(len(x)), np.ones(len(x))
+    for _ in range(50):
+        t = (low + high) / 2
+        over = h * t * (density[i] + t / 2 * (density[i + 1] - density[i])) > rest
+        low, high = np.where(over, low, t), np.where(over, t, high)
+    return i, (low + high) / 2
+
+
+def inside(cumulative, x):
+    """Cell and way through it where each row of cumulative (n, cells + 1) reaches x (n,)."""
+    i = np.clip((cumulative <= x[:, None]).sum(axis=1) - 1, 0, cumulative.shape[1] - 2)
+    each = np.arange(len(x))
+    return i, (x - cumulative[each, i]) / (cumulative[each, i + 1] - cumulative[each, i])
+
+
+def plain_directions(name, importance, points):
+    """The three ways in numpy, on the hemisphere, whole tables at a time."""
+    rows, cols = importance.shape
+    edges, h = 1 - np.cos(np.linspace(0, np.pi / 2, rows + 1)), 2 * np.pi / cols
+    rings = np.concatenate([np.zeros((rows, 1)), np.cumsum(importance * h, axis=1)], axis=1)
+    columns = np.concatenate([np.zeros((1, cols)), np.cumsum(importance * np.diff(edges)[:, None], axis=0)])
+    if name == "standard":
+        outward = np.concatenate([[0], np.cumsum(rings[:, -1] * np.diff(edges))])
+        i, share = inside(np.tile(outward, (len(points), 1)), points[:, 0] * outward[-1])
+        j, way = inside(rings[i], points[:, 1] * rings[i, -1])
+        return direction_from_angles(np.arccos(1 - edges[i] - share * np.diff(edges)[i]), (j + way) * h)
+    a, w = disc(points)
+    if name == "havran-azimuth":
+        marginal = np.append(columns[-1], columns[-1, 0])
+        knots = np.arange(cols + 1) * h
+        middle, between = (knots[1:] + knots[:-1]) / 2, (marginal[1:] + marginal[:-1]) / 2
+        parts = knots[:-1] * marginal[:-1] + 4 * middle * between + knots[1:] * marginal[1:]
+        mean = parts.sum() * h / 6 / np.trapezoid(marginal, knots)  # Simpson's rule, exact for a linear density times the azimuth
+        total = np.trapezoid(marginal, knots)
+        j, t = linear_inverse(knots, marginal, (w + 0.5 - mean / (2 * np.pi)) % 1.0 * total)
+        mixed = ((1 - t) * columns[:, j] + t * columns[:, (j + 1) % cols]).T
+        i, share = inside(mixed, a * mixed[:, -1])
+        return direction_from_angles(np.arccos(1 - edges[i] - share * np.diff(edges)[i]), (j + t + 0.5) * h)
+    centres = 1 - np.cos((np.arange(rows) + 0.5) * np.pi / 2 / rows)
+    knots, which = np.concatenate([[0], centres, [1]]), np.concatenate([[0], np.arange(rows), [rows - 1]])
+    total = np.trapezoid(rings[which, -1], knots)
+    s, t = linear_inverse(knots, rings[which, -1], a * total)
+    mixed = (1 - t)[:, None] * rings[which[s]] + t[:, None] * rings[which[s + 1]]
+    mean = (np.diff(mixed, axis=1) * (np.arange(cols) + 0.5)).sum(axis=1) / cols / mixed[:, -1]
+    j, way = inside(mixed, (w + 0.5 - mean) % 1.0 * mixed[:, -1])
+    return direction_from_angles(np.arccos(1 - knots[s] - t * np.diff(knots)[s]), (j + way) * h)
+
+
+@pytest.mark.parametrize("count", [1, 64, 1000])
+@pytest.mark.parametrize("name", NAMES)
+def test_samples_are_those_of_the_plain_form(name, count):
+    radiance = sky(12, 24, sun=50.0, at=(5, 3)) * np.random.default_rng(8).lognormal(0, 1, (12, 24, 1)).astype(np.float32)
+    light, points = light_map(radiance, "hemisphere"), np.random.default_rng(9).random((count, 2))
+    directions = warp_from_map(light, name).sample(points).directions
+    np.testing.assert_allclose(directions, plain_directions(name, light.importance, points), atol=1e-8)  # arccos near the zenith

@@ -163,13 +163,16 @@ def test_light_on_the_horizon_alone_stays_there(method):
     assert height @ clusters[-1].irradiance[:, 1] < 3 * strength.sum()  # a row and a half on average
 
 
-def test_pixel_noise_moves_no_light_far():
-    generator = np.random.default_rng(1)
-    maps = [np.maximum(SKY * (1 + 0.05 * generator.standard_normal((ROWS, COLS, 1))), 0).astype(np.float32) for _ in range(30)]
-    result = score(zip(maps, run(maps, Sampler(count=216))[0], strict=True))
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("sun", [0.0, 500.0])
+def test_pixel_noise_moves_no_light_far(method, sun):
+    # A sun of one cell with 6 % of all light has 13 of 216 lights; as its own noise moves its share, one of them may leave it in a frame.
+    generator, base = np.random.default_rng(1), lamp(40, 100, sun)
+    maps = [np.maximum(base * (1 + 0.05 * generator.standard_normal((ROWS, COLS, 1))), 0).astype(np.float32) for _ in range(30)]
+    result = score(zip(maps, run(maps, Sampler(method=method, count=216))[0], strict=True))
     assert result.motion_deg < 0.5
-    assert result.jumps == 0
-    assert result.flicker < 0.005
+    assert result.jumps <= (1 if sun else 0)
+    assert result.flicker < (0.015 if sun else 0.005)
 
 
 @pytest.mark.parametrize("filter", FILTERS)

@@ -26,6 +26,7 @@ BENCHES: dict[str, tuple[list[str], bool]] = {
     "need": (["bench.accuracy", "need"], True),
     "renderer_figure6": (["bench.renderer_accuracy", "figure6"], True),
     "renderer_time": (["bench.renderer_accuracy", "time"], True),
+    "gloss": (["bench.gloss"], True),
     "moving": (["bench.accuracy", "moving"], True),
 }
 

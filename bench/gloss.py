@@ -1,23 +1,27 @@
-"""What the second set of lights does for glossy surfaces: metal spheres of rising roughness under a real map, against the map itself.
+"""What the second set of lights does for glossy surfaces: VEMLIGHT_DATA=FOLDER python -m bench.gloss [--out docs/charts]
 
-    python -m bench.gloss MAP.hdr... --out DIR
-
-The truth sums the map's own pixels of the upper hemisphere at each pixel's centre; a sphere alone casts no shadow that its normals do not
-tell. Writes gloss.csv (error of each roughness, method and number of weak lights) and gloss_NAME.png (truth above, then without and with
-the second set).
+Metal spheres of rising roughness under 72 lights of four real maps, with second sets of several sizes and without, against the map itself:
+the truth sums all of the map's directions at each pixel's centre, and a sphere alone casts no shadow that its normals do not tell. Writes
+gloss.png (the spheres under one map, and the error over roughness) and gloss.csv.
 """
 
 import argparse
 import csv
 from pathlib import Path
-from typing import NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Literal, NamedTuple
 
 import numpy as np
+from matplotlib import pyplot as plt
 from numba import njit, prange
+from rich.progress import track
 
+from bench.accuracy.drawing import colour, room
+from bench.accuracy.maps import chosen
 from bench.judge import Source, points_of, read_source
 from bench.renderer_truth import Hits, first_hits, scene_tree
-from services.images import write_png
+from services.accuracy import machine
+from services.files import written_whole
 from services.lights import Lights
 from services.renderer.renderer import Renderer
 from services.renderer.scene import Scene, load_scene
@@ -31,7 +35,9 @@ SIDE = 96  # pixels of a sphere's picture
 COUNT = 72  # strong lights, the paper's number
 ROUGHNESS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
 WEAK = (0, 256, 512, 1024)
-METHODS = ("tracked", "havran-azimuth")
+SHOWN = (0, 512)
+Method = Literal["tracked", "havran-azimuth"]
+METHODS: tuple[Method, ...] = ("tracked", "havran-azimuth")
 SCENE = """[camera]
 from = [0.0, -6.0, 1.5]
 at = [0.0, 0.0, 0.0]
@@ -90,7 +96,7 @@ def sphere_under(source: Source, roughness: float, folder: Path) -> Sphere:
     return Sphere(scene, hits, truth)
 
 
-def sets_of(source: Source, method: str, weak: int) -> tuple[Lights, Lights]:
+def sets_of(source: Source, method: Method, weak: int) -> tuple[Lights, Lights]:
     """The strong lights and the weak ones, as the sampler gives them on a first frame."""
     wanted = Sampler(method=method, count=COUNT, fine=weak, filter="none")
     _, lights, report = step(wanted, initial_state(wanted), source.polar, "hemisphere", 0.0, None, source.centroids)
@@ -112,34 +118,82 @@ def errors(sphere: Sphere, picture: np.ndarray) -> tuple[float, float]:
     return float(np.sqrt(np.mean(off**2)) / true.mean()), float(np.linalg.norm(seen[0] - seen[1], axis=-1).mean())
 
 
+class Row(NamedTuple):
+    """A line of gloss.csv; weak: lights of the second set. rmse: over the mean of the truth; lab: mean difference of tone-mapped pixels."""
+
+    map: str
+    method: Method
+    weak: int
+    roughness: float
+    rmse: float
+    lab: float
+
+
+def judged(kind: str, source: Source, folder: Path) -> tuple[list[Row], dict[str, np.ndarray]]:
+    """The errors under one map, and by name its strips of spheres, (SIDE, n SIDE, 4) uint8."""
+    rows: list[Row] = []
+    strips: dict[str, list[np.ndarray]] = {"the map itself": []}
+    pairs: list[tuple[Method, int]] = [(method, weak) for method in METHODS for weak in WEAK]
+    sets = {pair: sets_of(source, *pair) for pair in pairs}
+    for roughness in ROUGHNESS:
+        sphere = sphere_under(source, roughness, folder)
+        adaptation = adapt(None, sphere.truth, 0.0)
+        strips["the map itself"].append(tone_mapped(sphere.truth, adaptation, 0.0))
+        renderer = Renderer(sphere.scene, RendererSettings(width=SIDE, height=SIDE, shadow_map=256))
+        for (method, weak), pair in sets.items():
+            picture = renderer.render(*pair)
+            rows.append(Row(kind, method, weak, roughness, *errors(sphere, picture)))
+            strips.setdefault(title(method, weak), []).append(tone_mapped(picture, adaptation, 0.0))
+        renderer.release()
+    return rows, {name: np.concatenate(strip, axis=1) for name, strip in strips.items()}
+
+
+def title(method: Method, weak: int) -> str:
+    return f"{method}, {COUNT} lights" + (f" + {weak}" if weak else "")
+
+
+def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -> None:
+    """The chart: spheres on the left, errors on the right."""
+    figure = plt.figure(figsize=(15, 6.5), layout="constrained")
+    room(figure, 0.03)
+    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=(1, 1.1)))
+    shown = ["the map itself", *(title(method, weak) for method in METHODS for weak in SHOWN)]
+    for name, axis in zip(shown, left.subplots(len(shown), 1), strict=True):
+        axis.imshow(strips[name])
+        axis.set_title(name, fontsize=8)
+        axis.set_axis_off()
+    left.suptitle(f"{kind}; roughness {', '.join(map(str, ROUGHNESS))}", fontsize=9)
+    for measure, label, axis in zip(("rmse", "lab"), ("relative RMSE", "mean difference in L*a*b*"), right.subplots(1, 2), strict=True):
+        for k, method in enumerate(METHODS):
+            for weak, style in zip(WEAK, (":", "-.", "-", "--"), strict=True):
+                means = [np.mean([getattr(r, measure) for r in rows if (r.method, r.weak, r.roughness) == (method, weak, at)])
+                         for at in ROUGHNESS]
+                axis.plot(ROUGHNESS, means, style, color=colour(k), label=title(method, weak))
+        axis.set(yscale="log", xlabel="roughness", title=label)
+        axis.grid(alpha=0.3, which="both")
+    axis.legend(fontsize=7)
+    note = f"Means over {len({r.map for r in rows})} maps.   python -m bench.gloss   {machine()}"
+    figure.text(0.01, 0.004, note, fontsize=7, color="0.35")
+    with written_whole(out / "gloss.png") as part:
+        figure.savefig(part, dpi=85)
+    plt.close(figure)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("maps", type=Path, nargs="+")
-    parser.add_argument("--out", type=Path, required=True)
-    wanted = parser.parse_args()
-    wanted.out.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for path in wanted.maps:
-        source = read_source(path)
-        sets = {(method, weak): sets_of(source, method, weak) for method in METHODS for weak in WEAK}
-        strips: dict[tuple[str, int] | str, list[np.ndarray]] = {}
-        for roughness in ROUGHNESS:
-            sphere = sphere_under(source, roughness, wanted.out)
-            renderer = Renderer(sphere.scene, RendererSettings(width=SIDE, height=SIDE, shadow_map=256))
-            adaptation = adapt(None, sphere.truth, 0.0)
-            strips.setdefault("truth", []).append(tone_mapped(sphere.truth, adaptation, 0.0))
-            for (method, weak), (lights, many) in sets.items():
-                picture = renderer.render(lights, many)
-                error, difference = errors(sphere, picture)
-                rows.append((path.stem, method, weak, roughness, f"{error:.4f}", f"{difference:.3f}"))
-                strips.setdefault((method, weak), []).append(tone_mapped(picture, adaptation, 0.0))
-            renderer.release()
-        (wanted.out / "sphere.toml").unlink()
-        chosen = ["truth", *((method, weak) for method in METHODS for weak in (0, 512))]
-        sheet = np.concatenate([np.concatenate(strips[name], axis=1) for name in chosen])
-        write_png(wanted.out / f"gloss_{path.stem}.png", sheet)
-    with open(wanted.out / "gloss.csv", "w", newline="") as file:
-        csv.writer(file).writerows([("map", "method", "weak", "roughness", "relative_rmse", "lab"), *rows])
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs" / "charts")
+    out = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    rows: list[Row] = []
+    strips: dict[str, dict[str, np.ndarray]] = {}
+    with TemporaryDirectory() as folder:
+        for kind, path in track(chosen().items(), "maps"):
+            found, strips[kind] = judged(kind, read_source(path), Path(folder))
+            rows += found
+    kind = next(iter(strips))
+    draw(rows, strips[kind], kind, out)
+    with written_whole(out / "gloss.csv") as part, open(part, "w", newline="") as file:
+        csv.writer(file).writerows([Row._fields, *((*row[:4], f"{row.rmse:.4g}", f"{row.lab:.4g}") for row in rows)])
 
 
 if __name__ == "__main__":

@@ -106,17 +106,18 @@ def test_a_rows_sum_is_that_of_the_lights_in_reach():
     irradiance = rng.lognormal(0, 2, (3000, 1)) * rng.uniform(0.5, 1, (3000, 3))
     irradiance[1234] = 1e6
     reach = regions.reach + 0.3
-    rows = weak_rows(regions.centres, reach, directions, irradiance, np.zeros(3000))
+    spans, rows = weak_rows(regions.centres, reach, directions, irradiance, np.zeros(3000))
     within = regions.centres @ directions.T >= np.cos(reach)[:, None]
     assert within.sum(axis=1).max() > MOST
     assert within.sum(axis=1).min() < MOST
-    assert np.allclose(rows[:, 1::2, :3].sum(axis=1, dtype=np.float64), within @ irradiance, rtol=1e-5)
-    for row, inside in zip(rows, within, strict=True):
-        count = int((row[0::2, 3] >= 0).sum())
+    for (first, count), inside in zip(spans.astype(int), within, strict=True):
+        lights = rows[first : first + count]
         assert count == min(inside.sum(), MOST)
-        assert not row[1::2][count:].any()
-    full = rows[within[:, 1234], 1::2, 0]
-    assert np.allclose(full.max(axis=1), 1e6)  # the sun is never scaled
+        assert np.allclose(lights[:, 1, :3].sum(axis=0, dtype=np.float64), inside @ irradiance, rtol=1e-5)
+        assert np.all(np.isin(lights[:, 0, 0], directions[inside, 0].astype(np.float32)))
+        if inside[1234]:
+            assert lights[:, 1, 0].max() == 1e6  # the sun is never scaled
+    assert spans[:, 1].sum() == len(rows)
 
 
 @settings(deadline=None, max_examples=20)
@@ -124,9 +125,10 @@ def test_a_rows_sum_is_that_of_the_lights_in_reach():
 def test_of_equal_lights_the_first_are_kept_and_scaled_alike(count):
     directions = np.tile([[0.0, 0.0, 1.0]], (count, 1))
     directions[:, 0] = np.arange(count) * 1e-6  # to tell them apart
-    rows = weak_rows(np.array([[0.0, 0.0, 1.0]]), np.array([0.5]), directions, np.ones((count, 3)), np.arange(count))
-    assert np.array_equal(rows[0, 0::2, 3], np.arange(MOST))
-    assert np.allclose(rows[0, 1::2, :3], count / MOST)
+    spans, rows = weak_rows(np.array([[0.0, 0.0, 1.0]]), np.array([0.5]), directions, np.ones((count, 3)), np.arange(count))
+    assert spans.tolist() == [[0, MOST]]
+    assert np.array_equal(rows[:, 0, 3], np.arange(MOST))
+    assert np.allclose(rows[:, 1, :3], count / MOST)
 
 
 def test_the_spread_of_an_even_sky_is_that_of_its_cells():

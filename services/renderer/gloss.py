@@ -20,7 +20,8 @@ CORE = np.radians(12.0)  # where they are alone
 CONE = (float(np.cos(RIM)), float(np.cos(CORE)))
 NO_CONE = (2.0, 3.0)  # cosines that no light reaches
 REGIONS = 256  # of mirrored views: caps of 10 degrees, beside a cone of 20 degrees
-MOST = 256  # weak lights of a region; of more, so many carry what the others had
+MOST = 512  # weak lights of a region; of more, so many carry what the others had
+LINE = 1024  # lights in a line of the texture that holds them; gloss.frag knows it by the texture's width
 NEIGHBOURS = 4  # of a light, whose distance tells its spread
 
 
@@ -34,8 +35,10 @@ class Gloss:
         self._regions = light_regions(REGIONS)
         self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, self._regions.cube.astype(np.float32).tobytes(), dtype="f4")
         self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._rows = context.texture((2 * MOST, REGIONS), 4, dtype="f4")
-        self._rows.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._spans = context.texture((REGIONS, 1), 2, dtype="f4")
+        self._rows = context.texture((2 * LINE, REGIONS * MOST // LINE), 4, dtype="f4")
+        for texture in (self._spans, self._rows):
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._program["cone"] = CONE
         self.cone = NO_CONE  # which the strong lights leave to the weak ones
 
@@ -47,8 +50,12 @@ class Gloss:
         if not len(lit):
             return
         nearest = np.argmax(weak.directions[lit] @ strong.T, axis=1)
-        rows = weak_rows(self._regions.centres, self._regions.reach + RIM, weak.directions[lit], weak.irradiance[lit], nearest)
-        self._rows.write(rows.tobytes())
+        spans, rows = weak_rows(self._regions.centres, self._regions.reach + RIM, weak.directions[lit], weak.irradiance[lit], nearest)
+        self._spans.write(spans.tobytes())
+        lines = -(-len(rows) // LINE)
+        table = np.zeros((lines * LINE, 2, 4), np.float32)
+        table[: len(rows)] = rows
+        self._rows.write(table.tobytes(), viewport=(0, 0, 2 * LINE, lines))
 
     def add(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, frame: moderngl.Framebuffer, weight: float) -> None:
         """Adds the weak lights times `weight` to the picture in `frame`; the maps of the batch are in the atlas."""
@@ -57,7 +64,8 @@ class Gloss:
         unit = surfaces.bind(self._program)
         atlas.bind(self._program, unit)
         atlas.bind_row(batch.every)
-        for number, (name, texture) in enumerate((("region_of_direction", self._cube), ("weak_lights", self._rows)), unit + 1):
+        textures = {"region_of_direction": self._cube, "spans": self._spans, "weak_lights": self._rows}
+        for number, (name, texture) in enumerate(textures.items(), unit + 1):
             texture.use(number)
             self._program[name] = number
         self._program["eye"] = surfaces.eye
@@ -69,39 +77,41 @@ class Gloss:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for thing in (self._array, self._cube, self._rows):
+        for thing in (self._array, self._cube, self._spans, self._rows):
             thing.release()
 
 
-def weak_rows(centres: np.ndarray, reach: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, strong: np.ndarray) -> np.ndarray:
-    """The weak lights (m, 3) within `reach` (n,) rad of each region's centre (n, 3), as gloss.frag reads them: (n, 2 MOST, 4) float32.
+def weak_rows(
+    centres: np.ndarray, reach: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, strong: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The weak lights (m, 3) within `reach` (n,) rad of each region's centre (n, 3), as gloss.frag reads them.
 
-    A light is its direction and the number of its strong light (m,), then its irradiance and the square of its spread; -1 ends a row. Of
-    more than MOST the first are kept, who is stronger by a power of two before the others and then in the order of the set, and those
-    like the last of them carry what the others had, in each channel. So lights of like power keep the progressive order and are scaled
-    alike, and a sun stays what it is.
+    Two float32 arrays: the first light and the number of lights of each region, (n, 2), and all of them one after the other, (k, 2, 4):
+    a light is its direction and the number of its strong light (m,), then its irradiance and the square of its spread. Of more than MOST
+    in a region the first are kept, who is stronger by a power of two before the others and then in the order of the set, and those like
+    the last of them carry what the others had, in each channel. So lights of like power keep the progressive order and are scaled alike,
+    and a sun stays what it is.
     """
-    rows = np.zeros((len(centres), 2 * MOST, 4), np.float32)
-    rows[:, 0::2, 3] = -1
     power = irradiance.max(axis=1)
     level = np.floor(np.log2(np.maximum(power / power.mean(), 1e-6)) + 0.5)
     order = np.argsort(-level, kind="stable")
-    directions, irradiance, strong, level = directions[order], irradiance[order], strong[order], level[order]
-    region, light = np.nonzero(centres @ directions.T >= np.cos(np.minimum(reach, np.pi))[:, None])
+    lights = np.empty((len(order), 2, 4), np.float32)
+    lights[:, 0, :3], lights[:, 0, 3] = directions[order], strong[order]
+    lights[:, 1, :3], lights[:, 1, 3] = irradiance[order], spread(directions[order]) ** 2
+    irradiance, level = irradiance[order], level[order]
+    region, light = np.nonzero(centres @ directions[order].T >= np.cos(np.minimum(reach, np.pi))[:, None])
     first = np.searchsorted(region, np.arange(len(centres)))
-    place = np.arange(len(region)) - first[region]
-    kept = place < MOST
-    last = level[light[np.minimum(first + MOST, len(light)) - 1]]  # of each full row
-    alike = kept & (level[light] <= last[region] + 1)
-    left = _sums(region[~kept], irradiance[light[~kept]], len(centres))
-    carrying = _sums(region[alike], irradiance[light[alike]], len(centres))
-    scale = 1 + np.divide(left, carrying, out=np.zeros_like(left), where=carrying > 0)
-    rows[region[kept], 2 * place[kept], 0:3] = directions[light[kept]]
-    rows[region[kept], 2 * place[kept], 3] = strong[light[kept]]
-    rows[region[kept], 2 * place[kept] + 1, 0:3] = irradiance[light[kept]]
-    rows[region[kept], 2 * place[kept] + 1, 3] = spread(directions)[light[kept]] ** 2
-    rows[region[alike], 2 * place[alike] + 1, 0:3] *= scale[region[alike]]
-    return rows
+    kept = np.arange(len(region)) - first[region] < MOST
+    counts = np.bincount(region[kept], minlength=len(centres))
+    rows = lights[light[kept]]
+    if not kept.all():
+        last = level[light[np.minimum(first + MOST, len(light)) - 1]]  # of each full region
+        alike = level[light] <= last[region] + 1
+        left = _sums(region[~kept], irradiance[light[~kept]], len(centres))
+        carrying = _sums(region[kept & alike], irradiance[light[kept & alike]], len(centres))
+        scale = 1 + np.divide(left, carrying, out=np.zeros_like(left), where=carrying > 0)
+        rows[alike[kept], 1, :3] *= scale[region[kept & alike]]
+    return np.stack([np.cumsum(counts) - counts, counts], axis=-1).astype(np.float32), rows
 
 
 def spread(directions: np.ndarray) -> np.ndarray:

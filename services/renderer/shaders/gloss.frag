@@ -16,9 +16,11 @@ uniform sampler2D surface_normals;
 uniform sampler2D surface_diffuse;
 uniform sampler2D surface_specular;
 uniform samplerCube region_of_direction;
-uniform sampler2D weak_lights;  // a row a region; each light: direction and its strong light, or -1 behind the last; irradiance and
-// the square of its spread, rad: a disc of that radius has a quarter of it as variance along an axis, Phong's lobe 1 / exponent, and GGX',
-// in which the light counts half since halfway vectors move half as far, alpha^2 / 2
+uniform sampler2D spans;  // of each region: its first light, and how many
+// Line after line, two texels a light: direction and number of its strong light; irradiance and the square of its spread, rad. A disc of
+// that radius has a quarter of the square as variance along an axis. Phong's lobe has 1 / exponent, GGX' lobe of halfway vectors, which
+// move half as far as the light, about alpha^2 / 2.
+uniform sampler2D weak_lights;
 layout(location = 0) out vec4 radiance;
 
 void main() {
@@ -36,17 +38,18 @@ void main() {
     vec3 mirrored_view = reflect(normalize(position.xyz - eye), smooth_normal);
     float view_cosine = max(dot(smooth_normal, mirrored_view), 1e-4);
     int region = int(textureLod(region_of_direction, mirrored_view, 0.0).r);
-    int last = textureSize(weak_lights, 0).x - 2;
+    ivec2 span = ivec2(texelFetch(spans, ivec2(region, 0), 0).xy);
+    int line = textureSize(weak_lights, 0).x / 2;
 
     vec3 sum = vec3(0.0);
-    for (int k = 0; k <= last; k += 2) {
-        vec4 light = texelFetch(weak_lights, ivec2(k, region), 0);
-        if (light.w < 0.0) break;
+    for (int k = span.x; k < span.x + span.y; ++k) {
+        ivec2 place = ivec2(2 * (k % line), k / line);
+        vec4 light = texelFetch(weak_lights, place, 0);
         float mirrored = dot(mirrored_view, light.xyz);
         float share = in_cone(mirrored);
         float cosine = dot(smooth_normal, light.xyz);
         if (share <= 0.0 || cosine <= 0.0 || dot(flat_normal, light.xyz) <= 0.0) continue;
-        vec4 irradiance = texelFetch(weak_lights, ivec2(k + 1, region), 0);
+        vec4 irradiance = texelFetch(weak_lights, place + ivec2(1, 0), 0);
         vec3 lobe;
         if (phong) {
             lobe = specular.rgb * phong_lobe(1.0 / (1.0 / max(specular.w, 1e-3) + 0.25 * irradiance.w), mirrored);

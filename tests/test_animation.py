@@ -2,6 +2,7 @@
 
 import base64
 import json
+import os
 import struct
 from pathlib import Path
 from typing import Any
@@ -163,3 +164,22 @@ def test_a_spoilt_animation_is_one_line(tmp_path, spoil):
     with pytest.raises(BadInput, match=r"^here: .*film\.gltf .*export it again$") as caught:
         read_parts(film.write(tmp_path / "film.gltf"), "here")
     assert "\n" not in str(caught.value)
+
+
+def test_the_wheels_of_a_real_truck_turn_once(tmp_path):
+    data = os.environ.get("VEMLIGHT_DATA")
+    if not data:
+        pytest.skip("VEMLIGHT_DATA is not set")
+    parts = read_parts(Path(data) / "models" / "CesiumMilkTruck.glb", "here")
+    wheels = [part for part in parts if part.motion]
+    assert len(wheels) == 2
+    for wheel in wheels:
+        assert wheel.motion is not None
+        assert wheel.motion.duration_s == pytest.approx(1.25)
+        middle = wheel.geometry.positions.mean(axis=0)
+        for time_s in np.linspace(0, 1.2, 7):
+            matrix = wheel.motion.world_from_rest(time_s)
+            assert np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6)  # rigid
+            assert np.allclose(matrix[:3, :3] @ middle + matrix[:3, 3], middle, atol=2e-2)  # about its own axle, but for its pattern
+        half = wheel.motion.world_from_rest(0.625)
+        assert np.trace(half[:3, :3]) == pytest.approx(-1, abs=0.05)  # half a turn

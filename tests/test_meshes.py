@@ -1,7 +1,10 @@
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
+from trimesh.visual import TextureVisuals
 
+from services.files import BadInput
 from services.renderer.meshes import clean_geometry, read_parts, shape_geometry
 
 
@@ -89,3 +92,38 @@ def test_moving_keeps_normals_of_unit_length():
     moved = shape_geometry("sphere").moved(3 * np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]), np.array([1, 2, 3]))
     assert np.abs(np.linalg.norm(moved.normals, axis=1) - 1).max() < 1e-6
     assert np.abs((moved.positions - [1, 2, 3]) / 3 - moved.normals).max() < 1e-6
+
+
+def test_a_ply_without_normals_gets_its_own(tmp_path):
+    sphere = trimesh.creation.icosphere(subdivisions=3)
+    (tmp_path / "ball.ply").write_bytes(sphere.export(file_type="ply", vertex_normal=False))
+    (part,) = read_parts(tmp_path / "ball.ply", "here")
+    outwards = part.geometry.positions / np.linalg.norm(part.geometry.positions, axis=1, keepdims=True)
+    assert np.einsum("ij,ij->i", part.geometry.normals, outwards).min() > 0.999
+    assert part.geometry.closed
+
+
+def test_a_huge_texture_is_made_smaller(tmp_path):
+    plane = trimesh.creation.box()
+    image = Image.fromarray(np.tile(np.array([[[200, 30, 30]]], np.uint8), (16, 5000, 1)))
+    plane.visual = TextureVisuals(uv=np.zeros((len(plane.vertices), 2)), image=image)
+    plane.export(tmp_path / "box.glb")
+    (part,) = read_parts(tmp_path / "box.glb", "here")
+    assert part.material is not None
+    (texels,) = [value for value in part.material if isinstance(value, np.ndarray)]
+    assert texels.shape == (13, 4096, 3)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n",
+        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 0\nproperty list uchar int vertex_indices\nend_header\n",
+    ],
+)
+def test_points_alone_and_nothing_at_all_are_one_line(tmp_path, text):
+    (tmp_path / "mesh.ply").write_text(text)
+    with pytest.raises(BadInput, match=r"^here: .*mesh\.ply") as caught:
+        read_parts(tmp_path / "mesh.ply", "here")
+    assert "\n" not in str(caught.value)

@@ -143,3 +143,20 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     state, image = shown(state, 11, a_map())
     assert image.lights == 3
     assert np.array_equal(picture_of(state), live)
+
+
+def test_a_catcher_takes_the_maps_share_and_no_passes_own(tmp_path):
+    camera = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\n"
+    ground = '[[mesh]]\nshape = "plane"\nscale = 3.0\nmaterial = {catcher = true}\n'
+    (tmp_path / "scene.toml").write_text(camera + ground + '[[mesh]]\nshape = "box"\nscale = 0.5\nat = [0.0, 0.0, 0.8]\n')
+    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Size(width=32, height=24, shadow_map=64))
+    light = MapLights(a_map(12, 48), "hemisphere")
+    exact = renderer.render(light.cells()).copy()
+    refined = Refined.nothing()
+    while not refined.converged:
+        refined = refined.with_pass(renderer.render_pass(light, refined.passes))
+    renderer.release()
+    inside = np.abs(exact[..., 3] - refined.picture[..., 3])[exact[..., 3] < 0.9]
+    assert exact[..., 3][exact[..., 3] < 0.9].max() > 0.3
+    assert np.median(inside) < 0.01  # edges apart, where a pixel's mean is not its middle
+    assert abs(inside.mean()) < 0.03

@@ -209,3 +209,24 @@ def test_what_moves_leaves_nothing_on_the_gpu(tmp_path):
     assert min(before) > 0
     assert objects_after(range(25, 60)) == before
     renderer.release()
+
+
+def test_normals_follow_a_scale_that_is_not_the_same_all_ways(tmp_path):
+    """A slope squeezed to half its height by its animation is lit as one that was built so."""
+    slope = np.array([[-1, 1, -1], [1, 1, -1], [0, -1, 1]], float)
+    for name, height in (("tall", 1.0), ("low", 0.5)):
+        film = Film().move(1, "scale", [0, 1, 2], [[1, 1, 1], [1, 0.5, 1], [1, 1, 1]]) if name == "tall" else Film()
+        film.data = (slope * [1, height, 1]).astype(np.float32).tobytes() + film.data[36:]
+        film.document["accessors"][0] |= {"min": [-1, -height, -1], "max": [1, height, 1]}
+        film.write(tmp_path / f"{name}.gltf")
+    pictures = []
+    for name in ("tall", "low"):
+        renderer = renderer_of(a_scene(tmp_path, f'[[mesh]]\nfile = "{name}.gltf"\nmaterial = {{diffuse = [1.0, 1.0, 1.0]}}\n'))
+        renderer.place(1.0)
+        pictures.append(renderer.render(lights_from([0.0, 0.0, 1.0])))
+        renderer.release()
+    both = (pictures[0][..., 3] > 0) & (pictures[1][..., 3] > 0)
+    assert both.sum() > 50
+    assert np.allclose(pictures[0][both], pictures[1][both], atol=1e-3)
+    # the slope of 45 degrees becomes one of atan(1/2)
+    assert pictures[0][both][:, 0].max() == pytest.approx(np.cos(np.arctan(0.5)) / np.pi, rel=1e-3)

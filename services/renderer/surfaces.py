@@ -36,10 +36,11 @@ class Surfaces:
     def place(self, now: Standing) -> None:
         """Moves the meshes."""
         self._scene = self._scene._replace(centre=now.centre, half=now.half)
-        normals = np.linalg.pinv(now.matrices[:, :3, :3])  # row by row what the shader reads column by column: inverse and transposed
+        a, b, c = np.moveaxis(now.matrices[:, :3, :3], 1, 0)  # rows; normals go by the cofactors, which a flat scale leaves finite
+        normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
         placed = zip(now.matrices, normals, strict=True)
         self._drawn_at: tuple[float, float] | None = None
-        self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.reshape(-1))) for matrix, normal in placed]
+        self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.T.reshape(-1))) for matrix, normal in placed]
 
     def draw(self, offset: tuple[float, float]) -> None:
         """Draws what the pixels see at `offset` in each, unless that is what was drawn last."""

@@ -226,8 +226,10 @@ class ShadowAtlas:
             self._arrays[beyond].render(vertices=piece.indices.count, first=piece.indices.first, instances=count)
 
     def _describe(self, program: moderngl.Program | moderngl.ComputeShader) -> None:
-        program["tile_size"] = float(self.tile_size)
-        program["tile_columns"] = float(self.columns)
+        side = self.tile_size * self.columns
+        sizes = {"tile_size": float(self.tile_size), "tile_columns": float(self.columns), "atlas_texel": 1 / side}
+        for name in sizes.keys() & set(program):  # compilers leave out what a shader does not use
+            program[name] = sizes[name]
 
     def _fit(self, count: int) -> None:
         """Makes the texture hold `count` tiles and no row more: where a tile lies, and so how it rounds, follows from the lights alone."""

@@ -14,3 +14,4 @@ struct LightFrame {
 
 uniform float tile_size;  // texels on a side
 uniform float tile_columns;  // the atlas is a square of so many tiles a side
+uniform float atlas_texel;  // 1 / its side in texels

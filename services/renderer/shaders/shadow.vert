@@ -9,7 +9,7 @@ in vec3 position;
 uniform int first_light;
 uniform mat4 world_from_rest;
 #if BEYOND
-out float gl_ClipDistance[4];  // what reaches beyond the tile ends there
+out float gl_ClipDistance[4];  // what reaches beyond the map ends at its empty rim
 #endif
 
 void main() {
@@ -20,10 +20,10 @@ void main() {
     float depth = dot(lights[i].depth, p);
 #if BEYOND
     depth -= SUNK * lights[i].direction.w;
-    gl_ClipDistance[0] = own.x;
-    gl_ClipDistance[1] = own.y;
-    gl_ClipDistance[2] = tile_size - own.x;
-    gl_ClipDistance[3] = tile_size - own.y;
+    gl_ClipDistance[0] = own.x - GUTTER;
+    gl_ClipDistance[1] = own.y - GUTTER;
+    gl_ClipDistance[2] = tile_size - GUTTER - own.x;
+    gl_ClipDistance[3] = tile_size - GUTTER - own.y;
 #endif
-    gl_Position = vec4(texel / (0.5 * tile_size * tile_columns) - 1.0, 2.0 * depth - 1.0, 1.0);
+    gl_Position = vec4(2.0 * texel * atlas_texel - 1.0, 2.0 * depth - 1.0, 1.0);
 }

@@ -7,16 +7,15 @@ const float STEEPEST = 0.03;  // cosine at which the plane's slope is held; a li
 // Share of light i that reaches a point of a surface with cosine dot(flat_normal, direction): the four nearest texels compared with the
 // surface's own plane there, weighted bilinearly (percentage-closer filtering with plane bias, Isidoro 2006).
 float visibility(int i, vec4 position, vec3 flat_normal, float cosine) {
-    vec2 at = vec2(dot(lights[i].column, position), dot(lights[i].row, position));
+    vec2 at = vec2(dot(lights[i].column, position), dot(lights[i].row, position)) - 0.5;
+    at = clamp(at, vec2(0.5), vec2(tile_size - 1.5));  // what lies beyond the map finds its empty rim
     vec2 slope = vec2(dot(lights[i].column.xyz, flat_normal), dot(lights[i].row.xyz, flat_normal));
-    slope *= lights[i].corner_slope.zw / max(cosine, STEEPEST);
-    vec2 corner = floor(at - 0.5);
-    vec2 f = at - 0.5 - corner;
-    vec4 stored = textureGather(atlas, (lights[i].corner_slope.xy + corner + 1.0) / (tile_size * tile_columns));
+    slope *= lights[i].corner_slope.zw * (1.0 / max(cosine, STEEPEST));
+    vec2 f = fract(at);
+    vec4 stored = textureGather(atlas, (lights[i].corner_slope.xy + (at - f) + 1.0) * atlas_texel);
     float low = dot(lights[i].depth, position) - dot(slope, f) - lights[i].direction.w;
-    vec4 own = low + vec4(slope.y, slope.x + slope.y, slope.x, 0.0);
-    vec4 lit = vec4(lessThanEqual(min(own, 1.0), stored));
+    vec4 own = min(low + vec4(slope.y, slope.x + slope.y, slope.x, 0.0), 1.0);
+    vec4 lit = vec4(lessThanEqual(own, stored));
     vec2 side = mix(lit.wx, lit.zy, f.x);
-    vec2 inside = step(abs(at - 0.5 * tile_size), vec2(0.5 * tile_size - 1.0));
-    return mix(1.0, mix(side.x, side.y, f.y), inside.x * inside.y);
+    return mix(side.x, side.y, f.y);
 }

@@ -9,7 +9,7 @@ import argparse
 import csv
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -156,7 +156,7 @@ def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -
     """The chart: spheres on the left, errors on the right."""
     figure = plt.figure(figsize=(15, 6.5), layout="constrained")
     room(figure, 0.03)
-    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=(1, 1.1)))
+    left, right = cast(np.ndarray, figure.subfigures(1, 2, width_ratios=(1, 1.1)))
     shown = ["the map itself", *(title(method, weak) for method in METHODS for weak in SHOWN)]
     for name, axis in zip(shown, left.subplots(len(shown), 1), strict=True):
         axis.imshow(strips[name])

@@ -5,13 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from services import wire
 from services.lights import Lights
-from services.renderer import gloss, shadows
+from services.renderer import shadows
 from services.renderer.gloss import MOST, NEIGHBOURS, spread, weak_rows
 from services.renderer.regions import light_regions
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
+from services.renderer.stage import RendererStage
 from services.settings import Renderer as Settings
+from services.settings import Settings as AllSettings
 from services.sphere import direction_from_angles
 
 CAMERA = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\nfov_y = 30.0\n"
@@ -140,6 +143,14 @@ def test_the_spread_of_an_even_sky_is_that_of_its_cells():
     assert not spread(sky(NEIGHBOURS).directions).any()
 
 
-def test_a_cone_lies_within_its_rim():
-    assert gloss.CORE < gloss.RIM
-    assert gloss.NO_CONE[0] > 1
+def test_the_stage_draws_the_fine_lights_of_a_message(tmp_path):
+    (tmp_path / "scene.toml").write_text(CAMERA + SPHERE + METAL)
+    wanted = Settings(scene=str(tmp_path / "scene.toml"), width=64, height=64, shadow_map=128)
+    stage = RendererStage(AllSettings(renderer=wanted))
+    strong, weak = random_lights(5, 1), random_lights(40, 2)
+    header = wire.Lights(stamp=wire.stamp(0, 0.0), count=5, fine=40, coverage="sphere", delay_ms=0.0, delay_frames=0.0)
+    state, _ = stage.step(stage.begin(0)[0], (header, (*strong, weak.directions, weak.irradiance)))
+    alone, both = pictures(tmp_path, SPHERE + METAL, (strong, None), (strong, weak))
+    assert state.picture is not None
+    assert np.array_equal(state.picture, both)
+    assert not np.allclose(alone, both, atol=1e-3)

@@ -44,14 +44,21 @@ def shares(solid, f, c, angles, reach, rotation, rows, cols, span, first, step, 
             side = math.sqrt(solid[y, x]) * max(size[0], size[1])
             total, count = _found(found, hits, above[n], above[n + 1], below[n], below[n + 1], side, rows, cols, span)
             if m + count > len(cell):
-                pixel, cell = np.append(pixel, np.empty_like(pixel)), np.append(cell, np.empty_like(cell))
-                share = np.append(share, np.empty_like(share))
+                pixel, cell, share = _doubled(pixel), _doubled(cell), _doubled(share)
             for q in range(count):
                 pixel[m], cell[m] = y * width + x, found[q]
                 share[m] = solid[y, x] * size[0] * size[1] * hits[found[q]] / total
                 hits[found[q]] = 0
                 m += 1
     return pixel[:m].copy(), cell[:m].copy(), share[:m].copy()
+
+
+@njit(cache=True)
+def _doubled(array):
+    # numpy's own `append` takes seconds to compile
+    longer = np.empty(2 * len(array), array.dtype)
+    longer[: len(array)] = array
+    return longer
 
 
 @njit(cache=True)
@@ -82,11 +89,11 @@ def _found(found, hits, a, b, c, d, side, rows, cols, span):
     # lists the cells that a pixel with corners a b, above c d, overlaps, and counts their subpixels; of how many, and cells
     sine = min(math.hypot(a[0], a[1]), math.hypot(d[0], d[1]))
     # columns counted from that of the first corner, so that none lies across the seam
-    along = np.empty(3)
-    for k in range(3):
-        other = b[4] if k == 0 else c[4] if k == 1 else d[4]
-        along[k] = (other - a[4] + 1.5 * cols) % cols - 0.5 * cols
-    left, right = math.floor(a[4] + min(0.0, along.min())), math.floor(a[4] + max(0.0, along.max()))
+    low = high = 0.0
+    for other in (b[4], c[4], d[4]):
+        along = (other - a[4] + 1.5 * cols) % cols - 0.5 * cols
+        low, high = min(low, along), max(high, along)
+    left, right = math.floor(a[4] + low), math.floor(a[4] + high)
     top, bottom = math.floor(min(a[3], b[3], c[3], d[3])), math.floor(max(a[3], b[3], c[3], d[3]))
     if sine < CLEAR * side or bottom - top > 1 or right - left > 1:
         return _counted(found, hits, a, b, c, d, side, rows, cols, span)

@@ -6,28 +6,41 @@ Set VEMLIGHT_DATA to a folder with lat-long maps in hdri/ for the charts that ne
 import os
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable
+from typing import NamedTuple
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-# Module and arguments, and whether it needs real maps; the quick ones first.
-BENCHES: dict[str, tuple[list[str], bool]] = {
-    "capture": (["bench.capture"], False),
-    "renderer": (["bench.renderer"], False),
-    "sampler": (["bench.sampler"], False),
-    "sampler_failures": (["bench.sampler_failures"], False),
-    "sampler_need": (["bench.sampler_need"], True),
-    "luminaires": (["bench.luminaires"], False),
-    "figure6": (["bench.accuracy", "figure6"], True),
-    "pictures": (["bench.accuracy", "pictures"], True),
-    "times": (["bench.accuracy", "times"], True),
-    "still": (["bench.accuracy", "still"], True),
-    "need": (["bench.accuracy", "need"], True),
-    "renderer_figure6": (["bench.renderer_accuracy", "figure6"], True),
-    "renderer_time": (["bench.renderer_accuracy", "time"], True),
-    "gloss": (["bench.gloss"], True),
-    "moving": (["bench.accuracy", "moving"], True),
+
+class Bench(NamedTuple):
+    """arguments: module and what it is told. needs_maps: real ones. seconds: about what it takes on 2 cores, for the bar."""
+
+    arguments: list[str]
+    needs_maps: bool
+    seconds: int
+
+
+# The quick ones first; the tables are made of what the others left.
+BENCHES = {
+    "capture": Bench(["bench.capture"], False, 40),
+    "renderer": Bench(["bench.renderer"], False, 150),
+    "sampler": Bench(["bench.sampler"], False, 150),
+    "sampler_failures": Bench(["bench.sampler_failures"], False, 40),
+    "sampler_need": Bench(["bench.sampler_need"], True, 60),
+    "luminaires": Bench(["bench.luminaires"], False, 120),
+    "figure6": Bench(["bench.accuracy", "figure6"], True, 10),
+    "pictures": Bench(["bench.accuracy", "pictures"], True, 40),
+    "times": Bench(["bench.accuracy", "times"], True, 10),
+    "still": Bench(["bench.accuracy", "still"], True, 45),
+    "need": Bench(["bench.accuracy", "need"], True, 30),
+    "renderer_figure6": Bench(["bench.renderer_accuracy", "figure6"], True, 200),
+    "renderer_time": Bench(["bench.renderer_accuracy", "time"], True, 250),
+    "gloss": Bench(["bench.gloss"], True, 60),
+    "moving": Bench(["bench.accuracy", "moving"], True, 600),
+    "tables": Bench(["bench.accuracy", "tables"], False, 1),
 }
 
 
@@ -37,22 +50,41 @@ def main(names: list[str]) -> int:
     if unknown := sorted(set(names) - BENCHES.keys()):
         console.print(f"{', '.join(unknown)}: there is no such chart; choose from {', '.join(BENCHES)}")
         return 2
-    with Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console) as progress:
-        task = progress.add_task("charts", total=len(names or BENCHES))
-        for name in names or BENCHES:
-            arguments, needs_maps = BENCHES[name]
+    wanted = {name: BENCHES[name] for name in names or BENCHES}
+    with Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:
+        task = progress.add_task("charts", total=sum(bench.seconds for bench in wanted.values()))
+        for name, bench in wanted.items():
             progress.update(task, description=name)
-            if needs_maps and not os.environ.get("VEMLIGHT_DATA"):
+            before = progress.tasks[task].completed
+            if bench.needs_maps and not os.environ.get("VEMLIGHT_DATA"):
                 console.print(f"{name}: left out, VEMLIGHT_DATA names no folder of maps")
             else:
                 begin = time.monotonic()
-                done = subprocess.run([sys.executable, "-m", *arguments], capture_output=True, text=True, check=False)
-                console.print(f"{name}: {'done' if done.returncode == 0 else 'FAILED'} in {time.monotonic() - begin:.0f} s")
-                if done.returncode:
+
+                def tick(before: float = before, begin: float = begin, most: int = bench.seconds) -> None:
+                    progress.update(task, completed=before + min(time.monotonic() - begin, most))
+
+                status, said = _run(bench.arguments, tick)
+                console.print(f"{name}: {'FAILED' if status else 'done'} in {time.monotonic() - begin:.0f} s")
+                if status:
                     failed.append(name)
-                    console.print(done.stderr[-2000:], markup=False)
-            progress.advance(task)
+                    console.print(said[-2000:], markup=False)
+            progress.update(task, completed=before + bench.seconds)
     return 1 if failed else 0
+
+
+def _run(arguments: list[str], tick: Callable[[], object]) -> tuple[int, str]:
+    """The exit status of a bench and what it said to stderr; `tick` is called every second meanwhile."""
+    with tempfile.TemporaryFile("w+") as errors:
+        process = subprocess.Popen([sys.executable, "-m", *arguments], stdout=subprocess.DEVNULL, stderr=errors)
+        while True:
+            try:
+                status = process.wait(1)
+            except subprocess.TimeoutExpired:
+                tick()
+            else:
+                errors.seek(0)
+                return status, errors.read()
 
 
 if __name__ == "__main__":

@@ -12,9 +12,10 @@ from bench.accuracy.figure6 import figure6, pictures
 from bench.accuracy.moving import moving
 from bench.accuracy.need import need
 from bench.accuracy.still import still
+from bench.accuracy.tables import tables
 from bench.accuracy.times import times
 
-CHARTS = {"still": still, "moving": moving, "need": need, "figure6": figure6, "pictures": pictures, "times": times}
+CHARTS = {"still": still, "moving": moving, "need": need, "figure6": figure6, "pictures": pictures, "times": times, "tables": tables}
 
 
 def main() -> None:

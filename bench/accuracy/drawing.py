@@ -79,8 +79,9 @@ def write_table(rows: Iterable[dict[str, Any]], out: Path, name: str) -> None:
 
 
 def _slim(svg: str) -> str:
-    """An SVG with coordinates to a hundredth of a point, and each picture that stands there several times once."""
+    """An SVG with paths to a tenth of a point, and each picture that stands there several times once."""
     svg = re.sub(r"(\d\.\d\d)\d+", r"\1", svg)
+    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\d\.\d)\d+", r"\1", path[0]), svg)
     seen: dict[str, str] = {}
 
     def once(match: re.Match[str]) -> str:

@@ -6,8 +6,8 @@ from typing import Any
 from matplotlib import pyplot as plt
 from rich.progress import Progress
 
-from bench.accuracy.drawing import colour, legend, room, save
-from bench.accuracy.maps import chosen
+from bench.accuracy.drawing import colour, legend, room, save, write_table
+from bench.accuracy.maps import chosen, maps
 from bench.judge import Judged, Source, judge, points_of, points_of_lights, read_source, relative_rms, relative_rms_rgb
 from bench.methods import STILL, TRACKED, Method, settled
 
@@ -26,6 +26,7 @@ def still(out: Path, progress: Progress) -> None:
                 if count <= method.most:
                     rows.append(_row(kind, method, count, source, truth))
                 progress.advance(task)
+    write_table(_all_maps(), out, "still_maps")
     for against, label in (("ms", "ms per frame"), ("lights", "lights")):
         figure, axes = plt.subplots(1, len(paths), figsize=(17, 5.4), sharey=True, squeeze=False, layout="constrained")
         room(figure, 0.16)
@@ -43,6 +44,16 @@ def still(out: Path, progress: Progress) -> None:
         axes[0, 0].set_ylabel("relative RMS error of irradiance, hard edges")
         legend(figure, axes[0, 0])
         save(figure, rows, out, f"still_{against}", "1500 probes, N = 4 ... 1024.")
+
+
+def _all_maps() -> list[dict[str, Any]]:
+    """The default method's error on every map there is."""
+    rows = []
+    for path in maps():
+        source = read_source(path)
+        truth = judge(points_of(source))
+        rows += [_row(path.stem, STILL[0], count, source, truth) for count in (16, 64, 256)]
+    return rows
 
 
 def _row(kind: str, method: Method, count: int, source: Source, truth: Judged) -> dict[str, Any]:

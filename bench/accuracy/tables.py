@@ -1,0 +1,120 @@
+"""The tables of docs/accuracy.md, from the charts' numbers: each stands between <!-- NAME --> and <!-- end -->."""
+
+import csv
+import re
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from rich.progress import Progress
+
+from bench.methods import TRACKED
+from services.files import written_whole
+
+PAGE = Path(__file__).parents[2] / "docs" / "accuracy.md"
+SHOWN = (16, 64, 256, 1024)
+Rows = list[dict[str, str]]
+
+
+def tables(out: Path, progress: Progress) -> None:
+    """Writes the page's tables anew from the CSVs in `out`."""
+    made = {"still": _still, "maps": _maps, "moving": _moving, "steady": _steady, "promise": _promise, "times": _times}
+    page = PAGE.read_text()
+    for name, table in progress.track(made.items(), description="tables"):
+        text = _markdown(table(out))
+        page, found = re.subn(rf"(<!-- {name} -->\n).*?(?=<!-- end -->)", lambda match, text=text: match[1] + text, page, flags=re.DOTALL)
+        assert found == 1, f"{PAGE}: no place for the table {name}"
+    with written_whole(PAGE) as part:
+        part.write_text(page)
+
+
+def _read(out: Path, name: str) -> Rows:
+    with open(out / f"accuracy_{name}.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _markdown(lines: list[list[str]]) -> str:
+    head, *rest = (f"| {' | '.join(line)} |\n" for line in lines)
+    return head + "|" + "---|" * len(lines[0]) + "\n" + "".join(rest)
+
+
+def _mean(rows: Rows, key: str, **where: Any) -> float:
+    return float(np.mean([float(row[key]) for row in rows if all(row[k] == str(v) for k, v in where.items())] or [np.nan]))
+
+
+def _short(value: float, digits: int = 3) -> str:
+    return "" if np.isnan(value) else f"{value:.{digits}f}".removeprefix("0")
+
+
+def _still(out: Path) -> list[list[str]]:
+    rows = _read(out, "still_lights")
+    lines = [["", *(f"{count} lights" for count in SHOWN), "ms at 64"]]
+    for method in dict.fromkeys(row["method"] for row in rows):
+        errors = [_short(_mean(rows, "error_hard", method=method, asked=count), 4) for count in SHOWN]
+        lines.append([method, *errors, f"{_mean(rows, 'ms', method=method, asked=64):.2g}"])
+    return lines
+
+
+def _maps(out: Path) -> list[list[str]]:
+    rows = _read(out, "still_maps")
+    lines = [["", "16 lights", "64", "256", "64 in RGB", "256, soft edges"]]
+    for name in [*dict.fromkeys(row["map"] for row in rows), None]:
+        where = {"map": name} if name else {}
+        told = [_mean(rows, "error_hard", lights=count, **where) for count in (16, 64, 256)]
+        told += [_mean(rows, "error_rgb", lights=64, **where), _mean(rows, "error_soft", lights=256, **where)]
+        lines.append([name or "**mean**", *(_short(value, 4) for value in told)])
+    return [*lines, ["target", ".08", ".03", ".012", ".035", ""]]
+
+
+def _moving(out: Path) -> list[list[str]]:
+    rows = _read(out, "moving_flicker")
+    sequences = list(dict.fromkeys(row["sequence"] for row in rows))
+    lines = [["error / flicker", *sequences]]
+    for method in dict.fromkeys(row["method"] for row in rows):
+        pairs = [[_mean(rows, key, method=method, sequence=name) for key in ("error", "flicker")] for name in sequences]
+        lines.append([method, *(f"{_short(error)} / {_short(flicker, 4)}" for error, flicker in pairs)])
+    return lines
+
+
+def _steady(out: Path) -> list[list[str]]:
+    """What was asked of the default method, and what it does."""
+    rows = _read(out, "moving_flicker")
+
+    def told(sequence: str, key: str) -> float:
+        return _mean(rows, key, method=TRACKED, sequence=sequence)
+
+    lines = [["sequence", "asked", "has"]]
+    limits = ("rotation", None, ".02"), ("hand-held", ".035", ".04"), ("zenith", ".03", ".022"), ("seam", ".03", ".022")
+    for name, error, flicker in limits:
+        asked = [f"error {error}"] * bool(error) + [f"flicker {flicker}"]
+        has = [f"error {_short(told(name, 'error'))}, flicker {_short(told(name, 'flicker'), 4)}"]
+        if name == "hand-held":
+            asked, has = [*asked, "under one light a frame jumping"], [*has, f"{told(name, 'jumps'):.2f} jumping"]
+        lines.append([name, ", ".join(asked), ", ".join(has)])
+    for name, worst in (("lamp", ".07"), ("spoilt", ".05"), ("black frames", ""), ("lost frames", "")):
+        lines.append([name, f"worst frame {worst}" if worst else "", f"worst frame {_short(told(name, 'error_worst'))}"])
+    mains = [f"{_short(told(f'mains {fps} fps', 'flicker'), 4)}" for fps in (21, 25, 30)]
+    lines.append(["mains, 21, 25, 30 fps", "residual flicker .03", ", ".join(mains)])
+    still = [row for row in rows if row["sequence"] in ("zenith", "seam", "lamp") and row["method"] == "tracked, nothing smoothed"]
+    return [*lines, ["power", "exact to 1e-4", f"{max(float(row['power_worst']) for row in still):.0e} where nothing is smoothed"]]
+
+
+def _promise(out: Path) -> list[list[str]]:
+    rows = _read(out, "need")
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    lines = [["error asked for", *(f"{method}: {what}" for method in methods for what in ("lights", "kept", "mean", "worst"))]]
+    for promised in dict.fromkeys(row["promised"] for row in rows):
+        line = [f"{100 * float(promised):g} %"]
+        for method in methods:
+            own = [row for row in rows if row["method"] == method and row["promised"] == promised]
+            had = [100 * float(row["had"]) for row in own]
+            kept = sum(value <= 100 * float(promised) for value in had)
+            line += [f"{median(int(row['lights']) for row in own)}", f"{kept} of {len(had)}", f"{np.mean(had):.1f} %", f"{max(had):.1f} %"]
+        lines.append(line)
+    return lines
+
+
+def _times(out: Path) -> list[list[str]]:
+    rows = _read(out, "times")
+    return [["ms", "the paper, 3 GHz Pentium 4", "here"], *([r["part"], r["paper_ms"], f"{float(r['ours_ms']):.2g}"] for r in rows)]

@@ -95,21 +95,30 @@ def figure6(out: Path, progress: Progress) -> None:
                     rows.append({"scene": scene_name, "map": kind, "method": name, "lights": count, **errors(made, truth)._asdict()})
                     progress.advance(task)
         renderer.release()
-    figure, axes = plt.subplots(len(MEASURES), 4, figsize=(16, 10), sharey="row", layout="constrained")
+    note = f"Against Mitsuba 3 under the whole map, {TRUTH} paths a pixel; {size[0]} x {size[1]}, 16 samples a pixel, maps of 512 x 512."
+    save(draw_figure6(rows), rows, out, "figure6", note)
+
+
+def draw_figure6(rows: list[dict[str, Any]]) -> Any:
+    """A column for each kind of map, a line for each measure."""
+    kinds, scenes = list(dict.fromkeys(r["map"] for r in rows)), list(dict.fromkeys(r["scene"] for r in rows))
+    figure, axes = plt.subplots(len(MEASURES), len(kinds), figsize=(16, 10), sharex=True, sharey="row", layout="constrained")
     room(figure, 0.03)
     for line, (measure, label) in zip(axes, MEASURES.items(), strict=True):
-        for axis, kind in zip(line, chosen(), strict=True):
-            for k, scene_name in enumerate(scenes):
+        for axis, kind in zip(line, kinds, strict=True):
+            for k, scene in enumerate(scenes):
                 for name, style in zip(METHODS, ("o-", "x:"), strict=True):
-                    own = [r for r in rows if (r["scene"], r["map"], r["method"]) == (scene_name, kind, name)]
-                    axis.loglog([r["lights"] for r in own], [r[measure] for r in own], style, color=f"C{k}", label=f"{scene_name}, {name}")
-            axis.set(title=kind if line is axes[0] else None, xlabel="lights" if line is axes[-1] else None)
+                    own = [r for r in rows if (r["scene"], r["map"], r["method"]) == (scene, kind, name)]
+                    axis.loglog([r["lights"] for r in own], [r[measure] for r in own], style, color=f"C{k}", label=f"{scene}, {name}")
             axis.set_xticks(COUNTS, map(str, COUNTS))
             axis.minorticks_off()
             axis.grid(alpha=0.3, which="both")
         line[0].set_ylabel(label)
+    for top, bottom, kind in zip(axes[0], axes[-1], kinds, strict=True):
+        top.set_title(kind)
+        bottom.set_xlabel("lights")
     axes[0, 0].legend(fontsize=8)
-    save(figure, rows, out, "figure6", f"Against Mitsuba 3 under the whole map, {TRUTH} paths a pixel; {size[0]} x {size[1]}.")
+    return figure
 
 
 # --- over time -------------------------------------------------------------------------------------------------------------------------
@@ -145,7 +154,7 @@ class Ours:
         return timed(lambda _: renderer.render(lights)[..., :3].copy())
 
     def within(self, budget: int, lights: Lights) -> tuple[float, np.ndarray]:
-        """The same where lights turn, with at most `budget` maps drawn a frame; the last of 48 pictures, when they are where `lights` is."""
+        """The same with lights that turn and have come to `lights` in the last of 48 pictures; `budget` maps drawn in each at most."""
         renderer = self._renderer(frame_ms=1e4)
         usual = renderer_module.affordable_maps, renderer_module.map_size
         renderer_module.affordable_maps, renderer_module.map_size = lambda *_: budget, lambda _pace, size, _largest: size
@@ -213,6 +222,13 @@ def times(out: Path, progress: Progress) -> None:
                 progress.advance(task)
     ours.release()
     rows += [row for kind in kinds for row in equal_error([r for r in rows if r["map"] == kind])]
+    note = f"{triangles(scene)} triangles, {size[0]} x {size[1]}, maps of 256 x 256 where not said otherwise; bottom left is best."
+    save(draw_time(rows), rows, out, "time", note)
+
+
+def draw_time(rows: list[dict[str, Any]]) -> Any:
+    """A line for each kind of map, a column for each measure."""
+    kinds = list(dict.fromkeys(r["map"] for r in rows))
     figure, axes = plt.subplots(len(kinds), len(MEASURES), figsize=(17, 10), layout="constrained")
     room(figure, 0.07)
     for line, kind in zip(axes, kinds, strict=True):
@@ -225,7 +241,7 @@ def times(out: Path, progress: Progress) -> None:
             axis.set(title=kind, xlabel="ms a picture", ylabel=label)
             axis.grid(alpha=0.3, which="both")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, bbox_to_anchor=(0.5, 0.02))
-    save(figure, rows, out, "time", f"{triangles(scene)} triangles, {size[0]} x {size[1]}, maps of 256 x 256; bottom left is best.")
+    return figure
 
 
 EQUAL = "times as long for the RMSE of 72 lights"

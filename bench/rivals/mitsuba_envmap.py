@@ -12,11 +12,10 @@ from services.lights import Lights
 from services.sampler.points import points
 from services.sphere import Coverage, map_irradiance
 
-mi.set_variant("scalar_rgb")
-
 
 def mitsuba_envmap(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
     """`count` lights of a polar map (rows, cols, 3)."""
+    mi.set_variant("scalar_rgb")  # other rivals select another one
     clean = np.where(np.isfinite(radiance) & (radiance > 0), radiance, 0).astype(np.float32)
     total = map_irradiance(clean, coverage)
     if not total.any():

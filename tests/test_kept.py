@@ -4,6 +4,7 @@ import pytest
 from services import wire
 from services.lights import Lights
 from services.renderer.kept import Kept
+from services.renderer.refine import MapLights
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
 from services.settings import Renderer as Settings
@@ -79,3 +80,18 @@ def test_fewer_and_more_lights_than_before(in_time):
         truth = fresh.render(lights)
         assert np.mean(np.abs(picture - truth).max(axis=-1) > 0.01) < 0.01
     fresh.release()
+
+
+def test_coarser_maps_are_for_frames_in_time_alone(in_time, monkeypatch):
+    monkeypatch.setattr("services.renderer.renderer.affordable_maps", lambda *_: 1)
+    pictures(in_time, [0.3 * frame for frame in range(40)])  # 20 lights wait for one map a frame
+    assert in_time._atlas.tile_size == 16
+    light = MapLights(np.ones((8, 32, 3), np.float32), "hemisphere")
+    refined = in_time.render_pass(light, 0).copy()
+    fresh = renderer_of(0.0)
+    truth = fresh.render_pass(light, 0)
+    fresh.release()
+    assert np.array_equal(refined, truth)
+    monkeypatch.undo()
+    pictures(in_time, [0.0] * 40)
+    assert in_time._atlas.tile_size == 64

@@ -123,10 +123,16 @@ class Renderer:
         return self._picture(lambda: in_time(lights, weak or Lights.none()))
 
     def render_pass(self, light: MapLights, number: int) -> np.ndarray:
-        """As `render`, a pass of services/renderer/refine.py: at one place in each pixel, with all lights and maps whatever the time."""
+        """As `render`, a pass of services/renderer/refine.py: at one place in each pixel, all lights and whole maps whatever the time."""
         (offset,) = [(x, y) for x, y in spread_points(number, 1).tolist()]
         catcher = self._catcher_irradiance(light.cells()) if self._has_catcher else None  # of all passes together
-        return self._picture(lambda: self._render_all(light.of_pass(number), Lights.none(), [offset], catcher))
+
+        def draw() -> None:
+            if self._atlas.tile_size != self._shadow_map:
+                self._atlas.resize(self._shadow_map)
+            self._render_all(light.of_pass(number), Lights.none(), [offset], catcher)
+
+        return self._picture(draw)
 
     def _picture(self, draw: Callable[[], None]) -> np.ndarray:
         began_s = time.perf_counter()

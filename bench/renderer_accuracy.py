@@ -124,16 +124,25 @@ def draw_figure6(rows: list[dict[str, Any]]) -> Any:
 # --- over time -------------------------------------------------------------------------------------------------------------------------
 
 
-def timed(work: Callable[[int], Any], frames: int = FRAMES) -> tuple[float, Any]:
-    """Median wall time in ms of a piece of work that is given the frame's number, and what it gave last."""
-    times, made = [], None
+class Timed(NamedTuple):
+    """What a picture took on the clock, and of all cores together, which other work on the machine does not change."""
+
+    ms: float
+    processor_ms: float
+    picture: np.ndarray
+
+
+def timed(work: Callable[[int], np.ndarray], frames: int = FRAMES) -> Timed:
+    """Medians for a piece of work that is given the frame's number, and what it made last."""
+    times, made = [], np.empty(0)
     for frame in range(-2, frames):
-        begin = time.perf_counter()
+        begin, begin_cpu = time.perf_counter(), time.process_time()
         made = work(frame)
-        times.append((time.perf_counter() - begin) * 1e3)
-        if frame >= 2 and frames == FRAMES and sum(times[2:]) > 1e3 * LONGEST_S:
+        times.append((time.perf_counter() - begin, time.process_time() - begin_cpu))
+        if frame >= 2 and frames == FRAMES and np.sum(times[2:], axis=0)[1] > LONGEST_S:
             break
-    return float(np.median(times[2:])), made
+    ms, processor_ms = (np.median(times[2:], axis=0) * 1e3).tolist()
+    return Timed(ms, processor_ms, made)
 
 
 def turned(lights: Lights, degrees: float) -> Lights:
@@ -148,12 +157,12 @@ class Ours:
         self._scene, self._size = scene, size
         self._made: dict[tuple[Any, ...], Renderer] = {}
 
-    def timed(self, lights: Lights, **settings: Any) -> tuple[float, np.ndarray]:
-        """ms a picture and the picture; frame_ms = 1e4: the lights stand still and keep their maps."""
+    def timed(self, lights: Lights, **settings: Any) -> Timed:
+        """A picture with these settings; frame_ms = 1e4: the lights stand still and keep their maps."""
         renderer = self._renderer(**settings)
         return timed(lambda _: renderer.render(lights)[..., :3].copy())
 
-    def within(self, budget: int, lights: Lights) -> tuple[float, np.ndarray]:
+    def within(self, budget: int, lights: Lights) -> Timed:
         """The same with lights that turn and have come to `lights` in the last of 48 pictures; `budget` maps drawn in each at most."""
         renderer = self._renderer(frame_ms=1e4)
         usual = renderer_module.affordable_maps, renderer_module.map_size
@@ -174,10 +183,7 @@ class Ours:
             renderer.release()
 
 
-Measured = Callable[[], tuple[float, np.ndarray]]
-
-
-def curves_of(ours: Ours, traced: Any, world: Any, path: Path) -> dict[str, dict[str, Measured]]:
+def curves_of(ours: Ours, traced: Any, world: Any, path: Path) -> dict[str, dict[str, Callable[[], Timed]]]:
     """Every curve's points: what is measured under which label."""
     lights = partial(lights_of, path, method="tracked")
     return {
@@ -195,11 +201,11 @@ def curves_of(ours: Ours, traced: Any, world: Any, path: Path) -> dict[str, dict
     }
 
 
-def _traced(traced: Any, lights: Lights) -> tuple[float, np.ndarray]:
+def _traced(traced: Any, lights: Lights) -> Timed:
     return timed(lambda frame: traced.picture(lights))
 
 
-def _sampled(world: Any, samples: int) -> tuple[float, np.ndarray]:
+def _sampled(world: Any, samples: int) -> Timed:
     return timed(lambda frame: mitsuba_picture.picture(world, samples, frame + 2, centred=True))
 
 
@@ -217,8 +223,9 @@ def times(out: Path, progress: Progress) -> None:
         progress.update(task, total=len(kinds) * sum(map(len, points.values())))
         for curve, works in points.items():
             for label, work in works.items():
-                ms, made = work()
-                rows.append({"map": kind, "curve": curve, "at": label, "ms": ms, **errors(made, truth)._asdict()})
+                ms, processor_ms, made = work()
+                took = {"ms": ms, "processor_ms": processor_ms}
+                rows.append({"map": kind, "curve": curve, "at": label, **took, **errors(made, truth)._asdict()})
                 progress.advance(task)
     ours.release()
     rows += [row for kind in kinds for row in equal_error([r for r in rows if r["map"] == kind])]
@@ -230,7 +237,7 @@ def draw_time(rows: list[dict[str, Any]]) -> Any:
     """A line for each kind of map, a column for each measure."""
     kinds = list(dict.fromkeys(r["map"] for r in rows))
     figure, axes = plt.subplots(len(kinds), len(MEASURES), figsize=(17, 10), layout="constrained")
-    room(figure, 0.07)
+    room(figure, 0.1)
     for line, kind in zip(axes, kinds, strict=True):
         for axis, (measure, label) in zip(line, MEASURES.items(), strict=True):
             for k, curve in enumerate(dict.fromkeys(r["curve"] for r in rows if r["curve"] != EQUAL)):
@@ -250,18 +257,18 @@ EQUAL = "times as long for the RMSE of 72 lights"
 def equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """How much longer Mitsuba's sampling and Embree take for the error of 72 lights: interpolated on log-log lines."""
 
-    def time_for(curve: str, error: float) -> float:
-        own = sorted((r["rmse"], r["ms"]) for r in rows if r["curve"] == curve)
+    def time_for(curve: str, error: float, what: str) -> float:
+        own = sorted((r["rmse"], r[what]) for r in rows if r["curve"] == curve)
         return float(np.exp(np.interp(np.log(error), *np.log(own).T)))
 
     made = []
     for curve in ("lights, maps drawn anew", "lights, maps kept"):
-        own = [(float(r["at"]), r["ms"], r["rmse"]) for r in rows if r["curve"] == curve]
-        count, ms, rmse = np.log(own).T
-        own_ms, error = (float(np.exp(np.interp(np.log(72), count, values))) for values in (ms, rmse))
+        own = [(float(r["at"]), r["rmse"], r["ms"], r["processor_ms"]) for r in rows if r["curve"] == curve]
+        count, *values = np.log(own).T
+        error, *took = (float(np.exp(np.interp(np.log(72), count, value))) for value in values)
         for rival in ("Mitsuba 3, paths a pixel", "Embree, the same lights"):
-            ratio = time_for(rival, error) / own_ms
-            made.append({"map": rows[0]["map"], "curve": EQUAL, "at": f"{rival} / {curve}", "ms": ratio, "rmse": error})
+            ratios = {what: time_for(rival, error, what) / own for what, own in zip(("ms", "processor_ms"), took, strict=True)}
+            made.append({"map": rows[0]["map"], "curve": EQUAL, "at": f"{rival} / {curve}", **ratios, "rmse": error})
     return made
 
 

@@ -81,7 +81,8 @@ def write_table(rows: Iterable[dict[str, Any]], out: Path, name: str) -> None:
 def _slim(svg: str) -> str:
     """An SVG with paths to a tenth of a point, and each picture that stands there several times once."""
     svg = re.sub(r"(\d\.\d\d)\d+", r"\1", svg)
-    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\d\.\d)\d+", r"\1", path[0]), svg)
+    svg = re.sub(r"'DejaVu Sans'[^;\"]*sans-serif", "'DejaVu Sans', sans-serif", re.sub(r"\n +", "\n", svg))
+    svg = re.sub(r' d="([^"]*)"', lambda path: f' d="{_steps(path[1])}"', svg)
     seen: dict[str, str] = {}
 
     def once(match: re.Match[str]) -> str:
@@ -93,6 +94,18 @@ def _slim(svg: str) -> str:
         return f'<defs><image id="{seen[data]}"{_without_place(attributes)} xlink:href="{data}"/></defs>' + once(match)
 
     return re.sub(r'<image([^>]*?) xlink:href="(data:[^"]*)"([^>]*?)/>', once, svg)
+
+
+def _steps(path: str) -> str:
+    """A path with numbers to a tenth, and lines as steps from point to point."""
+    if not re.fullmatch(r"(\s*[ML] \S+ \S+)+\s*", path):
+        return re.sub(r"(\d\.\d)\d+", r"\1", path)
+    words, x0, y0 = [], 0, 0
+    for kind, *place in re.findall(r"([ML]) (\S+) (\S+)", path):
+        x, y = (round(10 * float(value)) for value in place)
+        words.append(f"M{x / 10:g} {y / 10:g}l" if kind == "M" else f"{(x - x0) / 10:g} {(y - y0) / 10:g}")
+        x0, y0 = x, y
+    return " ".join(words).replace(" -", "-")
 
 
 def _without_place(attributes: str) -> str:

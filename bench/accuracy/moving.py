@@ -132,7 +132,8 @@ def _chart_events(curves: list[dict[str, Any]], out: Path) -> None:
             for part, label in enumerate(("error", "flicker")):
                 axis = axes[2 * place + part]
                 shown = own[part:, part].clip(1e-4)  # the first frame has no flicker
-                axis.semilogy(np.arange(part, len(own)), shown, color=colour(k), lw=2.2 if k == 0 else 0.9, label=method.name)
+                front = {"lw": 2.2, "zorder": 3} if k == 0 else {"lw": 0.9}
+                axis.semilogy(np.arange(part, len(own)), shown, color=colour(k), label=method.name, **front)
                 axis.set_title(f"{name}: {label}", fontsize=9)
                 axis.minorticks_off()
                 axis.grid(alpha=0.3)

@@ -47,12 +47,17 @@ def _short(value: float, digits: int = 3) -> str:
     return "" if np.isnan(value) else f"{value:.{digits}f}".removeprefix("0")
 
 
+def _two(value: float) -> str:
+    """To two digits."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
 def _still(out: Path) -> list[list[str]]:
     rows = _read(out, "still_lights")
     lines = [["", *(f"{count} lights" for count in SHOWN), "ms at 64"]]
     for method in dict.fromkeys(row["method"] for row in rows):
         errors = [_short(_mean(rows, "error_hard", method=method, asked=count), 4) for count in SHOWN]
-        lines.append([method, *errors, f"{_mean(rows, 'ms', method=method, asked=64):.2g}"])
+        lines.append([method, *errors, _two(_mean(rows, "ms", method=method, asked=64))])
     return lines
 
 
@@ -117,4 +122,4 @@ def _promise(out: Path) -> list[list[str]]:
 
 def _times(out: Path) -> list[list[str]]:
     rows = _read(out, "times")
-    return [["ms", "the paper, 3 GHz Pentium 4", "here"], *([r["part"], r["paper_ms"], f"{float(r['ours_ms']):.2g}"] for r in rows)]
+    return [["ms", "the paper, 3 GHz Pentium 4", "here"], *([r["part"], r["paper_ms"], _two(float(r["ours_ms"]))] for r in rows)]

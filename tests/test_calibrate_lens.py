@@ -1,5 +1,6 @@
 """The lens found from photographs of a board."""
 
+import json
 import os
 from pathlib import Path
 
@@ -238,3 +239,11 @@ def test_real_photographs(tmp_path: Path) -> None:
     report = calibrate_lens(paths, Board((6, 8), 0.0325), tmp_path / "lens.toml")
     assert report.rms_px <= 0.60
     assert len(report.views) >= 14
+    # the calibration published beside them, in OCamCalib's model: a ray is (u, v, polynomial(radius))
+    published = json.loads((Path(data) / "fisheye" / "fish_1" / "published_ocam.json").read_text())
+    radius = np.linspace(0, 520, 2000)
+    angle = np.arctan2(radius, np.polynomial.polynomial.polyval(radius, published["taylor_coefficient"]))
+    theta, phi = np.meshgrid(np.radians(np.linspace(1, 80, 40)), np.linspace(0, 2 * np.pi, 36))
+    flat = np.interp(theta, angle, radius)[..., None] * np.stack([np.cos(phi), np.sin(phi)], -1)
+    truth = flat @ np.array(published["stretch_matrix"]).T + published["distortion_center"]
+    assert np.linalg.norm(pixel_from_direction(direction_from_angles(theta, phi), report.lens) - truth, axis=-1).max() < 1.0

@@ -3,16 +3,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from services import wire
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.luminaire.bases import Kind
 from services.renderer.luminaire.cells import cell_views, median_position
+from services.renderer.luminaire.illumination import MapAtlas
 from services.renderer.luminaire.lightfield import LightField, irradiance
 from services.renderer.luminaire.luminaire_file import write_luminaire
 from services.renderer.luminaire.placement import placed
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
 from services.settings import Renderer as Settings
+from services.sphere import quaternion_xyz
 
 DARK = Lights.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 SIZE = 48
@@ -83,6 +86,36 @@ def test_the_gpu_draws_what_the_cpu_draws(tmp_path):
     assert gpu.sum() == pytest.approx(cpu.sum(), rel=1e-3)
 
 
+@pytest.mark.parametrize("material", ["{base_color = [0.9, 0.6, 0.3], metallic = 1.0, roughness = 0.35}",
+                                      "{diffuse = [0.3, 0.2, 0.1], specular = [0.5, 0.4, 0.3], exponent = 30.0}"])
+def test_the_gpu_reflects_as_the_cpu_does(tmp_path, material):
+    """A glossy ball in the beam, so that both lobes are seen from all sides."""
+    ball = f'[[mesh]]\nshape = "sphere"\nscale = 0.5\nat = [0.1, 0.1, 0.4]\nmaterial = {material}\n'
+    gpu, cpu = (picture(scene_with(tmp_path, FROM_ABOVE + ball + LAMP + f'samples = 40\nshadows = "{way}"\n'))[..., :3]
+                for way in ("none", "traced"))
+    lit = cpu.max(axis=-1) > 0.001 * cpu.max()
+    assert lit.sum() > 40
+    # a sample within 10^-7 of a pixel's edge may fall on either side of it
+    assert np.mean((np.abs(gpu - cpu)[lit] < 1e-4 * cpu[lit].max(axis=-1, keepdims=True)).all(axis=-1)) > 0.97
+
+
+def test_black_one_lit_pixel_and_negative_pixels_on_the_gpu(tmp_path):
+    black = a_field()._replace(images=np.zeros((3, 4, 16, 16, 3), np.float32))
+    text = FROM_ABOVE + GROUND + LAMP + "samples = 2000\ninterleave = 1\n"
+    assert not picture(scene_with(tmp_path, text, black))[..., :3].any()
+    black.images[1, 2, 8, 9] = [1, 2, 4]
+    field = a_field()
+    field.images[:, :, ::3] *= -0.3
+    points = ground_points()[SIZE * SIZE // 2 - SIZE :: 7]
+    world_from_local = placed((0.0, 0.0, 1.5), (180.0, 0.0, 0.0))
+    local = (points - world_from_local[:3, 3]) @ world_from_local[:3, :3]
+    for case, off in ((black, 0.01), (field, 0.03)):  # 2,000 Halton points; rows of both signs jump within a box
+        image = picture(scene_with(tmp_path, text, case))[..., :3].reshape(-1, 3)[SIZE * SIZE // 2 - SIZE :: 7]
+        truth = np.array([irradiance(case, p, np.array([0.0, 0.0, -1.0])) for p in local]) / np.pi
+        assert truth.max() > 0
+        assert np.abs(image - np.maximum(truth, 0)).max() < off * truth.max()
+
+
 def test_maps_cast_the_shadows_that_rays_cast(tmp_path):
     pictures = {}
     for shadows in ("maps", "traced", "none"):
@@ -124,6 +157,51 @@ def test_a_moved_and_dimmed_lamp_is_as_if_it_had_always_been_there(tmp_path):
     scene = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + LAMP)
     there = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + LAMP.replace("[0.0, 0.0, 1.5]", "[0.3, 0.1, 1.2]") + "power = 0.5\n")
     assert np.array_equal(picture(scene, move=(0, (0.3, 0.1, 1.2), (180.0, 0.0, 0.0), 0.5)), picture(there))
+
+
+def pose(name: str, at: tuple[float, float, float], power: float | None = None) -> wire.Pose:
+    return wire.Pose(name=name, at=at, turn=quaternion_xyz((180.0, 0.0, 0.0)), power=power)
+
+
+def test_poses_of_several_lamps_make_the_picture_of_lamps_that_stand_there(tmp_path):
+    def lamp(name: str, at: str, power: float = 1.0) -> str:
+        return LAMP.replace("[0.0, 0.0, 1.5]", at) + f'name = "{name}"\npower = {power}\nshadow_map = 96\n'
+    there = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamp("a", "[0.4, 0.3, 1.3]") + lamp("b", "[-0.3, 0.2, 1.6]", 0.5))
+    wanted = picture(there)
+    scene = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamp("a", "[0.0, 0.0, 1.5]") + lamp("b", "[0.2, 0.0, 1.5]"))
+    renderer = Renderer(scene, Settings(width=SIZE, height=SIZE, shadow_map=64))
+    rest = renderer.render(DARK).copy()
+    renderer.place(0.0, [pose("a", (0.4, 0.3, 1.3)), pose("b", (-0.3, 0.2, 1.6), 0.5)])
+    moved = renderer.render(DARK).copy()
+    renderer.release()
+    assert np.abs(moved - wanted).max() < 1e-5 * wanted.max()  # a turn is a quaternion in one and three angles in the other
+    assert np.abs(rest - wanted).max() > 0.1 * wanted.max()
+
+
+def test_only_the_maps_of_a_lamp_that_moved_are_drawn(tmp_path, monkeypatch):
+    text = FROM_ABOVE + GROUND + BALL + LAMP + 'name = "a"\n' + LAMP.replace("[0.0,", "[0.3,", 1) + 'name = "b"\n'
+    renderer = Renderer(scene_with(tmp_path, text), Settings(width=SIZE, height=SIZE, shadow_map=64))
+    drawn, draw = [], MapAtlas.draw
+
+    def counted(atlas: MapAtlas, *arguments) -> None:
+        drawn.append(atlas)
+        draw(atlas, *arguments)
+    monkeypatch.setattr(MapAtlas, "draw", counted)
+
+    def maps_of(*poses: wire.Pose) -> int:
+        drawn.clear()
+        renderer.place(0.0, poses)
+        renderer.render(DARK)
+        return len(set(drawn))
+    there, ball = pose("a", (0.1, 0.0, 1.5)), wire.Pose(name="sphere", at=(0.2, 0.1, 0.4))
+    assert maps_of() == 2
+    assert maps_of() == 0
+    assert maps_of(there) == 1
+    assert maps_of(there) == 0
+    assert maps_of(pose("a", there.at, 3.0)) == 0
+    assert maps_of(there, ball) == 2
+    assert maps_of(ball) == 1
+    renderer.release()
 
 
 def test_behind_the_lamp_and_with_no_power_it_is_dark(tmp_path):

@@ -118,15 +118,14 @@ def image_box(tables, m, p, box):
 
 @njit(cache=True, nogil=True)
 def _shade(tables, surfaces, shifts, points, samples, most, scene, matrix, out):
-    box = np.empty(8)
-    share = np.empty(len(tables.sums))
+    boxes, share = np.empty((len(tables.sums), 8)), np.empty(len(tables.sums))
     for n in range(len(out)):
         p = surfaces.positions[n]
         if not p[2] > 0:
             continue
         total = 0.0
         for m in range(len(share)):
-            share[m] = image_box(tables, m, p, box)
+            share[m] = image_box(tables, m, p, boxes[m])
             total += share[m]
         if total <= 0:
             continue
@@ -140,9 +139,8 @@ def _shade(tables, surfaces, shifts, points, samples, most, scene, matrix, out):
             if expected > most:
                 count, divisor = most, float(most)
             if count > 0:
-                image_box(tables, m, p, box)
                 weight = scale * share[m] / divisor
-                _add_image(tables, m, surfaces, n, box, shifts[n], points[drawn : drawn + count], weight, scene, matrix, out)
+                _add_image(tables, m, surfaces, n, boxes[m], shifts[n], points[drawn : drawn + count], weight, scene, matrix, out)
                 drawn += count
 
 
@@ -151,10 +149,12 @@ def _add_image(tables, m, surfaces, n, box, shift, points, weight, scene, matrix
     """Adds one sample for each of `points`, drawn in image m."""
     p, normal, flat, mirrored = surfaces.positions[n], surfaces.normals[n], surfaces.flat_normals[n], surfaces.mirrored[n]
     centre_u, centre_v = (tables.supports[m, 0] + tables.supports[m, 2]) / 2, (tables.supports[m, 1] + tables.supports[m, 3]) / 2
+    sums, importance, pixels, scene_is_empty = tables.sums[m], tables.importance[m], tables.pixels[m], len(scene.nodes) == 0
+    shape, mirrors = surfaces.shape[n], surfaces.kind[n] >= 2 or surfaces.specular[n].max() > 0
     for k in range(len(points)):
-        a, b = (points[k, 0] + shift[0]) % 1.0, (points[k, 1] + shift[1]) % 1.0
-        x, y, row, column = sample_box(tables.sums[m], tables.importance[m], box[0], box[1], box[4], box[5], a, b)
-        q = tables.importance[m, row, column]
+        a, b = points[k, 0] + shift[0], points[k, 1] + shift[1]
+        x, y, row, column = sample_box(sums, importance, box[0], box[1], box[4], box[5], a - math.floor(a), b - math.floor(b))
+        q = importance[row, column]
         if q <= 0:
             continue
         u, v = box[2] + x * (box[3] - box[2]), box[6] + y * (box[7] - box[6])
@@ -165,7 +165,7 @@ def _add_image(tables, m, surfaces, n, box, shift, points, weight, scene, matrix
         cosine = normal[0] * dx + normal[1] * dy + normal[2] * dz
         if cosine <= 0 or flat[0] * dx + flat[1] * dy + flat[2] * dz <= 0:
             continue
-        if len(scene.nodes):
+        if not scene_is_empty:
             ox = matrix[0, 0] * p[0] + matrix[0, 1] * p[1] + matrix[0, 2] * p[2] + matrix[0, 3]
             oy = matrix[1, 0] * p[0] + matrix[1, 1] * p[1] + matrix[1, 2] * p[2] + matrix[1, 3]
             oz = matrix[2, 0] * p[0] + matrix[2, 1] * p[1] + matrix[2, 2] * p[2] + matrix[2, 3]
@@ -175,26 +175,18 @@ def _add_image(tables, m, surfaces, n, box, shift, points, weight, scene, matrix
             if blocked(scene, ox, oy, oz, wx, wy, wz, SHADOW_START * r, r):
                 continue
         value = weight * phi * (r / p[2]) * cosine / q
-        lobe = max(mirrored[0] * dx + mirrored[1] * dy + mirrored[2] * dz, 0.0)
-        shape = surfaces.shape[n]
-        if surfaces.kind[n] >= 2:
-            over = normal[0] * mirrored[0] + normal[1] * mirrored[1] + normal[2] * mirrored[2]  # cosine of the view, as of its mirror
-            towards = 2 * over * cosine - lobe_signed(mirrored, dx, dy, dz)  # cosine between view and light
-            ggx, grazing = ggx_lobe(cosine, max(over, 1e-4), towards, shape)
-        else:
-            ggx, grazing = (shape + 2) / (2 * math.pi) * lobe**shape, -1.0
-        for c in range(3):
-            if grazing < 0:
-                brdf = surfaces.diffuse[n, c] / math.pi + surfaces.specular[n, c] * ggx
+        lobe, grazing = 0.0, 0.0
+        if mirrors:
+            reflected = mirrored[0] * dx + mirrored[1] * dy + mirrored[2] * dz
+            if surfaces.kind[n] >= 2:
+                over = normal[0] * mirrored[0] + normal[1] * mirrored[1] + normal[2] * mirrored[2]  # cosine of the view, as of its mirror
+                lobe, grazing = ggx_lobe(cosine, max(over, 1e-4), 2 * over * cosine - reflected, shape)
             else:
-                fresnel = surfaces.specular[n, c] + (1 - surfaces.specular[n, c]) * grazing
-                brdf = surfaces.diffuse[n, c] / math.pi * (1 - fresnel) + fresnel * ggx
-            out[n, c] += value * tables.pixels[m, row, column, c] * brdf
-
-
-@njit(cache=True)
-def lobe_signed(mirrored, dx, dy, dz):
-    return mirrored[0] * dx + mirrored[1] * dy + mirrored[2] * dz
+                lobe = (shape + 2) / (2 * math.pi) * max(reflected, 1e-6) ** shape
+        for c in range(3):
+            fresnel = surfaces.specular[n, c] + (1 - surfaces.specular[n, c]) * grazing
+            kept = 1 - fresnel if surfaces.kind[n] >= 2 else 1.0
+            out[n, c] += value * pixels[row, column, c] * (surfaces.diffuse[n, c] / math.pi * kept + fresnel * lobe)
 
 
 @njit(cache=True)

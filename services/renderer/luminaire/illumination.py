@@ -220,7 +220,7 @@ def _field_recipe(context: moderngl.Context, luminaire: Luminaire, field: LightF
         "first_m": field.first_m, "grid": (cols, rows), "window": (*field.window_m[:2], *field.pixel_m), "plane_distance": field.distance_m,
         "spacing": field.spacing_m, "samples": table.samples, "most": table.most or table.samples + 1,
     }
-    constants = {"SUPPORT_CELLS": str(SUPPORT_CELLS[field.kind])}
+    constants = {"SUPPORT_CELLS": str(SUPPORT_CELLS[field.kind]), "IMAGES": str(rows * cols)}
     if luminaire.shift_invariant:
         pixels = radiance_images(field).reshape(-1, height, width, 3)
         sums = np.zeros((rows * cols, height + 1, width + 1, 3))

@@ -8,6 +8,8 @@ Tables are float64: under a pixel 10^5 times the mean a float32 table is off by 
 the channels' magnitudes, so that negative pixels, which the filter's lobes and noise make, are sampled as well and come with their sign.
 """
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +42,8 @@ def tables_of(field: LightField) -> Tables:
     rows, cols, height, width, _ = field.images.shape
     pixels = np.ascontiguousarray(field.images.reshape(rows * cols, height, width, 3), np.float32)
     importance, sums = np.empty((rows * cols, height, width)), np.zeros((rows * cols, height + 1, width + 1))
-    _sum(pixels, LUMINANCE, importance, sums)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # the compiled loop leaves Python's lock
+        list(threads.map(lambda m: _sum(pixels[m], LUMINANCE, importance[m], sums[m]), range(rows * cols)))
     u, v = np.meshgrid(*field.centres_m)
     centres, half = np.stack([u.ravel(), v.ravel()], axis=-1), field.half_support_m
     supports = np.concatenate([centres - half, centres + half], axis=-1)
@@ -48,19 +51,18 @@ def tables_of(field: LightField) -> Tables:
     return Tables(sums, pixels, importance, supports, window, float(field.distance_m), float(field.spacing_m), SUPPORT_CELLS[field.kind])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sum(pixels, weights, importance, sums):
-    """Fills importance and its summed-area tables in one pass over the pixels."""
-    for m in range(importance.shape[0]):
-        for j in range(importance.shape[1]):
-            row = 0.0
-            for i in range(importance.shape[2]):
-                q = 0.0
-                for c in range(3):
-                    q += weights[c] * abs(pixels[m, j, i, c])
-                importance[m, j, i] = q
-                row += q
-                sums[m, j + 1, i + 1] = sums[m, j, i + 1] + row
+    """Fills an image's importance and its summed-area table in one pass over the pixels."""
+    for j in range(importance.shape[0]):
+        row = 0.0
+        for i in range(importance.shape[1]):
+            q = 0.0
+            for c in range(3):
+                q += weights[c] * abs(pixels[j, i, c])
+            importance[j, i] = q
+            row += q
+            sums[j + 1, i + 1] = sums[j, i + 1] + row
 
 
 @njit(cache=True)
@@ -133,32 +135,33 @@ def sample_box(sums, importance, x0, x1, y0, y1, a, b):
         if target < low or high <= 0:
             return x, g * target / low, j0, i
         return x, g + (1 - g) * min((target - low) / high, 1.0), j1, i
-    base = table_at(sums, y1, x0) - table_at(sums, y0, x0)
-    target = base + a * (table_at(sums, y1, x1) - table_at(sums, y0, x1) - base)
-    low, high = i0, i1 + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if table_at(sums, y1, float(middle)) - table_at(sums, y0, float(middle)) <= target:
-            low = middle
+    # the marginal of the box at whole columns is four sums; the search keeps those at its ends
+    r0, r1 = min(int(y0), height - 1), min(int(y1), height - 1)
+    g0, g1 = y0 - r0, y1 - r1
+    at_left, at_right = table_at(sums, y1, x0) - table_at(sums, y0, x0), table_at(sums, y1, x1) - table_at(sums, y0, x1)
+    target = at_left + a * (at_right - at_left)
+    i, end = i0, i1 + 1
+    while end - i > 1:
+        middle = (i + end) // 2
+        here = (1 - g1) * sums[r1, middle] + g1 * sums[r1 + 1, middle] - (1 - g0) * sums[r0, middle] - g0 * sums[r0 + 1, middle]
+        if here <= target:
+            i, at_left = middle, here
         else:
-            high = middle
-    i = low
+            end, at_right = middle, here
     left, right = max(float(i), x0), min(float(i + 1), x1)
-    at_left, at_right = table_at(sums, y1, left) - table_at(sums, y0, left), table_at(sums, y1, right) - table_at(sums, y0, right)
     x = left + (right - left) * (min(max((target - at_left) / (at_right - at_left), 0.0), 1.0) if at_right > at_left else 0.5)
-    base = column_at(sums, i, y0)
-    target = base + b * (column_at(sums, i, y1) - base)
-    low, high = j0, j1 + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if sums[middle, i + 1] - sums[middle, i] <= target:
-            low = middle
+    below, above = column_at(sums, i, y0), column_at(sums, i, y1)
+    target = below + b * (above - below)
+    j, end = j0, j1 + 1
+    while end - j > 1:
+        middle = (j + end) // 2
+        here = sums[middle, i + 1] - sums[middle, i]
+        if here <= target:
+            j, below = middle, here
         else:
-            high = middle
-    j = min(low, height - 1)
+            end, above = middle, here
     bottom, top = max(float(j), y0), min(float(j + 1), y1)
-    at_bottom, at_top = column_at(sums, i, bottom), column_at(sums, i, top)
-    y = bottom + (top - bottom) * (min(max((target - at_bottom) / (at_top - at_bottom), 0.0), 1.0) if at_top > at_bottom else 0.5)
+    y = bottom + (top - bottom) * (min(max((target - below) / (above - below), 0.0), 1.0) if above > below else 0.5)
     return (x - x0) / (x1 - x0), (y - y0) / (y1 - y0), j, i
 
 

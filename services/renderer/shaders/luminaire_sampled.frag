@@ -13,8 +13,8 @@ uniform int most;  // samples of one image
 uniform vec3 scale;  // the lamp's power times the weight of this pass
 layout(location = 0) out vec4 radiance;
 
-// The pixel and the shares of the box at uniform numbers a and b.
-ivec2 sample_box(AxisBox u, AxisBox v, int m, ivec2 size, vec2 ab, out vec2 share) {
+// The pixel and the shares of the box at uniform numbers a and b; ends: the sums of the box's marginal at u.x0 and u.x1.
+ivec2 sample_box(AxisBox u, AxisBox v, int m, ivec2 size, dvec2 ends, vec2 ab, out vec2 share) {
     Pair i = pair_of(u.x0, u.x1, size.x), j = pair_of(v.x0, v.x1, size.y);
     if (i.last - i.first <= 1 && j.last - j.first <= 1) {
         float q00 = importance(ivec3(i.first, j.first, m)), q10 = importance(ivec3(i.last, j.first, m));
@@ -29,32 +29,30 @@ ivec2 sample_box(AxisBox u, AxisBox v, int m, ivec2 size, vec2 ab, out vec2 shar
         share.y = below ? j.share * target / low : j.share + (1.0 - j.share) * min((target - low) / high, 1.0);
         return ivec2(first ? i.first : i.last, below ? j.first : j.last);
     }
-    double base = strip(u.x0, v.x0, v.x1, m, size);
-    double target = base + ab.x * (strip(u.x1, v.x0, v.x1, m, size) - base);
-    int low = i.first, high = i.last + 1;
-    while (high - low > 1) {
-        int middle = (low + high) / 2;
-        if (strip(float(middle), v.x0, v.x1, m, size) <= target) low = middle; else high = middle;
+    // the marginal of the box, a strip at a time; the search keeps the sums at its ends
+    double at_left = ends.x, at_right = ends.y;
+    double target = at_left + ab.x * (at_right - at_left);
+    int column = i.first, end = i.last + 1;
+    while (end - column > 1) {
+        int middle = (column + end) / 2;
+        double here = strip(float(middle), v.x0, v.x1, m, size);
+        if (here <= target) { column = middle; at_left = here; } else { end = middle; at_right = here; }
     }
-    float left = max(float(low), u.x0), right = min(float(low + 1), u.x1);
-    double at_left = strip(left, v.x0, v.x1, m, size);
-    float width = float(strip(right, v.x0, v.x1, m, size) - at_left);
+    float left = max(float(column), u.x0), right = min(float(column + 1), u.x1), width = float(at_right - at_left);
     float x = left + (right - left) * (width > 0.0 ? clamp(float(target - at_left) / width, 0.0, 1.0) : 0.5);
-    int column = low;
-    base = column_at(column, v.x0, m, size);
-    target = base + ab.y * (column_at(column, v.x1, m, size) - base);
-    low = j.first;
-    high = j.last + 1;
-    while (high - low > 1) {
-        int middle = (low + high) / 2;
-        if (sum_at(column + 1, middle, m) - sum_at(column, middle, m) <= target) low = middle; else high = middle;
+    double below = column_at(column, v.x0, m, size), above = column_at(column, v.x1, m, size);
+    target = below + ab.y * (above - below);
+    int row = j.first;
+    end = j.last + 1;
+    while (end - row > 1) {
+        int middle = (row + end) / 2;
+        double here = sum_at(column + 1, middle, m) - sum_at(column, middle, m);
+        if (here <= target) { row = middle; below = here; } else { end = middle; above = here; }
     }
-    float bottom = max(float(low), v.x0), top = min(float(low + 1), v.x1);
-    double at_bottom = column_at(column, bottom, m, size);
-    float height = float(column_at(column, top, m, size) - at_bottom);
-    float y = bottom + (top - bottom) * (height > 0.0 ? clamp(float(target - at_bottom) / height, 0.0, 1.0) : 0.5);
+    float bottom = max(float(row), v.x0), top = min(float(row + 1), v.x1), height = float(above - below);
+    float y = bottom + (top - bottom) * (height > 0.0 ? clamp(float(target - below) / height, 0.0, 1.0) : 0.5);
     share = vec2((x - u.x0) / (u.x1 - u.x0), (y - v.x0) / (v.x1 - v.x0));
-    return ivec2(column, low);
+    return ivec2(column, row);
 }
 
 // Of the cell that a sample leaves through.
@@ -69,9 +67,9 @@ void main() {
     if (!surface_at(pixel, surface) || surface.position.z <= 0.0) discard;
     vec3 p = surface.position;
     ivec2 size = textureSize(images, 0).xy;
-    int count = grid.x * grid.y;
     float total = 0.0;
-    for (int m = 0; m < count; ++m) total += image_share(m, p, size);
+    float share[IMAGES];
+    for (int m = 0; m < IMAGES; ++m) total += share[m] = image_share(m, p, size);
     if (total <= 0.0) discard;
     forget_cells();
     vec3 shift = texelFetch(shifts, pixel % textureSize(shifts, 0), 0).xyz;
@@ -79,25 +77,26 @@ void main() {
     float passed = 0.0;
     int drawn = 0;
     vec3 sum = vec3(0.0);
-    for (int m = 0; m < count; ++m) {
-        AxisBox u, v;
-        vec2 centre;
-        if (!image_boxes(m, p, size, u, v, centre)) continue;
-        float part = mean_importance(u, v, m, size) * abs((u.u1 - u.u0) * (v.u1 - v.u0));
-        float expected = float(samples) * (part / total);
+    for (int m = 0; m < IMAGES; ++m) {
+        float expected = float(samples) * (share[m] / total);
         int number = int(floor(passed + expected + shift.z)) - int(floor(passed + shift.z));
         passed += expected;
         float divisor = expected;
         if (expected > float(most)) { number = most; divisor = float(most); }
-        float weight = ratio * ratio * part / divisor;
+        if (number <= 0) continue;
+        AxisBox u, v;
+        vec2 centre;
+        image_boxes(m, p, size, u, v, centre);
+        dvec2 ends = dvec2(strip(u.x0, v.x0, v.x1, m, size), strip(u.x1, v.x0, v.x1, m, size));
+        float weight = ratio * ratio * share[m] / divisor;
         for (int k = 0; k < number; ++k, ++drawn) {
             vec2 ab = fract(texelFetch(sequence, ivec2(drawn, 0), 0).xy + shift.xy);
-            vec2 share;
-            ivec2 at = sample_box(u, v, m, size, ab, share);
+            vec2 part;
+            ivec2 at = sample_box(u, v, m, size, ends, ab, part);
             vec3 colour = texelFetch(images, ivec3(at, m), 0).rgb;
             float q = dot(abs(colour), vec3(0.2126, 0.7152, 0.0722));
             if (q <= 0.0) continue;
-            vec2 place = vec2(mix(u.u0, u.u1, share.x), mix(v.u0, v.u1, share.y));
+            vec2 place = vec2(mix(u.u0, u.u1, part.x), mix(v.u0, v.u1, part.y));
             vec2 x = (place - centre) / spacing;
             vec3 d = vec3(place, 0.0) - p;
             float r = length(d);

@@ -7,7 +7,7 @@ from services import wire
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.luminaire.bases import Kind
-from services.renderer.luminaire.cells import cell_views, median_position
+from services.renderer.luminaire.cells import cell_views, half_way, median_pixel
 from services.renderer.luminaire.illumination import MapAtlas
 from services.renderer.luminaire.lightfield import LightField, irradiance
 from services.renderer.luminaire.luminaire_file import write_luminaire
@@ -252,7 +252,9 @@ def test_the_reference_on_the_measurement_plane_is_where_the_light_is():
     field = a_field()._replace(images=np.zeros((3, 4, 16, 16, 3), np.float32))
     field.images[:, :, 5, 12] = 1
     s = np.array([-0.2 + 12.5 * 0.025, -0.2 + 5.5 * 0.025])
-    assert median_position(field, field.images[0, 0, ..., 0]) == pytest.approx(s, abs=1e-9)
+    assert median_pixel(field.images[0, 0], np.ones(3)) == pytest.approx((12.5, 5.5, 1), abs=1e-9)
     assert cell_views(field, 5.0, "measurement").rows[:, :3] == pytest.approx(np.tile([*s, 0.3], (20, 1)), abs=1e-6)
+    assert half_way(np.array([1.0, 2.0, 1.0])) == 1.5
+    assert half_way(np.array([0.0, 1.0, 0.0, 1.0, 0.0])) in (2, 3)
     field.images[:] = 0
     assert np.all(cell_views(field, 5.0, "measurement").rows[:, :2] == 0)

@@ -8,6 +8,7 @@ plane, and so do we by default: against traced rays that errs less (bench/lumina
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from services.renderer.luminaire.bases import SUPPORT_CELLS
 from services.renderer.luminaire.lightfield import LightField
@@ -49,27 +50,39 @@ def _brightest_of_cells(field: LightField, rows: int, cols: int) -> np.ndarray:
     n = SUPPORT_CELLS[field.kind]
     sums, count = np.zeros((rows, cols, 2)), np.zeros((rows, cols, 1))
     for j, i in np.ndindex(field.images.shape[:2]):
-        strength = np.abs(field.images[j, i]) @ LUMINANCE.astype(np.float32)
-        if strength.sum() > 0:
-            sums[j : j + n, i : i + n] += median_position(field, strength)
+        s, t, lit = median_pixel(field.images[j, i], LUMINANCE)
+        if lit:
+            sums[j : j + n, i : i + n] += np.array(field.window_m[:2]) + np.array([s, t]) * field.pixel_m
             count[j : j + n, i : i + n] += 1
     middle = np.array(field.window_m).reshape(2, 2).mean(axis=0)
     return np.where(count > 0, sums / np.maximum(count, 1), middle).reshape(-1, 2)
 
 
-def median_position(field: LightField, strength: np.ndarray) -> np.ndarray:
-    """(s, t) where the marginal along s and, in that column, the conditional along t reach one half."""
-    column = _median(strength.sum(axis=0))
-    row = _median(strength[:, min(int(column), strength.shape[1] - 1)])
-    return np.array(field.window_m[:2]) + np.array([column, row]) * field.pixel_m
+@njit(cache=True)
+def median_pixel(image, weights):
+    """(s, t, lit) in pixels: where the marginal along s of an image (height, width, 3) and, in that column, the conditional along t reach
+    one half; lit is False where all is dark. Weighed by the magnitudes of the channels."""
+    height, width = image.shape[:2]
+    columns, rows = np.zeros(width), np.zeros(height)
+    red, green, blue = weights[0], weights[1], weights[2]
+    for y in range(height):
+        for x in range(width):
+            columns[x] += red * abs(image[y, x, 0]) + green * abs(image[y, x, 1]) + blue * abs(image[y, x, 2])
+    s = half_way(columns)
+    for y in range(height):
+        for c in range(3):
+            rows[y] += weights[c] * abs(image[y, min(int(s), width - 1), c])
+    return s, half_way(rows), columns.sum() > 0
 
 
-def _median(weights: np.ndarray) -> float:
+@njit(cache=True)
+def half_way(weights):
     """Where half the weight of unit intervals lies below, as a position in [0, n]."""
-    edges = np.concatenate([[0], np.cumsum(weights)])
-    k = int(np.searchsorted(edges, edges[-1] / 2, side="right")) - 1
-    k = min(k, len(weights) - 1)
-    return k + float((edges[-1] / 2 - edges[k]) / weights[k]) if weights[k] > 0 else float(k)
+    rest, k = weights.sum() / 2, 0
+    while k < len(weights) - 1 and rest >= weights[k]:
+        rest -= weights[k]
+        k += 1
+    return k + (min(rest / weights[k], 1.0) if weights[k] > 0 else 0.0)
 
 
 def cube_views(far_m: float) -> MapViews:

@@ -54,12 +54,11 @@ def tables_of(field: LightField) -> Tables:
 @njit(cache=True, nogil=True)
 def _sum(pixels, weights, importance, sums):
     """Fills an image's importance and its summed-area table in one pass over the pixels."""
+    red, green, blue = weights[0], weights[1], weights[2]
     for j in range(importance.shape[0]):
         row = 0.0
         for i in range(importance.shape[1]):
-            q = 0.0
-            for c in range(3):
-                q += weights[c] * abs(pixels[j, i, c])
+            q = red * abs(pixels[j, i, 0]) + green * abs(pixels[j, i, 1]) + blue * abs(pixels[j, i, 2])
             importance[j, i] = q
             row += q
             sums[j + 1, i + 1] = sums[j, i + 1] + row

@@ -306,3 +306,17 @@ def test_hostile_header(tmp_path: Path) -> None:
         open_source(capture(tmp_path / "m.exr")).frame(0)
     write_exr(tmp_path / "s.exr", np.ones((16, 32, 3), np.float32), {"vemlight:kind": "latlong", "whiteLuminance": -3.0})
     assert open_source(capture(tmp_path / "s.exr")).frame(0).luminance_scale is None
+
+
+def test_a_luminance_cameras_frame_has_its_makers_illuminance(tmp_path: Path) -> None:
+    data = os.environ.get("VEMLIGHT_DATA")
+    if not data:
+        pytest.skip("VEMLIGHT_DATA names no folder of real frames")
+    f = 786 / 2 / np.radians(91)  # -vta 182: angle by radius, even
+    lens = Lens(size=(786, 786), f=(f, f), c=(392.5, 392.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=91.0)
+    write_lens(tmp_path / "lens.toml", lens)
+    path = Path(data) / "sequence" / "fisheye_hdr_office_evalglare.hdr"
+    frame = open_source(capture(path, lens=str(tmp_path / "lens.toml"))).frame(0)
+    cosine = np.cos((np.arange(90) + 0.5) * np.pi / 180)[:, None, None]  # on the plane that the camera faces
+    lux = luminance(map_irradiance(frame.radiance * cosine, "hemisphere")) * 179  # Radiance's lm/W
+    assert lux == pytest.approx(6108, rel=0.01)

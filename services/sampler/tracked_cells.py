@@ -18,20 +18,22 @@ def candidates(of: Grid, tiles: Tiles, sites, slack):
     They stay so while no site moves by more than the chord `slack`. Searched among those of the base tile's group.
     """
     n, bases, groups = sites.shape[0], of.centres.shape[0], of.group_centres.shape[0]
-    every, chords, few, count = np.arange(n), np.empty(n), np.empty((groups, n), np.int64), np.empty(groups, np.int64)
+    every, chords, few, count = np.arange(n), np.empty(n), np.empty((groups, n + 1), np.int32), np.empty(groups, np.int64)
     places = sites.T.copy()
-    own = np.empty((groups, 3, n))
     for g in range(groups):
         count[g] = _near(of.group_centres[g], of.group_reach[g] + slack, places, every, n, chords, few[g], 0)
+    own = np.empty((groups, 3, count.max()))
+    for g in range(groups):
         for k in range(count[g]):
-            own[g, :, k] = sites[few[g, k]]
+            for c in range(3):
+                own[g, c, k] = sites[few[g, k], c]
     near, start = np.empty(16 * bases + n, np.int64), np.zeros(bases + 1, np.int64)
     for base in range(bases):
         start[base + 1] = start[base]
         if tiles.start[base] == tiles.start[base + 1]:
             continue
         g = of.group[base]
-        if start[base] + n > near.size:
+        if start[base] + n >= near.size:
             near = np.concatenate((near, np.empty(near.size + n, np.int64)))
         start[base + 1] = _near(of.centres[base], of.reach[base] + slack, own[g], few[g], count[g], chords, near, start[base])
     return near, start
@@ -46,15 +48,12 @@ def _near(centre, reach, places, names, count, chords, near, end):
         chords[k] = (xs[k] - x) ** 2 + (ys[k] - y) ** 2 + (zs[k] - z) ** 2
     best = after = 4.0
     for k in range(count):
-        if chords[k] < after:
-            after = chords[k]
-            if after < best:
-                best, after = after, best
+        after = min(after, max(best, chords[k]))
+        best = min(best, chords[k])
     limit = (np.sqrt(after) + 2 * reach) ** 2
     for k in range(count):
-        if chords[k] <= limit:
-            near[end] = names[k]
-            end += 1
+        near[end] = names[k]  # kept when the end goes on; without a branch that no processor foresees
+        end += chords[k] <= limit
     return end
 
 
@@ -82,12 +81,9 @@ def _nearest_two(t, chords, count, names, radius, sites, first, second, share):
     da = db = 9.0
     for k in range(count):
         d = chords[k]
-        if d < db:
-            if d < da:
-                db, b = da, a
-                da, a = d, k
-            else:
-                db, b = d, k
+        closest, closer = d < da, d < db
+        b, db = a if closest else k if closer else b, da if closest else d if closer else db
+        a, da = k if closest else a, d if closest else da
     first[t] = names[a]
     second[t] = names[b] if b >= 0 else -1
     share[t] = _next_share(radius, sites, first[t], second[t], da, db)

@@ -9,7 +9,7 @@ import pytest
 from services.capture.camera import simulate
 from services.capture.film import exposed, fixed_pattern, through_mosaic
 from services.capture.lens import Lens
-from services.capture.response import Companding, Log
+from services.capture.response import Companding, Log, radiance_table
 from services.capture.sequence import read_manifest
 from services.capture.source import open_source
 from services.images import read_radiance, write_exr
@@ -52,6 +52,14 @@ def test_every_sensor_comes_back_to_the_truth(tmp_path: Path, mosaic, response) 
     expected = np.full(3, truth.mean()) if mosaic == "mono" else truth
     # a mosaic's blue pixels see one in four of a 2 degree grid: the tubes' edges make 2 %
     np.testing.assert_allclose(map_irradiance(frame.radiance, "hemisphere"), expected, rtol=0.03 if mosaic == "RGGB" else 0.01)
+
+
+@pytest.mark.parametrize("level", np.logspace(-2, 4, 13))
+def test_radiance_comes_back_over_six_decades(level: float) -> None:
+    sensor = Log(bits=12, a=float(4095 / 9 * 3), b=float(4095 / np.log(1e9)), c=1e-3)  # nine decades from 1e-3 on
+    true = level * 10 ** np.random.default_rng(3).uniform(-0.02, 0.02, (64, 64, 3))  # all places between two codes
+    codes = exposed(true, sensor, 0.5, np.zeros((1, 1, 1)), None, (0, 1)).astype(np.uint16)
+    assert np.median(np.abs(radiance_table(sensor)[codes] / true - 1)) < 0.015
 
 
 @pytest.mark.parametrize("hertz", [100.0, 120.0])

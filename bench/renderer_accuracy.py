@@ -1,6 +1,7 @@
 """Pictures of the renderer against the map itself: VEMLIGHT_DATA=FOLDER python -m bench.renderer_accuracy [--out docs/charts] [CHART ...]
 
-Charts: figure6 (error over the number of lights), time (error over ms a picture, beside Mitsuba 3 and Embree). Writes renderer_NAME.png,
+Charts: figure6 (error over the number of lights), time (error over ms a picture, beside Mitsuba 3 and Embree: on a
+software renderer, for a graphics card's time is not the processor's). Writes renderer_NAME.png,
 .svg and .csv. The truth is Mitsuba's picture under the whole map, TRUTH paths a pixel. Measures: RMSE of radiance over the root mean
 square of the truth; mean FLIP (Andersson et al. 2020) and mean colour difference in CIE 1976 L*a*b* of both pictures tone-mapped alike,
 as the truth is. Needs the extra `bench` and a libLLVM.
@@ -243,9 +244,9 @@ def draw_time(rows: list[dict[str, Any]]) -> Any:
             for k, curve in enumerate(dict.fromkeys(r["curve"] for r in rows if r["curve"] != EQUAL)):
                 own = [r for r in rows if (r["map"], r["curve"]) == (kind, curve)]
                 rival = curve.startswith(("Mitsuba", "Embree"))
-                axis.loglog([r["ms"] for r in own], [r[measure] for r in own], "s--" if rival else "o-", ms=4, color=f"C{k}",
+                axis.loglog([r["processor_ms"] for r in own], [r[measure] for r in own], "s--" if rival else "o-", ms=4, color=f"C{k}",
                             label=f"{curve}: {own[0]['at']} ... {own[-1]['at']}")
-            axis.set(title=kind, xlabel="ms a picture", ylabel=label)
+            axis.set(title=kind, xlabel="ms of processor time a picture, all cores together", ylabel=label)
             axis.grid(alpha=0.3, which="both")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, bbox_to_anchor=(0.5, 0.02))
     return figure

@@ -21,15 +21,20 @@ LAST_FRAMES = 16  # 0.6 s at 25 a second: more than lights are behind their map
 class Nearest:
     """Live mode."""
 
-    def __init__(self, wires: Wires, services: Sequence[Service]) -> None:
-        self.sockets = [wires.subscribe(service, FRAMES[service]) for service in services]
-        self._last: list[deque[wire.Message]] = [deque(maxlen=LAST_FRAMES) for _ in services]
+    def __init__(self, wires: Wires) -> None:
+        self._wires = wires
+        self._heard: dict[Service, tuple[Any, deque[wire.Message]]] = {}  # socket and last frames
 
-    def to(self, stamp: wire.Stamp, tally: Tally) -> list[wire.Message]:
-        """One frame of each service that has sent any."""
-        for socket, last in zip(self.sockets, self._last, strict=True):
+    def to(self, stamp: wire.Stamp, services: Sequence[Service], tally: Tally) -> list[wire.Message]:
+        """One frame of each of `services` that has sent any since it was first asked for. Others are no longer listened to."""
+        for service in [service for service in self._heard if service not in services]:
+            self._heard.pop(service)[0].close()
+        for service in services:
+            if service not in self._heard:
+                self._heard[service] = self._wires.subscribe(service, FRAMES[service]), deque(maxlen=LAST_FRAMES)
+        for socket, last in self._heard.values():
             last.extend(message for message in received(socket, tally) if isinstance(message[0], wire.FRAME))
-        return [min(last, key=lambda message: _apart_ns(message[0], stamp)) for last in self._last if last]
+        return [min(last, key=lambda message: _apart_ns(message[0], stamp)) for _, last in self._heard.values() if last]
 
 
 def _apart_ns(header: wire.Header, stamp: wire.Stamp) -> int:

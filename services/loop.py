@@ -34,7 +34,10 @@ class Stage(Protocol[State]):
     """A service's own work. `step` has no effect but its result; files are written by `keep`."""
 
     service: Service
-    beside: tuple[Service, ...]  # whose frames of the same moment it heeds, beside those that it steps on
+
+    def beside(self, state: State) -> tuple[Service, ...]:
+        """Whose frames of the same moment it heeds, beside those that it steps on; always the same ones in lossless mode."""
+        ...
 
     def kept(self) -> int:
         """The first frame that this stage's own output lacks; 0 when it writes none."""
@@ -134,7 +137,7 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
     told = [wires.subscribe("viewer", "control")]
     if stage.service in HEEDS:
         told.append(wires.subscribe(HEEDS[stage.service], "status"))
-    nearest = Nearest(wires, stage.beside)
+    nearest = Nearest(wires)
     poller = zmq.Poller()
     for socket in (frames, *told, publisher):
         poller.register(socket, zmq.POLLIN)
@@ -152,7 +155,7 @@ def _live(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop:
         newest, ended = _newest(frames, tally, losses, ended)
         if newest:
             assert isinstance(newest[0], wire.FRAME)
-            beside = nearest.to(newest[0].stamp, tally)
+            beside = nearest.to(newest[0].stamp, stage.beside(state), tally)
             state = _advance(stage, state, newest, beside, publisher, tally)[0]
         if ended:
             if stage.service == LAST:
@@ -211,10 +214,11 @@ def _advance(
 def _lossless(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, stop: Stop) -> None:
     upstream = UPSTREAM[stage.service]
     assert upstream
-    inputs, supply = Together(wires, (upstream, *stage.beside), tally), Supply(wires.bind(stage.service, "serve"), tally)
+    supply = Supply(wires.bind(stage.service, "serve"), tally)
     kept = stage.kept()
     is_last = stage.service == LAST
     state, at = stage.begin(kept if is_last else 0)
+    inputs = Together(wires, (upstream, *stage.beside(state)), tally)
     made: dict[int, wire.Message] = {}
     while not stop.asked:
         zmq.select([*inputs.awaited(), supply.socket, publisher], [], [], POLL_MS / 1e3)
@@ -224,12 +228,11 @@ def _lossless(stage: Stage[State], wires: Wires, publisher: Any, tally: Tally, s
             state, at = stage.begin(wanted)
             made.clear()
             inputs.restart()
-        if is_last or (wanted is not None and wanted >= at):
-            if frames := inputs.frames(at):
-                message, *beside = frames
-                state, made[at] = _advance(stage, state, message, beside, publisher, tally, keep_from=kept)
-                kept, at = max(kept, at + 1), at + 1
-                made.pop(at - KEPT_FRAMES, None)
+        if (is_last or (wanted is not None and wanted >= at)) and (frames := inputs.frames(at)):
+            message, *beside = frames
+            state, made[at] = _advance(stage, state, message, beside, publisher, tally, keep_from=kept)
+            kept, at = max(kept, at + 1), at + 1
+            made.pop(at - KEPT_FRAMES, None)
         supply.send(made.get, end=inputs.end)
         if is_last and inputs.end is not None and at >= inputs.end:
             stage.done()

@@ -21,6 +21,8 @@ from services.sampler.score import text
 from services.sampler.step import initial_state, step
 from services.settings import record
 
+FINE = 512  # lights in the second set of a glossy scene; twice as many gain little (docs/looks.md)
+
 
 class Lit(NamedTuple):
     """One frame, its lights and the second set of them, None when none is asked for."""
@@ -90,10 +92,13 @@ def write_pictures_of(
     drawing = {key: options.get(key) for key in ("tone", "background")}
     drawing |= {"width": int(width), "height": int(height), "exposure": exposure, "shadow_map": shadow_map}
     wanted = record(settings.Renderer, drawing, "--")
+    drawn = load_scene(scene)
+    if options.get("fine") is None and drawn.glossy:
+        options["fine"] = FINE
     frames, sampling = opened(source, options)
     with ExitStack() as open_:
         add = open_.enter_context(video(options["video"], frames.fps)) if options.get("video") else None
-        renderer = Renderer(load_scene(scene), wanted, FILE_SAMPLES)
+        renderer = Renderer(drawn, wanted, FILE_SAMPLES)
         open_.callback(renderer.release)
         adaptation, before_s = None, 0.0
         for k, (frame, lights, fine) in enumerate(_told(lit_frames(frames, sampling), len(frames))):

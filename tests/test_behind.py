@@ -37,15 +37,15 @@ def test_the_map_and_the_plate_are_what_is_seen_beside_the_scene(scene):
     plate = wire.Plate(stamp=wire.stamp(0, 0.0), width=2, height=2), (np.full((2, 2, 3), 188, np.uint8),)  # 188 is 0.503 linear
 
     plain = RendererStage(Settings(renderer=size, mode="lossless"))
-    assert plain.beside == ()
+    assert plain.beside(plain.begin(0)[0]) == ()
     np.testing.assert_array_equal(corner(plain, []), 0)
 
     mapped = RendererStage(Settings(renderer=Renderer(**{**as_dict(size), "background": "map"}), mode="lossless"))
-    assert mapped.beside == ("capture",)
+    assert mapped.beside(mapped.begin(0)[0]) == ("capture",)
     np.testing.assert_allclose(corner(mapped, [around]), [0.3, 0.3, 0.3, 1], rtol=2e-3)
 
     filmed = RendererStage(Settings(renderer=size, mode="lossless", plate=Plate(source="film.mp4", stops=1.0)))
-    assert filmed.beside == ("plate",)
+    assert filmed.beside(filmed.begin(0)[0]) == ("plate",)
     np.testing.assert_array_equal(corner(filmed, []), 0)
     np.testing.assert_allclose(corner(filmed, [plate]), [1.006, 1.006, 1.006, 1], rtol=5e-3)
 

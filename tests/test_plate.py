@@ -88,15 +88,17 @@ def plate(sequence: int, monotonic_ns: int) -> wire.Message:
 
 def test_live_the_picture_nearest_in_time_is_taken(wires):
     publisher = wires.bind("plate", "publish")
-    nearest, tally = Nearest(wires, ["plate"]), Tally("renderer", 0)
+    nearest, tally = Nearest(wires), Tally("renderer", 0)
     lights = msgspec.structs.replace(wire.stamp(90, 0.0), monotonic_ns=1_000_000)
-    assert nearest.to(lights, tally) == []
+    assert nearest.to(lights, ["plate"], tally) == []
     wait_until(lambda: publisher.poll(0) or None, "the subscription")
     admit(publisher)
     for sequence, at_ns in ((1, 700_000), (2, 1_100_000), (3, 1_300_000)):
         publisher.send_multipart(wire.pack(*plate(sequence, at_ns)))
-    wait_until(lambda: nearest.to(lights, tally) and len(nearest._last[0]) == 3, "three pictures")
-    assert [array[0, 0, 0] for _, (array,) in nearest.to(lights, tally)] == [2]
+    wait_until(lambda: nearest.to(lights, ["plate"], tally) and len(nearest._heard["plate"][1]) == 3, "three pictures")
+    assert [array[0, 0, 0] for _, (array,) in nearest.to(lights, ["plate"], tally)] == [2]
+    assert nearest.to(lights, [], tally) == []
+    wait_until(lambda: publisher.poll(0) or None, "the end of the subscription")
 
 
 def test_lossless_the_frames_of_one_number_come_together(wires):

@@ -115,7 +115,8 @@ def test_pixels_become_means_over_their_area():
 def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     monkeypatch.setattr("services.renderer.refine.PASSES", 4)
     stage = RendererStage(Settings(renderer=Size(width=48, height=36, shadow_map=64)))
-    assert "capture" in stage.beside
+    assert stage.beside(stage.begin(0)[0]) == ()
+    assert stage.beside(heeded(stage, stage.begin(0)[0], paused=True)) == ("capture",)
     drawn = []
     honest = stage._renderer.render_pass
     monkeypatch.setattr(stage._renderer, "render_pass", lambda light, number: drawn.append(number) or honest(light, number))

@@ -14,7 +14,7 @@ from services import wire
 from services.files import BadInput, read_toml
 from services.renderer.animation import Motion
 from services.renderer.luminaire.placement import BUNDLED, Luminaire, LuminaireTable, load_luminaire
-from services.renderer.materials import Catcher, Material, MaterialTable, Phong, material_from_table
+from services.renderer.materials import GLOSSY, Catcher, Material, MaterialTable, Phong, kind_of, material_from_table
 from services.renderer.meshes import Geometry, Part, Shape, bounds, read_parts, shape_geometry, swept_bounds
 from services.renderer.plate import PlateTable, load_plate
 from services.sphere import quaternion_xyz, rotation_xyz
@@ -79,6 +79,11 @@ class Scene(NamedTuple):
     luminaires: tuple[Luminaire, ...] = ()
     plate: np.ndarray | None = None  # (h, w, 3) float16, radiance of what lies behind, row 0 on top
     things: tuple[wire.Pose, ...] = ()
+
+    @property
+    def glossy(self) -> bool:
+        """Whether any material has a lobe, for which a second set of lights is good."""
+        return any(kind_of(mesh.material) in GLOSSY for mesh in self.meshes)
 
     def catcher_normal(self, matrices: np.ndarray) -> np.ndarray | None:
         """Unit normal (3,) of the catcher on the camera's side, with world_from_rest (n, 4, 4) of the meshes; None when there is none."""

@@ -60,10 +60,8 @@ class RendererStage:
     def __init__(self, settings: settings.Settings) -> None:
         """Raises BadInput for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
         scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
-        plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
+        self._plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
         self._behind, self._stops = settings.renderer.background == "map", settings.plate.stops
-        needs_map = self._behind or settings.mode == "live"  # a pause is lit by the map itself
-        self.beside: tuple[Service, ...] = ("capture", *plate) if needs_map else plate
         self._exposure = settings.renderer.exposure
         self._linear = settings.renderer.picture == "linear16"
         pixel_bytes = 8 if self._linear else 4
@@ -86,6 +84,11 @@ class RendererStage:
         """At the target itself: what the tone mapping remembered stands beside the picture before it."""
         before = self._album.last if self._album and target else None
         return RendererState(self._exposure, before and before.adaptation, before.time_s if before else 0.0, None), target
+
+    def beside(self, state: RendererState) -> tuple[Service, ...]:
+        """The map where it is seen, and in a pause, which is lit by it."""
+        around: tuple[Service, ...] = ("capture",) if self._behind or state.paused else ()
+        return (*around, *self._plate)
 
     def step(self, state: RendererState, message: wire.Message) -> tuple[RendererState, wire.Message]:
         header, arrays = message
@@ -133,7 +136,8 @@ class RendererStage:
         header, arrays = said
         if isinstance(header, wire.Control):
             exposure = self._exposure if header.exposure is None else header.exposure
-            return state._replace(exposure=exposure, poses=header.poses, paused=header.paused)
+            around = state.around if header.paused else None
+            return state._replace(exposure=exposure, poses=header.poses, paused=header.paused, around=around)
         if isinstance(header, wire.Map):
             return state._replace(around=(arrays[0], header.coverage))
         if isinstance(header, wire.Plate):

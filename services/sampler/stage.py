@@ -26,7 +26,6 @@ class SamplerStage:
     """See `services.loop.Stage`."""
 
     service: Service = "sampler"
-    beside: tuple[Service, ...] = ()
 
     def __init__(self, settings: settings.Settings) -> None:
         """Raises BadInput when the output folder cannot be written."""
@@ -40,6 +39,9 @@ class SamplerStage:
     def begin(self, target: int) -> tuple[SamplerState, int]:
         """From the first frame: the filters remember, and a replay of maps alone is quick."""
         return SamplerState(self._settings, initial_state(self._settings), None), 0
+
+    def beside(self, state: SamplerState) -> tuple[Service, ...]:
+        return ()
 
     def step(self, state: SamplerState, message: wire.Message) -> tuple[SamplerState, wire.Message]:
         header, arrays = message

@@ -1,9 +1,9 @@
 """Pictures of the renderer against the map itself: VEMLIGHT_DATA=FOLDER python -m bench.renderer_accuracy [--out docs/charts] [CHART ...]
 
 Charts: figure6 (error over the number of lights), time (error over ms a picture, beside Mitsuba 3 and Embree: on a software renderer, for a
-graphics card's time is not the processor's). Writes renderer_NAME.png, .svg and .csv. The truth is Mitsuba's picture under the whole map, TRUTH paths a pixel. Measures: RMSE of radiance over the root mean
-square of the truth; mean FLIP (Andersson et al. 2020) and mean colour difference in CIE 1976 L*a*b* of both pictures tone-mapped alike,
-as the truth is. Needs the extra `bench` and a libLLVM.
+graphics card's time is not the processor's). Writes renderer_NAME.png, .svg and .csv. The truth is Mitsuba's picture under the whole map,
+TRUTH paths a pixel. Measures: RMSE of radiance over the root mean square of the truth; mean FLIP (Andersson et al. 2020) and mean colour
+difference in CIE 1976 L*a*b* of both pictures tone-mapped alike, as the truth is. Needs the extra `bench` and a libLLVM.
 """
 
 import argparse

@@ -78,7 +78,7 @@ class Renderer(Record, frozen=True):
     width: Side = 640
     height: Side = 480
     shadow_map: Annotated[int, Meta(ge=16, le=4096)] = 256  # texels on a side, for one light
-    frame_ms: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # met by fewer and coarser shadow maps a frame, then fewer lights; 0: all of them
+    frame_ms: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # met by fewer, coarser shadow maps a frame, then fewer lights; 0: all of them
     light_regions: Annotated[int, Meta(ge=0, le=256)] = 24  # of the sphere of normals, each with the lights it sees; 0: none
     exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
     tone: Tone = "reinhard"  # the curve of the tone mapping

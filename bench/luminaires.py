@@ -106,18 +106,20 @@ def write(path: Path, header: list[str], rows: list[list]) -> None:
         print("  " + ", ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
 
 
-def chart(path: Path, series: dict[str, tuple[list, list]], x: str, y: str) -> None:
+def chart(path: Path, rows: list[list], x: int, label: str) -> None:
+    """Relative RMSE and mean Lab error (columns 3 and 4 of rows that begin with a name) against column x."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(figsize=(6, 4), dpi=110)
-    for name, (a, b) in series.items():
-        axes.loglog(a, b, marker="o", label=name)
-    axes.set(xlabel=x, ylabel=y)
-    axes.grid(True, which="both", alpha=0.3)
-    axes.legend()
+    figure, panels = plt.subplots(1, 2, figsize=(10, 4), dpi=110)
+    for axes, y, measure in zip(panels, (3, 4), ("relative RMSE", "mean Lab error"), strict=True):
+        for name in dict.fromkeys(row[0] for row in rows):
+            axes.loglog(*zip(*[(row[x], row[y]) for row in rows if row[0] == name], strict=True), marker="o", label=name)
+        axes.set(xlabel=label, ylabel=measure)
+        axes.grid(True, which="both", alpha=0.3)
+    panels[0].legend()
     figure.tight_layout()
     figure.savefig(path)
     plt.close(figure)
@@ -133,7 +135,7 @@ def convergence(out: Path) -> None:
         "precomputed": lambda n: rivals.precomputed(tables, points, n, np.column_stack([halton(n)[:, 0], rng.random((n, 2))])),
         "ours": lambda n: shade(tables, receivers(points, np.tile(DOWN, (len(points), 1))), same(len(points)), n),
     }
-    rows, series = [], {}
+    rows = []
     for name, way in ways.items():
         way(4)
         counts = [63, 126, 252, 504, 1008, 4032] + ([16128, 63000] if name == "precomputed" else [])
@@ -141,12 +143,9 @@ def convergence(out: Path) -> None:
             picture = way(n)
             spent_us = cpu_s(lambda way=way, n=n: way(n)) / len(points) * 1e6
             rows.append([name, n, spent_us, rmse(picture, truth), lab_error(picture, truth)])
-        mine = [row for row in rows if row[0] == name]
-        series[name] = ([row[1] for row in mine], [row[3] for row in mine])
     write(out / "luminaires_convergence.csv", ["sampling", "samples a point", "CPU us a point", "relative RMSE", "mean Lab error"], rows)
-    chart(out / "luminaires_convergence.png", series, "samples a point", "relative RMSE")
-    timed = {name: ([r[2] for r in rows if r[0] == name], [r[3] for r in rows if r[0] == name]) for name in ways}
-    chart(out / "luminaires_equal_time.png", timed, "processor time a point, microseconds", "relative RMSE")
+    chart(out / "luminaires_convergence.png", rows, 1, "samples a point")
+    chart(out / "luminaires_equal_time.png", rows, 2, "processor time a point, microseconds")
 
 
 def accuracy(out: Path) -> None:

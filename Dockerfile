@@ -23,6 +23,6 @@ RUN printf '[renderer]\nwidth = 64\nheight = 48\n' > /tmp/small.toml \
 
 # numba leaves a cache that it cannot write to unread, so each container takes a copy of its own to /tmp, the one place it may write.
 USER 10001:10001
-ENV HOME=/tmp NUMBA_CACHE_DIR=/tmp/numba
+ENV HOME=/tmp NUMBA_CACHE_DIR=/tmp/numba OPENBLAS_NUM_THREADS=1
 ENTRYPOINT ["/bin/sh", "-c", "cp -rT /var/cache/vemlight /tmp/numba && exec vemlight \"$@\"", "vemlight"]
 CMD ["run"]

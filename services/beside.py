@@ -27,8 +27,10 @@ class Nearest:
 
     def to(self, stamp: wire.Stamp, services: Sequence[Service], tally: Tally) -> list[wire.Message]:
         """One frame of each of `services` that has sent any since it was first asked for. Others are no longer listened to."""
-        for service in [service for service in self._heard if service not in services]:
-            self._heard.pop(service)[0].close()
+        for service, (socket, _) in list(self._heard.items()):
+            if service not in services:
+                socket.close()
+                del self._heard[service]
         for service in services:
             if service not in self._heard:
                 self._heard[service] = self._wires.subscribe(service, FRAMES[service]), deque(maxlen=LAST_FRAMES)

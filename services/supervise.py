@@ -29,6 +29,7 @@ GIVE_UP = 5  # deaths of one service within
 GIVE_UP_S = 60.0
 STOP_S = 3.0  # between SIGTERM and SIGKILL
 PROGRESS_S = 2.0
+QUIET_BLAS = {"OPENBLAS_NUM_THREADS": "1"}  # matrices are small here, and its threads would spin on cores that the renderer draws with
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
@@ -46,7 +47,7 @@ class Child:
         # Its own process group: Ctrl-C reaches the supervisor alone, which then stops the services in good order.
         self.running = subprocess.Popen(
             [sys.executable, "-m", f"services.{self.service}", str(self._settings_file)],
-            env={**os.environ, "VEMLIGHT_RESTARTS": str(self.restarts)},
+            env={**QUIET_BLAS, **os.environ, "VEMLIGHT_RESTARTS": str(self.restarts)},
             process_group=0,
             preexec_fn=_die_with_parent,
         )

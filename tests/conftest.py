@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads spin against each other on a busy machine: ten times the time
 import msgspec
 import numpy as np
 import pytest

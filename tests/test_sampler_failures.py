@@ -1,6 +1,7 @@
 """What happens where the method is not at home: each case with its defined answer, for every method and filter that it concerns."""
 
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights
 
 ROWS, COLS = 45, 180  # cells of 2 degrees
 METHODS = ["havran-azimuth", "havran-radius", "standard"]
-FILTERS = ["fir2005", "fir", "binomial", "iir", "none"]
+FILTERS: tuple[Literal["fir2005", "fir", "binomial", "iir", "none"], ...] = ("fir2005", "fir", "binomial", "iir", "none")
 SKY = np.ones((ROWS, COLS, 3), np.float32)
 
 

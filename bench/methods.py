@@ -45,7 +45,7 @@ def ours(name: str, **settings: Any) -> Method:
         return made, initial_state(made)
 
     def steps(state: Any, radiance: np.ndarray, time_s: float, centroids: np.ndarray) -> tuple[Any, Lights]:
-        after, lights, _ = step(state[0], state[1], radiance, "hemisphere", time_s, None, centroids)
+        after, lights, _ = step(state[0], state[1], radiance, "hemisphere", time_s, 0, centroids)
         return (state[0], after), lights
 
     return Method(name, start, steps, steady=True)

@@ -71,7 +71,7 @@ def lights_of(path: Path, count: int, method: str, clusters: int = 0) -> Lights:
     settings, source = Sampler(method=method, filter="none", count=count, clusters=clusters), read_source(path)  # type: ignore[arg-type]
     state, lights = initial_state(settings), None
     for k in range(SETTLED):
-        state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, None, source.centroids)
+        state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, 0, source.centroids)
     assert lights is not None
     return lights
 

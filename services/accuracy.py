@@ -83,7 +83,7 @@ def _still(name: str, method: str, count: int, radiance: np.ndarray, strong: np.
     state, taken, made = initial_state(wanted), [], []
     for k in range(STILL_FRAMES):
         begin = time.thread_time()
-        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / FPS, None, strong)
+        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / FPS, 0, strong)
         taken.append(1e3 * (time.thread_time() - begin))
         made = [(radiance, lights)]
     result = score.score(made, "hemisphere")
@@ -96,7 +96,7 @@ def _moving(name: str, method: str, radiance: np.ndarray, strong: np.ndarray) ->
     cols = radiance.shape[1]
     for k in range(FRAMES):
         seen = np.roll(radiance, k, axis=1)
-        state, lights, _ = step(wanted, state, seen, "hemisphere", k / FPS, None, _turned(strong, k, cols))
+        state, lights, _ = step(wanted, state, seen, "hemisphere", k / FPS, 0, _turned(strong, k, cols))
         made.append((seen, lights))
     result = score.score(made, "hemisphere")
     kept = {key: getattr(result, key) for key in ("error", "error_worst", "flicker", "motion_deg", "jumps", "deaths", "power_error")}
@@ -107,7 +107,7 @@ def _need(name: str, method: str, promise: float, radiance: np.ndarray, strong: 
     wanted = settings.record(Sampler, {"method": method, "count": MOST, "filter": "none", "error_percent": promise}, "--")
     state, lights = initial_state(wanted), Lights.none()
     for k in range(NEED_FRAMES):
-        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / FPS, None, strong)
+        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / FPS, 0, strong)
     at = probes(UNSEEN.stop, "hemisphere")
     truth = irradiance_of_map(at, light_map(radiance, "hemisphere").radiance, "hemisphere")[UNSEEN]
     got = irradiance_of_lights(at, lights.directions, lights.irradiance)[UNSEEN]

@@ -52,7 +52,7 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
     state = initial_state(sampling)
     for k in range(len(frames)):
         frame = frames.frame(k)
-        state, lights, report = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, None, np.column_stack(frame.strong))
+        state, lights, report = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, 0, np.column_stack(frame.strong))
         yield Lit(frame, lights, report.fine)
 
 

@@ -20,7 +20,7 @@ Mode = Literal["live", "lossless"]
 Tone = Literal["reinhard", "exponential"]
 
 
-class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """A section of the settings."""
 
 
@@ -57,7 +57,7 @@ class Capture(Record, frozen=True):
 class Sampler(Record, frozen=True):
     method: Literal["tracked", "havran-azimuth", "havran-radius", "standard"] = "tracked"
     points: Literal["auto", "disc", "relaxed", "halton"] = "auto"  # not "tracked"; auto: "standard" relaxed, the others disc
-    count: Count = 72  # lights; the most of them where error_percent or frame_ms chooses
+    count: Count = 72  # lights; the most of them where error_percent or the renderer's frame_ms chooses
     filter: Literal["auto", "adaptive", "fir2005", "fir", "binomial", "iir", "none"] = "auto"  # auto: "tracked" adaptive, others fir2005
     order: Annotated[int, Meta(ge=2, le=64, multiple_of=2)] = 8  # "fir": frames it looks back; the delay is half of them
     pass_hz: Annotated[float, Meta(gt=0, le=500)] = 3.0  # "fir": kept up to here; "iir": half the power left here
@@ -66,7 +66,6 @@ class Sampler(Record, frozen=True):
     clusters: Annotated[int, Meta(ge=0, le=100_000)] = 0  # most lights after merging neighbours; 0: no merging
     fine: Annotated[int, Meta(ge=0, le=100_000)] = 0  # lights in the second set, many and weak, for glossy surfaces; 0: no such set
     error_percent: Annotated[float, Meta(ge=0, le=100)] = 0.0  # as many lights as keep the irradiance within this of the map's; 0: `count`
-    frame_ms: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # as many lights as the renderer draws in this time; 0: no limit
 
     def __post_init__(self) -> None:
         if self.filter not in ("auto", "none") and (self.method == "tracked") != (self.filter == "adaptive"):
@@ -78,7 +77,8 @@ class Renderer(Record, frozen=True):
     width: Side = 640
     height: Side = 480
     shadow_map: Annotated[int, Meta(ge=16, le=4096)] = 256  # texels on a side, for one light
-    frame_ms: Annotated[float, Meta(ge=0, le=10_000)] = 0.0  # met by fewer, coarser shadow maps a frame, then fewer lights; 0: all of them
+    # Live: met by fewer and coarser shadow maps a frame, then fewer lights; 0: no target; left out: 100, ten pictures a second.
+    frame_ms: Annotated[float, Meta(ge=0, le=10_000)] | None = None
     light_regions: Annotated[int, Meta(ge=0, le=256)] = 24  # of the sphere of normals, each with the lights it sees; 0: none
     exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
     tone: Tone = "reinhard"  # the curve of the tone mapping

@@ -9,7 +9,7 @@ from services import wire
 from services.channels import STATUS_PERIOD_S, Service
 
 RATE_WINDOW_S = 2.0
-REPORTED = ("spoilt", "black", "saturated", "delay_ms", "delay_frames")  # of the newest frame's header, where its kind has them
+REPORTED = ("spoilt", "black", "saturated", "delay_ms", "delay_frames", "can")  # of the newest frame's header, where its kind has them
 
 
 class Losses:

@@ -105,8 +105,9 @@ class Image(Part, frozen=True, tag="image"):
     stamp: Stamp
     width: Side
     height: Side
-    lights: Tally
+    lights: Tally  # drawn
     render_ms: Milliseconds
+    can: Tally = 0  # lights that it draws in its target frame time; 0: no target, or not yet known
     linear: bool = False
     things: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # where the scene's objects and lamps stand in it
 
@@ -147,6 +148,7 @@ class Status(Part, frozen=True, tag="status"):
     saturated: Tally = 0
     delay_ms: Milliseconds = 0.0
     delay_frames: Frames = 0.0
+    can: Tally = 0  # of a renderer: lights that it draws in its target frame time; 0: no target, or not yet known
 
 
 class End(Part, frozen=True, tag="end"):

@@ -143,8 +143,18 @@ def test_fewer_lights_keep_the_power_in_each_channel(n, count):
     lights = Lights.of(np.arange(n), rng.normal(size=(n, 3)), irradiance)
     chosen = first_lights(lights, count)
     assert len(chosen.ids) == min(max(count, 1), n)
-    assert np.array_equal(chosen.directions, lights.directions[: len(chosen.ids)])
+    left = np.setdiff1d(lights.ids, chosen.ids)
+    power = lights.irradiance.max(axis=1)
+    assert left.size == 0 or power[left].max() < 2 * power[chosen.ids].min() + 1e-6 * power.mean()
     assert np.allclose(chosen.irradiance.sum(axis=0), lights.irradiance.sum(axis=0), rtol=1e-5)
+
+
+def test_of_lights_alike_the_first_stay_and_a_sun_stays_wherever_it_is():
+    irradiance = np.random.default_rng(1).uniform(0.8, 1.2, (40, 1)) * np.ones(3)
+    lights = Lights.of(np.arange(40), np.random.default_rng(2).normal(size=(40, 3)), irradiance)
+    assert first_lights(lights, 12).ids.tolist() == list(range(12))
+    irradiance[33] *= 50
+    assert first_lights(lights._replace(irradiance=irradiance.astype(np.float32)), 3).ids.tolist() == [0, 1, 33]
 
 
 def test_a_learnt_cost_follows_the_machine():

@@ -30,7 +30,7 @@ def need(out: Path, progress: Progress) -> None:
                 settings = Sampler(method=method, filter="none", count=1024, error_percent=promise)
                 state, lights = initial_state(settings), None
                 for k in range(NEED_FRAMES):
-                    state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, None, source.centroids)
+                    state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, 0, source.centroids)
                 assert lights is not None
                 got = judge(points_of_lights(lights)).soft[500:] @ LUMINANCE
                 error = float(np.sqrt(np.mean(((got - truth) / (truth + DARKEST * truth.mean())) ** 2)))

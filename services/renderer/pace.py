@@ -111,11 +111,18 @@ def map_size(pace: Pace, size: int, largest: int) -> int:
 
 
 def first_lights(lights: Lights, count: int) -> Lights:
-    """The first `count` lights, at least one, scaled so that the sum of their irradiance stays what it was in each channel."""
+    """`count` of the lights, at least one, scaled so that the sum of their irradiance stays what it was in each channel.
+
+    First is who is stronger by a power of two, then the order of the set: lights of like power keep the progressive order, and a sun is
+    not left out.
+    """
     count = max(count, 1)
     if count >= len(lights.ids):
         return lights
-    total, kept = lights.irradiance.sum(axis=0, dtype=np.float64), lights.irradiance[:count].astype(np.float64)
+    power = lights.irradiance.max(axis=1)
+    octave = np.floor(np.log2(np.maximum(power / max(power.mean(), 1e-30), 1e-6)) + 0.5)
+    chosen = np.sort(np.argsort(-octave, kind="stable")[:count])
+    total, kept = lights.irradiance.sum(axis=0, dtype=np.float64), lights.irradiance[chosen].astype(np.float64)
     part = kept.sum(axis=0)
     scaled = np.where(part > 0, kept * np.divide(total, part, out=np.zeros(3), where=part > 0), total / count)
-    return Lights.of(lights.ids[:count], lights.directions[:count], scaled)
+    return Lights.of(lights.ids[chosen], lights.directions[chosen], scaled)

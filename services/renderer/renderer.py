@@ -54,11 +54,12 @@ class Renderer:
             raise BadInput(f"[renderer] width, height: {size} is beyond the {limit} pixels of this GL; make them smaller")
         self._scene = scene
         self._offsets = pixel_offsets(samples)
-        self._frame_ms = settings.frame_ms
+        self._frame_ms = settings.frame_ms or 0.0
         self._shadow_map = settings.shadow_map
         self._tone: Tone = settings.tone
         self._pace = Pace()
         self._drawn_frames = 0
+        self.drawn_lights = 0  # of the last picture
         self._moved = True  # the surfaces, since the last picture
         self._looked = False  # whether the last picture's lookups were kept
         self._done: Batch | None = None  # what the last picture drew within its target time
@@ -119,6 +120,7 @@ class Renderer:
         weak: a second, larger set that stands for the same light, for the lobes of glossy surfaces; none: `lights` do that too.
         With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
+        self.drawn_lights = len(lights.ids)
         in_time = self._render_in_time if self._frame_ms else partial(self._render_all, offsets=self._offsets)
         return self._picture(lambda: in_time(lights, weak or Lights.none()))
 
@@ -222,6 +224,7 @@ class Renderer:
     def _render_in_time(self, lights: Lights, weak: Lights) -> None:
         """Draws what fits the target frame time."""
         chosen = first_lights(lights, self.affordable_lights or len(lights.ids))
+        self.drawn_lights = len(chosen.ids)
         if (size := map_size(self._pace, self._atlas.tile_size, self._shadow_map)) != self._atlas.tile_size:
             self._atlas.resize(size)
             self._pace = self._pace._replace(backlog=1.0)

@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from services import settings, wire
@@ -20,6 +21,7 @@ from services.sphere import Coverage
 
 FILE_SAMPLES = 4  # a pixel of a file is the average over its area
 LIVE_SAMPLES = 1
+LIVE_FRAME_MS = 100.0  # ten pictures a second: below that, motion is a series of pictures
 
 
 class Still(NamedTuple):
@@ -75,7 +77,12 @@ class RendererStage:
             check_video_path(self._video)
             if not self._album:
                 raise BadInput("[renderer] video: is made of the pictures in the folder out, which is not set; set it, or use --out")
-        self._renderer = Renderer(scene, settings.renderer, FILE_SAMPLES if self._album else LIVE_SAMPLES)
+        drawing = settings.renderer
+        if settings.mode == "lossless":  # there is time, and a picture shall follow from its lights alone
+            drawing = msgspec.structs.replace(drawing, frame_ms=0.0)
+        elif drawing.frame_ms is None:
+            drawing = msgspec.structs.replace(drawing, frame_ms=LIVE_FRAME_MS)
+        self._renderer = Renderer(scene, drawing, FILE_SAMPLES if self._album else LIVE_SAMPLES)
 
     def kept(self) -> int:
         return self._album.count if self._album else 0
@@ -107,12 +114,12 @@ class RendererStage:
         else:
             picture = self._renderer.render(Lights(*arrays[:3]), Lights.of(np.arange(header.fine), *arrays[3:5]))
             state = state._replace(picture=picture, adaptation=adapt(state.adaptation, picture, dt_s), still=None)
-            pixels, count = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure), header.count
+            pixels, count = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure), self._renderer.drawn_lights
         height, width, _ = pixels.shape
         took_ms = (time.monotonic() - began_s) * 1e3
         made = wire.Image(
             stamp=header.stamp, width=width, height=height, lights=count, render_ms=took_ms, linear=self._linear,
-            things=things[: wire.MAX_POSES],
+            things=things[: wire.MAX_POSES], can=0 if state.paused else self._renderer.affordable_lights or 0,
         )  # fmt: skip
         assert state.picture is not None
         return state, (made, (pixels, half_floats(state.picture)) if self._linear else (pixels,))

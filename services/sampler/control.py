@@ -24,9 +24,6 @@ HOLD_S = 1.0  # the need falls only when it has been well below the number in us
 LESSON_S = 60.0  # for so long a number that proved too small is remembered: in a scene that stands still, one try a minute
 WELL_BELOW = 0.8  # of the number in use: less saves nothing that is worth a change, and noise alone moves the need by a tenth
 FADE_S = 0.2  # in which a light comes or goes: five frames at 25 fps
-SPARE = 0.85  # of the renderer's time: between this and all of it nothing is changed
-GAIN = 0.2  # share of the error in the logarithm that one picture corrects; above 0.22 a loop with 3 pictures of delay would swing
-GROWTH = 1.03  # a picture, while the renderer has time to spare
 
 
 class Need(NamedTuple):
@@ -153,16 +150,11 @@ def held(before: Need | None, count: int, time_s: float, slack: float = 1.0) -> 
     return now._replace(count=now.peak, peak=0, fell_s=time_s, too_few=0) if fall else now
 
 
-def can(before: float, shown: int, render_ms: float, frame_ms: float) -> float:
-    """How many lights the renderer can draw in `frame_ms`, given that it took `render_ms` for about `shown` lights.
-
-    Grows only while it is what holds the number of lights down, so that it does not run away in easy scenes.
+def affordable(before: int, told: int) -> int:
+    """How many lights the renderer can draw in its time, 0 when that is no limit: fewer as soon as it says so, more only when `before` is
+    WELL_BELOW of what it says, since what it says wavers as its times do.
     """
-    if render_ms > frame_ms:
-        return max(before * (frame_ms / render_ms) ** GAIN, 1.0)
-    if render_ms < SPARE * frame_ms and before <= 1.25 * shown + 1:
-        return before * GROWTH + 0.1
-    return before
+    return before if 0 < WELL_BELOW * told <= before <= told else told
 
 
 def faded(presence: np.ndarray, wanted: int, passed_s: float | None) -> np.ndarray:

@@ -19,7 +19,7 @@ class SamplerState(NamedTuple):
 
     settings: settings.Sampler
     memory: State
-    render_ms: float | None  # the renderer's time for a picture, where it has said so since the last frame
+    can: int  # lights that the renderer says it can draw in its time; 0: no limit
 
 
 class SamplerStage:
@@ -38,7 +38,7 @@ class SamplerStage:
 
     def begin(self, target: int) -> tuple[SamplerState, int]:
         """From the first frame: the filters remember, and a replay of maps alone is quick."""
-        return SamplerState(self._settings, initial_state(self._settings), None), 0
+        return SamplerState(self._settings, initial_state(self._settings), 0), 0
 
     def beside(self, state: SamplerState) -> tuple[Service, ...]:
         return ()
@@ -47,7 +47,7 @@ class SamplerStage:
         header, arrays = message
         assert isinstance(header, wire.Map)
         radiance, *strong = arrays
-        told = radiance, header.coverage, header.stamp.time_s, state.render_ms, np.column_stack(strong)
+        told = radiance, header.coverage, header.stamp.time_s, state.can, np.column_stack(strong)
         memory, lights, report = step(state.settings, state.memory, *told)
         fine = report.fine or Lights.none()
         made = wire.Lights(
@@ -63,12 +63,12 @@ class SamplerStage:
             lamp_hz=report.lamp_hz,
             flicker_depth=report.flicker_depth,
         )
-        return SamplerState(state.settings, memory, None), (made, (*lights, fine.directions, fine.irradiance))
+        return state._replace(memory=memory), (made, (*lights, fine.directions, fine.irradiance))
 
     def heed(self, state: SamplerState, said: wire.Message) -> SamplerState:
         wish, _ = said
         if isinstance(wish, wire.Status):
-            return state._replace(render_ms=wish.step_ms)
+            return state._replace(can=wish.can)
         assert isinstance(wish, wire.Control)
         own = self._settings
         unfiltered = wish.filtered is False
@@ -92,4 +92,4 @@ def warm(settings: settings.Sampler) -> None:
         radiance[2, k % 24] = 100
         radiance.flags.writeable = False  # as maps come off the wire: numba compiles the same loop for each of the two
         strong = np.array([[2 * 24 + k % 24, 0.0, 0.0, 1.0, 1.0]])
-        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25, None, strong)
+        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25, 0, strong)

@@ -24,7 +24,8 @@ class State(NamedTuple):
     """What the sampler remembers between frames.
 
     time_s: of the last frame, None before the first. anchor: what steadies the warp's offset. presence: (n,), how far each light has come.
-    need: lights that the scene needs. can: lights that the renderer can draw. tracked, tracked_fine: of the method "tracked".
+    need: lights that the scene needs. can: lights that the renderer can draw, 0 where that is no limit.
+    tracked, tracked_fine: of the method "tracked".
     """
 
     coverage: Coverage
@@ -34,7 +35,7 @@ class State(NamedTuple):
     flicker: flicker.Flicker
     presence: np.ndarray
     need: control.Need | None
-    can: float
+    can: int
     clusters: cluster.Clusters
     tracked: Tracked
     tracked_fine: Tracked
@@ -65,8 +66,8 @@ class Report(NamedTuple):
 
 def initial_state(settings: Sampler) -> State:
     """The state before the first frame."""
-    can, tracked = float(settings.count), initial_tracked()
-    return State("hemisphere", None, None, filter.EMPTY, flicker.NONE, np.zeros(0), None, can, cluster.NONE, tracked, tracked)
+    tracked = initial_tracked()
+    return State("hemisphere", None, None, filter.EMPTY, flicker.NONE, np.zeros(0), None, 0, cluster.NONE, tracked, tracked)
 
 
 def step(
@@ -75,32 +76,33 @@ def step(
     radiance: np.ndarray,
     coverage: Coverage,
     time_s: float,
-    render_ms: float | None = None,
+    can: int = 0,
     strong: np.ndarray = NO_STRONG,
 ) -> tuple[State, Lights, Report]:
     """The lights of a polar map captured at `time_s`.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. render_ms: time of the renderer's last picture,
-    None when there is no new one. strong: (k, 5) float64, which the method "tracked" uses: of the parts of strong cells row * cols +
-    column, ascending, the unit vector of the flux centroid and the share of the cell's light. The irradiance of the lights sums to
+    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. can: lights that the renderer says it can draw
+    in its time, 0 where that is no limit. strong: (k, 5) float64, which the method "tracked" uses: of the parts of strong cells row *
+    cols + column, ascending, the unit vector of the flux centroid and the share of the cell's light. The irradiance of the lights sums to
     the map's integral in every channel; with a filter (or with flicker taken out) to the filtered integral. Settings may change from
     call to call.
     """
     if coverage != state.coverage:
         state = initial_state(settings)._replace(coverage=coverage)
+    state = state._replace(can=control.affordable(state.can, can))
     if settings.method == "tracked":
-        return _tracked(settings, state, radiance, coverage, time_s, render_ms, strong)
+        return _tracked(settings, state, radiance, coverage, time_s, strong)
     seen = light = light_map(radiance, coverage)
     beat = flicker.with_frame(state.flicker, time_s, flicker.block_powers(seen, settings.deflicker))
     if settings.deflicker and beat.depth > 0:
         light = light_map(flicker.without_flicker(seen, beat), coverage)
     drawn, anchor = _drawn(settings, state, light, time_s)
     smooth = filter.filtered(settings, state.filter, filter.Frame(time_s, light.irradiance, drawn), LOWEST[coverage])
-    state, wanted = _counted(settings, state, light, drawn, time_s, render_ms)
+    state, wanted = _counted(settings, state, light, drawn, time_s)
     lights = _lights(state.presence, smooth.frame)
     clusters = cluster.NONE
     if settings.clusters:
-        most = min(settings.clusters, int(state.can)) if settings.frame_ms else settings.clusters
+        most = min(settings.clusters, state.can or settings.clusters)
         clusters, lights = cluster.clustered(lights, most, coverage, state.clusters)
     report = Report(
         delay_frames=smooth.delay_s / smooth.period_s if smooth.period_s else 0.0,
@@ -109,7 +111,7 @@ def step(
         irradiance=seen.irradiance,
         count=wanted,
         need=state.need.count if state.need else 0,
-        can=int(state.can) if settings.frame_ms else 0,
+        can=state.can,
         flicker_hz=beat.beat_hz,
         lamp_hz=beat.lamp_hz,
         flicker_depth=beat.depth,
@@ -124,7 +126,6 @@ def _tracked(
     radiance: np.ndarray,
     coverage: Coverage,
     time_s: float,
-    render_ms: float | None,
     strong: np.ndarray,
 ) -> tuple[State, Lights, Report]:
     """The step of the method "tracked", whose lights need neither a filter with a delay nor clusters."""
@@ -134,14 +135,7 @@ def _tracked(
         beat = flicker.with_frame(beat, time_s, flicker.block_powers(seen, True))
         shown = flicker.without_flicker(seen, beat) if beat.depth > 0 else radiance
     smoothing = settings.filter != "none"
-    can, wanted = float(settings.count), settings.count
-    if settings.clusters:
-        wanted = min(wanted, settings.clusters)
-    if settings.frame_ms:
-        can = min(state.can, can)
-        if render_ms is not None and len(state.tracked.ids):
-            can = min(control.can(can, len(state.tracked.ids), render_ms, settings.frame_ms), float(settings.count))
-        wanted = min(wanted, max(int(can), 1))
+    wanted = min(settings.count, settings.clusters or settings.count, state.can or settings.count)
     most, need = wanted, state.need
     if settings.error_percent and need:
         wanted = min(wanted, need.count)
@@ -167,13 +161,13 @@ def _tracked(
         irradiance=report.irradiance,
         count=wanted,
         need=need.count if need and settings.error_percent else 0,
-        can=int(can) if settings.frame_ms else 0,
+        can=state.can,
         flicker_hz=beat.beat_hz,
         lamp_hz=beat.lamp_hz,
         flicker_depth=beat.depth,
         fine=fine,
     )
-    return state._replace(time_s=time_s, flicker=beat, need=need, can=can, tracked=now, tracked_fine=fine_state), lights, made
+    return state._replace(time_s=time_s, flicker=beat, need=need, tracked=now, tracked_fine=fine_state), lights, made
 
 
 def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> tuple[np.ndarray, Anchor | None]:
@@ -205,25 +199,18 @@ def _fill_drawn(directions, radiance, density, irradiance, drawn):
             drawn[n, 3 + c] = radiance[n, c] / (density[n] * irradiance[c])
 
 
-def _counted(
-    settings: Sampler, state: State, light: LightMap, drawn: np.ndarray, time_s: float, render_ms: float | None
-) -> tuple[State, int]:
+def _counted(settings: Sampler, state: State, light: LightMap, drawn: np.ndarray, time_s: float) -> tuple[State, int]:
     """The state with the number of lights brought up to date, and the number wanted."""
-    wanted, need, can = settings.count, None, float(settings.count)
+    wanted, need = settings.count, None
     if settings.error_percent:
         before = state.need.count if state.need else 0
         count = control.need(light, drawn[: settings.count, :3], drawn[: settings.count, 3:], settings.error_percent / 100, before)
         need = control.held(state.need, count, time_s)
         wanted = min(wanted, need.count)
-    if settings.frame_ms:
-        can = min(state.can, can)
-        if render_ms is not None:
-            shown = len(np.unique(state.clusters.labels)) if settings.clusters else len(state.presence)
-            can = min(control.can(can, shown, render_ms, settings.frame_ms), float(settings.count))
-        if not settings.clusters:
-            wanted = min(wanted, int(can))
+    if state.can and not settings.clusters:
+        wanted = min(wanted, state.can)
     passed_s = None if state.time_s is None else time_s - state.time_s
-    return state._replace(presence=control.faded(state.presence, wanted, passed_s), need=need, can=can), wanted
+    return state._replace(presence=control.faded(state.presence, wanted, passed_s), need=need), wanted
 
 
 def _lights(weights: np.ndarray, frame: filter.Frame) -> Lights:

@@ -90,6 +90,7 @@ def write_pictures_of(
     if not (width.isdecimal() and height.isdecimal()):
         raise BadInput(f"--size {size}: is not WIDTHxHEIGHT; write it as 640x480")
     drawing = {key: options.get(key) for key in ("tone", "background")}
+    drawing["light_regions"] = 0 if options["coverage"] == "hemisphere" else None
     drawing |= {"width": int(width), "height": int(height), "exposure": exposure, "shadow_map": shadow_map}
     wanted = record(settings.Renderer, drawing, "--")
     drawn = load_scene(scene)

@@ -79,7 +79,8 @@ class Renderer(Record, frozen=True):
     shadow_map: Annotated[int, Meta(ge=16, le=4096)] = 256  # texels on a side, for one light
     # Live: met by fewer and coarser shadow maps a frame, then fewer lights; 0: no target; left out: 100, ten pictures a second.
     frame_ms: Annotated[float, Meta(ge=0, le=10_000)] | None = None
-    light_regions: Annotated[int, Meta(ge=0, le=256)] = 24  # of the sphere of normals, each with the lights it sees; 0: none
+    # Of the sphere of normals, each with the lights it sees; 0: none; left out: 24 for light from all sides, none for a hemisphere.
+    light_regions: Annotated[int, Meta(ge=0, le=256)] | None = None
     exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
     tone: Tone = "reinhard"  # the curve of the tone mapping
     background: Literal["clear", "map"] = "clear"  # behind the scene: nothing, with alpha 0, or the light around

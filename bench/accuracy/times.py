@@ -92,7 +92,7 @@ def _step(radiance: np.ndarray, **settings: object) -> Callable[[], object]:
     centroids = read_source(one("a sun")).centroids
 
     def run() -> None:
-        kept[0] = step(wanted, kept[0], radiance, "hemisphere", kept[1], None, centroids)[0]  # type: ignore[arg-type]
+        kept[0] = step(wanted, kept[0], radiance, "hemisphere", kept[1], 0, centroids)[0]  # type: ignore[arg-type]
         kept[1] += 0.04  # type: ignore[operator]
 
     return run

@@ -21,7 +21,7 @@ from services.renderer.pace import Pace, Spent, affordable_lights, affordable_ma
 from services.renderer.plate import Plate
 from services.renderer.programs import Programs, check_context, context_info, headless_context
 from services.renderer.refine import MapLights, spread_points
-from services.renderer.regions import light_regions
+from services.renderer.regions import EVERY_SIDE, light_regions
 from services.renderer.scene import Scene
 from services.renderer.shading import Shading
 from services.renderer.shadows import Batch, ShadowAtlas
@@ -69,7 +69,7 @@ class Renderer:
         self._programs = Programs(self._context)
         self._timers = Timers(self._context)
         self._timers.on = self._frame_ms > 0
-        self._build(settings.shadow_map, settings.light_regions)
+        self._build(settings.shadow_map, EVERY_SIDE if settings.light_regions is None else settings.light_regions)
         check_context(self._context)
 
     def _build(self, shadow_map: int, regions: int) -> None:

@@ -82,6 +82,8 @@ class RendererStage:
             drawing = msgspec.structs.replace(drawing, frame_ms=0.0)
         elif drawing.frame_ms is None:
             drawing = msgspec.structs.replace(drawing, frame_ms=LIVE_FRAME_MS)
+        if drawing.light_regions is None and settings.capture.coverage == "hemisphere":
+            drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, FILE_SAMPLES if self._album else LIVE_SAMPLES)
 
     def kept(self) -> int:

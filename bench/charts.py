@@ -25,22 +25,22 @@ class Bench(NamedTuple):
 
 # The quick ones first; the tables are made of what the others left.
 BENCHES = {
-    "capture": Bench(["bench.capture"], False, 40),
-    "renderer": Bench(["bench.renderer"], False, 150),
-    "sampler": Bench(["bench.sampler"], False, 150),
-    "sampler_failures": Bench(["bench.sampler_failures"], False, 40),
-    "sampler_need": Bench(["bench.sampler_need"], True, 60),
-    "luminaires": Bench(["bench.luminaires"], False, 120),
+    "capture": Bench(["bench.capture"], False, 56),
+    "renderer": Bench(["bench.renderer"], False, 98),
+    "sampler": Bench(["bench.sampler"], False, 47),
+    "sampler_failures": Bench(["bench.sampler_failures"], False, 59),
+    "sampler_need": Bench(["bench.sampler_need"], True, 4),
+    "luminaires": Bench(["bench.luminaires"], False, 189),
     "figure6": Bench(["bench.accuracy", "figure6"], True, 10),
-    "pictures": Bench(["bench.accuracy", "pictures"], True, 40),
-    "times": Bench(["bench.accuracy", "times"], True, 10),
-    "still": Bench(["bench.accuracy", "still"], True, 45),
-    "need": Bench(["bench.accuracy", "need"], True, 30),
-    "renderer_figure6": Bench(["bench.renderer_accuracy", "figure6"], True, 200),
-    "renderer_time": Bench(["bench.renderer_accuracy", "time"], True, 250),
-    "gloss": Bench(["bench.gloss"], True, 60),
-    "moving": Bench(["bench.accuracy", "moving"], True, 600),
-    "tables": Bench(["bench.accuracy", "tables"], False, 1),
+    "pictures": Bench(["bench.accuracy", "pictures"], True, 13),
+    "times": Bench(["bench.accuracy", "times"], True, 6),
+    "still": Bench(["bench.accuracy", "still"], True, 29),
+    "need": Bench(["bench.accuracy", "need"], True, 17),
+    "renderer_figure6": Bench(["bench.renderer_accuracy", "figure6"], True, 117),
+    "renderer_time": Bench(["bench.renderer_accuracy", "time"], True, 132),
+    "gloss": Bench(["bench.gloss"], True, 61),
+    "moving": Bench(["bench.accuracy", "moving"], True, 750),
+    "tables": Bench(["bench.accuracy", "tables"], False, 4),
 }
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 
 from bench.rivals import luminaire_sampling as rivals
@@ -36,6 +37,7 @@ from services.renderer.meshes import bounds, shape_geometry
 from services.renderer.renderer import Renderer
 from services.renderer.scene import DEMO_SCENE, Camera, Mesh, Scene, load_scene
 from services.settings import Renderer as Settings
+from services.sphere import quaternion_xyz
 
 DOWN = np.array([0.0, 0.0, -1.0])
 DARK = Lights.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
@@ -291,11 +293,13 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
 
     Of 30 frames, of 3 that take more than a second, and one that takes more than ten.
     """
-    renderer = Renderer(scene, Settings(width=size[0], height=size[1]))
     table, step = scene.luminaires[0].table, iter(range(100))
+    lamp = wire.Pose(name="lamp", at=table.at, turn=quaternion_xyz(table.rotate), power=1.0)
+    renderer = Renderer(scene._replace(things=(lamp,)), Settings(width=size[0], height=size[1]))
 
     def frame() -> None:
-        renderer.place_luminaire(0, (table.at[0], table.at[1], table.at[2] + 1e-3 * next(step)), table.rotate, 1.0)
+        at = table.at[0], table.at[1], table.at[2] + 1e-3 * next(step)
+        renderer.place(0.0, [msgspec.structs.replace(lamp, at=at)])
         renderer.render(DARK)
     try:
         median_s(frame, 1)  # compiles

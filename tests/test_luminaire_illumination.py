@@ -47,7 +47,9 @@ def picture(scene, lights: Lights = DARK, samples: int = 1, move=None) -> np.nda
     try:
         if move:
             renderer.render(lights)
-            renderer.place_luminaire(*move)
+            number, at, rotate, power = move
+            lamp = scene.things[len(scene.things) - len(scene.luminaires) + number].name
+            renderer.place(0.0, [wire.Pose(name=lamp, at=at, turn=quaternion_xyz(rotate), power=power)])
         return renderer.render(lights).copy()
     finally:
         renderer.release()

@@ -15,7 +15,6 @@ from services.renderer.casters import scene_casters
 from services.renderer.gloss import NO_CONE, Gloss
 from services.renderer.kept import Kept
 from services.renderer.luminaire.illumination import Illumination
-from services.renderer.luminaire.placement import Vector, placed
 from services.renderer.materials import GLOSSY, Catcher, Colour, kind_of
 from services.renderer.pace import Pace, Spent, affordable_lights, affordable_maps, first_lights, learnt, map_size, waited
 from services.renderer.plate import Plate
@@ -263,10 +262,6 @@ class Renderer:
             return (1.0, 1.0, 1.0)
         red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, NO_LIGHT).tolist()
         return (red, green, blue)
-
-    def place_luminaire(self, number: int, at: Vector, rotate: Vector, power: float) -> None:
-        """Moves, turns (degrees about x, y, z) and dims a luminaire of the scene, counted from 0, before the next picture."""
-        self._illumination.lamps[number].place(placed(at, rotate), power)
 
     def show_plate(self, pixels: np.ndarray, stops: float = 0.0) -> None:
         """Puts a picture behind the pictures that follow, stretched over them: (h, w, 3) uint8, sRGB, row 0 on top, `stops` brighter."""

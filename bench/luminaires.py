@@ -295,7 +295,7 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
     """
     table, step = scene.luminaires[0].table, iter(range(100))
     lamp = wire.Pose(name="lamp", at=table.at, turn=quaternion_xyz(table.rotate), power=1.0)
-    renderer = Renderer(scene._replace(things=(lamp,)), Settings(width=size[0], height=size[1]))
+    renderer = Renderer(scene._replace(things=(*scene.things, lamp)), Settings(width=size[0], height=size[1]))
 
     def frame() -> None:
         at = table.at[0], table.at[1], table.at[2] + 1e-3 * next(step)

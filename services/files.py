@@ -1,5 +1,6 @@
 """Files in and out: one error for what a user must mend, TOML into typed records, and writing that never leaves half a file."""
 
+import grp
 import os
 import tomllib
 from collections.abc import Iterator
@@ -51,3 +52,18 @@ def written_whole(path: Path) -> Iterator[Path]:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def may_open(device: Path) -> bool:
+    """Whether this user may read and write it."""
+    return os.access(device, os.R_OK | os.W_OK)
+
+
+def joining_its_group(device: Path) -> str:
+    """What to do where `may_open` says no: the command, with the name of the group that the device belongs to."""
+    number = device.stat().st_gid
+    try:
+        name = grp.getgrgid(number).gr_name
+    except KeyError:  # in containers groups often have no name
+        name = str(number)
+    return f"sudo usermod -aG {name} $USER, then log in again; for a container group_add {number}"

@@ -1,28 +1,86 @@
 """The GL context and the shader programs, from the files in shaders/. A failure is one BadInput line."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import moderngl
 
-from services.files import BadInput, Failed
+from services.files import BadInput, Failed, joining_its_group, may_open
 
 SHADERS = Path(__file__).parent / "shaders"
 GL_VERSION = 430  # uniform blocks, instancing, gathers and, for the speed of a software renderer, nothing newer
 
+MOST_DEVICES = 16  # a machine has one for each card and one for the processor
+NOT_THE_DEVICE = ("requested device index", "not loaded", "not found")  # glcontext's words where no further device can do better
+# Read by the GL libraries and by glcontext; each can lead to where nothing is.
+GL_VARIABLES = (
+    "GLCONTEXT_DEVICE_INDEX", "GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL", "LIBGL_DRIVERS_PATH", "MESA_GL_VERSION_OVERRIDE",
+    "__EGL_VENDOR_LIBRARY_DIRS", "__EGL_VENDOR_LIBRARY_FILENAMES",
+)  # fmt: skip
+
+QUIET = {"EGL_LOG_LEVEL": "fatal", "LIBGL_DEBUG": "quiet"}  # Mesa says in lines of its own what our one line says
+
 Made = TypeVar("Made", moderngl.Program, moderngl.ComputeShader)
 
 
+class Opened(NamedTuple):
+    """A GL context, where it comes from, and what did not give one before: one reason each."""
+
+    context: moderngl.Context
+    through: str
+    refused: list[str]
+
+
 def headless_context() -> moderngl.Context:
-    """A GL context of version 4.3 or later without a window, through EGL. Raises BadInput when the machine gives none."""
+    """A GL context of version 4.3 or later without a window. Raises BadInput when the machine gives none."""
+    return open_context().context
+
+
+def open_context() -> Opened:
+    """The context of the first of EGL's devices that gives one, else of the X server that DISPLAY names.
+
+    EGL needs no display and lists the graphics cards first, the processor last. Raises BadInput with all reasons and how to mend them.
+    """
+    os.environ.update({name: level for name, level in QUIET.items() if name not in os.environ})
+    refused: list[str] = []
+    chosen = "GLCONTEXT_DEVICE_INDEX" in os.environ  # glcontext then takes that one whichever is asked for
+    for device in range(1 if chosen else MOST_DEVICES):
+        if context := _context(refused, f"EGL device {device}", backend="egl", device_index=device):
+            return Opened(context, "EGL", refused)
+        if any(words in refused[-1] for words in NOT_THE_DEVICE):
+            last = refused.pop()
+            if not device:  # else that many there are, and all their reasons are known
+                refused.append(last.replace("EGL device 0", "EGL"))
+            break
+    display = os.environ.get("DISPLAY")
+    if display and (context := _context(refused, f"X server {display}")):
+        return Opened(context, f"the X server {display}", refused)
+    raise BadInput(f"no OpenGL 4.3 ({'; '.join(refused)}); {_mend(refused)}")
+
+
+def _context(refused: list[str], name: str, **settings: Any) -> moderngl.Context | None:
     try:
-        return moderngl.create_context(require=GL_VERSION, standalone=True, backend="egl")  # pyright: ignore[reportArgumentType]
+        return moderngl.create_context(require=GL_VERSION, standalone=True, **settings)
     except Exception as error:  # glcontext raises bare Exceptions, ImportErrors and OSErrors by the library that fails
-        reason = " ".join(str(error).split())[:160]
-        raise BadInput(
-            f"no OpenGL 4.3 through EGL ({reason}); install it: apt-get install libegl1 libgl1 libgl1-mesa-dri"
-        ) from error
+        refused.append(f"{name}: {' '.join(str(error).split())[:120]}")
+        return None
+
+
+def _mend(refused: list[str]) -> str:
+    if astray := [name for name in GL_VARIABLES if name in os.environ]:
+        return f"unset {' '.join(astray)}, which the GL libraries follow"
+    if closed := closed_cards():
+        return f"let this user open {closed[0]}: {joining_its_group(closed[0])}"
+    if any("eglCreateContext" in reason or "version" in reason for reason in refused):  # there is a driver, which cannot
+        return "update the driver of the graphics card, or draw on the processor: LIBGL_ALWAYS_SOFTWARE=1"
+    return "install it: apt-get install libegl1 libgl1 libgl1-mesa-dri"
+
+
+def closed_cards() -> list[Path]:
+    """The graphics cards of this machine that this user may not open."""
+    return [path for path in sorted(Path("/dev/dri").glob("renderD*")) if not may_open(path)]
 
 
 def context_info(context: moderngl.Context) -> str:

@@ -45,7 +45,7 @@ class Gloss:
     def gather(self, weak: Lights, batch: Batch) -> None:
         """Takes the weak lights of the pictures that follow, each shadowed by the nearest of a batch's strong lights."""
         strong = batch.entries[batch.every.first : batch.every.first + batch.every.count, 0:3]
-        lit = np.flatnonzero(np.any(weak.irradiance != 0, axis=1))
+        lit = np.flatnonzero(np.any(weak.irradiance != 0, axis=1)) if len(strong) else ()
         self.cone = CONE if len(lit) else NO_CONE
         if not len(lit):
             return

@@ -180,22 +180,21 @@ class Renderer:
     ) -> None:
         """Draws all maps and sums all lights, at `offsets` in each pixel; `catcher`: see Shading.add, None: as these lights give it."""
         weight, unshadowed = 1 / len(offsets), catcher or self._catcher_irradiance(lights)
-        for number, batch in enumerate(self._atlas.batches(lights) or [None]):
-            if batch:
-                self._draw_maps(batch)
-                if number == 0:
-                    self._gather(weak, batch)
+        for number, batch in enumerate(self._atlas.batches(lights)):
+            self._draw_maps(batch)
+            if number == 0:
+                self._gather(weak, batch)
             for offset in offsets:
                 self._see(offset, weight if number == 0 else 0.0, unshadowed)
-                if batch:
-                    self._add(batch, weight, unshadowed, glossy=number == 0)
+                self._add(batch, weight, unshadowed, first=number == 0)
 
     def _see(self, offset: tuple[float, float], alpha: float, unshadowed: Colour) -> None:
-        """Draws the surfaces at `offset` in each pixel, worth `alpha` of the picture's, and what the luminaires add to them."""
+        """Draws the surfaces at `offset` in each pixel, and what the luminaires add to them times `alpha`."""
         with self._timers.measured("surfaces"):
-            self._surfaces.draw(offset)
-        with self._timers.measured("classes"):
-            self._shading.classify(self._surfaces, alpha)
+            drawn = self._surfaces.draw(offset)
+        if drawn:
+            with self._timers.measured("classes"):
+                self._shading.classify(self._surfaces)
         if alpha > 0:
             with self._timers.measured("luminaires"):
                 self._illumination.add(self._surfaces, self._shading.frame, (alpha, alpha, alpha))
@@ -211,12 +210,12 @@ class Renderer:
         if self._gloss:
             self._gloss.gather(weak, batch)
 
-    def _add(self, batch: Batch, weight: float, unshadowed: Colour, glossy: bool = True, kept: Kept | None = None) -> None:
-        """Sums the lights of a batch, times `weight`, on what `_see` has drawn, and the weak lights when `glossy`."""
+    def _add(self, batch: Batch, weight: float, unshadowed: Colour, first: bool = True, kept: Kept | None = None) -> None:
+        """Sums the lights of a batch, times `weight`, on what `_see` has drawn; with a picture's first batch alpha and the weak lights."""
         cone = self._gloss.cone if self._gloss else NO_CONE
         with self._timers.measured("lights"):
-            self._shading.add(self._surfaces, self._atlas, batch, weight, unshadowed, cone, kept)
-        if self._gloss and glossy:
+            self._shading.add(self._surfaces, self._atlas, batch, weight, weight if first else 0.0, unshadowed, cone, kept)
+        if self._gloss and first:
             with self._timers.measured("weak lights"):
                 self._gloss.add(self._surfaces, self._atlas, batch, self._shading.frame, weight)
 

@@ -31,6 +31,7 @@ class Shading:
         self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.picture = context.texture(size, 4, dtype="f4")
         self.class_depth = context.depth_texture(size)
+        self._classes = context.framebuffer([], self.class_depth)
         self.frame = context.framebuffer([self.picture], self.class_depth)
         self.cover: moderngl.Texture | None = None  # what catchers take from what lies behind: a share in each channel, and in alpha
         self.cover_frame: moderngl.Framebuffer | None = None
@@ -39,14 +40,18 @@ class Shading:
             self.cover = context.texture(size, 4, dtype="f4")
             self.cover_frame = context.framebuffer([self.cover])
             self._catching = context.framebuffer([self.picture, self.cover], self.class_depth)
+        for frame in (self.frame, self._catching):
+            if frame:
+                frame.depth_mask = False  # the classes stay while the surfaces do
 
-    def classify(self, surfaces: Surfaces, alpha: float) -> None:
-        """Finds each pixel's class, and adds `alpha` to the picture's where there is a surface."""
+    def classify(self, surfaces: Surfaces) -> None:
+        """Finds each pixel's class."""
         unit = surfaces.bind(self._classify)
         self._cube.use(unit)
         self._classify["region_of_normal"] = unit
-        self._classify["alpha"] = alpha
-        self._begin("1")
+        self._classes.use()
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.depth_func = "1"
         self._classify_array.render(moderngl.TRIANGLES, vertices=3)
 
     def clear(self) -> None:
@@ -59,30 +64,36 @@ class Shading:
         atlas: ShadowAtlas,
         batch: Batch,
         weight: float,
+        alpha: float,
         unshadowed: Colour,
         cone: tuple[float, float],
         kept: Kept | None = None,
     ) -> None:
-        """Adds a batch of lights, whose maps are in the atlas, times `weight` to the pixels that `classify` found.
+        """Adds a batch of lights, whose maps are in the atlas, times `weight`, and `alpha` to the pixels that `classify` found.
 
         unshadowed: the irradiance that all lights of all batches would give to a catcher without shadows, above 0. cone: where the lobes
         of glossy surfaces are left to other lights, as in gloss.py. kept: where the batch's lookups are, if not in the maps.
         """
-        self._begin("==")
+        self.frame.use()
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        self._context.blend_func = moderngl.ONE, moderngl.ONE
+        self._context.depth_func = "=="
         for kind, array in zip(self._kinds, self._made(kept is not None), strict=True):
             program = array.program
             unit = surfaces.bind(program)
             (kept or atlas).bind(program, unit)
             program["weight"] = weight
-            if kind == CATCHER:
-                program["unshadowed"] = unshadowed
+            if kind == CATCHER:  # covers by its shadows alone
+                program["unshadowed"], alpha = unshadowed, 0.0
                 assert self._catching is not None
                 self._catching.use()  # the last of the kinds
             elif kind in GLOSSY:
                 program["eye"] = surfaces.eye
                 program["cone"] = cone
+            if kind != CATCHER:
+                program["alpha"] = alpha
             for region, row in enumerate(batch.rows):
-                if row.count:
+                if row.count or alpha > 0:
                     atlas.bind_row(row)
                     program["light_count"] = row.count
                     program["depth"] = (KINDS * region + kind + 0.5) / CLASSES
@@ -96,15 +107,9 @@ class Shading:
             self._arrays[kept] = [self._context.vertex_array(program, []) for program in programs]
         return self._arrays[kept]
 
-    def _begin(self, depth_func: str) -> None:
-        self.frame.use()
-        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        self._context.blend_func = moderngl.ONE, moderngl.ONE
-        self._context.depth_func = depth_func
-
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        pictures = (self.frame, self.picture, self.class_depth, self.cover, self.cover_frame, self._catching)
+        pictures = (self._classes, self.frame, self.picture, self.class_depth, self.cover, self.cover_frame, self._catching)
         for thing in (self._classify_array, *itertools.chain(*self._arrays.values()), self._cube, *pictures):
             if thing is not None:
                 thing.release()

@@ -92,10 +92,10 @@ class ShadowAtlas:
             self._frames_program[name] = tuple(getattr(self._placed, name).tolist())
 
     def batches(self, lights: Lights) -> list[Batch]:
-        """The lights that carry power, cut into runs that fit the atlas, each with all its maps to draw."""
+        """The lights that carry power, cut into runs that fit the atlas, each with all its maps to draw; one empty run where none does."""
         lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
         self._drawn, self._looked = no_maps(0), np.zeros(0, bool)
-        runs = [lit[first : first + self.capacity] for first in range(0, len(lit), self.capacity)]
+        runs = [lit[first : first + self.capacity] for first in range(0, max(len(lit), 1), self.capacity)]
         return [self._batch(lights, run, np.arange(len(run)), lights.directions[run], np.arange(len(run))) for run in runs]
 
     def cached_batch(self, lights: Lights, budget: int) -> Batch | None:
@@ -162,7 +162,7 @@ class ShadowAtlas:
         """Uploads the batch and draws the maps that it renews."""
         count = batch.maps.count
         if len(self._drawn) == 0:
-            self._fit(count)
+            self._fit(max(count, 1))
         assert self._frame is not None
         self._make_frames(batch)
         self._frame.use()

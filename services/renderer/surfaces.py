@@ -42,10 +42,10 @@ class Surfaces:
         self._drawn_at: tuple[float, float] | None = None
         self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.T.reshape(-1))) for matrix, normal in placed]
 
-    def draw(self, offset: tuple[float, float]) -> None:
-        """Draws what the pixels see at `offset` in each, unless that is what was drawn last."""
+    def draw(self, offset: tuple[float, float]) -> bool:
+        """Draws what the pixels see at `offset` in each; False, and nothing done, where that is what was drawn last."""
         if offset == self._drawn_at:
-            return
+            return False
         self._drawn_at = offset
         matrix = clip_from_world(self._scene, self._size, offset)
         self._program["clip_from_world"] = tuple(matrix.T.reshape(-1))
@@ -58,6 +58,7 @@ class Surfaces:
             self._wear(mesh.material)
             self._program["world_from_rest"], self._program["normal_from_rest"] = matrix, normal
             self._vao.render(vertices=span.count, first=span.first)
+        return True
 
     def _wear(self, material: Material) -> None:
         """Sets a material's numbers and images."""

@@ -6,8 +6,6 @@ uniform sampler2D surface_positions;
 uniform sampler2D surface_normals;
 uniform sampler2D surface_diffuse;
 uniform samplerCube region_of_normal;
-uniform float alpha;
-layout(location = 0) out vec4 radiance;
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -16,5 +14,4 @@ void main() {
     float kind = texelFetch(surface_diffuse, pixel, 0).w;
     float region = texture(region_of_normal, normal).r;
     gl_FragDepth = there > 0.0 ? (4.0 * region + kind + 0.5) / CLASSES : 1.0;
-    radiance = vec4(0.0, 0.0, 0.0, kind < 3.0 ? there * alpha : 0.0);  // a catcher covers by its shadows alone
 }

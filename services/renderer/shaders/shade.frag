@@ -25,6 +25,7 @@ layout(location = 1) out vec4 cover;
 const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
 #else
 #include "brdf.glsl"
+uniform float alpha;  // of this pass in the picture's
 uniform sampler2D surface_diffuse;
 #endif
 #if KIND == 1 || KIND == 2
@@ -87,6 +88,6 @@ void main() {
     cover = vec4(sum / unshadowed, dot(sum, LUMINANCE) / dot(unshadowed, LUMINANCE)) * weight;
     radiance = vec4(0.0, 0.0, 0.0, cover.a);
 #else
-    radiance = vec4(sum * weight, 0.0);
+    radiance = vec4(sum * weight, alpha);
 #endif
 }

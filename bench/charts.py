@@ -76,7 +76,8 @@ def main(names: list[str]) -> int:
 def _run(arguments: list[str], tick: Callable[[], object]) -> tuple[int, str]:
     """The exit status of a bench and what it said to stderr; `tick` is called every second meanwhile."""
     with tempfile.TemporaryFile("w+") as errors:
-        process = subprocess.Popen([sys.executable, "-m", *arguments], stdout=subprocess.DEVNULL, stderr=errors)
+        quiet = {"OPENBLAS_NUM_THREADS": "1", **os.environ}  # matrices are small here: its threads would only wait for each other
+        process = subprocess.Popen([sys.executable, "-m", *arguments], stdout=subprocess.DEVNULL, stderr=errors, env=quiet)
         while True:
             try:
                 status = process.wait(1)

@@ -16,7 +16,7 @@ from bench.methods import MOVING
 from bench.sequences import FRAMES, SEQUENCES, world_from_latlong
 from services.images import read_radiance
 from services.lights import Lights
-from services.sphere import LUMINANCE, angle_between, map_irradiance
+from services.sphere import angle_between, luminance, map_irradiance
 
 COUNT = 64  # of lights
 JUMP_DEG = 10.0
@@ -44,7 +44,7 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
     for k, frame in enumerate(frames):
         steady = k > 0 and frame.source.strong is frames[k - 1].source.strong
         truths.append(truths[-1] if steady else judge(points_of(frame.source)))
-    mean = np.mean([truth.hard @ LUMINANCE for truth in truths])
+    mean = np.mean([luminance(truth.hard).mean() for truth in truths])
     made = []
     for method in MOVING:
         state, hard, soft, lights, ms, power = method.start(COUNT), [], [], [], [], []
@@ -53,12 +53,12 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
             state, now = method.step(state, frame.seen, frame.time_s, frame.source.centroids)
             ms.append(1e3 * (time.thread_time() - begin))
             got = judge(points_of_lights(now))
-            hard.append((got.hard - truth.hard) @ LUMINANCE / mean)
-            soft.append((got.soft - truth.soft) @ LUMINANCE / mean)
+            hard.append(np.sqrt(np.mean(luminance(got.hard - truth.hard) ** 2)) / mean)
+            soft.append(luminance(got.soft - truth.soft) / mean)
             lights.append(now)
             total = map_irradiance(frame.source.polar, "hemisphere")
             power.append(float(np.abs(now.irradiance.sum(axis=0, dtype=float) / total - 1).max()))
-        error = np.sqrt(np.mean(np.square(hard), axis=1))[-FRAMES:]
+        error = np.array(hard)[-FRAMES:]
         flicker = np.sqrt(np.mean(np.square(np.diff(soft, axis=0, prepend=soft[:1])), axis=1))[-FRAMES:]
         row = {
             "method": method.name, "error": float(error.mean()), "error_worst": float(error.max()),

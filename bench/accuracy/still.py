@@ -8,7 +8,7 @@ from rich.progress import Progress
 
 from bench.accuracy.drawing import colour, legend, room, save, write_table
 from bench.accuracy.maps import chosen, maps
-from bench.judge import Judged, Source, judge, points_of, points_of_lights, read_source, relative_rms, relative_rms_rgb
+from bench.judge import CIRCLES, TURNS, Judged, Source, judge, points_of, points_of_lights, read_source, relative_rms, relative_rms_rgb
 from bench.methods import STILL, TRACKED, Method, settled
 
 COUNTS = tuple(2**k for k in range(2, 11))
@@ -43,7 +43,7 @@ def still(out: Path, progress: Progress) -> None:
             axis.grid(alpha=0.3, which="both")
         axes[0, 0].set_ylabel("relative RMS error of irradiance, hard edges")
         legend(figure, axes[0, 0])
-        save(figure, rows, out, f"still_{against}", "1500 probes, N = 4 ... 1024.")
+        save(figure, rows, out, f"still_{against}", f"{CIRCLES} probes, each with {TURNS} occluders, N = 4 ... 1024.")
 
 
 def _all_maps() -> list[dict[str, Any]]:

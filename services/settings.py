@@ -97,9 +97,16 @@ class Plate(Record, frozen=True):
 
 
 class Viewer(Record, frozen=True):
-    host: str = "127.0.0.1"  # this machine only; 0.0.0.0: everyone on the network
+    host: str = "127.0.0.1"  # this machine only; 0.0.0.0: everyone on the network who has the token
     port: Port = 8080
+    # Asked for when it is set; left out: none on this machine only, else a new one at each start, in the address that is printed.
+    token: Annotated[str, Meta(pattern="^([A-Za-z0-9_-]{16,128})?$")] = ""
+    insecure: bool = False  # everyone who reaches the page may see and steer, without a token
     names: tuple[str, ...] = ()  # under which browsers may ask for the page, beside numbers, localhost and this machine's name
+
+    def __post_init__(self) -> None:
+        if self.token and self.insecure:
+            raise ValueError("token and insecure exclude each other; take one of them out")
 
 
 class Settings(Record, frozen=True):

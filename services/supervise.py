@@ -20,6 +20,7 @@ from services.channels import LAST, Service
 from services.files import BadInput
 from services.settings import Settings
 from services.sockets import Wires
+from services.token import with_token
 
 RUN_FOLDER = "vemlight-run-"
 READY_S = 90.0  # for GL, and the first time for compiling; capture then starts in any case
@@ -86,6 +87,7 @@ def supervise(settings: Settings) -> int:
     """
     if settings.out:
         clear_output(Path(settings.out))
+    settings = with_token(settings)  # here, so that a viewer that is started again asks for the same
     _remove_dead_runs()
     folder = Path(tempfile.gettempdir()) / f"{RUN_FOLDER}{os.getpid()}"
     folder.mkdir(mode=0o700)

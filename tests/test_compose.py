@@ -73,6 +73,7 @@ def test_the_settings_are_those_of_the_compose_file():
     assert settings.wire.keys == "/keys"
     assert not settings.wire.insecure
     assert settings.viewer.port == 8080
+    assert settings.viewer.insecure  # no token, as the page is published to this machine only
     for name in SERVICES:
         assert endpoint(settings.wire, name, "publish").startswith(f"tcp://{name}:")
         assert "keys:/keys:ro" in CONTAINERS[name]["volumes"]

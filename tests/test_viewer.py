@@ -115,12 +115,12 @@ class MadeUpServices(threading.Thread):
 class Viewer:
     """The viewer's process, on a free port unless one is given."""
 
-    def __init__(self, folder: Path, port: int | None = None, top: str = "") -> None:
+    def __init__(self, folder: Path, port: int | None = None, top: str = "", more: str = "") -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port = port or free.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}"
         self.settings = folder / "vemlight.toml"
-        self.settings.write_text(f'{top}\n[wire]\nfolder = "{folder}"\n[viewer]\nport = {self.port}\n')
+        self.settings.write_text(f'{top}\n[wire]\nfolder = "{folder}"\n[viewer]\nport = {self.port}\n{more}\n')
         command = [sys.executable, "-m", "services.viewer", str(self.settings)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
@@ -318,6 +318,78 @@ def test_pages_are_bounded_and_come_free(viewer):
     for connection in open_ones:
         connection.close()
     eventually(lambda: viewer.health()["pages"] == 0, "the pages let go")
+
+
+TOKEN = "0123456789-abcdef_XYZ"
+
+
+@pytest.fixture
+def guarded(tmp_path, others) -> Iterator[Viewer]:
+    tmp_path.chmod(0o700)
+    viewer = Viewer(tmp_path, more=f'token = "{TOKEN}"')
+    assert f"{viewer.url}/?token={TOKEN} (for this machine only)" in viewer.said()
+    yield viewer
+    viewer.end()
+
+
+def test_without_the_token_nothing_is_said(guarded):
+    with_cookie = {"Cookie": f"vemlight-{guarded.port}={TOKEN}"}
+    for path in ("/", "/viewer.js", "/healthz", "/metrics", "/lights", "/snapshot.jpg", "/ws", "/nowhere", "/?action=stream"):
+        for headers in ({}, {"Authorization": "Bearer wrong"}, {"Cookie": f"vemlight-{guarded.port + 1}={TOKEN}"}):
+            status, line = guarded.get(path, **headers)
+            assert (status, line.count(b"\n"), TOKEN.encode() in line) == (401, 1, False)
+        assert guarded.get(f"{path}{'&' if '?' in path else '?'}token={TOKEN[:-1]}")[0] == 401
+    assert guarded.wish(count=3)[0] == 401
+    assert guarded.get("/metrics", Authorization=f"Bearer {TOKEN}")[0] == 200
+    assert guarded.get(f"/metrics?token={TOKEN}")[0] == 200
+    assert guarded.get("/control", b'{"count": 3}', Content_Type="application/json", **with_cookie)[0] == 200
+    assert guarded.get("/", Host="attacker.example", **with_cookie)[0] == 403  # the token opens nothing else
+    assert guarded.get("/ws", Origin="http://attacker.example", **with_cookie)[0] == 403
+
+
+def test_the_address_gives_the_browser_its_cookie(guarded):
+    connection = http.client.HTTPConnection("127.0.0.1", guarded.port)
+    connection.request("GET", f"/?token={TOKEN}")
+    answer = connection.getresponse()
+    answer.read()
+    assert (answer.status, answer.headers["Location"]) == (303, "/")  # the token is not left in the address
+    cookie, *flags = answer.headers["Set-Cookie"].split("; ")
+    assert {"HttpOnly", "SameSite=Lax"} <= set(flags)
+    connection.request("GET", "/", headers={"Cookie": cookie})
+    assert connection.getresponse().status == 200
+    connection.close()
+
+
+@pytest.mark.parametrize(("more", "words"), [("", "everyone on the network who has this address"), ("insecure = true", "EVERYONE")])
+def test_whoever_listens_to_the_network_has_a_token_or_says_so(tmp_path, more, words):
+    tmp_path.chmod(0o700)
+    viewer = Viewer(tmp_path, more=f'host = "0.0.0.0"\n{more}')
+    line = viewer.said()
+    assert f"(for {words}" in line
+    _, _, token = line.partition("/?token=")
+    assert viewer.get("/metrics")[0] == (200 if more else 401)
+    assert bool(token) != bool(more)
+    if token:
+        assert viewer.get(f"/metrics?token={token.split()[0]}")[0] == 200
+    viewer.end()
+
+
+def test_a_viewer_that_starts_waits_for_the_pages_before_it_says_that_nothing_is_wished(tmp_path):
+    tmp_path.chmod(0o700)
+    others = MadeUpServices(Wire(folder=str(tmp_path)))
+    others.start()
+    viewer = Viewer(tmp_path)
+    viewer.said()
+    eventually(lambda: len(others.viewers) >= 2, "two statuses")
+    assert others.wishes == []
+    viewer.wish(count=31)
+    eventually(lambda: others.wishes and others.wishes[0] == wire.Control(count=31), "the wish of a page that comes back")
+    viewer.end()
+    others.wishes.clear()
+    again = Viewer(tmp_path, port=viewer.port)
+    eventually(lambda: others.wishes and others.wishes[0] == wire.Control(), "nothing, where no page comes back")
+    again.end()
+    others.end()
 
 
 def test_before_anything_is_heard(tmp_path):

@@ -1,8 +1,11 @@
-"""Which names a browser may use for this machine."""
+"""Which names a browser may use for this machine, and who needs a token."""
 
+import msgspec
 import pytest
 
-from services.viewer.gate import is_loopback, known_host
+from services.settings import Settings, Viewer
+from services.token import is_loopback, with_token
+from services.viewer.gate import is_token, known_host
 
 NAMES = {"localhost", "stage.example"}
 
@@ -24,3 +27,34 @@ def test_others_do_not(host):
 def test_who_reaches_an_address():
     assert all(is_loopback(host) for host in ("127.0.0.1", "127.8.8.8", "::1", "localhost"))
     assert not any(is_loopback(host) for host in ("0.0.0.0", "::", "10.1.2.3", "stage.example"))
+
+
+def token_of(**viewer) -> str:
+    return with_token(Settings(viewer=msgspec.convert(viewer, Viewer))).viewer.token
+
+
+def test_who_reaches_it_from_elsewhere_needs_a_token():
+    assert token_of() == token_of(host="::1") == token_of(host="0.0.0.0", insecure=True) == ""
+    assert token_of(token="1234567890abcdef") == token_of(host="0.0.0.0", token="1234567890abcdef") == "1234567890abcdef"
+    tokens = {token_of(host=host) for host in ("0.0.0.0", "::", "10.1.2.3", "stage.example") for _ in range(3)}
+    assert len(tokens) == 12
+    for token in tokens:
+        assert msgspec.convert({"token": token}, Viewer).token == token  # of the kind that the settings take
+        assert len(token) == 32
+
+
+@pytest.mark.parametrize("token", ["short", "1234567890abcde", "1234567890 abcdef", "1234567890abcde&", "x" * 129])
+def test_a_token_that_is_short_or_no_part_of_an_address_is_refused(token):
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"token": token}, Viewer)
+
+
+def test_a_token_without_effect_is_refused():
+    with pytest.raises(msgspec.ValidationError, match="exclude each other"):
+        msgspec.convert({"token": "1234567890abcdef", "insecure": True}, Viewer)
+
+
+def test_only_the_token_is_the_token():
+    assert is_token("abcdefghijklmnop", "abcdefghijklmnop")
+    for other in ("", "abcdefghijklmno", "abcdefghijklmnopq", "ABCDEFGHIJKLMNOP", "abcdefghijklmno\udc80", "abcdefghijklmn\u00e9p"):
+        assert not is_token(other, "abcdefghijklmnop")

@@ -49,6 +49,7 @@ def page(folder: Path, others: MadeUpServices, browser) -> Iterator:
     page.get_by_text("waiting for renderer …").wait_for()
     others.speaking = {"capture", "sampler", "renderer"}
     page.locator("#overall[data-state=live]").wait_for()
+    eventually(lambda: others.wishes, "a first wish, that there is none")
     yield page
     viewer.end()
 
@@ -200,6 +201,65 @@ def test_a_lost_viewer_is_said_and_found_again(tmp_path, browser):
     assert page.locator("#notice").is_hidden()
     page.close()
     again.end()
+    others.end()
+
+
+def test_the_wish_outlives_the_viewer(tmp_path, browser):
+    tmp_path.chmod(0o700)
+    others = MadeUpServices(Wire(folder=str(tmp_path)))
+    others.start()
+    viewer = Viewer(tmp_path)
+    viewer.said()
+    pages = [browser.new_context().new_page() for _ in range(2)]  # two people
+    for page in pages:
+        page.goto(viewer.url)
+        page.locator("#overall[data-state=live]").wait_for()
+    pages[0].locator("#exposure").fill("-1.5")
+    pages[1].locator("#thing-x").fill("-0.25")
+    whole = eventually(lambda: next((wish for wish in others.wishes if wish.exposure == -1.5 and wish.poses), None), "both wishes")
+    eventually(lambda: all("0.25" in page.evaluate("localStorage.getItem('vemlight wish')") for page in pages), "both pages know")
+    viewer.end()
+    others.wishes.clear()
+    again = Viewer(tmp_path, port=viewer.port)
+    eventually(lambda: others.wishes, "a wish")
+    assert others.wishes[0] == whole  # not for a moment anything else
+    eventually(lambda: pages[1].locator("#exposure").input_value() == "-1.5", "the wish shown")
+    pages[0].get_by_role("button", name="As in the settings").click()
+    pages[0].get_by_role("button", name="As in the scene file").click()
+    eventually(lambda: others.wishes[-1] == wire.Control(), "the settings' own again")
+    again.end()
+
+    others.wishes.clear()
+    third = Viewer(tmp_path, port=viewer.port, more="\n[renderer]\nexposure = 1.0")
+    eventually(lambda: others.wishes, "a wish")
+    assert set(others.wishes) == {wire.Control()}
+    eventually(lambda: pages[0].locator("#exposure").input_value() == "1", "the new settings shown")
+    third.end()
+    for page in pages:
+        page.context.close()
+    others.end()
+
+
+def test_the_page_behind_a_token(tmp_path, browser):
+    tmp_path.chmod(0o700)
+    others = MadeUpServices(Wire(folder=str(tmp_path)))
+    others.start()
+    viewer = Viewer(tmp_path, more='token = "0123456789abcdef"')
+    viewer.said()
+    page = browser.new_context().new_page()
+    assert page.goto(viewer.url).status == 401
+    page.goto(f"{viewer.url}/?token=0123456789abcdef")
+    assert page.url == f"{viewer.url}/"
+    eventually(lambda: shown(page, "#picture") > 2, "pictures")
+    page.locator("#exposure").fill("-2")
+    eventually(lambda: others.wishes and others.wishes[-1].exposure == -2, "the wish")
+    viewer.end()
+    again = Viewer(tmp_path, port=viewer.port, more='token = "fedcba9876543210"')
+    page.get_by_text("The viewer asks for its new token").wait_for()
+    page.goto(f"{viewer.url}/?token=fedcba9876543210")
+    page.locator("#overall[data-state=live]").wait_for()
+    again.end()
+    page.context.close()
     others.end()
 
 

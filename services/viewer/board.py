@@ -26,6 +26,7 @@ class Board:
 
     def __init__(self, settings: Settings, restarts: int) -> None:
         self.settings = settings
+        self.started_s = time.time()
         self.wish = wire.Control()
         self.wished, self.news = Bell(), Bell()
         self.disc = Feed(Sky().disc_jpeg, self.news)
@@ -108,6 +109,7 @@ class Board:
             own |= {"state": "waiting", "words": f"waits for {LAST}", "rate_hz": 0.0}
         return {
             "healthy": all(judgement.state in HEALTHY for judgement in judged.values()),
+            "started_s": self.started_s,
             "mode": s.mode,
             "why_no_controls": UNHEARD if s.mode == "lossless" else None,
             "wish": msgspec.structs.asdict(self.wish),

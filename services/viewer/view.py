@@ -3,6 +3,8 @@
 import asyncio
 import contextlib
 import signal
+import socket
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,17 +18,19 @@ from services.files import BadInput
 from services.settings import Settings, Viewer
 from services.sockets import Wires, keep_admitting
 from services.tally import Tally
+from services.token import is_loopback, with_token
 from services.viewer.board import Board
-from services.viewer.gate import is_loopback
 from services.viewer.web import Site
 
 REPORT_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them
 TAKEN_AT_ONCE = 4 * QUEUE_FRAMES  # messages: more than the queues at both ends hold, and a flood cannot fill memory
+PAGES_COME_BACK_S = 3.0  # they try each second (page/viewer.js)
 SHUTDOWN_S = 0.1  # aiohttp waits for open streams so long twice, and they would go on for ever
 
 
 async def view(settings: Settings, restarts: int) -> None:
     """Runs until SIGTERM or SIGINT. Raises BadInput for sockets or a port that cannot be had."""
+    settings = with_token(settings)
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -66,10 +70,23 @@ async def _listen(runner: web.AppRunner, settings: Viewer) -> None:
 
 def address(settings: Viewer) -> str:
     """Where the page is, and who can open it."""
+    host = _own_number(settings.host) if settings.host in ("0.0.0.0", "::") else settings.host
+    url = f"http://{f'[{host}]' if ':' in host else host}:{settings.port}" + (f"/?token={settings.token}" if settings.token else "")
     if is_loopback(settings.host):
-        host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        return f"the viewer is at http://{host}:{settings.port} (for this machine only)"
-    return f"the viewer is at http://{settings.host}:{settings.port} (for EVERYONE who reaches this machine over the network)"
+        return f"the viewer is at {url} (for this machine only)"
+    who = "everyone on the network who has this address" if settings.token else "EVERYONE who reaches this machine over the network"
+    return f"the viewer is at {url} (for {who})"
+
+
+def _own_number(everywhere: str) -> str:
+    """This machine's address on the way to the network, for "0.0.0.0" or "::", which others cannot open. Nothing is sent."""
+    family, far = (socket.AF_INET6, "2001:db8::1") if ":" in everywhere else (socket.AF_INET, "192.0.2.1")  # RFC 3849, 5737: nobody's
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((far, 9))
+            return probe.getsockname()[0]
+        except OSError:  # no network
+            return "::1" if ":" in everywhere else "127.0.0.1"
 
 
 async def hear(wires: Wires, service: Service, board: Board) -> None:
@@ -92,9 +109,14 @@ def _unpacked(waiting: list[list[bytes]], tally: Tally) -> Iterator[wire.Message
 
 
 async def speak(publisher: Any, board: Board) -> None:
-    """Says the whole wish and the viewer's own status, twice a second, and the wish at once when it changes."""
+    """Says the whole wish and the viewer's own status, twice a second, and the wish at once when it changes.
+
+    A viewer that starts has nothing to wish, and says so only when open pages would have told it theirs: the others go on as they were.
+    """
+    quiet_until_s = time.monotonic() + PAGES_COME_BACK_S
     while True:
-        await publisher.send_multipart(wire.pack(board.wish))
+        if board.wish != wire.Control() or time.monotonic() > quiet_until_s:
+            await publisher.send_multipart(wire.pack(board.wish))
         if status := board.status_due():
             await publisher.send_multipart(wire.pack(status))
         with contextlib.suppress(TimeoutError):

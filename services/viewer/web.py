@@ -22,6 +22,7 @@ FILES = {
     "/sky.js": ("sky.js", "text/javascript"),
     "/controls.js": ("controls.js", "text/javascript"),
     "/things.js": ("things.js", "text/javascript"),
+    "/kept.js": ("kept.js", "text/javascript"),
 }
 MAX_PAGES = 64  # sockets and streams at once; each costs a task and at most one encoded frame on its way
 MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of wire.MAX_POSES things about 20,000

@@ -1,6 +1,7 @@
 // The page: one websocket, whose messages go to the sky, the picture, the figures and the controls.
 
 import { Controls } from "/controls.js";
+import { Kept } from "/kept.js";
 import { Sky } from "/sky.js";
 import { Things } from "/things.js";
 
@@ -33,6 +34,7 @@ const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
 const controls = new Controls(notice);
 const things = new Things((change) => controls.wish(change));
+const kept = new Kept((wish) => controls.wish(wish));
 const notices = new Map();
 let picture = null;
 
@@ -55,12 +57,17 @@ function connect() {
       notice("message", `This page could not show a message: ${error.message}`);
     }
   };
-  socket.onclose = () => {
-    notice("socket", "The viewer does not answer; trying again …");
+  socket.onclose = async () => {
     say(at("overall"), "lost", "viewer lost");
     document.body.classList.add("dim");
+    notice("socket", (await unknown()) ? "The viewer asks for its new token: open the address that it printed." : "The viewer does not answer; trying again …");
     setTimeout(connect, AGAIN_MS);
   };
+}
+
+// Whether the viewer answers, and does not know this page. A socket that is refused does not say why.
+function unknown() {
+  return fetch("/healthz", { signal: AbortSignal.timeout(AGAIN_MS) }).then((answer) => answer.status === 401, () => false);
 }
 
 // Text is a report, or a frame's lights. Returns the feed's name.
@@ -72,6 +79,7 @@ function takeText(message) {
     return "lights";
   }
   document.body.classList.remove("dim");
+  kept.take(message);
   controls.take(message);
   things.take(message);
   showFigures(message);

@@ -52,3 +52,14 @@ def test_a_smaller_error_takes_more_lights_and_the_number_settles():
     few, many = (lights_of(sky(3), error_percent=percent)[1] for percent in (40.0, 10.0))
     assert few[-1] < many[-1] < 512
     assert len(set(many[-5:])) == 1
+
+
+def test_two_lamps_in_the_dark_need_a_few_lights():
+    """One light for two lamps is wrong by many times what the dark side receives; that is no reason for dozens."""
+    for seed in range(12):
+        generator, radiance = np.random.default_rng(seed), np.zeros((45, 180, 3), np.float32)
+        for row, col in zip(generator.integers(5, 39, 2), generator.integers(0, 174, 2), strict=True):
+            radiance[row : row + 6, col : col + 6] = generator.lognormal(3, 1)
+        _, counts = lights_of(radiance, error_percent=40.0)
+        assert max(counts) <= 8
+        assert len(set(counts[-5:])) == 1

@@ -1,14 +1,11 @@
 """`vemlight lights` and `vemlight render`: the services' own steps, one after the other in this process, on files."""
 
-import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from services import settings
 from services.capture.frames import Frame
@@ -16,6 +13,7 @@ from services.capture.source import Source, open_source
 from services.files import BadInput
 from services.images import write_exr, write_png
 from services.lights import Lights, check_lights_path, lights_row, write_lights
+from services.progress import counted
 from services.sampler.score import score as scored
 from services.sampler.score import text
 from services.sampler.step import initial_state, step
@@ -63,7 +61,7 @@ def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: 
     """
     frames, sampling = opened(source, options)
     check_lights_path(out, len(frames))
-    lit = list(lit_frames(frames, sampling))
+    lit = list(counted(lit_frames(frames, sampling), "frames", len(frames)))
     write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights, _) in enumerate(lit)])
     if score:
         print(text(scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)))
@@ -102,7 +100,7 @@ def write_pictures_of(
         renderer = Renderer(drawn, wanted, FILE_SAMPLES)
         open_.callback(renderer.release)
         adaptation, before_s = None, 0.0
-        for k, (frame, lights, fine) in enumerate(_told(lit_frames(frames, sampling), len(frames))):
+        for k, (frame, lights, fine) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
             if wanted.background == "map":
                 renderer.show_background(frame.radiance, frame.coverage)
             renderer.place(frame.time_s)
@@ -114,11 +112,6 @@ def write_pictures_of(
                 _write(out if len(frames) == 1 else out.with_stem(f"{out.stem}_{k:04d}"), picture, pixels)
             if add:
                 add(pixels, frame.time_s)
-
-
-def _told(lit: Iterable[Lit], count: int) -> Iterable[Lit]:
-    """The frames with a bar on the terminal that says how many of several are done."""
-    return track(lit, description="frames", total=count, console=Console(stderr=True), disable=count == 1 or not sys.stderr.isatty())
 
 
 def _write(path: Path, picture: np.ndarray, pixels: np.ndarray) -> None:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from services.files import BadInput
+from services.progress import counted
 
 QUICK = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
 THOROUGH = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -37,7 +38,7 @@ def read_views(paths: list[Path], board: Board) -> tuple[list[View], list[str], 
     """
     check_board(board)
     views, without, brightest = [], [], None
-    for path in paths:
+    for path in counted(paths, "photographs", len(paths)):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
         if image is None:
             raise BadInput(f"{path}: is not a readable image; check the path or copy it again")

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from services.capture.boards import Board, View, read_views
 from services.capture.lens import Lens, angle_from_radius, check_lens, radius_from_angle, write_lens
 from services.files import BadInput
+from services.progress import awaited
 
 FEWEST = 3  # views: two planes leave the focal length and the centre to each other
 LOSS_PX = 1.0  # corners farther off than this pull in proportion to their distance, not to its square
@@ -54,7 +55,8 @@ def calibrate_lens(images: list[Path], board: Board, out: Path, *, rim_deg: floa
     Raises BadInput for images that cannot be used: too few, blurred, of two sizes, or with another board.
     """
     views, without, size, brightest = read_views(images, board)
-    report = fit_lens(views, size, without)
+    with awaited(f"fitting the lens to {len(views)} views"):
+        report = fit_lens(views, size, without)
     rim = rim_deg or _rim_deg(report.lens, brightest)
     lens = _with_rim(report.lens, max(rim, report.reach_deg), asked=bool(rim_deg))
     write_lens(out, lens)

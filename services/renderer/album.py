@@ -1,18 +1,16 @@
 """The pictures of a run as files: frame_0000.exr (linear) and .png (for the eye), a manifest, and a contact sheet of them all."""
 
 import hashlib
-import sys
 from pathlib import Path
 
 import cv2
 import msgspec
 import numpy as np
-from rich.console import Console
-from rich.progress import track
 
 from services import wire
 from services.files import BadInput
 from services.images import write_exr, write_png
+from services.progress import counted
 from services.renderer.tonemap import Adaptation
 from services.renderer.video import GROUND, on_ground, video
 
@@ -86,7 +84,7 @@ class Album:
         steps_s = np.diff([entry.time_s for entry in self._entries])
         steps_s = steps_s[steps_s > 0]
         with video(path, 1 / float(np.median(steps_s)) if len(steps_s) else USUAL_FPS) as add:
-            for entry in track(self._entries, description=path.name, console=Console(stderr=True), disable=not sys.stderr.isatty()):
+            for entry in counted(self._entries, path.name, len(self._entries)):
                 add(read_picture(self._folder / entry.name), entry.time_s)
 
 

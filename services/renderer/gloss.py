@@ -68,7 +68,6 @@ class Gloss:
         for number, (name, texture) in enumerate(textures.items(), unit + 1):
             texture.use(number)
             self._program[name] = number
-        self._program["eye"] = surfaces.eye
         self._program["weight"] = weight
         frame.use()
         self._context.enable_only(moderngl.BLEND)

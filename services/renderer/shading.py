@@ -88,7 +88,6 @@ class Shading:
                 assert self._catching is not None
                 self._catching.use()  # the last of the kinds
             elif kind in GLOSSY:
-                program["eye"] = surfaces.eye
                 program["cone"] = cone
             if kind != CATCHER:
                 program["alpha"] = alpha

@@ -1,4 +1,9 @@
-"""What each pixel sees: position, normals and material of the nearest surface, drawn before any light is summed."""
+"""What each pixel sees: place, normals and material of the nearest surface, drawn before any light is summed.
+
+28 bytes a pixel: how far along its ray, float; two normals as octahedra, 16 bits a number (good to 3e-5 rad); colours as half floats.
+"""
+
+from typing import NamedTuple
 
 import moderngl
 import numpy as np
@@ -8,9 +13,26 @@ from services.renderer.materials import Catcher, Material, Phong, kind_of
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
 from services.renderer.standing import Standing, standing
-from services.renderer.view import clip_from_world
+from services.renderer.view import clip_from_world, ray_from_pixel
 
-IMAGES = {"surface_positions": "f4", "surface_normals": "f4", "surface_diffuse": "f2", "surface_specular": "f4"}  # name and number format
+CODES = 32767  # of a normal's number to each side of 0: seen.glsl
+# Name, how many numbers a pixel, and their format.
+IMAGES = {"surface_depths": (1, "f4"), "surface_normals": (4, "nu2"), "surface_diffuse": (4, "f2"), "surface_specular": (4, "f2")}
+
+
+class Seen(NamedTuple):
+    """The images as numbers, a row for each of n pixels.
+
+    there: (n,) bool, where a surface is; positions: (n, 3) float64, in the world; rays: (n, 3) float64, towards them; normals: (n, 4)
+    float64, octahedra of shading's and the triangle's; diffuse, specular: (n, 4) float32, with kind and shape of the material behind them.
+    """
+
+    there: np.ndarray
+    positions: np.ndarray
+    rays: np.ndarray
+    normals: np.ndarray
+    diffuse: np.ndarray
+    specular: np.ndarray
 
 
 class Surfaces:
@@ -20,11 +42,10 @@ class Surfaces:
         drawable = drawable_scene(scene)
         self._context, self._scene, self._spans, self._size = context, scene, drawable.spans, size
         self.buffers = (context.buffer(drawable.vertices.tobytes()), context.buffer(drawable.indices.tobytes()))
-        self.eye = scene.camera.position
         self._program = programs.program("surface.vert", "surface.frag")
         layout = [(self.buffers[0], "3f 3f 2f 4f2", "position", "normal", "uv", "vertex_colour")]
         self._vao = context.vertex_array(self._program, layout, self.buffers[1], index_element_size=4)
-        self._images = [context.texture(size, 4, dtype=dtype) for dtype in IMAGES.values()]
+        self._images = [context.texture(size, numbers, dtype=dtype) for numbers, dtype in IMAGES.values()]
         for image in self._images:
             image.filter = (moderngl.NEAREST, moderngl.NEAREST)
         images = [None, *(image for mesh in scene.meshes for image in mesh.material if isinstance(image, np.ndarray))]
@@ -49,7 +70,9 @@ class Surfaces:
         self._drawn_at = offset
         matrix = clip_from_world(self._scene, self._size, offset)
         self._program["clip_from_world"] = tuple(matrix.T.reshape(-1))
-        self._program["eye"] = self.eye
+        self._ray_from_pixel = ray_from_pixel(self._scene.camera, self._size)
+        self._ray_from_pixel[:, 2] += self._ray_from_pixel[:, :2] @ np.subtract(offset, 0.5)
+        self._look(self._program)
         self._frame.use()
         self._frame.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
@@ -86,18 +109,31 @@ class Surfaces:
         texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         return texture
 
+    def _look(self, program: moderngl.Program) -> None:
+        """Gives a program the way from a pixel to what is seen there, as far as it uses that."""
+        if "eye" in program:
+            program["eye"] = self._scene.camera.position
+        if "ray_from_pixel" in program:
+            program["ray_from_pixel"] = tuple(self._ray_from_pixel.T.reshape(-1))
+
     def bind(self, program: moderngl.Program) -> int:
-        """Gives a program the images it reads; the first texture unit that is still free."""
+        """Gives a program what it reads of seen.glsl and of the images; the first texture unit that is still free."""
+        self._look(program)
         for unit, (name, image) in enumerate(zip(IMAGES, self._images, strict=True)):
             if name in program:
                 image.use(unit)
                 program[name] = unit
         return len(IMAGES)
 
-    def read(self) -> dict[str, np.ndarray]:
-        """The images by name, (height * width, 4) float32 each, row 0 on top."""
-        data = {name: self._frame.read(components=4, attachment=k, dtype="f4", alignment=1) for k, name in enumerate(IMAGES)}
-        return {name: np.frombuffer(image, np.float32).reshape(-1, 4) for name, image in data.items()}
+    def read(self) -> Seen:
+        """What was drawn last, row 0 on top."""
+        width, height = self._size
+        read = [self._frame.read(components=n, attachment=k, dtype="f4", alignment=1) for k, (n, _) in enumerate(IMAGES.values())]
+        depths, normals, diffuse, specular = (np.frombuffer(data, np.float32).reshape(width * height, -1) for data in read)
+        pixels = np.stack([*np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), np.ones((height, width))], axis=-1)
+        rays = pixels.reshape(-1, 3) @ self._ray_from_pixel.T
+        normals = (np.rint(normals * np.float32(2 * CODES + 1)) - (CODES + 1)) / CODES
+        return Seen(depths[:, 0] > 0, self._scene.camera.position + depths * rays, rays, normals, diffuse, specular)
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""

@@ -24,7 +24,7 @@ from services.renderer.meshes import box_corners
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
 from services.renderer.standing import Standing, standing, world_from_thing
-from services.renderer.surfaces import Surfaces
+from services.renderer.surfaces import Seen, Surfaces
 from services.sphere import direction_from_angles
 
 MAX_ATLAS_SIDE = 8192  # texels; no GL 4.3 driver refuses it
@@ -186,7 +186,6 @@ class Lamp:
             self._program["shadow_maps"] = unit
         self._program["shadows"] = float(self._atlas is not None)
         self._program["local_from_world"] = tuple(np.linalg.inv(self.luminaire.world_from_local).T.reshape(-1))
-        self._program["eye"] = surfaces.eye
         self._program["scale"] = tuple(self.luminaire.power * part for part in weight)
         self._program["catching"] = catching
         begin_adding(self._context, frame)
@@ -279,8 +278,8 @@ class TracedLamp:
         """Adds the lamp's light on the surfaces, or its irradiance of catchers, to a picture."""
         table, matrix = self.luminaire.table, self.luminaire.world_from_local
         seen = surfaces.read()
-        chosen = (seen["surface_positions"][:, 3] > 0) & ((seen["surface_diffuse"][:, 3] == CATCHER) == catching)
-        lit = _lit(seen, chosen, np.array(surfaces.eye), np.linalg.inv(matrix))
+        chosen = seen.there & ((seen.diffuse[:, 3] == CATCHER) == catching)
+        lit = _lit(seen, chosen, np.linalg.inv(matrix))
         if catching:
             lit = receivers(lit.positions, lit.normals)._replace(flat_normals=lit.flat_normals)
         picture = np.zeros((len(chosen), 3), np.float32)
@@ -297,17 +296,16 @@ class TracedLamp:
             thing.release()
 
 
-def _lit(seen: dict[str, np.ndarray], chosen: np.ndarray, eye: np.ndarray, local_from_world: np.ndarray) -> Lit:
+def _lit(seen: Seen, chosen: np.ndarray, local_from_world: np.ndarray) -> Lit:
     """The chosen surfaces in the luminaire's frame, as luminaire_surface.glsl brings them there."""
-    position = seen["surface_positions"][chosen, :3].astype(np.float64)
     turn = local_from_world[:3, :3].T
-    normal, flat = (direction_from_octahedron(seen["surface_normals"][chosen, k : k + 2].astype(np.float64)) for k in (0, 2))
-    view = position - eye
+    normal, flat = (direction_from_octahedron(seen.normals[chosen, k : k + 2]) for k in (0, 2))
+    view = seen.rays[chosen]
     view /= np.linalg.norm(view, axis=1, keepdims=True)
     mirrored = view - 2 * np.sum(view * normal, axis=1, keepdims=True) * normal
-    diffuse, specular = seen["surface_diffuse"][chosen], seen["surface_specular"][chosen]
-    return Lit(position @ turn + local_from_world[:3, 3], normal @ turn, flat @ turn, mirrored @ turn, diffuse[:, :3], specular[:, :3],
-               specular[:, 3], diffuse[:, 3])
+    diffuse, specular = seen.diffuse[chosen], seen.specular[chosen]
+    position = seen.positions[chosen] @ turn + local_from_world[:3, 3]
+    return Lit(position, normal @ turn, flat @ turn, mirrored @ turn, diffuse[:, :3], specular[:, :3], specular[:, 3], diffuse[:, 3])
 
 
 def direction_from_octahedron(p: np.ndarray) -> np.ndarray:

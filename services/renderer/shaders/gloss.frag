@@ -6,13 +6,11 @@
 #include "lights.glsl"
 #include "visibility.glsl"
 #include "normals.glsl"
+#include "seen.glsl"
 #include "brdf.glsl"
 #include "cone.glsl"
 
 uniform float weight;  // of this pass in the picture: 1 / samples
-uniform vec3 eye;
-uniform sampler2D surface_positions;
-uniform sampler2D surface_normals;
 uniform sampler2D surface_diffuse;
 uniform sampler2D surface_specular;
 uniform samplerCube region_of_direction;
@@ -25,17 +23,17 @@ layout(location = 0) out vec4 radiance;
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 position = texelFetch(surface_positions, pixel, 0);
+    vec4 position = seen_position();
     float kind = texelFetch(surface_diffuse, pixel, 0).w;
     if (position.w == 0.0 || kind < 0.5 || kind > 2.5) discard;
     vec4 specular = texelFetch(surface_specular, pixel, 0);
     bool phong = kind < 1.5;
     float narrow = phong ? narrow_phong(specular.w) : narrow_ggx(specular.w);
     if (narrow == 0.0) discard;
-    vec4 normals = texelFetch(surface_normals, pixel, 0);
+    vec4 normals = seen_normals();
     vec3 smooth_normal = direction_from_octahedron(normals.xy);
     vec3 flat_normal = direction_from_octahedron(normals.zw);
-    vec3 mirrored_view = reflect(normalize(position.xyz - eye), smooth_normal);
+    vec3 mirrored_view = reflect(normalize(seen_ray()), smooth_normal);
     float view_cosine = max(dot(smooth_normal, mirrored_view), 1e-4);
     int region = int(textureLod(region_of_direction, mirrored_view, 0.0).r);
     ivec2 span = ivec2(texelFetch(spans, ivec2(region, 0), 0).xy);

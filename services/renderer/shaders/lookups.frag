@@ -6,16 +6,15 @@ layout(early_fragment_tests) in;
 #include "lights.glsl"
 #include "visibility.glsl"
 #include "normals.glsl"
+#include "seen.glsl"
 
 uniform int light_count;
-uniform sampler2D surface_positions;
-uniform sampler2D surface_normals;
 layout(r8) uniform writeonly image2DArray kept;
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 position = texelFetch(surface_positions, pixel, 0);
-    vec3 flat_normal = direction_from_octahedron(texelFetch(surface_normals, pixel, 0).zw);
+    vec4 position = seen_position();
+    vec3 flat_normal = direction_from_octahedron(seen_normals().zw);
     for (int i = 0; i < light_count; ++i) {
         float seen = visibility(i, position, flat_normal, dot(flat_normal, lights[i].direction.xyz));
         imageStore(kept, ivec3(pixel, int(lights[i].irradiance.w)), vec4(seen));

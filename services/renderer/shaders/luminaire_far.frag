@@ -1,6 +1,7 @@
 #version 430
 // A lamp from its far-field photometry: a point with an intensity over direction, and a map towards each face of a cube.
 #include "normals.glsl"
+#include "seen.glsl"
 #include "luminaire_maps.glsl"
 #include "brdf.glsl"
 #include "luminaire_surface.glsl"

@@ -1,6 +1,7 @@
 #version 430
 // Position-dependent importance sampling of a light field (Lu et al. 2015): estimator.py, in GLSL.
 #include "normals.glsl"
+#include "seen.glsl"
 #include "luminaire_maps.glsl"
 #include "brdf.glsl"
 #include "luminaire_surface.glsl"

@@ -2,6 +2,7 @@
 // The shift-invariant approximation (Granier et al. 2003, equation 14): each basis function a textured spot light, all in one pass. `images`
 // holds E'; a summed-area table per channel gives the mean over the support seen from the point, and nothing is sampled.
 #include "normals.glsl"
+#include "seen.glsl"
 #include "luminaire_maps.glsl"
 #include "brdf.glsl"
 #include "luminaire_surface.glsl"

@@ -1,9 +1,6 @@
-// The surface a pixel sees, in the luminaire's frame, its reflection, and the share of a map's light that reaches it; after brdf.glsl.
+// The surface a pixel sees, in the luminaire's frame, its reflection, and the share of a map's light that reaches it; after brdf.glsl and seen.glsl.
 
 uniform mat4 local_from_world;
-uniform vec3 eye;
-uniform sampler2D surface_positions;
-uniform sampler2D surface_normals;
 uniform sampler2D surface_diffuse;
 uniform sampler2D surface_specular;
 uniform sampler2D shadow_maps;
@@ -14,17 +11,17 @@ struct Surface { vec3 position, normal, flat_normal, mirrored, lambert, specular
 
 // False where the pixel sees no surface of those that are lit now.
 bool surface_at(ivec2 pixel, out Surface surface) {
-    vec4 position = texelFetch(surface_positions, pixel, 0);
+    vec4 position = seen_position();
     vec4 diffuse = texelFetch(surface_diffuse, pixel, 0);
     if (position.w == 0.0 || catching != (diffuse.w > 2.5)) return false;
-    vec4 normals = texelFetch(surface_normals, pixel, 0);
+    vec4 normals = seen_normals();
     mat3 turn = mat3(local_from_world);
     vec3 normal = direction_from_octahedron(normals.xy);
     vec4 specular = texelFetch(surface_specular, pixel, 0);
     surface.position = (local_from_world * vec4(position.xyz, 1.0)).xyz;
     surface.normal = turn * normal;
     surface.flat_normal = turn * direction_from_octahedron(normals.zw);
-    surface.mirrored = turn * reflect(normalize(position.xyz - eye), normal);
+    surface.mirrored = turn * reflect(normalize(seen_ray()), normal);
     surface.lambert = catching ? vec3(1.0) : diffuse.rgb / PI;
     surface.specular = specular.rgb;
     surface.shape = specular.w;

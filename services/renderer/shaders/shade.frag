@@ -12,11 +12,10 @@ uniform sampler2DArray kept;  // a layer for each tile
 #include "visibility.glsl"
 #endif
 #include "normals.glsl"
+#include "seen.glsl"
 
 uniform int light_count;
 uniform float weight;  // of this pass in the picture: 1 / samples
-uniform sampler2D surface_positions;
-uniform sampler2D surface_normals;
 layout(location = 0) out vec4 radiance;
 
 #if KIND == 3
@@ -30,14 +29,13 @@ uniform sampler2D surface_diffuse;
 #endif
 #if KIND == 1 || KIND == 2
 #include "cone.glsl"
-uniform vec3 eye;
 uniform sampler2D surface_specular;
 #endif
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 position = texelFetch(surface_positions, pixel, 0);
-    vec4 normals = texelFetch(surface_normals, pixel, 0);
+    vec4 position = seen_position();
+    vec4 normals = seen_normals();
     vec3 smooth_normal = direction_from_octahedron(normals.xy);
     vec3 flat_normal = direction_from_octahedron(normals.zw);
 #if KIND < 3
@@ -45,7 +43,7 @@ void main() {
 #endif
 #if KIND == 1 || KIND == 2
     vec4 specular = texelFetch(surface_specular, pixel, 0);
-    vec3 mirrored_view = reflect(normalize(position.xyz - eye), smooth_normal);
+    vec3 mirrored_view = reflect(normalize(seen_ray()), smooth_normal);
     float view_cosine = max(dot(smooth_normal, mirrored_view), 1e-4);
 #endif
 

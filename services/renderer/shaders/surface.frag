@@ -1,8 +1,8 @@
 #version 430
 // What each pixel sees, so that the lights are summed once for each visible surface.
 #include "normals.glsl"
+#include "seen.glsl"
 
-uniform vec3 eye;
 uniform float kind;  // of material: 0 Lambert, 1 with Phong, 2 GGX, 3 a catcher of shadows
 uniform vec3 colour;  // diffuse; base colour
 uniform vec3 shine;  // specular; metallic, 0, 0
@@ -15,8 +15,8 @@ in vec3 surface_position;
 in vec3 surface_normal;
 in vec2 surface_uv;
 in vec3 surface_colour;
-layout(location = 0) out vec4 out_position;  // world; w = 1 where there is a surface
-layout(location = 1) out vec4 out_normals;  // of shading and of the triangle, both on the viewer's side
+layout(location = 0) out float out_depth;
+layout(location = 1) out vec4 out_normals;
 layout(location = 2) out vec4 out_diffuse;  // w: kind
 layout(location = 3) out vec4 out_specular;  // at normal incidence; w: exponent, or roughness squared
 
@@ -42,12 +42,14 @@ void main() {
     bool behind = dot(smooth_normal, flat_normal) < 0.0;
     if (bumpy) smooth_normal = bumped(smooth_normal);
     if (behind) smooth_normal = -smooth_normal;
-    out_position = vec4(surface_position, 1.0);
-    out_normals = vec4(octahedron_from_direction(smooth_normal), octahedron_from_direction(flat_normal));
+    vec3 ray = seen_ray();
+    out_depth = dot(surface_position - eye, ray) / dot(ray, ray);
+    vec4 octahedra = vec4(octahedron_from_direction(smooth_normal), octahedron_from_direction(flat_normal));
+    out_normals = (octahedra * CODES + (CODES + 1.0)) / (2.0 * CODES + 1.0);
     vec3 own = colour * surface_colour * texture(colour_image, surface_uv).rgb;
     if (kind != 2.0) {
         out_diffuse = vec4(own, kind);
-        out_specular = vec4(shine, shape);
+        out_specular = vec4(shine, min(shape, 65504.0));  // the largest half float: a narrower lobe is less than a pixel
     } else {  // glTF 2.0, appendix B.2
         vec2 metal_rough = vec2(shine.x, shape) * texture(shape_image, surface_uv).rg;
         float rough = max(metal_rough.y, SMOOTHEST);

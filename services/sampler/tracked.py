@@ -14,37 +14,23 @@ import numpy as np
 from services.lights import Lights
 from services.sampler.control import prefix_errors
 from services.sampler.density import LightMap
-from services.sampler.tracked_cells import (
-    candidates,
-    centroid,
-    centroids,
-    cheapest_pair,
-    move,
-    reassign,
-    relaxed,
-    shares_of_sites,
-    shares_of_tiles,
-    split,
-)
+from services.sampler.tracked_cells import centroids, fluxes, move, relaxed, shares_of_sites
+from services.sampler.tracked_changes import best_splits, cheapest_pair, exchanged
 from services.sampler.tracked_noise import LONGEST_GAP_S, NO_NOISE, STRIDE, Noise, with_map
-from services.sampler.tracked_tiles import Grid, Tiles, grid, received, tiles_from_map
+from services.sampler.tracked_tiles import Tiles, grid, received, tiles_from_map
 from services.sphere import LUMINANCE, Coverage, luminance
 
 NO_STRONG = np.empty((0, 5))
 FIRST_STEPS, STEPS = 12, 2  # Lloyd's steps in the first frame, and in every other
-CHURN = 2.0  # a split must gain this many times what the merge costs that makes room for it,
-WORTH = 0.5  # and this many times the mean unrest of a cell
 CHANGES = 16  # one light in so many, and at least one, is added in a frame when more are wanted,
 GROWTH = 4  # and in a round of the first frame, or of one with sudden light
 MOST_CHANGES = 6  # splits paid by merges in a frame of sudden light: each costs as much time as two of Lloyd's steps
-SLACK = 0.02  # rad: Lloyd's steps are shorter once lights have settled, or follow a slow turn
 SUDDEN = 2.0  # times the usual unrest: light has changed faster than sites move
 NOTABLE = 0.02**2  # unrest over squared power below which nothing is urgent: its root is about the error of the irradiance
 PACE = 8  # frames between splits when it has not
 USUAL = 0.2  # of the way that the usual unrest goes to this frame's: a memory of five frames
 ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_still_lights.csv
 AIM = 0.77  # of the error asked for: three times the 7 % to which 96 probes know it, below it
-RISE = 2.0  # most that the number is multiplied by at once: too few lights for the lamps there are say how bad it is, not how many it takes
 TRIALS = 4  # numbers of lights that are tried on the first frame
 EASE_S = 0.12  # a new light leaves its parent's place with this time constant: three frames at 25 fps
 
@@ -83,25 +69,16 @@ class Report(NamedTuple):
 class Shares(NamedTuple):
     """What each cell holds.
 
-    flux: (n, 3), RGB. moment: (n, 4), power x direction, and power. pull: (n, 3), weight x direction. unease: (n,), root of its
+    moment: (n, 4), power x direction, and power. pull: (n, 3), weight x direction. unease: (n,), root of its
     unrest. nearest, second: (tiles,) int64, the cell of each tile and the next one. share: (tiles,), what of a tile goes to the next one.
     """
 
-    flux: np.ndarray
     moment: np.ndarray
     pull: np.ndarray
     unease: np.ndarray
     nearest: np.ndarray
     second: np.ndarray
     share: np.ndarray
-
-
-class Split(NamedTuple):
-    """gain: unrest saved. cell: the one that is cut. halves: (2, 3), its two sites."""
-
-    gain: float
-    cell: int
-    halves: np.ndarray
 
 
 def initial_tracked() -> State:
@@ -145,14 +122,15 @@ def tracked_step(
         return known, Lights.of(state.ids, state.sites, dark), report
 
     tiles = tiles_from_map(clean, coverage, count, strong)
-    after, held = _followed(known, of, tiles, count, power)
+    after, held = _followed(known, tiles, count, power)
     directions = centroids(held.moment, after.sites)
+    flux = fluxes(tiles, held.nearest, held.second, held.share, len(after.ids))
     if smoothing:
         fading = float(np.exp(-max(time_s - state.time_s, 0.0) / EASE_S))
         offset = after.offset * fading
         directions = _shown(directions, offset)
         after = after._replace(offset=offset)
-    return after, Lights.of(after.ids, directions, held.flux), report
+    return after, Lights.of(after.ids, directions, flux), report
 
 
 def needed(light: LightMap, lights: Lights, error: float, most: int) -> int:
@@ -161,7 +139,7 @@ def needed(light: LightMap, lights: Lights, error: float, most: int) -> int:
     if light.power <= 0:
         return 1
     now = float(prefix_errors(light, lights.directions.astype(np.float64), tint)[-1])
-    wanted = len(lights.ids) * min((now / (AIM * error)) ** (1 / ORDER), RISE)
+    wanted = len(lights.ids) * (now / (AIM * error)) ** (1 / ORDER)
     return int(np.clip(np.ceil(wanted), 1, most))
 
 
@@ -179,104 +157,67 @@ def _shown(directions: np.ndarray, offset: np.ndarray) -> np.ndarray:
     return np.where(length > 0.1, moved / np.maximum(length, 0.1), directions)
 
 
-def _followed(state: State, of: Grid, tiles: Tiles, count: int, power: float) -> tuple[State, Shares]:
+def _followed(state: State, tiles: Tiles, count: int, power: float) -> tuple[State, Shares]:
     """The state with sites that fit the tiles, and what their cells hold."""
     new = not len(state.ids)
     if new:
         zenith = np.array([[0.0, 0.0, 1.0]])
         state = state._replace(ids=np.zeros(1, np.int64), sites=zenith, offset=np.zeros((1, 3)), next_id=1)
-    near = candidates(of, tiles, state.sites, SLACK)
-    held = Shares(*shares_of_sites(tiles, state.sites, *near))
-    sudden = new or float((held.unease**2).sum()) > max(SUDDEN * state.usual, NOTABLE) * power**2
+    held = Shares(*shares_of_sites(tiles, state.sites))
+    sudden = new or _unrest(held) > max(SUDDEN * state.usual, NOTABLE) * power**2
 
     # The number of lights: down at once, up a few in a frame unless all light is new.
     before = len(state.ids)
     while len(state.ids) > count:
-        _, kept, lost = cheapest_pair(held.nearest, held.second, held.moment, state.sites, held.unease)
-        state, held = _merged(state, of, tiles, held, kept, lost)
+        state, held = _merged(state, tiles, held)
     growing = len(state.ids) < count
     while growing:
         wanted = min(count - len(state.ids), max(1, len(state.ids) // (GROWTH if sudden else CHANGES)))
-        splits = _best_splits(tiles, held, state.sites, wanted, sudden)
-        state, held = _split(state, of, tiles, held, splits, eased=not sudden)
-        growing = sudden and len(splits) > 0 and len(state.ids) < count
+        found = len(state.ids)
+        state, held = _split(state, tiles, held, wanted, sudden)
+        growing = sudden and found < len(state.ids) < count
 
     # Splits paid by merges: several when light changed suddenly, else one now and then.
     credit = min(state.credit + 1 / PACE, 1.0)
-    for _ in range(0 if new or len(state.ids) < 2 else MOST_CHANGES if sudden else int(credit)):
-        splits = _best_splits(tiles, held, state.sites, 1, sudden)
-        spare = splits[0].gain - WORTH * float((held.unease**2).mean()) if splits else 0.0
-        if spare <= 0:
-            break
-        cost, kept, lost = cheapest_pair(held.nearest, held.second, held.moment, state.sites, held.unease)
-        if splits[0].cell in (kept, lost) or spare < CHURN * cost:
-            break
-        state, held = _exchanged(state, tiles, held, splits[0], kept, lost, eased=not sudden)
-        near = None
-        credit -= not sudden
+    most = 0 if new or len(state.ids) < 2 else MOST_CHANGES if sudden else int(credit)
+    if most:
+        made, ids, sites, offset, found = exchanged(tiles, state.ids, state.sites, state.offset, state.next_id, *held, most, sudden)
+        state, held = state._replace(ids=ids, sites=sites, offset=offset, next_id=state.next_id + made), Shares(*found)
+        credit -= 0 if sudden else made
 
     # Lloyd's steps; none where the number changed, so that the others stay.
     if new or len(state.ids) == before:
-        if near is None or new:
-            near = candidates(of, tiles, state.sites, SLACK)
-        sites, found = relaxed(of, tiles, state.sites, held.pull, *near, SLACK, FIRST_STEPS if new else STEPS)
+        sites, found = relaxed(tiles, state.sites, held.pull, FIRST_STEPS if new else STEPS)
         state, held = state._replace(sites=sites), Shares(*found)
-    level = float((held.unease**2).sum()) / power**2
+    level = _unrest(held) / power**2
     usual = level if new else state.usual + USUAL * (level - state.usual)
     return state._replace(usual=usual, credit=credit), held
 
 
-def _best_splits(tiles: Tiles, held: Shares, sites: np.ndarray, most: int, sudden: bool) -> list[Split]:
-    """The splits, at most `most`, that lower the unrest most, best first; cells of one tile have none."""
-    halves, parts = np.empty((2, 3)), np.empty((2, 4))
-    own = held.unease**2
-    found: list[Split] = []
-    for cell in np.argsort(own)[::-1]:
-        if len(found) >= most and own[cell] <= min(one.gain for one in found[:most]):
-            break
-        gain = split(tiles, held.nearest, cell, sites[cell], sudden, halves, parts)
-        if gain != 0:
-            found.append(Split(gain, int(cell), halves.copy()))
-            found.sort(key=lambda one: -one.gain)
-    return found[:most]
+def _unrest(held: Shares) -> float:
+    return float(held.unease @ held.unease)
 
 
-def _split(state: State, of: Grid, tiles: Tiles, held: Shares, splits: list[Split], eased: bool) -> tuple[State, Shares]:
-    """The cells cut in two; new lights begin at their parents' places when `eased`."""
-    sites, offset = state.sites.copy(), [state.offset]
-    parent = np.empty(3)
-    for one in splits:
-        centroid(held.moment[one.cell], state.sites[one.cell], parent)
-        sites[one.cell] = one.halves[0]
-        offset.append((parent - one.halves[1] if eased else np.zeros(3))[None])
-    sites = np.concatenate([sites, *(one.halves[1:] for one in splits)])
-    born = state.next_id + np.arange(len(splits))
+def _split(state: State, tiles: Tiles, held: Shares, most: int, sudden: bool) -> tuple[State, Shares]:
+    """The cells, at most so many, whose split gains most cut in two; new lights begin at their parents' places unless light is `sudden`."""
+    _, cells, halves = best_splits(tiles, held.nearest, state.sites, held.unease, most, sudden)
+    sites, parents = state.sites.copy(), centroids(held.moment[cells], state.sites[cells])
+    sites[cells] = halves[:, 0]
+    born = state.next_id + np.arange(len(cells))
     state = state._replace(
-        ids=np.concatenate([state.ids, born]), sites=sites, offset=np.concatenate(offset), next_id=state.next_id + len(splits)
+        ids=np.concatenate([state.ids, born]),
+        sites=np.concatenate([sites, halves[:, 1]]),
+        offset=np.concatenate([state.offset, np.zeros((len(cells), 3)) if sudden else parents - halves[:, 1]]),
+        next_id=state.next_id + len(cells),
     )
-    return state, _searched(of, tiles, sites)
+    return state, Shares(*shares_of_sites(tiles, state.sites))
 
 
-def _merged(state: State, of: Grid, tiles: Tiles, held: Shares, kept: int, lost: int) -> tuple[State, Shares]:
-    """Two cells made one."""
+def _merged(state: State, tiles: Tiles, held: Shares) -> tuple[State, Shares]:
+    """The cheapest two cells made one."""
+    _, kept, lost = cheapest_pair(held.nearest, held.second, held.moment, state.sites, held.unease)
     sites = state.sites.copy()
-    move(np.ascontiguousarray((held.pull[kept] + held.pull[lost])[None]), sites[kept : kept + 1])
+    move((held.pull[kept] + held.pull[lost])[None], sites[kept : kept + 1])
     sites = np.delete(sites, lost, axis=0)
     state = state._replace(ids=np.delete(state.ids, lost), sites=sites, offset=np.delete(state.offset, lost, axis=0))
-    return state, _searched(of, tiles, sites)
-
-
-def _exchanged(state: State, tiles: Tiles, held: Shares, one: Split, kept: int, lost: int, eased: bool) -> tuple[State, Shares]:
-    """One cell cut in two and two others made one; the new light takes the place of the lost one in the list."""
-    ids, sites, offset, parent = state.ids.copy(), state.sites.copy(), state.offset.copy(), np.empty(3)
-    centroid(held.moment[one.cell], state.sites[one.cell], parent)
-    move((held.pull[kept] + held.pull[lost])[None], sites[kept : kept + 1])
-    sites[one.cell], sites[lost] = one.halves
-    ids[lost], offset[lost] = state.next_id, parent - one.halves[1] if eased else 0.0
-    reassign(tiles, sites, np.array([one.cell, kept, lost]), held.nearest, held.second, held.share)
-    after = Shares(*shares_of_tiles(tiles, sites, held.nearest, held.second, held.share))
-    return state._replace(ids=ids, sites=sites, offset=offset, next_id=state.next_id + 1), after
-
-
-def _searched(of: Grid, tiles: Tiles, sites: np.ndarray) -> Shares:
-    return Shares(*shares_of_sites(tiles, sites, *candidates(of, tiles, sites, 0.0)))
+    return state, Shares(*shares_of_sites(tiles, sites))

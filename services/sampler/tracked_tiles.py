@@ -12,11 +12,11 @@ import numpy as np
 from numba import njit
 
 from services.sampler.density import LARGEST
-from services.sphere import LUMINANCE, SPAN, Coverage, cell_directions, cell_solid_angles
+from services.sphere import LUMINANCE, SPAN, Coverage, cell_solid_angles
 from services.strong import PARTS
 
 BASE = 8  # cells on a side of the largest tile
-GROUP = 4  # base tiles on a side of a group, whose sites are searched first
+BAND = 3  # rows of base tiles that are visited column by column, so that tiles in a row lie together
 SHARE = 0.25  # of a light, for one tile: a light has 4 tiles or more, of even sky 8
 MOST = 4.0  # lights that a base tile counts for: beyond it there are single cells, which are cut into their parts at most
 SITES = 1.6  # sites weigh radiance^1.6 in Lloyd's step: in the plane their density is then the weight's root
@@ -30,9 +30,8 @@ class Grid(NamedTuple):
     """What depends on the map's shape alone, float64.
 
     solid_angles: (rows,), sr of a cell. across, up: (rows,), sine and cosine of a ring's polar angle. cosines, sines: (cols,), of a
-    column's azimuth. height: of a cell, rad. widths: (rows,), rad. centres: (bases, 3), reach: (bases,): the middle of a base tile and
-    the chord from there to its farthest cell. group: (bases,) int64, group_centres, group_reach: of groups
-    of base tiles.
+    column's azimuth. height: of a cell, rad. widths: (rows,), rad. corners: (bases, 2) int64, the first row and column of the base
+    tiles, in the order in which they are visited: along bands, so that tiles that follow each other lie together.
     """
 
     solid_angles: np.ndarray
@@ -42,18 +41,14 @@ class Grid(NamedTuple):
     sines: np.ndarray
     height: float
     widths: np.ndarray
-    centres: np.ndarray
-    reach: np.ndarray
-    group: np.ndarray
-    group_centres: np.ndarray
-    group_reach: np.ndarray
+    corners: np.ndarray
 
 
 class Tiles(NamedTuple):
     """The n lit tiles, base tile by base tile, float64.
 
-    flux: (n, 3), RGB. power: (n,), its luminance. direction: (n, 3), flux centroid, not normalised. weight: (n,), for Lloyd's step.
-    radius: (n,), rad. start: (bases + 1,) int64, the first tile of each base tile.
+    flux: (3, n), RGB. power: (n,), its luminance. direction: (3, n), flux centroid, not normalised. weight: (n,), for Lloyd's step.
+    radius: (n,), rad.
     """
 
     flux: np.ndarray
@@ -61,33 +56,22 @@ class Tiles(NamedTuple):
     direction: np.ndarray
     weight: np.ndarray
     radius: np.ndarray
-    start: np.ndarray
 
 
 @lru_cache(maxsize=4)
 def grid(rows: int, cols: int, coverage: Coverage) -> Grid:
     """The grid of maps with this shape."""
-    directions = cell_directions(rows, cols, coverage)
     height = SPAN[coverage] / rows
     theta, phi = (np.arange(rows) + 0.5) * height, (np.arange(cols) + 0.5) * (2 * np.pi / cols)
     widths = np.sin(theta) * (2 * np.pi / cols)
-    turn = np.cos(phi), np.sin(phi)
-    # A flux centroid inside a cell lies up to half a diagonal beyond the cell's centre.
-    beyond = 0.5 * np.hypot(height, widths.max())
-    bases, groups = _blocks(directions, BASE, beyond), _blocks(directions, GROUP * BASE, beyond)
-    down, across = np.arange(-(-rows // BASE)) // GROUP, np.arange(-(-cols // BASE)) // GROUP
-    group = (down[:, None] * (across[-1] + 1) + across).ravel()
-    return Grid(cell_solid_angles(rows, cols, coverage), np.sin(theta), np.cos(theta), *turn, height, widths, *bases, group, *groups)
-
-
-def _blocks(directions: np.ndarray, side: int, beyond: float) -> tuple[np.ndarray, np.ndarray]:
-    """Middles (n, 3) of all blocks of so many cells on a side, and the chords from there to their farthest cells, and so far `beyond`."""
-    rows, cols, _ = directions.shape
-    blocks = [directions[i : i + side, j : j + side].reshape(-1, 3) for i in range(0, rows, side) for j in range(0, cols, side)]
-    centres = np.array([block.mean(axis=0) for block in blocks])
-    centres /= np.linalg.norm(centres, axis=1, keepdims=True)
-    reach = np.array([np.linalg.norm(block - centre, axis=1).max() for block, centre in zip(blocks, centres, strict=True)])
-    return centres, reach + beyond
+    corners = [
+        (row, col)
+        for band in range(0, rows, BAND * BASE)
+        for k, col in enumerate(range(0, cols, BASE))
+        for row in range(band, min(band + BAND * BASE, rows), BASE)[:: -1 if k % 2 else 1]
+    ]
+    solid_angles = cell_solid_angles(rows, cols, coverage)
+    return Grid(solid_angles, np.sin(theta), np.cos(theta), np.cos(phi), np.sin(phi), height, widths, np.array(corners))
 
 
 def received(
@@ -153,56 +137,55 @@ def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, strong:
     cell's light (a cell's shares are brought to 1).
     """
     rows, cols, _ = radiance.shape
-    of = grid(rows, cols, coverage)
-    inside, strong = np.full(rows * cols, -1, np.int32), strong.copy()
-    if len(strong):
-        cells, first = np.unique(strong[:, 0].astype(np.int64), return_index=True)
-        inside[cells] = first
-        strong[:, 4] /= np.repeat(np.add.reduceat(strong[:, 4], first), np.diff(first, append=len(strong)))
-    whole, start = np.empty((rows * cols + len(strong), 9)), np.empty(len(of.centres) + 1, np.int64)
-    table = whole[: _fill(radiance, of, strong, inside, count, whole, start)]
-    return Tiles(table[:, 0:3], table[:, 3], table[:, 4:7], table[:, 7], table[:, 8], start)
+    table = _fill(radiance, grid(rows, cols, coverage), strong, count)
+    return Tiles(table[0:3], table[3], table[4:7], table[7], table[8])
 
 
 @njit(cache=True)
-def _fill(radiance, of, strong, inside, count, table, start):
+def _fill(radiance, of, strong, count):
+    """The table (9, tiles): flux, power, direction, weight, radius."""
     rows, cols, _ = radiance.shape
-    # Base tiles first, for the sum of the density; those of strong sources count for MOST lights.
-    base, density = 0, np.empty(of.centres.shape[0])
-    for row in range(0, rows, BASE):
-        for col in range(0, cols, BASE):
-            power = area = 0.0
-            for i in range(row, min(row + BASE, rows)):
-                light = 0.0
-                for j in range(col, min(col + BASE, cols)):
-                    light += _RED * radiance[i, j, 0] + _GREEN * radiance[i, j, 1] + _BLUE * radiance[i, j, 2]
-                power += of.solid_angles[i] * light
-                area += of.solid_angles[i] * (min(col + BASE, cols) - col)
-            density[base] = power ** (0.5 * SITES) * area ** (1 - 0.5 * SITES)
-            base += 1
+    inside, shares = _parts(strong, rows * cols)
+    # Base tiles first, for the sum of the density, power^0.8 area^0.2; those of strong sources count for MOST lights.
+    bases, density = np.empty((9, of.corners.shape[0])), np.zeros(of.corners.shape[0])
+    for base in range(density.size):
+        row, col = of.corners[base]
+        area = _measure(radiance, of, row, min(row + BASE, rows), col, min(col + BASE, cols), bases, base)
+        if bases[3, base] > 0:
+            density[base] = np.sqrt(bases[7, base] * area)
     total = density.sum()
     total = np.minimum(density, MOST / max(count, MOST) * total).sum()
     limit = SHARE / count * total
 
-    n, base = 0, 0
+    table, n = np.empty((9, rows * cols + strong.shape[0])), 0
     stack, sums = np.empty((16, 4), np.int64), np.zeros((BASE, BASE + 1))
-    for row in range(0, rows, BASE):
-        for col in range(0, cols, BASE):
-            start[base] = n
-            if density[base] > limit:
-                n = _halve(radiance, of, strong, inside, limit**5, stack, sums, row, col, table, n)
-            elif density[base] > 0:
-                _measure(radiance, of, strong, inside, row, min(row + BASE, rows), col, min(col + BASE, cols), table[n])
-                n += 1
-            base += 1
-    start[base] = n
-    return n
+    for base in range(density.size):
+        if density[base] > limit:
+            n = _halve(radiance, of, strong, shares, inside, limit**5, stack, sums, of.corners[base], table, n)
+        elif density[base] > 0:
+            table[:, n] = bases[:, base]
+            n += 1
+    return table[:, :n].copy()
 
 
 @njit(cache=True)
-def _halve(radiance, of, strong, inside, limit, stack, sums, row, col, table, n):
+def _parts(strong, cells):
+    """(inside, shares): for each of so many cells where its parts begin in `strong`, or -1; the parts' shares, brought to 1 in a cell."""
+    inside, shares, k = np.full(cells, -1, np.int32), strong[:, 4].copy(), 0
+    while k < shares.size:
+        begin, whole = k, 0.0
+        while k < shares.size and strong[k, 0] == strong[begin, 0]:
+            whole, k = whole + shares[k], k + 1
+        inside[int(strong[begin, 0])] = begin
+        shares[begin:k] /= whole
+    return inside, shares
+
+
+@njit(cache=True)
+def _halve(radiance, of, strong, shares, inside, limit, stack, sums, corner, table, n):
     """Appends the tiles of one base tile to the table and returns its new length. limit: of the density, to the power of 5."""
     rows, cols, _ = radiance.shape
+    row, col = corner
     stack[0] = row, min(row + BASE, rows), col, min(col + BASE, cols)
     for i in range(row, stack[0, 1]):
         light = 0.0  # summed along the row: what is 0 stays 0 in the differences
@@ -220,10 +203,12 @@ def _halve(radiance, of, strong, inside, limit, stack, sums, row, col, table, n)
         if power == 0.0:
             continue
         fine = power**4 * area <= limit  # the density, power^0.8 area^0.2, to the power of 5
-        if fine or (i1 - i0) * (j1 - j0) == 1:
-            _measure(radiance, of, strong, inside, i0, i1, j0, j1, table[n])
-            k = inside[i0 * cols + j0]
-            n = n + 1 if fine or k < 0 else _in_parts(strong, k, of.solid_angles[i0], table, n)
+        if (i1 - i0) * (j1 - j0) == 1 and inside[i0 * cols + j0] >= 0:
+            _measure(radiance, of, i0, i1, j0, j1, table, n)
+            n = _in_parts(strong, shares, inside[i0 * cols + j0], of.solid_angles[i0], fine, table, n)
+        elif fine or (i1 - i0) * (j1 - j0) == 1:
+            _measure(radiance, of, i0, i1, j0, j1, table, n)
+            n += 1
         elif i1 - i0 > 1 and ((i1 - i0) * of.height >= (j1 - j0) * of.widths[(i0 + i1) // 2] or j1 - j0 == 1):
             middle = (i0 + i1) // 2
             stack[depth], stack[depth + 1] = (middle, i1, j0, j1), (i0, middle, j0, j1)
@@ -235,9 +220,9 @@ def _halve(radiance, of, strong, inside, limit, stack, sums, row, col, table, n)
     return n
 
 
-@njit(cache=True, inline="always")
-def _measure(radiance, of, strong, inside, i0, i1, j0, j1, tile):
-    """Fills a row of the table: flux, power, direction, weight, radius."""
+@njit(cache=True)
+def _measure(radiance, of, i0, i1, j0, j1, table, n):
+    """Fills a column of the table with what lies between these rows and columns, and returns its solid angle."""
     red = green = blue = x = y = z = area = 0.0
     for i in range(i0, i1):
         r = g = b = c = s = 0.0
@@ -254,28 +239,31 @@ def _measure(radiance, of, strong, inside, i0, i1, j0, j1, tile):
         x, y = x + omega * of.across[i] * c, y + omega * of.across[i] * s
         z += omega * of.up[i] * (_RED * r + _GREEN * g + _BLUE * b)
     power = _RED * red + _GREEN * green + _BLUE * blue
-    k = inside[i0 * radiance.shape[1] + j0]
-    if k >= 0 and (i1 - i0) * (j1 - j0) == 1:
-        cell = strong[k, 0]
-        x = y = z = 0.0
-        while k < strong.shape[0] and strong[k, 0] == cell:
-            part = power * strong[k, 4]
-            x, y, z = x + part * strong[k, 1], y + part * strong[k, 2], z + part * strong[k, 3]
-            k += 1
+    if power > 0:
+        x, y, z = x / power, y / power, z / power
     height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
-    tile[0], tile[1], tile[2], tile[3] = red, green, blue, power
-    tile[4], tile[5], tile[6] = x / power, y / power, z / power
-    tile[7], tile[8] = area * (power / area) ** SITES, 0.5 * np.sqrt(height * height + width * width)
+    table[0, n], table[1, n], table[2, n], table[3, n] = red, green, blue, power
+    table[4, n], table[5, n], table[6, n] = x, y, z
+    table[7, n], table[8, n] = area * (power / area) ** SITES, 0.5 * np.sqrt(height * height + width * width)
+    return area
 
 
 @njit(cache=True)
-def _in_parts(strong, k, area, table, n):
-    """Replaces the last tile of the table, the cell whose parts begin at `k`, by its parts; returns the table's new length."""
-    cell, whole, small = strong[k, 0], table[n].copy(), area / (PARTS * PARTS)
-    while k < strong.shape[0] and strong[k, 0] == cell:
-        share = strong[k, 4]
-        table[n, :4] = share * whole[:4]
-        table[n, 4:7] = strong[k, 1:4]
-        table[n, 7], table[n, 8] = small * (whole[3] * share / small) ** SITES, whole[8] / PARTS
-        n, k = n + 1, k + 1
-    return n
+def _in_parts(strong, shares, k, area, whole, table, n):
+    """Cuts the strong cell at the table's column n, whose parts begin at `k`, into them; returns the table's new length.
+
+    With `whole` it stays one tile, and its direction becomes that of its parts.
+    """
+    cell, tile, small = strong[k, 0], table[:, n].copy(), area / (PARTS * PARTS)
+    table[4:7, n] = 0.0
+    while k < shares.size and strong[k, 0] == cell:
+        if whole:
+            for c in range(3):
+                table[4 + c, n] += shares[k] * strong[k, 1 + c]
+        else:
+            table[:4, n] = shares[k] * tile[:4]
+            table[4:7, n] = strong[k, 1:4]
+            table[7, n], table[8, n] = small * (tile[3] * shares[k] / small) ** SITES, tile[8] / PARTS
+            n += 1
+        k += 1
+    return n + 1 if whole else n

@@ -31,6 +31,7 @@ PACE = 8  # frames between splits when it has not
 USUAL = 0.2  # of the way that the usual unrest goes to this frame's: a memory of five frames
 ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_still_lights.csv
 AIM = 0.77  # of the error asked for: three times the 7 % to which 96 probes know it, below it
+RISE = 2.0  # most that the number is multiplied by at once: too few lights for the lamps there are say how bad it is, not how many it takes
 TRIALS = 4  # numbers of lights that are tried on the first frame
 EASE_S = 0.12  # a new light leaves its parent's place with this time constant: three frames at 25 fps
 
@@ -139,7 +140,7 @@ def needed(light: LightMap, lights: Lights, error: float, most: int) -> int:
     if light.power <= 0:
         return 1
     now = float(prefix_errors(light, lights.directions.astype(np.float64), tint)[-1])
-    wanted = len(lights.ids) * (now / (AIM * error)) ** (1 / ORDER)
+    wanted = len(lights.ids) * min((now / (AIM * error)) ** (1 / ORDER), RISE)
     return int(np.clip(np.ceil(wanted), 1, most))
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from services.files import BadInput
 from services.renderer.animation import Track, rotation_from_quaternion, value_at
-from services.renderer.meshes import read_parts
+from services.renderer.mesh_files import read_meshes
 from services.sphere import rotation_xyz
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
@@ -66,7 +66,7 @@ class Film:
 
     def corners(self, folder: Path, time_s: float, suffix: str = "gltf") -> np.ndarray:
         """The triangle's corners at a time, as the file is read."""
-        part = read_parts(self.write(folder / f"film.{suffix}"), "here")[0]
+        part = read_meshes(self.write(folder / f"film.{suffix}"), "here").parts[0]
         assert part.motion is not None
         matrix = part.motion.world_from_rest(time_s)
         return part.geometry.positions @ matrix[:3, :3].T + matrix[:3, 3]
@@ -129,7 +129,7 @@ def test_turns_go_evenly(numbers, t):
 def test_a_file_without_animation_stands_still(tmp_path):
     film = Film()
     del film.document["animations"]
-    assert read_parts(film.write(tmp_path / "film.gltf"), "here")[0].motion is None
+    assert read_meshes(film.write(tmp_path / "film.gltf"), "here").parts[0].motion is None
 
 
 def spoilt_key_order(film):
@@ -162,7 +162,7 @@ def test_a_spoilt_animation_is_one_line(tmp_path, spoil):
     film = Film()
     spoil(film)
     with pytest.raises(BadInput, match=r"^here: .*film\.gltf .*export it again$") as caught:
-        read_parts(film.write(tmp_path / "film.gltf"), "here")
+        read_meshes(film.write(tmp_path / "film.gltf"), "here")
     assert "\n" not in str(caught.value)
 
 
@@ -170,7 +170,7 @@ def test_the_wheels_of_a_real_truck_turn_once(tmp_path):
     data = os.environ.get("VEMLIGHT_DATA")
     if not data:
         pytest.skip("VEMLIGHT_DATA is not set")
-    parts = read_parts(Path(data) / "models" / "CesiumMilkTruck.glb", "here")
+    parts = read_meshes(Path(data) / "models" / "CesiumMilkTruck.glb", "here").parts
     wheels = [part for part in parts if part.motion]
     assert len(wheels) == 2
     for wheel in wheels:

@@ -5,7 +5,9 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 
 from services.files import BadInput
-from services.renderer.meshes import clean_geometry, read_parts, shape_geometry
+from services.renderer.materials import Texture
+from services.renderer.mesh_files import read_meshes
+from services.renderer.meshes import clean_geometry, shape_geometry
 
 
 def face_normals(geometry) -> np.ndarray:
@@ -71,7 +73,7 @@ def test_inside_out_and_open_meshes_are_not_closed():
 def test_normals_of_the_file_are_kept_and_bad_ones_replaced(tmp_path):
     plane = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     (tmp_path / "good.obj").write_text(plane + "vn 0.6 0 0.8\nf 1//1 2//1 3//1\n")
-    (good,) = read_parts(tmp_path / "good.obj", "here")
+    (good,) = read_meshes(tmp_path / "good.obj", "here").parts
     assert np.abs(good.geometry.normals - [0.6, 0, 0.8]).max() < 1e-6
     bad = clean_geometry(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]]), np.zeros((3, 3)))
     assert np.abs(bad.normals - [0, 0, 1]).max() < 1e-6
@@ -97,7 +99,7 @@ def test_moving_keeps_normals_of_unit_length():
 def test_a_ply_without_normals_gets_its_own(tmp_path):
     sphere = trimesh.creation.icosphere(subdivisions=3)
     (tmp_path / "ball.ply").write_bytes(sphere.export(file_type="ply", vertex_normal=False))
-    (part,) = read_parts(tmp_path / "ball.ply", "here")
+    (part,) = read_meshes(tmp_path / "ball.ply", "here").parts
     outwards = part.geometry.positions / np.linalg.norm(part.geometry.positions, axis=1, keepdims=True)
     assert np.einsum("ij,ij->i", part.geometry.normals, outwards).min() > 0.999
     assert part.geometry.closed
@@ -108,10 +110,10 @@ def test_a_huge_texture_is_made_smaller(tmp_path):
     image = Image.fromarray(np.tile(np.array([[[200, 30, 30]]], np.uint8), (16, 5000, 1)))
     plane.visual = TextureVisuals(uv=np.zeros((len(plane.vertices), 2)), image=image)
     plane.export(tmp_path / "box.glb")
-    (part,) = read_parts(tmp_path / "box.glb", "here")
+    (part,) = read_meshes(tmp_path / "box.glb", "here").parts
     assert part.material is not None
-    (texels,) = [value for value in part.material if isinstance(value, np.ndarray)]
-    assert texels.shape == (13, 4096, 3)
+    (image,) = [value for value in part.material if isinstance(value, Texture)]
+    assert image.texels.shape == (13, 4096, 3)
 
 
 @pytest.mark.parametrize(
@@ -125,5 +127,5 @@ def test_a_huge_texture_is_made_smaller(tmp_path):
 def test_points_alone_and_nothing_at_all_are_one_line(tmp_path, text):
     (tmp_path / "mesh.ply").write_text(text)
     with pytest.raises(BadInput, match=r"^here: .*mesh\.ply") as caught:
-        read_parts(tmp_path / "mesh.ply", "here")
+        read_meshes(tmp_path / "mesh.ply", "here")
     assert "\n" not in str(caught.value)

@@ -1,23 +1,17 @@
 """Rigid animation of glTF files: nodes whose translation, rotation and scale follow keyframes (glTF 2.0, sections 3.11 and appendix C).
 
-The file's first animation plays, and begins again when its last keyframe is over. Skins and morph targets are no rigid motion and are
-left out.
+One of a file's animations plays, or all of them together, and begins again when the last keyframe is over. Skins and morph targets are
+no rigid motion and are left out.
 """
 
-import base64
-import binascii
-import json
-import struct
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
-from urllib.parse import unquote
 
 import numpy as np
-import trimesh
 
-TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # componentType, section 3.6.2.2
-WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+from services.renderer.gltf import GltfFile
+
 MOST_KEYS = 1_000_000  # of a track; nine hours at 30 a second
+EVERY = "*"  # in place of an animation's name
 
 
 class Track(NamedTuple):
@@ -116,39 +110,47 @@ def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
     return (np.sin((1 - t) * angle) * a + np.sin(t * angle) * b) / np.sin(angle)
 
 
-def read_motions(path: Path) -> dict[str, Motion]:
-    """The motion of each node that the first animation of a .gltf or .glb file moves, by the names that trimesh gives the nodes.
+def read_motions(file: GltfFile, wanted: str = "") -> dict[str, Motion]:
+    """The motion of each node that the animation named `wanted` moves, by the names that trimesh gives the nodes.
 
-    Raises ValueError, KeyError, IndexError, TypeError, OSError or struct.error for a file that is not as the standard has it.
+    wanted: "" is the file's first, EVERY all together, as long as the longest; where two move the same, the first does. Raises as gltf.py
+    says for a file that is not as the standard has it, and ValueError that lists the names for one that it does not have.
     """
-    document, binary = _document(path)
-    animations = document.get("animations", [])
-    if not animations:
-        return {}
-    read = _Accessors(document, binary, path.parent)
     tracks: dict[int, dict[str, Track]] = {}
-    for channel in animations[0]["channels"]:
-        node, moved = channel["target"].get("node"), channel["target"]["path"]
-        if node is not None and moved in ("translation", "rotation", "scale"):
-            tracks.setdefault(node, {})[moved] = _track(read, animations[0]["samplers"][channel["sampler"]], moved)
+    for animation in _chosen(file, wanted):
+        for channel in animation["channels"]:
+            node, moved = channel["target"].get("node"), channel["target"]["path"]
+            if node is not None and moved in ("translation", "rotation", "scale") and moved not in tracks.get(node, {}):
+                tracks.setdefault(node, {})[moved] = _track(file, animation["samplers"][channel["sampler"]], moved)
     duration_s = max((track.times[-1] for moving in tracks.values() for track in moving.values()), default=0.0)
     if duration_s <= 0:
         return {}
-    nodes = document["nodes"]
+    nodes = file.document["nodes"]
     parents = {child: number for number, node in enumerate(nodes) for child in node.get("children", [])}
-    names: dict[str, int] = {}
-    counts: dict[Any, int] = {}
-    for number, node in enumerate(nodes):
-        names[trimesh.util.unique_name(node.get("name", str(number)), names, counts=counts)] = number
     made = [_node(node, tracks.get(number, {})) for number, node in enumerate(nodes)]
     motions = {}
-    for name, number in names.items():
+    for name, number in file.nodes().items():
         chain = _chain(number, parents, len(nodes))
         if any(passed in tracks for passed in chain):
             motions[name] = Motion(tuple(made[passed] for passed in chain), float(duration_s), np.eye(4))
             if not abs(np.linalg.det(motions[name].file_from_node())) > 1e-18:  # scaled to a millionth, three times
                 raise ValueError("has an animated node that is scaled to nothing where the file places it")
     return motions
+
+
+def animation_names(file: GltfFile) -> list[str]:
+    """What a file's animations are called; one without a name by its number, from 1."""
+    return [str(animation.get("name", number)) for number, animation in enumerate(file.document.get("animations", []), 1)]
+
+
+def _chosen(file: GltfFile, wanted: str) -> list[dict[str, Any]]:
+    animations, names = file.document.get("animations", []), animation_names(file)
+    if wanted == EVERY:
+        return animations
+    if wanted and wanted not in names:
+        raise ValueError(f"has no animation {wanted}, but {', '.join(names)[:200] or 'none'}")
+    first = names.index(wanted) if wanted else 0
+    return animations[first : first + 1]
 
 
 def _chain(number: int, parents: dict[int, int], most: int) -> list[int]:
@@ -172,60 +174,17 @@ def _node(node: dict[str, Any], tracks: dict[str, Track]) -> Node:
     return Node(placed(rested), rested, tracks)
 
 
-def _track(read: "_Accessors", sampler: dict[str, Any], path: str) -> Track:
+def _track(file: GltfFile, sampler: dict[str, Any], path: str) -> Track:
     interpolation = sampler.get("interpolation", "LINEAR")
     if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
         raise ValueError(f"has an animation with interpolation {str(interpolation)[:20]}")
-    times = read.array(sampler["input"]).reshape(-1)
+    times = file.array(sampler["input"]).reshape(-1)
     width = 4 if path == "rotation" else 3
-    values = read.array(sampler["output"]).reshape(-1, 3 if interpolation == "CUBICSPLINE" else 1, width)
-    if not 0 < len(times) == len(values) or np.any(np.diff(times) <= 0) or times[0] < 0:
+    values = file.array(sampler["output"]).reshape(-1, 3 if interpolation == "CUBICSPLINE" else 1, width)
+    if not 0 < len(times) == len(values) <= MOST_KEYS or np.any(np.diff(times) <= 0) or times[0] < 0:
         raise ValueError("has an animation whose keyframes are not in order or not as many as its values")
     if not (np.isfinite(times).all() and np.isfinite(values).all()):
         raise ValueError("has an animation with nan or inf")
     if path == "rotation" and np.any(np.linalg.norm(values[:, values.shape[1] // 2], axis=-1) < 1e-6):
         raise ValueError("has an animation with a rotation of length 0")
     return Track(times, np.repeat(values, 3, axis=1) if values.shape[1] == 1 else values, interpolation)
-
-
-def _document(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a file and, of a .glb, the binary chunk (section 4)."""
-    data = path.read_bytes()
-    if data[:4] != b"glTF":
-        return json.loads(data), b""
-    length, _ = struct.unpack_from("<II", data, 12)
-    document = json.loads(data[20 : 20 + length])
-    return document, data[28 + length :][: struct.unpack_from("<I", data, 20 + length)[0]] if len(data) > 28 + length else b""
-
-
-class _Accessors:
-    """A file's arrays of numbers (section 3.6)."""
-
-    def __init__(self, document: dict[str, Any], binary: bytes, folder: Path) -> None:
-        self._document, self._binary, self._folder = document, binary, folder
-
-    def array(self, number: int) -> np.ndarray:
-        """An accessor's numbers, (count, width) float64; normalised integers become fractions."""
-        accessor = self._document["accessors"][number]
-        dtype, width, count = np.dtype(TYPES[accessor["componentType"]]), WIDTHS[accessor["type"]], int(accessor["count"])
-        if "sparse" in accessor or "bufferView" not in accessor or not 0 < count <= MOST_KEYS:
-            raise ValueError(f"has an animation with keyframes that are sparse, none, or more than {MOST_KEYS}")
-        view = self._document["bufferViews"][accessor["bufferView"]]
-        first = int(view.get("byteOffset", 0)) + int(accessor.get("byteOffset", 0))
-        stride = int(view.get("byteStride", width * dtype.itemsize))
-        data = self._buffer(int(view["buffer"]))
-        if first < 0 or stride < width * dtype.itemsize or first + (count - 1) * stride + width * dtype.itemsize > len(data):
-            raise ValueError("has an animation whose keyframes lie outside its buffer")
-        numbers = np.ndarray((count, width), dtype, data, first, (stride, dtype.itemsize)).astype(np.float64)
-        return np.maximum(numbers / np.iinfo(dtype).max, -1) if accessor.get("normalized") and dtype.kind in "iu" else numbers
-
-    def _buffer(self, number: int) -> bytes:
-        uri = self._document["buffers"][number].get("uri")
-        if uri is None:
-            return self._binary
-        if uri.startswith("data:"):
-            try:
-                return base64.b64decode(uri.partition(",")[2], validate=True)
-            except binascii.Error as error:
-                raise ValueError("has a buffer that is not base64") from error
-        return (self._folder / unquote(uri)).read_bytes()

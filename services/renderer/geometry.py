@@ -26,27 +26,29 @@ class Piece(NamedTuple):
 
 
 class Drawable(NamedTuple):
-    """vertices: (n,) VERTEX. indices: (3 m,) uint32. spans: of the scene's meshes."""
+    """vertices: (n,) VERTEX. indices: (3 m,) uint32. spans: of the scene's meshes. second_uvs: (n, 2) float32, 0 where a mesh has none."""
 
     vertices: np.ndarray
     indices: np.ndarray
     spans: tuple[Span, ...]
+    second_uvs: np.ndarray
 
 
 def drawable_scene(scene: Scene) -> Drawable:
     """The scene's buffers."""
-    vertices, indices, spans = [], [], []
+    vertices, indices, spans, second_uvs = [], [], [], []
     first_vertex = first_index = 0
     for mesh in scene.meshes:
         near = local_order(mesh.geometry)
         rows = np.empty(len(near.positions), VERTEX)
         rows["position"], rows["normal"], rows["uv"] = near.positions, near.normals, near.uvs
-        rows["colour"][:, :3], rows["colour"][:, 3] = 1.0 if near.colours is None else near.colours, 1.0
+        rows["colour"] = 1.0 if near.colours is None else near.colours
         vertices.append(rows)
+        second_uvs.append(np.zeros_like(near.uvs) if near.second_uvs is None else near.second_uvs)
         indices.append(near.triangles.reshape(-1) + np.uint32(first_vertex))
         spans.append(Span(first_index, near.triangles.size))
         first_vertex, first_index = first_vertex + len(rows), first_index + near.triangles.size
-    return Drawable(np.concatenate(vertices), np.concatenate(indices), tuple(spans))
+    return Drawable(np.concatenate(vertices), np.concatenate(indices), tuple(spans), np.concatenate(second_uvs))
 
 
 def pieces(spans: Iterable[Span], matrices: Iterable[np.ndarray]) -> tuple[Piece, ...]:
@@ -78,5 +80,5 @@ def local_order(mesh: Geometry) -> Geometry:
     used = used[np.argsort(first)]
     renumbered = np.empty(len(mesh.positions), np.uint32)
     renumbered[used] = np.arange(len(used), dtype=np.uint32)
-    colours = None if mesh.colours is None else mesh.colours[used]
-    return Geometry(mesh.positions[used], mesh.normals[used], mesh.uvs[used], renumbered[triangles], mesh.closed, colours)
+    colours, second = (None if rows is None else rows[used] for rows in (mesh.colours, mesh.second_uvs))
+    return Geometry(mesh.positions[used], mesh.normals[used], mesh.uvs[used], renumbered[triangles], mesh.closed, colours, second)

@@ -8,37 +8,92 @@ from msgspec import Meta
 
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Colour = tuple[Fraction, Fraction, Fraction]
+LINEAR, LINEAR_MIPMAP_LINEAR = 0x2601, 0x2703  # OpenGL's numbers
 MOST_TEXELS = 4096  # on a side of an image; larger ones are reduced, since a picture is seldom larger and every GL 4.3 takes it
 
 
+class Texture(NamedTuple):
+    """An image on a surface. texels: (h, w, c) float16, linear, the first row at the bottom.
+
+    repeats: whether it goes on across and up, or keeps its edge. filters: OpenGL's numbers, for smaller and for larger than its texels.
+    uv_set: which of the two sets of texture coordinates; placing: (2, 3) float64 from those, v upwards, to the image's; None: as they are.
+    """
+
+    texels: np.ndarray
+    repeats: tuple[bool, bool] = (True, True)
+    filters: tuple[int, int] = (LINEAR_MIPMAP_LINEAR, LINEAR)
+    uv_set: int = 0
+    placing: np.ndarray | None = None
+
+
+class Holes(NamedTuple):
+    """Where a surface lets see and light through: by alpha times its image's fourth channel times its vertices'.
+
+    cutoff: what is below is not there, all else is opaque; None: that product is the share of the surface that is there.
+    """
+
+    alpha: float = 1.0
+    cutoff: float | None = None
+
+
 class Phong(NamedTuple):
-    """diffuse / pi + specular (n + 2) / (2 pi) cos^n(angle between mirrored light and view); image (h, w, 3) float16 times diffuse."""
+    """diffuse / pi + specular (n + 2) / (2 pi) cos^n(angle between mirrored light and view); image: times diffuse."""
 
     diffuse: Colour = (0.5, 0.5, 0.5)
     specular: Colour = (0.0, 0.0, 0.0)
     exponent: float = 40.0
-    image: np.ndarray | None = None
+    image: Texture | None = None
 
 
 class Ggx(NamedTuple):
-    """glTF 2.0's metallic-roughness. image (h, w, 3) float16, linear, times base_color; metal_rough (h, w, 2) times the two numbers.
+    """glTF 2.0's metallic-roughness. image: times base_color; metal_rough, two channels: times the two numbers.
 
-    bumps (h, w, 3): the normal in the frame of the texture coordinates, from -1 .. 1 to 0 .. 1.
+    bumps: the normal in the frame of the texture coordinates, from -1 .. 1 to 0 .. 1. reflectance: head-on, of what is no metal.
+    emission: radiance in the unit of the light's, times its image.
     """
 
     base_color: Colour
     metallic: float = 0.0
     roughness: float = 0.5
-    image: np.ndarray | None = None
-    metal_rough: np.ndarray | None = None
-    bumps: np.ndarray | None = None
+    image: Texture | None = None
+    metal_rough: Texture | None = None
+    bumps: Texture | None = None
+    reflectance: float = 0.04  # of refractive index 1.5
+    emission: Colour = (0.0, 0.0, 0.0)
+    emission_image: Texture | None = None
+    holes: Holes | None = None
+
+
+class SpecularGlossiness(NamedTuple):
+    """glTF's older model (KHR_materials_pbrSpecularGlossiness). shine: times specular, and in its fourth channel times glossiness.
+
+    The rest as in Ggx.
+    """
+
+    diffuse: Colour
+    specular: Colour = (1.0, 1.0, 1.0)
+    glossiness: float = 1.0
+    image: Texture | None = None
+    shine: Texture | None = None
+    bumps: Texture | None = None
+    emission: Colour = (0.0, 0.0, 0.0)
+    emission_image: Texture | None = None
+    holes: Holes | None = None
+
+
+class Unlit(NamedTuple):
+    """A surface that looks the same in any light (KHR_materials_unlit): its colour is the radiance that leaves it."""
+
+    base_color: Colour
+    image: Texture | None = None
+    holes: Holes | None = None
 
 
 class Catcher(NamedTuple):
     """A real ground that is in the plate already: it shows only the share of light that the scene's shadows take from it."""
 
 
-Material = Phong | Ggx | Catcher
+Material = Phong | Ggx | SpecularGlossiness | Unlit | Catcher
 KINDS = 4  # the shaders know surfaces of Lambert alone, of Lambert and Phong, of GGX, and catchers of shadows
 GLOSSY = frozenset({1, 2})
 CATCHER = 3
@@ -48,7 +103,19 @@ def kind_of(material: Material) -> int:
     """Which of the KINDS a material is."""
     if isinstance(material, Phong):
         return int(any(value > 0 for value in material.specular))
-    return 2 if isinstance(material, Ggx) else CATCHER
+    if isinstance(material, Unlit):
+        return 0
+    return CATCHER if isinstance(material, Catcher) else 2
+
+
+def holes_of(material: Material) -> Holes | None:
+    """A material's holes; None when it has none."""
+    return None if isinstance(material, Phong | Catcher) else material.holes
+
+
+def emits(material: Material) -> bool:
+    """Whether radiance leaves a material that no light has brought there."""
+    return isinstance(material, Unlit) or (isinstance(material, Ggx | SpecularGlossiness) and any(material.emission))
 
 
 class MaterialTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -83,45 +150,33 @@ def material_from_table(table: MaterialTable) -> Material:
 
 
 def material_from_visual(visual: Any) -> tuple[Material | None, np.ndarray | None]:
-    """The material that a mesh file gives a mesh, as trimesh read it, and its texture coordinates (n, 2), v upwards.
+    """The material that an OBJ, PLY or STL file gives a mesh, as trimesh read it, and its texture coordinates (n, 2), v upwards.
 
     None stands for what the file does not say.
     """
-    found = getattr(visual, "material", None)
-    uv = getattr(visual, "uv", None)
+    found, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
     uv = None if uv is None or len(uv) == 0 or not np.all(np.isfinite(uv)) else np.asarray(uv, np.float32)
-    if found is None:
+    image = getattr(found, "image", None)
+    if found is None or _stands_in(image):
         return None, None
-    if hasattr(found, "baseColorFactor"):
-        base = _factor(found.baseColorFactor)  # linear, as glTF stores it
-        numbers = (found.metallicFactor, found.roughnessFactor)
-        metallic, roughness = (1.0 if value is None else float(np.clip(value, 0, 1)) for value in numbers)
-        both = found.metallicRoughnessTexture
-        rough = None if both is None else np.ascontiguousarray(_texels(both, linear=True)[..., [2, 1]])  # blue, green
-        bumps = None if found.normalTexture is None else _texels(found.normalTexture, linear=True)
-        return Ggx(base, metallic, roughness, _colours(found.baseColorTexture), rough, bumps), uv
-    if _stands_in(getattr(found, "image", None)):
-        return None, None
-    image = _colours(getattr(found, "image", None))
-    diffuse = (1.0, 1.0, 1.0) if image is not None else _factor(getattr(found, "diffuse", None), coded=True)
-    return Phong(diffuse, image=image), uv
+    if image is not None:
+        return Phong((1.0, 1.0, 1.0), image=Texture(texels(image))), uv
+    return Phong(_colour(getattr(found, "diffuse", None))), uv
 
 
-def colours_from_visual(visual: Any, linear: bool) -> np.ndarray | None:
-    """The colours (n, 3) float32, linear, that a mesh file gives its vertices; None where it gives none that can be used.
-
-    linear: whether the file stores them so, as glTF does, or sRGB-coded.
-    """
+def colours_from_visual(visual: Any) -> np.ndarray | None:
+    """The colours (n, 4) float32, linear with alpha 1, that an OBJ, PLY or STL file gives its vertices; None where it gives none."""
     found = getattr(visual, "vertex_attributes", {}).get("color")
     if found is None and getattr(visual, "kind", None) == "vertex":
         found = visual.vertex_colors
     if found is None or found.ndim != 2 or found.shape[1] < 3:
         return None
-    colours = found[:, :3] / (np.iinfo(found.dtype).max if found.dtype.kind in "iu" else 1.0)
-    if not np.all(np.isfinite(colours)):
+    coded = found[:, :3] / (np.iinfo(found.dtype).max if found.dtype.kind in "iu" else 1.0)
+    if not np.all(np.isfinite(coded)):
         return None
-    colours = np.clip(colours, 0, 1)
-    return (colours if linear else _linear(colours)).astype(np.float32)
+    colours = np.ones((len(coded), 4), np.float32)
+    colours[:, :3] = _linear(np.clip(coded, 0, 1))
+    return colours
 
 
 def _stands_in(image: Any) -> bool:
@@ -129,33 +184,30 @@ def _stands_in(image: Any) -> bool:
     return image is not None and image.size == (2, 2) and len(np.unique(np.asarray(image).reshape(4, -1), axis=0)) == 1
 
 
-def _factor(value: Any, coded: bool = False) -> Colour:
-    """A colour factor in 0 .. 1 or 0 .. 255, linear or sRGB-coded; white when absent."""
+def _colour(value: Any) -> Colour:
+    """A colour in 0 .. 1 or 0 .. 255, sRGB-coded; white when absent."""
     if value is None:
         return (1.0, 1.0, 1.0)
     rgb = np.asarray(value)[:3]
-    rgb = np.clip(rgb / 255.0 if rgb.dtype.kind in "iu" else rgb.astype(np.float64), 0, 1)
-    red, green, blue = (_linear(rgb) if coded else rgb).tolist()
+    red, green, blue = _linear(np.clip(rgb / 255.0 if rgb.dtype.kind in "iu" else rgb.astype(np.float64), 0, 1)).tolist()
     return (red, green, blue)
-
-
-def _colours(image: Any) -> np.ndarray | None:
-    return None if image is None else _texels(image, linear=False)
 
 
 def plate_pixels(image: Any) -> np.ndarray:
     """A PIL image of a place, (h, w, 3) float16, linear, the first row on top."""
-    return np.ascontiguousarray(_texels(image, linear=False)[::-1])
+    return np.ascontiguousarray(texels(image)[::-1])
 
 
-def _texels(image: Any, linear: bool) -> np.ndarray:
-    """A PIL image as (h, w, 3) float16, the first row at the bottom as OpenGL has it, decoded from sRGB unless `linear`."""
-    image = image.convert("RGB")
+def texels(image: Any, coded: bool = True, alpha: bool = False) -> np.ndarray:
+    """A PIL image as (h, w, 3) float16, or 4 with its alpha, the first row at the bottom as OpenGL has it; from sRGB when `coded`."""
+    image = image.convert("RGBA" if alpha else "RGB")
     if max(image.size) > MOST_TEXELS:
         image.thumbnail((MOST_TEXELS, MOST_TEXELS))
-    table = np.arange(256) / 255
-    table = (table if linear else _linear(table)).astype(np.float16)
-    return np.ascontiguousarray(table[np.asarray(image)[::-1]])
+    codes, shares = np.asarray(image)[::-1], (np.arange(256) / 255).astype(np.float16)
+    found = (_linear(np.arange(256) / 255).astype(np.float16) if coded else shares)[codes]
+    if alpha:
+        found[..., 3] = shares[codes[..., 3]]
+    return np.ascontiguousarray(found)
 
 
 def _linear(coded: np.ndarray) -> np.ndarray:

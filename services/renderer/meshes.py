@@ -1,10 +1,9 @@
-"""Triangle meshes: files and simple shapes as clean geometry with normals.
+"""Triangle meshes: what files hold and simple shapes, as clean geometry with normals.
 
-Smooth normals come from the file where it has them; otherwise faces that meet at less than CREASE share a smooth normal and sharper
+Smooth normals are the file's where it has them; otherwise faces that meet at less than CREASE share a smooth normal and sharper
 edges stay sharp, so that a bunny is round and a box has flat sides.
 """
 
-from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -12,9 +11,7 @@ import trimesh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from services.files import BadInput
-from services.renderer.animation import Motion, read_motions
-from services.renderer.materials import Material, Phong, colours_from_visual, material_from_visual
+from services.renderer.animation import Motion
 
 Shape = Literal["sphere", "plane", "box"]
 MOST_TIMES = 64  # moments of an animation at which its reach is looked at, keys and evenly spread ones each
@@ -24,7 +21,8 @@ CREASE = np.radians(40.0)  # between a round form in coarse facets (a 12-sided t
 class Geometry(NamedTuple):
     """positions (n, 3) float32, metres; normals (n, 3) float32, unit; uvs (n, 2) float32, v upwards; triangles (m, 3) uint32.
 
-    closed: the faces enclose volumes and are wound outwards. colours: (n, 3) float32, linear, times the material's; None: white.
+    closed: the faces enclose volumes and are wound outwards. colours: (n, 4) float32, linear and alpha, times the material's; None: white.
+    second_uvs: (n, 2) float32, by which images lie that do not lie by the first; None where the mesh has none.
     """
 
     positions: np.ndarray
@@ -33,21 +31,13 @@ class Geometry(NamedTuple):
     triangles: np.ndarray
     closed: bool
     colours: np.ndarray | None = None
+    second_uvs: np.ndarray | None = None
 
     def moved(self, linear: np.ndarray, offset: np.ndarray) -> "Geometry":
         """The geometry under a rotation with uniform scale `linear` (3, 3), then `offset` (3,)."""
         positions = self.positions @ linear.T.astype(np.float64) + offset
         normals = self.normals @ (linear / np.cbrt(np.linalg.det(linear))).T
         return self._replace(positions=positions.astype(np.float32), normals=normals.astype(np.float32))
-
-
-class Part(NamedTuple):
-    """A mesh of a file; material: what the file says it is made of; motion: how its animation moves it, in the file's axes."""
-
-    name: str
-    geometry: Geometry
-    material: Material | None
-    motion: Motion | None = None
 
 
 def bounds(geometries: list[Geometry]) -> tuple[np.ndarray, np.ndarray]:
@@ -102,55 +92,13 @@ def _sphere(rows: int, cols: int) -> Geometry:
     return clean_geometry(positions, np.concatenate(faces), positions)
 
 
-def read_parts(path: Path, where: str) -> list[Part]:
-    """Each mesh in a glTF, OBJ, PLY or STL file, in the file's own axes with its scene graph applied.
-
-    Raises BadInput that begins with `where` when the file cannot be read or a mesh in it is empty, holds nan or has no area.
-    """
-    found = []
-    try:
-        loaded = trimesh.load_scene(path, process=False, maintain_order=True)
-        motions = read_motions(path) if path.suffix.lower() in (".glb", ".gltf") else {}
-        nodes = [(*loaded.graph[node], _motion_of(node, loaded, motions)) for node in loaded.graph.nodes_geometry]
-        parts = [(matrix, part, motion) for matrix, name, motion in nodes if isinstance(part := loaded.geometry[name], trimesh.Trimesh)]
-    except Exception as error:  # a hostile file raises whatever the parser below trips over
-        raise BadInput(f"{where}: {path} is not a readable mesh ({' '.join(str(error).split())[:200]}); export it again") from error
-    for number, (matrix, part, motion) in enumerate(parts, 1):
-        name = path.name if len(parts) == 1 else f"{path.name} part {number}"
-        try:
-            material, uvs = material_from_visual(part.visual)
-            colours = colours_from_visual(part.visual, linear=path.suffix.lower() in (".glb", ".gltf"))
-            if material is None and colours is not None:
-                material = Phong((1.0, 1.0, 1.0))
-            found.append(Part(name, _in_file_axes(part, np.asarray(matrix, np.float64), uvs, colours), material, motion))
-        except (ValueError, OSError, SyntaxError, np.linalg.LinAlgError) as error:  # PIL raises SyntaxError for a damaged PNG
-            raise BadInput(f"{where}: {name} {error}; export it again") from error
-    if not found:
-        raise BadInput(f"{where}: {path} has no triangles; export it again")
-    return found
-
-
-def _motion_of(node: str, loaded: trimesh.Scene, motions: dict[str, Motion]) -> Motion | None:
-    """A node's motion; a mesh of several materials stands in nodes of trimesh's own below the file's."""
-    return motions.get(node) or motions.get(loaded.graph.transforms.parents.get(node, ""))
-
-
-def _in_file_axes(part: trimesh.Trimesh, matrix: np.ndarray, uvs: np.ndarray | None, colours: np.ndarray | None) -> Geometry:
-    """Clean geometry of a node's mesh under the node's transform (4, 4)."""
-    positions = np.asarray(part.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
-    normals = None
-    if "vertex_normals" in part._cache.cache:  # there only if the file had them; the property would compute its own
-        normals = np.asarray(part.vertex_normals) @ np.linalg.inv(matrix[:3, :3])
-    faces = np.asarray(part.faces)
-    return clean_geometry(positions, faces if np.linalg.det(matrix[:3, :3]) > 0 else faces[:, ::-1], normals, uvs, colours)
-
-
 def clean_geometry(
     positions: np.ndarray,
     triangles: np.ndarray,
     normals: np.ndarray | None,
     uvs: np.ndarray | None = None,
     colours: np.ndarray | None = None,
+    second_uvs: np.ndarray | None = None,
 ) -> Geometry:
     """Geometry of (n, 3) positions and (m, 3) indices without triangles of no area; normals (n, 3) are used when all are good.
 
@@ -175,8 +123,9 @@ def clean_geometry(
     triangles, facing = triangles[good], facing[good] / area[good, None]
     welded = _welded(positions, triangles)
     if normals is None or normals.shape != positions.shape or not np.all(np.linalg.norm(normals[used], axis=-1) > 1e-6):
-        vertex, triangles, normals = _smoothed(positions, triangles, welded, facing, uvs is not None or colours is not None)
-        uvs, colours = (None if rows is None else rows[vertex] for rows in (uvs, colours))
+        seams = any(rows is not None for rows in (uvs, colours, second_uvs))
+        vertex, triangles, normals = _smoothed(positions, triangles, welded, facing, seams)
+        uvs, colours, second_uvs = (None if rows is None else rows[vertex] for rows in (uvs, colours, second_uvs))
         positions = positions[vertex]
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-6)
@@ -187,6 +136,7 @@ def clean_geometry(
         np.ascontiguousarray(triangles, np.uint32),
         is_closed(welded, corners[good]),
         colours,
+        second_uvs,
     )
 
 

@@ -12,10 +12,11 @@ from services.files import BadInput
 from services.lights import Lights
 from services.renderer.background import Background
 from services.renderer.casters import scene_casters
+from services.renderer.emission import Emission
 from services.renderer.gloss import NO_CONE, Gloss
 from services.renderer.kept import Kept
 from services.renderer.luminaire.illumination import Illumination
-from services.renderer.materials import GLOSSY, Catcher, Colour, kind_of
+from services.renderer.materials import GLOSSY, Catcher, Colour, emits, kind_of
 from services.renderer.pace import Pace, Spent, affordable_lights, affordable_maps, first_lights, learnt, map_size, waited
 from services.renderer.plate import Plate
 from services.renderer.programs import Programs, check_context, context_info, headless_context
@@ -84,6 +85,7 @@ class Renderer:
         self._kept = Kept(context, self._programs, self._size, self._shading.class_depth) if once else None
         self._gloss = Gloss(context, self._programs) if kinds & GLOSSY else None
         self._illumination = Illumination(context, self._programs, self._scene, self._size)
+        self._emission = Emission(context, self._programs) if any(emits(mesh.material) for mesh in self._scene.meshes) else None
         self._plate = Plate(context, self._programs, self._size)
         if self._scene.plate is not None:
             self._plate.show(self._scene.plate)
@@ -196,6 +198,9 @@ class Renderer:
             with self._timers.measured("classes"):
                 self._shading.classify(self._surfaces)
         if alpha > 0:
+            if self._emission:
+                with self._timers.measured("emission"):
+                    self._emission.add(self._surfaces, self._shading.frame, alpha)
             with self._timers.measured("luminaires"):
                 self._illumination.add(self._surfaces, self._shading.frame, (alpha, alpha, alpha))
                 if self._shading.cover_frame:  # a lamp brightens what lies behind by its share of the light there
@@ -296,7 +301,7 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            lit = (self._atlas, self._surfaces, self._shading, self._kept, self._gloss, self._illumination)
+            lit = (self._atlas, self._surfaces, self._shading, self._kept, self._gloss, self._illumination, self._emission)
             for part in (*lit, self._plate, self._background, self._tonemap_array, self._screen_frame, self._screen, self._programs):
                 if part is not None:
                     part.release()

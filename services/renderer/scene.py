@@ -3,6 +3,7 @@
 A scene file is TOML; paths in it are relative to it, angles are degrees, lengths are metres, +Z is up.
 """
 
+import sys
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -15,7 +16,8 @@ from services.files import BadInput, read_toml
 from services.renderer.animation import Motion
 from services.renderer.luminaire.placement import BUNDLED, Luminaire, LuminaireTable, load_luminaire
 from services.renderer.materials import GLOSSY, Catcher, Material, MaterialTable, Phong, kind_of, material_from_table
-from services.renderer.meshes import Geometry, Part, Shape, bounds, read_parts, shape_geometry, swept_bounds
+from services.renderer.mesh_files import MeshFile, Part, read_meshes
+from services.renderer.meshes import Geometry, Shape, bounds, shape_geometry, swept_bounds
 from services.renderer.plate import PlateTable, load_plate
 from services.sphere import quaternion_xyz, rotation_xyz
 
@@ -44,6 +46,7 @@ class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     rotate: Vector = (0.0, 0.0, 0.0)
     at: Vector = (0.0, 0.0, 0.0)
     material: MaterialTable | None = None  # left out: as the file says, gray when it says nothing
+    animation: Annotated[str, Meta(max_length=200)] = ""  # of a file that has several, by name; "*": all together; left out: the first
 
 
 class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -162,26 +165,28 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
         raise BadInput(f"{where}: scale, rotate and at must be finite, at within {FARTHEST_M:.0f} m; mend them")
     y_up = row.y_up
     if row.shape:
-        found = [Part(row.shape, shape_geometry(row.shape), None)]
+        found = MeshFile([Part(row.shape, shape_geometry(row.shape), None)], [])
     else:
         file = scene.parent / row.file
         if file.suffix.lower() not in MESH_SUFFIXES:
             raise BadInput(f"{where}: {file} is none of {', '.join(MESH_SUFFIXES)}; convert it")
         if not file.is_file():
             raise BadInput(f"{where}: there is no mesh file {file}; mend the path (it is relative to the scene file)")
-        found = read_parts(file, where)
+        found = read_meshes(file, where, row.animation, materials=wanted is None)
         y_up = file.suffix.lower() in (".glb", ".gltf") if y_up is None else y_up
     rotation = rotation_xyz(row.rotate)
     if y_up:
         rotation = rotation @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
     world_from_file = np.eye(4)
     world_from_file[:3, :3], world_from_file[:3, 3] = rotation * row.scale, row.at
-    placed = [part.geometry.moved(rotation * row.scale, np.array(row.at)) for part in found]
+    for line in found.left_out:
+        print(f"vemlight: {where}: {line}", file=sys.stderr, flush=True)
+    placed = [part.geometry.moved(rotation * row.scale, np.array(row.at)) for part in found.parts]
     if wanted is not None:
         placed = [geometry._replace(colours=None) for geometry in placed]
-    made = [part.material if wanted is None else wanted for part in found]
-    motions = [part.motion and part.motion._replace(world_from_file=world_from_file) for part in found]
+    made = [part.material if wanted is None else wanted for part in found.parts]
+    motions = [part.motion and part.motion._replace(world_from_file=world_from_file) for part in found.parts]
     return [
         Mesh(part.name, geometry, Phong() if material is None else material, None, motion)
-        for part, geometry, material, motion in zip(found, placed, made, motions, strict=True)
+        for part, geometry, material, motion in zip(found.parts, placed, made, motions, strict=True)
     ]

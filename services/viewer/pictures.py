@@ -13,6 +13,7 @@ WHITE = 6.0  # equation 4: what becomes display white, on the scale of KEY
 ADAPT = 0.15  # of the way to a new frame's log-average, each frame: at 25 Hz settled within half a second, and nothing flickers
 DARK = 1e-6  # of the mean: keeps black cells from ruling the log-average
 GROUND = (38, 32, 28)  # blue, green, red: what stands behind a picture where its alpha is 0
+GROUND_UNDER = np.rint(np.outer(1 - np.arange(256) / 255, GROUND)).astype(np.uint8)[None]  # what is seen of it under each alpha
 LINEAR_STEPS = 4096  # of the linear range: even in the curve's steepest part one step moves less than one code, 12.92 * 255 / 4096 = 0.8
 
 
@@ -32,7 +33,7 @@ class Sky:
     def __init__(self) -> None:
         self._adapted: float | None = None
         self._shape: tuple[int, ...] = ()
-        self._columns = self._rows = np.empty(0, np.float32)
+        self._lookup = (np.empty(0, np.int16), np.empty(0, np.uint16))
 
     def disc_jpeg(self, header: wire.Map, radiance: np.ndarray) -> bytes:
         """The map (rows, cols, 3) as a JPEG of DISC_PIXELS on a side, laid out as `disc_lookup` says."""
@@ -40,9 +41,10 @@ class Sky:
             radiance = cv2.resize(radiance, (4 * DISC_PIXELS, DISC_PIXELS), interpolation=cv2.INTER_AREA)
         if self._shape != radiance.shape:
             self._shape = radiance.shape
-            self._columns, self._rows = disc_lookup(*radiance.shape[:2])
+            columns, rows = disc_lookup(*radiance.shape[:2])
+            self._lookup = cv2.convertMaps(columns + 1, rows + 1, cv2.CV_16SC2)  # in 32nds of a cell: no pixel of the disc is finer
         codes = _with_neighbours(self.codes(radiance, header.coverage))
-        return jpeg(cv2.remap(codes, self._columns + 1, self._rows + 1, cv2.INTER_LINEAR))
+        return jpeg(cv2.remap(codes, *self._lookup, cv2.INTER_LINEAR))
 
     def codes(self, radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
         """The map tone-mapped to (rows, cols, 3) uint8 sRGB, in OpenCV's order blue, green, red. A black map stays black.
@@ -82,9 +84,8 @@ def _with_neighbours(codes: np.ndarray) -> np.ndarray:
 
 def picture_jpeg(pixels: np.ndarray) -> bytes:
     """A picture (height, width, 4) uint8 RGBA, alpha straight, over GROUND, as JPEG."""
-    colours = cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGR)
-    cover = pixels[..., 3].astype(np.float32)
-    return jpeg(cv2.blendLinear(colours, np.full_like(colours, GROUND), cover, 255 - cover))
+    colours, cover = cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGR), cv2.cvtColor(cv2.extractChannel(pixels, 3), cv2.COLOR_GRAY2BGR)
+    return jpeg(cv2.add(cv2.multiply(colours, cover, scale=1 / 255), cv2.LUT(cover, GROUND_UNDER)))
 
 
 def jpeg(colours: np.ndarray) -> bytes:

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import re
 import shutil
 import socket
 import tempfile
@@ -13,16 +14,16 @@ from typing import Literal
 import msgspec
 
 from services.channels import SERVICES
-from services.files import BadInput
+from services.files import BadInput, joining_its_group, may_open
 from services.settings import Settings
-from services.sockets import read_keys, runtime_folder
+from services.sockets import ROLES, read_keys, runtime_folder
+from services.token import is_loopback
 
 Grade = Literal["pass", "warn", "fail"]
 SOFTWARE_GL = ("llvmpipe", "softpipe", "swrast", "swiftshader")
-# Oldest versions that are safe to use; OpenEXR: the last release with the security fixes of 2026, libzmq: with those of its CURVE code.
-FLOORS = {"OpenEXR": "3.4.14", "pyzmq": "27.0", "moderngl": "5.12", "numpy": "2.0", "numba": "0.60", "msgspec": "0.19", "aiohttp": "3.10"}
-LIBZMQ_FLOOR = (4, 3, 5)
+LIBZMQ_FLOOR = (4, 3, 5)  # has the security fixes of its CURVE code
 FREE_BYTES = 2**30  # a run of 640 x 480 writes about 6 MB a frame: 1 GB is three minutes at one frame a second
+MEMORY_BYTES = 2**30  # the services of the bundled scene take 0.5 GB together, and the system wants its own
 
 
 class Finding(msgspec.Struct, frozen=True):
@@ -35,20 +36,43 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
-    """Looks at one thing after another."""
-    yield Finding("pass", "system", f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} cores")
-    yield from _libraries()
+    """Looks at one thing after another; at the libraries alone when one of them is missing, which the rest would stumble over."""
+    yield Finding("pass", "system", f"{platform.platform()}, Python {platform.python_version()}")
+    yield _processor()
+    libraries = list(_libraries())
+    yield from libraries
+    if any(finding.grade == "fail" for finding in libraries):
+        return
     yield _gl()
+    yield _encoder()
+    yield _charts()
     yield from _cameras()
     yield from _ports(settings)
+    yield _page(settings)
     yield _sockets(settings)
     yield _sequence(settings)
+    yield _scene(settings)
     yield _disk(settings)
+
+
+def _processor() -> Finding:
+    cores, memory = len(os.sched_getaffinity(0)), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    found = f"{cores} core{'s' if cores > 1 else ''} for this process, {memory / 1e9:.1f} GB of memory"
+    if memory < MEMORY_BYTES:
+        return Finding("warn", "processor", found, "the services need 1 GB together; stop other programs, or make smaller pictures")
+    if cores < 2:
+        return Finding("warn", "processor", found, "the services share it: expect few pictures a second, and none lost with --out")
+    return Finding("pass", "processor", found)
 
 
 def _libraries() -> Iterator[Finding]:
     versions, old = [], []
-    for name, floor in FLOORS.items():
+    try:
+        required = [line for line in metadata.requires("vemlight") or [] if "extra ==" not in line]
+    except metadata.PackageNotFoundError:
+        required, old = [], ["vemlight itself is not installed"]
+    for line in required:
+        name, floor = re.split(r"[^\w.-]", line)[0], (re.findall(r">=([\d.]+)", line) or ["0"])[0]
         try:
             version = metadata.version(name)
         except metadata.PackageNotFoundError:
@@ -59,8 +83,8 @@ def _libraries() -> Iterator[Finding]:
             old.append(f"{name} {version} is older than {floor}")
     if old:
         yield Finding("fail", "libraries", "; ".join(old), "install what requirements.lock names: make env")
-    else:
-        yield Finding("pass", "libraries", ", ".join(versions))
+        return
+    yield Finding("pass", "libraries", ", ".join(versions))
 
     import zmq
 
@@ -76,49 +100,92 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def _gl() -> Finding:
-    from services.renderer.programs import context_info, headless_context
+    from services.renderer.programs import closed_cards, context_info, open_context
 
     try:
-        context = headless_context()
+        opened = open_context()
     except BadInput as error:
-        return Finding("fail", "OpenGL", "no context", str(error))
-    info = context_info(context)
-    context.release()
-    if any(name in info.lower() for name in SOFTWARE_GL):
-        return Finding("warn", "OpenGL", info, "drawn by the processor: correct but slow; install the driver of your graphics card")
-    return Finding("pass", "OpenGL", info)
+        found, _, mend = str(error).rpartition("; ")
+        return Finding("fail", "OpenGL", found, mend)
+    found = f"{context_info(opened.context)}, through {opened.through}"
+    opened.context.release()
+    if not any(name in found.lower() for name in SOFTWARE_GL):
+        return Finding("pass", "OpenGL", found)
+    if closed := closed_cards():
+        return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened", joining_its_group(closed[0]))
+    return Finding("warn", "OpenGL", found, "drawn by the processor: correct but slow; install the driver of your graphics card")
+
+
+def _encoder() -> Finding:
+    try:
+        import av
+        from av.codec import Codec
+
+        Codec("libx264", "w")
+    except Exception as error:  # a missing package, a library that does not load, an encoder that was left out
+        reason = " ".join(str(error).split())[:120]
+        return Finding("fail", "videos", f"PyAV cannot write H.264 ({reason})", "install PyAV from its wheel: make env")
+    return Finding("pass", "videos", f"H.264 by PyAV {av.__version__}")
+
+
+def _charts() -> Finding:
+    try:
+        return Finding("pass", "charts", f"matplotlib {metadata.version('matplotlib')}")
+    except metadata.PackageNotFoundError:
+        return Finding("warn", "charts", "matplotlib is not installed", "only `vemlight chart` needs it: pip install 'vemlight[bench]'")
 
 
 def _cameras() -> Iterator[Finding]:
-    from services.capture.v4l2 import list_cameras
+    from services.capture.v4l2 import FORMATS, list_cameras
 
     cameras = list_cameras()
+    lasting = {os.path.realpath(link): link for link in sorted(Path("/dev/v4l/by-id").glob("*"))}
     for camera in cameras:
+        name = str(lasting.get(camera.path, camera.path))  # the same whatever else is plugged in
         if camera.formats:
-            yield Finding("pass", "camera", f"{camera.path}: {camera.card}, {', '.join(camera.formats)}")
+            yield Finding("pass", "camera", f"{name}: {camera.card}, {', '.join(camera.formats)}")
         else:
-            yield Finding("warn", "camera", f"{camera.path}: {camera.card} has no raw format", "use one with GREY, Y10, Y12, Y16 or Bayer")
-    closed = [str(path) for path in sorted(Path("/dev").glob("video*")) if not os.access(path, os.R_OK | os.W_OK)]
-    if closed:
-        yield Finding("fail", "cameras", f"{', '.join(closed)} may not be opened", "join their group: sudo usermod -aG video $USER")
-    elif not cameras:
-        yield Finding("warn", "cameras", "none", "plug one in, or replay a recording: [capture] source = FOLDER")
+            letters = ", ".join(sorted({form.name for form in FORMATS.values() if not form.name.endswith("-BE")}))
+            yield Finding("warn", "camera", f"{name}: {camera.card} has no raw format", f"use one that has any of {letters}")
+    for path in sorted(Path("/dev").glob("video*")):
+        if not may_open(path):
+            yield Finding("fail", "camera", f"{path} may not be opened", joining_its_group(path))
+    if not any(Path("/dev").glob("video*")):
+        yield Finding("warn", "camera", "none", "plug one in (a container needs its device), or replay: [capture] source = FOLDER")
 
 
 def _ports(settings: Settings) -> Iterator[Finding]:
-    wanted = [("viewer", settings.viewer.host, settings.viewer.port, "[viewer] port")]
-    if settings.wire.transport == "tcp":
-        first = settings.wire.port
-        wanted += [("wire", "127.0.0.1", port, "[wire] port") for port in range(first, first + 2 * len(SERVICES))]
-    for what, host, port, key in wanted:
-        with socket.socket() as probe:
+    viewer, wire = settings.viewer, settings.wire
+    yield _port("port of the viewer", viewer.host, [viewer.port], "[viewer] port")
+    if wire.transport == "tcp":
+        here = [service for service in settings.services if is_loopback(wire.hosts.get(service, "127.0.0.1"))]
+        ports = [wire.port + len(ROLES) * SERVICES.index(service) + role for service in here for role in range(len(ROLES))]
+        yield _port("ports of the wire", "127.0.0.1", ports, "[wire] port")
+
+
+def _port(what: str, host: str, ports: list[int], key: str) -> Finding:
+    taken = []
+    for port in ports:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        with socket.socket(family) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind((host, port))
             except OSError as error:
-                yield Finding("fail", f"port of the {what}", f"{host}:{port}: {error.strerror}", f"stop what holds it or change {key}")
-            else:
-                yield Finding("pass", f"port of the {what}", f"{host}:{port} is free")
+                taken.append(f"{host}:{port}: {error.strerror}")
+    if taken:
+        return Finding("fail", what, ", ".join(taken), f"stop what holds it or change {key}")
+    return Finding("pass", what, f"{host}:{', '.join(map(str, ports))} free")
+
+
+def _page(settings: Settings) -> Finding:
+    viewer = settings.viewer
+    if is_loopback(viewer.host):
+        return Finding("pass", "page", f"for this machine only{', with a token' if viewer.token else ''}")
+    if viewer.insecure:
+        mend = "unless the network is yours alone, take [viewer] insecure out"
+        return Finding("warn", "page", "for everyone who reaches this machine, to see and to steer", mend)
+    return Finding("pass", "page", "for everyone on the network who has the token")
 
 
 def _sockets(settings: Settings) -> Finding:
@@ -144,10 +211,23 @@ def _sequence(settings: Settings) -> Finding:
     return Finding("pass", "source", f"{name}: {len(source)} frames at {source.fps:g} a second")
 
 
+def _scene(settings: Settings) -> Finding:
+    from services.renderer.scene import load_scene
+
+    try:
+        scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
+    except BadInput as error:
+        return Finding("fail", "scene", "cannot be drawn", str(error))
+    triangles = sum(len(mesh.geometry.triangles) for mesh in scene.meshes)
+    return Finding("pass", "scene", f"{settings.renderer.scene or 'the bundled scene'}: {len(scene.meshes)} meshes, {triangles} triangles")
+
+
 def _disk(settings: Settings) -> Finding:
-    folder = Path(settings.out) if settings.out and Path(settings.out).exists() else Path(tempfile.gettempdir())
-    free = shutil.disk_usage(folder).free
-    found = f"{free / 1e9:.1f} GB free at {folder}"
-    if free < FREE_BYTES:
+    wanted = Path(settings.out or tempfile.gettempdir())
+    folder = next(path for path in (wanted, *wanted.parents) if path.exists())  # the nearest that is there already
+    found = f"{shutil.disk_usage(folder).free / 1e9:.1f} GB free at {folder}"
+    if not os.access(folder, os.W_OK):
+        return Finding("fail", "disk", f"{folder} may not be written to", "choose another --out, or another TMPDIR")
+    if shutil.disk_usage(folder).free < FREE_BYTES:
         return Finding("warn", "disk", found, "make room before writing pictures")
     return Finding("pass", "disk", found)

@@ -1,0 +1,152 @@
+"""What `vemlight doctor` finds, on this machine and on made-up ones: each fault with its mend."""
+
+import os
+import socket
+from importlib import metadata
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from services import doctor
+from services.capture import v4l2
+from services.doctor import Finding, examine
+from services.files import BadInput
+from services.renderer import programs
+from services.settings import Settings, read_settings
+from tests.conftest import with_section
+from tests.test_cli import vemlight
+
+
+def found(settings: Settings, what: str) -> list[Finding]:
+    return [finding for finding in examine(settings) if finding.what == what]
+
+
+def one(settings: Settings, what: str) -> Finding:
+    (finding,) = found(settings, what)
+    return finding
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    tmp_path.chmod(0o700)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    (tmp_path / "vemlight.toml").write_text(f'[wire]\nfolder = "{tmp_path}"\n[viewer]\nport = {port}\n')
+    return read_settings(tmp_path / "vemlight.toml")
+
+
+def test_this_machine_can_run_it(settings):
+    findings = list(examine(settings))
+    assert [finding for finding in findings if finding.grade == "fail" and finding.what != "camera"] == []
+    assert all(bool(finding.mend) == (finding.grade != "pass") for finding in findings)
+    assert all("\n" not in finding.found + finding.mend for finding in findings)
+    named = {finding.what for finding in findings}
+    assert {"system", "processor", "libraries", "libzmq", "OpenGL", "videos", "port of the viewer", "page", "sockets", "source"} <= named
+    assert {"scene", "disk", "charts", "camera"} <= named
+
+
+def test_the_command_says_the_same_to_people_and_programs(settings, tmp_path):
+    lines = vemlight("doctor", "--json", tmp_path / "vemlight.toml")
+    findings = [msgspec.json.decode(line, type=Finding) for line in lines.stdout.splitlines()]
+    assert lines.returncode == int(any(finding.grade == "fail" for finding in findings))
+    shown = vemlight("doctor", tmp_path / "vemlight.toml").stdout
+    for finding in findings:
+        assert f"{finding.what}: {finding.found}" in shown or finding.what == "disk"  # which others fill meanwhile
+
+
+def test_gl_says_version_and_way(settings):
+    finding = one(settings, "OpenGL")
+    assert ", OpenGL 4." in finding.found
+    assert "through EGL" in finding.found
+
+
+def test_no_gl_is_said_with_its_mend(settings, monkeypatch):
+    def refuse():
+        raise BadInput("no OpenGL 4.3 (EGL: libEGL.so.1 not loaded; X server :0: cannot open display); install it: apt-get install libegl1")
+
+    monkeypatch.setattr(programs, "open_context", refuse)
+    finding = one(settings, "OpenGL")
+    assert finding.grade == "fail"
+    assert finding.found == "no OpenGL 4.3 (EGL: libEGL.so.1 not loaded; X server :0: cannot open display)"
+    assert finding.mend == "install it: apt-get install libegl1"
+
+
+def test_a_card_that_may_not_be_opened_is_named(settings, monkeypatch, tmp_path):
+    card = tmp_path / "renderD128"
+    card.touch()
+    monkeypatch.setattr(programs, "closed_cards", lambda: [card])
+    finding = one(settings, "OpenGL")
+    if not any(name in finding.found for name in doctor.SOFTWARE_GL):
+        pytest.skip("a graphics card draws here")
+    assert (finding.grade, str(card) in finding.found, "usermod" in finding.mend) == ("warn", True, True)
+
+
+def test_missing_and_old_libraries(settings, monkeypatch):
+    monkeypatch.setattr(metadata, "requires", lambda _: ["numpy>=999.1", "no-such-package>=1", "zzz>=1; extra == 'bench'", "av<19,>=18"])
+    findings = list(examine(settings))
+    assert [finding.what for finding in findings] == ["system", "processor", "libraries"]  # nothing else can be looked at
+    assert findings[-1].found.startswith("numpy ")
+    assert "older than 999.1; no-such-package is missing" in findings[-1].found
+    assert "make env" in findings[-1].mend
+
+
+@pytest.mark.parametrize(
+    ("cores", "pages", "grade", "word"), [(1, 2**22, "warn", "share"), (8, 2**17, "warn", "1 GB"), (8, 2**22, "pass", "")]
+)
+def test_a_small_machine(settings, monkeypatch, cores, pages, grade, word):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
+    monkeypatch.setattr(os, "sysconf", lambda name: pages if name == "SC_PHYS_PAGES" else 4096)
+    finding = one(settings, "processor")
+    assert finding.grade == grade
+    assert word in finding.mend
+
+
+def test_cameras(settings, monkeypatch):
+    cameras = [v4l2.Listed("/dev/video0", "Astro", ["Y12", "GREY"]), v4l2.Listed("/dev/video1", "Webcam", [])]
+    monkeypatch.setattr(v4l2, "list_cameras", lambda: cameras)
+    good, bad = found(settings, "camera")[:2]
+    assert (good.grade, good.found) == ("pass", "/dev/video0: Astro, Y12, GREY")
+    assert (bad.grade, "no raw format" in bad.found, "Y16" in bad.mend) == ("warn", True, True)
+
+
+def test_a_taken_port(settings):
+    with socket.create_server(("127.0.0.1", settings.viewer.port)):
+        finding = one(settings, "port of the viewer")
+    assert (finding.grade, "[viewer] port" in finding.mend) == ("fail", True)
+    assert f"127.0.0.1:{settings.viewer.port}: Address already in use" in finding.found
+
+
+def test_ports_of_the_wire_are_one_line(settings):
+    with socket.create_server(("127.0.0.1", 0)) as holder:
+        taken = holder.getsockname()[1]
+        tcp = with_section(settings, "wire", transport="tcp", insecure=True, port=taken - 3)
+        finding = one(tcp, "ports of the wire")
+    assert (finding.grade, f":{taken}: " in finding.found, finding.mend.endswith("[wire] port")) == ("fail", True, True)
+    elsewhere = with_section(settings, "wire", transport="tcp", insecure=True, hosts={"sampler": "10.0.0.7"}, port=taken - 3)
+    assert f":{taken}" not in one(elsewhere, "ports of the wire").found  # the second of the sampler's, on another machine
+    assert one(elsewhere, "sockets").grade == "warn"
+
+
+@pytest.mark.parametrize(
+    ("viewer", "grade"), [({}, "pass"), ({"host": "0.0.0.0"}, "pass"), ({"host": "0.0.0.0", "insecure": True}, "warn")]
+)
+def test_who_sees_the_page(settings, viewer, grade):
+    assert one(with_section(settings, "viewer", **viewer), "page").grade == grade
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "what"), [("capture", "source", "source"), ("renderer", "scene", "scene")], ids=["source", "scene"]
+)
+def test_files_that_are_not_there(settings, tmp_path, section, key, what):
+    finding = one(with_section(settings, section, **{key: str(tmp_path / "gone")}), what)
+    assert (finding.grade, "gone" in finding.mend) == ("fail", True)
+
+
+def test_the_disk_is_the_one_written_to(settings, tmp_path, monkeypatch):
+    out = msgspec.structs.replace(settings, out=str(tmp_path / "not" / "yet"))
+    assert one(out, "disk").found.endswith(f"free at {tmp_path}")
+    monkeypatch.setattr(doctor, "FREE_BYTES", 2**80)
+    assert one(out, "disk").grade == "warn"
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path) != tmp_path)
+    assert one(out, "disk").grade == "fail"

@@ -77,7 +77,7 @@ def write_pictures_of(
     from services.renderer.renderer import Renderer
     from services.renderer.scene import load_scene
     from services.renderer.stage import FILE_SAMPLES
-    from services.renderer.tonemap import adapt, tone_mapped
+    from services.renderer.tonemap import adapt, selected, tone_mapped
     from services.renderer.video import video
 
     if not (out or options.get("video")):
@@ -105,7 +105,7 @@ def write_pictures_of(
                 renderer.show_background(frame.radiance, frame.coverage)
             renderer.place(frame.time_s)
             picture = renderer.render(lights, fine)
-            adaptation = adapt(adaptation, picture, max(0.0, frame.time_s - before_s))
+            adaptation = adapt(adaptation, selected(picture), max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, exposure, wanted.tone)
             if out:

@@ -32,7 +32,7 @@ def corner(stage: RendererStage, said: list[wire.Message]) -> np.ndarray:
 
 
 def test_the_map_and_the_plate_are_what_is_seen_beside_the_scene(scene):
-    size = Renderer(scene=scene, width=32, height=24, shadow_map=32)
+    size = Renderer(scene=scene, width=32, height=24, shadow_map=32, picture="linear16")
     around = wire.Map(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="sphere"), (np.full((4, 8, 3), 0.3, np.float32), *NONE)
     plate = wire.Plate(stamp=wire.stamp(0, 0.0), width=2, height=2), (np.full((2, 2, 3), 188, np.uint8),)  # 188 is 0.503 linear
 

@@ -145,7 +145,7 @@ def test_the_spread_of_an_even_sky_is_that_of_its_cells():
 
 def test_the_stage_draws_the_fine_lights_of_a_message(tmp_path):
     (tmp_path / "scene.toml").write_text(CAMERA + SPHERE + METAL)
-    wanted = Settings(scene=str(tmp_path / "scene.toml"), width=64, height=64, shadow_map=128)
+    wanted = Settings(scene=str(tmp_path / "scene.toml"), width=64, height=64, shadow_map=128, picture="linear16")
     stage = RendererStage(AllSettings(renderer=wanted))
     strong, weak = random_lights(5, 1), random_lights(40, 2)
     header = wire.Lights(stamp=wire.stamp(0, 0.0), count=5, fine=40, coverage="sphere", delay_ms=0.0, delay_frames=0.0)

@@ -114,7 +114,7 @@ def test_pixels_become_means_over_their_area():
 
 def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     monkeypatch.setattr("services.renderer.refine.PASSES", 4)
-    stage = RendererStage(Settings(renderer=Size(width=48, height=36, shadow_map=64, frame_ms=0.0)))
+    stage = RendererStage(Settings(renderer=Size(width=48, height=36, shadow_map=64, frame_ms=0.0, picture="linear16")))
     assert stage.beside(stage.begin(0)[0]) == ()
     assert stage.beside(heeded(stage, stage.begin(0)[0], paused=True)) == ("capture",)
     drawn = []

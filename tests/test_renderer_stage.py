@@ -42,7 +42,8 @@ def lights_message(sequence: int, fps: float = 10.0) -> wire.Message:
 def stage(tmp_path: Path) -> RendererStage:
     Film().move(1, "translation", [0, 2], [[0, 1, 0], [2, 1, 0]]).write(tmp_path / "film.gltf")
     (tmp_path / "scene.toml").write_text(SCENE)
-    return RendererStage(Settings(renderer=Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, shadow_map=64, frame_ms=0.0)))
+    drawing = Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, shadow_map=64, frame_ms=0.0, picture="linear16")
+    return RendererStage(Settings(renderer=drawing))
 
 
 def stepped(stage: RendererStage, state: RendererState, sequence: int) -> tuple[RendererState, wire.Image]:

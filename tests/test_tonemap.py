@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from services.lights import Lights
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
-from services.renderer.tonemap import LONGEST_STEP_S, MIDDLE_GREY, TIME_CONSTANT_S, Adaptation, adapt, tone_curve, tone_mapped
+from services.renderer.tonemap import LONGEST_STEP_S, MIDDLE_GREY, TIME_CONSTANT_S, Adaptation, adapt, selected, tone_curve, tone_mapped
 from services.settings import Renderer as Settings
 
 BLACK = np.concatenate([np.zeros((4, 4, 3), np.float32), np.ones((4, 4, 1), np.float32)], axis=-1)
@@ -137,4 +137,13 @@ def test_the_shader_draws_the_same_curve(tone):
             off = np.abs(renderer.tone_mapped(state, stops).astype(int) - tone_mapped(picture, state, stops, tone))
             assert off.max() <= 1  # float32 and float64 on either side of a step
             assert np.mean(off > 0) < 0.01
+    renderer.release()
+
+
+@pytest.mark.parametrize(("width", "height"), [(48, 36), (320, 240), (521, 257)])  # every pixel; every second, of even and odd sizes
+def test_the_selection_on_the_gpu_is_the_one_in_numpy(width, height):
+    renderer = Renderer(load_scene(None), Settings(width=width, height=height, shadow_map=32))
+    picture = renderer.render(Lights.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.ones((1, 3))))
+    assert np.array_equal(renderer.selected(), selected(picture))
+    assert selected(picture).shape[0] < height or height == 36
     renderer.release()

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterable
 from functools import partial
 
-import moderngl
 import numpy as np
 
 from services import settings, wire
@@ -23,6 +22,7 @@ from services.renderer.programs import Programs, check_context, context_info, he
 from services.renderer.refine import MapLights, spread_points
 from services.renderer.regions import EVERY_SIDE, light_regions
 from services.renderer.scene import Scene
+from services.renderer.screen import Screen
 from services.renderer.shading import Shading
 from services.renderer.shadows import Batch, ShadowAtlas
 from services.renderer.standing import Standing, standing
@@ -90,10 +90,7 @@ class Renderer:
         if self._scene.plate is not None:
             self._plate.show(self._scene.plate)
         self._background = Background(context, self._programs, self._size)
-        self._tonemap = self._programs.program("screen.vert", "tonemap.frag")
-        self._tonemap_array = context.vertex_array(self._tonemap, [])
-        self._screen = context.renderbuffer(self._size, 4)
-        self._screen_frame = context.framebuffer([self._screen])
+        self._screen = Screen(context, self._programs, self._size)
 
     def place(self, time_s: float, poses: Iterable[wire.Pose] = ()) -> tuple[wire.Pose, ...]:
         """Moves the scene, before the next picture, to where animations have brought it at a time and what `poses` names where they say.
@@ -121,9 +118,14 @@ class Renderer:
         weak: a second, larger set that stands for the same light, for the lobes of glossy surfaces; none: `lights` do that too.
         With a target frame time, fewer shadow maps and then fewer lights are drawn where time is short; without, all of them.
         """
+        self.draw(lights, weak)
+        return self.picture()
+
+    def draw(self, lights: Lights, weak: Lights | None = None) -> None:
+        """As `render`, but the picture stays on the GPU, for `picture`, `selected` and `tone_mapped`."""
         self.drawn_lights = len(lights.ids)
         in_time = self._render_in_time if self._frame_ms else partial(self._render_all, offsets=self._offsets)
-        return self._picture(lambda: in_time(lights, weak or Lights.none()))
+        self._whole(lambda: in_time(lights, weak or Lights.none()))
 
     def render_pass(self, light: MapLights, number: int) -> np.ndarray:
         """As `render`, a pass of services/renderer/refine.py: at one place in each pixel, all lights and whole maps whatever the time."""
@@ -135,9 +137,11 @@ class Renderer:
                 self._atlas.resize(self._shadow_map)
             self._render_all(light.of_pass(number), Lights.none(), [offset], catcher)
 
-        return self._picture(draw)
+        self._whole(draw)
+        return self.picture()
 
-    def _picture(self, draw: Callable[[], None]) -> np.ndarray:
+    def _whole(self, draw: Callable[[], None]) -> None:
+        """A picture: `draw` adds what lights there are."""
         began_s = time.perf_counter()
         with self._context:  # another renderer of this process may have made its own the current one
             self._timers.begin()
@@ -149,13 +153,21 @@ class Renderer:
             with self._timers.measured("backdrop"):
                 self._plate.draw(self._shading.frame, self._shading.cover)
                 self._background.draw(self._shading.frame, self._shading.cover, self._scene.camera)
-            with self._timers.measured("read-back"):
-                data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
             check_context(self._context)
             self._rendered_s = time.perf_counter()
             if self._done:
                 self._learn(self._done, (self._rendered_s - began_s) * 1e3)
+
+    def picture(self) -> np.ndarray:
+        """The picture drawn last, as `render` gives it."""
+        with self._context, self._timers.measured("read-back"):
+            data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
         return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
+
+    def selected(self) -> np.ndarray:
+        """The pixels of the picture drawn last that `tonemap.selected` chooses, (h, w, 4) float32."""
+        with self._context, self._timers.measured("read-back"):
+            return self._screen.selected(self._shading.picture)
 
     def show(self, picture: np.ndarray) -> None:
         """Makes (height, width, 4) float32 the picture that `tone_mapped` sees."""
@@ -285,24 +297,17 @@ class Renderer:
         curve = tone_curve(adaptation, exposure_stops, self._tone)
         with self._context:
             with self._timers.measured("tone mapping"):
-                self._shading.picture.use(0)
-                self._tonemap["picture"] = 0
-                self._tonemap["scale"] = curve.scale
-                self._tonemap["white"] = curve.white or 1.0
-                self._tonemap["exponential"] = curve.white is None
-                self._screen_frame.use()
-                self._context.enable_only(moderngl.NOTHING)
-                self._tonemap_array.render(moderngl.TRIANGLES, vertices=3)
+                self._screen.map(self._shading.picture, curve)
             with self._timers.measured("read-back"):
-                data = self._screen_frame.read(components=4, alignment=1)
+                pixels = self._screen.mapped()
         self._after_ms = min((time.perf_counter() - self._rendered_s) * 1e3, self._frame_ms)
-        return np.frombuffer(data, np.uint8).reshape(self._size[1], self._size[0], 4)
+        return pixels
 
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
             lit = (self._atlas, self._surfaces, self._shading, self._kept, self._gloss, self._illumination, self._emission)
-            for part in (*lit, self._plate, self._background, self._tonemap_array, self._screen_frame, self._screen, self._programs):
+            for part in (*lit, self._plate, self._background, self._screen, self._programs):
                 if part is not None:
                     part.release()
         self._context.release()

@@ -15,7 +15,7 @@ from services.renderer.album import Album
 from services.renderer.refine import MapLights, Refined
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
-from services.renderer.tonemap import Adaptation, adapt
+from services.renderer.tonemap import Adaptation, adapt, selected
 from services.renderer.video import check_video_path
 from services.sphere import Coverage
 
@@ -40,7 +40,7 @@ class RendererState(NamedTuple):
     exposure: float  # stops
     adaptation: Adaptation | None
     time_s: float
-    picture: np.ndarray | None  # (height, width, 4) float32, linear
+    picture: np.ndarray | None  # (height, width, 4) float32, linear; None where nobody wants it
     poses: tuple[wire.Pose, ...] = ()
     paused: bool = False
     paused_s: float = 0.0  # how long the scene's animations have stood still
@@ -114,8 +114,9 @@ class RendererStage:
         if state.paused and state.around:
             state, pixels, count = self._refine(state, *state.around, dt_s)
         else:
-            picture = self._renderer.render(Lights(*arrays[:3]), Lights.of(np.arange(header.fine), *arrays[3:5]))
-            state = state._replace(picture=picture, adaptation=adapt(state.adaptation, picture, dt_s), still=None)
+            self._renderer.draw(Lights(*arrays[:3]), Lights.of(np.arange(header.fine), *arrays[3:5]))
+            picture = self._renderer.picture() if self._linear or self._album else None
+            state = state._replace(picture=picture, adaptation=adapt(state.adaptation, self._renderer.selected(), dt_s), still=None)
             pixels, count = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure), self._renderer.drawn_lights
         height, width, _ = pixels.shape
         took_ms = (time.monotonic() - began_s) * 1e3
@@ -123,8 +124,8 @@ class RendererStage:
             stamp=header.stamp, width=width, height=height, lights=count, render_ms=took_ms, linear=self._linear,
             things=things[: wire.MAX_POSES], can=0 if state.paused else self._renderer.affordable_lights or 0,
         )  # fmt: skip
-        assert state.picture is not None
-        return state, (made, (pixels, half_floats(state.picture)) if self._linear else (pixels,))
+        arrays = (pixels, half_floats(state.picture)) if self._linear and state.picture is not None else (pixels,)
+        return state, (made, arrays)
 
     def _refine(self, state: RendererState, radiance: np.ndarray, coverage: Coverage, dt_s: float) -> tuple[RendererState, np.ndarray, int]:
         """One pass more of a picture under the map itself, its pixels and how many lights it has; no work once it has converged."""
@@ -137,7 +138,7 @@ class RendererStage:
         if not refined.converged:
             refined = refined.with_pass(self._renderer.render_pass(light, refined.passes))
             self._renderer.show(refined.picture)
-            state = state._replace(picture=refined.picture, adaptation=adapt(state.adaptation, refined.picture, dt_s))
+            state = state._replace(picture=refined.picture, adaptation=adapt(state.adaptation, selected(refined.picture), dt_s))
         pixels = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure)
         return state._replace(still=Still(light, state.poses, refined, state.exposure, pixels)), pixels, refined.lights
 

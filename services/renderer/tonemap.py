@@ -48,7 +48,8 @@ class Curve(NamedTuple):
 
 
 def adapt(adaptation: Adaptation | None, picture: np.ndarray, dt_s: float) -> Adaptation:
-    """The adaptation `dt_s` seconds after `adaptation` (None: at once) of an eye that sees `picture` (height, width, 4), linear.
+    """The adaptation `dt_s` seconds after `adaptation` (None: at once) of an eye that sees `picture` (height, width, 4), linear, or the
+    pixels of it that are `selected`.
 
     A picture without light leaves it as it was; the first picture with light sets it at once.
     """
@@ -68,11 +69,22 @@ def adapt(adaptation: Adaptation | None, picture: np.ndarray, dt_s: float) -> Ad
     return Adaptation(*(float(a + share * (b - a)) for a, b in zip(old, now, strict=True)), seen=True)
 
 
+def selection(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Which rows and columns of a picture (height, width, ..) are `selected`: from the first number on, in steps of the second."""
+    stride = max(int(np.ceil(np.sqrt(shape[0] * shape[1] / MOST_PIXELS))), 1)
+    return stride // 2, stride
+
+
+def selected(picture: np.ndarray) -> np.ndarray:
+    """An even selection of a picture's pixels, about MOST_PIXELS of a larger one: enough for its statistics."""
+    first, stride = selection(picture.shape)
+    return picture[first::stride, first::stride]
+
+
 def _luminance(picture: np.ndarray) -> np.ndarray:
     """The luminance of the surfaces in a picture where it is finite and not negative, (n,) float64."""
-    stride = max(int(np.ceil(np.sqrt(picture.shape[0] * picture.shape[1] / MOST_PIXELS))), 1)
-    pixels = picture[stride // 2 :: stride, stride // 2 :: stride].reshape(-1, 4).astype(np.float64)
-    pixels = pixels[pixels[:, 3] > 0]
+    pixels = picture.reshape(-1, 4)
+    pixels = pixels[pixels[:, 3] > 0].astype(np.float64)
     values = luminance(pixels[:, :3]) / pixels[:, 3]
     return values[np.isfinite(values) & (values >= 0)]
 

@@ -1,0 +1,8 @@
+#version 430
+// An even selection of a picture's pixels: `selected` of tonemap.py.
+
+uniform sampler2D picture;
+uniform int stride;
+layout(location = 0) out vec4 pixel;
+
+void main() { pixel = texelFetch(picture, stride / 2 + stride * ivec2(gl_FragCoord.xy), 0); }

@@ -54,14 +54,14 @@ def adapt(adaptation: Adaptation | None, picture: np.ndarray, dt_s: float) -> Ad
     A picture without light leaves it as it was; the first picture with light sets it at once.
     """
     before = adaptation or Adaptation()
-    values = _luminance(picture)
-    if not np.any(values > 0):
+    values = np.sort(_luminance(picture))  # once, for median and quantiles
+    lit = values[np.searchsorted(values, 0.0, side="right") :]
+    if len(lit) == 0:
         return before
     # Pixels darker than that are black to the eye beside the others and would pull the mean of logarithms down without limit.
-    lit = values[values > 0]
-    logs = np.log(lit[lit >= 1e-4 * np.median(lit)])
-    low, high = np.quantile(logs, (0.01, 0.99))
-    now = (float(logs.mean()), float(low), float(high), float(np.log(values.mean())))
+    logs = np.log(lit[np.searchsorted(lit, 1e-4 * lit[len(lit) // 2]) :])
+    low, high = np.interp((0.01, 0.99), np.linspace(0, 1, len(logs)), logs)
+    now = (float(logs.mean(dtype=np.float64)), float(low), float(high), float(np.log(values.mean(dtype=np.float64))))
     if not before.seen:
         return Adaptation(*now, seen=True)
     share = 1 - np.exp(-min(max(dt_s, 0.0), LONGEST_STEP_S) / TIME_CONSTANT_S)
@@ -82,11 +82,11 @@ def selected(picture: np.ndarray) -> np.ndarray:
 
 
 def _luminance(picture: np.ndarray) -> np.ndarray:
-    """The luminance of the surfaces in a picture where it is finite and not negative, (n,) float64."""
+    """The luminance of the surfaces in a picture where it is finite and not negative, (n,)."""
     pixels = picture.reshape(-1, 4)
-    pixels = pixels[pixels[:, 3] > 0].astype(np.float64)
-    values = luminance(pixels[:, :3]) / pixels[:, 3]
-    return values[np.isfinite(values) & (values >= 0)]
+    with np.errstate(all="ignore"):
+        values = luminance(pixels[:, :3]) / pixels[:, 3]
+    return values[(pixels[:, 3] > 0) & np.isfinite(values) & (values >= 0)]
 
 
 def tone_curve(adaptation: Adaptation, exposure_stops: float, tone: Tone = "reinhard") -> Curve:

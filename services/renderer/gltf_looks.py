@@ -99,7 +99,7 @@ class GltfLooks:
         image, colours = self._texture(model, key, worn, Form(alpha=True)), self.colours(worn.primitive)
         least = alpha * (1.0 if image is None else float(image.texels[..., 3].min()))
         least *= 1.0 if colours is None else float(colours[:, 3].min())
-        return image, None if least >= (1.0 if cutoff is None else cutoff) else Holes(alpha, cutoff)
+        return image, None if least >= (1.0 if cutoff is None else cutoff) else Holes(alpha, cutoff, image)
 
     def _bumps(self, found: dict[str, Any], worn: Worn) -> Texture | None:
         texture = self._texture(found, "normalTexture", worn, Form(coded=False))

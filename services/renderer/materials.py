@@ -8,6 +8,7 @@ from msgspec import Meta
 
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Colour = tuple[Fraction, Fraction, Fraction]
+HASHED = -1.0  # for the shaders, in place of a cutoff
 LINEAR, LINEAR_MIPMAP_LINEAR = 0x2601, 0x2703  # OpenGL's numbers
 MOST_TEXELS = 4096  # on a side of an image; larger ones are reduced, since a picture is seldom larger and every GL 4.3 takes it
 
@@ -27,13 +28,14 @@ class Texture(NamedTuple):
 
 
 class Holes(NamedTuple):
-    """Where a surface lets see and light through: by alpha times its image's fourth channel times its vertices'.
+    """Where a surface lets see and light through: by alpha times the fourth channel of its image times its vertices' alpha.
 
     cutoff: what is below is not there, all else is opaque; None: that product is the share of the surface that is there.
     """
 
     alpha: float = 1.0
     cutoff: float | None = None
+    image: Texture | None = None
 
 
 class Phong(NamedTuple):

@@ -29,7 +29,7 @@ from services.renderer.standing import Standing, standing
 from services.renderer.surfaces import Surfaces
 from services.renderer.timers import Timers
 from services.renderer.tonemap import Adaptation, tone_curve
-from services.renderer.view import pixel_offsets
+from services.renderer.view import Offset, pixel_offsets
 from services.settings import Tone
 from services.sphere import Coverage
 
@@ -129,7 +129,7 @@ class Renderer:
 
     def render_pass(self, light: MapLights, number: int) -> np.ndarray:
         """As `render`, a pass of services/renderer/refine.py: at one place in each pixel, all lights and whole maps whatever the time."""
-        (offset,) = [(x, y) for x, y in spread_points(number, 1).tolist()]
+        (offset,) = [Offset(x, y, number) for x, y in spread_points(number, 1).tolist()]
         catcher = self._catcher_irradiance(light.cells()) if self._has_catcher else None  # of all passes together
 
         def draw() -> None:
@@ -190,7 +190,7 @@ class Renderer:
         return affordable_lights(self._pace, self._frame_ms, self._moved) if self._frame_ms else None
 
     def _render_all(
-        self, lights: Lights, weak: Lights, offsets: list[tuple[float, float]], catcher: Colour | None = None
+        self, lights: Lights, weak: Lights, offsets: list[Offset], catcher: Colour | None = None
     ) -> None:
         """Draws all maps and sums all lights, at `offsets` in each pixel; `catcher`: see Shading.add, None: as these lights give it."""
         weight, unshadowed = 1 / len(offsets), catcher or self._catcher_irradiance(lights)
@@ -202,7 +202,7 @@ class Renderer:
                 self._see(offset, weight if number == 0 else 0.0, unshadowed)
                 self._add(batch, weight, unshadowed, first=number == 0)
 
-    def _see(self, offset: tuple[float, float], alpha: float, unshadowed: Colour) -> None:
+    def _see(self, offset: Offset, alpha: float, unshadowed: Colour) -> None:
         """Draws the surfaces at `offset` in each pixel, and what the luminaires add to them times `alpha`."""
         with self._timers.measured("surfaces"):
             drawn = self._surfaces.draw(offset)

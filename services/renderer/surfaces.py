@@ -10,11 +10,11 @@ import moderngl
 import numpy as np
 
 from services.renderer.geometry import Drawable, drawable_scene
-from services.renderer.materials import Ggx, Material, Phong, SpecularGlossiness, Texture, Unlit, emits, holes_of, kind_of
+from services.renderer.materials import HASHED, Ggx, Material, Phong, SpecularGlossiness, Texture, Unlit, emits, holes_of, kind_of
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
 from services.renderer.standing import Standing, standing
-from services.renderer.view import clip_from_world, ray_from_pixel
+from services.renderer.view import Offset, clip_from_world, ray_from_pixel
 
 CODES = 32767  # of a normal's number to each side of 0: seen.glsl
 # Name, how many numbers a pixel, and their format.
@@ -22,7 +22,6 @@ IMAGES = {"surface_depths": (1, "f4"), "surface_normals": (4, "nu2"), "surface_d
 EMITTED = {"surface_emission": (4, "f4")}  # only where something emits
 SLOTS = ("colour_image", "shape_image", "normal_image", "glow_image")  # of surface.frag
 WHITE = Texture(np.ones((1, 1, 3), np.float16))
-HASHED = -1.0  # in place of a cutoff
 
 
 class Seen(NamedTuple):
@@ -119,26 +118,26 @@ class Surfaces:
         a, b, c = np.moveaxis(now.matrices[:, :3, :3], 1, 0)  # rows; normals go by the cofactors, which a flat scale leaves finite
         normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
         placed = zip(now.matrices, normals, strict=True)
-        self._drawn_at: tuple[float, float] | None = None
+        self._drawn_at: Offset | None = None
         self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.T.reshape(-1))) for matrix, normal in placed]
 
-    def draw(self, offset: tuple[float, float]) -> bool:
+    def draw(self, offset: Offset) -> bool:
         """Draws what the pixels see at `offset` in each; False, and nothing done, where that is what was drawn last.
 
-        A surface of which a share is there is drawn where that share is above a number of its place and of offset[0]: with offsets that
-        are spread evenly in 0 .. 1 the pixel's mean has that share of it.
+        A surface of which a share is there is drawn where that is above a number made of its place and the offset's: the mean over offsets
+        of successive numbers has as much of it.
         """
         if offset == self._drawn_at:
             return False
         self._drawn_at = offset
         matrix = tuple(clip_from_world(self._scene, self._size, offset).T.reshape(-1))
         self._ray_from_pixel = ray_from_pixel(self._scene.camera, self._size)
-        self._ray_from_pixel[:, 2] += self._ray_from_pixel[:, :2] @ np.subtract(offset, 0.5)
+        self._ray_from_pixel[:, 2] += self._ray_from_pixel[:, :2] @ np.subtract(offset[:2], 0.5)
         for array in self._arrays.values():
             array.program["clip_from_world"] = matrix
             self._look(array.program)
             if "sampled" in array.program:
-                array.program["sampled"] = int(offset[0] * 2**32)
+                array.program["sampled"] = offset.number
         self._frame.use()
         self._frame.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)

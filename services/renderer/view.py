@@ -1,18 +1,28 @@
 """What the camera sees where: its transforms, and the places in a pixel at which a picture is sampled."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from services.renderer.scene import Camera, Scene
 
 
-def pixel_offsets(samples: int) -> list[tuple[float, float]]:
+class Offset(NamedTuple):
+    """A sample of a pixel: where in the unit pixel, and its number among them, by which surfaces that are there in part are seen."""
+
+    x: float
+    y: float
+    number: int = 0
+
+
+def pixel_offsets(samples: int) -> list[Offset]:
     """`samples` places in the unit pixel, evenly spread (Hammersley points, moved by half a step so that one lies in the middle)."""
     places = []
     for k in range(samples):
         mirrored, bit, rest = 0.0, 0.5, k
         while rest:
             mirrored, bit, rest = mirrored + bit * (rest & 1), bit / 2, rest >> 1
-        places.append(((k + 0.5) / samples, (mirrored + 0.5 / samples) % 1.0))
+        places.append(Offset((k + 0.5) / samples, (mirrored + 0.5 / samples) % 1.0, k))
     return places
 
 
@@ -37,7 +47,10 @@ def ray_from_pixel(camera: Camera, size: tuple[int, int]) -> np.ndarray:
     return view_from_world(camera)[:3, :3].T @ view_from_pixel
 
 
-def clip_from_world(scene: Scene, size: tuple[int, int], offset: tuple[float, float] = (0.5, 0.5)) -> np.ndarray:
+CENTRE = Offset(0.5, 0.5)
+
+
+def clip_from_world(scene: Scene, size: tuple[int, int], offset: Offset = CENTRE) -> np.ndarray:
     """Projection (4, 4) whose picture has row 0 on top in memory (y down) and is sampled at `offset` in each pixel of `size`.
 
     Near and far lie around the scene's box, near at least at 1/1000 of far so that 24 bits of depth stay fine enough.

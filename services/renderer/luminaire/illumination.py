@@ -8,6 +8,7 @@ import moderngl
 import numpy as np
 
 from services.files import BadInput
+from services.renderer.cut import CutMeshes
 from services.renderer.geometry import Span, pieces
 from services.renderer.luminaire.bases import SUPPORT_CELLS
 from services.renderer.luminaire.cells import MapViews, cell_views, cube_views
@@ -19,7 +20,7 @@ from services.renderer.luminaire.photometry import FarField, intensity
 from services.renderer.luminaire.placement import Luminaire, Vector
 from services.renderer.luminaire.shift_invariant import radiance_images
 from services.renderer.luminaire.tables import Tables, tables_of
-from services.renderer.materials import CATCHER
+from services.renderer.materials import CATCHER, holes_of
 from services.renderer.meshes import box_corners
 from services.renderer.programs import Programs
 from services.renderer.scene import Scene
@@ -50,7 +51,8 @@ def casters_of(context: moderngl.Context, scene: Scene, now: Standing) -> Caster
     indices = np.concatenate([mesh.triangles.reshape(-1) + np.uint32(start) for mesh, start in zip(meshes, first[:-1], strict=True)])
     positions = np.concatenate([mesh.positions for mesh in meshes]).astype(np.float32)
     ends = np.cumsum([0, *(mesh.triangles.size for mesh in meshes)]).tolist()
-    spans = tuple(Span(start, mesh.triangles.size) for mesh, start in zip(meshes, ends[:-1], strict=True))
+    whole = [holes_of(mesh.material) is None for mesh in scene.meshes]  # the others are drawn by cut.py
+    spans = tuple(Span(start, mesh.triangles.size * all_there) for mesh, start, all_there in zip(meshes, ends[:-1], whole, strict=True))
     buffers = context.buffer(positions.tobytes()), context.buffer(indices.astype(np.uint32).tobytes())
     return Casters(*buffers, spans, now, traced_triangles(scene, now))
 
@@ -69,8 +71,9 @@ def traced_triangles(scene: Scene, now: Standing) -> Hierarchy:
 class MapAtlas:
     """The shadow maps of one lamp, a tile for each view, drawn in one call."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, count: int, size: int) -> None:
+    def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, scene: Scene, count: int, size: int) -> None:
         self._context, self._count = context, count
+        self._cut = CutMeshes(context, programs, scene, "luminaire_map.vert", MAX_MAPS=str(count))
         side = min(MAX_ATLAS_SIDE, context.info["GL_MAX_TEXTURE_SIZE"])
         self._columns = math.ceil(math.sqrt(count))
         self._size = min(size, side // self._columns)
@@ -97,7 +100,11 @@ class MapAtlas:
             self._context.enable_direct(0x3000 + plane)  # GL_CLIP_DISTANCE0
         for piece in pieces(casters.spans, casters.now.matrices):
             self._program["local_from_rest"] = tuple((local_from_world @ piece.world_from_rest).T.reshape(-1))
-            self._vao.render(vertices=piece.indices.count, first=piece.indices.first, instances=self._count)
+            if piece.indices.count:
+                self._vao.render(vertices=piece.indices.count, first=piece.indices.first, instances=self._count)
+        if self._cut.program:
+            self._describe(self._cut.program)
+            self._cut.draw("local_from_rest", local_from_world, casters.now.matrices, self._count)
         for plane in range(4):
             self._context.disable_direct(0x3000 + plane)
 
@@ -114,7 +121,7 @@ class MapAtlas:
                 program[name] = value
 
     def release(self) -> None:
-        for thing in (self._vao, self._frame, self._texture, self._buffer):
+        for thing in (self._vao, self._frame, self._texture, self._buffer, self._cut):
             thing.release()
 
 
@@ -130,7 +137,7 @@ class Recipe(NamedTuple):
 class Lamp:
     """One luminaire on the GPU."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, luminaire: Luminaire) -> None:
+    def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, scene: Scene, luminaire: Luminaire) -> None:
         self._context, self._casters = context, casters
         self.luminaire = luminaire
         source, table = luminaire.source, luminaire.table
@@ -139,7 +146,7 @@ class Lamp:
             raise BadInput(f"luminaire {source.name}: its {count} cells are more than {MAX_CELLS}; measure it with fewer basis functions")
         recipe = _far_recipe(context, source) if isinstance(source, FarField) else _field_recipe(context, luminaire, source)
         self._textures = recipe.textures
-        self._atlas = MapAtlas(context, programs, casters, count, table.shadow_map) if table.shadows == "maps" else None
+        self._atlas = MapAtlas(context, programs, casters, scene, count, table.shadow_map) if table.shadows == "maps" else None
         self._blank = context.depth_texture((1, 1))
         self._program = programs.program("screen.vert", recipe.shader, MAX_MAPS=str(count), **recipe.constants)
         for name, value in recipe.uniforms.items():
@@ -326,7 +333,7 @@ class Illumination:
         self._casters = casters = casters_of(context, scene, standing(scene, 0.0))
         for luminaire in scene.luminaires:
             if luminaire.table.shadows != "traced":
-                self.lamps.append(Lamp(context, programs, casters, luminaire))
+                self.lamps.append(Lamp(context, programs, casters, scene, luminaire))
             elif isinstance(luminaire.source, FarField):
                 raise BadInput(f"luminaire {luminaire.source.name}: a far field has shadows = \"maps\" or \"none\"; choose one")
             else:

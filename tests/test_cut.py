@@ -1,0 +1,131 @@
+"""Surfaces with holes: what is seen through them, and what light falls through them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from services.lights import Lights
+from services.renderer.materials import holes_of
+from services.renderer.mesh_files import read_meshes
+from services.renderer.renderer import Renderer
+from services.renderer.scene import load_scene
+from services.settings import Renderer as Settings
+from tests.gltf_sheet import Sheet
+
+ABOVE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 11.0\n"  # sees x, y from -0.963 to 0.963
+GROUND = '[[mesh]]\nshape = "plane"\nscale = 4.0\nat = [0.0, 0.0, -0.5]\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n'
+DARK = Lights.none()
+SUN = Lights.of(np.zeros(1), np.array([[0.0, 0.0, 1.0]]), np.full((1, 3), np.pi))
+
+
+def board(size: int, alpha: float = 1.0, low: int = 0) -> np.ndarray:
+    """White and, as its alpha, a chessboard of `size` x `size` texels: `low` where it has holes."""
+    pixels = np.full((size, size, 4), 255, np.uint8)
+    pixels[..., 3] = np.where(np.indices((size, size)).sum(axis=0) % 2, low, round(255 * alpha))
+    return pixels
+
+
+def sheet_of(mode: str, alpha: float = 1.0, image: np.ndarray | None = None, cutoff: float | None = None) -> Sheet:
+    """A white square that emits 1, and reflects nothing, over the ground."""
+    base: dict[str, Any] = {"baseColorFactor": [1.0, 1.0, 1.0, alpha]}
+    sheet = Sheet(extensions={"KHR_materials_unlit": {}}, pbrMetallicRoughness=base, alphaMode=mode)
+    if cutoff is not None:
+        sheet.material["alphaCutoff"] = cutoff
+    if image is not None:
+        base["baseColorTexture"] = sheet.image(image)
+    return sheet
+
+
+def renderer_of(
+    folder: Path, sheet: Sheet, camera: str = ABOVE, more: str = "", samples: int = 1, side: int = 16, shadow_map: int = 256
+) -> Renderer:
+    sheet.write(folder / "sheet.gltf")
+    (folder / "scene.toml").write_text(camera + GROUND + '[[mesh]]\nname = "sheet"\nfile = "sheet.gltf"\ny_up = false\n' + more)
+    return Renderer(load_scene(folder / "scene.toml"), Settings(width=side, height=side, shadow_map=shadow_map), samples)
+
+
+def drawn(folder: Path, sheet: Sheet, lights: Lights = DARK, **options) -> np.ndarray:
+    renderer = renderer_of(folder, sheet, **options)
+    picture = renderer.render(lights).copy()
+    renderer.release()
+    return picture
+
+
+@pytest.mark.parametrize(
+    ("factor", "vertex", "cutoff", "there"), [(1.0, 1.0, 0.6, True), (0.7, 1.0, 0.6, True), (0.7, 0.8, 0.6, False), (0.5, 1.0, None, True)]
+)
+def test_a_mask_is_there_where_its_alpha_is_no_less_than_the_cutoff(tmp_path, factor, vertex, cutoff, there):
+    sheet = sheet_of("MASK", factor, cutoff=cutoff).attribute("COLOR_0", np.array([[1, 1, 1, vertex]] * 4, np.float32))
+    assert np.all(drawn(tmp_path, sheet)[..., 0] == there)
+
+
+def test_an_opaque_material_has_no_holes_whatever_its_image_says(tmp_path):
+    sheet = sheet_of("OPAQUE", 0.0, board(2))
+    assert np.all(drawn(tmp_path, sheet)[..., 0] == 1)
+
+
+@pytest.mark.parametrize(("mode", "low", "cutoff"), [("BLEND", 255, None), ("MASK", 200, 0.5), ("MASK", 0, 0.0)])
+def test_a_surface_that_is_there_all_over_has_no_holes(tmp_path, mode, low, cutoff):
+    sheet = sheet_of(mode, 1.0, board(4, low=low), cutoff)
+    material = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts[0].material
+    assert material is not None
+    assert holes_of(material) is None
+
+
+def test_through_a_masks_holes_lies_what_is_behind(tmp_path):
+    # 2 x 2 texels over the square; the light comes straight from above, as the camera looks
+    picture = drawn(tmp_path, sheet_of("MASK", 1.0, board(2)), SUN, side=16)[..., 0]
+    assert np.allclose(picture[2:6, 2:6], 1)  # the sheet's emission
+    assert np.all(drawn(tmp_path, sheet_of("MASK", 1.0, board(2)))[2:6, 10:14, 0] == 0)  # black ground without light
+
+
+BESIDE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, -0.5]\nfov_y = 16.0\n"
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.25, 0.5, 0.8])
+def test_blending_with_16_samples_is_the_mixture(tmp_path, alpha):
+    picture = drawn(tmp_path, sheet_of("BLEND", alpha), samples=16, side=32)[..., 0]
+    # black ground, white sheet: thresholds of one pixel are even to 1/16 where its samples lie in one cell
+    assert picture.mean() == pytest.approx(alpha, abs=0.01)
+    assert picture.std() < 0.1  # 16 random ones leave sqrt(alpha (1 - alpha) / 16), 0.125 at a half
+    assert np.all(drawn(tmp_path, sheet_of("BLEND", alpha), samples=16, side=8)[..., 3] == 1)
+
+
+def test_two_layers_let_through_what_either_leaves(tmp_path):
+    sheet = sheet_of("BLEND", 0.5)
+    again = '[[mesh]]\nfile = "sheet.gltf"\ny_up = false\nat = [0.0, 0.0, -0.25]\n'
+    picture = drawn(tmp_path, sheet, samples=64, side=16, more=again)[..., 0]
+    assert picture.mean() == pytest.approx(0.75, abs=0.02)
+    assert picture.std() < 0.06  # layers with the same thresholds would leave 0.5 to 1 in one pixel
+
+
+def test_the_pattern_of_one_sample_stays_and_moves_with_the_sheet(tmp_path):
+    renderer = renderer_of(tmp_path, sheet_of("BLEND", 0.5), side=32)
+    one = renderer.render(DARK).copy()[..., 0]
+    assert 0.4 < one.mean() < 0.6
+    assert set(np.unique(one)) == {0, 1}
+    renderer.render(SUN)
+    assert np.array_equal(renderer.render(DARK)[..., 0], one)
+    from services import wire
+
+    step_m = 4 * 2 * 10 * np.tan(np.radians(5.5)) / 32  # four pixels
+    renderer.place(0.0, [wire.Pose(name="sheet", at=(step_m, 0.0, 0.0), turn=(0.0, 0.0, 0.0, 1.0), power=None)])
+    moved = renderer.render(DARK).copy()[..., 0]
+    renderer.release()
+    assert np.mean(moved[:, 5:] == one[:, 1:-4]) > 0.97
+
+
+def test_a_lamp_shines_through_holes(tmp_path):
+    lamp = '[[luminaire]]\nat = [0.0, 0.0, 4.0]\nrotate = [180.0, 0.0, 0.0]\nshadow_map = 256\n'
+    pictures = []
+    for cutoff in (0.0, 1.0, 0.5):
+        renderer = renderer_of(tmp_path, sheet_of("MASK", 0.9, board(2), cutoff), BESIDE, lamp, side=32)
+        pictures.append(renderer.render(DARK).copy()[..., 0])
+        renderer.release()
+    whole, none, half = pictures
+    ring = np.ones((32, 32), bool)
+    ring[5:27, 5:27] = False  # the ground beside the sheet
+    assert whole[ring].mean() < 0.9 * half[ring].mean()
+    assert half[ring].mean() < none[ring].mean() * 0.98

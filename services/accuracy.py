@@ -29,6 +29,7 @@ FPS = 25.0
 PROMISES = (40.0, 20.0, 10.0)  # per cent of error asked for
 NEED_FRAMES = 20  # in which the number of lights settles
 MOST = 512
+LEAST = 1e-6  # what is drawn where nothing is wrong: logarithms know no 0
 UNSEEN = slice(PROBES, 600)  # probes that the controller does not look at
 
 
@@ -134,7 +135,7 @@ def _save(out: Path, name: str, rows: list[dict[str, Any]], across: str, up: str
     for axis, of in zip(axes[0], maps, strict=True):
         for k, method in enumerate(METHODS):
             own = [row for row in rows if row["map"] == of and row["method"] == method]
-            axis.loglog([row[across] for row in own], [max(row[up], 1e-6) for row in own], "o-", label=method, color=f"C{k}")
+            axis.loglog(*([max(row[key], LEAST) for row in own] for key in (across, up)), "o-", label=method, color=f"C{k}")
         axis.set(title=of, xlabel=across)
         axis.grid(alpha=0.3, which="both")
     axes[0, 0].set_ylabel(up)

@@ -84,12 +84,13 @@ def write_pictures_of(
         raise BadInput("--out, --video: neither is given; name a picture or a video to write")
     if out and out.suffix not in (".exr", ".png"):
         raise BadInput(f"{out}: pictures are written as .exr or .png; change the suffix")
-    width, _, height = size.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise BadInput(f"--size {size}: is not WIDTHxHEIGHT; write it as 640x480")
+    for path in filter(None, (out, options.get("video"))):
+        if not path.resolve().parent.is_dir():
+            raise BadInput(f"{path}: there is no such folder; make it first")
+    width, height = _sides(size)
     drawing = {key: options.get(key) for key in ("tone", "background")}
     drawing["light_regions"] = 0 if options["coverage"] == "hemisphere" else None
-    drawing |= {"width": int(width), "height": int(height), "exposure": exposure, "shadow_map": shadow_map}
+    drawing |= {"width": width, "height": height, "exposure": exposure, "shadow_map": shadow_map}
     wanted = record(settings.Renderer, drawing, "--")
     drawn = load_scene(scene)
     if options.get("fine") is None and drawn.glossy:
@@ -112,6 +113,16 @@ def write_pictures_of(
                 _write(out if len(frames) == 1 else out.with_stem(f"{out.stem}_{k:04d}"), picture, pixels)
             if add:
                 add(pixels, frame.time_s)
+
+
+def _sides(size: str) -> tuple[int, int]:
+    """Width and height in pixels of WIDTHxHEIGHT. Raises BadInput for anything else and for sides that no picture may have."""
+    width, _, height = size.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise BadInput(f"--size {size}: is not WIDTHxHEIGHT; write it as 640x480")
+    if not all(len(side) < 6 and 1 <= int(side) <= settings.MOST_PIXELS for side in (width, height)):
+        raise BadInput(f"--size {size}: a side has 1 to {settings.MOST_PIXELS} pixels; choose another size")
+    return int(width), int(height)
 
 
 def _write(path: Path, picture: np.ndarray, pixels: np.ndarray) -> None:

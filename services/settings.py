@@ -15,7 +15,8 @@ from services.sphere import Coverage
 
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 Port = Annotated[int, Meta(ge=1, le=65_000)]
-Side = Annotated[int, Meta(ge=1, le=8192)]
+MOST_PIXELS = 8192  # on a side of the picture
+Side = Annotated[int, Meta(ge=1, le=MOST_PIXELS)]
 Mode = Literal["live", "lossless"]
 Tone = Literal["reinhard", "exponential"]
 
@@ -169,6 +170,8 @@ def record(kind: type[Section], values: dict[str, Any], prefix: str) -> Section:
         return msgspec.convert(given, kind)
     except msgspec.ValidationError as error:
         text, _, where = str(error).partition(" - at `$.")
+        if not where:  # values that do not go together; the text says how to mend them
+            raise BadInput(text) from error
         key = where.rstrip("`")
         choices = get_args(get_type_hints(kind).get(key))
         known = f"; choose from {', '.join(map(str, choices))}" if choices else ""

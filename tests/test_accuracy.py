@@ -45,6 +45,16 @@ def test_maps_of_one_name_are_told_apart(tmp_path, monkeypatch):
     assert len({row["map"] for row in csv.DictReader((tmp_path / "charts" / "error.csv").open())}) == 2
 
 
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_a_black_map_is_charted_without_a_word(tmp_path, monkeypatch):
+    for name in ("COUNTS", "PROMISES"):
+        monkeypatch.setattr(f"services.accuracy.{name}", (8,))
+    monkeypatch.setattr("services.accuracy.FRAMES", 2)
+    write_exr(tmp_path / "night.exr", np.zeros((16, 32, 3), np.float32))
+    chart([tmp_path / "night.exr"], tmp_path / "charts")
+    assert {row["error"] for row in csv.DictReader((tmp_path / "charts" / "error.csv").open())} == {"0"}
+
+
 def test_what_is_no_map_is_named(tmp_path):
     (tmp_path / "sky.exr").write_bytes(b"no image")
     with pytest.raises(BadInput, match=r"sky\.exr"):

@@ -140,6 +140,15 @@ def test_the_shader_draws_the_same_curve(tone):
     renderer.release()
 
 
+def test_the_shader_has_the_same_answer_to_hostile_pixels():
+    renderer = Renderer(load_scene(None), Settings(width=6, height=1, shadow_map=32))
+    picture = gray(np.array([np.nan, np.inf, -np.inf, -1.0, 1e-30, 1e30])).astype(np.float32)
+    state = adapt(None, gray(np.array([0.5, 1.0, 2.0])), 0.04)
+    renderer.show(picture)
+    assert np.array_equal(renderer.tone_mapped(state, 0.0), tone_mapped(picture, state, 0.0))
+    renderer.release()
+
+
 @pytest.mark.parametrize(("width", "height"), [(48, 36), (320, 240), (521, 257)])  # every pixel; every second, of even and odd sizes
 def test_the_selection_on_the_gpu_is_the_one_in_numpy(width, height):
     renderer = Renderer(load_scene(None), Settings(width=width, height=height, shadow_map=32))

@@ -11,7 +11,9 @@ void main() {
     vec4 pixel = texelFetch(picture, ivec2(gl_FragCoord.xy), 0);
     float alpha = clamp(pixel.a, 0.0, 1.0);
     vec3 colour = vec3(0.0);
-    for (int c = 0; c < 3; ++c) if (alpha > 0.0 && pixel[c] > 0.0) colour[c] = min(pixel[c] / alpha, 1e30);
+    for (int c = 0; c < 3; ++c) {
+        if (alpha > 0.0 && pixel[c] > 0.0 && !isnan(pixel[c])) colour[c] = min(pixel[c] / alpha, 1e30);  // drivers differ in nan > 0
+    }
     float level = scale * dot(colour, vec3(0.2126, 0.7152, 0.0722));
     float kept = (1.0 + level / (white * white)) / (1.0 + level);
     if (exponential) kept = level > 1e-3 ? (1.0 - exp(-level)) / level : 1.0 - 0.5 * level;  // the series is good to 2e-7 there

@@ -16,6 +16,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from services.lights import Lights
@@ -85,7 +86,7 @@ def passes(scene: Scene, lights: Lights, settings: Settings, frames: int) -> dic
 
 def growth(frames: int) -> Iterator[tuple[str, int, str, float, float]]:
     """Rows (what grows, how much, pass, median ms, least ms)."""
-    usual = Settings(width=320, height=240)
+    usual = Settings(width=320, height=240, shadow_map=256)
     for count in (8, 24, 72, 144, 288):
         for name, (median, least) in passes(paper_scene(), sky(count), usual, frames).items():
             yield "lights", count, name, median, least
@@ -95,21 +96,31 @@ def growth(frames: int) -> Iterator[tuple[str, int, str, float, float]]:
         for name, (median, least) in passes(scene, sky(LIGHTS), usual, max(frames // 3, 3)).items():
             yield "triangles", size, name, median, least
     for width in (80, 160, 320, 640):
-        settings = Settings(width=width, height=width * 3 // 4)
+        settings = Settings(width=width, height=width * 3 // 4, shadow_map=256)
         for name, (median, least) in passes(paper_scene(), sky(LIGHTS), settings, max(frames // 2, 3)).items():
             yield "pixels", width * width * 3 // 4, name, median, least
     for regions in (0, 12, 24, 48, 100):
-        settings = Settings(width=320, height=240, light_regions=regions)
+        settings = Settings(width=320, height=240, shadow_map=256, light_regions=regions)
         for name, (median, least) in passes(paper_scene(), sky(LIGHTS, lowest=-1.0), settings, frames).items():
             yield "regions, lights from all sides", regions, name, median, least
 
 
 def speed(frames: int) -> Iterator[tuple[float, float, float, float, int, int, float]]:
-    """Rows (target ms or 0, degrees a frame, median ms, least ms, lights drawn, texels of a map, relative RMSE against all of them)."""
-    exact = Renderer(paper_scene(), Settings(width=320, height=240))
+    """Rows (target ms or 0, degrees a frame, median ms, least ms, lights drawn, texels of a map, relative RMSE against all of them).
+
+    In a sky of equal lights all maps are alike: of 256 texels where they are given, of 64 by the lights' power.
+    """
+    for texels in (256, None):
+        yield from speed_with(texels, frames)
+
+
+def speed_with(texels: int | None, frames: int) -> Iterator[tuple[float, float, float, float, int, int, float]]:
+    """The rows of `speed` for one setting of `shadow_map`."""
+    settings = Settings(width=320, height=240, shadow_map=texels, light_regions=0)
+    exact = Renderer(paper_scene(), settings)
     for target_ms in (0.0, 1e4, 40.0, 20.0):  # everything anew, as much as is needed, in time
         for degrees in (0.0, 0.05, 0.5, 5.0):
-            renderer = Renderer(paper_scene(), Settings(width=320, height=240, frame_ms=target_ms))
+            renderer = Renderer(paper_scene(), msgspec.structs.replace(settings, frame_ms=target_ms))
             times, errors = [], []
             for frame in range(2 * frames):
                 lights = sky(LIGHTS, np.radians(degrees) * frame)
@@ -118,10 +129,10 @@ def speed(frames: int) -> Iterator[tuple[float, float, float, float, int, int, f
                 times.append((time.perf_counter() - started) * 1e3)
                 truth = exact.render(lights)
                 errors.append(float(np.sqrt(np.mean((picture - truth) ** 2) / np.mean(truth**2))))
-            drawn, texels = min(LIGHTS, renderer.affordable_lights or LIGHTS), renderer._atlas.tile_size
+            drawn, sizes = min(LIGHTS, renderer.affordable_lights or LIGHTS), renderer.map_texels
             renderer.release()
             half = float(np.median(times[frames:])), float(np.min(times[frames:]))
-            yield target_ms, degrees, *half, drawn, texels, float(np.mean(errors[frames:]))
+            yield target_ms, degrees, *half, drawn, int(np.median(sizes)), float(np.mean(errors[frames:]))
     exact.release()
 
 

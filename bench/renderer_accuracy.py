@@ -1,4 +1,6 @@
-"""Pictures of the renderer against the map itself: VEMLIGHT_DATA=FOLDER python -m bench.renderer_accuracy [--out docs/charts] [CHART ...]
+"""Pictures of the renderer against the map itself.
+
+    VEMLIGHT_DATA=FOLDER python -m bench.renderer_accuracy [--out docs/charts] [CHART ...] [--curves TEXT ...]
 
 Charts: figure6 (error over the number of lights), time (error over ms a picture, beside Mitsuba 3 and Embree: on a software renderer, for a
 graphics card's time is not the processor's). Writes renderer_NAME.png, .svg and .csv. The truth is Mitsuba's picture under the whole map,
@@ -29,6 +31,7 @@ from services.files import written_whole
 from services.images import read_radiance
 from services.lights import Lights
 from services.renderer import renderer as renderer_module
+from services.renderer.regions import EVERY_SIDE
 from services.renderer.renderer import Renderer
 from services.renderer.scene import Scene, load_scene
 from services.renderer.tonemap import adapt, tone_mapped
@@ -85,7 +88,7 @@ def figure6(out: Path, progress: Progress) -> None:
     scenes = {"the paper's size": paper_scene(), "bundled scene": load_scene(None)}
     task = progress.add_task("against the map", total=len(scenes) * len(chosen()) * (1 + len(METHODS) * len(COUNTS)))
     for scene_name, scene in scenes.items():
-        renderer = Renderer(scene, Settings(width=size[0], height=size[1], shadow_map=512), 16)
+        renderer = Renderer(scene, Settings(width=size[0], height=size[1], light_regions=0), 16)
         for kind, path in chosen().items():
             truth = mitsuba_picture.picture(mitsuba_picture.mitsuba_scene(scene, size, read_radiance(path)[0]), TRUTH)
             progress.advance(task)
@@ -95,7 +98,7 @@ def figure6(out: Path, progress: Progress) -> None:
                     rows.append({"scene": scene_name, "map": kind, "method": name, "lights": count, **errors(made, truth)._asdict()})
                     progress.advance(task)
         renderer.release()
-    note = f"Against Mitsuba 3 under the whole map, {TRUTH} paths a pixel; {size[0]} x {size[1]}, 16 samples a pixel, maps of 512 x 512."
+    note = f"Against Mitsuba 3 under the whole map, {TRUTH} paths a pixel; {size[0]} x {size[1]}, 16 samples a pixel."
     save(draw_figure6(rows), rows, out, "figure6", note)
 
 
@@ -165,14 +168,15 @@ class Ours:
     def within(self, budget: int, lights: Lights) -> Timed:
         """The same with lights that turn and have come to `lights` in the last of 48 pictures; `budget` maps drawn in each at most."""
         renderer = self._renderer(frame_ms=1e4)
-        usual = renderer_module.affordable_maps, renderer_module.map_size
-        renderer_module.affordable_maps, renderer_module.map_size = lambda *_: budget, lambda _pace, size, _largest: size
+        usual = renderer_module.affordable_maps, renderer_module.halvings
+        renderer_module.affordable_maps, renderer_module.halvings = lambda *_: budget, lambda _pace, before, _most: before
         try:
             return timed(lambda frame: renderer.render(turned(lights, TURN_DEG * (frame - 45)))[..., :3].copy(), 46)
         finally:
-            renderer_module.affordable_maps, renderer_module.map_size = usual
+            renderer_module.affordable_maps, renderer_module.halvings = usual
 
     def _renderer(self, **settings: Any) -> Renderer:
+        settings = {"light_regions": 0, **settings}  # as for all light from above
         key = tuple(sorted(settings.items()))
         if key not in self._made:
             self._made[key] = Renderer(self._scene, Settings(width=self._size[0], height=self._size[1], **settings))
@@ -189,12 +193,13 @@ def curves_of(ours: Ours, traced: Any, world: Any, path: Path) -> dict[str, dict
     return {
         "lights, maps drawn anew": {str(n): partial(ours.timed, lights(n)) for n in COUNTS},
         "lights, maps kept": {str(n): partial(ours.timed, lights(n), frame_ms=1e4) for n in COUNTS},
-        "lights, no regions": {str(n): partial(ours.timed, lights(n), light_regions=0) for n in COUNTS},
+        "lights, maps of 256 x 256": {str(n): partial(ours.timed, lights(n), shadow_map=256) for n in COUNTS},
+        "lights, 24 regions": {str(n): partial(ours.timed, lights(n), light_regions=EVERY_SIDE) for n in COUNTS},
         "2005 lights": {str(n): partial(ours.timed, lights_of(path, n, "havran-azimuth")) for n in COUNTS},
         "2005 lights, 4 n merged to n": {
             str(n): partial(ours.timed, lights_of(path, 4 * n, "havran-azimuth", n)) for n in COUNTS
         },
-        "72 lights, texels of a map": {str(n): partial(ours.timed, lights(72), shadow_map=n) for n in (32, 64, 128, 256, 512)},
+        "72 lights, texels of a map": {str(n): partial(ours.timed, lights(72), shadow_map=n) for n in (32, 64, 128, 256, 512, 1024)},
         "72 turning lights, maps a frame": {str(n): partial(ours.within, n, lights(72)) for n in (3, 6, 12, 24, 72)},
         "Embree, the same lights": {str(n): partial(_traced, traced, lights(n)) for n in COUNTS},
         "Mitsuba 3, paths a pixel": {str(n): partial(_sampled, world, n) for n in (1, 2, 4, 8, 16, 32, 64, 128, 256)},
@@ -209,8 +214,8 @@ def _sampled(world: Any, samples: int) -> Timed:
     return timed(lambda frame: mitsuba_picture.picture(world, samples, frame + 2, centred=True))
 
 
-def times(out: Path, progress: Progress) -> None:
-    """Error against ms a picture at the scene of the paper's size, at the centres of the pixels."""
+def times(out: Path, progress: Progress, wanted: list[str] | None = None) -> None:
+    """Error against ms a picture at the scene of the paper's size, at the pixels' centres; of curves that name one of `wanted`."""
     size, scene, rows = (320, 240), paper_scene(), []
     ours = Ours(scene, size)
     kinds = ("a sun", "an overcast sky")
@@ -220,6 +225,7 @@ def times(out: Path, progress: Progress) -> None:
         world = mitsuba_picture.mitsuba_scene(scene, size, read_radiance(path)[0])
         truth = mitsuba_picture.picture(world, TRUTH, centred=True)
         points = curves_of(ours, mitsuba_picture.TracedLights(world, size), world, path)
+        points = {curve: works for curve, works in points.items() if not wanted or any(name in curve for name in wanted)}
         progress.update(task, total=len(kinds) * sum(map(len, points.values())))
         for curve, works in points.items():
             for label, work in works.items():
@@ -229,7 +235,7 @@ def times(out: Path, progress: Progress) -> None:
                 progress.advance(task)
     ours.release()
     rows += [row for kind in kinds for row in equal_error([r for r in rows if r["map"] == kind])]
-    note = f"{triangles(scene)} triangles, {size[0]} x {size[1]}, maps of 256 x 256 where not said otherwise; bottom left is best."
+    note = f"{triangles(scene)} triangles, {size[0]} x {size[1]}, maps as their lights deserve but where said; bottom left is best."
     save(draw_time(rows), rows, out, "time", note)
 
 
@@ -262,11 +268,12 @@ def equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         return float(np.exp(np.interp(np.log(error), *np.log(own).T)))
 
     made = []
-    for curve in ("lights, maps drawn anew", "lights, maps kept"):
+    drawn = list(dict.fromkeys(r["curve"] for r in rows))
+    for curve in [c for c in drawn if c in ("lights, maps drawn anew", "lights, maps kept", "lights, maps of 256 x 256")]:
         own = [(float(r["at"]), r["rmse"], r["ms"], r["processor_ms"]) for r in rows if r["curve"] == curve]
         count, *values = np.log(own).T
         error, *took = (float(np.exp(np.interp(np.log(72), count, value))) for value in values)
-        for rival in ("Mitsuba 3, paths a pixel", "Embree, the same lights"):
+        for rival in [c for c in drawn if c.startswith(("Mitsuba", "Embree"))]:
             ratios = {what: time_for(rival, error, what) / own for what, own in zip(("ms", "processor_ms"), took, strict=True)}
             made.append({"map": rows[0]["map"], "curve": EQUAL, "at": f"{rival} / {curve}", **ratios, "rmse": error})
     return made
@@ -292,18 +299,18 @@ def save(figure: Any, rows: list[dict[str, Any]], out: Path, name: str, note: st
         table.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
 
 
-CHARTS = {"figure6": figure6, "time": times}
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("charts", nargs="*", help=f"of {', '.join(CHARTS)}; none: all")
+    parser.add_argument("charts", nargs="*", help="of figure6, time; none: both")
+    parser.add_argument("--curves", nargs="+", help="of the chart time, those with one of these texts in their names")
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs" / "charts")
     asked = parser.parse_args()
     mitsuba_picture.start()
     with Progress() as progress:
-        for name in asked.charts or CHARTS:
-            CHARTS[name](asked.out, progress)
+        if not asked.charts or "figure6" in asked.charts:
+            figure6(asked.out, progress)
+        if not asked.charts or "time" in asked.charts:
+            times(asked.out, progress, asked.curves)
 
 
 if __name__ == "__main__":

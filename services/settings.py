@@ -77,7 +77,8 @@ class Renderer(Record, frozen=True):
     scene: str = ""  # scene file; empty: the bundled one
     width: Side = 640
     height: Side = 480
-    shadow_map: Annotated[int, Meta(ge=16, le=4096)] = 256  # texels on a side, for one light
+    # Texels on a side of each light's shadow map; left out: 32 to 1024, by the light's share of the power.
+    shadow_map: Annotated[int, Meta(ge=16, le=4096)] | None = None
     # Live: met by fewer and coarser shadow maps a frame, then fewer lights; 0: no target; left out: 100, ten pictures a second.
     frame_ms: Annotated[float, Meta(ge=0, le=10_000)] | None = None
     # Of the sphere of normals, each with the lights it sees; 0: none; left out: 24 for light from all sides, none for a hemisphere.

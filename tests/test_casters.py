@@ -14,7 +14,7 @@ def corners(casters: Casters, span) -> np.ndarray:
 def test_a_simplified_sphere_stays_within_its_tolerance(tolerance):
     pytest.importorskip("fast_simplification")
     sphere = shape_geometry("sphere")
-    made = simplified(sphere, tolerance)
+    (made,) = simplified(sphere, [tolerance])
     points = made.positions[made.triangles].astype(float)
     inside = points.mean(axis=1)  # the deepest points of facets on a sphere are their middles
     assert made.closed
@@ -27,25 +27,50 @@ def test_a_simplified_sphere_stays_within_its_tolerance(tolerance):
 
 def test_a_box_is_left_as_it_is():
     box = shape_geometry("box")
-    assert simplified(box, 0.1) is box
+    assert simplified(box, [0.1])[0] is box
 
 
 def test_finer_maps_keep_more_triangles():
     pytest.importorskip("fast_simplification")
     scene = load_scene(None)
-    sizes = [len(scene_casters(scene, tile).indices) for tile in (32, 256, 4096)]
-    assert sizes[0] < sizes[1] < sizes[2]
+    casters = scene_casters(scene, (4096, 256, 32))
+    assert casters.floor is not None
+    assert casters.levels == (0, 1, 2)
+    sizes = [sum(member.runs[level].indices.count for member in casters.members) for level in casters.levels]
+    assert sizes[0] > sizes[1] > sizes[2]
+    assert [len(scene_casters(scene, (size,)).indices) - casters.floor.runs[0].indices.count for size in (4096, 256, 32)] == sizes
 
 
-def test_the_ground_is_a_floor_and_casts_apart(tmp_path):
-    scene = load_scene(None)
-    casters = scene_casters(scene, 64)
+def test_sizes_that_show_the_same_share_their_triangles(tmp_path):
+    (tmp_path / "scene.toml").write_text(
+        '[camera]\nfrom = [0.0, -4.0, 2.0]\nat = [0.0, 0.0, 0.0]\n[[mesh]]\nshape = "plane"\n[[mesh]]\nshape = "box"\nat = [0, 0, 1]\n'
+    )
+    casters = scene_casters(load_scene(tmp_path / "scene.toml"), (1024, 256, 64))
+    assert casters.levels == (0, 0, 0)
+    assert [len(member.runs) for member in casters.members] == [1]
+
+
+def test_versions_of_a_mesh_get_no_finer_as_more_is_allowed():
+    pytest.importorskip("fast_simplification")
+    sphere = shape_geometry("sphere")
+    made = simplified(sphere, [1e-9, 1e-3, 1e-3, 1e-1])
+    assert made[0] is sphere
+    assert made[1] is made[2]
+    counts = [len(geometry.triangles) for geometry in made]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] < counts[1]
+
+
+def test_the_ground_is_a_floor_and_casts_apart():
+    casters = scene_casters(load_scene(None), (64, 32))
+    assert casters.floor is not None
     assert casters.floor_normal.tolist() == [0, 0, 1]
-    assert casters.floor.count == 6
-    assert np.ptp(corners(casters, casters.floor)[..., 2]) == 0
+    (floor,) = casters.floor.runs
+    assert floor.indices.count == 6
+    assert np.ptp(corners(casters, floor.indices)[..., 2]) == 0
     assert np.all(casters.box_half[0] <= casters.box_half[1])
-    for box, spans in ((0, (casters.closed, casters.open)), (1, (casters.closed, casters.open, casters.floor))):
-        points = np.concatenate([corners(casters, span).reshape(-1, 3) for span in spans])
+    for box, members in ((0, casters.members), (1, casters.every)):
+        points = np.concatenate([corners(casters, run.indices).reshape(-1, 3) for member in members for run in member.runs])
         assert np.all(np.abs(points - casters.box_centre[box]) <= casters.box_half[box] + 1e-5)
 
 
@@ -53,13 +78,14 @@ def test_a_ground_that_something_pierces_is_no_floor(tmp_path):
     (tmp_path / "scene.toml").write_text(
         '[camera]\nfrom = [0.0, -4.0, 2.0]\nat = [0.0, 0.0, 0.0]\n[[mesh]]\nshape = "plane"\n[[mesh]]\nshape = "box"\nscale = 0.2\n'
     )
-    casters = scene_casters(load_scene(tmp_path / "scene.toml"), 64)
+    casters = scene_casters(load_scene(tmp_path / "scene.toml"), (64,))
     assert not casters.floor_normal.any()
-    assert casters.floor.count == 0
-    assert casters.open.count == 6
+    assert casters.floor is None
+    assert [run.indices.count for member in casters.members for run in member.runs if not run.closed] == [6]
 
 
 def test_a_single_plane_casts_for_itself(tmp_path):
     (tmp_path / "scene.toml").write_text('[camera]\nfrom = [0.0, -4.0, 2.0]\nat = [0.0, 0.0, 0.0]\n[[mesh]]\nshape = "plane"\n')
-    casters = scene_casters(load_scene(tmp_path / "scene.toml"), 64)
-    assert (casters.open.count, casters.floor.count) == (6, 0)
+    casters = scene_casters(load_scene(tmp_path / "scene.toml"), (64,))
+    assert casters.floor is None
+    assert [(run.indices.count, run.closed) for run in casters.members[0].runs] == [(6, False)]

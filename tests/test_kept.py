@@ -85,7 +85,7 @@ def test_fewer_and_more_lights_than_before(in_time):
 def test_coarser_maps_are_for_frames_in_time_alone(in_time, monkeypatch):
     monkeypatch.setattr("services.renderer.renderer.affordable_maps", lambda *_: 1)
     pictures(in_time, [0.3 * frame for frame in range(40)])  # 20 lights wait for one map a frame
-    assert in_time._atlas.tile_size == 16
+    assert set(in_time.map_texels) == {16}
     light = MapLights(np.ones((8, 32, 3), np.float32), "hemisphere")
     refined = in_time.render_pass(light, 0).copy()
     fresh = renderer_of(0.0)
@@ -94,4 +94,4 @@ def test_coarser_maps_are_for_frames_in_time_alone(in_time, monkeypatch):
     assert np.array_equal(refined, truth)
     monkeypatch.undo()
     pictures(in_time, [0.0] * 40)
-    assert in_time._atlas.tile_size == 64
+    assert set(in_time.map_texels) == {64}

@@ -178,7 +178,7 @@ def box_on_ground(tmp_path_factory) -> Scene:
 @given(at=st.tuples(*3 * [st.floats(-20, 20)]), rotate=st.tuples(*3 * [st.floats(-180, 180)]), then=st.tuples(*3 * [st.floats(-20, 20)]))
 def test_the_maps_hold_what_casts_wherever_it_stands(box_on_ground, at, rotate, then):
     scene = box_on_ground
-    casters = scene_casters(scene, 64)
+    casters = scene_casters(scene, (64,))
     placed, before, last = None, standing(scene, 0.0).matrices, 0.0
     for target in (at, then):
         matrices = standing(scene, 0.0, [pose("box", target, rotate)]).matrices
@@ -186,11 +186,12 @@ def test_the_maps_hold_what_casts_wherever_it_stands(box_on_ground, at, rotate, 
         last = moved_by_m(casters, before, matrices)
         before = matrices
         lowest = np.inf
-        for piece in (*placed.closed, *placed.open):
+        (level,) = placed.levels
+        for piece in (*level.closed, *level.open):
             run = casters.positions[casters.indices[piece.indices.first : sum(piece.indices)]]
             points = run @ piece.world_from_rest[:3, :3].T + piece.world_from_rest[:3, 3]
             assert np.all(np.abs(points - placed.box_centre) <= placed.box_half + 1e-3)
-            lowest = min(lowest, points[:, 2].min()) if any(piece is closed for closed in placed.closed) else lowest
+            lowest = min(lowest, points[:, 2].min()) if any(piece is closed for closed in level.closed) else lowest
         assert bool(placed.floor) == (lowest >= -casters.tolerance)
     assert last == pytest.approx(np.linalg.norm(np.subtract(at, then)), abs=1e-6)
 

@@ -1,5 +1,6 @@
 """What casts shadows: the scene's meshes in as few triangles as a shadow map can show, and the box around them."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,77 +15,101 @@ PROBES = 2000  # points at which either surface is compared with the other; with
 NEAREST = 8  # of those points, in whose triangles the nearest is looked for
 
 
+class Run(NamedTuple):
+    """A caster in the buffers, simplified for maps of one size: its indices, and whether it is closed."""
+
+    indices: Span
+    closed: bool
+
+
 class Caster(NamedTuple):
-    """One mesh in the buffers: its number in the scene, its runs of indices and of vertices, and the box around it, (8, 3) float64."""
+    """One mesh: its number in the scene, its runs from the finest to the coarsest, the vertices of the finest, and the box around it.
+
+    corners: (8, 3) float64.
+    """
 
     mesh: int
-    indices: Span
+    runs: tuple[Run, ...]
     vertices: Span
     corners: np.ndarray
 
 
 class Casters(NamedTuple):
-    """positions: (n, 3) float32. indices: (3 m,) uint32, of them runs that are closed, open, and the floor; members: in the runs' order.
+    """positions: (n, 3) float32. indices: (3 m,) uint32. members: the meshes that stand on the floor or anywhere else; floor: that mesh.
 
-    Closed meshes cast with the faces towards the light alone. The floor, a flat mesh with the whole scene on one side, casts only for
-    lights on the other; floor_normal (3,) points to the scene, zeros without a floor. box_centre, box_half: (2, 3) float32, the box
-    around what stands on the floor, which is all that its own shadow can fall on too, and the box around everything. tolerance: metres by
-    which a floor may be pierced.
+    levels: for each size of map, which run of the members is drawn. Closed meshes cast with the faces towards the light alone. The floor,
+    a flat mesh with the whole scene on one side, casts only for lights on the other; floor_normal (3,) points to the scene, zeros without
+    a floor. box_centre, box_half: (2, 3) float32, the box around what stands on the floor, which is all that its own shadow can fall on
+    too, and the box around everything. tolerance: metres by which a floor may be pierced.
     """
 
     positions: np.ndarray
     indices: np.ndarray
-    closed: Span
-    open: Span
-    floor: Span
     members: tuple[Caster, ...]
+    floor: Caster | None
+    levels: tuple[int, ...]
     floor_normal: np.ndarray
     box_centre: np.ndarray
     box_half: np.ndarray
     tolerance: float
 
+    @property
+    def every(self) -> tuple[Caster, ...]:
+        """The members and the floor."""
+        return (*self.members, self.floor) if self.floor else self.members
 
-class Placed(NamedTuple):
-    """Casters as they stand: what is drawn as closed, as open and as the floor, and the box around what shadows fall from and on, (3,)."""
+
+class Level(NamedTuple):
+    """What is drawn into maps of one size: closed meshes and open ones."""
 
     closed: tuple[Piece, ...]
     open: tuple[Piece, ...]
+
+
+class Placed(NamedTuple):
+    """Casters as they stand: each level, the floor, and the box around what shadows fall from and on, (3,)."""
+
+    levels: tuple[Level, ...]
     floor: tuple[Piece, ...]
     floor_normal: np.ndarray
     box_centre: np.ndarray
     box_half: np.ndarray
 
 
-def scene_casters(scene: Scene, tile_size: int) -> Casters:
-    """The casters for maps of `tile_size` texels a side, the closed ones first: simplified by no more than a texel, the shader's bias."""
+def scene_casters(scene: Scene, sizes: Sequence[int]) -> Casters:
+    """The casters for maps of `sizes` texels a side, the largest first: simplified by no more than a texel, the shader's bias."""
     tolerance = 1e-4 * float(np.linalg.norm(scene.half))  # a foot sunk by so little casts no shadow that a texel shows
     floor, normal = _floor(scene, tolerance)
     standing = {k: mesh.geometry for k, mesh in enumerate(scene.meshes) if k != floor}
     low, high = bounds(list(standing.values()))
     # Seen from any side the box is at least as large as its middle extent, so no map's texel is smaller than this.
-    texel = float(np.sort(high - low)[1]) / tile_size
-    standing = {k: local_order(simplified(geometry, texel)) for k, geometry in standing.items()}
-    closed = [k for k, geometry in standing.items() if geometry.closed]
-    open_ = [k for k, geometry in standing.items() if not geometry.closed]
-    runs = [closed, open_, [floor] if floor >= 0 else []]
-    parts = [scene.meshes[k].geometry if k == floor else standing[k] for run in runs for k in run]
-    vertices = np.cumsum([0, *(len(geometry.positions) for geometry in parts)]).tolist()
-    indices = np.cumsum([0, *(geometry.triangles.size for geometry in parts)]).tolist()
-    members = [
-        Caster(k, Span(indices[n], part.triangles.size), Span(vertices[n], len(part.positions)), box_corners(part))
-        for n, (k, part) in enumerate(zip([k for run in runs for k in run], parts, strict=True))
-    ]
+    texels = [float(np.sort(high - low)[1]) / size for size in sizes]
+    versions = {k: simplified(geometry, texels) for k, geometry in standing.items()}
+    # Sizes share a level where no mesh has another version.
+    fresh = [n == 0 or any(made[n] is not made[n - 1] for made in versions.values()) for n in range(len(sizes))]
+    levels = (np.cumsum(fresh) - 1).tolist()
+    drawn = [{k: local_order(versions[k][n]) for k in standing} for n in np.flatnonzero(fresh)]
+    ordered = [(k, part) for level in drawn for closed in (True, False) for k, part in level.items() if part.closed == closed]
+    ordered += [(floor, scene.meshes[floor].geometry)] if floor >= 0 else []
+    parts = [part for _, part in ordered]
+    vertices = np.cumsum([0, *(len(part.positions) for part in parts)]).tolist()
+    indices = np.cumsum([0, *(part.triangles.size for part in parts)]).tolist()
+    runs: dict[int, list[Run]] = {k: [] for k, _ in ordered}
+    first: dict[int, Span] = {}
+    for n, (k, part) in enumerate(ordered):
+        runs[k].append(Run(Span(indices[n], part.triangles.size), part.closed))
+        first.setdefault(k, Span(vertices[n], len(part.positions)))
+    made = {k: Caster(k, tuple(runs[k]), first[k], box_corners(scene.meshes[k].geometry if k == floor else drawn[0][k])) for k in runs}
     moving = [swept_bounds(mesh.geometry, mesh.motion) for mesh in scene.meshes if mesh.motion]
+    on_floor = [part for level in drawn for part in level.values()]
     everything = bounds([*parts, *(mesh.geometry for mesh in scene.meshes)])
-    boxes = [_around([bounds(list(standing.values())), *moving]), _around([everything, *moving])]
-    ends = (0, indices[len(closed)], indices[len(closed) + len(open_)], indices[-1])
+    boxes = [_around([bounds(on_floor), *moving]), _around([everything, *moving])]
     return Casters(
-        np.concatenate([geometry.positions for geometry in parts]),
-        np.concatenate([geometry.triangles.reshape(-1) + np.uint32(first) for geometry, first in zip(parts, vertices[:-1], strict=True)]),
-        Span(ends[0], ends[1] - ends[0]),
-        Span(ends[1], ends[2] - ends[1]),
-        Span(ends[2], ends[3] - ends[2]),
-        tuple(members),
+        np.concatenate([part.positions for part in parts]),
+        np.concatenate([part.triangles.reshape(-1) + np.uint32(first) for part, first in zip(parts, vertices[:-1], strict=True)]),
+        tuple(caster for k, caster in made.items() if k != floor),
+        made.get(floor),
+        tuple(levels),
         normal,
         np.array([(high + low) / 2 for low, high in boxes], np.float32),
         np.array([(high - low) / 2 for low, high in boxes], np.float32),
@@ -102,17 +127,10 @@ def placed_casters(casters: Casters, matrices: np.ndarray, before: Placed | None
     Runs that nothing moved are drawn as one. The box stays that of `before` (of `casters` at first) while all casters are inside; else
     it grows. A floor that moves or that something moved pierces casts like any open mesh, until it no longer does.
     """
-    moved = [member for member in casters.members if not np.array_equal(matrices[member.mesh], np.eye(4))]
-    floor = bool(casters.floor_normal.any()) and not any(_pierces(casters, member, matrices[member.mesh]) for member in moved)
-    closed, open_, apart = [], [], []
-    for member in casters.members:
-        first = member.indices.first
-        run = closed if first < casters.open.first else open_ if first < casters.floor.first or not floor else apart
-        run.append(member)
-    runs = {
-        name: pieces([member.indices for member in run], [matrices[member.mesh] for member in run])
-        for name, run in (("closed", closed), ("open", open_), ("floor", apart))
-    }
+    moved = [member for member in casters.every if not np.array_equal(matrices[member.mesh], np.eye(4))]
+    floor = casters.floor is not None and not any(_pierces(casters, member, matrices[member.mesh]) for member in moved)
+    levels = tuple(_level(casters, matrices, level, floor) for level in range(max(casters.levels) + 1))
+    apart = pieces([casters.floor.runs[0].indices], [np.eye(4)]) if casters.floor and floor else ()
     if before and bool(before.floor) == floor:
         centre, half = before.box_centre, before.box_half
     else:
@@ -120,12 +138,22 @@ def placed_casters(casters: Casters, matrices: np.ndarray, before: Placed | None
         centre, half = casters.box_centre[around], casters.box_half[around]
     for member in moved:
         centre, half = _grown(centre, half, _moved(member.corners, matrices[member.mesh]))
-    return Placed(**runs, floor_normal=casters.floor_normal if floor else np.zeros(3), box_centre=centre, box_half=half)
+    return Placed(levels, apart, casters.floor_normal if floor else np.zeros(3), centre, half)
+
+
+def _level(casters: Casters, matrices: np.ndarray, level: int, floor: bool) -> Level:
+    """The members' runs of a level, and the floor's where it is not drawn apart."""
+    runs = [(member.runs[level], member.mesh) for member in casters.members]
+    if casters.floor and not floor:
+        runs.append((casters.floor.runs[0], casters.floor.mesh))
+    runs.sort(key=lambda run: run[0].indices.first)  # in the buffer's order, in which `pieces` joins them
+    closed, open_ = ([run for run in runs if run[0].closed == closed] for closed in (True, False))
+    return Level(*(pieces([run.indices for run, _ in of], [matrices[mesh] for _, mesh in of]) for of in (closed, open_)))
 
 
 def moved_by_m(casters: Casters, before: np.ndarray, after: np.ndarray) -> float:
     """How far any point of the casters moved at most between two states of the matrices (n, 4, 4), metres."""
-    changed = [member for member in casters.members if not np.array_equal(before[member.mesh], after[member.mesh])]
+    changed = [member for member in casters.every if not np.array_equal(before[member.mesh], after[member.mesh])]
     # The distance between two affine images of a point is convex in it: nowhere in a box is it larger than at a corner.
     steps = [_moved(member.corners, after[member.mesh]) - _moved(member.corners, before[member.mesh]) for member in changed]
     return max((float(np.linalg.norm(step, axis=-1).max()) for step in steps), default=0.0)
@@ -137,11 +165,11 @@ def _moved(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 def _pierces(casters: Casters, member: Caster, matrix: np.ndarray) -> bool:
     """Whether a moved caster reaches below the floor, or is the floor."""
-    if member.indices == casters.floor:
-        return True
+    if casters.floor is None or member is casters.floor:
+        return casters.floor is not None
     span = member.vertices
     points = _moved(casters.positions[span.first : span.first + span.count].astype(np.float64), matrix)
-    floor = casters.positions[casters.indices[casters.floor.first]].astype(np.float64)
+    floor = casters.positions[casters.floor.vertices.first].astype(np.float64)
     return bool(((points - floor) @ casters.floor_normal).min() < -casters.tolerance)
 
 
@@ -157,16 +185,16 @@ def _grown(centre: np.ndarray, half: np.ndarray, corners: np.ndarray) -> tuple[n
     return ((low + high) / 2).astype(np.float32), ((high - low) / 2).astype(np.float32)
 
 
-def simplified(geometry: Geometry, tolerance: float) -> Geometry:
-    """The mesh halved as often as it departs from `geometry` by at most `tolerance` metres either way.
+def simplified(geometry: Geometry, tolerances: Sequence[float]) -> list[Geometry]:
+    """For each of rising tolerances, in metres, the mesh halved as often as it departs from `geometry` by at most that either way.
 
     Edges collapse by their quadric error (Garland and Heckbert 1997) as fast-simplification does it; without that library the mesh stays
-    as it is. Its normals and texture coordinates are zeros: a shadow needs none.
+    as it is. Its normals and texture coordinates are zeros: a shadow needs none. Like tolerances that give the same give one object.
     """
     try:
         import fast_simplification
     except ImportError:
-        return geometry
+        return [geometry] * len(tolerances)
     places, same = np.unique(geometry.positions, axis=0, return_inverse=True)
     levels: list[tuple[np.ndarray, np.ndarray]] = [(places, same.reshape(-1)[geometry.triangles].astype(np.int32))]
     while len(levels[-1][1]) >= WORTH:
@@ -175,16 +203,25 @@ def simplified(geometry: Geometry, tolerance: float) -> Geometry:
             break
         levels.append((np.ascontiguousarray(points, np.float32), triangles))
     old = geometry.positions[geometry.triangles].astype(np.float64)
-    finest, coarsest = 0, len(levels) - 1  # the departure grows from level to level
-    while finest < coarsest:
-        middle = (finest + coarsest + 1) // 2
-        if _departure(old, levels[middle][0][levels[middle][1]].astype(np.float64)) <= tolerance:
-            finest = middle
-        else:
-            coarsest = middle - 1
-    if finest == 0:
-        return geometry
-    points, triangles = levels[finest]
+    departures = {0: 0.0}  # of levels, as far as they are known: it grows from level to level
+    chosen = []
+    for tolerance in tolerances:
+        finest, coarsest = chosen[-1] if chosen else 0, len(levels) - 1
+        while finest < coarsest:
+            middle = (finest + coarsest + 1) // 2
+            if middle not in departures:
+                departures[middle] = _departure(old, levels[middle][0][levels[middle][1]].astype(np.float64))
+            if departures[middle] <= tolerance:
+                finest = middle
+            else:
+                coarsest = middle - 1
+        chosen.append(finest)
+    made = {level: _cast(geometry, *levels[level]) if level else geometry for level in set(chosen)}
+    return [made[level] for level in chosen]
+
+
+def _cast(geometry: Geometry, points: np.ndarray, triangles: np.ndarray) -> Geometry:
+    """A simpler surface in place of a geometry's, for shadows alone."""
     empty = np.zeros((len(points), 3), np.float32)
     closed = geometry.closed and is_closed(triangles, points[triangles].astype(np.float64))
     return Geometry(points, empty, empty[:, :2], triangles.astype(np.uint32), closed)

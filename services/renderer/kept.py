@@ -27,7 +27,7 @@ class Kept:
 
     def look(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch) -> bool:
         """Looks up what is not known yet of a batch whose maps are drawn; False, and nothing done, where that does not pay."""
-        unknown, layers = batch.unknown.count, atlas.columns**2
+        unknown, layers = batch.unknown.count, max(atlas.layers, 1)
         if batch.maps.count > WORTH * batch.every.count or layers * self._size[0] * self._size[1] > MOST_BYTES:
             return False
         if self._layers is None or self._layers.layers < layers:

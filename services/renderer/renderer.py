@@ -16,7 +16,20 @@ from services.renderer.gloss import NO_CONE, Gloss
 from services.renderer.kept import Kept
 from services.renderer.luminaire.illumination import Illumination
 from services.renderer.materials import GLOSSY, Catcher, Colour, emits, kind_of
-from services.renderer.pace import Pace, Spent, affordable_lights, affordable_maps, first_lights, learnt, map_size, waited
+from services.renderer.pace import (
+    LATE,
+    Pace,
+    Spent,
+    affordable_lights,
+    affordable_maps,
+    first_lights,
+    halvings,
+    learnt,
+    least_ms,
+    map_work,
+    waited,
+    with_weak,
+)
 from services.renderer.plate import Plate
 from services.renderer.programs import Programs, check_context, context_info, headless_context
 from services.renderer.refine import MapLights, spread_points
@@ -25,6 +38,7 @@ from services.renderer.scene import Scene
 from services.renderer.screen import Screen
 from services.renderer.shading import Shading
 from services.renderer.shadows import Batch, ShadowAtlas
+from services.renderer.sizes import COARSER, Sizing, sizing
 from services.renderer.standing import Standing, standing
 from services.renderer.surfaces import Surfaces
 from services.renderer.timers import Timers
@@ -34,6 +48,7 @@ from services.settings import Tone
 from services.sphere import Coverage
 
 NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides
+PASS_MAP = 256  # texels of each map of a pass, if by power: four and a half for a degree, a map's cell, which many of its lights may share
 WARM_UP = 2  # frames: GL drivers compile on the first and tune on the second
 
 
@@ -55,11 +70,13 @@ class Renderer:
         self._scene = scene
         self._offsets = pixel_offsets(samples)
         self._frame_ms = settings.frame_ms or 0.0
-        self._shadow_map = settings.shadow_map
+        self._sized = settings.shadow_map is None
+        self._halved = 0  # steps by which maps are smaller than they should be, for want of time
         self._tone: Tone = settings.tone
         self._pace = Pace()
         self._drawn_frames = 0
         self.drawn_lights = 0  # of the last picture
+        self.map_texels = np.zeros(0, int)  # a side, of the map that each of its lights read
         self._moved = True  # the surfaces, since the last picture
         self._looked = False  # whether the last picture's lookups were kept
         self._done: Batch | None = None  # what the last picture drew within its target time
@@ -69,13 +86,13 @@ class Renderer:
         self._programs = Programs(self._context)
         self._timers = Timers(self._context)
         self._timers.on = self._frame_ms > 0
-        self._build(settings.shadow_map, EVERY_SIDE if settings.light_regions is None else settings.light_regions)
+        self._build(sizing(settings.shadow_map), EVERY_SIDE if settings.light_regions is None else settings.light_regions)
         check_context(self._context)
 
-    def _build(self, shadow_map: int, regions: int) -> None:
+    def _build(self, sizing: Sizing, regions: int) -> None:
         context = self._context
         found = light_regions(regions)
-        self._atlas = ShadowAtlas(context, self._programs, scene_casters(self._scene, shadow_map), found, shadow_map)
+        self._atlas = ShadowAtlas(context, self._programs, scene_casters(self._scene, sizing.sizes), found, sizing)
         self._atlas.place(self._standing.matrices)
         self._surfaces = Surfaces(context, self._programs, self._scene, self._size)
         kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}
@@ -133,9 +150,7 @@ class Renderer:
         catcher = self._catcher_irradiance(light.cells()) if self._has_catcher else None  # of all passes together
 
         def draw() -> None:
-            if self._atlas.tile_size != self._shadow_map:
-                self._atlas.resize(self._shadow_map)
-            self._render_all(light.of_pass(number), Lights.none(), [offset], catcher)
+            self._render_all(light.of_pass(number), Lights.none(), [offset], catcher, PASS_MAP if self._sized else None)
 
         self._whole(draw)
         return self.picture()
@@ -189,12 +204,21 @@ class Renderer:
         """How many lights fit the target frame time; None without a target and until the first frames have told."""
         return affordable_lights(self._pace, self._frame_ms, self._moved) if self._frame_ms else None
 
+    @property
+    def late_ms(self) -> float:
+        """What a picture with the fewest lights takes where that is beyond the target frame time; 0 where it is not."""
+        took_ms = least_ms(self._pace, self._moved)
+        return took_ms if self._frame_ms and took_ms > LATE * self._frame_ms else 0.0
+
     def _render_all(
-        self, lights: Lights, weak: Lights, offsets: list[Offset], catcher: Colour | None = None
+        self, lights: Lights, weak: Lights, offsets: list[Offset], catcher: Colour | None = None, texels: int | None = None
     ) -> None:
-        """Draws all maps and sums all lights, at `offsets` in each pixel; `catcher`: see Shading.add, None: as these lights give it."""
+        """Draws all maps and sums all lights, at `offsets` in each pixel; `catcher`: see Shading.add, None: as these lights give it.
+
+        texels: as in ShadowAtlas.batches.
+        """
         weight, unshadowed = 1 / len(offsets), catcher or self._catcher_irradiance(lights)
-        for number, batch in enumerate(self._atlas.batches(lights)):
+        for number, batch in enumerate(self._atlas.batches(lights, texels)):
             self._draw_maps(batch)
             if number == 0:
                 self._gather(weak, batch)
@@ -220,12 +244,14 @@ class Renderer:
                     self._illumination.add(self._surfaces, self._shading.cover_frame, (red, green, blue), catching=True)
 
     def _draw_maps(self, batch: Batch) -> None:
+        self.map_texels = batch.texels
         with self._timers.measured("shadow maps"):
             self._atlas.draw(batch)
 
     def _gather(self, weak: Lights, batch: Batch) -> None:
         if self._gloss:
-            self._gloss.gather(weak, batch)
+            with self._timers.measured("weak lights"):
+                self._gloss.gather(weak, batch)
 
     def _add(self, batch: Batch, weight: float, unshadowed: Colour, first: bool = True, kept: Kept | None = None) -> None:
         """Sums the lights of a batch, times `weight`, on what `_see` has drawn; with a picture's first batch alpha and the weak lights."""
@@ -238,14 +264,16 @@ class Renderer:
 
     def _render_in_time(self, lights: Lights, weak: Lights) -> None:
         """Draws what fits the target frame time."""
+        self._pace = with_weak(self._pace, self._frame_ms, self._moved)
+        weak = weak if self._pace.weak else Lights.none()
         chosen = first_lights(lights, self.affordable_lights or len(lights.ids))
         self.drawn_lights = len(chosen.ids)
-        if (size := map_size(self._pace, self._atlas.tile_size, self._shadow_map)) != self._atlas.tile_size:
-            self._atlas.resize(size)
-            self._pace = self._pace._replace(backlog=1.0)
+        if (halved := halvings(self._pace, self._halved, COARSER)) != self._halved:
+            self._halved, self._pace = halved, self._pace._replace(backlog=1.0)
         if self._moved:
             self._atlas.forget_lookups()
-        batch = self._atlas.cached_batch(chosen, affordable_maps(self._pace, self._frame_ms, len(chosen.ids), self._moved))
+        affordable = partial(affordable_maps, self._pace, self._frame_ms, len(chosen.ids), self._moved)
+        batch = self._atlas.cached_batch(chosen, self._halved, affordable)
         if batch is None:
             self._render_all(chosen, weak, self._offsets)
             return
@@ -268,8 +296,9 @@ class Renderer:
         spent = self._timers.read_ms()
         lookups = batch.unknown.count if self._looked else None
         lights_ms, maps_ms, lookups_ms = (spent.get(name, 0.0) for name in ("lights", "shadow maps", "lookups"))
-        done = Spent(frame_ms + self._after_ms, batch.maps.count, maps_ms, lookups, lookups_ms, batch.every.count, lights_ms)
-        self._pace = waited(learnt(self._pace, done), batch.off, batch.maps.count, batch.every.count)
+        weak_ms = spent.get("weak lights", 0.0) if self._pace.weak else None
+        done = Spent(frame_ms + self._after_ms, batch.work, maps_ms, lookups, lookups_ms, batch.every.count, lights_ms, weak_ms)
+        self._pace = waited(learnt(self._pace, done), map_work(batch.texels), batch.off, batch.off_work, batch.work)
 
     def _catcher_irradiance(self, lights: Lights) -> Colour:
         """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""

@@ -1,24 +1,26 @@
-"""The shadow maps of many lights in one depth texture, a grid of tiles, drawn by instancing: one draw call for a batch of lights."""
+"""The shadow maps of many lights in one depth texture, each as large as its light deserves, drawn by instancing: a call for each size."""
 
-import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import moderngl
 import numpy as np
 
 from services.lights import Lights
-from services.renderer.cache import no_maps, planned_maps
+from services.renderer.cache import Needs, Slots, map_needs, planned_maps
 from services.renderer.casters import Casters, moved_by_m, placed_casters
 from services.renderer.geometry import Piece
+from services.renderer.pace import map_work
 from services.renderer.programs import Programs
 from services.renderer.regions import Regions, region_rows
+from services.renderer.sizes import Packing, Sizing, map_steps, packed
 from services.sphere import luminance
 
-MAX_LIGHTS = 512  # of a batch: 48 kB of a uniform block; GL drivers in use allow 64 kB
-FRAME_BYTES = 96  # LightFrame in light.glsl
-ALIGNED = 8  # frames; 768 bytes, a multiple of the 256 at which GL drivers let a uniform block begin
-GUTTER = 2  # texels at a tile's rim, as in light.glsl
+MAX_LIGHTS = 512  # of a batch: 56 kB of a uniform block; GL drivers in use allow 64 kB
+FRAME_BYTES = 112  # LightFrame in light.glsl
+ALIGNED = 16  # frames; 1792 bytes, a multiple of the 256 at which GL drivers let a uniform block begin
 MAX_ATLAS_SIDE = 8192  # texels; 256 MB of depth at 4 bytes, and no GL 4.3 driver refuses it
+SLACK = 1 / 8  # of the slots of a size: more than its lights need, for lights that come
 BOX = ("box_centre", "box_half")
 BEYOND = (0x864F, *range(0x3000, 0x3004))  # GL_DEPTH_CLAMP, GL_CLIP_DISTANCE0 to 3, for which moderngl has no name
 
@@ -30,12 +32,21 @@ class Row(NamedTuple):
     count: int
 
 
+class Run(NamedTuple):
+    """Maps that are drawn together: of which level of the casters, from which frame on, how many, and of how many the floor casts too."""
+
+    level: int
+    first: int
+    count: int
+    below: int
+
+
 class Batch(NamedTuple):
-    """Lights that share the atlas. entries: (m, 12) float32 as frames.comp reads them, row after row.
+    """Lights that share the atlas. entries: (m, 16) float32 as frames.comp reads them, row after row.
 
     rows: the lights of each light region. every: all of them in their order. unknown: one for each map that was drawn since lookups in it
-    were kept. maps: those whose maps are drawn now, of which the first
-    `above` are above the floor. off: how many lights needed theirs drawn.
+    were kept. maps: those whose maps are drawn now; runs: the same by the size of map. off: how many lights needed theirs drawn; work and
+    off_work: what the drawn and the needed ones cost, as pace.map_work counts. packing: where the tiles lie.
     """
 
     entries: np.ndarray
@@ -43,154 +54,207 @@ class Batch(NamedTuple):
     every: Row
     unknown: Row
     maps: Row
-    above: int
+    runs: tuple[Run, ...]
     off: int
+    work: float
+    off_work: float
+    packing: Packing
+
+    @property
+    def texels(self) -> np.ndarray:
+        """On a side of each light's map, (n,) int64."""
+        return self.entries[self.every.first : self.every.first + self.every.count, 14].astype(np.int64)
 
 
 class ShadowAtlas:
-    """One depth texture with a tile of `tile_size` texels a side for each light of a batch."""
+    """One depth texture with a tile for each light of a batch, of the size that `sizing` gives it."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, regions: Regions, tile_size: int) -> None:
-        self._context, self._casters, self._regions = context, casters, regions
-        self._set_size(tile_size)
+    def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, regions: Regions, sizing: Sizing) -> None:
+        self._context, self._casters, self._regions, self._sizing = context, casters, regions, sizing
+        self._most = min(MAX_ATLAS_SIDE, 1 << (context.info["GL_MAX_TEXTURE_SIZE"].bit_length() - 1))
         # The floor has a program of its own: it reaches beyond the box, and so beyond the tile and nearer to a light from below.
         self._programs = [programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS), BEYOND=beyond) for beyond in "01"]
         self._frames_program = programs.compute("frames.comp")
         self._buffers = (context.buffer(casters.positions.tobytes()), context.buffer(casters.indices.tobytes()))
         layout = [(self._buffers[0], "3f", "position")]
         self._arrays = [context.vertex_array(program, layout, self._buffers[1], index_element_size=4) for program in self._programs]
-        self._drawn = no_maps(0)  # of the tiles, for `cached_batch`; empty while each batch draws all its maps
-        self._stale = np.zeros(0)  # of the tiles, see planned_maps
-        self._looked = np.zeros(0, bool)  # of the tiles: whether kept lookups are of the map that is in them
-        self._given = context.buffer(reserve=48, dynamic=True)
+        self._slots: Slots | None = None  # for `cached_batch`; None while each batch draws all its maps
+        self._looked = np.zeros(0, bool)  # of the slots: whether kept lookups are of the map that is in them
+        self._steps: dict[int, int] = {}  # of the lights, by their ids, in the last cached batch
+        self._given = context.buffer(reserve=64, dynamic=True)
         self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
-        self.columns = 0
+        self._packing = Packing(np.zeros((0, 2), np.int64), 0, 0)
         self.texture: moderngl.Texture | None = None
         self._frame: moderngl.Framebuffer | None = None
-        self._matrices = np.tile(np.eye(4), (1 + max(member.mesh for member in casters.members), 1, 1))
+        self._matrices = np.tile(np.eye(4), (1 + max(member.mesh for member in casters.every), 1, 1))
         self._placed = placed_casters(casters, self._matrices)
         self._fit_box()
 
-    def _set_size(self, tile_size: int) -> None:
-        self.tile_size = tile_size
-        side = min(MAX_ATLAS_SIDE, self._context.info["GL_MAX_TEXTURE_SIZE"])
-        self.capacity = min(max(side // tile_size, 1) ** 2, MAX_LIGHTS)
+    @property
+    def layers(self) -> int:
+        """How many maps there is room for."""
+        return len(self._packing.corners)
 
     def place(self, matrices: np.ndarray) -> None:
         """Moves the casters: world_from_rest (n, 4, 4) of the scene's meshes. Maps that are kept age by as much as the casters moved."""
         before = self._placed
         self._placed = placed_casters(self._casters, matrices, before)
         width_m = 2 * float(self._placed.box_half.max())
-        self._stale += moved_by_m(self._casters, self._matrices, matrices) / width_m
+        if self._slots:
+            self._slots = self._slots._replace(stale=self._slots.stale + moved_by_m(self._casters, self._matrices, matrices) / width_m)
         self._matrices = matrices
         if not all(np.array_equal(getattr(before, name), getattr(self._placed, name)) for name in (*BOX, "floor_normal")):
-            self._drawn = no_maps(len(self._drawn))
+            self._slots = None
             self._fit_box()
 
     def _fit_box(self) -> None:
         for name in BOX:
             self._frames_program[name] = tuple(getattr(self._placed, name).tolist())
 
-    def batches(self, lights: Lights) -> list[Batch]:
-        """The lights that carry power, cut into runs that fit the atlas, each with all its maps to draw; one empty run where none does."""
-        lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
-        self._drawn, self._looked = no_maps(0), np.zeros(0, bool)
-        runs = [lit[first : first + self.capacity] for first in range(0, max(len(lit), 1), self.capacity)]
-        return [self._batch(lights, run, np.arange(len(run)), lights.directions[run], np.arange(len(run))) for run in runs]
+    def batches(self, lights: Lights, texels: int | None = None) -> list[Batch]:
+        """The lights that carry power, cut into runs that fit the atlas, each with all its maps to draw; one empty run where none does.
 
-    def cached_batch(self, lights: Lights, budget: int) -> Batch | None:
-        """The lights that carry power as one batch that draws at most `budget` maps, and the others as they were drawn.
-
-        A light keeps its map while it moves less than a texel at the far end of a scene as deep as wide. None when the atlas cannot
-        hold them.
+        texels: of each map, in place of what the lights deserve.
         """
-        lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
-        budget = min(max(budget, 1), max(len(lit), 1))
-        if len(lit) > self.capacity:
+        lit, power = _lit(lights)
+        self._slots, self._looked = None, np.zeros(0, bool)
+        sizes = np.full(len(lit), texels) if texels else self._sizing.largest >> map_steps(self._sizing, lights.directions[lit], power)
+        made, first = [], 0
+        while first < len(lit) or not made:
+            packing = self._first_that_fit(sizes[first : first + MAX_LIGHTS])
+            count = len(packing.corners)
+            run = lit[first : first + count]
+            slots = Slots(sizes[first : first + count], lights.directions[run], np.zeros(count))
+            made.append(self._batch(lights, run, np.arange(count), slots, np.arange(count), packing))
+            first += count
+        return made
+
+    def _first_that_fit(self, sizes: np.ndarray) -> Packing:
+        """As many of the first tiles as the largest atlas holds; one always fits."""
+        if whole := packed(sizes, self._most):
+            return whole
+        low, high = 1, len(sizes) - 1
+        while low < high:
+            middle = (low + high + 1) // 2
+            low, high = (middle, high) if packed(sizes[:middle], self._most) else (low, middle - 1)
+        fitting = packed(sizes[:low], self._most)
+        assert fitting
+        return fitting
+
+    def cached_batch(self, lights: Lights, halved: int, affordable: Callable[[np.ndarray], int]) -> Batch | None:
+        """The lights that carry power as one batch that draws the maps for which there is time, and the others as they were drawn.
+
+        A light keeps its map while it moves less than a texel of it at the far end of a scene as deep as wide. halved: by how many steps
+        maps are smaller than the lights deserve. affordable: how many maps are drawn, of those that must be, by the work (k,) that each
+        costs, the worst first. None when the atlas cannot hold them all.
+        """
+        lit, power = _lit(lights)
+        ids = lights.ids[lit].tolist()
+        directions, before = lights.directions[lit], np.array([self._steps.get(i, -1) for i in ids], np.int64)
+        steps = map_steps(self._sizing, directions, power, halved, before)
+        self._steps = dict(zip(ids, steps.tolist(), strict=True))
+        sizes = self._sizing.largest >> steps
+        if len(lit) > MAX_LIGHTS or not self._make_room(steps):
             return None
-        if len(self._drawn) < max(len(lit), 1):
-            self._fit(max(len(lit), 1))
-            tiles = self.columns**2
-            self._drawn, self._stale, self._looked = no_maps(tiles), np.zeros(tiles), np.zeros(tiles, bool)
-        strength = luminance(lights.irradiance[lit])
-        texel = 1 / (self.tile_size - 2 * GUTTER)
-        plan = planned_maps(self._drawn, lights.directions[lit], strength, budget, texel, self._stale)
-        self._drawn = plan.drawn
-        self._stale[plan.renewed] = 0.0
+        assert self._slots is not None
+        fresh = bool(np.isnan(self._slots.drawn).all())
+        needs = map_needs(self._slots, directions, power, sizes) if not fresh else Needs(np.zeros(len(lit), np.int64), np.arange(len(lit)))
+        work = map_work(sizes[needs.off])
+        plan = planned_maps(self._slots, needs, directions, sizes, len(lit) if fresh else max(affordable(work), 1))
+        self._slots = plan.slots
         self._looked[plan.renewed] = False
         renewed = np.flatnonzero(np.isin(plan.tiles, plan.renewed))
-        return self._batch(lights, lit, plan.tiles, plan.drawn[plan.tiles], renewed)._replace(off=plan.off)
+        batch = self._batch(lights, lit, plan.tiles, plan.slots, renewed, self._packing)
+        return batch._replace(off=len(work), off_work=float(work.sum()))
 
-    def _batch(self, lights: Lights, lit: np.ndarray, tiles: np.ndarray, map_directions: np.ndarray, renewed: np.ndarray) -> Batch:
-        """The lights numbered `lit` with the tile that each reads, the direction of its map, and which of them draw it now."""
-        below = map_directions @ self._placed.floor_normal < 0
-        light = np.zeros((len(lit), 12), np.float32)
+    def _make_room(self, steps: np.ndarray) -> bool:
+        """Whether there is a slot of its size for each light; where some are missing all slots are made anew, and empty."""
+        sizes = np.array(self._sizing.sizes)
+        need = np.bincount(steps, minlength=len(sizes))
+        have = np.count_nonzero(self._slots.sizes == sizes[:, None], axis=1) if self._slots else np.zeros_like(need)
+        if self._slots and np.all(have >= need):
+            return True
+        roomy = need + np.ceil(SLACK * need).astype(np.int64)
+        grown = np.maximum(roomy, have)
+        for counts in (grown if grown.sum() <= 2 * roomy.sum() else roomy, need):
+            wanted = np.repeat(sizes, counts)
+            if packing := packed(wanted, self._most):
+                self._fit(packing)
+                self._slots, self._looked = Slots.empty(wanted), np.zeros(len(wanted), bool)
+                return True
+        return False
+
+    def _batch(
+        self, lights: Lights, lit: np.ndarray, tiles: np.ndarray, slots: Slots, renewed: np.ndarray, packing: Packing
+    ) -> Batch:
+        """The lights numbered `lit` with the slot that each reads and which of them draw it now."""
+        directions, sizes = slots.drawn[tiles], slots.sizes[tiles]
+        below = directions @ self._placed.floor_normal < 0
+        light = np.zeros((len(lit), 16), np.float32)
         light[:, 0:3] = lights.directions[lit]
-        light[:, 3] = tiles
         light[:, 4:7] = lights.irradiance[lit]
-        light[:, 8:11] = map_directions
-        drawn = renewed[np.argsort(below[renewed], kind="stable")]
+        light[:, 8:11] = directions
+        light[:, 12:14], light[:, 14], light[:, 15] = packing.corners[tiles], sizes, tiles
+        level = np.array(self._casters.levels)[np.searchsorted(-np.array(self._sizing.sizes), -sizes).clip(0, self._sizing.steps)]
+        drawn = renewed[np.lexsort((below[renewed], level[renewed]))]
         unknown = np.unique(tiles, return_index=True)[1]
         unknown = unknown[~self._looked[tiles[unknown]]] if len(self._looked) else unknown[:0]
-        runs = [*region_rows(self._regions, lights.directions[lit]), np.arange(len(lit)), unknown, drawn]
+        parts = [*region_rows(self._regions, lights.directions[lit]), np.arange(len(lit)), unknown, drawn]
         rows, padded, first = [], [], 0
-        for run in runs:
-            rows.append(Row(first, len(run)))
-            room = -(-len(run) // ALIGNED) * ALIGNED
-            padded.append(np.resize(run, room))
+        for part in parts:
+            rows.append(Row(first, len(part)))
+            room = -(-len(part) // ALIGNED) * ALIGNED
+            padded.append(np.resize(part, room))
             first += room
         entries = light[np.concatenate(padded).astype(np.int64)]
         every, unknown, maps = rows[-3:]
-        return Batch(entries, tuple(rows[:-3]), every, unknown, maps, int(np.count_nonzero(~below[renewed])), len(renewed))
+        runs = []
+        for own in np.unique(level[drawn]).tolist():
+            members = np.flatnonzero(level[drawn] == own)
+            runs.append(Run(own, int(members[0]), len(members), int(np.count_nonzero(below[drawn[members]]))))
+        work = float(map_work(sizes[renewed]).sum())
+        return Batch(entries, tuple(rows[:-3]), every, unknown, maps, tuple(runs), len(renewed), work, work, packing)
 
     def looked_up(self, batch: Batch) -> None:
         """Notes that lookups in the maps of `batch.unknown` are kept."""
-        self._looked[batch.entries[batch.unknown.first : batch.unknown.first + batch.unknown.count, 3].astype(int)] = True
+        self._looked[batch.entries[batch.unknown.first : batch.unknown.first + batch.unknown.count, 15].astype(int)] = True
 
     def forget_lookups(self) -> None:
         """Notes that the surfaces have changed on which lookups are kept."""
         self._looked[:] = False
 
-    def resize(self, tile_size: int) -> None:
-        """Draws all maps anew, with `tile_size` texels a side."""
-        self._drawn = no_maps(0)
-        self._free()
-        self.columns = 0
-        self._set_size(tile_size)
-
     def draw(self, batch: Batch) -> None:
         """Uploads the batch and draws the maps that it renews."""
-        count = batch.maps.count
-        if len(self._drawn) == 0:
-            self._fit(max(count, 1))
+        self._fit(batch.packing)
         assert self._frame is not None
         self._make_frames(batch)
         self._frame.use()
         self._clear(batch)
-        if count == 0:
+        if batch.maps.count == 0:
             return
         self.bind_row(batch.maps)
         self._context.depth_func = "<"
-        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self._instances(0, self._placed.closed, 0, count)
-        self._context.disable(moderngl.CULL_FACE)
-        self._instances(0, self._placed.open, 0, count)
-        for flag in BEYOND:
-            self._context.enable_direct(flag)
-        self._instances(1, self._placed.floor, batch.above, count - batch.above)
-        for flag in BEYOND:
-            self._context.disable_direct(flag)
+        for run in batch.runs:
+            level = self._placed.levels[run.level]
+            self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+            self._instances(0, level.closed, run.first, run.count)
+            self._context.disable(moderngl.CULL_FACE)
+            self._instances(0, level.open, run.first, run.count)
+            for flag in BEYOND:
+                self._context.enable_direct(flag)
+            self._instances(1, self._placed.floor, run.first + run.count - run.below, run.below)
+            for flag in BEYOND:
+                self._context.disable_direct(flag)
 
     def _clear(self, batch: Batch) -> None:
         """Empties the tiles whose maps are drawn anew."""
         assert self._frame is not None
-        if len(self._drawn) == 0:
+        if self._slots is None or batch.maps.count == self.layers:
             self._frame.clear(depth=1.0)
             return
-        tiles = batch.entries[batch.maps.first : batch.maps.first + batch.maps.count, 3].astype(int)
-        for tile in tiles.tolist():
-            corner = (tile % self.columns * self.tile_size, tile // self.columns * self.tile_size)
-            self._frame.clear(depth=1.0, viewport=(*corner, self.tile_size, self.tile_size))
+        tiles = batch.entries[batch.maps.first : batch.maps.first + batch.maps.count, 12:15].astype(int)
+        for x, y, size in tiles.tolist():
+            self._frame.clear(depth=1.0, viewport=(x, y, size, size))
 
     def _make_frames(self, batch: Batch) -> None:
         """Has the GPU rebuild the light frames of all rows from the lights' directions."""
@@ -201,7 +265,6 @@ class ShadowAtlas:
         self._given.write(batch.entries.tobytes())
         self._given.bind_to_storage_buffer(1)
         self._frames.bind_to_storage_buffer(2)
-        self._describe(self._frames_program)
         self._frames_program["light_count"] = count
         self._frames_program.run(group_x=(count + 63) // 64)
         self._context.memory_barrier()
@@ -225,21 +288,16 @@ class ShadowAtlas:
             program["world_from_rest"] = tuple(piece.world_from_rest.T.reshape(-1))
             self._arrays[beyond].render(vertices=piece.indices.count, first=piece.indices.first, instances=count)
 
-    def _describe(self, program: moderngl.Program | moderngl.ComputeShader) -> None:
-        side = self.tile_size * self.columns
-        sizes = {"tile_size": float(self.tile_size), "tile_columns": float(self.columns), "atlas_texel": 1 / side}
-        for name in sizes.keys() & set(program):  # compilers leave out what a shader does not use
-            program[name] = sizes[name]
+    def _describe(self, program: moderngl.Program) -> None:
+        program["atlas_texel"] = (1 / self._packing.width, 1 / self._packing.height)
 
-    def _fit(self, count: int) -> None:
-        """Makes the texture hold `count` tiles and no row more: where a tile lies, and so how it rounds, follows from the lights alone."""
-        columns = math.ceil(math.sqrt(count))
-        if columns == self.columns:
+    def _fit(self, packing: Packing) -> None:
+        """Makes the texture as large as the tiles need: how they lie, and so how they round, follows from the lights alone."""
+        before, self._packing = self._packing, packing
+        if self.texture is not None and (before.width, before.height) == (packing.width, packing.height):
             return
         self._free()
-        self.columns = columns
-        side = self.columns * self.tile_size
-        self.texture = self._context.depth_texture((side, side))
+        self.texture = self._context.depth_texture((packing.width, packing.height))
         self.texture.compare_func = ""  # the shader compares: each of the four texels against its own depth
         self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.texture.repeat_x = self.texture.repeat_y = False
@@ -256,3 +314,9 @@ class ShadowAtlas:
         self._free()
         for thing in (*self._arrays, *self._buffers, self._given, self._frames):
             thing.release()
+
+
+def _lit(lights: Lights) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of the lights that carry power, and that power, luminance."""
+    lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
+    return lit, luminance(lights.irradiance[lit].astype(np.float64))

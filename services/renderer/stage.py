@@ -1,5 +1,6 @@
 """The renderer as a stage of the pipeline: lights in, pictures out, and the pictures' files."""
 
+import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +13,7 @@ from services.channels import Service
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.album import Album
+from services.renderer.pace import FEWEST
 from services.renderer.refine import MapLights, Refined
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
@@ -85,6 +87,7 @@ class RendererStage:
         if drawing.light_regions is None and settings.capture.coverage == "hemisphere":
             drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, FILE_SAMPLES if self._album else LIVE_SAMPLES)
+        self._frame_ms, self._late = drawing.frame_ms or 0.0, False
 
     def kept(self) -> int:
         return self._album.count if self._album else 0
@@ -118,6 +121,7 @@ class RendererStage:
             picture = self._renderer.picture() if self._linear or self._album else None
             state = state._replace(picture=picture, adaptation=adapt(state.adaptation, self._renderer.selected(), dt_s), still=None)
             pixels, count = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure), self._renderer.drawn_lights
+            self._say_when_late()
         height, width, _ = pixels.shape
         took_ms = (time.monotonic() - began_s) * 1e3
         made = wire.Image(
@@ -141,6 +145,15 @@ class RendererStage:
             state = state._replace(picture=refined.picture, adaptation=adapt(state.adaptation, selected(refined.picture), dt_s))
         pixels = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure)
         return state._replace(still=Still(light, state.poses, refined, state.exposure, pixels)), pixels, refined.lights
+
+    def _say_when_late(self) -> None:
+        """One line when the target frame time cannot be met, and one when it can again."""
+        late_ms = self._renderer.late_ms
+        if bool(late_ms) == self._late:
+            return
+        self._late = bool(late_ms)
+        said = f"{late_ms:.0f} ms a picture with {FEWEST} lights: [renderer] frame_ms = {self._frame_ms:g} is missed; ask for fewer pixels"
+        print(f"vemlight: renderer: {said if late_ms else 'pictures are in time again'}", file=sys.stderr, flush=True)
 
     def heed(self, state: RendererState, said: wire.Message) -> RendererState:
         header, arrays = said

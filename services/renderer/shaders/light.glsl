@@ -9,9 +9,8 @@ struct LightFrame {
     vec4 depth;  // likewise in [0, DEEPEST], growing away from the light
     vec4 direction;  // to the light; w: BIAS in depth
     vec4 irradiance;  // RGB on a plane that faces the light; w: number of the tile
-    vec4 corner_slope;  // the tile's first texel; depth a texel of a plane with normal n: zw * dot(column or row, n) / dot(direction, n)
+    vec4 tile;  // its first texel; texels on a side
+    vec4 slope;  // depth a texel of a plane with normal n: xy * dot(column or row, n) / dot(direction, n)
 };
 
-uniform float tile_size;  // texels on a side
-uniform float tile_columns;  // the atlas is a square of so many tiles a side
-uniform float atlas_texel;  // 1 / its side in texels
+uniform vec2 atlas_texel;  // 1 / its sides in texels

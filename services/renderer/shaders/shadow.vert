@@ -16,14 +16,14 @@ void main() {
     int i = first_light + gl_InstanceID;
     vec4 p = world_from_rest * vec4(position, 1.0);
     vec2 own = vec2(dot(lights[i].column, p), dot(lights[i].row, p));
-    vec2 texel = lights[i].corner_slope.xy + own;
+    vec2 texel = lights[i].tile.xy + own;
     float depth = dot(lights[i].depth, p);
 #if BEYOND
     depth -= SUNK * lights[i].direction.w;
     gl_ClipDistance[0] = own.x - GUTTER;
     gl_ClipDistance[1] = own.y - GUTTER;
-    gl_ClipDistance[2] = tile_size - GUTTER - own.x;
-    gl_ClipDistance[3] = tile_size - GUTTER - own.y;
+    gl_ClipDistance[2] = lights[i].tile.z - GUTTER - own.x;
+    gl_ClipDistance[3] = lights[i].tile.z - GUTTER - own.y;
 #endif
     gl_Position = vec4(2.0 * texel * atlas_texel - 1.0, 2.0 * depth - 1.0, 1.0);
 }

@@ -8,11 +8,11 @@ const float STEEPEST = 0.03;  // cosine at which the plane's slope is held; a li
 // surface's own plane there, weighted bilinearly (percentage-closer filtering with plane bias, Isidoro 2006).
 float visibility(int i, vec4 position, vec3 flat_normal, float cosine) {
     vec2 at = vec2(dot(lights[i].column, position), dot(lights[i].row, position)) - 0.5;
-    at = clamp(at, vec2(0.5), vec2(tile_size - 1.5));  // what lies beyond the map finds its empty rim
+    at = clamp(at, vec2(0.5), vec2(lights[i].tile.z - 1.5));  // what lies beyond the map finds its empty rim
     vec2 slope = vec2(dot(lights[i].column.xyz, flat_normal), dot(lights[i].row.xyz, flat_normal));
-    slope *= lights[i].corner_slope.zw * (1.0 / max(cosine, STEEPEST));
+    slope *= lights[i].slope.xy * (1.0 / max(cosine, STEEPEST));
     vec2 f = fract(at);
-    vec4 stored = textureGather(atlas, (lights[i].corner_slope.xy + (at - f) + 1.0) * atlas_texel);
+    vec4 stored = textureGather(atlas, (lights[i].tile.xy + (at - f) + 1.0) * atlas_texel);
     float low = dot(lights[i].depth, position) - dot(slope, f) - lights[i].direction.w;
     vec4 own = min(low + vec4(slope.y, slope.x + slope.y, slope.x, 0.0), 1.0);
     vec4 lit = vec4(lessThanEqual(own, stored));

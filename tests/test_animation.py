@@ -126,6 +126,36 @@ def test_turns_go_evenly(numbers, t):
     assert np.allclose(rotation_from_quaternion(between), rotation_from_quaternion(-between))
 
 
+def test_the_animation_is_chosen_by_name_or_all_play(tmp_path):
+    film = Film().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
+    (walk,) = film.document["animations"]
+    walk["name"] = "walk"
+    film.document["animations"].append({"name": "rise", "channels": [], "samplers": []})
+    film.document["animations"].reverse()  # `move` adds to the first
+    film.move(1, "translation", [0, 2], [[0, 0, 3], [0, 0, 3]]).move(0, "translation", [0, 2], [[0, 5, 0], [0, 5, 0]])
+    path = film.write(tmp_path / "film.gltf")
+    for wanted, at, duration_s in (("", (0, 5, 3), 2), ("rise", (0, 5, 3), 2), ("walk", (1, 0, 0), 1), ("*", (0, 5, 3), 2)):
+        found = read_meshes(path, "here", wanted)
+        (part,) = found.parts
+        assert part.motion is not None
+        assert part.motion.world_from_rest(0.5)[:3, 3] == pytest.approx(at)
+        assert part.motion.duration_s == duration_s
+        assert len(found.left_out) == (wanted == "")
+    with pytest.raises(BadInput, match="has no animation run, but rise, walk"):
+        read_meshes(path, "here", "run")
+
+
+def test_all_animations_move_what_each_of_them_moves(tmp_path):
+    film = Film().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
+    film.document["animations"].insert(0, {"channels": [], "samplers": []})
+    film.move(0, "translation", [0, 4], [[0, 0, 2], [0, 0, 2]])
+    (part,) = read_meshes(film.write(tmp_path / "film.gltf"), "here", "*").parts
+    assert part.motion is not None
+    assert part.motion.world_from_rest(3.0)[:3, 3] == pytest.approx([1, 0, 2])
+    (line,) = read_meshes(film.write(tmp_path / "film.gltf"), "here").left_out
+    assert line == 'film.gltf: of its 2 animations the first plays: animation = "*" plays all, or name one of 1, 2'
+
+
 def test_a_file_without_animation_stands_still(tmp_path):
     film = Film()
     del film.document["animations"]

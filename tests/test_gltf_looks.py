@@ -1,6 +1,9 @@
 """Materials of glTF files as they are drawn: emission, images and where they lie, the older model, and what is said of the rest."""
 
+import json
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -257,6 +260,40 @@ def test_a_spoilt_material_is_one_line(tmp_path, spoil):
     assert "\n" not in str(caught.value)
 
 
+def branches(value: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The ways to all that lies in a JSON document."""
+    for key in value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
+        yield (*way, key)
+        yield from branches(value[key], (*way, key))
+
+
+def test_whatever_stands_in_a_file_is_read_or_refused_in_one_line(tmp_path):
+    sheet = glowing(info={"extensions": {"KHR_texture_transform": {"scale": [2, 2], "texCoord": 1}}}, wrapS=33648)
+    sheet.attribute("TEXCOORD_1", UPRIGHT).attribute("COLOR_0", np.full((4, 4), 0.5, np.float32))
+    sheet.material.update(alphaMode="BLEND", normalTexture={"index": 0, "scale": 2.0}, extensions={"KHR_materials_ior": {"ior": 1.4}})
+    times, places = sheet.accessor(np.array([[0], [1]], np.float32)), sheet.accessor(np.zeros((2, 3), np.float32))
+    channel, sampler = {"sampler": 0, "target": {"node": 0, "path": "translation"}}, {"input": times, "output": places}
+    sheet.document.update(animations=[{"channels": [channel], "samplers": [sampler]}], extensionsUsed=["KHR_materials_ior", "KHR_other"])
+    path = sheet.write(tmp_path / "sheet.gltf")
+    whole = json.loads(path.read_text())
+    read_meshes(path, "here")
+    ways, rng, refused = list(branches(whole)), np.random.default_rng(5), []
+    for _ in range(300):
+        spoilt = json.loads(json.dumps(whole))
+        *way, last = ways[rng.integers(len(ways))]
+        place = spoilt
+        for key in way:
+            place = place[key]
+        place[last] = (None, -1, 7, 1e30, "", "x", [], {}, [[]], True, 1.5, {"index": 0})[rng.integers(12)]
+        path.write_text(json.dumps(spoilt))
+        try:
+            read_meshes(path, "here")
+        except BadInput as error:
+            refused.append(str(error))
+    assert 100 < len(refused) < 300
+    assert not any("\n" in line for line in refused)
+
+
 def left_absent_image(sheet):
     sheet.document["images"][0] = {"uri": "glow%20map.png"}
     return "sheet.gltf: material Paint: its emissiveTexture is left out: there is no {folder}/glow map.png"
@@ -285,7 +322,7 @@ def left_no_image(sheet):
 def left_extension(sheet):
     sheet.document["extensionsUsed"] = ["KHR_materials_clearcoat"]
     sheet.material["extensions"] = {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0}}
-    return "sheet.gltf: KHR_materials_clearcoat is not drawn: material Paint goes without"
+    return "sheet.gltf: KHR_materials_clearcoat is not drawn, of material Paint"
 
 
 def left_morph(sheet):

@@ -66,6 +66,7 @@ def test_gltf_is_y_up_without_being_told(tmp_path):
         ('[[mesh]]\nshape = "box"\nfile = "mesh.obj"', ["either"]),
         ("[[mesh]]\nscale = 1.0", ["either"]),
         ('[[mesh]]\nshape = "box"\ncolour = 3', ["scene.toml", "colour"]),
+        ('[[mesh]]\nshape = "box"\nanimation = "*"', ["animation = *", "leave it out"]),
         ('[[mesh]]\nshape = "box"\nscale = 0.0', ["scale"]),
         ('[[mesh]]\nshape = "box"\nat = [nan, 0.0, 0.0]', ["finite"]),
         ('[[mesh]]\nshape = "box"\nmaterial = {diffuse = [0.7, 0.7, 0.7], specular = [0.4, 0.0, 0.0]}', ["diffuse + specular", "1.1"]),

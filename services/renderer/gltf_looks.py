@@ -65,9 +65,9 @@ class GltfLooks:
         base, old = found.get("pbrMetallicRoughness", {}), extensions.get("KHR_materials_pbrSpecularGlossiness")
         factor = _numbers((base if old is None else old).get("baseColorFactor" if old is None else "diffuseFactor", (1.0,) * 4), 4, 1.0)
         if old is None:
-            image, holes = self._coloured(found, base, "baseColorTexture", factor[3], worn)
+            image, holes = self._coloured(found, base, "baseColorTexture", float(factor[3]), worn)
         else:
-            image, holes = self._coloured(found, old, "diffuseTexture", factor[3], worn)
+            image, holes = self._coloured(found, old, "diffuseTexture", float(factor[3]), worn)
         if "KHR_materials_unlit" in extensions:
             return Unlit(_colour(factor), image, holes)
         strength = _numbers([extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)], 1, MOST_RADIANCE)
@@ -186,7 +186,7 @@ class GltfLooks:
         for extension in sorted(set(document.get("extensionsUsed", [])) - READ_EXTENSIONS):
             users = [m.get("name", k) for k, m in enumerate(document.get("materials", [])) if extension in m.get("extensions", {})]
             more = f" and {len(users) - 1} more" if users[1:] else ""
-            self._say(f"{extension} is not drawn" + (f": material {users[0]}{more} goes without" if users else ""))
+            self._say(f"{extension} is not drawn" + (f", of material {users[0]}{more}" if users else ""))
         for number, mesh in enumerate(document.get("meshes", [])):
             name = f"mesh {mesh.get('name', number)}"
             if any("targets" in primitive for primitive in mesh["primitives"]):

@@ -80,7 +80,10 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
         found.append(Part(name, geometry, material, motion))
     if not found:
         raise BadInput(f"{where}: {path} has no triangles; export it again")
-    return MeshFile(found, [f"{path.name}: {line}" for line in _left_out(file, looks, animation)] if file and looks else [])
+    try:
+        return MeshFile(found, [f"{path.name}: {line}" for line in _left_out(file, looks, animation)] if file and looks else [])
+    except FAULTS as error:
+        raise BadInput(f"{where}: {path.name} {_line(error)}; export it again") from error
 
 
 def _left_out(file: GltfFile, looks: GltfLooks, animation: str) -> list[str]:

@@ -22,7 +22,8 @@ from services.renderer.plate import PlateTable, load_plate
 from services.sphere import quaternion_xyz, rotation_xyz
 
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
-MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
+GLTF = (".glb", ".gltf")
+MESH_SUFFIXES = (*GLTF, ".obj", ".ply", ".stl")
 
 FARTHEST_M = 1e6  # as poses on the wire; there float32 is 6 cm coarse
 
@@ -163,6 +164,8 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
         raise BadInput(f"{where}: {error}") from error
     if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > FARTHEST_M:
         raise BadInput(f"{where}: scale, rotate and at must be finite, at within {FARTHEST_M:.0f} m; mend them")
+    if row.animation and Path(row.file).suffix.lower() not in GLTF:
+        raise BadInput(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")
     y_up = row.y_up
     if row.shape:
         found = MeshFile([Part(row.shape, shape_geometry(row.shape), None)], [])
@@ -173,7 +176,7 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
         if not file.is_file():
             raise BadInput(f"{where}: there is no mesh file {file}; mend the path (it is relative to the scene file)")
         found = read_meshes(file, where, row.animation, materials=wanted is None)
-        y_up = file.suffix.lower() in (".glb", ".gltf") if y_up is None else y_up
+        y_up = file.suffix.lower() in GLTF if y_up is None else y_up
     rotation = rotation_xyz(row.rotate)
     if y_up:
         rotation = rotation @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)

@@ -107,7 +107,7 @@ def lights(source: Path, out: Path, **options: Any) -> None:
     """Write the lights of a map or a sequence."""
     from services.offline import write_lights_of
 
-    write_lights_of(source, out, **options)
+    click.echo(write_lights_of(source, out, **options))
 
 
 @main.command()
@@ -126,7 +126,7 @@ def render(source: Path, scene: Path | None, size: str, exposure: float, shadow_
     """Render a scene under the light of a map or a sequence."""
     from services.offline import write_pictures_of
 
-    write_pictures_of(source, scene, size, exposure, out, shadow_map=shadow_map, **options)
+    click.echo(write_pictures_of(source, scene, size, exposure, out, shadow_map=shadow_map, **options))
 
 
 @main.command()
@@ -170,6 +170,7 @@ def simulate(maps: tuple[str, ...], lens: Path, response: Path | None, out: Path
         truth_maps=options["truth"],
         seed=options["seed"],
     )
+    click.echo(f"{out}: the frames, their lens.toml, and the truth in truth.jsonl")
 
 
 @main.group()

@@ -54,8 +54,8 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
         yield Lit(frame, lights, report.fine)
 
 
-def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: Any) -> None:
-    """Writes the lights of each frame of `source` to `out`; `score` prints how true and how steady they are.
+def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: Any) -> str:
+    """Writes the lights of each frame of `source` to `out`; `score` prints how true and how steady they are. Says what it has written.
 
     Raises BadInput before any work for an `out` that cannot hold them.
     """
@@ -65,12 +65,13 @@ def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: 
     write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights, _) in enumerate(lit)])
     if score:
         print(text(scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)))
+    return f"{out}: {len(lit[0].lights.ids)} lights" if len(lit) == 1 else f"{out}: the lights of {len(lit)} frames"
 
 
 def write_pictures_of(
     source: Path, scene: Path | None, size: str, exposure: float, out: Path | None, *, shadow_map: int = 256, **options: Any
-) -> None:
-    """Renders each frame of `source`, to pictures (several are numbered NAME_0000), to a video, or both.
+) -> str:
+    """Renders each frame of `source`, to pictures (several are numbered NAME_0000), to a video, or both. Says what it has written.
 
     Raises BadInput for options that cannot be used.
     """
@@ -110,9 +111,14 @@ def write_pictures_of(
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, exposure, wanted.tone)
             if out:
-                _write(out if len(frames) == 1 else out.with_stem(f"{out.stem}_{k:04d}"), picture, pixels)
+                _write(_numbered(out, k, len(frames)), picture, pixels)
             if add:
                 add(pixels, frame.time_s)
+    written = [str(options["video"])] if options.get("video") else []
+    if out:
+        last = "" if len(frames) == 1 else f" to {_numbered(out, len(frames) - 1, len(frames)).name}"
+        written.insert(0, f"{_numbered(out, 0, len(frames))}{last}")
+    return ", ".join(written)
 
 
 def _sides(size: str) -> tuple[int, int]:
@@ -123,6 +129,11 @@ def _sides(size: str) -> tuple[int, int]:
     if not all(len(side) < 6 and 1 <= int(side) <= settings.MOST_PIXELS for side in (width, height)):
         raise BadInput(f"--size {size}: a side has 1 to {settings.MOST_PIXELS} pixels; choose another size")
     return int(width), int(height)
+
+
+def _numbered(out: Path, number: int, count: int) -> Path:
+    """The file of one of `count` pictures."""
+    return out if count == 1 else out.with_stem(f"{out.stem}_{number:04d}")
 
 
 def _write(path: Path, picture: np.ndarray, pixels: np.ndarray) -> None:

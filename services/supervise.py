@@ -96,7 +96,11 @@ def supervise(settings: Settings) -> int:
             settings = msgspec.structs.replace(settings, wire=msgspec.structs.replace(settings.wire, folder=str(folder)))
         file = folder / "vemlight.toml"
         file.write_text(tomli_w.dumps(msgspec.to_builtins(settings)))
-        return Supervisor(settings, file).run()
+        status = Supervisor(settings, file).run()
+        if settings.out and status == 0:
+            pictures = len(list(Path(settings.out).glob("frame_[0-9]*.exr")))
+            print(f"vemlight: {settings.out}: {pictures} pictures and their lights", file=sys.stderr, flush=True)
+        return status
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -154,6 +154,21 @@ def test_lights_of_one_lit_pixel_point_at_it(tmp_path):
     assert np.degrees(np.arccos(np.clip(lights.directions[0] @ towards, -1, 1))) < 180 / 64
 
 
+def test_a_command_says_what_it_has_written(folder):
+    (folder / "camera.toml").write_text(LENS)
+    drawn = ("--count", 8, "--fps", 25, "--size", "16x12", "--shadow-map", 16)
+    taken = "taken: the frames, their lens.toml, and the truth in truth.jsonl"
+    for arguments, said in (
+        (("lights", "f_0000.exr", "--count", 8, "--out", "l.json"), "l.json: 8 lights"),
+        (("lights", ".", "--count", 8, "--fps", 25, "--out", "l.jsonl"), "l.jsonl: the lights of 3 frames"),
+        (("render", "f_0000.exr", *drawn, "--out", "p.png"), "p.png"),
+        (("render", ".", *drawn, "--out", "p.exr", "--video", "v.mp4"), "p_0000.exr to p_0002.exr, v.mp4"),
+        (("simulate", "f_0000.exr", "--lens", "camera.toml", "--out", "taken"), taken),
+    ):
+        done = vemlight(*arguments, cwd=folder)
+        assert (done.returncode, done.stdout, done.stderr) == (0, f"{said}\n", "")
+
+
 def test_a_recording_plays_back_the_same_and_lights_are_scored(folder):
     done = vemlight("record", "--source", ".", "--out", "kept", cwd=folder)
     assert done.returncode == 0, done.stderr

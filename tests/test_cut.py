@@ -74,14 +74,36 @@ def test_a_surface_that_is_there_all_over_has_no_holes(tmp_path, mode, low, cuto
     assert holes_of(material) is None
 
 
-def test_through_a_masks_holes_lies_what_is_behind(tmp_path):
+def test_through_a_masks_holes_lies_what_is_behind_and_the_light_that_fell_through_them(tmp_path):
     # 2 x 2 texels over the square; the light comes straight from above, as the camera looks
     picture = drawn(tmp_path, sheet_of("MASK", 1.0, board(2)), SUN, side=16)[..., 0]
     assert np.allclose(picture[2:6, 2:6], 1)  # the sheet's emission
-    assert np.all(drawn(tmp_path, sheet_of("MASK", 1.0, board(2)))[2:6, 10:14, 0] == 0)  # black ground without light
+    assert np.allclose(picture[2:6, 10:14], 1, atol=1e-3)  # white ground under irradiance pi
+    lit = drawn(tmp_path, sheet_of("MASK", 0.0, board(2)), SUN, side=16)[..., 0]
+    assert np.allclose(lit, 1, atol=1e-3)
 
 
 BESIDE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, -0.5]\nfov_y = 16.0\n"
+
+
+@pytest.mark.parametrize(("mode", "size", "alpha"), [("MASK", 2, 1.0), ("MASK", 64, 1.0), ("BLEND", 1, 0.3), ("BLEND", 64, 0.8)])
+def test_the_ground_gets_the_share_of_light_that_the_holes_have(tmp_path, mode, size, alpha):
+    sheet = sheet_of(mode, 1.0, board(size, alpha))
+    light = Lights.of(np.zeros(1), np.array([[0.0, 0.6, 0.8]]), np.full((1, 3), np.pi))
+    renderer = renderer_of(tmp_path, sheet, BESIDE, side=64)
+    shadow = renderer.render(light).copy()[..., 0]
+    renderer.release()
+    shape = '[[mesh]]\nshape = "plane"\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    (tmp_path / "scene.toml").write_text(BESIDE + GROUND + shape)
+    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=64, shadow_map=256))
+    whole = renderer.render(light).copy()[..., 0]
+    renderer.release()
+    # the shadow lies 0.375 m towards -y: rows below the sheet's edge, which is at y = -1, see it; 10.5 tan(8 deg) is 1.476 m
+    rows = slice(55, 60)
+    assert whole[rows, 20:44].max() == 0
+    # the mean over a share of thresholds: 256 texels over 4 m, 20 x 6 of them in view, so up to 120 independent cells of 1 to 4 texels
+    share = 1 - alpha if size == 1 else 1 - alpha / 2
+    assert shadow[rows, 20:44].mean() == pytest.approx(0.8 * share, abs=0.06)
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.25, 0.5, 0.8])
@@ -129,3 +151,13 @@ def test_a_lamp_shines_through_holes(tmp_path):
     ring[5:27, 5:27] = False  # the ground beside the sheet
     assert whole[ring].mean() < 0.9 * half[ring].mean()
     assert half[ring].mean() < none[ring].mean() * 0.98
+
+
+def test_a_scene_of_nothing_but_holes_is_drawn(tmp_path):
+    sheet_of("BLEND", 0.5).write(tmp_path / "sheet.gltf")
+    (tmp_path / "scene.toml").write_text(ABOVE + '[[mesh]]\nfile = "sheet.gltf"\ny_up = false\n')
+    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Settings(width=8, height=8, shadow_map=64), 16)
+    picture = renderer.render(SUN).copy()
+    renderer.release()
+    assert picture[..., 3].mean() == pytest.approx(0.5, abs=0.03)
+    assert np.allclose(picture[..., 0], picture[..., 3], atol=1e-6)

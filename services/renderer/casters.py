@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from services.renderer.geometry import Piece, Span, local_order, pieces
+from services.renderer.materials import holes_of
 from services.renderer.meshes import Geometry, bounds, box_corners, is_closed, swept_bounds
 from services.renderer.scene import Mesh, Scene
 
@@ -37,10 +38,10 @@ class Caster(NamedTuple):
 class Casters(NamedTuple):
     """positions: (n, 3) float32. indices: (3 m,) uint32. members: the meshes that stand on the floor or anywhere else; floor: that mesh.
 
-    levels: for each size of map, which run of the members is drawn. Closed meshes cast with the faces towards the light alone. The floor,
-    a flat mesh with the whole scene on one side, casts only for lights on the other; floor_normal (3,) points to the scene, zeros without
-    a floor. box_centre, box_half: (2, 3) float32, the box around what stands on the floor, which is all that its own shadow can fall on
-    too, and the box around everything. tolerance: metres by which a floor may be pierced.
+    levels: for each size of map, which run of the members is drawn. Closed meshes cast with the faces towards the light alone; those with
+    holes have no triangles here. The floor, a flat mesh with the whole scene on one side, casts only for lights on the other; floor_normal
+    (3,) points to the scene, zeros without a floor. box_centre, box_half: (2, 3) float32, the box around what stands on the floor, which
+    is all that its own shadow can fall on too, and the box around everything. tolerance: metres by which a floor may be pierced.
     """
 
     positions: np.ndarray
@@ -84,11 +85,13 @@ def scene_casters(scene: Scene, sizes: Sequence[int]) -> Casters:
     low, high = bounds(list(standing.values()))
     # Seen from any side the box is at least as large as its middle extent, so no map's texel is smaller than this.
     texels = [float(np.sort(high - low)[1]) / size for size in sizes]
-    versions = {k: simplified(geometry, texels) for k, geometry in standing.items()}
+    cut = {k for k in standing if holes_of(scene.meshes[k].material)}  # cut.py draws them; here they have their room alone
+    versions = {k: [geometry] * len(texels) if k in cut else simplified(geometry, texels) for k, geometry in standing.items()}
     # Sizes share a level where no mesh has another version.
     fresh = [n == 0 or any(made[n] is not made[n - 1] for made in versions.values()) for n in range(len(sizes))]
     levels = (np.cumsum(fresh) - 1).tolist()
     drawn = [{k: local_order(versions[k][n]) for k in standing} for n in np.flatnonzero(fresh)]
+    drawn = [{k: part._replace(triangles=part.triangles[: 0 if k in cut else None]) for k, part in level.items()} for level in drawn]
     ordered = [(k, part) for level in drawn for closed in (True, False) for k, part in level.items() if part.closed == closed]
     ordered += [(floor, scene.meshes[floor].geometry)] if floor >= 0 else []
     parts = [part for _, part in ordered]
@@ -269,12 +272,12 @@ def _distances(probes: np.ndarray, points: np.ndarray, triangles: np.ndarray, ga
 
 
 def _floor(scene: Scene, tolerance: float) -> tuple[int, np.ndarray]:
-    """Index and normal of the largest flat mesh that stands still and has all the others on one side; (-1, zeros) when there is none."""
+    """Index and normal of the largest flat mesh that stands still, has no holes and all others on one side; (-1, zeros) for none."""
     best, index, normal = 0.0, -1, np.zeros(3)
     for k, mesh in enumerate(scene.meshes):
         others = [other.geometry.positions for j, other in enumerate(scene.meshes) if j != k]
         area, n, point = _plane(mesh, tolerance)
-        if area <= best or not others or mesh.motion:
+        if area <= best or not others or mesh.motion or holes_of(mesh.material):
             continue
         low = min(float(((p - point) @ n).min()) for p in others)
         high = max(float(((p - point) @ n).max()) for p in others)

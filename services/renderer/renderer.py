@@ -92,7 +92,7 @@ class Renderer:
     def _build(self, sizing: Sizing, regions: int) -> None:
         context = self._context
         found = light_regions(regions)
-        self._atlas = ShadowAtlas(context, self._programs, scene_casters(self._scene, sizing.sizes), found, sizing)
+        self._atlas = ShadowAtlas(context, self._programs, self._scene, scene_casters(self._scene, sizing.sizes), found, sizing)
         self._atlas.place(self._standing.matrices)
         self._surfaces = Surfaces(context, self._programs, self._scene, self._size)
         kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}

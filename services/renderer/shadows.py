@@ -9,10 +9,12 @@ import numpy as np
 from services.lights import Lights
 from services.renderer.cache import Needs, Slots, map_needs, planned_maps
 from services.renderer.casters import Casters, moved_by_m, placed_casters
+from services.renderer.cut import CutMeshes
 from services.renderer.geometry import Piece
 from services.renderer.pace import map_work
 from services.renderer.programs import Programs
 from services.renderer.regions import Regions, region_rows
+from services.renderer.scene import Scene
 from services.renderer.sizes import Packing, Sizing, map_steps, packed
 from services.sphere import luminance
 
@@ -69,13 +71,16 @@ class Batch(NamedTuple):
 class ShadowAtlas:
     """One depth texture with a tile for each light of a batch, of the size that `sizing` gives it."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, casters: Casters, regions: Regions, sizing: Sizing) -> None:
+    def __init__(
+        self, context: moderngl.Context, programs: Programs, scene: Scene, casters: Casters, regions: Regions, sizing: Sizing
+    ) -> None:
         self._context, self._casters, self._regions, self._sizing = context, casters, regions, sizing
         self._most = min(MAX_ATLAS_SIDE, 1 << (context.info["GL_MAX_TEXTURE_SIZE"].bit_length() - 1))
         # The floor has a program of its own: it reaches beyond the box, and so beyond the tile and nearer to a light from below.
         self._programs = [programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS), BEYOND=beyond) for beyond in "01"]
+        self._cut = CutMeshes(context, programs, scene, "shadow.vert", MAX_LIGHTS=str(MAX_LIGHTS), BEYOND="0")
         self._frames_program = programs.compute("frames.comp")
-        self._buffers = (context.buffer(casters.positions.tobytes()), context.buffer(casters.indices.tobytes()))
+        self._buffers = (context.buffer(casters.positions.tobytes()), context.buffer(casters.indices.tobytes() or bytes(4)))
         layout = [(self._buffers[0], "3f", "position")]
         self._arrays = [context.vertex_array(program, layout, self._buffers[1], index_element_size=4) for program in self._programs]
         self._slots: Slots | None = None  # for `cached_batch`; None while each batch draws all its maps
@@ -240,6 +245,7 @@ class ShadowAtlas:
             self._instances(0, level.closed, run.first, run.count)
             self._context.disable(moderngl.CULL_FACE)
             self._instances(0, level.open, run.first, run.count)
+            self._draw_cut(run.first, run.count)
             for flag in BEYOND:
                 self._context.enable_direct(flag)
             self._instances(1, self._placed.floor, run.first + run.count - run.below, run.below)
@@ -286,7 +292,14 @@ class ShadowAtlas:
         for piece in pieces if count else ():
             program["first_light"] = first_light
             program["world_from_rest"] = tuple(piece.world_from_rest.T.reshape(-1))
-            self._arrays[beyond].render(vertices=piece.indices.count, first=piece.indices.first, instances=count)
+            if piece.indices.count:
+                self._arrays[beyond].render(vertices=piece.indices.count, first=piece.indices.first, instances=count)
+
+    def _draw_cut(self, first_light: int, count: int) -> None:
+        if self._cut.program:
+            self._describe(self._cut.program)
+            self._cut.program["first_light"] = first_light
+            self._cut.draw("world_from_rest", np.eye(4), self._matrices, count)
 
     def _describe(self, program: moderngl.Program) -> None:
         program["atlas_texel"] = (1 / self._packing.width, 1 / self._packing.height)
@@ -312,7 +325,7 @@ class ShadowAtlas:
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for thing in (*self._arrays, *self._buffers, self._given, self._frames):
+        for thing in (*self._arrays, *self._buffers, self._given, self._frames, self._cut):
             thing.release()
 
 

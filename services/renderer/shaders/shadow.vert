@@ -8,6 +8,12 @@ const float SUNK = 0.9;  // of the bias: how far a floor lies nearer to the ligh
 in vec3 position;
 uniform int first_light;
 uniform mat4 world_from_rest;
+#ifdef CUT
+in vec3 hole;
+out vec3 hole_here;
+out vec3 rest_position;
+flat out uint sampled;
+#endif
 #if BEYOND
 out float gl_ClipDistance[4];  // what reaches beyond the map ends at its empty rim
 #endif
@@ -26,4 +32,9 @@ void main() {
     gl_ClipDistance[3] = lights[i].tile.z - GUTTER - own.y;
 #endif
     gl_Position = vec4(2.0 * texel * atlas_texel - 1.0, 2.0 * depth - 1.0, 1.0);
+#ifdef CUT
+    hole_here = hole;
+    rest_position = position;
+    sampled = uint(lights[i].irradiance.w);
+#endif
 }

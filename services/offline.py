@@ -77,7 +77,7 @@ def write_pictures_of(
     """
     from services.renderer.renderer import Renderer
     from services.renderer.scene import load_scene
-    from services.renderer.stage import FILE_SAMPLES
+    from services.renderer.stage import file_samples
     from services.renderer.tonemap import adapt, selected, tone_mapped
     from services.renderer.video import video
 
@@ -99,7 +99,7 @@ def write_pictures_of(
     frames, sampling = opened(source, options)
     with ExitStack() as open_:
         add = open_.enter_context(video(options["video"], frames.fps)) if options.get("video") else None
-        renderer = Renderer(drawn, wanted, FILE_SAMPLES)
+        renderer = Renderer(drawn, wanted, file_samples(drawn))
         open_.callback(renderer.release)
         adaptation, before_s = None, 0.0
         for k, (frame, lights, fine) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):

@@ -9,8 +9,10 @@ import pytest
 from services.lights import Lights
 from services.renderer.materials import holes_of
 from services.renderer.mesh_files import read_meshes
+from services.renderer.refine import MapLights
 from services.renderer.renderer import Renderer
 from services.renderer.scene import load_scene
+from services.renderer.stage import file_samples
 from services.settings import Renderer as Settings
 from tests.gltf_sheet import Sheet
 
@@ -161,3 +163,21 @@ def test_a_scene_of_nothing_but_holes_is_drawn(tmp_path):
     renderer.release()
     assert picture[..., 3].mean() == pytest.approx(0.5, abs=0.03)
     assert np.allclose(picture[..., 0], picture[..., 3], atol=1e-6)
+
+
+def test_files_of_a_scene_with_shares_have_more_samples(tmp_path):
+    for mode, samples in (("BLEND", 16), ("MASK", 4), ("OPAQUE", 4)):
+        sheet_of(mode, 0.5, board(2)).write(tmp_path / "sheet.gltf")
+        (tmp_path / "scene.toml").write_text(ABOVE + '[[mesh]]\nfile = "sheet.gltf"\n')
+        assert file_samples(load_scene(tmp_path / "scene.toml")) == samples
+
+
+def test_the_passes_of_a_pause_go_to_the_mixture(tmp_path):
+    renderer = renderer_of(tmp_path, sheet_of("BLEND", 0.4))
+    light = MapLights(np.full((8, 16, 3), 1e-9, np.float32), "hemisphere")
+    passes = [renderer.render_pass(light, number)[..., 0].copy() for number in range(32)]
+    renderer.release()
+    mean = np.mean(passes, axis=0)
+    assert mean.mean() == pytest.approx(0.4, abs=0.015)
+    assert mean.std() < 0.08  # 32 random ones leave 0.087
+    assert passes[0].std() == pytest.approx(0.49, abs=0.03)

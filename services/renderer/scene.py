@@ -15,7 +15,7 @@ from services import wire
 from services.files import BadInput, read_toml
 from services.renderer.animation import Motion
 from services.renderer.luminaire.placement import BUNDLED, Luminaire, LuminaireTable, load_luminaire
-from services.renderer.materials import GLOSSY, Catcher, Material, MaterialTable, Phong, kind_of, material_from_table
+from services.renderer.materials import GLOSSY, Catcher, Material, MaterialTable, Phong, holes_of, kind_of, material_from_table
 from services.renderer.mesh_files import MeshFile, Part, read_meshes
 from services.renderer.meshes import Geometry, Shape, bounds, shape_geometry, swept_bounds
 from services.renderer.plate import PlateTable, load_plate
@@ -88,6 +88,11 @@ class Scene(NamedTuple):
     def glossy(self) -> bool:
         """Whether any material has a lobe, for which a second set of lights is good."""
         return any(kind_of(mesh.material) in GLOSSY for mesh in self.meshes)
+
+    @property
+    def blended(self) -> bool:
+        """Whether of any surface only a share is there, for which more samples are good."""
+        return any(holes.cutoff is None for mesh in self.meshes if (holes := holes_of(mesh.material)))
 
     def catcher_normal(self, matrices: np.ndarray) -> np.ndarray | None:
         """Unit normal (3,) of the catcher on the camera's side, with world_from_rest (n, 4, 4) of the meshes; None when there is none."""

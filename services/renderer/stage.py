@@ -16,14 +16,20 @@ from services.renderer.album import Album
 from services.renderer.pace import FEWEST
 from services.renderer.refine import MapLights, Refined
 from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
+from services.renderer.scene import Scene, load_scene
 from services.renderer.tonemap import Adaptation, adapt, selected
 from services.renderer.video import check_video_path
 from services.sphere import Coverage
 
 FILE_SAMPLES = 4  # a pixel of a file is the average over its area
+BLENDED_SAMPLES = 16  # where surfaces are there in part: each sample sees one, or what lies behind it
 LIVE_SAMPLES = 1
 LIVE_FRAME_MS = 100.0  # ten pictures a second: below that, motion is a series of pictures
+
+
+def file_samples(scene: Scene) -> int:
+    """How many samples a pixel of a scene's picture has in a file."""
+    return BLENDED_SAMPLES if scene.blended else FILE_SAMPLES
 
 
 class Still(NamedTuple):
@@ -86,7 +92,7 @@ class RendererStage:
             drawing = msgspec.structs.replace(drawing, frame_ms=LIVE_FRAME_MS)
         if drawing.light_regions is None and settings.capture.coverage == "hemisphere":
             drawing = msgspec.structs.replace(drawing, light_regions=0)
-        self._renderer = Renderer(scene, drawing, FILE_SAMPLES if self._album else LIVE_SAMPLES)
+        self._renderer = Renderer(scene, drawing, file_samples(scene) if self._album else LIVE_SAMPLES)
         self._frame_ms, self._late = drawing.frame_ms or 0.0, False
 
     def kept(self) -> int:

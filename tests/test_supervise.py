@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 import zmq
 
-from services import wire
+from services import supervise, wire
 from services.lights import read_lights
-from services.settings import Settings
+from services.settings import Settings, Viewer, read_settings
 from services.sockets import Wires
 from services.supervise import GIVE_UP, RUN_FOLDER
 from tests.conftest import LOADED_S, wait_until
@@ -158,3 +158,23 @@ def test_a_service_that_dies_again_and_again_is_given_up(run):
     assert process.returncode == 1
     assert len(killed) == GIVE_UP
     assert f"sampler died {GIVE_UP} times" in process.communicate()[1].decode()
+
+
+def test_a_viewer_that_is_started_again_asks_for_the_same_token(monkeypatch):
+    said = []
+
+    class Watcher:
+        def __init__(self, settings: Settings, file: Path) -> None:
+            said.append((settings.viewer.token, read_settings(file).viewer.token, file.parent.stat().st_mode & 0o077))
+
+        def run(self) -> int:
+            return 0
+
+    monkeypatch.setattr(supervise, "Supervisor", Watcher)
+    for host in ("0.0.0.0", "127.0.0.1"):
+        assert supervise.supervise(Settings(viewer=Viewer(host=host))) == 0
+    (token, in_file, others), (none, none_in_file, _) = said
+    assert token == in_file
+    assert len(token) >= 32
+    assert others == 0  # nobody else reads the file
+    assert none == none_in_file == ""

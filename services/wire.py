@@ -20,6 +20,7 @@ VERSION = 1
 MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 46 kB, most have under 2 kB
 MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
 MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of header
+UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimals of each number are enough
 MAX_PARTS = 7  # topic, header and the five arrays of the lights
 
 Sequence53 = Annotated[int, Meta(ge=0, lt=2**53)]  # exact in JSON and in every language
@@ -57,7 +58,7 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     power: Annotated[float, Meta(ge=0, le=1e12)] | None = None  # of a lamp: times the measured one; None: as it is, or no lamp
 
     def __post_init__(self) -> None:
-        if not abs(sum(q * q for q in self.turn) - 1) < 1e-3:  # three decimals of each number are enough
+        if not abs(sum(q * q for q in self.turn) - 1) < UNIT:
             raise ValueError("turn is no unit quaternion")
 
 
@@ -229,6 +230,10 @@ def unpack(parts: Sequence[bytes]) -> Message:
         raise ValueError("map: a strong cell outside the map")
     if isinstance(header, Map) and not ((np.diff(arrays[1]) >= 0).all() and ((arrays[3] > 0) & (arrays[3] <= 1)).all()):
         raise ValueError("map: strong cells out of order, or a share of a cell's light that is none")
+    if isinstance(header, Lights):
+        for directions, irradiance in (arrays[1:3], arrays[3:5]):
+            if not (np.abs(np.einsum("ij,ij->i", directions, directions) - 1) < UNIT).all() or (irradiance < 0).any():
+                raise ValueError("lights: a direction that is no unit vector, or irradiance below 0")
     return header, tuple(arrays)
 
 

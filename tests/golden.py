@@ -55,6 +55,8 @@ def refused() -> dict[str, list[bytes]]:
     """Messages that a reader must refuse, each spoilt in one way."""
     whole = {name: wire.pack(*message) for name, message in messages().items()}
     topic, header, radiance, *strong = whole["map"]
+    lights = whole["lights"]
+    directions = np.frombuffer(lights[3], "<f4")
     spoilt = np.frombuffer(radiance, "<f4").copy()
     spoilt[5] = np.nan
     turned_twice = {"name": "box", "at": [0, 0, 0], "turn": [0, 0, 0, 2]}
@@ -73,6 +75,8 @@ def refused() -> dict[str, list[bytes]]:
         "strong_outside": [topic, header, radiance, np.array([5, 8], "<i8").tobytes(), *strong[1:]],
         "strong_unordered": [topic, header, radiance, np.array([5, 4], "<i8").tobytes(), *strong[1:]],
         "strong_share_none": [topic, header, radiance, *strong[:2], np.array([1, 0], "<f4").tobytes()],
+        "lights_not_unit": [*lights[:3], (2 * directions).tobytes(), *lights[4:]],
+        "lights_negative": [*lights[:4], (-np.frombuffer(lights[4], "<f4")).tobytes(), *lights[5:]],
         "turn_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "poses": [turned_twice]})],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon"})],
     }

@@ -156,6 +156,12 @@ def test_all_animations_move_what_each_of_them_moves(tmp_path):
     assert line == 'film.gltf: of its 2 animations the first plays: animation = "*" plays all, or name one of 1, 2'
 
 
+def test_a_node_with_the_name_of_the_graphs_root_moves_too(tmp_path):
+    film = Film().move(1, "translation", [0, 1], [[3, 0, 0], [3, 0, 0]])
+    film.document["nodes"][1]["name"] = "world"
+    assert film.corners(tmp_path, 0.5)[0] == pytest.approx([3, 0, 0])
+
+
 def test_a_file_without_animation_stands_still(tmp_path):
     film = Film()
     del film.document["animations"]

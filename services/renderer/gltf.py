@@ -16,6 +16,7 @@ import trimesh
 
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # componentType, section 3.6.2.2
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+ROOT = "world"
 MOST_ROWS = 50_000_000  # of an accessor; as many places are 1.2 GB
 DRAWN_MODES = (4, 5)  # triangles and strips
 NAMED_MODES = (0, 1, *DRAWN_MODES)  # to which trimesh gives names: points and lines too, no loops and fans
@@ -54,6 +55,9 @@ class GltfFile:
         counts: dict[Any, int] = {}
         for number, node in enumerate(self.document.get("nodes", [])):
             names[trimesh.util.unique_name(node.get("name", str(number)), names, counts=counts)] = number
+        if ROOT in names:  # of trimesh's own graph, which calls that node otherwise
+            other = trimesh.util.unique_name(ROOT, names)
+            names[other] = names.pop(ROOT)
         return names
 
     def array(self, number: int) -> np.ndarray:

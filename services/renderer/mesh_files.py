@@ -63,15 +63,14 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     except Exception as error:  # a hostile file raises whatever the parser below trips over
         raise BadInput(f"{where}: {path} is not a readable mesh ({_line(error)}); export it again") from error
     found = []
+    seen: dict[str, tuple[Material | None, Vertices]] = {}
     for number, (matrix, key, motion) in enumerate(nodes, 1):
         name = path.name if len(nodes) == 1 else f"{path.name} part {number}"
         mesh = loaded.geometry[key]
         try:
-            if file and looks:
-                material, vertices = looks.material(primitives[key]) if materials else None, _gltf_vertices(file, looks, primitives[key])
-            else:
-                material, uvs = material_from_visual(mesh.visual)
-                vertices = Vertices(np.asarray(mesh.vertices), _given_normals(mesh), uvs, colours_from_visual(mesh.visual))
+            if key not in seen:
+                seen[key] = _gltf_seen(file, looks, primitives[key], materials) if file and looks else _plain_seen(mesh)
+            material, vertices = seen[key]
             if material is None and vertices.colours is not None:
                 material = Phong((1.0, 1.0, 1.0))
             geometry = _in_file_axes(vertices, np.asarray(mesh.faces), np.asarray(matrix, np.float64))
@@ -104,20 +103,22 @@ def _motion_of(node: str, loaded: trimesh.Scene, motions: dict[str, Motion]) -> 
     return motions.get(node) or motions.get(loaded.graph.transforms.parents.get(node, ""))
 
 
-def _given_normals(mesh: trimesh.Trimesh) -> np.ndarray | None:
-    """A mesh's normals if the file had them; trimesh's property would compute its own."""
-    return np.asarray(mesh.vertex_normals) if "vertex_normals" in mesh._cache.cache else None
+def _plain_seen(mesh: trimesh.Trimesh) -> tuple[Material | None, Vertices]:
+    """Of a file without glTF. Its normals are those that the file had; trimesh's property would compute its own."""
+    material, uvs = material_from_visual(mesh.visual)
+    normals = np.asarray(mesh.vertex_normals) if "vertex_normals" in mesh._cache.cache else None
+    return material, Vertices(np.asarray(mesh.vertices), normals, uvs, colours_from_visual(mesh.visual))
 
 
-def _gltf_vertices(file: GltfFile, looks: GltfLooks, primitive: dict[str, Any]) -> Vertices:
-    """A primitive's vertices; trimesh reads neither sparse nor normalised numbers."""
+def _gltf_seen(file: GltfFile, looks: GltfLooks, primitive: dict[str, Any], materials: bool) -> tuple[Material | None, Vertices]:
+    """Of a primitive, read here: trimesh knows neither sparse nor normalised numbers."""
     attributes = primitive["attributes"]
     normals = file.array(attributes["NORMAL"]) if "NORMAL" in attributes else None
     uvs, second = looks.uvs(primitive)
     vertices = Vertices(file.array(attributes["POSITION"]), normals, uvs, looks.colours(primitive), second)
     if any(values is not None and len(values) != len(vertices.positions) for values in vertices):
         raise ValueError("has more or fewer normals, colours or texture coordinates than vertices")
-    return vertices
+    return looks.material(primitive) if materials else None, vertices
 
 
 def _in_file_axes(vertices: Vertices, faces: np.ndarray, matrix: np.ndarray) -> Geometry:

@@ -109,18 +109,24 @@ def test_a_rows_sum_is_that_of_the_lights_in_reach():
     irradiance = rng.lognormal(0, 2, (3000, 1)) * rng.uniform(0.5, 1, (3000, 3))
     irradiance[1234] = 1e6
     reach = regions.reach + 0.3
-    spans, rows = weak_rows(regions.centres, reach, directions, irradiance, np.zeros(3000))
+    strong = rng.integers(0, 72, 3000)
+    rows = weak_rows(regions.centres, reach, directions, irradiance, strong)
     within = regions.centres @ directions.T >= np.cos(reach)[:, None]
     assert within.sum(axis=1).max() > MOST
     assert within.sum(axis=1).min() < MOST
-    for (first, count), inside in zip(spans.astype(int), within, strict=True):
-        lights = rows[first : first + count]
-        assert count == min(inside.sum(), MOST)
+    of_direction = {tuple(direction): number for direction, number in zip(directions.astype(np.float32).tolist(), strong, strict=True)}
+    for (first_group, group_count), inside in zip(rows.spans.astype(int), within, strict=True):
+        groups = rows.groups[first_group : first_group + group_count].astype(int)
+        assert np.all(np.diff(groups[:, 0]) > 0)
+        for number, first, count, _ in groups:
+            assert all(of_direction[tuple(light)] == number for light in rows.lights[first : first + count, 0, :3].tolist())
+        lights = np.concatenate([rows.lights[first : first + count] for _, first, count, _ in groups]) if len(groups) else rows.lights[:0]
+        assert len(lights) == min(inside.sum(), MOST)
         assert np.allclose(lights[:, 1, :3].sum(axis=0, dtype=np.float64), inside @ irradiance, rtol=1e-5)
         assert np.all(np.isin(lights[:, 0, 0], directions[inside, 0].astype(np.float32)))
         if inside[1234]:
             assert lights[:, 1, 0].max() == 1e6  # the sun is never scaled
-    assert spans[:, 1].sum() == len(rows)
+    assert rows.groups[:, 2].sum() == len(rows.lights)
 
 
 @settings(deadline=None, max_examples=20)
@@ -128,10 +134,10 @@ def test_a_rows_sum_is_that_of_the_lights_in_reach():
 def test_of_equal_lights_the_first_are_kept_and_scaled_alike(count):
     directions = np.tile([[0.0, 0.0, 1.0]], (count, 1))
     directions[:, 0] = np.arange(count) * 1e-6  # to tell them apart
-    spans, rows = weak_rows(np.array([[0.0, 0.0, 1.0]]), np.array([0.5]), directions, np.ones((count, 3)), np.arange(count))
-    assert spans.tolist() == [[0, MOST]]
-    assert np.array_equal(rows[:, 0, 3], np.arange(MOST))
-    assert np.allclose(rows[:, 1, :3], count / MOST)
+    rows = weak_rows(np.array([[0.0, 0.0, 1.0]]), np.array([0.5]), directions, np.ones((count, 3)), np.arange(count))
+    assert rows.spans.tolist() == [[0, MOST]]
+    assert np.array_equal(rows.groups[:, 0], np.arange(MOST))
+    assert np.allclose(rows.lights[:, 1, :3], count / MOST)
 
 
 def test_the_spread_of_an_even_sky_is_that_of_its_cells():

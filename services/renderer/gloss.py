@@ -5,11 +5,14 @@ other leaves. A weak light widens the lobe by its own spread, so that a mirror s
 regions, mirrored views have regions with the weak lights that lie in any cone of theirs.
 """
 
+from typing import NamedTuple
+
 import moderngl
 import numpy as np
 from scipy.spatial import KDTree
 
 from services.lights import Lights
+from services.renderer.materials import GGX, PHONG
 from services.renderer.programs import Programs
 from services.renderer.regions import CUBE_SIDE, light_regions
 from services.renderer.shadows import MAX_LIGHTS, Batch, ShadowAtlas
@@ -21,23 +24,25 @@ CONE = (float(np.cos(RIM)), float(np.cos(CORE)))
 NO_CONE = (2.0, 3.0)  # cosines that no light reaches
 REGIONS = 256  # of mirrored views: caps of 10 degrees, beside a cone of 20 degrees
 MOST = 512  # weak lights of a region; of more, so many carry what the others had
-LINE = 1024  # lights in a line of the texture that holds them; gloss.frag knows it by the texture's width
+LINE = 1024  # groups or lights in a line of the texture that holds them: a power of two, since a pixel divides by it for each light
 NEIGHBOURS = 4  # of a light, whose distance tells its spread
 
 
 class Gloss:
-    """Adds the weak lights to a picture of `surfaces`."""
+    """Adds the weak lights to a picture of `surfaces`, which have the `kinds` of material."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs) -> None:
+    def __init__(self, context: moderngl.Context, programs: Programs, kinds: set[int]) -> None:
         self._context = context
-        self._program = programs.program("screen.vert", "gloss.frag", MAX_LIGHTS=str(MAX_LIGHTS))
+        named = {"MAX_LIGHTS": MAX_LIGHTS, "LINE": LINE, "PHONG": int(PHONG in kinds), "GGX": int(GGX in kinds)}
+        self._program = programs.program("screen.vert", "gloss.frag", **{name: str(value) for name, value in named.items()})
         self._array = context.vertex_array(self._program, [])
         self._regions = light_regions(REGIONS)
         self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, self._regions.cube.astype(np.float32).tobytes(), dtype="f4")
         self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._spans = context.texture((REGIONS, 1), 2, dtype="f4")
-        self._rows = context.texture((2 * LINE, REGIONS * MOST // LINE), 4, dtype="f4")
-        for texture in (self._spans, self._rows):
+        lines = REGIONS * MOST // LINE
+        self._groups, self._lights = context.texture((LINE, lines), 4, dtype="f4"), context.texture((2 * LINE, lines), 4, dtype="f4")
+        for texture in (self._spans, self._groups, self._lights):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._program["cone"] = CONE
         self.cone = NO_CONE  # which the strong lights leave to the weak ones
@@ -50,12 +55,13 @@ class Gloss:
         if not len(lit):
             return
         nearest = np.argmax(weak.directions[lit] @ strong.T, axis=1)
-        spans, rows = weak_rows(self._regions.centres, self._regions.reach + RIM, weak.directions[lit], weak.irradiance[lit], nearest)
-        self._spans.write(spans.tobytes())
-        lines = -(-len(rows) // LINE)
-        table = np.zeros((lines * LINE, 2, 4), np.float32)
-        table[: len(rows)] = rows
-        self._rows.write(table.tobytes(), viewport=(0, 0, 2 * LINE, lines))
+        rows = weak_rows(self._regions.centres, self._regions.reach + RIM, weak.directions[lit], weak.irradiance[lit], nearest)
+        self._spans.write(rows.spans.tobytes())
+        for texture, table in ((self._groups, rows.groups), (self._lights, rows.lights)):
+            lines = -(-len(table) // LINE)
+            whole = np.zeros((lines * LINE, *table.shape[1:]), np.float32)
+            whole[: len(table)] = table
+            texture.write(whole.tobytes(), viewport=(0, 0, texture.width, lines))
 
     def add(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, frame: moderngl.Framebuffer, weight: float) -> None:
         """Adds the weak lights times `weight` to the picture in `frame`; the maps of the batch are in the atlas."""
@@ -64,7 +70,7 @@ class Gloss:
         unit = surfaces.bind(self._program)
         atlas.bind(self._program, unit)
         atlas.bind_row(batch.every)
-        textures = {"region_of_direction": self._cube, "spans": self._spans, "weak_lights": self._rows}
+        textures = {"region_of_direction": self._cube, "spans": self._spans, "groups": self._groups, "weak_lights": self._lights}
         for number, (name, texture) in enumerate(textures.items(), unit + 1):
             texture.use(number)
             self._program[name] = number
@@ -76,32 +82,39 @@ class Gloss:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for thing in (self._array, self._cube, self._spans, self._rows):
+        for thing in (self._array, self._cube, self._spans, self._groups, self._lights):
             thing.release()
 
 
-def weak_rows(
-    centres: np.ndarray, reach: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, strong: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The weak lights (m, 3) within `reach` (n,) rad of each region's centre (n, 3), as gloss.frag reads them.
+class WeakRows(NamedTuple):
+    """The weak lights of all regions, float32, as gloss.frag reads them.
 
-    Two float32 arrays: the first light and the number of lights of each region, (n, 2), and all of them one after the other, (k, 2, 4):
-    a light is its direction and the number of its strong light (m,), then its irradiance and the square of its spread. Of more than MOST
-    in a region the first are kept, who is stronger by a power of two before the others and then in the order of the set, and those like
-    the last of them carry what the others had, in each channel. So lights of like power keep the progressive order and are scaled alike,
-    and a sun stays what it is.
+    spans: (n, 2), of each region its first group and how many. groups: (g, 4), the number of the strong light whose shadow they share, the
+    first light, how many, 0. lights: (k, 2, 4), direction and 0, then irradiance and the square of the spread.
+    """
+
+    spans: np.ndarray
+    groups: np.ndarray
+    lights: np.ndarray
+
+
+def weak_rows(centres: np.ndarray, reach: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, strong: np.ndarray) -> WeakRows:
+    """The weak lights (m, 3) within `reach` (n,) rad of each region's centre (n, 3), each with the number of its strong light (m,).
+
+    Of more than MOST in a region the first are kept, who is stronger by a power of two before the others and then in the order of the
+    set, and those like the last of them carry what the others had, in each channel. So lights of like power keep the progressive order
+    and are scaled alike, and a sun stays what it is.
     """
     power = irradiance.max(axis=1)
     level = np.floor(np.log2(np.maximum(power / power.mean(), 1e-6)) + 0.5)
     order = np.argsort(-level, kind="stable")
     lights = np.empty((len(order), 2, 4), np.float32)
-    lights[:, 0, :3], lights[:, 0, 3] = directions[order], strong[order]
+    lights[:, 0, :3], lights[:, 0, 3] = directions[order], 0.0
     lights[:, 1, :3], lights[:, 1, 3] = irradiance[order], spread(directions[order]) ** 2
-    irradiance, level = irradiance[order], level[order]
+    irradiance, level, strong = irradiance[order], level[order], strong[order]
     region, light = np.nonzero(centres @ directions[order].T >= np.cos(np.minimum(reach, np.pi))[:, None])
     first = np.searchsorted(region, np.arange(len(centres)))
     kept = np.arange(len(region)) - first[region] < MOST
-    counts = np.bincount(region[kept], minlength=len(centres))
     rows = lights[light[kept]]
     if not kept.all():
         last = level[light[np.minimum(first + MOST, len(light)) - 1]]  # of each full region
@@ -110,7 +123,13 @@ def weak_rows(
         carrying = _sums(region[kept & alike], irradiance[light[kept & alike]], len(centres))
         scale = 1 + np.divide(left, carrying, out=np.zeros_like(left), where=carrying > 0)
         rows[alike[kept], 1, :3] *= scale[region[kept & alike]]
-    return np.stack([np.cumsum(counts) - counts, counts], axis=-1).astype(np.float32), rows
+    keys = region[kept] * MAX_LIGHTS + strong[light[kept]]
+    grouped = np.argsort(keys, kind="stable")
+    found, first, sizes = np.unique(keys[grouped], return_index=True, return_counts=True)
+    groups = np.stack([found % MAX_LIGHTS, first, sizes, np.zeros(len(found))], axis=-1)
+    counts = np.bincount(found // MAX_LIGHTS, minlength=len(centres))
+    spans = np.stack([np.cumsum(counts) - counts, counts], axis=-1)
+    return WeakRows(spans.astype(np.float32), groups.astype(np.float32), rows[grouped])
 
 
 def spread(directions: np.ndarray) -> np.ndarray:

@@ -97,8 +97,8 @@ class Catcher(NamedTuple):
 
 Material = Phong | Ggx | SpecularGlossiness | Unlit | Catcher
 KINDS = 4  # the shaders know surfaces of Lambert alone, of Lambert and Phong, of GGX, and catchers of shadows
-GLOSSY = frozenset({1, 2})
-CATCHER = 3
+PHONG, GGX, CATCHER = 1, 2, 3
+GLOSSY = frozenset({PHONG, GGX})
 
 
 def kind_of(material: Material) -> int:

@@ -100,7 +100,7 @@ class Renderer:
         # Lookups are kept for one place in each pixel, and where they bring frames nearer to a target time.
         once = self._frame_ms > 0 and len(self._offsets) == 1
         self._kept = Kept(context, self._programs, self._size, self._shading.class_depth) if once else None
-        self._gloss = Gloss(context, self._programs) if kinds & GLOSSY else None
+        self._gloss = Gloss(context, self._programs, kinds) if kinds & GLOSSY else None
         self._illumination = Illumination(context, self._programs, self._scene, self._size)
         self._emission = Emission(context, self._programs) if any(emits(mesh.material) for mesh in self._scene.meshes) else None
         self._plate = Plate(context, self._programs, self._size)

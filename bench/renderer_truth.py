@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from services.lights import Lights
 from services.renderer.materials import Ggx, Phong
 from services.renderer.scene import Scene
 from services.renderer.view import view_from_world
@@ -196,14 +195,3 @@ def near_edges(seen: np.ndarray, pixels: int) -> np.ndarray:
 
     window = 2 * pixels + 1
     return maximum_filter(seen, window) != minimum_filter(seen, window)
-
-
-def true_picture(scene: Scene, lights: Lights, width: int, height: int) -> np.ndarray:
-    """Radiance (height, width, 3) float64 under all lights with exact shadows, at the pixel centres."""
-    tree = scene_tree(scene)
-    hits = first_hits(scene, tree, width, height)
-    size = float(np.linalg.norm(scene.half))
-    total = np.zeros((height, width, 3))
-    for direction, irradiance in zip(lights.directions.astype(np.float64), lights.irradiance, strict=True):
-        total += unshadowed(scene, hits, direction, irradiance) * visible(tree, hits, direction, size)[..., None]
-    return total

@@ -23,8 +23,6 @@ from services.tally import Losses, Tally
 State = TypeVar("State")
 CameraMessage = tuple[wire.Map | wire.Plate, tuple[np.ndarray, ...]]
 POLL_MS = 100  # how late a stop is noticed at most when nothing arrives
-REFILL_MS = 2  # how long libzmq may take to refill a queue that was drained
-DRAIN_S = 0.1  # for catching up at most, should frames come faster than one in REFILL_MS
 FRESH_MS = 60  # live: a frame older than this has waited in a queue while one and a half newer ones came, at 25 a second
 END_PERIOD_S = 0.2  # live: the end is said again and again, for who was not listening
 KEPT_FRAMES = 64  # lossless: how many finished frames a service holds for one that asks again

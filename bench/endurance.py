@@ -1,4 +1,4 @@
-"""Does anything grow? Thousands of pictures in which lights, objects and a lamp move: memory and GL objects, every thousandth of the way.
+"""Does anything grow? Thousands of pictures in which lights, objects and a lamp move and maps change their size: memory and GL objects.
 
 python -m bench.endurance [FRAMES]
 """
@@ -22,6 +22,7 @@ from services.sphere import direction_from_angles, quaternion_xyz
 
 SCENES = Path(__file__).parents[1] / "services" / "renderer" / "scenes"
 COUNTS = (12, 40, 5, 70)  # lights: the atlas is made anew where more come than it holds
+BRIGHTER = 3.0  # e-fold, at most, of a light's power beside its mean: each has maps of three sizes in turn
 REPORTS = 20
 
 
@@ -46,9 +47,11 @@ def gl_objects(context: moderngl.Context) -> tuple[int, ...]:
 
 
 def sky(count: int, turn: float) -> Lights:
-    """Lights spread over the hemisphere that go round."""
+    """Lights spread over the hemisphere that go round and grow stronger and weaker by turns."""
     k = np.arange(count) + 0.5
-    return Lights.of(np.arange(count), direction_from_angles(np.arccos(k / count), k * 2.4 + turn), np.full((count, 3), 3.0 / count))
+    power = np.exp(BRIGHTER * np.sin(k + 3 * turn))
+    irradiance = np.outer(power / power.sum(), np.full(3, 3.0))
+    return Lights.of(np.arange(count), direction_from_angles(np.arccos(k / count), k * 2.4 + turn), irradiance)
 
 
 class Show:
@@ -58,7 +61,7 @@ class Show:
         scene = load_scene(SCENES / "headlights.toml")
         lamp = scene.luminaires[0]
         scene = scene._replace(luminaires=(lamp._replace(table=type(lamp.table)(samples=4, shadow_map=16)),), things=scene.things[:-1])
-        self.renderer = Renderer(scene, Settings(width=32, height=24, shadow_map=16, light_regions=4, frame_ms=frame_ms))
+        self.renderer = Renderer(scene, Settings(width=32, height=24, light_regions=4, frame_ms=frame_ms))
         self._light = MapLights(np.ones((6, 12, 3), np.float32), "hemisphere")
         self._adaptation = None
 
@@ -71,8 +74,8 @@ class Show:
             picture = self.renderer.render_pass(self._light, k % 64)
             self.renderer.show(picture)
         else:
-            picture = self.renderer.render(sky(COUNTS[k // 100 % len(COUNTS)], turn), sky(100, turn) if k % 3 == 0 else None)
-        self._adaptation = adapt(self._adaptation, picture, 0.04)
+            self.renderer.draw(sky(COUNTS[k // 100 % len(COUNTS)], turn), sky(100, turn) if k % 3 == 0 else None)
+        self._adaptation = adapt(self._adaptation, self.renderer.selected(), 0.04)
         self.renderer.tone_mapped(self._adaptation, 0.0)
 
     def objects(self) -> tuple[int, ...]:

@@ -1,30 +1,35 @@
 """What lies behind a picture: drawn where surfaces leave it open, dimmed where catchers take light from it."""
 
-from collections.abc import Mapping
-
 import moderngl
 
 from services.renderer.programs import Programs
 
 
 class Backdrop:
-    """Draws a fragment shader that includes behind.glsl behind pictures."""
+    """A texture behind pictures of `size` pixels (width, height), drawn by a fragment shader that includes behind.glsl."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, fragment: str) -> None:
-        self._context = context
+    def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int], fragment: str) -> None:
+        self._context, self._size = context, size
         self._program = programs.program("screen.vert", fragment)
         self._array = context.vertex_array(self._program, [])
+        self._texture: moderngl.Texture | None = None
 
-    def draw(
-        self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None, texture: moderngl.Texture, uniforms: Mapping[str, object]
-    ) -> None:
+    def _held(self, size: tuple[int, int], dtype: str, internal_format: int | None = None) -> moderngl.Texture:
+        """The texture for what is shown next, of three numbers a texel; made anew when another size or format is wanted."""
+        if self._texture is None or (self._texture.size, self._texture.dtype) != (size, dtype):
+            if self._texture:
+                self._texture.release()
+            self._texture = self._context.texture(size, 3, alignment=1, dtype=dtype, internal_format=internal_format)
+        return self._texture
+
+    def _fill(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None) -> None:
         """Fills what the picture in `frame` leaves open and, where something is drawn, makes its alpha 1.
 
-        cover: what catchers take, as in shading.py. texture: in unit 0. uniforms: of the fragment shader, by name.
+        cover: what catchers take, as in shading.py. Does nothing before there is a texture.
         """
-        for name, value in uniforms.items():
-            self._program[name] = value
-        texture.use(0)
+        if self._texture is None:
+            return
+        self._texture.use(0)
         frame.use()
         self._context.enable_only(moderngl.BLEND)
         if cover:
@@ -40,3 +45,5 @@ class Backdrop:
     def release(self) -> None:
         """Frees what this holds on the GPU."""
         self._array.release()
+        if self._texture:
+            self._texture.release()

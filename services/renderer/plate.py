@@ -45,41 +45,27 @@ def load_plate(table: PlateTable, folder: Path, where: str) -> np.ndarray:
         raise BadInput(f"{where}: {path} is not a readable picture ({' '.join(str(error).split())[:160]}); check the path") from error
 
 
-class Plate:
+class Plate(Backdrop):
     """A picture behind a picture of `size` pixels (width, height), stretched over it."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int]) -> None:
-        self._context, self._size = context, size
-        self._backdrop = Backdrop(context, programs, "plate.frag")
-        self._texture: moderngl.Texture | None = None
-        self._gain = 1.0
+        super().__init__(context, programs, size, "plate.frag")
+        self._program["size"] = size
 
     def show(self, pixels: np.ndarray, stops: float = 0.0) -> None:
         """Takes the plate's pixels (h, w, 3), row 0 on top: float16 radiance, or uint8 sRGB, `stops` brighter. Others are replaced."""
         coded = pixels.dtype == np.uint8
-        size, kind = (pixels.shape[1], pixels.shape[0]), "f1" if coded else "f2"
-        if self._texture is None or (self._texture.size, self._texture.dtype) != (size, kind):
-            self._free()
-            self._texture = self._context.texture(size, 3, alignment=1, dtype=kind, internal_format=SRGB8 if coded else None)
-            self._texture.repeat_x = self._texture.repeat_y = False
-        self._texture.write(np.ascontiguousarray(pixels), alignment=1)
+        size = pixels.shape[1], pixels.shape[0]
+        texture = self._held(size, "f1" if coded else "f2", SRGB8 if coded else None)
+        texture.repeat_x = texture.repeat_y = False
+        texture.write(np.ascontiguousarray(pixels), alignment=1)
         if size[0] > self._size[0] or size[1] > self._size[1]:  # only then several of its pixels fall into one
-            self._texture.build_mipmaps()
-            self._texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+            texture.build_mipmaps()
+            texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         else:
-            self._texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self._gain = 2.0**stops
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self._program["gain"] = 2.0**stops
 
     def draw(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None) -> None:
-        """Fills what the picture in `frame` leaves open; its alpha becomes 1. Does nothing before the first `show`."""
-        if self._texture:
-            self._backdrop.draw(frame, cover, self._texture, {"size": self._size, "gain": self._gain})
-
-    def _free(self) -> None:
-        if self._texture:
-            self._texture.release()
-
-    def release(self) -> None:
-        """Frees what this holds on the GPU."""
-        self._backdrop.release()
-        self._free()
+        """Fills what the picture in `frame` leaves open; its alpha becomes 1. cover: what catchers take. Nothing before the first `show`."""
+        self._fill(frame, cover)

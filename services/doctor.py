@@ -113,7 +113,8 @@ def _gl() -> Finding:
         return Finding("pass", "OpenGL", found)
     if closed := closed_cards():
         return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened", joining_its_group(closed[0]))
-    return Finding("warn", "OpenGL", found, "drawn by the processor: correct but slow; install the driver of your graphics card")
+    mend = "drawn by the processor: correct but slow; install your graphics card's driver, give a container its device"
+    return Finding("warn", "OpenGL", found, mend)
 
 
 def _encoder() -> Finding:
@@ -160,7 +161,8 @@ def _ports(settings: Settings) -> Iterator[Finding]:
     if wire.transport == "tcp":
         here = [service for service in settings.services if is_loopback(wire.hosts.get(service, "127.0.0.1"))]
         ports = [wire.port + len(ROLES) * SERVICES.index(service) + role for service in here for role in range(len(ROLES))]
-        yield _port("ports of the wire", "127.0.0.1", ports, "[wire] port")
+        if ports:
+            yield _port("ports of the wire", "127.0.0.1", ports, "[wire] port")
 
 
 def _port(what: str, host: str, ports: list[int], key: str) -> Finding:

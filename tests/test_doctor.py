@@ -10,6 +10,7 @@ import pytest
 
 from services import doctor
 from services.capture import v4l2
+from services.channels import SERVICES
 from services.doctor import Finding, examine
 from services.files import BadInput
 from services.renderer import programs
@@ -126,6 +127,8 @@ def test_ports_of_the_wire_are_one_line(settings):
     elsewhere = with_section(settings, "wire", transport="tcp", insecure=True, hosts={"sampler": "10.0.0.7"}, port=taken - 3)
     assert f":{taken}" not in one(elsewhere, "ports of the wire").found  # the second of the sampler's, on another machine
     assert one(elsewhere, "sockets").grade == "warn"
+    nowhere_here = with_section(settings, "wire", transport="tcp", insecure=True, hosts=dict.fromkeys(SERVICES, "10.0.0.7"))
+    assert found(nowhere_here, "ports of the wire") == []
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,8 @@ def test_tiles_hold_the_map_and_its_moment(count, coverage: Coverage):
     np.testing.assert_allclose(tiles.power, luminance(tiles.flux.T), rtol=1e-12)
     of = grid(36, 90, coverage)
     moment = np.einsum("ij,i,ijc->c", luminance(radiance.astype(float)), of.solid_angles, cell_directions(36, 90, coverage))
-    np.testing.assert_allclose(tiles.direction @ tiles.power, moment, atol=1e-9 * tiles.power.sum())
+    # Directions weigh cells by their luminance in float32, which rounds by 6e-8.
+    np.testing.assert_allclose(tiles.direction @ tiles.power, moment, atol=6e-8 * tiles.power.sum())
 
 
 def test_more_lights_get_finer_tiles():
@@ -77,36 +78,38 @@ def test_a_few_sites_that_moved_change_the_nearest_two_as_a_search_anew_would(co
 
 
 def test_received_cleans_fills_and_waits():
-    solid = grid(36, 90, "hemisphere").solid_angles
     before, now = sky(3), sky(4)
     now[0, :3] = [[np.nan, 1, 1], [1, np.inf, 1], [1, 1, -1]]
     now[5] = 0
-    clean, ages, total, spoilt = received(now, solid, None, np.zeros((0, 0), np.uint8), 0.0)
+    kept = now.copy()
+    clean, ages, spoilt = received(now, None, np.zeros((0, 0), np.uint8), 0.0)
     assert spoilt == 3
+    np.testing.assert_array_equal(now, kept)
     np.testing.assert_array_equal(clean[0, :3], [[0, 1, 1], [1, 0, 1], [1, 1, 0]])
-    np.testing.assert_allclose(total, map_irradiance(clean, "hemisphere"), rtol=1e-12)
+    np.testing.assert_array_equal(clean[1:], now[1:])
     for wait in (True, True, False):
-        clean, ages, _, _ = received(now, solid, before, ages, 0.0)
+        clean, ages, _ = received(now, before, ages, 0.0)
         np.testing.assert_array_equal(clean[0, :3], before[0, :3])
         np.testing.assert_array_equal(clean[5], before[5] if wait else 0)
+    clean, ages, _ = received(before, before, ages, 0.0)
+    assert (ages[5] == np.where(before[5].any(axis=-1), 0, 2)).all()
 
 
 def test_noise_is_found_and_taken_out_and_changes_are_not():
     generator, truth = np.random.default_rng(5), np.exp(sky(6).clip(0, 2))
-    solid = grid(36, 90, "hemisphere").solid_angles
     noise, clean, ages = NO_NOISE, None, np.zeros((0, 0), np.uint8)
     for _ in range(40):
         seen = (truth * (1 + 0.03 * generator.standard_normal(truth.shape[:2])[..., None])).astype(np.float32)
-        noise = with_map(noise, luminance(seen[:, ::4].astype(float)))
-        clean, ages, _, _ = received(seen, solid, clean, ages, noise.variance)
+        noise = with_map(noise, seen)
+        clean, ages, _ = received(seen, clean, ages, noise.variance)
     assert np.sqrt(noise.variance) == pytest.approx(0.03, rel=0.15)
     assert np.std(clean / truth - 1) < 0.6 * 0.03
-    brighter, _, _, _ = received((1.5 * truth).astype(np.float32), solid, clean, ages, noise.variance)
+    brighter, _, _ = received((1.5 * truth).astype(np.float32), clean, ages, noise.variance)
     np.testing.assert_allclose(brighter, 1.5 * truth, rtol=1e-6)
 
 
 def test_a_turning_sky_has_no_noise():
     noise, radiance = NO_NOISE, np.cumsum(sky(7), axis=1)
     for k in range(20):
-        noise = with_map(noise, luminance(np.roll(radiance, 2 * k, axis=1)[:, ::4].astype(float)))
+        noise = with_map(noise, np.roll(radiance, 2 * k, axis=1))
     assert np.sqrt(noise.variance) < 0.01

@@ -14,11 +14,11 @@ import numpy as np
 from services.lights import Lights
 from services.sampler.control import prefix_errors
 from services.sampler.density import LightMap
-from services.sampler.tracked_cells import centroids, fluxes, move, relaxed, shares_of_sites
+from services.sampler.tracked_cells import centroids, lights_of_cells, move, relaxed, shares_of_sites
 from services.sampler.tracked_changes import best_splits, cheapest_pair, exchanged
-from services.sampler.tracked_noise import LONGEST_GAP_S, NO_NOISE, STRIDE, Noise, with_map
-from services.sampler.tracked_tiles import Tiles, grid, received, tiles_from_map
-from services.sphere import LUMINANCE, Coverage, luminance
+from services.sampler.tracked_noise import LONGEST_GAP_S, NO_NOISE, Noise, with_map
+from services.sampler.tracked_tiles import Tiles, received, tiles_from_map
+from services.sphere import LUMINANCE, Coverage
 
 NO_STRONG = np.empty((0, 5))
 FIRST_STEPS, STEPS = 12, 2  # Lloyd's steps in the first frame, and in every other
@@ -105,14 +105,13 @@ def tracked_step(
     leave their parents' places; the sum is then the smoothed map's. A map with fewer lit cells than lights has that many; the lights
     of a black one stay where they are, with irradiance 0.
     """
-    rows, cols, _ = radiance.shape
     if state.clean is None or coverage != state.coverage or state.clean.shape != radiance.shape:
         state = initial_tracked()._replace(coverage=coverage, time_s=time_s)
-    of = grid(rows, cols, coverage)
-    with np.errstate(invalid="ignore"):  # inf - inf; spoilt cells tell no noise
-        noise = with_map(state.noise, luminance(radiance[:, ::STRIDE])) if smoothing else NO_NOISE
+    noise = with_map(state.noise, radiance) if smoothing else NO_NOISE
     before = state.clean if smoothing and 0 < time_s - state.time_s < LONGEST_GAP_S else None
-    clean, black, irradiance, spoilt = received(radiance, of.solid_angles, before, state.black, noise.variance)
+    clean, black, spoilt = received(radiance, before, state.black, noise.variance)
+    tiles = tiles_from_map(clean, coverage, count, strong)
+    irradiance = tiles.flux.sum(axis=1)
     power = float(irradiance @ LUMINANCE)
     known = state._replace(time_s=time_s, clean=clean, black=black, noise=noise)
     report = Report(spoilt, irradiance)
@@ -122,16 +121,11 @@ def tracked_step(
         dark = np.zeros((len(state.ids), 3))
         return known, Lights.of(state.ids, state.sites, dark), report
 
-    tiles = tiles_from_map(clean, coverage, count, strong)
     after, held = _followed(known, tiles, count, power)
-    directions = centroids(held.moment, after.sites)
-    flux = fluxes(tiles, held.nearest, held.second, held.share, len(after.ids))
-    if smoothing:
-        fading = float(np.exp(-max(time_s - state.time_s, 0.0) / EASE_S))
-        offset = after.offset * fading
-        directions = _shown(directions, offset)
-        after = after._replace(offset=offset)
-    return after, Lights.of(after.ids, directions, flux), report
+    fading = float(np.exp(-max(time_s - state.time_s, 0.0) / EASE_S)) if smoothing else 0.0
+    after = after._replace(offset=after.offset * fading)
+    directions, flux = lights_of_cells(tiles, after.sites, after.offset, held.moment, held.nearest, held.second, held.share)
+    return after, Lights(after.ids, directions, flux), report
 
 
 def needed(light: LightMap, lights: Lights, error: float, most: int) -> int:
@@ -150,12 +144,6 @@ def _even(count: int, coverage: Coverage) -> np.ndarray:
     z = 1 - (k + 0.5) / count * (1 if coverage == "hemisphere" else 2)
     phi, s = k * np.pi * (3 - np.sqrt(5)), np.sqrt(1 - z * z)
     return np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=-1)
-
-
-def _shown(directions: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    moved = directions + offset
-    length = np.linalg.norm(moved, axis=1, keepdims=True)
-    return np.where(length > 0.1, moved / np.maximum(length, 0.1), directions)
 
 
 def _followed(state: State, tiles: Tiles, count: int, power: float) -> tuple[State, Shares]:

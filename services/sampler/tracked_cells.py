@@ -9,10 +9,11 @@ EDGE = 0.0175  # rad, 1 degree, a cell of the map: between directions closer tha
 RUN = 32  # tiles that are searched together, a register's worth of them at a time, among the sites near them all
 LANES = 16  # sites of which the nearest two are kept apart until the end, so that no comparison waits for the last one
 FAR = np.float32(9.0)  # each coordinate of what fills up the last lanes: beyond any chord of the unit sphere
+LEAST_LENGTH = 0.1  # of a direction with its offset: below it the two are opposite, and their sum says little
 ROUNDING = np.float32(1.00001)  # a hundred roundings of float32
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def assign(tiles: Tiles, sites, moved, first, second, share):
     """Fills for each tile the nearest site, the next one (-1: none) and the next one's share in [0, 1/2].
 
@@ -41,7 +42,7 @@ def assign(tiles: Tiles, sites, moved, first, second, share):
             share[t] = _next_share(tiles.radius[t], sites, first[t], second[t], best[0, t - begin], best[1, t - begin])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _touched(tiles: Tiles, begin, end, sites, moved, first, second):
     """Whether one of the sites `moved` was or comes among the nearest two of one of these tiles."""
     for t in range(begin, end):
@@ -52,7 +53,7 @@ def _touched(tiles: Tiles, begin, end, sites, moved, first, second):
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _near(of, places, n, chords, near, names):
     """Fills near (3, found) and names with the sites that can be the nearest or the next of a run of tiles; returns how many.
 
@@ -86,7 +87,7 @@ def _near(of, places, n, chords, near, names):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _nearest_two(of, near, found, best):
     """Fills best (4, RUN) for a run of tiles: squared chords to the nearest and the next of `found` sites, and which these are.
 
@@ -105,7 +106,7 @@ def _nearest_two(of, near, found, best):
             best[0, t] = chord if closest else one
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _next_share(radius, sites, a, b, da, db):
     """What of a tile goes to its next site `b`: the border of two cells cuts a disc of the tile's radius (linearly), so that light
     goes over from one cell to the other without a jump. da, db: squared chords to both.
@@ -120,7 +121,7 @@ def _next_share(radius, sites, a, b, da, db):
     return max(0.5 - (db - da) / (4 * apart * min(radius, 0.25 * apart)), 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def shares_of_sites(tiles: Tiles, sites):
     """What the sites' cells hold (moment, pull, unease) and whose the tiles are (first, second, share); see `Shares`."""
     count = tiles.power.size
@@ -129,7 +130,7 @@ def shares_of_sites(tiles: Tiles, sites):
     return shares_of_tiles(tiles, sites, first, second, share)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def shares_of_tiles(tiles: Tiles, sites, first, second, share):
     """The same when it is known whose the tiles are."""
     n = sites.shape[0]
@@ -143,14 +144,14 @@ def shares_of_tiles(tiles: Tiles, sites, first, second, share):
     return moment, pull, unease, first, second, share
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _add(tiles, t, power, moment):
     for c in range(3):
         moment[c] += power * tiles.direction[c, t]
     moment[3] += power
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gather(tiles: Tiles, first, pull):
     """Adds to pull (n, 3) the weight x direction of each cell's tiles."""
     for t in range(first.size):
@@ -158,20 +159,7 @@ def gather(tiles: Tiles, first, pull):
             pull[first[t], c] += tiles.weight[t] * tiles.direction[c, t]
 
 
-@njit(cache=True)
-def fluxes(tiles: Tiles, first, second, share, n):
-    """Flux (n, 3), RGB, of n cells."""
-    flux = np.zeros((n, 3))
-    for t in range(first.size):
-        for c in range(3):
-            flux[first[t], c] += (1.0 - share[t]) * tiles.flux[c, t]
-        if share[t] > 0:
-            for c in range(3):
-                flux[second[t], c] += share[t] * tiles.flux[c, t]
-    return flux
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def relaxed(tiles: Tiles, sites, pull, steps):
     """The sites after so many of Lloyd's steps, and what their cells hold. pull: of the sites' cells now."""
     sites, count = sites.copy(), tiles.power.size
@@ -186,13 +174,13 @@ def relaxed(tiles: Tiles, sites, pull, steps):
     return sites, shares_of_sites(tiles, sites)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def root(chord):
     """Square root of d^2 / (d + EDGE): the share of shadow edges that matter between two directions a chord d apart."""
     return chord / np.sqrt(chord + EDGE)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def unrest(tiles: Tiles, first, second, share, moment, sites, unease):
     """Adds to unease (n,) each cell's root of its unrest: the sum of power x root(chord to the flux centroid)."""
     centre = centroids(moment, sites)
@@ -202,7 +190,7 @@ def unrest(tiles: Tiles, first, second, share, moment, sites, unease):
             unease[second[t]] += share[t] * tiles.power[t] * root(np.sqrt(_chord(tiles, t, centre[second[t]])))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def centroid(moment, site, direction):
     """Fills the unit vector of a cell's flux centroid; of its site where the light cancels out or there is none."""
     length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
@@ -210,7 +198,7 @@ def centroid(moment, site, direction):
         direction[c] = moment[c] / length if length > 1e-9 * moment[3] else site[c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def centroids(moment, sites):
     """Flux centroids (n, 3) of all cells."""
     directions = np.empty((moment.shape[0], 3))
@@ -219,7 +207,25 @@ def centroids(moment, sites):
     return directions
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def lights_of_cells(tiles: Tiles, sites, offset, moment, first, second, share):
+    """(directions, irradiance), (n, 3) float32, of the cells' lights: flux centroids, beside their places by `offset`."""
+    n = sites.shape[0]
+    flux, directions, shown = np.zeros((n, 3)), centroids(moment, sites), np.empty((n, 3), np.float32)
+    for t in range(first.size):
+        for c in range(3):
+            flux[first[t], c] += (1.0 - share[t]) * tiles.flux[c, t]
+        if share[t] > 0:
+            for c in range(3):
+                flux[second[t], c] += share[t] * tiles.flux[c, t]
+    for s in range(n):
+        length = np.sqrt(((directions[s] + offset[s]) ** 2).sum())
+        for c in range(3):
+            shown[s, c] = (directions[s, c] + offset[s, c]) / length if length > LEAST_LENGTH else directions[s, c]
+    return shown, flux.astype(np.float32)
+
+
+@njit(cache=True, error_model="numpy")
 def move(pull, sites):
     """Lloyd's step: every site with light goes to the weighted centroid of its cell."""
     for s in range(sites.shape[0]):
@@ -229,7 +235,7 @@ def move(pull, sites):
                 sites[s, c] = pull[s, c] / length
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _chord(tiles, t, site):
     """Squared chord."""
     return (tiles.direction[0, t] - site[0]) ** 2 + (tiles.direction[1, t] - site[1]) ** 2 + (tiles.direction[2, t] - site[2]) ** 2

@@ -11,7 +11,7 @@ CHURN = 2.0  # a split must gain this many times what the merge costs that makes
 WORTH = 0.5  # and this many times the mean unrest of a cell
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def exchanged(tiles: Tiles, ids, sites, offset, next_id, moment, pull, unease, first, second, share, most, sudden):
     """(made, ids, sites, offset, shares) after at most so many exchanges: one cell cut in two and two others made one.
 
@@ -39,7 +39,7 @@ def exchanged(tiles: Tiles, ids, sites, offset, next_id, moment, pull, unease, f
     return made, ids, sites, offset, (moment, pull, unease, first, second, share)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def best_splits(tiles: Tiles, first, sites, unease, most, sudden):
     """(gains (k,), cells (k,), halves (k, 2, 3)) of the splits, at most `most`, that lower the unrest most, best first.
 
@@ -63,7 +63,7 @@ def best_splits(tiles: Tiles, first, sites, unease, most, sudden):
     return gains[:count], cells[:count], halves[:count]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cheapest_pair(first, second, moment, sites, unease):
     """(cost, kept, lost): the two neighbours whose union adds the least unrest; the one with more power is kept. A dark cell costs nothing.
 
@@ -91,7 +91,7 @@ def cheapest_pair(first, second, moment, sites, unease):
     return cost, kept, lost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def split(tiles: Tiles, first, cell, centre, sudden, halves):
     """The gain in unrest of cutting `cell` in two, or 0 when it is one tile.
 
@@ -132,7 +132,7 @@ def split(tiles: Tiles, first, cell, centre, sudden, halves):
     return unease[2] ** 2 - unease[0] ** 2 - unease[1] ** 2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _two_means(own, whole, halves, moment):
     """Fills halves (2, 3) and their moments of power, moment[:2], from the centroid and the tile with the largest flux x chord."""
     far, pull = -1.0, np.empty((2, 3))
@@ -152,14 +152,14 @@ def _two_means(own, whole, halves, moment):
         move(pull, halves)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _add(own, k, moment):
     for c in range(3):
         moment[c] += own[3, k] * own[c, k]
     moment[3] += own[3, k]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _chord(own, k, site):
     """Squared chord."""
     return (own[0, k] - site[0]) ** 2 + (own[1, k] - site[1]) ** 2 + (own[2, k] - site[2]) ** 2

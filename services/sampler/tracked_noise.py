@@ -9,42 +9,49 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from services.sphere import LUMINANCE
+
 STRIDE = 4  # columns: one in so many tells the noise
 MEMORY = 0.2  # of the way that the noise goes to this frame's: a memory of five frames
-LARGEST_STEP = 0.3  # relative; steps beyond it are the scene's
+LARGEST_STEP = np.float32(0.3)  # relative; steps beyond it are the scene's
 LONGEST_GAP_S = 1.0  # what was seen longer ago says nothing about now
+_RED, _GREEN, _BLUE = (np.float32(weight) for weight in LUMINANCE)
 
 
 class Noise(NamedTuple):
-    """last, step: (rows, cols / STRIDE), the last frame's luminance and its step. variance: of a cell's noise, relative."""
+    """last, step: (rows, cols / STRIDE) float32, the last frame's luminance and relative step. variance: of a cell's noise, relative."""
 
     last: np.ndarray
     step: np.ndarray
     variance: float
 
 
-NO_NOISE = Noise(np.zeros((0, 0)), np.zeros((0, 0)), 0.0)
+NO_NOISE = Noise(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32), 0.0)
 
 
-def with_map(before: Noise, luminance: np.ndarray) -> Noise:
-    """What is known of the noise once a map's luminance, one column in STRIDE, is in."""
-    if before.last.shape != luminance.shape:
-        return Noise(luminance, np.zeros(luminance.shape), 0.0)
-    step = np.empty(luminance.shape)
-    covariance = _covariance(before.last, luminance, before.step, step)
-    return Noise(luminance, step, before.variance + MEMORY * (max(-covariance, 0.0) - before.variance))
+def with_map(before: Noise, radiance: np.ndarray) -> Noise:
+    """What is known of the noise once a map (rows, cols, 3) float32 is in; spoilt cells tell none."""
+    rows, cols, _ = radiance.shape
+    now, step = np.empty((2, rows, -(-cols // STRIDE)), np.float32)
+    known = before.last.shape == now.shape
+    covariance = _covariance(before.last if known else now, before.step if known else np.zeros_like(now), radiance, now, step)
+    return Noise(now, step, before.variance + MEMORY * (max(-covariance, 0.0) - before.variance) if known else 0.0)
 
 
-@njit(cache=True)
-def _covariance(last, now, before, step):
-    """Fills the relative steps and returns their mean product with those before."""
+# Sums in any order, so that several are made at a time.
+@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+def _covariance(last, before, radiance, now, step):
+    """Fills the luminance and the relative steps; returns their mean product with those before."""
     total, count = 0.0, 0
     for i in range(now.shape[0]):
         for j in range(now.shape[1]):
-            a, b = last[i, j], now[i, j]
-            d = 2 * (b - a) / (a + b) if a + b > 0 else 0.0
+            k = STRIDE * j
+            now[i, j] = _RED * radiance[i, k, 0] + _GREEN * radiance[i, k, 1] + _BLUE * radiance[i, k, 2]
+        for j in range(now.shape[1]):
+            both = last[i, j] + now[i, j]
+            d = np.float32(2) * (now[i, j] - last[i, j]) / both if both > 0 else np.float32(0)
             step[i, j] = d
-            if abs(d) < LARGEST_STEP and abs(before[i, j]) < LARGEST_STEP and a > 0:
-                total += d * before[i, j]
-                count += 1
+            told = (abs(d) < LARGEST_STEP) & (abs(before[i, j]) < LARGEST_STEP) & (last[i, j] > 0)
+            total += d * before[i, j] if told else np.float32(0)
+            count += told
     return total / count if count else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from services.sampler.density import LARGEST
-from services.sphere import LUMINANCE, SPAN, Coverage, cell_solid_angles
+from services.sphere import LUMINANCE, SPAN, Coverage, cell_solid_angles, ring_edges
 from services.strong import PARTS
 
 BASE = 8  # cells on a side of the largest tile
@@ -22,19 +22,21 @@ MOST = 4.0  # lights that a base tile counts for: beyond it there are single cel
 SITES = 1.6  # sites weigh radiance^1.6 in Lloyd's step: in the plane their density is then the weight's root
 HOLD = 2  # frames; a lost picture is bridged, and darkness is believed 80 ms late at 25 fps
 CLEAR = 3.0  # standard deviations of the noise: a change of so many goes through at once
-LEAST = 0.12  # gain: noise is averaged over 2 / 0.12 - 1 = 16 frames at most
+LEAST = np.float32(0.12)  # gain: noise is averaged over 2 / 0.12 - 1 = 16 frames at most
 _RED, _GREEN, _BLUE = (float(weight) for weight in LUMINANCE)
 
 
 class Grid(NamedTuple):
     """What depends on the map's shape alone, float64.
 
-    solid_angles: (rows,), sr of a cell. across, up: (rows,), sine and cosine of a ring's polar angle. cosines, sines: (cols,), of a
-    column's azimuth. height: of a cell, rad. widths: (rows,), rad. corners: (bases, 2) int64, the first row and column of the base
-    tiles, in the order in which they are visited: along bands, so that tiles that follow each other lie together.
+    solid_angles: (rows,), sr of a cell. above: (rows + 1,), sr of a column down to a row. across, up: (rows,), sine and cosine of a
+    ring's polar angle. cosines, sines: (cols,), of a column's azimuth. height: of a cell, rad. widths: (rows,), rad. corners:
+    (bases, 2) int64, the first row and column of the base tiles, in the order in which they are visited: along bands, so that tiles
+    that follow each other lie together.
     """
 
     solid_angles: np.ndarray
+    above: np.ndarray
     across: np.ndarray
     up: np.ndarray
     cosines: np.ndarray
@@ -70,64 +72,83 @@ def grid(rows: int, cols: int, coverage: Coverage) -> Grid:
         for k, col in enumerate(range(0, cols, BASE))
         for row in range(band, min(band + BAND * BASE, rows), BASE)[:: -1 if k % 2 else 1]
     ]
-    solid_angles = cell_solid_angles(rows, cols, coverage)
-    return Grid(solid_angles, np.sin(theta), np.cos(theta), np.cos(phi), np.sin(phi), height, widths, np.array(corners))
+    angles = cell_solid_angles(rows, cols, coverage), ring_edges(rows, coverage) * (2 * np.pi / cols)
+    return Grid(*angles, np.sin(theta), np.cos(theta), np.cos(phi), np.sin(phi), height, widths, np.array(corners))
 
 
-def received(
-    radiance: np.ndarray, solid_angles: np.ndarray, before: np.ndarray | None, black: np.ndarray, variance: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """(clean map (rows, cols, 3) float32, black (rows, cols) uint8, irradiance (3,), spoilt cells) of a map as it came.
+def received(radiance: np.ndarray, before: np.ndarray | None, black: np.ndarray, variance: float) -> tuple[np.ndarray, np.ndarray, int]:
+    """(clean map (rows, cols, 3) float32, black (rows, cols) uint8, spoilt cells) of a map as it came.
 
     Spoilt values (nan, infinite, negative, above LARGEST) become 0, or when the map `before` is given, the whole cell becomes
     what it was there. So does a cell that turned black, for HOLD frames: a lost line of the picture comes back, a light that
     went out stays out. A cell whose change lies within noise of that relative variance goes only part of the way.
     """
-    clean, irradiance = np.empty(radiance.shape, np.float32), np.empty(3)
+    clean = np.array(radiance, np.float32, order="C")
     ages = np.zeros(radiance.shape[:2], np.uint8) if black.shape != radiance.shape[:2] else black.copy()
-    old = clean if before is None else before
-    spoilt = _receive(np.ascontiguousarray(radiance, np.float32), solid_angles, before is not None, old, variance, ages, clean, irradiance)
-    return clean, ages, irradiance, spoilt
+    return clean, ages, _receive(clean, before is not None, clean if before is None else before, variance, ages)
+
+
+@njit(cache=True, error_model="numpy")
+def _receive(clean, filling, before, variance, ages):
+    rows, cols, _ = clean.shape
+    spoilt, gain = 0, np.empty(cols, np.float32)
+    for i in range(rows):
+        row, old = clean[i].reshape(3 * cols), before[i].reshape(3 * cols)
+        if _sound(row):
+            ages[i] = 0
+        else:
+            spoilt += _mend(row, filling, old, ages[i])
+        if filling and variance > 0:
+            _smooth(row, old, np.float32(1 / (CLEAR * CLEAR * variance)), gain)
+    return spoilt
 
 
 @njit(cache=True)
-def _receive(radiance, solid_angles, filling, before, variance, ages, clean, irradiance):
-    rows, cols, _ = radiance.shape
-    irradiance[:] = 0.0
+def _sound(row):
+    """Whether all cells of a row (3 cols,) are lit and none is spoilt."""
+    unsound = 0
+    for j in range(row.size // 3):
+        r, g, b = row[3 * j], row[3 * j + 1], row[3 * j + 2]
+        whole = r + g + b
+        unsound += not ((r >= 0) & (g >= 0) & (b >= 0) & (whole > 0) & (whole <= LARGEST))  # nan is nowhere
+    return unsound == 0
+
+
+@njit(cache=True)
+def _mend(row, filling, old, ages):
+    """Cleans or fills the cells of a row (3 cols,) that are spoilt or black; returns how many are spoilt."""
     spoilt = 0
-    within = 1 / (CLEAR * CLEAR * variance) if variance > 0 else np.inf
-    for i in range(rows):
-        red = green = blue = 0.0
-        for j in range(cols):
-            r, g, b = radiance[i, j, 0], radiance[i, j, 1], radiance[i, j, 2]
-            whole = r + g + b
-            good = r >= 0 and g >= 0 and b >= 0 and whole <= LARGEST  # false for nan
-            if not good or whole == 0:
-                spoilt += not good
-                if filling and (not good or ages[i, j] < HOLD):
-                    if good:
-                        ages[i, j] += 1
-                    r, g, b = before[i, j, 0], before[i, j, 1], before[i, j, 2]
-                else:
-                    r = r if 0 <= r <= LARGEST else np.float32(0)
-                    g = g if 0 <= g <= LARGEST else np.float32(0)
-                    b = b if 0 <= b <= LARGEST else np.float32(0)
-            else:
-                ages[i, j] = 0
-                if filling and variance > 0:
-                    r0, g0, b0 = before[i, j, 0], before[i, j, 1], before[i, j, 2]
-                    old = _RED * r0 + _GREEN * g0 + _BLUE * b0
-                    change = _RED * r + _GREEN * g + _BLUE * b - old
-                    square = change * change * within
-                    if square < old * old:
-                        gain = max((square / (old * old)) ** 2, LEAST)
-                        r, g, b = r0 + gain * (r - r0), g0 + gain * (g - g0), b0 + gain * (b - b0)
-            clean[i, j, 0], clean[i, j, 1], clean[i, j, 2] = r, g, b
-            red, green, blue = red + r, green + g, blue + b
-        irradiance[0] += red * solid_angles[i]
-        irradiance[1] += green * solid_angles[i]
-        irradiance[2] += blue * solid_angles[i]
+    for j in range(ages.size):
+        cell, was = row[3 * j : 3 * j + 3], old[3 * j : 3 * j + 3]
+        whole = cell[0] + cell[1] + cell[2]
+        good = cell[0] >= 0 and cell[1] >= 0 and cell[2] >= 0 and whole <= LARGEST
+        spoilt += not good
+        if good and whole > 0:
+            ages[j] = 0
+        elif filling and (not good or ages[j] < HOLD):
+            ages[j] += good
+            cell[:] = was
+        else:
+            for c in range(3):
+                cell[c] = cell[c] if 0 <= cell[c] <= LARGEST else 0
     return spoilt
+
+
+@njit(cache=True, error_model="numpy")
+def _smooth(row, old, within, gain):
+    """Takes each cell of a row (3 cols,) only part of the way from the `old` row where its change is noise. gain: (cols,), for use.
+
+    within: 1 over the square of a change, relative, that goes through.
+    """
+    red, green, blue = np.float32(_RED), np.float32(_GREEN), np.float32(_BLUE)
+    for j in range(gain.size):
+        level = red * old[3 * j] + green * old[3 * j + 1] + blue * old[3 * j + 2]
+        change = (red * row[3 * j] + green * row[3 * j + 1] + blue * row[3 * j + 2] - level) / level
+        part = change * change * within
+        gain[j] = (part * part if part * part > LEAST else LEAST) if part < 1 else np.float32(1)
+    for j in range(gain.size):
+        for c in range(3):
+            row[3 * j + c] = old[3 * j + c] + gain[j] * (row[3 * j + c] - old[3 * j + c])
 
 
 def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, strong: np.ndarray) -> Tiles:
@@ -141,31 +162,75 @@ def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, strong:
     return Tiles(table[0:3], table[3], table[4:7], table[7], table[8])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _fill(radiance, of, strong, count):
     """The table (9, tiles): flux, power, direction, weight, radius."""
     rows, cols, _ = radiance.shape
     inside, shares = _parts(strong, rows * cols)
     # Base tiles first, for the sum of the density, power^0.8 area^0.2; those of strong sources count for MOST lights.
-    bases, density = np.empty((9, of.corners.shape[0])), np.zeros(of.corners.shape[0])
-    for base in range(density.size):
-        row, col = of.corners[base]
-        area = _measure(radiance, of, row, min(row + BASE, rows), col, min(col + BASE, cols), bases, base)
-        if bases[3, base] > 0:
-            density[base] = np.sqrt(bases[7, base] * area)
+    light, across = np.empty((rows, cols), np.float32), -(-cols // BASE)
+    bases, density = _bases(radiance, of, light)
     total = density.sum()
     total = np.minimum(density, MOST / max(count, MOST) * total).sum()
     limit = SHARE / count * total
 
     table, n = np.empty((9, rows * cols + strong.shape[0])), 0
-    stack, sums = np.empty((16, 4), np.int64), np.zeros((BASE, BASE + 1))
-    for base in range(density.size):
+    stack, sums = np.empty((16, 4), np.int64), np.zeros((BASE + 1, BASE + 1))
+    for k in range(density.size):
+        base = of.corners[k, 0] // BASE * across + of.corners[k, 1] // BASE
         if density[base] > limit:
-            n = _halve(radiance, of, strong, shares, inside, limit**5, stack, sums, of.corners[base], table, n)
+            n = _halve(radiance, light, of, strong, shares, inside, limit**5, stack, sums, of.corners[k], table, n)
         elif density[base] > 0:
-            table[:, n] = bases[:, base]
+            for c in range(9):
+                table[c, n] = bases[c, base]
             n += 1
     return table[:, :n].copy()
+
+
+@njit(cache=True, error_model="numpy")
+def _bases(radiance, of, light):
+    """(table (9, bases), density (bases,)) of the base tiles, row by row; fills each cell's luminance, light (rows, cols)."""
+    rows, cols, _ = radiance.shape
+    across, count = -(-cols // BASE), -(-rows // BASE) * -(-cols // BASE)
+    table, density = np.empty((9, count)), np.empty(count)
+    cells, flux, moment = radiance.reshape(rows, 3 * cols), np.empty(3 * cols), np.empty((2, cols))
+    red, green, blue = np.float32(_RED), np.float32(_GREEN), np.float32(_BLUE)
+    for base in range(count):
+        row, col = base // across * BASE, base % across * BASE
+        end, right = min(row + BASE, rows), min(col + BASE, cols)
+        if col == 0:
+            # Down all columns at once: long loops over what lies side by side.
+            flux[:], moment[:] = 0.0, 0.0
+            for i in range(row, end):
+                _add_row(cells[i], of.solid_angles[i], flux)
+                for j in range(cols):
+                    light[i, j] = red * cells[i, 3 * j] + green * cells[i, 3 * j + 1] + blue * cells[i, 3 * j + 2]
+                _add_row(light[i], of.solid_angles[i] * of.across[i], moment[0])
+                _add_row(light[i], of.solid_angles[i] * of.up[i], moment[1])
+        r = g = b = x = y = z = 0.0
+        for j in range(col, right):
+            r, g, b = r + flux[3 * j], g + flux[3 * j + 1], b + flux[3 * j + 2]
+            x, y, z = x + of.cosines[j] * moment[0, j], y + of.sines[j] * moment[0, j], z + moment[1, j]
+        area = _tile(of, row, end, col, right, (r, g, b), (x, y, z), table, base)
+        density[base] = np.sqrt(table[7, base] * area)
+    return table, density
+
+
+@njit(cache=True)
+def _add_row(row, weight, sums):
+    for k in range(sums.size):
+        sums[k] += weight * row[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _tile(of, i0, i1, j0, j1, flux, moment, table, n):
+    """Fills a column of the table with the tile of these rows and columns, that has such flux and moment; returns its solid angle."""
+    power, area = _RED * flux[0] + _GREEN * flux[1] + _BLUE * flux[2], (of.above[i1] - of.above[i0]) * (j1 - j0)
+    height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
+    table[0, n], table[1, n], table[2, n], table[3, n] = flux[0], flux[1], flux[2], power
+    table[4, n], table[5, n], table[6, n] = moment[0] / power, moment[1] / power, moment[2] / power
+    table[7, n], table[8, n] = area * (power / area) ** SITES, 0.5 * np.sqrt(height * height + width * width)
+    return area
 
 
 @njit(cache=True)
@@ -181,74 +246,69 @@ def _parts(strong, cells):
     return inside, shares
 
 
-@njit(cache=True)
-def _halve(radiance, of, strong, shares, inside, limit, stack, sums, corner, table, n):
-    """Appends the tiles of one base tile to the table and returns its new length. limit: of the density, to the power of 5."""
+@njit(cache=True, error_model="numpy")
+def _halve(radiance, light, of, strong, shares, inside, limit, stack, sums, corner, table, n):
+    """Appends the tiles of one base tile to the table and returns its new length. limit: of the density, to the power of 5.
+
+    stack (16, 4), sums (BASE + 1, BASE + 1) with zeros before the first row and column.
+    """
     rows, cols, _ = radiance.shape
     row, col = corner
-    stack[0] = row, min(row + BASE, rows), col, min(col + BASE, cols)
-    for i in range(row, stack[0, 1]):
-        light = 0.0  # summed along the row: what is 0 stays 0 in the differences
-        for j in range(col, stack[0, 3]):
-            light += _RED * radiance[i, j, 0] + _GREEN * radiance[i, j, 1] + _BLUE * radiance[i, j, 2]
-            sums[i - row, j - col + 1] = light
+    _push(stack, 0, row, min(row + BASE, rows), col, min(col + BASE, cols))
+    # Power above and left of each of the base tile's cells: four of them tell any tile's, but for the last digits of the whole.
+    for i in range(stack[0, 1] - row):
+        along = 0.0
+        for j in range(stack[0, 3] - col):
+            along += light[row + i, col + j]
+            sums[i + 1, j + 1] = sums[i, j + 1] + of.solid_angles[row + i] * along
     depth = 1
     while depth:
         depth -= 1
-        i0, i1, j0, j1 = stack[depth]
-        power = area = 0.0
-        for i in range(i0, i1):
-            power += of.solid_angles[i] * (sums[i - row, j1 - col] - sums[i - row, j0 - col])
-            area += of.solid_angles[i] * (j1 - j0)
-        if power == 0.0:
-            continue
-        fine = power**4 * area <= limit  # the density, power^0.8 area^0.2, to the power of 5
-        if (i1 - i0) * (j1 - j0) == 1 and inside[i0 * cols + j0] >= 0:
-            _measure(radiance, of, i0, i1, j0, j1, table, n)
-            n = _in_parts(strong, shares, inside[i0 * cols + j0], of.solid_angles[i0], fine, table, n)
-        elif fine or (i1 - i0) * (j1 - j0) == 1:
-            _measure(radiance, of, i0, i1, j0, j1, table, n)
-            n += 1
+        i0, i1, j0, j1 = stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3]
+        power = sums[i1 - row, j1 - col] - sums[i1 - row, j0 - col] - sums[i0 - row, j1 - col] + sums[i0 - row, j0 - col]
+        # The density, power^0.8 area^0.2, to the power of 5.
+        fine = power**4 * (of.above[i1] - of.above[i0]) * (j1 - j0) <= limit
+        single = (i1 - i0) * (j1 - j0) == 1
+        if fine or single:
+            _measure(radiance, light, of, i0, i1, j0, j1, table, n)
+            if single and inside[i0 * cols + j0] >= 0:
+                n = _in_parts(strong, shares, inside[i0 * cols + j0], of.solid_angles[i0], fine, table, n)
+            else:
+                n += table[3, n] > 0
         elif i1 - i0 > 1 and ((i1 - i0) * of.height >= (j1 - j0) * of.widths[(i0 + i1) // 2] or j1 - j0 == 1):
             middle = (i0 + i1) // 2
-            stack[depth], stack[depth + 1] = (middle, i1, j0, j1), (i0, middle, j0, j1)
+            _push(stack, depth, middle, i1, j0, j1)
+            _push(stack, depth + 1, i0, middle, j0, j1)
             depth += 2
         else:
             middle = (j0 + j1) // 2
-            stack[depth], stack[depth + 1] = (i0, i1, middle, j1), (i0, i1, j0, middle)
+            _push(stack, depth, i0, i1, middle, j1)
+            _push(stack, depth + 1, i0, i1, j0, middle)
             depth += 2
     return n
 
 
-@njit(cache=True)
-def _measure(radiance, of, i0, i1, j0, j1, table, n):
-    """Fills a column of the table with what lies between these rows and columns, and returns its solid angle."""
-    red = green = blue = x = y = z = area = 0.0
+@njit(cache=True, error_model="numpy")
+def _measure(radiance, light, of, i0, i1, j0, j1, table, n):
+    """Fills a column of the table with what lies between these rows and columns."""
+    red = green = blue = x = y = z = 0.0
     for i in range(i0, i1):
-        r = g = b = c = s = 0.0
+        r = g = b = c = s = whole = 0.0
         for j in range(j0, j1):
-            light = _RED * radiance[i, j, 0] + _GREEN * radiance[i, j, 1] + _BLUE * radiance[i, j, 2]
-            r += radiance[i, j, 0]
-            g += radiance[i, j, 1]
-            b += radiance[i, j, 2]
-            c += light * of.cosines[j]
-            s += light * of.sines[j]
-        omega = of.solid_angles[i]
-        area += omega * (j1 - j0)
+            r, g, b = r + radiance[i, j, 0], g + radiance[i, j, 1], b + radiance[i, j, 2]
+            c, s, whole = c + light[i, j] * of.cosines[j], s + light[i, j] * of.sines[j], whole + light[i, j]
+        omega, across, up = of.solid_angles[i], of.solid_angles[i] * of.across[i], of.solid_angles[i] * of.up[i]
         red, green, blue = red + omega * r, green + omega * g, blue + omega * b
-        x, y = x + omega * of.across[i] * c, y + omega * of.across[i] * s
-        z += omega * of.up[i] * (_RED * r + _GREEN * g + _BLUE * b)
-    power = _RED * red + _GREEN * green + _BLUE * blue
-    if power > 0:
-        x, y, z = x / power, y / power, z / power
-    height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
-    table[0, n], table[1, n], table[2, n], table[3, n] = red, green, blue, power
-    table[4, n], table[5, n], table[6, n] = x, y, z
-    table[7, n], table[8, n] = area * (power / area) ** SITES, 0.5 * np.sqrt(height * height + width * width)
-    return area
+        x, y, z = x + across * c, y + across * s, z + up * whole
+    _tile(of, i0, i1, j0, j1, (red, green, blue), (x, y, z), table, n)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
+def _push(stack, depth, i0, i1, j0, j1):
+    stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3] = i0, i1, j0, j1
+
+
+@njit(cache=True, error_model="numpy")
 def _in_parts(strong, shares, k, area, whole, table, n):
     """Cuts the strong cell at the table's column n, whose parts begin at `k`, into them; returns the table's new length.
 

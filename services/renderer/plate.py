@@ -67,5 +67,5 @@ class Plate(Backdrop):
         self._program["gain"] = 2.0**stops
 
     def draw(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None) -> None:
-        """Fills what the picture in `frame` leaves open; its alpha becomes 1. cover: what catchers take. Nothing before the first `show`."""
+        """Fills what the picture in `frame` leaves open; its alpha becomes 1. cover: what catchers take. Nothing before `show`."""
         self._fill(frame, cover)

@@ -22,14 +22,12 @@ class Backdrop:
             self._texture = self._context.texture(size, 3, alignment=1, dtype=dtype, internal_format=internal_format)
         return self._texture
 
-    def _fill(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None) -> None:
+    def _fill(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None, texture: moderngl.Texture) -> None:
         """Fills what the picture in `frame` leaves open and, where something is drawn, makes its alpha 1.
 
-        cover: what catchers take, as in shading.py. Does nothing before there is a texture.
+        cover: what catchers take, as in shading.py.
         """
-        if self._texture is None:
-            return
-        self._texture.use(0)
+        texture.use(0)
         frame.use()
         self._context.enable_only(moderngl.BLEND)
         if cover:

@@ -30,5 +30,6 @@ class Background(Backdrop):
 
         cover: what catchers take. Does nothing before the first `show`.
         """
-        self._program["ray_from_pixel"] = tuple(ray_from_pixel(camera, self._size).T.reshape(-1))
-        self._fill(frame, cover)
+        if self._texture:
+            self._program["ray_from_pixel"] = tuple(ray_from_pixel(camera, self._size).T.reshape(-1))
+            self._fill(frame, cover, self._texture)

@@ -68,4 +68,5 @@ class Plate(Backdrop):
 
     def draw(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None) -> None:
         """Fills what the picture in `frame` leaves open; its alpha becomes 1. cover: what catchers take. Nothing before `show`."""
-        self._fill(frame, cover)
+        if self._texture:
+            self._fill(frame, cover, self._texture)

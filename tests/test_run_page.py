@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this ma
 
 
 def test_the_page_of_a_run(run, browser):  # noqa: F811
-    settings, process = run()
+    settings, process = run(renderer={"frame_ms": 0})  # as many lights as are wished, however busy the machine
     ear = Ear(settings, "lights", "image")
     page = browser.new_page()
     page.set_default_timeout(LOADED_S * 1e3)

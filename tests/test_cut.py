@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from services.lights import Lights
-from services.renderer.materials import holes_of
+from services.renderer.materials import holes_of, without_hidden_colours
 from services.renderer.mesh_files import read_meshes
 from services.renderer.refine import MapLights
 from services.renderer.renderer import Renderer
@@ -83,6 +83,32 @@ def test_through_a_masks_holes_lies_what_is_behind_and_the_light_that_fell_throu
     assert np.allclose(picture[2:6, 10:14], 1, atol=1e-3)  # white ground under irradiance pi
     lit = drawn(tmp_path, sheet_of("MASK", 0.0, board(2)), SUN, side=16)[..., 0]
     assert np.allclose(lit, 1, atol=1e-3)
+
+
+@pytest.mark.parametrize("mode", ["MASK", "BLEND"])
+def test_colours_that_holes_hide_do_not_show(tmp_path, mode):
+    pictures = []
+    for hidden in (0, 255):
+        image = board(16)
+        image[image[..., 3] == 0, :3] = hidden
+        sheet = sheet_of(mode)
+        sheet.material["pbrMetallicRoughness"]["baseColorTexture"] = sheet.image(image, magFilter=9729, minFilter=9987)
+        pictures.append(drawn(tmp_path, sheet, side=9))
+    assert np.array_equal(*pictures)
+    assert pictures[0][..., 0].max() == 1
+
+
+def test_what_is_filled_in_is_the_colour_around():
+    image = np.zeros((64, 48, 4), np.float16)
+    image[:, :16], image[:, 32:] = (1, 0, 0, 1), (0, 0, 1, 1)
+    filled = without_hidden_colours(image)
+    assert np.array_equal(filled[:, :16], image[:, :16])
+    assert np.array_equal(filled[..., 3], image[..., 3])
+    assert np.all(filled[:, 16, 0] > filled[:, 16, 2])
+    assert np.all(filled[:, 31, 0] < filled[:, 31, 2])
+    assert filled[:, 16:32, :3].sum(axis=-1) == pytest.approx(1, abs=2e-3)  # half floats
+    for same in (np.ones((4, 4, 4), np.float16), np.zeros((4, 4, 4), np.float16)):
+        assert without_hidden_colours(same) is same
 
 
 BESIDE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, -0.5]\nfov_y = 16.0\n"

@@ -18,6 +18,7 @@ from services.renderer.materials import (
     Texture,
     Unlit,
     texels,
+    without_hidden_colours,
 )  # fmt: skip
 
 REPEAT, CLAMP, MIRRORED = 10497, 33071, 33648  # section 5.26
@@ -34,10 +35,11 @@ class Worn(NamedTuple):
 
 
 class Form(NamedTuple):
-    """How an image becomes texels. channels: which are taken, all if None. mirrored: across and up."""
+    """How an image becomes texels. holes: its alpha makes some. channels: which are taken, all if None. mirrored: across and up."""
 
     coded: bool = True
     alpha: bool = False
+    holes: bool = False
     channels: tuple[int, ...] | None = None
     mirrored: tuple[bool, bool] = (False, False)
 
@@ -96,7 +98,7 @@ class GltfLooks:
         if mode == "OPAQUE":
             return self._texture(model, key, worn), None
         cutoff = float(_numbers([found.get("alphaCutoff", 0.5)], 1, 1e6)[0]) if mode == "MASK" else None
-        image, colours = self._texture(model, key, worn, Form(alpha=True)), self.colours(worn.primitive)
+        image, colours = self._texture(model, key, worn, Form(alpha=True, holes=True)), self.colours(worn.primitive)
         least = alpha * (1.0 if image is None else float(image.texels[..., 3].min()))
         least *= 1.0 if colours is None else float(colours[:, 3].min())
         return image, None if least >= (1.0 if cutoff is None else cutoff) else Holes(alpha, cutoff, image)
@@ -155,6 +157,7 @@ class GltfLooks:
                 self._say(f"{what} is left out: it is larger than {2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels")
         if found is not None:
             found = found if form.channels is None else found[..., list(form.channels)]
+            found = without_hidden_colours(found) if form.holes else found
             for axis, twice in zip((1, 0), form.mirrored, strict=True):
                 found = np.concatenate([found, np.flip(found, axis)], axis=axis) if twice else found
             found = np.ascontiguousarray(found)

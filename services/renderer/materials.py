@@ -2,6 +2,7 @@
 
 from typing import Annotated, Any, NamedTuple
 
+import cv2
 import msgspec
 import numpy as np
 from msgspec import Meta
@@ -210,6 +211,29 @@ def texels(image: Any, coded: bool = True, alpha: bool = False) -> np.ndarray:
     if alpha:
         found[..., 3] = shares[codes[..., 3]]
     return np.ascontiguousarray(found)
+
+
+def without_hidden_colours(image: np.ndarray) -> np.ndarray:
+    """An image (h, w, 4) float16 whose texels of alpha 0 have the colour of what lies around, so that filters mix in nothing hidden.
+
+    Pull and push (Gortler et al. 1996): means over halved images, weighted with alpha, fill the finer ones.
+    """
+    whole = image.astype(np.float32)
+    there = whole[..., 3] > 0
+    if there.all() or not there.any():
+        return image
+    whole[..., :3] *= whole[..., 3:]
+    pulled: list[np.ndarray] = [whole]
+    while max(pulled[-1].shape[:2]) > 1:
+        height, width = pulled[-1].shape[:2]
+        pulled.append(np.asarray(cv2.resize(pulled[-1], ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA)))
+    colours: np.ndarray = np.zeros((1, 1, 3), np.float32)
+    for level in reversed(pulled[1:]):
+        colours = np.array(cv2.resize(colours, level.shape[1::-1], interpolation=cv2.INTER_LINEAR))
+        np.divide(level[..., :3], level[..., 3:], out=colours, where=level[..., 3:] > 0)
+    filled = image.copy()
+    filled[~there, :3] = np.asarray(cv2.resize(colours, there.shape[::-1], interpolation=cv2.INTER_LINEAR))[~there]
+    return filled
 
 
 def _linear(coded: np.ndarray) -> np.ndarray:

@@ -55,15 +55,15 @@ def few_shades(picture: np.ndarray, width: int) -> np.ndarray:
     return np.asarray(image.convert("RGB"))
 
 
-def save(figure: Figure, rows: Iterable[dict[str, Any]], out: Path, name: str, note: str) -> None:
+def save(figure: Figure, rows: Iterable[dict[str, Any]], out: Path, name: str, note: str, dpi: int = 85) -> None:
     """The chart as PNG and SVG with its caption, the rows as CSV: accuracy_NAME."""
     chart = name.split("_")[0]
     figure.text(0.01, 0.004, f"{note}   {COMMAND} {chart}   {machine()}, one thread", fontsize=7, color="0.35")
     out.mkdir(parents=True, exist_ok=True)
     with written_whole(out / f"accuracy_{name}.png") as part:
-        figure.savefig(part, dpi=85)
+        figure.savefig(part, dpi=dpi)
     with written_whole(out / f"accuracy_{name}.svg") as part:
-        figure.savefig(part, dpi=85, metadata={"Date": None})
+        figure.savefig(part, dpi=dpi, metadata={"Date": None})
         part.write_text(_slim(part.read_text()))
     plt.close(figure)
     write_table(rows, out, name)

@@ -137,5 +137,8 @@ def _chart_events(curves: list[dict[str, Any]], out: Path) -> None:
                 axis.set_title(f"{name}: {label}", fontsize=9)
                 axis.minorticks_off()
                 axis.grid(alpha=0.3)
+        for axis in axes[2 * place : 2 * place + 2]:
+            low, high = axis.get_ylim()
+            axis.set_ylim(min(low, 10 ** np.floor(np.log10(high))), high)  # a power of ten in sight
     legend(figure, axes[0])
-    save(figure, rows, out, "moving_events", f"N = {COUNT}, mean over the maps, frame by frame.")
+    save(figure, rows, out, "moving_events", f"N = {COUNT}, mean over the maps, frame by frame.", dpi=72)

@@ -19,7 +19,7 @@ Rows = list[dict[str, str]]
 
 def tables(out: Path, progress: Progress) -> None:
     """Writes the page's tables anew from the CSVs in `out`."""
-    made = {"still": _still, "maps": _maps, "moving": _moving, "steady": _steady, "promise": _promise, "times": _times}
+    made = {"still": _still, "maps": _maps, "moving": _moving, "steady": _steady, "promise": _promise, "times": _times, "pace": _pace}
     page = PAGE.read_text()
     for name, table in progress.track(made.items(), description="tables"):
         text = _markdown(table(out))
@@ -123,3 +123,19 @@ def _promise(out: Path) -> list[list[str]]:
 def _times(out: Path) -> list[list[str]]:
     rows = _read(out, "times")
     return [["ms", "the paper, 3 GHz Pentium 4", "here"], *([r["part"], r["paper_ms"], _two(float(r["ours_ms"]))] for r in rows)]
+
+
+def _pace(out: Path) -> list[list[str]]:
+    """Over the maps: the median one, the slowest one, and the slowest frame of any."""
+    rows = _read(out, "pace")
+    counts = list(dict.fromkeys(row["lights"] for row in rows))
+    lines = [["ms a frame", *(f"{count} lights: {what}" for count in counts for what in ("median map", "slowest map", "slowest frame"))]]
+    for name in dict.fromkeys(row["sequence"] for row in rows):
+        line = [name]
+        for count in counts:
+            own = [row for row in rows if row["sequence"] == name and row["lights"] == count]
+            ms = [float(row["ms"]) for row in own]
+            slowest = own[int(np.argmax(ms))]["map"]
+            line += [_two(median(ms)), f"{_two(max(ms))} ({slowest})", _two(max(float(row["worst_ms"]) for row in own))]
+        lines.append(line)
+    return lines

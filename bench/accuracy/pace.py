@@ -1,0 +1,56 @@
+"""What a frame of tracked lights costs where nothing moves, where the camera turns and where a hand holds it, on every map."""
+
+import time
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from rich.progress import Progress
+
+from bench.accuracy.drawing import write_table
+from bench.accuracy.maps import maps
+from bench.sequences import FPS, Frame, World, hand_held, rotation, turned, world_from_latlong
+from services.images import read_radiance
+from services.sampler.step import initial_state, step
+from services.settings import Sampler
+
+COUNTS = (64, 300)
+FRAMES = 24
+FIRST = 4  # frames that are not counted: lights are found in the first, and more Lloyd's steps taken
+RUNS = 5  # over the same frames: the least time of each frame is its own, the rest is the machine's other users'
+
+
+def pace(out: Path, progress: Progress) -> None:
+    """Milliseconds a frame, median and slowest, of each sequence on each map."""
+    rows, paths = [], maps()
+    task = progress.add_task("pace", total=len(paths))
+    for path in paths:
+        for name, frames in _sequences(world_from_latlong(read_radiance(path)[0])).items():
+            for count in COUNTS:
+                least = _least_ms(frames, count)
+                told = {"ms": float(np.median(least)), "worst_ms": float(least.max())}
+                rows.append({"map": path.stem, "sequence": name, "lights": count, **told})
+        progress.advance(task)
+    write_table(rows, out, "pace")
+
+
+def _sequences(world: World) -> dict[str, list[Frame]]:
+    source = turned(world, np.eye(3))
+    return {
+        "still": [Frame(k / FPS, source, source.polar) for k in range(FRAMES)],
+        "rotation": [*islice(rotation(world), FRAMES)],
+        "hand-held": [*islice(hand_held(world), FRAMES)],
+    }
+
+
+def _least_ms(frames: list[Frame], count: int) -> np.ndarray:
+    """Processor time (FRAMES - FIRST,) of the whole step, in the quickest of RUNS for each frame."""
+    wanted = Sampler(count=count)
+    taken = np.empty((RUNS, len(frames)))
+    for run in taken:
+        state = initial_state(wanted)
+        for k, frame in enumerate(frames):
+            begin = time.process_time()
+            state, _, _ = step(wanted, state, frame.seen, "hemisphere", frame.time_s, 0, frame.source.centroids)
+            run[k] = 1e3 * (time.process_time() - begin)
+    return taken.min(axis=0)[FIRST:]

@@ -114,3 +114,17 @@ def test_a_picture_that_no_message_holds_is_refused_at_once(picture, width, fits
     else:
         with pytest.raises(BadInput, match=r"\[renderer\] width, height: .* make them smaller"):
             RendererStage(wanted)
+
+
+def test_a_target_that_cannot_be_met_is_said_once(capsys):
+    stage = RendererStage(Settings(renderer=Renderer(width=32, height=24, shadow_map=32, frame_ms=0.01)))
+    state = stage.begin(0)[0]
+    for k in range(8):  # two frames warm up, and then one is enough to know
+        state, image = stepped(stage, state, k)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("vemlight: renderer: [renderer] frame_ms: ")
+    assert line.endswith(" ms a picture even with 8 lights, not 0.01; ask for fewer pixels")
+    assert image.can == 8
+    stage._frame_ms, stage._renderer._frame_ms = 1e4, 1e4
+    stepped(stage, state, 8)
+    assert capsys.readouterr().err == "vemlight: renderer: pictures are in time again\n"

@@ -17,7 +17,6 @@ from services.renderer.kept import Kept
 from services.renderer.luminaire.illumination import Illumination
 from services.renderer.materials import GLOSSY, Catcher, Colour, emits, kind_of
 from services.renderer.pace import (
-    LATE,
     Pace,
     Spent,
     affordable_lights,
@@ -205,10 +204,9 @@ class Renderer:
         return affordable_lights(self._pace, self._frame_ms, self._moved) if self._frame_ms else None
 
     @property
-    def late_ms(self) -> float:
-        """What a picture with the fewest lights takes where that is beyond the target frame time; 0 where it is not."""
-        took_ms = least_ms(self._pace, self._moved)
-        return took_ms if self._frame_ms and took_ms > LATE * self._frame_ms else 0.0
+    def least_ms(self) -> float:
+        """What a picture with the fewest lights takes; 0 without a target frame time and until the first frames have told."""
+        return least_ms(self._pace, self._moved)
 
     def _render_all(
         self, lights: Lights, weak: Lights, offsets: list[Offset], catcher: Colour | None = None, texels: int | None = None

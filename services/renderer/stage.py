@@ -13,7 +13,7 @@ from services.channels import Service
 from services.files import BadInput
 from services.lights import Lights
 from services.renderer.album import Album
-from services.renderer.pace import FEWEST
+from services.renderer.pace import FEWEST, LATE
 from services.renderer.refine import MapLights, Refined
 from services.renderer.renderer import Renderer
 from services.renderer.scene import Scene, load_scene
@@ -154,12 +154,13 @@ class RendererStage:
 
     def _say_when_late(self) -> None:
         """One line when the target frame time cannot be met, and one when it can again."""
-        late_ms = self._renderer.late_ms
-        if bool(late_ms) == self._late:
+        least_ms = self._renderer.least_ms
+        late = least_ms > self._frame_ms * (1 if self._late else LATE)
+        if late == self._late:
             return
-        self._late = bool(late_ms)
-        said = f"{late_ms:.0f} ms a picture with {FEWEST} lights: [renderer] frame_ms = {self._frame_ms:g} is missed; ask for fewer pixels"
-        print(f"vemlight: renderer: {said if late_ms else 'pictures are in time again'}", file=sys.stderr, flush=True)
+        self._late = late
+        missed = f"[renderer] frame_ms: {least_ms:.0f} ms a picture even with {FEWEST} lights, not {self._frame_ms:g}; ask for fewer pixels"
+        print(f"vemlight: renderer: {missed if late else 'pictures are in time again'}", file=sys.stderr, flush=True)
 
     def heed(self, state: RendererState, said: wire.Message) -> RendererState:
         header, arrays = said

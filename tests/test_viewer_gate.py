@@ -1,11 +1,15 @@
 """Which names a browser may use for this machine, and who needs a token."""
 
+import re
+from urllib.parse import urlsplit
+
 import msgspec
 import pytest
 
 from services.settings import Settings, Viewer
 from services.token import is_loopback, with_token
 from services.viewer.gate import is_token, known_host
+from services.viewer.view import address
 
 NAMES = {"localhost", "stage.example"}
 
@@ -58,3 +62,25 @@ def test_only_the_token_is_the_token():
     assert is_token("abcdefghijklmnop", "abcdefghijklmnop")
     for other in ("", "abcdefghijklmno", "abcdefghijklmnopq", "ABCDEFGHIJKLMNOP", "abcdefghijklmno\udc80", "abcdefghijklmn\u00e9p"):
         assert not is_token(other, "abcdefghijklmnop")
+
+
+@pytest.mark.parametrize(
+    ("viewer", "line"),
+    [
+        ({}, "http://127.0.0.1:8080 (for this machine only)"),
+        ({"host": "::1", "port": 90}, "http://[::1]:90 (for this machine only)"),
+        ({"token": "1234567890abcdef"}, "http://127.0.0.1:8080/?token=1234567890abcdef (for this machine only)"),
+        ({"host": "stage.example", "insecure": True}, "http://stage.example:8080 (for EVERYONE who reaches this machine over the network)"),
+    ],
+)
+def test_the_address_that_is_printed(viewer, line):
+    assert address(msgspec.convert(viewer, Viewer)) == f"the viewer is at {line}"
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_an_address_for_others_is_one_that_they_can_open(host):
+    line = address(with_token(Settings(viewer=Viewer(host=host))).viewer)
+    url = urlsplit(re.findall(r"http://\S+", line)[0])
+    assert known_host(url.netloc, set())  # a number
+    assert url.hostname != host
+    assert "(for everyone on the network who has this address)" in line

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from bench.judge import judge, points_of, points_of_lights
-from bench.sequences import FRAMES, SEQUENCES, SUN, world_from_latlong
+from bench.sequences import FRAMES, SEQUENCES, SUN, turned, world_from_latlong
 from services.lights import Lights
-from services.sphere import angle_between, map_irradiance
+from services.sphere import (
+    angle_between,
+    cell_directions,
+    cell_solid_angles,
+    direction_from_angles,
+    latlong_directions,
+    map_irradiance,
+    rotation_xyz,
+)
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +38,21 @@ def test_the_truth_and_the_map_hold_the_same_light(name, world):
         assert (np.diff(cells) >= 0).all()
         np.testing.assert_allclose([shares[cells == cell].sum() for cell in np.unique(cells)], 1, rtol=1e-5)
     assert (np.diff(times) > 0).all()
+
+
+def test_a_turn_takes_the_strong_light_and_the_rest_the_same_way():
+    axis = direction_from_angles(np.radians(50.0), np.radians(70.0))
+    lobe = np.exp(4 * (latlong_directions(64, 128) @ axis))[..., None].repeat(3, axis=-1)
+    still, turn = world_from_latlong(lobe), 40.0
+
+    def azimuths(source):
+        flux = source.rest * cell_solid_angles(*source.rest.shape[:2], "hemisphere")[:, None, None]
+        rest = np.einsum("ijc,ijk->k", flux, cell_directions(*source.rest.shape[:2], "hemisphere"))
+        strong = source.strong.irradiance.sum(axis=1) @ source.strong.directions
+        return np.degrees([np.arctan2(place[1], place[0]) for place in (rest, strong)])
+
+    moved = azimuths(turned(still, rotation_xyz((0, 0, turn)))) - azimuths(turned(still, np.eye(3)))
+    np.testing.assert_allclose(moved, turn, atol=1.5)
 
 
 def test_lost_frames_leave_gaps_and_the_sun_goes_on(world):

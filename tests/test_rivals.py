@@ -106,3 +106,30 @@ def test_error_falls_with_the_number_of_lights(method):
             square += np.mean(((irradiance_of_lights(at, lights.directions, lights.irradiance) - truth) / truth.mean()) ** 2)
         errors.append(np.sqrt(square / 4))
     assert errors[0] > errors[1] > errors[2]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.__name__)
+def test_more_lights_stand_where_there_is_more_light(method):
+    radiance = sky(3) / sky(3).mean()
+    radiance[:, :60] *= 10
+    lights = method(radiance, "hemisphere", 40)
+    assert (lights.directions[:, 1] > 0).sum() > 0.6 * len(lights.ids)  # phi in (0, pi)
+
+
+def test_near_the_zenith_azimuths_are_short():
+    """Light of 60 degrees of azimuth and 20 of polar angle is cut across the latter: 60 degrees of azimuth are 12 on the sky there."""
+    radiance = np.zeros((90, 360, 3), np.float32)
+    radiance[2:22, :60] = 1
+    one, other = variance_minimisation(radiance, "hemisphere", 2).directions.astype(float)
+    assert abs(np.arctan2(one[1], one[0]) - np.arctan2(other[1], other[0])) < np.radians(5)
+    assert abs(np.arccos(one[2]) - np.arccos(other[2])) > np.radians(5)
+
+
+def test_of_equal_light_a_small_part_gets_the_fewer_lights():
+    """Agarwal et al. 2003: importance goes with the fourth root of a part's solid angle, up to 0.01 sr."""
+    radiance = np.zeros((60, 240, 3), np.float32)
+    radiance[30:32, 20:22] = 25.0
+    radiance[26:36, 140:150] = 1.0
+    lights = structured(radiance, "hemisphere", 7)
+    small = lights.directions[:, 1] > 0
+    assert small.sum() < 3.5 < (~small).sum()

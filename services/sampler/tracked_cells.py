@@ -6,7 +6,7 @@ from numba import njit
 from services.sampler.tracked_tiles import Tiles
 
 EDGE = 0.0175  # rad, 1 degree, a cell of the map: between directions closer than that an edge hardly tells
-RUN = 32  # tiles that are searched together, a register's worth of them at a time, among the sites near them all
+RUN = 64  # tiles that are searched together, a register's worth of them at a time, among the sites near them all
 LANES = 16  # sites of which the nearest two are kept apart until the end, so that no comparison waits for the last one
 FAR = np.float32(9.0)  # each coordinate of what fills up the last lanes: beyond any chord of the unit sphere
 LEAST_LENGTH = 0.1  # of a direction with its offset: below it the two are opposite, and their sum says little
@@ -82,8 +82,10 @@ def _near(of, places, n, chords, near, names):
     limit = (np.sqrt(after) + np.float32(2) * np.sqrt(reach)) ** 2 * ROUNDING
     found = 0
     for s in range(n):
-        near[0, found], near[1, found], near[2, found], names[found] = xs[s], ys[s], zs[s], s
+        names[found] = s
         found += chords[s] <= limit  # kept when the end goes on; without a branch that no processor foresees
+    for k in range(found):
+        near[0, k], near[1, k], near[2, k] = xs[names[k]], ys[names[k]], zs[names[k]]
     return found
 
 

@@ -78,8 +78,9 @@ def look_of(material: Material, emission: bool) -> Look:
     if placed:
         rows = np.stack([placing_rows(image) for image in images])
         numbers |= {"across": rows[:, 0, :4], "along": rows[:, 1, :4], "shift": rows[:, :, 4]}
-    numbers |= {"kind": float(kind_of(material)), "colour": colour, "shine": shine, "shape": shape, "bumpy": images[2] is not None}
-    flags = {"MODEL": model, "PLACED": placed, "CUT": holes is not None, "EMISSION": emission}
+    numbers |= {"kind": float(kind_of(material)), "colour": colour, "shine": shine, "shape": shape}
+    seen = {"IMAGES": any(image is not None for image in images), "PLACED": placed, "BUMPY": images[2] is not None}
+    flags = {"MODEL": model, **seen, "CUT": holes is not None, "EMISSION": emission}
     return Look({name: str(int(flag)) for name, flag in flags.items()}, numbers, images)
 
 
@@ -163,7 +164,9 @@ class Surfaces:
         key = tuple(constants.values())
         if key not in self._arrays:
             program = self._programs.program("surface.vert", "surface.frag", **constants)
-            layout: list[tuple[object, ...]] = [(self.buffers[0], "3f 3f 2f 4f2", "position", "normal", "uv", "vertex_colour")]
+            layout: list[tuple[object, ...]] = [(self.buffers[0], "3f 3f 2x4 4f2", "position", "normal", "vertex_colour")]
+            if constants["IMAGES"] == "1":
+                layout = [(self.buffers[0], "3f 3f 2f 4f2", "position", "normal", "uv", "vertex_colour")]
             if constants["PLACED"] == "1":
                 self._second = self._second or self._context.buffer(drawable.second_uvs.tobytes())
                 layout.append((self._second, "2f", "second_uv"))

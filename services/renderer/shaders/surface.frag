@@ -1,6 +1,7 @@
 #version 430
 // What each pixel sees, so that the lights are summed once for each visible surface. MODEL 0: what `kind` says, 1: glTF's specular and
-// glossiness, 2: no light changes it. PLACED: images lie each in its own way. CUT: there are holes. EMISSION: something in the scene emits.
+// glossiness, 2: no light changes it. IMAGES: there are any; PLACED: they lie each in its own way; BUMPY: one is of normals. CUT: there are
+// holes. EMISSION: something in the scene emits.
 #include "normals.glsl"
 #include "seen.glsl"
 
@@ -12,7 +13,6 @@ uniform float reflectance;  // of what is no metal
 uniform sampler2D colour_image;
 uniform sampler2D shape_image;  // metallic, roughness; specular, glossiness
 uniform sampler2D normal_image;  // in the frame of the texture coordinates, 0 .. 1 for -1 .. 1
-uniform bool bumpy;
 in vec3 surface_position;
 in vec3 surface_normal;
 in vec2 surface_uv;
@@ -38,6 +38,11 @@ vec2 lies(int image) {
 #else
 #define LIES(image) surface_uv
 #endif
+#if IMAGES
+#define SEEN(sampler, image) texture(sampler, LIES(image))
+#else
+#define SEEN(sampler, image) vec4(1.0)
+#endif
 #if CUT
 #include "cut.glsl"
 uniform float opacity, cutoff;
@@ -48,6 +53,7 @@ in float surface_alpha;
 
 const float SMOOTHEST = 0.05;  // roughness; a directional light in a smoother surface is a highlight smaller than a pixel
 
+#if BUMPY
 // The normal that the image says. Its frame follows from how position and texture coordinates change over the picture (Schueler 2013),
 // whichever way round the picture shows them.
 vec3 bumped(vec3 normal) {
@@ -60,25 +66,28 @@ vec3 bumped(vec3 normal) {
     if (size == 0.0) return normal;  // no texture coordinates
     return normalize((right * bump.x + up * bump.y) * (dot(across, a) < 0.0 ? -1.0 / size : 1.0 / size) + normal * bump.z);
 }
+#endif
 
 void main() {
     vec3 flat_normal = normalize(cross(dFdx(surface_position), dFdy(surface_position)));
     if (dot(flat_normal, eye - surface_position) < 0.0) flat_normal = -flat_normal;
     vec3 smooth_normal = normalize(surface_normal);
     bool behind = dot(smooth_normal, flat_normal) < 0.0;
-    if (bumpy) smooth_normal = bumped(smooth_normal);
+#if BUMPY
+    smooth_normal = bumped(smooth_normal);
+#endif
     if (behind) smooth_normal = -smooth_normal;
     vec3 ray = seen_ray();
     out_depth = dot(surface_position - eye, ray) / dot(ray, ray);
     vec4 octahedra = vec4(octahedron_from_direction(smooth_normal), octahedron_from_direction(flat_normal));
     out_normals = (octahedra * CODES + (CODES + 1.0)) / (2.0 * CODES + 1.0);
-    vec4 image = texture(colour_image, LIES(0));
+    vec4 image = SEEN(colour_image, 0);
     vec3 own = colour * surface_colour * image.rgb;
 #if EMISSION
-    out_emission = vec4(MODEL == 2 ? own : glow * texture(glow_image, LIES(3)).rgb, 0.0);
+    out_emission = vec4(MODEL == 2 ? own : glow * SEEN(glow_image, 3).rgb, 0.0);
 #endif
 #if MODEL == 1
-    vec4 gloss = texture(shape_image, LIES(1));
+    vec4 gloss = SEEN(shape_image, 1);
     vec3 specular = shine * gloss.rgb;
     float rough = max(1.0 - shape * gloss.a, SMOOTHEST);
     out_diffuse = vec4(own * (1.0 - max(specular.r, max(specular.g, specular.b))), kind);
@@ -90,14 +99,14 @@ void main() {
         out_diffuse = vec4(own, kind);
         out_specular = vec4(shine, min(shape, 65504.0));  // the largest half float: a narrower lobe is less than a pixel
     } else {  // glTF 2.0, appendix B.2
-        vec2 metal_rough = vec2(shine.x, shape) * texture(shape_image, LIES(1)).rg;
+        vec2 metal_rough = vec2(shine.x, shape) * SEEN(shape_image, 1).rg;
         float rough = max(metal_rough.y, SMOOTHEST);
         out_diffuse = vec4(own * (1.0 - metal_rough.x), kind);
         out_specular = vec4(mix(vec3(reflectance), own, metal_rough.x), rough * rough);
     }
 #endif
 #if CUT
-    float share = opacity * surface_alpha, near = textureLod(colour_image, LIES(0), 0.0).a;
+    float share = opacity * surface_alpha, near = IMAGES == 1 ? textureLod(colour_image, LIES(0), 0.0).a : 1.0;
     if (cut_away(share * near, share * image.a, cutoff, rest_position, sampled)) discard;
 #endif
 }

@@ -83,6 +83,8 @@ STILL = [
     ours(TRACKED, method="tracked", filter="none"),
     ours("Havran, azimuth first", method="havran-azimuth", filter="none"),
     ours("Havran, radius first", method="havran-radius", filter="none"),
+    ours("Havran, azimuth first, relaxed", method="havran-azimuth", points="relaxed", filter="none"),
+    ours("Havran, radius first, relaxed", method="havran-radius", points="relaxed", filter="none"),
     ours("Havran, azimuth first, raw Halton", method="havran-azimuth", points="halton", filter="none"),
     ours("Havran, radius first, raw Halton", method="havran-radius", points="halton", filter="none"),
     ours("standard inversion, raw Halton", method="standard", points="halton", filter="none"),
@@ -97,7 +99,7 @@ STILL = [
 MOVING = [
     ours(TRACKED, method="tracked", deflicker=True),
     ours("tracked, nothing smoothed", method="tracked", filter="none"),
-    ours("Havran 2005: azimuth first, FIR", method="havran-azimuth"),
+    ours("Havran 2005: azimuth first, FIR", method="havran-azimuth", points="relaxed"),
     ours("Havran, azimuth first", method="havran-azimuth", filter="none"),
     ours("Havran, radius first, FIR", method="havran-radius"),
     ours("Havran, radius first", method="havran-radius", filter="none"),

@@ -42,11 +42,13 @@ def with_map(before: Noise, radiance: np.ndarray) -> Noise:
 @njit(cache=True, error_model="numpy", fastmath={"reassoc"})
 def _covariance(last, before, radiance, now, step):
     """Fills the luminance and the relative steps; returns their mean product with those before."""
-    total, count = 0.0, 0
+    total, count, light = 0.0, 0, np.empty(radiance.shape[1], np.float32)
     for i in range(now.shape[0]):
-        for j in range(now.shape[1]):
-            k = STRIDE * j
-            now[i, j] = _RED * radiance[i, k, 0] + _GREEN * radiance[i, k, 1] + _BLUE * radiance[i, k, 2]
+        # Of the whole row: one column in so many would be fetched one by one, which takes longer.
+        row = radiance[i].reshape(3 * light.size)
+        for j in range(light.size):
+            light[j] = _RED * row[3 * j] + _GREEN * row[3 * j + 1] + _BLUE * row[3 * j + 2]
+        now[i] = light[::STRIDE]
         for j in range(now.shape[1]):
             both = last[i, j] + now[i, j]
             d = np.float32(2) * (now[i, j] - last[i, j]) / both if both > 0 else np.float32(0)

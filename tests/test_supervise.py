@@ -139,8 +139,8 @@ def test_what_a_service_cannot_use_ends_the_run_with_its_line(run):
     _, process = run(renderer={"scene": "nowhere.toml"})
     _, errors = process.communicate(timeout=LOADED_S)
     assert process.returncode == 2
-    assert len(errors.decode().strip().splitlines()) == 1
-    assert "nowhere.toml" in errors.decode()
+    (line,) = (line for line in errors.decode().splitlines() if "starting;" not in line)  # which is said where all is slow
+    assert "nowhere.toml" in line
 
 
 def test_a_service_that_dies_again_and_again_is_given_up(run):

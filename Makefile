@@ -19,6 +19,7 @@ $(VENV)/.ready: requirements.lock requirements-dev.lock pyproject.toml
 	  || { echo "vemlight needs Python 3.11 or later and $(PYTHON) is older: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 2; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || $(call apt,python3-venv,The module venv)
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
+	@echo "installing the Python packages of the lock in $(VENV): a minute or two"
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock -r requirements-dev.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@
@@ -27,11 +28,11 @@ $(VENV)/.ready: requirements.lock requirements-dev.lock pyproject.toml
 apt = { if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    echo "installing $(1)"; apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(1) >/dev/null; \
 	  else echo "$(2) is missing: run  sudo apt-get install $(1)  and make again" >&2; exit 2; fi; }
-HAS_GL := $(BIN)/python -c 'import moderngl; moderngl.create_context(standalone=True, backend="egl", require=430)' 2>/dev/null
+HAS_GL := $(BIN)/python -c 'from services.renderer.programs import open_context; open_context()' 2>/dev/null
 
 gl: env
 	@$(HAS_GL) || $(call apt,$(GL_PACKAGES),OpenGL)
-	@$(HAS_GL) || { echo "OpenGL 4.3 through EGL does not start here: $(BIN)/vemlight doctor says more" >&2; exit 2; }
+	@$(HAS_GL) || { echo "OpenGL 4.3 does not start here: $(BIN)/vemlight doctor says more" >&2; exit 2; }
 
 run: gl  ## play the bundled sequence through all services and print the viewer's address
 	$(BIN)/vemlight run $(SETTINGS) $(if $(FRAMES),--frames $(FRAMES)) $(if $(OUT),--out $(OUT))

@@ -122,14 +122,14 @@ def lights(source: Path, out: Path, **options: Any) -> None:
 @click.option("--tone", type=click.Choice(["reinhard", "exponential"]), default="reinhard", show_default=True, help="Curve of the PNG.")
 @click.option("--background", type=click.Choice(["clear", "map"]), default="clear", show_default=True, help="Behind the scene.")
 @click.option("--fine", type=click.IntRange(0, 100_000), help="Lights in a second set for glossy surfaces; left out: 512 for any.")
-@click.option("--shadow-map", type=click.IntRange(16, 4096), default=512, show_default=True, help="Texels on a side, for each light.")
+@click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by its share of the power.")
 @click.option("--video", type=EXISTING, help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
 @click.option("--out", type=EXISTING, help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
-def render(source: Path, scene: Path | None, size: str, exposure: float, shadow_map: int, out: Path | None, **options: Any) -> None:
+def render(source: Path, scene: Path | None, size: str, exposure: float, out: Path | None, **options: Any) -> None:
     """Render a scene under the light of a map or a sequence."""
     from services.offline import write_pictures_of
 
-    click.echo(write_pictures_of(source, scene, size, exposure, out, shadow_map=shadow_map, **options))
+    click.echo(write_pictures_of(source, scene, size, exposure, out, **options))
 
 
 @main.command()

@@ -68,9 +68,7 @@ def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: 
     return f"{out}: {len(lit[0].lights.ids)} lights" if len(lit) == 1 else f"{out}: the lights of {len(lit)} frames"
 
 
-def write_pictures_of(
-    source: Path, scene: Path | None, size: str, exposure: float, out: Path | None, *, shadow_map: int = 256, **options: Any
-) -> str:
+def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: float, out: Path | None, **options: Any) -> str:
     """Renders each frame of `source`, to pictures (several are numbered NAME_0000), to a video, or both. Says what it has written.
 
     Raises BadInput for options that cannot be used.
@@ -89,9 +87,9 @@ def write_pictures_of(
         if not path.resolve().parent.is_dir():
             raise BadInput(f"{path}: there is no such folder; make it first")
     width, height = _sides(size)
-    drawing = {key: options.get(key) for key in ("tone", "background")}
+    drawing = {key: options.get(key) for key in ("tone", "background", "shadow_map")}
     drawing["light_regions"] = 0 if options["coverage"] == "hemisphere" else None
-    drawing |= {"width": width, "height": height, "exposure": exposure, "shadow_map": shadow_map}
+    drawing |= {"width": width, "height": height, "exposure": exposure}
     wanted = record(settings.Renderer, drawing, "--")
     drawn = load_scene(scene)
     if options.get("fine") is None and drawn.glossy:

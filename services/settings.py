@@ -77,7 +77,7 @@ class Renderer(Record, frozen=True):
     scene: str = ""  # scene file; empty: the bundled one
     width: Side = 640
     height: Side = 480
-    # Texels on a side of each light's shadow map; left out: 32 to 1024, by the light's share of the power.
+    # Texels on a side of each light's shadow map; left out: 64 to 1024, by the light's share of the power.
     shadow_map: Annotated[int, Meta(ge=16, le=4096)] | None = None
     # Live: met by fewer and coarser shadow maps a frame, then fewer lights; 0: no target; left out: 100, ten pictures a second.
     frame_ms: Annotated[float, Meta(ge=0, le=10_000)] | None = None

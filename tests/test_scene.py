@@ -33,6 +33,12 @@ def test_the_box_of_the_scene(tmp_path):
     assert scene.half.tolist() == [2, 2, 2]
 
 
+@pytest.mark.parametrize(("off_m", "told"), [(0.0, 0), (3e3, 0), (4e3, 1), (-9e5, 1)])
+def test_a_scene_too_far_from_the_origin_is_told_in_a_line(tmp_path, capsys, off_m, told):
+    load_scene(scene_file(tmp_path, f'[[mesh]]\nshape = "box"\nat = [{off_m}, 0.0, 0.0]'))  # 2 sqrt(3) m large
+    assert capsys.readouterr().err.count("\n") == told
+
+
 def test_y_up_scale_rotate_and_at_come_in_this_order(tmp_path):
     one_triangle(tmp_path, [(1, 2, 3), (0, 0, 0), (1, 0, 0)])
     mesh = '[[mesh]]\nfile = "mesh.obj"\ny_up = true\nscale = 2.0\nrotate = [0.0, 0.0, 90.0]\nat = [10.0, 0.0, 0.0]'

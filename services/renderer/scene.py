@@ -26,6 +26,7 @@ GLTF = (".glb", ".gltf")
 MESH_SUFFIXES = (*GLTF, ".obj", ".ply", ".stl")
 
 FARTHEST_M = 1e6  # as poses on the wire; there float32 is 6 cm coarse
+REMOTE = 1000  # times its own size from the origin: there float32 is 6e-5 of that size, a tenth of a texel of the largest shadow map
 
 Vector = tuple[float, float, float]
 
@@ -127,6 +128,10 @@ def load_scene(path: Path | None) -> Scene:
     low, high = np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
     lamps = [load_luminaire(row, path.parent, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
     _check_catchers(meshes, path)
+    size, off = np.linalg.norm(high - low), np.linalg.norm(high + low) / 2
+    if off > REMOTE * size:
+        told = f"the scene is {size:.3g} m large and {off:.3g} m from the origin, too far for exact shadows; move all of it there"
+        print(f"vemlight: {path}: {told}", file=sys.stderr, flush=True)
     plate = load_plate(table.plate, path.parent, f"{path}: [plate]") if table.plate else None
     things = _things(table, path)
     return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate, things)

@@ -40,6 +40,7 @@ BENCHES = {
     "renderer_time": Bench(["bench.renderer_accuracy", "time"], True, 132),
     "gloss": Bench(["bench.gloss"], True, 61),
     "moving": Bench(["bench.accuracy", "moving"], True, 860),
+    "pace": Bench(["bench.accuracy", "pace"], True, 60),
     "tables": Bench(["bench.accuracy", "tables"], False, 4),
 }
 

@@ -188,6 +188,7 @@ def calibrate() -> None:
 @click.option("--dictionary", default="", help="ChArUco board: OpenCV's name of its markers, such as DICT_4X4_50.")
 @click.option("--marker", type=click.FloatRange(0, 10), default=0.0, help="ChArUco board: side of a marker in metres.")
 @click.option("--rim", type=click.FloatRange(0, 180), default=0.0, help="Degrees off the axis where the image ends; 0: found.")
+@click.option("--accept", is_flag=True, help="Take a lens that fits its corners badly.")
 @click.option("--picture", type=EXISTING, help="PNG of coverage and residuals; left out: beside the lens file.")
 @click.option("--out", type=EXISTING, required=True, help="LENS.toml")
 def lens(images: tuple[Path, ...], board: str, square: float, out: Path, **options: Any) -> None:
@@ -200,7 +201,7 @@ def lens(images: tuple[Path, ...], board: str, square: float, out: Path, **optio
         raise BadInput(f"--board {board}: is not COLUMNSxROWS; write it as 8x6")
     wanted = Board((int(columns), int(rows)), square, options["dictionary"], options["marker"])
     picture = options["picture"] or out.with_suffix(".png")
-    report = calibrate_lens(list(images), wanted, out, rim_deg=options["rim"], picture=picture)
+    report = calibrate_lens(list(images), wanted, out, rim_deg=options["rim"], accept=options["accept"], picture=picture)
     click.echo(f"{lens_summary(report)}\nsee {picture}")
 
 

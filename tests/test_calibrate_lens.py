@@ -147,6 +147,16 @@ def test_photographs_to_lens_file(tmp_path: Path) -> None:
     assert picture.shape == (560, 560, 3)
 
 
+def test_a_lens_that_fits_badly_is_refused_unless_accepted(tmp_path: Path, monkeypatch) -> None:
+    views = [v._replace(points=v.points * [1.3, 1.0]) for v in corner_views(WIDE, 8, 3, 0.1)]  # squares that are none
+    brightest = np.full(WIDE.size[::-1], 255, np.uint8)
+    monkeypatch.setattr("services.capture.calibrate_lens.read_views", lambda images, board: (views, [], WIDE.size, brightest))
+    with pytest.raises(BadInput, match=r"fits the corners to .* px only.* 8 x 6 inner corners, or --accept it"):
+        calibrate_lens([], BOARD, tmp_path / "lens.toml")
+    assert not (tmp_path / "lens.toml").exists()
+    assert calibrate_lens([], BOARD, tmp_path / "lens.toml", accept=True).rms_px > 3e-3 * max(WIDE.size)
+
+
 def test_charuco_board_is_found_when_part_of_it_is_hidden() -> None:
     board = Board((7, 5), 0.03, "DICT_4X4_50", 0.022)
     drawn = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.022, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))

@@ -27,6 +27,7 @@ LOSS_PX = 1.0  # corners farther off than this pull in proportion to their dista
 BAD_VIEW = 2.5  # times the median of the views' RMS
 BAD_VIEW_PX = 0.5  # and never below this: a set may be even better
 PRIOR = 0.3  # expected size of each term k_n theta^(2n) at the rim of the corners; one pixel's weight, felt only where corners say nothing
+WORST = 3e-3  # RMS in lengths of the image's longer side, half a degree across 180: boards of another size than told leave 20e-3, good ones 0.5e-3
 WILD = 6.0  # corners farther off than this many medians are no corners: of 10^5 Gaussian errors one is
 SIMPLER = 1.012  # fewer terms are taken when the RMS rises by no more than this: what is not needed runs wild beyond the corners.
 # Errors of photographs repeat from view to view, and let a needless term take 0.01; one that an equisolid lens needs takes 0.015 to 0.02
@@ -48,15 +49,21 @@ class LensReport(NamedTuple):
     residuals: np.ndarray  # (n, 4): pixel x, y and the error's x, y
 
 
-def calibrate_lens(images: list[Path], board: Board, out: Path, *, rim_deg: float = 0.0, picture: Path | None = None) -> LensReport:
+def calibrate_lens(
+    images: list[Path], board: Board, out: Path, *, rim_deg: float = 0.0, accept: bool = False, picture: Path | None = None
+) -> LensReport:
     """Finds the lens from photographs of `board`, writes the lens file `out` and, if named, a PNG of coverage and residuals.
 
     The rim is `rim_deg`, or (0) where the photographs end: at the edge of the image circle, else at the farthest corner of the image.
-    Raises BadInput for images that cannot be used: too few, blurred, of two sizes, or with another board.
+    Raises BadInput for images that cannot be used: too few, blurred, of two sizes, or with another board; and for a lens that fits its
+    corners badly, which is let through by `accept`.
     """
     views, without, size, brightest = read_views(images, board)
     with awaited(f"fitting the lens to {len(views)} views"):
         report = fit_lens(views, size, without)
+    if report.rms_px > WORST * max(size) and not accept:
+        fits = f"the lens fits the corners to {report.rms_px:.1f} px only, {WORST * max(size):.1f} or less is expected"
+        raise BadInput(f"{fits}: see whether the board has {board.corners[0]} x {board.corners[1]} inner corners, or --accept it")
     rim = rim_deg or _rim_deg(report.lens, brightest)
     lens = _with_rim(report.lens, max(rim, report.reach_deg), asked=bool(rim_deg))
     write_lens(out, lens)

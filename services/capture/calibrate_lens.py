@@ -27,7 +27,7 @@ LOSS_PX = 1.0  # corners farther off than this pull in proportion to their dista
 BAD_VIEW = 2.5  # times the median of the views' RMS
 BAD_VIEW_PX = 0.5  # and never below this: a set may be even better
 PRIOR = 0.3  # expected size of each term k_n theta^(2n) at the rim of the corners; one pixel's weight, felt only where corners say nothing
-WORST = 3e-3  # RMS in lengths of the image's longer side, half a degree across 180: boards of another size than told leave 20e-3, good ones 0.5e-3
+WORST = 3e-3  # RMS by the image's longer side, half a degree across 180; a board of another size than told leaves 20e-3, a good set 0.5e-3
 WILD = 6.0  # corners farther off than this many medians are no corners: of 10^5 Gaussian errors one is
 SIMPLER = 1.012  # fewer terms are taken when the RMS rises by no more than this: what is not needed runs wild beyond the corners.
 # Errors of photographs repeat from view to view, and let a needless term take 0.01; one that an equisolid lens needs takes 0.015 to 0.02

@@ -46,8 +46,9 @@ def test_a_turn_takes_the_strong_light_and_the_rest_the_same_way():
     still, turn = world_from_latlong(lobe), 40.0
 
     def azimuths(source):
-        flux = source.rest * cell_solid_angles(*source.rest.shape[:2], "hemisphere")[:, None, None]
-        rest = np.einsum("ijc,ijk->k", flux, cell_directions(*source.rest.shape[:2], "hemisphere"))
+        rows, cols, _ = source.rest.shape
+        flux = source.rest * cell_solid_angles(rows, cols, "hemisphere")[:, None, None]
+        rest = np.einsum("ijc,ijk->k", flux, cell_directions(rows, cols, "hemisphere"))
         strong = source.strong.irradiance.sum(axis=1) @ source.strong.directions
         return np.degrees([np.arctan2(place[1], place[0]) for place in (rest, strong)])
 

@@ -133,7 +133,7 @@ def test_points_alone_and_nothing_at_all_are_one_line(tmp_path, text):
 
 @pytest.mark.parametrize("suffix", ["obj", "stl"])
 def test_a_comment_in_latin_1_is_no_obstacle(tmp_path, suffix):
-    text = trimesh.creation.box().export(file_type="obj" if suffix == "obj" else "stl_ascii")
+    text = str(trimesh.creation.box().export(file_type="obj" if suffix == "obj" else "stl_ascii"))
     words = "# K\u00f6rper\n" + text if suffix == "obj" else text.replace("solid", "solid K\u00f6rper", 1)
     (tmp_path / f"mesh.{suffix}").write_bytes(words.encode("latin-1"))
     (part,) = read_meshes(tmp_path / f"mesh.{suffix}", "here").parts

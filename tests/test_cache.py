@@ -157,28 +157,28 @@ def test_a_share_that_wavers_draws_no_map_again():
     renderer = Renderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
     drawn_maps = []
     for frame in range(8):
-        power = np.full(40, 1.0)
-        power[:2] = 3.9 * (1.1 if frame % 2 else 0.9)  # a share of 0.09, where a map of 128 texels becomes one of 256
-        renderer.render(Lights.of(np.arange(40), sky(40), power[:, None] * np.ones(3)))
+        power = np.full(80, 1.0)
+        power[:2] = 3.36 * (1.1 if frame % 2 else 0.9)  # a share of 0.04, where a map of 128 texels becomes one of 256
+        renderer.render(Lights.of(np.arange(80), sky(80), power[:, None] * np.ones(3)))
         assert renderer._done is not None
         drawn_maps.append(renderer._done.maps.count)
-    assert drawn_maps == [40, *[0] * 7]
-    assert renderer.map_texels[0] > renderer.map_texels[39] == 64
+    assert drawn_maps == [80, *[0] * 7]
+    assert renderer.map_texels[0] > renderer.map_texels[79] == 64
     renderer.release()
 
 
 def test_lights_that_become_stronger_get_larger_maps_and_the_others_keep_theirs():
     renderer = Renderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
     sizes, drawn_maps = [], []
-    for power in (1.0, 30.0, 30.0, 1.0, 30.0):
-        irradiance = np.ones((40, 3))
+    for power in (1.0, 20.0, 20.0, 1.0, 20.0):
+        irradiance = np.ones((80, 3))
         irradiance[7] = power
-        renderer.render(Lights.of(np.arange(40), sky(40), irradiance))
+        renderer.render(Lights.of(np.arange(80), sky(80), irradiance))
         assert renderer._done is not None
         sizes.append(renderer.map_texels.tolist())
         drawn_maps.append(renderer._done.maps.count)
     assert [row[7] for row in sizes] == [64, 512, 512, 64, 512]
     assert {size for row in sizes for k, size in enumerate(row) if k != 7} == {64}
     # Once there is room for a map of either size, each is drawn when it is first needed and then stays.
-    assert drawn_maps == [40, 40, 0, 1, 0]
+    assert drawn_maps == [80, 80, 0, 1, 0]
     renderer.release()

@@ -62,7 +62,7 @@ def test_shadows_agree_with_rays_but_for_their_edges(tmp_path, name, shadow_map)
 
 
 def test_a_skys_small_maps_agree_with_rays_over_the_whole_picture(tmp_path):
-    scene, width, height, count = load_scene(None), 96, 72, 40
+    scene, width, height, count = load_scene(None), 96, 72, 72
     tree = scene_tree(scene)
     hits = first_hits(scene, tree, width, height)
     k = np.arange(count) + 0.5

@@ -1,8 +1,8 @@
 """How many texels the shadow map of each light deserves, and where maps of different sizes lie in one texture.
 
 The edge of a shadow is blurred by a texel: with lights of shares p of the power and maps of s texels a side the square error goes as the
-sum of p^2 / s. Of all maps with as many texels in total, the sum of s^2, the least has s^3 as p^2: s grows as p^(2/3). And the light of a
-small share of a sky stands for a cell that blurs its shadow anyway.
+sum of p^2 / s. Of all maps with as many texels in total, the sum of s^2, the least has s^3 as p^2: s grows as p^(2/3). A little faster, for
+the light of a small share of a sky stands for a cell that blurs its shadow anyway.
 """
 
 import math
@@ -10,7 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-LARGEST = 1024  # texels, of a light that has all the power: beyond that a sun of half a degree blurs its shadow more than they do
+LARGEST = 1024  # texels, of a light with SHARE of the power: beyond that a sun of half a degree blurs its shadow more than they do
+SHARE = 0.4  # suns have more of a clear sky: with less a low one has 512 texels, and half as much error again as exact shadows
+GROWTH = 3 / 4  # with 2/3 an even sky of 72 lights would have 128 texels, for a sixth more time and a twelfth more error
 STEPS = 4  # halvings down to 64 texels: with 32 the error of an overcast sky is no less, and lamps lose a third more
 NEAR = 4  # texels: lights nearer to each other than that throw the same shadow, and deserve what one of their power would
 COARSER = 2  # halvings of maps of a given size, where time is short
@@ -51,7 +53,7 @@ def map_steps(
     near = np.stack([np.maximum((cosines > 1 - (NEAR / size) ** 2 / 2) @ share, 1e-9) for size in sizing.sizes]).astype(np.float64)
     exact = np.zeros(len(power))
     if sizing.by_power:  # the largest size that those deserve who are near to each other at it
-        deserved = -2 / 3 * np.log2(near)
+        deserved = -GROWTH * np.log2(near / SHARE)
         exact = np.min(np.maximum(deserved, np.arange(len(near))[:, None]), axis=0)
     spared = np.clip(1 + np.log2(near[-1] / SPARED), 0, 1)
     exact = np.clip(exact + np.maximum(halved - spared, 0), 0, sizing.steps)

@@ -28,7 +28,7 @@ $(VENV)/.ready: requirements.lock requirements-dev.lock pyproject.toml
 apt = { if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    echo "installing $(1)"; apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(1) >/dev/null; \
 	  else echo "$(2) is missing: run  sudo apt-get install $(1)  and make again" >&2; exit 2; fi; }
-HAS_GL := $(BIN)/python -c 'from services.renderer.programs import open_context; open_context()' 2>/dev/null
+HAS_GL := $(BIN)/python -c 'from vemlight.renderer.programs import open_context; open_context()' 2>/dev/null
 
 gl: env
 	@$(HAS_GL) || $(call apt,$(GL_PACKAGES),OpenGL)

@@ -16,19 +16,19 @@ import matplotlib
 import numpy as np
 from numba import njit
 
-from services.capture.camera import fisheye_radiance
-from services.capture.film import exposed
-from services.capture.fisheye import fisheye_to_polar
-from services.capture.frames import FrameMaker
-from services.capture.lens import Lens, pixel_from_direction, write_lens
-from services.capture.polar import latlong_to_polar, polar_from_latlong
-from services.capture.response import Log, code_from_radiance, radiance_table, write_response
-from services.capture.scatter import Threads, polar_from_codes
-from services.capture.sequence import read_manifest
-from services.capture.source import BUNDLED, Files, Prefetched
-from services.capture.surround import Disc, Surround
-from services.settings import Capture
-from services.sphere import angle_between, cell_directions, cell_solid_angles, direction_from_angles
+from vemlight.capture.fisheye import fisheye_to_polar
+from vemlight.capture.frames import FrameMaker
+from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
+from vemlight.capture.polar import latlong_to_polar, polar_from_latlong
+from vemlight.capture.response import Log, code_from_radiance, radiance_table, write_response
+from vemlight.capture.scatter import Threads, polar_from_codes
+from vemlight.capture.sequence import read_manifest
+from vemlight.capture.simulation.environment import Disc, Environment
+from vemlight.capture.simulation.sensor import exposed
+from vemlight.capture.simulation.virtual_camera import fisheye_radiance
+from vemlight.capture.source import BUNDLED, Files, Prefetched
+from vemlight.light.sphere import angle_between, cell_directions, cell_solid_angles, direction_from_angles
+from vemlight.settings import Capture
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -104,7 +104,7 @@ def suns(seed: int = 1) -> list[tuple[np.ndarray, np.ndarray]]:
     for _ in range(POSITIONS):
         direction = direction_from_angles(np.arccos(rng.uniform(0.01, 1)), rng.uniform(0, 2 * np.pi))
         disc = Disc(direction, SUN_RADIUS, np.full(3, SUN))
-        image = fisheye_radiance(Surround(np.zeros((2, 4, 3)), [disc]), np.eye(3), LENS)
+        image = fisheye_radiance(Environment(np.zeros((2, 4, 3)), [disc]), np.eye(3), LENS)
         found.append((direction, code_from_radiance(image[..., 1], LOG12)))
     return found
 

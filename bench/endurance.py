@@ -11,14 +11,14 @@ from pathlib import Path
 import moderngl
 import numpy as np
 
-from services import wire
-from services.lights import Lights
-from services.renderer.refine import MapLights
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.renderer.tonemap import adapt
-from services.settings import Renderer as Settings
-from services.sphere import direction_from_angles, quaternion_xyz
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles, quaternion_xyz
+from vemlight.renderer.accumulation import MapLights
+from vemlight.renderer.output.tonemap import adapt
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.runtime import wire
+from vemlight.settings import Renderer as Settings
 
 SCENES = Path(__file__).parents[1] / "services" / "renderer" / "scenes"
 COUNTS = (12, 40, 5, 70)  # lights: the atlas is made anew where more come than it holds
@@ -46,12 +46,12 @@ def gl_objects(context: moderngl.Context) -> tuple[int, ...]:
         return tuple(sum(bool(exists(name)) for name in range(1, last)) for exists, last in zip(asked, newest, strict=True))
 
 
-def sky(count: int, turn: float) -> Lights:
-    """Lights spread over the hemisphere that go round and grow stronger and weaker by turns."""
+def sky(count: int, turn: float) -> LightSet:
+    """LightSet spread over the hemisphere that go round and grow stronger and weaker by turns."""
     k = np.arange(count) + 0.5
     power = np.exp(BRIGHTER * np.sin(k + 3 * turn))
     irradiance = np.outer(power / power.sum(), np.full(3, 3.0))
-    return Lights.of(np.arange(count), direction_from_angles(np.arccos(k / count), k * 2.4 + turn), irradiance)
+    return LightSet.of(np.arange(count), direction_from_angles(np.arccos(k / count), k * 2.4 + turn), irradiance)
 
 
 class Show:

@@ -20,16 +20,16 @@ from bench.accuracy.drawing import colour, room
 from bench.accuracy.maps import chosen
 from bench.judge import Source, points_of, read_source
 from bench.renderer_truth import Hits, first_hits, scene_tree
-from services.accuracy import machine
-from services.files import written_whole
-from services.lights import Lights
-from services.renderer.renderer import Renderer
-from services.renderer.scene import Scene, load_scene
-from services.renderer.tonemap import adapt, tone_mapped
-from services.sampler.step import initial_state, step
-from services.settings import Renderer as RendererSettings
-from services.settings import Sampler
-from services.sphere import LUMINANCE
+from vemlight.commands.chart import machine
+from vemlight.files import written_whole
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import LUMINANCE
+from vemlight.renderer.output.tonemap import adapt, tone_mapped
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import Scene, load_scene
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Renderer as RendererSettings
+from vemlight.settings import Sampler
 
 SIDE = 96  # pixels of a sphere's picture
 COUNT = 72  # strong lights, the paper's number
@@ -96,11 +96,11 @@ def sphere_under(source: Source, roughness: float, folder: Path) -> Sphere:
     return Sphere(scene, hits, truth)
 
 
-def sets_of(source: Source, method: Method, weak: int) -> tuple[Lights, Lights]:
+def sets_of(source: Source, method: Method, weak: int) -> tuple[LightSet, LightSet]:
     """The strong lights and the weak ones, as the sampler gives them on a first frame."""
     wanted = Sampler(method=method, count=COUNT, fine=weak, filter="none")
     _, lights, report = step(wanted, initial_state(wanted), source.polar, "hemisphere", 0.0, 0, source.centroids)
-    return lights, report.fine or Lights.none()
+    return lights, report.fine or LightSet.none()
 
 
 def lab(pixels: np.ndarray) -> np.ndarray:

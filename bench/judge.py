@@ -17,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.capture.frames import strong_cells
-from services.capture.polar import latlong_to_polar, polar_from_latlong
-from services.images import read_radiance
-from services.lights import Lights
-from services.sampler.probes import SOFTNESS, probes
-from services.sphere import (
+from vemlight.capture.frames import strong_cells
+from vemlight.capture.polar import latlong_to_polar, polar_from_latlong
+from vemlight.light.bright_cells import strong_light
+from vemlight.light.images import read_radiance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import (
     Coverage,
     cell_directions,
     cell_from_direction,
@@ -31,7 +31,7 @@ from services.sphere import (
     latlong_solid_angles,
     luminance,
 )
-from services.strong import strong_light
+from vemlight.sampler.probes import SOFTNESS, probes
 
 STRONGEST = 4096  # source pixels that are kept apart
 PROBES = 1500  # with soft edges
@@ -118,7 +118,7 @@ def points_of(source: Source) -> Points:
     )
 
 
-def points_of_lights(lights: Lights) -> Points:
+def points_of_lights(lights: LightSet) -> Points:
     return Points(lights.directions.astype(np.float64), lights.irradiance.astype(np.float64))
 
 

@@ -24,9 +24,9 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from services import wire
-from services.settings import Settings, read_settings
-from services.sockets import Wires
+from vemlight.runtime import wire
+from vemlight.runtime.transport import Transport
+from vemlight.settings import Settings, read_settings
 
 WARM_UP_S = 6.0  # the pace settles within a few dozen frames
 START_S = 120.0  # GL, and the first time compiled code
@@ -52,13 +52,13 @@ def cpu_ms(parent: int) -> dict[str, float]:
     return used
 
 
-def pictures(ear: Any, seconds: float) -> list[tuple[wire.Image, float]]:
+def pictures(ear: Any, seconds: float) -> list[tuple[wire.ImageMessage, float]]:
     """The headers that come within that time, each with the age in ms of its light when it came."""
     came, until_s = [], time.monotonic() + seconds
     while (left_s := until_s - time.monotonic()) > 0:
         if ear.poll(int(left_s * 1e3) + 1):
             header, _ = wire.unpack(ear.recv_multipart())
-            if isinstance(header, wire.Image):
+            if isinstance(header, wire.ImageMessage):
                 came.append((header, wire.age_ms(header.stamp)))
     return came
 
@@ -84,8 +84,8 @@ def measured(settings: Settings, watched: bool, seconds: float) -> str:
         settings = msgspec.structs.replace(settings, wire=drawn, viewer=msgspec.structs.replace(settings.viewer, port=free_port()))
         file = Path(folder) / "vemlight.toml"
         file.write_text(tomli_w.dumps(msgspec.to_builtins(settings)))
-        run = started("services.cli", "run", str(file))
-        wires, page = Wires(settings.wire), None
+        run = started("vemlight", "run", str(file))
+        wires, page = Transport(settings.wire), None
         try:
             ear = wires.subscribe("renderer", "image")
             began_s = time.monotonic()

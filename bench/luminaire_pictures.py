@@ -15,17 +15,17 @@ import cv2
 import numpy as np
 
 from bench.luminaires import DARK, DOWN, headlight, with_lamp, write
-from services.images import write_png
-from services.renderer.luminaire.lightfield import LightField, far_intensity, irradiance
-from services.renderer.luminaire.luminaire_file import read_luminaire
-from services.renderer.luminaire.making import contact_sheet, from_rays, intensity_by_angle, lit_planes
-from services.renderer.luminaire.photometry import read_photometry
-from services.renderer.luminaire.placement import BUNDLED
-from services.renderer.renderer import Renderer
-from services.renderer.scene import DEMO_SCENE, Scene, load_scene
-from services.renderer.tonemap import adapt, tone_mapped
-from services.settings import Renderer as Settings
-from services.sphere import luminance
+from vemlight.light.images import write_png
+from vemlight.light.sphere import luminance
+from vemlight.renderer.luminaire.authoring import contact_sheet, from_rays, intensity_by_angle, lit_planes
+from vemlight.renderer.luminaire.lightfield import LightField, far_intensity, irradiance
+from vemlight.renderer.luminaire.luminaire_file import read_luminaire
+from vemlight.renderer.luminaire.photometry import read_photometry
+from vemlight.renderer.output.tonemap import adapt, tone_mapped
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.luminaire_table import BUNDLED
+from vemlight.renderer.scene.scene import DEMO_SCENE, Scene, load_scene
+from vemlight.settings import Renderer as Settings
 
 LED = "luminaire/rayfile_LERTDUW_S2WP_green_100k_20161013_IES_TM25.TM25RAY"
 

@@ -23,24 +23,25 @@ import msgspec
 import numpy as np
 
 from bench.rivals import luminaire_sampling as rivals
-from services import wire
-from services.lights import Lights
-from services.renderer.luminaire import cells, illumination, shift_invariant
-from services.renderer.luminaire.bases import compact_dual
-from services.renderer.luminaire.bench import Lamp, measured_lamp
-from services.renderer.luminaire.estimator import halton, interleaving, receivers, shade
-from services.renderer.luminaire.lightfield import LightField, irradiance
-from services.renderer.luminaire.measuring import Planes
-from services.renderer.luminaire.placement import Luminaire, LuminaireTable, placed
-from services.renderer.luminaire.tables import tables_of
-from services.renderer.meshes import bounds, shape_geometry
-from services.renderer.renderer import Renderer
-from services.renderer.scene import DEMO_SCENE, Camera, Mesh, Scene, load_scene
-from services.settings import Renderer as Settings
-from services.sphere import quaternion_xyz
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import quaternion_xyz
+from vemlight.renderer.luminaire import cells, shift_invariant
+from vemlight.renderer.luminaire.bases import compact_dual
+from vemlight.renderer.luminaire.estimator import halton, interleaving, receivers, shade
+from vemlight.renderer.luminaire.goniophotometer import Lamp, measured_lamp
+from vemlight.renderer.luminaire.lightfield import LightField, irradiance
+from vemlight.renderer.luminaire.measuring import Planes
+from vemlight.renderer.luminaire.tables import tables_of
+from vemlight.renderer.passes.luminaires import illumination
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, placed
+from vemlight.renderer.scene.meshes import bounds, shape_geometry
+from vemlight.renderer.scene.scene import DEMO_SCENE, Camera, Mesh, Scene, load_scene
+from vemlight.runtime import wire
+from vemlight.settings import Renderer as Settings
 
 DOWN = np.array([0.0, 0.0, -1.0])
-DARK = Lights.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+DARK = LightSet.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 PAPER_2003 = {(25, 500): 2.7, (49, 500): 1.5, (63, 500): 1.2, (25, 8000): 1.3, (49, 8000): 0.7, (63, 8000): 0.55}  # frames/s, table 1
 PAPER_PRECOMPUTED_MS = {(63, 300): 513, (25, 256): 129, (99, 256): 527}  # Lu et al. 2015, section 7
 

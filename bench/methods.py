@@ -13,15 +13,15 @@ from bench.rivals.median_cut import median_cut, variance_minimisation
 from bench.rivals.penrose import penrose
 from bench.rivals.q2tree import q2tree
 from bench.rivals.structured import structured
-from services.lights import Lights
-from services.sampler.step import initial_state, step
-from services.settings import Sampler
-from services.sphere import Coverage
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Sampler
 
 SETTLED = 8  # frames of a still map before it is judged and timed
 
-Step = Callable[[Any, np.ndarray, float, np.ndarray], tuple[Any, Lights]]
-Alone = Callable[[np.ndarray, Coverage, int], Lights]
+Step = Callable[[Any, np.ndarray, float, np.ndarray], tuple[Any, LightSet]]
+Alone = Callable[[np.ndarray, Coverage, int], LightSet]
 
 
 class Method(NamedTuple):
@@ -44,7 +44,7 @@ def ours(name: str, **settings: Any) -> Method:
         made = Sampler(count=count, **settings)
         return made, initial_state(made)
 
-    def steps(state: Any, radiance: np.ndarray, time_s: float, centroids: np.ndarray) -> tuple[Any, Lights]:
+    def steps(state: Any, radiance: np.ndarray, time_s: float, centroids: np.ndarray) -> tuple[Any, LightSet]:
         after, lights, _ = step(state[0], state[1], radiance, "hemisphere", time_s, 0, centroids)
         return (state[0], after), lights
 
@@ -54,15 +54,15 @@ def ours(name: str, **settings: Any) -> Method:
 def anew(name: str, method: Alone, most: int = 1024, steady: bool = False) -> Method:
     """A method that sees each frame by itself. It knows no centroids inside cells: none of the published ones does."""
 
-    def steps(count: int, radiance: np.ndarray, _time_s: float, _centroids: np.ndarray) -> tuple[int, Lights]:
+    def steps(count: int, radiance: np.ndarray, _time_s: float, _centroids: np.ndarray) -> tuple[int, LightSet]:
         return count, method(radiance, "hemisphere", count)
 
     return Method(name, lambda count: count, steps, most, steady)
 
 
-def settled(method: Method, count: int, source: Source) -> tuple[Lights, float]:
+def settled(method: Method, count: int, source: Source) -> tuple[LightSet, float]:
     """The lights of a map that stands still, once they have settled, and the median time of a frame in ms."""
-    state, taken, lights = method.start(count), [], Lights.none()
+    state, taken, lights = method.start(count), [], LightSet.none()
     for k in range(SETTLED if method.steady else 2):
         begin = time.thread_time()
         state, lights = method.step(state, source.polar, k / 25, source.centroids)

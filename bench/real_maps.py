@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from services.capture.source import open_source
-from services.images import read_radiance, write_exr
-from services.lights import read_lights
-from services.settings import Capture
-from services.sphere import latlong_solid_angles, map_irradiance
+from vemlight.capture.source import open_source
+from vemlight.light.images import read_radiance, write_exr
+from vemlight.light.light_set import read_lights
+from vemlight.light.sphere import latlong_solid_angles, map_irradiance
+from vemlight.settings import Capture
 
 MAPS = ("kloppenheim_05", "rooitou_park", "potsdamer_platz", "studio_small_03", "aerodynamics_workshop")
 TURN_PIXELS = 2  # a frame; 0.7 degrees of 1024 pixels
@@ -79,7 +79,7 @@ def simulated(source: Path, folder: Path, frames: int) -> Path:
 
 
 def vemlight(*arguments: object) -> None:
-    subprocess.run([sys.executable, "-m", "services.cli", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, "-m", "vemlight", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
 
 
 def played(source: Path, scene: Path, out: Path, frames: int) -> dict[str, float]:

@@ -19,13 +19,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from services.lights import Lights
-from services.renderer.materials import Phong
-from services.renderer.meshes import Geometry, bounds, clean_geometry, shape_geometry
-from services.renderer.renderer import Renderer
-from services.renderer.scene import Camera, Mesh, Scene
-from services.settings import Renderer as Settings
-from services.sphere import direction_from_angles
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.materials import Phong
+from vemlight.renderer.scene.meshes import Geometry, bounds, clean_geometry, shape_geometry
+from vemlight.renderer.scene.scene import Camera, Mesh, Scene
+from vemlight.settings import Renderer as Settings
 
 PASSES = ("shadow maps", "surfaces", "classes", "lights", "read-back", "whole frame")
 LIGHTS = 72
@@ -61,14 +61,14 @@ def paper_scene(knot: Geometry | None = None) -> Scene:
     return Scene(Camera(position=(2.4, -4.0, 2.4), at=(0.0, 0.1, 0.45), fov_y=34.0), tuple(parts), (low + high) / 2, (high - low) / 2)
 
 
-def sky(count: int, turn: float = 0.0, lowest: float = 0.0) -> Lights:
+def sky(count: int, turn: float = 0.0, lowest: float = 0.0) -> LightSet:
     """Equal lights spread evenly over all directions with z above `lowest`, turned about z by `turn` rad, any first of them as evenly."""
     k = np.argsort(np.arange(count) * (np.sqrt(5) - 1) / 2 % 1) + 0.5
     directions = direction_from_angles(np.arccos(1 - (1 - lowest) * k / count), k * np.pi * (3 - np.sqrt(5)) + turn)
-    return Lights.of(np.arange(count), directions, np.full((count, 3), np.pi / count))
+    return LightSet.of(np.arange(count), directions, np.full((count, 3), np.pi / count))
 
 
-def passes(scene: Scene, lights: Lights, settings: Settings, frames: int) -> dict[str, tuple[float, float]]:
+def passes(scene: Scene, lights: LightSet, settings: Settings, frames: int) -> dict[str, tuple[float, float]]:
     """Cost of each pass with everything drawn anew, ms: (median, least)."""
     renderer = Renderer(scene, settings)
     renderer.time_passes()

@@ -26,19 +26,19 @@ from bench.accuracy.maps import chosen
 from bench.judge import read_source
 from bench.renderer import paper_scene
 from bench.rivals import mitsuba_picture
-from services.accuracy import machine
-from services.files import written_whole
-from services.images import read_radiance
-from services.lights import Lights
-from services.renderer import renderer as renderer_module
-from services.renderer.regions import EVERY_SIDE
-from services.renderer.renderer import Renderer
-from services.renderer.scene import Scene, load_scene
-from services.renderer.tonemap import adapt, tone_mapped
-from services.sampler.step import initial_state, step
-from services.settings import Renderer as Settings
-from services.settings import Sampler
-from services.sphere import rotation_xyz
+from vemlight.commands.chart import machine
+from vemlight.files import written_whole
+from vemlight.light.images import read_radiance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import rotation_xyz
+from vemlight.renderer import renderer as renderer_module
+from vemlight.renderer.output.tonemap import adapt, tone_mapped
+from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import Scene, load_scene
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Renderer as Settings
+from vemlight.settings import Sampler
 
 TRUTH = 1024  # paths a pixel: leaves a noise of 0.4 % under a sun and 0.6 % under an overcast sky
 COUNTS = (4, 8, 16, 32, 64, 128, 256)
@@ -69,7 +69,7 @@ def errors(picture: np.ndarray, truth: np.ndarray) -> Error:
 
 
 @lru_cache(maxsize=64)
-def lights_of(path: Path, count: int, method: str, clusters: int = 0) -> Lights:
+def lights_of(path: Path, count: int, method: str, clusters: int = 0) -> LightSet:
     """What the sampler makes of a still map."""
     settings, source = Sampler(method=method, filter="none", count=count, clusters=clusters), read_source(path)  # type: ignore[arg-type]
     state, lights = initial_state(settings), None
@@ -148,9 +148,9 @@ def timed(work: Callable[[int], np.ndarray], frames: int = FRAMES) -> Timed:
     return Timed(ms, processor_ms, made)
 
 
-def turned(lights: Lights, degrees: float) -> Lights:
+def turned(lights: LightSet, degrees: float) -> LightSet:
     """The lights turned about z."""
-    return Lights.of(lights.ids, lights.directions @ rotation_xyz((0.0, 0.0, degrees)).T, lights.irradiance)
+    return LightSet.of(lights.ids, lights.directions @ rotation_xyz((0.0, 0.0, degrees)).T, lights.irradiance)
 
 
 class Ours:
@@ -160,12 +160,12 @@ class Ours:
         self._scene, self._size = scene, size
         self._made: dict[tuple[Any, ...], Renderer] = {}
 
-    def timed(self, lights: Lights, **settings: Any) -> Timed:
+    def timed(self, lights: LightSet, **settings: Any) -> Timed:
         """A picture with these settings; frame_ms = 1e4: the lights stand still and keep their maps."""
         renderer = self._renderer(**settings)
         return timed(lambda _: renderer.render(lights)[..., :3].copy())
 
-    def within(self, budget: int, lights: Lights) -> Timed:
+    def within(self, budget: int, lights: LightSet) -> Timed:
         """The same with lights that turn and have come to `lights` in the last of 48 pictures; `budget` maps drawn in each at most."""
         renderer = self._renderer(frame_ms=1e4)
         usual = renderer_module.affordable_maps, renderer_module.halvings
@@ -206,7 +206,7 @@ def curves_of(ours: Ours, traced: Any, world: Any, path: Path) -> dict[str, dict
     }
 
 
-def _traced(traced: Any, lights: Lights) -> Timed:
+def _traced(traced: Any, lights: LightSet) -> Timed:
     return timed(lambda frame: traced.picture(lights))
 
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from services.renderer.materials import Ggx, Phong
-from services.renderer.scene import Scene
-from services.renderer.view import view_from_world
+from vemlight.renderer.scene.materials import Ggx, Phong
+from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.view import view_from_world
 
 LEAF = 4  # triangles
 

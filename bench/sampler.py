@@ -20,13 +20,14 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 
-from services.files import written_whole
-from services.sampler import cluster, filter, flicker
-from services.sampler.density import light_map
-from services.sampler.points import halton, points
-from services.sampler.step import initial_state, irradiance, step
-from services.sampler.warp import WarpName, steadied, warp_from_map
-from services.settings import Sampler
+from vemlight.files import written_whole
+from vemlight.sampler import cluster
+from vemlight.sampler.density import light_map
+from vemlight.sampler.step import initial_state, irradiance, step
+from vemlight.sampler.temporal import filter, flicker
+from vemlight.sampler.warps.points import halton, points
+from vemlight.sampler.warps.warp import WarpName, steadied, warp_from_map
+from vemlight.settings import Sampler
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -38,8 +39,8 @@ PAPER_SAMPLES_PER_MS = 410  # Havran et al. 2005, section 5, a Pentium 4 of 3 GH
 FIRST_FRAME = """
 import time; start = time.perf_counter()
 import numpy as np
-from services.sampler.step import initial_state, step
-from services.settings import Sampler
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Sampler
 settings = Sampler(method="havran-azimuth", count=300, clusters=72)
 step(settings, initial_state(settings), np.ones((90, 360, 3), np.float32), "hemisphere", 0.0)
 print(time.perf_counter() - start)

@@ -13,11 +13,11 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from services.files import written_whole
-from services.sampler.density import light_map
-from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from services.sampler.step import initial_state, step
-from services.settings import Sampler as Settings
+from vemlight.files import written_whole
+from vemlight.sampler.density import light_map
+from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Sampler as Settings
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -13,12 +13,12 @@ import matplotlib
 import numpy as np
 
 from bench.judge import read_source
-from services.files import written_whole
-from services.sampler.control import DARKEST, need
-from services.sampler.density import light_map
-from services.sampler.points import points
-from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from services.sampler.warp import warp_from_map
+from vemlight.files import written_whole
+from vemlight.sampler.control import DARKEST, need
+from vemlight.sampler.density import light_map
+from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.warps.points import points
+from vemlight.sampler.warps.warp import warp_from_map
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from bench.judge import STRONGEST, Points, Source, with_strong
-from services.sphere import (
+from vemlight.light.sphere import (
     cell_directions,
     direction_from_angles,
     latlong_directions,

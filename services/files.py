@@ -1,4 +1,4 @@
-"""Files in and out: one error for what a user must mend, TOML into typed records, and writing that never leaves half a file."""
+"""Files in and out: TOML into typed records, writing that never leaves half a file, devices that may be opened."""
 
 import grp
 import os
@@ -10,31 +10,25 @@ from typing import TypeVar
 
 import msgspec
 
+from vemlight.errors import UserError
+
 Record = TypeVar("Record")
-
-
-class BadInput(ValueError):
-    """What the user must mend. Its text is one line that says what is wrong, where, and how to mend it."""
-
-
-class Failed(RuntimeError):
-    """What nobody can mend but a new start may: a device that is gone. Its text is one line."""
 
 
 def read_toml(path: Path, kind: type[Record]) -> Record:
     """The TOML file at `path` as a record of `kind` (a msgspec Struct).
 
-    Raises BadInput naming the file and the key when the file is missing, is no TOML or does not fit the record.
+    Raises UserError naming the file and the key when the file is missing, is no TOML or does not fit the record.
     """
     try:
         with open(path, "rb") as file:
             return msgspec.convert(tomllib.load(file), kind)
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the path") from error
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: is not TOML ({error}); mend that line") from error
+        raise UserError(f"{path}: is not TOML ({error}); mend that line") from error
     except msgspec.ValidationError as error:
-        raise BadInput(f"{path}: {error}; mend that key") from error
+        raise UserError(f"{path}: {error}; mend that key") from error
 
 
 @contextmanager

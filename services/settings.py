@@ -9,9 +9,10 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 import msgspec
 from msgspec import Meta
 
-from services.channels import SERVICES, Service
-from services.files import BadInput, read_toml
-from services.sphere import Coverage
+from vemlight.errors import UserError
+from vemlight.files import read_toml
+from vemlight.light.sphere import Coverage
+from vemlight.runtime.channels import SERVICES, Service
 
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 Port = Annotated[int, Meta(ge=1, le=65_000)]
@@ -137,7 +138,7 @@ _PATHS = {
 
 
 def read_settings(path: Path | None) -> Settings:
-    """The settings at `path` with absolute paths, or the defaults. Raises BadInput naming file and key."""
+    """The settings at `path` with absolute paths, or the defaults. Raises UserError naming file and key."""
     settings = read_toml(path, Settings) if path else Settings()
     folder = path.resolve().parent if path else Path.cwd()
     for section, keys in _PATHS.items():
@@ -152,28 +153,28 @@ def read_settings(path: Path | None) -> Settings:
 
 
 def check_settings(settings: Settings, path: Path | None = None) -> None:
-    """Raises BadInput for values that each are legal but not together."""
+    """Raises UserError for values that each are legal but not together."""
     where = path or "settings"
     if settings.wire.transport == "tcp" and not settings.wire.keys and not settings.wire.insecure:
-        raise BadInput(f"{where}: [wire] transport = \"tcp\" needs keys = FOLDER (made by `vemlight keys`) or insecure = true")
+        raise UserError(f"{where}: [wire] transport = \"tcp\" needs keys = FOLDER (made by `vemlight keys`) or insecure = true")
     for source in (settings.capture.source, settings.plate.source):
         if settings.mode == "lossless" and source.startswith("/dev/"):
-            raise BadInput(f"{where}: mode = \"lossless\" replays files and {source} is a camera; use mode = \"live\"")
+            raise UserError(f"{where}: mode = \"lossless\" replays files and {source} is a camera; use mode = \"live\"")
 
 
 Section = TypeVar("Section", bound=Record)
 
 
 def record(kind: type[Section], values: dict[str, Any], prefix: str) -> Section:
-    """A section made of `values`; None means the default. Raises BadInput naming the option, as `prefix` and its key."""
+    """A section made of `values`; None means the default. Raises UserError naming the option, as `prefix` and its key."""
     given = {key: str(value) if isinstance(value, Path) else value for key, value in values.items() if value is not None}
     try:
         return msgspec.convert(given, kind)
     except msgspec.ValidationError as error:
         text, _, where = str(error).partition(" - at `$.")
         if not where:  # values that do not go together; the text says how to mend them
-            raise BadInput(text) from error
+            raise UserError(text) from error
         key = where.rstrip("`")
         choices = get_args(get_type_hints(kind).get(key))
         known = f"; choose from {', '.join(map(str, choices))}" if choices else ""
-        raise BadInput(f"{prefix}{key}: {text[:1].lower()}{text[1:]}{known or '; mend that option'}") from error
+        raise UserError(f"{prefix}{key}: {text[:1].lower()}{text[1:]}{known or '; mend that option'}") from error

@@ -16,8 +16,8 @@ import pytest
 import tomli_w
 from hypothesis import settings as hypothesis_settings
 
-from services.images import write_exr
-from services.settings import Settings, read_settings
+from vemlight.light.images import write_exr
+from vemlight.settings import Settings, read_settings
 
 LOADED_S = 120.0  # patience on a machine that is busy: compiling the sampler's loops for the first time takes tens of seconds
 

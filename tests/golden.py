@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from services import wire
+from vemlight.runtime import wire
 
 PROTO = Path(__file__).parents[1] / "proto"
 STAMP = wire.Stamp(sequence=7, time_s=0.28, captured_ns=1_700_000_000_123_456_789, monotonic_ns=5_000_000_001, boot_id="0b00t1d0")
@@ -20,34 +20,34 @@ def messages() -> dict[str, wire.Message]:
     box = wire.Pose(name="box", at=(0.5, -1.0, 0.25), turn=(0.0, 0.0, 0.6, 0.8))
     lamp = wire.Pose(name="lamp", at=(0.0, 0.0, 2.0), power=0.5)
     pixels = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4)
-    status = wire.Status(
+    status = wire.StatusMessage(
         service="sampler", sequence=7, rate_hz=25.0, age_ms=3.5, step_ms=0.75, frames=8, skipped=1, dropped=2, refused=0, restarts=1
     )
     return {
         "map": (
-            wire.Map(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1, strong=2),
+            wire.MapMessage(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1, strong=2),
             (radiance, np.array([5, 5], np.int64), directions, np.array([0.25, 0.75], np.float32)),
         ),
         "lights": (
-            wire.Lights(
+            wire.LightsMessage(
                 stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0
             ),
             (np.array([0, 2**40], np.int64), directions, irradiance, directions[:1], irradiance[:1] / 2),
         ),
         "lights_none": (
-            wire.Lights(stamp=STAMP, count=0, coverage="sphere", delay_ms=0.0),
+            wire.LightsMessage(stamp=STAMP, count=0, coverage="sphere", delay_ms=0.0),
             (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
         ),
-        "image": (wire.Image(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5, things=(box,)), (pixels,)),
-        "plate": (wire.Plate(stamp=STAMP, width=3, height=2), (pixels[..., :3],)),
+        "image": (wire.ImageMessage(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5, things=(box,)), (pixels,)),
+        "plate": (wire.PlateMessage(stamp=STAMP, width=3, height=2), (pixels[..., :3],)),
         "image_linear": (
-            wire.Image(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5, linear=True),
+            wire.ImageMessage(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5, linear=True),
             (pixels, (np.arange(2 * 3 * 4) / 4).astype(np.float16).reshape(2, 3, 4)),
         ),
-        "control": (wire.Control(count=144, exposure=-0.5, filtered=False, paused=True, poses=(box, lamp)), ()),
+        "control": (wire.ControlMessage(count=144, exposure=-0.5, filtered=False, paused=True, poses=(box, lamp)), ()),
         "status": (status, ()),
-        "end": (wire.End(sequence=48), ()),
-        "request": (wire.Request(first=12, count=4), ()),
+        "end": (wire.EndMessage(sequence=48), ()),
+        "request": (wire.RequestMessage(first=12, count=4), ()),
     }
 
 

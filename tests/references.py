@@ -8,12 +8,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from services import wire
-from services.capture.stage import CaptureSource
-from services.loop import Stage
-from services.renderer.stage import RendererStage
-from services.sampler.stage import SamplerStage
-from services.settings import Capture, Renderer, Sampler, Settings
+from vemlight.capture.stage import CaptureSource
+from vemlight.renderer.stage import RendererStage
+from vemlight.runtime import wire
+from vemlight.runtime.loop import Stage
+from vemlight.sampler.stage import SamplerStage
+from vemlight.settings import Capture, Renderer, Sampler, Settings
 
 ROOT = Path(__file__).parents[1]
 FOLDER = Path(__file__).parent / "references"

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.files import BadInput
-from services.renderer.animation import Track, rotation_from_quaternion, value_at
-from services.renderer.mesh_files import read_meshes
-from services.sphere import rotation_xyz
+from vemlight.errors import UserError
+from vemlight.light.sphere import rotation_xyz
+from vemlight.renderer.scene.animation import Track, rotation_from_quaternion, value_at
+from vemlight.renderer.scene.mesh_files import read_meshes
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 HALF = float(np.sqrt(0.5))
@@ -141,7 +141,7 @@ def test_the_animation_is_chosen_by_name_or_all_play(tmp_path):
         assert part.motion.world_from_rest(0.5)[:3, 3] == pytest.approx(at)
         assert part.motion.duration_s == duration_s
         assert len(found.left_out) == (wanted == "")
-    with pytest.raises(BadInput, match="has no animation run, but rise, walk"):
+    with pytest.raises(UserError, match="has no animation run, but rise, walk"):
         read_meshes(path, "here", "run")
 
 
@@ -197,7 +197,7 @@ def spoilt_turn(film):
 def test_a_spoilt_animation_is_one_line(tmp_path, spoil):
     film = Film()
     spoil(film)
-    with pytest.raises(BadInput, match=r"^here: .*film\.gltf .*export it again$") as caught:
+    with pytest.raises(UserError, match=r"^here: .*film\.gltf .*export it again$") as caught:
         read_meshes(film.write(tmp_path / "film.gltf"), "here")
     assert "\n" not in str(caught.value)
 

@@ -3,18 +3,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.lights import Lights
-from services.renderer.renderer import Renderer
-from services.renderer.scene import Camera, load_scene
-from services.renderer.view import clip_from_world, ray_from_pixel
-from services.settings import Renderer as Settings
-from services.sphere import Coverage, cell_directions, cell_from_direction
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, cell_directions, cell_from_direction
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import Camera, load_scene
+from vemlight.renderer.scene.view import clip_from_world, ray_from_pixel
+from vemlight.settings import Renderer as Settings
 
 CAMERA = "[camera]\nfrom = [1.0, -6.0, 1.0]\nat = [0.0, 0.0, 1.5]\nfov_y = 60.0\n"
 BALL = '[[mesh]]\nshape = "sphere"\nscale = 0.5\nat = [0.0, 0.0, 1.0]\n'
 CATCHER = '[[mesh]]\nshape = "plane"\nscale = 3.0\nmaterial = {catcher = true}\n'
 SIZE = (80, 60)
-NONE = Lights.none()
+NONE = LightSet.none()
 
 
 def a_renderer(folder: Path, text: str = BALL, camera: str = CAMERA, samples: int = 1) -> Renderer:
@@ -87,7 +87,7 @@ def test_one_lit_cell_is_seen_in_its_direction(tmp_path):
 
 def test_surfaces_hide_the_background_by_their_alpha(tmp_path):
     renderer = a_renderer(tmp_path, samples=16)
-    lights = Lights.of(np.arange(1), np.array([[0.0, -0.6, 0.8]]), np.ones((1, 3)))
+    lights = LightSet.of(np.arange(1), np.array([[0.0, -0.6, 0.8]]), np.ones((1, 3)))
     alone = renderer.render(lights).copy()
     renderer.show_background(np.full((4, 8, 3), 0.7, np.float32), "sphere")
     over = renderer.render(lights)
@@ -98,7 +98,7 @@ def test_surfaces_hide_the_background_by_their_alpha(tmp_path):
 
 def test_catchers_dim_the_background(tmp_path):
     renderer = a_renderer(tmp_path, BALL + CATCHER)
-    lights = Lights.of(np.arange(1), np.array([[0.0, 0.6, 0.8]]), np.array([[1.0, 0.5, 0.25]]))
+    lights = LightSet.of(np.arange(1), np.array([[0.0, 0.6, 0.8]]), np.array([[1.0, 0.5, 0.25]]))
     alone = renderer.render(lights).copy()
     renderer.show_background(np.full((4, 8, 3), 0.7, np.float32), "sphere")
     over = renderer.render(lights)

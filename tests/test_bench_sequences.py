@@ -7,8 +7,8 @@ import pytest
 
 from bench.judge import judge, points_of, points_of_lights
 from bench.sequences import FRAMES, SEQUENCES, SUN, turned, world_from_latlong
-from services.lights import Lights
-from services.sphere import (
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import (
     angle_between,
     cell_directions,
     cell_solid_angles,
@@ -78,6 +78,6 @@ def test_black_frames_are_black_only_to_the_methods(world):
 def test_lights_that_are_the_points_have_no_error(world):
     frame = next(SEQUENCES["zenith"](world))
     points = points_of(frame.source)
-    same = judge(points_of_lights(Lights.of(np.arange(len(points.directions)), points.directions, points.irradiance)), 200)
+    same = judge(points_of_lights(LightSet.of(np.arange(len(points.directions)), points.directions, points.irradiance)), 200)
     truth = judge(points, 200)
     np.testing.assert_allclose(same.soft, truth.soft, rtol=1e-4, atol=1e-5 * truth.soft.mean())

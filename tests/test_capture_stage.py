@@ -5,15 +5,15 @@ import time
 import numpy as np
 import pytest
 
-from services import wire
-from services.capture import stage
-from services.capture.frames import Frame
-from services.capture.stage import CaptureCamera
-from services.settings import Capture
+from vemlight.capture import stage
+from vemlight.capture.frames import Frame
+from vemlight.capture.stage import CaptureCamera
+from vemlight.runtime import wire
+from vemlight.settings import Capture
 
 
 class Shelf:
-    """Stands in for `services.capture.source.Live`."""
+    """Stands in for `vemlight.capture.source.Live`."""
 
     state = "a camera"
 

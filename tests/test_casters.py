@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from services.renderer.casters import Casters, scene_casters, simplified
-from services.renderer.meshes import shape_geometry
-from services.renderer.scene import load_scene
+from vemlight.renderer.passes.shadow_maps.casters import Casters, scene_casters, simplified
+from vemlight.renderer.scene.meshes import shape_geometry
+from vemlight.renderer.scene.scene import load_scene
 
 
 def corners(casters: Casters, span) -> np.ndarray:

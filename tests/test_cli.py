@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from services.cli import main
-from services.images import write_exr
-from services.lights import read_lights
-from services.sphere import latlong_directions
+from vemlight.commands.cli import main
+from vemlight.light.images import write_exr
+from vemlight.light.light_set import read_lights
+from vemlight.light.sphere import latlong_directions
 
 LENS = """
 size = [32, 16]
@@ -30,7 +30,7 @@ rim_deg = 90.0
 
 def vemlight(*arguments: object, cwd: Path | None = None, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "services.cli", *map(str, arguments)],
+        [sys.executable, "-m", "vemlight", *map(str, arguments)],
         capture_output=True, text=True, timeout=120, cwd=cwd, env={**os.environ, **(environment or {})},
     )  # fmt: skip
 
@@ -215,7 +215,7 @@ def test_mains_flicker_is_taken_out_of_a_recording_on_wish(method, tmp_path):
 
 def test_help_loads_neither_numba_nor_cv2():
     loaded = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "services.cli", "--help"], capture_output=True, text=True, timeout=60
+        [sys.executable, "-X", "importtime", "-m", "vemlight", "--help"], capture_output=True, text=True, timeout=60
     )
     assert "Usage" in loaded.stdout
     assert not {"numba", "cv2", "numpy", "moderngl"} & {line.rsplit("|", 1)[-1].strip() for line in loaded.stderr.splitlines()}

@@ -5,18 +5,18 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
-from services.lights import Lights
-from services.sampler import cluster
-from services.sampler.cluster import FILL, clustered
-from services.sphere import angle_between
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import angle_between
+from vemlight.sampler import cluster
+from vemlight.sampler.cluster import FILL, clustered
 
 
-def lights(seed: int, count: int, spread=1.0) -> Lights:
+def lights(seed: int, count: int, spread=1.0) -> LightSet:
     generator = np.random.default_rng(seed)
     directions = generator.standard_normal((count, 3)) * [spread, spread, 1]
     directions[:, 2] = np.abs(directions[:, 2])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return Lights.of(np.arange(count), directions, generator.lognormal(0, 1, (count, 3)))
+    return LightSet.of(np.arange(count), directions, generator.lognormal(0, 1, (count, 3)))
 
 
 def labels_by_range_search(directions: np.ndarray, angle: float) -> np.ndarray:
@@ -74,7 +74,7 @@ def test_the_angle_is_found_that_uses_up_the_wanted_number(most, spread):
 def test_a_cluster_lies_at_the_mean_of_its_lights_weighted_by_power():
     directions = np.array([[0.0, 0, 1], [0.1, 0, 0.995], [1, 0, 0]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    given_lights = Lights.of(np.array([5, 7, 9]), directions, np.array([[1.0, 1, 1], [3, 3, 3], [2, 2, 2]]))
+    given_lights = LightSet.of(np.array([5, 7, 9]), directions, np.array([[1.0, 1, 1], [3, 3, 3], [2, 2, 2]]))
     _, merged = clustered(given_lights, 2, "hemisphere", cluster.NONE)
     assert merged.ids.tolist() == [5, 9]
     mean = directions[0] + 3 * directions[1]
@@ -83,7 +83,7 @@ def test_a_cluster_lies_at_the_mean_of_its_lights_weighted_by_power():
 
 
 def test_opposite_and_dark_clusters_lie_at_their_seed():
-    pair = Lights.of(np.arange(2), np.array([[1.0, 0, 0], [-1, 0, 0]]), np.ones((2, 3)))
+    pair = LightSet.of(np.arange(2), np.array([[1.0, 0, 0], [-1, 0, 0]]), np.ones((2, 3)))
     _, merged = clustered(pair, 1, "sphere", cluster.NONE)
     np.testing.assert_array_equal(merged.directions, [[1, 0, 0]])
     dark = lights(5, 30)._replace(irradiance=np.zeros((30, 3), np.float32))
@@ -110,6 +110,6 @@ def test_clusters_hold_while_lights_shake():
 
 def test_a_lone_pole_far_from_all_others_is_not_lost():
     near = np.array([[np.sin(a), 0, np.cos(a)] for a in np.linspace(0, 0.02, 50)])
-    given_lights = Lights.of(np.arange(51), np.vstack([near, [[1.0, 0, 0]]]), np.ones((51, 3)))
+    given_lights = LightSet.of(np.arange(51), np.vstack([near, [[1.0, 0, 0]]]), np.ones((51, 3)))
     _, merged = clustered(given_lights, 4, "hemisphere", cluster.NONE)
     assert np.degrees(angle_between(merged.directions.astype(float), np.array([1.0, 0, 0]))).min() < 0.1

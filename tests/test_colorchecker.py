@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from services.capture.calibrate_response import calibrate_response, gray_patches
-from services.capture.colorchecker import LIGHTNESS, chart_from_corners, find_chart, gray_codes
-from services.capture.lens import Lens, direction_from_pixel
-from services.capture.response import Log, Response, Srgb, code_from_radiance
-from services.files import BadInput
-from services.images import read_codes
-from services.sphere import rotation_xyz
+from vemlight.capture.calibration.colorchecker import LIGHTNESS, chart_from_corners, find_chart, gray_codes
+from vemlight.capture.calibration.response_fit import calibrate_response, gray_patches
+from vemlight.capture.lens import Lens, direction_from_pixel
+from vemlight.capture.response import Log, Response, Srgb, code_from_radiance
+from vemlight.errors import UserError
+from vemlight.light.images import read_codes
+from vemlight.light.sphere import rotation_xyz
 
 CELL, WIDE = 80, 66  # pixels from patch to patch, and of a patch, in the drawn chart
 LOG12 = Log(bits=12, a=600.0, b=210.0, c=0.05, luminance_scale=1.0)
@@ -113,7 +113,7 @@ GRID = np.pad(np.kron(np.ones((4, 6)), np.pad(np.full((60, 60), 2000.0), 10)), 4
     ids=["black", "white", "noise", "chessboard", "even patches"],
 )
 def test_no_chart_is_refused(frame: np.ndarray) -> None:
-    with pytest.raises(BadInput, match="no ColorChecker was found"):
+    with pytest.raises(UserError, match="no ColorChecker was found"):
         find_chart(frame.astype(np.uint16))
 
 

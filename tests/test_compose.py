@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from services.channels import SERVICES
-from services.settings import read_settings
-from services.sockets import endpoint
+from vemlight.runtime.channels import SERVICES
+from vemlight.runtime.transport import endpoint
+from vemlight.settings import read_settings
 
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).parents[1]

@@ -9,12 +9,12 @@ from pathlib import Path
 import moderngl
 import pytest
 
-from services.files import BadInput
-from services.renderer import programs
-from services.renderer.programs import GL_VARIABLES, open_context
+from vemlight.errors import UserError
+from vemlight.renderer.gl import programs
+from vemlight.renderer.gl.programs import GL_VARIABLES, open_context
 
 OPEN = """
-from services.renderer.programs import context_info, open_context
+from vemlight.renderer.gl.programs import context_info, open_context
 opened = open_context()
 print(opened.through, "|", context_info(opened.context))
 """
@@ -49,7 +49,7 @@ def machine(monkeypatch):
 
 
 def one_line(*words: str) -> None:
-    with pytest.raises(BadInput) as caught:
+    with pytest.raises(UserError) as caught:
         open_context()
     assert "\n" not in str(caught.value)
     for word in words:

@@ -2,12 +2,12 @@
 import numpy as np
 import pytest
 
-from services.sampler import control
-from services.sampler.control import FADE_S, HOLD_S, LESSON_S, WELL_BELOW, affordable, faded, held, ladder, need, prefix_errors
-from services.sampler.density import light_map
-from services.sampler.points import points
-from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from services.sampler.warp import warp_from_map
+from vemlight.sampler import control
+from vemlight.sampler.control import FADE_S, HOLD_S, LESSON_S, WELL_BELOW, affordable, faded, held, ladder, need, prefix_errors
+from vemlight.sampler.density import light_map
+from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.warps.points import points
+from vemlight.sampler.warps.warp import warp_from_map
 
 
 def sky(sun=0.0, seed=1):

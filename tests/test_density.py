@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from services.sampler.density import FLOOR, LARGEST, light_map
-from services.sphere import cell_solid_angles, luminance, map_irradiance
+from vemlight.light.sphere import cell_solid_angles, luminance, map_irradiance
+from vemlight.sampler.density import FLOOR, LARGEST, light_map
 
 
 def test_spoilt_values_are_set_to_zero_and_counted_by_pixel():

@@ -8,15 +8,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from services import doctor
-from services.capture import v4l2
-from services.channels import SERVICES
-from services.doctor import Finding, examine
-from services.files import BadInput
-from services.renderer import programs
-from services.settings import Settings, read_settings
 from tests.conftest import with_section
 from tests.test_cli import vemlight
+from vemlight.capture import v4l2
+from vemlight.commands import doctor
+from vemlight.commands.doctor import Finding, examine
+from vemlight.errors import UserError
+from vemlight.renderer.gl import programs
+from vemlight.runtime.channels import SERVICES
+from vemlight.settings import Settings, read_settings
 
 
 def found(settings: Settings, what: str) -> list[Finding]:
@@ -64,7 +64,7 @@ def test_gl_says_version_and_way(settings):
 
 def test_no_gl_is_said_with_its_mend(settings, monkeypatch):
     def refuse():
-        raise BadInput("no OpenGL 4.3 (EGL: libEGL.so.1 not loaded; X server :0: cannot open display); install it: apt-get install libegl1")
+        raise UserError("no OpenGL 4.3 (EGL: libEGL.so.1 not loaded; X server :0: no display); install it: apt-get install libegl1")
 
     monkeypatch.setattr(programs, "open_context", refuse)
     finding = one(settings, "OpenGL")

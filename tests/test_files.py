@@ -3,7 +3,8 @@
 import msgspec
 import pytest
 
-from services.files import BadInput, read_toml, written_whole
+from vemlight.errors import UserError
+from vemlight.files import read_toml, written_whole
 
 
 class Thing(msgspec.Struct, forbid_unknown_fields=True):
@@ -18,14 +19,14 @@ def test_a_record_is_read(tmp_path):
 @pytest.mark.parametrize("content", [b"size = ", b"size = 'a'", b"wide = 1", b"\xff\xfe", b"\x00"])
 def test_what_is_no_record_is_one_line_with_the_files_name(tmp_path, content):
     (tmp_path / "t.toml").write_bytes(content)
-    with pytest.raises(BadInput, match=r"t\.toml") as told:
+    with pytest.raises(UserError, match=r"t\.toml") as told:
         read_toml(tmp_path / "t.toml", Thing)
     assert len(str(told.value).splitlines()) == 1
 
 
 def test_files_that_are_not_there(tmp_path):
     for path in (tmp_path / "absent.toml", tmp_path):
-        with pytest.raises(BadInput, match="cannot be read"):
+        with pytest.raises(UserError, match="cannot be read"):
             read_toml(path, Thing)
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from services.sampler.filter import EMPTY, Frame, filtered
-from services.sampler.taps import taps_from_settings
-from services.settings import Sampler as Settings
+from vemlight.sampler.temporal.filter import EMPTY, Frame, filtered
+from vemlight.sampler.temporal.taps import taps_from_settings
+from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
 

@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.capture.fisheye import fisheye_to_polar
-from services.capture.lens import Lens, direction_from_pixel, pixel_from_direction, pixel_solid_angles
-from services.capture.scatter import polar_from_fisheye
-from services.sphere import angle_between, cell_directions, cell_solid_angles, map_irradiance, rotation_xyz
+from vemlight.capture.fisheye import fisheye_to_polar
+from vemlight.capture.lens import Lens, direction_from_pixel, pixel_from_direction, pixel_solid_angles
+from vemlight.capture.scatter import polar_from_fisheye
+from vemlight.light.sphere import angle_between, cell_directions, cell_solid_angles, map_irradiance, rotation_xyz
 
 ROWS, COLS = 45, 180
 TILT = tuple(tuple(map(float, row)) for row in rotation_xyz((25, -10, 40)))

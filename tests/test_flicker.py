@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from services.sampler.density import light_map
-from services.sampler.flicker import FEWEST, FRAMES, NONE, block_powers, with_frame, without_flicker
+from vemlight.sampler.density import light_map
+from vemlight.sampler.temporal.flicker import FEWEST, FRAMES, NONE, block_powers, with_frame, without_flicker
 
 
 def watch(times, power):

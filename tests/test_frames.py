@@ -6,18 +6,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.capture import fisheye, scatter, shares
-from services.capture import lens as lens_module
-from services.capture.camera import fisheye_radiance
-from services.capture.fisheye import colour_lattices
-from services.capture.frames import FrameMaker, strong_cells
-from services.capture.lens import Lens, pixel_angles, pixel_solid_angles, vignetting_from_angle, write_lens
-from services.capture.response import Log, code_from_radiance, write_response
-from services.capture.surround import Disc, Surround
-from services.files import BadInput
-from services.images import write_exr
-from services.settings import Capture
-from services.sphere import angle_between, cell_directions, direction_from_angles, luminance, map_irradiance
+from vemlight.capture import fisheye, scatter
+from vemlight.capture import lens as lens_module
+from vemlight.capture import pixel_overlap as shares
+from vemlight.capture.fisheye import colour_lattices
+from vemlight.capture.frames import FrameMaker, strong_cells
+from vemlight.capture.lens import Lens, pixel_angles, pixel_solid_angles, vignetting_from_angle, write_lens
+from vemlight.capture.response import Log, code_from_radiance, write_response
+from vemlight.capture.simulation.environment import Disc, Environment
+from vemlight.capture.simulation.virtual_camera import fisheye_radiance
+from vemlight.errors import UserError
+from vemlight.light.images import write_exr
+from vemlight.light.sphere import angle_between, cell_directions, direction_from_angles, luminance, map_irradiance
+from vemlight.settings import Capture
 
 LENS = Lens(size=(512, 512), f=(151.0, 151.0), c=(255.3, 255.8), k1=-0.008, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0)
 B = 65535 / np.log(1e10)
@@ -49,7 +50,7 @@ def test_sun_keeps_power_and_place_at_any_position(maker: FrameMaker) -> None:
     for _ in range(25):
         direction = direction_from_angles(np.arccos(rng.uniform(0.02, 1)), rng.uniform(0, 2 * np.pi))
         sun = Disc(direction, np.radians(0.135), np.array([4.0, 4.0, 4.0]))
-        codes = code_from_radiance(fisheye_radiance(Surround(DARK, [sun]), np.eye(3), LENS), RESPONSE)
+        codes = code_from_radiance(fisheye_radiance(Environment(DARK, [sun]), np.eye(3), LENS), RESPONSE)
         frame = maker.frame_from_codes("sun", codes, None, 0.0)
         np.testing.assert_allclose(map_irradiance(frame.radiance, "hemisphere"), 4.0, rtol=0.005)
         # a pixel is 0.38 degrees here and a sun inside one has that pixel's place: half of its diagonal
@@ -129,7 +130,7 @@ def test_code_above_the_response_is_refused(tmp_path: Path) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_response(tmp_path / "response.toml", msgspec.structs.replace(RESPONSE, bits=12))
     codes = np.full((512, 512), 5000, np.uint16)
-    with pytest.raises(BadInput, match="code 5000 and the response 12 bits"):
+    with pytest.raises(UserError, match="code 5000 and the response 12 bits"):
         FrameMaker(Capture(), tmp_path).frame_from_codes("raw", codes, "mono", 0.0)
 
 
@@ -144,7 +145,7 @@ def test_flat_field_takes_the_place_of_vignetting(tmp_path: Path) -> None:
     # the axis itself is known from some hundred pixels with 5 % spots
     np.testing.assert_allclose(frame.radiance, 0.3, rtol=0.015)
     write_exr(tmp_path / "flat.exr", np.ones((4, 4), np.float32))
-    with pytest.raises(BadInput, match="flat"):
+    with pytest.raises(UserError, match="flat"):
         FrameMaker(Capture(), tmp_path).frame("even", image, {}, 0.0)
 
 

@@ -5,17 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services import wire
-from services.lights import Lights
-from services.renderer import shadows
-from services.renderer.gloss import MOST, NEIGHBOURS, spread, weak_rows
-from services.renderer.regions import light_regions
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.renderer.stage import RendererStage
-from services.settings import Renderer as Settings
-from services.settings import Settings as AllSettings
-from services.sphere import direction_from_angles
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.passes.gloss.gloss import MOST, NEIGHBOURS, spread, weak_rows
+from vemlight.renderer.passes.lights.light_regions import light_regions
+from vemlight.renderer.passes.shadow_maps import shadow_maps as shadows
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.renderer.stage import RendererStage
+from vemlight.runtime import wire
+from vemlight.settings import Renderer as Settings
+from vemlight.settings import Settings as AllSettings
 
 CAMERA = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\nfov_y = 30.0\n"
 METAL = "material = {base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = 0.25}"
@@ -24,7 +24,7 @@ SPHERE = '[[mesh]]\nshape = "sphere"\nscale = 0.6\nat = [0.0, 0.0, 0.8]\n'
 GROUND = '[[mesh]]\nshape = "plane"\nscale = 3.0\n'
 
 
-def pictures(folder: Path, text: str, *sets: tuple[Lights, Lights | None], **wanted) -> list[np.ndarray]:
+def pictures(folder: Path, text: str, *sets: tuple[LightSet, LightSet | None], **wanted) -> list[np.ndarray]:
     (folder / "scene.toml").write_text(CAMERA + text)
     renderer = Renderer(load_scene(folder / "scene.toml"), Settings(**{"width": 64, "height": 64, "shadow_map": 128, **wanted}))
     made = [renderer.render(*pair).copy() for pair in sets]
@@ -32,17 +32,17 @@ def pictures(folder: Path, text: str, *sets: tuple[Lights, Lights | None], **wan
     return made
 
 
-def sky(count: int, lowest_z: float = 0.0) -> Lights:
+def sky(count: int, lowest_z: float = 0.0) -> LightSet:
     """Radiance 1 from all directions above lowest_z."""
     z = lowest_z + (1 - lowest_z) * (np.arange(count) + 0.5) / count
     directions = direction_from_angles(np.arccos(z), np.arange(count) * np.pi * (3 - np.sqrt(5)))
-    return Lights.of(np.arange(count), directions, np.full((count, 3), 2 * np.pi * (1 - lowest_z) / count))
+    return LightSet.of(np.arange(count), directions, np.full((count, 3), 2 * np.pi * (1 - lowest_z) / count))
 
 
-def random_lights(count: int, seed: int) -> Lights:
+def random_lights(count: int, seed: int) -> LightSet:
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(count, 3)) * [1, 1, 1] + [0, 0, 1]
-    return Lights.of(np.arange(count), directions / np.linalg.norm(directions, axis=1, keepdims=True), rng.uniform(0, 1, (count, 3)))
+    return LightSet.of(np.arange(count), directions / np.linalg.norm(directions, axis=1, keepdims=True), rng.uniform(0, 1, (count, 3)))
 
 
 @pytest.mark.parametrize("frame_ms", [0.0, 1e4])
@@ -60,7 +60,7 @@ def test_a_second_set_like_the_first_changes_nothing(tmp_path, material, frame_m
 def test_more_strong_lights_than_the_atlas_holds_share_their_cones_too(tmp_path, monkeypatch):
     lights = random_lights(NEIGHBOURS, 3)
     monkeypatch.setattr(shadows, "MAX_ATLAS_SIDE", 256)  # 2 x 2 tiles of 128
-    many = Lights.of(np.arange(12), np.repeat(lights.directions, 3, axis=0), np.repeat(lights.irradiance, 3, axis=0) / 3)
+    many = LightSet.of(np.arange(12), np.repeat(lights.directions, 3, axis=0), np.repeat(lights.irradiance, 3, axis=0) / 3)
     one, two = pictures(tmp_path, SPHERE + METAL, (lights, None), (many._replace(ids=np.arange(12)), lights))
     inside = one[..., 3] > 0
     # the first four of twelve hold two of the directions: a sphere alone has no shadow but its own terminator
@@ -92,9 +92,9 @@ def test_lambert_and_wide_lobes_do_not_ask_the_second_set(tmp_path):
 @pytest.mark.parametrize("power", [0.0, 1e6])
 def test_darkness_and_a_huge_sun(tmp_path, power):
     directions, powers = np.array([[0, 0, 1], [0.6, 0, 0.8], [0, -0.6, 0.8]]), np.array([[power], [1], [0]]) * np.ones(3)
-    weak = Lights.of(np.arange(3), directions, powers)
-    strong = Lights.of(np.arange(2), directions[:2], powers[:2])
-    none = Lights.none()
+    weak = LightSet.of(np.arange(3), directions, powers)
+    strong = LightSet.of(np.arange(2), directions[:2], powers[:2])
+    none = LightSet.none()
     for image in pictures(tmp_path, SPHERE + METAL, (strong, weak), (strong, none), (none, weak), (none, none)):
         assert np.all(np.isfinite(image))
         assert image.min() >= 0
@@ -154,7 +154,7 @@ def test_the_stage_draws_the_fine_lights_of_a_message(tmp_path):
     wanted = Settings(scene=str(tmp_path / "scene.toml"), width=64, height=64, shadow_map=128, picture="linear16")
     stage = RendererStage(AllSettings(renderer=wanted))
     strong, weak = random_lights(5, 1), random_lights(40, 2)
-    header = wire.Lights(stamp=wire.stamp(0, 0.0), count=5, fine=40, coverage="sphere", delay_ms=0.0, delay_frames=0.0)
+    header = wire.LightsMessage(stamp=wire.stamp(0, 0.0), count=5, fine=40, coverage="sphere", delay_ms=0.0, delay_frames=0.0)
     state, _ = stage.step(stage.begin(0)[0], (header, (*strong, weak.directions, weak.irradiance)))
     alone, both = pictures(tmp_path, SPHERE + METAL, (strong, None), (strong, weak))
     assert state.picture is not None

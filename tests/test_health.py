@@ -6,10 +6,10 @@ from contextlib import contextmanager
 import pytest
 import zmq
 
-from services import health, wire
-from services.settings import Settings, Wire
-from services.sockets import Wires, admit
-from services.tally import Tally
+from vemlight.runtime import health, wire
+from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.transport import Transport, admit
+from vemlight.settings import Settings, Wire
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def speaking(settings, *messages):
     stop, ready = threading.Event(), threading.Event()
 
     def speak():
-        wires = Wires(settings.wire)
+        wires = Transport(settings.wire)
         publisher = wires.bind("sampler", "publish")
         ready.set()
         while not stop.wait(0.02):

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.files import BadInput
-from services.images import read_codes, read_radiance, write_exr, write_png
+from vemlight.errors import UserError
+from vemlight.light.images import read_codes, read_radiance, write_exr, write_png
 
 RADIANCE = np.random.default_rng(0).lognormal(0, 3, (5, 7, 3)).astype(np.float32)
 
@@ -53,7 +53,7 @@ def test_what_is_no_radiance_is_one_line_with_its_name(tmp_path, name):
     (tmp_path / "folder.exr").mkdir()
     for file in ("a.exr", "a.hdr", "a.jpg"):
         (tmp_path / file).write_bytes(b"no image at all\n" * 9)
-    with pytest.raises(BadInput, match=name) as told:
+    with pytest.raises(UserError, match=name) as told:
         read_radiance(tmp_path / name)
     assert len(str(told.value).splitlines()) == 1
 
@@ -77,7 +77,7 @@ def test_a_damaged_file_is_an_image_or_one_line(tmp_path_factory, data):
         found, told = RADIANCE, "read"
         try:
             found, _ = read_radiance(path)
-        except BadInput as error:
+        except UserError as error:
             told = str(error)
         assert len(told.splitlines()) == 1
         assert (found.ndim, found.shape[2], found.dtype) == (3, 3, np.float32)

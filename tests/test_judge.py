@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.judge import CIRCLES, PROBES, TURNS, Points, judge, relative_rms, relative_rms_rgb
-from services.sampler.probes import probes
+from vemlight.sampler.probes import probes
 
 GRAY = np.ones((1, 3))
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.capture.lens import (
+from vemlight.capture.lens import (
     Lens,
     check_lens,
     direction_from_pixel,
@@ -18,8 +18,8 @@ from services.capture.lens import (
     read_lens,
     write_lens,
 )
-from services.files import BadInput
-from services.sphere import angle_between, direction_from_angles, rotation_xyz
+from vemlight.errors import UserError
+from vemlight.light.sphere import angle_between, direction_from_angles, rotation_xyz
 
 
 def make_lens(size: int = 200, rim_deg: float = 95.0, **changes: object) -> Lens:
@@ -103,7 +103,7 @@ def test_missing_key_is_named(tmp_path: Path, key: str) -> None:
     path = tmp_path / "lens.toml"
     write_lens(path, make_lens())
     path.write_text("".join(line for line in path.read_text().splitlines(True) if not line.startswith(f"{key} ")))
-    with pytest.raises(BadInput, match=f"lens.toml.*{key}"):
+    with pytest.raises(UserError, match=f"lens.toml.*{key}"):
         read_lens(path)
 
 
@@ -123,7 +123,7 @@ def test_missing_key_is_named(tmp_path: Path, key: str) -> None:
 def test_no_lens_at_all_is_refused(tmp_path: Path, changes: dict, word: str) -> None:
     path = tmp_path / "lens.toml"
     write_lens(path, msgspec.structs.replace(make_lens(), **changes))
-    with pytest.raises(BadInput, match=word):
+    with pytest.raises(UserError, match=word):
         read_lens(path)
 
 
@@ -131,5 +131,5 @@ def test_unknown_key_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "lens.toml"
     write_lens(path, make_lens())
     path.write_text(path.read_text() + "k5 = 0.0\n")
-    with pytest.raises(BadInput, match="k5"):
+    with pytest.raises(UserError, match="k5"):
         read_lens(path)

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.capture.lens import Lens, write_lens
-from services.capture.response import Linear, write_response
-from services.capture.source import Live, open_source
-from services.capture.v4l2 import list_cameras
-from services.files import BadInput
-from services.settings import Capture
+from vemlight.capture.lens import Lens, write_lens
+from vemlight.capture.response import Linear, write_response
+from vemlight.capture.source import Live, open_source
+from vemlight.capture.v4l2 import list_cameras
+from vemlight.errors import UserError
+from vemlight.settings import Capture
 
 pytestmark = pytest.mark.skipif(not any("vivid" in camera.card for camera in list_cameras()), reason="no vivid test device here")
 LENS = Lens(size=(320, 180), f=(55.0, 55.0), c=(159.5, 89.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0)
@@ -56,7 +56,7 @@ def test_recording_replays_to_the_same_maps(tmp_path: Path, form: str, bits: int
 
 
 def test_lens_of_another_size_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="lens file is for 320x180"):
+    with pytest.raises(UserError, match="lens file is for 320x180"):
         Live(live_settings(tmp_path, width=640, height=360))
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from services.lights import read_lights
 from tests.conftest import LOADED_S, wait_until
+from vemlight.light.light_set import read_lights
 
 CHAIN = ("capture", "sampler", "renderer")
 
@@ -20,12 +20,12 @@ def lines(path: Path) -> int:
 
 def run_chain(services, path: Path, out: Path, kills=()) -> None:
     """Runs the three services until the last is done; each of `kills` is (service, when that many pictures are there)."""
-    running = {name: services.start(f"services.{name}", str(path)) for name in CHAIN}
+    running = {name: services.start(f"vemlight.{name}", str(path)) for name in CHAIN}
     for name, pictures in kills:
         wait_until(lambda pictures=pictures: lines(out / "manifest.jsonl") >= pictures, f"picture {pictures}")
         os.kill(running[name].pid, signal.SIGKILL)
         assert running[name].wait() == -signal.SIGKILL, f"{name} had ended before it could be killed"
-        running[name] = services.start(f"services.{name}", str(path))
+        running[name] = services.start(f"vemlight.{name}", str(path))
     _, errors = running["renderer"].communicate(timeout=LOADED_S)
     assert running["renderer"].returncode == 0, errors.decode()
     for name in ("capture", "sampler"):
@@ -71,7 +71,7 @@ def test_random_bytes_at_every_socket_disturb_nothing(make_settings, services, t
     out = tmp_path / "out"
     settings, path = make_settings(mode="lossless", out=str(out))
     junk = random.Random(5)
-    running = {name: services.start(f"services.{name}", str(path)) for name in CHAIN}
+    running = {name: services.start(f"vemlight.{name}", str(path)) for name in CHAIN}
     wait_until(lambda: lines(out / "manifest.jsonl") >= 2, "picture 2")
     context = zmq.Context()
     for file in sorted(Path(settings.wire.folder).glob("*.[sp]*e*")):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from services.renderer.luminaire.bases import SUPPORT_CELLS, basis, compact_dual, dual_value, gram_row, overlap, span_dual
+from vemlight.renderer.luminaire.bases import SUPPORT_CELLS, basis, compact_dual, dual_value, gram_row, overlap, span_dual
 
 KINDS = list(SUPPORT_CELLS)
 X = np.linspace(-12, 12, 48_001)  # steps of 1/2000, which meet every knot

@@ -5,11 +5,12 @@ from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from services.renderer.luminaire.bases import Kind
-from services.renderer.luminaire.estimator import halton, interleaving, receivers, shade
-from services.renderer.luminaire.lightfield import LightField, irradiance
-from services.renderer.luminaire.occlusion import blocked, hierarchy_of
-from services.renderer.luminaire.tables import (
+from vemlight.light.sphere import luminance
+from vemlight.renderer.luminaire.bases import Kind
+from vemlight.renderer.luminaire.estimator import halton, interleaving, receivers, shade
+from vemlight.renderer.luminaire.lightfield import LightField, irradiance
+from vemlight.renderer.luminaire.occlusion import blocked, hierarchy_of
+from vemlight.renderer.luminaire.tables import (
     axis_box,
     box_density,
     invert_box,
@@ -19,7 +20,6 @@ from services.renderer.luminaire.tables import (
     table_at,
     tables_of,
 )
-from services.sphere import luminance
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

@@ -5,11 +5,11 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from services.files import BadInput
-from services.images import write_exr
-from services.renderer.luminaire import luminaire_file
-from services.renderer.luminaire.lightfield import LightField
-from services.renderer.luminaire.luminaire_file import HEADER, read_luminaire, write_luminaire
+from vemlight.errors import UserError
+from vemlight.light.images import write_exr
+from vemlight.renderer.luminaire import luminaire_file
+from vemlight.renderer.luminaire.lightfield import LightField
+from vemlight.renderer.luminaire.luminaire_file import HEADER, read_luminaire, write_luminaire
 
 
 def a_field() -> LightField:
@@ -64,7 +64,7 @@ NAN = np.full((5, 7, 3), np.nan, np.float32)
 ])
 def test_a_file_with_a_fault_is_refused_in_one_line(tmp_path, fault, said):
     rewritten(tmp_path / "bad.exr", **fault)
-    with pytest.raises(BadInput, match=said) as caught:
+    with pytest.raises(UserError, match=said) as caught:
         read_luminaire(tmp_path / "bad.exr")
     assert "bad.exr" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -72,15 +72,15 @@ def test_a_file_with_a_fault_is_refused_in_one_line(tmp_path, fault, said):
 
 def test_what_is_no_luminaire_is_refused(tmp_path):
     write_exr(tmp_path / "plain.exr", np.zeros((4, 4, 3), np.float32))
-    with pytest.raises(BadInput, match="without the attribute"):
+    with pytest.raises(UserError, match="without the attribute"):
         read_luminaire(tmp_path / "plain.exr")
-    with pytest.raises(BadInput, match="no such file"):
+    with pytest.raises(UserError, match="no such file"):
         read_luminaire(tmp_path / "none.exr")
-    with pytest.raises(BadInput, match="change the suffix"):
+    with pytest.raises(UserError, match="change the suffix"):
         write_luminaire(tmp_path / "a.png", a_field())
     write_luminaire(tmp_path / "cut.exr", a_field())
     data = (tmp_path / "cut.exr").read_bytes()
     for length in (0, 3, 40, len(data) // 3, len(data) - 9):
         (tmp_path / "cut.exr").write_bytes(data[:length])
-        with pytest.raises(BadInput, match=r"cut\.exr"):
+        with pytest.raises(UserError, match=r"cut\.exr"):
             read_luminaire(tmp_path / "cut.exr")

@@ -3,21 +3,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services import wire
-from services.files import BadInput
-from services.lights import Lights
-from services.renderer.luminaire.bases import Kind
-from services.renderer.luminaire.cells import cell_views, half_way, median_pixel
-from services.renderer.luminaire.illumination import MapAtlas
-from services.renderer.luminaire.lightfield import LightField, irradiance
-from services.renderer.luminaire.luminaire_file import write_luminaire
-from services.renderer.luminaire.placement import placed
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.settings import Renderer as Settings
-from services.sphere import quaternion_xyz
+from vemlight.errors import UserError
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import quaternion_xyz
+from vemlight.renderer.luminaire.bases import Kind
+from vemlight.renderer.luminaire.cells import cell_views, half_way, median_pixel
+from vemlight.renderer.luminaire.lightfield import LightField, irradiance
+from vemlight.renderer.luminaire.luminaire_file import write_luminaire
+from vemlight.renderer.passes.luminaires.illumination import MapAtlas
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.luminaire_table import placed
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.runtime import wire
+from vemlight.settings import Renderer as Settings
 
-DARK = Lights.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+DARK = LightSet.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 SIZE = 48
 FROM_ABOVE = "[camera]\nfrom = [0.0, 0.0, 40.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 4.0\n"  # 2.8 m of the ground
 GROUND = '[[mesh]]\nshape = "plane"\nscale = 4.0\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n'
@@ -42,7 +42,7 @@ def scene_with(folder: Path, text: str, field: LightField | None = None):
     return load_scene(folder / "scene.toml")
 
 
-def picture(scene, lights: Lights = DARK, samples: int = 1, move=None) -> np.ndarray:
+def picture(scene, lights: LightSet = DARK, samples: int = 1, move=None) -> np.ndarray:
     renderer = Renderer(scene, Settings(width=SIZE, height=SIZE, shadow_map=64), samples)
     try:
         if move:
@@ -145,7 +145,7 @@ def test_auto_chooses_by_the_bound(tmp_path):
 
 
 def test_luminaires_add_up_with_each_other_and_with_the_lights(tmp_path):
-    sky = Lights.of(np.arange(1), np.array([[0.0, 0.6, 0.8]]), np.ones((1, 3)))
+    sky = LightSet.of(np.arange(1), np.array([[0.0, 0.6, 0.8]]), np.ones((1, 3)))
     other = LAMP.replace("at = [0.0, 0.0, 1.5]", "at = [0.5, 0.2, 1.0]")
     one, two, both = (picture(scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamps)) for lamps in (LAMP, other, LAMP + other))
     lit = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + BALL), sky)
@@ -236,7 +236,7 @@ def test_a_far_field_lights_by_the_inverse_square(tmp_path):
     ('[[luminaire]]\nfile = "lamp.exr"\nshadows = "soft"\n', "shadows"),
 ])
 def test_a_bad_table_is_refused(tmp_path, text, said):
-    with pytest.raises(BadInput, match=said) as caught:
+    with pytest.raises(UserError, match=said) as caught:
         scene_with(tmp_path, FROM_ABOVE + GROUND + text)
     assert "\n" not in str(caught.value)
 

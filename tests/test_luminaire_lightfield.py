@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from services.renderer.luminaire.bases import Kind, basis, compact_dual, span_dual
-from services.renderer.luminaire.lightfield import LightField, far_intensity, flux, irradiance, radiance
-from services.renderer.luminaire.measuring import Equipment, Planes, field_from_radiance
+from vemlight.renderer.luminaire.bases import Kind, basis, compact_dual, span_dual
+from vemlight.renderer.luminaire.lightfield import LightField, far_intensity, flux, irradiance, radiance
+from vemlight.renderer.luminaire.measuring import Equipment, Planes, field_from_radiance
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from services.renderer.luminaire.bases import span_dual
-from services.renderer.luminaire.bench import Lamp, lamp_radiance, lamp_rays, measured_lamp
-from services.renderer.luminaire.lightfield import flux, irradiance
-from services.renderer.luminaire.measuring import Planes, Rays, field_from_rays, rounded, waist_z_m
-from services.sphere import luminance
+from vemlight.light.sphere import luminance
+from vemlight.renderer.luminaire.bases import span_dual
+from vemlight.renderer.luminaire.goniophotometer import Lamp, lamp_radiance, lamp_rays, measured_lamp
+from vemlight.renderer.luminaire.lightfield import flux, irradiance
+from vemlight.renderer.luminaire.measuring import Planes, Rays, field_from_rays, rounded, waist_z_m
 
 PLANES = Planes("bell", 0.0075, 11, 11, 0.05, (0.1, 0.1), 20, 20)
 LAMP = Lamp(radiance=(5.0, 4.0, 3.0))

@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.files import BadInput
-from services.renderer.luminaire.photometry import FarField, intensity, read_photometry, total_flux_lm
-from services.sphere import direction_from_angles
+from vemlight.errors import UserError
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.luminaire.photometry import FarField, intensity, read_photometry, total_flux_lm
 
 GAMMA = np.arange(0, 181, 5.0)
 
@@ -93,7 +93,7 @@ def test_intensity_is_the_table_at_its_angles():
 @pytest.mark.parametrize("text", ["", "TILT=NONE", "TILT=NONE\n1 2 3", "TILT=lamp.tlt\n1", "TILT=NONE\n" + "nan " * 300])
 def test_a_broken_lm63_is_refused(tmp_path, text):
     (tmp_path / "bad.ies").write_text(text)
-    with pytest.raises(BadInput, match=r"bad\.ies") as caught:
+    with pytest.raises(UserError, match=r"bad\.ies") as caught:
         read_photometry(tmp_path / "bad.ies")
     assert "\n" not in str(caught.value)
 
@@ -104,7 +104,7 @@ def test_a_broken_lm63_is_refused(tmp_path, text):
 ])
 def test_a_broken_eulumdat_is_refused(tmp_path, spoil):
     (tmp_path / "bad.ldt").write_text(spoil(eulumdat(0, symmetric(0, stored(0)))))
-    with pytest.raises(BadInput, match=r"bad\.ldt"):
+    with pytest.raises(UserError, match=r"bad\.ldt"):
         read_photometry(tmp_path / "bad.ldt")
 
 

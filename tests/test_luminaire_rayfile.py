@@ -4,11 +4,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.files import BadInput
-from services.renderer.luminaire.lightfield import flux
-from services.renderer.luminaire.measuring import Planes, field_from_rays, waist_z_m
-from services.renderer.luminaire.rayfile import HEADER, TEXT_BYTES, TEXTS, colour_of_spectrum, read_rays
-from services.sphere import luminance
+from vemlight.errors import UserError
+from vemlight.light.sphere import luminance
+from vemlight.renderer.luminaire.lightfield import flux
+from vemlight.renderer.luminaire.measuring import Planes, field_from_rays, waist_z_m
+from vemlight.renderer.luminaire.rayfile import HEADER, TEXT_BYTES, TEXTS, colour_of_spectrum, read_rays
 
 LED = "luminaire/rayfile_LERTDUW_S2WP_green_100k_20161013_IES_TM25.TM25RAY"
 
@@ -69,7 +69,7 @@ def test_a_damaged_header_is_refused(tmp_path, fields):
     path = ray_file(tmp_path / "bad.tm25ray", rows, fields.pop("flags", LUMINOUS), **({"rays": len(rows)} | fields))
     if fields.get("rays") == 3:  # the third ray would begin in the padding of the texts
         path.write_bytes(path.read_bytes()[: HEADER.itemsize + 56])
-    with pytest.raises(BadInput, match=r"bad\.tm25ray"):
+    with pytest.raises(UserError, match=r"bad\.tm25ray"):
         read_rays(path)
 
 
@@ -77,7 +77,7 @@ def test_a_damaged_header_is_refused(tmp_path, fields):
 def test_rays_that_cannot_be_are_refused(tmp_path, column, value):
     rows = ROWS.copy()
     rows[1, column] = value
-    with pytest.raises(BadInput, match="nan, negative"):
+    with pytest.raises(UserError, match="nan, negative"):
         read_rays(ray_file(tmp_path / "bad.tm25ray", rows, LUMINOUS))
 
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from services.renderer.luminaire import shift_invariant
-from services.renderer.luminaire.lightfield import LightField, irradiance
-from services.renderer.luminaire.shift_invariant import error_bound, good_enough, radiance_images, relative_error
+from vemlight.renderer.luminaire import shift_invariant
+from vemlight.renderer.luminaire.lightfield import LightField, irradiance
+from vemlight.renderer.luminaire.shift_invariant import error_bound, good_enough, radiance_images, relative_error
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

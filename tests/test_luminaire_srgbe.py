@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from services.renderer.luminaire.srgbe import printed_rgb_from_srgbe, printed_srgbe_from_rgb, rgb_from_srgbe, srgbe_from_rgb
+from vemlight.renderer.luminaire.srgbe import printed_rgb_from_srgbe, printed_srgbe_from_rgb, rgb_from_srgbe, srgbe_from_rgb
 
 
 def error(rgb, decoded):

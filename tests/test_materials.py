@@ -8,13 +8,13 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from bench.renderer_truth import first_hits, near_edges, scene_tree, unshadowed, visible
-from services.files import BadInput
-from services.lights import Lights
-from services.renderer.materials import Ggx, MaterialTable, Phong, material_from_table
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.settings import Renderer as Settings
-from services.sphere import direction_from_angles
+from vemlight.errors import UserError
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.materials import Ggx, MaterialTable, Phong, material_from_table
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.settings import Renderer as Settings
 
 CAMERA = "[camera]\nfrom = [0.0, -4.0, 3.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 30.0\n"
 ABOVE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 11.0\n"  # sees x, y from -0.963 to 0.963
@@ -25,17 +25,17 @@ def scene_of(folder: Path, text: str, camera: str = CAMERA):
     return load_scene(folder / "scene.toml")
 
 
-def drawn(scene, lights: Lights, width: int = 64, height: int = 64) -> np.ndarray:
+def drawn(scene, lights: LightSet, width: int = 64, height: int = 64) -> np.ndarray:
     renderer = Renderer(scene, Settings(width=width, height=height, shadow_map=128))
     picture = renderer.render(lights).copy()
     renderer.release()
     return picture
 
 
-def sky(count: int) -> Lights:
+def sky(count: int) -> LightSet:
     """Radiance 1 from the upper hemisphere."""
     k = np.arange(count) + 0.5
-    return Lights.of(k, direction_from_angles(np.arccos(k / count), k * np.pi * (3 - np.sqrt(5))), np.full((count, 3), 2 * np.pi / count))
+    return LightSet.of(k, direction_from_angles(np.arccos(k / count), k * np.pi * (3 - np.sqrt(5))), np.full((count, 3), 2 * np.pi / count))
 
 
 @pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
@@ -49,7 +49,7 @@ def test_ggx_is_the_formula_of_gltf(tmp_path, metallic, roughness):
         direction = direction_from_angles(theta, phi)
         seen = visible(tree, hits, direction, 1.0)
         truth = unshadowed(scene, hits, direction, np.ones(3)) * seen[..., None]
-        picture = drawn(scene, Lights.of(np.zeros(1), direction[None], np.ones((1, 3))))[..., :3]
+        picture = drawn(scene, LightSet.of(np.zeros(1), direction[None], np.ones((1, 3))))[..., :3]
         inside = ~(near_edges(seen, 2) | near_edges(hits.triangle >= 0, 1))
         assert np.abs(picture - truth)[inside].max() < 5e-3 * max(truth.max(), 0.1)
 
@@ -72,7 +72,7 @@ def test_keys_of_two_kinds_do_not_mix(tmp_path):
     assert material_from_table(MaterialTable()) == Phong()
     assert material_from_table(MaterialTable(base_color=(1, 0, 0))) == Ggx((1, 0, 0))
     for keys in ("diffuse = [0.1, 0.1, 0.1], roughness = 0.5", "metallic = 1.0", "base_color = [1.0, 1.0, 1.0], exponent = 3.0"):
-        with pytest.raises(BadInput, match="either diffuse"):
+        with pytest.raises(UserError, match="either diffuse"):
             scene_of(tmp_path, f'[[mesh]]\nshape = "box"\nmaterial = {{{keys}}}')
 
 
@@ -141,7 +141,7 @@ def test_a_normal_map_turns_the_normal_towards_its_axes(tmp_path, camera, code, 
     below = "-10.0]" in camera
     for direction in ((0.6, 0.0, 0.8), (-0.6, 0.0, 0.8), (0.0, 0.6, 0.8), (0.0, -0.6, 0.8)):
         light = np.array(direction) * [1, 1, -1 if below else 1]
-        value = drawn(scene, Lights.of(np.zeros(1), light[None], np.ones((1, 3))), 8, 8)[4, 4, 0]
+        value = drawn(scene, LightSet.of(np.zeros(1), light[None], np.ones((1, 3))), 8, 8)[4, 4, 0]
         cosine = max(float(np.dot(normal, light)) * (-1 if below else 1), 0.0)
         # Lambert's share of the white, rough dielectric: 0.96 / pi and a specular part of a percent or two of the light
         assert value == pytest.approx(cosine / np.pi, abs=0.03)
@@ -151,7 +151,7 @@ def test_a_mirrored_normal_map_turns_the_other_way(tmp_path):
     bumpy_quad(tmp_path, (230, 128, 204), mirrored=True)
     scene = scene_of(tmp_path, '[[mesh]]\nfile = "quad.glb"\ny_up = false', ABOVE)
     left, right = (
-        drawn(scene, Lights.of(np.zeros(1), np.array([[x, 0.0, 0.8]]), np.ones((1, 3))), 8, 8)[4, 4, 0] for x in (-0.6, 0.6)
+        drawn(scene, LightSet.of(np.zeros(1), np.array([[x, 0.0, 0.8]]), np.ones((1, 3))), 8, 8)[4, 4, 0] for x in (-0.6, 0.6)
     )
     assert left > 0.25
     assert right < 0.03
@@ -171,7 +171,7 @@ def test_vertex_colours_are_linear_in_gltf_and_coded_elsewhere(tmp_path):
     faces, colours = [[0, 1, 2], [0, 2, 3]], np.array([[255, 128, 0, 255]] * 4, np.uint8)
     trimesh.Trimesh(corners, faces, vertex_colors=colours, process=False).export(tmp_path / "quad.ply")
     trimesh.Trimesh(corners, faces, vertex_colors=colours, process=False).export(tmp_path / "quad.glb")
-    light = Lights.of(np.zeros(1), np.array([[0.0, 0.0, 1.0]]), np.full((1, 3), np.pi))
+    light = LightSet.of(np.zeros(1), np.array([[0.0, 0.0, 1.0]]), np.full((1, 3), np.pi))
     for name, green in (("quad.ply", 0.2159), ("quad.glb", 128 / 255)):
         text = f'[[mesh]]\nfile = "{name}"\ny_up = false\n'
         assert drawn(scene_of(tmp_path, text, ABOVE), light, 4, 4)[2, 2, :3] == pytest.approx([1, green, 0], abs=2e-3)

@@ -4,10 +4,10 @@ import trimesh
 from PIL import Image
 from trimesh.visual import TextureVisuals
 
-from services.files import BadInput
-from services.renderer.materials import Texture
-from services.renderer.mesh_files import read_meshes
-from services.renderer.meshes import clean_geometry, shape_geometry
+from vemlight.errors import UserError
+from vemlight.renderer.scene.materials import Texture
+from vemlight.renderer.scene.mesh_files import read_meshes
+from vemlight.renderer.scene.meshes import clean_geometry, shape_geometry
 
 
 def face_normals(geometry) -> np.ndarray:
@@ -126,7 +126,7 @@ def test_a_huge_texture_is_made_smaller(tmp_path):
 )
 def test_points_alone_and_nothing_at_all_are_one_line(tmp_path, text):
     (tmp_path / "mesh.ply").write_text(text)
-    with pytest.raises(BadInput, match=r"^here: .*mesh\.ply") as caught:
+    with pytest.raises(UserError, match=r"^here: .*mesh\.ply") as caught:
         read_meshes(tmp_path / "mesh.ply", "here")
     assert "\n" not in str(caught.value)
 

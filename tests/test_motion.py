@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.capture.motion import motion
-from services.files import BadInput
+from vemlight.capture.simulation.motion import motion
+from vemlight.errors import UserError
 
 
 def write(path: Path, *keys: str) -> Path:
@@ -34,5 +34,5 @@ def test_one_key_rests(tmp_path: Path) -> None:
     "keys", [[], ["time_s = 1\nrotate_deg = [0, 0, 0]", "time_s = 1\nrotate_deg = [0, 0, 1]"], ["time_s = 1\nrotate_deg = [0]"]]
 )
 def test_bad_keys(tmp_path: Path, keys: list[str]) -> None:
-    with pytest.raises(BadInput, match=r"k\.toml"):
+    with pytest.raises(UserError, match=r"k\.toml"):
         motion(0.0, write(tmp_path / "k.toml", *keys))

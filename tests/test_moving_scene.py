@@ -10,11 +10,11 @@ from urllib.request import Request, urlopen
 import av
 import numpy as np
 
-from services import wire
-from services.images import read_radiance
 from tests.conftest import LOADED_S
 from tests.test_animation import Film
 from tests.test_supervise import Ear, children, run  # noqa: F401, run is a fixture
+from vemlight.light.images import read_radiance
+from vemlight.runtime import wire
 
 CAMERA = "[camera]\nfrom = [0.0, -7.0, 4.0]\nat = [0.0, 0.0, 1.0]\n"
 GROUND = '[[mesh]]\nshape = "plane"\nscale = 3.0\n'
@@ -26,9 +26,9 @@ def wish(port: int, **wanted) -> None:
         assert answer.status == 200
 
 
-def heard(ear: Ear, true: Callable[[wire.Image], object] = lambda image: True) -> wire.Image:
-    image = ear.next(wire.Image, true)
-    assert isinstance(image, wire.Image)
+def heard(ear: Ear, true: Callable[[wire.ImageMessage], object] = lambda image: True) -> wire.ImageMessage:
+    image = ear.next(wire.ImageMessage, true)
+    assert isinstance(image, wire.ImageMessage)
     return image
 
 

@@ -5,16 +5,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from services import wire
-from services.beside import Nearest, Together
-from services.demand import Supply
-from services.files import BadInput
-from services.plate.films import open_pictures
-from services.plate.stage import PlateSource
-from services.settings import Plate, read_settings
-from services.sockets import Wires, admit
-from services.tally import Tally
 from tests.conftest import wait_until
+from vemlight.errors import UserError
+from vemlight.plate.stage import PlateSource
+from vemlight.plate.video_source import open_pictures
+from vemlight.runtime import wire
+from vemlight.runtime.demand import Supply
+from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.sync import Lockstep, NearestInTime
+from vemlight.runtime.transport import Transport, admit
+from vemlight.settings import Plate, read_settings
 
 SIZE = 64, 48
 FRAMES = 12
@@ -59,9 +59,9 @@ def test_what_is_no_film_is_one_clear_line(tmp_path, film):
     (tmp_path / "pictures").mkdir()
     (tmp_path / "pictures" / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
     for name in ("missing", "empty", "noise.mp4", "cut.avi", "short.avi"):
-        with pytest.raises(BadInput, match=name.partition(".")[0]):
+        with pytest.raises(UserError, match=name.partition(".")[0]):
             open_pictures(tmp_path / name, 25.0)
-    with pytest.raises(BadInput, match=r"a\.png"):
+    with pytest.raises(UserError, match=r"a\.png"):
         open_pictures(tmp_path / "pictures", 25.0).picture(0)
 
 
@@ -69,26 +69,26 @@ def test_the_film_goes_on_from_its_start(film):
     source = PlateSource(Plate(source=str(film)))
     assert source.limit is None
     header, (pixels,) = source.message(FRAMES + 2, 2, 0.0)
-    assert isinstance(header, wire.Plate)
+    assert isinstance(header, wire.PlateMessage)
     assert (header.stamp.sequence, header.width, header.height) == (FRAMES + 2, *SIZE)
     assert abs(pixels.mean() - gray_of(2)) < 3
 
 
 @pytest.fixture
 def wires(make_settings):
-    opened = Wires(make_settings()[0].wire)
+    opened = Transport(make_settings()[0].wire)
     yield opened
     opened.close()
 
 
 def plate(sequence: int, monotonic_ns: int) -> wire.Message:
     stamp = msgspec.structs.replace(wire.stamp(sequence, 0.0), monotonic_ns=monotonic_ns)
-    return wire.Plate(stamp=stamp, width=1, height=1), (np.full((1, 1, 3), sequence, np.uint8),)
+    return wire.PlateMessage(stamp=stamp, width=1, height=1), (np.full((1, 1, 3), sequence, np.uint8),)
 
 
 def test_live_the_picture_nearest_in_time_is_taken(wires):
     publisher = wires.bind("plate", "publish")
-    nearest, tally = Nearest(wires), Tally("renderer", 0)
+    nearest, tally = NearestInTime(wires), Tally("renderer", 0)
     lights = msgspec.structs.replace(wire.stamp(90, 0.0), monotonic_ns=1_000_000)
     assert nearest.to(lights, ["plate"], tally) == []
     wait_until(lambda: publisher.poll(0) or None, "the subscription")
@@ -103,7 +103,7 @@ def test_live_the_picture_nearest_in_time_is_taken(wires):
 
 def test_lossless_the_frames_of_one_number_come_together(wires):
     supplies = {name: Supply(wires.bind(name, "serve"), Tally(name, 0)) for name in ("sampler", "plate")}
-    inputs = Together(wires, ["sampler", "plate"], Tally("renderer", 0))
+    inputs = Lockstep(wires, ["sampler", "plate"], Tally("renderer", 0))
     seen = []
 
     def served() -> bool:
@@ -128,10 +128,10 @@ def test_the_service_sends_what_is_asked_for(make_settings, services, film):
     _, path = make_settings(mode="lossless", plate={"source": str(film)})
     settings = read_settings(path)
     assert settings.services[-1] == "plate"
-    services.start("services.plate", str(path))
-    wires = Wires(settings.wire)
+    services.start("vemlight.plate", str(path))
+    wires = Transport(settings.wire)
     try:
-        inputs, seen = Together(wires, ["plate"], Tally("renderer", 0)), []
+        inputs, seen = Lockstep(wires, ["plate"], Tally("renderer", 0)), []
 
         def came() -> bool:
             if frames := inputs.frames(FRAMES - 2 + len(seen)):
@@ -149,5 +149,5 @@ def test_without_a_second_camera_none_runs(make_settings):
 
 
 def test_a_camera_cannot_be_replayed(make_settings):
-    with pytest.raises(BadInput, match="/dev/video1 is a camera"):
+    with pytest.raises(UserError, match="/dev/video1 is a camera"):
         make_settings(mode="lossless", plate={"source": "/dev/video1"})

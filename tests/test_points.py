@@ -3,11 +3,11 @@ import pytest
 from scipy import stats
 from scipy.spatial import KDTree
 
-from services.sampler.density import light_map
-from services.sampler.points import RELAXED, halton, points, relaxed_halton
-from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from services.sampler.square import disc_from_square
-from services.sampler.warp import warp_from_map
+from vemlight.sampler.density import light_map
+from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.warps.points import RELAXED, halton, points, relaxed_halton
+from vemlight.sampler.warps.square import disc_from_square
+from vemlight.sampler.warps.warp import warp_from_map
 
 
 def test_halton_starts_as_written_down_by_hand():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from services.capture.polar import latlong_to_polar, overlaps, polar_from_latlong
-from services.sphere import cell_from_direction, direction_from_angles, latlong_from_direction, latlong_solid_angles, map_irradiance
+from vemlight.capture.polar import latlong_to_polar, overlaps, polar_from_latlong
+from vemlight.light.sphere import cell_from_direction, direction_from_angles, latlong_from_direction, latlong_solid_angles, map_irradiance
 
 SIZES = [(64, 128), (512, 1024), (63, 127), (30, 60)]
 

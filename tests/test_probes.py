@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from services.sampler.probes import SOFTNESS, irradiance_of_lights, irradiance_of_map, probes, seen
-from services.sphere import cell_directions, cell_solid_angles
+from vemlight.light.sphere import cell_directions, cell_solid_angles
+from vemlight.sampler.probes import SOFTNESS, irradiance_of_lights, irradiance_of_map, probes, seen
 
 
 @pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 WORK = """
-from services.progress import awaited, counted
+from vemlight.runtime.progress import awaited, counted
 with awaited("fitting the lens"):
     pass
 print(list(counted("abc", "photographs", 3)), list(counted("a", "frames", 1)))

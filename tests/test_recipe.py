@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from services.capture.recipe import cook
-from services.files import BadInput
-from services.images import read_radiance
+from vemlight.capture.simulation.recipe import cook
+from vemlight.errors import UserError
+from vemlight.light.images import read_radiance
 
 REPLAY = Path(__file__).parents[1] / "replay_data"
 
@@ -30,5 +30,5 @@ def test_bundled_sequences_are_small() -> None:
 
 def test_unknown_key_is_refused(tmp_path: Path) -> None:
     (tmp_path / "recipe.toml").write_text('scene = "sky"\nframes = 1\nfps = 24.0\nsun = 2\n')
-    with pytest.raises(BadInput, match=r"recipe\.toml.*sun"):
+    with pytest.raises(UserError, match=r"recipe\.toml.*sun"):
         cook(tmp_path, tmp_path)

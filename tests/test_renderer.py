@@ -9,16 +9,16 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 
-from services.files import BadInput, Failed
-from services.lights import Lights
-from services.renderer import shadows
-from services.renderer.programs import Programs, check_context, headless_context
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.renderer.tonemap import adapt, tone_mapped
-from services.renderer.view import clip_from_world, pixel_offsets
-from services.settings import Renderer as Settings
-from services.sphere import direction_from_angles
+from vemlight.errors import FatalError, UserError
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.gl.programs import Programs, check_context, headless_context
+from vemlight.renderer.output.tonemap import adapt, tone_mapped
+from vemlight.renderer.passes.shadow_maps import shadow_maps as shadows
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.renderer.scene.view import clip_from_world, pixel_offsets
+from vemlight.settings import Renderer as Settings
 
 WHITE = "material = {diffuse = [1.0, 1.0, 1.0]}"
 GROUND = f'[[mesh]]\nshape = "plane"\nscale = 4.0\n{WHITE}\n'
@@ -32,20 +32,20 @@ def a_scene(folder: Path, text: str):
     return load_scene(path)
 
 
-def lights_from(directions: npt.ArrayLike, irradiance: float | np.ndarray = 1.0) -> Lights:
+def lights_from(directions: npt.ArrayLike, irradiance: float | np.ndarray = 1.0) -> LightSet:
     directions = np.atleast_2d(np.asarray(directions, float))
     power = np.broadcast_to(np.asarray(irradiance, float).reshape(-1, 1), (len(directions), 3))
-    return Lights.of(np.arange(len(directions)), directions, power)
+    return LightSet.of(np.arange(len(directions)), directions, power)
 
 
-def uniform_lights(count: int, lowest_z: float) -> Lights:
-    """Lights of a sky of radiance 1 over all directions with z > lowest_z: a Fibonacci spiral of equal solid angles."""
+def uniform_lights(count: int, lowest_z: float) -> LightSet:
+    """LightSet of a sky of radiance 1 over all directions with z > lowest_z: a Fibonacci spiral of equal solid angles."""
     z = lowest_z + (1 - lowest_z) * (np.arange(count) + 0.5) / count
     phi = np.arange(count) * np.pi * (3 - np.sqrt(5))
     return lights_from(direction_from_angles(np.arccos(z), phi), 2 * np.pi * (1 - lowest_z) / count)
 
 
-def picture(scene, lights: Lights, samples: int = 1, **settings) -> np.ndarray:
+def picture(scene, lights: LightSet, samples: int = 1, **settings) -> np.ndarray:
     renderer = Renderer(scene, Settings(**{"width": 96, "height": 96, "shadow_map": 128, **settings}), samples)
     try:
         return renderer.render(lights).copy()
@@ -114,7 +114,7 @@ def test_the_picture_is_linear_in_the_lights_power(tmp_path):
 def test_pictures_of_lights_add_up():
     scene = load_scene(None)
     both = uniform_lights(8, 0.0)
-    half = [Lights(*(rows[part] for rows in both)) for part in (slice(0, 5), slice(5, 8))]
+    half = [LightSet(*(rows[part] for rows in both)) for part in (slice(0, 5), slice(5, 8))]
     total = sum(picture(scene, lights)[..., :3] for lights in half)
     assert np.allclose(total, picture(scene, both)[..., :3], rtol=1e-5, atol=1e-6)
 
@@ -285,14 +285,14 @@ def test_frames_leave_nothing_behind(frame_ms):
 
 def test_a_shader_that_fails_is_one_line():
     context = headless_context()
-    with pytest.raises(BadInput, match=r"screen\.vert \+ shade\.frag") as caught:
+    with pytest.raises(UserError, match=r"screen\.vert \+ shade\.frag") as caught:
         Programs(context).program("screen.vert", "shade.frag", MAX_LIGHTS="nonsense")
     assert "\n" not in str(caught.value)
     context.release()
 
 
 def test_a_picture_beyond_the_limit_is_refused():
-    with pytest.raises(BadInput, match="make them smaller"):
+    with pytest.raises(UserError, match="make them smaller"):
         Renderer(load_scene(None), Settings(width=10**6, height=4))
 
 
@@ -314,7 +314,7 @@ def test_the_cost_of_every_pass_is_told_on_wish(frame_ms):
 
 
 @pytest.mark.parametrize(
-    ("error", "kind", "words"), [("GL_OUT_OF_MEMORY", BadInput, "make them smaller"), ("GL_UNKNOWN_ERROR", Failed, "start again")]
+    ("error", "kind", "words"), [("GL_OUT_OF_MEMORY", UserError, "make them smaller"), ("GL_UNKNOWN_ERROR", FatalError, "start again")]
 )
 def test_a_context_that_fails_is_one_line(error, kind, words, monkeypatch):
     renderer = Renderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))

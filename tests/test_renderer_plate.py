@@ -5,23 +5,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.files import BadInput
-from services.images import write_exr, write_png
-from services.lights import Lights
-from services.renderer import scene as scene_module
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.settings import Renderer as Settings
-from services.sphere import direction_from_angles
+from vemlight.errors import UserError
+from vemlight.light.images import write_exr, write_png
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene import scene as scene_module
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.settings import Renderer as Settings
 
 CAMERA = "[camera]\nfrom = [0.0, -6.0, 4.0]\nat = [0.0, 0.0, 0.2]\nfov_y = 40.0\n"
 BOX = '[[mesh]]\nshape = "box"\nscale = 0.4\nat = [0.0, 0.0, 0.4]\n'
 CATCHER = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {catcher = true}\n'
-TORCH = Path(scene_module.__file__).parent / "luminaire" / "lamps" / "torch.exr"
+TORCH = Path(scene_module.__file__).parents[1] / "luminaire" / "lamps" / "torch.exr"
 REAL = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {diffuse = [0.5, 0.5, 0.5]}\n'
 
 
-def drawn(folder: Path, text: str, lights: Lights, **settings) -> np.ndarray:
+def drawn(folder: Path, text: str, lights: LightSet, **settings) -> np.ndarray:
     (folder / "scene.toml").write_text(CAMERA + text)
     wanted = Settings(**{"width": 64, "height": 48, "shadow_map": 128, **settings})
     renderer = Renderer(load_scene(folder / "scene.toml"), wanted, samples=4)
@@ -30,10 +30,10 @@ def drawn(folder: Path, text: str, lights: Lights, **settings) -> np.ndarray:
     return picture
 
 
-def some_lights(count: int) -> Lights:
+def some_lights(count: int) -> LightSet:
     k = np.arange(count) + 0.5
     irradiance = np.random.default_rng(2).uniform(0, 1, (count, 1)) * np.ones(3)
-    return Lights.of(k, direction_from_angles(np.arccos(k / count), k * 2.4), irradiance)
+    return LightSet.of(k, direction_from_angles(np.arccos(k / count), k * 2.4), irradiance)
 
 
 @pytest.mark.parametrize("count", [1, 12])
@@ -70,7 +70,7 @@ def test_a_plate_as_png_is_taken_to_linear_light_upright(tmp_path):
 
 def test_shadows_on_the_plate_are_dark_in_the_colours_that_they_lack(tmp_path):
     red, blue = ([0.6, 0.0, 0.8], [0.9, 0.1, 0.0]), ([-0.6, 0.0, 0.8], [0.1, 0.3, 0.9])
-    lights = Lights.of(np.arange(2), np.array([red[0], blue[0]]), np.array([red[1], blue[1]]))
+    lights = LightSet.of(np.arange(2), np.array([red[0], blue[0]]), np.array([red[1], blue[1]]))
     real, empty = drawn(tmp_path, REAL + BOX, lights), drawn(tmp_path, REAL, lights)
     write_exr(tmp_path / "plate.exr", np.full((4, 4, 3), 0.5, np.float32))
     caught = drawn(tmp_path, CATCHER + BOX, lights)
@@ -100,7 +100,7 @@ def test_a_lamp_brightens_the_plate_by_its_share_of_the_light(tmp_path, shadows,
 def test_a_plate_is_replaced_while_it_runs(tmp_path):
     (tmp_path / "scene.toml").write_text(CAMERA + CATCHER)
     renderer = Renderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=48, shadow_map=128))
-    none = Lights.none()
+    none = LightSet.none()
     assert not renderer.render(none).any()
     random = np.random.default_rng(3)
     for height, width in ((48, 64), (24, 32), (96, 128), (96, 128)):
@@ -141,5 +141,5 @@ def test_a_target_frame_time_catches_the_same_shadows(tmp_path):
 )
 def test_bad_catchers_and_plates_are_named(tmp_path, text, words):
     (tmp_path / "scene.toml").write_text(CAMERA + text)
-    with pytest.raises(BadInput, match=words):
+    with pytest.raises(UserError, match=words):
         load_scene(tmp_path / "scene.toml")

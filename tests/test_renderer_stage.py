@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services import wire
-from services.files import BadInput
-from services.renderer.stage import RendererStage, RendererState
-from services.settings import Renderer, Settings
-from services.sphere import quaternion_xyz
 from tests.test_animation import Film
 from tests.test_renderer import uniform_lights
+from vemlight.errors import UserError
+from vemlight.light.sphere import quaternion_xyz
+from vemlight.renderer.stage import RendererStage, RendererState
+from vemlight.runtime import wire
+from vemlight.settings import Renderer, Settings
 
 SCENE = """
 [camera]
@@ -34,7 +34,7 @@ shadows = "none"
 def lights_message(sequence: int, fps: float = 10.0) -> wire.Message:
     lights = uniform_lights(3, 0.0)
     none = np.zeros((0, 3), np.float32)
-    header = wire.Lights(stamp=wire.stamp(sequence, sequence / fps), count=3, coverage="hemisphere", delay_ms=0.0, delay_frames=0.0)
+    header = wire.LightsMessage(stamp=wire.stamp(sequence, sequence / fps), count=3, coverage="hemisphere", delay_ms=0.0, delay_frames=0.0)
     return header, (lights.ids, lights.directions, lights.irradiance, none, none)
 
 
@@ -46,9 +46,9 @@ def stage(tmp_path: Path) -> RendererStage:
     return RendererStage(Settings(renderer=drawing))
 
 
-def stepped(stage: RendererStage, state: RendererState, sequence: int) -> tuple[RendererState, wire.Image]:
+def stepped(stage: RendererStage, state: RendererState, sequence: int) -> tuple[RendererState, wire.ImageMessage]:
     state, (header, arrays) = stage.step(state, lights_message(sequence))
-    assert isinstance(header, wire.Image)
+    assert isinstance(header, wire.ImageMessage)
     assert wire.unpack(wire.pack(header, arrays))[0] == header
     return state, header
 
@@ -59,7 +59,7 @@ def picture_of(state: RendererState) -> np.ndarray:
 
 
 def heeded(stage: RendererStage, state: RendererState, **wish) -> RendererState:
-    return stage.heed(state, (wire.Control(**wish), ()))
+    return stage.heed(state, (wire.ControlMessage(**wish), ()))
 
 
 def test_an_image_tells_where_things_stand_and_a_pose_moves_them(stage):
@@ -95,7 +95,7 @@ def test_linear_pictures_travel_as_half_floats(tmp_path):
     stage = RendererStage(Settings(renderer=Renderer(width=32, height=24, shadow_map=64, picture="linear16")))
     header, arrays = lights_message(0)
     state, (image, (pixels, linear)) = stage.step(stage.begin(0)[0], (header, (*arrays[:2], arrays[2] * 1e7, *arrays[3:])))
-    assert isinstance(image, wire.Image)
+    assert isinstance(image, wire.ImageMessage)
     assert image.linear
     assert pixels.shape == linear.shape == (24, 32, 4)
     assert linear.dtype == np.float16
@@ -107,12 +107,12 @@ def test_linear_pictures_travel_as_half_floats(tmp_path):
 
 @pytest.mark.parametrize(("picture", "width", "fits"), [("srgb8", 4096, True), ("srgb8", 4097, False), ("linear16", 2049, False)])
 def test_a_picture_that_no_message_holds_is_refused_at_once(picture, width, fits, monkeypatch):
-    monkeypatch.setattr("services.renderer.stage.Renderer", lambda *_: None)
+    monkeypatch.setattr("vemlight.renderer.stage.Renderer", lambda *_: None)
     wanted = Settings(renderer=Renderer(width=width, height=4096, picture=picture))
     if fits:
         RendererStage(wanted)
     else:
-        with pytest.raises(BadInput, match=r"\[renderer\] width, height: .* make them smaller"):
+        with pytest.raises(UserError, match=r"\[renderer\] width, height: .* make them smaller"):
             RendererStage(wanted)
 
 

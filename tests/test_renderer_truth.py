@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bench.renderer_truth import first_hits, near_edges, scene_tree, unshadowed, visible
-from services.lights import Lights
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.settings import Renderer as Settings
-from services.sphere import direction_from_angles
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.settings import Renderer as Settings
 
 CONTACT = """
 [camera]
@@ -50,7 +50,7 @@ def test_shadows_agree_with_rays_but_for_their_edges(tmp_path, name, shadow_map)
         direction = direction_from_angles(theta, phi)
         seen = visible(tree, hits, direction, float(np.linalg.norm(scene.half)))
         truth = unshadowed(scene, hits, direction, np.ones(3)) * seen[..., None]
-        drawn = renderer.render(Lights.of(np.zeros(1), direction[None], np.ones((1, 3))))[..., :3]
+        drawn = renderer.render(LightSet.of(np.zeros(1), direction[None], np.ones((1, 3))))[..., :3]
         away = ~(near_edges(seen, 2) | near_edges(hits.triangle >= 0, 1))
         error += float(((drawn - truth)[away] ** 2).sum())
         power += float((truth[away] ** 2).sum())
@@ -72,7 +72,7 @@ def test_a_skys_small_maps_agree_with_rays_over_the_whole_picture(tmp_path):
         seen = visible(tree, hits, direction, float(np.linalg.norm(scene.half)))
         truth += unshadowed(scene, hits, direction, np.full(3, 1 / count)) * seen[..., None]
     renderer = Renderer(scene, Settings(width=width, height=height))
-    drawn = renderer.render(Lights.of(np.arange(count), directions, np.full((count, 3), 1 / count)))[..., :3]
+    drawn = renderer.render(LightSet.of(np.arange(count), directions, np.full((count, 3), 1 / count)))[..., :3]
     assert set(renderer.map_texels) == {64}
     renderer.release()
     inside = ~near_edges(hits.triangle >= 0, 1)

@@ -9,13 +9,13 @@ import pytest
 import tomli_w
 import zmq
 
-from services import wire
-from services.demand import Pull, Supply
-from services.lights import read_lights
-from services.sockets import Wires
-from services.tally import Tally
 from tests import references
 from tests.conftest import LOADED_S
+from vemlight.light.light_set import read_lights
+from vemlight.runtime import wire
+from vemlight.runtime.demand import Pull, Supply
+from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.transport import Transport
 
 
 def assert_same(seen: list[wire.Message], expected: list[wire.Message]) -> None:
@@ -23,7 +23,7 @@ def assert_same(seen: list[wire.Message], expected: list[wire.Message]) -> None:
     assert [references.without_clocks(header) for header, _ in seen] == [references.without_clocks(header) for header, _ in expected]
     for (header, arrays), (_, wanted) in zip(seen, expected, strict=True):
         for array, reference in zip(arrays, wanted, strict=True):
-            if isinstance(header, wire.Image):
+            if isinstance(header, wire.ImageMessage):
                 differs = (np.abs(array.astype(int) - reference) > 2).any(axis=-1)
                 assert differs.mean() < 1 / 200, f"picture {header.stamp.sequence}: {differs.sum()} pixels differ"
             else:
@@ -63,8 +63,8 @@ def fed(supply: Supply | None, messages: list[wire.Message], pull: Pull | None, 
 @pytest.mark.parametrize("sequence", references.SEQUENCES)
 def test_capture_alone(sequence, small, services):
     settings, path = small(sequence)
-    wires = Wires(settings.wire)
-    process = services.start("services.capture", str(path))
+    wires = Transport(settings.wire)
+    process = services.start("vemlight.capture", str(path))
     pull = Pull(wires.ask("capture"), Tally("sampler", 0))
     seen = fed(None, [], pull, references.FRAMES)
     until = time.monotonic() + 5
@@ -80,9 +80,9 @@ def test_capture_alone(sequence, small, services):
 @pytest.mark.parametrize("sequence", references.SEQUENCES)
 def test_sampler_alone(sequence, small, services):
     settings, path = small(sequence)
-    wires = Wires(settings.wire)
+    wires = Transport(settings.wire)
     supply = Supply(wires.bind("capture", "serve"), Tally("capture", 0))
-    services.start("services.sampler", str(path))
+    services.start("vemlight.sampler", str(path))
     pull = Pull(wires.ask("sampler"), Tally("renderer", 0))
     seen = fed(supply, references.recorded(sequence, "map"), pull, references.FRAMES)
     wires.close()
@@ -92,10 +92,10 @@ def test_sampler_alone(sequence, small, services):
 @pytest.mark.parametrize("sequence", references.SEQUENCES)
 def test_renderer_alone(sequence, small, services):
     settings, path = small(sequence)
-    wires = Wires(settings.wire)
+    wires = Transport(settings.wire)
     supply = Supply(wires.bind("sampler", "serve"), Tally("sampler", 0))
     ear = wires.subscribe("renderer", "image", "status")
-    process = services.start("services.renderer", str(path))
+    process = services.start("vemlight.renderer", str(path))
     assert ear.poll(LOADED_S * 1e3)  # it speaks: the subscription stands before the first picture is asked for
     lights = references.recorded(sequence, "lights")
     seen = []
@@ -105,7 +105,7 @@ def test_renderer_alone(sequence, small, services):
         supply.send(lambda k: lights[k] if k < len(lights) else None, end=len(lights))
         if ear.poll(5, zmq.POLLIN):
             message = wire.unpack(ear.recv_multipart())
-            seen += [message] if isinstance(message[0], wire.Image) else []
+            seen += [message] if isinstance(message[0], wire.ImageMessage) else []
     assert process.wait(timeout=LOADED_S) == 0  # the last service ends with the last frame
     wires.close()
     assert_same(seen, references.recorded(sequence, "image"))
@@ -115,7 +115,7 @@ def test_renderer_alone(sequence, small, services):
 def test_all_together(sequence, small, services, tmp_path):
     out = tmp_path / "out"
     _, path = small(sequence, out=str(out))
-    running = [services.start(f"services.{name}", str(path)) for name in ("capture", "sampler", "renderer")]
+    running = [services.start(f"vemlight.{name}", str(path)) for name in ("capture", "sampler", "renderer")]
     assert running[-1].wait(timeout=LOADED_S) == 0
     rows = read_lights(out / "lights.jsonl")
     assert [row.sequence for row in rows] == list(range(references.FRAMES))

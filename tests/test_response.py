@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.capture.response import (
+from vemlight.capture.response import (
     Companding,
     Linear,
     Log,
@@ -16,7 +16,7 @@ from services.capture.response import (
     read_response,
     write_response,
 )
-from services.files import BadInput
+from vemlight.errors import UserError
 
 B = 4095 / np.log(1e8)  # 12 bits over eight decades
 LOG = Log(bits=12, a=float(-B * np.log(1e-3)), b=float(B), c=1e-3)
@@ -96,5 +96,5 @@ def test_response_file_round_trip(tmp_path: Path, response: Response) -> None:
 )
 def test_no_response_at_all_is_refused(tmp_path: Path, text: str, word: str) -> None:
     (tmp_path / "response.toml").write_text(text)
-    with pytest.raises(BadInput, match=word):
+    with pytest.raises(UserError, match=word):
         read_response(tmp_path / "response.toml")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from services.sphere import angle_between, direction_from_angles, map_irradiance
+from vemlight.light.sphere import angle_between, direction_from_angles, map_irradiance
 
 pytest.importorskip("mitsuba", reason="Mitsuba is in the bench extra")
 

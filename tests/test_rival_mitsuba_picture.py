@@ -4,11 +4,11 @@ import pytest
 pytest.importorskip("mitsuba", reason="Mitsuba is in the bench extra")
 
 from bench.rivals import mitsuba_picture
-from services.lights import Lights
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.settings import Renderer as Settings
-from services.sphere import direction_from_angles
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.settings import Renderer as Settings
 
 SIZE = (48, 36)
 
@@ -25,7 +25,7 @@ def relative(picture: np.ndarray, truth: np.ndarray) -> float:
     return float(np.sqrt(np.mean((picture - truth) ** 2) / np.mean(truth**2)))
 
 
-def drawn(lights: Lights, samples: int) -> np.ndarray:
+def drawn(lights: LightSet, samples: int) -> np.ndarray:
     renderer = Renderer(load_scene(None), Settings(width=SIZE[0], height=SIZE[1], shadow_map=512), samples)
     picture = renderer.render(lights)[..., :3].copy()
     renderer.release()
@@ -34,7 +34,7 @@ def drawn(lights: Lights, samples: int) -> np.ndarray:
 
 def test_traced_lights_are_ours_but_for_the_shadows_edges():
     k = np.arange(12) + 0.5
-    lights = Lights.of(np.arange(12), direction_from_angles(np.arccos(1 - 0.9 * k / 12), 2.4 * k), np.full((12, 3), 0.3))
+    lights = LightSet.of(np.arange(12), direction_from_angles(np.arccos(1 - 0.9 * k / 12), 2.4 * k), np.full((12, 3), 0.3))
     traced = mitsuba_picture.TracedLights(mitsuba_picture.mitsuba_scene(load_scene(None), SIZE, None), SIZE)
     assert relative(traced.picture(lights), drawn(lights, 1)) < 0.02  # 0.006 measured against rays at 320 x 240
 
@@ -46,7 +46,7 @@ def test_a_map_with_one_lit_pixel_is_a_light_where_it_is(row, col):
     theta, phi = np.pi * (row + 0.5) / 32, np.pi - 2 * np.pi * (col - 0.5) / 64
     # Linear between pixels of pi / 32: a light of that pixel's solid angle, as soft as the pixel is wide.
     power = latlong[row, col - 1] * (np.pi / 32) ** 2 * np.sin(theta)
-    light = Lights.of(np.arange(1), direction_from_angles(np.array([theta]), np.array([phi])), power[None])
+    light = LightSet.of(np.arange(1), direction_from_angles(np.array([theta]), np.array([phi])), power[None])
     picture = mitsuba_picture.picture(mitsuba_picture.mitsuba_scene(load_scene(None), SIZE, latlong), 256)
     truth = drawn(light, 16)
     assert picture.sum(axis=(0, 1)) == pytest.approx(truth.sum(axis=(0, 1)), rel=0.05)

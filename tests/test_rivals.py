@@ -10,11 +10,11 @@ from bench.rivals.median_cut import median_cut, variance_minimisation
 from bench.rivals.penrose import penrose
 from bench.rivals.q2tree import DEPTH, q2tree, quadrilaterals
 from bench.rivals.structured import structured
-from services.lights import Lights
-from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from services.sphere import Coverage, angle_between, cell_solid_angles, direction_from_angles, map_irradiance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, angle_between, cell_solid_angles, direction_from_angles, map_irradiance
+from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 
-Method = Callable[[np.ndarray, Coverage, int], Lights]
+Method = Callable[[np.ndarray, Coverage, int], LightSet]
 METHODS: list[Method] = [median_cut, variance_minimisation, kollig_keller, structured, q2tree, penrose]
 BY_REGION: list[Method] = METHODS[:5]
 

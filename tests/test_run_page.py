@@ -6,9 +6,9 @@ import signal
 
 import pytest
 
-from services import wire
 from tests.conftest import CHROMIUM, LOADED_S
 from tests.test_supervise import Ear, children, run  # noqa: F401, run is a fixture
+from vemlight.runtime import wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
 
@@ -19,16 +19,16 @@ def test_the_page_of_a_run(run, browser):  # noqa: F811
     page = browser.new_page()
     page.set_default_timeout(LOADED_S * 1e3)
     try:
-        ear.next(wire.Image)
+        ear.next(wire.ImageMessage)
         page.goto(f"http://127.0.0.1:{settings.viewer.port}")
         page.locator("#picture[data-shown]").wait_for(state="attached")
         page.locator("#disc[data-shown]").wait_for(state="attached")
-        ear.next(wire.Lights, lambda lights: lights.count == 16)
+        ear.next(wire.LightsMessage, lambda lights: lights.count == 16)
 
         page.locator("#count-number").fill("33")
         page.locator("#count-number").press("Enter")
-        ear.next(wire.Lights, lambda lights: lights.count == 33)
-        ear.next(wire.Image, lambda image: image.lights == 33)
+        ear.next(wire.LightsMessage, lambda lights: lights.count == 33)
+        ear.next(wire.ImageMessage, lambda image: image.lights == 33)
 
         renderer = children(process.pid)["renderer"]
         os.kill(renderer, signal.SIGSTOP)
@@ -39,7 +39,7 @@ def test_the_page_of_a_run(run, browser):  # noqa: F811
             """() => [...document.querySelectorAll("article")].some(card => card.querySelector("h3").textContent === "renderer"
                 && /restarts\\s*1/.test(card.textContent.replace(/\\s+/g, " ")) && /live/.test(card.textContent))"""
         )
-        ear.next(wire.Image, lambda image: image.lights == 33)  # the wish outlives the renderer
+        ear.next(wire.ImageMessage, lambda image: image.lights == 33)  # the wish outlives the renderer
     finally:
         page.close()
         ear.close()

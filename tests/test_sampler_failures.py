@@ -6,10 +6,10 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from services.sampler.score import score
-from services.sampler.step import initial_state, step
-from services.settings import Sampler as Settings
-from services.sphere import angle_between, direction_from_angles, map_irradiance
+from vemlight.light.sphere import angle_between, direction_from_angles, map_irradiance
+from vemlight.sampler.score import score
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
 

@@ -6,24 +6,24 @@ import sys
 import numpy as np
 import pytest
 
-from services import wire
-from services.sampler.stage import SamplerStage
-from services.settings import Sampler, Settings
+from vemlight.runtime import wire
+from vemlight.sampler.stage import SamplerStage
+from vemlight.settings import Sampler, Settings
 
 FIRST_MAP = """
 import sys
 import numpy as np
-from services import wire
-from services.sampler.stage import SamplerStage
-from services.settings import Sampler, Settings
+from vemlight.runtime import wire
+from vemlight.sampler.stage import SamplerStage
+from vemlight.settings import Sampler, Settings
 
 def compiled():
-    modules = [module for name, module in sys.modules.items() if name.startswith("services.")]
+    modules = [module for name, module in sys.modules.items() if name.startswith("vemlight.")]
     return {f"{name}{loop.signatures}" for module in modules for name, loop in vars(module).items() if hasattr(loop, "signatures")}
 
 stage = SamplerStage(Settings(sampler=Sampler(method=sys.argv[1])))
 ready = compiled()
-header = wire.Map(stamp=wire.stamp(0, 0.0), rows=6, cols=24, coverage="hemisphere", strong=1)
+header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=6, cols=24, coverage="hemisphere", strong=1)
 arrays = np.ones((6, 24, 3), np.float32), np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32), np.ones(1, np.float32)
 stage.step(stage.begin(0)[0], wire.unpack(wire.pack(header, arrays)))
 assert ready and compiled() == ready, compiled() - ready
@@ -41,8 +41,8 @@ def test_the_filters_delay_goes_out_in_frames_and_in_ms(name, frames) -> None:
     stage = SamplerStage(Settings(sampler=Sampler(method="havran-azimuth", filter=name, count=4)))
     state, _ = stage.begin(0)
     for k in range(6):
-        header = wire.Map(stamp=wire.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere")
+        header = wire.MapMessage(stamp=wire.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere")
         arrays = np.ones((6, 24, 3), np.float32), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
         state, (made, _) = stage.step(state, (header, arrays))
-    assert isinstance(made, wire.Lights)
+    assert isinstance(made, wire.LightsMessage)
     assert (made.delay_frames, made.delay_ms) == pytest.approx((frames, frames * 40))

@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as limits
 from hypothesis import strategies as st
 
-from services.sampler.step import initial_state, irradiance, step
-from services.settings import Sampler as Settings
-from services.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+from vemlight.light.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+from vemlight.sampler.step import initial_state, irradiance, step
+from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
 

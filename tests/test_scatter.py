@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
-from services.capture.fisheye import PARTS, colour_lattices, fisheye_to_polar, lit_spans
-from services.capture.lens import Lens
-from services.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
-from services.sphere import map_irradiance
+from vemlight.capture.fisheye import PARTS, colour_lattices, fisheye_to_polar, lit_spans
+from vemlight.capture.lens import Lens
+from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
+from vemlight.light.sphere import map_irradiance
 
 LENS = Lens(size=(220, 200), f=(57.0, 57.5), c=(109.2, 99.6), k1=-0.01, k2=0.001, k3=0.0, k4=0.0, rim_deg=95.0)
 WEIGHTS = fisheye_to_polar(LENS, 45, 180, "hemisphere")

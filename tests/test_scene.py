@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.files import BadInput
-from services.renderer.scene import load_scene
+from vemlight.errors import UserError
+from vemlight.renderer.scene.scene import load_scene
 
 CAMERA = "[camera]\nfrom = [0.0, -4.0, 2.0]\nat = [0.0, 0.0, 0.0]\n"
 
@@ -82,7 +82,7 @@ def test_gltf_is_y_up_without_being_told(tmp_path):
 )
 def test_bad_scenes_end_in_one_line_that_says_where(tmp_path, mesh, words):
     path = scene_file(tmp_path, mesh) if mesh != "mesh = []" else scene_file(tmp_path, CAMERA, camera="mesh = []")
-    with pytest.raises(BadInput) as caught:
+    with pytest.raises(UserError) as caught:
         load_scene(path)
     text = str(caught.value)
     assert "\n" not in text
@@ -99,7 +99,7 @@ def test_bad_scenes_end_in_one_line_that_says_where(tmp_path, mesh, words):
 )
 def test_meshes_that_cannot_be_drawn_are_named(tmp_path, vertices, words):
     one_triangle(tmp_path, vertices)
-    with pytest.raises(BadInput, match=words) as caught:
+    with pytest.raises(UserError, match=words) as caught:
         load_scene(scene_file(tmp_path, '[[mesh]]\nfile = "mesh.obj"'))
     assert "mesh.obj" in str(caught.value)
     assert "[[mesh]] 1" in str(caught.value)
@@ -109,10 +109,10 @@ def test_meshes_that_cannot_be_drawn_are_named(tmp_path, vertices, words):
 def test_random_bytes_and_empty_files_are_bad_input(tmp_path, suffix):
     for data in (b"", np.random.default_rng(3).bytes(2000)):
         (tmp_path / f"mesh.{suffix}").write_bytes(data)
-        with pytest.raises(BadInput):
+        with pytest.raises(UserError):
             load_scene(scene_file(tmp_path, f'[[mesh]]\nfile = "mesh.{suffix}"'))
 
 
 def test_a_camera_must_look_somewhere(tmp_path):
-    with pytest.raises(BadInput, match="camera"):
+    with pytest.raises(UserError, match="camera"):
         load_scene(scene_file(tmp_path, '[[mesh]]\nshape = "box"', camera="[camera]\nfrom = [1.0, 1.0, 1.0]\nat = [1.0, 1.0, 1.0]"))

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from services.lights import Lights
-from services.sampler.score import Score, score, text
-from services.sphere import cell_directions, cell_solid_angles, direction_from_angles
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import cell_directions, cell_solid_angles, direction_from_angles
+from vemlight.sampler.score import Score, score, text
 
 
 def radiance(seed=1):
@@ -12,11 +12,11 @@ def radiance(seed=1):
 
 def all_cells(of):
     irradiance = (of * cell_solid_angles(12, 24, "hemisphere")[:, None, None]).reshape(-1, 3)
-    return Lights.of(np.arange(288), cell_directions(12, 24, "hemisphere").reshape(-1, 3), irradiance)
+    return LightSet.of(np.arange(288), cell_directions(12, 24, "hemisphere").reshape(-1, 3), irradiance)
 
 
 def one(theta_deg=30.0, phi_deg=40.0, power=1.0, ident=0):
-    return Lights.of(np.array([ident]), direction_from_angles(np.radians(theta_deg), np.radians(phi_deg))[None], np.full((1, 3), power))
+    return LightSet.of(np.array([ident]), direction_from_angles(np.radians(theta_deg), np.radians(phi_deg))[None], np.full((1, 3), power))
 
 
 def test_a_light_for_every_cell_is_perfect():
@@ -46,7 +46,7 @@ def test_motion_jumps_births_and_deaths_are_counted_by_id():
     assert result.motion_worst_deg == pytest.approx(20, abs=1e-3)
     assert result.motion_deg == pytest.approx((2 + 20 + 0) / 3, abs=1e-3)
     assert (result.jumps, result.births, result.deaths) == (1 / 4, 1 / 4, 1 / 4)
-    result = score([(m, lights) for lights in (Lights.none(), one(), one(), one(), one())])
+    result = score([(m, lights) for lights in (LightSet.none(), one(), one(), one(), one())])
     assert (result.births, result.deaths) == (1 / 4, 0)
 
 

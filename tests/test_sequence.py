@@ -5,8 +5,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from services.capture.sequence import MANIFEST, check_digest, file_entry, frame_paths, read_manifest
-from services.files import BadInput
+from vemlight.capture.sequence import MANIFEST, check_digest, file_entry, frame_paths, read_manifest
+from vemlight.errors import UserError
 
 
 def touch(folder: Path, *names: str) -> None:
@@ -31,13 +31,13 @@ def test_half_written_frames_are_left_out(tmp_path: Path) -> None:
 
 def test_gap_names_the_missing_number(tmp_path: Path) -> None:
     touch(tmp_path, "f_0007.exr", "f_0008.exr", "f_0010.exr")
-    with pytest.raises(BadInput, match=r"frame 0009 is missing after f_0008.exr"):
+    with pytest.raises(UserError, match=r"frame 0009 is missing after f_0008.exr"):
         frame_paths(tmp_path)
 
 
 def test_empty_folder_is_refused(tmp_path: Path) -> None:
     touch(tmp_path, "notes.txt")
-    with pytest.raises(BadInput, match="holds no"):
+    with pytest.raises(UserError, match="holds no"):
         frame_paths(tmp_path)
 
 
@@ -62,7 +62,7 @@ def test_a_last_line_cut_short_costs_no_frame_before_it(tmp_path: Path, kept: in
     (tmp_path / MANIFEST).write_bytes(first + b"\n" + second[:kept])
     assert [entry.name for entry in read_manifest(tmp_path)] == ["a.exr"]
     (tmp_path / MANIFEST).write_bytes(second[:40] + b"\n" + first + b"\n")  # within the list it is damage
-    with pytest.raises(BadInput, match="line 1"):
+    with pytest.raises(UserError, match="line 1"):
         read_manifest(tmp_path)
 
 
@@ -71,7 +71,7 @@ def test_one_flipped_bit_is_noticed(tmp_path: Path) -> None:
     write_manifest(tmp_path, "a.exr")
     entry = read_manifest(tmp_path)[0]
     (tmp_path / "a.exr").write_bytes(b"`.exr")
-    with pytest.raises(BadInput, match=r"a\.exr: is not what was recorded"):
+    with pytest.raises(UserError, match=r"a\.exr: is not what was recorded"):
         check_digest(tmp_path / "a.exr", entry.sha256)
 
 
@@ -79,7 +79,7 @@ def test_frame_that_is_gone_is_named(tmp_path: Path) -> None:
     touch(tmp_path, "a.exr", "b.exr")
     write_manifest(tmp_path, "a.exr", "b.exr")
     (tmp_path / "b.exr").unlink()
-    with pytest.raises(BadInput, match=r"b\.exr is missing"):
+    with pytest.raises(UserError, match=r"b\.exr is missing"):
         read_manifest(tmp_path)
 
 
@@ -97,5 +97,5 @@ def test_frame_that_is_gone_is_named(tmp_path: Path) -> None:
 def test_hostile_manifest_is_one_error(tmp_path: Path, line: bytes) -> None:
     touch(tmp_path, "a.exr")
     (tmp_path / MANIFEST).write_bytes(line)
-    with pytest.raises(BadInput, match=MANIFEST):
+    with pytest.raises(UserError, match=MANIFEST):
         read_manifest(tmp_path)

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from services.files import BadInput
-from services.settings import Capture, Renderer, Sampler, Settings, check_settings, read_settings, record
+from vemlight.errors import UserError
+from vemlight.settings import Capture, Renderer, Sampler, Settings, check_settings, read_settings, record
 
 SECTIONS = {name: kind for name, kind in get_type_hints(Settings).items() if isinstance(kind, type) and issubclass(kind, msgspec.Struct)}
 KEYS = [(section, key) for section, kind in SECTIONS.items() for key in get_type_hints(kind)]
@@ -49,7 +49,7 @@ def test_paths_are_relative_to_the_file_but_devices_are_not(tmp_path):
     ],
 )
 def test_what_is_wrong_is_named_in_one_line(tmp_path, text, words):
-    with pytest.raises(BadInput) as told:
+    with pytest.raises(UserError) as told:
         read_settings(written(tmp_path, text))
     line = str(told.value)
     assert "\n" not in line
@@ -63,7 +63,7 @@ def test_any_value_anywhere_is_taken_or_refused_in_one_line(tmp_path, chosen):
     told = "taken"
     try:
         check_settings(read_settings(written(tmp_path, text)))
-    except BadInput as error:
+    except UserError as error:
         told = str(error)
     assert len(told.splitlines()) == 1
 
@@ -81,6 +81,6 @@ def test_options_of_a_command_line_are_named_as_there():
         (Renderer, {"shadow_map": 1}, ("--shadow_map", "16")),
         (Sampler, {"method": "tracked", "filter": "fir"}, ("filter fir", "filter auto")),
     ):
-        with pytest.raises(BadInput) as told:
+        with pytest.raises(UserError) as told:
             record(kind, values, "--")
         assert all(word in str(told.value) for word in words)

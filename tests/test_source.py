@@ -8,15 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from services.capture.lens import Lens, pixel_from_direction, write_lens
-from services.capture.response import Log, Srgb, code_from_radiance, write_response
-from services.capture.sequence import MANIFEST, file_entry
-from services.capture.source import open_source, polar_file, raw_attributes, recorded_rate
-from services.capture.v4l2 import Raw
-from services.files import BadInput
-from services.images import read_radiance, write_exr, write_png
-from services.settings import Capture
-from services.sphere import (
+from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
+from vemlight.capture.response import Log, Srgb, code_from_radiance, write_response
+from vemlight.capture.sequence import MANIFEST, file_entry
+from vemlight.capture.source import open_source, polar_file, raw_attributes, recorded_rate
+from vemlight.capture.v4l2 import Raw
+from vemlight.errors import UserError
+from vemlight.light.images import read_radiance, write_exr, write_png
+from vemlight.light.sphere import (
     angle_between,
     cell_directions,
     direction_from_angles,
@@ -25,6 +24,7 @@ from services.sphere import (
     luminance,
     map_irradiance,
 )
+from vemlight.settings import Capture
 
 LENS = Lens(size=(128, 128), f=(37.0, 37.0), c=(63.5, 63.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0)
 RESPONSE = Log(bits=12, a=1000.0, b=200.0, c=0.01, luminance_scale=179.0)
@@ -110,7 +110,7 @@ def test_changed_frame_of_a_recording_is_refused(tmp_path: Path) -> None:
     write_exr(path, np.ones((16, 32, 3), np.float32))
     (tmp_path / MANIFEST).write_bytes(msgspec.json.encode(file_entry(path, 0, 0.0)))
     write_exr(path, np.full((16, 32, 3), 2.0, np.float32))
-    with pytest.raises(BadInput, match=r"f0\.exr: is not what was recorded"):
+    with pytest.raises(UserError, match=r"f0\.exr: is not what was recorded"):
         open_source(capture(tmp_path)).frame(0)
 
 
@@ -147,7 +147,7 @@ def test_polar_file_is_a_source_of_the_same_map(tmp_path: Path) -> None:
     through = open_source(capture(tmp_path / "map.exr")).frame(0)
     assert through.radiance.tobytes() == direct.radiance.tobytes()
     assert through.luminance_scale == direct.luminance_scale == 179.0
-    with pytest.raises(BadInput, match="hemisphere of 90 x 360"):
+    with pytest.raises(UserError, match="hemisphere of 90 x 360"):
         open_source(capture(tmp_path / "map.exr", rows=45)).frame(0)
 
 
@@ -161,7 +161,7 @@ def test_truncated_files_are_named(tmp_path: Path) -> None:
     for name in ("cut.exr", "cut.hdr"):
         path = tmp_path / name
         os.truncate(path, path.stat().st_size // 2)
-        with pytest.raises(BadInput, match=name):
+        with pytest.raises(UserError, match=name):
             open_source(capture(path)).frame(0)
 
 
@@ -170,23 +170,23 @@ def test_two_sizes_are_refused(tmp_path: Path) -> None:
     write_exr(tmp_path / "f2.exr", np.ones((32, 64, 3), np.float32))
     source = open_source(capture(tmp_path))
     source.frame(0)
-    with pytest.raises(BadInput, match=r"f2\.exr: is 64x32 and the frames before it 32x16"):
+    with pytest.raises(UserError, match=r"f2\.exr: is 64x32 and the frames before it 32x16"):
         source.frame(1)
 
 
 def test_lens_of_another_size_is_refused(tmp_path: Path) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_exr(tmp_path / "f.exr", np.ones((64, 128, 3), np.float32))
-    with pytest.raises(BadInput, match="the lens file is for 128x128"):
+    with pytest.raises(UserError, match="the lens file is for 128x128"):
         open_source(capture(tmp_path / "f.exr")).frame(0)
 
 
 def test_raw_frames_want_their_files(tmp_path: Path) -> None:
     write_exr(tmp_path / "f.exr", np.ones((128, 128, 3), np.float32), {"vemlight:kind": "codes"})
-    with pytest.raises(BadInput, match=r"lens\.toml is not there"):
+    with pytest.raises(UserError, match=r"lens\.toml is not there"):
         open_source(capture(tmp_path / "f.exr")).frame(0)
     write_lens(tmp_path / "lens.toml", LENS)
-    with pytest.raises(BadInput, match=r"response\.toml is not there"):
+    with pytest.raises(UserError, match=r"response\.toml is not there"):
         open_source(capture(tmp_path / "f.exr")).frame(0)
     write_response(tmp_path / "response.toml", RESPONSE)
     open_source(capture(tmp_path / "f.exr")).frame(0)
@@ -197,7 +197,7 @@ def test_what_is_no_code_is_refused(tmp_path: Path, value: float) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_response(tmp_path / "response.toml", RESPONSE)
     write_exr(tmp_path / "f.exr", np.full((128, 128, 3), value, np.float32))
-    with pytest.raises(BadInput, match=r"f\.exr.*code"):
+    with pytest.raises(UserError, match=r"f\.exr.*code"):
         open_source(capture(tmp_path / "f.exr")).frame(0)
 
 
@@ -239,26 +239,26 @@ def test_png_that_cannot_be_raw_is_refused(tmp_path: Path) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_response(tmp_path / "response.toml", RESPONSE)
     write_png(tmp_path / "f.png", np.zeros((128, 128, 3), np.uint8))
-    with pytest.raises(BadInput, match=r"f\.png: is in colour"):
+    with pytest.raises(UserError, match=r"f\.png: is in colour"):
         open_source(capture(tmp_path / "f.png", format="RG12")).frame(0)
-    with pytest.raises(BadInput, match="format = 'XY12' is not known"):
+    with pytest.raises(UserError, match="format = 'XY12' is not known"):
         open_source(capture(tmp_path / "f.png", format="XY12"))
     write_png(tmp_path / "g.png", np.full((128, 128), 4096, np.uint16))
-    with pytest.raises(BadInput, match=r"g\.png: has code 4096 and the response 12 bits"):
+    with pytest.raises(UserError, match=r"g\.png: has code 4096 and the response 12 bits"):
         open_source(capture(tmp_path / "g.png")).frame(0)
     (tmp_path / "h.png").write_bytes((tmp_path / "g.png").read_bytes()[:40])
-    with pytest.raises(BadInput, match=r"h\.png: is no readable image"):
+    with pytest.raises(UserError, match=r"h\.png: is no readable image"):
         open_source(capture(tmp_path / "h.png")).frame(0)
 
 
 def test_unknown_kind_is_refused(tmp_path: Path) -> None:
     write_exr(tmp_path / "f.exr", np.ones((16, 32, 3), np.float32), {"vemlight:kind": "cube"})
-    with pytest.raises(BadInput, match="cube"):
+    with pytest.raises(UserError, match="cube"):
         open_source(capture(tmp_path / "f.exr")).frame(0)
 
 
 def test_what_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no such file or folder"):
+    with pytest.raises(UserError, match="no such file or folder"):
         open_source(capture(tmp_path / "nothing"))
 
 
@@ -302,7 +302,7 @@ def test_hostile_header(tmp_path: Path) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_response(tmp_path / "response.toml", RESPONSE)
     write_exr(tmp_path / "m.exr", np.ones((128, 128), np.float32), {"vemlight:kind": "codes", "vemlight:mosaic": "CMYK"})
-    with pytest.raises(BadInput, match="CMYK"):
+    with pytest.raises(UserError, match="CMYK"):
         open_source(capture(tmp_path / "m.exr")).frame(0)
     write_exr(tmp_path / "s.exr", np.ones((16, 32, 3), np.float32), {"vemlight:kind": "latlong", "whiteLuminance": -3.0})
     assert open_source(capture(tmp_path / "s.exr")).frame(0).luminance_scale is None

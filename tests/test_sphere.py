@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.renderer.animation import rotation_from_quaternion
-from services.sphere import (
+from vemlight.light.sphere import (
     Coverage,
     angle_between,
     angles_from_direction,
@@ -22,6 +21,7 @@ from services.sphere import (
     quaternion_xyz,
     rotation_xyz,
 )
+from vemlight.renderer.scene.animation import rotation_from_quaternion
 
 X, Y, Z = np.eye(3)
 ANGLES = st.floats(-720, 720)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.sampler.square import (
+from vemlight.sampler.warps.square import (
     BLOCK,
     area_from_direction,
     cosine_and_sine,

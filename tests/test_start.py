@@ -4,17 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from services.files import BadInput, Failed
-from services.settings import Settings
-from services.start import start
+from vemlight.errors import FatalError, UserError
+from vemlight.runtime.start import start
+from vemlight.settings import Settings
 
 
 @pytest.mark.parametrize(
     ("error", "status", "lines"),
     [
         (None, 0, []),
-        (BadInput("here: is wrong; mend it"), 2, ["vemlight: here: is wrong; mend it"]),
-        (Failed("the card was reset; start again"), 1, ["vemlight: the card was reset; start again"]),
+        (UserError("here: is wrong; mend it"), 2, ["vemlight: here: is wrong; mend it"]),
+        (FatalError("the card was reset; start again"), 1, ["vemlight: the card was reset; start again"]),
     ],
 )
 def test_how_it_ends(error, status, lines, capsys):

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 import zmq
 
-from services import supervise, wire
-from services.lights import read_lights
-from services.settings import Settings, Viewer, read_settings
-from services.sockets import Wires
-from services.supervise import GIVE_UP, RUN_FOLDER
 from tests.conftest import LOADED_S, wait_until
+from vemlight.light.light_set import read_lights
+from vemlight.runtime import supervise, wire
+from vemlight.runtime.supervise import GIVE_UP, RUN_FOLDER
+from vemlight.runtime.transport import Transport
+from vemlight.settings import Settings, Viewer, read_settings
 
 
 def free_port() -> int:
@@ -37,7 +37,7 @@ def children(pid: int) -> dict[str, int]:
             except OSError:
                 continue
             if parent == pid and "-m" in command:
-                found[command[command.index("-m") + 1].removeprefix("services.")] = int(folder.name)
+                found[command[command.index("-m") + 1].removeprefix("vemlight.")] = int(folder.name)
     return found
 
 
@@ -52,7 +52,7 @@ class Ear:
     """Hears what the services of a run say."""
 
     def __init__(self, settings: Settings, *kinds: str) -> None:
-        self._wires = Wires(settings.wire)
+        self._wires = Transport(settings.wire)
         self._sockets = [self._wires.subscribe(service, *kinds) for service in ("sampler", "renderer")]
 
     def next(self, kind: type, true=lambda header: True):
@@ -74,7 +74,7 @@ def run(services, make_settings):
 
     def start(*options: str, **sections) -> tuple[Settings, subprocess.Popen[bytes]]:
         settings, path = make_settings(viewer={"port": free_port()}, **sections)
-        return settings, services.start("services.cli", "run", str(path), *options)
+        return settings, services.start("vemlight", "run", str(path), *options)
 
     return start
 
@@ -103,12 +103,12 @@ def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run
     settings, process = run()
     ear = Ear(settings, "lights", "image", "status")
     try:
-        ear.next(wire.Image)
+        ear.next(wire.ImageMessage)
         before = children(process.pid)
         assert before.keys() == {"capture", "sampler", "renderer", "viewer"}
-        for service, kind in (("sampler", wire.Lights), ("renderer", wire.Image)):
+        for service, kind in (("sampler", wire.LightsMessage), ("renderer", wire.ImageMessage)):
             os.kill(before[service], signal.SIGKILL)
-            ear.next(wire.Status, lambda status, service=service: status.service == service and status.restarts == 1)
+            ear.next(wire.StatusMessage, lambda status, service=service: status.service == service and status.restarts == 1)
             ear.next(kind)
         after = children(process.pid)
         assert {name for name in after if after[name] != before[name]} == {"sampler", "renderer"}
@@ -126,7 +126,7 @@ def test_no_orphan_when_the_supervisor_itself_is_killed(run):
     settings, process = run()
     ear = Ear(settings, "status")
     try:
-        ear.next(wire.Status)
+        ear.next(wire.StatusMessage)
     finally:
         ear.close()
     started = children(process.pid)

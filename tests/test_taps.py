@@ -7,8 +7,8 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 from scipy.signal import remez
 
-from services.sampler.taps import PAPER, equiripple, taps_from_settings
-from services.settings import Sampler as Settings
+from vemlight.sampler.temporal.taps import PAPER, equiripple, taps_from_settings
+from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
 

@@ -4,11 +4,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.lights import Lights
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.renderer.tonemap import LONGEST_STEP_S, MIDDLE_GREY, TIME_CONSTANT_S, Adaptation, adapt, selected, tone_curve, tone_mapped
-from services.settings import Renderer as Settings
+from vemlight.light.light_set import LightSet
+from vemlight.renderer.output.tonemap import (
+    LONGEST_STEP_S,
+    MIDDLE_GREY,
+    TIME_CONSTANT_S,
+    Adaptation,
+    adapt,
+    selected,
+    tone_curve,
+    tone_mapped,
+)
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.settings import Renderer as Settings
 
 BLACK = np.concatenate([np.zeros((4, 4, 3), np.float32), np.ones((4, 4, 1), np.float32)], axis=-1)
 
@@ -130,7 +139,7 @@ def test_a_pictures_scale_does_not_matter_to_the_exponential_curve_either(scale:
 def test_the_shader_draws_the_same_curve(tone):
     renderer = Renderer(load_scene(None), Settings(width=48, height=36, shadow_map=32, tone=tone))
     for power in (0.0, 1e-20, 1.0, 1e9):
-        lights = Lights.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.array([[power, power / 2, power / 3]]))
+        lights = LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.array([[power, power / 2, power / 3]]))
         picture = renderer.render(lights).copy()
         state = adapt(None, picture, 0.04)
         for stops in (-4.0, 0.0, 6.0):
@@ -152,7 +161,7 @@ def test_the_shader_has_the_same_answer_to_hostile_pixels():
 @pytest.mark.parametrize(("width", "height"), [(48, 36), (320, 240), (521, 257)])  # every pixel; every second, of even and odd sizes
 def test_the_selection_on_the_gpu_is_the_one_in_numpy(width, height):
     renderer = Renderer(load_scene(None), Settings(width=width, height=height, shadow_map=32))
-    picture = renderer.render(Lights.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.ones((1, 3))))
+    picture = renderer.render(LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.ones((1, 3))))
     assert np.array_equal(renderer.selected(), selected(picture))
     assert selected(picture).shape[0] < height or height == 36
     renderer.release()

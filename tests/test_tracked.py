@@ -4,9 +4,9 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as limits
 from hypothesis import strategies as st
 
-from services.lights import Lights
-from services.sampler.tracked import Report, State, initial_tracked, tracked_step
-from services.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+from vemlight.sampler.tracking.tracked import Report, State, initial_tracked, tracked_step
 
 ROWS, COLS = 30, 120
 
@@ -19,7 +19,7 @@ def scene(seed=0, sun=0.0):
 
 def run(
     maps, count=32, coverage: Coverage = "hemisphere", smoothing=False, fps=25.0, **options
-) -> tuple[list[tuple[Lights, Report]], State]:
+) -> tuple[list[tuple[LightSet, Report]], State]:
     state, out = initial_tracked(), []
     for k, radiance in enumerate(maps):
         state, lights, report = tracked_step(count, state, radiance, coverage, k / fps, smoothing=smoothing, **options)
@@ -240,7 +240,7 @@ def test_lights_go_with_the_lamps_of_a_turning_sky():
 
 
 def test_error_falls_with_the_number_of_lights():
-    from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+    from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 
     at, errors = probes(300, "hemisphere"), []
     for count in (4, 16, 64):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from services.sampler.control import DARKEST
-from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from services.sampler.step import initial_state, step
-from services.settings import Sampler
-from services.sphere import direction_from_angles
+from vemlight.light.sphere import direction_from_angles
+from vemlight.sampler.control import DARKEST
+from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Sampler
 
 
 def sky(seed):

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from services.sampler.tracked_cells import assign
-from services.sampler.tracked_noise import NO_NOISE, with_map
-from services.sampler.tracked_tiles import grid, received, tiles_from_map
-from services.sphere import Coverage, cell_directions, luminance, map_irradiance
+from vemlight.light.sphere import Coverage, cell_directions, luminance, map_irradiance
+from vemlight.sampler.tracking.cells import assign
+from vemlight.sampler.tracking.noise import NO_NOISE, with_map
+from vemlight.sampler.tracking.tiles import grid, received, tiles_from_map
 
 NONE = np.empty((0, 5))
 

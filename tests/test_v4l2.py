@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.capture.v4l2 import FORMATS, Camera, Format, codes_from_bytes, frames_between, list_cameras
-from services.files import BadInput
+from vemlight.capture.v4l2 import FORMATS, Camera, Format, codes_from_bytes, frames_between, list_cameras
+from vemlight.errors import UserError
 
 BY_NAME = {form.name: form for form in FORMATS.values()}
 
@@ -52,7 +52,7 @@ def test_lost_frames_are_known_by_number(last: int, now: int, lost: int) -> None
 def test_what_is_no_camera_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     for path in (tmp_path / "file", tmp_path / "nothing"):
-        with pytest.raises(BadInput, match="no camera that can be opened"):
+        with pytest.raises(UserError, match="no camera that can be opened"):
             Camera(str(path))
 
 
@@ -84,5 +84,5 @@ def test_200_frames_without_an_unreported_gap(name: str) -> None:
 
 @pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")
 def test_format_that_the_camera_lacks_is_refused() -> None:
-    with pytest.raises(BadInput, match="has no format Y10-BE but"):
+    with pytest.raises(UserError, match="has no format Y10-BE but"):
         Camera("/dev/video0", form="Y10-BE")

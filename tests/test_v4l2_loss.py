@@ -9,14 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from services.capture import v4l2 as module
-from services.capture.lens import Lens, write_lens
-from services.capture.response import Linear, write_response
-from services.capture.sequence import read_manifest
-from services.capture.source import Live
-from services.capture.v4l2 import Camera
-from services.files import BadInput
-from services.settings import Capture
+from vemlight.capture import v4l2 as module
+from vemlight.capture.lens import Lens, write_lens
+from vemlight.capture.response import Linear, write_response
+from vemlight.capture.sequence import read_manifest
+from vemlight.capture.source import Live
+from vemlight.capture.v4l2 import Camera
+from vemlight.errors import UserError
+from vemlight.settings import Capture
 
 device = pytest.importorskip("linuxpy.video.device", reason="linuxpy is for Linux")
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the kernel's video interface is Linux's")
@@ -128,14 +128,14 @@ def test_a_camera_of_another_size_is_refused_when_it_comes_back(driver: Driver) 
     driver.unplug()
     assert camera.read(1.0) is None
     driver.plugged, driver.size = True, (24, 20)
-    with pytest.raises(BadInput, match="came back with Y12 24x20 instead of Y12 12x10; start again"):
+    with pytest.raises(UserError, match="came back with Y12 24x20 instead of Y12 12x10; start again"):
         camera.read(1.0)
 
 
 def test_too_few_bytes_mid_stream_are_refused(driver: Driver) -> None:
     camera = Camera("/dev/video0")
     driver.put(1, FRAME.tobytes()[:100])
-    with pytest.raises(BadInput, match="100 bytes are no frame of 12x10, which it had agreed to send"):
+    with pytest.raises(UserError, match="100 bytes are no frame of 12x10, which it had agreed to send"):
         camera.read(1.0)
 
 
@@ -166,7 +166,7 @@ def test_nothing_recorded_is_lost_when_the_camera_changes(driver: Driver, live: 
     assert live.next(1.0) is None
     assert "is gone" in live.state
     driver.plugged, driver.size = True, (24, 20)
-    with pytest.raises(BadInput, match="came back"):
+    with pytest.raises(UserError, match="came back"):
         live.next(1.0)
     live.close()
     entries = read_manifest(tmp_path / "out")
@@ -180,7 +180,7 @@ def test_a_lens_of_another_size_frees_the_camera(driver: Driver, tmp_path: Path)
     monkey = pytest.MonkeyPatch()
     monkey.setattr(module.Camera, "close", lambda self: closed.append(self.path))
     try:
-        with pytest.raises(BadInput, match="is 12x10 and the lens file is for 64x64"):
+        with pytest.raises(UserError, match="is 12x10 and the lens file is for 64x64"):
             Live(Capture(source="/dev/video0", lens=str(tmp_path / "l.toml"), response=str(tmp_path / "r.toml")))
     finally:
         monkey.undo()

@@ -7,15 +7,15 @@ import av
 import numpy as np
 import pytest
 
-from services import wire
-from services.files import BadInput
-from services.offline import write_pictures_of
-from services.renderer.album import Album
-from services.renderer.stage import RendererStage
-from services.renderer.tonemap import Adaptation
-from services.renderer.video import GROUND, video
-from services.settings import Renderer, Settings
 from tests.test_animation import Film
+from vemlight.commands.offline import write_pictures_of
+from vemlight.errors import UserError
+from vemlight.renderer.output.image_sequence import ImageSequenceWriter
+from vemlight.renderer.output.tonemap import Adaptation
+from vemlight.renderer.output.video import GROUND, video
+from vemlight.renderer.stage import RendererStage
+from vemlight.runtime import wire
+from vemlight.settings import Renderer, Settings
 
 
 def decoded(path: Path) -> tuple[list[np.ndarray], list[float], float]:
@@ -90,27 +90,27 @@ def test_a_video_that_was_not_finished_is_not_there(tmp_path):
 
 
 def test_no_picture_no_video(tmp_path):
-    with pytest.raises(BadInput, match="needs a picture"), video(tmp_path / "film.mp4", 25.0):
+    with pytest.raises(UserError, match="needs a picture"), video(tmp_path / "film.mp4", 25.0):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["film.avi", "film", "nowhere/film.mp4"])
 def test_where_no_video_can_be_is_one_line(tmp_path, name):
-    with pytest.raises(BadInput) as caught, video(tmp_path / name, 25.0):
+    with pytest.raises(UserError) as caught, video(tmp_path / name, 25.0):
         pass
     assert "\n" not in str(caught.value)
 
 
 def test_an_album_becomes_a_video_though_its_writer_was_started_again(tmp_path):
-    def add(album: Album, sequence: int) -> None:
+    def add(album: ImageSequenceWriter, sequence: int) -> None:
         picture = np.full((36, 47, 4), sequence / 10, np.float32)
         album.add(picture, flat(47, 36, (20 * sequence, 90, 200)), wire.stamp(sequence, sequence / 24), Adaptation())
 
-    album = Album(tmp_path / "out")
+    album = ImageSequenceWriter(tmp_path / "out")
     for sequence in range(5):
         add(album, sequence)
-    album = Album(tmp_path / "out")
+    album = ImageSequenceWriter(tmp_path / "out")
     for sequence in range(album.count, 9):
         add(album, sequence)
     album.write_video(tmp_path / "film.mp4")
@@ -122,7 +122,7 @@ def test_an_album_becomes_a_video_though_its_writer_was_started_again(tmp_path):
 
 
 def test_a_video_without_pictures_to_make_it_of_is_refused(tmp_path):
-    with pytest.raises(BadInput, match="set it, or use --out"):
+    with pytest.raises(UserError, match="set it, or use --out"):
         RendererStage(Settings(renderer=Renderer(video=str(tmp_path / "film.mp4"))))
 
 

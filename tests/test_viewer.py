@@ -21,14 +21,14 @@ import numpy as np
 import pytest
 import zmq
 
-from services import wire
-from services.channels import Service
-from services.lights import LightsRow
-from services.settings import Wire
-from services.sockets import Wires, admit
-from services.strong import NONE
-from services.tally import Tally
-from services.viewer.web import MAX_BODY, MAX_PAGES
+from vemlight.light.bright_cells import NONE
+from vemlight.light.light_set import LightsRow
+from vemlight.runtime import wire
+from vemlight.runtime.channels import Service
+from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.transport import Transport, admit
+from vemlight.settings import Wire
+from vemlight.viewer.web import MAX_BODY, MAX_PAGES
 
 MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
 FPS = 25.0
@@ -58,14 +58,14 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
     pixels[:, sequence % 64] = (255, 0, 0, 255)
     return {
         "capture": (
-            wire.Map(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3),
+            wire.MapMessage(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3),
             (radiance, *NONE),
         ),
         "sampler": (
-            wire.Lights(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
+            wire.LightsMessage(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
             (np.arange(count), directions, irradiance, directions[:0], irradiance[:0]),
         ),
-        "renderer": (wire.Image(stamp=stamp, width=64, height=48, lights=count, render_ms=5.0, things=THINGS), (pixels,)),
+        "renderer": (wire.ImageMessage(stamp=stamp, width=64, height=48, lights=count, render_ms=5.0, things=THINGS), (pixels,)),
     }
 
 
@@ -75,13 +75,13 @@ class MadeUpServices(threading.Thread):
     def __init__(self, settings: Wire, frames=frames_of) -> None:
         super().__init__(daemon=True)
         self.speaking: set[Service] = set(MAKERS)
-        self.wishes: list[wire.Control] = []
-        self.viewers: list[wire.Status] = []
+        self.wishes: list[wire.ControlMessage] = []
+        self.viewers: list[wire.StatusMessage] = []
         self.noise: list[list[bytes]] = []  # said once by the renderer
         self._settings, self._frames, self._stop_asked = settings, frames, threading.Event()
 
     def run(self) -> None:
-        wires = Wires(self._settings)
+        wires = Transport(self._settings)
         publishers = {service: wires.bind(service, "publish") for service in MAKERS}
         tallies = {service: Tally(service, 0) for service in MAKERS}
         viewer = wires.subscribe("viewer", "control", "status")
@@ -101,9 +101,9 @@ class MadeUpServices(threading.Thread):
                 publishers["renderer"].send_multipart(self.noise.pop())
             while viewer.poll(0, zmq.POLLIN):
                 header, _ = wire.unpack(viewer.recv_multipart())
-                if isinstance(header, wire.Control):
+                if isinstance(header, wire.ControlMessage):
                     self.wishes.append(header)
-                elif isinstance(header, wire.Status):
+                elif isinstance(header, wire.StatusMessage):
                     self.viewers.append(header)
         wires.close()
 
@@ -121,7 +121,7 @@ class Viewer:
         self.url = f"http://127.0.0.1:{self.port}"
         self.settings = folder / "vemlight.toml"
         self.settings.write_text(f'{top}\n[wire]\nfolder = "{folder}"\n[viewer]\nport = {self.port}\n{more}\n')
-        command = [sys.executable, "-m", "services.viewer", str(self.settings)]
+        command = [sys.executable, "-m", "vemlight.viewer", str(self.settings)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def said(self) -> str:
@@ -207,11 +207,11 @@ def test_a_wish_is_said_whole_and_again(viewer, others):
     wish = {"kind": "control", "count": 17, "exposure": -1.5, "filtered": None, "paused": False, "poses": []}
     assert (status, json.loads(body)) == (200, wish)
     viewer.wish(paused=True)
-    whole = wire.Control(count=17, exposure=-1.5, paused=True)
+    whole = wire.ControlMessage(count=17, exposure=-1.5, paused=True)
     eventually(lambda: others.wishes[-3:] == [whole] * 3, "the wish on its channel, again and again")
     eventually(lambda: viewer.health()["lights"]["count"] == 17, "as many lights as were wished for")
     viewer.wish(count=None, exposure=None, paused=False)
-    eventually(lambda: others.wishes[-1] == wire.Control(), "the settings' own again")
+    eventually(lambda: others.wishes[-1] == wire.ControlMessage(), "the settings' own again")
 
 
 @pytest.mark.parametrize(
@@ -273,7 +273,7 @@ def test_noise_is_counted_and_disturbs_nothing(viewer, others):
     before = viewer.health()["services"][-1]
     random = np.random.default_rng(7)
     others.noise += [[topic, random.bytes(50)] for topic in (b"image", b"status", b"end") for _ in range(3)]
-    others.noise += [wire.pack(wire.Control()), [b"endless", b""], [b"status"] * 9]
+    others.noise += [wire.pack(wire.ControlMessage()), [b"endless", b""], [b"status"] * 9]
     refused = before["refused"] + 11  # all but the control, whose topic is not subscribed to
     eventually(lambda: viewer.health()["services"][-1]["refused"] >= refused, "the noise counted")
     eventually(lambda: viewer.health()["services"][-1]["frames"] > before["frames"] + 25, "frames as before")
@@ -383,11 +383,11 @@ def test_a_viewer_that_starts_waits_for_the_pages_before_it_says_that_nothing_is
     eventually(lambda: len(others.viewers) >= 2, "two statuses")
     assert others.wishes == []
     viewer.wish(count=31)
-    eventually(lambda: others.wishes and others.wishes[0] == wire.Control(count=31), "the wish of a page that comes back")
+    eventually(lambda: others.wishes and others.wishes[0] == wire.ControlMessage(count=31), "the wish of a page that comes back")
     viewer.end()
     others.wishes.clear()
     again = Viewer(tmp_path, port=viewer.port)
-    eventually(lambda: others.wishes and others.wishes[0] == wire.Control(), "nothing, where no page comes back")
+    eventually(lambda: others.wishes and others.wishes[0] == wire.ControlMessage(), "nothing, where no page comes back")
     again.end()
     others.end()
 

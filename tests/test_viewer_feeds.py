@@ -2,7 +2,7 @@
 
 import asyncio
 
-from services.viewer.feeds import Bell, Feed
+from vemlight.viewer.feeds import Condition, Feed
 
 
 class Encoder:
@@ -17,7 +17,7 @@ class Encoder:
 def test_a_frame_is_encoded_once_for_any_number_of_readers():
     async def run() -> None:
         encode = Encoder()
-        feed = Feed(encode, Bell())
+        feed = Feed(encode, Condition())
         assert await feed.newest() == (0, b"")
         for frame in range(10):
             feed.put(frame)
@@ -30,7 +30,7 @@ def test_a_frame_is_encoded_once_for_any_number_of_readers():
 
 def test_after_waits_for_a_later_frame_and_gives_the_newest():
     async def run() -> None:
-        feed = Feed(Encoder(), Bell())
+        feed = Feed(Encoder(), Condition())
         feed.put(1)
         assert await feed.after(0) == (1, b"1")
         waiting = asyncio.gather(*(feed.after(1) for _ in range(3)))
@@ -44,7 +44,7 @@ def test_after_waits_for_a_later_frame_and_gives_the_newest():
 
 def test_a_bell_is_heard_by_who_waits_later_for_an_earlier_call():
     async def run() -> None:
-        bell = Bell()
+        bell = Condition()
         waiting = bell.wait()
         bell.ring()
         await asyncio.wait_for(waiting, 5)
@@ -54,7 +54,7 @@ def test_a_bell_is_heard_by_who_waits_later_for_an_earlier_call():
 
 def test_a_frame_that_comes_while_another_is_encoded_is_not_lost():
     async def run() -> None:
-        feed = Feed(lambda frame: str(frame).encode(), Bell())
+        feed = Feed(lambda frame: str(frame).encode(), Condition())
         feed.put(1)
         first = asyncio.create_task(feed.newest())
         await asyncio.sleep(0)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services import wire
-from services.settings import Wire
-from services.sphere import quaternion_xyz
 from tests.conftest import CHROMIUM
 from tests.test_viewer import PATIENCE_S, MadeUpServices, Viewer, eventually
+from vemlight.light.sphere import quaternion_xyz
+from vemlight.runtime import wire
+from vemlight.settings import Wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
 
@@ -98,11 +98,11 @@ def test_the_other_controls_are_heard_together(page, others):
     page.locator("#exposure").fill("-1.5")
     page.locator("#filtered").click()
     page.get_by_role("button", name="Pause").click()
-    eventually(lambda: others.wishes[-1] == wire.Control(count=72, exposure=-1.5, filtered=False, paused=True), "all of them")
+    eventually(lambda: others.wishes[-1] == wire.ControlMessage(count=72, exposure=-1.5, filtered=False, paused=True), "all of them")
     page.locator("#sky-cover").get_by_text("paused: this frame is held").wait_for()
     page.get_by_role("button", name="Paused: go on").click()
     page.get_by_role("button", name="As in the settings").click()
-    eventually(lambda: others.wishes[-1] == wire.Control(), "the settings' own again")
+    eventually(lambda: others.wishes[-1] == wire.ControlMessage(), "the settings' own again")
     eventually(lambda: page.locator("#exposure").input_value() == "0" and page.locator("#filtered").is_checked(), "the settings shown")
 
 
@@ -124,7 +124,7 @@ def test_a_lamp_is_moved_turned_and_dimmed(page, others):
     eventually(lambda: others.wishes[-1].poses == (lamp,), "the box back")
     page.locator("#thing").select_option("lamp")
     page.get_by_role("button", name="As in the scene file").click()
-    eventually(lambda: others.wishes[-1] == wire.Control(), "all back")
+    eventually(lambda: others.wishes[-1] == wire.ControlMessage(), "all back")
 
 
 TURNS = [(0, 0, 0), (30, -40, 170), (180, 0, 90), (-90, 89, 10), (20, 90, 50), (20, -90, 50), (725, 12, -300), (0, 95, 0), (0, -120, 3)]
@@ -226,13 +226,13 @@ def test_the_wish_outlives_the_viewer(tmp_path, browser):
     eventually(lambda: pages[1].locator("#exposure").input_value() == "-1.5", "the wish shown")
     pages[0].get_by_role("button", name="As in the settings").click()
     pages[0].get_by_role("button", name="As in the scene file").click()
-    eventually(lambda: others.wishes[-1] == wire.Control(), "the settings' own again")
+    eventually(lambda: others.wishes[-1] == wire.ControlMessage(), "the settings' own again")
     again.end()
 
     others.wishes.clear()
     third = Viewer(tmp_path, port=viewer.port, more="\n[renderer]\nexposure = 1.0")
     eventually(lambda: others.wishes, "a wish")
-    assert set(others.wishes) == {wire.Control()}
+    assert set(others.wishes) == {wire.ControlMessage()}
     eventually(lambda: pages[0].locator("#exposure").input_value() == "1", "the new settings shown")
     third.end()
     for page in pages:

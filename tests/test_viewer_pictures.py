@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from services import wire
-from services.sphere import Coverage, angles_from_direction, cell_from_direction
-from services.viewer.pictures import DISC_PIXELS, GROUND, SRGB_CODES, Sky, disc_lookup, picture_jpeg
+from vemlight.light.sphere import Coverage, angles_from_direction, cell_from_direction
+from vemlight.runtime import wire
+from vemlight.viewer.pictures import DISC_PIXELS, GROUND, SRGB_CODES, Sky, disc_lookup, picture_jpeg
 
 STAMP = wire.stamp(0, 0.0)
 
@@ -21,7 +21,7 @@ def decoded(jpeg: bytes) -> np.ndarray:
 
 def disc(radiance: np.ndarray, coverage: Coverage = "hemisphere") -> np.ndarray:
     rows, cols, _ = radiance.shape
-    return decoded(Sky().disc_jpeg(wire.Map(stamp=STAMP, rows=rows, cols=cols, coverage=coverage), radiance.astype(np.float32)))
+    return decoded(Sky().disc_jpeg(wire.MapMessage(stamp=STAMP, rows=rows, cols=cols, coverage=coverage), radiance.astype(np.float32)))
 
 
 @pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])

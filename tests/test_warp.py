@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from services.sampler.density import FLOOR, light_map
-from services.sampler.havran import turn_from_azimuth
-from services.sampler.points import halton
-from services.sampler.warp import WarpName, steadied, warp_from_map
-from services.sphere import Coverage, angle_between, angles_from_direction, direction_from_angles
+from vemlight.light.sphere import Coverage, angle_between, angles_from_direction, direction_from_angles
+from vemlight.sampler.density import FLOOR, light_map
+from vemlight.sampler.warps.havran import turn_from_azimuth
+from vemlight.sampler.warps.points import halton
+from vemlight.sampler.warps.warp import WarpName, steadied, warp_from_map
 
 NAMES: list[WarpName] = ["havran-azimuth", "havran-radius", "standard"]
 HAVRAN = NAMES[:2]

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.capture.lens import Lens, pixel_from_direction, write_lens
-from services.capture.source import open_source
-from services.images import read_radiance, write_exr
-from services.lights import read_lights
-from services.offline import write_lights_of, write_pictures_of
-from services.settings import Capture
-from services.sphere import angle_between, cell_from_direction, direction_from_angles, latlong_from_direction, map_irradiance
+from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
+from vemlight.capture.source import open_source
+from vemlight.commands.offline import write_lights_of, write_pictures_of
+from vemlight.light.images import read_radiance, write_exr
+from vemlight.light.light_set import read_lights
+from vemlight.light.sphere import angle_between, cell_from_direction, direction_from_angles, latlong_from_direction, map_irradiance
+from vemlight.settings import Capture
 
 ANY: dict[str, Any] = {"coverage": "hemisphere", "method": None, "filter_": None, "fps": None, "lens": None, "response": None}
 # Light from theta, phi in degrees; the pole is 1 high, so its shadow is tan(theta) long and stays on the ground.

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services import wire
 from tests import golden
+from vemlight.runtime import wire
 
 
 @pytest.mark.parametrize("name", golden.messages())

@@ -9,8 +9,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from services.accuracy import machine
-from services.files import written_whole
+from vemlight.commands.chart import machine
+from vemlight.files import written_whole
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -12,10 +12,10 @@ from bench.accuracy.drawing import few_shades, room, save
 from bench.accuracy.maps import one
 from bench.judge import judge, points_of, points_of_lights, read_source, relative_rms
 from bench.methods import STILL, TRACKED, settled
-from services.renderer.renderer import Renderer
-from services.renderer.scene import load_scene
-from services.settings import Renderer as Size
-from services.sphere import LUMINANCE
+from vemlight.light.sphere import LUMINANCE
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.settings import Renderer as Size
 
 COUNTS = (4, 8, 16, 32, 64, 128)
 METHODS = [next(m for m in STILL if m.name == name) for name in (

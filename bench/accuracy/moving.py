@@ -14,9 +14,9 @@ from bench.accuracy.maps import chosen
 from bench.judge import Judged, judge, points_of, points_of_lights
 from bench.methods import MOVING
 from bench.sequences import FRAMES, SEQUENCES, world_from_latlong
-from services.images import read_radiance
-from services.lights import Lights
-from services.sphere import angle_between, luminance, map_irradiance
+from vemlight.light.images import read_radiance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import angle_between, luminance, map_irradiance
 
 COUNT = 64  # of lights
 JUMP_DEG = 10.0
@@ -69,7 +69,7 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
     return made
 
 
-def _motion(lights: list[Lights]) -> dict[str, float]:
+def _motion(lights: list[LightSet]) -> dict[str, float]:
     """Per frame: mean way of a light by its id in degrees, lights that jump, ids that end."""
     way, jumps, deaths = [], 0, 0
     for before, after in itertools.pairwise(lights):

@@ -9,9 +9,9 @@ from rich.progress import Progress
 from bench.accuracy.drawing import colour, room, save
 from bench.accuracy.maps import maps
 from bench.judge import judge, points_of, points_of_lights, read_source
-from services.sampler.step import initial_state, step
-from services.settings import Sampler
-from services.sphere import LUMINANCE
+from vemlight.light.sphere import LUMINANCE
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Sampler
 
 PROMISES = (40.0, 30.0, 20.0, 15.0, 10.0, 7.0)  # per cent
 NEED_FRAMES = 20  # in which the number of lights settles

@@ -10,9 +10,9 @@ from rich.progress import Progress
 from bench.accuracy.drawing import write_table
 from bench.accuracy.maps import maps
 from bench.sequences import FPS, Frame, World, hand_held, rotation, turned, world_from_latlong
-from services.images import read_radiance
-from services.sampler.step import initial_state, step
-from services.settings import Sampler
+from vemlight.light.images import read_radiance
+from vemlight.sampler.step import initial_state, step
+from vemlight.settings import Sampler
 
 COUNTS = (64, 300)
 FRAMES = 24

@@ -10,7 +10,7 @@ import numpy as np
 from rich.progress import Progress
 
 from bench.methods import TRACKED
-from services.files import written_whole
+from vemlight.files import written_whole
 
 PAGE = Path(__file__).parents[2] / "docs" / "accuracy.md"
 SHOWN = (16, 64, 256, 1024)

@@ -17,14 +17,14 @@ from bench.accuracy.drawing import room, save
 from bench.accuracy.maps import one
 from bench.judge import read_source
 from bench.real_maps import LENS, RESPONSE
-from services.capture.frames import FrameMaker
-from services.renderer.regions import light_regions, region_rows
-from services.sampler.cluster import NONE, clustered
-from services.sampler.density import light_map
-from services.sampler.points import points
-from services.sampler.step import initial_state, step
-from services.sampler.warp import warp_from_map
-from services.settings import Capture, Sampler
+from vemlight.capture.frames import FrameMaker
+from vemlight.renderer.passes.lights.light_regions import light_regions, region_rows
+from vemlight.sampler.cluster import NONE, clustered
+from vemlight.sampler.density import light_map
+from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.warps.points import points
+from vemlight.sampler.warps.warp import warp_from_map
+from vemlight.settings import Capture, Sampler
 
 ROUNDS = 200
 

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from services.lights import Lights
-from services.sphere import Coverage, cell_directions, cell_solid_angles, luminance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles, luminance
 
 
 class Cells(NamedTuple):
@@ -25,7 +25,7 @@ def cells(radiance: np.ndarray, coverage: Coverage) -> Cells:
     return Cells(flux, luminance(flux), cell_directions(rows, cols, coverage), solid_angles)
 
 
-def lights_of_groups(of: Cells, label: np.ndarray, count: int, directions: np.ndarray | None = None) -> Lights:
+def lights_of_groups(of: Cells, label: np.ndarray, count: int, directions: np.ndarray | None = None) -> LightSet:
     """One light for each of `count` groups with light: its flux, at `directions` (count, 3) or at the group's flux centroid.
 
     label: (rows, cols) int, group of each cell; -1: none.
@@ -39,4 +39,4 @@ def lights_of_groups(of: Cells, label: np.ndarray, count: int, directions: np.nd
         directions = np.stack([np.bincount(group, weights * places[:, c], count) for c in range(3)], axis=-1)
     length = np.linalg.norm(directions, axis=1, keepdims=True)
     lit = (flux.sum(axis=1) > 0) & (length[:, 0] > 0)
-    return Lights.of(np.flatnonzero(lit), directions[lit] / length[lit], flux[lit])
+    return LightSet.of(np.flatnonzero(lit), directions[lit] / length[lit], flux[lit])

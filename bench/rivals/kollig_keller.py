@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from bench.rivals.cells import cells, lights_of_groups
-from services.lights import Lights
-from services.sphere import Coverage
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage
 
 ROUNDS = 2
 LAST_ROUNDS = 8
@@ -17,7 +17,7 @@ SIDE = 8  # cells of a block that is searched together
 NEAR = np.radians(1.0)  # a new site's distance from the old one: about a cell of the map
 
 
-def kollig_keller(radiance: np.ndarray, coverage: Coverage, count: int, seed: int = 0) -> Lights:
+def kollig_keller(radiance: np.ndarray, coverage: Coverage, count: int, seed: int = 0) -> LightSet:
     """At most `count` lights of a polar map (rows, cols, 3); the same ones for the same seed."""
     of = cells(radiance, coverage)
     lit = _by_blocks(of.power)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
-from services.renderer.luminaire.estimator import basis_value, image_box
-from services.renderer.luminaire.tables import Tables
+from vemlight.renderer.luminaire.estimator import basis_value, image_box
+from vemlight.renderer.luminaire.tables import Tables
 
 
 def uniform(tables: Tables, points: np.ndarray, samples: int, numbers: np.ndarray) -> np.ndarray:

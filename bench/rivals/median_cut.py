@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.rivals.cells import Cells, cells
-from services.lights import Lights
-from services.sphere import SPAN, Coverage, direction_from_angles
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import SPAN, Coverage, direction_from_angles
 
 
 class Tables(NamedTuple):
@@ -28,17 +28,17 @@ Region = tuple[int, int, int, int]  # rows from, to, columns from, to
 Cut = Callable[[Tables, Region], tuple[Region, Region] | None]
 
 
-def median_cut(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
+def median_cut(radiance: np.ndarray, coverage: Coverage, count: int) -> LightSet:
     """At most `count` lights of a polar map (rows, cols, 3)."""
     return _lights(radiance, coverage, count, _halved)
 
 
-def variance_minimisation(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
+def variance_minimisation(radiance: np.ndarray, coverage: Coverage, count: int) -> LightSet:
     """At most `count` lights of a polar map (rows, cols, 3)."""
     return _lights(radiance, coverage, count, _least_variance)
 
 
-def _lights(radiance: np.ndarray, coverage: Coverage, count: int, cut: Cut) -> Lights:
+def _lights(radiance: np.ndarray, coverage: Coverage, count: int, cut: Cut) -> LightSet:
     of = cells(radiance, coverage)
     rows, cols = of.power.shape
     d_theta, d_phi = SPAN[coverage] / rows, 2 * np.pi / cols
@@ -66,12 +66,12 @@ def _lights(radiance: np.ndarray, coverage: Coverage, count: int, cut: Cut) -> L
     return _placed(of, tables, done + regions)
 
 
-def _placed(of: Cells, tables: Tables, regions: list[Region]) -> Lights:
+def _placed(of: Cells, tables: Tables, regions: list[Region]) -> LightSet:
     moments = np.array([_inside(tables, r) for r in regions])
     flux = np.array([of.flux[i0:i1, j0:j1].sum(axis=(0, 1)) for i0, i1, j0, j1 in regions])
     lit = flux.sum(axis=1) > 0
     centre = moments[lit, 1:3] / moments[lit, :1]
-    return Lights.of(np.flatnonzero(lit), direction_from_angles(centre[:, 0], centre[:, 1]), flux[lit])
+    return LightSet.of(np.flatnonzero(lit), direction_from_angles(centre[:, 0], centre[:, 1]), flux[lit])
 
 
 def _inside(tables: Tables, region: Region) -> np.ndarray:

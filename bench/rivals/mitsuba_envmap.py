@@ -8,18 +8,18 @@ number: each carries radiance / density / N, and the channels' totals are then m
 import mitsuba as mi  # pyright: ignore[reportMissingImports]
 import numpy as np
 
-from services.lights import Lights
-from services.sampler.points import points
-from services.sphere import Coverage, map_irradiance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, map_irradiance
+from vemlight.sampler.warps.points import points
 
 
-def mitsuba_envmap(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
+def mitsuba_envmap(radiance: np.ndarray, coverage: Coverage, count: int) -> LightSet:
     """`count` lights of a polar map (rows, cols, 3)."""
     mi.set_variant("scalar_rgb")  # other rivals select another one
     clean = np.where(np.isfinite(radiance) & (radiance > 0), radiance, 0).astype(np.float32)
     total = map_irradiance(clean, coverage)
     if not total.any():
-        return Lights.of(np.arange(count), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3)))
+        return LightSet.of(np.arange(count), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3)))
     rows, cols, _ = clean.shape
     edges = np.concatenate([clean[:1], 0.5 * (clean[1:] + clean[:-1]), clean[-1:]])
     below = np.zeros((0 if coverage == "sphere" else rows, cols, 3), np.float32)
@@ -34,4 +34,4 @@ def mitsuba_envmap(radiance: np.ndarray, coverage: Coverage, count: int) -> Ligh
     if coverage == "hemisphere":
         directions[:, 2] = np.maximum(directions[:, 2], 0)  # the last row of the map reaches below the horizon by half a cell
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return Lights.of(np.arange(count), directions, flux * total / np.where(flux.sum(axis=0) > 0, flux.sum(axis=0), 1))
+    return LightSet.of(np.arange(count), directions, flux * total / np.where(flux.sum(axis=0) > 0, flux.sum(axis=0), 1))

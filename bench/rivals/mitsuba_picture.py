@@ -12,9 +12,9 @@ import drjit as dr  # pyright: ignore[reportMissingImports]
 import mitsuba as mi  # pyright: ignore[reportMissingImports]
 import numpy as np
 
-from services.lights import Lights
-from services.renderer.materials import Phong
-from services.renderer.scene import Scene
+from vemlight.light.light_set import LightSet
+from vemlight.renderer.scene.materials import Phong
+from vemlight.renderer.scene.scene import Scene
 
 VARIANT = "llvm_ad_rgb"
 LIBRARIES = ("libLLVM-19.so", "libLLVM.so.19.1", "libLLVM-15.so")  # in Debian's folder; 14, which it finds first, is too old
@@ -141,7 +141,7 @@ class TracedLights:
         self._scene, self._size = scene, size
         self._drawn = dr.freeze(self._draw)
 
-    def picture(self, lights: Lights) -> np.ndarray:
+    def picture(self, lights: LightSet) -> np.ndarray:
         """(height, width, 3) float32, at the pixels' centres."""
         directions = mi.Vector3f(np.ascontiguousarray(lights.directions.T, np.float32))
         irradiance = mi.Color3f(np.ascontiguousarray(lights.irradiance.T, np.float32))

@@ -10,11 +10,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from services.lights import Lights
-from services.sampler.density import light_map
-from services.sampler.square import direction_from_area, disc_from_square
-from services.sampler.step import irradiance
-from services.sphere import Coverage, cell_from_direction, cell_solid_angles, ring_edges
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, cell_from_direction, cell_solid_angles, ring_edges
+from vemlight.sampler.density import light_map
+from vemlight.sampler.step import irradiance
+from vemlight.sampler.warps.square import direction_from_area, disc_from_square
 
 GOLDEN = (1 + np.sqrt(5)) / 2
 # type -> children: (type, vertex, turn in units of 18 degrees, bits). Vertices: "1", "2", "3" of the parent, "k.v": vertex v of child k.
@@ -77,7 +77,7 @@ def _on_sky(area: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([direction_from_area(a * area, w) for a, w in disc]), numbers
 
 
-def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
+def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> LightSet:
     """`count` lights of a polar map (rows, cols, 3): the samples whose numbers the importance reaches first."""
     light = light_map(radiance, coverage)
     rows, cols = light.importance.shape
@@ -87,7 +87,7 @@ def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
     importance = light.importance[cell] / light.importance.mean()
     taken = np.argsort(numbers / importance)[:count]
     if light.power <= 0:
-        return Lights.of(taken, directions[taken], np.zeros((count, 3)))
+        return LightSet.of(taken, directions[taken], np.zeros((count, 3)))
     # The prepared tiling ends at its last level: where importance goes beyond its largest number, a cell's samples share the cell's light.
     place = (cell[0] * cols + cell[1])[taken]
     found = np.bincount(place, minlength=rows * cols)
@@ -97,4 +97,4 @@ def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
     rest = np.where(full, 0.0, 1.0)
     weights += rest / max(rest.sum(), 1.0) * max(1 - weights.sum(), 0.0)
     tint = light.radiance[cell][taken] / importance[taken, None]
-    return Lights.of(taken, directions[taken], irradiance(weights, tint.astype(float), light.irradiance))
+    return LightSet.of(taken, directions[taken], irradiance(weights, tint.astype(float), light.irradiance))

@@ -13,14 +13,14 @@ import numpy as np
 
 from bench.rivals.cells import cells, lights_of_groups
 from bench.rivals.structured import SMALLEST_SR
-from services.lights import Lights
-from services.sphere import Coverage, angle_between, cell_directions
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, angle_between, cell_directions
 
 DEPTH = 6  # of the tree: quadrilaterals of 0.9 degrees, about a cell of the map
 FACES = 12
 
 
-def q2tree(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
+def q2tree(radiance: np.ndarray, coverage: Coverage, count: int) -> LightSet:
     """At most `count` lights of a polar map (rows, cols, 3); a quadrilateral's light has the same id in every frame."""
     of = cells(radiance, coverage)
     rows, cols = of.power.shape
@@ -62,14 +62,14 @@ def _leaves(flux: list[np.ndarray], count: int) -> list[tuple[int, int]]:
     return done + [(depth, index) for _, depth, index in heap]
 
 
-def _few(lights: Lights, count: int) -> Lights:
+def _few(lights: LightSet, count: int) -> LightSet:
     """At most `count` of the lights: with fewer than there are quadrilaterals to begin with, the weakest go to the nearest other."""
     order = np.argsort(-lights.irradiance.sum(axis=1), kind="stable")
     kept, lost = np.sort(order[:count]), order[count:]
     directions, irradiance = lights.directions.astype(np.float64), lights.irradiance.astype(np.float64)
     for k in lost:
         irradiance[kept[angle_between(directions[kept], directions[k]).argmin()]] += irradiance[k]
-    return Lights.of(lights.ids[kept], directions[kept], irradiance[kept])
+    return LightSet.of(lights.ids[kept], directions[kept], irradiance[kept])
 
 
 @lru_cache(maxsize=2)

@@ -13,14 +13,14 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from bench.rivals.cells import cells, lights_of_groups
-from services.lights import Lights
-from services.sphere import Coverage
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage
 
 LAYERS = 6
 SMALLEST_SR = 0.01
 
 
-def structured(radiance: np.ndarray, coverage: Coverage, count: int) -> Lights:
+def structured(radiance: np.ndarray, coverage: Coverage, count: int) -> LightSet:
     """At most `count` lights of a polar map (rows, cols, 3)."""
     of = cells(radiance, coverage)
     light = of.power / of.solid_angles[:, None]

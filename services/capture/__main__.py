@@ -1,11 +1,11 @@
-"""Capture's process: `python -m services.capture [vemlight.toml]`."""
+"""Capture's process: `python -m vemlight.capture [vemlight.toml]`."""
 
 import sys
 
-from services.capture.stage import CaptureCamera, CaptureSource
-from services.loop import run_camera, run_source
-from services.settings import Settings
-from services.start import start
+from vemlight.capture.stage import CaptureCamera, CaptureSource
+from vemlight.runtime.loop import run_camera, run_source
+from vemlight.runtime.start import start
+from vemlight.settings import Settings
 
 
 def main(settings: Settings, restarts: int = 0) -> None:

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from services.capture.lens import (
+from vemlight.capture.lens import (
     Lens,
     angles_from_radii,
     direction_from_pixel,
@@ -22,9 +22,9 @@ from services.capture.lens import (
     slope_from_angle,
     vignetting_from_angle,
 )
-from services.capture.shares import LOOKUP, balance, shares
-from services.sphere import SPAN, Coverage, angles_from_direction, cell_solid_angles, direction_from_angles
-from services.strong import NONE, StrongLight, strong_light
+from vemlight.capture.pixel_overlap import LOOKUP, balance, shares
+from vemlight.light.bright_cells import NONE, BrightCells, strong_light
+from vemlight.light.sphere import SPAN, Coverage, angles_from_direction, cell_solid_angles, direction_from_angles
 
 Bayer = Literal["RGGB", "BGGR", "GRBG", "GBRG"]  # colours of the first two pixels of the first two rows
 PARTS = 8  # of the map, each some threads' own: as many threads as can share the work
@@ -131,7 +131,7 @@ def lit_spans(weights: FisheyeToPolar) -> np.ndarray:
 
 def fisheye_strong(
     brightness: Callable[[np.ndarray], np.ndarray], weights: FisheyeToPolar, lens: Lens, cells: np.ndarray, coverage: Coverage
-) -> StrongLight:
+) -> BrightCells:
     """Where light sits inside each of the map's `cells` (n,), flat indices.
 
     `brightness`: luminance of the image's pixels (m,) int64, flat indices, some of which must be lit in each cell.

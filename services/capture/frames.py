@@ -6,7 +6,8 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from services.capture.fisheye import (
+from vemlight.capture.exr_header import count_from_attributes, scale_from_attributes, strong_from_attributes
+from vemlight.capture.fisheye import (
     ALL,
     Bayer,
     FisheyeToPolar,
@@ -15,16 +16,15 @@ from services.capture.fisheye import (
     fisheye_to_polar,
     lit_spans,
 )
-from services.capture.header import count_from_attributes, scale_from_attributes, strong_from_attributes
-from services.capture.lens import Lens, direction_from_pixel, read_lens
-from services.capture.polar import LatlongToPolar, latlong_strong, latlong_to_polar, polar_from_latlong
-from services.capture.response import Response, radiance_table, read_response
-from services.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
-from services.files import BadInput
-from services.images import read_radiance
-from services.settings import Capture
-from services.sphere import Coverage, cell_solid_angles, luminance
-from services.strong import NONE, StrongLight
+from vemlight.capture.lens import Lens, direction_from_pixel, read_lens
+from vemlight.capture.polar import LatlongToPolar, latlong_strong, latlong_to_polar, polar_from_latlong
+from vemlight.capture.response import Response, radiance_table, read_response
+from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
+from vemlight.errors import UserError
+from vemlight.light.bright_cells import NONE, BrightCells
+from vemlight.light.images import read_radiance
+from vemlight.light.sphere import Coverage, cell_solid_angles, luminance
+from vemlight.settings import Capture
 
 Mosaic = Literal["mono"] | Bayer
 MOSAICS: tuple[Mosaic, ...] = ("mono", *get_args(Bayer))
@@ -41,7 +41,7 @@ class Frame(NamedTuple):
     luminance_scale: float | None  # cd/m2 per unit of luminance, where it is known
     black: int  # values inside the lens's rim at the sensor's lowest code; 0 for files of radiance
     saturated: int  # and at its highest
-    strong: StrongLight = NONE  # where light sits inside each cell with more than 1/500 of the power
+    strong: BrightCells = NONE  # where light sits inside each cell with more than 1/500 of the power
     lost: int = 0  # cameras: frames that the kernel counted and we never had, since the frame before
     monotonic_ns: int | None = None  # cameras: the kernel's time stamp
 
@@ -50,7 +50,7 @@ class FrameMaker:
     """Makes frames of images of one kind and size; weights are made for the first image."""
 
     def __init__(self, settings: Capture, folder: Path):
-        """lens.toml and response.toml are looked for in `folder` when the settings name none. Raises BadInput for bad ones."""
+        """lens.toml and response.toml are looked for in `folder` when the settings name none. Raises UserError for bad ones."""
         self._settings = settings
         self._lens_path = Path(settings.lens) if settings.lens else folder / "lens.toml"
         self._response_path = Path(settings.response) if settings.response else folder / "response.toml"
@@ -87,12 +87,12 @@ class FrameMaker:
         if kind == "codes":
             mosaic = attributes.get("vemlight:mosaic")
             if mosaic not in (None, *MOSAICS):
-                raise BadInput(f"{name}: vemlight:mosaic = {str(mosaic)[:40]!r} is not known; it is one of {', '.join(MOSAICS)}")
+                raise UserError(f"{name}: vemlight:mosaic = {str(mosaic)[:40]!r} is not known; it is one of {', '.join(MOSAICS)}")
             return self.frame_from_codes(name, _whole_codes(name, image, mosaic), mosaic, time_s)
         if kind == "polar":
             if (*image.shape[:2], attributes.get("vemlight:coverage")) != (s.rows, s.cols, s.coverage):
                 found = f"{attributes.get('vemlight:coverage')} of {image.shape[0]} x {image.shape[1]}"
-                raise BadInput(f"{name}: is a {found} cells and [capture] asks for a {s.coverage} of {s.rows} x {s.cols}; set it so")
+                raise UserError(f"{name}: is a {found} cells and [capture] asks for a {s.coverage} of {s.rows} x {s.cols}; set it so")
             radiance, strong = image, strong_from_attributes(name, attributes, s.rows * s.cols)
         elif kind == "latlong":
             height, width = image.shape[:2]
@@ -105,20 +105,20 @@ class FrameMaker:
             flat = image.reshape(-1, 3)
             strong = self._strong(radiance, lambda pixel: luminance(flat[pixel]))
         else:
-            raise BadInput(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
+            raise UserError(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
         black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
         return Frame(radiance, s.coverage, time_s, scale_from_attributes(attributes), black, saturated, strong)
 
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
         """The frame of raw `codes` uint8 or uint16: (height, width) of a `mosaic`, or (height, width, 3) without one.
 
-        Raises BadInput without lens or response, and for codes above those of the response.
+        Raises UserError without lens or response, and for codes above those of the response.
         """
         self._check_size(name, codes)
         self._prepare(name, codes, mosaic)
         response = self._response
         if response is None:
-            raise BadInput(f"{name}: holds raw codes and {self._response_path} is not there; name their [capture] response")
+            raise UserError(f"{name}: holds raw codes and {self._response_path} is not there; name their [capture] response")
         if self._table is None:
             known = radiance_table(response)
             self._table = np.concatenate([known, np.full(65536 - len(known), known[-1], np.float32)])
@@ -127,7 +127,7 @@ class FrameMaker:
         distinct = channels[:1] if codes.ndim == 2 else channels
         counts = [clipped_counts(channel, self._spans, response.top) for channel in distinct]
         if (highest := max(count[2] for count in counts)) > response.top:
-            raise BadInput(f"{name}: has code {highest} and the response {response.bits} bits; give the response of this sensor")
+            raise UserError(f"{name}: has code {highest} and the response {response.bits} bits; give the response of this sensor")
         if mosaic == "mono":
             radiance = np.repeat(polar_from_codes(codes, self._fisheye[0], table, self._threads)[..., None], 3, axis=-1)
         else:
@@ -146,7 +146,7 @@ class FrameMaker:
             self._shape = height, width
         if self._shape != (height, width):
             size = f"{self._shape[1]}x{self._shape[0]}"
-            raise BadInput(f"{name}: is {width}x{height} and the frames before it {size}; a sequence has one size")
+            raise UserError(f"{name}: is {width}x{height} and the frames before it {size}; a sequence has one size")
 
     def _prepare(self, name: str, image: np.ndarray, mosaic: Mosaic | None) -> None:
         # weights for images like this one
@@ -154,10 +154,10 @@ class FrameMaker:
             return
         height, width = image.shape[:2]
         if self._lens is None:
-            raise BadInput(f"{name}: is a fisheye frame and {self._lens_path} is not there; name its [capture] lens")
+            raise UserError(f"{name}: is a fisheye frame and {self._lens_path} is not there; name its [capture] lens")
         if self._lens.size != (width, height):
             size = f"{self._lens.size[0]}x{self._lens.size[1]}"
-            raise BadInput(f"{name}: is {width}x{height} and the lens file is for {size}; give the lens file of this camera")
+            raise UserError(f"{name}: is {width}x{height} and the lens file is for {size}; give the lens file of this camera")
         lattices = [ALL] if mosaic in (None, "mono") else colour_lattices(mosaic)
         s, flat = self._settings, self._flat_field()
         self._fisheye = [fisheye_to_polar(self._lens, s.rows, s.cols, s.coverage, lattice, flat) for lattice in lattices]
@@ -173,14 +173,14 @@ class FrameMaker:
         path = self._lens_path.parent / lens.flat_field
         image = read_radiance(path)[0].mean(axis=-1)
         if image.shape != (lens.size[1], lens.size[0]):
-            raise BadInput(f"{path}: is {image.shape[1]}x{image.shape[0]} and the lens file is for {lens.size[0]}x{lens.size[1]}")
+            raise UserError(f"{path}: is {image.shape[1]}x{image.shape[0]} and the lens file is for {lens.size[0]}x{lens.size[1]}")
         y, x = np.ogrid[: image.shape[0], : image.shape[1]]
         middle = image[np.hypot(x - lens.c[0], y - lens.c[1]) < max(2, min(lens.size) / 20)].mean()
         if not (np.all(np.isfinite(image)) and middle > 0):
-            raise BadInput(f"{path}: is no image of even light; it must be finite, and lit where the optical axis is")
+            raise UserError(f"{path}: is no image of even light; it must be finite, and lit where the optical axis is")
         return np.maximum(image / middle, 1e-3)  # what the lens shades to less says nothing, and lies beyond the rim
 
-    def _strong(self, radiance: np.ndarray, brightness: Callable[[np.ndarray], np.ndarray]) -> StrongLight:
+    def _strong(self, radiance: np.ndarray, brightness: Callable[[np.ndarray], np.ndarray]) -> BrightCells:
         lens, weights, coverage = self._lens, self._fisheye[1 if len(self._fisheye) == 3 else 0], self._settings.coverage
         assert lens is not None
         return fisheye_strong(brightness, weights, lens, strong_cells(radiance, coverage), coverage)
@@ -201,5 +201,5 @@ def _whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndar
         image = np.ascontiguousarray(image[..., 0])
     codes = np.where((image >= 0) & (image <= 65535), image, 0).astype(np.uint16)
     if not np.array_equal(codes, image):
-        raise BadInput(f"{name}: holds values that are no whole codes; leave the response out if it is radiance")
+        raise UserError(f"{name}: holds values that are no whole codes; leave the response out if it is radiance")
     return codes

@@ -18,7 +18,8 @@ import msgspec
 import numpy as np
 from numba import njit
 
-from services.files import BadInput, read_toml, written_whole
+from vemlight.errors import UserError
+from vemlight.files import read_toml, written_whole
 
 Row = tuple[float, float, float]
 IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -60,37 +61,37 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 def read_lens(path: Path) -> Lens:
-    """The lens file at `path`. Raises BadInput for a missing or unknown key and for values that make no lens."""
+    """The lens file at `path`. Raises UserError for a missing or unknown key and for values that make no lens."""
     lens = read_toml(path, Lens)
     try:
         check_lens(lens)
-    except BadInput as error:
-        raise BadInput(f"{path}: {error}") from error
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
     return lens
 
 
 def check_lens(lens: Lens) -> None:
-    """Raises BadInput when directions and pixels would not belong together one to one, or no radiance could be had."""
+    """Raises UserError when directions and pixels would not belong together one to one, or no radiance could be had."""
     if min(lens.size) < 1 or max(lens.size) > 16384:
-        raise BadInput(f"size = {list(lens.size)} is no image size; give width and height in pixels")
+        raise UserError(f"size = {list(lens.size)} is no image size; give width and height in pixels")
     numbers = [*lens.f, *lens.c, *lens.k, lens.rim_deg, *lens.vignetting, *lens.rotation.ravel()]
     if not np.all(np.isfinite(numbers)):
-        raise BadInput("a number is nan or inf; mend it")
+        raise UserError("a number is nan or inf; mend it")
     if min(lens.f) <= 0:
-        raise BadInput(f"f = {list(lens.f)} must be above 0 pixels")
+        raise UserError(f"f = {list(lens.f)} must be above 0 pixels")
     if not 0 < lens.rim_deg <= 180:
-        raise BadInput(f"rim_deg = {lens.rim_deg:g} must be above 0 and at most 180")
+        raise UserError(f"rim_deg = {lens.rim_deg:g} must be above 0 and at most 180")
     theta = np.linspace(0, lens.rim, STEPS)
     slope = slope_from_angle(theta, lens)
     if slope.min() <= 0:
         at = math.degrees(theta[int(np.argmax(slope <= 0))])
-        raise BadInput(f"k1..k4 turn back at {at:.1f} degrees, before rim_deg = {lens.rim_deg:g}; calibrate again or lower rim_deg")
+        raise UserError(f"k1..k4 turn back at {at:.1f} degrees, before rim_deg = {lens.rim_deg:g}; calibrate again or lower rim_deg")
     if vignetting_from_angle(theta, lens).min() <= 0:
-        raise BadInput(f"vignetting falls to 0 before rim_deg = {lens.rim_deg:g}; mend it or lower rim_deg")
+        raise UserError(f"vignetting falls to 0 before rim_deg = {lens.rim_deg:g}; mend it or lower rim_deg")
     if lens.flat_field and lens.vignetting:
-        raise BadInput("flat_field holds the vignetting already; leave one of the two out")
+        raise UserError("flat_field holds the vignetting already; leave one of the two out")
     if not np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(lens.rotation) < 0:
-        raise BadInput("world_from_camera is no rotation; its rows must be unit vectors at right angles, right-handed")
+        raise UserError("world_from_camera is no rotation; its rows must be unit vectors at right angles, right-handed")
 
 
 def write_lens(path: Path, lens: Lens) -> None:

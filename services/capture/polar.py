@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.sphere import SPAN, Coverage, direction_from_angles, luminance, ring_edges
-from services.strong import NONE, StrongLight, strong_light
+from vemlight.light.bright_cells import NONE, BrightCells, strong_light
+from vemlight.light.sphere import SPAN, Coverage, direction_from_angles, luminance, ring_edges
 
 DUST = 1e-9  # of a cell: overlaps this thin are rounding of edges that coincide (float64 gives 1e-13), and would carry a nan next door
 
@@ -95,7 +95,7 @@ def _separable(image, row_start, row_index, row_weight, col_start, col_index, co
     return polar
 
 
-def latlong_strong(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray, coverage: Coverage) -> StrongLight:
+def latlong_strong(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray, coverage: Coverage) -> BrightCells:
     """Where light sits inside each of the map's `cells` (n,), flat indices.
 
     A pixel's light counts from the middle of what the pixel and the cell share.

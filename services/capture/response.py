@@ -18,7 +18,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from services.files import BadInput, read_toml, written_whole
+from vemlight.errors import UserError
+from vemlight.files import read_toml, written_whole
 
 
 class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
@@ -96,28 +97,28 @@ def _on_lines(x: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
 
 
 def read_response(path: Path) -> Response:
-    """The response file at `path`. Raises BadInput for a missing or unknown key and for values that make no response."""
+    """The response file at `path`. Raises UserError for a missing or unknown key and for values that make no response."""
     response: Response = read_toml(path, Response)  # type: ignore[arg-type]
     try:
         check_response(response)
-    except BadInput as error:
-        raise BadInput(f"{path}: {error}") from error
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
     return response
 
 
 def check_response(response: Response) -> None:
-    """Raises BadInput unless codes rise with radiance from 0 on."""
+    """Raises UserError unless codes rise with radiance from 0 on."""
     numbers = [value for value in msgspec.to_builtins(response, enc_hook=float).values() if not isinstance(value, str | None)]
     if not all(np.all(np.isfinite(value)) for value in numbers):
-        raise BadInput("a number is nan or inf; mend it")
+        raise UserError("a number is nan or inf; mend it")
     if isinstance(response, Log | Linear) and response.b <= 0:
-        raise BadInput(f"b = {response.b:g} must be above 0, so that codes rise with radiance")
+        raise UserError(f"b = {response.b:g} must be above 0, so that codes rise with radiance")
     if isinstance(response, Log) and response.c <= 0:
-        raise BadInput(f"c = {response.c:g} must be above 0: a log response without it has no code for the dark")
+        raise UserError(f"c = {response.c:g} must be above 0: a log response without it has no code for the dark")
     if isinstance(response, Companding) and (len(response.knees) < 2 or np.min(np.diff(response.knees, axis=0)) <= 0):
-        raise BadInput("knees must be two or more pairs [radiance, code], both rising from one to the next")
+        raise UserError("knees must be two or more pairs [radiance, code], both rising from one to the next")
     if response.luminance_scale is not None and response.luminance_scale <= 0:
-        raise BadInput(f"luminance_scale = {response.luminance_scale:g} must be above 0 cd/m2; leave it out when it is not known")
+        raise UserError(f"luminance_scale = {response.luminance_scale:g} must be above 0 cd/m2; leave it out when it is not known")
 
 
 def write_response(path: Path, response: Response) -> None:

@@ -11,7 +11,7 @@ from concurrent.futures import wait as all_of
 import numpy as np
 from numba import njit
 
-from services.capture.fisheye import PARTS, FisheyeToPolar
+from vemlight.capture.fisheye import PARTS, FisheyeToPolar
 
 
 class Threads:

@@ -16,14 +16,14 @@ from typing import Any, Protocol
 import msgspec
 import numpy as np
 
-from services.capture.frames import Frame, FrameMaker, Mosaic
-from services.capture.header import strong_text
-from services.capture.record import Recorder
-from services.capture.sequence import MANIFEST, PNG, Entry, check_digest, frame_paths, read_manifest
-from services.capture.v4l2 import Camera, Raw, mosaic_of
-from services.files import BadInput
-from services.images import read_codes, read_radiance, write_exr
-from services.settings import Capture
+from vemlight.capture.exr_header import strong_text
+from vemlight.capture.frames import Frame, FrameMaker, Mosaic
+from vemlight.capture.recorder import Recorder
+from vemlight.capture.sequence import MANIFEST, PNG, Entry, check_digest, frame_paths, read_manifest
+from vemlight.capture.v4l2 import Camera, Raw, mosaic_of
+from vemlight.errors import UserError
+from vemlight.light.images import read_codes, read_radiance, write_exr
+from vemlight.settings import Capture
 
 AHEAD = 2  # frames made before they are asked for
 BUNDLED = Path(__file__).parents[2] / "replay_data" / "outdoor"
@@ -37,7 +37,7 @@ class Source(Protocol):
     def __len__(self) -> int: ...
 
     def frame(self, k: int) -> Frame:
-        """Frame k of 0 .. len - 1, the same bits each time. Raises BadInput for what the user must mend."""
+        """Frame k of 0 .. len - 1, the same bits each time. Raises UserError for what the user must mend."""
         ...
 
 
@@ -45,10 +45,10 @@ class Files:
     """Image files in order, frame by frame, from `start` to `end` and at `speed` as the settings say."""
 
     def __init__(self, settings: Capture, paths: list[Path], entries: list[Entry] | None):
-        """Raises BadInput when start and end leave nothing, or the first file is damaged."""
+        """Raises UserError when start and end leave nothing, or the first file is damaged."""
         end = min(settings.end or len(paths), len(paths))
         if settings.start >= end:
-            raise BadInput(f"{paths[0].parent}: has frames 0 to {len(paths) - 1}; [capture] start and end leave none of them")
+            raise UserError(f"{paths[0].parent}: has frames 0 to {len(paths) - 1}; [capture] start and end leave none of them")
         self.paths = paths[settings.start : end]
         self._entries = entries[settings.start : end] if entries else None
         self._maker = FrameMaker(settings, paths[0].parent)
@@ -63,7 +63,7 @@ class Files:
         return len(self.paths)
 
     def frame(self, k: int) -> Frame:
-        """Frame k of 0 .. len - 1. Raises BadInput for a file that is damaged, changed or of another size than the first one read."""
+        """Frame k of 0 .. len - 1. Raises UserError for a file that is damaged, changed or of another size than the first one read."""
         path = self.paths[k]
         if self._entries and k not in self._checked:
             check_digest(path, self._entries[k].sha256)
@@ -72,7 +72,7 @@ class Files:
         if path.suffix.lower() == PNG:
             codes = read_codes(path)
             if codes.ndim == 3 and self._mosaic:
-                raise BadInput(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
+                raise UserError(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
             mosaic: Mosaic | None = None if codes.ndim == 3 else "mono" if self._mosaic is None else self._mosaic
             return self._maker.frame_from_codes(str(path), codes, mosaic, time_s)
         image, attributes = read_radiance(path)
@@ -115,7 +115,7 @@ class Live:
     """A camera's frames as they come."""
 
     def __init__(self, settings: Capture):
-        """Raises BadInput for a camera, lens or response that cannot be used, and for a lens of another size."""
+        """Raises UserError for a camera, lens or response that cannot be used, and for a lens of another size."""
         self._maker = FrameMaker(settings, Path.cwd())
         width, height = self._maker.lens.size if self._maker.lens else (0, 0)
         self._camera = Camera(
@@ -126,7 +126,7 @@ class Live:
         dark = np.zeros((self._camera.height, self._camera.width), np.uint8 if self._camera.form.bits == 8 else np.uint16)
         try:
             self._maker.frame_from_codes(settings.source, dark, self._camera.form.mosaic, 0.0)
-        except BadInput:
+        except UserError:
             self._camera.close()
             raise
         self.recorder = Recorder(Path(settings.record), beside=self._maker.files) if settings.record else None
@@ -141,7 +141,7 @@ class Live:
     def next(self, wait_s: float) -> Frame | None:
         """The next frame, or None when none came within `wait_s` (s); `state` then says why.
 
-        Raises BadInput for another size or format than was agreed on.
+        Raises UserError for another size or format than was agreed on.
         """
         raw = self._camera.read(wait_s)
         if raw is None:
@@ -164,7 +164,7 @@ class Live:
 def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settings: Capture | None = None) -> None:
     """Writes the polar map of one fisheye frame to the EXR `out`, in the size and coverage of the settings (90 x 360 hemisphere).
 
-    Raises BadInput for a file that cannot be used, OSError when the disk refuses.
+    Raises UserError for a file that cannot be used, OSError when the disk refuses.
     """
     settings = msgspec.structs.replace(
         settings or Capture(), source=str(frame), lens=str(lens), response=str(response) if response else ""
@@ -176,10 +176,10 @@ def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settin
 def record(settings: Capture, frames: int) -> Recorder:
     """Records `frames` frames (0: all that a file source has) of the settings' source to [capture] record; gives back the counts.
 
-    Cameras are recorded as raw codes, files as polar maps. Raises BadInput for a source or folder that cannot be used.
+    Cameras are recorded as raw codes, files as polar maps. Raises UserError for a source or folder that cannot be used.
     """
     if not settings.record:
-        raise BadInput("[capture] record names no folder; name one to record to")
+        raise UserError("[capture] record names no folder; name one to record to")
     if settings.source.startswith("/dev/"):
         live = Live(settings)
         try:
@@ -234,14 +234,14 @@ def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
 
 
 def open_source(settings: Capture) -> Source:
-    """The files that the settings name, read ahead. Raises BadInput when they are not there or not whole."""
+    """The files that the settings name, read ahead. Raises UserError when they are not there or not whole."""
     if settings.record:
-        raise BadInput("[capture] record is for cameras; `vemlight record` records files")
+        raise UserError("[capture] record is for cameras; `vemlight record` records files")
     path = Path(settings.source) if settings.source else BUNDLED
     if not path.exists():
         if not settings.source:
-            raise BadInput("replay_data/ is not beside the services folder; name a file or folder as [capture] source")
-        raise BadInput(f"{path}: there is no such file or folder; check [capture] source")
+            raise UserError("replay_data/ is not beside the services folder; name a file or folder as [capture] source")
+        raise UserError(f"{path}: there is no such file or folder; check [capture] source")
     if not path.is_dir():
         return Files(settings, [path], None)
     if (path / MANIFEST).exists():

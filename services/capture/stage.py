@@ -5,21 +5,22 @@ import sys
 import msgspec
 import numpy as np
 
-from services import settings, wire
-from services.capture.frames import Frame
-from services.capture.source import Live, open_source
-from services.channels import Service
+from vemlight import settings
+from vemlight.capture.frames import Frame
+from vemlight.capture.source import Live, open_source
+from vemlight.runtime import wire
+from vemlight.runtime.channels import Service
 
-MapMessage = tuple[wire.Map, tuple[np.ndarray, ...]]
+MapMessage = tuple[wire.MapMessage, tuple[np.ndarray, ...]]
 
 
 class CaptureSource:
-    """Recorded frames; see `services.loop.Source`."""
+    """Recorded frames; see `vemlight.runtime.loop.Source`."""
 
     service: Service = "capture"
 
     def __init__(self, settings: settings.Settings) -> None:
-        """Raises BadInput when the source is not there or not whole."""
+        """Raises UserError when the source is not there or not whole."""
         self._source = open_source(settings.capture)
         self.fps = self._source.fps
         wanted = settings.capture.frames or None
@@ -30,17 +31,17 @@ class CaptureSource:
         return len(self._source)
 
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
-        """Raises BadInput for a damaged file."""
+        """Raises UserError for a damaged file."""
         return map_message(self._source.frame(index), wire.stamp(sequence, time_s))
 
 
 class CaptureCamera:
-    """A camera's frames as they come; see `services.loop.Camera`."""
+    """A camera's frames as they come; see `vemlight.runtime.loop.Camera`."""
 
     service: Service = "capture"
 
     def __init__(self, settings: settings.Capture) -> None:
-        """Raises BadInput for a camera, lens or response that cannot be used."""
+        """Raises UserError for a camera, lens or response that cannot be used."""
         self._live = Live(settings)
         self.limit = settings.frames or None
         self._said = ""
@@ -49,7 +50,7 @@ class CaptureCamera:
     def message(self, wait_s: float) -> tuple[MapMessage | None, int]:
         """The next frame, if one came within `wait_s`, and how many were lost before it. Numbers go on over the lost ones.
 
-        Raises BadInput when the camera comes back with another size.
+        Raises UserError when the camera comes back with another size.
         """
         frame = self._live.next(wait_s)
         if self._live.state != self._said:
@@ -74,7 +75,7 @@ def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
     """What is nan, infinite or negative in the frame is counted as spoilt and travels as 0."""
     good = np.isfinite(frame.radiance) & (frame.radiance >= 0)
     rows, cols, _ = frame.radiance.shape
-    header = wire.Map(
+    header = wire.MapMessage(
         stamp=stamp,
         rows=rows,
         cols=cols,

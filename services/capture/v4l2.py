@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from services.capture.frames import Mosaic
-from services.files import BadInput
+from vemlight.capture.frames import Mosaic
+from vemlight.errors import UserError
 
 BUFFERS = 4  # frames that the kernel holds while we are busy; what comes on top is lost, and its number with it
 GONE = (errno.ENODEV, errno.ENXIO, errno.EIO, errno.ENOENT, errno.EBADF)  # what an unplugged camera answers
@@ -53,13 +53,13 @@ FORMATS = _formats()  # by the kernel's code
 
 
 def mosaic_of(form: str) -> Mosaic | None:
-    """The mosaic of the format called `form`, None for an empty name. Raises BadInput for one that is not known."""
+    """The mosaic of the format called `form`, None for an empty name. Raises UserError for one that is not known."""
     if not form:
         return None
     for known in FORMATS.values():
         if known.name == form:
             return known.mosaic
-    raise BadInput(f"[capture] format = {form[:20]!r} is not known; it is one of {', '.join(f.name for f in FORMATS.values())}")
+    raise UserError(f"[capture] format = {form[:20]!r} is not known; it is one of {', '.join(f.name for f in FORMATS.values())}")
 
 
 class Raw(NamedTuple):
@@ -146,7 +146,7 @@ class Camera:
         """Asks for the format, size and rate named (empty or 0: the deepest format known here, the camera's own size and rate).
 
         `name`, `form`, `width`, `height` and `fps` then say what was got; the stream begins with the first `read`.
-        Raises BadInput when the camera cannot be used.
+        Raises UserError when the camera cannot be used.
         """
         self.path, self.lost, self.outages = path, 0, 0
         self._asked = (form, width, height, fps)
@@ -154,12 +154,12 @@ class Camera:
         self._streams, self._last = False, -1
         try:
             self._open()
-        except BadInput:
+        except UserError:
             self._close()
             raise
         except OSError as error:
             self._close()
-            raise BadInput(f"{path}: is no camera that can be opened ({error.strerror}); check [capture] source, or free it") from error
+            raise UserError(f"{path}: is no camera that can be opened ({error.strerror}); check [capture] source, or free it") from error
 
     def _open(self) -> None:
         from linuxpy.video import device as v4l2
@@ -168,14 +168,14 @@ class Camera:
         kind = v4l2.BufferType.VIDEO_CAPTURE
         self.name, streams = _capabilities(self._device)
         if not streams:
-            raise BadInput(f"{self.path}: {self.name} streams no video; name a camera")
+            raise UserError(f"{self.path}: {self.name} streams no video; name a camera")
         form, width, height, fps = self._asked
         before = v4l2.get_raw_format(self._device, kind).fmt.pix
         code = self._choose(form)
         v4l2.set_format(self._device, kind, width or before.width, height or before.height, code)
         got = v4l2.get_raw_format(self._device, kind).fmt.pix
         if got.pixelformat not in FORMATS or (form and FORMATS[got.pixelformat].name != form):
-            raise BadInput(f"{self.path}: {self.name} refuses format {FORMATS[code].name}; choose another [capture] format")
+            raise UserError(f"{self.path}: {self.name} refuses format {FORMATS[code].name}; choose another [capture] format")
         self.form, self.width, self.height = FORMATS[got.pixelformat], int(got.width), int(got.height)
         self._stride, self._size = int(got.bytesperline), int(got.sizeimage)
         try:
@@ -200,15 +200,15 @@ class Camera:
             for code in offered:
                 if FORMATS[code].name == form:
                     return code
-            raise BadInput(f"{self.path}: {self.name} has no format {form} but {names or 'none that is read here'}; set [capture] format")
+            raise UserError(f"{self.path}: {self.name} has no format {form} but {names or 'none that is read here'}; set [capture] format")
         if not offered:
-            raise BadInput(f"{self.path}: {self.name} has no raw format (GREY, Y10, Y12, Y16 or Bayer); use another camera")
+            raise UserError(f"{self.path}: {self.name} has no raw format (GREY, Y10, Y12, Y16 or Bayer); use another camera")
         return max(offered, key=lambda code: (FORMATS[code].bits, FORMATS[code].mosaic == "mono", -code))
 
     def read(self, wait_s: float) -> Raw | None:
         """The next frame, or None when none came within `wait_s` (s): the camera may be gone, and is then looked for again.
 
-        Raises BadInput when it comes back with another format or size.
+        Raises UserError when it comes back with another format or size.
         """
         if self._device < 0 and not self._reopened():
             select.select([], [], [], wait_s)
@@ -249,7 +249,7 @@ class Camera:
                     codes = codes_from_bytes(data, self.form, self.width, self.height, self._stride)
                     data.release()
                 except ValueError as error:
-                    raise BadInput(f"{self.path}: {error}, which it had agreed to send; set [capture] width and height") from error
+                    raise UserError(f"{self.path}: {error}, which it had agreed to send; set [capture] width and height") from error
             sequence = int(buffer.sequence)
             stamp = buffer.timestamp.secs * 10**9 + buffer.timestamp.usecs * 1000
         finally:
@@ -264,13 +264,13 @@ class Camera:
         before = (self.form, self.width, self.height)
         try:
             self._open()
-        except (OSError, BadInput):
+        except (OSError, UserError):
             self._close()
             return False
         if (self.form, self.width, self.height) != before:
             found = f"{self.form.name} {self.width}x{self.height}"
             self._close()
-            raise BadInput(f"{self.path}: came back with {found} instead of {before[0].name} {before[1]}x{before[2]}; start again")
+            raise UserError(f"{self.path}: came back with {found} instead of {before[0].name} {before[1]}x{before[2]}; start again")
         return True
 
     def _close(self) -> None:

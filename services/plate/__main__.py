@@ -1,17 +1,17 @@
-"""The second camera's process: `python -m services.plate vemlight.toml`."""
+"""The second camera's process: `python -m vemlight.plate vemlight.toml`."""
 
 import sys
 
-from services.files import BadInput
-from services.loop import run_camera, run_source
-from services.plate.stage import PlateCamera, PlateSource
-from services.settings import Settings
-from services.start import start
+from vemlight.errors import UserError
+from vemlight.plate.stage import PlateCamera, PlateSource
+from vemlight.runtime.loop import run_camera, run_source
+from vemlight.runtime.start import start
+from vemlight.settings import Settings
 
 
 def main(settings: Settings, restarts: int = 0) -> None:
     if not settings.plate.source:
-        raise BadInput("[plate] source names nothing; name a film, a folder of pictures, or /dev/videoN")
+        raise UserError("[plate] source names nothing; name a film, a folder of pictures, or /dev/videoN")
     if settings.plate.source.startswith("/dev/"):
         run_camera(settings, PlateCamera(settings.plate), restarts)
     else:

@@ -7,23 +7,24 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from services import settings, wire
-from services.channels import Service
-from services.files import BadInput
-from services.plate.films import Pictures, open_pictures
+from vemlight import settings
+from vemlight.errors import UserError
+from vemlight.plate.video_source import Pictures, open_pictures
+from vemlight.runtime import wire
+from vemlight.runtime.channels import Service
 
 REOPEN_S = 1.0  # between two tries to find a camera that has gone
-PlateMessage = tuple[wire.Plate, tuple[np.ndarray, ...]]
+PlateMessage = tuple[wire.PlateMessage, tuple[np.ndarray, ...]]
 
 
 class PlateSource:
-    """A film or a folder of pictures; see `services.loop.Source`."""
+    """A film or a folder of pictures; see `vemlight.runtime.loop.Source`."""
 
     service: Service = "plate"
     limit: int | None = None
 
     def __init__(self, settings: settings.Plate) -> None:
-        """Raises BadInput when there is nothing to see."""
+        """Raises UserError when there is nothing to see."""
         self._pictures: Pictures = open_pictures(Path(settings.source), settings.fps)
         self.fps = self._pictures.fps
 
@@ -31,22 +32,22 @@ class PlateSource:
         return len(self._pictures)
 
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
-        """Raises BadInput for a damaged picture."""
+        """Raises UserError for a damaged picture."""
         return plate_message(self._pictures.picture(index), wire.stamp(sequence, time_s))
 
 
 class PlateCamera:
-    """A camera's pictures as they come; see `services.loop.Camera`. One that goes away is waited for."""
+    """A camera's pictures as they come; see `vemlight.runtime.loop.Camera`. One that goes away is waited for."""
 
     service: Service = "plate"
     limit: int | None = None
 
     def __init__(self, settings: settings.Plate) -> None:
-        """Raises BadInput for a camera that cannot be opened."""
+        """Raises UserError for a camera that cannot be opened."""
         self._path, self._fps = settings.source, settings.fps
         self._camera, self._look_again_s = _opened(self._path, self._fps), 0.0
         if not self._camera.isOpened():
-            raise BadInput(f"{self._path}: cannot be opened as a camera; check [plate] source and who may read it")
+            raise UserError(f"{self._path}: cannot be opened as a camera; check [plate] source and who may read it")
         self._sequence, self._began_s = -1, time.monotonic()
 
     def message(self, wait_s: float) -> tuple[PlateMessage | None, int]:
@@ -78,4 +79,4 @@ def _opened(path: str, fps: float) -> cv2.VideoCapture:
 def plate_message(pixels: np.ndarray, stamp: wire.Stamp) -> PlateMessage:
     """The message of a picture (h, w, 3) uint8 sRGB."""
     height, width, _ = pixels.shape
-    return wire.Plate(stamp=stamp, width=width, height=height), (pixels,)
+    return wire.PlateMessage(stamp=stamp, width=width, height=height), (pixels,)

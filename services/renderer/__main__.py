@@ -1,11 +1,11 @@
-"""The renderer's process: `python -m services.renderer [vemlight.toml]`."""
+"""The renderer's process: `python -m vemlight.renderer [vemlight.toml]`."""
 
 import sys
 
-from services.loop import run_stage
-from services.renderer.stage import RendererStage
-from services.settings import Settings
-from services.start import start
+from vemlight.renderer.stage import RendererStage
+from vemlight.runtime.loop import run_stage
+from vemlight.runtime.start import start
+from vemlight.settings import Settings
 
 
 def main(settings: Settings, restarts: int = 0) -> None:

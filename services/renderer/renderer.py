@@ -6,18 +6,13 @@ from functools import partial
 
 import numpy as np
 
-from services import settings, wire
-from services.files import BadInput
-from services.lights import Lights
-from services.renderer.background import Background
-from services.renderer.casters import scene_casters
-from services.renderer.emission import Emission
-from services.renderer.gloss import NO_CONE, Gloss
-from services.renderer.kept import Kept
-from services.renderer.luminaire.illumination import Illumination
-from services.renderer.materials import GLOSSY, Catcher, Colour, emits, kind_of
-from services.renderer.pace import (
-    Pace,
+from vemlight import settings
+from vemlight.errors import UserError
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage
+from vemlight.renderer.accumulation import MapLights, spread_points
+from vemlight.renderer.frame_budget import (
+    CostModel,
     Spent,
     affordable_lights,
     affordable_maps,
@@ -29,22 +24,28 @@ from services.renderer.pace import (
     waited,
     with_weak,
 )
-from services.renderer.plate import Plate
-from services.renderer.programs import Programs, check_context, context_info, headless_context
-from services.renderer.refine import MapLights, spread_points
-from services.renderer.regions import EVERY_SIDE, light_regions
-from services.renderer.scene import Scene
-from services.renderer.screen import Screen
-from services.renderer.shading import Shading
-from services.renderer.shadows import Batch, ShadowAtlas
-from services.renderer.sizes import COARSER, Sizing, sizing
-from services.renderer.standing import Standing, standing
-from services.renderer.surfaces import Surfaces
-from services.renderer.timers import Timers
-from services.renderer.tonemap import Adaptation, tone_curve
-from services.renderer.view import Offset, pixel_offsets
-from services.settings import Tone
-from services.sphere import Coverage
+from vemlight.renderer.gl.programs import Programs, check_context, context_info, headless_context
+from vemlight.renderer.gl.timers import Timers
+from vemlight.renderer.output.tonemap import Adaptation, tone_curve
+from vemlight.renderer.passes.background.background import Background
+from vemlight.renderer.passes.background.plate import Plate
+from vemlight.renderer.passes.emission.emission import Emission
+from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
+from vemlight.renderer.passes.gloss.gloss import NO_CONE, Gloss
+from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE, light_regions
+from vemlight.renderer.passes.lights.shading import Shading
+from vemlight.renderer.passes.lights.visibility_cache import Kept
+from vemlight.renderer.passes.luminaires.illumination import Illumination
+from vemlight.renderer.passes.present.present import Screen
+from vemlight.renderer.passes.shadow_maps.casters import scene_casters
+from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import COARSER, Sizing, sizing
+from vemlight.renderer.passes.shadow_maps.shadow_maps import Batch, ShadowAtlas
+from vemlight.renderer.scene.materials import GLOSSY, Catcher, Colour, emits, kind_of
+from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.scene_pose import ScenePose, standing
+from vemlight.renderer.scene.view import Offset, pixel_offsets
+from vemlight.runtime import wire
+from vemlight.settings import Tone
 
 NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides
 PASS_MAP = 256  # texels of each map of a pass, if by power: four and a half for a degree, a map's cell, which many of its lights may share
@@ -55,7 +56,7 @@ class Renderer:
     """Draws one scene under any directional lights, headless.
 
     samples: places in each pixel at which it is drawn; the pixel is their mean, so 4 or more give the average over its area.
-    Raises BadInput when there is no GL 4.3 or the picture is larger than it allows.
+    Raises UserError when there is no GL 4.3 or the picture is larger than it allows.
     """
 
     def __init__(self, scene: Scene, settings: settings.Renderer, samples: int = 1) -> None:
@@ -65,14 +66,14 @@ class Renderer:
         limit = self._context.info["GL_MAX_TEXTURE_SIZE"]
         if max(self._size) > limit:
             size = f"{self._size[0]} x {self._size[1]}"
-            raise BadInput(f"[renderer] width, height: {size} is beyond the {limit} pixels of this GL; make them smaller")
+            raise UserError(f"[renderer] width, height: {size} is beyond the {limit} pixels of this GL; make them smaller")
         self._scene = scene
         self._offsets = pixel_offsets(samples)
         self._frame_ms = settings.frame_ms or 0.0
         self._sized = settings.shadow_map is None
         self._halved = 0  # steps by which maps are smaller than they should be, for want of time
         self._tone: Tone = settings.tone
-        self._pace = Pace()
+        self._pace = CostModel()
         self._drawn_frames = 0
         self.drawn_lights = 0  # of the last picture
         self.map_texels = np.zeros(0, int)  # a side, of the map that each of its lights read
@@ -118,7 +119,7 @@ class Renderer:
             self._place(now)
         return now.things
 
-    def _place(self, now: Standing) -> None:
+    def _place(self, now: ScenePose) -> None:
         self._illumination.place(now)
         if not np.array_equal(now.matrices, self._standing.matrices):
             self._atlas.place(now.matrices)
@@ -126,7 +127,7 @@ class Renderer:
             self._moved = True
         self._standing = now
 
-    def render(self, lights: Lights, weak: Lights | None = None) -> np.ndarray:
+    def render(self, lights: LightSet, weak: LightSet | None = None) -> np.ndarray:
         """The picture under `lights`, (height, width, 4) float32, linear, row 0 on top.
 
         RGB is radiance times alpha (the average over the pixel's area), alpha the share of the area where rays meet a surface; a catcher
@@ -137,19 +138,19 @@ class Renderer:
         self.draw(lights, weak)
         return self.picture()
 
-    def draw(self, lights: Lights, weak: Lights | None = None) -> None:
+    def draw(self, lights: LightSet, weak: LightSet | None = None) -> None:
         """As `render`, but the picture stays on the GPU, for `picture`, `selected` and `tone_mapped`."""
         self.drawn_lights = len(lights.ids)
         in_time = self._render_in_time if self._frame_ms else partial(self._render_all, offsets=self._offsets)
-        self._whole(lambda: in_time(lights, weak or Lights.none()))
+        self._whole(lambda: in_time(lights, weak or LightSet.none()))
 
     def render_pass(self, light: MapLights, number: int) -> np.ndarray:
-        """As `render`, a pass of services/renderer/refine.py: at one place in each pixel, all lights and whole maps whatever the time."""
+        """As `render`, a pass of accumulation.py: at one place in each pixel, all lights and whole maps whatever the time."""
         (offset,) = [Offset(x, y, number) for x, y in spread_points(number, 1).tolist()]
         catcher = self._catcher_irradiance(light.cells()) if self._has_catcher else None  # of all passes together
 
         def draw() -> None:
-            self._render_all(light.of_pass(number), Lights.none(), [offset], catcher, PASS_MAP if self._sized else None)
+            self._render_all(light.of_pass(number), LightSet.none(), [offset], catcher, PASS_MAP if self._sized else None)
 
         self._whole(draw)
         return self.picture()
@@ -209,7 +210,7 @@ class Renderer:
         return least_ms(self._pace, self._moved)
 
     def _render_all(
-        self, lights: Lights, weak: Lights, offsets: list[Offset], catcher: Colour | None = None, texels: int | None = None
+        self, lights: LightSet, weak: LightSet, offsets: list[Offset], catcher: Colour | None = None, texels: int | None = None
     ) -> None:
         """Draws all maps and sums all lights, at `offsets` in each pixel; `catcher`: see Shading.add, None: as these lights give it.
 
@@ -246,7 +247,7 @@ class Renderer:
         with self._timers.measured("shadow maps"):
             self._atlas.draw(batch)
 
-    def _gather(self, weak: Lights, batch: Batch) -> None:
+    def _gather(self, weak: LightSet, batch: Batch) -> None:
         if self._gloss:
             with self._timers.measured("weak lights"):
                 self._gloss.gather(weak, batch)
@@ -260,10 +261,10 @@ class Renderer:
             with self._timers.measured("weak lights"):
                 self._gloss.add(self._surfaces, self._atlas, batch, self._shading.frame, weight)
 
-    def _render_in_time(self, lights: Lights, weak: Lights) -> None:
+    def _render_in_time(self, lights: LightSet, weak: LightSet) -> None:
         """Draws what fits the target frame time."""
         self._pace = with_weak(self._pace, self._frame_ms, self._moved)
-        weak = weak if self._pace.weak else Lights.none()
+        weak = weak if self._pace.weak else LightSet.none()
         chosen = first_lights(lights, self.affordable_lights or len(lights.ids))
         self.drawn_lights = len(chosen.ids)
         if (halved := halvings(self._pace, self._halved, COARSER)) != self._halved:
@@ -298,7 +299,7 @@ class Renderer:
         done = Spent(frame_ms + self._after_ms, batch.work, maps_ms, lookups, lookups_ms, batch.every.count, lights_ms, weak_ms)
         self._pace = waited(learnt(self._pace, done), map_work(batch.texels), batch.off, batch.off_work, batch.work)
 
-    def _catcher_irradiance(self, lights: Lights) -> Colour:
+    def _catcher_irradiance(self, lights: LightSet) -> Colour:
         """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
         normal = self._scene.catcher_normal(self._standing.matrices)
         if normal is None:

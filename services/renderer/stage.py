@@ -8,18 +8,19 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from services import settings, wire
-from services.channels import Service
-from services.files import BadInput
-from services.lights import Lights
-from services.renderer.album import Album
-from services.renderer.pace import FEWEST, LATE
-from services.renderer.refine import MapLights, Refined
-from services.renderer.renderer import Renderer
-from services.renderer.scene import Scene, load_scene
-from services.renderer.tonemap import Adaptation, adapt, selected
-from services.renderer.video import check_video_path
-from services.sphere import Coverage
+from vemlight import settings
+from vemlight.errors import UserError
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage
+from vemlight.renderer.accumulation import MapLights, Refined
+from vemlight.renderer.frame_budget import FEWEST, LATE
+from vemlight.renderer.output.image_sequence import ImageSequenceWriter
+from vemlight.renderer.output.tonemap import Adaptation, adapt, selected
+from vemlight.renderer.output.video import check_video_path
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import Scene, load_scene
+from vemlight.runtime import wire
+from vemlight.runtime.channels import Service
 
 FILE_SAMPLES = 4  # a pixel of a file is the average over its area
 BLENDED_SAMPLES = 16  # where surfaces are there in part: each sample sees one, or what lies behind it
@@ -63,12 +64,12 @@ def half_floats(picture: np.ndarray) -> np.ndarray:
 
 
 class RendererStage:
-    """See `services.loop.Stage`."""
+    """See `vemlight.runtime.loop.Stage`."""
 
     service: Service = "renderer"
 
     def __init__(self, settings: settings.Settings) -> None:
-        """Raises BadInput for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
+        """Raises UserError for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
         scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
         self._plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
         self._behind, self._stops = settings.renderer.background == "map", settings.plate.stops
@@ -78,13 +79,13 @@ class RendererStage:
         if settings.renderer.width * settings.renderer.height * pixel_bytes > wire.MAX_PART:
             size = f"{settings.renderer.width} x {settings.renderer.height}"
             most = wire.MAX_PART // pixel_bytes
-            raise BadInput(f"[renderer] width, height: {size} is more than the {most} pixels that one message holds; make them smaller")
-        self._album = Album(Path(settings.out)) if settings.out else None
+            raise UserError(f"[renderer] width, height: {size} is more than the {most} pixels that one message holds; make them smaller")
+        self._album = ImageSequenceWriter(Path(settings.out)) if settings.out else None
         self._video = Path(settings.renderer.video) if settings.renderer.video else None
         if self._video:
             check_video_path(self._video)
             if not self._album:
-                raise BadInput("[renderer] video: is made of the pictures in the folder out, which is not set; set it, or use --out")
+                raise UserError("[renderer] video: is made of the pictures in the folder out, which is not set; set it, or use --out")
         drawing = settings.renderer
         if settings.mode == "lossless":  # there is time, and a picture shall follow from its lights alone
             drawing = msgspec.structs.replace(drawing, frame_ms=0.0)
@@ -110,7 +111,7 @@ class RendererStage:
 
     def step(self, state: RendererState, message: wire.Message) -> tuple[RendererState, wire.Message]:
         header, arrays = message
-        assert isinstance(header, wire.Lights)
+        assert isinstance(header, wire.LightsMessage)
         began_s = time.monotonic()
         time_s = header.stamp.time_s
         dt_s = max(0.0, time_s - state.time_s)
@@ -123,14 +124,14 @@ class RendererStage:
         if state.paused and state.around:
             state, pixels, count = self._refine(state, *state.around, dt_s)
         else:
-            self._renderer.draw(Lights(*arrays[:3]), Lights.of(np.arange(header.fine), *arrays[3:5]))
+            self._renderer.draw(LightSet(*arrays[:3]), LightSet.of(np.arange(header.fine), *arrays[3:5]))
             picture = self._renderer.picture() if self._linear or self._album else None
             state = state._replace(picture=picture, adaptation=adapt(state.adaptation, self._renderer.selected(), dt_s), still=None)
             pixels, count = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure), self._renderer.drawn_lights
             self._say_when_late()
         height, width, _ = pixels.shape
         took_ms = (time.monotonic() - began_s) * 1e3
-        made = wire.Image(
+        made = wire.ImageMessage(
             stamp=header.stamp, width=width, height=height, lights=count, render_ms=took_ms, linear=self._linear,
             things=things[: wire.MAX_POSES], can=0 if state.paused else self._renderer.affordable_lights or 0,
         )  # fmt: skip
@@ -164,19 +165,19 @@ class RendererStage:
 
     def heed(self, state: RendererState, said: wire.Message) -> RendererState:
         header, arrays = said
-        if isinstance(header, wire.Control):
+        if isinstance(header, wire.ControlMessage):
             exposure = self._exposure if header.exposure is None else header.exposure
             around = state.around if header.paused else None
             return state._replace(exposure=exposure, poses=header.poses, paused=header.paused, around=around)
-        if isinstance(header, wire.Map):
+        if isinstance(header, wire.MapMessage):
             return state._replace(around=(arrays[0], header.coverage))
-        if isinstance(header, wire.Plate):
+        if isinstance(header, wire.PlateMessage):
             return state._replace(plate=arrays[0])
         return state
 
     def keep(self, state: RendererState, message: wire.Message) -> None:
         header, (pixels, *_) = message
-        if self._album and state.picture is not None and state.adaptation is not None and isinstance(header, wire.Image):
+        if self._album and state.picture is not None and state.adaptation is not None and isinstance(header, wire.ImageMessage):
             self._album.add(state.picture, pixels, header.stamp, state.adaptation)
 
     def done(self) -> None:

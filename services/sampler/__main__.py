@@ -1,11 +1,11 @@
-"""The sampler's process: `python -m services.sampler [vemlight.toml]`."""
+"""The sampler's process: `python -m vemlight.sampler [vemlight.toml]`."""
 
 import sys
 
-from services.loop import run_stage
-from services.sampler.stage import SamplerStage
-from services.settings import Settings
-from services.start import start
+from vemlight.runtime.loop import run_stage
+from vemlight.runtime.start import start
+from vemlight.sampler.stage import SamplerStage
+from vemlight.settings import Settings
 
 
 def main(settings: Settings, restarts: int = 0) -> None:

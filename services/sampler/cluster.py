@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.lights import Lights
-from services.sphere import LUMINANCE, Coverage
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import LUMINANCE, Coverage
 
 FACTOR = 1.85  # the paper's c, where the search begins
 STAY = 1.15  # a light stays with its seed, and a seed a seed, up to this factor on the angle: .04 % of lights change a frame, not .41 %
@@ -30,7 +30,7 @@ class Clusters(NamedTuple):
 NONE = Clusters(np.zeros(0, np.int64), 0.0)
 
 
-def clustered(lights: Lights, most: int, coverage: Coverage, before: Clusters) -> tuple[Clusters, Lights]:
+def clustered(lights: LightSet, most: int, coverage: Coverage, before: Clusters) -> tuple[Clusters, LightSet]:
     """At most `most` lights that stand for `lights`, and what to pass next time.
 
     Power is exact in each channel; a cluster lies at the mean of its lights weighted by power and has its seed's id and place in the order.
@@ -94,10 +94,10 @@ def _labels(directions, old, angle, most):
     return labels, found
 
 
-def _merged(lights: Lights, directions: np.ndarray, clusters: Clusters, seeds: int) -> Lights:
+def _merged(lights: LightSet, directions: np.ndarray, clusters: Clusters, seeds: int) -> LightSet:
     ids, mean, irradiance = np.empty(seeds, np.int64), np.empty((seeds, 3)), np.empty((seeds, 3))
     _merge(lights.ids, directions, lights.irradiance, clusters.labels, ids, mean, irradiance)
-    return Lights.of(ids, mean, irradiance)
+    return LightSet.of(ids, mean, irradiance)
 
 
 @njit(cache=True)

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.sampler.density import LightMap
-from services.sampler.probes import probes, seen
-from services.sphere import LUMINANCE, Coverage, cell_directions, cell_solid_angles
+from vemlight.light.sphere import LUMINANCE, Coverage, cell_directions, cell_solid_angles
+from vemlight.sampler.density import LightMap
+from vemlight.sampler.probes import probes, seen
 
 PROBES = 96  # the error's own uncertainty is 1 / sqrt(2 x 96) = 7 %, about a third of a step of the ladder
 ROWS, COLS = 30, 120  # the map is judged in blocks of 3 degrees, but for its HOT cells

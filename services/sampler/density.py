@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.sphere import LUMINANCE, Coverage, cell_solid_angles
+from vemlight.light.sphere import LUMINANCE, Coverage, cell_solid_angles
 
 # Share of the power spread evenly, so that the warps stay one to one in the dark. With 1e-3 and float64 tables a direction comes back
 # within 1e-9 degrees even on a black half; of N samples N / 1000 lie there and carry the (little) light that they find.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.sphere import LUMINANCE, Coverage, cell_directions, cell_solid_angles
+from vemlight.light.sphere import LUMINANCE, Coverage, cell_directions, cell_solid_angles
 
 SOFTNESS = float(np.sin(np.radians(2.0)))
 

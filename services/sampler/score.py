@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from services.lights import Lights
-from services.sampler.density import light_map
-from services.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from services.sphere import Coverage, angle_between, luminance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, angle_between, luminance
+from vemlight.sampler.density import light_map
+from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 
 PROBES = 512  # the error's own uncertainty is 1 / sqrt(2 x 512) = 3 %
 JUMP_DEG = 10.0  # between two frames; the eye sees it as one light going and another coming
@@ -40,7 +40,7 @@ class Score(NamedTuple):
     power_drift: float
 
 
-def score(sequence: Iterable[tuple[np.ndarray, Lights]], coverage: Coverage = "hemisphere") -> Score:
+def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = "hemisphere") -> Score:
     """The score of maps (rows, cols, 3) with their lights, in order. Black frames take part with the mean of the sequence as scale.
 
     Raises ValueError for an empty sequence.
@@ -48,7 +48,7 @@ def score(sequence: Iterable[tuple[np.ndarray, Lights]], coverage: Coverage = "h
     at = probes(PROBES, coverage)
     errors, irradiance, totals, moves, counts = [], [], [], [], []
     births = deaths = 0
-    last: Lights | None = None
+    last: LightSet | None = None
     for radiance, lights in sequence:
         light = light_map(radiance, coverage)
         truth = irradiance_of_map(at, light.radiance, coverage)

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from services import settings, wire
-from services.channels import Service
-from services.lights import Lights, LightsFile
-from services.sampler.step import State, initial_state, step
+from vemlight import settings
+from vemlight.light.light_set import LightSet, LightsFile
+from vemlight.runtime import wire
+from vemlight.runtime.channels import Service
+from vemlight.sampler.step import State, initial_state, step
 
 WARM_FRAMES = 64  # the search for flicker begins with the second second of light
 
@@ -23,12 +24,12 @@ class SamplerState(NamedTuple):
 
 
 class SamplerStage:
-    """See `services.loop.Stage`."""
+    """See `vemlight.runtime.loop.Stage`."""
 
     service: Service = "sampler"
 
     def __init__(self, settings: settings.Settings) -> None:
-        """Raises BadInput when the output folder cannot be written."""
+        """Raises UserError when the output folder cannot be written."""
         self._settings = settings.sampler
         self._file = LightsFile(Path(settings.out) / "lights.jsonl") if settings.out else None
         warm(settings.sampler)
@@ -45,12 +46,12 @@ class SamplerStage:
 
     def step(self, state: SamplerState, message: wire.Message) -> tuple[SamplerState, wire.Message]:
         header, arrays = message
-        assert isinstance(header, wire.Map)
+        assert isinstance(header, wire.MapMessage)
         radiance, *strong = arrays
         told = radiance, header.coverage, header.stamp.time_s, state.can, np.column_stack(strong)
         memory, lights, report = step(state.settings, state.memory, *told)
-        fine = report.fine or Lights.none()
-        made = wire.Lights(
+        fine = report.fine or LightSet.none()
+        made = wire.LightsMessage(
             stamp=header.stamp,
             count=len(lights.ids),
             fine=len(fine.ids),
@@ -67,9 +68,9 @@ class SamplerStage:
 
     def heed(self, state: SamplerState, said: wire.Message) -> SamplerState:
         wish, _ = said
-        if isinstance(wish, wire.Status):
+        if isinstance(wish, wire.StatusMessage):
             return state._replace(can=wish.can)
-        assert isinstance(wish, wire.Control)
+        assert isinstance(wish, wire.ControlMessage)
         own = self._settings
         unfiltered = wish.filtered is False
         asked = msgspec.structs.replace(own, count=wish.count or own.count, filter="none" if unfiltered else own.filter)
@@ -77,8 +78,8 @@ class SamplerStage:
 
     def keep(self, state: SamplerState, message: wire.Message) -> None:
         header, arrays = message
-        if self._file and isinstance(header, wire.Lights):
-            self._file.append(Lights(*arrays[:3]), header.stamp.sequence, header.stamp.time_s, header.coverage)
+        if self._file and isinstance(header, wire.LightsMessage):
+            self._file.append(LightSet(*arrays[:3]), header.stamp.sequence, header.stamp.time_s, header.coverage)
 
     def done(self) -> None:
         pass

@@ -5,15 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.lights import Lights
-from services.sampler import cluster, control, filter, flicker
-from services.sampler.density import LightMap, light_map
-from services.sampler.points import Kind, points
-from services.sampler.tracked import NO_STRONG, TRIALS, initial_tracked, needed, tracked_step
-from services.sampler.tracked import State as Tracked
-from services.sampler.warp import Anchor, steadied, warp_from_map
-from services.settings import Sampler
-from services.sphere import Coverage, luminance
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage, luminance
+from vemlight.sampler import cluster, control
+from vemlight.sampler.density import LightMap, light_map
+from vemlight.sampler.temporal import filter, flicker
+from vemlight.sampler.tracking.tracked import NO_STRONG, TRIALS, initial_tracked, needed, tracked_step
+from vemlight.sampler.tracking.tracked import State as Tracked
+from vemlight.sampler.warps.points import Kind, points
+from vemlight.sampler.warps.warp import Anchor, steadied, warp_from_map
+from vemlight.settings import Sampler
 
 OFFSET_TIME_S = 0.12  # the warp's offset follows the light with this time constant: three frames at 25 fps, against pixel noise
 SLACK = 1.1  # tracked lights' need is an estimate that noise moves by so much; AIM leaves four times as much room below the promise
@@ -61,7 +62,7 @@ class Report(NamedTuple):
     flicker_hz: float
     lamp_hz: float
     flicker_depth: float
-    fine: Lights | None
+    fine: LightSet | None
 
 
 def initial_state(settings: Sampler) -> State:
@@ -78,7 +79,7 @@ def step(
     time_s: float,
     can: int = 0,
     strong: np.ndarray = NO_STRONG,
-) -> tuple[State, Lights, Report]:
+) -> tuple[State, LightSet, Report]:
     """The lights of a polar map captured at `time_s`.
 
     radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. can: lights that the renderer says it can draw
@@ -127,7 +128,7 @@ def _tracked(
     coverage: Coverage,
     time_s: float,
     strong: np.ndarray,
-) -> tuple[State, Lights, Report]:
+) -> tuple[State, LightSet, Report]:
     """The step of the method "tracked", whose lights need neither a filter with a delay nor clusters."""
     shown, beat = radiance, state.flicker
     if settings.deflicker:
@@ -213,10 +214,10 @@ def _counted(settings: Sampler, state: State, light: LightMap, drawn: np.ndarray
     return state._replace(presence=control.faded(state.presence, wanted, passed_s), need=need), wanted
 
 
-def _lights(weights: np.ndarray, frame: filter.Frame) -> Lights:
+def _lights(weights: np.ndarray, frame: filter.Frame) -> LightSet:
     """The first lights of a frame with the given weights (n,)."""
     n = len(weights)
-    return Lights.of(np.arange(n), frame.lights[:n, :3], irradiance(weights, frame.lights[:n, 3:], frame.power))
+    return LightSet.of(np.arange(n), frame.lights[:n, :3], irradiance(weights, frame.lights[:n, 3:], frame.power))
 
 
 def irradiance(weights: np.ndarray, tint: np.ndarray, power: np.ndarray) -> np.ndarray:

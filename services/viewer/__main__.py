@@ -1,11 +1,11 @@
-"""The viewer's process: `python -m services.viewer [vemlight.toml]`."""
+"""The viewer's process: `python -m vemlight.viewer [vemlight.toml]`."""
 
 import asyncio
 import sys
 
-from services.settings import Settings
-from services.start import start
-from services.viewer.view import view
+from vemlight.runtime.start import start
+from vemlight.settings import Settings
+from vemlight.viewer.service import view
 
 
 def main(settings: Settings, restarts: int = 0) -> None:

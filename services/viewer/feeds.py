@@ -5,7 +5,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 
-class Bell:
+class Condition:
     """Wakes all who wait, each time it rings."""
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class Bell:
 class Feed:
     """The newest frame of one kind and its bytes. `number` counts the frames put in: a reader remembers the one it has."""
 
-    def __init__(self, encode: Callable[..., bytes], bell: Bell) -> None:
+    def __init__(self, encode: Callable[..., bytes], bell: Condition) -> None:
         self.number = 0
         self._encode, self._bell = encode, bell
         self._frame: tuple[Any, ...] = ()

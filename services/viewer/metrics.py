@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from services.viewer.watch import STATES
+from vemlight.viewer.liveness import STATES
 
 OUTCOMES = {"done": "frames", "skipped": "skipped", "dropped": "dropped", "refused": "refused"}
 PIXELS = ("black", "saturated", "spoilt")

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
-from services import wire
-from services.sphere import Coverage, cell_solid_angles, luminance
+from vemlight.light.sphere import Coverage, cell_solid_angles, luminance
+from vemlight.runtime import wire
 
 DISC_PIXELS = 512  # on a side: 256 for the 90 rings of a map, so that a cell is some pixels wide
 QUALITY = 88  # of JPEG: no visible blocks on smooth skies, half the bytes of 95
@@ -35,7 +35,7 @@ class Sky:
         self._shape: tuple[int, ...] = ()
         self._lookup = (np.empty(0, np.int16), np.empty(0, np.uint16))
 
-    def disc_jpeg(self, header: wire.Map, radiance: np.ndarray) -> bytes:
+    def disc_jpeg(self, header: wire.MapMessage, radiance: np.ndarray) -> bytes:
         """The map (rows, cols, 3) as a JPEG of DISC_PIXELS on a side, laid out as `disc_lookup` says."""
         if len(radiance) > DISC_PIXELS:
             radiance = cv2.resize(radiance, (4 * DISC_PIXELS, DISC_PIXELS), interpolation=cv2.INTER_AREA)

@@ -8,11 +8,11 @@ from pathlib import Path
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from services.files import BadInput
-from services.viewer.board import Board
-from services.viewer.feeds import Feed
-from services.viewer.gate import add_headers, gate
-from services.viewer.metrics import metrics
+from vemlight.errors import UserError
+from vemlight.viewer.authentication import add_headers, gate
+from vemlight.viewer.feeds import Feed
+from vemlight.viewer.metrics import metrics
+from vemlight.viewer.viewer_state import Board
 
 PAGE = Path(__file__).parent / "page"
 FILES = {
@@ -104,7 +104,7 @@ class Site:
             raise web.HTTPUnsupportedMediaType(text="control: send Content-Type: application/json\n")
         try:
             self._board.wish_for(await request.read())
-        except BadInput as error:
+        except UserError as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from error
         return web.Response(body=msgspec.json.encode(self._board.wish), content_type="application/json")
 

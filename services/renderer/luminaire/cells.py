@@ -10,9 +10,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numba import njit
 
-from services.renderer.luminaire.bases import SUPPORT_CELLS
-from services.renderer.luminaire.lightfield import LightField
-from services.sphere import LUMINANCE
+from vemlight.light.sphere import LUMINANCE
+from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
+from vemlight.renderer.luminaire.lightfield import LightField
 
 Reference = Literal["sampling", "measurement"]
 NEAR = 1e-3  # of the farthest caster: 1 / z in 24 bits is then exact to 6e-5 of the distance

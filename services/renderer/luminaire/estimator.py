@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.renderer.luminaire.occlusion import Hierarchy, blocked, hierarchy_of
-from services.renderer.luminaire.tables import Tables, axis_box, mean_importance, sample_box
+from vemlight.renderer.luminaire.occlusion import Hierarchy, blocked, hierarchy_of
+from vemlight.renderer.luminaire.tables import Tables, axis_box, mean_importance, sample_box
 
 EMPTY = hierarchy_of(np.zeros((0, 3, 3)))
 CHUNK = 512  # points a thread takes at a time: far longer than handing them out takes

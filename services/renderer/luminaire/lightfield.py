@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from services.renderer.luminaire.bases import SUPPORT_CELLS, Kind, basis
+from vemlight.renderer.luminaire.bases import SUPPORT_CELLS, Kind, basis
 
 Unit = Literal["radiometric", "photometric"]
 

@@ -11,10 +11,11 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from services.files import BadInput, written_whole
-from services.images import MAX_PIXELS, REC709
-from services.renderer.luminaire.bases import Kind
-from services.renderer.luminaire.lightfield import LightField, Unit
+from vemlight.errors import UserError
+from vemlight.files import written_whole
+from vemlight.light.images import MAX_PIXELS, REC709
+from vemlight.renderer.luminaire.bases import Kind
+from vemlight.renderer.luminaire.lightfield import LightField, Unit
 
 HEADER = "vemlight:luminaire"
 MAX_IMAGES = 1024  # as many parts; the largest published light field has 99
@@ -41,12 +42,12 @@ class Description(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 def write_luminaire(path: Path, field: LightField) -> None:
     """Writes the light field as .exr; images in float16 stay so, all else becomes 32-bit float.
 
-    Raises BadInput for another suffix, OSError when the disk refuses.
+    Raises UserError for another suffix, OSError when the disk refuses.
     """
     import OpenEXR
 
     if path.suffix.lower() != ".exr":
-        raise BadInput(f"{path}: a luminaire is written as .exr; change the suffix")
+        raise UserError(f"{path}: a luminaire is written as .exr; change the suffix")
     rows, cols = field.images.shape[:2]
     text = msgspec.json.encode({"schema": "vemlight.luminaire/1", **msgspec.structs.asdict(_description(field, rows, cols))}).decode()
     dtype = np.float16 if field.images.dtype == np.float16 else np.float32
@@ -73,35 +74,35 @@ def _description(field: LightField, rows: int, cols: int) -> Description:
 def read_luminaire(path: Path) -> LightField:
     """The light field in a file that `write_luminaire` or another program with the same header wrote.
 
-    Raises BadInput, naming file and fault, for anything else: no EXR, no header, unknown keys, an empty window, a missing part, parts of
+    Raises UserError, naming file and fault, for anything else: no EXR, no header, unknown keys, an empty window, a missing part, parts of
     different size, too many pixels, nan or inf.
     """
     parts = _parts(path)
     header = parts[0][1].get(HEADER)
     if not isinstance(header, str):
-        raise BadInput(f"{path}: is an EXR without the attribute {HEADER}; make a luminaire with `vemlight luminaire`")
+        raise UserError(f"{path}: is an EXR without the attribute {HEADER}; make a luminaire with `vemlight luminaire`")
     try:
         about = msgspec.json.decode(header.encode(), type=Description)
     except msgspec.DecodeError as error:
-        raise BadInput(f"{path}: {HEADER}: {error}; write it again with `vemlight luminaire`") from error
+        raise UserError(f"{path}: {HEADER}: {error}; write it again with `vemlight luminaire`") from error
     low_s, low_t, high_s, high_t = about.window_m
     if not (low_s < high_s and low_t < high_t):
-        raise BadInput(f"{path}: {HEADER}: window_m {about.window_m} is empty; write s_min, t_min, s_max, t_max")
+        raise UserError(f"{path}: {HEADER}: window_m {about.window_m} is empty; write s_min, t_min, s_max, t_max")
     named = {name: pixels for name, _, pixels in parts}
     images = []
     for j, i in np.ndindex(about.rows, about.cols):
         pixels = named.get(f"image_{j}_{i}")
         if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 3:
-            raise BadInput(f"{path}: has no RGB part image_{j}_{i} of the {about.rows} x {about.cols} its header promises; copy it again")
+            raise UserError(f"{path}: has no RGB part image_{j}_{i} of the {about.rows} x {about.cols} its header promises; copy it again")
         if images and pixels.shape != images[0].shape:
-            raise BadInput(f"{path}: part image_{j}_{i} is {pixels.shape[1]} x {pixels.shape[0]} and the first is "
+            raise UserError(f"{path}: part image_{j}_{i} is {pixels.shape[1]} x {pixels.shape[0]} and the first is "
                            f"{images[0].shape[1]} x {images[0].shape[0]}; write all parts in one size")
         images.append(pixels)
     if about.rows * about.cols * images[0].size > 3 * MAX_PIXELS:
-        raise BadInput(f"{path}: holds more than {MAX_PIXELS} pixels; make the images smaller")
+        raise UserError(f"{path}: holds more than {MAX_PIXELS} pixels; make the images smaller")
     stack = np.stack([pixels[::-1] for pixels in images]).astype(np.float32)
     if not np.all(np.isfinite(stack)):
-        raise BadInput(f"{path}: {np.count_nonzero(~np.isfinite(stack))} values are nan or inf; measure it again or repair the images")
+        raise UserError(f"{path}: {np.count_nonzero(~np.isfinite(stack))} values are nan or inf; measure it again or repair the images")
     stack = stack.reshape(about.rows, about.cols, *images[0].shape)
     return LightField(stack, about.basis, about.spacing_m, about.first_m, about.distance_m, about.window_m, about.unit, about.name)
 
@@ -110,10 +111,10 @@ def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:
     """(name, attributes, RGB pixels) of each part of an EXR."""
     import OpenEXR
 
-    from services.images import MAX_SIDE, one_line, silent
+    from vemlight.light.images import MAX_SIDE, one_line, silent
 
     if not path.is_file():
-        raise BadInput(f"{path}: there is no such file; check the path")
+        raise UserError(f"{path}: there is no such file; check the path")
     OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
     try:
         with silent():
@@ -121,7 +122,7 @@ def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:
             found = [(part.name(), dict(part.header), part.channels["RGB"].pixels if "RGB" in part.channels else np.zeros(0))
                      for part in file.parts[:MAX_IMAGES]]
     except (RuntimeError, ValueError, TypeError, MemoryError, IndexError) as error:
-        raise BadInput(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
+        raise UserError(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
     if not found:
-        raise BadInput(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
+        raise UserError(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
     return found

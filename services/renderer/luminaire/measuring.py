@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from services.renderer.luminaire.bases import SUPPORT_CELLS, Dual, Kind, dual_value, span_dual
-from services.renderer.luminaire.lightfield import LightField, Unit
-from services.sphere import luminance
+from vemlight.light.sphere import luminance
+from vemlight.renderer.luminaire.bases import SUPPORT_CELLS, Dual, Kind, dual_value, span_dual
+from vemlight.renderer.luminaire.lightfield import LightField, Unit
 
 CHUNK = 2**20  # rays evaluated together: 24 MB of radiance in float64
 
@@ -129,7 +129,7 @@ class Rays(NamedTuple):
     flux: np.ndarray
 
 
-class Ledger(NamedTuple):
+class FluxBudget(NamedTuple):
     """Where the flux of a set of rays went, in the unit of the rays' luminance: total is the sum of the others.
 
     backward: rays away from the planes; beside_sampling, beside_measurement: rays beyond the extent of U, and, of the rest, of S;
@@ -144,7 +144,7 @@ class Ledger(NamedTuple):
     filter_tails: float
 
 
-def field_from_rays(rays: Rays, planes: Planes, plane_z_m: float, unit: Unit, name: str) -> tuple[LightField, Ledger]:
+def field_from_rays(rays: Rays, planes: Planes, plane_z_m: float, unit: Unit, name: str) -> tuple[LightField, FluxBudget]:
     """Projects rays through U at z = plane_z_m and S: each adds flux dual_m(u) / pixel area to image m; the sum over m keeps the flux."""
     flux = luminance(rays.flux)
     forward = rays.directions[:, 2] > 1e-6
@@ -167,7 +167,7 @@ def field_from_rays(rays: Rays, planes: Planes, plane_z_m: float, unit: Unit, na
     field = planes.field(images.reshape(planes.rows, planes.cols, planes.height, planes.width, 3), unit, name)
     ahead = flux[forward]
     kept = float(luminance(images.sum(axis=(0, 1, 2)) * area))
-    return field, Ledger(
+    return field, FluxBudget(
         float(flux.sum()), kept, float(flux[~forward].sum()), float(ahead[~on_sampling].sum()),
         float(ahead[on_sampling & ~on_both].sum()), float(ahead[on_both].sum()) - kept,
     )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from services.files import BadInput
+from vemlight.errors import UserError
 
 FAR = 5.0  # times the largest dimension of the lamp
 MAX_ANGLES = 2000
@@ -56,20 +56,20 @@ def total_flux_lm(far: FarField) -> float:
 
 
 def read_photometry(path: Path) -> FarField:
-    """The far field in a .ldt or .ies file. Raises BadInput, naming file and fault, for all that is none."""
+    """The far field in a .ldt or .ies file. Raises UserError, naming file and fault, for all that is none."""
     try:
         text = path.read_bytes().decode("latin-1")
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the path") from error
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     readers = {".ldt": _read_eulumdat, ".ies": _read_lm63}
     if path.suffix.lower() not in readers:
-        raise BadInput(f"{path}: photometry is read from .ldt and .ies; convert it")
+        raise UserError(f"{path}: photometry is read from .ldt and .ies; convert it")
     try:
         far = readers[path.suffix.lower()](text)
     except (ValueError, IndexError, OverflowError) as error:
-        raise BadInput(f"{path}: is no valid photometry ({' '.join(str(error).split())[:120]}); export it again") from error
+        raise UserError(f"{path}: is no valid photometry ({' '.join(str(error).split())[:120]}); export it again") from error
     if not (np.all(np.isfinite(far.candela)) and far.candela.min() >= 0 and np.all(np.isfinite(far.size_m))):
-        raise BadInput(f"{path}: has intensities or dimensions that are negative, nan or inf; export it again")
+        raise UserError(f"{path}: has intensities or dimensions that are negative, nan or inf; export it again")
     return far._replace(name=far.name or path.stem)
 
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from services.files import BadInput
-from services.renderer.luminaire.measuring import Rays
-from services.sphere import LUMINANCE
+from vemlight.errors import UserError
+from vemlight.light.sphere import LUMINANCE
+from vemlight.renderer.luminaire.measuring import Rays
 
 HEADER = np.dtype([
     ("magic", "S4"), ("version", "<i4"), ("creation", "<i4"), ("luminous_flux", "<f4"), ("radiant_flux", "<f4"), ("rays", "<u8"),
@@ -36,31 +36,31 @@ class RayFile(NamedTuple):
 
 
 def read_rays(path: Path) -> RayFile:
-    """The rays of a TM-25 file. Raises BadInput for a file that is missing, cut off, of another kind, or holds values no ray can have."""
+    """The rays of a TM-25 file. Raises UserError for a file that is missing, cut off, of another kind, or holds values no ray can have."""
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({error.strerror}); check the path") from error
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     if len(data) < HEADER.itemsize or data[:4] != b"TM25":
-        raise BadInput(f"{path}: is no IES TM-25 ray file (it does not begin with TM25); export it as TM-25")
+        raise UserError(f"{path}: is no IES TM-25 ray file (it does not begin with TM25); export it as TM-25")
     header = np.frombuffer(data, HEADER, 1)[0]
     flags = header["flags"]
     count, additional = int(header["rays"]), int(header["additional_items"])
     if not (flags[POSITION] and flags[DIRECTION] and (flags[RADIANT] or flags[LUMINOUS])):
-        raise BadInput(f"{path}: its rays lack position, direction or flux; export it with all three")
+        raise UserError(f"{path}: its rays lack position, direction or flux; export it with all three")
     if not (0 < count <= MAX_RAYS and 0 <= additional < 1000):
-        raise BadInput(f"{path}: its header claims {count} rays with {additional} additional items; it may be damaged, copy it again")
+        raise UserError(f"{path}: its header claims {count} rays with {additional} additional items; copy it again")
     before = 6 + (1 if flags[RADIANT] else 0) + (3 if flags[STOKES] else 0) + (1 if flags[WAVELENGTH] else 0)
     items = before + (1 if flags[LUMINOUS] else 0) + (2 if flags[TRISTIMULUS] else 0) + (1 if flags[SPECTRUM] else 0) + additional
     start = len(data) - count * items * 4
     if start < HEADER.itemsize:
-        raise BadInput(f"{path}: holds {len(data)} bytes and {count} rays of {items} numbers need more; it was cut off, copy it again")
+        raise UserError(f"{path}: holds {len(data)} bytes and {count} rays of {items} numbers need more; it was cut off, copy it again")
     rows = np.frombuffer(data, "<f4", count * items, start).reshape(count, items)
     column, claimed = (before, header["luminous_flux"]) if flags[LUMINOUS] else (6, header["radiant_flux"])
     lengths = np.linalg.norm(rows[:, 3:6].astype(np.float64), axis=1)
     power = rows[:, column].astype(np.float64)
     if not (np.all(np.isfinite(rows[:, :6])) and np.all(np.isfinite(power)) and np.all(np.abs(lengths - 1) < 1e-3) and power.min() >= 0):
-        raise BadInput(f"{path}: has rays with nan, negative flux or directions that are no unit vectors; it may be damaged, copy it again")
+        raise UserError(f"{path}: has rays with nan, negative flux or directions that are no unit vectors; copy it again")
     colour = _colour(data, header) if header["spectra"] == 1 else np.ones(3)
     rays = Rays(rows[:, :3] * 1e-3, rows[:, 3:6] / lengths[:, None], power[:, None] * colour)
     text = data[HEADER.itemsize : HEADER.itemsize + TEXT_BYTES].decode("utf-32-le", "replace").split("\0")[0].strip()

@@ -6,7 +6,7 @@ textured spot light at its centre, and a shaded point needs one mean of its imag
 
 import numpy as np
 
-from services.renderer.luminaire.lightfield import LightField
+from vemlight.renderer.luminaire.lightfield import LightField
 
 GOOD_ENOUGH = 0.08  # of the radiance: what 2003 accepts (figure 3, a filter of 0.04 of the distance between the planes)
 
@@ -65,7 +65,7 @@ def irradiance(field: LightField, point: np.ndarray, normal: np.ndarray | None =
 
     normal None: without the receiver's cosine.
     """
-    from services.renderer.luminaire.tables import box_on_measurement_plane, mean_over_box
+    from vemlight.renderer.luminaire.tables import box_on_measurement_plane, mean_over_box
 
     if point[2] <= 0:
         return np.zeros(3)

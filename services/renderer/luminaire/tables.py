@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from services.renderer.luminaire.bases import SUPPORT_CELLS
-from services.renderer.luminaire.lightfield import LightField
-from services.sphere import LUMINANCE
+from vemlight.light.sphere import LUMINANCE
+from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
+from vemlight.renderer.luminaire.lightfield import LightField
 
 
 class Tables(NamedTuple):

@@ -1,0 +1,111 @@
+"""Calibration boards in photographs: chessboards and ChArUco boards, found to a fraction of a pixel."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from vemlight.errors import UserError
+from vemlight.runtime.progress import counted
+
+QUICK = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
+THOROUGH = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+ENOUGH = 8  # corners that a ChArUco view must show: a pose takes 4
+
+
+class Board(NamedTuple):
+    """A flat board of squares."""
+
+    corners: tuple[int, int]  # inner corners, columns and rows
+    square_m: float
+    dictionary: str = ""  # ChArUco: OpenCV's name of the marker dictionary, such as DICT_4X4_50; empty: a chessboard
+    marker_m: float = 0.0  # ChArUco: side of a marker
+
+
+class View(NamedTuple):
+    """The corners found in one photograph."""
+
+    name: str
+    pixels: np.ndarray  # (n, 2) float64, x and y
+    points: np.ndarray  # (n, 2) float64, where they are on the board in m
+
+
+def read_views(paths: list[Path], board: Board) -> tuple[list[View], list[str], tuple[int, int], np.ndarray]:
+    """(views, names of the photographs without a board, (width, height), the brightest value of each pixel (height, width) uint8).
+
+    Raises UserError for a file that is no image, for two sizes, and when the board is in none of them.
+    """
+    check_board(board)
+    views, without, brightest = [], [], None
+    for path in counted(paths, "photographs", len(paths)):
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+        if image is None:
+            raise UserError(f"{path}: is not a readable image; check the path or copy it again")
+        if brightest is None:
+            brightest = image
+        if image.shape != brightest.shape:
+            size, first = f"{image.shape[1]}x{image.shape[0]}", f"{brightest.shape[1]}x{brightest.shape[0]}"
+            raise UserError(f"{path}: is {size} and the images before it {first}; calibrate with images of one size")
+        brightest = np.maximum(brightest, image)
+        view = find_board(path.name, image, board)
+        if view:
+            views.append(view)
+        else:
+            without.append(path.name)
+    if not views or brightest is None:
+        size = "x".join(map(str, board.corners))
+        raise UserError(f"no board of {size} inner corners was found in {len(paths)} images; check --board, and that they are sharp")
+    return views, without, (brightest.shape[1], brightest.shape[0]), brightest
+
+
+def check_board(board: Board) -> None:
+    """Raises UserError for a board that cannot be."""
+    if min(board.corners) < 3 or max(board.corners) > 100:
+        raise UserError(f"a board of {board.corners[0]}x{board.corners[1]} inner corners cannot be found; it needs 3 to 100 a side")
+    if not 1e-4 <= board.square_m <= 100:
+        raise UserError(f"squares of {board.square_m:g} m are not likely; give their side in metres")
+    if board.dictionary and not hasattr(cv2.aruco, board.dictionary):
+        raise UserError(f"{board.dictionary}: OpenCV has no such marker dictionary; use one such as DICT_4X4_50")
+    if board.dictionary and not 0 < board.marker_m < board.square_m:
+        raise UserError(f"markers of {board.marker_m:g} m do not fit into squares of {board.square_m:g} m")
+
+
+def find_board(name: str, image: np.ndarray, board: Board) -> View | None:
+    """The board in a gray image (height, width) uint8, or None."""
+    return _find_charuco(name, image, board) if board.dictionary else _find_chessboard(name, image, board)
+
+
+def _find_chessboard(name: str, image: np.ndarray, board: Board) -> View | None:
+    cols, rows = board.corners
+    found, pixels = cv2.findChessboardCorners(image, (cols, rows), flags=QUICK)
+    if not found:
+        found, pixels = cv2.findChessboardCornersSB(image, (cols, rows), flags=THOROUGH)
+    if not found or pixels is None or pixels.size != 2 * cols * rows:
+        return None
+    grid = pixels.reshape(rows, cols, 2).astype(np.float64)
+    spacing = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min()) for axis in (0, 1))
+    points = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), -1).reshape(-1, 2) * board.square_m
+    return View(name, _refined(image, grid.reshape(-1, 2), spacing), points)
+
+
+def _find_charuco(name: str, image: np.ndarray, board: Board) -> View | None:
+    cols, rows = board.corners
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    detector = cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard((cols + 1, rows + 1), board.square_m, board.marker_m, dictionary))
+    pixels, ids, _, _ = detector.detectBoard(image)
+    if ids is None or len(ids) < ENOUGH:
+        return None
+    ids, pixels = ids.ravel(), pixels.reshape(-1, 2).astype(np.float64)
+    # spacing of neighbours along the rows that were found
+    near = [float(np.linalg.norm(pixels[a] - pixels[a - 1])) for a in range(1, len(ids)) if ids[a] - ids[a - 1] == 1 and ids[a] % cols]
+    points = np.stack([ids % cols, ids // cols], -1) * board.square_m
+    return View(name, _refined(image, pixels, min(near, default=10.0)), points)
+
+
+def _refined(image: np.ndarray, pixels: np.ndarray, spacing: float) -> np.ndarray:
+    # the window stays clear of the neighbouring corners: beyond half a square it would see their edges
+    half = int(np.clip(0.35 * spacing, 2, 8))
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-3)
+    corners = np.ascontiguousarray(pixels, np.float32).reshape(-1, 1, 2)
+    return cv2.cornerSubPix(image, corners, (half, half), (-1, -1), stop).reshape(-1, 2).astype(np.float64)

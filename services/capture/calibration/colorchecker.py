@@ -1,0 +1,218 @@
+"""The ColorChecker in a frame of code values: where its 24 patches are, and what its six gray ones read.
+
+Nothing is asked of the codes but that they rise with luminance, so that any response will do: patches are found as even quadrilaterals in
+their dark frame, put in rows and columns from neighbour to neighbour (a fisheye's bends may pass), and turned so that their codes
+are in the order of the luminances that the chart's maker publishes.
+"""
+
+import itertools
+import math
+from collections import deque
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from vemlight.errors import UserError
+from vemlight.light.sphere import LUMINANCE
+
+# CIE L* (D50) of the patches, row by row from dark skin to black, published by the maker for charts of 2005 to 2014
+LIGHTNESS = np.array(
+    [
+        [37.99, 65.71, 49.93, 43.14, 55.11, 70.72],
+        [62.66, 40.02, 51.12, 30.33, 72.53, 71.94],
+        [28.78, 55.26, 42.10, 81.73, 51.94, 51.04],
+        [96.54, 81.26, 66.77, 50.87, 35.66, 20.46],
+    ]
+)
+ROWS, COLS = LIGHTNESS.shape
+LONGEST = 1600  # pixels to which a frame is reduced to look for the chart: patches then have tens of pixels
+SMALLEST = 8.0  # pixels across a patch there
+SQUARE = 0.75  # of a patch's shorter over its longer side, and of its area over that of its corners' quadrilateral
+BESIDE = (1.05, 1.6)  # distance of two neighbours in patch sides: published charts have 1.1 to 1.4
+FOUND = 14  # patches of the 24 that must have been found: with fewer, two charts' worth of places would fit
+ORDER = 0.6  # rank correlation with the published lightness: a photograph had 0.96 (0.87 in green alone), and 0.32 in a wrong place
+READ = 0.35  # side of the square that is read of a patch, in patch spacings: patches are 0.7 to 0.9 wide
+
+
+class _Patch(NamedTuple):
+    centre: np.ndarray  # (2,)
+    sides: np.ndarray  # (2, 2): half the way across, along either side
+
+
+def find_chart(codes: np.ndarray) -> np.ndarray:
+    """Centres of the patches, (4, 6, 2) float64, x and y, in the chart's order, in a frame (height, width) or (.., 3) of codes.
+
+    Raises UserError when no ColorChecker is found.
+    """
+    gray = codes if codes.ndim == 2 else codes @ LUMINANCE
+    scale = min(1.0, LONGEST / max(gray.shape))
+    small = cv2.resize(gray.astype(np.float32), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    best, chart = ORDER, None
+    for places in _lattices(_patches(small)):
+        for window in _windows(places):
+            read = _read(small, window) if _within(window, small.shape) else np.zeros((ROWS, COLS))
+            order = _rank_correlation(read, LIGHTNESS)
+            if order > best and np.all(np.diff(read[-1]) < 0):
+                best, chart = order, window
+    if chart is None:
+        raise UserError("no ColorChecker was found in the frame; name its corners, or take one that is sharp, even and large in the frame")
+    return (chart + 0.5) / scale - 0.5
+
+
+def chart_from_corners(corners: list[tuple[float, float]]) -> np.ndarray:
+    """The same from the centres x, y of the four corner patches: dark skin, bluish green, black, white; a flat view without bends."""
+    at = np.array([[0, 0], [COLS - 1, 0], [COLS - 1, ROWS - 1], [0, ROWS - 1]], np.float32)
+    return _placed(cv2.getPerspectiveTransform(at, np.array(corners, np.float32)))
+
+
+def gray_codes(codes: np.ndarray, chart: np.ndarray) -> np.ndarray:
+    """Median codes (6,) float64 of the gray patches, white to black, of a `chart` as `find_chart` gives it.
+
+    Raises UserError when one lies outside the frame.
+    """
+    if not _within(chart, codes.shape[:2]):
+        raise UserError("the ColorChecker lies outside the frame in part; check its corners")
+    return _read(codes if codes.ndim == 2 else codes[..., 1], chart)[-1]
+
+
+def _within(chart: np.ndarray, shape: tuple[int, ...]) -> bool:
+    # whether all that is read of the patches lies in a frame of `shape`
+    x, y = np.moveaxis(_squares(chart), -1, 0)
+    return bool(x.min() >= 0 and y.min() >= 0 and x.max() < shape[1] and y.max() < shape[0])
+
+
+def _squares(chart: np.ndarray) -> np.ndarray:
+    # pixels that are read of each patch, x and y, (4, 6, 15, 15, 2)
+    along, down = np.gradient(chart, axis=1), np.gradient(chart, axis=0)
+    steps = np.linspace(-READ / 2, READ / 2, 15)
+    at = chart[:, :, None, None] + steps[:, None] * along[:, :, None, None] + steps[:, None, None] * down[:, :, None, None]
+    return np.rint(at).astype(int)
+
+
+def _read(gray: np.ndarray, chart: np.ndarray) -> np.ndarray:
+    # median of each patch, (4, 6)
+    x, y = np.moveaxis(_squares(chart), -1, 0)
+    return np.median(gray[y, x].reshape(ROWS, COLS, -1), axis=-1).astype(np.float64)
+
+
+def _patches(gray: np.ndarray) -> list[_Patch]:
+    # even quadrilaterals, at several thresholds: a patch is brighter than the frame around it, or is not found
+    low, high = np.percentile(gray, (0.5, 99.5))
+    image = np.clip((gray - low) / max(high - low, 1e-6) * 255, 0, 255).astype(np.uint8)
+    smooth = cv2.medianBlur(image, 3)
+    found: list[_Patch] = []
+    for block, offset in itertools.product((15, 31, 63, 127), (2, -6)):
+        lit = cv2.adaptiveThreshold(smooth, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, block, offset)
+        lit = cv2.morphologyEx(lit, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        for contour in cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]:
+            patch = _quadrilateral(contour, max(gray.shape) / 5)
+            if patch and not any(np.linalg.norm(patch.centre - other.centre) < 0.5 * SMALLEST for other in found):
+                found.append(patch)
+    return found
+
+
+def _quadrilateral(contour: np.ndarray, largest: float) -> _Patch | None:
+    # the patch that a contour (n, 1, 2) goes round, if it is about a square
+    area = cv2.contourArea(contour)
+    if not SMALLEST**2 < area < largest**2:
+        return None
+    corners = cv2.approxPolyDP(contour, 0.1 * math.sqrt(area), True)[:, 0].astype(np.float64)
+    if len(corners) != 4 or not cv2.isContourConvex(corners.astype(np.float32)):
+        return None
+    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    if lengths.min() < SQUARE * 0.7 * lengths.max() or area < SQUARE * cv2.contourArea(corners.astype(np.float32)):
+        return None
+    moments = cv2.moments(contour)
+    centre = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    sides = np.array([corners[1] - corners[0] + corners[2] - corners[3], corners[2] - corners[1] + corners[3] - corners[0]]) / 4
+    return _Patch(centre, sides)
+
+
+def _lattices(patches: list[_Patch]) -> list[dict[tuple[int, int], np.ndarray]]:
+    # patches put in rows and columns, from neighbour to neighbour
+    centres = np.array([patch.centre for patch in patches]).reshape(-1, 2)
+    free, found = set(range(len(patches))), []
+    while free:
+        seed = free.pop()
+        places, queue = {(0, 0): seed}, deque([(0, 0, patches[seed].sides)])
+        while queue:
+            row, col, sides = queue.popleft()
+            here = places[row, col]
+            for axis, sign in itertools.product((0, 1), (1, -1)):
+                place = (row + sign, col) if axis else (row, col + sign)
+                other = None if place in places else _beside(here, sides, axis, sign, centres, patches, free)
+                if other is not None:
+                    free.discard(other)
+                    places[place] = other
+                    queue.append((*place, _like(patches[other].sides, sides)))
+        if len(places) >= FOUND:
+            # a chart is never seen mirrored
+            hand = 1 if np.linalg.det(patches[places[0, 0]].sides) > 0 else -1
+            found.append({(row, hand * col): centres[n] for (row, col), n in places.items()})
+    return found
+
+
+def _beside(
+    here: int, sides: np.ndarray, axis: int, sign: int, centres: np.ndarray, patches: list[_Patch], free: set[int]
+) -> int | None:
+    # the patch next to `here` along one of its sides, of about its size and turned as it is
+    step = 2 * sign * sides[axis]
+    inverse = np.linalg.inv(np.column_stack([step, 2 * sides[1 - axis]]))
+    best, found = math.inf, None
+    for n in free:
+        ahead, aside = inverse @ (centres[n] - centres[here])
+        size = math.sqrt(abs(np.linalg.det(patches[n].sides) / np.linalg.det(sides)))
+        if BESIDE[0] < ahead < BESIDE[1] and abs(aside) < 0.35 and 0.7 < size < 1.4 and ahead + abs(aside) < best:
+            best, found = ahead + abs(aside), n
+    return found
+
+
+def _like(sides: np.ndarray, others: np.ndarray) -> np.ndarray:
+    # the same two sides, named and directed as the neighbour's
+    if abs(sides[0] @ others[0]) * np.linalg.norm(sides[1]) < abs(sides[1] @ others[0]) * np.linalg.norm(sides[0]):
+        sides = sides[::-1]
+    return sides * np.where(np.sum(sides * others, axis=1) < 0, -1, 1)[:, None]
+
+
+def _windows(places: dict[tuple[int, int], np.ndarray]) -> list[np.ndarray]:
+    # all ways that a chart of 4 x 6 may lie on the places found, as centres (4, 6, 2)
+    spots, pixels = np.array(list(places)), np.array(list(places.values()))
+    found = []
+    for turn in range(4):
+        turned = spots if turn % 2 == 0 else spots[:, ::-1] * [1, -1]
+        turned = turned if turn < 2 else -turned
+        for row, col in itertools.product(range(turned[:, 0].min() - ROWS + 1, turned[:, 0].max() + 1),
+                                          range(turned[:, 1].min() - COLS + 1, turned[:, 1].max() + 1)):
+            at = turned - (row, col)
+            inside = np.all((at >= 0) & (at < (ROWS, COLS)), axis=1)
+            if np.count_nonzero(inside) >= FOUND:
+                found.append(_filled(at[inside], pixels[inside]))
+    return [chart for chart in found if chart is not None]
+
+
+def _filled(at: np.ndarray, pixels: np.ndarray) -> np.ndarray | None:
+    # centres (4, 6, 2): where patches were found those, elsewhere where the plane through the others puts them
+    homography, _ = cv2.findHomography(at[:, ::-1].astype(np.float32), pixels.astype(np.float32), cv2.RANSAC, 0.3 * _spacing(at, pixels))
+    if homography is None:
+        return None
+    chart = _placed(homography)
+    off = np.linalg.norm(chart[at[:, 0], at[:, 1]] - pixels, axis=1) < 0.5 * _spacing(at, pixels)
+    chart[at[off, 0], at[off, 1]] = pixels[off]
+    return chart
+
+
+def _spacing(at: np.ndarray, pixels: np.ndarray) -> float:
+    apart = np.linalg.norm(pixels[:, None] - pixels, axis=-1) / np.maximum(np.linalg.norm(at[:, None] - at, axis=-1), 1)
+    return float(np.median(apart[np.triu_indices(len(at), 1)]))
+
+
+def _placed(pixel_from_chart: np.ndarray) -> np.ndarray:
+    at = np.stack(np.meshgrid(np.arange(COLS), np.arange(ROWS)), -1).reshape(-1, 1, 2).astype(np.float64)
+    return cv2.perspectiveTransform(at, np.asarray(pixel_from_chart, np.float64)).reshape(ROWS, COLS, 2)
+
+
+def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    # Spearman's: the correlation of the ranks
+    a, b = (np.argsort(np.argsort(values.ravel())) - (values.size - 1) / 2 for values in (a, b))
+    return float(a @ b / math.sqrt((a @ a) * (b @ b)))

@@ -1,0 +1,207 @@
+"""The sensor's response found from patches of known luminance.
+
+The patches come from a CSV file (columns code, luminance in cd/m2, use = fit or check, and if wanted weight), or from the six gray patches
+of a ColorChecker in a frame. What comes out answers in cd/m2. Patches marked check take no part in the fit and judge it.
+"""
+
+import csv
+import itertools
+import math
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from vemlight.capture.calibration.colorchecker import LIGHTNESS, gray_codes
+from vemlight.capture.response import Companding, Linear, Log, Response, Srgb, check_response, write_response
+from vemlight.errors import UserError
+
+Kind = Literal["log", "linear", "companding", "srgb"]
+WORST = 0.05  # of a check patch's luminance: beyond, the response is refused
+FEWEST: dict[Kind, int] = {"log": 4, "linear": 2, "companding": 2, "srgb": 1}  # fit patches: the unknowns, and one over for log's c
+FALL = 2.0  # codes by which a patch may lie below a darker one: noise of the patches' means
+LOSS = 2.0  # codes (log, where noise is even in code): patches farther off pull in proportion
+
+
+class Patch(NamedTuple):
+    """A surface of known luminance and the code it gave."""
+
+    code: float
+    luminance: float  # cd/m2
+    check: bool
+    weight: float = 1.0
+
+
+class ResponseReport(NamedTuple):
+    """What a calibration found."""
+
+    response: Response
+    errors: list[tuple[Patch, float]]  # each check patch and its luminance's relative error
+    worst: float  # the largest of these, without sign
+
+
+def read_patches(path: Path) -> list[Patch]:
+    """The patches in a CSV file. Raises UserError naming line and column."""
+    try:
+        with open(path, encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file, skipinitialspace=True))
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise UserError(f"{path}: is no CSV file ({error}); export it as one") from error
+    patches = []
+    for number, row in enumerate(rows, 2):
+        where = f"{path}: line {number}"
+        try:
+            code, luminance, weight = float(row["code"]), float(row["luminance"]), float(row.get("weight") or 1.0)
+        except KeyError as error:
+            raise UserError(f"{path}: has no column {error}; it needs code, luminance and use") from error
+        except (TypeError, ValueError) as error:
+            raise UserError(f"{where}: code, luminance and weight must be numbers ({error}); mend it") from error
+        use = (row.get("use") or "").strip()
+        if use not in ("fit", "check"):
+            raise UserError(f"{where}: use = {use[:20]!r} must be fit or check")
+        if not (math.isfinite(code) and 0 < luminance < math.inf and 0 < weight < math.inf):
+            raise UserError(f"{where}: luminance and weight must be above 0, and all of them finite")
+        patches.append(Patch(code, luminance, use == "check", weight))
+    return patches
+
+
+def calibrate_response(
+    patches: list[Patch], out: Path, *, kind: Kind = "log", bits: int = 0, accept: bool = False, picture: Path | None = None
+) -> ResponseReport:
+    """Fits a response to the patches, writes the response file `out` and, if named, a PNG of the fit.
+
+    `bits` 0 takes the smallest of 8, 10, 12, 14 and 16 that holds the codes. Raises UserError for patches that do not rise with
+    luminance, too few of them, none to check, or an error above 5 % at a check patch; the last is let through by `accept`.
+    """
+    highest = max((patch.code for patch in patches), default=0.0)
+    bits = bits or next((b for b in (8, 10, 12, 14, 16) if highest < 2**b), 16)
+    usable = [p for p in patches if 0 < p.code < 2**bits - 1]  # the end codes stand for what was clipped
+    fit = sorted((p for p in usable if not p.check), key=lambda p: p.luminance)
+    check = [p for p in usable if p.check]
+    if len(fit) < FEWEST[kind]:
+        raise UserError(f"{len(fit)} patches to fit, not clipped, and a {kind} response needs {FEWEST[kind]}; measure more")
+    if not check:
+        raise UserError("no patch is marked check; keep one or two out of the fit to judge it")
+    for darker, brighter in itertools.pairwise(fit):
+        if brighter.code < darker.code - FALL:
+            pair = f"{brighter.luminance:g} cd/m2 gave code {brighter.code:g} and {darker.luminance:g} cd/m2 gave {darker.code:g}"
+            raise UserError(f"codes do not rise with luminance: {pair}; check the patches")
+    response = _fitted(fit, kind, bits)
+    try:
+        check_response(response)
+    except UserError as error:
+        raise UserError(f"the patches give no {kind} response ({error}); check them") from error
+    scale = response.luminance_scale or 1.0
+    errors = [(p, float(response.radiance(np.array(p.code)) * scale / p.luminance - 1)) for p in check]
+    worst = max(abs(error) for _, error in errors)
+    if picture:
+        cv2.imwrite(str(picture), fit_picture(response, patches))
+    if worst > WORST and not accept:
+        at = max(errors, key=lambda pair: abs(pair[1]))
+        detail = f"the check patch of {at[0].luminance:g} cd/m2 comes out {at[1]:+.1%}"
+        raise UserError(f"{detail}, beyond {WORST:.0%}: measure again, fit another kind, or accept it")
+    write_response(out, response)
+    return ResponseReport(response, errors, worst)
+
+
+def response_summary(report: ResponseReport) -> str:
+    """The report in lines for a terminal."""
+    checks = [f"  {patch.luminance:g} cd/m2 (code {patch.code:g}): {error:+.2%}" for patch, error in report.errors]
+    return "\n".join([f"{report.response}", f"check patches, worst {report.worst:.2%}:", *checks])
+
+
+def _fitted(fit: list[Patch], kind: Kind, bits: int) -> Response:
+    code, luminance = np.array([p.code for p in fit]), np.array([p.luminance for p in fit])
+    weight = np.sqrt([p.weight for p in fit])
+    if kind == "log":
+        return _fitted_log(code, luminance, weight, bits)
+    if kind == "linear":
+        # (y / b - a / b) / L = 1: every patch counts by its relative error
+        rows = np.column_stack([code, -np.ones_like(code)]) * (weight / luminance)[:, None]
+        inverse, offset = np.linalg.lstsq(rows, weight, rcond=None)[0]
+        b = 1 / inverse if inverse else 0.0
+        return Linear(bits=bits, a=float(offset * b), b=float(b), luminance_scale=1.0)
+    if kind == "srgb":
+        # the white's luminance: the median is blind to one bad patch
+        white = np.median(luminance / Srgb(bits=bits).radiance(code))
+        return Srgb(bits=bits, luminance_scale=float(white))
+    # patches that noise has put level or out of order are one knee
+    knees: list[list[float]] = []
+    for level, y, w in zip(luminance, code, weight**2, strict=True):
+        knees.append([level, y, w])
+        while len(knees) > 1 and (knees[-1][1] <= knees[-2][1] or knees[-1][0] <= knees[-2][0]):
+            (l1, y1, w1), (l2, y2, w2) = knees.pop(), knees.pop()
+            knees.append([(l1 * w1 + l2 * w2) / (w1 + w2), (y1 * w1 + y2 * w2) / (w1 + w2), w1 + w2])
+    return Companding(bits=bits, knees=tuple((float(level), float(y)) for level, y, _ in knees), luminance_scale=1.0)
+
+
+def _fitted_log(code: np.ndarray, luminance: np.ndarray, weight: np.ndarray, bits: int) -> Log:
+    # for each c on a grid a and b are linear, and least absolute errors choose the start; then all three move
+    best = (math.inf, np.zeros(3))
+    for c in np.geomspace(luminance.min() * 1e-3, luminance.max(), 120):
+        rows = np.column_stack([np.ones_like(code), np.log(luminance + c)])
+        a, b = _least_absolute(rows, code, weight)
+        score = float(np.sum(weight * np.abs(rows @ [a, b] - code)))
+        if b > 0 and score < best[0]:
+            best = score, np.array([a, b, math.log(c)])
+    if best[0] == math.inf:
+        raise UserError("codes do not rise with luminance; check the patches")
+
+    def errors(parameters: np.ndarray) -> np.ndarray:
+        a, b, log_c = parameters
+        return weight * (a + b * np.log(luminance + math.exp(log_c)) - code)
+
+    low = [-np.inf, 0, math.log(luminance.min() * 1e-6)]
+    a, b, log_c = least_squares(errors, best[1], bounds=(low, np.inf), loss="soft_l1", f_scale=LOSS, x_scale="jac").x
+    return Log(bits=bits, a=float(a), b=float(b), c=math.exp(log_c), luminance_scale=1.0)
+
+
+def _least_absolute(rows: np.ndarray, goal: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    # least absolute errors by reweighted least squares
+    w = weight.copy()
+    for _ in range(8):
+        found = np.linalg.lstsq(rows * w[:, None], goal * w, rcond=None)[0]
+        w = np.sqrt(weight / np.maximum(np.abs(rows @ found - goal), 1e-3))
+    return found
+
+
+def gray_patches(codes: np.ndarray, chart: np.ndarray, white_luminance: float) -> list[Patch]:
+    """The six gray patches of a ColorChecker in a frame of code values (height, width) or (.., 3).
+
+    `chart`: centres of its patches, (4, 6, 2), as `find_chart` and `chart_from_corners` give them; `white_luminance`: measured on the white
+    patch, cd/m2. Patches 2 and 5 of the row are marked check. Raises UserError for a chart that lies outside the frame.
+    """
+    relative = ((LIGHTNESS[-1] + 16) / 116) ** 3  # CIE 1976, above L* = 8
+    levels = relative / relative[0] * white_luminance
+    return [Patch(float(code), float(levels[n]), n in (1, 4)) for n, code in enumerate(gray_codes(codes, chart))]
+
+
+def fit_picture(response: Response, patches: list[Patch]) -> np.ndarray:
+    """Image (480, 640, 3) uint8, BGR: code against luminance (log scale); the fit, patches to fit (green) and to check (orange)."""
+    image = np.full((480, 640, 3), 255, np.uint8)
+    levels = np.array([p.luminance for p in patches])
+    low, high = math.floor(math.log10(levels.min())) - 0.2, math.ceil(math.log10(levels.max())) + 0.2
+
+    def place(luminance: float, code: float) -> tuple[int, int]:
+        return round(60 + 560 * (math.log10(luminance) - low) / (high - low)), round(430 - 400 * code / response.top)
+
+    for decade in range(math.ceil(low), math.floor(high) + 1):
+        x = place(10.0**decade, 0)[0]
+        cv2.line(image, (x, 30), (x, 430), (225, 225, 225), 1)
+        cv2.putText(image, f"{10.0**decade:g}", (x - 12, 448), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (60, 60, 60), 1, cv2.LINE_AA)
+    for code in np.linspace(0, response.top, 5):
+        y = place(10.0**low, code)[1]
+        cv2.line(image, (60, y), (620, y), (225, 225, 225), 1)
+        cv2.putText(image, f"{code:.0f}", (12, y + 4), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (60, 60, 60), 1, cv2.LINE_AA)
+    at = np.logspace(low, high, 400)
+    signal = np.clip(response.signal(at / (response.luminance_scale or 1.0)), 0, response.top)
+    line = np.array([place(x, y) for x, y in zip(at, signal, strict=True)], np.int32)
+    cv2.polylines(image, [line], False, (160, 90, 20), 1, cv2.LINE_AA)
+    for p in patches:
+        cv2.circle(image, place(p.luminance, p.code), 4, (0, 140, 255) if p.check else (60, 160, 60), -1, cv2.LINE_AA)
+    cv2.putText(image, "code against luminance, cd/m2", (60, 470), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (60, 60, 60), 1, cv2.LINE_AA)
+    return image

@@ -1,0 +1,237 @@
+"""`vemlight doctor`: what works on this machine, each line pass, warn or fail with how to mend it."""
+
+import os
+import platform
+import re
+import shutil
+import socket
+import tempfile
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from vemlight.errors import UserError
+from vemlight.files import joining_its_group, may_open
+from vemlight.runtime.channels import SERVICES
+from vemlight.runtime.token import is_loopback
+from vemlight.runtime.transport import ROLES, read_keys, runtime_folder
+from vemlight.settings import Settings
+
+Grade = Literal["pass", "warn", "fail"]
+SOFTWARE_GL = ("llvmpipe", "softpipe", "swrast", "swiftshader")
+LIBZMQ_FLOOR = (4, 3, 5)  # has the security fixes of its CURVE code
+FREE_BYTES = 2**30  # a run of 640 x 480 writes about 6 MB a frame: 1 GB is three minutes at one frame a second
+MEMORY_BYTES = 2**30  # the services of the bundled scene take 0.5 GB together, and the system wants its own
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing looked at."""
+
+    grade: Grade
+    what: str
+    found: str
+    mend: str = ""
+
+
+def examine(settings: Settings) -> Iterator[Finding]:
+    """Looks at one thing after another; at the libraries alone when one of them is missing, which the rest would stumble over."""
+    yield Finding("pass", "system", f"{platform.platform()}, Python {platform.python_version()}")
+    yield _processor()
+    libraries = list(_libraries())
+    yield from libraries
+    if any(finding.grade == "fail" for finding in libraries):
+        return
+    yield _gl()
+    yield _encoder()
+    yield _charts()
+    yield from _cameras()
+    yield from _ports(settings)
+    yield _page(settings)
+    yield _sockets(settings)
+    yield _sequence(settings)
+    yield _scene(settings)
+    yield _disk(settings)
+
+
+def _processor() -> Finding:
+    cores, memory = len(os.sched_getaffinity(0)), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    found = f"{cores} core{'s' if cores > 1 else ''} for this process, {memory / 1e9:.1f} GB of memory"
+    if memory < MEMORY_BYTES:
+        return Finding("warn", "processor", found, "the services need 1 GB together; stop other programs, or make smaller pictures")
+    if cores < 2:
+        return Finding("warn", "processor", found, "the services share it: expect few pictures a second, and none lost with --out")
+    return Finding("pass", "processor", found)
+
+
+def _libraries() -> Iterator[Finding]:
+    versions, old = [], []
+    try:
+        required = [line for line in metadata.requires("vemlight") or [] if "extra ==" not in line]
+    except metadata.PackageNotFoundError:
+        required, old = [], ["vemlight itself is not installed"]
+    for line in required:
+        name, floor = re.split(r"[^\w.-]", line)[0], (re.findall(r">=([\d.]+)", line) or ["0"])[0]
+        try:
+            version = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            old.append(f"{name} is missing")
+            continue
+        versions.append(f"{name} {version}")
+        if _numbers(version) < _numbers(floor):
+            old.append(f"{name} {version} is older than {floor}")
+    if old:
+        yield Finding("fail", "libraries", "; ".join(old), "install what requirements.lock names: make env")
+        return
+    yield Finding("pass", "libraries", ", ".join(versions))
+
+    import zmq
+
+    found = f"{zmq.zmq_version()}, CURVE {'yes' if zmq.has('curve') else 'no'}"
+    if zmq.zmq_version_info() < LIBZMQ_FLOOR or not zmq.has("curve"):
+        yield Finding("fail", "libzmq", found, "install pyzmq from its wheel, which brings libzmq 4.3.5 with CURVE")
+    else:
+        yield Finding("pass", "libzmq", found)
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in version.split(".")[:3] if part.isdecimal())
+
+
+def _gl() -> Finding:
+    from vemlight.renderer.gl.programs import closed_cards, context_info, open_context
+
+    try:
+        opened = open_context()
+    except UserError as error:
+        found, _, mend = str(error).rpartition("; ")
+        return Finding("fail", "OpenGL", found, mend)
+    found = f"{context_info(opened.context)}, through {opened.through}"
+    opened.context.release()
+    if not any(name in found.lower() for name in SOFTWARE_GL):
+        return Finding("pass", "OpenGL", found)
+    found += f" (what came before it: {'; '.join(opened.refused)})" if opened.refused else ""
+    if closed := closed_cards():
+        return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened", joining_its_group(closed[0]))
+    mend = "drawn by the processor: correct but slow; install your graphics card's driver, give a container its device"
+    return Finding("warn", "OpenGL", found, mend)
+
+
+def _encoder() -> Finding:
+    try:
+        import av
+        from av.codec import Codec
+
+        Codec("libx264", "w")
+    except Exception as error:  # a missing package, a library that does not load, an encoder that was left out
+        reason = " ".join(str(error).split())[:120]
+        return Finding("fail", "videos", f"PyAV cannot write H.264 ({reason})", "install PyAV from its wheel: make env")
+    return Finding("pass", "videos", f"H.264 by PyAV {av.__version__}")
+
+
+def _charts() -> Finding:
+    try:
+        return Finding("pass", "charts", f"matplotlib {metadata.version('matplotlib')}")
+    except metadata.PackageNotFoundError:
+        return Finding("warn", "charts", "matplotlib is not installed", "only `vemlight chart` needs it: pip install 'vemlight[bench]'")
+
+
+def _cameras() -> Iterator[Finding]:
+    from vemlight.capture.v4l2 import FORMATS, list_cameras
+
+    cameras = list_cameras()
+    lasting = {os.path.realpath(link): link for link in sorted(Path("/dev/v4l/by-id").glob("*"))}
+    for camera in cameras:
+        name = str(lasting.get(camera.path, camera.path))  # the same whatever else is plugged in
+        if camera.formats:
+            yield Finding("pass", "camera", f"{name}: {camera.card}, {', '.join(camera.formats)}")
+        else:
+            letters = ", ".join(sorted({form.name for form in FORMATS.values() if not form.name.endswith("-BE")}))
+            yield Finding("warn", "camera", f"{name}: {camera.card} has no raw format", f"use one that has any of {letters}")
+    for path in sorted(Path("/dev").glob("video*")):
+        if not may_open(path):
+            yield Finding("fail", "camera", f"{path} may not be opened", joining_its_group(path))
+    if not any(Path("/dev").glob("video*")):
+        yield Finding("warn", "camera", "none", "plug one in (a container needs its device), or replay: [capture] source = FOLDER")
+
+
+def _ports(settings: Settings) -> Iterator[Finding]:
+    viewer, wire = settings.viewer, settings.wire
+    yield _port("port of the viewer", viewer.host, [viewer.port], "[viewer] port")
+    if wire.transport == "tcp":
+        here = [service for service in settings.services if is_loopback(wire.hosts.get(service, "127.0.0.1"))]
+        ports = [wire.port + len(ROLES) * SERVICES.index(service) + role for service in here for role in range(len(ROLES))]
+        if ports:
+            yield _port("ports of the wire", "127.0.0.1", ports, "[wire] port")
+
+
+def _port(what: str, host: str, ports: list[int], key: str) -> Finding:
+    taken = []
+    for port in ports:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        with socket.socket(family) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((host, port))
+            except OSError as error:
+                taken.append(f"{host}:{port}: {error.strerror}")
+    if taken:
+        return Finding("fail", what, ", ".join(taken), f"stop what holds it or change {key}")
+    return Finding("pass", what, f"{host}:{', '.join(map(str, ports))} free")
+
+
+def _page(settings: Settings) -> Finding:
+    viewer = settings.viewer
+    if is_loopback(viewer.host):
+        return Finding("pass", "page", f"for this machine only{', with a token' if viewer.token else ''}")
+    if viewer.insecure:
+        mend = "unless the network is yours alone, take [viewer] insecure out"
+        return Finding("warn", "page", "for everyone who reaches this machine, to see and to steer", mend)
+    return Finding("pass", "page", "for everyone on the network who has the token")
+
+
+def _sockets(settings: Settings) -> Finding:
+    try:
+        if settings.wire.transport == "ipc":
+            return Finding("pass", "sockets", str(runtime_folder(settings.wire)))
+        if settings.wire.keys:
+            read_keys(Path(settings.wire.keys))
+            return Finding("pass", "sockets", f"tcp with the keys in {settings.wire.keys}")
+    except UserError as error:
+        return Finding("fail", "sockets", "cannot be used", str(error))
+    return Finding("warn", "sockets", "tcp without keys", "unless the network is yours alone, `vemlight keys DIR` and set [wire] keys")
+
+
+def _sequence(settings: Settings) -> Finding:
+    from vemlight.capture.source import open_source
+
+    try:
+        source = open_source(settings.capture)
+    except UserError as error:
+        return Finding("fail", "source", "cannot be played", str(error))
+    name = settings.capture.source or "the bundled sequence"
+    return Finding("pass", "source", f"{name}: {len(source)} frames at {source.fps:g} a second")
+
+
+def _scene(settings: Settings) -> Finding:
+    from vemlight.renderer.scene.scene import load_scene
+
+    try:
+        scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
+    except UserError as error:
+        return Finding("fail", "scene", "cannot be drawn", str(error))
+    triangles = sum(len(mesh.geometry.triangles) for mesh in scene.meshes)
+    return Finding("pass", "scene", f"{settings.renderer.scene or 'the bundled scene'}: {len(scene.meshes)} meshes, {triangles} triangles")
+
+
+def _disk(settings: Settings) -> Finding:
+    wanted = Path(settings.out or tempfile.gettempdir())
+    folder = next(path for path in (wanted, *wanted.parents) if path.exists())  # the nearest that is there already
+    found = f"{shutil.disk_usage(folder).free / 1e9:.1f} GB free at {folder}"
+    if not os.access(folder, os.W_OK):
+        return Finding("fail", "disk", f"{folder} may not be written to", "choose another --out, or another TMPDIR")
+    if shutil.disk_usage(folder).free < FREE_BYTES:
+        return Finding("warn", "disk", found, "make room before writing pictures")
+    return Finding("pass", "disk", found)

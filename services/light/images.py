@@ -1,0 +1,149 @@
+"""Radiance and pictures as files: OpenEXR, Radiance HDR and PNG, with the metadata other programs read.
+
+Every failure to read is one UserError naming the file, whatever the library below raises; every file is written whole.
+"""
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vemlight.errors import UserError
+from vemlight.files import written_whole
+
+MAX_SIDE = 16384  # pixels; a lat-long of 16k is 2^27 pixels, 1.6 GB as float32 RGB, and nobody's camera sees more
+MAX_PIXELS = 2**27
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of red, green, blue, white (D65)
+_terminal = threading.Lock()
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """OpenEXR and OpenCV write their complaints about a damaged file to the terminal; ours is the one line that stays."""
+    with _terminal, open(os.devnull, "w") as null, redirect_stdout(null), redirect_stderr(null):
+        kept = os.dup(2)
+        os.dup2(null.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def read_radiance(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
+    """The image (height, width, 3) float32, linear Rec. 709, and the EXR's attributes (none for .hdr).
+
+    A gray file is repeated in three channels; alpha is left out. nan, inf and negative pixels come through as they are.
+    Raises UserError for a file that is missing, damaged, too large or of another kind.
+    """
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such file; check the path")
+    if path.suffix.lower() == ".exr":
+        return _read_exr(path)
+    if path.suffix.lower() in (".hdr", ".pic"):
+        return _read_hdr(path), {}
+    raise UserError(f"{path}: radiance is read from .exr and .hdr, not {path.suffix or 'a file without suffix'}; convert it")
+
+
+def _read_exr(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
+    import OpenEXR
+
+    OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
+    try:
+        with silent():
+            file = OpenEXR.File(str(path))
+            channels = {name: channel.pixels for name, channel in file.channels().items()} if file.parts else {}
+            attributes = dict(file.header()) if file.parts else {}
+    except (RuntimeError, ValueError, TypeError, MemoryError, IndexError) as error:
+        raise UserError(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
+    if not channels:
+        raise UserError(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
+    for name in ("RGB", "RGBA", "Y"):
+        if name in channels:
+            pixels = channels[name]
+            break
+    else:
+        if not {"R", "G", "B"} <= channels.keys():
+            raise UserError(f"{path}: has channels {', '.join(sorted(channels))} but no R, G, B or Y; export it as RGB")
+        pixels = np.stack([channels[c] for c in "RGB"], axis=-1)
+    if pixels.size > 4 * MAX_PIXELS:
+        raise UserError(f"{path}: has more than {MAX_PIXELS} pixels; scale it down")
+    if pixels.ndim == 2:
+        pixels = np.repeat(pixels[..., None], 3, axis=-1)
+    return np.ascontiguousarray(pixels[..., :3], np.float32), attributes
+
+
+def _read_hdr(path: Path) -> np.ndarray:
+    import cv2
+
+    try:
+        with silent():
+            pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise UserError(f"{path}: is not a readable Radiance HDR ({one_line(error)}); copy it again") from error
+    if pixels is None or pixels.dtype != np.float32 or pixels.ndim != 3:
+        raise UserError(f"{path}: is not a readable Radiance HDR; it may be truncated, copy it again")
+    return np.ascontiguousarray(pixels[..., ::-1])
+
+
+def read_codes(path: Path) -> np.ndarray:
+    """An image's values as they stand, (height, width) or (height, width, 3) RGB: EXR, or 8 or 16 bits of PNG, TIFF, JPEG.
+
+    Raises UserError for a file that is missing, damaged or of another kind.
+    """
+    if path.suffix.lower() == ".exr":
+        return read_radiance(path)[0]
+    import cv2
+
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such file; check the path")
+    with silent():
+        pixels = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    if pixels is None:
+        raise UserError(f"{path}: is no readable image; give PNG, TIFF, JPEG or EXR")
+    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., ::-1])
+
+
+def one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def write_exr(path: Path, pixels: np.ndarray, attributes: dict[str, Any] | None = None) -> None:
+    """Writes (height, width), (.., 3) or (.., 4) pixels as Y, RGB or RGBA; float16 stays half, all else becomes 32-bit float.
+
+    `attributes` join the standard ones (chromaticities, colorInteropID) in the header; integers above 31 bits must come as strings.
+    Raises OSError when the disk refuses.
+    """
+    import OpenEXR
+
+    dtype = np.float16 if pixels.dtype == np.float16 else np.float32
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "chromaticities": REC709,
+        "colorInteropID": "lin_rec709_scene",
+        **(attributes or {}),
+    }
+    name = "Y" if pixels.ndim == 2 else {3: "RGB", 4: "RGBA"}[pixels.shape[2]]
+    with written_whole(path) as part:
+        try:
+            with OpenEXR.File(header, {name: np.ascontiguousarray(pixels, dtype)}) as file:
+                file.write(str(part))
+        except RuntimeError as error:
+            raise OSError(f"{path}: {one_line(error)}") from error
+
+
+def write_png(path: Path, pixels: np.ndarray) -> None:
+    """Writes (height, width), (.., 3) or (.., 4) uint8 or uint16 pixels, RGB order. Raises OSError when the disk refuses."""
+    import cv2
+
+    order = pixels if pixels.ndim == 2 else pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
+    done, data = cv2.imencode(".png", order)
+    if not done:
+        raise OSError(f"{path}: the PNG encoder refused an image of shape {pixels.shape}")
+    with written_whole(path) as part:
+        part.write_bytes(data.tobytes())

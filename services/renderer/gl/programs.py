@@ -1,0 +1,144 @@
+"""The GL context and the shader programs, from the files beside the passes. A failure is one UserError line."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import moderngl
+
+from vemlight.errors import FatalError, UserError
+from vemlight.files import joining_its_group, may_open
+
+PASSES = Path(__file__).parents[1] / "passes"  # each pass has its shaders beside it; their names are unique
+SHADERS = {path.name: path for path in sorted(PASSES.glob("*/*")) if path.suffix in (".glsl", ".vert", ".frag", ".comp")}
+GL_VERSION = 430  # uniform blocks, instancing, gathers and, for the speed of a software renderer, nothing newer
+
+MOST_DEVICES = 16  # a machine has one for each card and one for the processor
+NOT_THE_DEVICE = ("requested device index", "not loaded", "not found")  # glcontext's words where no further device can do better
+# Read by the GL libraries and by glcontext; each can lead to where nothing is.
+GL_VARIABLES = (
+    "GLCONTEXT_DEVICE_INDEX", "GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL", "LIBGL_DRIVERS_PATH", "MESA_GL_VERSION_OVERRIDE",
+    "__EGL_VENDOR_LIBRARY_DIRS", "__EGL_VENDOR_LIBRARY_FILENAMES",
+)  # fmt: skip
+
+QUIET = {"EGL_LOG_LEVEL": "fatal", "LIBGL_DEBUG": "quiet"}  # Mesa says in lines of its own what our one line says
+
+Made = TypeVar("Made", moderngl.Program, moderngl.ComputeShader)
+
+
+class Opened(NamedTuple):
+    """A GL context, where it comes from, and what did not give one before: one reason each."""
+
+    context: moderngl.Context
+    through: str
+    refused: list[str]
+
+
+def headless_context() -> moderngl.Context:
+    """A GL context of version 4.3 or later without a window. Raises UserError when the machine gives none."""
+    return open_context().context
+
+
+def open_context() -> Opened:
+    """The context of the first of EGL's devices that gives one, else of the X server that DISPLAY names.
+
+    EGL needs no display and lists the graphics cards first, the processor last. Raises UserError with all reasons and how to mend them.
+    """
+    os.environ.update({name: level for name, level in QUIET.items() if name not in os.environ})
+    refused: list[str] = []
+    chosen = "GLCONTEXT_DEVICE_INDEX" in os.environ  # glcontext then takes that one whichever is asked for
+    for device in range(1 if chosen else MOST_DEVICES):
+        if context := _context(refused, f"EGL device {device}", backend="egl", device_index=device):
+            return Opened(context, "EGL", refused)
+        if any(words in refused[-1] for words in NOT_THE_DEVICE):
+            last = refused.pop()
+            if not device:  # else that many there are, and all their reasons are known
+                refused.append(last.replace("EGL device 0", "EGL"))
+            break
+    display = os.environ.get("DISPLAY")
+    if display and (context := _context(refused, f"X server {display}")):
+        return Opened(context, f"the X server {display}", refused)
+    raise UserError(f"no OpenGL 4.3 ({'; '.join(refused)}); {_mend(refused)}")
+
+
+def _context(refused: list[str], name: str, **settings: Any) -> moderngl.Context | None:
+    try:
+        return moderngl.create_context(require=GL_VERSION, standalone=True, **settings)
+    except Exception as error:  # glcontext raises bare Exceptions, ImportErrors and OSErrors by the library that fails
+        refused.append(f"{name}: {' '.join(str(error).split())[:120]}")
+        return None
+
+
+def _mend(refused: list[str]) -> str:
+    if astray := [name for name in GL_VARIABLES if name in os.environ]:
+        return f"unset {' '.join(astray)}, which the GL libraries follow"
+    if closed := closed_cards():
+        return f"let this user open {closed[0]}: {joining_its_group(closed[0])}"
+    if any("eglCreateContext" in reason or "version" in reason for reason in refused):  # there is a driver, which cannot
+        return "update the driver of the graphics card, or draw on the processor: LIBGL_ALWAYS_SOFTWARE=1"
+    return "install it: apt-get install libegl1 libgl1 libgl1-mesa-dri"
+
+
+def closed_cards() -> list[Path]:
+    """The graphics cards of this machine that this user may not open."""
+    return [path for path in sorted(Path("/dev/dri").glob("renderD*")) if not may_open(path)]
+
+
+def context_info(context: moderngl.Context) -> str:
+    """GL renderer and version in one line."""
+    return f"{context.info['GL_RENDERER']}, OpenGL {context.info['GL_VERSION']}"
+
+
+def check_context(context: moderngl.Context) -> None:
+    """Raises UserError when the GPU ran out of memory since the last check, FatalError when the context is lost."""
+    error = context.error
+    if error == "GL_OUT_OF_MEMORY":
+        wanted = "[renderer] width, height, shadow_map"
+        raise UserError(f"{wanted}: {context_info(context)} has no memory for them; make them smaller, or textures and luminaires")
+    if error != "GL_NO_ERROR":
+        raise FatalError(f"OpenGL stopped working ({error}, {context_info(context)}): the card was reset or its driver failed; start again")
+
+
+class Programs:
+    """Compiles programs once each and releases them together."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._made: list[moderngl.Program | moderngl.ComputeShader] = []
+        for name, path in SHADERS.items():
+            if path.suffix == ".glsl":
+                context.includes[name] = path.read_text()
+
+    def program(self, vertex: str, fragment: str, **constants: str) -> moderngl.Program:
+        """The program of two shader files; each NAME in them is replaced by its value in `constants`.
+
+        Raises UserError with the compiler's first complaint, the files and the GL renderer.
+        """
+        source = [self._source(name, constants) for name in (vertex, fragment)]
+        return self._compiled(f"{vertex} + {fragment}", lambda: self._context.program(vertex_shader=source[0], fragment_shader=source[1]))
+
+    def compute(self, name: str, **constants: str) -> moderngl.ComputeShader:
+        """The compute shader in a file, as `program`."""
+        source = self._source(name, constants)
+        return self._compiled(name, lambda: self._context.compute_shader(source))
+
+    def _source(self, name: str, constants: dict[str, str]) -> str:
+        """The file with its constants defined after its first line, which is #version."""
+        defined = "".join(f"#define {constant} {value}\n" for constant, value in constants.items())
+        return SHADERS[name].read_text().replace("\n", "\n" + defined, 1)
+
+    def _compiled(self, name: str, compiled: Callable[[], Made]) -> Made:
+        try:
+            made = compiled()
+        except moderngl.Error as error:
+            lines = [line for line in str(error).splitlines() if "error" in line.lower()] or [str(error)]
+            raise UserError(f"{name}: {lines[-1].strip()[:200]} ({context_info(self._context)}); update the GL driver") from error
+        self._made.append(made)
+        return made
+
+    def release(self) -> None:
+        """Frees all programs made here."""
+        for program in self._made:
+            program.release()
+        self._made.clear()

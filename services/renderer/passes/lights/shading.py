@@ -1,0 +1,114 @@
+"""The sum over the lights for each visible pixel, one class of pixels after the other.
+
+A class is a light region and a kind of material. The classes are written as depths, and each is drawn with a depth test for that
+value, so that all pixels of a draw call walk the same row of lights: no pixel waits for lights that only its neighbour sees.
+"""
+
+import itertools
+
+import moderngl
+import numpy as np
+
+from vemlight.renderer.gl.programs import Programs
+from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
+from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, Regions
+from vemlight.renderer.passes.lights.visibility_cache import Kept
+from vemlight.renderer.passes.shadow_maps.shadow_maps import MAX_LIGHTS, Batch, ShadowAtlas
+from vemlight.renderer.scene.materials import CATCHER, GLOSSY, KINDS, Colour
+
+CLASSES = 1024  # depths in use are (class + 1/2) / CLASSES: exact in 24 bits, KINDS for each of 256 regions
+
+
+class Shading:
+    """Sums lights into a picture of `size` pixels (width, height), linear RGBA, for surfaces of the `kinds` of material."""
+
+    def __init__(self, context: moderngl.Context, programs: Programs, regions: Regions, kinds: set[int], size: tuple[int, int]) -> None:
+        self._context, self._programs, self._kinds = context, programs, sorted(kinds)
+        self._classify = programs.program("screen.vert", "classify.frag", CLASSES=f"{CLASSES}.0")
+        self._classify_array = context.vertex_array(self._classify, [])
+        self._arrays: dict[bool, list[moderngl.VertexArray]] = {}  # with lookups kept or not, of each kind
+        self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, regions.cube.astype(np.float32).tobytes(), dtype="f4")
+        self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.picture = context.texture(size, 4, dtype="f4")
+        self.class_depth = context.depth_texture(size)
+        self._classes = context.framebuffer([], self.class_depth)
+        self.frame = context.framebuffer([self.picture], self.class_depth)
+        self.cover: moderngl.Texture | None = None  # what catchers take from what lies behind: a share in each channel, and in alpha
+        self.cover_frame: moderngl.Framebuffer | None = None
+        self._catching: moderngl.Framebuffer | None = None
+        if CATCHER in kinds:
+            self.cover = context.texture(size, 4, dtype="f4")
+            self.cover_frame = context.framebuffer([self.cover])
+            self._catching = context.framebuffer([self.picture, self.cover], self.class_depth)
+        for frame in (self.frame, self._catching):
+            if frame:
+                frame.depth_mask = False  # the classes stay while the surfaces do
+
+    def classify(self, surfaces: Surfaces) -> None:
+        """Finds each pixel's class."""
+        unit = surfaces.bind(self._classify)
+        self._cube.use(unit)
+        self._classify["region_of_normal"] = unit
+        self._classes.use()
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._context.depth_func = "1"
+        self._classify_array.render(moderngl.TRIANGLES, vertices=3)
+
+    def clear(self) -> None:
+        """Empties the picture, and what catchers take."""
+        (self._catching or self.frame).clear()
+
+    def add(
+        self,
+        surfaces: Surfaces,
+        atlas: ShadowAtlas,
+        batch: Batch,
+        weight: float,
+        alpha: float,
+        unshadowed: Colour,
+        cone: tuple[float, float],
+        kept: Kept | None = None,
+    ) -> None:
+        """Adds a batch of lights, whose maps are in the atlas, times `weight`, and `alpha` to the pixels that `classify` found.
+
+        unshadowed: the irradiance that all lights of all batches would give to a catcher without shadows, above 0. cone: where the lobes
+        of glossy surfaces are left to other lights, as in gloss.py. kept: where the batch's lookups are, if not in the maps.
+        """
+        self.frame.use()
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        self._context.blend_func = moderngl.ONE, moderngl.ONE
+        self._context.depth_func = "=="
+        for kind, array in zip(self._kinds, self._made(kept is not None), strict=True):
+            program = array.program
+            unit = surfaces.bind(program)
+            (kept or atlas).bind(program, unit)
+            program["weight"] = weight
+            if kind == CATCHER:  # covers by its shadows alone
+                program["unshadowed"], alpha = unshadowed, 0.0
+                assert self._catching is not None
+                self._catching.use()  # the last of the kinds
+            elif kind in GLOSSY:
+                program["cone"] = cone
+            if kind != CATCHER:
+                program["alpha"] = alpha
+            for region, row in enumerate(batch.rows):
+                if row.count or alpha > 0:
+                    atlas.bind_row(row)
+                    program["light_count"] = row.count
+                    program["depth"] = (KINDS * region + kind + 0.5) / CLASSES
+                    array.render(moderngl.TRIANGLES, vertices=3)
+
+    def _made(self, kept: bool) -> list[moderngl.VertexArray]:
+        """The programs of all kinds of surface, compiled when they are first wanted."""
+        if kept not in self._arrays:
+            named = ({"MAX_LIGHTS": str(MAX_LIGHTS), "KIND": str(kind), "KEPT": str(int(kept))} for kind in self._kinds)
+            programs = [self._programs.program("screen.vert", "shade.frag", **names) for names in named]
+            self._arrays[kept] = [self._context.vertex_array(program, []) for program in programs]
+        return self._arrays[kept]
+
+    def release(self) -> None:
+        """Frees what this holds on the GPU."""
+        pictures = (self._classes, self.frame, self.picture, self.class_depth, self.cover, self.cover_frame, self._catching)
+        for thing in (self._classify_array, *itertools.chain(*self._arrays.values()), self._cube, *pictures):
+            if thing is not None:
+                thing.release()

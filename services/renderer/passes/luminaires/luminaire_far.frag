@@ -1,0 +1,28 @@
+#version 430
+// A lamp from its far-field photometry: a point with an intensity over direction, and a map towards each face of a cube.
+#include "normals.glsl"
+#include "gbuffer.glsl"
+#include "luminaire_maps.glsl"
+#include "brdf.glsl"
+#include "luminaire_surface.glsl"
+
+uniform sampler2D candela;  // columns: C from 0 to 360 degrees; rows: gamma from 0 to 180 degrees; both ends on texel centres
+uniform vec3 scale;
+layout(location = 0) out vec4 radiance;
+
+void main() {
+    Surface surface;
+    if (!surface_at(ivec2(gl_FragCoord.xy), surface)) discard;
+    vec3 p = surface.position;
+    float r = length(p);
+    vec3 value = reflected(surface, -p / r);
+    if (value == vec3(0.0) || r == 0.0) discard;
+    vec2 turn = vec2(fract(atan(p.y, p.x) / (2.0 * PI)), atan(length(p.xy), p.z) / PI);
+    vec2 size = vec2(textureSize(candela, 0));
+    float strength = texture(candela, (turn * (size - 1.0) + 0.5) / size).r;
+    vec3 a = abs(p);
+    int axis = a.z >= a.x && a.z >= a.y ? 0 : a.x >= a.y ? 2 : 4;
+    float along = axis == 0 ? p.z : axis == 2 ? p.x : p.y;
+    float seen = map_visibility(axis + (along < 0.0 ? 1 : 0), surface);
+    radiance = vec4(value * scale * (strength / (r * r) * seen), 0.0);
+}

@@ -1,0 +1,59 @@
+"""What becomes of a picture on the GPU, so that only what a screen and the eye's adaptation need is read back."""
+
+import moderngl
+import numpy as np
+
+from vemlight.renderer.gl.programs import Programs
+from vemlight.renderer.output.tonemap import Curve, selection
+
+
+class Screen:
+    """For pictures of `size` pixels (width, height)."""
+
+    def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int]) -> None:
+        self._context, self._size = context, size
+        self._first, self._stride = selection((size[1], size[0]))
+        few = tuple(len(range(self._first, side, self._stride)) for side in size)
+        self._mapped = self._target(size, "f1")
+        self._selected = self._target(few, "f4")
+        self._map, self._select = (programs.program("screen.vert", name) for name in ("tonemap.frag", "subsampled.frag"))
+        self._arrays = [context.vertex_array(program, []) for program in (self._map, self._select)]
+
+    def _target(self, size: tuple[int, ...], dtype: str) -> moderngl.Framebuffer:
+        return self._context.framebuffer([self._context.renderbuffer((size[0], size[1]), 4, dtype=dtype)])
+
+    def map(self, picture: moderngl.Texture, curve: Curve) -> None:
+        """Tone-maps a picture, as `tonemap.tone_mapped` does."""
+        self._map["scale"] = curve.scale
+        self._map["white"] = curve.white or 1.0
+        self._map["exponential"] = curve.white is None
+        self._draw(0, picture, self._mapped)
+
+    def mapped(self) -> np.ndarray:
+        """What was mapped last, (height, width, 4) uint8."""
+        return self._read(self._mapped, np.uint8, "f1")
+
+    def selected(self, picture: moderngl.Texture) -> np.ndarray:
+        """The pixels of `tonemap.selected`, (h, w, 4) float32."""
+        self._select["stride"] = self._stride
+        self._draw(1, picture, self._selected)
+        return self._read(self._selected, np.float32, "f4")
+
+    def _draw(self, which: int, picture: moderngl.Texture, target: moderngl.Framebuffer) -> None:
+        picture.use(0)
+        self._arrays[which].program["picture"] = 0
+        target.use()
+        self._context.enable_only(moderngl.NOTHING)
+        self._arrays[which].render(moderngl.TRIANGLES, vertices=3)
+
+    def _read(self, target: moderngl.Framebuffer, kind: type[np.generic], dtype: str) -> np.ndarray:
+        return np.frombuffer(target.read(components=4, alignment=1, dtype=dtype), kind).reshape(target.height, target.width, 4)
+
+    def release(self) -> None:
+        """Frees what this holds on the GPU."""
+        for target in (self._mapped, self._selected):
+            for image in target.color_attachments:
+                image.release()
+            target.release()
+        for array in self._arrays:
+            array.release()

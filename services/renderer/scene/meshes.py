@@ -1,0 +1,209 @@
+"""Triangle meshes: what files hold and simple shapes, as clean geometry with normals.
+
+Smooth normals are the file's where it has them; otherwise faces that meet at less than CREASE share a smooth normal and sharper
+edges stay sharp, so that a bunny is round and a box has flat sides.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+import trimesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from vemlight.renderer.scene.animation import Motion
+
+Shape = Literal["sphere", "plane", "box"]
+MOST_TIMES = 64  # moments of an animation at which its reach is looked at, keys and evenly spread ones each
+CREASE = np.radians(40.0)  # between a round form in coarse facets (a 12-sided tube: 30 degrees) and a chamfer (45 degrees)
+
+
+class Geometry(NamedTuple):
+    """positions (n, 3) float32, metres; normals (n, 3) float32, unit; uvs (n, 2) float32, v upwards; triangles (m, 3) uint32.
+
+    closed: the faces enclose volumes and are wound outwards. colours: (n, 4) float32, linear and alpha, times the material's; None: white.
+    second_uvs: (n, 2) float32, by which images lie that do not lie by the first; None where the mesh has none.
+    """
+
+    positions: np.ndarray
+    normals: np.ndarray
+    uvs: np.ndarray
+    triangles: np.ndarray
+    closed: bool
+    colours: np.ndarray | None = None
+    second_uvs: np.ndarray | None = None
+
+    def moved(self, linear: np.ndarray, offset: np.ndarray) -> "Geometry":
+        """The geometry under a rotation with uniform scale `linear` (3, 3), then `offset` (3,)."""
+        positions = self.positions @ linear.T.astype(np.float64) + offset
+        normals = self.normals @ (linear / np.cbrt(np.linalg.det(linear))).T
+        return self._replace(positions=positions.astype(np.float32), normals=normals.astype(np.float32))
+
+
+def bounds(geometries: list[Geometry]) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest and the highest corner, (3,) float64 each, of the box around geometries."""
+    low = np.min([g.positions.min(axis=0) for g in geometries], axis=0)
+    high = np.max([g.positions.max(axis=0) for g in geometries], axis=0)
+    return low.astype(np.float64), high.astype(np.float64)
+
+
+def box_corners(geometry: Geometry) -> np.ndarray:
+    """The corners (8, 3) float64 of the box around a geometry."""
+    low, high = bounds([geometry])
+    return np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low)
+
+
+def swept_bounds(geometry: Geometry, motion: Motion | None) -> tuple[np.ndarray, np.ndarray]:
+    """As `bounds`, of the box around all places to which a motion brings a geometry's own box."""
+    if motion is None:
+        return bounds([geometry])
+    matrices = np.stack([motion.world_from_rest(time_s) for time_s in motion.times_s(MOST_TIMES)])
+    swept = np.einsum("tij,cj->tci", matrices[:, :3, :3], box_corners(geometry)) + matrices[:, None, :3, 3]
+    low, high = swept.min(axis=(0, 1)), swept.max(axis=(0, 1))
+    between = 0.02 * (high - low)  # a half turn between two of ten moments leaves its chord by 1 - cos(pi / 20), 1.2 % of its radius
+    return low - between, high + between
+
+
+def shape_geometry(shape: Shape) -> Geometry:
+    """A sphere of radius 1, a plane of 2 x 2 in z = 0 that faces +Z, or a box of side 2, each centred."""
+    if shape == "sphere":
+        return _sphere(48, 96)
+    if shape == "plane":
+        positions = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
+        return clean_geometry(positions, np.array([[0, 1, 2], [0, 2, 3]]), None)
+    box = trimesh.creation.box((2, 2, 2))
+    return clean_geometry(np.asarray(box.vertices), np.asarray(box.faces), None)
+
+
+def _sphere(rows: int, cols: int) -> Geometry:
+    """A sphere of radius 1 in rings: facets of 3.75 degrees at 48 x 96, 1 mm off the true sphere at a radius of 1 m."""
+    theta, phi = np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, cols, endpoint=False)
+    ring = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+    inner = theta[1:-1, None, None]
+    body = np.concatenate([np.sin(inner) * ring, np.broadcast_to(np.cos(inner), (rows - 1, cols, 1))], axis=-1)
+    positions = np.concatenate([[[0, 0, 1]], body.reshape(-1, 3), [[0, 0, -1]]])
+    j, k = np.arange(cols), (np.arange(cols) + 1) % cols
+    last = len(positions) - 1
+    faces = [np.stack([np.zeros_like(j), 1 + j, 1 + k], axis=-1)]
+    for i in range(rows - 2):
+        a, b, c, d = 1 + i * cols + j, 1 + i * cols + k, 1 + (i + 1) * cols + j, 1 + (i + 1) * cols + k
+        faces += [np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)]
+    faces.append(np.stack([1 + (rows - 2) * cols + j, np.full_like(j, last), 1 + (rows - 2) * cols + k], axis=-1))
+    return clean_geometry(positions, np.concatenate(faces), positions)
+
+
+def clean_geometry(
+    positions: np.ndarray,
+    triangles: np.ndarray,
+    normals: np.ndarray | None,
+    uvs: np.ndarray | None = None,
+    colours: np.ndarray | None = None,
+    second_uvs: np.ndarray | None = None,
+) -> Geometry:
+    """Geometry of (n, 3) positions and (m, 3) indices without triangles of no area; normals (n, 3) are used when all are good.
+
+    Raises ValueError saying what is wrong when nothing can be drawn: no triangles, nan or inf vertices, indices out of range, no area.
+    """
+    if len(triangles) == 0 or len(positions) == 0:
+        raise ValueError("is empty")
+    if triangles.min() < 0 or triangles.max() >= len(positions):
+        raise ValueError("has triangles with vertices that it does not have")
+    used = np.unique(triangles)
+    if not np.all(np.isfinite(positions[used])):
+        raise ValueError("has vertices that are nan or inf")
+    size = np.ptp(positions[used], axis=0).max()
+    if not 0 < size < 1e9:
+        raise ValueError("has no size" if size <= 0 else "is larger than 10^9 m")
+    corners = positions[triangles].astype(np.float64)
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(facing, axis=-1)
+    good = area > 1e-14 * size**2  # float64 cross products of such corners round at about 1e-16 size^2
+    if not good.any():
+        raise ValueError("has no area")
+    triangles, facing = triangles[good], facing[good] / area[good, None]
+    welded = _welded(positions, triangles)
+    if normals is None or normals.shape != positions.shape or not np.all(np.linalg.norm(normals[used], axis=-1) > 1e-6):
+        seams = any(rows is not None for rows in (uvs, colours, second_uvs))
+        vertex, triangles, normals = _smoothed(positions, triangles, welded, facing, seams)
+        uvs, colours, second_uvs = (None if rows is None else rows[vertex] for rows in (uvs, colours, second_uvs))
+        positions = positions[vertex]
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-6)
+    return Geometry(
+        np.ascontiguousarray(positions, np.float32),
+        np.ascontiguousarray(normals, np.float32),
+        np.zeros((len(positions), 2), np.float32) if uvs is None else np.ascontiguousarray(uvs, np.float32),
+        np.ascontiguousarray(triangles, np.uint32),
+        is_closed(welded, corners[good]),
+        colours,
+        second_uvs,
+    )
+
+
+def _welded(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The triangles (m, 3) with vertices at the same float32 position made one: files split them at seams of texture or normal."""
+    places = np.ascontiguousarray(positions, np.float32) + np.float32(0)  # -0 becomes 0
+    return np.unique(places, axis=0, return_inverse=True)[1].reshape(-1)[triangles]
+
+
+def is_closed(welded: np.ndarray, corners: np.ndarray) -> bool:
+    """Whether each edge of welded triangles (m, 3) is used once in either direction and each connected part has a positive volume.
+
+    corners: their positions, (m, 3, 3) float64.
+    """
+    edges = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]]).astype(np.int64)
+    n = int(welded.max()) + 1
+    forward, backward = np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0])
+    if not np.array_equal(forward, backward) or np.any(forward[1:] == forward[:-1]):
+        return False
+    links = coo_array((np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
+    part = connected_components(links, directed=False)[1][welded[:, 0]]
+    volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    return bool(np.all(np.bincount(part, volumes)[np.unique(part)] > 0))
+
+
+def _smoothed(
+    positions: np.ndarray, triangles: np.ndarray, welded: np.ndarray, facing: np.ndarray, seams: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Old vertex numbers (n,), triangles and normals with a vertex for each group of corners that smooth edges join.
+
+    With `seams`, corners of one group that were different vertices (of other texture coordinates or colours) stay different.
+
+    A smooth edge joins exactly two faces whose normals differ by less than CREASE; a group's normal is the mean of its faces' normals,
+    weighted by the corners' angles (Thuermer and Wuethrich 1998).
+    """
+    count = len(triangles)
+    edges = np.sort(np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]]), axis=-1).astype(np.int64)
+    key = edges[:, 0] * (welded.max() + 1) + edges[:, 1]
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    starts = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    pairs = starts[np.diff(np.append(starts, len(key))) == 2]
+    first, second = order[pairs], order[pairs + 1]  # half-edge h is side h // count of triangle h % count
+    smooth = np.einsum("ij,ij->i", facing[first % count], facing[second % count]) > np.cos(CREASE)
+    first, second = first[smooth], second[smooth]
+
+    # Corner k of triangle t is node 3 t + k; a half-edge of side s runs from corner s to corner s + 1, its twin the other way.
+    def corner(half_edge: np.ndarray, end: int) -> np.ndarray:
+        return 3 * (half_edge % count) + (half_edge // count + end) % 3
+
+    flipped = (welded.reshape(-1)[corner(first, 0)] == welded.reshape(-1)[corner(second, 0)]).astype(int)  # twins wound alike
+    a, b = corner(second, 0), corner(second, 1)
+    left = np.concatenate([corner(first, 0), corner(first, 1)])
+    right = np.concatenate([np.where(flipped, a, b), np.where(flipped, b, a)])
+    links = coo_array((np.ones(len(left), np.int8), (left, right)), shape=(3 * count, 3 * count))
+    groups, group = connected_components(links, directed=False)
+    points = positions[triangles].astype(np.float64)
+    angles = np.stack([_corner_angle(points[:, k], points[:, (k + 1) % 3], points[:, (k + 2) % 3]) for k in range(3)], axis=-1)
+    weighted = (facing[:, None, :] * angles[..., None]).reshape(-1, 3)
+    normals = np.stack([np.bincount(group, weighted[:, axis], groups) for axis in range(3)], axis=-1)
+    old = triangles.reshape(-1).astype(np.int64)
+    key = group.astype(np.int64) * len(positions) + old if seams else group.astype(np.int64)
+    _, first, vertex = np.unique(key, return_index=True, return_inverse=True)
+    return old[first], vertex.reshape(-1, 3), normals[group[first]]
+
+
+def _corner_angle(at: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Angle in rad at the points `at` (m, 3) between the directions to b and to c."""
+    u, v = b - at, c - at
+    return np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), np.einsum("ij,ij->i", u, v))

@@ -1,0 +1,29 @@
+"""How a service's process begins and ends: settings file, one clear line for what the user must mend, exit status."""
+
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from vemlight.errors import FatalError, UserError
+from vemlight.settings import Settings, read_settings
+
+
+def start(main: Callable[[Settings, int], None], arguments: Sequence[str]) -> int:
+    """Runs a service with the settings file in `arguments`, if there is one.
+
+    Returns 0 when it was told to stop or is done, 2 for what the user must mend (one line on stderr), 1 for our own fault.
+    """
+    try:
+        main(read_settings(Path(arguments[0]) if arguments else None), int(os.environ.get("VEMLIGHT_RESTARTS", "0")))
+    except UserError as error:
+        print(f"vemlight: {error}", file=sys.stderr)
+        return 2
+    except FatalError as error:
+        print(f"vemlight: {error}", file=sys.stderr)
+        return 1
+    except Exception:
+        traceback.print_exc()
+        return 1
+    return 0

@@ -1,0 +1,28 @@
+"""The token that the viewer asks for where more than this machine reaches it."""
+
+import ipaddress
+import secrets
+
+import msgspec
+
+from vemlight.settings import Settings
+
+TOKEN_BYTES = 24  # 192 random bits: at a million guesses a second 10^44 years
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches what listens at `host`, a name or a number."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def with_token(settings: Settings) -> Settings:
+    """The settings, with a new token where the viewer needs one and none is set."""
+    viewer = settings.viewer
+    if viewer.token or viewer.insecure or is_loopback(viewer.host):
+        return settings
+    return msgspec.structs.replace(settings, viewer=msgspec.structs.replace(viewer, token=secrets.token_urlsafe(TOKEN_BYTES)))

@@ -1,0 +1,268 @@
+"""The only door for bytes: records as msgpack, arrays as raw little-endian parts whose type the message's kind fixes.
+
+A message is (topic, header, array, ...). `unpack` gives typed, finite data of known shape or raises one ValueError.
+The law in words, the exported schema and golden messages are in proto/.
+"""
+
+import time
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from vemlight.light.sphere import Coverage
+
+VERSION = 1
+MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 46 kB, most have under 2 kB
+MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
+MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of header
+UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimals of each number are enough
+MAX_PARTS = 7  # topic, header and the five arrays of the lights
+
+Sequence53 = Annotated[int, Meta(ge=0, lt=2**53)]  # exact in JSON and in every language
+Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Tally = Annotated[int, Meta(ge=0, lt=2**53)]
+Name = Annotated[str, Meta(min_length=1, max_length=64)]
+Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
+Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
+Hertz = Annotated[float, Meta(ge=0, le=1e9)]
+Frames = Annotated[float, Meta(ge=0, le=1e6)]
+Side = Annotated[int, Meta(ge=1, le=8192)]
+Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
+
+
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
+    """A message's header; its tag is the message's topic."""
+
+
+class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which frame this is and when its light was seen."""
+
+    sequence: Sequence53
+    time_s: Annotated[float, Meta(ge=0, le=1e12)]  # on the source's own clock: filters use it
+    captured_ns: Nanoseconds  # realtime
+    monotonic_ns: Nanoseconds  # ages on one host: clock steps do not touch it
+    boot_id: Annotated[str, Meta(max_length=64)]  # monotonic clocks compare only when this is equal
+
+
+class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where a named object or lamp of the scene stands."""
+
+    name: Name
+    at: tuple[Metres, Metres, Metres]
+    turn: tuple[Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 1.0)  # unit quaternion x, y, z, w
+    power: Annotated[float, Meta(ge=0, le=1e12)] | None = None  # of a lamp: times the measured one; None: as it is, or no lamp
+
+    def __post_init__(self) -> None:
+        if not abs(sum(q * q for q in self.turn) - 1) < UNIT:
+            raise ValueError("turn is no unit quaternion")
+
+
+class MapMessage(Part, frozen=True, tag="map"):
+    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32; of the parts of cells that hold much of the light, in
+    their order, cells (strong,) int64, row * cols + column; centres (strong, 3) float32, the direction of the light's centre in the part;
+    and shares (strong,) float32 of the cell's light.
+    """
+
+    stamp: Stamp
+    rows: Side
+    cols: Side
+    coverage: Coverage
+    strong: Annotated[int, Meta(ge=0, le=4096)] = 0
+    luminance_scale: Annotated[float, Meta(gt=0, le=1e30)] | None = None  # cd/m2 per unit, when calibrated
+    spoilt: Tally = 0  # cells that came as nan, inf or negative and were set to 0
+    black: Tally = 0  # pixels that the sensor's code clipped
+    saturated: Tally = 0
+
+
+class LightsMessage(Part, frozen=True, tag="lights"):
+    """Directional lights. Arrays: ids (count,) int64; directions and irradiance (count, 3) float32; the same two (fine, 3) again.
+
+    The fine set stands for the same light as the first: many weak lights for the lobes of glossy surfaces (Havran et al. 2005, 4.2).
+    """
+
+    stamp: Stamp
+    count: Annotated[int, Meta(ge=0, le=100_000)]
+    coverage: Coverage
+    delay_ms: Milliseconds  # by which the filter holds the light back
+    delay_frames: Frames = 0.0  # the same, in frames at the rate they come at
+    fine: Annotated[int, Meta(ge=0, le=100_000)] = 0
+    need: Tally = 0  # lights that the scene needs for the error allowed; 0: not asked
+    can: Tally = 0  # lights that the renderer draws in the time allowed; 0: not asked
+    flicker_hz: Hertz = 0.0  # beat of lamps with the frame rate; 0: none
+    lamp_hz: Hertz = 0.0  # the lamps' own frequency behind that beat
+    flicker_depth: Annotated[float, Meta(ge=0, le=1e9)] = 0.0  # amplitude over mean
+
+
+class ImageMessage(Part, frozen=True, tag="image"):
+    """A picture for the eye. Arrays: pixels (height, width, 4) uint8, sRGB, alpha straight, the top row first; where it is linear also the
+    picture before tone mapping, (height, width, 4) float16, RGB times alpha.
+    """
+
+    stamp: Stamp
+    width: Side
+    height: Side
+    lights: Tally  # drawn
+    render_ms: Milliseconds
+    can: Tally = 0  # lights that it draws in its target frame time; 0: no target, or not yet known
+    linear: bool = False
+    things: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # where the scene's objects and lamps stand in it
+
+
+class PlateMessage(Part, frozen=True, tag="plate"):
+    """What a second camera sees. Arrays: pixels (height, width, 3) uint8, sRGB, the top row first."""
+
+    stamp: Stamp
+    width: Side
+    height: Side
+
+
+class ControlMessage(Part, frozen=True, tag="control"):
+    """What the person at the viewer wants; what is left out stays as the settings say. No arrays."""
+
+    count: Annotated[int, Meta(ge=1, le=100_000)] | None = None
+    exposure: Annotated[float, Meta(ge=-20, le=20)] | None = None  # stops
+    filtered: bool | None = None
+    paused: bool = False
+    poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of what stands elsewhere than in the scene file
+
+
+class StatusMessage(Part, frozen=True, tag="status"):
+    """How a service fares. No arrays."""
+
+    service: Name
+    sequence: Sequence53 | None  # of its newest frame
+    rate_hz: Hertz
+    age_ms: Milliseconds | None  # of its newest frame when it was done
+    step_ms: Milliseconds | None  # median of the last frames
+    frames: Tally
+    skipped: Tally  # passed over because this service was slower than its input
+    dropped: Tally  # lost before this service saw them, by the gaps in their numbers
+    refused: Tally  # messages that `unpack` refused
+    restarts: Tally  # how often the supervisor had to start it again
+    spoilt: Tally = 0
+    black: Tally = 0
+    saturated: Tally = 0
+    delay_ms: Milliseconds = 0.0
+    delay_frames: Frames = 0.0
+    can: Tally = 0  # of a renderer: lights that it draws in its target frame time; 0: no target, or not yet known
+
+
+class EndMessage(Part, frozen=True, tag="end"):
+    """The stream is over: `sequence` is the first number that will not come. No arrays."""
+
+    sequence: Sequence53
+
+
+class RequestMessage(Part, frozen=True, tag="request"):
+    """Lossless mode, from a consumer: send me the `count` frames from `first` on. It replaces what was asked before. No arrays."""
+
+    first: Sequence53
+    count: Annotated[int, Meta(ge=1, le=1024)]
+
+
+Header = MapMessage | LightsMessage | ImageMessage | PlateMessage | ControlMessage | StatusMessage | EndMessage | RequestMessage
+FRAME = MapMessage | LightsMessage | ImageMessage | PlateMessage  # the kinds that carry a stamp
+Message = tuple[Header, tuple[np.ndarray, ...]]
+
+_encoder = msgspec.msgpack.Encoder()
+_decoder = msgspec.msgpack.Decoder(Header)
+
+
+def layout(header: Header) -> tuple[tuple[Literal["<f2", "<f4", "<i8", "|u1"], tuple[int, ...]], ...]:
+    """Type and shape of each array that belongs to `header`."""
+    match header:
+        case MapMessage():
+            n = header.strong
+            return ("<f4", (header.rows, header.cols, 3)), ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n,))
+        case LightsMessage():
+            n, m = header.count, header.fine
+            return ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n, 3)), ("<f4", (m, 3)), ("<f4", (m, 3))
+        case ImageMessage():
+            shape = (header.height, header.width, 4)
+            return (("|u1", shape), ("<f2", shape)) if header.linear else (("|u1", shape),)
+        case PlateMessage():
+            return (("|u1", (header.height, header.width, 3)),)
+        case _:
+            return ()
+
+
+def pack(header: Header, arrays: Sequence[np.ndarray] = ()) -> list[bytes]:
+    """The message's parts. Raises ValueError when the arrays are not those of the header."""
+    expected = layout(header)
+    if len(arrays) != len(expected):
+        raise ValueError(f"{_kind(header)}: {len(expected)} arrays belong to it, not {len(arrays)}")
+    parts = [_kind(header).encode(), _encoder.encode(header)]
+    for array, (dtype, shape) in zip(arrays, expected, strict=True):
+        if array.shape != shape:
+            raise ValueError(f"{_kind(header)}: array of shape {array.shape}, the header says {shape}")
+        parts.append(np.ascontiguousarray(array, dtype).tobytes())
+    return parts
+
+
+def unpack(parts: Sequence[bytes]) -> Message:
+    """Header and arrays (read-only views of the parts). Raises ValueError for anything that `pack` would not have made."""
+    if not 2 <= len(parts) <= MAX_PARTS:
+        raise ValueError(f"a message has 2 to {MAX_PARTS} parts, not {len(parts)}")
+    if len(parts[1]) > MAX_HEADER:
+        raise ValueError(f"a header has at most {MAX_HEADER} bytes, not {len(parts[1])}")
+    header = _decoder.decode(parts[1])
+    if bytes(parts[0]) != _kind(header).encode():
+        raise ValueError(f"topic {bytes(parts[0][:20])!r} on a message of kind {_kind(header)}")
+
+    expected = layout(header)
+    if len(parts) != 2 + len(expected):
+        raise ValueError(f"{_kind(header)}: {len(expected)} arrays belong to it, not {len(parts) - 2}")
+    arrays = []
+    for part, (dtype, shape) in zip(parts[2:], expected, strict=True):
+        nbytes = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+        if len(part) != nbytes or nbytes > MAX_PART:
+            raise ValueError(f"{_kind(header)}: array of {len(part)} bytes, the header says {nbytes}, the limit is {MAX_PART}")
+        array = np.frombuffer(part, dtype).reshape(shape)
+        if dtype in ("<f2", "<f4") and not np.isfinite(array).all():
+            raise ValueError(f"{_kind(header)}: array with nan or inf")
+        arrays.append(array)
+    if isinstance(header, MapMessage) and not ((arrays[1] >= 0) & (arrays[1] < header.rows * header.cols)).all():
+        raise ValueError("map: a strong cell outside the map")
+    if isinstance(header, MapMessage) and not ((np.diff(arrays[1]) >= 0).all() and ((arrays[3] > 0) & (arrays[3] <= 1)).all()):
+        raise ValueError("map: strong cells out of order, or a share of a cell's light that is none")
+    if isinstance(header, LightsMessage):
+        for directions, irradiance in (arrays[1:3], arrays[3:5]):
+            if not (np.abs(np.einsum("ij,ij->i", directions, directions) - 1) < UNIT).all() or (irradiance < 0).any():
+                raise ValueError("lights: a direction that is no unit vector, or irradiance below 0")
+    return header, tuple(arrays)
+
+
+def _kind(header: Header) -> str:
+    return str(type(header).__struct_config__.tag)
+
+
+def schema() -> dict:
+    """The headers' JSON Schema, as exported to proto/wire.schema.json."""
+    (kinds,), definitions = msgspec.json.schema_components([Header], ref_template="#/$defs/{name}")
+    draft = "https://json-schema.org/draft/2020-12/schema"
+    return {"$schema": draft, "title": f"vemlight wire {VERSION}", **kinds, "$defs": definitions}
+
+
+@cache
+def boot_id() -> str:
+    """Names this run of this machine's kernel: monotonic clocks compare only within one."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""
+
+
+def stamp(sequence: int, time_s: float) -> Stamp:
+    """A stamp for light that is seen now."""
+    return Stamp(sequence=sequence, time_s=time_s, captured_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), boot_id=boot_id())
+
+
+def age_ms(of: Stamp) -> float:
+    """Milliseconds since the light was seen: by the monotonic clock on one host, by realtime between hosts; never negative."""
+    same_clock = of.boot_id and of.boot_id == boot_id()
+    return max(0.0, ((time.monotonic_ns() - of.monotonic_ns) if same_clock else (time.time_ns() - of.captured_ns)) / 1e6)

@@ -1,0 +1,181 @@
+"""Light that flickers with the mains, seen through the beat with the frame rate: found in the total power, reported, taken out on wish.
+
+Lamps flicker at twice the mains frequency, 100 or 120 Hz, far above half any frame rate here, so 21 frames a second see 100 Hz as
+5 Hz. A filter of the lights cannot know that this 5 Hz is none of the scene's; the time stamps do: sines of 100 and 120 Hz are fitted
+to the power at the frames' own times. A rate that divides the frequency (25 or 50 frames a second under 100 Hz) sees no flicker.
+Taken out, it is block by block of the map: tubes beside a window must not make the window flicker the other way.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from vemlight.light.sphere import LUMINANCE, cell_solid_angles
+from vemlight.sampler.density import LightMap
+from vemlight.sampler.warps.square import cosine_and_sine
+
+LAMPS_HZ = (100.0, 120.0)
+FRAMES = 64  # in the fit: 2.6 s at 25 frames a second, so frequencies are told apart to 0.4 Hz
+FEWEST = 24  # seven unknowns, and enough left over to tell flicker from chance
+DRIFT_HZ = 0.4  # mains +-0.2 Hz and as much for clocks of cameras, searched in STEPS of DRIFT_STEP_HZ
+DRIFT_STEP_HZ = 0.1
+STEPS = 9
+SLOWEST_BEAT_HZ = 1.0  # slower beats look like clouds; and at least two of them must fit in the time seen
+FOUND, LOST = 0.6, 0.4  # share of the power's variance that the sines must explain to count as flicker, and to go on counting
+BLACK = 1e-3  # of the mean: a frame so dark is no lamp's doing, and its logarithm would rule the fit
+FAINTEST = 3e-3  # depth below which flicker is not worth a report: half of the 0.5 % that eyes can see (Weber)
+SURE, UNSURE = 0.6, 0.3  # a block is corrected in full when its sines explain so much of its variance, not at all when so little
+BLOCKS = (6, 24)  # rows and columns: 15 degrees on the hemisphere, about the distance of lamps in a room
+
+
+class Flicker(NamedTuple):
+    """What is known of the flicker.
+
+    times_s: (n,) of the last frames. powers: (n, blocks), luminance of each block of the map. beat_hz: as the camera sees it. lamp_hz: of
+    what flickers. depth: amplitude over mean; all 0 when none is found. excess: (blocks,), power now over power without flicker.
+    """
+
+    times_s: np.ndarray
+    powers: np.ndarray
+    beat_hz: float
+    lamp_hz: float
+    depth: float
+    excess: np.ndarray
+
+
+NONE = Flicker(np.zeros(0), np.zeros((0, 1)), 0.0, 0.0, 0.0, np.ones(1))
+
+
+def with_frame(before: Flicker, time_s: float, powers: np.ndarray) -> Flicker:
+    """What is known once the frame at `time_s` with the powers (blocks,) of its blocks is in.
+
+    Starts anew when time goes back or stops for over a beat, and when the number of blocks changes.
+    """
+    since = time_s - before.times_s[-1] if before.times_s.size else 0.0
+    if not 0 < since <= 1 / SLOWEST_BEAT_HZ or before.powers.shape[1] != len(powers):
+        before = NONE._replace(powers=np.zeros((0, len(powers))))
+    times = np.append(before.times_s[1 - FRAMES :], time_s)
+    history = np.concatenate([before.powers[1 - FRAMES :], powers[None]])
+    quiet = Flicker(times, history, 0.0, 0.0, 0.0, np.ones(len(powers)))
+    seen_s, totals = times[-1] - times[0], history.sum(axis=1)
+    if len(times) < FEWEST or totals.min() <= BLACK * totals.mean():
+        return quiet
+    rate, found = (len(times) - 1) / seen_s, LOST if before.depth > 0 else FOUND
+    lamp_hz = depth = 0.0
+    for nominal in LAMPS_HZ:
+        if _beat(nominal, rate) < max(SLOWEST_BEAT_HZ, 2 / seen_s):
+            continue
+        share, frequency, amplitude = _search(times - times[-1], np.log(totals), nominal, rate)
+        if share > found and amplitude > FAINTEST:
+            found, lamp_hz, depth = share, frequency, amplitude
+    if not depth:
+        return quiet
+    excess = _excess(_columns(times - times[-1], lamp_hz, rate), history)
+    return quiet._replace(beat_hz=_beat(lamp_hz, rate), lamp_hz=lamp_hz, depth=depth, excess=excess)
+
+
+def block_powers(light: LightMap, blocks: bool) -> np.ndarray:
+    """Luminance integrated over each of BLOCKS, or over the whole map as one block."""
+    if not blocks:
+        return np.array([light.power])
+    rows, cols, _ = light.radiance.shape
+    powers = np.zeros((min(BLOCKS[0], rows), min(BLOCKS[1], cols)))
+    _add_blocks(light.radiance, cell_solid_angles(rows, cols, light.coverage), powers)
+    return powers.ravel()
+
+
+def without_flicker(light: LightMap, now: Flicker) -> np.ndarray:
+    """The radiance (rows, cols, 3) float32 of the map without what flickers; `now` has the powers of its blocks."""
+    rows, cols, _ = light.radiance.shape
+    excess = now.excess.astype(np.float32).reshape(min(BLOCKS[0], rows), min(BLOCKS[1], cols))
+    down, across = np.arange(rows) * excess.shape[0] // rows, np.arange(cols) * excess.shape[1] // cols
+    return light.radiance / excess[down[:, None], across[None, :], None]
+
+
+@njit(cache=True)
+def _add_blocks(radiance, solid_angles, powers):
+    rows, cols, _ = radiance.shape
+    for i in range(rows):
+        down = i * powers.shape[0] // rows
+        for j in range(cols):
+            light = LUMINANCE[0] * radiance[i, j, 0] + LUMINANCE[1] * radiance[i, j, 1] + LUMINANCE[2] * radiance[i, j, 2]
+            powers[down, j * powers.shape[1] // cols] += light * solid_angles[i]
+
+
+@njit(cache=True)
+def _beat(frequency, rate):
+    """The frequency as frames at `rate` see it, at most half the rate."""
+    return abs(frequency - np.round(frequency / rate) * rate)
+
+
+@njit(cache=True)
+def _columns(times, frequency, rate):
+    """(7, n): what the scene does, a parabola, and what the lamp does, sines of the frequency and of its double.
+
+    The double is left out where the camera sees it as standing still or as the frequency itself. The last time is 0.
+    """
+    span, double = -times[0], _beat(2 * frequency, rate)
+    use_double = double > 1 / span and abs(double - _beat(frequency, rate)) > 1 / span
+    columns = np.zeros((7, times.size))
+    for i in range(times.size):
+        t = times[i] / span
+        cosine, sine = cosine_and_sine(frequency * times[i])
+        columns[0, i], columns[1, i], columns[2, i] = 1.0, t, t * t
+        columns[3, i], columns[4, i] = cosine, sine
+        if use_double:
+            columns[5, i], columns[6, i] = 2 * cosine * cosine - 1, 2 * sine * cosine
+    return columns
+
+
+@njit(cache=True)
+def _left(columns, target):
+    """Least squares of target (n, k): (weights (c, k), squares (k,) that are left)."""
+    count, n = columns.shape
+    normal = columns @ columns.T
+    for c in range(count):
+        normal[c, c] += 1e-9 * n  # a column that is left out, or sine and cosine at half the frame rate, keep the system solvable
+    weights = np.linalg.solve(normal, columns @ target)
+    left, squares = target - columns.T @ weights, np.zeros(target.shape[1])
+    for i in range(n):
+        for k in range(squares.size):
+            squares[k] += left[i, k] * left[i, k]
+    return weights, squares
+
+
+@njit(cache=True)
+def _share(about, left, n):
+    """Share (k,) of the squares `about` the parabola that the sines explain when they leave the squares `left`, over n frames."""
+    share = np.zeros(about.size)
+    for k in range(share.size):
+        share[k] = 1 - left[k] / about[k] if about[k] > 1e-12 * n else 0.0
+    return share
+
+
+@njit(cache=True)
+def _search(times, target, nominal, rate):
+    """(share of variance explained, frequency, depth) of the best fit to the logarithm of the power near the nominal frequency."""
+    shares, single, n = np.empty(STEPS), target.reshape(-1, 1), times.size
+    about = _left(_columns(times, nominal, rate)[:3], single)[1]
+    for k in range(STEPS):
+        shares[k] = _share(about, _left(_columns(times, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate), single)[1], n)[0]
+    k = int(np.argmax(shares))
+    offset = 0.0
+    if 0 < k < STEPS - 1:  # the top of the parabola through the best and its neighbours
+        bend = shares[k - 1] - 2 * shares[k] + shares[k + 1]
+        offset = 0.5 * (shares[k - 1] - shares[k + 1]) / bend if bend < 0 else 0.0
+    frequency = nominal - DRIFT_HZ + (k + offset) * DRIFT_STEP_HZ
+    weights, left = _left(_columns(times, frequency, rate), single)
+    amplitude = np.sqrt(weights[3, 0] ** 2 + weights[4, 0] ** 2)
+    # log(1 + d sin) has the amplitude a = 2 (1 - sqrt(1 - d^2)) / d, so d = a / (1 + a^2 / 4).
+    return _share(about, left, n)[0], frequency, amplitude / (1 + 0.25 * amplitude**2)
+
+
+def _excess(columns: np.ndarray, powers: np.ndarray) -> np.ndarray:
+    """Power now over power without flicker, for each block (n, blocks); 1 where a block was dark or does something else."""
+    lit = powers.min(axis=0) > BLACK * np.maximum(powers.mean(axis=0), 1e-300)
+    target = np.log(np.where(lit, powers, 1.0))
+    weights, left = _left(columns, target)
+    share = _share(_left(columns[:3], target)[1], left, len(target))
+    lamp = np.exp(columns[3:].T @ weights[3:])
+    return (lamp[-1] / lamp.mean(axis=0)) ** (lit * np.clip((share - UNSURE) / (SURE - UNSURE), 0, 1))

@@ -1,0 +1,130 @@
+"""The viewer's process: hears the other services, serves the page, and says what the person wants."""
+
+import asyncio
+import contextlib
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import zmq
+import zmq.asyncio
+from aiohttp import web
+
+from vemlight.errors import UserError
+from vemlight.runtime import wire
+from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, STATUS_PERIOD_S, Service
+from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.token import is_loopback, with_token
+from vemlight.runtime.transport import Transport, keep_admitting
+from vemlight.settings import Settings, Viewer
+from vemlight.viewer.viewer_state import Board
+from vemlight.viewer.web import Site
+
+REPORT_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them
+TAKEN_AT_ONCE = 4 * QUEUE_FRAMES  # messages: more than the queues at both ends hold, and a flood cannot fill memory
+PAGES_COME_BACK_S = 3.0  # they try each second (page/viewer.js)
+SHUTDOWN_S = 0.1  # aiohttp waits for open streams so long twice, and they would go on for ever
+
+
+async def view(settings: Settings, restarts: int) -> None:
+    """Runs until SIGTERM or SIGINT. Raises UserError for sockets or a port that cannot be had."""
+    settings = with_token(settings)
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    wires = Transport(settings.wire, zmq.asyncio.Context())
+    board = Board(settings, restarts)
+    runner = web.AppRunner(Site(board).app(), access_log=None, shutdown_timeout=SHUTDOWN_S)
+    tasks: list[asyncio.Task[Any]] = []
+    try:
+        publisher = wires.bind("viewer", "publish")
+        await _listen(runner, settings.viewer)
+        for service in board.watch.heard:
+            tasks.append(asyncio.create_task(hear(wires, service, board)))
+        tasks.append(asyncio.create_task(keep_admitting(publisher)))
+        tasks.append(asyncio.create_task(speak(publisher, board)))
+        tasks.append(asyncio.create_task(report(board)))
+        print(f"vemlight: {address(settings.viewer)}", flush=True)
+        tasks.append(asyncio.create_task(stop.wait()))
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()  # raises what ended it, if it was not the signal
+    finally:
+        for task in tasks:
+            task.cancel()
+        await runner.cleanup()
+        wires.close()
+
+
+async def _listen(runner: web.AppRunner, settings: Viewer) -> None:
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, settings.host, settings.port).start()
+    except OSError as error:
+        where = f"{settings.host}:{settings.port}"
+        reason = error.strerror or error
+        raise UserError(f"{where}: the viewer cannot listen there ({reason}); stop what holds it or change [viewer] host, port") from error
+
+
+def address(settings: Viewer) -> str:
+    """Where the page is, and who can open it."""
+    host = _own_number(settings.host) if settings.host in ("0.0.0.0", "::") else settings.host
+    url = f"http://{f'[{host}]' if ':' in host else host}:{settings.port}" + (f"/?token={settings.token}" if settings.token else "")
+    if is_loopback(settings.host):
+        return f"the viewer is at {url} (for this machine only)"
+    who = "everyone on the network who has this address" if settings.token else "EVERYONE who reaches this machine over the network"
+    return f"the viewer is at {url} (for {who})"
+
+
+def _own_number(everywhere: str) -> str:
+    """This machine's address on the way to the network, for "0.0.0.0" or "::", which others cannot open. Nothing is sent."""
+    family, far = (socket.AF_INET6, "2001:db8::1") if ":" in everywhere else (socket.AF_INET, "192.0.2.1")  # RFC 3849, 5737: nobody's
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((far, 9))
+            return probe.getsockname()[0]
+        except OSError:  # no network
+            return "::1" if ":" in everywhere else "127.0.0.1"
+
+
+async def hear(wires: Transport, service: Service, board: Board) -> None:
+    """Takes all that waits from one service, and then again."""
+    socket = wires.subscribe(service, FRAMES[service], "status", "end")
+    while True:
+        waiting = [await socket.recv_multipart()]
+        with contextlib.suppress(zmq.Again):
+            while len(waiting) < TAKEN_AT_ONCE:
+                waiting.append(await socket.recv_multipart(zmq.NOBLOCK))
+        board.take(service, list(_unpacked(waiting, board.tally)))
+
+
+def _unpacked(waiting: list[list[bytes]], tally: Tally) -> Iterator[wire.Message]:
+    for parts in waiting:
+        try:
+            yield wire.unpack(parts)
+        except ValueError:
+            tally.refused += 1
+
+
+async def speak(publisher: Any, board: Board) -> None:
+    """Says the whole wish and the viewer's own status, twice a second, and the wish at once when it changes.
+
+    A viewer that starts has nothing to wish, and says so only when open pages would have told it theirs: the others go on as they were.
+    """
+    quiet_until_s = time.monotonic() + PAGES_COME_BACK_S
+    while True:
+        if board.wish != wire.ControlMessage() or time.monotonic() > quiet_until_s:
+            await publisher.send_multipart(wire.pack(board.wish))
+        if status := board.status_due():
+            await publisher.send_multipart(wire.pack(status))
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(board.wished.wait(), STATUS_PERIOD_S)
+
+
+async def report(board: Board) -> None:
+    """Refreshes the page's figures."""
+    while True:
+        board.refresh()
+        await asyncio.sleep(REPORT_PERIOD_S)

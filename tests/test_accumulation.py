@@ -1,0 +1,163 @@
+"""A paused picture: the map as an endless supply of lights, and the mean that goes to the map's own integral."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.test_renderer_stage import heeded, picture_of, stepped
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import cell_from_direction, map_irradiance
+from vemlight.renderer.accumulation import LIGHTS, PASSES, MapLights, Refined, spread_points
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.renderer.stage import RendererStage
+from vemlight.runtime import wire
+from vemlight.settings import Renderer as Size
+from vemlight.settings import Settings
+
+
+def a_map(rows: int = 30, cols: int = 120) -> np.ndarray:
+    """A sky brighter below, a window and a sun that gives half of the light."""
+    radiance = np.broadcast_to(0.3 + np.linspace(0, 1, rows)[:, None, None] * np.array([0.5, 0.7, 1.0]), (rows, cols, 3)).astype(np.float32)
+    radiance = radiance.copy()
+    radiance[rows // 4, cols // 4] += 2500.0
+    radiance[2 * rows // 3 : 3 * rows // 4, cols // 2 : 2 * cols // 3] += 5.0
+    return radiance
+
+
+def off(a: np.ndarray, b: np.ndarray) -> float:
+    """Relative RMSE of colours."""
+    return float(np.sqrt(np.mean((a[..., :3] - b[..., :3]) ** 2)) / np.sqrt(np.mean(b[..., :3] ** 2)))
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["hemisphere", "sphere"]))
+def test_a_light_is_drawn_as_often_as_its_cell_gives(seed, coverage):
+    rng = np.random.default_rng(seed)
+    radiance = np.where(rng.random((6, 10, 1)) < 0.4, 0.0, rng.exponential(1.0, (6, 10, 3)) ** 4).astype(np.float32)
+    radiance[2, 3] += 0.1
+    light = MapLights(radiance, coverage)
+    count = 20_000
+    drawn = light.lights(np.stack([(np.arange(count) + 0.5) / count, spread_points(0, count)[:, 1]], axis=1))
+    row, col = (np.floor(each).astype(int) for each in cell_from_direction(drawn.directions.astype(float), 6, 10, coverage))
+    total = np.zeros((6, 10, 3))
+    np.add.at(total, (np.minimum(row, 5), np.minimum(col, 9)), drawn.irradiance)
+    cells = light.cells()
+    wanted = np.zeros((60, 3))
+    wanted[cells.ids] = cells.irradiance
+    # directions are float32: few of them fall into the next cell
+    assert np.allclose(total.reshape(-1, 3), wanted, atol=3e-3 * wanted.sum())
+    assert np.allclose(cells.irradiance.sum(axis=0), map_irradiance(radiance, coverage), rtol=1e-5)
+
+
+def test_passes_share_no_light_and_add_up_to_the_map():
+    light = MapLights(a_map(), "hemisphere")
+    passes = [light.of_pass(k) for k in range(PASSES)]
+    directions = np.concatenate([lights.directions for lights in passes])
+    assert len(np.unique(directions, axis=0)) == PASSES * LIGHTS
+    mean = np.mean([lights.irradiance.sum(axis=0) for lights in passes], axis=0)
+    assert np.allclose(mean, map_irradiance(light.radiance, "hemisphere"), rtol=1e-3)
+
+
+@pytest.mark.parametrize("spot", [None, (0, 0), (29, 119)])
+def test_black_maps_and_single_cells(spot):
+    radiance = np.zeros((30, 120, 3), np.float32)
+    if spot is None:
+        assert len(MapLights(radiance, "hemisphere").of_pass(0).ids) == 0
+        return
+    radiance[spot] = (1e6, 0.0, 0.0)
+    lights = MapLights(radiance, "hemisphere").of_pass(0)
+    assert np.allclose(lights.irradiance.sum(axis=0), map_irradiance(radiance, "hemisphere"), rtol=1e-5)
+    assert np.isfinite(lights.directions).all()
+    assert lights.irradiance[:, 1:].max() == 0
+
+
+def test_the_error_falls_with_every_doubling_to_less_than_one_per_cent(monkeypatch):
+    """Against a light for each cell of the map, and 36 for the sun's, at one place in each pixel: of the light alone."""
+    monkeypatch.setattr("vemlight.renderer.renderer.spread_points", lambda first, count: np.full((count, 2), 0.5))
+    light = MapLights(a_map(), "hemisphere")
+    renderer = Renderer(load_scene(None), Size(width=32, height=24, shadow_map=128))
+    cells = light.cells()
+    parts = MapLights(light.radiance.repeat(6, axis=0).repeat(6, axis=1), "hemisphere").cells()
+    row, col = np.divmod(parts.ids, 720)
+    sun, rest = (row // 6 == 7) & (col // 6 == 30), cells.ids != 7 * 120 + 30
+    joined = [np.concatenate([whole[rest], fine[sun]]) for whole, fine in zip(cells, parts, strict=True)]
+    exact = renderer.render(LightSet(*joined)).copy()
+    refined, errors = Refined.nothing(), []
+    while not refined.converged:
+        refined = refined.with_pass(renderer.render_pass(light, refined.passes))
+        if refined.passes & (refined.passes - 1) == 0:
+            errors.append(off(refined.picture, exact))
+    renderer.release()
+    assert all(later < earlier for earlier, later in pairwise(errors)), errors
+    assert errors[-1] < 0.01
+    assert errors[-1] < errors[0] / 6  # of random lights it would be an eighth with luck, of even ones it is a tenth and less
+
+
+def test_pixels_become_means_over_their_area():
+    light = MapLights(np.ones((4, 8, 3), np.float32), "hemisphere")
+    renderer = Renderer(load_scene(None), Size(width=24, height=18, shadow_map=32))
+    refined = Refined.nothing()
+    while not refined.converged:
+        refined = refined.with_pass(renderer.render_pass(light, refined.passes))
+    renderer.release()
+    fine = Renderer(load_scene(None), Size(width=24 * 16, height=18 * 16, shadow_map=32))
+    area = fine.render(light.of_pass(0))[..., 3].reshape(18, 16, 24, 16).mean(axis=(1, 3))
+    fine.release()
+    error = np.abs(refined.picture[..., 3] - area)
+    # 64 even points see the share of a pixel that an edge cuts off to about 64 ** -0.75 = 0.044, at the worst edge to twice as much
+    assert error.max() < 0.09
+    assert error[error > 0].mean() < 0.03
+
+
+def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
+    monkeypatch.setattr("vemlight.renderer.accumulation.PASSES", 4)
+    stage = RendererStage(Settings(renderer=Size(width=48, height=36, shadow_map=64, frame_ms=0.0, picture="linear16")))
+    assert stage.beside(stage.begin(0)[0]) == ()
+    assert stage.beside(heeded(stage, stage.begin(0)[0], paused=True)) == ("capture",)
+    drawn = []
+    honest = stage._renderer.render_pass
+    monkeypatch.setattr(stage._renderer, "render_pass", lambda light, number: drawn.append(number) or honest(light, number))
+
+    def shown(state, sequence, radiance, **wish):
+        header = wire.MapMessage(stamp=wire.stamp(sequence, sequence / 10), rows=30, cols=120, coverage="hemisphere")
+        state = stage.heed(heeded(stage, state, **wish), (header, (radiance,)))
+        return stepped(stage, state, sequence)
+
+    state, image = shown(stage.begin(0)[0], 0, a_map())
+    assert (image.lights, drawn) == (3, [])
+    live = picture_of(state)
+    for sequence in range(1, 8):
+        state, image = shown(state, sequence, a_map(), paused=True)
+    assert drawn == [0, 1, 2, 3]
+    assert image.lights == 4 * LIGHTS
+    converged = picture_of(state)
+    state, _ = shown(state, 8, a_map(), paused=True, exposure=1.0)  # of what is seen nothing changed
+    assert drawn == [0, 1, 2, 3]
+    assert picture_of(state) is converged
+    moved = wire.Pose(name="box", at=(0.0, 0.0, 0.42))
+    state, _ = shown(state, 9, a_map(), paused=True, poses=(moved,))
+    state, _ = shown(state, 10, 2 * a_map(), paused=True, poses=(moved,))
+    assert drawn == [0, 1, 2, 3, 0, 0]
+    state, image = shown(state, 11, a_map())
+    assert image.lights == 3
+    assert np.array_equal(picture_of(state), live)
+
+
+def test_a_catcher_takes_the_maps_share_and_no_passes_own(tmp_path):
+    camera = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\n"
+    ground = '[[mesh]]\nshape = "plane"\nscale = 3.0\nmaterial = {catcher = true}\n'
+    (tmp_path / "scene.toml").write_text(camera + ground + '[[mesh]]\nshape = "box"\nscale = 0.5\nat = [0.0, 0.0, 0.8]\n')
+    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Size(width=32, height=24, shadow_map=64))
+    light = MapLights(a_map(12, 48), "hemisphere")
+    exact = renderer.render(light.cells()).copy()
+    refined = Refined.nothing()
+    while not refined.converged:
+        refined = refined.with_pass(renderer.render_pass(light, refined.passes))
+    renderer.release()
+    inside = np.abs(exact[..., 3] - refined.picture[..., 3])[exact[..., 3] < 0.9]
+    assert exact[..., 3][exact[..., 3] < 0.9].max() > 0.3
+    assert np.median(inside) < 0.01  # edges apart, where a pixel's mean is not its middle
+    assert abs(inside.mean()) < 0.03

@@ -1,0 +1,62 @@
+"""Imports point one way: down the floors, and never from one service to another."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+SERVICES = Path(__file__).parents[1] / "services"
+# From below: a file imports only its own package and what stands on a lower floor.
+FLOORS = (
+    {"errors", "files"},
+    {"light"},
+    {"settings", "runtime"},
+    {"capture", "sampler", "renderer", "plate", "viewer"},
+    {"commands"},  # where services meet: one process on files, the command line, the check of the machine
+    {"__main__"},
+)
+# The same within the renderer; `renderer.py`, `stage.py` and what else lies loose there stands on top.
+RENDERER_FLOORS = ({"gl", "luminaire", "output", "frame_budget"}, {"scene"}, {"passes"})
+TOGETHER = ({"settings", "runtime"}, {"errors", "files"})  # the settings name the services, the runtime reads the settings
+
+
+def imported_modules(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, f"{path}: imports are written as whole paths"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name.removeprefix("vemlight.") for name in names if name.startswith("vemlight.")}
+
+
+def floor_of(package: str, floors: tuple[set[str], ...]) -> int:
+    return next((number for number, floor in enumerate(floors) if package in floor), len(floors))
+
+
+def may_import(importer: str, imported: str, floors: tuple[set[str], ...]) -> bool:
+    if importer == imported or any({importer, imported} <= set(pair) for pair in TOGETHER):
+        return True
+    return floor_of(imported, floors) < floor_of(importer, floors)
+
+
+@pytest.mark.parametrize("path", sorted(SERVICES.rglob("*.py")), ids=lambda path: str(path.relative_to(SERVICES)))
+def test_imports_go_down(path):
+    inside = path.relative_to(SERVICES).with_suffix("").parts
+    for module in imported_modules(path):
+        target = module.split(".")
+        assert may_import(inside[0], target[0], FLOORS), f"{path} imports {module}"
+        if inside[0] == target[0] == "renderer":
+            on_top = floor_of(inside[1], RENDERER_FLOORS) == len(RENDERER_FLOORS)
+            assert on_top or may_import(inside[1], target[1], RENDERER_FLOORS), f"{path} imports {module}"
+
+
+def test_each_package_has_its_floor():
+    here = {path.stem for path in SERVICES.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    assert here - {"__init__"} == set().union(*FLOORS)
+
+
+def test_packages_re_export_nothing():
+    for path in SERVICES.rglob("__init__.py"):
+        assert not path.read_text().strip(), path

@@ -1,0 +1,66 @@
+"""Headers of EXR files, written and read."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vemlight.capture.exr_header import count_from_attributes, scale_from_attributes, strong_from_attributes, strong_text
+from vemlight.errors import UserError
+from vemlight.light.bright_cells import BrightCells
+
+
+@given(st.integers(0, 2**32), st.integers(0, 40))
+def test_strong_light_survives_to_the_bit(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    towards = rng.normal(size=(count, 3))
+    centres = (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
+    cells, shares = np.sort(rng.integers(0, 32400, count)), (1 - rng.random(count) ** 9).astype(np.float32)
+    strong = BrightCells(cells, centres, shares)
+    again = strong_from_attributes("f", {"vemlight:strong": strong_text(strong)}, 32400)
+    for a, b in zip(strong, again, strict=True):
+        assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes())
+
+
+def test_a_header_without_strong_light_has_none() -> None:
+    assert not len(strong_from_attributes("f", {}, 100).cells)
+
+
+GOOD = [[3, 0.0, 0.0, 1.0, 0.5], [3, 1.0, 0.0, 0.0, 0.5]]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "[", "null", 7, b"\xff", json.dumps([GOOD[0][:4]]), json.dumps([[100, 0.0, 0.0, 1.0, 1.0]]),
+        json.dumps([[-1, 0.0, 0.0, 1.0, 1.0]]), json.dumps([[3, 0.0, 0.0, 2.0, 1.0]]), json.dumps([[3, 0.0, 0.0, 1.0, 0.0]]),
+        json.dumps([[3, 0.0, 0.0, 1.0, 1.5]]), json.dumps([[3, 1e300, 1e300, 0.0, 1.0]]), '[[3, NaN, 0.0, 1.0, 1.0]]',
+        json.dumps([[5, 0.0, 0.0, 1.0, 1.0], [3, 0.0, 0.0, 1.0, 1.0]]), json.dumps(GOOD * 3000), json.dumps([[2**70, 0.0, 0.0, 1.0, 1.0]]),
+    ],
+)  # fmt: skip
+def test_hostile_strong_light_is_one_line(text: object) -> None:
+    with pytest.raises(UserError, match=r"^f: vemlight:strong.*record again$"):
+        strong_from_attributes("f", {"vemlight:strong": text}, 100)
+
+
+@pytest.mark.parametrize(("told", "count"), [({}, 0), ({"n": 5}, 5), ({"n": -1}, 0), ({"n": "5"}, 0), ({"n": 2.5}, 0)])
+def test_counts(told: dict, count: int) -> None:
+    assert count_from_attributes(told, "n") == count
+
+
+@pytest.mark.parametrize(
+    ("told", "scale"),
+    [
+        ({}, None),
+        ({"whiteLuminance": 179.0}, 179.0),
+        ({"whiteLuminance": 179.0, "vemlight:luminance_scale": "179.123"}, 179.123),
+        ({"whiteLuminance": 179.0, "vemlight:luminance_scale": "many"}, 179.0),
+        ({"whiteLuminance": -1.0}, None),
+        ({"whiteLuminance": "nan"}, None),
+        ({"whiteLuminance": (1.0, 2.0)}, None),
+    ],
+)
+def test_scale(told: dict, scale: float | None) -> None:
+    assert scale_from_attributes(told) == scale

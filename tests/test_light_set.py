@@ -1,0 +1,79 @@
+"""LightSet as files: what is written comes back, what is not lights is named."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from vemlight.errors import UserError
+from vemlight.light.light_set import LightSet, LightsFile, check_lights_path, lights_row, read_lights, write_lights
+
+FLOATS = arrays.arrays(np.float32, (3, 3), elements=st.floats(allow_nan=False, allow_infinity=False, width=32))
+
+
+def lights(count: int = 3) -> LightSet:
+    generator = np.random.default_rng(count)
+    return LightSet.of(np.arange(count) + 2**40, generator.standard_normal((count, 3)), generator.random((count, 3)))
+
+
+@given(FLOATS, FLOATS)
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_number_comes_back_as_it_was(tmp_path, directions, irradiance):
+    given_lights = LightSet.of(np.array([0, 7, 2**53]), directions, irradiance)
+    write_lights(tmp_path / "l.json", [lights_row(given_lights, 5, 0.2, "sphere")])
+    (row,) = read_lights(tmp_path / "l.json")
+    assert (row.sequence, row.time_s, row.coverage) == (5, 0.2, "sphere")
+    for one, other in zip(row.arrays(), given_lights, strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+
+
+def test_the_file_is_the_json_that_the_documents_promise(tmp_path):
+    one = LightSet.of(np.zeros(1), np.array([[0, 0, 1]]), np.ones((1, 3)))
+    write_lights(tmp_path / "l.json", [lights_row(one, 0, 0.0, "hemisphere")])
+    assert json.loads((tmp_path / "l.json").read_text()) == {
+        "schema": "vemlight.lights/1", "sequence": 0, "time_s": 0.0, "coverage": "hemisphere",
+        "lights": [{"id": 0, "direction": [0.0, 0.0, 1.0], "irradiance": [1.0, 1.0, 1.0]}],
+    }  # fmt: skip
+
+
+def test_several_frames_are_lines_and_no_lights_are_a_frame_too(tmp_path):
+    rows = [lights_row(lights(count), count, count / 25, "hemisphere") for count in (3, 0, 1)]
+    write_lights(tmp_path / "l.jsonl", rows)
+    assert read_lights(tmp_path / "l.jsonl") == rows
+    assert rows[1].arrays().directions.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "words"),
+    [("l.txt", 1, ".jsonl"), ("l.json", 2, ".jsonl"), ("l.json", 0, "one frame"), ("no/l.json", 1, "no such folder")],
+)
+def test_where_lights_cannot_be_written_is_said(tmp_path, name, frames, words):
+    with pytest.raises(UserError, match=words):
+        check_lights_path(tmp_path / name, frames)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"", b"{", b"[]", b"\xff", b'{"schema": "other/1"}', b'{"schema": "vemlight.lights/1", "sequence": 0, "time_s": 0, "lights": []}'],
+)
+def test_a_line_that_is_no_lights_is_named(tmp_path, line):
+    write_lights(tmp_path / "l.jsonl", [lights_row(lights(), 0, 0.0, "hemisphere")])
+    with open(tmp_path / "l.jsonl", "ab") as file:
+        file.write(line + b"\n")
+    with pytest.raises(UserError, match="line 2"):
+        read_lights(tmp_path / "l.jsonl")
+
+
+def test_a_file_that_grows_forgets_what_a_killed_writer_left_half(tmp_path):
+    path = tmp_path / "new" / "l.jsonl"
+    LightsFile(path).append(lights(), 0, 0.0, "hemisphere")
+    with open(path, "ab") as file:
+        file.write(b'{"schema": "vemlight')
+    again = LightsFile(path)
+    assert again.count == 1
+    again.append(lights(2), 1, 0.04, "hemisphere")
+    assert [len(row.lights) for row in read_lights(path)] == [3, 2]

@@ -1,0 +1,76 @@
+"""Solid angles shared by pixels and cells."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from vemlight.capture.fisheye import ALL, colour_lattices
+from vemlight.capture.lens import Lens, angles_from_radii, direction_from_pixel, pixel_solid_angles, radius_from_angle
+from vemlight.capture.pixel_overlap import LOOKUP, balance, shares
+from vemlight.light.sphere import cell_from_direction, rotation_xyz
+
+TILT = tuple(tuple(map(float, row)) for row in rotation_xyz((25, -10, 40)))
+UP = Lens(size=(120, 110), f=(32.0, 31.0), c=(59.3, 54.6), k1=-0.01, k2=0.001, k3=0.0, k4=0.0, rim_deg=95.0)
+TILTED = msgspec.structs.replace(UP, world_from_camera=TILT)
+ROWS, COLS, SPAN = 90, 360, np.pi
+
+
+def found(lens: Lens, lattice: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    reach = radius_from_angle(lens.rim, lens.k, lens.rim) + 4 / min(lens.f)
+    angles = angles_from_radii(np.linspace(0, reach, LOOKUP), lens.k, lens.rim)
+    solid = pixel_solid_angles(lens)
+    return shares(solid, np.array(lens.f), np.array(lens.c), angles, reach, lens.rotation, ROWS, COLS, SPAN, *lattice)
+
+
+@pytest.mark.parametrize("lens", [UP, TILTED])
+@pytest.mark.parametrize("lattice", [*ALL, *colour_lattices("RGGB")[1]])
+def test_a_pixel_is_shared_out_whole(lens: Lens, lattice: tuple) -> None:
+    pixel, _, share = found(lens, lattice)
+    solid = pixel_solid_angles(lens)
+    seen = np.zeros(solid.shape, bool)
+    seen[lattice[0][1] :: lattice[1][1], lattice[0][0] :: lattice[1][0]] = True
+    total = np.bincount(pixel, share, solid.size).reshape(solid.shape)
+    np.testing.assert_allclose(total, np.where(seen, solid * lattice[2][0] * lattice[2][1], 0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("lens", [UP, TILTED])
+@pytest.mark.parametrize("lattice", [*ALL, colour_lattices("RGGB")[0][0]])
+def test_shares_are_those_of_many_rays(lens: Lens, lattice: tuple) -> None:
+    pixel, cell, share = found(lens, lattice)
+    width = lens.size[0]
+    side, rng = 48, np.random.default_rng(4)
+    at = (np.arange(side) + 0.5) / side - 0.5
+    # a few anywhere, and all that are near the zenith of the world
+    zenith = cell_from_direction(direction_from_pixel(np.stack([np.unique(pixel) % width, np.unique(pixel) // width], -1), lens)
+                                 @ lens.rotation.T, ROWS, COLS, "sphere")[0]
+    near = np.unique(pixel)[zenith < 4]
+    for p in [*rng.choice(pixel, 60), *near]:
+        x, y = p % width + at * lattice[2][0], p // width + at * lattice[2][1]
+        rays = direction_from_pixel(np.stack(np.meshgrid(x, y), -1), lens) @ lens.rotation.T
+        row, col = cell_from_direction(rays, ROWS, COLS, "sphere")
+        truth = np.bincount((row.astype(int) * COLS + np.minimum(col.astype(int), COLS - 1)).ravel(), minlength=ROWS * COLS) / side**2
+        got = np.zeros(ROWS * COLS)
+        got[cell[pixel == p]] = share[pixel == p] / share[pixel == p].sum()
+        # an edge that runs along a line of the 8 x 8 subpixels moves 1/16 of the pixel from one side to the other
+        assert np.abs(got - truth).max() < 1 / 14
+
+
+def test_balance_keeps_pixels_and_fills_cells() -> None:
+    pixel, cell, share = found(UP, ALL[0])
+    before, cells = np.bincount(pixel, share), np.bincount(cell, share, ROWS * COLS)
+    goal = np.where(cells > np.median(cells[cells > 0]), cells * 1.001, 0.0)  # 0: a cell that may have any sum
+    balance(pixel, cell, share, goal)
+    np.testing.assert_allclose(np.bincount(pixel, share), before, rtol=1e-12)
+    assert share.min() > 0
+
+
+def test_balance_of_what_is_balanced_changes_nothing() -> None:
+    pixel, cell, share = found(TILTED, ALL[0])
+    before = share.copy()
+    balance(pixel, cell, share, np.bincount(cell, share, ROWS * COLS))
+    np.testing.assert_allclose(share, before, rtol=1e-12)
+
+
+def test_balance_of_nothing_is_nothing() -> None:
+    none = np.empty(0, np.int32)
+    balance(none, none, np.empty(0), np.zeros(4))

@@ -1,0 +1,184 @@
+import numpy as np
+import numpy.typing as npt
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer import renderer as renderer_module
+from vemlight.renderer.passes.shadow_maps.shadow_map_cache import MapPlan, Slots, map_needs, planned_maps
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.settings import Renderer as Settings
+
+SIZE = 256
+TEXEL = 1 / 252  # rad
+
+
+def sky(count: int, turn: float = 0.0) -> np.ndarray:
+    k = np.arange(count) + 0.5
+    return direction_from_angles(np.arccos(k / count), k * 2.4 + turn).astype(np.float32)
+
+
+def angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.arccos(np.clip((a * b).sum(axis=-1), -1, 1))
+
+
+def plan_of(slots: Slots, directions: np.ndarray, strength: npt.ArrayLike, budget: int, sizes: npt.ArrayLike = SIZE) -> MapPlan:
+    count = len(directions)
+    wanted = np.broadcast_to(sizes, count)
+    needs = map_needs(slots, directions, np.broadcast_to(strength, count), wanted)
+    return planned_maps(slots, needs, directions, wanted, budget)
+
+
+def drawn(count: int, slots: int = 12, turn: float = 0.0) -> MapPlan:
+    """All maps of a sky drawn."""
+    return plan_of(Slots.empty(np.full(slots, SIZE)), sky(count, turn), 1.0, count)
+
+
+def test_a_plan_draws_all_that_is_missing_and_allowed():
+    plan = drawn(8)
+    assert sorted(plan.renewed) == list(range(8))
+    assert np.array_equal(plan.slots.drawn[plan.tiles], sky(8))
+
+
+def test_lights_that_moved_less_than_a_texel_keep_their_maps():
+    first = drawn(8)
+    second = plan_of(first.slots, sky(8, 0.9 * TEXEL), 1.0, 4)
+    assert len(second.renewed) == 0
+    assert np.array_equal(second.tiles, first.tiles)
+
+
+def test_a_texel_of_a_coarse_map_is_larger():
+    sizes = np.array([1024, 64])
+    slots = Slots.empty(sizes)
+    both = sky(2)
+    slots = plan_of(slots, both, 1.0, 2, sizes).slots
+    turned = sky(2, 0.005)  # 5 texels of 1 / 1020 rad, a third of one of 1 / 60
+    assert plan_of(slots, turned, 1.0, 2, sizes).renewed.tolist() == [0]
+
+
+def test_a_light_whose_size_changes_gets_a_map_of_its_size():
+    sizes = np.array([512, 64, 64])
+    slots = plan_of(Slots.empty(np.array([512, 512, 64, 64, 64])), sky(3), 1.0, 3, sizes).slots
+    assert len(plan_of(slots, sky(3), 1.0, 3, sizes).renewed) == 0
+    for grown in (np.array([512, 512, 64]), np.array([64, 64, 64])):
+        plan = plan_of(slots, sky(3), 1.0, 3, grown)
+        assert len(plan.renewed) == 1
+        assert np.array_equal(plan.slots.sizes[plan.tiles], grown)
+        waiting = plan_of(slots, sky(3), 1.0, 0, grown)
+        assert np.array_equal(waiting.slots.drawn[waiting.tiles], sky(3))  # it reads its own map of another size
+
+
+def test_a_map_of_another_size_nearby_does_not_take_a_lights_own_away():
+    slots = Slots(np.array([1024, 64]), np.stack([sky(1)[0], sky(1, 0.5 / 60)[0]]), np.zeros(2))
+    assert map_needs(slots, sky(1), np.ones(1), np.array([64])).tiles.tolist() == [1]
+
+
+def test_the_budget_goes_to_power_times_angle():
+    directions, strength = sky(8), np.arange(1.0, 9.0)
+    moved = sky(8, 0.05)
+    plan = plan_of(drawn(8).slots, moved, strength, 3)
+    worth = strength * angle(directions, moved)
+    assert set(np.flatnonzero(np.isin(plan.tiles, plan.renewed))) == set(np.argsort(-worth)[:3])
+
+
+@given(st.integers(1, 20), st.integers(1, 20), st.lists(st.floats(0, 2), min_size=1, max_size=6), st.integers(0, 2**32 - 1))
+def test_every_light_reads_a_map_and_those_served_keep_theirs(count, budget, turns, seed):
+    rng = np.random.default_rng(seed)
+    slots = Slots.empty(np.repeat([256, 128, 64], count))
+    plan = plan_of(slots, sky(count), 1.0, count, rng.choice([256, 128, 64], count))
+    for turn in turns:
+        before, directions, sizes = plan, sky(count, turn), rng.choice([256, 128, 64], count)
+        plan = plan_of(before.slots, directions, rng.uniform(0, 1, count), budget, sizes)
+        assert not np.isnan(plan.slots.drawn[plan.tiles]).any()
+        assert len(plan.renewed) <= budget
+        assert len(np.unique(plan.renewed)) == len(plan.renewed)
+        fresh = np.isin(plan.tiles, plan.renewed)
+        own = np.flatnonzero(fresh & (plan.slots.drawn[plan.tiles] == directions).all(axis=1))
+        assert len(own) == len(plan.renewed)
+        assert np.array_equal(plan.slots.sizes[plan.tiles[own]], sizes[own])
+        needs = map_needs(before.slots, directions, np.ones(count), sizes)
+        served = np.setdiff1d(np.arange(count), needs.off)
+        assert np.array_equal(plan.tiles[served], needs.tiles[served])
+        assert np.array_equal(plan.slots.drawn[plan.tiles[served]], before.slots.drawn[plan.tiles[served]])
+
+
+def test_lights_that_stand_still_get_their_own_maps_in_the_end():
+    plan, goal = drawn(20, 30), sky(20, 1.0)
+    for _ in range(7):  # 20 lights, 3 a frame
+        plan = plan_of(plan.slots, goal, 1.0, 3)
+    assert angle(plan.slots.drawn[plan.tiles], goal).max() < 1.01 * TEXEL
+    assert len(map_needs(plan.slots, goal, np.ones(20), np.full(20, SIZE)).off) == 0
+
+
+def test_maps_age_as_what_casts_moves():
+    slots = drawn(8).slots
+    for age, off in ((0.9 * TEXEL, 0), (1.1 * TEXEL, 8)):
+        aged = slots._replace(stale=np.full(12, age))
+        assert len(map_needs(aged, sky(8), np.ones(8), np.full(8, SIZE)).off) == off
+
+
+def test_with_time_enough_the_picture_is_the_one_without_a_target():
+    scene, pictures = load_scene(None), []
+    for frame_ms in (0.0, 1e4):
+        renderer = Renderer(scene, Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms))
+        for turn in (0.0, 0.3, 0.6):  # several texels of 1 / 60 rad
+            lights = LightSet.of(np.arange(9), sky(9, turn), np.full((9, 3), 0.3))
+            picture = renderer.render(lights).copy()
+        pictures.append(picture)
+        renderer.release()
+    # maps lie in other tiles, so edges of their triangles may round to the other texel
+    assert np.mean(np.abs(pictures[0] - pictures[1]).max(axis=-1) > 1e-4) < 0.005
+
+
+def test_maps_that_were_not_drawn_anew_err_by_no_more_than_their_angle(monkeypatch):
+    monkeypatch.setattr(renderer_module, "affordable_lights", lambda *_: None)
+    scene = load_scene(None)
+    exact = Renderer(scene, Settings(width=96, height=72, shadow_map=128))
+    errors = {}
+    for budget in (2, 12):
+        monkeypatch.setattr(renderer_module, "affordable_maps", lambda *_, budget=budget: budget)
+        lazy = Renderer(scene, Settings(width=96, height=72, shadow_map=128, frame_ms=40.0))
+        worst = 0.0
+        for frame in range(10):
+            lights = LightSet.of(np.arange(48), sky(48, 0.01 * frame), np.full((48, 3), 0.1))
+            truth, drawn = exact.render(lights).copy(), lazy.render(lights).copy()
+            worst = max(worst, float(np.sqrt(np.mean((truth - drawn) ** 2) / np.mean(truth**2))))
+        errors[budget] = worst
+        lazy.release()
+    exact.release()
+    # 0.01 rad a frame is 1.2 texels: 12 of 48 maps a frame are at most 4 frames or 5 texels old, 2 of 48 up to 10 frames or 12 texels
+    assert errors[12] < errors[2] < 0.03
+    assert errors[12] < 0.015
+
+
+def test_a_share_that_wavers_draws_no_map_again():
+    renderer = Renderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
+    drawn_maps = []
+    for frame in range(8):
+        power = np.full(80, 1.0)
+        power[:2] = 3.36 * (1.1 if frame % 2 else 0.9)  # a share of 0.04, where a map of 128 texels becomes one of 256
+        renderer.render(LightSet.of(np.arange(80), sky(80), power[:, None] * np.ones(3)))
+        assert renderer._done is not None
+        drawn_maps.append(renderer._done.maps.count)
+    assert drawn_maps == [80, *[0] * 7]
+    assert renderer.map_texels[0] > renderer.map_texels[79] == 64
+    renderer.release()
+
+
+def test_lights_that_become_stronger_get_larger_maps_and_the_others_keep_theirs():
+    renderer = Renderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
+    sizes, drawn_maps = [], []
+    for power in (1.0, 20.0, 20.0, 1.0, 20.0):
+        irradiance = np.ones((80, 3))
+        irradiance[7] = power
+        renderer.render(LightSet.of(np.arange(80), sky(80), irradiance))
+        assert renderer._done is not None
+        sizes.append(renderer.map_texels.tolist())
+        drawn_maps.append(renderer._done.maps.count)
+    assert [row[7] for row in sizes] == [64, 512, 512, 64, 512]
+    assert {size for row in sizes for k, size in enumerate(row) if k != 7} == {64}
+    # Once there is room for a map of either size, each is drawn when it is first needed and then stays.
+    assert drawn_maps == [80, 80, 0, 1, 0]
+    renderer.release()

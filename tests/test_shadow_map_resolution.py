@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import LARGEST, STEPS, map_steps, packed, sizing
+
+BY_POWER = sizing(None)
+POWERS = st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=60).map(np.array)
+
+
+def apart(count: int) -> np.ndarray:
+    """Directions farther from each other than 4 texels of 64, up to 60 of them."""
+    k = np.arange(count) + 0.5
+    return direction_from_angles(np.arccos(1 - k / count), k * 2.4)
+
+
+@given(POWERS)
+def test_sizes_grow_with_power(power):
+    steps = map_steps(BY_POWER, apart(len(power)), power)
+    assert steps.min() >= 0
+    assert steps.max() <= STEPS
+    assert np.all(np.diff(steps[np.argsort(power)]) <= 0)
+
+
+@pytest.mark.parametrize(("share", "texels"), [(0.999, 1024), (0.4, 1024), (0.16, 512), (0.063, 256), (0.025, 128), (0.01, 64), (1e-4, 64)])
+def test_a_size_is_the_power_to_three_quarters(share, texels):
+    power = np.array([share, *[(1 - share) / 59] * 59])
+    assert LARGEST >> map_steps(BY_POWER, apart(60), power)[0] == texels
+
+
+def test_what_one_sun_is_cut_into_gets_what_the_sun_deserves():
+    sky, whole = apart(50), np.array([0.5, *[0.5 / 49] * 49])
+    parts = np.concatenate([np.repeat(sky[:1], 8, axis=0), sky[1:]])
+    cut = np.concatenate([np.full(8, 0.5 / 8), whole[1:]])
+    one, many = map_steps(BY_POWER, sky, whole), map_steps(BY_POWER, parts, cut)
+    assert np.all(many[:8] == one[0])
+    assert np.array_equal(many[8:], one[1:])
+
+
+@given(POWERS, st.integers(0, 2))
+def test_given_sizes_are_for_all_alike_until_time_is_short(power, halved):
+    given_ = sizing(256)
+    assert given_.sizes == (256, 128, 64)
+    steps = map_steps(given_, apart(len(power)), power, halved)
+    share = power / power.sum()
+    assert np.all(steps[share < 0.01] == halved)  # none of these is near to a strong one
+    assert np.all(steps[share > 0.2] == max(halved - 1, 0))
+
+
+@given(POWERS, st.integers(0, 1))
+def test_halving_spares_the_strongest(power, halved):
+    for how in (BY_POWER, sizing(512)):
+        before, after = (map_steps(how, apart(len(power)), power, n) for n in (halved, halved + 1))
+        assert np.all((after >= before) & (after <= before + 1))
+    if power.max() > 0.2 * power.sum() and halved == 0:
+        assert after[np.argmax(power)] == before[np.argmax(power)]
+
+
+@given(POWERS, st.lists(st.floats(0.9, 1.1), min_size=1, max_size=5), st.integers(0, 2))
+def test_power_that_wavers_changes_no_size(power, factors, halved):
+    directions = apart(len(power))
+    steps = map_steps(BY_POWER, directions, power, halved)
+    for factor in factors:
+        wavering = power * np.where(np.arange(len(power)) % 2, factor, 1.0)
+        assert np.array_equal(map_steps(BY_POWER, directions, wavering, halved, steps), steps)
+
+
+def test_power_that_changes_changes_sizes():
+    directions, weak = apart(60), np.ones(60)
+    steps = map_steps(BY_POWER, directions, weak)
+    strong = weak.copy()
+    strong[3] = 1000.0
+    later = map_steps(BY_POWER, directions, strong, 0, steps)
+    assert later[3] == 0
+    assert np.all(later[np.arange(60) != 3] == STEPS)
+    assert np.array_equal(map_steps(BY_POWER, directions, weak, 0, np.full(60, -1)), steps)
+
+
+@given(st.lists(st.sampled_from([1024, 512, 256, 128, 64, 100, 25]), min_size=0, max_size=80).map(lambda sizes: np.array(sizes, np.int64)))
+def test_tiles_lie_in_the_texture_and_on_no_other(sizes):
+    packing = packed(sizes, 8192)
+    if packing is None:
+        assert np.sum(sizes**2) > 8192**2 / 2
+        return
+    taken = np.zeros((packing.height, packing.width), np.uint8)
+    for (x, y), size in zip(packing.corners.tolist(), sizes.tolist(), strict=True):
+        assert y + size <= packing.height
+        assert x + size <= packing.width
+        taken[y : y + size, x : x + size] += 1
+    assert taken.max(initial=0) <= 1
+    again = packed(sizes, 8192)
+    assert again is not None
+    assert np.array_equal(again.corners, packing.corners)
+
+
+@pytest.mark.parametrize(("sizes", "fits"), [([64] * 4, True), ([64] * 5, False), ([128], True), ([64, 64, 128], False), ([129], False)])
+def test_what_does_not_fit_is_said(sizes, fits):
+    assert (packed(np.array(sizes), 128) is not None) == fits
+
+
+def test_small_maps_leave_little_of_the_texture_empty():
+    for sizes in ([256] * 72, [1024, *[64] * 71], [512] * 7 + [64] * 65):
+        packing = packed(np.array(sizes), 8192)
+        assert packing is not None
+        assert packing.width * packing.height <= 2.6 * np.sum(np.square(sizes))  # one large map and little else: half beside it is empty

@@ -1,0 +1,110 @@
+"""Judgements on made-up times, and losses counted against what was really lost."""
+
+import random
+
+from vemlight.runtime import wire
+from vemlight.runtime.channels import SILENT_S, Service
+from vemlight.runtime.service_stats import Losses
+from vemlight.viewer.liveness import STALLED_S, Watch
+
+STAMP = wire.stamp(5, 0.2)
+MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
+FRAMES: dict[Service, wire.Header] = {
+    "capture": wire.MapMessage(stamp=STAMP, rows=1, cols=1, coverage="hemisphere"),
+    "sampler": wire.LightsMessage(stamp=STAMP, count=0, coverage="hemisphere", delay_ms=0),
+    "renderer": wire.ImageMessage(stamp=STAMP, width=1, height=1, lights=0, render_ms=0),
+}
+
+
+def status(service: Service, frames: int = 1, step_ms: float = 4.0) -> wire.StatusMessage:
+    return wire.StatusMessage(
+        service=service, sequence=5, rate_hz=25, age_ms=1, step_ms=step_ms, frames=frames, skipped=0, dropped=0, refused=0, restarts=0
+    )
+
+
+def heard_all(now_s: float) -> Watch:
+    watch = Watch(MAKERS, fps=25)
+    for service, frame in FRAMES.items():
+        watch.heard[service].take(frame, now_s)
+        watch.heard[service].take(status(service), now_s)
+    return watch
+
+
+def states(watch: Watch, now_s: float) -> list[str]:
+    return [judgement.state for judgement in watch.judge(now_s).values()]
+
+
+def test_from_unheard_to_live():
+    watch = Watch(MAKERS, fps=25)
+    assert states(watch, 0) == ["not heard"] * 3
+    watch.heard["capture"].take(status("capture"), 10)
+    assert states(watch, 10) == ["starting", "not heard", "not heard"]
+    assert states(heard_all(10), 10 + 0.9 * STALLED_S) == ["live"] * 3
+
+
+def test_one_that_stalls_is_told_from_those_that_wait_for_it():
+    watch = heard_all(10)
+    late_s = 10 + 1.1 * STALLED_S
+    watch.heard["capture"].take(FRAMES["capture"], late_s)
+    for service in ("sampler", "renderer"):
+        watch.heard[service].take(status(service), late_s)
+    assert states(watch, late_s) == ["live", "stalled", "waiting"]
+    assert watch.judge(late_s)["renderer"].words == "waits for sampler"
+
+
+def test_silence_is_longer_than_a_stall():
+    watch = heard_all(10)
+    assert states(watch, 10 + SILENT_S - 0.01) == ["stalled", "waiting", "waiting"]
+    assert states(watch, 10 + SILENT_S + 0.01) == ["silent"] * 3
+    assert watch.judge(10 + 200)["capture"].words == "silent for 3 min"
+
+
+def test_a_slow_source_and_a_slow_step_are_no_stall():
+    slow = Watch(MAKERS, fps=0.5)
+    slow.heard["capture"].take(FRAMES["capture"], 10)
+    slow.heard["capture"].take(status("capture"), 12.9)
+    assert slow.judge(13)["capture"].state == "live"
+    watch = heard_all(10)
+    watch.heard["renderer"].take(status("renderer", step_ms=2000), 10)
+    assert watch.judge(13)["renderer"].state == "live"
+    watch = heard_all(10)
+    watch.heard["renderer"].take(FRAMES["renderer"], 14)  # the pace of its last two frames counts as well
+    assert watch.judge(20)["renderer"].state == "live"
+    assert watch.judge(27)["renderer"].state == "silent"
+
+
+def test_in_lossless_mode_nobody_stalls_who_is_not_asked():
+    watch = Watch(MAKERS, fps=25, lossless=True)
+    watch.heard["capture"].take(FRAMES["capture"], 10)
+    watch.heard["capture"].take(status("capture"), 99)
+    assert watch.judge(100)["capture"].state == "live"
+    assert watch.judge(99 + 1.1 * SILENT_S)["capture"].state == "silent"
+
+
+def test_the_end_outlasts_silence_until_frames_come_again():
+    watch = heard_all(10)
+    for heard in watch.heard.values():
+        heard.take(wire.EndMessage(sequence=6), 10)
+    assert states(watch, 1000) == ["finished"] * 3
+    watch.heard["capture"].take(FRAMES["capture"], 1000)
+    assert states(watch, 1000)[0] == "live"
+
+
+def test_losses_are_what_was_published_and_never_came():
+    rng = random.Random(3)
+    losses, lost = Losses(), 0
+    losses.status(frames=40)  # the viewer began to listen after 40 frames
+    for restart in range(3):
+        made = 40 if restart == 0 else 0
+        for _ in range(rng.randrange(200, 400)):
+            made += 1
+            if rng.random() < 0.2:
+                lost += 1
+            else:
+                losses.frame()
+            if rng.random() < 0.1:
+                losses.status(made)
+                assert losses.dropped == lost
+        losses.status(made)
+        assert losses.dropped == lost
+        losses.status(0)  # it was started again

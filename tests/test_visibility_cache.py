@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.accumulation import MapLights
+from vemlight.renderer.passes.lights.visibility_cache import Kept
+from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.scene import load_scene
+from vemlight.runtime import wire
+from vemlight.settings import Renderer as Settings
+
+STEP = 0.5 / 256  # the most that 8 bits are off
+
+
+def renderer_of(frame_ms: float) -> Renderer:
+    return Renderer(load_scene(None), Settings(width=96, height=72, shadow_map=64, frame_ms=frame_ms))
+
+
+def lights_at(turn: float, count: int = 20) -> LightSet:
+    k = np.arange(count) + 0.5
+    directions = direction_from_angles(np.arccos(1 - 0.9 * k / count), k * 2.4 + turn)
+    return LightSet.of(np.arange(count), directions, np.full((count, 3), np.pi / count))
+
+
+@pytest.fixture
+def in_time():
+    renderer = renderer_of(1e4)
+    yield renderer
+    renderer.release()
+
+
+def pictures(renderer: Renderer, turns: list[float]) -> list[np.ndarray]:
+    return [renderer.render(lights_at(turn)).copy() for turn in turns]
+
+
+def test_still_lights_and_surfaces_give_the_picture_that_lookups_in_the_sum_give(in_time, monkeypatch):
+    looked = []
+    monkeypatch.setattr(Kept, "look", lambda *given, look=Kept.look: looked.append(look(*given)) or looked[-1])
+    first, second, third = pictures(in_time, [0.0, 0.0, 0.0])
+    assert looked == [True, True]  # the first picture moves the surfaces to their places
+    assert np.abs(first - second).max() < 2 * STEP
+    assert np.sqrt(np.mean((first - second) ** 2) / np.mean(first**2)) < 1e-4
+    assert np.array_equal(second, third)
+
+
+def test_lights_that_move_are_looked_up_anew(in_time, monkeypatch):
+    turns = [0.003 * frame for frame in range(12)]  # a fifth of a texel of 1 / 60 rad
+    kept = pictures(in_time, turns)
+    monkeypatch.setattr(Kept, "look", lambda *_: False)
+    other = renderer_of(1e4)
+    summed = pictures(other, turns)
+    other.release()
+    for a, b in zip(kept, summed, strict=True):
+        # A lookup kept for the map's direction lets its plane rise as it did there: edges differ by what a light turned since.
+        assert np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2)) < 2e-3
+    assert not np.array_equal(kept[0], kept[-1])
+
+
+def test_what_moved_is_looked_up_anew(in_time):
+    pictures(in_time, [0.0, 0.0])
+    name = in_time.place(0.0)[1].name
+    pose = wire.Pose(name=name, at=(0.3, 0.4, 0.8), turn=(0.0, 0.0, 0.0, 1.0))
+    in_time.place(0.0, [pose])
+    moved = pictures(in_time, [0.0, 0.0, 0.0])
+    fresh = renderer_of(0.0)
+    fresh.place(0.0, [pose])
+    (truth,) = pictures(fresh, [0.0])
+    fresh.release()
+    for picture in moved:
+        assert np.mean(np.abs(picture - truth).max(axis=-1) > 0.01) < 0.01
+
+
+def test_fewer_and_more_lights_than_before(in_time):
+    fresh = renderer_of(0.0)
+    for count in (20, 5, 40, 0, 40, 1):
+        lights = lights_at(0.0, count) if count else LightSet.none()
+        for _ in range(2):
+            picture = in_time.render(lights).copy()
+        truth = fresh.render(lights)
+        assert np.mean(np.abs(picture - truth).max(axis=-1) > 0.01) < 0.01
+    fresh.release()
+
+
+def test_coarser_maps_are_for_frames_in_time_alone(in_time, monkeypatch):
+    monkeypatch.setattr("vemlight.renderer.renderer.affordable_maps", lambda *_: 1)
+    pictures(in_time, [0.3 * frame for frame in range(40)])  # 20 lights wait for one map a frame
+    assert set(in_time.map_texels) == {16}
+    light = MapLights(np.ones((8, 32, 3), np.float32), "hemisphere")
+    refined = in_time.render_pass(light, 0).copy()
+    fresh = renderer_of(0.0)
+    truth = fresh.render_pass(light, 0)
+    fresh.release()
+    assert np.array_equal(refined, truth)
+    monkeypatch.undo()
+    pictures(in_time, [0.0] * 40)
+    assert set(in_time.map_texels) == {64}

@@ -143,7 +143,7 @@ def read_settings(path: Path | None) -> Settings:
     folder = path.resolve().parent if path else Path.cwd()
     for section, keys in _PATHS.items():
         record = getattr(settings, section) if section else settings
-        full = {key: str(folder / value) for key in keys if (value := getattr(record, key)) and not value.startswith("/dev/")}
+        full = {key: str(folder / value) for key in keys if (value := getattr(record, key))}
         if section:
             settings = msgspec.structs.replace(settings, **{section: msgspec.structs.replace(record, **full)})
         else:
@@ -158,8 +158,16 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
     if settings.wire.transport == "tcp" and not settings.wire.keys and not settings.wire.insecure:
         raise UserError(f"{where}: [wire] transport = \"tcp\" needs keys = FOLDER (made by `vemlight keys`) or insecure = true")
     for source in (settings.capture.source, settings.plate.source):
-        if settings.mode == "lossless" and source.startswith("/dev/"):
+        if settings.mode == "lossless" and is_camera(source):
             raise UserError(f"{where}: mode = \"lossless\" replays files and {source} is a camera; use mode = \"live\"")
+
+
+def is_camera(source: str) -> bool:
+    """Whether a source is a camera of the kernel, whose frames come as they are taken, and not files, which are replayed.
+
+    /dev/videoN and the lasting names under /dev/v4l are cameras; /dev/shm is a folder in memory.
+    """
+    return source.startswith("/dev/") and not source.startswith("/dev/shm/")
 
 
 Section = TypeVar("Section", bound=Record)

@@ -9,7 +9,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from vemlight.errors import UserError
-from vemlight.settings import Capture, Renderer, Sampler, Settings, check_settings, read_settings, record
+from vemlight.settings import Capture, Renderer, Sampler, Settings, check_settings, is_camera, read_settings, record
 
 SECTIONS = {name: kind for name, kind in get_type_hints(Settings).items() if isinstance(kind, type) and issubclass(kind, msgspec.Struct)}
 KEYS = [(section, key) for section, kind in SECTIONS.items() for key in get_type_hints(kind)]
@@ -33,6 +33,14 @@ def test_paths_are_relative_to_the_file_but_devices_are_not(tmp_path):
     assert (found.out, found.capture.source) == (str(tmp_path / "o"), str(tmp_path / "a"))
     assert (found.renderer.scene, found.plate.source, found.wire.folder) == (str(tmp_path / "s" / "b.toml"), "/dev/video1", "/run/v")
     assert found.capture.lens == ""
+
+
+@pytest.mark.parametrize(
+    ("source", "camera"),
+    [("/dev/video0", True), ("/dev/v4l/by-id/usb-camera", True), ("/dev/shm/evening", False), ("/data/dev/video0", False), ("", False)],
+)
+def test_a_source_is_a_camera_by_its_path(source, camera):
+    assert is_camera(source) == camera
 
 
 @pytest.mark.parametrize(

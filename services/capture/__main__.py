@@ -5,11 +5,11 @@ import sys
 from vemlight.capture.stage import CaptureCamera, CaptureSource
 from vemlight.runtime.loop import run_camera, run_source
 from vemlight.runtime.start import start
-from vemlight.settings import Settings
+from vemlight.settings import Settings, is_camera
 
 
 def main(settings: Settings, restarts: int = 0) -> None:
-    if settings.capture.source.startswith("/dev/"):
+    if is_camera(settings.capture.source):
         run_camera(settings, CaptureCamera(settings.capture), restarts)
     else:
         run_source(settings, CaptureSource(settings), restarts)

@@ -23,7 +23,7 @@ from vemlight.capture.sequence import MANIFEST, PNG, Entry, check_digest, frame_
 from vemlight.capture.v4l2 import Camera, Raw, mosaic_of
 from vemlight.errors import UserError
 from vemlight.light.images import read_codes, read_radiance, write_exr
-from vemlight.settings import Capture
+from vemlight.settings import Capture, is_camera
 
 AHEAD = 2  # frames made before they are asked for
 BUNDLED = Path(__file__).parents[2] / "replay_data" / "outdoor"
@@ -180,7 +180,7 @@ def record(settings: Capture, frames: int) -> Recorder:
     """
     if not settings.record:
         raise UserError("[capture] record names no folder; name one to record to")
-    if settings.source.startswith("/dev/"):
+    if is_camera(settings.source):
         live = Live(settings)
         try:
             had = 0

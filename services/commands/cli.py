@@ -258,7 +258,7 @@ def record(settings: Path | None, source: str | None, frames: int | None, out: P
 
     wanted = msgspec.structs.replace(read_settings(settings).capture, record=str(out))
     if source:
-        wanted = msgspec.structs.replace(wanted, source=source if source.startswith("/dev/") else str(Path(source).resolve()))
+        wanted = msgspec.structs.replace(wanted, source=str(Path.cwd() / source))
     done = run(wanted, frames or 0)
     click.echo(f"{done.written} frames are in {out}; {done.dropped} dropped, {done.failed} refused by the disk")
     if done.trouble:

@@ -6,13 +6,13 @@ from vemlight.errors import UserError
 from vemlight.plate.stage import PlateCamera, PlateSource
 from vemlight.runtime.loop import run_camera, run_source
 from vemlight.runtime.start import start
-from vemlight.settings import Settings
+from vemlight.settings import Settings, is_camera
 
 
 def main(settings: Settings, restarts: int = 0) -> None:
     if not settings.plate.source:
         raise UserError("[plate] source names nothing; name a film, a folder of pictures, or /dev/videoN")
-    if settings.plate.source.startswith("/dev/"):
+    if is_camera(settings.plate.source):
         run_camera(settings, PlateCamera(settings.plate), restarts)
     else:
         run_source(settings, PlateSource(settings.plate), restarts)

@@ -98,9 +98,9 @@ def sphere_under(source: Source, roughness: float, folder: Path) -> Sphere:
 
 def sets_of(source: Source, method: Method, weak: int) -> tuple[LightSet, LightSet]:
     """The strong lights and the weak ones, as the sampler gives them on a first frame."""
-    wanted = Sampler(method=method, count=COUNT, fine=weak, filter="none")
+    wanted = Sampler(method=method, count=COUNT, gloss_lights=weak, filter="none")
     _, lights, report = step(wanted, initial_state(wanted), source.polar, "hemisphere", 0.0, 0, source.centroids)
-    return lights, report.fine or LightSet.none()
+    return lights, report.gloss or LightSet.none()
 
 
 def lab(pixels: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from vemlight.settings import Sampler as Settings
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
+Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
 
 OUT = Path(__file__).parents[1] / "docs" / "charts"
 ROWS, COLS, FRAMES, FPS = 60, 240, 48, 25.0

@@ -66,7 +66,7 @@ class Sampler(Record, frozen=True):
     stop_hz: Annotated[float, Meta(gt=0, le=500)] = 6.0  # "fir": removed from here on
     deflicker: bool = False  # take mains flicker out of the total power
     clusters: Annotated[int, Meta(ge=0, le=100_000)] = 0  # most lights after merging neighbours; 0: no merging
-    fine: Annotated[int, Meta(ge=0, le=100_000)] = 0  # lights in the second set, many and weak, for glossy surfaces; 0: no such set
+    gloss_lights: Annotated[int, Meta(ge=0, le=100_000)] = 0  # in the gloss set, a second, larger set for glossy surfaces; 0: none
     error_percent: Annotated[float, Meta(ge=0, le=100)] = 0.0  # as many lights as keep the irradiance within this of the map's; 0: `count`
 
     def __post_init__(self) -> None:

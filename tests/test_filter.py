@@ -8,7 +8,7 @@ from vemlight.sampler.temporal.filter import EMPTY, Frame, filtered
 from vemlight.sampler.temporal.taps import taps_from_settings
 from vemlight.settings import Sampler as Settings
 
-Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
+Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
 
 PAPER = Sampler(filter="fir2005")
 TAPS = taps_from_settings(PAPER, 25.0)

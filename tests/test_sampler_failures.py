@@ -11,7 +11,7 @@ from vemlight.sampler.score import score
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler as Settings
 
-Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
+Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
 
 ROWS, COLS = 45, 180  # cells of 2 degrees
 METHODS = ["havran-azimuth", "havran-radius", "standard"]

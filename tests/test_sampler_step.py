@@ -12,7 +12,7 @@ from vemlight.light.sphere import Coverage, angle_between, direction_from_angles
 from vemlight.sampler.step import initial_state, irradiance, step
 from vemlight.settings import Sampler as Settings
 
-Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
+Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
 
 METHODS = ["havran-azimuth", "havran-radius", "standard"]
 PLAIN = Sampler(filter="none")
@@ -137,8 +137,8 @@ def test_another_coverage_begins_anew():
 
 @pytest.mark.parametrize("filter", ["fir2005", "iir", "none"])
 def test_every_setting_may_change_between_frames(filter):
-    changes = [{}, {"count": 200}, {"clusters": 30}, {"method": "standard"}, {"clusters": 0, "fine": 300}, {"points": "halton"}]
-    changes += [{"error_percent": 20.0}, {"filter": "binomial"}, {"error_percent": 0.0, "count": 10}, {"fine": 0}]
+    changes = [{}, {"count": 200}, {"clusters": 30}, {"method": "standard"}, {"clusters": 0, "gloss_lights": 300}, {"points": "halton"}]
+    changes += [{"error_percent": 20.0}, {"filter": "binomial"}, {"error_percent": 0.0, "count": 10}, {"gloss_lights": 0}]
     changes += [{"deflicker": True}, {"method": "havran-radius"}]
     settings, radiance = Sampler(filter=filter), scene(sun=1e3)
     state = initial_state(settings)
@@ -148,7 +148,7 @@ def test_every_setting_may_change_between_frames(filter):
         state, lights, report = step(settings, state, radiance, "hemisphere", k / 25, k % 60)
         np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(radiance, "hemisphere"), rtol=1e-5)
         assert settings.clusters == 0 or len(lights.ids) <= settings.clusters
-        assert (report.fine is None) == (settings.fine == 0)
+        assert (report.gloss is None) == (settings.gloss_lights == 0)
 
 
 def test_lights_that_come_are_faded_in():
@@ -165,12 +165,12 @@ def test_lights_that_come_are_faded_in():
 
 
 def test_the_first_set_begins_the_second_with_more_power():
-    (lights, report), = run(Sampler(filter="none", count=72, fine=216), [scene()])[0]
-    assert report.fine is not None
-    np.testing.assert_array_equal(report.fine.ids[:72], lights.ids)
-    np.testing.assert_array_equal(report.fine.directions[:72], lights.directions)
-    np.testing.assert_allclose(report.fine.irradiance.sum(axis=0, dtype=float), lights.irradiance.sum(axis=0, dtype=float), rtol=1e-6)
-    ratio = lights.irradiance / report.fine.irradiance[:72]
+    (lights, report), = run(Sampler(filter="none", count=72, gloss_lights=216), [scene()])[0]
+    assert report.gloss is not None
+    np.testing.assert_array_equal(report.gloss.ids[:72], lights.ids)
+    np.testing.assert_array_equal(report.gloss.directions[:72], lights.directions)
+    np.testing.assert_allclose(report.gloss.irradiance.sum(axis=0, dtype=float), lights.irradiance.sum(axis=0, dtype=float), rtol=1e-6)
+    ratio = lights.irradiance / report.gloss.irradiance[:72]
     np.testing.assert_allclose(ratio, np.broadcast_to(ratio[0], ratio.shape), rtol=1e-4)
     assert ratio.mean() == pytest.approx(3, rel=0.2)
 
@@ -229,7 +229,7 @@ def test_a_change_of_the_scene_is_answered_soon(method, lit):
 
 
 def test_memory_is_flat():
-    settings, state = Sampler(filter="fir", count=8, clusters=4, error_percent=30.0, fine=12), initial_state(Sampler())
+    settings, state = Sampler(filter="fir", count=8, clusters=4, error_percent=30.0, gloss_lights=12), initial_state(Sampler())
     radiance, sizes = scene(rows=4, cols=8), []
     for k in range(3000):
         state, _, _ = step(settings, state, radiance, "hemisphere", k / 25)

@@ -10,7 +10,7 @@ from scipy.signal import remez
 from vemlight.sampler.temporal.taps import PAPER, equiripple, taps_from_settings
 from vemlight.settings import Sampler as Settings
 
-Sampler = partial(Settings, method="havran-azimuth")  # the filters, fine lights and clusters of 2005
+Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
 
 
 def gain(taps: np.ndarray, hertz: float, rate: float) -> float:

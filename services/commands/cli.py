@@ -121,7 +121,7 @@ def lights(source: Path, out: Path, **options: Any) -> None:
 @click.option("--exposure", type=click.FloatRange(-20, 20), default=0.0, show_default=True, help="Stops, for the PNG.")
 @click.option("--tone", type=click.Choice(["reinhard", "exponential"]), default="reinhard", show_default=True, help="Curve of the PNG.")
 @click.option("--background", type=click.Choice(["clear", "map"]), default="clear", show_default=True, help="Behind the scene.")
-@click.option("--fine", type=click.IntRange(0, 100_000), help="Lights in a second set for glossy surfaces; left out: 512 for any.")
+@click.option("--gloss-lights", type=click.IntRange(0, 100_000), help="Lights in the set for glossy surfaces; left out: 512 for any.")
 @click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by its share of the power.")
 @click.option("--video", type=EXISTING, help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
 @click.option("--out", type=EXISTING, help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")

@@ -19,15 +19,15 @@ from vemlight.sampler.score import text
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import record
 
-FINE = 512  # lights in the second set of a glossy scene; twice as many gain little (docs/looks.md)
+GLOSS_LIGHTS = 512  # of a glossy scene; twice as many gain little (docs/looks.md)
 
 
 class Lit(NamedTuple):
-    """One frame, its lights and the second set of them, None when none is asked for."""
+    """One frame, its lights and its gloss set, None when none is asked for."""
 
     frame: Frame
     lights: LightSet
-    fine: LightSet | None
+    gloss: LightSet | None
 
 
 def opened(source: Path, options: dict[str, Any]) -> tuple[Source, settings.Sampler]:
@@ -41,7 +41,7 @@ def opened(source: Path, options: dict[str, Any]) -> tuple[Source, settings.Samp
     filtering = options["filter_"] or (None if len(frames) > 1 else "none")
     sampling = {"count": options["count"], "method": options["method"], "filter": filtering}
     sampling |= {"clusters": options.get("clusters"), "error_percent": options.get("error"), "deflicker": options.get("deflicker")}
-    sampling |= {"fine": options.get("fine")}
+    sampling |= {"gloss_lights": options.get("gloss_lights")}
     return frames, record(settings.Sampler, sampling, "--")
 
 
@@ -51,7 +51,7 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
     for k in range(len(frames)):
         frame = frames.frame(k)
         state, lights, report = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, 0, np.column_stack(frame.strong))
-        yield Lit(frame, lights, report.fine)
+        yield Lit(frame, lights, report.gloss)
 
 
 def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: Any) -> str:
@@ -92,19 +92,19 @@ def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: flo
     drawing |= {"width": width, "height": height, "exposure": exposure}
     wanted = record(settings.Renderer, drawing, "--")
     drawn = load_scene(scene)
-    if options.get("fine") is None and drawn.glossy:
-        options["fine"] = FINE
+    if options.get("gloss_lights") is None and drawn.glossy:
+        options["gloss_lights"] = GLOSS_LIGHTS
     frames, sampling = opened(source, options)
     with ExitStack() as open_:
         add = open_.enter_context(video(options["video"], frames.fps)) if options.get("video") else None
         renderer = Renderer(drawn, wanted, file_samples(drawn))
         open_.callback(renderer.release)
         adaptation, before_s = None, 0.0
-        for k, (frame, lights, fine) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
+        for k, (frame, lights, gloss) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
             if wanted.background == "map":
                 renderer.show_background(frame.radiance, frame.coverage)
             renderer.place(frame.time_s)
-            picture = renderer.render(lights, fine)
+            picture = renderer.render(lights, gloss)
             adaptation = adapt(adaptation, selected(picture), max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, exposure, wanted.tone)

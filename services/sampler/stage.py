@@ -50,11 +50,11 @@ class SamplerStage:
         radiance, *strong = arrays
         told = radiance, header.coverage, header.stamp.time_s, state.can, np.column_stack(strong)
         memory, lights, report = step(state.settings, state.memory, *told)
-        fine = report.fine or LightSet.none()
+        gloss = report.gloss or LightSet.none()
         made = wire.LightsMessage(
             stamp=header.stamp,
             count=len(lights.ids),
-            fine=len(fine.ids),
+            fine=len(gloss.ids),
             coverage=header.coverage,
             delay_ms=report.delay_s * 1e3,
             delay_frames=report.delay_frames,
@@ -64,7 +64,7 @@ class SamplerStage:
             lamp_hz=report.lamp_hz,
             flicker_depth=report.flicker_depth,
         )
-        return state._replace(memory=memory), (made, (*lights, fine.directions, fine.irradiance))
+        return state._replace(memory=memory), (made, (*lights, gloss.directions, gloss.irradiance))
 
     def heed(self, state: SamplerState, said: wire.Message) -> SamplerState:
         wish, _ = said

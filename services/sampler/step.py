@@ -26,7 +26,7 @@ class State(NamedTuple):
 
     time_s: of the last frame, None before the first. anchor: what steadies the warp's offset. presence: (n,), how far each light has come.
     need: lights that the scene needs. can: lights that the renderer can draw, 0 where that is no limit.
-    tracked, tracked_fine: of the method "tracked".
+    tracked, tracked_gloss: of the method "tracked".
     """
 
     coverage: Coverage
@@ -39,7 +39,7 @@ class State(NamedTuple):
     can: int
     clusters: cluster.Clusters
     tracked: Tracked
-    tracked_fine: Tracked
+    tracked_gloss: Tracked
 
 
 class Report(NamedTuple):
@@ -48,8 +48,8 @@ class Report(NamedTuple):
     delay_frames, delay_s: how far the filter lags behind the capture. spoilt: pixels in which a nan, infinite or negative value was
     set to 0. irradiance: (3,) float64, the map's integral over solid angle. count: lights wanted before clustering; need, can: what the
     scene needs and the renderer can draw, 0 where not asked. flicker_hz: beat of lamps with the frame rate, lamp_hz: their own frequency,
-    flicker_depth: amplitude over mean; all 0 when there is none. fine: the second light set, many and weak, of which the first (before
-    clustering) is the beginning with more power; None when not asked for.
+    flicker_depth: amplitude over mean; all 0 when there is none. gloss: the gloss set, many lights for glossy surfaces, whose
+    beginning, with more power, is the first set before clustering; None when not asked for.
     """
 
     delay_frames: float
@@ -62,7 +62,7 @@ class Report(NamedTuple):
     flicker_hz: float
     lamp_hz: float
     flicker_depth: float
-    fine: LightSet | None
+    gloss: LightSet | None
 
 
 def initial_state(settings: Sampler) -> State:
@@ -116,7 +116,7 @@ def step(
         flicker_hz=beat.beat_hz,
         lamp_hz=beat.lamp_hz,
         flicker_depth=beat.depth,
-        fine=_lights(np.ones(settings.fine), smooth.frame) if settings.fine else None,
+        gloss=_lights(np.ones(settings.gloss_lights), smooth.frame) if settings.gloss_lights else None,
     )
     return state._replace(time_s=time_s, anchor=anchor, filter=smooth.memory, flicker=beat, clusters=clusters), lights, report
 
@@ -150,9 +150,9 @@ def _tracked(
                 now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, strong, smoothing)
                 need = None
         need = need or control.held(None, wanted, time_s)
-    fine_state, fine = state.tracked_fine, None
-    if settings.fine:
-        fine_state, fine, _ = tracked_step(settings.fine, fine_state, shown, coverage, time_s, strong, smoothing)
+    gloss_state, gloss = state.tracked_gloss, None
+    if settings.gloss_lights:
+        gloss_state, gloss, _ = tracked_step(settings.gloss_lights, gloss_state, shown, coverage, time_s, strong, smoothing)
     if not settings.deflicker:
         beat = flicker.with_frame(beat, time_s, np.array([float(luminance(report.irradiance))]))
     made = Report(
@@ -166,9 +166,9 @@ def _tracked(
         flicker_hz=beat.beat_hz,
         lamp_hz=beat.lamp_hz,
         flicker_depth=beat.depth,
-        fine=fine,
+        gloss=gloss,
     )
-    return state._replace(time_s=time_s, flicker=beat, need=need, tracked=now, tracked_fine=fine_state), lights, made
+    return state._replace(time_s=time_s, flicker=beat, need=need, tracked=now, tracked_gloss=gloss_state), lights, made
 
 
 def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> tuple[np.ndarray, Anchor | None]:
@@ -179,7 +179,7 @@ def _drawn(settings: Sampler, state: State, light: LightMap, time_s: float) -> t
     if light.power <= 0:
         anchor = state.anchor  # a black frame says nothing about where the light is
     # All lights that may be asked for, present or not, so that each has its history in the filter when it comes.
-    samples = warp.sample(points(max(settings.count, settings.fine, len(state.presence)), _kind(settings)))
+    samples = warp.sample(points(max(settings.count, settings.gloss_lights, len(state.presence)), _kind(settings)))
     # Tint: what a light carries beside the average light, in each channel: (radiance / density) / integral.
     drawn = np.empty((len(samples.density), 6))
     _fill_drawn(*samples, np.where(light.irradiance > 0, light.irradiance, 1.0), drawn)

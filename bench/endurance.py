@@ -3,14 +3,13 @@
 python -m bench.endurance [FRAMES]
 """
 
-import ctypes
 import sys
 import time
 from pathlib import Path
 
-import moderngl
 import numpy as np
 
+from tests.support.gl_objects import gl_objects
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer.accumulation import MapLights
@@ -30,20 +29,6 @@ def resident_mb() -> float:
     """Memory of this process that is in RAM."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * 4096 / 1e6
-
-
-def gl_objects(context: moderngl.Context) -> tuple[int, ...]:
-    """How many buffers, textures, frames and programs (with shaders) there are, by asking for each name that was ever given."""
-    library = ctypes.CDLL("libGL.so.1")
-    asked = (library.glIsBuffer, library.glIsTexture, library.glIsFramebuffer, library.glIsProgram)
-    with context:
-        buffer, texture = context.buffer(reserve=16), context.texture((1, 1), 4)
-        frame = context.framebuffer([texture])
-        program = context.program(vertex_shader="#version 430\nvoid main() { gl_Position = vec4(0.0); }")
-        newest = [int(made.glo) for made in (buffer, texture, frame, program)]
-        for made in (program, frame, texture, buffer):
-            made.release()
-        return tuple(sum(bool(exists(name)) for name in range(1, last)) for exists, last in zip(asked, newest, strict=True))
 
 
 def sky(count: int, turn: float) -> LightSet:

@@ -19,7 +19,7 @@ from rich.progress import track
 from bench.accuracy.drawing import colour, room
 from bench.accuracy.maps import chosen
 from bench.judge import Source, points_of, read_source
-from bench.renderer_truth import Hits, first_hits, scene_tree
+from tests.support.ray_casting import Hits, first_hits, scene_tree
 from vemlight.commands.chart import machine
 from vemlight.files import written_whole
 from vemlight.light.light_set import LightSet

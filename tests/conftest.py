@@ -1,34 +1,23 @@
 """A small moving sequence and services as processes, for the tests of whole processes."""
 
 import os
-import shutil
-import signal
 import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads spin against each other on a busy machine: ten times the time
-import msgspec
 import numpy as np
 import pytest
 import tomli_w
 from hypothesis import settings as hypothesis_settings
 
+from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
+from tests.support.processes import ServiceProcesses, free_port
 from vemlight.light.images import write_exr
 from vemlight.settings import Settings, read_settings
 
-LOADED_S = 120.0  # patience on a machine that is busy: compiling the sampler's loops for the first time takes tens of seconds
-
 hypothesis_settings.register_profile("any machine", deadline=None)  # how long an example takes says nothing on a busy one
 hypothesis_settings.load_profile("any machine")
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-]  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -65,46 +54,28 @@ def make_settings(tmp_path: Path, sequence: Path) -> Callable[..., tuple[Setting
     return make
 
 
-class Services:
-    """Processes of a test; those that still run at its end are killed."""
-
-    def __init__(self) -> None:
-        self.running: list[subprocess.Popen[bytes]] = []
-
-    def start(self, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
-        child = subprocess.Popen(
-            [sys.executable, "-m", *arguments], env={**os.environ, **environment}, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        )
-        self.running.append(child)
-        return child
-
-
 @pytest.fixture
-def services() -> Iterator[Services]:
-    started = Services()
+def services() -> Iterator[ServiceProcesses]:
+    started = ServiceProcesses()
     yield started
-    for child in started.running:
-        if child.poll() is None:
-            child.send_signal(signal.SIGKILL)
-        child.communicate()
-
-
-def wait_until(true: Callable[[], object], what: str, patience_s: float = LOADED_S) -> None:
-    """Waits for something that other processes do."""
-    until = time.monotonic() + patience_s
-    while not true():
-        assert time.monotonic() < until, f"{what} did not happen within {patience_s:.0f} s"
-        time.sleep(0.02)
-
-
-def with_section(settings: Settings, section: str, **changes) -> Settings:
-    return msgspec.structs.replace(settings, **{section: msgspec.structs.replace(getattr(settings, section), **changes)})
+    started.kill()
 
 
 @pytest.fixture(scope="module")  # while it lives, no other test of this thread can run an event loop of its own
 def browser() -> Iterator:
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, headless=True, args=QUIET)
+        browser = started.chromium.launch(executable_path=CHROMIUM, headless=True, args=BROWSER_OPTIONS)
         yield browser
         browser.close()
+
+
+@pytest.fixture
+def run(services, make_settings):
+    """Starts `vemlight run` on small settings; gives the settings and the process."""
+
+    def start(*options: str, **sections) -> tuple[Settings, subprocess.Popen[bytes]]:
+        settings, path = make_settings(viewer={"port": free_port()}, **sections)
+        return settings, services.start("vemlight", "run", str(path), *options)
+
+    return start

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.test_renderer_stage import heeded, picture_of, stepped
+from tests.support.renderer_steps import controlled, picture_of, stepped
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_from_direction, map_irradiance
 from vemlight.renderer.accumulation import LIGHTS, PASSES, MapLights, Refined, spread_points
@@ -116,14 +116,14 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     monkeypatch.setattr("vemlight.renderer.accumulation.PASSES", 4)
     stage = RendererStage(Settings(renderer=Size(width=48, height=36, shadow_map=64, frame_ms=0.0, picture="linear16")))
     assert stage.beside(stage.begin(0)[0]) == ()
-    assert stage.beside(heeded(stage, stage.begin(0)[0], paused=True)) == ("capture",)
+    assert stage.beside(controlled(stage, stage.begin(0)[0], paused=True)) == ("capture",)
     drawn = []
     honest = stage._renderer.render_pass
     monkeypatch.setattr(stage._renderer, "render_pass", lambda light, number: drawn.append(number) or honest(light, number))
 
     def shown(state, sequence, radiance, **wish):
         header = wire.MapMessage(stamp=wire.stamp(sequence, sequence / 10), rows=30, cols=120, coverage="hemisphere")
-        state = stage.heed(heeded(stage, state, **wish), (header, (radiance,)))
+        state = stage.heed(controlled(stage, state, **wish), (header, (radiance,)))
         return stepped(stage, state, sequence)
 
     state, image = shown(stage.begin(0)[0], 0, a_map())

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.gltf_sheet import Sheet
+from tests.support.gltf_files import TexturedSquare
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.renderer import Renderer
@@ -29,10 +29,10 @@ def board(size: int, alpha: float = 1.0, low: int = 0) -> np.ndarray:
     return pixels
 
 
-def sheet_of(mode: str, alpha: float = 1.0, image: np.ndarray | None = None, cutoff: float | None = None) -> Sheet:
+def sheet_of(mode: str, alpha: float = 1.0, image: np.ndarray | None = None, cutoff: float | None = None) -> TexturedSquare:
     """A white square that emits 1, and reflects nothing, over the ground."""
     base: dict[str, Any] = {"baseColorFactor": [1.0, 1.0, 1.0, alpha]}
-    sheet = Sheet(extensions={"KHR_materials_unlit": {}}, pbrMetallicRoughness=base, alphaMode=mode)
+    sheet = TexturedSquare(extensions={"KHR_materials_unlit": {}}, pbrMetallicRoughness=base, alphaMode=mode)
     if cutoff is not None:
         sheet.material["alphaCutoff"] = cutoff
     if image is not None:
@@ -41,14 +41,14 @@ def sheet_of(mode: str, alpha: float = 1.0, image: np.ndarray | None = None, cut
 
 
 def renderer_of(
-    folder: Path, sheet: Sheet, camera: str = ABOVE, more: str = "", samples: int = 1, side: int = 16, shadow_map: int = 256
+    folder: Path, sheet: TexturedSquare, camera: str = ABOVE, more: str = "", samples: int = 1, side: int = 16, shadow_map: int = 256
 ) -> Renderer:
     sheet.write(folder / "sheet.gltf")
     (folder / "scene.toml").write_text(camera + GROUND + '[[mesh]]\nname = "sheet"\nfile = "sheet.gltf"\ny_up = false\n' + more)
     return Renderer(load_scene(folder / "scene.toml"), Settings(width=side, height=side, shadow_map=shadow_map), samples)
 
 
-def drawn(folder: Path, sheet: Sheet, lights: LightSet = DARK, **options) -> np.ndarray:
+def drawn(folder: Path, sheet: TexturedSquare, lights: LightSet = DARK, **options) -> np.ndarray:
     renderer = renderer_of(folder, sheet, **options)
     picture = renderer.render(lights).copy()
     renderer.release()

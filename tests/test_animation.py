@@ -1,106 +1,59 @@
 """Animated glTF files, written here by hand: where their meshes stand at a time."""
 
-import base64
-import json
 import os
-import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.gltf_files import TRIANGLE, AnimatedTriangle
 from vemlight.errors import UserError
 from vemlight.light.sphere import rotation_xyz
 from vemlight.renderer.scene.animation import Track, rotation_from_quaternion, value_at
 from vemlight.renderer.scene.mesh_files import read_meshes
 
-TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 HALF = float(np.sqrt(0.5))
 
 
-class Film:
-    """A glTF document that grows: a parent and a child node, the child with a triangle."""
-
-    def __init__(self, **child: Any) -> None:
-        self.data = b""
-        nodes: list[dict[str, Any]] = [{"children": [1]}, {"name": "leaf", "mesh": 0, **child}]
-        self.document: dict[str, Any] = {
-            "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": nodes, "accessors": [], "bufferViews": [],
-            "animations": [{"channels": [], "samplers": []}],
-        }  # fmt: skip
-        self.document["meshes"] = [{"primitives": [{"attributes": {"POSITION": self.accessor(TRIANGLE)}}]}]
-        self.document["accessors"][0] |= {"min": TRIANGLE.min(axis=0).tolist(), "max": TRIANGLE.max(axis=0).tolist()}
-
-    def accessor(self, values: np.ndarray, **more: Any) -> int:
-        self.document["bufferViews"].append({"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes})
-        kind = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[1 if values.ndim == 1 else values.shape[-1]]
-        code = {"f": 5126, "h": 5122}[values.dtype.char]
-        view, count = len(self.document["bufferViews"]) - 1, len(values.reshape(-1, *values.shape[-1:] if values.ndim > 1 else ()))
-        self.document["accessors"].append({"bufferView": view, "componentType": code, "count": count, "type": kind, **more})
-        self.data += values.tobytes() + b"\0" * (-values.nbytes % 4)
-        return len(self.document["accessors"]) - 1
-
-    def move(self, node: int, path: str, times, values, interpolation: str = "LINEAR", **more: Any) -> "Film":
-        values = values if isinstance(values, np.ndarray) else np.array(values, np.float32)
-        animation = self.document["animations"][0]
-        given, followed = self.accessor(np.array(times, np.float32)), self.accessor(values, **more)
-        animation["samplers"].append({"input": given, "output": followed, "interpolation": interpolation})
-        animation["channels"].append({"sampler": len(animation["samplers"]) - 1, "target": {"node": node, "path": path}})
-        return self
-
-    def write(self, path: Path) -> Path:
-        if path.suffix == ".glb":
-            self.document["buffers"] = [{"byteLength": len(self.data)}]
-            text = json.dumps(self.document).encode()
-            text += b" " * (-len(text) % 4)
-            chunks = [struct.pack("<I4s", len(text), b"JSON") + text, struct.pack("<I4s", len(self.data), b"BIN\0") + self.data]
-            path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + sum(map(len, chunks))) + b"".join(chunks))
-            return path
-        coded = base64.b64encode(self.data).decode()
-        self.document["buffers"] = [{"byteLength": len(self.data), "uri": f"data:application/octet-stream;base64,{coded}"}]
-        path.write_text(json.dumps(self.document))
-        return path
-
-    def corners(self, folder: Path, time_s: float, suffix: str = "gltf") -> np.ndarray:
-        """The triangle's corners at a time, as the file is read."""
-        part = read_meshes(self.write(folder / f"film.{suffix}"), "here").parts[0]
-        assert part.motion is not None
-        matrix = part.motion.world_from_rest(time_s)
-        return part.geometry.positions @ matrix[:3, :3].T + matrix[:3, 3]
+def corners(file: AnimatedTriangle, folder: Path, time_s: float, suffix: str = "gltf") -> np.ndarray:
+    """The triangle's corners (3, 3) at a time, as the file is read."""
+    part = read_meshes(file.write(folder / f"film.{suffix}"), "here").parts[0]
+    assert part.motion is not None
+    matrix = part.motion.world_from_rest(time_s)
+    return part.geometry.positions @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 @pytest.mark.parametrize("suffix", ["gltf", "glb"])
 def test_a_mesh_goes_where_its_keys_say_and_begins_again(tmp_path, suffix):
-    film = Film(translation=[5.0, 0.0, 0.0]).move(1, "translation", [0, 1, 3], [[0, 0, 0], [0, 0, 2], [4, 0, 2]])
+    film = AnimatedTriangle(translation=[5.0, 0.0, 0.0]).move(1, "translation", [0, 1, 3], [[0, 0, 0], [0, 0, 2], [4, 0, 2]])
     for time_s, at in ((0.0, (0, 0, 0)), (0.5, (0, 0, 1)), (1.0, (0, 0, 2)), (2.0, (2, 0, 2)), (3.5, (0, 0, 1)), (302.0, (2, 0, 2))):
-        assert np.allclose(film.corners(tmp_path, time_s, suffix), TRIANGLE + np.array(at), atol=1e-6), time_s
+        assert np.allclose(corners(film, tmp_path, time_s, suffix), TRIANGLE + np.array(at), atol=1e-6), time_s
 
 
 def test_steps_hold_until_the_next_key(tmp_path):
-    film = Film().move(1, "translation", [0.5, 1, 2], [[1, 0, 0], [2, 0, 0], [3, 0, 0]], "STEP")
-    assert [film.corners(tmp_path, t)[0, 0] for t in (0.0, 0.5, 0.99, 1.0, 1.99)] == [1, 1, 1, 2, 2]
+    film = AnimatedTriangle().move(1, "translation", [0.5, 1, 2], [[1, 0, 0], [2, 0, 0], [3, 0, 0]], "STEP")
+    assert [corners(film, tmp_path, t)[0, 0] for t in (0.0, 0.5, 0.99, 1.0, 1.99)] == [1, 1, 1, 2, 2]
 
 
 def test_a_parents_turn_carries_its_child(tmp_path):
-    film = Film(translation=[2.0, 0.0, 0.0]).move(0, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]])
+    film = AnimatedTriangle(translation=[2.0, 0.0, 0.0]).move(0, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]])
     turned = rotation_xyz((0, 0, 45))
-    assert np.allclose(film.corners(tmp_path, 0.5), (TRIANGLE + np.array([2, 0, 0])) @ turned.T, atol=1e-6)
+    assert np.allclose(corners(film, tmp_path, 0.5), (TRIANGLE + np.array([2, 0, 0])) @ turned.T, atol=1e-6)
 
 
 def test_turns_take_the_shorter_way_and_may_be_short_integers(tmp_path):
     quarter = np.round(np.array([[0, 0, 0, 1], [0, 0, -HALF, -HALF]]) * 32767).astype(np.int16)
-    film = Film().move(1, "rotation", [0, 1], quarter, normalized=True)
-    assert np.allclose(film.corners(tmp_path, 1 / 3), TRIANGLE @ rotation_xyz((0, 0, 30)).T, atol=1e-4)  # 16 bits
+    film = AnimatedTriangle().move(1, "rotation", [0, 1], quarter, normalized=True)
+    assert np.allclose(corners(film, tmp_path, 1 / 3), TRIANGLE @ rotation_xyz((0, 0, 30)).T, atol=1e-4)  # 16 bits
 
 
 def test_scale_turn_and_place_apply_in_this_order(tmp_path):
-    film = Film().move(1, "scale", [0, 1], [[1, 1, 1], [2, 2, 2]]).move(1, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]])
-    film.move(1, "translation", [0, 1], [[0, 0, 0], [1, 1, 1]])
+    film = AnimatedTriangle().move(1, "scale", [0, 1], [[1, 1, 1], [2, 2, 2]])
+    film.move(1, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]]).move(1, "translation", [0, 1], [[0, 0, 0], [1, 1, 1]])
     near = 1 - 1e-6  # at 1 the animation begins again
-    assert np.allclose(film.corners(tmp_path, near)[1], [1, 3, 1], atol=1e-4)
+    assert np.allclose(corners(film, tmp_path, near)[1], [1, 3, 1], atol=1e-4)
 
 
 @given(st.floats(0, 1), st.floats(0.5, 5), st.lists(st.floats(-3, 3), min_size=4, max_size=4))
@@ -127,7 +80,7 @@ def test_turns_go_evenly(numbers, t):
 
 
 def test_the_animation_is_chosen_by_name_or_all_play(tmp_path):
-    film = Film().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
+    film = AnimatedTriangle().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
     (walk,) = film.document["animations"]
     walk["name"] = "walk"
     film.document["animations"].append({"name": "rise", "channels": [], "samplers": []})
@@ -146,7 +99,7 @@ def test_the_animation_is_chosen_by_name_or_all_play(tmp_path):
 
 
 def test_all_animations_move_what_each_of_them_moves(tmp_path):
-    film = Film().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
+    film = AnimatedTriangle().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
     film.document["animations"].insert(0, {"channels": [], "samplers": []})
     film.move(0, "translation", [0, 4], [[0, 0, 2], [0, 0, 2]])
     (part,) = read_meshes(film.write(tmp_path / "film.gltf"), "here", "*").parts
@@ -157,13 +110,13 @@ def test_all_animations_move_what_each_of_them_moves(tmp_path):
 
 
 def test_a_node_with_the_name_of_the_graphs_root_moves_too(tmp_path):
-    film = Film().move(1, "translation", [0, 1], [[3, 0, 0], [3, 0, 0]])
+    film = AnimatedTriangle().move(1, "translation", [0, 1], [[3, 0, 0], [3, 0, 0]])
     film.document["nodes"][1]["name"] = "world"
-    assert film.corners(tmp_path, 0.5)[0] == pytest.approx([3, 0, 0])
+    assert corners(film, tmp_path, 0.5)[0] == pytest.approx([3, 0, 0])
 
 
 def test_a_file_without_animation_stands_still(tmp_path):
-    film = Film()
+    film = AnimatedTriangle()
     del film.document["animations"]
     assert read_meshes(film.write(tmp_path / "film.gltf"), "here").parts[0].motion is None
 
@@ -195,7 +148,7 @@ def spoilt_turn(film):
 
 @pytest.mark.parametrize("spoil", [spoilt_key_order, spoilt_nan, spoilt_count, spoilt_accessor, spoilt_interpolation, spoilt_turn])
 def test_a_spoilt_animation_is_one_line(tmp_path, spoil):
-    film = Film()
+    film = AnimatedTriangle()
     spoil(film)
     with pytest.raises(UserError, match=r"^here: .*film\.gltf .*export it again$") as caught:
         read_meshes(film.write(tmp_path / "film.gltf"), "here")

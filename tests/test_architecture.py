@@ -1,11 +1,12 @@
-"""Imports point one way: down the floors, and never from one service to another."""
+"""Imports point one way: down the floors, never from one service to another, and never from one test to another."""
 
 import ast
 from pathlib import Path
 
 import pytest
 
-SERVICES = Path(__file__).parents[1] / "services"
+ROOT = Path(__file__).parents[1]
+SERVICES = ROOT / "services"
 # From below: a file imports only its own package and what stands on a lower floor.
 FLOORS = (
     {"errors", "files"},
@@ -17,6 +18,7 @@ FLOORS = (
 )
 # The same within the renderer; `renderer.py`, `stage.py` and what else lies loose there stands on top.
 RENDERER_FLOORS = ({"gl", "luminaire", "output", "frame_budget"}, {"scene"}, {"passes"})
+TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references"}  # what tests may import of tests/
 TOGETHER = ({"settings", "runtime"}, {"errors", "files"})  # the settings name the services, the runtime reads the settings
 
 
@@ -28,7 +30,7 @@ def imported_modules(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             assert node.level == 0, f"{path}: imports are written as whole paths"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return {name.removeprefix("vemlight.") for name in names if name.startswith("vemlight.")}
+    return names
 
 
 def floor_of(package: str, floors: tuple[set[str], ...]) -> int:
@@ -45,7 +47,9 @@ def may_import(importer: str, imported: str, floors: tuple[set[str], ...]) -> bo
 def test_imports_go_down(path):
     inside = path.relative_to(SERVICES).with_suffix("").parts
     for module in imported_modules(path):
-        target = module.split(".")
+        _, *target = module.split(".")
+        if not module.startswith("vemlight."):
+            continue
         assert may_import(inside[0], target[0], FLOORS), f"{path} imports {module}"
         if inside[0] == target[0] == "renderer":
             on_top = floor_of(inside[1], RENDERER_FLOORS) == len(RENDERER_FLOORS)
@@ -60,3 +64,18 @@ def test_each_package_has_its_floor():
 def test_packages_re_export_nothing():
     for path in SERVICES.rglob("__init__.py"):
         assert not path.read_text().strip(), path
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "tests").rglob("*.py")), ids=lambda path: path.stem)
+def test_tests_import_support_modules_and_the_bench_only_to_test_it(path):
+    for module in imported_modules(path):
+        folder, *inside = module.split(".")
+        if folder == "tests":
+            assert f"tests.{inside[0]}" in TEST_SUPPORT, f"{path} imports {module}: move what it needs to tests/support"
+        if folder == "bench":
+            assert path.name.startswith("test_bench_"), f"{path} imports {module}: only tests/test_bench_*.py may"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "bench").rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
+def test_benches_import_no_tests(path):
+    assert not {name for name in imported_modules(path) if name.startswith("tests.") and not name.startswith("tests.support")}

@@ -1,6 +1,5 @@
 """Wrong input to the command: status 2 and one line that says what, where and how to mend it."""
 
-import os
 import socket
 import subprocess
 import sys
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.support.processes import vemlight
 from vemlight.commands.cli import main
 from vemlight.light.images import write_exr
 from vemlight.light.light_set import read_lights
@@ -26,13 +26,6 @@ k3 = 0.0
 k4 = 0.0
 rim_deg = 90.0
 """
-
-
-def vemlight(*arguments: object, cwd: Path | None = None, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "vemlight", *map(str, arguments)],
-        capture_output=True, text=True, timeout=120, cwd=cwd, env={**os.environ, **(environment or {})},
-    )  # fmt: skip
 
 
 def refused(done: subprocess.CompletedProcess[str], *words: str) -> None:

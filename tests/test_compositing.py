@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.conftest import LOADED_S
-from tests.test_renderer_stage import lights_message
+from tests.support.processes import LOADED_S
+from tests.support.renderer_steps import lights_message
 from vemlight.light.bright_cells import NONE
 from vemlight.light.images import read_radiance
 from vemlight.renderer.stage import RendererStage

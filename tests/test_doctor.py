@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from tests.conftest import with_section
-from tests.test_cli import vemlight
+from tests.support.processes import vemlight
+from tests.support.settings_files import with_section
 from vemlight.capture import v4l2
 from vemlight.commands import doctor
 from vemlight.commands.doctor import Finding, examine

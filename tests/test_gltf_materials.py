@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.gltf_sheet import CORNERS, UPRIGHT, Sheet
+from tests.support.gltf_files import CORNERS, UPRIGHT, TexturedSquare
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.renderer import Renderer
@@ -24,7 +24,7 @@ RED, GREEN, BLUE, WHITE = (255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255)
 FOUR = np.array([[RED, GREEN], [BLUE, WHITE]], np.uint8)
 
 
-def drawn(folder: Path, sheet: Sheet, lights: LightSet = DARK, more: str = "", samples: int = 1, side: int = 8) -> np.ndarray:
+def drawn(folder: Path, sheet: TexturedSquare, lights: LightSet = DARK, more: str = "", samples: int = 1, side: int = 8) -> np.ndarray:
     """(side, side, 4), the square seen from above with its x to the right and its y upwards."""
     sheet.write(folder / "sheet.gltf")
     (folder / "scene.toml").write_text(ABOVE + '[[mesh]]\nfile = "sheet.gltf"\ny_up = false\n' + more)
@@ -34,9 +34,9 @@ def drawn(folder: Path, sheet: Sheet, lights: LightSet = DARK, more: str = "", s
     return picture
 
 
-def glowing(uv: np.ndarray | None = UPRIGHT, pixels: np.ndarray = FOUR, info: dict | None = None, **sampler: int) -> Sheet:
+def glowing(uv: np.ndarray | None = UPRIGHT, pixels: np.ndarray = FOUR, info: dict | None = None, **sampler: int) -> TexturedSquare:
     """A square that shows an image by its emission alone."""
-    sheet = Sheet(uv, emissiveFactor=[1.0, 1.0, 1.0])
+    sheet = TexturedSquare(uv, emissiveFactor=[1.0, 1.0, 1.0])
     sheet.material["emissiveTexture"] = sheet.image(pixels, info, **sampler)
     return sheet
 
@@ -48,9 +48,10 @@ def corners(picture: np.ndarray) -> list[list[float]]:
 
 
 def test_emission_is_radiance_added_to_what_is_reflected(tmp_path):
-    plain = Sheet(pbrMetallicRoughness={"baseColorFactor": [0.5, 0.4, 0.3, 1.0], "metallicFactor": 0.0})
+    plain = TexturedSquare(pbrMetallicRoughness={"baseColorFactor": [0.5, 0.4, 0.3, 1.0], "metallicFactor": 0.0})
     strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 12.5}}
-    bright = Sheet(pbrMetallicRoughness=plain.material["pbrMetallicRoughness"], emissiveFactor=[0.2, 0.4, 1.0], extensions=strength)
+    same = plain.material["pbrMetallicRoughness"]
+    bright = TexturedSquare(pbrMetallicRoughness=same, emissiveFactor=[0.2, 0.4, 1.0], extensions=strength)
     assert np.allclose(drawn(tmp_path, bright)[..., :3], [2.5, 5.0, 12.5], rtol=1e-6)
     both, reflected = drawn(tmp_path, bright, SUN, samples=4), drawn(tmp_path, plain, SUN, samples=4)
     assert np.allclose((both - reflected)[..., :3], [2.5, 5.0, 12.5], rtol=1e-5)
@@ -59,7 +60,7 @@ def test_emission_is_radiance_added_to_what_is_reflected(tmp_path):
 
 def test_emission_lights_nothing_else(tmp_path):
     ground = '[[mesh]]\nshape = "plane"\nat = [0.0, 0.0, -0.5]\nmaterial = {diffuse = [0.8, 0.8, 0.8]}\n'
-    sheet = Sheet(emissiveFactor=[1.0, 1.0, 1.0])
+    sheet = TexturedSquare(emissiveFactor=[1.0, 1.0, 1.0])
     sheet.document["nodes"][0]["scale"] = [0.5, 0.5, 0.5]
     picture = drawn(tmp_path, sheet, more=ground)
     assert picture[4, 4, 0] == pytest.approx(1)
@@ -74,7 +75,7 @@ def test_an_emissive_image_is_coded_in_srgb_and_times_the_factor(tmp_path):
 
 
 def test_an_unlit_surface_is_its_colour_in_any_light(tmp_path):
-    sheet = Sheet(extensions={"KHR_materials_unlit": {}}, pbrMetallicRoughness={"baseColorFactor": [0.8, 0.4, 0.2, 1.0]})
+    sheet = TexturedSquare(extensions={"KHR_materials_unlit": {}}, pbrMetallicRoughness={"baseColorFactor": [0.8, 0.4, 0.2, 1.0]})
     sheet.material["pbrMetallicRoughness"]["baseColorTexture"] = sheet.image(FOUR)
     sheet.attribute("COLOR_0", np.full((4, 3), 0.5, np.float32))
     for lights in (DARK, SUN):
@@ -126,13 +127,13 @@ def test_an_image_may_lie_by_the_second_set_of_coordinates(tmp_path):
 def test_coordinates_and_colours_may_be_short_integers(tmp_path):
     sheet = glowing(uv=None).attribute("TEXCOORD_0", (UPRIGHT * 65535).astype(np.uint16), normalized=True)
     assert corners(drawn(tmp_path, sheet)) == [[c / 255 for c in colour] for colour in (RED, GREEN, BLUE, WHITE)]
-    unlit = Sheet(extensions={"KHR_materials_unlit": {}})
+    unlit = TexturedSquare(extensions={"KHR_materials_unlit": {}})
     unlit.attribute("COLOR_0", np.full((4, 4), 128, np.uint8), normalized=True)
     assert np.allclose(drawn(tmp_path, unlit)[..., :3], 128 / 255, atol=1e-3)
 
 
 def test_sparse_places_replace_those_of_the_buffer(tmp_path):
-    sheet = Sheet()
+    sheet = TexturedSquare()
     rows, values = sheet.accessor(np.array([[2]], np.uint16)), sheet.accessor(np.array([[1, 3, 0]], np.float32))
     views = [sheet.document["accessors"][k]["bufferView"] for k in (rows, values)]
     sheet.document["accessors"][0]["sparse"] = {
@@ -143,14 +144,14 @@ def test_sparse_places_replace_those_of_the_buffer(tmp_path):
 
 
 def test_specular_and_glossiness_are_metal_and_roughness_told_otherwise(tmp_path):
-    metal = Sheet(pbrMetallicRoughness={"baseColorFactor": [0.9, 0.6, 0.3, 1.0], "metallicFactor": 1.0, "roughnessFactor": 0.4})
+    metal = TexturedSquare(pbrMetallicRoughness={"baseColorFactor": [0.9, 0.6, 0.3, 1.0], "metallicFactor": 1.0, "roughnessFactor": 0.4})
     old = {"diffuseFactor": [0.0, 0.0, 0.0, 1.0], "specularFactor": [0.9, 0.6, 0.3], "glossinessFactor": 0.6}
-    same = Sheet(extensions={"KHR_materials_pbrSpecularGlossiness": old})
+    same = TexturedSquare(extensions={"KHR_materials_pbrSpecularGlossiness": old})
     assert np.allclose(drawn(tmp_path, same, SUN), drawn(tmp_path, metal, SUN), rtol=2e-3)
-    plastic = Sheet(pbrMetallicRoughness={"baseColorFactor": [0.5, 0.4, 0.3, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.5})
+    plastic = TexturedSquare(pbrMetallicRoughness={"baseColorFactor": [0.5, 0.4, 0.3, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.5})
     # 1 - max(specular) is left for the diffuse part here, all of it there
     old = {"diffuseFactor": [0.5 / 0.96, 0.4 / 0.96, 0.3 / 0.96, 1.0], "specularFactor": [0.04, 0.04, 0.04]}
-    same = Sheet(extensions={"KHR_materials_pbrSpecularGlossiness": {**old, "glossinessFactor": 1.0}})
+    same = TexturedSquare(extensions={"KHR_materials_pbrSpecularGlossiness": {**old, "glossinessFactor": 1.0}})
     shine = np.array([[[255, 255, 255, 128]]], np.uint8)
     same.material["extensions"]["KHR_materials_pbrSpecularGlossiness"]["specularGlossinessTexture"] = same.image(shine)
     assert np.allclose(drawn(tmp_path, same, SUN), drawn(tmp_path, plastic, SUN), rtol=1e-2)
@@ -158,14 +159,14 @@ def test_specular_and_glossiness_are_metal_and_roughness_told_otherwise(tmp_path
 
 def test_the_refractive_index_is_how_much_a_surface_reflects(tmp_path):
     for index, reflected in ((1.0, 0.0), (1.5, 0.04), (2.0, 1 / 9)):
-        sheet = Sheet(extensions={"KHR_materials_ior": {"ior": index}}, pbrMetallicRoughness={"metallicFactor": 0.0})
+        sheet = TexturedSquare(extensions={"KHR_materials_ior": {"ior": index}}, pbrMetallicRoughness={"metallicFactor": 0.0})
         (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
         assert isinstance(part.material, Ggx)
         assert part.material.reflectance == pytest.approx(reflected)
 
 
 def test_a_normal_maps_scale_makes_it_steeper(tmp_path):
-    sheet = Sheet(pbrMetallicRoughness={"metallicFactor": 0.0})
+    sheet = TexturedSquare(pbrMetallicRoughness={"metallicFactor": 0.0})
     sheet.material["normalTexture"] = sheet.image(np.full((1, 1, 3), (191, 128, 255), np.uint8), {"scale": 0.5})
     (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
     assert isinstance(part.material, Ggx)
@@ -188,9 +189,9 @@ def test_an_image_is_read_once_for_all_materials(tmp_path):
 def test_materials_of_a_mesh_that_has_none_or_several_kinds(tmp_path):
     kinds = []
     for extension in ({}, {"KHR_materials_unlit": {}}, {"KHR_materials_pbrSpecularGlossiness": {}}):
-        kinds.append(type(read_meshes(Sheet(extensions=extension).write(tmp_path / "s.gltf"), "here").parts[0].material))
+        kinds.append(type(read_meshes(TexturedSquare(extensions=extension).write(tmp_path / "s.gltf"), "here").parts[0].material))
     assert kinds == [Ggx, Unlit, SpecularGlossiness]
-    sheet = Sheet()
+    sheet = TexturedSquare()
     del sheet.primitive["material"]
     assert read_meshes(sheet.write(tmp_path / "s.gltf"), "here").parts[0].material is None
 

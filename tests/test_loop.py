@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from tests.conftest import LOADED_S, wait_until
+from tests.support.processes import LOADED_S, wait_until
 from vemlight.light.light_set import read_lights
 
 CHAIN = ("capture", "sampler", "renderer")

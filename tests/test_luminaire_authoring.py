@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.test_luminaire_rayfile import LUMINOUS, ray_file
+from tests.support.ray_files import LUMINOUS, ray_file
 from vemlight.errors import UserError
 from vemlight.light.sphere import luminance
 from vemlight.renderer.luminaire.authoring import contact_sheet, from_rays, intensity_by_angle, lit_planes, measure, report, write_pictures

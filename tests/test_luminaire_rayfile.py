@@ -4,31 +4,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.ray_files import LUMINOUS, ray_file
 from vemlight.errors import UserError
 from vemlight.light.sphere import luminance
 from vemlight.renderer.luminaire.lightfield import flux
 from vemlight.renderer.luminaire.measuring import Planes, field_from_rays, waist_z_m
-from vemlight.renderer.luminaire.rayfile import HEADER, TEXT_BYTES, TEXTS, colour_of_spectrum, read_rays
+from vemlight.renderer.luminaire.rayfile import HEADER, colour_of_spectrum, read_rays
 
 LED = "luminaire/rayfile_LERTDUW_S2WP_green_100k_20161013_IES_TM25.TM25RAY"
 
 
-def ray_file(path: Path, rows: np.ndarray, flags: list[int], spectrum: np.ndarray | None = None, **fields) -> Path:
-    """A TM-25 file of `rows` (n, items); header fields by name."""
-    header = np.zeros(1, HEADER)
-    values = {"magic": b"TM25", "version": 2013, "luminous_flux": rows[:, -1].sum(), "rays": len(rows), "flags": flags} | fields
-    for key, value in values.items():
-        header[key] = value
-    data = header.tobytes() + "a lamp".encode("utf-32-le").ljust(TEXTS * TEXT_BYTES, b"\0")
-    if spectrum is not None:
-        data += np.int32(len(spectrum)).tobytes() + spectrum.astype("<f4").tobytes()
-    data += bytes(-len(data) % 32)
-    path.write_bytes(data + rows.astype("<f4").tobytes())
-    return path
-
-
 ROWS = np.array([[1, 2, 3, 0, 0.6, 0.8, 5], [-1, 0, 0, 0, 0, 1, 7]], float)
-LUMINOUS = [1, 1, 0, 0, 1, 0, 0, 0]
 
 
 def test_positions_are_metres_and_flux_is_lumens(tmp_path):

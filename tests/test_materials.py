@@ -7,7 +7,7 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from bench.renderer_truth import first_hits, near_edges, scene_tree, unshadowed, visible
+from tests.support.ray_casting import first_hits, near_edges, scene_tree, unshadowed, visible
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles

@@ -10,9 +10,8 @@ from urllib.request import Request, urlopen
 import av
 import numpy as np
 
-from tests.conftest import LOADED_S
-from tests.test_animation import Film
-from tests.test_supervise import Ear, children, run  # noqa: F401, run is a fixture
+from tests.support.gltf_files import AnimatedTriangle
+from tests.support.processes import LOADED_S, MessageListener, children
 from vemlight.light.images import read_radiance
 from vemlight.runtime import wire
 
@@ -26,17 +25,17 @@ def wish(port: int, **wanted) -> None:
         assert answer.status == 200
 
 
-def heard(ear: Ear, true: Callable[[wire.ImageMessage], object] = lambda image: True) -> wire.ImageMessage:
+def heard(ear: MessageListener, true: Callable[[wire.ImageMessage], object] = lambda image: True) -> wire.ImageMessage:
     image = ear.next(wire.ImageMessage, true)
     assert isinstance(image, wire.ImageMessage)
     return image
 
 
-def test_poses_reach_the_picture_and_a_pause_refines_it(run, tmp_path):  # noqa: F811
+def test_poses_reach_the_picture_and_a_pause_refines_it(run, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(CAMERA + GROUND + '[[mesh]]\nshape = "box"\nscale = 0.4\nat = [0.0, 0.0, 0.4]\n')
     settings, process = run(renderer={"scene": str(scene), "picture": "linear16"})
-    ear = Ear(settings, "image")
+    ear = MessageListener(settings, "image")
     try:
         image = heard(ear)
         assert image.linear
@@ -55,16 +54,16 @@ def test_poses_reach_the_picture_and_a_pause_refines_it(run, tmp_path):  # noqa:
     assert process.wait(timeout=10) == 0
 
 
-def test_an_animated_run_is_the_same_though_its_renderer_is_killed(run, tmp_path):  # noqa: F811
+def test_an_animated_run_is_the_same_though_its_renderer_is_killed(run, tmp_path):
     scene = tmp_path / "scene.toml"
-    Film(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.4], [[-1, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
+    AnimatedTriangle(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.4], [[-1, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
     scene.write_text(CAMERA + GROUND + '[[mesh]]\nfile = "film.gltf"\n')
     sections = {"renderer": {"scene": str(scene), "video": str(tmp_path / "film.mp4")}}
 
     def frames(out: Path, kill: bool) -> list[np.ndarray]:
         settings, process = run("--frames", "8", "--out", str(out), **sections)
         if kill:
-            ear = Ear(settings, "image")
+            ear = MessageListener(settings, "image")
             heard(ear, lambda image: image.stamp.sequence >= 2)
             os.kill(children(process.pid)["renderer"], signal.SIGKILL)
             ear.close()

@@ -72,5 +72,7 @@ def test_balance_of_what_is_balanced_changes_nothing() -> None:
 
 
 def test_balance_of_nothing_is_nothing() -> None:
-    none = np.empty(0, np.int32)
-    balance(none, none, np.empty(0), np.zeros(4))
+    none, share, goal = np.empty(0, np.int32), np.empty(0), np.zeros(4)
+    balance(none, none, share, goal)
+    assert len(share) == 0
+    assert not goal.any()

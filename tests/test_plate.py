@@ -5,7 +5,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.conftest import wait_until
+from tests.support.processes import wait_until
 from vemlight.errors import UserError
 from vemlight.plate.stage import PlateSource
 from vemlight.plate.video_source import open_pictures

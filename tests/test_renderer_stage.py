@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.test_animation import Film
-from tests.test_renderer import uniform_lights
+from tests.support.gltf_files import AnimatedTriangle
+from tests.support.renderer_steps import controlled, lights_message, picture_of, stepped
 from vemlight.errors import UserError
 from vemlight.light.sphere import quaternion_xyz
-from vemlight.renderer.stage import RendererStage, RendererState
+from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.settings import Renderer, Settings
 
@@ -31,35 +31,12 @@ shadows = "none"
 """
 
 
-def lights_message(sequence: int, fps: float = 10.0) -> wire.Message:
-    lights = uniform_lights(3, 0.0)
-    none = np.zeros((0, 3), np.float32)
-    header = wire.LightsMessage(stamp=wire.stamp(sequence, sequence / fps), count=3, coverage="hemisphere", delay_ms=0.0, delay_frames=0.0)
-    return header, (lights.ids, lights.directions, lights.irradiance, none, none)
-
-
 @pytest.fixture
 def stage(tmp_path: Path) -> RendererStage:
-    Film().move(1, "translation", [0, 2], [[0, 1, 0], [2, 1, 0]]).write(tmp_path / "film.gltf")
+    AnimatedTriangle().move(1, "translation", [0, 2], [[0, 1, 0], [2, 1, 0]]).write(tmp_path / "film.gltf")
     (tmp_path / "scene.toml").write_text(SCENE)
     drawing = Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, shadow_map=64, frame_ms=0.0, picture="linear16")
     return RendererStage(Settings(renderer=drawing))
-
-
-def stepped(stage: RendererStage, state: RendererState, sequence: int) -> tuple[RendererState, wire.ImageMessage]:
-    state, (header, arrays) = stage.step(state, lights_message(sequence))
-    assert isinstance(header, wire.ImageMessage)
-    assert wire.unpack(wire.pack(header, arrays))[0] == header
-    return state, header
-
-
-def picture_of(state: RendererState) -> np.ndarray:
-    assert state.picture is not None
-    return state.picture
-
-
-def heeded(stage: RendererStage, state: RendererState, **wish) -> RendererState:
-    return stage.heed(state, (wire.ControlMessage(**wish), ()))
 
 
 def test_an_image_tells_where_things_stand_and_a_pose_moves_them(stage):
@@ -69,17 +46,17 @@ def test_an_image_tells_where_things_stand_and_a_pose_moves_them(stage):
     ]  # fmt: skip
     lit = picture_of(state)
     there = wire.Pose(name="torch", at=(1.0, 0.0, 2.0), turn=quaternion_xyz((180.0, 0.0, 0.0)), power=5.0)
-    state, image = stepped(stage, heeded(stage, state, poses=(there,)), 0)
+    state, image = stepped(stage, controlled(stage, state, poses=(there,)), 0)
     assert image.things[2] == there
     assert not np.array_equal(picture_of(state), lit)
-    state, image = stepped(stage, heeded(stage, state), 0)
+    state, image = stepped(stage, controlled(stage, state), 0)
     assert np.array_equal(picture_of(state), lit)
 
 
 def test_a_pause_holds_the_animation_and_it_goes_on_from_there(stage):
     state, shown = stage.begin(0)[0], []
     for sequence in range(8):
-        state = heeded(stage, state, paused=3 <= sequence < 6)
+        state = controlled(stage, state, paused=3 <= sequence < 6)
         state, _ = stepped(stage, state, sequence)
         shown.append(picture_of(state))
     assert all(np.array_equal(shown[2], held) for held in shown[3:6])

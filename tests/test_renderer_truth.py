@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.renderer_truth import first_hits, near_edges, scene_tree, unshadowed, visible
+from tests.support.ray_casting import first_hits, near_edges, scene_tree, unshadowed, visible
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.renderer import Renderer

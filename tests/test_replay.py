@@ -10,7 +10,7 @@ import tomli_w
 import zmq
 
 from tests import references
-from tests.conftest import LOADED_S
+from tests.support.processes import LOADED_S
 from vemlight.light.light_set import read_lights
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Pull, Supply

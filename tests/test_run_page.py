@@ -6,16 +6,16 @@ import signal
 
 import pytest
 
-from tests.conftest import CHROMIUM, LOADED_S
-from tests.test_supervise import Ear, children, run  # noqa: F401, run is a fixture
+from tests.support.browser import CHROMIUM
+from tests.support.processes import LOADED_S, MessageListener, children
 from vemlight.runtime import wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
 
 
-def test_the_page_of_a_run(run, browser):  # noqa: F811
+def test_the_page_of_a_run(run, browser):
     settings, process = run(renderer={"frame_ms": 0})  # as many lights as are wished, however busy the machine
-    ear = Ear(settings, "lights", "image")
+    ear = MessageListener(settings, "lights", "image")
     page = browser.new_page()
     page.set_default_timeout(LOADED_S * 1e3)
     try:

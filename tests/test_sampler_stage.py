@@ -33,7 +33,8 @@ assert ready and compiled() == ready, compiled() - ready
 @pytest.mark.parametrize("method", ["tracked", "standard", "havran-azimuth"])
 def test_first_map_waits_for_no_compiler(method: str) -> None:
     """In a process of its own, because every other test compiles too."""
-    subprocess.run([sys.executable, "-c", FIRST_MAP, method], check=True)
+    done = subprocess.run([sys.executable, "-c", FIRST_MAP, method], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(("name", "frames"), [("fir2005", 4), ("binomial", 2), ("none", 0)])

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 
-from bench.endurance import gl_objects
-from tests.test_animation import Film
-from tests.test_renderer import lights_from, uniform_lights
+from tests.support.gl_objects import gl_objects
+from tests.support.gltf_files import AnimatedTriangle
+from tests.support.light_sets import lights_from, uniform_lights
 from vemlight.errors import UserError
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer import renderer as renderer_module
@@ -79,7 +79,7 @@ def test_what_was_moved_looks_as_if_it_had_always_stood_there(tmp_path, frame_ms
 
 
 def test_an_animation_plays_on_the_pictures_time(tmp_path):
-    film = Film(scale=[1.5, 1.5, 1.5]).move(1, "translation", [0, 2], [[0, 1, 0], [2, 1, 0]])
+    film = AnimatedTriangle(scale=[1.5, 1.5, 1.5]).move(1, "translation", [0, 2], [[0, 1, 0], [2, 1, 0]])
     film.write(tmp_path / "film.gltf")
     ground, mesh = GROUND, '[[mesh]]\nfile = "film.gltf"\nat = [-1.0, 0.0, 0.0]\n'
     renderer = renderer_of(a_scene(tmp_path, ground + mesh))
@@ -95,7 +95,7 @@ def test_an_animation_plays_on_the_pictures_time(tmp_path):
     assert np.array_equal(again.render(LIGHTS), pictures[1.5])  # a restart goes on where it was
     again.release()
     # file axes are y-up: at 1 s the node is at (1, 1, 0), that is 1 m above (0, 0, 0) of the world
-    still = Film(scale=[1.5, 1.5, 1.5], translation=[1.0, 1.0, 0.0])
+    still = AnimatedTriangle(scale=[1.5, 1.5, 1.5], translation=[1.0, 1.0, 0.0])
     still.write(tmp_path / "film.gltf")
     there = renderer_of(a_scene(tmp_path, ground + mesh))
     wanted = there.render(LIGHTS)
@@ -216,7 +216,7 @@ def test_normals_follow_a_scale_that_is_not_the_same_all_ways(tmp_path):
     """A slope squeezed to half its height by its animation is lit as one that was built so."""
     slope = np.array([[-1, 1, -1], [1, 1, -1], [0, -1, 1]], float)
     for name, height in (("tall", 1.0), ("low", 0.5)):
-        film = Film().move(1, "scale", [0, 1, 2], [[1, 1, 1], [1, 0.5, 1], [1, 1, 1]]) if name == "tall" else Film()
+        film = AnimatedTriangle().move(1, "scale", [0, 1, 2], [[1, 1, 1], [1, 0.5, 1], [1, 1, 1]]) if name == "tall" else AnimatedTriangle()
         film.data = (slope * [1, height, 1]).astype(np.float32).tobytes() + film.data[36:]
         film.document["accessors"][0] |= {"min": [-1, -height, -1], "max": [1, height, 1]}
         film.write(tmp_path / f"{name}.gltf")

@@ -1,82 +1,15 @@
 """`vemlight run`: starts, watches, restarts, and leaves nothing behind."""
 
 import os
-import re
 import signal
-import socket
-import subprocess
 import tempfile
-import time
 from pathlib import Path
 
-import pytest
-import zmq
-
-from tests.conftest import LOADED_S, wait_until
+from tests.support.processes import LOADED_S, MessageListener, children, is_running, wait_until
 from vemlight.light.light_set import read_lights
 from vemlight.runtime import supervise, wire
 from vemlight.runtime.supervise import GIVE_UP, RUN_FOLDER
-from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings, Viewer, read_settings
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def children(pid: int) -> dict[str, int]:
-    """Service -> process id of the services that `pid` started."""
-    found = {}
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdecimal():
-            try:
-                parent = int(re.search(r"PPid:\s*(\d+)", (folder / "status").read_text())[1])  # type: ignore[index]
-                command = (folder / "cmdline").read_bytes().decode().split("\0")
-            except OSError:
-                continue
-            if parent == pid and "-m" in command:
-                found[command[command.index("-m") + 1].removeprefix("vemlight.")] = int(folder.name)
-    return found
-
-
-def is_running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-class Ear:
-    """Hears what the services of a run say."""
-
-    def __init__(self, settings: Settings, *kinds: str) -> None:
-        self._wires = Transport(settings.wire)
-        self._sockets = [self._wires.subscribe(service, *kinds) for service in ("sampler", "renderer")]
-
-    def next(self, kind: type, true=lambda header: True):
-        until = time.monotonic() + LOADED_S
-        while time.monotonic() < until:
-            for found in zmq.select(self._sockets, [], [], 0.2)[0]:
-                header, _ = wire.unpack(found.recv_multipart())
-                if isinstance(header, kind) and true(header):
-                    return header
-        raise AssertionError(f"no such {kind.__name__} within {LOADED_S} s")
-
-    def close(self) -> None:
-        self._wires.close()
-
-
-@pytest.fixture
-def run(services, make_settings):
-    """Starts `vemlight run` on small settings; gives the settings and the process."""
-
-    def start(*options: str, **sections) -> tuple[Settings, subprocess.Popen[bytes]]:
-        settings, path = make_settings(viewer={"port": free_port()}, **sections)
-        return settings, services.start("vemlight", "run", str(path), *options)
-
-    return start
 
 
 def no_run_folder(pid: int) -> bool:
@@ -101,7 +34,7 @@ def test_a_run_with_an_end_writes_everything_and_leaves_nothing(run, tmp_path):
 
 def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run):
     settings, process = run()
-    ear = Ear(settings, "lights", "image", "status")
+    ear = MessageListener(settings, "lights", "image", "status")
     try:
         ear.next(wire.ImageMessage)
         before = children(process.pid)
@@ -124,7 +57,7 @@ def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run
 
 def test_no_orphan_when_the_supervisor_itself_is_killed(run):
     settings, process = run()
-    ear = Ear(settings, "status")
+    ear = MessageListener(settings, "status")
     try:
         ear.next(wire.StatusMessage)
     finally:

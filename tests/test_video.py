@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from tests.test_animation import Film
+from tests.support.gltf_files import AnimatedTriangle
 from vemlight.commands.offline import write_pictures_of
 from vemlight.errors import UserError
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
@@ -127,7 +127,7 @@ def test_a_video_without_pictures_to_make_it_of_is_refused(tmp_path):
 
 
 def test_the_command_renders_a_sequence_to_a_video_in_which_animations_play(tmp_path, sequence):
-    Film(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.5], [[0, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
+    AnimatedTriangle(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.5], [[0, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
     camera = "[camera]\nfrom = [0.0, -7.0, 4.0]\nat = [0.0, 0.0, 1.0]\n"
     (tmp_path / "scene.toml").write_text(camera + '[[mesh]]\nfile = "film.gltf"\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n')
     options: dict[str, Any] = {"coverage": "hemisphere", "fps": 10.0, "lens": None, "response": None, "filter_": None, "method": None}

@@ -5,151 +5,20 @@ import http.client
 import json
 import signal
 import socket
-import subprocess
-import sys
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from urllib.error import HTTPError
-from urllib.request import Request, urlopen
 
 import aiohttp
 import cv2
 import msgspec
 import numpy as np
 import pytest
-import zmq
 
-from vemlight.light.bright_cells import NONE
+from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
 from vemlight.light.light_set import LightsRow
 from vemlight.runtime import wire
-from vemlight.runtime.channels import Service
-from vemlight.runtime.service_stats import Tally
-from vemlight.runtime.transport import Transport, admit
 from vemlight.settings import Wire
 from vemlight.viewer.web import MAX_BODY, MAX_PAGES
-
-MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
-FPS = 25.0
-THINGS = (wire.Pose(name="box", at=(1.0, 0.0, 0.5)), wire.Pose(name="lamp", at=(0.0, 0.0, 2.0), turn=(1.0, 0.0, 0.0, 0.0), power=1.0))
-PATIENCE_S = 20.0  # for what a loaded machine does late; a test that passes waits for none of it
-
-
-def eventually(found, what: str):
-    """The first true value of `found`."""
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not (value := found()):
-        assert time.monotonic() < give_up_s, f"{what}: not within {PATIENCE_S} s"
-        time.sleep(0.05)
-    return value
-
-
-def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
-    """One frame of each service: a bright spot that goes round, as many lights as wanted, a picture with a bar that moves."""
-    stamp = wire.stamp(sequence, sequence / FPS)
-    radiance = np.full((18, 72, 3), (0.3, 0.5, 0.9), np.float32)
-    radiance[6, sequence % 72] = 500.0
-    phi = 2 * np.pi * (np.arange(count) / count + sequence / 720)
-    theta = np.linspace(0.1, 1.4, count)
-    directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1).astype(np.float32)
-    irradiance = np.outer(1 + np.arange(count) % 3, (1.0, 0.9, 0.7)).astype(np.float32)
-    pixels = np.full((48, 64, 4), 255, np.uint8)
-    pixels[:, sequence % 64] = (255, 0, 0, 255)
-    return {
-        "capture": (
-            wire.MapMessage(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3),
-            (radiance, *NONE),
-        ),
-        "sampler": (
-            wire.LightsMessage(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
-            (np.arange(count), directions, irradiance, directions[:0], irradiance[:0]),
-        ),
-        "renderer": (wire.ImageMessage(stamp=stamp, width=64, height=48, lights=count, render_ms=5.0, things=THINGS), (pixels,)),
-    }
-
-
-class MadeUpServices(threading.Thread):
-    """Capture, sampler and renderer in one thread: each publishes frames and statuses while it is in `speaking`, and hears the wishes."""
-
-    def __init__(self, settings: Wire, frames=frames_of) -> None:
-        super().__init__(daemon=True)
-        self.speaking: set[Service] = set(MAKERS)
-        self.wishes: list[wire.ControlMessage] = []
-        self.viewers: list[wire.StatusMessage] = []
-        self.noise: list[list[bytes]] = []  # said once by the renderer
-        self._settings, self._frames, self._stop_asked = settings, frames, threading.Event()
-
-    def run(self) -> None:
-        wires = Transport(self._settings)
-        publishers = {service: wires.bind(service, "publish") for service in MAKERS}
-        tallies = {service: Tally(service, 0) for service in MAKERS}
-        viewer = wires.subscribe("viewer", "control", "status")
-        sequence = 0
-        while not self._stop_asked.wait(1 / FPS):
-            count = next((wish.count for wish in reversed(self.wishes) if wish.count), 72)
-            made = self._frames(sequence, count)
-            sequence += 1
-            for service in MAKERS:
-                admit(publishers[service])
-                if service in self.speaking:
-                    tallies[service].finished(made[service], 0.004)
-                    publishers[service].send_multipart(wire.pack(*made[service]))
-                    if status := tallies[service].due():
-                        publishers[service].send_multipart(wire.pack(status))
-            if self.noise:  # one at a time: a queue holds four
-                publishers["renderer"].send_multipart(self.noise.pop())
-            while viewer.poll(0, zmq.POLLIN):
-                header, _ = wire.unpack(viewer.recv_multipart())
-                if isinstance(header, wire.ControlMessage):
-                    self.wishes.append(header)
-                elif isinstance(header, wire.StatusMessage):
-                    self.viewers.append(header)
-        wires.close()
-
-    def end(self) -> None:
-        self._stop_asked.set()
-        self.join()
-
-
-class Viewer:
-    """The viewer's process, on a free port unless one is given."""
-
-    def __init__(self, folder: Path, port: int | None = None, top: str = "", more: str = "") -> None:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = port or free.getsockname()[1]
-        self.url = f"http://127.0.0.1:{self.port}"
-        self.settings = folder / "vemlight.toml"
-        self.settings.write_text(f'{top}\n[wire]\nfolder = "{folder}"\n[viewer]\nport = {self.port}\n{more}\n')
-        command = [sys.executable, "-m", "vemlight.viewer", str(self.settings)]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-    def said(self) -> str:
-        """Its first line: it listens now."""
-        assert self.process.stdout
-        return self.process.stdout.readline()
-
-    def get(self, path: str, body: bytes | None = None, **headers: str) -> tuple[int, bytes]:
-        named = {name.replace("_", "-"): value for name, value in headers.items()}
-        try:
-            with urlopen(Request(self.url + path, body, named), timeout=PATIENCE_S) as answer:
-                return answer.status, answer.read()
-        except HTTPError as error:
-            return error.code, error.read()
-
-    def health(self) -> dict:
-        return json.loads(self.get("/healthz")[1])
-
-    def state(self, service: Service) -> str:
-        return next(row["state"] for row in self.health()["services"] if row["service"] == service)
-
-    def wish(self, **wish) -> tuple[int, bytes]:
-        return self.get("/control", json.dumps(wish).encode(), Content_Type="application/json")
-
-    def end(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.communicate()
 
 
 @pytest.fixture(scope="module")
@@ -160,16 +29,16 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def others(folder: Path) -> Iterator[MadeUpServices]:
-    others = MadeUpServices(Wire(folder=str(folder)))
+def others(folder: Path) -> Iterator[SimulatedServices]:
+    others = SimulatedServices(Wire(folder=str(folder)))
     others.start()
     yield others
     others.end()
 
 
 @pytest.fixture(scope="module")
-def viewer(folder: Path, others: MadeUpServices) -> Iterator[Viewer]:
-    viewer = Viewer(folder)
+def viewer(folder: Path, others: SimulatedServices) -> Iterator[ViewerProcess]:
+    viewer = ViewerProcess(folder)
     assert f"{viewer.url} (for this machine only)" in viewer.said()
     eventually(lambda: viewer.get("/healthz")[0] == 200, "all services heard")
     yield viewer
@@ -324,9 +193,9 @@ TOKEN = "0123456789-abcdef_XYZ"
 
 
 @pytest.fixture
-def guarded(tmp_path, others) -> Iterator[Viewer]:
+def guarded(tmp_path, others) -> Iterator[ViewerProcess]:
     tmp_path.chmod(0o700)
-    viewer = Viewer(tmp_path, more=f'token = "{TOKEN}"')
+    viewer = ViewerProcess(tmp_path, more=f'token = "{TOKEN}"')
     assert f"{viewer.url}/?token={TOKEN} (for this machine only)" in viewer.said()
     yield viewer
     viewer.end()
@@ -363,7 +232,7 @@ def test_the_address_gives_the_browser_its_cookie(guarded):
 @pytest.mark.parametrize(("more", "words"), [("", "everyone on the network who has this address"), ("insecure = true", "EVERYONE")])
 def test_whoever_listens_to_the_network_has_a_token_or_says_so(tmp_path, more, words):
     tmp_path.chmod(0o700)
-    viewer = Viewer(tmp_path, more=f'host = "0.0.0.0"\n{more}')
+    viewer = ViewerProcess(tmp_path, more=f'host = "0.0.0.0"\n{more}')
     line = viewer.said()
     assert f"(for {words}" in line
     _, _, token = line.partition("/?token=")
@@ -376,9 +245,9 @@ def test_whoever_listens_to_the_network_has_a_token_or_says_so(tmp_path, more, w
 
 def test_a_viewer_that_starts_waits_for_the_pages_before_it_says_that_nothing_is_wished(tmp_path):
     tmp_path.chmod(0o700)
-    others = MadeUpServices(Wire(folder=str(tmp_path)))
+    others = SimulatedServices(Wire(folder=str(tmp_path)))
     others.start()
-    viewer = Viewer(tmp_path)
+    viewer = ViewerProcess(tmp_path)
     viewer.said()
     eventually(lambda: len(others.viewers) >= 2, "two statuses")
     assert others.wishes == []
@@ -386,7 +255,7 @@ def test_a_viewer_that_starts_waits_for_the_pages_before_it_says_that_nothing_is
     eventually(lambda: others.wishes and others.wishes[0] == wire.ControlMessage(count=31), "the wish of a page that comes back")
     viewer.end()
     others.wishes.clear()
-    again = Viewer(tmp_path, port=viewer.port)
+    again = ViewerProcess(tmp_path, port=viewer.port)
     eventually(lambda: others.wishes and others.wishes[0] == wire.ControlMessage(), "nothing, where no page comes back")
     again.end()
     others.end()
@@ -394,7 +263,7 @@ def test_a_viewer_that_starts_waits_for_the_pages_before_it_says_that_nothing_is
 
 def test_before_anything_is_heard(tmp_path):
     tmp_path.chmod(0o700)
-    viewer = Viewer(tmp_path)
+    viewer = ViewerProcess(tmp_path)
     viewer.said()
     assert viewer.get("/snapshot.jpg") == (503, b"no picture yet: the renderer has sent none\n")
     assert viewer.get("/lights")[0] == viewer.get("/healthz")[0] == 503
@@ -407,7 +276,7 @@ def test_before_anything_is_heard(tmp_path):
 def test_a_taken_port_is_one_line_and_status_2(tmp_path):
     tmp_path.chmod(0o700)
     with socket.create_server(("127.0.0.1", 0)) as holder:
-        viewer = Viewer(tmp_path, port=holder.getsockname()[1])
+        viewer = ViewerProcess(tmp_path, port=holder.getsockname()[1])
         _, said = viewer.process.communicate(timeout=PATIENCE_S)
     assert viewer.process.returncode == 2
     assert said.count("\n") == 1
@@ -416,7 +285,7 @@ def test_a_taken_port_is_one_line_and_status_2(tmp_path):
 
 def test_lossless_mode_hears_no_wishes(tmp_path):
     tmp_path.chmod(0o700)
-    viewer = Viewer(tmp_path, top='mode = "lossless"')
+    viewer = ViewerProcess(tmp_path, top='mode = "lossless"')
     viewer.said()
     status, line = viewer.wish(count=3)
     assert (status, line[:14]) == (400, b"lossless mode ")
@@ -426,7 +295,7 @@ def test_lossless_mode_hears_no_wishes(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_pages_open(tmp_path, number):
     tmp_path.chmod(0o700)
-    viewer = Viewer(tmp_path)
+    viewer = ViewerProcess(tmp_path)
     viewer.said()
     stream = http.client.HTTPConnection("127.0.0.1", viewer.port)
     stream.request("GET", "/stream.mjpg")

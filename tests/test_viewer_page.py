@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.conftest import CHROMIUM
-from tests.test_viewer import PATIENCE_S, MadeUpServices, Viewer, eventually
+from tests.support.browser import CHROMIUM
+from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
 from vemlight.light.sphere import quaternion_xyz
 from vemlight.runtime import wire
 from vemlight.settings import Wire
@@ -24,8 +24,8 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def others(folder: Path) -> Iterator[MadeUpServices]:
-    others = MadeUpServices(Wire(folder=str(folder)))
+def others(folder: Path) -> Iterator[SimulatedServices]:
+    others = SimulatedServices(Wire(folder=str(folder)))
     others.speaking = set()
     others.start()
     yield others
@@ -33,9 +33,9 @@ def others(folder: Path) -> Iterator[MadeUpServices]:
 
 
 @pytest.fixture(scope="module")
-def page(folder: Path, others: MadeUpServices, browser) -> Iterator:
+def page(folder: Path, others: SimulatedServices, browser) -> Iterator:
     """The page before anything was heard; then the services speak."""
-    viewer = Viewer(folder)
+    viewer = ViewerProcess(folder)
     viewer.said()
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.set_default_timeout(PATIENCE_S * 1e3)
@@ -187,16 +187,16 @@ def test_nothing_sticks_out(page, width, height):
 
 def test_a_lost_viewer_is_said_and_found_again(tmp_path, browser):
     tmp_path.chmod(0o700)
-    others = MadeUpServices(Wire(folder=str(tmp_path)))
+    others = SimulatedServices(Wire(folder=str(tmp_path)))
     others.start()
-    viewer = Viewer(tmp_path)
+    viewer = ViewerProcess(tmp_path)
     viewer.said()
     page = browser.new_page()
     page.goto(viewer.url)
     eventually(lambda: shown(page, "#picture") > 2, "pictures")
     viewer.end()
     page.get_by_text("The viewer does not answer").wait_for()
-    again = Viewer(tmp_path, port=viewer.port)
+    again = ViewerProcess(tmp_path, port=viewer.port)
     page.locator("#overall[data-state=live]").wait_for()
     assert page.locator("#notice").is_hidden()
     page.close()
@@ -206,9 +206,9 @@ def test_a_lost_viewer_is_said_and_found_again(tmp_path, browser):
 
 def test_the_wish_outlives_the_viewer(tmp_path, browser):
     tmp_path.chmod(0o700)
-    others = MadeUpServices(Wire(folder=str(tmp_path)))
+    others = SimulatedServices(Wire(folder=str(tmp_path)))
     others.start()
-    viewer = Viewer(tmp_path)
+    viewer = ViewerProcess(tmp_path)
     viewer.said()
     pages = [browser.new_context().new_page() for _ in range(2)]  # two people
     for page in pages:
@@ -220,7 +220,7 @@ def test_the_wish_outlives_the_viewer(tmp_path, browser):
     eventually(lambda: all("0.25" in page.evaluate("localStorage.getItem('vemlight wish')") for page in pages), "both pages know")
     viewer.end()
     others.wishes.clear()
-    again = Viewer(tmp_path, port=viewer.port)
+    again = ViewerProcess(tmp_path, port=viewer.port)
     eventually(lambda: others.wishes, "a wish")
     assert others.wishes[0] == whole  # not for a moment anything else
     eventually(lambda: pages[1].locator("#exposure").input_value() == "-1.5", "the wish shown")
@@ -230,7 +230,7 @@ def test_the_wish_outlives_the_viewer(tmp_path, browser):
     again.end()
 
     others.wishes.clear()
-    third = Viewer(tmp_path, port=viewer.port, more="\n[renderer]\nexposure = 1.0")
+    third = ViewerProcess(tmp_path, port=viewer.port, more="\n[renderer]\nexposure = 1.0")
     eventually(lambda: others.wishes, "a wish")
     assert set(others.wishes) == {wire.ControlMessage()}
     eventually(lambda: pages[0].locator("#exposure").input_value() == "1", "the new settings shown")
@@ -242,9 +242,9 @@ def test_the_wish_outlives_the_viewer(tmp_path, browser):
 
 def test_the_page_behind_a_token(tmp_path, browser):
     tmp_path.chmod(0o700)
-    others = MadeUpServices(Wire(folder=str(tmp_path)))
+    others = SimulatedServices(Wire(folder=str(tmp_path)))
     others.start()
-    viewer = Viewer(tmp_path, more='token = "0123456789abcdef"')
+    viewer = ViewerProcess(tmp_path, more='token = "0123456789abcdef"')
     viewer.said()
     page = browser.new_context().new_page()
     assert page.goto(viewer.url).status == 401
@@ -254,7 +254,7 @@ def test_the_page_behind_a_token(tmp_path, browser):
     page.locator("#exposure").fill("-2")
     eventually(lambda: others.wishes and others.wishes[-1].exposure == -2, "the wish")
     viewer.end()
-    again = Viewer(tmp_path, port=viewer.port, more='token = "fedcba9876543210"')
+    again = ViewerProcess(tmp_path, port=viewer.port, more='token = "fedcba9876543210"')
     page.get_by_text("The viewer asks for its new token").wait_for()
     page.goto(f"{viewer.url}/?token=fedcba9876543210")
     page.locator("#overall[data-state=live]").wait_for()
@@ -265,7 +265,7 @@ def test_the_page_behind_a_token(tmp_path, browser):
 
 def test_lossless_mode_says_why_nothing_can_be_changed(tmp_path, browser):
     tmp_path.chmod(0o700)
-    viewer = Viewer(tmp_path, top='mode = "lossless"')
+    viewer = ViewerProcess(tmp_path, top='mode = "lossless"')
     viewer.said()
     page = browser.new_page()
     page.goto(viewer.url)

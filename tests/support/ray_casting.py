@@ -1,6 +1,6 @@
-"""The renderer's judge: the same picture by exact ray casting, without any GL. Tests and benches compare with it.
+"""Exact ray casting of a scene without OpenGL, in numba: what the tests and benches compare the renderer's pictures with.
 
-Rays go through a tree of boxes over the triangles (median split), in numba; visibility is exact up to float64.
+Rays traverse a bounding volume hierarchy over the triangles (median split); visibility is exact up to float64.
 """
 
 from typing import NamedTuple

@@ -1,0 +1,21 @@
+"""Light sets of tests: lights from given directions and uniform skies."""
+
+import numpy as np
+import numpy.typing as npt
+
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import direction_from_angles
+
+
+def lights_from(directions: npt.ArrayLike, irradiance: float | np.ndarray = 1.0) -> LightSet:
+    """Grey lights from directions (n, 3) or (3,); irradiance in W m^-2, one for all or (n,)."""
+    directions = np.atleast_2d(np.asarray(directions, float))
+    power = np.broadcast_to(np.asarray(irradiance, float).reshape(-1, 1), (len(directions), 3))
+    return LightSet.of(np.arange(len(directions)), directions, power)
+
+
+def uniform_lights(count: int, lowest_z: float) -> LightSet:
+    """The lights of a sky of radiance 1 over all directions with z > lowest_z: a Fibonacci spiral of equal solid angles."""
+    z = lowest_z + (1 - lowest_z) * (np.arange(count) + 0.5) / count
+    phi = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    return lights_from(direction_from_angles(np.arccos(z), phi), 2 * np.pi * (1 - lowest_z) / count)

@@ -22,8 +22,8 @@ from bench.judge import Source, points_of, read_source
 from tests.support.ray_casting import Hits, first_hits, scene_tree
 from vemlight.commands.chart import machine
 from vemlight.files import written_whole
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import LUMINANCE
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
@@ -113,7 +113,7 @@ def lab(pixels: np.ndarray) -> np.ndarray:
 def errors(sphere: Sphere, picture: np.ndarray) -> tuple[float, float]:
     """Relative RMS of the luminance, and the mean Lab difference as tone-mapped with the truth's adaptation, where the sphere is."""
     there = sphere.truth[..., 3] > 0
-    off, true = (picture - sphere.truth)[there][:, :3] @ LUMINANCE, sphere.truth[there][:, :3] @ LUMINANCE
+    off, true = (picture - sphere.truth)[there][:, :3] @ LUMINANCE_WEIGHTS, sphere.truth[there][:, :3] @ LUMINANCE_WEIGHTS
     seen = [lab(tone_mapped(image, adapt(None, sphere.truth, 0.0), 0.0)[..., :3])[there] for image in (picture, sphere.truth)]
     return float(np.sqrt(np.mean(off**2)) / true.mean()), float(np.linalg.norm(seen[0] - seen[1], axis=-1).mean())
 

@@ -20,6 +20,7 @@ from numba import njit
 from vemlight.capture.frames import strong_cells
 from vemlight.capture.polar import latlong_to_polar, polar_from_latlong
 from vemlight.light.bright_cells import strong_light
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import (
@@ -29,7 +30,6 @@ from vemlight.light.sphere import (
     cell_solid_angles,
     latlong_directions,
     latlong_solid_angles,
-    luminance,
 )
 from vemlight.sampler.probes import SOFTNESS, probes
 
@@ -74,7 +74,7 @@ def source_from_latlong(image: np.ndarray, rows: int = 90, cols: int = 360) -> S
     height, width, _ = image.shape
     flux = image.astype(np.float64) * latlong_solid_angles(height, width)[:, None, None]
     directions = latlong_directions(height, width)
-    strength = np.where(directions[..., 2] > 0, luminance(flux), 0.0).ravel()
+    strength = np.where(directions[..., 2] > 0, luminance_from_rgb(flux), 0.0).ravel()
     chosen = np.argpartition(strength, -STRONGEST)[-STRONGEST:]
     strong = Points(directions.reshape(-1, 3)[chosen], flux.reshape(-1, 3)[chosen])
     image.reshape(-1, 3)[chosen] = 0
@@ -94,9 +94,9 @@ def with_strong(strong: Points, rest: np.ndarray) -> Source:
     # A strong cell's light: its strong points, and the rest at the cell's centre.
     cells = strong_cells(polar, "hemisphere").astype(np.int64)
     own = np.isin(cell, cells)
-    beside = (luminance(rest.astype(np.float64)) * solid_angles[:, None]).ravel()[cells]
+    beside = (luminance_from_rgb(rest.astype(np.float64)) * solid_angles[:, None]).ravel()[cells]
     directions = np.concatenate([strong.directions[own], cell_directions(rows, cols, "hemisphere").reshape(-1, 3)[cells]])
-    flux = np.concatenate([luminance(strong.irradiance)[own], beside])
+    flux = np.concatenate([luminance_from_rgb(strong.irradiance)[own], beside])
     parts = strong_light(np.concatenate([cell[own], cells]), directions, flux, rows, cols, "hemisphere")
     return Source(strong, rest, polar, np.column_stack(parts))
 
@@ -184,7 +184,7 @@ def _gather_soft(normals, occluders, light, softness, soft):
 
 def relative_rms(difference: np.ndarray, truth: np.ndarray) -> float:
     """RMS of the difference (k, 3) of luminance, over the mean luminance of `truth` (k, 3)."""
-    return float(np.sqrt(np.mean(luminance(difference) ** 2)) / np.mean(luminance(truth)))
+    return float(np.sqrt(np.mean(luminance_from_rgb(difference) ** 2)) / np.mean(luminance_from_rgb(truth)))
 
 
 def relative_rms_rgb(difference: np.ndarray, truth: np.ndarray) -> float:

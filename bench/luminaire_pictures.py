@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from bench.luminaires import DARK, DOWN, headlight, with_lamp, write
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import write_png
-from vemlight.light.sphere import luminance
 from vemlight.renderer.luminaire.authoring import contact_sheet, from_rays, intensity_by_angle, lit_planes
 from vemlight.renderer.luminaire.lightfield import LightField, far_intensity, irradiance
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
@@ -48,8 +48,8 @@ def near_against_far(out: Path, field: LightField) -> None:
         for angle in (0.0, 5.0, 10.0):
             d = np.array([np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))])
             r = times * size
-            near = luminance(irradiance(field, r * d, DOWN))
-            far = luminance(far_intensity(field, d)[0]) * d[2] / r**2
+            near = luminance_from_rgb(irradiance(field, r * d, DOWN))
+            far = luminance_from_rgb(far_intensity(field, d)[0]) * d[2] / r**2
             off.append(float(far / near - 1))
         rows.append([times, times * size, *off])
     write(out / "luminaires_far.csv", ["distance in sizes", "m", "point / near - 1 on the axis", "5 degrees", "10 degrees"], rows)

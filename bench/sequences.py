@@ -12,13 +12,13 @@ import numpy as np
 from numba import njit
 
 from bench.judge import STRONGEST, Points, Source, with_strong
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import (
     cell_directions,
     direction_from_angles,
     latlong_directions,
     latlong_from_direction,
     latlong_solid_angles,
-    luminance,
     rotation_xyz,
 )
 
@@ -53,7 +53,7 @@ def world_from_latlong(image: np.ndarray) -> World:
     image = np.where(np.isfinite(image) & (image > 0), image, 0).astype(np.float64)
     height, width, _ = image.shape
     flux = image * latlong_solid_angles(height, width)[:, None, None]
-    chosen = np.argpartition(luminance(flux).ravel(), -STRONGEST)[-STRONGEST:]
+    chosen = np.argpartition(luminance_from_rgb(flux).ravel(), -STRONGEST)[-STRONGEST:]
     strong = Points(latlong_directions(height, width).reshape(-1, 3)[chosen], flux.reshape(-1, 3)[chosen])
     power = flux[: height // 2].sum(axis=(0, 1))
     image.reshape(-1, 3)[chosen] = 0
@@ -170,7 +170,7 @@ def spoilt(world: World) -> Iterator[Frame]:
         if k % 4 == 3:
             value = np.float32(np.nan if (k // 4) % 2 else 0.0)
             if (k // 8) % 2:
-                i, j = np.unravel_index(int(luminance(source.polar).argmax()), (ROWS, COLS))
+                i, j = np.unravel_index(int(luminance_from_rgb(source.polar).argmax()), (ROWS, COLS))
                 rows = slice(max(int(i) - 6, 0), int(i) + 6)
                 seen[rows, np.arange(int(j) - 20, int(j) + 20) % COLS] = value
             else:

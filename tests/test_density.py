@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from vemlight.light.sphere import cell_solid_angles, luminance, map_irradiance
+from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.sphere import cell_solid_angles, map_irradiance
 from vemlight.sampler.density import FLOOR, LARGEST, light_map
 
 
@@ -23,7 +24,7 @@ def test_integrals_equal_the_maps_own(coverage):
     radiance = np.random.default_rng(1).lognormal(0, 3, (45, 90, 3)).astype(np.float32)
     light = light_map(radiance, coverage)
     np.testing.assert_allclose(light.irradiance, map_irradiance(radiance, coverage), rtol=1e-12)
-    assert light.power == pytest.approx(float(luminance(light.irradiance)), rel=1e-12)
+    assert light.power == pytest.approx(float(luminance_from_rgb(light.irradiance)), rel=1e-12)
 
 
 @pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])

@@ -16,8 +16,9 @@ from vemlight.capture.response import Log, code_from_radiance, write_response
 from vemlight.capture.simulation.environment import Disc, Environment
 from vemlight.capture.simulation.virtual_camera import fisheye_radiance
 from vemlight.errors import UserError
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import write_exr
-from vemlight.light.sphere import angle_between, cell_directions, direction_from_angles, luminance, map_irradiance
+from vemlight.light.sphere import angle_between, cell_directions, direction_from_angles, map_irradiance
 from vemlight.settings import Capture
 
 LENS = Lens(size=(512, 512), f=(151.0, 151.0), c=(255.3, 255.8), k1=-0.008, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0)
@@ -41,7 +42,7 @@ def light_centre(frame) -> np.ndarray:
     np.add.at(inside, frame.strong.cells, frame.strong.centres * frame.strong.shares[:, None])
     where[frame.strong.cells] = inside[frame.strong.cells]
     rings = 2 * np.pi / 360 * -np.diff(np.cos(np.arange(91) * np.pi / 180))
-    total = (luminance(frame.radiance.astype(np.float64)) * rings[:, None]).ravel() @ where
+    total = (luminance_from_rgb(frame.radiance.astype(np.float64)) * rings[:, None]).ravel() @ where
     return total / np.linalg.norm(total)
 
 
@@ -79,7 +80,7 @@ def test_centres_of_a_latlong_map_are_finer_than_its_cells(tmp_path: Path) -> No
         frame = maker.frame("map", image, {}, 0.0)
         truth = direction_from_angles((row + 0.5) * np.pi / 512, np.pi - (col + 0.5) * 2 * np.pi / 1024)
         cells, centres, shares = frame.strong
-        flux = shares * luminance(frame.radiance.reshape(-1, 3)[cells]) * np.sin((cells // 360 + 0.5) * np.pi / 180)
+        flux = shares * luminance_from_rgb(frame.radiance.reshape(-1, 3)[cells]) * np.sin((cells // 360 + 0.5) * np.pi / 180)
         centre = (flux[:, None] * centres).sum(0)
         # parts of the pixel in two cells each have their own middle; together they make the pixel's
         assert np.degrees(angle_between(centre / np.linalg.norm(centre), truth)) < 0.02

@@ -5,7 +5,7 @@ import pytest
 
 from tests.support.ray_files import LUMINOUS, ray_file
 from vemlight.errors import UserError
-from vemlight.light.sphere import luminance
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.renderer.luminaire.authoring import contact_sheet, from_rays, intensity_by_angle, lit_planes, measure, report, write_pictures
 from vemlight.renderer.luminaire.goniophotometer import Lamp, lamp_rays
 from vemlight.renderer.luminaire.lightfield import flux
@@ -43,8 +43,8 @@ def test_a_bad_recipe_is_refused(tmp_path, old, new, said):
 @pytest.fixture
 def rays(tmp_path) -> Path:
     rays = lamp_rays(Lamp(), 60_000, 1.5, 1)
-    lit = luminance(rays.flux) > 0
-    rows = np.hstack([rays.positions[lit] * 1e3, rays.directions[lit], luminance(rays.flux[lit])[:, None]])
+    lit = luminance_from_rgb(rays.flux) > 0
+    rows = np.hstack([rays.positions[lit] * 1e3, rays.directions[lit], luminance_from_rgb(rays.flux[lit])[:, None]])
     return ray_file(tmp_path / "lamp.tm25ray", rows, LUMINOUS)
 
 
@@ -53,7 +53,7 @@ def test_rays_become_a_lamp_that_keeps_its_flux(tmp_path, rays):
     assert made.header_flux == pytest.approx(made.ledger.total, rel=1e-5)
     assert sum(made.ledger[1:]) == pytest.approx(made.ledger.total, rel=1e-9)
     assert made.ledger.kept > 0.95 * made.ledger.total
-    assert luminance(flux(read_luminaire(tmp_path / "lamp.exr"))) == pytest.approx(made.ledger.kept, rel=1e-4)
+    assert luminance_from_rgb(flux(read_luminaire(tmp_path / "lamp.exr"))) == pytest.approx(made.ledger.kept, rel=1e-4)
 
 
 @pytest.mark.parametrize("options", [{"functions": 1}, {"pixels": 0}, {"angle_deg": 90.0}])
@@ -77,7 +77,7 @@ def test_pictures_and_a_report_of_the_bundled_lamp(tmp_path):
     theta, value = intensity_by_angle(field, 5.0)
     # the intensity's integral over the hemisphere is the flux; 5 degrees of a beam that falls within 10 leave a few percent
     whole = np.trapezoid(value * np.sin(np.radians(theta)), np.radians(theta)) * 2 * np.pi
-    assert whole == pytest.approx(luminance(flux(field)), rel=0.05)
+    assert whole == pytest.approx(luminance_from_rgb(flux(field)), rel=0.05)
     text = "\n".join(report(placement.BUNDLED))
     assert "5 x 5 images of 48 x 48" in text
     assert "rendered sampled" in text

@@ -5,7 +5,7 @@ from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from vemlight.light.sphere import luminance
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.renderer.luminaire.bases import Kind
 from vemlight.renderer.luminaire.estimator import halton, interleaving, receivers, shade
 from vemlight.renderer.luminaire.lightfield import LightField, irradiance
@@ -53,8 +53,8 @@ def same(count: int) -> np.ndarray:
 def test_a_hundred_thousand_samples_give_the_exact_irradiance(kind):
     field = a_field(kind)
     points, normals = some_points(90, 4)
-    got = luminance(shade(tables_of(field), receivers(points, normals), same(90), 100_000))
-    truth = luminance(np.array([irradiance(field, p, n) for p, n in zip(points, normals, strict=True)]))
+    got = luminance_from_rgb(shade(tables_of(field), receivers(points, normals), same(90), 100_000))
+    truth = luminance_from_rgb(np.array([irradiance(field, p, n) for p, n in zip(points, normals, strict=True)]))
     lit = truth > 1e-4 * truth.max()
     assert lit.sum() > 60
     assert np.abs(got[lit] / truth[lit] - 1).max() < 2e-3
@@ -64,8 +64,8 @@ def test_a_point_at_grazing_height_above_the_lamp_is_as_exact():
     field = a_field()
     points = np.array([[0.02, 0.01, z] for z in (1e-4, 1e-3, 5e-3, 0.02)])
     for normal in (DOWN, np.array([-0.9, 0.0, -0.436])):
-        got = luminance(shade(tables_of(field), receivers(points, np.tile(normal, (4, 1))), same(4), 100_000))
-        truth = luminance(np.array([irradiance(field, p, normal) for p in points]))
+        got = luminance_from_rgb(shade(tables_of(field), receivers(points, np.tile(normal, (4, 1))), same(4), 100_000))
+        truth = luminance_from_rgb(np.array([irradiance(field, p, normal) for p in points]))
         assert np.abs(got / truth - 1).max() < 2e-3
 
 
@@ -74,14 +74,14 @@ def test_few_samples_are_right_on_average():
     field, rng = a_field("bell", 1.5), np.random.default_rng(1)
     for point in (np.array([0.1, 0.05, 0.9]), np.array([0.0, 0.1, 0.4]), np.array([0.05, 0.0, 0.2])):
         got = shade(tables_of(field), receivers(np.tile(point, (4000, 1)), np.tile(DOWN, (4000, 1))), rng.random((4000, 3)), 5)
-        assert luminance(got.mean(axis=0)) == pytest.approx(luminance(irradiance(field, point, DOWN)), rel=0.04)
+        assert luminance_from_rgb(got.mean(axis=0)) == pytest.approx(luminance_from_rgb(irradiance(field, point, DOWN)), rel=0.04)
 
 
 def test_a_cap_on_the_samples_of_an_image_adds_no_bias():
     field = a_field()
     points, normals = some_points(40, 9)
-    got = luminance(shade(tables_of(field), receivers(points, normals), same(40), 40_000, most=900))
-    truth = luminance(np.array([irradiance(field, p, n) for p, n in zip(points, normals, strict=True)]))
+    got = luminance_from_rgb(shade(tables_of(field), receivers(points, normals), same(40), 40_000, most=900))
+    truth = luminance_from_rgb(np.array([irradiance(field, p, n) for p, n in zip(points, normals, strict=True)]))
     lit = truth > 1e-4 * truth.max()
     assert np.abs(got[lit] / truth[lit] - 1).max() < 0.03
 
@@ -117,8 +117,8 @@ def test_a_peak_of_a_hundred_thousand_times_the_mean():
     field = a_field("bell", 0.3)
     field.images[2, 2, 12, 13] = 1e5
     points, normals = some_points(60, 8)
-    got = luminance(shade(tables_of(field), receivers(points, normals), same(60), 50_000))
-    truth = luminance(np.array([irradiance(field, p, n) for p, n in zip(points, normals, strict=True)]))
+    got = luminance_from_rgb(shade(tables_of(field), receivers(points, normals), same(60), 50_000))
+    truth = luminance_from_rgb(np.array([irradiance(field, p, n) for p, n in zip(points, normals, strict=True)]))
     lit = truth > 1e-4 * np.median(truth)
     assert np.abs(got[lit] / truth[lit] - 1).max() < 0.02
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vemlight.light.sphere import luminance
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.renderer.luminaire.bases import span_dual
 from vemlight.renderer.luminaire.goniophotometer import Lamp, lamp_radiance, lamp_rays, measured_lamp
 from vemlight.renderer.luminaire.lightfield import flux, irradiance
@@ -20,8 +20,8 @@ def test_no_flux_is_lost_between_the_columns_of_the_ledger(rays):
     turned = rays._replace(directions=np.concatenate([-rays.directions[:50_000], rays.directions[50_000:]]))
     field, ledger = field_from_rays(turned, PLANES, 0.0, "photometric", "lamp")
     assert sum(ledger[1:]) == pytest.approx(ledger.total, rel=1e-9)
-    assert ledger.backward == pytest.approx(luminance(rays.flux[:50_000]).sum(), rel=1e-9)
-    assert luminance(flux(field)) == pytest.approx(ledger.kept, rel=1e-5)
+    assert ledger.backward == pytest.approx(luminance_from_rgb(rays.flux[:50_000]).sum(), rel=1e-9)
+    assert luminance_from_rgb(flux(field)) == pytest.approx(ledger.kept, rel=1e-5)
 
 
 def test_rays_within_the_planes_keep_their_flux(rays):

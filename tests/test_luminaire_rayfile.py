@@ -6,7 +6,7 @@ import pytest
 
 from tests.support.ray_files import LUMINOUS, ray_file
 from vemlight.errors import UserError
-from vemlight.light.sphere import luminance
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.renderer.luminaire.lightfield import flux
 from vemlight.renderer.luminaire.measuring import Planes, field_from_rays, waist_z_m
 from vemlight.renderer.luminaire.rayfile import HEADER, colour_of_spectrum, read_rays
@@ -24,14 +24,14 @@ def test_positions_are_metres_and_flux_is_lumens(tmp_path):
     assert file.header_flux == 12
     assert np.allclose(file.rays.positions, ROWS[:, :3] * 1e-3)
     assert np.allclose(file.rays.directions, ROWS[:, 3:6])
-    assert np.allclose(luminance(file.rays.flux), [5, 7])
+    assert np.allclose(luminance_from_rgb(file.rays.flux), [5, 7])
 
 
 def test_the_flags_say_where_the_flux_stands(tmp_path):
     # radiant flux, three Stokes items and wavelength come before luminous flux; X, Z, the spectrum's index and more after it
     rows = np.hstack([ROWS[:, :6], np.full((2, 5), 9.0), [[5], [7]], np.full((2, 4), 9.0)])
     file = read_rays(ray_file(tmp_path / "a.tm25ray", rows, [1, 1, 1, 1, 1, 1, 1, 1], additional_items=1))
-    assert np.allclose(luminance(file.rays.flux), [5, 7])
+    assert np.allclose(luminance_from_rgb(file.rays.flux), [5, 7])
     radiant = read_rays(ray_file(tmp_path / "b.tm25ray", ROWS, [1, 1, 1, 0, 0, 0, 0, 0], radiant_flux=12))
     assert not radiant.photometric
     assert radiant.header_flux == 12
@@ -42,7 +42,7 @@ def test_a_spectrum_gives_the_colour(tmp_path):
     for weight, brightest in ((nm > 620, 0), (np.abs(nm - 540) < 10, 1), (nm < 460, 2)):
         file = read_rays(ray_file(tmp_path / "a.tm25ray", ROWS, LUMINOUS, np.stack([nm, weight], axis=-1), spectra=1))
         assert np.argmax(file.rays.flux[0]) == brightest
-        assert np.allclose(luminance(file.rays.flux), [5, 7])
+        assert np.allclose(luminance_from_rgb(file.rays.flux), [5, 7])
     assert np.allclose(colour_of_spectrum(nm, np.zeros(len(nm))), 1)
     # equal energy is nearly white: x = y = 1/3 against 0.3127, 0.3290
     assert np.allclose(colour_of_spectrum(nm, np.ones(len(nm))), [1.2, 0.95, 0.91], atol=0.03)
@@ -71,9 +71,9 @@ def test_rays_that_cannot_be_are_refused(tmp_path, column, value):
 def test_a_real_led_keeps_its_337_lumens():
     file = read_rays(Path(os.environ["VEMLIGHT_DATA"]) / LED)
     assert file.header_flux == 337
-    assert luminance(file.rays.flux).sum() == pytest.approx(337, rel=1e-6)
+    assert luminance_from_rgb(file.rays.flux).sum() == pytest.approx(337, rel=1e-6)
     planes = Planes("bell", 0.5e-3, 9, 9, 5e-3, (0.02, 0.02), 24, 24)
     field, ledger = field_from_rays(file.rays, planes, waist_z_m(file.rays), "photometric", file.name)
     assert sum(ledger[1:]) == pytest.approx(337, rel=1e-6)
     assert ledger.kept > 0.95 * 337  # what left: rays flatter than 76 degrees and stray light beside the chip
-    assert luminance(flux(field)) == pytest.approx(ledger.kept, rel=1e-5)
+    assert luminance_from_rgb(flux(field)) == pytest.approx(ledger.kept, rel=1e-5)

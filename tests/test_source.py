@@ -14,6 +14,7 @@ from vemlight.capture.sequence import MANIFEST, file_entry
 from vemlight.capture.source import open_source, polar_file, raw_attributes, recorded_rate
 from vemlight.capture.v4l2 import Raw
 from vemlight.errors import UserError
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance, write_exr, write_png
 from vemlight.light.sphere import (
     angle_between,
@@ -21,7 +22,6 @@ from vemlight.light.sphere import (
     direction_from_angles,
     latlong_from_direction,
     latlong_solid_angles,
-    luminance,
     map_irradiance,
 )
 from vemlight.settings import Capture
@@ -36,7 +36,7 @@ def capture(source: Path, **changes: object) -> Capture:
 
 def peak_direction(radiance: np.ndarray) -> np.ndarray:
     rows, cols, _ = radiance.shape
-    y = luminance(radiance)
+    y = luminance_from_rgb(radiance)
     return cell_directions(rows, cols, "hemisphere")[np.unravel_index(int(y.argmax()), y.shape)]
 
 
@@ -318,5 +318,5 @@ def test_a_luminance_cameras_frame_has_its_makers_illuminance(tmp_path: Path) ->
     path = Path(data) / "sequence" / "fisheye_hdr_office_evalglare.hdr"
     frame = open_source(capture(path, lens=str(tmp_path / "lens.toml"))).frame(0)
     cosine = np.cos((np.arange(90) + 0.5) * np.pi / 180)[:, None, None]  # on the plane that the camera faces
-    lux = luminance(map_irradiance(frame.radiance * cosine, "hemisphere")) * 179  # Radiance's lm/W
+    lux = luminance_from_rgb(map_irradiance(frame.radiance * cosine, "hemisphere")) * 179  # Radiance's lm/W
     assert lux == pytest.approx(6108, rel=0.01)

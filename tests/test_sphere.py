@@ -16,7 +16,6 @@ from vemlight.light.sphere import (
     latlong_directions,
     latlong_from_direction,
     latlong_solid_angles,
-    luminance,
     map_irradiance,
     quaternion_xyz,
     rotation_xyz,
@@ -86,12 +85,6 @@ def test_solid_angles_fill_the_sky(coverage: Coverage, whole):
     assert cell_solid_angles(90, 360, coverage).sum() * 360 == pytest.approx(whole, rel=1e-12)
     assert latlong_solid_angles(64, 128).sum() * 128 == pytest.approx(4 * np.pi, rel=1e-12)
     np.testing.assert_allclose(map_irradiance(np.full((9, 36, 3), 2.0, np.float32), coverage), 2 * whole, rtol=1e-6)
-
-
-def test_luminance_is_rec_709():
-    assert luminance(np.ones(3)) == pytest.approx(1)
-    np.testing.assert_allclose(luminance(np.eye(3)), [0.2126, 0.7152, 0.0722])
-    assert luminance(np.eye(3, dtype=np.float32)).dtype == np.float32
 
 
 def test_turns_are_about_x_then_y_then_z():

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from vemlight.light.sphere import Coverage, cell_directions, luminance, map_irradiance
+from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.sphere import Coverage, cell_directions, map_irradiance
 from vemlight.sampler.tracking.cells import assign
 from vemlight.sampler.tracking.noise import NO_NOISE, with_map
 from vemlight.sampler.tracking.tiles import grid, received, tiles_from_map
@@ -22,9 +23,9 @@ def test_tiles_hold_the_map_and_its_moment(count, coverage: Coverage):
     total = map_irradiance(radiance, coverage)
     tiles = tiles_from_map(radiance, coverage, count, NONE)
     np.testing.assert_allclose(tiles.flux.sum(axis=1), total, rtol=1e-12)
-    np.testing.assert_allclose(tiles.power, luminance(tiles.flux.T), rtol=1e-12)
+    np.testing.assert_allclose(tiles.power, luminance_from_rgb(tiles.flux.T), rtol=1e-12)
     of = grid(36, 90, coverage)
-    moment = np.einsum("ij,i,ijc->c", luminance(radiance.astype(float)), of.solid_angles, cell_directions(36, 90, coverage))
+    moment = np.einsum("ij,i,ijc->c", luminance_from_rgb(radiance.astype(float)), of.solid_angles, cell_directions(36, 90, coverage))
     # Directions weigh cells by their luminance in float32, which rounds by 6e-8.
     np.testing.assert_allclose(tiles.direction @ tiles.power, moment, atol=6e-8 * tiles.power.sum())
 

@@ -12,6 +12,7 @@ from vemlight.capture.simulation.environment import Disc, Environment
 from vemlight.capture.simulation.virtual_camera import fisheye_radiance, simulate
 from vemlight.capture.source import Frame, open_source
 from vemlight.errors import UserError
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance, write_exr
 from vemlight.light.sphere import (
     angle_between,
@@ -19,7 +20,6 @@ from vemlight.light.sphere import (
     cell_solid_angles,
     direction_from_angles,
     latlong_from_direction,
-    luminance,
     map_irradiance,
 )
 from vemlight.settings import Capture
@@ -36,14 +36,14 @@ DARK = np.zeros((64, 128, 3))
 def flux_centre(image: np.ndarray, lens: Lens) -> np.ndarray:
     """Direction to the centre of an image's light, in camera axes."""
     pixels = np.stack(np.meshgrid(np.arange(lens.size[0]), np.arange(lens.size[1])), -1)
-    total = np.einsum("ij,ijc->c", luminance(image) * pixel_solid_angles(lens), direction_from_pixel(pixels, lens))
+    total = np.einsum("ij,ijc->c", luminance_from_rgb(image) * pixel_solid_angles(lens), direction_from_pixel(pixels, lens))
     return total / np.linalg.norm(total)
 
 
 def sun_direction(frame: Frame, degrees: float = 4.0) -> np.ndarray:
     """Direction to the centre of the light near the brightest cell."""
     rows, cols, _ = frame.radiance.shape
-    directions, y = cell_directions(rows, cols, frame.coverage), luminance(frame.radiance)
+    directions, y = cell_directions(rows, cols, frame.coverage), luminance_from_rgb(frame.radiance)
     near = directions @ directions[np.unravel_index(int(y.argmax()), y.shape)] > np.cos(np.radians(degrees))
     flux = np.where(near, y, 0) * cell_solid_angles(rows, cols, frame.coverage)[:, None]
     total = np.einsum("ij,ijc->c", flux, directions)

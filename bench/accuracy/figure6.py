@@ -12,7 +12,7 @@ from bench.accuracy.drawing import few_shades, room, save
 from bench.accuracy.maps import one
 from bench.judge import judge, points_of, points_of_lights, read_source, relative_rms
 from bench.methods import STILL, TRACKED, settled
-from vemlight.light.sphere import LUMINANCE
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Size
@@ -42,7 +42,7 @@ def figure6(out: Path, progress: Progress) -> None:
             axis.imshow(picture, extent=(-1, 1, -1, 1), origin="lower", interpolation="none")
             d = lights.directions
             radius = np.sqrt(np.maximum(1 - d[:, 2], 0) / np.maximum(1 - d[:, 2] ** 2, 1e-12))
-            power = lights.irradiance @ LUMINANCE
+            power = lights.irradiance @ LUMINANCE_WEIGHTS
             sizes = np.round(np.sqrt(6 + 900 * power / power.sum()))  # points across; equal ones are drawn together, for a small SVG
             for size in np.unique(sizes):
                 own = sizes == size
@@ -65,7 +65,7 @@ def pictures(out: Path, progress: Progress) -> None:
         for line, method in zip(axes, METHODS, strict=True):
             for axis, count in zip(line, COUNTS, strict=True):
                 picture = np.array(renderer.render(settled(method, count, source)[0]))[..., :3]
-                error = float(np.sqrt(np.mean(((picture - truth) @ LUMINANCE) ** 2)) / np.mean(truth @ LUMINANCE))
+                error = float(np.sqrt(np.mean(((picture - truth) @ LUMINANCE_WEIGHTS) ** 2)) / np.mean(truth @ LUMINANCE_WEIGHTS))
                 rows.append({"method": method.name, "lights": count, "difference": error})
                 axis.imshow(few_shades((picture / (picture + truth.mean())).clip(0, 1) ** (1 / 2.2), 140), interpolation="none")
                 _label(axis, count, error)

@@ -14,9 +14,10 @@ from bench.accuracy.maps import chosen
 from bench.judge import Judged, judge, points_of, points_of_lights
 from bench.methods import MOVING
 from bench.sequences import FRAMES, SEQUENCES, world_from_latlong
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import angle_between, luminance, map_irradiance
+from vemlight.light.sphere import angle_between, map_irradiance
 
 COUNT = 64  # of lights
 JUMP_DEG = 10.0
@@ -44,7 +45,7 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
     for k, frame in enumerate(frames):
         steady = k > 0 and frame.source.strong is frames[k - 1].source.strong
         truths.append(truths[-1] if steady else judge(points_of(frame.source)))
-    mean = np.mean([luminance(truth.hard).mean() for truth in truths])
+    mean = np.mean([luminance_from_rgb(truth.hard).mean() for truth in truths])
     made = []
     for method in MOVING:
         state, hard, soft, lights, ms, power = method.start(COUNT), [], [], [], [], []
@@ -53,8 +54,8 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
             state, now = method.step(state, frame.seen, frame.time_s, frame.source.centroids)
             ms.append(1e3 * (time.thread_time() - begin))
             got = judge(points_of_lights(now))
-            hard.append(np.sqrt(np.mean(luminance(got.hard - truth.hard) ** 2)) / mean)
-            soft.append(luminance(got.soft - truth.soft) / mean)
+            hard.append(np.sqrt(np.mean(luminance_from_rgb(got.hard - truth.hard) ** 2)) / mean)
+            soft.append(luminance_from_rgb(got.soft - truth.soft) / mean)
             lights.append(now)
             total = map_irradiance(frame.source.polar, "hemisphere")
             power.append(float(np.abs(now.irradiance.sum(axis=0, dtype=float) / total - 1).max()))

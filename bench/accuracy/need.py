@@ -9,7 +9,7 @@ from rich.progress import Progress
 from bench.accuracy.drawing import colour, room, save
 from bench.accuracy.maps import maps
 from bench.judge import judge, points_of, points_of_lights, read_source
-from vemlight.light.sphere import LUMINANCE
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler
 
@@ -24,7 +24,7 @@ def need(out: Path, progress: Progress) -> None:
     task = progress.add_task("what scenes need", total=len(paths) * len(PROMISES) * 2)
     for path in paths:
         source = read_source(path)
-        truth = judge(points_of(source)).soft[500:] @ LUMINANCE  # the controller looks at the first ones of the same sequence
+        truth = judge(points_of(source)).soft[500:] @ LUMINANCE_WEIGHTS  # the controller looks at the first ones of the same sequence
         for method in ("tracked", "havran-azimuth"):
             for promise in PROMISES:
                 settings = Sampler(method=method, filter="none", count=1024, error_percent=promise)
@@ -32,7 +32,7 @@ def need(out: Path, progress: Progress) -> None:
                 for k in range(NEED_FRAMES):
                     state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, 0, source.centroids)
                 assert lights is not None
-                got = judge(points_of_lights(lights)).soft[500:] @ LUMINANCE
+                got = judge(points_of_lights(lights)).soft[500:] @ LUMINANCE_WEIGHTS
                 error = float(np.sqrt(np.mean(((got - truth) / (truth + DARKEST * truth.mean())) ** 2)))
                 rows.append({"map": path.stem, "method": method, "promised": promise / 100, "lights": len(lights.ids), "had": error})
                 progress.advance(task)

@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles, luminance
+from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles
 
 
 class Cells(NamedTuple):
@@ -22,7 +23,7 @@ def cells(radiance: np.ndarray, coverage: Coverage) -> Cells:
     rows, cols, _ = radiance.shape
     solid_angles = cell_solid_angles(rows, cols, coverage)
     flux = np.where(np.isfinite(radiance) & (radiance > 0), radiance, 0).astype(np.float64) * solid_angles[:, None, None]
-    return Cells(flux, luminance(flux), cell_directions(rows, cols, coverage), solid_angles)
+    return Cells(flux, luminance_from_rgb(flux), cell_directions(rows, cols, coverage), solid_angles)
 
 
 def lights_of_groups(of: Cells, label: np.ndarray, count: int, directions: np.ndarray | None = None) -> LightSet:

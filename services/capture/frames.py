@@ -22,8 +22,9 @@ from vemlight.capture.response import Response, radiance_table, read_response
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
 from vemlight.errors import UserError
 from vemlight.light.bright_cells import NONE, BrightCells
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
-from vemlight.light.sphere import Coverage, cell_solid_angles, luminance
+from vemlight.light.sphere import Coverage, cell_solid_angles
 from vemlight.settings import Capture
 
 Mosaic = Literal["mono"] | Bayer
@@ -103,7 +104,7 @@ class FrameMaker:
             self._prepare(name, image, None)
             radiance = polar_from_fisheye(image, self._fisheye[0], self._threads)
             flat = image.reshape(-1, 3)
-            strong = self._strong(radiance, lambda pixel: luminance(flat[pixel]))
+            strong = self._strong(radiance, lambda pixel: luminance_from_rgb(flat[pixel]))
         else:
             raise UserError(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
         black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
@@ -136,7 +137,7 @@ class FrameMaker:
             radiance = np.stack(maps, axis=-1)
         flat = codes.reshape(-1) if codes.ndim == 2 else codes.reshape(-1, 3)
         # a mosaic's green pixels stand for its luminance
-        strong = self._strong(radiance, lambda pixel: table[flat[pixel]] if codes.ndim == 2 else luminance(table[flat[pixel]]))
+        strong = self._strong(radiance, lambda pixel: table[flat[pixel]] if codes.ndim == 2 else luminance_from_rgb(table[flat[pixel]]))
         black, saturated = (int(sum(count[n] for count in counts)) for n in (0, 1))
         return Frame(radiance, s.coverage, time_s, response.luminance_scale, black, saturated, strong)
 
@@ -189,7 +190,7 @@ class FrameMaker:
 def strong_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
     """Flat indices (n,) int32 of the cells of a polar map that hold more than 1/500 of its power, strongest first, 64 at most."""
     rows, cols, _ = radiance.shape
-    flux = (luminance(radiance) * cell_solid_angles(rows, cols, coverage)[:, None].astype(np.float32)).ravel()
+    flux = (luminance_from_rgb(radiance) * cell_solid_angles(rows, cols, coverage)[:, None].astype(np.float32)).ravel()
     flux[~(flux > 0) | ~np.isfinite(flux)] = 0
     strong = np.flatnonzero(flux > STRONG * flux.sum(dtype=np.float64))
     return strong[np.argsort(-flux[strong], kind="stable")][:MOST].astype(np.int32)

@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 
 from vemlight.light.bright_cells import NONE, BrightCells, strong_light
-from vemlight.light.sphere import SPAN, Coverage, direction_from_angles, luminance, ring_edges
+from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.sphere import SPAN, Coverage, direction_from_angles, ring_edges
 
 DUST = 1e-9  # of a cell: overlaps this thin are rounding of edges that coincide (float64 gives 1e-13), and would carry a nan next door
 
@@ -115,7 +116,7 @@ def latlong_strong(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray
         phi = _middle(low, 2 * np.pi / weights.width, j * turn, turn)
         owner.append(np.full(share.size, cell))
         directions.append(direction_from_angles(theta[:, None], phi[None, :]).reshape(-1, 3))
-        flux.append((share * luminance(image[np.ix_(y, x)])).ravel())
+        flux.append((share * luminance_from_rgb(image[np.ix_(y, x)])).ravel())
     if not owner:
         return NONE
     return strong_light(np.concatenate(owner), np.concatenate(directions), np.concatenate(flux), rows, cols, coverage)

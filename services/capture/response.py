@@ -20,6 +20,7 @@ from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import read_toml, written_whole
+from vemlight.light.colour import linear_from_srgb, srgb_from_linear
 
 
 class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
@@ -79,12 +80,10 @@ class Companding(Sensor, frozen=True, tag="companding"):
 
 class Srgb(Sensor, frozen=True, tag="srgb"):
     def signal(self, radiance: np.ndarray) -> np.ndarray:
-        curve = 1.055 * np.maximum(radiance, 0.0031308) ** (1 / 2.4) - 0.055
-        return self.top * np.where(radiance <= 0.0031308, 12.92 * radiance, curve)
+        return self.top * srgb_from_linear(radiance)
 
     def radiance(self, signal: np.ndarray) -> np.ndarray:
-        value = signal / self.top
-        return np.where(value <= 0.04045, value / 12.92, ((np.maximum(value, 0.04045) + 0.055) / 1.055) ** 2.4)
+        return linear_from_srgb(signal / self.top)
 
 
 Response = Log | Linear | Companding | Srgb

@@ -15,8 +15,9 @@ from vemlight.capture.frames import Frame
 from vemlight.capture.source import open_source
 from vemlight.errors import UserError
 from vemlight.files import written_whole
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import cell_directions, luminance
+from vemlight.light.sphere import cell_directions
 from vemlight.sampler import score
 from vemlight.sampler.control import DARKEST, PROBES
 from vemlight.sampler.density import light_map
@@ -133,7 +134,7 @@ def _happening(event: str, first: Moment) -> list[Moment]:
     """The frames of an event, on a map that stands still."""
     rows, cols, _ = first.radiance.shape
     directions = cell_directions(rows, cols, "hemisphere")
-    brightest = np.unravel_index(int(luminance(light_map(first.radiance, "hemisphere").radiance).argmax()), (rows, cols))
+    brightest = np.unravel_index(int(luminance_from_rgb(light_map(first.radiance, "hemisphere").radiance).argmax()), (rows, cols))
     round_it = (directions @ directions[brightest] > np.cos(np.radians(LAMP_DEG)))[..., None]
     changed = {
         "lamp off and on": np.where(round_it, np.nanmedian(first.radiance, axis=(0, 1)), first.radiance),

@@ -16,12 +16,6 @@ import numpy as np
 
 Coverage = Literal["hemisphere", "sphere"]
 SPAN: dict[Coverage, float] = {"hemisphere": np.pi / 2, "sphere": np.pi}
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709 primaries, D65
-
-
-def luminance(rgb: np.ndarray) -> np.ndarray:
-    """Luminance Y of linear Rec. 709 colours (..., 3), in their unit."""
-    return rgb @ LUMINANCE.astype(rgb.dtype if rgb.dtype.kind == "f" else np.float64)
 
 
 def direction_from_angles(theta: np.ndarray | float, phi: np.ndarray | float) -> np.ndarray:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles, luminance, ring_edges
+from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles, ring_edges
 
 LIGHTS = 64  # of a pass: it takes about as long as a live picture
 PASSES = 64  # 4096 lights; the error left is below 1 % (tests), and one code of 255 is 0.4 to 4 %
@@ -55,7 +56,7 @@ class MapLights:
         self.radiance = radiance
         self.coverage: Coverage = coverage
         rows, cols, _ = radiance.shape
-        power = luminance(radiance.astype(np.float64)) * cell_solid_angles(rows, cols, coverage)[:, None]
+        power = luminance_from_rgb(radiance.astype(np.float64)) * cell_solid_angles(rows, cols, coverage)[:, None]
         self._total = float(power.sum())
         self._rows = np.concatenate([[0.0], np.cumsum(power.sum(axis=1))])
         self._cols = np.concatenate([np.zeros((rows, 1)), np.cumsum(power, axis=1)], axis=1)
@@ -81,7 +82,7 @@ class MapLights:
         level = np.sqrt(np.maximum(1 - height * height, 0))
         directions = np.stack([level * np.cos(phi), level * np.sin(phi), height], axis=-1)
         colour = self.radiance[row, col].astype(np.float64)
-        irradiance = colour * (self._total / (len(points) * luminance(colour)))[:, None]
+        irradiance = colour * (self._total / (len(points) * luminance_from_rgb(colour)))[:, None]
         return LightSet.of(np.arange(len(points)), directions, irradiance)
 
     def cells(self) -> LightSet:

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import LUMINANCE, Coverage
+from vemlight.light.sphere import Coverage
 
 FACTOR = 1.85  # the paper's c, where the search begins
 STAY = 1.15  # a light stays with its seed, and a seed a seed, up to this factor on the angle: .04 % of lights change a frame, not .41 %
@@ -113,7 +114,7 @@ def _merge(light_ids, directions, light_irradiance, labels, ids, mean, irradianc
         k, weight = place[s], 0.0
         for c in range(3):
             irradiance[k, c] += light_irradiance[i, c]
-            weight += LUMINANCE[c] * light_irradiance[i, c]
+            weight += LUMINANCE_WEIGHTS[c] * light_irradiance[i, c]
         for c in range(3):
             mean[k, c] += weight * directions[i, c]
         weights[k] += weight

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.sphere import LUMINANCE, Coverage, cell_directions, cell_solid_angles
+from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED, LUMINANCE_WEIGHTS
+from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles
 from vemlight.sampler.density import LightMap
 from vemlight.sampler.probes import probes, seen
 
@@ -71,7 +72,7 @@ def prefix_errors(light: LightMap, directions: np.ndarray, tint: np.ndarray) -> 
     blocks = np.zeros(responses.shape[0])
     _gather_map(light.radiance, solid_angles, HOT * light.power, block_row, block_col, directions_of_cells, *at, blocks, truth)
     truth += blocks @ responses
-    power = tint * light.irradiance @ LUMINANCE
+    power = tint * light.irradiance @ LUMINANCE_WEIGHTS
     return _prefix_errors(directions, power, light.power, *at, truth, ladder(len(directions)))
 
 
@@ -104,7 +105,7 @@ def _gather_map(radiance, solid_angles, hot, block_row, block_col, directions, n
     across = block_col[-1] + 1
     for i in range(radiance.shape[0]):
         for j in range(radiance.shape[1]):
-            luminance = LUMINANCE[0] * radiance[i, j, 0] + LUMINANCE[1] * radiance[i, j, 1] + LUMINANCE[2] * radiance[i, j, 2]
+            luminance = LUMINANCE_RED * radiance[i, j, 0] + LUMINANCE_GREEN * radiance[i, j, 1] + LUMINANCE_BLUE * radiance[i, j, 2]
             power = luminance * solid_angles[i]
             if power <= hot:
                 blocks[block_row[i] * across + block_col[j]] += power

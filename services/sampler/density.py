@@ -6,14 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.sphere import LUMINANCE, Coverage, cell_solid_angles
+from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED, LUMINANCE_WEIGHTS
+from vemlight.light.sphere import Coverage, cell_solid_angles
 
 # Share of the power spread evenly, so that the warps stay one to one in the dark. With 1e-3 and float64 tables a direction comes back
 # within 1e-9 degrees even on a black half; of N samples N / 1000 lie there and carry the (little) light that they find.
 FLOOR = 1e-3
 LARGEST = 1e30  # a brighter value is spoilt; the whole sphere at this radiance, 1.3e31, is still far from float32's 3.4e38
 _LARGEST = np.float32(LARGEST)
-_RED, _GREEN, _BLUE = (float(weight) for weight in LUMINANCE)
 
 
 class LightMap(NamedTuple):
@@ -45,7 +45,7 @@ def light_map(radiance: np.ndarray, coverage: Coverage) -> LightMap:
         _measure(clean, clean.reshape(rows, -1), solid_angles, importance, irradiance)
     clean = clean.view()
     clean.flags.writeable = False
-    power = float(irradiance @ LUMINANCE)
+    power = float(irradiance @ LUMINANCE_WEIGHTS)
     _raise_floor(importance, power / float(solid_angles.sum() * cols))
     return LightMap(clean, importance, irradiance, power, spoilt, coverage)
 
@@ -81,7 +81,7 @@ def _measure(radiance, values, solid_angles, luminance, irradiance):
         red = green = blue = 0.0
         for j in range(radiance.shape[1]):
             r, g, b = radiance[i, j, 0], radiance[i, j, 1], radiance[i, j, 2]
-            luminance[i, j] = _RED * r + _GREEN * g + _BLUE * b
+            luminance[i, j] = LUMINANCE_RED * r + LUMINANCE_GREEN * g + LUMINANCE_BLUE * b
             red, green, blue = red + r, green + g, blue + b
         irradiance[0] += red * solid_angles[i]
         irradiance[1] += green * solid_angles[i]

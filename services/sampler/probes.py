@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.sphere import LUMINANCE, Coverage, cell_directions, cell_solid_angles
+from vemlight.light.colour import LUMINANCE_WEIGHTS
+from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles
 
 SOFTNESS = float(np.sin(np.radians(2.0)))
 
@@ -39,14 +40,14 @@ def _on_sphere(z: np.ndarray, turn: np.ndarray) -> np.ndarray:
 def irradiance_of_lights(at: Probes, directions: np.ndarray, irradiance: np.ndarray) -> np.ndarray:
     """Luminance (k,) of the irradiance at the probes under lights with directions (n, 3) and irradiance (n, 3)."""
     result = np.zeros(len(at.normals))
-    _gather(at.normals, at.occluders, np.ascontiguousarray(directions, np.float64), irradiance @ LUMINANCE, result)
+    _gather(at.normals, at.occluders, np.ascontiguousarray(directions, np.float64), irradiance @ LUMINANCE_WEIGHTS, result)
     return result
 
 
 def irradiance_of_map(at: Probes, radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
     """Luminance (k,) of the irradiance at the probes under a polar map (rows, cols, 3) without spoilt pixels."""
     rows, cols, _ = radiance.shape
-    cells = (radiance @ LUMINANCE) * cell_solid_angles(rows, cols, coverage)[:, None]
+    cells = (radiance @ LUMINANCE_WEIGHTS) * cell_solid_angles(rows, cols, coverage)[:, None]
     lit = cells > 0
     result = np.zeros(len(at.normals))
     _gather(at.normals, at.occluders, cell_directions(rows, cols, coverage)[lit], cells[lit], result)

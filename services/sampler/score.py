@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import Coverage, angle_between, luminance
+from vemlight.light.sphere import Coverage, angle_between
 from vemlight.sampler.density import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 
@@ -67,6 +68,7 @@ def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = 
     scale = truth.mean() or 1.0
     steps = max(len(counts) - 1, 1)
     given, made = np.moveaxis(np.array(totals), 1, 0)
+    received, emitted = luminance_from_rgb(given.sum(axis=0)), luminance_from_rgb(made.sum(axis=0))
     moved = np.concatenate(moves) if moves else np.zeros(0)
     return Score(
         frames=len(counts),
@@ -83,7 +85,7 @@ def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = 
         deaths=deaths / steps,
         jumps=float((moved > JUMP_DEG).sum() / steps),
         power_error=float((np.abs(made - given).max(axis=0) / np.maximum(given.mean(axis=0), 1e-30)).max()),
-        power_drift=float(luminance(made.sum(axis=0)) / (luminance(given.sum(axis=0)) or 1.0) - 1) if given.any() else 0.0,
+        power_drift=float(emitted / (received or 1.0) - 1) if given.any() else 0.0,
     )
 
 

@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import Coverage, luminance
+from vemlight.light.sphere import Coverage
 from vemlight.sampler import cluster, control
 from vemlight.sampler.density import LightMap, light_map
 from vemlight.sampler.temporal import filter, flicker
@@ -154,7 +155,7 @@ def _tracked(
     if settings.gloss_lights:
         gloss_state, gloss, _ = tracked_step(settings.gloss_lights, gloss_state, shown, coverage, time_s, strong, smoothing)
     if not settings.deflicker:
-        beat = flicker.with_frame(beat, time_s, np.array([float(luminance(report.irradiance))]))
+        beat = flicker.with_frame(beat, time_s, np.array([float(luminance_from_rgb(report.irradiance))]))
     made = Report(
         delay_frames=0.0,
         delay_s=0.0,

@@ -3,7 +3,8 @@
 import cv2
 import numpy as np
 
-from vemlight.light.sphere import Coverage, cell_solid_angles, luminance
+from vemlight.light.colour import luminance_from_rgb, srgb_from_linear
+from vemlight.light.sphere import Coverage, cell_solid_angles
 from vemlight.runtime import wire
 
 DISC_PIXELS = 512  # on a side: 256 for the 90 rings of a map, so that a cell is some pixels wide
@@ -19,9 +20,7 @@ LINEAR_STEPS = 4096  # of the linear range: even in the curve's steepest part on
 
 def srgb_codes() -> np.ndarray:
     """The sRGB code (uint8) of LINEAR_STEPS linear values from 0 to 1 (IEC 61966-2-1)."""
-    linear = np.linspace(0, 1, LINEAR_STEPS)
-    curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round(255 * curve).astype(np.uint8)
+    return np.round(255 * srgb_from_linear(np.linspace(0, 1, LINEAR_STEPS))).astype(np.uint8)
 
 
 SRGB_CODES = srgb_codes()
@@ -51,7 +50,7 @@ class Sky:
 
         The global operator of Reinhard et al. 2002, equations 1, 2 and 4; its log-average is weighted by solid angle.
         """
-        y = luminance(radiance.astype(np.float64))
+        y = luminance_from_rgb(radiance.astype(np.float64))
         area = cell_solid_angles(y.shape[0], y.shape[1], coverage)
         if (mean := float(area @ y.mean(axis=1) / area.sum())) > 0:
             log_average = float(area @ np.log(y + DARK * mean).mean(axis=1) / area.sum())

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.light.sphere import LUMINANCE
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 
 # CIE L* (D50) of the patches, row by row from dark skin to black, published by the maker for charts of 2005 to 2014
 LIGHTNESS = np.array(
@@ -45,7 +45,7 @@ def find_chart(codes: np.ndarray) -> np.ndarray:
 
     Raises UserError when no ColorChecker is found.
     """
-    gray = codes if codes.ndim == 2 else codes @ LUMINANCE
+    gray = codes if codes.ndim == 2 else codes @ LUMINANCE_WEIGHTS
     scale = min(1.0, LONGEST / max(gray.shape))
     small = cv2.resize(gray.astype(np.float32), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     best, chart = ORDER, None

@@ -7,8 +7,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numba import njit
 
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
-from vemlight.light.sphere import direction_from_angles, latlong_directions, latlong_solid_angles, luminance
+from vemlight.light.sphere import direction_from_angles, latlong_directions, latlong_solid_angles
 
 NEAR = math.radians(2.5)  # the sun of a photographed map: what lies this near its brightest pixel, glow of the lens included
 
@@ -63,9 +64,9 @@ class Maps:
 def sun_direction(surround: Environment) -> np.ndarray:
     """Unit vector (3,) to the strongest disc, or to the centre of the light near the brightest pixel; +Z in the dark."""
     if surround.discs:
-        return max(surround.discs, key=lambda disc: luminance(disc.irradiance)).direction
+        return max(surround.discs, key=lambda disc: luminance_from_rgb(disc.irradiance)).direction
     height, width, _ = surround.image.shape
-    y = luminance(surround.image)
+    y = luminance_from_rgb(surround.image)
     directions = latlong_directions(height, width)
     peak = directions[np.unravel_index(int(y.argmax()), y.shape)]
     flux = np.where(directions @ peak > math.cos(NEAR), y, 0.0) * latlong_solid_angles(height, width)[:, None]

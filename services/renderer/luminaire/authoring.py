@@ -9,8 +9,9 @@ from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import read_toml
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import write_png
-from vemlight.light.sphere import direction_from_angles, luminance
+from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS, Kind, compact_dual, span_dual
 from vemlight.renderer.luminaire.estimator import interleaving, receivers, shade
 from vemlight.renderer.luminaire.goniophotometer import Lamp, measured_lamp
@@ -99,11 +100,11 @@ def from_rays(path: Path, out: Path, *, basis: Kind = "bell", functions: int = 9
     file = read_rays(path)
     rays = file.rays
     ahead = rays.directions[:, 2] > np.cos(np.radians(angle_deg))
-    if not ahead.any() or luminance(rays.flux[ahead]).sum() <= 0:
+    if not ahead.any() or luminance_from_rgb(rays.flux[ahead]).sum() <= 0:
         raise UserError(f"{path}: no ray goes within {angle_deg:g} degrees of +z; turn the set or widen the angle")
     z = waist_z_m(rays._replace(flux=rays.flux * ahead[:, None])) if plane_z_m is None else plane_z_m
     crossing = rays.positions[ahead, :2] + (z - rays.positions[ahead, 2:]) * rays.directions[ahead, :2] / rays.directions[ahead, 2:]
-    strength = luminance(rays.flux[ahead])
+    strength = luminance_from_rgb(rays.flux[ahead])
     x, y = (_quantile(along, strength, 0.5) for along in crossing.T)
     rays = rays._replace(positions=rays.positions - [x, y, 0.0])
     if spacing_m is None:
@@ -139,7 +140,7 @@ def report(path: Path) -> list[str]:
     return [f"{field.name}: light field, {rows} x {cols} images of {width} x {height}, {field.kind} basis, {field.unit}",
             f"spacing {field.spacing_m * 1e3:.4g} mm, planes {field.distance_m * 1e3:.4g} mm apart, "
             f"window {(field.window_m[2] - field.window_m[0]) * 1e3:.4g} x {(field.window_m[3] - field.window_m[1]) * 1e3:.4g} mm",
-            f"flux {float(luminance(flux(field))):.5g} {name}",
+            f"flux {float(luminance_from_rgb(flux(field))):.5g} {name}",
             f"error of the shift-invariant approximation at most {bound:.2%}: rendered {method} by default"]
 
 
@@ -150,7 +151,7 @@ def contact_sheet(field: LightField) -> np.ndarray:
     sheet = field.images[::-1, :, ::-1].transpose(0, 2, 1, 3, 4).reshape(rows * height, cols * width, 3).astype(np.float64)
     top = max(float(np.quantile(np.abs(sheet), 0.999)), 1e-30)
     shown = np.sqrt(np.clip(sheet / top, 0, 1))
-    shown[..., 2] = np.maximum(shown[..., 2], np.sqrt(np.clip(-luminance(sheet) / top, 0, 1)))
+    shown[..., 2] = np.maximum(shown[..., 2], np.sqrt(np.clip(-luminance_from_rgb(sheet) / top, 0, 1)))
     shown = (shown * 255 + 0.5).astype(np.uint8)
     shown[::height] = np.maximum(shown[::height], 60)
     shown[:, ::width] = np.maximum(shown[:, ::width], 60)
@@ -180,7 +181,7 @@ def intensity_by_angle(source: LightField | FarField, step_deg: float = 1.0) -> 
     directions = direction_from_angles(np.radians(theta)[:, None], phi[None, :])
     if isinstance(source, FarField):
         return theta, intensity(source, directions).mean(axis=1)
-    return theta, luminance(far_intensity(source, directions.reshape(-1, 3))).reshape(len(theta), -1).mean(axis=1)
+    return theta, luminance_from_rgb(far_intensity(source, directions.reshape(-1, 3))).reshape(len(theta), -1).mean(axis=1)
 
 
 def write_pictures(path: Path, folder: Path) -> list[Path]:

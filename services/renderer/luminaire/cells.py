@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.sphere import LUMINANCE
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
 from vemlight.renderer.luminaire.lightfield import LightField
 
@@ -50,7 +50,7 @@ def _brightest_of_cells(field: LightField, rows: int, cols: int) -> np.ndarray:
     n = SUPPORT_CELLS[field.kind]
     sums, count = np.zeros((rows, cols, 2)), np.zeros((rows, cols, 1))
     for j, i in np.ndindex(field.images.shape[:2]):
-        s, t, lit = median_pixel(field.images[j, i], LUMINANCE)
+        s, t, lit = median_pixel(field.images[j, i], LUMINANCE_WEIGHTS)
         if lit:
             sums[j : j + n, i : i + n] += np.array(field.window_m[:2]) + np.array([s, t]) * field.pixel_m
             count[j : j + n, i : i + n] += 1

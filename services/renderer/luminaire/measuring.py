@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.light.sphere import luminance
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS, Dual, Kind, dual_value, span_dual
 from vemlight.renderer.luminaire.lightfield import LightField, Unit
 
@@ -146,7 +146,7 @@ class FluxBudget(NamedTuple):
 
 def field_from_rays(rays: Rays, planes: Planes, plane_z_m: float, unit: Unit, name: str) -> tuple[LightField, FluxBudget]:
     """Projects rays through U at z = plane_z_m and S: each adds flux dual_m(u) / pixel area to image m; the sum over m keeps the flux."""
-    flux = luminance(rays.flux)
+    flux = luminance_from_rgb(rays.flux)
     forward = rays.directions[:, 2] > 1e-6
     slope = rays.directions[forward, :2] / rays.directions[forward, 2:]
     u = rays.positions[forward, :2] + (plane_z_m - rays.positions[forward, 2:]) * slope
@@ -166,7 +166,7 @@ def field_from_rays(rays: Rays, planes: Planes, plane_z_m: float, unit: Unit, na
         images[j, i, :, c] = np.bincount(pixel, weights, minlength=planes.width * planes.height) / area
     field = planes.field(images.reshape(planes.rows, planes.cols, planes.height, planes.width, 3), unit, name)
     ahead = flux[forward]
-    kept = float(luminance(images.sum(axis=(0, 1, 2)) * area))
+    kept = float(luminance_from_rgb(images.sum(axis=(0, 1, 2)) * area))
     return field, FluxBudget(
         float(flux.sum()), kept, float(flux[~forward].sum()), float(ahead[~on_sampling].sum()),
         float(ahead[on_sampling & ~on_both].sum()), float(ahead[on_both].sum()) - kept,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.light.sphere import LUMINANCE
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.renderer.luminaire.measuring import Rays
 
 HEADER = np.dtype([
@@ -95,4 +95,4 @@ def colour_of_spectrum(wavelength_nm: np.ndarray, weight: np.ndarray) -> np.ndar
     if not (np.all(np.isfinite(xyz)) and xyz[1] > 0):
         return np.ones(3)
     rgb = np.maximum(rgb_from_xyz @ xyz, 0)
-    return rgb / (rgb @ LUMINANCE)
+    return rgb / (rgb @ LUMINANCE_WEIGHTS)

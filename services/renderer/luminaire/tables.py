@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.sphere import LUMINANCE
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
 from vemlight.renderer.luminaire.lightfield import LightField
 
@@ -43,7 +43,7 @@ def tables_of(field: LightField) -> Tables:
     pixels = np.ascontiguousarray(field.images.reshape(rows * cols, height, width, 3), np.float32)
     importance, sums = np.empty((rows * cols, height, width)), np.zeros((rows * cols, height + 1, width + 1))
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # the compiled loop leaves Python's lock
-        list(threads.map(lambda m: _sum(pixels[m], LUMINANCE, importance[m], sums[m]), range(rows * cols)))
+        list(threads.map(lambda m: _sum(pixels[m], LUMINANCE_WEIGHTS, importance[m], sums[m]), range(rows * cols)))
     u, v = np.meshgrid(*field.centres_m)
     centres, half = np.stack([u.ravel(), v.ravel()], axis=-1), field.half_support_m
     supports = np.concatenate([centres - half, centres + half], axis=-1)

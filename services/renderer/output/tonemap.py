@@ -13,7 +13,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from vemlight.light.sphere import luminance
+from vemlight.light.colour import luminance_from_rgb, srgb_from_linear
 from vemlight.settings import Tone
 
 TIME_CONSTANT_S = 0.4  # of the eye's slower receptors (Krawczyk et al. 2005); leaves 4 % of a 10 Hz flicker
@@ -85,7 +85,7 @@ def _luminance(picture: np.ndarray) -> np.ndarray:
     """The luminance of the surfaces in a picture where it is finite and not negative, (n,)."""
     pixels = picture.reshape(-1, 4)
     with np.errstate(all="ignore"):
-        values = luminance(pixels[:, :3]) / pixels[:, 3]
+        values = luminance_from_rgb(pixels[:, :3]) / pixels[:, 3]
     return values[(pixels[:, 3] > 0) & np.isfinite(values) & (values >= 0)]
 
 
@@ -108,8 +108,8 @@ def tone_mapped(picture: np.ndarray, adaptation: Adaptation, exposure_stops: flo
     with np.errstate(divide="ignore", invalid="ignore"):
         colour = np.where(alpha > 0, picture[..., :3] / alpha, 0)
     colour = np.minimum(np.where(colour > 0, colour, 0), np.float32(1e30))
-    level = curve.scale * luminance(colour.astype(np.float64))[..., None]
+    level = curve.scale * luminance_from_rgb(colour.astype(np.float64))[..., None]
     kept = -np.expm1(-level) / np.maximum(level, 1e-300) if curve.white is None else (1 + level / curve.white**2) / (1 + level)
     colour = np.clip(curve.scale * colour * kept, 0, 1)
-    encoded = np.where(colour <= 0.0031308, 12.92 * colour, 1.055 * colour ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
+    encoded = srgb_from_linear(colour)
     return (np.concatenate([encoded, alpha], axis=-1) * 255 + 0.5).astype(np.uint8)

@@ -7,6 +7,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from vemlight.light.colour import linear_from_srgb
+
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Colour = tuple[Fraction, Fraction, Fraction]
 HASHED = -1.0  # for the shaders, in place of a cutoff
@@ -178,7 +180,7 @@ def colours_from_visual(visual: Any) -> np.ndarray | None:
     if not np.all(np.isfinite(coded)):
         return None
     colours = np.ones((len(coded), 4), np.float32)
-    colours[:, :3] = _linear(np.clip(coded, 0, 1))
+    colours[:, :3] = linear_from_srgb(np.clip(coded, 0, 1))
     return colours
 
 
@@ -192,7 +194,7 @@ def _colour(value: Any) -> Colour:
     if value is None:
         return (1.0, 1.0, 1.0)
     rgb = np.asarray(value)[:3]
-    red, green, blue = _linear(np.clip(rgb / 255.0 if rgb.dtype.kind in "iu" else rgb.astype(np.float64), 0, 1)).tolist()
+    red, green, blue = linear_from_srgb(np.clip(rgb / 255.0 if rgb.dtype.kind in "iu" else rgb.astype(np.float64), 0, 1)).tolist()
     return (red, green, blue)
 
 
@@ -207,7 +209,7 @@ def texels(image: Any, coded: bool = True, alpha: bool = False) -> np.ndarray:
     if max(image.size) > MOST_TEXELS:
         image.thumbnail((MOST_TEXELS, MOST_TEXELS))
     codes, shares = np.asarray(image)[::-1], (np.arange(256) / 255).astype(np.float16)
-    found = (_linear(np.arange(256) / 255).astype(np.float16) if coded else shares)[codes]
+    found = (linear_from_srgb(np.arange(256) / 255).astype(np.float16) if coded else shares)[codes]
     if alpha:
         found[..., 3] = shares[codes[..., 3]]
     return np.ascontiguousarray(found)
@@ -234,8 +236,3 @@ def without_hidden_colours(image: np.ndarray) -> np.ndarray:
     filled = image.copy()
     filled[~there, :3] = np.asarray(cv2.resize(colours, there.shape[::-1], interpolation=cv2.INTER_LINEAR))[~there]
     return filled
-
-
-def _linear(coded: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB-coded ones (IEC 61966-2-1)."""
-    return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)

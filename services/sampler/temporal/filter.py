@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.sphere import luminance
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.sampler.temporal.taps import taps_from_settings
 from vemlight.settings import Sampler
 
@@ -98,8 +98,8 @@ def _steered(settings: Sampler, frames: tuple[Frame, ...], frame: Frame) -> Fram
     """The frame with the last frame's lights when it is black, or (under a filter) much darker than those in memory."""
     if not frames:
         return frame
-    limit = 0.0 if settings.filter == "none" else DARK * float(luminance(np.array([f.power for f in frames])).max())
-    return frame._replace(lights=frames[-1].lights) if float(luminance(frame.power)) <= limit else frame
+    limit = 0.0 if settings.filter == "none" else DARK * float(luminance_from_rgb(np.array([f.power for f in frames])).max())
+    return frame._replace(lights=frames[-1].lights) if float(luminance_from_rgb(frame.power)) <= limit else frame
 
 
 def _needed(frames: tuple[Frame, ...], shares: np.ndarray, taps: int) -> tuple[Frame, ...]:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.sphere import LUMINANCE, cell_solid_angles
+from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
+from vemlight.light.sphere import cell_solid_angles
 from vemlight.sampler.density import LightMap
 from vemlight.sampler.warps.square import cosine_and_sine
 
@@ -99,7 +100,7 @@ def _add_blocks(radiance, solid_angles, powers):
     for i in range(rows):
         down = i * powers.shape[0] // rows
         for j in range(cols):
-            light = LUMINANCE[0] * radiance[i, j, 0] + LUMINANCE[1] * radiance[i, j, 1] + LUMINANCE[2] * radiance[i, j, 2]
+            light = LUMINANCE_RED * radiance[i, j, 0] + LUMINANCE_GREEN * radiance[i, j, 1] + LUMINANCE_BLUE * radiance[i, j, 2]
             powers[down, j * powers.shape[1] // cols] += light * solid_angles[i]
 
 

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.sphere import LUMINANCE
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 
 STRIDE = 4  # columns: one in so many tells the noise
 MEMORY = 0.2  # of the way that the noise goes to this frame's: a memory of five frames
 LARGEST_STEP = np.float32(0.3)  # relative; steps beyond it are the scene's
 LONGEST_GAP_S = 1.0  # what was seen longer ago says nothing about now
-_RED, _GREEN, _BLUE = (np.float32(weight) for weight in LUMINANCE)
+_RED, _GREEN, _BLUE = (np.float32(weight) for weight in LUMINANCE_WEIGHTS)
 
 
 class Noise(NamedTuple):

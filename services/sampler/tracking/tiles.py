@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 
 from vemlight.light.bright_cells import PARTS
-from vemlight.light.sphere import LUMINANCE, SPAN, Coverage, cell_solid_angles, ring_edges
+from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
+from vemlight.light.sphere import SPAN, Coverage, cell_solid_angles, ring_edges
 from vemlight.sampler.density import LARGEST
 
 BASE = 8  # cells on a side of the largest tile
@@ -23,7 +24,6 @@ SITES = 1.6  # sites weigh radiance^1.6 in Lloyd's step: in the plane their dens
 HOLD = 2  # frames; a lost picture is bridged, and darkness is believed 80 ms late at 25 fps
 CLEAR = 3.0  # standard deviations of the noise: a change of so many goes through at once
 LEAST = np.float32(0.12)  # gain: noise is averaged over 2 / 0.12 - 1 = 16 frames at most
-_RED, _GREEN, _BLUE = (float(weight) for weight in LUMINANCE)
 
 
 class Grid(NamedTuple):
@@ -140,7 +140,7 @@ def _smooth(row, old, within, gain):
 
     within: 1 over the square of a change, relative, that goes through.
     """
-    red, green, blue = np.float32(_RED), np.float32(_GREEN), np.float32(_BLUE)
+    red, green, blue = np.float32(LUMINANCE_RED), np.float32(LUMINANCE_GREEN), np.float32(LUMINANCE_BLUE)
     for j in range(gain.size):
         level = red * old[3 * j] + green * old[3 * j + 1] + blue * old[3 * j + 2]
         change = (red * row[3 * j] + green * row[3 * j + 1] + blue * row[3 * j + 2] - level) / level
@@ -194,7 +194,7 @@ def _bases(radiance, of, light):
     across, count = -(-cols // BASE), -(-rows // BASE) * -(-cols // BASE)
     table, density = np.empty((9, count)), np.empty(count)
     cells, flux, moment = radiance.reshape(rows, 3 * cols), np.empty(3 * cols), np.empty((2, cols))
-    red, green, blue = np.float32(_RED), np.float32(_GREEN), np.float32(_BLUE)
+    red, green, blue = np.float32(LUMINANCE_RED), np.float32(LUMINANCE_GREEN), np.float32(LUMINANCE_BLUE)
     for base in range(count):
         row, col = base // across * BASE, base % across * BASE
         end, right = min(row + BASE, rows), min(col + BASE, cols)
@@ -225,7 +225,7 @@ def _add_row(row, weight, sums):
 @njit(cache=True, error_model="numpy")
 def _tile(of, i0, i1, j0, j1, flux, moment, table, n):
     """Fills a column of the table with the tile of these rows and columns, that has such flux and moment; returns its solid angle."""
-    power, area = _RED * flux[0] + _GREEN * flux[1] + _BLUE * flux[2], (of.above[i1] - of.above[i0]) * (j1 - j0)
+    power, area = LUMINANCE_RED * flux[0] + LUMINANCE_GREEN * flux[1] + LUMINANCE_BLUE * flux[2], (of.above[i1] - of.above[i0]) * (j1 - j0)
     height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
     table[0, n], table[1, n], table[2, n], table[3, n] = flux[0], flux[1], flux[2], power
     table[4, n], table[5, n], table[6, n] = moment[0] / power, moment[1] / power, moment[2] / power

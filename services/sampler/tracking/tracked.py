@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import LUMINANCE, Coverage
+from vemlight.light.sphere import Coverage
 from vemlight.sampler.control import prefix_errors
 from vemlight.sampler.density import LightMap
 from vemlight.sampler.tracking.cells import centroids, lights_of_cells, move, relaxed, shares_of_sites
@@ -112,7 +113,7 @@ def tracked_step(
     clean, black, spoilt = received(radiance, before, state.black, noise.variance)
     tiles = tiles_from_map(clean, coverage, count, strong)
     irradiance = tiles.flux.sum(axis=1)
-    power = float(irradiance @ LUMINANCE)
+    power = float(irradiance @ LUMINANCE_WEIGHTS)
     known = state._replace(time_s=time_s, clean=clean, black=black, noise=noise)
     report = Report(spoilt, irradiance)
     if power <= 0:

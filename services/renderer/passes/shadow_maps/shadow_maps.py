@@ -6,8 +6,8 @@ from typing import NamedTuple
 import moderngl
 import numpy as np
 
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import luminance
 from vemlight.renderer.frame_budget import map_work
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.lights.light_regions import Regions, region_rows
@@ -332,4 +332,4 @@ class ShadowAtlas:
 def _lit(lights: LightSet) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of the lights that carry power, and that power, luminance."""
     lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
-    return lit, luminance(lights.irradiance[lit].astype(np.float64))
+    return lit, luminance_from_rgb(lights.irradiance[lit].astype(np.float64))

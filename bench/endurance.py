@@ -45,7 +45,7 @@ class Show:
     def __init__(self, frame_ms: float) -> None:
         scene = load_scene(SCENES / "headlights.toml")
         lamp = scene.luminaires[0]
-        scene = scene._replace(luminaires=(lamp._replace(table=type(lamp.table)(samples=4, shadow_map=16)),), things=scene.things[:-1])
+        scene = scene._replace(luminaires=(lamp._replace(table=type(lamp.table)(samples=4, shadow_map=16)),), objects=scene.objects[:-1])
         self.renderer = Renderer(scene, Settings(width=32, height=24, light_regions=4, frame_ms=frame_ms))
         self._light = MapLights(np.ones((6, 12, 3), np.float32), "hemisphere")
         self._adaptation = None

@@ -23,7 +23,7 @@ from vemlight.renderer.luminaire.luminaire_file import read_luminaire
 from vemlight.renderer.luminaire.photometry import read_photometry
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.renderer import Renderer
-from vemlight.renderer.scene.luminaire_table import BUNDLED
+from vemlight.renderer.scene.luminaire_table import BUNDLED_LAMP
 from vemlight.renderer.scene.scene import DEMO_SCENE, Scene, load_scene
 from vemlight.settings import Renderer as Settings
 
@@ -78,7 +78,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/luminaires"))
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
-    torch, lamp = read_luminaire(BUNDLED), headlight()
+    torch, lamp = read_luminaire(BUNDLED_LAMP), headlight()
     write_png(out / "torch_images.png", cv2.resize(contact_sheet(torch), None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST))
     write_png(out / "torch_planes.png", lit_planes(torch, (0.1, 0.5, 2.0), 200))
     near_against_far(out, lamp)

@@ -34,9 +34,9 @@ from vemlight.renderer.luminaire.measuring import Planes
 from vemlight.renderer.luminaire.tables import tables_of
 from vemlight.renderer.passes.luminaires import illumination
 from vemlight.renderer.renderer import Renderer
-from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, placed
+from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, world_from_lamp
 from vemlight.renderer.scene.meshes import bounds, shape_geometry
-from vemlight.renderer.scene.scene import DEMO_SCENE, Camera, Mesh, Scene, load_scene
+from vemlight.renderer.scene.scene import DEMO_SCENE, Mesh, Scene, ViewCamera, load_scene
 from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
 
@@ -194,7 +194,7 @@ def pictured(scene: Scene, size: tuple[int, int]) -> np.ndarray:
 
 def with_lamp(scene: Scene, field: LightField, at: tuple, rotate: tuple, **table) -> Scene:
     row = LuminaireTable(at=at, rotate=rotate, **table)
-    return scene._replace(luminaires=(Luminaire(field, placed(at, rotate), 1.0, row),))
+    return scene._replace(luminaires=(Luminaire(field, world_from_lamp(at, rotate), 1.0, row),))
 
 
 def shadows(out: Path) -> None:
@@ -286,7 +286,7 @@ def polygon_scene(polygons: int) -> Scene:
         joined = joined._replace(uvs=np.concatenate([g.uvs for g in stack]))
     parts.append(Mesh("boxes", joined, parts[0].material))
     low, high = bounds([part.geometry for part in parts])
-    return Scene(Camera(position=(3.4, -4.6, 2.7), at=(0.0, 0.1, 0.5), fov_y=40.0), tuple(parts), (low + high) / 2, (high - low) / 2)
+    return Scene(ViewCamera(position=(3.4, -4.6, 2.7), at=(0.0, 0.1, 0.5), fov_y=40.0), tuple(parts), (low + high) / 2, (high - low) / 2)
 
 
 def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
@@ -296,7 +296,7 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
     """
     table, step = scene.luminaires[0].table, iter(range(100))
     lamp = wire.Pose(name="lamp", at=table.at, turn=quaternion_xyz(table.rotate), power=1.0)
-    renderer = Renderer(scene._replace(things=(*scene.things, lamp)), Settings(width=size[0], height=size[1]))
+    renderer = Renderer(scene._replace(objects=(*scene.objects, lamp)), Settings(width=size[0], height=size[1]))
 
     def frame() -> None:
         at = table.at[0], table.at[1], table.at[2] + 1e-3 * next(step)
@@ -314,8 +314,8 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
 def moving(out: Path) -> None:
     """The two headlights: what a frame costs when nothing, a lamp's power, one lamp, both lamps and the ball moved."""
     scene = load_scene(DEMO_SCENE.with_name("headlights.toml"))
-    left, right = [thing for thing in scene.things if thing.power is not None]
-    (ball,) = [thing for thing in scene.things if thing.name == "ball"]
+    left, right = [thing for thing in scene.objects if thing.power is not None]
+    (ball,) = [thing for thing in scene.objects if thing.name == "ball"]
     moves = {"nothing": (), "a lamp's power": (left,), "one lamp": (left,), "both lamps": (left, right), "the ball": (ball,)}
     renderer = Renderer(scene, Settings(width=192, height=108))
     renderer.time_passes()

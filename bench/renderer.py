@@ -24,7 +24,7 @@ from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.materials import Phong
 from vemlight.renderer.scene.meshes import Geometry, bounds, clean_geometry, shape_geometry
-from vemlight.renderer.scene.scene import Camera, Mesh, Scene
+from vemlight.renderer.scene.scene import Mesh, Scene, ViewCamera
 from vemlight.settings import Renderer as Settings
 
 PASSES = ("shadow maps", "surfaces", "classes", "lights", "read-back", "whole frame")
@@ -58,7 +58,7 @@ def paper_scene(knot: Geometry | None = None) -> Scene:
         Mesh("knot", knot.moved(np.eye(3), np.array([0.1, 0.9, 0.6])), Phong((0.6, 0.5, 0.2), shine, 40)),
     ]
     low, high = bounds([part.geometry for part in parts])
-    return Scene(Camera(position=(2.4, -4.0, 2.4), at=(0.0, 0.1, 0.45), fov_y=34.0), tuple(parts), (low + high) / 2, (high - low) / 2)
+    return Scene(ViewCamera(position=(2.4, -4.0, 2.4), at=(0.0, 0.1, 0.45), fov_y=34.0), tuple(parts), (low + high) / 2, (high - low) / 2)
 
 
 def sky(count: int, turn: float = 0.0, lowest: float = 0.0) -> LightSet:
@@ -74,7 +74,7 @@ def passes(scene: Scene, lights: LightSet, settings: Settings, frames: int) -> d
     renderer.time_passes()
     rows: dict[str, list[float]] = {name: [] for name in PASSES}
     for frame in range(frames + 2):
-        renderer._surfaces.place(renderer._standing)  # or they would not be drawn again
+        renderer._surfaces.place(renderer._scene_pose)  # or they would not be drawn again
         started_s = time.perf_counter()
         renderer.render(lights)
         took = {**renderer.timings_ms, PASSES[-1]: (time.perf_counter() - started_s) * 1e3}

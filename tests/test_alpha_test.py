@@ -10,7 +10,7 @@ from tests.support.gltf_files import TexturedSquare
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.renderer import Renderer
-from vemlight.renderer.scene.materials import holes_of, without_hidden_colours
+from vemlight.renderer.scene.materials import alpha_bled, alpha_test_of
 from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.stage import file_samples
@@ -73,7 +73,7 @@ def test_a_surface_that_is_there_all_over_has_no_holes(tmp_path, mode, low, cuto
     sheet = sheet_of(mode, 1.0, board(4, low=low), cutoff)
     material = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts[0].material
     assert material is not None
-    assert holes_of(material) is None
+    assert alpha_test_of(material) is None
 
 
 def test_through_a_masks_holes_lies_what_is_behind_and_the_light_that_fell_through_them(tmp_path):
@@ -101,14 +101,14 @@ def test_colours_that_holes_hide_do_not_show(tmp_path, mode):
 def test_what_is_filled_in_is_the_colour_around():
     image = np.zeros((64, 48, 4), np.float16)
     image[:, :16], image[:, 32:] = (1, 0, 0, 1), (0, 0, 1, 1)
-    filled = without_hidden_colours(image)
+    filled = alpha_bled(image)
     assert np.array_equal(filled[:, :16], image[:, :16])
     assert np.array_equal(filled[..., 3], image[..., 3])
     assert np.all(filled[:, 16, 0] > filled[:, 16, 2])
     assert np.all(filled[:, 31, 0] < filled[:, 31, 2])
     assert filled[:, 16:32, :3].sum(axis=-1) == pytest.approx(1, abs=2e-3)  # half floats
     for same in (np.ones((4, 4, 4), np.float16), np.zeros((4, 4, 4), np.float16)):
-        assert without_hidden_colours(same) is same
+        assert alpha_bled(same) is same
 
 
 BESIDE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, -0.5]\nfov_y = 16.0\n"

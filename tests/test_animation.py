@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.support.gltf_files import TRIANGLE, AnimatedTriangle
 from vemlight.errors import UserError
 from vemlight.light.sphere import rotation_xyz
-from vemlight.renderer.scene.animation import Track, rotation_from_quaternion, value_at
+from vemlight.renderer.scene.animation import KeyframeTrack, rotation_from_quaternion, value_at
 from vemlight.renderer.scene.mesh_files import read_meshes
 
 HALF = float(np.sqrt(0.5))
@@ -61,7 +61,7 @@ def test_a_cubic_spline_is_the_cubic_that_it_was_made_of(t, step_s, coefficients
     cubic = np.polynomial.Polynomial(coefficients)
     slope = cubic.deriv()
     keys = [[[slope(x)], [cubic(x)], [slope(x)]] for x in (0.0, step_s)]
-    track = Track(np.array([0.0, step_s]), np.array(keys), "CUBICSPLINE")
+    track = KeyframeTrack(np.array([0.0, step_s]), np.array(keys), "CUBICSPLINE")
     assert value_at(track, t * step_s, False)[0] == pytest.approx(cubic(t * step_s), abs=1e-9 * (1 + np.abs(keys).max() * step_s))
 
 
@@ -71,7 +71,7 @@ def test_turns_go_evenly(numbers, t):
     if min(np.linalg.norm(a), np.linalg.norm(b)) < 1e-3:
         return
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    track = Track(np.array([0.0, 1.0]), np.repeat(np.array([a, b])[:, None], 3, axis=1), "LINEAR")
+    track = KeyframeTrack(np.array([0.0, 1.0]), np.repeat(np.array([a, b])[:, None], 3, axis=1), "LINEAR")
     between = value_at(track, t, True)
     assert np.linalg.norm(between) == pytest.approx(1, abs=1e-9)
     whole, part = (np.arccos(min(abs(float(a @ other)), 1.0)) for other in (b, between))

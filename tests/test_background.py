@@ -6,7 +6,7 @@ import pytest
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, cell_directions, cell_from_direction
 from vemlight.renderer.renderer import Renderer
-from vemlight.renderer.scene.scene import Camera, load_scene
+from vemlight.renderer.scene.scene import ViewCamera, load_scene
 from vemlight.renderer.scene.view import clip_from_world, ray_from_pixel
 from vemlight.settings import Renderer as Settings
 
@@ -22,7 +22,7 @@ def a_renderer(folder: Path, text: str = BALL, camera: str = CAMERA, samples: in
     return Renderer(load_scene(folder / "scene.toml"), Settings(width=SIZE[0], height=SIZE[1], shadow_map=64), samples)
 
 
-def rays(camera: Camera) -> np.ndarray:
+def rays(camera: ViewCamera) -> np.ndarray:
     x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
     seen = np.stack([x, y, np.ones_like(x)], axis=-1) @ ray_from_pixel(camera, SIZE).T
     return seen / np.linalg.norm(seen, axis=-1, keepdims=True)

@@ -170,8 +170,8 @@ def test_a_normal_maps_scale_makes_it_steeper(tmp_path):
     sheet.material["normalTexture"] = sheet.image(np.full((1, 1, 3), (191, 128, 255), np.uint8), {"scale": 0.5})
     (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
     assert isinstance(part.material, Ggx)
-    assert part.material.bumps is not None
-    assert 2 * part.material.bumps.texels[0, 0].astype(float) - 1 == pytest.approx([0.25, 0, 1], abs=5e-3)
+    assert part.material.normal_map is not None
+    assert 2 * part.material.normal_map.texels[0, 0].astype(float) - 1 == pytest.approx([0.25, 0, 1], abs=5e-3)
 
 
 def test_an_image_is_read_once_for_all_materials(tmp_path):
@@ -181,9 +181,9 @@ def test_an_image_is_read_once_for_all_materials(tmp_path):
     one, other = (part.material for part in read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts)
     assert isinstance(one, Ggx)
     assert isinstance(other, Ggx)
-    assert one.emission_image is not None
-    assert other.emission_image is not None
-    assert one.emission_image.texels is other.emission_image.texels
+    assert one.emission_map is not None
+    assert other.emission_map is not None
+    assert one.emission_map.texels is other.emission_map.texels
 
 
 def test_materials_of_a_mesh_that_has_none_or_several_kinds(tmp_path):

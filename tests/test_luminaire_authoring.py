@@ -12,16 +12,16 @@ from vemlight.renderer.luminaire.lightfield import flux
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
 from vemlight.renderer.scene import luminaire_table as placement
 
-RECIPE = placement.BUNDLED.with_suffix(".toml")
+RECIPE = placement.BUNDLED_LAMP.with_suffix(".toml")
 
 
 def test_the_recipe_makes_the_bundled_lamp_again(tmp_path):
     made = measure(RECIPE, tmp_path / "torch.exr")
-    bundled = read_luminaire(placement.BUNDLED)
+    bundled = read_luminaire(placement.BUNDLED_LAMP)
     assert made[1:] == bundled[1:]
     # 16-bit numbers; a ray on the edge of the ball may hit on one machine and miss on another
     assert np.abs(made.images - bundled.images).mean() < 1e-3 * np.abs(bundled.images).mean()
-    assert placement.BUNDLED.stat().st_size < 300_000
+    assert placement.BUNDLED_LAMP.stat().st_size < 300_000
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
@@ -69,7 +69,7 @@ def test_rays_away_from_the_planes_are_refused(tmp_path):
 
 
 def test_pictures_and_a_report_of_the_bundled_lamp(tmp_path):
-    field = read_luminaire(placement.BUNDLED)
+    field = read_luminaire(placement.BUNDLED_LAMP)
     assert contact_sheet(field).shape == (240, 240, 3)
     planes = lit_planes(field, (0.1, 0.5), 16)
     assert planes.shape == (16, 32, 3)
@@ -78,7 +78,7 @@ def test_pictures_and_a_report_of_the_bundled_lamp(tmp_path):
     # the intensity's integral over the hemisphere is the flux; 5 degrees of a beam that falls within 10 leave a few percent
     whole = np.trapezoid(value * np.sin(np.radians(theta)), np.radians(theta)) * 2 * np.pi
     assert whole == pytest.approx(luminance_from_rgb(flux(field)), rel=0.05)
-    text = "\n".join(report(placement.BUNDLED))
+    text = "\n".join(report(placement.BUNDLED_LAMP))
     assert "5 x 5 images of 48 x 48" in text
     assert "rendered sampled" in text
-    assert all(path.is_file() for path in write_pictures(placement.BUNDLED, tmp_path / "pictures"))
+    assert all(path.is_file() for path in write_pictures(placement.BUNDLED_LAMP, tmp_path / "pictures"))

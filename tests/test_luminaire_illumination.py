@@ -12,7 +12,7 @@ from vemlight.renderer.luminaire.lightfield import LightField, irradiance
 from vemlight.renderer.luminaire.luminaire_file import write_luminaire
 from vemlight.renderer.passes.luminaires.illumination import MapAtlas
 from vemlight.renderer.renderer import Renderer
-from vemlight.renderer.scene.luminaire_table import placed
+from vemlight.renderer.scene.luminaire_table import world_from_lamp
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
@@ -48,7 +48,7 @@ def picture(scene, lights: LightSet = DARK, samples: int = 1, move=None) -> np.n
         if move:
             renderer.render(lights)
             number, at, rotate, power = move
-            lamp = scene.things[len(scene.things) - len(scene.luminaires) + number].name
+            lamp = scene.objects[len(scene.objects) - len(scene.luminaires) + number].name
             renderer.place(0.0, [wire.Pose(name=lamp, at=at, turn=quaternion_xyz(rotate), power=power)])
         return renderer.render(lights).copy()
     finally:
@@ -66,7 +66,7 @@ def ground_points() -> np.ndarray:
 def test_a_white_ground_reflects_the_exact_irradiance_over_pi(tmp_path, kind):
     field = a_field(kind)
     image = picture(scene_with(tmp_path, FROM_ABOVE + GROUND + LAMP + "samples = 3000\ninterleave = 1\n", field))[..., :3].reshape(-1, 3)
-    world_from_local = placed((0.0, 0.0, 1.5), (180.0, 0.0, 0.0))
+    world_from_local = world_from_lamp((0.0, 0.0, 1.5), (180.0, 0.0, 0.0))
     some = np.random.default_rng(2).choice(SIZE * SIZE, 60, replace=False)
     local = (ground_points()[some] - world_from_local[:3, 3]) @ world_from_local[:3, :3]
     truth = np.array([irradiance(field, p, np.array([0.0, 0.0, -1.0])) for p in local]) / np.pi
@@ -109,7 +109,7 @@ def test_black_one_lit_pixel_and_negative_pixels_on_the_gpu(tmp_path):
     field = a_field()
     field.images[:, :, ::3] *= -0.3
     points = ground_points()[SIZE * SIZE // 2 - SIZE :: 7]
-    world_from_local = placed((0.0, 0.0, 1.5), (180.0, 0.0, 0.0))
+    world_from_local = world_from_lamp((0.0, 0.0, 1.5), (180.0, 0.0, 0.0))
     local = (points - world_from_local[:3, 3]) @ world_from_local[:3, :3]
     for case, off in ((black, 0.01), (field, 0.03)):  # 2,000 Halton points; rows of both signs jump within a box
         image = picture(scene_with(tmp_path, text, case))[..., :3].reshape(-1, 3)[SIZE * SIZE // 2 - SIZE :: 7]

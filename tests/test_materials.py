@@ -105,8 +105,8 @@ def test_a_huge_image_is_reduced(tmp_path):
     quad(tmp_path, "quad.glb", Image.new("RGB", (6000, 8), (255, 255, 255)))
     material = scene_of(tmp_path, '[[mesh]]\nfile = "quad.glb"').meshes[0].material
     assert isinstance(material, Ggx)
-    assert material.image is not None
-    assert max(material.image.texels.shape) <= 4096
+    assert material.colour_map is not None
+    assert max(material.colour_map.texels.shape) <= 4096
 
 
 def test_the_scene_files_material_overrules_the_mesh_files(tmp_path):

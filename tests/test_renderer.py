@@ -17,7 +17,7 @@ from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.passes.shadow_maps import shadow_maps as shadows
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
-from vemlight.renderer.scene.view import clip_from_world, pixel_offsets
+from vemlight.renderer.scene.view import clip_from_world, pixel_samples
 from vemlight.settings import Renderer as Settings
 
 WHITE = "material = {diffuse = [1.0, 1.0, 1.0]}"
@@ -184,7 +184,7 @@ def test_pixels_are_means_over_their_area():
 
 @pytest.mark.parametrize("samples", [1, 2, 4, 7, 16])
 def test_places_in_a_pixel_are_centred_and_distinct(samples):
-    places = np.array([offset[:2] for offset in pixel_offsets(samples)])
+    places = np.array([offset[:2] for offset in pixel_samples(samples)])
     assert places.min() > 0
     assert places.max() < 1
     assert np.abs(places.mean(axis=0) - 0.5).max() < 0.5 / samples

@@ -18,7 +18,7 @@ from vemlight.renderer import renderer as renderer_module
 from vemlight.renderer.passes.shadow_maps.casters import moved_by_m, placed_casters, scene_casters
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
-from vemlight.renderer.scene.scene_pose import standing
+from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
 
@@ -52,9 +52,9 @@ def off(a: np.ndarray, b: np.ndarray) -> float:
 def test_things_have_names_of_their_own(tmp_path):
     crate = box("[0.0, 0.0, 1.0]") + 'name = "crate"\n'
     scene = a_scene(tmp_path, GROUND + crate + 2 * box("[1.0, 0.0, 1.0]") + "[[luminaire]]\npower = 2.0\n")
-    assert [thing.name for thing in scene.things] == ["plane", "crate", "box", "box 2", "torch"]
-    assert [thing.power for thing in scene.things] == [None, None, None, None, 2.0]
-    assert scene.things[1].at == (0.0, 0.0, 1.0)
+    assert [thing.name for thing in scene.objects] == ["plane", "crate", "box", "box 2", "torch"]
+    assert [thing.power for thing in scene.objects] == [None, None, None, None, 2.0]
+    assert scene.objects[1].at == (0.0, 0.0, 1.0)
     with pytest.raises(UserError, match="crate is the name of several"):
         a_scene(tmp_path, 2 * crate)
 
@@ -179,9 +179,9 @@ def box_on_ground(tmp_path_factory) -> Scene:
 def test_the_maps_hold_what_casts_wherever_it_stands(box_on_ground, at, rotate, then):
     scene = box_on_ground
     casters = scene_casters(scene, (64,))
-    placed, before, last = None, standing(scene, 0.0).matrices, 0.0
+    placed, before, last = None, scene_pose(scene, 0.0).matrices, 0.0
     for target in (at, then):
-        matrices = standing(scene, 0.0, [pose("box", target, rotate)]).matrices
+        matrices = scene_pose(scene, 0.0, [pose("box", target, rotate)]).matrices
         placed = placed_casters(casters, matrices, placed)
         last = moved_by_m(casters, before, matrices)
         before = matrices

@@ -11,7 +11,7 @@ from vemlight.renderer.output.tonemap import (
     TIME_CONSTANT_S,
     Adaptation,
     adapt,
-    selected,
+    subsampled,
     tone_curve,
     tone_mapped,
 )
@@ -162,6 +162,6 @@ def test_the_shader_has_the_same_answer_to_hostile_pixels():
 def test_the_selection_on_the_gpu_is_the_one_in_numpy(width, height):
     renderer = Renderer(load_scene(None), Settings(width=width, height=height, shadow_map=32))
     picture = renderer.render(LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.ones((1, 3))))
-    assert np.array_equal(renderer.selected(), selected(picture))
-    assert selected(picture).shape[0] < height or height == 36
+    assert np.array_equal(renderer.selected(), subsampled(picture))
+    assert subsampled(picture).shape[0] < height or height == 36
     renderer.release()

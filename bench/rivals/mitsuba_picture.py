@@ -95,7 +95,7 @@ def mitsuba_scene(scene: Scene, size: tuple[int, int], latlong: np.ndarray | Non
     }  # fmt: skip
     for number, mesh in enumerate(scene.meshes):
         material, geometry = mesh.material, mesh.geometry
-        if not isinstance(material, Phong) or material.image is not None:
+        if not isinstance(material, Phong) or material.colour_map is not None:
             raise ValueError(f"{mesh.name}: only Phong without an image is known here")
         bsdf = mi.load_dict({"type": "vemlight_phong", "diffuse": mi.ScalarColor3f(material.diffuse),
                              "specular": mi.ScalarColor3f(material.specular), "exponent": float(material.exponent)})  # fmt: skip

@@ -73,7 +73,7 @@ def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: flo
 
     Raises UserError for options that cannot be used.
     """
-    from vemlight.renderer.output.tonemap import adapt, selected, tone_mapped
+    from vemlight.renderer.output.tonemap import adapt, subsampled, tone_mapped
     from vemlight.renderer.output.video import video
     from vemlight.renderer.renderer import Renderer
     from vemlight.renderer.scene.scene import load_scene
@@ -105,7 +105,7 @@ def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: flo
                 renderer.show_background(frame.radiance, frame.coverage)
             renderer.place(frame.time_s)
             picture = renderer.render(lights, gloss)
-            adaptation = adapt(adaptation, selected(picture), max(0.0, frame.time_s - before_s))
+            adaptation = adapt(adaptation, subsampled(picture), max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, exposure, wanted.tone)
             if out:

@@ -40,10 +40,10 @@ from vemlight.renderer.passes.present.present import Screen
 from vemlight.renderer.passes.shadow_maps.casters import scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import COARSER, Sizing, sizing
 from vemlight.renderer.passes.shadow_maps.shadow_maps import Batch, ShadowAtlas
-from vemlight.renderer.scene.materials import GLOSSY, Catcher, Colour, emits, kind_of
+from vemlight.renderer.scene.materials import GLOSSY_KINDS, Colour, ShadowCatcher, emits, material_kind
 from vemlight.renderer.scene.scene import Scene
-from vemlight.renderer.scene.scene_pose import ScenePose, standing
-from vemlight.renderer.scene.view import Offset, pixel_offsets
+from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
+from vemlight.renderer.scene.view import PixelSample, pixel_samples
 from vemlight.runtime import wire
 from vemlight.settings import Tone
 
@@ -68,7 +68,7 @@ class Renderer:
             size = f"{self._size[0]} x {self._size[1]}"
             raise UserError(f"[renderer] width, height: {size} is beyond the {limit} pixels of this GL; make them smaller")
         self._scene = scene
-        self._offsets = pixel_offsets(samples)
+        self._offsets = pixel_samples(samples)
         self._frame_ms = settings.frame_ms or 0.0
         self._sized = settings.shadow_map is None
         self._halved = 0  # steps by which maps are smaller than they should be, for want of time
@@ -81,8 +81,8 @@ class Renderer:
         self._looked = False  # whether the last picture's lookups were kept
         self._done: Batch | None = None  # what the last picture drew within its target time
         self._rendered_s = self._after_ms = 0.0  # when the last picture was done, and how long until it was tone-mapped
-        self._has_catcher = any(isinstance(mesh.material, Catcher) for mesh in scene.meshes)
-        self._standing = standing(scene, 0.0)
+        self._has_catcher = any(isinstance(mesh.material, ShadowCatcher) for mesh in scene.meshes)
+        self._scene_pose = scene_pose(scene, 0.0)
         self._programs = Programs(self._context)
         self._timers = Timers(self._context)
         self._timers.on = self._frame_ms > 0
@@ -93,14 +93,14 @@ class Renderer:
         context = self._context
         found = light_regions(regions)
         self._atlas = ShadowAtlas(context, self._programs, self._scene, scene_casters(self._scene, sizing.sizes), found, sizing)
-        self._atlas.place(self._standing.matrices)
+        self._atlas.place(self._scene_pose.matrices)
         self._surfaces = Surfaces(context, self._programs, self._scene, self._size)
-        kinds = {kind_of(mesh.material) for mesh in self._scene.meshes}
+        kinds = {material_kind(mesh.material) for mesh in self._scene.meshes}
         self._shading = Shading(context, self._programs, found, kinds, self._size)
         # Lookups are kept for one place in each pixel, and where they bring frames nearer to a target time.
         once = self._frame_ms > 0 and len(self._offsets) == 1
         self._kept = Kept(context, self._programs, self._size, self._shading.class_depth) if once else None
-        self._gloss = Gloss(context, self._programs, kinds) if kinds & GLOSSY else None
+        self._gloss = Gloss(context, self._programs, kinds) if kinds & GLOSSY_KINDS else None
         self._illumination = Illumination(context, self._programs, self._scene, self._size)
         self._emission = Emission(context, self._programs) if any(emits(mesh.material) for mesh in self._scene.meshes) else None
         self._plate = Plate(context, self._programs, self._size)
@@ -114,18 +114,18 @@ class Renderer:
 
         Returns where its objects and lamps stand now; what is not named stands where the scene file puts it.
         """
-        now = standing(self._scene, time_s, poses)
+        now = scene_pose(self._scene, time_s, poses)
         with self._context:
             self._place(now)
-        return now.things
+        return now.objects
 
     def _place(self, now: ScenePose) -> None:
         self._illumination.place(now)
-        if not np.array_equal(now.matrices, self._standing.matrices):
+        if not np.array_equal(now.matrices, self._scene_pose.matrices):
             self._atlas.place(now.matrices)
             self._surfaces.place(now)
             self._moved = True
-        self._standing = now
+        self._scene_pose = now
 
     def render(self, lights: LightSet, weak: LightSet | None = None) -> np.ndarray:
         """The picture under `lights`, (height, width, 4) float32, linear, row 0 on top.
@@ -146,7 +146,7 @@ class Renderer:
 
     def render_pass(self, light: MapLights, number: int) -> np.ndarray:
         """As `render`, a pass of accumulation.py: at one place in each pixel, all lights and whole maps whatever the time."""
-        (offset,) = [Offset(x, y, number) for x, y in spread_points(number, 1).tolist()]
+        (offset,) = [PixelSample(x, y, number) for x, y in spread_points(number, 1).tolist()]
         catcher = self._catcher_irradiance(light.cells()) if self._has_catcher else None  # of all passes together
 
         def draw() -> None:
@@ -180,7 +180,7 @@ class Renderer:
         return np.frombuffer(data, np.float32).reshape(self._size[1], self._size[0], 4)
 
     def selected(self) -> np.ndarray:
-        """The pixels of the picture drawn last that `tonemap.selected` chooses, (h, w, 4) float32."""
+        """The pixels of the picture drawn last that `tonemap.subsampled` chooses, (h, w, 4) float32."""
         with self._context, self._timers.measured("read-back"):
             return self._screen.selected(self._shading.picture)
 
@@ -210,7 +210,7 @@ class Renderer:
         return least_ms(self._pace, self._moved)
 
     def _render_all(
-        self, lights: LightSet, weak: LightSet, offsets: list[Offset], catcher: Colour | None = None, texels: int | None = None
+        self, lights: LightSet, weak: LightSet, offsets: list[PixelSample], catcher: Colour | None = None, texels: int | None = None
     ) -> None:
         """Draws all maps and sums all lights, at `offsets` in each pixel; `catcher`: see Shading.add, None: as these lights give it.
 
@@ -225,7 +225,7 @@ class Renderer:
                 self._see(offset, weight if number == 0 else 0.0, unshadowed)
                 self._add(batch, weight, unshadowed, first=number == 0)
 
-    def _see(self, offset: Offset, alpha: float, unshadowed: Colour) -> None:
+    def _see(self, offset: PixelSample, alpha: float, unshadowed: Colour) -> None:
         """Draws the surfaces at `offset` in each pixel, and what the luminaires add to them times `alpha`."""
         with self._timers.measured("surfaces"):
             drawn = self._surfaces.draw(offset)
@@ -301,7 +301,7 @@ class Renderer:
 
     def _catcher_irradiance(self, lights: LightSet) -> Colour:
         """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
-        normal = self._scene.catcher_normal(self._standing.matrices)
+        normal = self._scene.shadow_catcher_normal(self._scene_pose.matrices)
         if normal is None:
             return (1.0, 1.0, 1.0)
         red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, NO_LIGHT).tolist()

@@ -15,7 +15,7 @@ from vemlight.light.sphere import Coverage
 from vemlight.renderer.accumulation import MapLights, Refined
 from vemlight.renderer.frame_budget import FEWEST, LATE
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
-from vemlight.renderer.output.tonemap import Adaptation, adapt, selected
+from vemlight.renderer.output.tonemap import Adaptation, adapt, subsampled
 from vemlight.renderer.output.video import check_video_path
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
@@ -149,7 +149,7 @@ class RendererStage:
         if not refined.converged:
             refined = refined.with_pass(self._renderer.render_pass(light, refined.passes))
             self._renderer.show(refined.picture)
-            state = state._replace(picture=refined.picture, adaptation=adapt(state.adaptation, selected(refined.picture), dt_s))
+            state = state._replace(picture=refined.picture, adaptation=adapt(state.adaptation, subsampled(refined.picture), dt_s))
         pixels = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure)
         return state._replace(still=Still(light, state.poses, refined, state.exposure, pixels)), pixels, refined.lights
 

@@ -40,7 +40,7 @@ class Adaptation(msgspec.Struct, frozen=True):
         return float(MIDDLE_GREY * 4.0 ** np.clip((2 * self.log_average - self.log_low - self.log_high) / span, -1, 1))
 
 
-class Curve(NamedTuple):
+class ToneCurve(NamedTuple):
     """scale: from luminance to the operator's L. white: the L that becomes 1, where 1 makes the operator linear; None: exponential."""
 
     scale: float
@@ -69,15 +69,15 @@ def adapt(adaptation: Adaptation | None, picture: np.ndarray, dt_s: float) -> Ad
     return Adaptation(*(float(a + share * (b - a)) for a, b in zip(old, now, strict=True)), seen=True)
 
 
-def selection(shape: tuple[int, ...]) -> tuple[int, int]:
+def subsample_grid(shape: tuple[int, ...]) -> tuple[int, int]:
     """Which rows and columns of a picture (height, width, ..) are `selected`: from the first number on, in steps of the second."""
     stride = max(int(np.ceil(np.sqrt(shape[0] * shape[1] / MOST_PIXELS))), 1)
     return stride // 2, stride
 
 
-def selected(picture: np.ndarray) -> np.ndarray:
+def subsampled(picture: np.ndarray) -> np.ndarray:
     """An even selection of a picture's pixels, about MOST_PIXELS of a larger one: enough for its statistics."""
-    first, stride = selection(picture.shape)
+    first, stride = subsample_grid(picture.shape)
     return picture[first::stride, first::stride]
 
 
@@ -89,13 +89,13 @@ def _luminance(picture: np.ndarray) -> np.ndarray:
     return values[(pixels[:, 3] > 0) & np.isfinite(values) & (values >= 0)]
 
 
-def tone_curve(adaptation: Adaptation, exposure_stops: float, tone: Tone = "reinhard") -> Curve:
+def tone_curve(adaptation: Adaptation, exposure_stops: float, tone: Tone = "reinhard") -> ToneCurve:
     """The operator's numbers. White is the adapted highest luminance, at least 1 so that a flat picture is not all white."""
     if tone == "exponential":
-        return Curve(float(2.0**exposure_stops * np.exp(-adaptation.log_mean)), None)
+        return ToneCurve(float(2.0**exposure_stops * np.exp(-adaptation.log_mean)), None)
     scale = adaptation.key * np.exp(-adaptation.log_average)
     white = max(1.0, float(scale * np.exp(adaptation.log_high)))
-    return Curve(float(scale * 2.0**exposure_stops), white)
+    return ToneCurve(float(scale * 2.0**exposure_stops), white)
 
 
 def tone_mapped(picture: np.ndarray, adaptation: Adaptation, exposure_stops: float, tone: Tone = "reinhard") -> np.ndarray:

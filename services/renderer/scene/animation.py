@@ -10,11 +10,11 @@ import numpy as np
 
 from vemlight.renderer.scene.gltf import GltfFile
 
-MOST_KEYS = 1_000_000  # of a track; nine hours at 30 a second
-EVERY = "*"  # in place of an animation's name
+MAX_KEYFRAMES = 1_000_000  # of a track; nine hours at 30 a second
+ALL_ANIMATIONS = "*"  # in place of an animation's name
 
 
-class Track(NamedTuple):
+class KeyframeTrack(NamedTuple):
     """times: (k,) s, ascending. values: (k, 3, n): in-tangent, value and out-tangent of each key; "CUBICSPLINE" alone has tangents."""
 
     times: np.ndarray
@@ -22,18 +22,18 @@ class Track(NamedTuple):
     interpolation: Literal["LINEAR", "STEP", "CUBICSPLINE"]
 
 
-class Node(NamedTuple):
+class AnimatedNode(NamedTuple):
     """A node on the way from the file's root to a mesh. rest: (4, 4) as the file places it; rested: its three parts."""
 
     rest: np.ndarray
     rested: dict[str, np.ndarray]
-    tracks: dict[str, Track]
+    tracks: dict[str, KeyframeTrack]
 
 
-class Motion(NamedTuple):
+class RigidMotion(NamedTuple):
     """nodes: from the root to the mesh. duration_s: of the animation, above 0. world_from_file: (4, 4)."""
 
-    nodes: tuple[Node, ...]
+    nodes: tuple[AnimatedNode, ...]
     duration_s: float
     world_from_file: np.ndarray
 
@@ -58,7 +58,7 @@ class Motion(NamedTuple):
         return np.minimum(np.concatenate([chosen, np.linspace(0, self.duration_s, most)]), np.nextafter(self.duration_s, 0))
 
 
-def node_matrix(node: Node, time_s: float) -> np.ndarray:
+def node_matrix(node: AnimatedNode, time_s: float) -> np.ndarray:
     """A node's transform (4, 4): scaled, turned, moved; as the file says where no track changes it."""
     if not node.tracks:
         return node.rest
@@ -85,7 +85,7 @@ def rotation_from_quaternion(q: np.ndarray) -> np.ndarray:
     )
 
 
-def value_at(track: Track, time_s: float, turns: bool) -> np.ndarray:
+def value_at(track: KeyframeTrack, time_s: float, turns: bool) -> np.ndarray:
     """A track's value (n,) at a time, that of the nearest end outside its keys; `turns`: it holds quaternions (appendix C)."""
     after = int(np.searchsorted(track.times, time_s, side="right"))
     if after == 0 or after == len(track.times) or track.interpolation == "STEP":
@@ -110,13 +110,13 @@ def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
     return (np.sin((1 - t) * angle) * a + np.sin(t * angle) * b) / np.sin(angle)
 
 
-def read_motions(file: GltfFile, wanted: str = "") -> dict[str, Motion]:
+def read_motions(file: GltfFile, wanted: str = "") -> dict[str, RigidMotion]:
     """The motion of each node that the animation named `wanted` moves, by the names that trimesh gives the nodes.
 
-    wanted: "" is the file's first, EVERY all together, as long as the longest; where two move the same, the first does. Raises as gltf.py
-    says for a file that is not as the standard has it, and ValueError that lists the names for one that it does not have.
+    wanted: "" is the file's first, ALL_ANIMATIONS all together, as long as the longest; where two move the same, the first does.
+    Raises as gltf.py says for a file that is not as the standard has it, and ValueError that lists the names for one that it does not have.
     """
-    tracks: dict[int, dict[str, Track]] = {}
+    tracks: dict[int, dict[str, KeyframeTrack]] = {}
     for animation in _chosen(file, wanted):
         for channel in animation["channels"]:
             node, moved = channel["target"].get("node"), channel["target"]["path"]
@@ -132,7 +132,7 @@ def read_motions(file: GltfFile, wanted: str = "") -> dict[str, Motion]:
     for name, number in file.nodes().items():
         chain = _chain(number, parents, len(nodes))
         if any(passed in tracks for passed in chain):
-            motions[name] = Motion(tuple(made[passed] for passed in chain), float(duration_s), np.eye(4))
+            motions[name] = RigidMotion(tuple(made[passed] for passed in chain), float(duration_s), np.eye(4))
             if not abs(np.linalg.det(motions[name].file_from_node())) > 1e-18:  # scaled to a millionth, three times
                 raise ValueError("has an animated node that is scaled to nothing where the file places it")
     return motions
@@ -145,7 +145,7 @@ def animation_names(file: GltfFile) -> list[str]:
 
 def _chosen(file: GltfFile, wanted: str) -> list[dict[str, Any]]:
     animations, names = file.document.get("animations", []), animation_names(file)
-    if wanted == EVERY:
+    if wanted == ALL_ANIMATIONS:
         return animations
     if wanted and wanted not in names:
         raise ValueError(f"has no animation {wanted}, but {', '.join(names)[:200] or 'none'}")
@@ -163,28 +163,28 @@ def _chain(number: int, parents: dict[int, int], most: int) -> list[int]:
     return chain
 
 
-def _node(node: dict[str, Any], tracks: dict[str, Track]) -> Node:
+def _node(node: dict[str, Any], tracks: dict[str, KeyframeTrack]) -> AnimatedNode:
     rested: dict[str, np.ndarray] = {
         "translation": np.array(node.get("translation", (0.0, 0.0, 0.0)), float).reshape(3),
         "rotation": np.array(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), float).reshape(4),
         "scale": np.array(node.get("scale", (1.0, 1.0, 1.0)), float).reshape(3),
     }
     if "matrix" in node:
-        return Node(np.array(node["matrix"], float).reshape(4, 4).T, rested, {})  # section 3.5.3: such a node is not animated
-    return Node(placed(rested), rested, tracks)
+        return AnimatedNode(np.array(node["matrix"], float).reshape(4, 4).T, rested, {})  # section 3.5.3: such a node is not animated
+    return AnimatedNode(placed(rested), rested, tracks)
 
 
-def _track(file: GltfFile, sampler: dict[str, Any], path: str) -> Track:
+def _track(file: GltfFile, sampler: dict[str, Any], path: str) -> KeyframeTrack:
     interpolation = sampler.get("interpolation", "LINEAR")
     if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
         raise ValueError(f"has an animation with interpolation {str(interpolation)[:20]}")
     times = file.array(sampler["input"]).reshape(-1)
     width = 4 if path == "rotation" else 3
     values = file.array(sampler["output"]).reshape(-1, 3 if interpolation == "CUBICSPLINE" else 1, width)
-    if not 0 < len(times) == len(values) <= MOST_KEYS or np.any(np.diff(times) <= 0) or times[0] < 0:
+    if not 0 < len(times) == len(values) <= MAX_KEYFRAMES or np.any(np.diff(times) <= 0) or times[0] < 0:
         raise ValueError("has an animation whose keyframes are not in order or not as many as its values")
     if not (np.isfinite(times).all() and np.isfinite(values).all()):
         raise ValueError("has an animation with nan or inf")
     if path == "rotation" and np.any(np.linalg.norm(values[:, values.shape[1] // 2], axis=-1) < 1e-6):
         raise ValueError("has an animation with a rotation of length 0")
-    return Track(times, np.repeat(values, 3, axis=1) if values.shape[1] == 1 else values, interpolation)
+    return KeyframeTrack(times, np.repeat(values, 3, axis=1) if values.shape[1] == 1 else values, interpolation)

@@ -17,7 +17,7 @@ from vemlight.renderer.luminaire.shift_invariant import good_enough
 Vector = tuple[float, float, float]
 Method = Literal["auto", "sampled", "shift-invariant"]
 Shadows = Literal["maps", "traced", "none"]
-BUNDLED = Path(__file__).parents[1] / "luminaire" / "lamps" / "torch.exr"
+BUNDLED_LAMP = Path(__file__).parents[1] / "luminaire" / "lamps" / "torch.exr"
 
 
 class LuminaireTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -57,7 +57,7 @@ class Luminaire(NamedTuple):
         return self.table.method == "shift-invariant" or good_enough(self.source)
 
 
-def placed(at: Vector, rotate: Vector) -> np.ndarray:
+def world_from_lamp(at: Vector, rotate: Vector) -> np.ndarray:
     """world_from_local (4, 4) of a lamp rotated by degrees about x, y, z and moved."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation_xyz(rotate), at
@@ -68,9 +68,9 @@ def load_luminaire(table: LuminaireTable, folder: Path, where: str) -> Luminaire
     """The lamp of a scene file's table, whose paths are relative to `folder`. Raises UserError that begins with `where`."""
     if not np.all(np.isfinite([*table.at, *table.rotate])) or np.abs(table.at).max() > 1e6:
         raise UserError(f"{where}: at and rotate must be finite, at within 1000000 m; mend them")
-    path = folder / table.file if table.file else BUNDLED
+    path = folder / table.file if table.file else BUNDLED_LAMP
     try:
         source = read_photometry(path) if path.suffix.lower() in (".ldt", ".ies") else read_luminaire(path)
     except UserError as error:
         raise UserError(f"{where}: {error}") from error
-    return Luminaire(source, placed(table.at, table.rotate), table.power, table)
+    return Luminaire(source, world_from_lamp(table.at, table.rotate), table.power, table)

@@ -1,5 +1,6 @@
 """What surfaces are made of: Lambert with normalised Phong, or GGX as glTF has it, and the images on them."""
 
+from enum import IntEnum
 from typing import Annotated, Any, NamedTuple
 
 import cv2
@@ -11,26 +12,26 @@ from vemlight.light.colour import linear_from_srgb
 
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Colour = tuple[Fraction, Fraction, Fraction]
-HASHED = -1.0  # for the shaders, in place of a cutoff
+HASHED_ALPHA = -1.0  # for the shaders, in place of a cutoff
 LINEAR, LINEAR_MIPMAP_LINEAR = 0x2601, 0x2703  # OpenGL's numbers
-MOST_TEXELS = 4096  # on a side of an image; larger ones are reduced, since a picture is seldom larger and every GL 4.3 takes it
+MAX_TEXTURE_SIDE = 4096  # on a side of an image; larger ones are reduced, since a picture is seldom larger and every GL 4.3 takes it
 
 
 class Texture(NamedTuple):
     """An image on a surface. texels: (h, w, c) float16, linear, the first row at the bottom.
 
     repeats: whether it goes on across and up, or keeps its edge. filters: OpenGL's numbers, for smaller and for larger than its texels.
-    uv_set: which of the two sets of texture coordinates; placing: (2, 3) float64 from those, v upwards, to the image's; None: as they are.
+    uv_set: which set of texture coordinates, 0 or 1. uv_transform: (2, 3) float64, v upwards, from those to the image's; None: identity.
     """
 
     texels: np.ndarray
     repeats: tuple[bool, bool] = (True, True)
     filters: tuple[int, int] = (LINEAR_MIPMAP_LINEAR, LINEAR)
     uv_set: int = 0
-    placing: np.ndarray | None = None
+    uv_transform: np.ndarray | None = None
 
 
-class Holes(NamedTuple):
+class AlphaTest(NamedTuple):
     """Where a surface lets see and light through: by alpha times the fourth channel of its image times its vertices' alpha.
 
     cutoff: what is below is not there, all else is opaque; None: that product is the share of the surface that is there.
@@ -42,80 +43,93 @@ class Holes(NamedTuple):
 
 
 class Phong(NamedTuple):
-    """diffuse / pi + specular (n + 2) / (2 pi) cos^n(angle between mirrored light and view); image: times diffuse."""
+    """diffuse / pi + specular (n + 2) / (2 pi) cos^n(angle between mirrored light and view); colour_map: times diffuse."""
 
     diffuse: Colour = (0.5, 0.5, 0.5)
     specular: Colour = (0.0, 0.0, 0.0)
     exponent: float = 40.0
-    image: Texture | None = None
+    colour_map: Texture | None = None
 
 
 class Ggx(NamedTuple):
-    """glTF 2.0's metallic-roughness. image: times base_color; metal_rough, two channels: times the two numbers.
+    """glTF 2.0's metallic-roughness. colour_map: times base_color; metallic_roughness_map, two channels: times the two numbers.
 
-    bumps: the normal in the frame of the texture coordinates, from -1 .. 1 to 0 .. 1. reflectance: head-on, of what is no metal.
+    normal_map: the normal in the frame of the texture coordinates, from -1 .. 1 to 0 .. 1. reflectance: head-on, of what is no metal.
     emission: radiance in the unit of the light's, times its image.
     """
 
     base_color: Colour
     metallic: float = 0.0
     roughness: float = 0.5
-    image: Texture | None = None
-    metal_rough: Texture | None = None
-    bumps: Texture | None = None
+    colour_map: Texture | None = None
+    metallic_roughness_map: Texture | None = None
+    normal_map: Texture | None = None
     reflectance: float = 0.04  # of refractive index 1.5
     emission: Colour = (0.0, 0.0, 0.0)
-    emission_image: Texture | None = None
-    holes: Holes | None = None
+    emission_map: Texture | None = None
+    alpha_test: AlphaTest | None = None
 
 
 class SpecularGlossiness(NamedTuple):
-    """glTF's older model (KHR_materials_pbrSpecularGlossiness). shine: times specular, and in its fourth channel times glossiness.
+    """glTF's older model (KHR_materials_pbrSpecularGlossiness).
 
-    The rest as in Ggx.
+    specular_glossiness_map: its colour times specular, its fourth channel times glossiness. The rest as in Ggx.
     """
 
     diffuse: Colour
     specular: Colour = (1.0, 1.0, 1.0)
     glossiness: float = 1.0
-    image: Texture | None = None
-    shine: Texture | None = None
-    bumps: Texture | None = None
+    colour_map: Texture | None = None
+    specular_glossiness_map: Texture | None = None
+    normal_map: Texture | None = None
     emission: Colour = (0.0, 0.0, 0.0)
-    emission_image: Texture | None = None
-    holes: Holes | None = None
+    emission_map: Texture | None = None
+    alpha_test: AlphaTest | None = None
 
 
 class Unlit(NamedTuple):
     """A surface that looks the same in any light (KHR_materials_unlit): its colour is the radiance that leaves it."""
 
     base_color: Colour
-    image: Texture | None = None
-    holes: Holes | None = None
+    colour_map: Texture | None = None
+    alpha_test: AlphaTest | None = None
 
 
-class Catcher(NamedTuple):
+class ShadowCatcher(NamedTuple):
     """A real ground that is in the plate already: it shows only the share of light that the scene's shadows take from it."""
 
 
-Material = Phong | Ggx | SpecularGlossiness | Unlit | Catcher
-KINDS = 4  # the shaders know surfaces of Lambert alone, of Lambert and Phong, of GGX, and catchers of shadows
-PHONG, GGX, CATCHER = 1, 2, 3
-GLOSSY = frozenset({PHONG, GGX})
+Material = Phong | Ggx | SpecularGlossiness | Unlit | ShadowCatcher
 
 
-def kind_of(material: Material) -> int:
-    """Which of the KINDS a material is."""
-    if isinstance(material, Phong):
-        return int(any(value > 0 for value in material.specular))
-    if isinstance(material, Unlit):
-        return 0
-    return CATCHER if isinstance(material, Catcher) else 2
+class MaterialKind(IntEnum):
+    """The reflection models that the shaders know. A G-buffer holds the number with each pixel."""
+
+    LAMBERT = 0
+    PHONG = 1  # and Lambert
+    GGX = 2
+    SHADOW_CATCHER = 3
 
 
-def holes_of(material: Material) -> Holes | None:
+GLOSSY_KINDS = frozenset({MaterialKind.PHONG, MaterialKind.GGX})
+
+
+def material_kind(material: Material) -> MaterialKind:
+    """The reflection model that shades a material. An unlit one reflects nothing, which Lambert does at the least cost."""
+    match material:
+        case Phong():
+            return MaterialKind.PHONG if any(material.specular) else MaterialKind.LAMBERT
+        case Ggx() | SpecularGlossiness():
+            return MaterialKind.GGX
+        case Unlit():
+            return MaterialKind.LAMBERT
+        case ShadowCatcher():
+            return MaterialKind.SHADOW_CATCHER
+
+
+def alpha_test_of(material: Material) -> AlphaTest | None:
     """A material's holes; None when it has none."""
-    return None if isinstance(material, Phong | Catcher) else material.holes
+    return None if isinstance(material, Phong | ShadowCatcher) else material.alpha_test
 
 
 def emits(material: Material) -> bool:
@@ -140,7 +154,7 @@ def material_from_table(table: MaterialTable) -> Material:
     if table.catcher:
         if table != MaterialTable(catcher=True):
             raise ValueError("a catcher has no colour; leave the other keys of its material out")
-        return Catcher()
+        return ShadowCatcher()
     phong = {key: value for key in ("diffuse", "specular", "exponent") if (value := getattr(table, key)) is not None}
     ggx = {key: value for key in ("metallic", "roughness") if (value := getattr(table, key)) is not None}
     if table.base_color is not None and not phong:
@@ -165,7 +179,7 @@ def material_from_visual(visual: Any) -> tuple[Material | None, np.ndarray | Non
     if found is None or _stands_in(image):
         return None, None
     if image is not None:
-        return Phong((1.0, 1.0, 1.0), image=Texture(texels(image))), uv
+        return Phong((1.0, 1.0, 1.0), colour_map=Texture(texels(image))), uv
     return Phong(_colour(getattr(found, "diffuse", None))), uv
 
 
@@ -206,8 +220,8 @@ def plate_pixels(image: Any) -> np.ndarray:
 def texels(image: Any, coded: bool = True, alpha: bool = False) -> np.ndarray:
     """A PIL image as (h, w, 3) float16, or 4 with its alpha, the first row at the bottom as OpenGL has it; from sRGB when `coded`."""
     image = image.convert("RGBA" if alpha else "RGB")
-    if max(image.size) > MOST_TEXELS:
-        image.thumbnail((MOST_TEXELS, MOST_TEXELS))
+    if max(image.size) > MAX_TEXTURE_SIDE:
+        image.thumbnail((MAX_TEXTURE_SIDE, MAX_TEXTURE_SIDE))
     codes, shares = np.asarray(image)[::-1], (np.arange(256) / 255).astype(np.float16)
     found = (linear_from_srgb(np.arange(256) / 255).astype(np.float16) if coded else shares)[codes]
     if alpha:
@@ -215,7 +229,7 @@ def texels(image: Any, coded: bool = True, alpha: bool = False) -> np.ndarray:
     return np.ascontiguousarray(found)
 
 
-def without_hidden_colours(image: np.ndarray) -> np.ndarray:
+def alpha_bled(image: np.ndarray) -> np.ndarray:
     """An image (h, w, 4) float16 whose texels of alpha 0 have the colour of what lies around, so that filters mix in nothing hidden.
 
     Pull and push (Gortler et al. 1996): means over halved images, weighted with alpha, fill the finer ones.

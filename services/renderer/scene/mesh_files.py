@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from vemlight.errors import UserError
-from vemlight.renderer.scene.animation import EVERY, Motion, animation_names, read_motions
+from vemlight.renderer.scene.animation import ALL_ANIMATIONS, RigidMotion, animation_names, read_motions
 from vemlight.renderer.scene.gltf import GltfFile
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
 from vemlight.renderer.scene.materials import Material, Phong, colours_from_visual, material_from_visual
@@ -17,23 +17,23 @@ from vemlight.renderer.scene.meshes import Geometry, clean_geometry
 FAULTS = (ValueError, LookupError, TypeError, AttributeError, OverflowError, OSError, struct.error, SyntaxError)  # the last: PIL's, of PNG
 
 
-class Part(NamedTuple):
+class MeshPart(NamedTuple):
     """A mesh of a file; material: what the file says it is made of; motion: how its animation moves it, in the file's axes."""
 
     name: str
     geometry: Geometry
     material: Material | None
-    motion: Motion | None = None
+    motion: RigidMotion | None = None
 
 
 class MeshFile(NamedTuple):
     """parts: the meshes, in the file's own axes with its scene graph applied. left_out: a line for each thing that is not drawn."""
 
-    parts: list[Part]
+    parts: list[MeshPart]
     left_out: list[str]
 
 
-class Vertices(NamedTuple):
+class VertexAttributes(NamedTuple):
     """What a file says of a mesh's vertices, (n, ...) each, as in Geometry; None where it says nothing."""
 
     positions: np.ndarray
@@ -63,7 +63,7 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     except Exception as error:  # a hostile file raises whatever the parser below trips over
         raise UserError(f"{where}: {path} is not a readable mesh ({_line(error)}); export it again") from error
     found = []
-    seen: dict[str, tuple[Material | None, Vertices]] = {}
+    seen: dict[str, tuple[Material | None, VertexAttributes]] = {}
     for number, (matrix, key, motion) in enumerate(nodes, 1):
         name = path.name if len(nodes) == 1 else f"{path.name} part {number}"
         mesh = loaded.geometry[key]
@@ -76,7 +76,7 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
             geometry = _in_file_axes(vertices, np.asarray(mesh.faces), np.asarray(matrix, np.float64))
         except FAULTS as error:
             raise UserError(f"{where}: {name} {_line(error)}; export it again") from error
-        found.append(Part(name, geometry, material, motion))
+        found.append(MeshPart(name, geometry, material, motion))
     if not found:
         raise UserError(f"{where}: {path} has no triangles; export it again")
     try:
@@ -90,7 +90,7 @@ def _left_out(file: GltfFile, looks: GltfMaterials, animation: str) -> list[str]
     names = animation_names(file)
     if len(names) < 2 or animation:
         return looks.left_out
-    others = f'animation = "{EVERY}" plays all, or name one of {", ".join(names)[:200]}'
+    others = f'animation = "{ALL_ANIMATIONS}" plays all, or name one of {", ".join(names)[:200]}'
     return [*looks.left_out, f"of its {len(names)} animations the first plays: {others}"]
 
 
@@ -98,30 +98,32 @@ def _line(error: Exception) -> str:
     return " ".join(str(error).split())[:200]
 
 
-def _motion_of(node: str, loaded: trimesh.Scene, motions: dict[str, Motion]) -> Motion | None:
+def _motion_of(node: str, loaded: trimesh.Scene, motions: dict[str, RigidMotion]) -> RigidMotion | None:
     """A node's motion; a mesh of several materials stands in nodes of trimesh's own below the file's."""
     return motions.get(node) or motions.get(loaded.graph.transforms.parents.get(node, ""))
 
 
-def _plain_seen(mesh: trimesh.Trimesh) -> tuple[Material | None, Vertices]:
+def _plain_seen(mesh: trimesh.Trimesh) -> tuple[Material | None, VertexAttributes]:
     """Of a file without glTF. Its normals are those that the file had; trimesh's property would compute its own."""
     material, uvs = material_from_visual(mesh.visual)
     normals = np.asarray(mesh.vertex_normals) if "vertex_normals" in mesh._cache.cache else None
-    return material, Vertices(np.asarray(mesh.vertices), normals, uvs, colours_from_visual(mesh.visual))
+    return material, VertexAttributes(np.asarray(mesh.vertices), normals, uvs, colours_from_visual(mesh.visual))
 
 
-def _gltf_seen(file: GltfFile, looks: GltfMaterials, primitive: dict[str, Any], materials: bool) -> tuple[Material | None, Vertices]:
+def _gltf_seen(
+    file: GltfFile, looks: GltfMaterials, primitive: dict[str, Any], materials: bool
+) -> tuple[Material | None, VertexAttributes]:
     """Of a primitive, read here: trimesh knows neither sparse nor normalised numbers."""
     attributes = primitive["attributes"]
     normals = file.array(attributes["NORMAL"]) if "NORMAL" in attributes else None
     uvs, second = looks.uvs(primitive)
-    vertices = Vertices(file.array(attributes["POSITION"]), normals, uvs, looks.colours(primitive), second)
+    vertices = VertexAttributes(file.array(attributes["POSITION"]), normals, uvs, looks.colours(primitive), second)
     if any(values is not None and len(values) != len(vertices.positions) for values in vertices):
         raise ValueError("has more or fewer normals, colours or texture coordinates than vertices")
     return looks.material(primitive) if materials else None, vertices
 
 
-def _in_file_axes(vertices: Vertices, faces: np.ndarray, matrix: np.ndarray) -> Geometry:
+def _in_file_axes(vertices: VertexAttributes, faces: np.ndarray, matrix: np.ndarray) -> Geometry:
     """Clean geometry of a node's mesh under the node's transform (4, 4)."""
     positions = vertices.positions @ matrix[:3, :3].T + matrix[:3, 3]
     normals = None if vertices.normals is None else vertices.normals @ np.linalg.inv(matrix[:3, :3])

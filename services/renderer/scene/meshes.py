@@ -1,6 +1,6 @@
 """Triangle meshes: what files hold and simple shapes, as clean geometry with normals.
 
-Smooth normals are the file's where it has them; otherwise faces that meet at less than CREASE share a smooth normal and sharper
+Smooth normals are the file's where it has them; otherwise faces that meet at less than CREASE_RAD share a smooth normal and sharper
 edges stay sharp, so that a bunny is round and a box has flat sides.
 """
 
@@ -11,11 +11,11 @@ import trimesh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from vemlight.renderer.scene.animation import Motion
+from vemlight.renderer.scene.animation import RigidMotion
 
 Shape = Literal["sphere", "plane", "box"]
-MOST_TIMES = 64  # moments of an animation at which its reach is looked at, keys and evenly spread ones each
-CREASE = np.radians(40.0)  # between a round form in coarse facets (a 12-sided tube: 30 degrees) and a chamfer (45 degrees)
+MAX_SWEEP_TIMES = 64  # moments of an animation at which its reach is looked at, keys and evenly spread ones each
+CREASE_RAD = np.radians(40.0)  # between a round form in coarse facets (a 12-sided tube: 30 degrees) and a chamfer (45 degrees)
 
 
 class Geometry(NamedTuple):
@@ -53,11 +53,11 @@ def box_corners(geometry: Geometry) -> np.ndarray:
     return np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low)
 
 
-def swept_bounds(geometry: Geometry, motion: Motion | None) -> tuple[np.ndarray, np.ndarray]:
+def swept_bounds(geometry: Geometry, motion: RigidMotion | None) -> tuple[np.ndarray, np.ndarray]:
     """As `bounds`, of the box around all places to which a motion brings a geometry's own box."""
     if motion is None:
         return bounds([geometry])
-    matrices = np.stack([motion.world_from_rest(time_s) for time_s in motion.times_s(MOST_TIMES)])
+    matrices = np.stack([motion.world_from_rest(time_s) for time_s in motion.times_s(MAX_SWEEP_TIMES)])
     swept = np.einsum("tij,cj->tci", matrices[:, :3, :3], box_corners(geometry)) + matrices[:, None, :3, 3]
     low, high = swept.min(axis=(0, 1)), swept.max(axis=(0, 1))
     between = 0.02 * (high - low)  # a half turn between two of ten moments leaves its chord by 1 - cos(pi / 20), 1.2 % of its radius
@@ -169,7 +169,7 @@ def _smoothed(
 
     With `seams`, corners of one group that were different vertices (of other texture coordinates or colours) stay different.
 
-    A smooth edge joins exactly two faces whose normals differ by less than CREASE; a group's normal is the mean of its faces' normals,
+    A smooth edge joins exactly two faces whose normals differ by less than CREASE_RAD; a group's normal is the mean of its faces' normals,
     weighted by the corners' angles (Thuermer and Wuethrich 1998).
     """
     count = len(triangles)
@@ -180,7 +180,7 @@ def _smoothed(
     starts = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
     pairs = starts[np.diff(np.append(starts, len(key))) == 2]
     first, second = order[pairs], order[pairs + 1]  # half-edge h is side h // count of triangle h % count
-    smooth = np.einsum("ij,ij->i", facing[first % count], facing[second % count]) > np.cos(CREASE)
+    smooth = np.einsum("ij,ij->i", facing[first % count], facing[second % count]) > np.cos(CREASE_RAD)
     first, second = first[smooth], second[smooth]
 
     # Corner k of triangle t is node 3 t + k; a half-edge of side s runs from corner s to corner s + 1, its twin the other way.

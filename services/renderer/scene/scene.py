@@ -14,10 +14,19 @@ from msgspec import Meta
 from vemlight.errors import UserError
 from vemlight.files import read_toml
 from vemlight.light.sphere import quaternion_xyz, rotation_xyz
-from vemlight.renderer.scene.animation import Motion
-from vemlight.renderer.scene.luminaire_table import BUNDLED, Luminaire, LuminaireTable, load_luminaire
-from vemlight.renderer.scene.materials import GLOSSY, Catcher, Material, MaterialTable, Phong, holes_of, kind_of, material_from_table
-from vemlight.renderer.scene.mesh_files import MeshFile, Part, read_meshes
+from vemlight.renderer.scene.animation import RigidMotion
+from vemlight.renderer.scene.luminaire_table import BUNDLED_LAMP, Luminaire, LuminaireTable, load_luminaire
+from vemlight.renderer.scene.materials import (
+    GLOSSY_KINDS,
+    Material,
+    MaterialTable,
+    Phong,
+    ShadowCatcher,
+    alpha_test_of,
+    material_from_table,
+    material_kind,
+)
+from vemlight.renderer.scene.mesh_files import MeshFile, MeshPart, read_meshes
 from vemlight.renderer.scene.meshes import Geometry, Shape, bounds, shape_geometry, swept_bounds
 from vemlight.renderer.scene.plate_table import PlateTable, load_plate
 from vemlight.runtime import wire
@@ -26,13 +35,13 @@ DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
 GLTF = (".glb", ".gltf")
 MESH_SUFFIXES = (*GLTF, ".obj", ".ply", ".stl")
 
-FARTHEST_M = 1e6  # as poses on the wire; there float32 is 6 cm coarse
-REMOTE = 1000  # times its own size from the origin: there float32 is 6e-5 of that size, a tenth of a texel of the largest shadow map
+MAX_DISTANCE_M = 1e6  # as poses on the wire; there float32 is 6 cm coarse
+MAX_RELATIVE_OFFSET = 1000  # scene sizes from the origin: there float32 is 6e-5 of the size, a tenth of a texel of the largest shadow map
 
 Vector = tuple[float, float, float]
 
 
-class Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ViewCamera(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     position: Vector = msgspec.field(name="from")
     at: Vector
     fov_y: Annotated[float, Meta(gt=0, lt=180)] = 40.0  # degrees, from the lower to the upper edge
@@ -53,7 +62,7 @@ class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    camera: Camera
+    camera: ViewCamera
     mesh: list[MeshTable]
     luminaire: list[LuminaireTable] = []
     plate: PlateTable | None = None
@@ -68,38 +77,38 @@ class Mesh(NamedTuple):
     name: str
     geometry: Geometry
     material: Material
-    thing: int | None = None
-    motion: Motion | None = None
+    object_index: int | None = None
+    motion: RigidMotion | None = None
 
 
 class Scene(NamedTuple):
     """What is drawn. centre and half: the box around all meshes and wherever animations bring them, (3,) float64 each, metres.
 
-    things: what can be moved, where the scene file puts it: an object for each [[mesh]], then the lamps in their order.
+    objects: what can be moved, where the scene file puts it: an object for each [[mesh]], then the lamps in their order.
     """
 
-    camera: Camera
+    camera: ViewCamera
     meshes: tuple[Mesh, ...]
     centre: np.ndarray
     half: np.ndarray
     luminaires: tuple[Luminaire, ...] = ()
     plate: np.ndarray | None = None  # (h, w, 3) float16, radiance of what lies behind, row 0 on top
-    things: tuple[wire.Pose, ...] = ()
+    objects: tuple[wire.Pose, ...] = ()
 
     @property
     def glossy(self) -> bool:
         """Whether any material has a lobe, for which a second set of lights is good."""
-        return any(kind_of(mesh.material) in GLOSSY for mesh in self.meshes)
+        return any(material_kind(mesh.material) in GLOSSY_KINDS for mesh in self.meshes)
 
     @property
     def blended(self) -> bool:
         """Whether of any surface only a share is there, for which more samples are good."""
-        return any(holes.cutoff is None for mesh in self.meshes if (holes := holes_of(mesh.material)))
+        return any(holes.cutoff is None for mesh in self.meshes if (holes := alpha_test_of(mesh.material)))
 
-    def catcher_normal(self, matrices: np.ndarray) -> np.ndarray | None:
+    def shadow_catcher_normal(self, matrices: np.ndarray) -> np.ndarray | None:
         """Unit normal (3,) of the catcher on the camera's side, with world_from_rest (n, 4, 4) of the meshes; None when there is none."""
         for mesh, matrix in zip(self.meshes, matrices, strict=True):
-            if isinstance(mesh.material, Catcher):
+            if isinstance(mesh.material, ShadowCatcher):
                 normal = np.linalg.inv(matrix[:3, :3]).T @ mesh.geometry.normals[0].astype(np.float64)
                 normal /= np.linalg.norm(normal)
                 place = matrix[:3, :3] @ mesh.geometry.positions[0].astype(np.float64) + matrix[:3, 3]
@@ -121,7 +130,7 @@ def load_scene(path: Path | None) -> Scene:
     if not np.all(np.isfinite([*camera.position, *camera.at])) or np.allclose(camera.position, camera.at, rtol=0, atol=1e-9):
         raise UserError(f"{path}: [camera] from and at must be two different finite points; mend them")
     meshes = [
-        mesh._replace(thing=number - 1)
+        mesh._replace(object_index=number - 1)
         for number, row in enumerate(table.mesh, 1)
         for mesh in _meshes(row, path, f"{path}: [[mesh]] {number}")
     ]
@@ -130,35 +139,35 @@ def load_scene(path: Path | None) -> Scene:
     lamps = [load_luminaire(row, path.parent, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
     _check_catchers(meshes, path)
     size, off = np.linalg.norm(high - low), np.linalg.norm(high + low) / 2
-    if off > REMOTE * size:
+    if off > MAX_RELATIVE_OFFSET * size:
         told = f"the scene is {size:.3g} m large and {off:.3g} m from the origin, too far for exact shadows; move all of it there"
         print(f"vemlight: {path}: {told}", file=sys.stderr, flush=True)
     plate = load_plate(table.plate, path.parent, f"{path}: [plate]") if table.plate else None
-    things = _things(table, path)
-    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate, things)
+    objects = _objects(table, path)
+    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate, objects)
 
 
-def _things(table: SceneTable, path: Path) -> tuple[wire.Pose, ...]:
+def _objects(table: SceneTable, path: Path) -> tuple[wire.Pose, ...]:
     """The objects and lamps by name. A name left out is the file's or the shape's, with a number where another has it already."""
     rows: list[tuple[MeshTable | LuminaireTable, str, float | None]] = [(row, row.shape or Path(row.file).stem, None) for row in table.mesh]
-    rows += [(row, Path(row.file or BUNDLED).stem, row.power) for row in table.luminaire]
+    rows += [(row, Path(row.file or BUNDLED_LAMP).stem, row.power) for row in table.luminaire]
     given = [row.name for row, _, _ in rows if row.name]
     taken = set(given)
     if twice := [name for name in taken if given.count(name) > 1]:
         raise UserError(f"{path}: {min(twice)} is the name of several meshes or luminaires; give each its own")
-    things = []
+    objects = []
     for row, plain, power in rows:
         plain = plain[:56] or "mesh"  # a number fits behind it
         free = (f"{plain} {k}" if k > 1 else plain for k in range(1, len(rows) + 2))
         name = row.name or next(name for name in free if name not in taken)
         taken.add(name)
-        things.append(wire.Pose(name=name, at=row.at, turn=quaternion_xyz(row.rotate), power=power))
-    return tuple(things)
+        objects.append(wire.Pose(name=name, at=row.at, turn=quaternion_xyz(row.rotate), power=power))
+    return tuple(objects)
 
 
 def _check_catchers(meshes: list[Mesh], path: Path) -> None:
     """Raises UserError when there is more than one catcher or it is not flat: the light that it would have then varies over it."""
-    catchers = [mesh for mesh in meshes if isinstance(mesh.material, Catcher)]
+    catchers = [mesh for mesh in meshes if isinstance(mesh.material, ShadowCatcher)]
     if len(catchers) > 1:
         raise UserError(f"{path}: has {len(catchers)} meshes with catcher = true; join them in one flat mesh")
     if catchers and np.ptp(catchers[0].geometry.normals, axis=0).max() > 1e-3:
@@ -173,13 +182,13 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
         wanted = material_from_table(row.material) if row.material else None
     except ValueError as error:
         raise UserError(f"{where}: {error}") from error
-    if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > FARTHEST_M:
-        raise UserError(f"{where}: scale, rotate and at must be finite, at within {FARTHEST_M:.0f} m; mend them")
+    if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_DISTANCE_M:
+        raise UserError(f"{where}: scale, rotate and at must be finite, at within {MAX_DISTANCE_M:.0f} m; mend them")
     if row.animation and Path(row.file).suffix.lower() not in GLTF:
         raise UserError(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")
     y_up = row.y_up
     if row.shape:
-        found = MeshFile([Part(row.shape, shape_geometry(row.shape), None)], [])
+        found = MeshFile([MeshPart(row.shape, shape_geometry(row.shape), None)], [])
     else:
         file = scene.parent / row.file
         if file.suffix.lower() not in MESH_SUFFIXES:

@@ -14,41 +14,41 @@ from vemlight.runtime import wire
 class ScenePose(NamedTuple):
     """matrices: (n, 4, 4) float64, for each mesh world_from_rest, from where the scene file puts it; exactly 1 where nothing moves it.
 
-    things: the poses of the scene's objects and lamps. centre, half: (3,) float64, the box around all meshes, never smaller than at rest.
+    objects: the poses of the scene's objects and lamps. centre, half: (3,) float64, the box around all meshes, never smaller than at rest.
     """
 
     matrices: np.ndarray
-    things: tuple[wire.Pose, ...]
+    objects: tuple[wire.Pose, ...]
     centre: np.ndarray
     half: np.ndarray
 
 
-def world_from_thing(pose: wire.Pose) -> np.ndarray:
+def world_from_object(pose: wire.Pose) -> np.ndarray:
     """Rigid transform (4, 4) from a thing's own axes."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation_from_quaternion(np.array(pose.turn)), pose.at
     return matrix
 
 
-def standing(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> ScenePose:
+def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> ScenePose:
     """The scene at a time of its animations, with what `poses` names where they say; names that the scene does not have change nothing."""
     wished = {pose.name: pose for pose in poses}
-    things = tuple(_kept_power(wished[rest.name], rest) if rest.name in wished else rest for rest in scene.things)
+    objects = tuple(_with_power(wished[rest.name], rest) if rest.name in wished else rest for rest in scene.objects)
     matrices = np.tile(np.eye(4), (len(scene.meshes), 1, 1))
     low, high = scene.centre - scene.half, scene.centre + scene.half
     for k, mesh in enumerate(scene.meshes):
-        rest, now = (scene.things[mesh.thing], things[mesh.thing]) if mesh.thing is not None else (None, None)
+        rest, now = (scene.objects[mesh.object_index], objects[mesh.object_index]) if mesh.object_index is not None else (None, None)
         if mesh.motion is not None:
             matrices[k] = mesh.motion.world_from_rest(time_s)
         if rest is not None and now is not None and (rest.at, rest.turn) != (now.at, now.turn):
-            matrices[k] = world_from_thing(now) @ np.linalg.inv(world_from_thing(rest)) @ matrices[k]
+            matrices[k] = world_from_object(now) @ np.linalg.inv(world_from_object(rest)) @ matrices[k]
         if mesh.motion is not None or now is not rest:
             corners = box_corners(mesh.geometry) @ matrices[k, :3, :3].T + matrices[k, :3, 3]
             low, high = np.minimum(low, corners.min(axis=0)), np.maximum(high, corners.max(axis=0))
-    return ScenePose(matrices, things, (low + high) / 2, (high - low) / 2)
+    return ScenePose(matrices, objects, (low + high) / 2, (high - low) / 2)
 
 
-def _kept_power(wished: wire.Pose, rest: wire.Pose) -> wire.Pose:
+def _with_power(wished: wire.Pose, rest: wire.Pose) -> wire.Pose:
     """A wished pose with the power of the scene file where it wishes none; what is no lamp has none."""
     power = rest.power if wished.power is None or rest.power is None else wished.power
     return wire.Pose(name=rest.name, at=wished.at, turn=wished.turn, power=power)

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.renderer.scene.scene import Camera, Scene
+from vemlight.renderer.scene.scene import Scene, ViewCamera
 
 
-class Offset(NamedTuple):
+class PixelSample(NamedTuple):
     """A sample of a pixel: where in the unit pixel, and its number among them, by which surfaces that are there in part are seen."""
 
     x: float
@@ -15,18 +15,18 @@ class Offset(NamedTuple):
     number: int = 0
 
 
-def pixel_offsets(samples: int) -> list[Offset]:
+def pixel_samples(samples: int) -> list[PixelSample]:
     """`samples` places in the unit pixel, evenly spread (Hammersley points, moved by half a step so that one lies in the middle)."""
     places = []
     for k in range(samples):
         mirrored, bit, rest = 0.0, 0.5, k
         while rest:
             mirrored, bit, rest = mirrored + bit * (rest & 1), bit / 2, rest >> 1
-        places.append(Offset((k + 0.5) / samples, (mirrored + 0.5 / samples) % 1.0, k))
+        places.append(PixelSample((k + 0.5) / samples, (mirrored + 0.5 / samples) % 1.0, k))
     return places
 
 
-def view_from_world(camera: Camera) -> np.ndarray:
+def view_from_world(camera: ViewCamera) -> np.ndarray:
     """Rigid transform (4, 4): x right, y down, z along the view; a camera that looks straight up or down has +Y of the world on top."""
     forward = np.subtract(camera.at, camera.position)
     forward = forward / np.linalg.norm(forward)
@@ -39,7 +39,7 @@ def view_from_world(camera: Camera) -> np.ndarray:
     return view
 
 
-def ray_from_pixel(camera: Camera, size: tuple[int, int]) -> np.ndarray:
+def ray_from_pixel(camera: ViewCamera, size: tuple[int, int]) -> np.ndarray:
     """(3, 3): from (x, y, 1) in a picture of `size` pixels, row 0 on top, pixel 0 from 0 to 1, to the world direction seen there."""
     tall = np.tan(np.radians(camera.fov_y) / 2)
     wide = tall * size[0] / size[1]
@@ -47,10 +47,10 @@ def ray_from_pixel(camera: Camera, size: tuple[int, int]) -> np.ndarray:
     return view_from_world(camera)[:3, :3].T @ view_from_pixel
 
 
-CENTRE = Offset(0.5, 0.5)
+PIXEL_CENTRE = PixelSample(0.5, 0.5)
 
 
-def clip_from_world(scene: Scene, size: tuple[int, int], offset: Offset = CENTRE) -> np.ndarray:
+def clip_from_world(scene: Scene, size: tuple[int, int], offset: PixelSample = PIXEL_CENTRE) -> np.ndarray:
     """Projection (4, 4) whose picture has row 0 on top in memory (y down) and is sampled at `offset` in each pixel of `size`.
 
     Near and far lie around the scene's box, near at least at 1/1000 of far so that 24 bits of depth stay fine enough.

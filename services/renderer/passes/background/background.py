@@ -6,7 +6,7 @@ import numpy as np
 from vemlight.light.sphere import SPAN, Coverage
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.background.compositing import Backdrop
-from vemlight.renderer.scene.scene import Camera
+from vemlight.renderer.scene.scene import ViewCamera
 from vemlight.renderer.scene.view import ray_from_pixel
 
 
@@ -25,7 +25,7 @@ class Background(Backdrop):
         texture.write(np.ascontiguousarray(clean, np.float32), alignment=1)
         self._program["span"] = SPAN[coverage]
 
-    def draw(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None, camera: Camera) -> None:
+    def draw(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None, camera: ViewCamera) -> None:
         """Fills what the picture in `frame` leaves open, seen from `camera`, and makes alpha 1 there; nothing below a hemisphere's horizon.
 
         cover: what catchers take. Does nothing before the first `show`.

@@ -10,11 +10,22 @@ import moderngl
 import numpy as np
 
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.scene.geometry import Drawable, drawable_scene
-from vemlight.renderer.scene.materials import HASHED, Ggx, Material, Phong, SpecularGlossiness, Texture, Unlit, emits, holes_of, kind_of
+from vemlight.renderer.scene.materials import (
+    HASHED_ALPHA,
+    Ggx,
+    Material,
+    Phong,
+    SpecularGlossiness,
+    Texture,
+    Unlit,
+    alpha_test_of,
+    emits,
+    material_kind,
+)
 from vemlight.renderer.scene.scene import Scene
-from vemlight.renderer.scene.scene_pose import ScenePose, standing
-from vemlight.renderer.scene.view import Offset, clip_from_world, ray_from_pixel
+from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
+from vemlight.renderer.scene.vertex_buffers import VertexBuffers, vertex_buffers
+from vemlight.renderer.scene.view import PixelSample, clip_from_world, ray_from_pixel
 
 CODES = 32767  # of a normal's number to each side of 0: gbuffer.glsl
 # Name, how many numbers a pixel, and their format.
@@ -39,7 +50,7 @@ class GBufferTextures(NamedTuple):
     specular: np.ndarray
 
 
-class Look(NamedTuple):
+class MaterialUniforms(NamedTuple):
     """A material as surface.frag has it: which variant of the program, its numbers, and the images in SLOTS."""
 
     constants: dict[str, str]
@@ -55,41 +66,41 @@ class DrawItem(NamedTuple):
     textures: list[moderngl.Texture]
 
 
-def look_of(material: Material, emission: bool) -> Look:
+def material_uniforms(material: Material, emission: bool) -> MaterialUniforms:
     """How a material is drawn; emission: whether anything in the scene emits."""
     model, shine, images = 0, (0.0, 0.0, 0.0), (None, None, None, None)
     colour, shape = (0.0, 0.0, 0.0), 0.0
     numbers: dict[str, object] = {"glow": (0.0, 0.0, 0.0)}
     if isinstance(material, Phong):
-        colour, shine, shape, images = material.diffuse, material.specular, material.exponent, (material.image, None, None, None)
+        colour, shine, shape, images = material.diffuse, material.specular, material.exponent, (material.colour_map, None, None, None)
     elif isinstance(material, Ggx):
         colour, shine, shape = material.base_color, (material.metallic, 0.0, 0.0), material.roughness
-        images = (material.image, material.metal_rough, material.bumps, material.emission_image)
+        images = (material.colour_map, material.metallic_roughness_map, material.normal_map, material.emission_map)
         numbers = {"reflectance": material.reflectance, "glow": material.emission}
     elif isinstance(material, SpecularGlossiness):
         model, colour, shine, shape = 1, material.diffuse, material.specular, material.glossiness
-        images = (material.image, material.shine, material.bumps, material.emission_image)
+        images = (material.colour_map, material.specular_glossiness_map, material.normal_map, material.emission_map)
         numbers = {"glow": material.emission}
     elif isinstance(material, Unlit):
-        model, colour, images = 2, material.base_color, (material.image, None, None, None)
-    if holes := holes_of(material):
-        numbers |= {"opacity": holes.alpha, "cutoff": HASHED if holes.cutoff is None else holes.cutoff}
-    placed = any(image is not None and image.placing is not None for image in images)
+        model, colour, images = 2, material.base_color, (material.colour_map, None, None, None)
+    if holes := alpha_test_of(material):
+        numbers |= {"opacity": holes.alpha, "cutoff": HASHED_ALPHA if holes.cutoff is None else holes.cutoff}
+    placed = any(image is not None and image.uv_transform is not None for image in images)
     if placed:
-        rows = np.stack([placing_rows(image) for image in images])
+        rows = np.stack([uv_transform_rows(image) for image in images])
         numbers |= {"across": rows[:, 0, :4], "along": rows[:, 1, :4], "shift": rows[:, :, 4]}
-    numbers |= {"kind": float(kind_of(material)), "colour": colour, "shine": shine, "shape": shape}
+    numbers |= {"kind": float(material_kind(material)), "colour": colour, "shine": shine, "shape": shape}
     seen = {"IMAGES": any(image is not None for image in images), "PLACED": placed, "BUMPY": images[2] is not None}
     flags = {"MODEL": model, **seen, "CUT": holes is not None, "EMISSION": emission}
-    return Look({name: str(int(flag)) for name, flag in flags.items()}, numbers, images)
+    return MaterialUniforms({name: str(int(flag)) for name, flag in flags.items()}, numbers, images)
 
 
-def placing_rows(image: Texture | None) -> np.ndarray:
+def uv_transform_rows(image: Texture | None) -> np.ndarray:
     """An image's coordinates (2, 5) as weights of both sets of texture coordinates and of 1."""
-    placing = np.eye(3)[:2] if image is None or image.placing is None else image.placing
+    uv_transform = np.eye(3)[:2] if image is None or image.uv_transform is None else image.uv_transform
     first = 2 * image.uv_set if image else 0
     rows = np.zeros((2, 5), np.float32)
-    rows[:, first : first + 2], rows[:, 4] = placing[:, :2], placing[:, 2]
+    rows[:, first : first + 2], rows[:, 4] = uv_transform[:, :2], uv_transform[:, 2]
     return rows
 
 
@@ -97,8 +108,8 @@ class Surfaces:
     """The images of the nearest surfaces, each `size` pixels (width, height)."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, size: tuple[int, int]) -> None:
-        drawable = drawable_scene(scene)
-        self._context, self._programs, self._scene, self._spans, self._size = context, programs, scene, drawable.spans, size
+        drawable = vertex_buffers(scene)
+        self._context, self._programs, self._scene, self._mesh_ranges, self._size = context, programs, scene, drawable.mesh_ranges, size
         self.buffers = (context.buffer(drawable.vertices.tobytes()), context.buffer(drawable.indices.tobytes()))
         emission = any(emits(mesh.material) for mesh in scene.meshes)
         formats = IMAGES | (EMITTED if emission else {})
@@ -108,10 +119,10 @@ class Surfaces:
         self._textures: dict[tuple[object, ...], moderngl.Texture] = {}
         self._arrays: dict[tuple[str, ...], moderngl.VertexArray] = {}
         self._second: moderngl.Buffer | None = None
-        self._dressed = [self._dress(look_of(mesh.material, emission), drawable) for mesh in scene.meshes]
+        self._dressed = [self._dress(material_uniforms(mesh.material, emission), drawable) for mesh in scene.meshes]
         self._depth = context.depth_renderbuffer(size)
         self._frame = context.framebuffer(list(self._images.values()), self._depth)
-        self.place(standing(scene, 0.0))
+        self.place(scene_pose(scene, 0.0))
 
     def place(self, now: ScenePose) -> None:
         """Moves the meshes."""
@@ -119,10 +130,10 @@ class Surfaces:
         a, b, c = np.moveaxis(now.matrices[:, :3, :3], 1, 0)  # rows; normals go by the cofactors, which a flat scale leaves finite
         normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
         placed = zip(now.matrices, normals, strict=True)
-        self._drawn_at: Offset | None = None
+        self._drawn_at: PixelSample | None = None
         self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.T.reshape(-1))) for matrix, normal in placed]
 
-    def draw(self, offset: Offset) -> bool:
+    def draw(self, offset: PixelSample) -> bool:
         """Draws what the pixels see at `offset` in each; False, and nothing done, where that is what was drawn last.
 
         A surface of which a share is there is drawn where that is above a number made of its place and the offset's: the mean over offsets
@@ -143,7 +154,7 @@ class Surfaces:
         self._frame.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
-        for dressed, span, (matrix, normal) in zip(self._dressed, self._spans, self._placed, strict=True):
+        for dressed, span, (matrix, normal) in zip(self._dressed, self._mesh_ranges, self._placed, strict=True):
             for uniform, value in dressed.numbers:
                 uniform.value = value
             for unit, texture in enumerate(dressed.textures):
@@ -152,14 +163,14 @@ class Surfaces:
             dressed.array.render(vertices=span.count, first=span.first)
         return True
 
-    def _dress(self, look: Look, drawable: Drawable) -> DrawItem:
+    def _dress(self, look: MaterialUniforms, drawable: VertexBuffers) -> DrawItem:
         array = self._array(look.constants, drawable)
         numbers = look.numbers | {name: unit for unit, name in enumerate(SLOTS)}
         found = ((array.program.get(name, None), value) for name, value in numbers.items())  # compilers leave out what is not used
         uniforms = [(uniform, value) for uniform, value in found if isinstance(uniform, moderngl.Uniform)]
         return DrawItem(array, uniforms, [self._texture(image) for image in look.images])
 
-    def _array(self, constants: dict[str, str], drawable: Drawable) -> moderngl.VertexArray:
+    def _array(self, constants: dict[str, str], drawable: VertexBuffers) -> moderngl.VertexArray:
         """The vertices for a variant of the program, made when it is first worn."""
         key = tuple(constants.values())
         if key not in self._arrays:

@@ -16,7 +16,7 @@ from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, light_regions
 from vemlight.renderer.passes.shadow_maps.shadow_maps import MAX_LIGHTS, Batch, ShadowAtlas
-from vemlight.renderer.scene.materials import GGX, PHONG
+from vemlight.renderer.scene.materials import MaterialKind
 
 RIM = np.radians(20.0)  # of the cone, where the weak lights end
 CORE = np.radians(12.0)  # where they are alone
@@ -31,9 +31,9 @@ NEIGHBOURS = 4  # of a light, whose distance tells its spread
 class Gloss:
     """Adds the weak lights to a picture of `surfaces`, which have the `kinds` of material."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, kinds: set[int]) -> None:
+    def __init__(self, context: moderngl.Context, programs: Programs, kinds: set[MaterialKind]) -> None:
         self._context = context
-        named = {"MAX_LIGHTS": MAX_LIGHTS, "LINE": LINE, "PHONG": int(PHONG in kinds), "GGX": int(GGX in kinds)}
+        named = {"MAX_LIGHTS": MAX_LIGHTS, "LINE": LINE, "PHONG": int(MaterialKind.PHONG in kinds), "GGX": int(MaterialKind.GGX in kinds)}
         self._program = programs.program("screen.vert", "gloss.frag", **{name: str(value) for name, value in named.items()})
         self._array = context.vertex_array(self._program, [])
         self._regions = light_regions(REGIONS)

@@ -14,15 +14,17 @@ from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, Regions
 from vemlight.renderer.passes.lights.visibility_cache import Kept
 from vemlight.renderer.passes.shadow_maps.shadow_maps import MAX_LIGHTS, Batch, ShadowAtlas
-from vemlight.renderer.scene.materials import CATCHER, GLOSSY, KINDS, Colour
+from vemlight.renderer.scene.materials import GLOSSY_KINDS, Colour, MaterialKind
 
-CLASSES = 1024  # depths in use are (class + 1/2) / CLASSES: exact in 24 bits, KINDS for each of 256 regions
+CLASSES = 1024  # depths in use are (class + 1/2) / CLASSES: exact in 24 bits, one of each MaterialKind for each of 256 regions
 
 
 class Shading:
     """Sums lights into a picture of `size` pixels (width, height), linear RGBA, for surfaces of the `kinds` of material."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, regions: Regions, kinds: set[int], size: tuple[int, int]) -> None:
+    def __init__(
+        self, context: moderngl.Context, programs: Programs, regions: Regions, kinds: set[MaterialKind], size: tuple[int, int]
+    ) -> None:
         self._context, self._programs, self._kinds = context, programs, sorted(kinds)
         self._classify = programs.program("screen.vert", "classify.frag", CLASSES=f"{CLASSES}.0")
         self._classify_array = context.vertex_array(self._classify, [])
@@ -36,7 +38,7 @@ class Shading:
         self.cover: moderngl.Texture | None = None  # what catchers take from what lies behind: a share in each channel, and in alpha
         self.cover_frame: moderngl.Framebuffer | None = None
         self._catching: moderngl.Framebuffer | None = None
-        if CATCHER in kinds:
+        if MaterialKind.SHADOW_CATCHER in kinds:
             self.cover = context.texture(size, 4, dtype="f4")
             self.cover_frame = context.framebuffer([self.cover])
             self._catching = context.framebuffer([self.picture, self.cover], self.class_depth)
@@ -83,19 +85,19 @@ class Shading:
             unit = surfaces.bind(program)
             (kept or atlas).bind(program, unit)
             program["weight"] = weight
-            if kind == CATCHER:  # covers by its shadows alone
+            if kind == MaterialKind.SHADOW_CATCHER:  # covers by its shadows alone
                 program["unshadowed"], alpha = unshadowed, 0.0
                 assert self._catching is not None
                 self._catching.use()  # the last of the kinds
-            elif kind in GLOSSY:
+            elif kind in GLOSSY_KINDS:
                 program["cone"] = cone
-            if kind != CATCHER:
+            if kind != MaterialKind.SHADOW_CATCHER:
                 program["alpha"] = alpha
             for region, row in enumerate(batch.rows):
                 if row.count or alpha > 0:
                     atlas.bind_row(row)
                     program["light_count"] = row.count
-                    program["depth"] = (KINDS * region + kind + 0.5) / CLASSES
+                    program["depth"] = (len(MaterialKind) * region + kind + 0.5) / CLASSES
                     array.render(moderngl.TRIANGLES, vertices=3)
 
     def _made(self, kept: bool) -> list[moderngl.VertexArray]:

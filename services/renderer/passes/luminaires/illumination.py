@@ -21,12 +21,12 @@ from vemlight.renderer.luminaire.shift_invariant import radiance_images
 from vemlight.renderer.luminaire.tables import Tables, tables_of
 from vemlight.renderer.passes.gbuffer.gbuffer import GBufferTextures, Surfaces
 from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
-from vemlight.renderer.scene.geometry import Span, pieces
 from vemlight.renderer.scene.luminaire_table import Luminaire, Vector
-from vemlight.renderer.scene.materials import CATCHER, holes_of
+from vemlight.renderer.scene.materials import MaterialKind, alpha_test_of
 from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene
-from vemlight.renderer.scene.scene_pose import ScenePose, standing, world_from_thing
+from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose, world_from_object
+from vemlight.renderer.scene.vertex_buffers import IndexRange, draw_ranges
 
 MAX_ATLAS_SIDE = 8192  # texels; no GL 4.3 driver refuses it
 MAX_CELLS = 2048  # of a lamp: 64 kB of a uniform block
@@ -34,12 +34,12 @@ FAR_ROWS, FAR_COLS = 181, 361  # a degree apart, as the finest photometry files 
 
 
 class Casters(NamedTuple):
-    """The scene as the maps draw it. positions: (n, 3) float32 a vertex. spans: each mesh's indices. now: where the meshes stand.
+    """The scene as the maps draw it. positions: (n, 3) float32 a vertex. mesh_ranges: each mesh's indices. now: where the meshes stand.
     triangles: for traced shadows, empty where no luminaire asks for them."""
 
     positions: moderngl.Buffer
     indices: moderngl.Buffer
-    spans: tuple[Span, ...]
+    mesh_ranges: tuple[IndexRange, ...]
     now: ScenePose
     triangles: Hierarchy
 
@@ -51,10 +51,11 @@ def casters_of(context: moderngl.Context, scene: Scene, now: ScenePose) -> Caste
     indices = np.concatenate([mesh.triangles.reshape(-1) + np.uint32(start) for mesh, start in zip(meshes, first[:-1], strict=True)])
     positions = np.concatenate([mesh.positions for mesh in meshes]).astype(np.float32)
     ends = np.cumsum([0, *(mesh.triangles.size for mesh in meshes)]).tolist()
-    whole = [holes_of(mesh.material) is None for mesh in scene.meshes]  # the others are drawn by cut.py
-    spans = tuple(Span(start, mesh.triangles.size * all_there) for mesh, start, all_there in zip(meshes, ends[:-1], whole, strict=True))
+    whole = [alpha_test_of(mesh.material) is None for mesh in scene.meshes]  # the others are drawn by cut.py
+    ranges = (IndexRange(start, mesh.triangles.size * solid) for mesh, start, solid in zip(meshes, ends[:-1], whole, strict=True))
+    mesh_ranges = tuple(ranges)
     buffers = context.buffer(positions.tobytes()), context.buffer(indices.astype(np.uint32).tobytes())
-    return Casters(*buffers, spans, now, traced_triangles(scene, now))
+    return Casters(*buffers, mesh_ranges, now, traced_triangles(scene, now))
 
 
 def traced_triangles(scene: Scene, now: ScenePose) -> Hierarchy:
@@ -98,10 +99,10 @@ class MapAtlas:
         self._context.depth_func = "<"
         for plane in range(4):
             self._context.enable_direct(0x3000 + plane)  # GL_CLIP_DISTANCE0
-        for piece in pieces(casters.spans, casters.now.matrices):
-            self._program["local_from_rest"] = tuple((local_from_world @ piece.world_from_rest).T.reshape(-1))
-            if piece.indices.count:
-                self._vao.render(vertices=piece.indices.count, first=piece.indices.first, instances=self._count)
+        for draw_range in draw_ranges(casters.mesh_ranges, casters.now.matrices):
+            self._program["local_from_rest"] = tuple((local_from_world @ draw_range.world_from_rest).T.reshape(-1))
+            if draw_range.indices.count:
+                self._vao.render(vertices=draw_range.indices.count, first=draw_range.indices.first, instances=self._count)
         if self._cut.program:
             self._describe(self._cut.program)
             self._cut.draw("local_from_rest", local_from_world, casters.now.matrices, self._count)
@@ -285,7 +286,7 @@ class TracedLamp:
         """Adds the lamp's light on the surfaces, or its irradiance of catchers, to a picture."""
         table, matrix = self.luminaire.table, self.luminaire.world_from_local
         seen = surfaces.read()
-        chosen = seen.there & ((seen.diffuse[:, 3] == CATCHER) == catching)
+        chosen = seen.there & ((seen.diffuse[:, 3] == MaterialKind.SHADOW_CATCHER) == catching)
         lit = _lit(seen, chosen, np.linalg.inv(matrix))
         if catching:
             lit = receivers(lit.positions, lit.normals)._replace(flat_normals=lit.flat_normals)
@@ -330,7 +331,7 @@ class Illumination:
         """Raises UserError for a luminaire beyond what this GL holds, or a far field with traced shadows."""
         self.lamps: list[Lamp | TracedLamp] = []
         self._scene = scene
-        self._casters = casters = casters_of(context, scene, standing(scene, 0.0))
+        self._casters = casters = casters_of(context, scene, scene_pose(scene, 0.0))
         for luminaire in scene.luminaires:
             if luminaire.table.shadows != "traced":
                 self.lamps.append(Lamp(context, programs, casters, scene, luminaire))
@@ -349,10 +350,10 @@ class Illumination:
             corners = np.concatenate([box @ matrix[:3, :3].T + matrix[:3, 3] for box, matrix in boxes])
             for lamp in self.lamps:
                 lamp.place_casters(self._casters, corners)
-        poses = [(was, pose) for was, pose in zip(before.things, now.things, strict=True) if pose.power is not None]
+        poses = [(was, pose) for was, pose in zip(before.objects, now.objects, strict=True) if pose.power is not None]
         for lamp, (was, pose) in zip(self.lamps, poses, strict=False):  # a scene made without a file names nothing
             if pose != was:
-                lamp.place(world_from_thing(pose), pose.power or 0.0)
+                lamp.place(world_from_object(pose), pose.power or 0.0)
         self._casters = self._casters._replace(now=now)
 
     def draw_maps(self) -> None:

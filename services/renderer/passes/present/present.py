@@ -4,7 +4,7 @@ import moderngl
 import numpy as np
 
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.output.tonemap import Curve, selection
+from vemlight.renderer.output.tonemap import ToneCurve, subsample_grid
 
 
 class Screen:
@@ -12,7 +12,7 @@ class Screen:
 
     def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int]) -> None:
         self._context, self._size = context, size
-        self._first, self._stride = selection((size[1], size[0]))
+        self._first, self._stride = subsample_grid((size[1], size[0]))
         few = tuple(len(range(self._first, side, self._stride)) for side in size)
         self._mapped = self._target(size, "f1")
         self._selected = self._target(few, "f4")
@@ -22,7 +22,7 @@ class Screen:
     def _target(self, size: tuple[int, ...], dtype: str) -> moderngl.Framebuffer:
         return self._context.framebuffer([self._context.renderbuffer((size[0], size[1]), 4, dtype=dtype)])
 
-    def map(self, picture: moderngl.Texture, curve: Curve) -> None:
+    def map(self, picture: moderngl.Texture, curve: ToneCurve) -> None:
         """Tone-maps a picture, as `tonemap.tone_mapped` does."""
         self._map["scale"] = curve.scale
         self._map["white"] = curve.white or 1.0
@@ -34,7 +34,7 @@ class Screen:
         return self._read(self._mapped, np.uint8, "f1")
 
     def selected(self, picture: moderngl.Texture) -> np.ndarray:
-        """The pixels of `tonemap.selected`, (h, w, 4) float32."""
+        """The pixels of `tonemap.subsampled`, (h, w, 4) float32."""
         self._select["stride"] = self._stride
         self._draw(1, picture, self._selected)
         return self._read(self._selected, np.float32, "f4")

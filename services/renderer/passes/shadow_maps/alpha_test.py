@@ -4,21 +4,21 @@ import moderngl
 import numpy as np
 
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.scene.geometry import Span
-from vemlight.renderer.scene.materials import HASHED, Holes, Texture, holes_of
+from vemlight.renderer.scene.materials import HASHED_ALPHA, AlphaTest, Texture, alpha_test_of
 from vemlight.renderer.scene.meshes import Geometry
 from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.vertex_buffers import IndexRange
 
 WHITE = Texture(np.ones((1, 1, 4), np.float16))
 
 
-def hole_vertices(geometry: Geometry, holes: Holes) -> np.ndarray:
+def hole_vertices(geometry: Geometry, holes: AlphaTest) -> np.ndarray:
     """Where in the image of a mesh's holes each vertex lies, and its alpha without the image: (n, 3) float32."""
     image = holes.image or WHITE
     uvs = geometry.uvs if image.uv_set == 0 or geometry.second_uvs is None else geometry.second_uvs
-    placing = np.eye(3)[:2] if image.placing is None else image.placing
+    uv_transform = np.eye(3)[:2] if image.uv_transform is None else image.uv_transform
     rows = np.empty((len(uvs), 3), np.float32)
-    rows[:, :2] = uvs @ placing[:, :2].T + placing[:, 2]
+    rows[:, :2] = uvs @ uv_transform[:, :2].T + uv_transform[:, 2]
     rows[:, 2] = holes.alpha * (1.0 if geometry.colours is None else geometry.colours[:, 3])
     return rows
 
@@ -28,17 +28,17 @@ class AlphaTestedMeshes:
 
     def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, vertex: str, **constants: str) -> None:
         self.program: moderngl.Program | None = None
-        self._drawn: list[tuple[int, Span, float, moderngl.Texture]] = []
+        self._drawn: list[tuple[int, IndexRange, float, moderngl.Texture]] = []
         self._held: list[moderngl.VertexArray | moderngl.Buffer] = []
         self._textures: dict[tuple[object, ...], moderngl.Texture] = {}
         vertices, indices, first_vertex, first = [], [], 0, 0
         for k, mesh in enumerate(scene.meshes):
-            if holes := holes_of(mesh.material):
+            if holes := alpha_test_of(mesh.material):
                 geometry = mesh.geometry
                 vertices.append(np.concatenate([geometry.positions, hole_vertices(geometry, holes)], axis=1))
                 indices.append(geometry.triangles.reshape(-1) + np.uint32(first_vertex))
-                cutoff = HASHED if holes.cutoff is None else holes.cutoff
-                self._drawn.append((k, Span(first, geometry.triangles.size), cutoff, self._alpha(context, holes.image or WHITE)))
+                cutoff = HASHED_ALPHA if holes.cutoff is None else holes.cutoff
+                self._drawn.append((k, IndexRange(first, geometry.triangles.size), cutoff, self._alpha(context, holes.image or WHITE)))
                 first_vertex, first = first_vertex + len(geometry.positions), first + geometry.triangles.size
         if self._drawn:
             buffers = context.buffer(np.concatenate(vertices).tobytes()), context.buffer(np.concatenate(indices).tobytes())

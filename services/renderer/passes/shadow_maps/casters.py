@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from vemlight.renderer.scene.geometry import Piece, Span, local_order, pieces
-from vemlight.renderer.scene.materials import holes_of
+from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.meshes import Geometry, bounds, box_corners, is_closed, swept_bounds
 from vemlight.renderer.scene.scene import Mesh, Scene
+from vemlight.renderer.scene.vertex_buffers import DrawRange, IndexRange, draw_ranges, local_order
 
 WORTH = 500  # triangles; fewer cost a shadow map less than a clear of its tile
 PROBES = 2000  # points at which either surface is compared with the other; with 10 times as many to find what is near
@@ -19,7 +19,7 @@ NEAREST = 8  # of those points, in whose triangles the nearest is looked for
 class Run(NamedTuple):
     """A caster in the buffers, simplified for maps of one size: its indices, and whether it is closed."""
 
-    indices: Span
+    indices: IndexRange
     closed: bool
 
 
@@ -31,7 +31,7 @@ class Caster(NamedTuple):
 
     mesh: int
     runs: tuple[Run, ...]
-    vertices: Span
+    vertices: IndexRange
     corners: np.ndarray
 
 
@@ -63,15 +63,15 @@ class Casters(NamedTuple):
 class Level(NamedTuple):
     """What is drawn into maps of one size: closed meshes and open ones."""
 
-    closed: tuple[Piece, ...]
-    open: tuple[Piece, ...]
+    closed: tuple[DrawRange, ...]
+    open: tuple[DrawRange, ...]
 
 
 class Placed(NamedTuple):
     """Casters as they stand: each level, the floor, and the box around what shadows fall from and on, (3,)."""
 
     levels: tuple[Level, ...]
-    floor: tuple[Piece, ...]
+    floor: tuple[DrawRange, ...]
     floor_normal: np.ndarray
     box_centre: np.ndarray
     box_half: np.ndarray
@@ -85,7 +85,7 @@ def scene_casters(scene: Scene, sizes: Sequence[int]) -> Casters:
     low, high = bounds(list(standing.values()))
     # GBufferTextures from any side the box is at least as large as its middle extent, so no map's texel is smaller than this.
     texels = [float(np.sort(high - low)[1]) / size for size in sizes]
-    cut = {k for k in standing if holes_of(scene.meshes[k].material)}  # cut.py draws them; here they have their room alone
+    cut = {k for k in standing if alpha_test_of(scene.meshes[k].material)}  # cut.py draws them; here they have their room alone
     versions = {k: [geometry] * len(texels) if k in cut else simplified(geometry, texels) for k, geometry in standing.items()}
     # Sizes share a level where no mesh has another version.
     fresh = [n == 0 or any(made[n] is not made[n - 1] for made in versions.values()) for n in range(len(sizes))]
@@ -98,10 +98,10 @@ def scene_casters(scene: Scene, sizes: Sequence[int]) -> Casters:
     vertices = np.cumsum([0, *(len(part.positions) for part in parts)]).tolist()
     indices = np.cumsum([0, *(part.triangles.size for part in parts)]).tolist()
     runs: dict[int, list[Run]] = {k: [] for k, _ in ordered}
-    first: dict[int, Span] = {}
+    first: dict[int, IndexRange] = {}
     for n, (k, part) in enumerate(ordered):
-        runs[k].append(Run(Span(indices[n], part.triangles.size), part.closed))
-        first.setdefault(k, Span(vertices[n], len(part.positions)))
+        runs[k].append(Run(IndexRange(indices[n], part.triangles.size), part.closed))
+        first.setdefault(k, IndexRange(vertices[n], len(part.positions)))
     made = {k: Caster(k, tuple(runs[k]), first[k], box_corners(scene.meshes[k].geometry if k == floor else drawn[0][k])) for k in runs}
     moving = [swept_bounds(mesh.geometry, mesh.motion) for mesh in scene.meshes if mesh.motion]
     on_floor = [part for level in drawn for part in level.values()]
@@ -133,7 +133,7 @@ def placed_casters(casters: Casters, matrices: np.ndarray, before: Placed | None
     moved = [member for member in casters.every if not np.array_equal(matrices[member.mesh], np.eye(4))]
     floor = casters.floor is not None and not any(_pierces(casters, member, matrices[member.mesh]) for member in moved)
     levels = tuple(_level(casters, matrices, level, floor) for level in range(max(casters.levels) + 1))
-    apart = pieces([casters.floor.runs[0].indices], [np.eye(4)]) if casters.floor and floor else ()
+    apart = draw_ranges([casters.floor.runs[0].indices], [np.eye(4)]) if casters.floor and floor else ()
     if before and bool(before.floor) == floor:
         centre, half = before.box_centre, before.box_half
     else:
@@ -149,9 +149,9 @@ def _level(casters: Casters, matrices: np.ndarray, level: int, floor: bool) -> L
     runs = [(member.runs[level], member.mesh) for member in casters.members]
     if casters.floor and not floor:
         runs.append((casters.floor.runs[0], casters.floor.mesh))
-    runs.sort(key=lambda run: run[0].indices.first)  # in the buffer's order, in which `pieces` joins them
+    runs.sort(key=lambda run: run[0].indices.first)  # in the buffer's order, in which `draw_ranges` joins them
     closed, open_ = ([run for run in runs if run[0].closed == closed] for closed in (True, False))
-    return Level(*(pieces([run.indices for run, _ in of], [matrices[mesh] for _, mesh in of]) for of in (closed, open_)))
+    return Level(*(draw_ranges([run.indices for run, _ in of], [matrices[mesh] for _, mesh in of]) for of in (closed, open_)))
 
 
 def moved_by_m(casters: Casters, before: np.ndarray, after: np.ndarray) -> float:
@@ -277,7 +277,7 @@ def _floor(scene: Scene, tolerance: float) -> tuple[int, np.ndarray]:
     for k, mesh in enumerate(scene.meshes):
         others = [other.geometry.positions for j, other in enumerate(scene.meshes) if j != k]
         area, n, point = _plane(mesh, tolerance)
-        if area <= best or not others or mesh.motion or holes_of(mesh.material):
+        if area <= best or not others or mesh.motion or alpha_test_of(mesh.material):
             continue
         low = min(float(((p - point) @ n).min()) for p in others)
         high = max(float(((p - point) @ n).max()) for p in others)

@@ -15,8 +15,8 @@ from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
 from vemlight.renderer.passes.shadow_maps.casters import Casters, moved_by_m, placed_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_cache import Needs, Slots, map_needs, planned_maps
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import Packing, Sizing, map_steps, packed
-from vemlight.renderer.scene.geometry import Piece
 from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.vertex_buffers import DrawRange
 
 MAX_LIGHTS = 512  # of a batch: 56 kB of a uniform block; GL drivers in use allow 64 kB
 FRAME_BYTES = 112  # LightFrame in light.glsl
@@ -286,14 +286,14 @@ class ShadowAtlas:
         program["atlas"] = unit
         self._describe(program)
 
-    def _instances(self, beyond: int, pieces: tuple[Piece, ...], first_light: int, count: int) -> None:
+    def _instances(self, beyond: int, draw_ranges: tuple[DrawRange, ...], first_light: int, count: int) -> None:
         program = self._programs[beyond]
         self._describe(program)
-        for piece in pieces if count else ():
+        for draw_range in draw_ranges if count else ():
             program["first_light"] = first_light
-            program["world_from_rest"] = tuple(piece.world_from_rest.T.reshape(-1))
-            if piece.indices.count:
-                self._arrays[beyond].render(vertices=piece.indices.count, first=piece.indices.first, instances=count)
+            program["world_from_rest"] = tuple(draw_range.world_from_rest.T.reshape(-1))
+            if draw_range.indices.count:
+                self._arrays[beyond].render(vertices=draw_range.indices.count, first=draw_range.indices.first, instances=count)
 
     def _draw_cut(self, first_light: int, count: int) -> None:
         if self._cut.program:

@@ -11,32 +11,32 @@ from vemlight.renderer.scene.scene import Scene
 VERTEX = np.dtype([("position", np.float32, 3), ("normal", np.float32, 3), ("uv", np.float32, 2), ("colour", np.float16, 4)])
 
 
-class Span(NamedTuple):
+class IndexRange(NamedTuple):
     """A run of the index buffer."""
 
     first: int
     count: int
 
 
-class Piece(NamedTuple):
+class DrawRange(NamedTuple):
     """A run of the index buffer that moves as one: world_from_rest (4, 4)."""
 
-    indices: Span
+    indices: IndexRange
     world_from_rest: np.ndarray
 
 
-class Drawable(NamedTuple):
-    """vertices: (n,) VERTEX. indices: (3 m,) uint32. spans: of the scene's meshes. second_uvs: (n, 2) float32, 0 where a mesh has none."""
+class VertexBuffers(NamedTuple):
+    """vertices: (n,) VERTEX. indices: (3 m,) uint32. mesh_ranges: one a mesh. second_uvs: (n, 2) float32, 0 where a mesh has none."""
 
     vertices: np.ndarray
     indices: np.ndarray
-    spans: tuple[Span, ...]
+    mesh_ranges: tuple[IndexRange, ...]
     second_uvs: np.ndarray
 
 
-def drawable_scene(scene: Scene) -> Drawable:
+def vertex_buffers(scene: Scene) -> VertexBuffers:
     """The scene's buffers."""
-    vertices, indices, spans, second_uvs = [], [], [], []
+    vertices, indices, mesh_ranges, second_uvs = [], [], [], []
     first_vertex = first_index = 0
     for mesh in scene.meshes:
         near = local_order(mesh.geometry)
@@ -46,20 +46,20 @@ def drawable_scene(scene: Scene) -> Drawable:
         vertices.append(rows)
         second_uvs.append(np.zeros_like(near.uvs) if near.second_uvs is None else near.second_uvs)
         indices.append(near.triangles.reshape(-1) + np.uint32(first_vertex))
-        spans.append(Span(first_index, near.triangles.size))
+        mesh_ranges.append(IndexRange(first_index, near.triangles.size))
         first_vertex, first_index = first_vertex + len(rows), first_index + near.triangles.size
-    return Drawable(np.concatenate(vertices), np.concatenate(indices), tuple(spans), np.concatenate(second_uvs))
+    return VertexBuffers(np.concatenate(vertices), np.concatenate(indices), tuple(mesh_ranges), np.concatenate(second_uvs))
 
 
-def pieces(spans: Iterable[Span], matrices: Iterable[np.ndarray]) -> tuple[Piece, ...]:
+def draw_ranges(mesh_ranges: Iterable[IndexRange], matrices: Iterable[np.ndarray]) -> tuple[DrawRange, ...]:
     """Runs of meshes in the buffer's order, joined where they touch and stand alike."""
-    found: list[Piece] = []
-    for span, matrix in zip(spans, matrices, strict=True):
+    found: list[DrawRange] = []
+    for span, matrix in zip(mesh_ranges, matrices, strict=True):
         last = found[-1] if found else None
         if last and sum(last.indices) == span.first and np.array_equal(last.world_from_rest, matrix):
-            found[-1] = Piece(Span(last.indices.first, last.indices.count + span.count), matrix)
+            found[-1] = DrawRange(IndexRange(last.indices.first, last.indices.count + span.count), matrix)
         else:
-            found.append(Piece(span, matrix))
+            found.append(DrawRange(span, matrix))
     return tuple(found)
 
 

@@ -52,8 +52,12 @@ class Show:
 
     def frame(self, k: int) -> None:
         turn = 0.01 * k
-        ball = wire.Pose(name="ball", at=(3.6 + np.sin(turn), -0.5 + np.cos(turn), 0.6), turn=quaternion_xyz((0.0, 57 * turn, 0.0)))
-        lamp = wire.Pose(name="left headlight", at=(-0.25, 0.45, 0.7), turn=quaternion_xyz((0.0, 95.0, 20 * np.sin(turn))), power=1 + k % 2)
+        ball = wire.Pose(
+            name="ball", position=(3.6 + np.sin(turn), -0.5 + np.cos(turn), 0.6), rotation=quaternion_xyz((0.0, 57 * turn, 0.0))
+        )
+        lamp = wire.Pose(
+            name="left headlight", position=(-0.25, 0.45, 0.7), rotation=quaternion_xyz((0.0, 95.0, 20 * np.sin(turn))), power=1 + k % 2
+        )
         self.renderer.place(k / 25, (ball, lamp))
         if k % 50 == 49:  # a pause
             picture = self.renderer.render_pass(self._light, k % 64)

@@ -104,7 +104,7 @@ def measured(settings: Settings, watched: bool, seconds: float) -> str:
                     process.send_signal(signal.SIGINT)
                     process.wait()
             wires.close()
-    lights, ages = [header.lights for header, _ in came], [age for _, age in came]
+    lights, ages = [header.report.drawn_lights for header, _ in came], [age for _, age in came]
     spent = ", ".join(f"{name} {(after[name] - before[name]) / max(len(came), 1):.1f}" for name in before)
     return (
         f"{len(came) / took_s:.1f} pictures a second, {np.median(lights):.0f} lights, light to picture {np.percentile(ages, 50):.0f} ms "

@@ -295,12 +295,12 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
     Of 30 frames, of 3 that take more than a second, and one that takes more than ten.
     """
     table, step = scene.luminaires[0].table, iter(range(100))
-    lamp = wire.Pose(name="lamp", at=table.at, turn=quaternion_xyz(table.rotate), power=1.0)
+    lamp = wire.Pose(name="lamp", position=table.at, rotation=quaternion_xyz(table.rotate), power=1.0)
     renderer = Renderer(scene._replace(objects=(*scene.objects, lamp)), Settings(width=size[0], height=size[1]))
 
     def frame() -> None:
         at = table.at[0], table.at[1], table.at[2] + 1e-3 * next(step)
-        renderer.place(0.0, [msgspec.structs.replace(lamp, at=at)])
+        renderer.place(0.0, [msgspec.structs.replace(lamp, position=at)])
         renderer.render(DARK)
     try:
         median_s(frame, 1)  # compiles
@@ -325,7 +325,8 @@ def moving(out: Path) -> None:
         for k in range(6):
             off = 0.0 if name == "a lamp's power" else 1e-3 * k
             power = 1.0 + k if name == "a lamp's power" else None
-            poses = [wire.Pose(name=t.name, at=(t.at[0], t.at[1], t.at[2] + off), turn=t.turn, power=power) for t in things]
+            at = [(t.position[0], t.position[1], t.position[2] + off) for t in things]
+            poses = [wire.Pose(name=t.name, position=p, rotation=t.rotation, power=power) for t, p in zip(things, at, strict=True)]
             renderer.place(0.0, poses)
             start = time.perf_counter()
             renderer.render(DARK)

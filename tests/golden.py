@@ -9,6 +9,7 @@ import numpy as np
 from vemlight.runtime import wire
 
 PROTO = Path(__file__).parents[1] / "proto"
+VERSION_LINE = "message of wire version 1; this is version 2: install the same vemlight on both sides"
 STAMP = wire.Stamp(sequence=7, time_s=0.28, captured_ns=1_700_000_000_123_456_789, monotonic_ns=5_000_000_001, boot_id="0b00t1d0")
 
 
@@ -17,31 +18,54 @@ def messages() -> dict[str, wire.Message]:
     radiance = (np.arange(2 * 4 * 3, dtype=np.float32) / 8).reshape(2, 4, 3)
     directions = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
     irradiance = np.array([[1, 0.5, 0.25], [2e6, 0, 1e-3]], np.float32)
-    box = wire.Pose(name="box", at=(0.5, -1.0, 0.25), turn=(0.0, 0.0, 0.6, 0.8))
-    lamp = wire.Pose(name="lamp", at=(0.0, 0.0, 2.0), power=0.5)
+    box = wire.Pose(name="box", position=(0.5, -1.0, 0.25), rotation=(0.0, 0.0, 0.6, 0.8))
+    lamp = wire.Pose(name="lamp", position=(0.0, 0.0, 2.0), power=0.5)
+    drawn = wire.ImageReport(drawn_lights=72, render_ms=12.5, light_budget=144)
     pixels = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4)
     status = wire.StatusMessage(
-        service="sampler", sequence=7, rate_hz=25.0, age_ms=3.5, step_ms=0.75, frames=8, skipped=1, dropped=2, refused=0, restarts=1
+        service="sampler",
+        sequence=7,
+        rate_hz=25.0,
+        age_ms=3.5,
+        step_ms=0.75,
+        frames=8,
+        skipped=1,
+        dropped=2,
+        refused=0,
+        restarts=1,
+        report=wire.LightsReport(delay_ms=160.0, required_lights=90),
     )
     return {
         "map": (
-            wire.MapMessage(stamp=STAMP, rows=2, cols=4, coverage="hemisphere", luminance_scale=179.0, spoilt=1, strong=2),
+            wire.MapMessage(
+                stamp=STAMP,
+                rows=2,
+                cols=4,
+                coverage="hemisphere",
+                luminance_scale=179.0,
+                bright_samples=2,
+                report=wire.MapReport(invalid_cells=1),
+            ),
             (radiance, np.array([5, 5], np.int64), directions, np.array([0.25, 0.75], np.float32)),
         ),
         "lights": (
             wire.LightsMessage(
-                stamp=STAMP, count=2, fine=1, coverage="hemisphere", delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0
+                stamp=STAMP,
+                count=2,
+                gloss_count=1,
+                coverage="hemisphere",
+                report=wire.LightsReport(delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0),
             ),
             (np.array([0, 2**40], np.int64), directions, irradiance, directions[:1], irradiance[:1] / 2),
         ),
         "lights_none": (
-            wire.LightsMessage(stamp=STAMP, count=0, coverage="sphere", delay_ms=0.0),
+            wire.LightsMessage(stamp=STAMP, count=0, coverage="sphere"),
             (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
         ),
-        "image": (wire.ImageMessage(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5, things=(box,)), (pixels,)),
+        "image": (wire.ImageMessage(stamp=STAMP, width=3, height=2, objects=(box,), report=drawn), (pixels,)),
         "plate": (wire.PlateMessage(stamp=STAMP, width=3, height=2), (pixels[..., :3],)),
         "image_linear": (
-            wire.ImageMessage(stamp=STAMP, width=3, height=2, lights=72, render_ms=12.5, linear=True),
+            wire.ImageMessage(stamp=STAMP, width=3, height=2, linear=True),
             (pixels, (np.arange(2 * 3 * 4) / 4).astype(np.float16).reshape(2, 3, 4)),
         ),
         "control": (wire.ControlMessage(count=144, exposure=-0.5, filtered=False, paused=True, poses=(box, lamp)), ()),
@@ -52,34 +76,50 @@ def messages() -> dict[str, wire.Message]:
 
 
 def refused() -> dict[str, list[bytes]]:
-    """Messages that a reader must refuse, each spoilt in one way."""
+    """Messages that a reader must refuse, each damaged in one way."""
     whole = {name: wire.pack(*message) for name, message in messages().items()}
-    topic, header, radiance, *strong = whole["map"]
+    end = {"kind": "end", "version": 2, "sequence": 1}
+    topic, header, radiance, *bright = whole["map"]
     lights = whole["lights"]
     directions = np.frombuffer(lights[3], "<f4")
-    spoilt = np.frombuffer(radiance, "<f4").copy()
-    spoilt[5] = np.nan
-    turned_twice = {"name": "box", "at": [0, 0, 0], "turn": [0, 0, 0, 2]}
+    damaged = np.frombuffer(radiance, "<f4").copy()
+    damaged[5] = np.nan
+    not_unit = {"name": "box", "position": [0, 0, 0], "rotation": [0, 0, 0, 2]}
     return {
         "no_header": [topic],
-        "wrong_topic": [b"lights", header, radiance, *strong],
+        "wrong_topic": [b"lights", header, radiance, *bright],
         "array_missing": [topic, header],
-        "array_short": [topic, header, radiance[:-4], *strong],
-        "array_long": [topic, header, radiance + b"\0\0\0\0", *strong],
-        "array_nan": [topic, header, spoilt.tobytes(), *strong],
+        "array_short": [topic, header, radiance[:-4], *bright],
+        "array_long": [topic, header, radiance + b"\0\0\0\0", *bright],
+        "array_nan": [topic, header, damaged.tobytes(), *bright],
         "array_too_many": [*whole["end"], b""],
-        "header_cut": [topic, header[:-3], radiance, *strong],
-        "header_unknown_key": [b"end", msgspec.msgpack.encode({"kind": "end", "sequence": 1, "extra": 0})],
-        "header_negative": [b"end", msgspec.msgpack.encode({"kind": "end", "sequence": -1})],
-        "header_huge_side": [topic, msgspec.msgpack.encode(msgspec.to_builtins(messages()["map"][0]) | {"rows": 2**30}), radiance, *strong],
-        "strong_outside": [topic, header, radiance, np.array([5, 8], "<i8").tobytes(), *strong[1:]],
-        "strong_unordered": [topic, header, radiance, np.array([5, 4], "<i8").tobytes(), *strong[1:]],
-        "strong_share_none": [topic, header, radiance, *strong[:2], np.array([1, 0], "<f4").tobytes()],
+        "header_cut": [topic, header[:-3], radiance, *bright],
+        "header_unknown_key": [b"end", msgspec.msgpack.encode(end | {"extra": 0})],
+        "header_version_3": [b"end", msgspec.msgpack.encode(end | {"version": 3})],
+        "header_nested": [b"end", b"\x84" + msgspec.msgpack.encode(end)[1:] + b"\xa5extra" + 999 * b"\x91" + b"\xc0"],  # a map of 4 keys
+        "header_negative": [b"end", msgspec.msgpack.encode(end | {"sequence": -1})],
+        "header_huge_side": [topic, msgspec.msgpack.encode(msgspec.to_builtins(messages()["map"][0]) | {"rows": 2**30}), radiance, *bright],
+        "bright_outside": [topic, header, radiance, np.array([5, 8], "<i8").tobytes(), *bright[1:]],
+        "bright_unordered": [topic, header, radiance, np.array([5, 4], "<i8").tobytes(), *bright[1:]],
+        "bright_weight_zero": [topic, header, radiance, *bright[:2], np.array([1, 0], "<f4").tobytes()],
         "lights_not_unit": [*lights[:3], (2 * directions).tobytes(), *lights[4:]],
         "lights_negative": [*lights[:4], (-np.frombuffer(lights[4], "<f4")).tobytes(), *lights[5:]],
-        "turn_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "poses": [turned_twice]})],
-        "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon"})],
+        "rotation_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "poses": [not_unit]})],
+        "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon", "version": 2})],
     }
+
+
+def version_1() -> dict[str, list[bytes]]:
+    """Messages of version 1, whose headers said no version and whose fields had other names."""
+    whole = {name: wire.pack(*message) for name, message in messages().items()}
+    stamp = msgspec.to_builtins(STAMP)
+    headers = {
+        "map": {"stamp": stamp, "rows": 2, "cols": 4, "coverage": "hemisphere", "strong": 2, "luminance_scale": 179.0, "spoilt": 1},
+        "image": {"stamp": stamp, "width": 3, "height": 2, "lights": 72, "render_ms": 12.5, "can": 144, "linear": False, "things": []},
+        "end": {"sequence": 48},
+        "request": {"first": 12, "count": 4},
+    }
+    return {kind: [kind.encode(), msgspec.msgpack.encode({"kind": kind, **header}), *whole[kind][2:]] for kind, header in headers.items()}
 
 
 def vectors() -> dict[str, dict]:
@@ -91,6 +131,8 @@ def vectors() -> dict[str, dict]:
         files[f"{name}.json"] = {"parts": parts, "header": msgspec.to_builtins(header), "arrays": described}
     for name, parts in refused().items():
         files[f"refused_{name}.json"] = {"parts": [part.hex() for part in parts], "refused": True}
+    for kind, parts in version_1().items():
+        files[f"refused_version_1_{kind}.json"] = {"parts": [part.hex() for part in parts], "refused": VERSION_LINE}
     return files
 
 

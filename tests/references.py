@@ -72,7 +72,8 @@ def _still(message: wire.Message) -> list[bytes]:
     header, arrays = message
     content = msgspec.to_builtins(header)
     content["stamp"] |= {"captured_ns": 0, "monotonic_ns": 0, "boot_id": ""}
-    content |= {"render_ms": 0.0} if "render_ms" in content else {}
+    if isinstance(header, wire.ImageMessage):
+        content["report"]["render_ms"] = 0.0
     return wire.pack(msgspec.convert(content, type(header)), [np.asarray(a) for a in arrays])
 
 

@@ -127,22 +127,22 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
         return stepped(stage, state, sequence)
 
     state, image = shown(stage.begin(0)[0], 0, a_map())
-    assert (image.lights, drawn) == (3, [])
+    assert (image.report.drawn_lights, drawn) == (3, [])
     live = picture_of(state)
     for sequence in range(1, 8):
         state, image = shown(state, sequence, a_map(), paused=True)
     assert drawn == [0, 1, 2, 3]
-    assert image.lights == 4 * LIGHTS
+    assert image.report.drawn_lights == 4 * LIGHTS
     converged = picture_of(state)
     state, _ = shown(state, 8, a_map(), paused=True, exposure=1.0)  # of what is seen nothing changed
     assert drawn == [0, 1, 2, 3]
     assert picture_of(state) is converged
-    moved = wire.Pose(name="box", at=(0.0, 0.0, 0.42))
+    moved = wire.Pose(name="box", position=(0.0, 0.0, 0.42))
     state, _ = shown(state, 9, a_map(), paused=True, poses=(moved,))
     state, _ = shown(state, 10, 2 * a_map(), paused=True, poses=(moved,))
     assert drawn == [0, 1, 2, 3, 0, 0]
     state, image = shown(state, 11, a_map())
-    assert image.lights == 3
+    assert image.report.drawn_lights == 3
     assert np.array_equal(picture_of(state), live)
 
 

@@ -161,7 +161,7 @@ def test_the_pattern_of_one_sample_stays_and_moves_with_the_sheet(tmp_path):
     from vemlight.runtime import wire
 
     step_m = 4 * 2 * 10 * np.tan(np.radians(5.5)) / 32  # four pixels
-    renderer.place(0.0, [wire.Pose(name="sheet", at=(step_m, 0.0, 0.0), turn=(0.0, 0.0, 0.0, 1.0), power=None)])
+    renderer.place(0.0, [wire.Pose(name="sheet", position=(step_m, 0.0, 0.0), rotation=(0.0, 0.0, 0.0, 1.0), power=None)])
     moved = renderer.render(DARK).copy()[..., 0]
     renderer.release()
     assert np.mean(moved[:, 5:] == one[:, 1:-4]) > 0.97

@@ -154,7 +154,7 @@ def test_the_stage_draws_the_fine_lights_of_a_message(tmp_path):
     wanted = Settings(scene=str(tmp_path / "scene.toml"), width=64, height=64, shadow_map=128, picture="linear16")
     stage = RendererStage(AllSettings(renderer=wanted))
     strong, weak = random_lights(5, 1), random_lights(40, 2)
-    header = wire.LightsMessage(stamp=wire.stamp(0, 0.0), count=5, fine=40, coverage="sphere", delay_ms=0.0, delay_frames=0.0)
+    header = wire.LightsMessage(stamp=wire.stamp(0, 0.0), count=5, gloss_count=40, coverage="sphere")
     state, _ = stage.step(stage.begin(0)[0], (header, (*strong, weak.directions, weak.irradiance)))
     alone, both = pictures(tmp_path, SPHERE + METAL, (strong, None), (strong, weak))
     assert state.picture is not None

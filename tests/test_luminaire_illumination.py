@@ -49,7 +49,7 @@ def picture(scene, lights: LightSet = DARK, samples: int = 1, move=None) -> np.n
             renderer.render(lights)
             number, at, rotate, power = move
             lamp = scene.objects[len(scene.objects) - len(scene.luminaires) + number].name
-            renderer.place(0.0, [wire.Pose(name=lamp, at=at, turn=quaternion_xyz(rotate), power=power)])
+            renderer.place(0.0, [wire.Pose(name=lamp, position=at, rotation=quaternion_xyz(rotate), power=power)])
         return renderer.render(lights).copy()
     finally:
         renderer.release()
@@ -162,7 +162,7 @@ def test_a_moved_and_dimmed_lamp_is_as_if_it_had_always_been_there(tmp_path):
 
 
 def pose(name: str, at: tuple[float, float, float], power: float | None = None) -> wire.Pose:
-    return wire.Pose(name=name, at=at, turn=quaternion_xyz((180.0, 0.0, 0.0)), power=power)
+    return wire.Pose(name=name, position=at, rotation=quaternion_xyz((180.0, 0.0, 0.0)), power=power)
 
 
 def test_poses_of_several_lamps_make_the_picture_of_lamps_that_stand_there(tmp_path):
@@ -195,12 +195,12 @@ def test_only_the_maps_of_a_lamp_that_moved_are_drawn(tmp_path, monkeypatch):
         renderer.place(0.0, poses)
         renderer.render(DARK)
         return len(set(drawn))
-    there, ball = pose("a", (0.1, 0.0, 1.5)), wire.Pose(name="sphere", at=(0.2, 0.1, 0.4))
+    there, ball = pose("a", (0.1, 0.0, 1.5)), wire.Pose(name="sphere", position=(0.2, 0.1, 0.4))
     assert maps_of() == 2
     assert maps_of() == 0
     assert maps_of(there) == 1
     assert maps_of(there) == 0
-    assert maps_of(pose("a", there.at, 3.0)) == 0
+    assert maps_of(pose("a", there.position, 3.0)) == 0
     assert maps_of(there, ball) == 2
     assert maps_of(ball) == 1
     renderer.release()

@@ -39,15 +39,15 @@ def test_poses_reach_the_picture_and_a_pause_refines_it(run, tmp_path):
     try:
         image = heard(ear)
         assert image.linear
-        assert [thing.name for thing in image.things] == ["plane", "box"]
-        there = {"name": "box", "at": [1.0, 0.0, 0.4], "turn": [0.0, 0.0, 0.6, 0.8]}
+        assert [found.name for found in image.objects] == ["plane", "box"]
+        there = {"name": "box", "position": [1.0, 0.0, 0.4], "rotation": [0.0, 0.0, 0.6, 0.8]}
         wish(settings.viewer.port, poses=[there])
-        image = heard(ear, lambda image: image.things[1].at == (1.0, 0.0, 0.4))
-        assert image.lights == 16
+        image = heard(ear, lambda image: image.objects[1].position == (1.0, 0.0, 0.4))
+        assert image.report.drawn_lights == 16
         wish(settings.viewer.port, paused=True)
-        heard(ear, lambda image: image.lights > 200)  # some passes
+        heard(ear, lambda image: image.report.drawn_lights > 200)  # some passes
         wish(settings.viewer.port, paused=False, poses=None)
-        heard(ear, lambda image: image.lights == 16 and image.things[1].at == (0.0, 0.0, 0.4))
+        heard(ear, lambda image: image.report.drawn_lights == 16 and image.objects[1].position == (0.0, 0.0, 0.4))
     finally:
         ear.close()
         process.send_signal(signal.SIGTERM)

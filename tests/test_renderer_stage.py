@@ -41,13 +41,13 @@ def stage(tmp_path: Path) -> RendererStage:
 
 def test_an_image_tells_where_things_stand_and_a_pose_moves_them(stage):
     state, image = stepped(stage, stage.begin(0)[0], 0)
-    assert [(thing.name, thing.at, thing.power) for thing in image.things] == [
+    assert [(found.name, found.position, found.power) for found in image.objects] == [
         ("plane", (0, 0, 0), None), ("film", (-1, 0, 0), None), ("torch", (0, 0, 2), 1)
     ]  # fmt: skip
     lit = picture_of(state)
-    there = wire.Pose(name="torch", at=(1.0, 0.0, 2.0), turn=quaternion_xyz((180.0, 0.0, 0.0)), power=5.0)
+    there = wire.Pose(name="torch", position=(1.0, 0.0, 2.0), rotation=quaternion_xyz((180.0, 0.0, 0.0)), power=5.0)
     state, image = stepped(stage, controlled(stage, state, poses=(there,)), 0)
-    assert image.things[2] == there
+    assert image.objects[2] == there
     assert not np.array_equal(picture_of(state), lit)
     state, image = stepped(stage, controlled(stage, state), 0)
     assert np.array_equal(picture_of(state), lit)
@@ -101,7 +101,7 @@ def test_a_target_that_cannot_be_met_is_said_once(capsys):
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("vemlight: renderer: [renderer] frame_ms: ")
     assert line.endswith(" ms a picture even with 8 lights, not 0.01; ask for fewer pixels")
-    assert image.can == 8
+    assert image.report.light_budget == 8
     stage._frame_ms, stage._renderer._frame_ms = 1e4, 1e4
     stepped(stage, state, 8)
     assert capsys.readouterr().err == "vemlight: renderer: pictures are in time again\n"

@@ -28,7 +28,7 @@ def test_the_page_of_a_run(run, browser):
         page.locator("#count-number").fill("33")
         page.locator("#count-number").press("Enter")
         ear.next(wire.LightsMessage, lambda lights: lights.count == 33)
-        ear.next(wire.ImageMessage, lambda image: image.lights == 33)
+        ear.next(wire.ImageMessage, lambda image: image.report.drawn_lights == 33)
 
         renderer = children(process.pid)["renderer"]
         os.kill(renderer, signal.SIGSTOP)
@@ -39,7 +39,7 @@ def test_the_page_of_a_run(run, browser):
             """() => [...document.querySelectorAll("article")].some(card => card.querySelector("h3").textContent === "renderer"
                 && /restarts\\s*1/.test(card.textContent.replace(/\\s+/g, " ")) && /live/.test(card.textContent))"""
         )
-        ear.next(wire.ImageMessage, lambda image: image.lights == 33)  # the wish outlives the renderer
+        ear.next(wire.ImageMessage, lambda image: image.report.drawn_lights == 33)  # the wish outlives the renderer
     finally:
         page.close()
         ear.close()

@@ -23,7 +23,7 @@ def compiled():
 
 stage = SamplerStage(Settings(sampler=Sampler(method=sys.argv[1])))
 ready = compiled()
-header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=6, cols=24, coverage="hemisphere", strong=1)
+header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=6, cols=24, coverage="hemisphere", bright_samples=1)
 arrays = np.ones((6, 24, 3), np.float32), np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32), np.ones(1, np.float32)
 stage.step(stage.begin(0)[0], wire.unpack(wire.pack(header, arrays)))
 assert ready and compiled() == ready, compiled() - ready
@@ -46,4 +46,4 @@ def test_the_filters_delay_goes_out_in_frames_and_in_ms(name, frames) -> None:
         arrays = np.ones((6, 24, 3), np.float32), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
         state, (made, _) = stage.step(state, (header, arrays))
     assert isinstance(made, wire.LightsMessage)
-    assert (made.delay_frames, made.delay_ms) == pytest.approx((frames, frames * 40))
+    assert (made.report.delay_frames, made.report.delay_ms) == pytest.approx((frames, frames * 40))

@@ -41,7 +41,7 @@ def renderer_of(scene: Scene, **settings) -> Renderer:
 
 
 def pose(name: str, at: tuple[float, float, float], rotate=(0.0, 0.0, 0.0), power: float | None = None) -> wire.Pose:
-    return wire.Pose(name=name, at=at, turn=quaternion_xyz(rotate), power=power)
+    return wire.Pose(name=name, position=at, rotation=quaternion_xyz(rotate), power=power)
 
 
 def off(a: np.ndarray, b: np.ndarray) -> float:
@@ -54,7 +54,7 @@ def test_things_have_names_of_their_own(tmp_path):
     scene = a_scene(tmp_path, GROUND + crate + 2 * box("[1.0, 0.0, 1.0]") + "[[luminaire]]\npower = 2.0\n")
     assert [thing.name for thing in scene.objects] == ["plane", "crate", "box", "box 2", "torch"]
     assert [thing.power for thing in scene.objects] == [None, None, None, None, 2.0]
-    assert scene.objects[1].at == (0.0, 0.0, 1.0)
+    assert scene.objects[1].position == (0.0, 0.0, 1.0)
     with pytest.raises(UserError, match="crate is the name of several"):
         a_scene(tmp_path, 2 * crate)
 

@@ -11,8 +11,8 @@ STAMP = wire.stamp(5, 0.2)
 MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
 FRAMES: dict[Service, wire.Header] = {
     "capture": wire.MapMessage(stamp=STAMP, rows=1, cols=1, coverage="hemisphere"),
-    "sampler": wire.LightsMessage(stamp=STAMP, count=0, coverage="hemisphere", delay_ms=0),
-    "renderer": wire.ImageMessage(stamp=STAMP, width=1, height=1, lights=0, render_ms=0),
+    "sampler": wire.LightsMessage(stamp=STAMP, count=0, coverage="hemisphere"),
+    "renderer": wire.ImageMessage(stamp=STAMP, width=1, height=1),
 }
 
 

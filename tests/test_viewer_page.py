@@ -115,7 +115,7 @@ def test_a_lamp_is_moved_turned_and_dimmed(page, others):
     eventually(lambda: others.wishes[-1].poses and others.wishes[-1].poses[0].power == 3.0, "the lamp's power")
     (lamp,) = others.wishes[-1].poses
     assert (lamp.name, lamp.at) == ("lamp", (-0.25, 0.0, 2.0))
-    assert np.allclose(lamp.turn, quaternion_xyz((180.0, 0.0, 90.0)), atol=1e-6)
+    assert np.allclose(lamp.rotation, quaternion_xyz((180.0, 0.0, 90.0)), atol=1e-6)
     page.locator("#thing").select_option("box")
     assert page.locator("#thing-power").is_hidden()
     page.locator("#thing-y").fill("2")

@@ -17,7 +17,7 @@ UNITS = ("_total", "_hertz", "_seconds", "_frames", "_bytes", "_fds", "_state", 
 
 
 def image(sequence: int) -> wire.Message:
-    header = wire.ImageMessage(stamp=wire.stamp(sequence, 0.0), width=2, height=1, lights=3, render_ms=1)
+    header = wire.ImageMessage(stamp=wire.stamp(sequence, 0.0), width=2, height=1, report=wire.ImageReport(drawn_lights=3, render_ms=1))
     return header, (np.zeros((1, 2, 4), np.uint8),)
 
 
@@ -84,7 +84,7 @@ def test_metrics_keep_to_the_form(board):
 def test_the_filters_delay_is_told_in_seconds_and_in_frames():
     board, stamp, none = Board(Settings(), 0), wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
     tally = Tally("sampler", 0)
-    lights = wire.LightsMessage(stamp=stamp, count=0, coverage="hemisphere", delay_ms=160.0, delay_frames=4.0)
+    lights = wire.LightsMessage(stamp=stamp, count=0, coverage="hemisphere", report=wire.LightsReport(delay_ms=160.0, delay_frames=4.0))
     tally.finished((lights, (np.zeros(0, np.int64), none, none, none, none)), 0.001)
     said = tally.due()
     assert said
@@ -104,8 +104,8 @@ def test_metrics_say_what_the_services_said():
 
 def test_a_pose_is_wished_and_taken_back() -> None:
     board = Board(Settings(), 0)
-    board.wish_for(b'{"poses": [{"name": "box", "at": [0, 0, 1]}], "count": 5}')
-    assert board.wish.poses == (wire.Pose(name="box", at=(0.0, 0.0, 1.0)),)
+    board.wish_for(b'{"poses": [{"name": "box", "position": [0, 0, 1]}], "count": 5}')
+    assert board.wish.poses == (wire.Pose(name="box", position=(0.0, 0.0, 1.0)),)
     board.wish_for(b'{"exposure": 1.0}')
     assert len(board.wish.poses) == 1
     board.wish_for(b'{"poses": null, "count": null}')
@@ -114,7 +114,13 @@ def test_a_pose_is_wished_and_taken_back() -> None:
 
 @pytest.mark.parametrize(
     "poses",
-    ['[{"name": "box", "at": [0, 0, 1e9]}]', '[{"name": "box", "at": [0, 0, 1], "turn": [0, 0, 0, 2]}]', "7", '[{"name": "box"}]', "[" * 99]
+    [
+        '[{"name": "box", "position": [0, 0, 1e9]}]',
+        '[{"name": "box", "position": [0, 0, 1], "rotation": [0, 0, 0, 2]}]',
+        "7",
+        '[{"name": "box"}]',
+        "[" * 99,
+    ],
 )
 def test_poses_that_nothing_can_take_are_one_line(poses: str) -> None:
     with pytest.raises(UserError, match=r"^control: ") as caught:

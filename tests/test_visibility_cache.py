@@ -60,7 +60,7 @@ def test_lights_that_move_are_looked_up_anew(in_time, monkeypatch):
 def test_what_moved_is_looked_up_anew(in_time):
     pictures(in_time, [0.0, 0.0])
     name = in_time.place(0.0)[1].name
-    pose = wire.Pose(name=name, at=(0.3, 0.4, 0.8), turn=(0.0, 0.0, 0.0, 1.0))
+    pose = wire.Pose(name=name, position=(0.3, 0.4, 0.8), rotation=(0.0, 0.0, 0.0, 1.0))
     in_time.place(0.0, [pose])
     moved = pictures(in_time, [0.0, 0.0, 0.0])
     fresh = renderer_of(0.0)

@@ -21,9 +21,16 @@ def test_a_message_comes_back_as_it_was(name):
 
 
 @pytest.mark.parametrize("name", golden.refused())
-def test_a_spoilt_message_is_one_value_error(name):
+def test_a_damaged_message_is_one_value_error(name):
     with pytest.raises(ValueError):
         wire.unpack(golden.refused()[name])
+
+
+@pytest.mark.parametrize("kind", golden.version_1())
+def test_a_message_of_version_1_is_refused_with_a_line_that_says_so(kind):
+    with pytest.raises(wire.VersionError) as caught:
+        wire.unpack(golden.version_1()[kind])
+    assert str(caught.value) == golden.VERSION_LINE
 
 
 def test_vectors_and_schema_are_current():
@@ -43,9 +50,9 @@ def test_vectors_hold_for_a_reader_that_knows_only_msgpack():
 
 
 def test_pack_refuses_arrays_of_another_shape():
-    header, (radiance, *strong) = golden.messages()["map"]
+    header, (radiance, *bright) = golden.messages()["map"]
     with pytest.raises(ValueError, match="shape"):
-        wire.pack(header, [radiance[:1], *strong])
+        wire.pack(header, [radiance[:1], *bright])
     with pytest.raises(ValueError, match="arrays belong"):
         wire.pack(header, [])
 
@@ -62,7 +69,7 @@ def test_bytes_are_a_message_or_a_value_error(parts):
 
 @given(st.data())
 @settings(max_examples=600)
-def test_a_golden_message_with_spoilt_bytes_is_legal_or_refused(data):
+def test_a_golden_message_with_damaged_bytes_is_legal_or_refused(data):
     parts = [bytearray(part) for part in wire.pack(*golden.messages()[data.draw(st.sampled_from(sorted(golden.messages())))])]
     part = parts[data.draw(st.integers(0, len(parts) - 1))]
     for _ in range(data.draw(st.integers(1, 4))):

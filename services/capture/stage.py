@@ -72,7 +72,7 @@ class CaptureCamera:
 
 
 def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
-    """What is nan, infinite or negative in the frame is counted as spoilt and travels as 0."""
+    """What is nan, infinite or negative in the frame is counted as invalid and travels as 0."""
     good = np.isfinite(frame.radiance) & (frame.radiance >= 0)
     rows, cols, _ = frame.radiance.shape
     header = wire.MapMessage(
@@ -80,10 +80,10 @@ def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
         rows=rows,
         cols=cols,
         coverage=frame.coverage,
-        strong=len(frame.strong.cells),
+        bright_samples=len(frame.strong.cells),
         luminance_scale=frame.luminance_scale,
-        spoilt=int(np.count_nonzero(~good.all(axis=-1))),
-        black=frame.black,
-        saturated=frame.saturated,
+        report=wire.MapReport(
+            invalid_cells=int(np.count_nonzero(~good.all(axis=-1))), black_pixels=frame.black, saturated_pixels=frame.saturated
+        ),
     )
     return header, (np.where(good, frame.radiance, np.float32(0)), *frame.strong)

@@ -116,7 +116,7 @@ class RendererStage:
         time_s = header.stamp.time_s
         dt_s = max(0.0, time_s - state.time_s)
         state = state._replace(time_s=time_s, paused_s=state.paused_s + dt_s if state.paused else state.paused_s)
-        things = self._renderer.place(time_s - state.paused_s, state.poses)
+        objects = self._renderer.place(time_s - state.paused_s, state.poses)
         if self._behind and state.around:
             self._renderer.show_background(*state.around)
         if state.plate is not None:
@@ -124,7 +124,7 @@ class RendererStage:
         if state.paused and state.around:
             state, pixels, count = self._refine(state, *state.around, dt_s)
         else:
-            self._renderer.draw(LightSet(*arrays[:3]), LightSet.of(np.arange(header.fine), *arrays[3:5]))
+            self._renderer.draw(LightSet(*arrays[:3]), LightSet.of(np.arange(header.gloss_count), *arrays[3:5]))
             picture = self._renderer.picture() if self._linear or self._album else None
             state = state._replace(picture=picture, adaptation=adapt(state.adaptation, self._renderer.selected(), dt_s), still=None)
             pixels, count = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure), self._renderer.drawn_lights
@@ -132,9 +132,17 @@ class RendererStage:
         height, width, _ = pixels.shape
         took_ms = (time.monotonic() - began_s) * 1e3
         made = wire.ImageMessage(
-            stamp=header.stamp, width=width, height=height, lights=count, render_ms=took_ms, linear=self._linear,
-            things=things[: wire.MAX_POSES], can=0 if state.paused else self._renderer.affordable_lights or 0,
-        )  # fmt: skip
+            stamp=header.stamp,
+            width=width,
+            height=height,
+            linear=self._linear,
+            objects=objects[: wire.MAX_POSES],
+            report=wire.ImageReport(
+                drawn_lights=count,
+                render_ms=took_ms,
+                light_budget=0 if state.paused else self._renderer.affordable_lights or 0,
+            ),
+        )
         arrays = (pixels, half_floats(state.picture)) if self._linear and state.picture is not None else (pixels,)
         return state, (made, arrays)
 

@@ -3,13 +3,11 @@
 import time
 from collections import deque
 from statistics import median
-from typing import Any
 
 from vemlight.runtime import wire
 from vemlight.runtime.channels import STATUS_PERIOD_S, Service
 
 RATE_WINDOW_S = 2.0
-REPORTED = ("spoilt", "black", "saturated", "delay_ms", "delay_frames", "can")  # of the newest frame's header, where its kind has them
 
 
 class Losses:
@@ -44,7 +42,7 @@ class Tally:
         self._age_ms = 0.0
         self._done_s: deque[float] = deque(maxlen=256)
         self._step_ms: deque[float] = deque(maxlen=32)
-        self._report: dict[str, Any] = {}
+        self._report: wire.MapReport | wire.LightsReport | wire.ImageReport | None = None
         self._due_s = 0.0
 
     def finished(self, message: wire.Message, took_s: float) -> None:
@@ -54,7 +52,7 @@ class Tally:
         self._newest, self._age_ms = header.stamp, wire.age_ms(header.stamp)
         self._done_s.append(time.monotonic())
         self._step_ms.append(took_s * 1e3)
-        self._report = {name: getattr(header, name) for name in REPORTED if hasattr(header, name)}
+        self._report = None if isinstance(header, wire.PlateMessage) else header.report
 
     def due(self) -> wire.StatusMessage | None:
         """The status, when it is time to say it again."""
@@ -77,5 +75,5 @@ class Tally:
             dropped=self.dropped,
             refused=self.refused,
             restarts=self.restarts,
-            **self._report,
+            report=self._report,
         )

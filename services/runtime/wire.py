@@ -1,9 +1,11 @@
-"""The only door for bytes: records as msgpack, arrays as raw little-endian parts whose type the message's kind fixes.
+"""The wire protocol: encodes and decodes every message between services.
 
-A message is (topic, header, array, ...). `unpack` gives typed, finite data of known shape or raises one ValueError.
-The law in words, the exported schema and golden messages are in proto/.
+A message is (topic, header, array, ...): the header is a msgpack map, an array is raw little-endian numbers whose type the message's kind
+fixes. `unpack` returns typed, finite data of known shape or raises ValueError. proto/ describes the protocol in words, with the exported
+schema and golden messages.
 """
 
+import inspect
 import time
 from collections.abc import Sequence
 from functools import cache
@@ -16,7 +18,7 @@ from msgspec import Meta
 
 from vemlight.light.sphere import Coverage
 
-VERSION = 1
+VERSION = 2  # of the protocol; a message without one is of version 1, which had none
 MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 46 kB, most have under 2 kB
 MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
 MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of header
@@ -25,7 +27,7 @@ MAX_PARTS = 7  # topic, header and the five arrays of the lights
 
 Sequence53 = Annotated[int, Meta(ge=0, lt=2**53)]  # exact in JSON and in every language
 Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-Tally = Annotated[int, Meta(ge=0, lt=2**53)]
+Count = Annotated[int, Meta(ge=0, lt=2**53)]
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
 Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
@@ -35,17 +37,13 @@ Side = Annotated[int, Meta(ge=1, le=8192)]
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 
-class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
-    """A message's header; its tag is the message's topic."""
-
-
 class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Which frame this is and when its light was seen."""
 
     sequence: Sequence53
     time_s: Annotated[float, Meta(ge=0, le=1e12)]  # on the source's own clock: filters use it
     captured_ns: Nanoseconds  # realtime
-    monotonic_ns: Nanoseconds  # ages on one host: clock steps do not touch it
+    monotonic_ns: Nanoseconds  # for ages on one host: steps of the realtime clock do not change it
     boot_id: Annotated[str, Meta(max_length=64)]  # monotonic clocks compare only when this is equal
 
 
@@ -53,68 +51,104 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     """Where a named object or lamp of the scene stands."""
 
     name: Name
-    at: tuple[Metres, Metres, Metres]
-    turn: tuple[Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 1.0)  # unit quaternion x, y, z, w
-    power: Annotated[float, Meta(ge=0, le=1e12)] | None = None  # of a lamp: times the measured one; None: as it is, or no lamp
+    position: tuple[Metres, Metres, Metres]
+    rotation: tuple[Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 1.0)  # unit quaternion x, y, z, w
+    power: Annotated[float, Meta(ge=0, le=1e12)] | None = None  # of a lamp: times the measured one; None: unchanged, or not a lamp
 
     def __post_init__(self) -> None:
-        if not abs(sum(q * q for q in self.turn) - 1) < UNIT:
-            raise ValueError("turn is no unit quaternion")
+        if not abs(sum(q * q for q in self.rotation) - 1) < UNIT:
+            raise ValueError("rotation is not a unit quaternion")
+
+
+class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
+    """What a service measured while it made a frame. Travels in the frame's header and again in the service's status.
+
+    The status, the viewer's page and `/metrics` show every field of the classes below without further changes elsewhere: its
+    description explains it to the person who reads the page.
+    """
+
+
+class MapReport(Report, frozen=True, tag="map"):
+    """Measured while a map was made."""
+
+    invalid_cells: Annotated[Count, Meta(description="cells of the newest map that were nan, infinite or negative and count as 0")] = 0
+    black_pixels: Annotated[Count, Meta(description="pixels of the newest frame that the sensor clipped at its lower end")] = 0
+    saturated_pixels: Annotated[Count, Meta(description="pixels clipped at the upper end: their radiance is unknown")] = 0
+
+
+class LightsReport(Report, frozen=True, tag="lights"):
+    """Measured while lights were sampled and filtered."""
+
+    delay_ms: Annotated[Milliseconds, Meta(description="by how much the temporal filter delays the lights")] = 0.0
+    delay_frames: Annotated[Frames, Meta(description="the filter's delay in frames, at the rate at which they arrive")] = 0.0
+    required_lights: Annotated[Count, Meta(description="lights that the scene requires for the error allowed; 0: not estimated")] = 0
+    light_budget: Annotated[Count, Meta(description="lights that the renderer can draw in its target frame time; 0: no limit")] = 0
+    flicker_hz: Annotated[Hertz, Meta(description="beat of the lamps' flicker with the frame rate; 0: none")] = 0.0
+    lamp_hz: Annotated[Hertz, Meta(description="the lamps' own flicker frequency, inferred from the beat; 0: none")] = 0.0
+    flicker_depth: Annotated[float, Meta(ge=0, le=1e9, description="amplitude of the flicker over its mean")] = 0.0
+
+
+class ImageReport(Report, frozen=True, tag="image"):
+    """Measured while a picture was drawn."""
+
+    drawn_lights: Annotated[Count, Meta(description="lights in the newest picture")] = 0
+    render_ms: Annotated[Milliseconds, Meta(description="time to draw the newest picture")] = 0.0
+    light_budget: Annotated[
+        Count, Meta(description="lights that can be drawn in the target frame time; 0: no target, or not yet known")
+    ] = 0
+
+
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
+    """A message's header; its tag is the message's topic."""
+
+    version: Literal[2] = VERSION
 
 
 class MapMessage(Part, frozen=True, tag="map"):
-    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32; of the parts of cells that hold much of the light, in
-    their order, cells (strong,) int64, row * cols + column; centres (strong, 3) float32, the direction of the light's centre in the part;
-    and shares (strong,) float32 of the cell's light.
+    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32; then the samples inside the map's bright cells, ordered by
+    cell: cells (bright_samples,) int64, row * cols + column; directions (bright_samples, 3) float32 towards each sample's centre of
+    light; weights (bright_samples,) float32, the sample's fraction of the cell's light.
     """
 
     stamp: Stamp
     rows: Side
     cols: Side
     coverage: Coverage
-    strong: Annotated[int, Meta(ge=0, le=4096)] = 0
+    bright_samples: Annotated[int, Meta(ge=0, le=4096)] = 0
     luminance_scale: Annotated[float, Meta(gt=0, le=1e30)] | None = None  # cd/m2 per unit, when calibrated
-    spoilt: Tally = 0  # cells that came as nan, inf or negative and were set to 0
-    black: Tally = 0  # pixels that the sensor's code clipped
-    saturated: Tally = 0
+    report: MapReport = MapReport()
 
 
 class LightsMessage(Part, frozen=True, tag="lights"):
-    """Directional lights. Arrays: ids (count,) int64; directions and irradiance (count, 3) float32; the same two (fine, 3) again.
+    """Directional lights. Arrays: ids (count,) int64; directions and irradiance (count, 3) float32; the gloss set's directions and
+    irradiance (gloss_count, 3) float32.
 
-    The fine set stands for the same light as the first: many weak lights for the lobes of glossy surfaces (Havran et al. 2005, 4.2).
+    The gloss set represents the same light as the first set by many weak lights, for the lobes of glossy surfaces (Havran et al. 2005,
+    section 4.2).
     """
 
     stamp: Stamp
     count: Annotated[int, Meta(ge=0, le=100_000)]
     coverage: Coverage
-    delay_ms: Milliseconds  # by which the filter holds the light back
-    delay_frames: Frames = 0.0  # the same, in frames at the rate they come at
-    fine: Annotated[int, Meta(ge=0, le=100_000)] = 0
-    need: Tally = 0  # lights that the scene needs for the error allowed; 0: not asked
-    can: Tally = 0  # lights that the renderer draws in the time allowed; 0: not asked
-    flicker_hz: Hertz = 0.0  # beat of lamps with the frame rate; 0: none
-    lamp_hz: Hertz = 0.0  # the lamps' own frequency behind that beat
-    flicker_depth: Annotated[float, Meta(ge=0, le=1e9)] = 0.0  # amplitude over mean
+    gloss_count: Annotated[int, Meta(ge=0, le=100_000)] = 0
+    report: LightsReport = LightsReport()
 
 
 class ImageMessage(Part, frozen=True, tag="image"):
-    """A picture for the eye. Arrays: pixels (height, width, 4) uint8, sRGB, alpha straight, the top row first; where it is linear also the
-    picture before tone mapping, (height, width, 4) float16, RGB times alpha.
+    """A rendered picture. Arrays: pixels (height, width, 4) uint8, sRGB, straight alpha, the top row first; if `linear`, also the
+    picture before tone mapping, (height, width, 4) float16, premultiplied alpha.
     """
 
     stamp: Stamp
     width: Side
     height: Side
-    lights: Tally  # drawn
-    render_ms: Milliseconds
-    can: Tally = 0  # lights that it draws in its target frame time; 0: no target, or not yet known
     linear: bool = False
-    things: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # where the scene's objects and lamps stand in it
+    objects: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # where the scene's objects and lamps stand in it
+    report: ImageReport = ImageReport()
 
 
 class PlateMessage(Part, frozen=True, tag="plate"):
-    """What a second camera sees. Arrays: pixels (height, width, 3) uint8, sRGB, the top row first."""
+    """A second camera's picture. Arrays: pixels (height, width, 3) uint8, sRGB, the top row first."""
 
     stamp: Stamp
     width: Side
@@ -122,44 +156,39 @@ class PlateMessage(Part, frozen=True, tag="plate"):
 
 
 class ControlMessage(Part, frozen=True, tag="control"):
-    """What the person at the viewer wants; what is left out stays as the settings say. No arrays."""
+    """What the person at the viewer has chosen; what is left out stays as the settings say. No arrays."""
 
     count: Annotated[int, Meta(ge=1, le=100_000)] | None = None
     exposure: Annotated[float, Meta(ge=-20, le=20)] | None = None  # stops
     filtered: bool | None = None
     paused: bool = False
-    poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of what stands elsewhere than in the scene file
+    poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved away from where the scene file has them
 
 
 class StatusMessage(Part, frozen=True, tag="status"):
-    """How a service fares. No arrays."""
+    """How a service is doing. No arrays."""
 
     service: Name
     sequence: Sequence53 | None  # of its newest frame
     rate_hz: Hertz
     age_ms: Milliseconds | None  # of its newest frame when it was done
     step_ms: Milliseconds | None  # median of the last frames
-    frames: Tally
-    skipped: Tally  # passed over because this service was slower than its input
-    dropped: Tally  # lost before this service saw them, by the gaps in their numbers
-    refused: Tally  # messages that `unpack` refused
-    restarts: Tally  # how often the supervisor had to start it again
-    spoilt: Tally = 0
-    black: Tally = 0
-    saturated: Tally = 0
-    delay_ms: Milliseconds = 0.0
-    delay_frames: Frames = 0.0
-    can: Tally = 0  # of a renderer: lights that it draws in its target frame time; 0: no target, or not yet known
+    frames: Count  # done since the service started
+    skipped: Count  # received, but passed over for a newer frame because this service was slower than its input
+    dropped: Count  # published by the producer, by its own count, and never received here
+    refused: Count  # messages that `unpack` refused
+    restarts: Count  # how often the supervisor had to restart it
+    report: MapReport | LightsReport | ImageReport | None = None  # of its newest frame
 
 
 class EndMessage(Part, frozen=True, tag="end"):
-    """The stream is over: `sequence` is the first number that will not come. No arrays."""
+    """The stream is over: `sequence` is the number of the first frame that will not come. No arrays."""
 
     sequence: Sequence53
 
 
 class RequestMessage(Part, frozen=True, tag="request"):
-    """Lossless mode, from a consumer: send me the `count` frames from `first` on. It replaces what was asked before. No arrays."""
+    """Lossless mode, from a consumer: send the `count` frames from `first` on. Replaces what was requested before. No arrays."""
 
     first: Sequence53
     count: Annotated[int, Meta(ge=1, le=1024)]
@@ -173,14 +202,27 @@ _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(Header)
 
 
+class _Version(msgspec.Struct):
+    """A header of any version: the one key that this version of the protocol needs before it can read the others."""
+
+    version: int = 1
+
+
+_version_decoder = msgspec.msgpack.Decoder(_Version)
+
+
+class VersionError(ValueError):
+    """A message of another version of the protocol."""
+
+
 def layout(header: Header) -> tuple[tuple[Literal["<f2", "<f4", "<i8", "|u1"], tuple[int, ...]], ...]:
     """Type and shape of each array that belongs to `header`."""
     match header:
         case MapMessage():
-            n = header.strong
+            n = header.bright_samples
             return ("<f4", (header.rows, header.cols, 3)), ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n,))
         case LightsMessage():
-            n, m = header.count, header.fine
+            n, m = header.count, header.gloss_count
             return ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n, 3)), ("<f4", (m, 3)), ("<f4", (m, 3))
         case ImageMessage():
             shape = (header.height, header.width, 4)
@@ -205,12 +247,14 @@ def pack(header: Header, arrays: Sequence[np.ndarray] = ()) -> list[bytes]:
 
 
 def unpack(parts: Sequence[bytes]) -> Message:
-    """Header and arrays (read-only views of the parts). Raises ValueError for anything that `pack` would not have made."""
+    """Header and arrays (read-only views of the parts). Raises ValueError for anything that `pack` would not have made, its subclass
+    VersionError for a message of another version.
+    """
     if not 2 <= len(parts) <= MAX_PARTS:
         raise ValueError(f"a message has 2 to {MAX_PARTS} parts, not {len(parts)}")
     if len(parts[1]) > MAX_HEADER:
         raise ValueError(f"a header has at most {MAX_HEADER} bytes, not {len(parts[1])}")
-    header = _decoder.decode(parts[1])
+    header = _header(parts[1])
     if bytes(parts[0]) != _kind(header).encode():
         raise ValueError(f"topic {bytes(parts[0][:20])!r} on a message of kind {_kind(header)}")
 
@@ -227,14 +271,24 @@ def unpack(parts: Sequence[bytes]) -> Message:
             raise ValueError(f"{_kind(header)}: array with nan or inf")
         arrays.append(array)
     if isinstance(header, MapMessage) and not ((arrays[1] >= 0) & (arrays[1] < header.rows * header.cols)).all():
-        raise ValueError("map: a strong cell outside the map")
+        raise ValueError("map: a bright cell outside the map")
     if isinstance(header, MapMessage) and not ((np.diff(arrays[1]) >= 0).all() and ((arrays[3] > 0) & (arrays[3] <= 1)).all()):
-        raise ValueError("map: strong cells out of order, or a share of a cell's light that is none")
+        raise ValueError("map: bright cells out of order, or a weight outside (0, 1]")
     if isinstance(header, LightsMessage):
         for directions, irradiance in (arrays[1:3], arrays[3:5]):
             if not (np.abs(np.einsum("ij,ij->i", directions, directions) - 1) < UNIT).all() or (irradiance < 0).any():
-                raise ValueError("lights: a direction that is no unit vector, or irradiance below 0")
+                raise ValueError("lights: a direction that is not a unit vector, or negative irradiance")
     return header, tuple(arrays)
+
+
+def _header(part: bytes) -> Header:
+    try:
+        version = _version_decoder.decode(part).version
+        if version != VERSION:
+            raise VersionError(f"message of wire version {version}; this is version {VERSION}: install the same vemlight on both sides")
+        return _decoder.decode(part)
+    except (RecursionError, OverflowError) as error:  # arrays nested a thousand deep, numbers beyond 64 bits
+        raise ValueError(f"a header that cannot be decoded: {error}") from error
 
 
 def _kind(header: Header) -> str:
@@ -244,6 +298,10 @@ def _kind(header: Header) -> str:
 def schema() -> dict:
     """The headers' JSON Schema, as exported to proto/wire.schema.json."""
     (kinds,), definitions = msgspec.json.schema_components([Header], ref_template="#/$defs/{name}")
+    for definition in definitions.values():
+        definition["description"] = inspect.cleandoc(definition["description"])
+        if "version" in definition["properties"]:  # has a default so that `pack` can fill it in; on the wire it must be there
+            definition["required"].insert(0, "version")
     draft = "https://json-schema.org/draft/2020-12/schema"
     return {"$schema": draft, "title": f"vemlight wire {VERSION}", **kinds, "$defs": definitions}
 

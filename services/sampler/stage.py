@@ -54,22 +54,24 @@ class SamplerStage:
         made = wire.LightsMessage(
             stamp=header.stamp,
             count=len(lights.ids),
-            fine=len(gloss.ids),
+            gloss_count=len(gloss.ids),
             coverage=header.coverage,
-            delay_ms=report.delay_s * 1e3,
-            delay_frames=report.delay_frames,
-            need=report.need,
-            can=report.can,
-            flicker_hz=report.flicker_hz,
-            lamp_hz=report.lamp_hz,
-            flicker_depth=report.flicker_depth,
+            report=wire.LightsReport(
+                delay_ms=report.delay_s * 1e3,
+                delay_frames=report.delay_frames,
+                required_lights=report.need,
+                light_budget=report.can,
+                flicker_hz=report.flicker_hz,
+                lamp_hz=report.lamp_hz,
+                flicker_depth=report.flicker_depth,
+            ),
         )
         return state._replace(memory=memory), (made, (*lights, gloss.directions, gloss.irradiance))
 
     def heed(self, state: SamplerState, said: wire.Message) -> SamplerState:
         wish, _ = said
         if isinstance(wish, wire.StatusMessage):
-            return state._replace(can=wish.can)
+            return state._replace(can=wish.report.light_budget) if isinstance(wish.report, wire.ImageReport) else state
         assert isinstance(wish, wire.ControlMessage)
         own = self._settings
         unfiltered = wish.filtered is False

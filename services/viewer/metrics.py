@@ -10,7 +10,7 @@ from typing import Any
 from vemlight.viewer.liveness import STATES
 
 OUTCOMES = {"done": "frames", "skipped": "skipped", "dropped": "dropped", "refused": "refused"}
-PIXELS = ("black", "saturated", "spoilt")
+PIXELS = {"black": "black_pixels", "saturated": "saturated_pixels", "invalid": "invalid_cells"}
 _started_s = time.time()
 
 
@@ -19,7 +19,7 @@ def metrics(report: dict[str, Any]) -> str:
     rows = report["services"]
     frames = [({"stage": row["service"], "outcome": o}, row.get(key, 0)) for row in rows for o, key in OUTCOMES.items()]
     states = [({"stage": str(row["service"]), "state": str(state)}, int(row["state"] == state)) for row in rows for state in STATES]
-    pixels = [({"kind": kind}, rows[0].get(kind, 0)) for kind in PIXELS]
+    pixels = [({"kind": kind}, rows[0].get(key, 0)) for kind, key in PIXELS.items()]
     steps = [({**stage, "quantile": "0.5"}, value) for stage, value in _of(rows, "step_ms", 1e-3)]
     return "".join(
         (

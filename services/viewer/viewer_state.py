@@ -17,8 +17,8 @@ from vemlight.viewer.liveness import HEALTHY, Heard, Judgement, Watch
 from vemlight.viewer.pictures import Sky, picture_jpeg
 
 UNHEARD = "lossless mode makes every frame with the settings as they are and hears no controls; run in live mode to use them"
-EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false, "poses": [{"name": "box", "at": [0, 0, 1]}]}'
-NO_LIGHTS = dict.fromkeys(("count", "need", "can", "flicker_hz", "lamp_hz", "flicker_depth"), 0)  # of wire.LightsMessage
+EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false, "poses": [{"name": "box", "position": [0, 0, 1]}]}'
+NO_LIGHTS = {"count": 0, **msgspec.structs.asdict(wire.LightsReport())}
 
 
 class Board:
@@ -39,7 +39,7 @@ class Board:
         self.watch = Watch(makers, settings.capture.fps, settings.mode == "lossless")
         self.pages = 0
         self._losses, self._lights, self._encode_s = Losses(), NO_LIGHTS, 0.0
-        self._things: tuple[wire.Pose, ...] = ()
+        self._objects: tuple[wire.Pose, ...] = ()
 
     def take(self, service: Service, messages: list[wire.Message]) -> None:
         """What one service has said since last time, in order. Of its frames the newest is shown; the rest is counted as skipped."""
@@ -58,11 +58,11 @@ class Board:
             case wire.MapMessage():
                 self.disc.put(header, arrays[0])
             case wire.LightsMessage():
-                self._lights = {name: getattr(header, name) for name in NO_LIGHTS}
+                self._lights = {"count": header.count, **msgspec.structs.asdict(header.report)}
                 self.lights.put(header, *arrays[:3])
             case wire.ImageMessage():
                 self.picture.put(arrays[0])
-                self._things = header.things
+                self._objects = header.objects
                 self.tally.skipped += passed_over
                 self.tally.finished((header, arrays), self._encode_s)
 
@@ -104,7 +104,7 @@ class Board:
         judged = self.watch.judge(time.monotonic())
         s = self.settings
         rows = [service_row(service, judged[service], heard) for service, heard in self.watch.heard.items()]
-        own = {"service": "viewer", **(msgspec.to_builtins(self.status) if self.status else {}), "state": "live", "words": "live"}
+        own = {"service": "viewer", **status_fields(self.status), "state": "live", "words": "live"}
         if judged[LAST].state not in HEALTHY:
             own |= {"state": "waiting", "words": f"waits for {LAST}", "rate_hz": 0.0}
         return {
@@ -112,18 +112,26 @@ class Board:
             "started_s": self.started_s,
             "mode": s.mode,
             "why_no_controls": UNHEARD if s.mode == "lossless" else None,
-            "wish": msgspec.structs.asdict(self.wish),
+            "wish": {key: value for key, value in msgspec.structs.asdict(self.wish).items() if key != "version"},
             "settings": {"count": s.sampler.count, "exposure": s.renderer.exposure, "filtered": s.sampler.filter != "none"},
             "lights": self._lights,
-            "things": self._things,
+            "objects": self._objects,
             "pages": self.pages,
             "services": [*rows, own],
         }
 
 
+def status_fields(status: wire.StatusMessage | None) -> dict[str, Any]:
+    """The status's own fields and those of its report, side by side; none where there is no status."""
+    if status is None:
+        return {}
+    report = msgspec.structs.asdict(status.report) if status.report else {}
+    return {**msgspec.structs.asdict(msgspec.structs.replace(status, report=None)), **report}
+
+
 def service_row(service: Service, judgement: Judgement, heard: Heard) -> dict[str, Any]:
     """A service's newest status, with the judgement on it. `age_ms` is its newest frame's when it was done, or, when no more come, now."""
-    status = msgspec.to_builtins(heard.status) if heard.status else {}
+    status = status_fields(heard.status)
     if judgement.state not in HEALTHY:
         status |= {"age_ms": heard.age_ms()} | ({"rate_hz": 0.0} if heard.status else {})
     return {**status, "service": service, "state": judgement.state, "words": judgement.words}

@@ -10,7 +10,7 @@ from vemlight.runtime import wire
 def lights_message(sequence: int, fps: float = 10.0) -> wire.Message:
     lights = uniform_lights(3, 0.0)
     none = np.zeros((0, 3), np.float32)
-    header = wire.LightsMessage(stamp=wire.stamp(sequence, sequence / fps), count=3, coverage="hemisphere", delay_ms=0.0, delay_frames=0.0)
+    header = wire.LightsMessage(stamp=wire.stamp(sequence, sequence / fps), count=3, coverage="hemisphere")
     return header, (lights.ids, lights.directions, lights.irradiance, none, none)
 
 

@@ -22,7 +22,10 @@ from vemlight.settings import Wire
 
 MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
 FPS = 25.0
-THINGS = (wire.Pose(name="box", at=(1.0, 0.0, 0.5)), wire.Pose(name="lamp", at=(0.0, 0.0, 2.0), turn=(1.0, 0.0, 0.0, 0.0), power=1.0))
+OBJECTS = (
+    wire.Pose(name="box", position=(1.0, 0.0, 0.5)),
+    wire.Pose(name="lamp", position=(0.0, 0.0, 2.0), rotation=(1.0, 0.0, 0.0, 0.0), power=1.0),
+)
 PATIENCE_S = 20.0  # for what a loaded machine does late; a test that passes waits for none of it
 
 
@@ -48,14 +51,19 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
     pixels[:, sequence % 64] = (255, 0, 0, 255)
     return {
         "capture": (
-            wire.MapMessage(stamp=stamp, rows=18, cols=72, coverage="hemisphere", saturated=3),
+            wire.MapMessage(stamp=stamp, rows=18, cols=72, coverage="hemisphere", report=wire.MapReport(saturated_pixels=3)),
             (radiance, *NONE),
         ),
         "sampler": (
-            wire.LightsMessage(stamp=stamp, count=count, coverage="hemisphere", delay_ms=160.0),
+            wire.LightsMessage(stamp=stamp, count=count, coverage="hemisphere", report=wire.LightsReport(delay_ms=160.0)),
             (np.arange(count), directions, irradiance, directions[:0], irradiance[:0]),
         ),
-        "renderer": (wire.ImageMessage(stamp=stamp, width=64, height=48, lights=count, render_ms=5.0, things=THINGS), (pixels,)),
+        "renderer": (
+            wire.ImageMessage(
+                stamp=stamp, width=64, height=48, objects=OBJECTS, report=wire.ImageReport(drawn_lights=count, render_ms=5.0)
+            ),
+            (pixels,),
+        ),
     }
 
 

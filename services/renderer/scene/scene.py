@@ -161,7 +161,7 @@ def _objects(table: SceneTable, path: Path) -> tuple[wire.Pose, ...]:
         free = (f"{plain} {k}" if k > 1 else plain for k in range(1, len(rows) + 2))
         name = row.name or next(name for name in free if name not in taken)
         taken.add(name)
-        objects.append(wire.Pose(name=name, at=row.at, turn=quaternion_xyz(row.rotate), power=power))
+        objects.append(wire.Pose(name=name, position=row.at, rotation=quaternion_xyz(row.rotate), power=power))
     return tuple(objects)
 
 

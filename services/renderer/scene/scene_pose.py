@@ -26,7 +26,7 @@ class ScenePose(NamedTuple):
 def world_from_object(pose: wire.Pose) -> np.ndarray:
     """Rigid transform (4, 4) from a thing's own axes."""
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation_from_quaternion(np.array(pose.turn)), pose.at
+    matrix[:3, :3], matrix[:3, 3] = rotation_from_quaternion(np.array(pose.rotation)), pose.position
     return matrix
 
 
@@ -40,7 +40,7 @@ def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> 
         rest, now = (scene.objects[mesh.object_index], objects[mesh.object_index]) if mesh.object_index is not None else (None, None)
         if mesh.motion is not None:
             matrices[k] = mesh.motion.world_from_rest(time_s)
-        if rest is not None and now is not None and (rest.at, rest.turn) != (now.at, now.turn):
+        if rest is not None and now is not None and (rest.position, rest.rotation) != (now.position, now.rotation):
             matrices[k] = world_from_object(now) @ np.linalg.inv(world_from_object(rest)) @ matrices[k]
         if mesh.motion is not None or now is not rest:
             corners = box_corners(mesh.geometry) @ matrices[k, :3, :3].T + matrices[k, :3, 3]
@@ -51,4 +51,4 @@ def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> 
 def _with_power(wished: wire.Pose, rest: wire.Pose) -> wire.Pose:
     """A wished pose with the power of the scene file where it wishes none; what is no lamp has none."""
     power = rest.power if wished.power is None or rest.power is None else wished.power
-    return wire.Pose(name=rest.name, at=wished.at, turn=wished.turn, power=power)
+    return wire.Pose(name=rest.name, position=wished.position, rotation=wished.rotation, power=power)

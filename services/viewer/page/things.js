@@ -22,7 +22,7 @@ export class Things {
 
   // What stands, from the report.
   take(report) {
-    this.things = report.things;
+    this.things = report.objects;
     this.form.hidden = this.things.length === 0 || Boolean(report.why_no_controls);
     const names = this.things.map((thing) => thing.name);
     if (names.join("\n") !== [...this.chosen.options].map((option) => option.value).join("\n")) {
@@ -47,7 +47,7 @@ export class Things {
     const thing = this.thing();
     if (!thing) return;
     const pose = { ...thing, ...this.poses.find((pose) => pose.name === thing.name) };
-    const numbers = [...pose.at, ...anglesFrom(pose.turn), pose.power ?? 0];
+    const numbers = [...pose.position, ...anglesFrom(pose.rotation), pose.power ?? 0];
     this.inputs.forEach((input, k) => { if (document.activeElement !== input) input.value = Number(numbers[k].toFixed(3)); });
     this.inputs.at(-1).closest("label").hidden = thing.power === null;
     this.back.disabled = this.others(thing.name).length === this.poses.length;
@@ -56,7 +56,7 @@ export class Things {
   enter() {
     const thing = this.thing(), [x, y, z, ax, ay, az, power] = this.inputs.map((input) => input.valueAsNumber);
     if (!this.form.checkValidity() || [x, y, z, ax, ay, az, power].some(Number.isNaN)) return;
-    const pose = { name: thing.name, at: [x, y, z], turn: turnFrom([ax, ay, az]), power: thing.power === null ? null : power };
+    const pose = { name: thing.name, position: [x, y, z], rotation: turnFrom([ax, ay, az]), power: thing.power === null ? null : power };
     this.send([...this.others(thing.name), pose]);
   }
 

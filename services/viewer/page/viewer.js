@@ -18,17 +18,17 @@ const MEASURES = { // of a card: label, how it reads, what it means
 };
 const OWN = { // what only one service has to say
   capture: {
-    black: ["black", whole, "pixels of the newest frame that the sensor clipped at its lower end"],
-    saturated: ["saturated", whole, "and at its upper end: their light is not known"],
-    spoilt: ["spoilt", whole, "cells of the newest map that came as nan, inf or negative and count as 0"],
+    black_pixels: ["black", whole, "pixels of the newest frame that the sensor clipped at its lower end"],
+    saturated_pixels: ["saturated", whole, "and at its upper end: their light is not known"],
+    invalid_cells: ["spoilt", whole, "cells of the newest map that came as nan, inf or negative and count as 0"],
   },
   sampler: {
     delay_ms: ["filter delay", delay, "how far the filter holds the light back"],
-    need: ["need / can", needed, "lights that the scene needs for the error allowed / that the renderer draws in the time allowed"],
+    required_lights: ["need / can", needed, "lights that the scene needs for the error allowed / that the renderer draws in the time allowed"],
     flicker_hz: ["lamp flicker", flicker, "how fast the lamps beat with the frame rate"],
   },
 };
-const LOSSES = new Set(["dropped", "skipped", "restarts", "refused", "saturated", "spoilt"]);
+const LOSSES = new Set(["dropped", "skipped", "restarts", "refused", "saturated_pixels", "invalid_cells"]);
 const grown = new Map(); // of a loss: its last value and when that rose
 const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
@@ -210,7 +210,7 @@ function delay(value, row) {
 
 // 0: nobody asked the sampler or the renderer to find out.
 function needed(need, row) {
-  return need || row.can ? `${need || "–"} / ${row.can || "–"}` : "–";
+  return need || row.light_budget ? `${need || "–"} / ${row.light_budget || "–"}` : "–";
 }
 
 function flicker(beat) {

@@ -85,9 +85,9 @@ def measured(settings: Settings, watched: bool, seconds: float) -> str:
         file = Path(folder) / "vemlight.toml"
         file.write_text(tomli_w.dumps(msgspec.to_builtins(settings)))
         run = started("vemlight", "run", str(file))
-        wires, page = Transport(settings.wire), None
+        transport, page = Transport(settings.wire), None
         try:
-            ear = wires.subscribe("renderer", "image")
+            ear = transport.subscribe("renderer", "image")
             began_s = time.monotonic()
             while not pictures(ear, 1.0):
                 if time.monotonic() > began_s + START_S:
@@ -103,7 +103,7 @@ def measured(settings: Settings, watched: bool, seconds: float) -> str:
                 if process:
                     process.send_signal(signal.SIGINT)
                     process.wait()
-            wires.close()
+            transport.close()
     lights, ages = [header.report.drawn_lights for header, _ in came], [age for _, age in came]
     spent = ", ".join(f"{name} {(after[name] - before[name]) / max(len(came), 1):.1f}" for name in before)
     return (

@@ -50,7 +50,7 @@ def made(sequence: str) -> dict[str, list[wire.Message]]:
 
 
 def _stepped(stage: Stage, messages: list[wire.Message]) -> list[wire.Message]:
-    state, _ = stage.begin(0)
+    state, _ = stage.start_at(0)
     out = []
     for message in messages:
         state, result = stage.step(state, message)
@@ -61,10 +61,10 @@ def _stepped(stage: Stage, messages: list[wire.Message]) -> list[wire.Message]:
 def without_clocks(header: wire.Header) -> dict:
     """The header's fields, those in CLOCKS left out."""
 
-    def kept(value):
-        return {key: kept(v) for key, v in value.items() if key not in CLOCKS} if isinstance(value, dict) else value
+    def timeless(value):
+        return {key: timeless(v) for key, v in value.items() if key not in CLOCKS} if isinstance(value, dict) else value
 
-    return kept(msgspec.to_builtins(header))
+    return timeless(msgspec.to_builtins(header))
 
 
 def _still(message: wire.Message) -> list[bytes]:

@@ -115,18 +115,18 @@ def test_pixels_become_means_over_their_area():
 def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     monkeypatch.setattr("vemlight.renderer.accumulation.PASSES", 4)
     stage = RendererStage(Settings(renderer=Size(width=48, height=36, shadow_map=64, frame_ms=0.0, picture="linear16")))
-    assert stage.beside(stage.begin(0)[0]) == ()
-    assert stage.beside(controlled(stage, stage.begin(0)[0], paused=True)) == ("capture",)
+    assert stage.side_inputs(stage.start_at(0)[0]) == ()
+    assert stage.side_inputs(controlled(stage, stage.start_at(0)[0], paused=True)) == ("capture",)
     drawn = []
     honest = stage._renderer.render_pass
     monkeypatch.setattr(stage._renderer, "render_pass", lambda light, number: drawn.append(number) or honest(light, number))
 
     def shown(state, sequence, radiance, **wish):
         header = wire.MapMessage(stamp=wire.stamp(sequence, sequence / 10), rows=30, cols=120, coverage="hemisphere")
-        state = stage.heed(controlled(stage, state, **wish), (header, (radiance,)))
+        state = stage.on_message(controlled(stage, state, **wish), (header, (radiance,)))
         return stepped(stage, state, sequence)
 
-    state, image = shown(stage.begin(0)[0], 0, a_map())
+    state, image = shown(stage.start_at(0)[0], 0, a_map())
     assert (image.report.drawn_lights, drawn) == (3, [])
     live = picture_of(state)
     for sequence in range(1, 8):

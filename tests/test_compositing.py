@@ -23,9 +23,9 @@ def scene(tmp_path):
 
 def corner(stage: RendererStage, said: list[wire.Message]) -> np.ndarray:
     """The sky pixel at the picture's upper left."""
-    state, _ = stage.begin(0)
+    state, _ = stage.start_at(0)
     for message in said:
-        state = stage.heed(state, message)
+        state = stage.on_message(state, message)
     state, _ = stage.step(state, lights_message(0))
     assert state.picture is not None
     return state.picture[0, 0]
@@ -37,15 +37,15 @@ def test_the_map_and_the_plate_are_what_is_seen_beside_the_scene(scene):
     plate = wire.PlateMessage(stamp=wire.stamp(0, 0.0), width=2, height=2), (np.full((2, 2, 3), 188, np.uint8),)  # 188 is 0.503 linear
 
     plain = RendererStage(Settings(renderer=size, mode="lossless"))
-    assert plain.beside(plain.begin(0)[0]) == ()
+    assert plain.side_inputs(plain.start_at(0)[0]) == ()
     np.testing.assert_array_equal(corner(plain, []), 0)
 
     mapped = RendererStage(Settings(renderer=Renderer(**{**as_dict(size), "background": "map"}), mode="lossless"))
-    assert mapped.beside(mapped.begin(0)[0]) == ("capture",)
+    assert mapped.side_inputs(mapped.start_at(0)[0]) == ("capture",)
     np.testing.assert_allclose(corner(mapped, [around]), [0.3, 0.3, 0.3, 1], rtol=2e-3)
 
     filmed = RendererStage(Settings(renderer=size, mode="lossless", plate=Plate(source="film.mp4", stops=1.0)))
-    assert filmed.beside(filmed.begin(0)[0]) == ("plate",)
+    assert filmed.side_inputs(filmed.start_at(0)[0]) == ("plate",)
     np.testing.assert_array_equal(corner(filmed, []), 0)
     np.testing.assert_allclose(corner(filmed, [plate]), [1.006, 1.006, 1.006, 1], rtol=5e-3)
 

@@ -7,7 +7,7 @@ import pytest
 import zmq
 
 from vemlight.runtime import health, wire
-from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport, admit
 from vemlight.settings import Settings, Wire
 
@@ -23,14 +23,14 @@ def speaking(settings, *messages):
     stop, ready = threading.Event(), threading.Event()
 
     def speak():
-        wires = Transport(settings.wire)
-        publisher = wires.bind("sampler", "publish")
+        transport = Transport(settings.wire)
+        publisher = transport.bind("sampler", "publish")
         ready.set()
         while not stop.wait(0.02):
             admit(publisher)
             for parts in messages:
                 publisher.send_multipart(parts, zmq.NOBLOCK)
-        wires.close()
+        transport.close()
 
     thread = threading.Thread(target=speak)
     thread.start()
@@ -43,7 +43,7 @@ def speaking(settings, *messages):
 
 
 def status(service):
-    said = Tally(service, 0).due()
+    said = ServiceStats(service, 0).due()
     assert said
     return wire.pack(said)
 

@@ -11,7 +11,7 @@ from vemlight.plate.stage import PlateSource
 from vemlight.plate.video_source import open_pictures
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Supply
-from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.sync import Lockstep, NearestInTime
 from vemlight.runtime.transport import Transport, admit
 from vemlight.settings import Plate, read_settings
@@ -75,7 +75,7 @@ def test_the_film_goes_on_from_its_start(film):
 
 
 @pytest.fixture
-def wires(make_settings):
+def transport(make_settings):
     opened = Transport(make_settings()[0].wire)
     yield opened
     opened.close()
@@ -86,24 +86,24 @@ def plate(sequence: int, monotonic_ns: int) -> wire.Message:
     return wire.PlateMessage(stamp=stamp, width=1, height=1), (np.full((1, 1, 3), sequence, np.uint8),)
 
 
-def test_live_the_picture_nearest_in_time_is_taken(wires):
-    publisher = wires.bind("plate", "publish")
-    nearest, tally = NearestInTime(wires), Tally("renderer", 0)
+def test_live_the_picture_nearest_in_time_is_taken(transport):
+    publisher = transport.bind("plate", "publish")
+    nearest, stats = NearestInTime(transport), ServiceStats("renderer", 0)
     lights = msgspec.structs.replace(wire.stamp(90, 0.0), monotonic_ns=1_000_000)
-    assert nearest.to(lights, ["plate"], tally) == []
+    assert nearest.to(lights, ["plate"], stats) == []
     wait_until(lambda: publisher.poll(0) or None, "the subscription")
     admit(publisher)
     for sequence, at_ns in ((1, 700_000), (2, 1_100_000), (3, 1_300_000)):
         publisher.send_multipart(wire.pack(*plate(sequence, at_ns)))
-    wait_until(lambda: nearest.to(lights, ["plate"], tally) and len(nearest._heard["plate"][1]) == 3, "three pictures")
-    assert [array[0, 0, 0] for _, (array,) in nearest.to(lights, ["plate"], tally)] == [2]
-    assert nearest.to(lights, [], tally) == []
+    wait_until(lambda: nearest.to(lights, ["plate"], stats) and len(nearest._heard["plate"][1]) == 3, "three pictures")
+    assert [array[0, 0, 0] for _, (array,) in nearest.to(lights, ["plate"], stats)] == [2]
+    assert nearest.to(lights, [], stats) == []
     wait_until(lambda: publisher.poll(0) or None, "the end of the subscription")
 
 
-def test_lossless_the_frames_of_one_number_come_together(wires):
-    supplies = {name: Supply(wires.bind(name, "serve"), Tally(name, 0)) for name in ("sampler", "plate")}
-    inputs = Lockstep(wires, ["sampler", "plate"], Tally("renderer", 0))
+def test_lossless_the_frames_of_one_number_come_together(transport):
+    supplies = {name: Supply(transport.bind(name, "serve"), ServiceStats(name, 0)) for name in ("sampler", "plate")}
+    inputs = Lockstep(transport, ["sampler", "plate"], ServiceStats("renderer", 0))
     seen = []
 
     def served() -> bool:
@@ -129,9 +129,9 @@ def test_the_service_sends_what_is_asked_for(make_settings, services, film):
     settings = read_settings(path)
     assert settings.services[-1] == "plate"
     services.start("vemlight.plate", str(path))
-    wires = Transport(settings.wire)
+    transport = Transport(settings.wire)
     try:
-        inputs, seen = Lockstep(wires, ["plate"], Tally("renderer", 0)), []
+        inputs, seen = Lockstep(transport, ["plate"], ServiceStats("renderer", 0)), []
 
         def came() -> bool:
             if frames := inputs.frames(FRAMES - 2 + len(seen)):
@@ -140,7 +140,7 @@ def test_the_service_sends_what_is_asked_for(make_settings, services, film):
 
         wait_until(came, "four pictures")
     finally:
-        wires.close()
+        transport.close()
     np.testing.assert_allclose(seen, [gray_of(k) for k in (FRAMES - 2, FRAMES - 1, 0, 1)], atol=3)
 
 

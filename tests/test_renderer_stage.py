@@ -40,7 +40,7 @@ def stage(tmp_path: Path) -> RendererStage:
 
 
 def test_an_image_tells_where_things_stand_and_a_pose_moves_them(stage):
-    state, image = stepped(stage, stage.begin(0)[0], 0)
+    state, image = stepped(stage, stage.start_at(0)[0], 0)
     assert [(found.name, found.position, found.power) for found in image.objects] == [
         ("plane", (0, 0, 0), None), ("film", (-1, 0, 0), None), ("torch", (0, 0, 2), 1)
     ]  # fmt: skip
@@ -54,14 +54,14 @@ def test_an_image_tells_where_things_stand_and_a_pose_moves_them(stage):
 
 
 def test_a_pause_holds_the_animation_and_it_goes_on_from_there(stage):
-    state, shown = stage.begin(0)[0], []
+    state, shown = stage.start_at(0)[0], []
     for sequence in range(8):
         state = controlled(stage, state, paused=3 <= sequence < 6)
         state, _ = stepped(stage, state, sequence)
         shown.append(picture_of(state))
     assert all(np.array_equal(shown[2], held) for held in shown[3:6])
     assert not np.array_equal(shown[5], shown[6])
-    state, _ = stage.begin(0)
+    state, _ = stage.start_at(0)
     for sequence in (0, 3, 4):  # 0.3 s and 0.4 s are what the two pictures after the pause show
         state, _ = stepped(stage, state, sequence)
         if sequence:
@@ -71,7 +71,7 @@ def test_a_pause_holds_the_animation_and_it_goes_on_from_there(stage):
 def test_linear_pictures_travel_as_half_floats(tmp_path):
     stage = RendererStage(Settings(renderer=Renderer(width=32, height=24, shadow_map=64, picture="linear16")))
     header, arrays = lights_message(0)
-    state, (image, (pixels, linear)) = stage.step(stage.begin(0)[0], (header, (*arrays[:2], arrays[2] * 1e7, *arrays[3:])))
+    state, (image, (pixels, linear)) = stage.step(stage.start_at(0)[0], (header, (*arrays[:2], arrays[2] * 1e7, *arrays[3:])))
     assert isinstance(image, wire.ImageMessage)
     assert image.linear
     assert pixels.shape == linear.shape == (24, 32, 4)
@@ -95,7 +95,7 @@ def test_a_picture_that_no_message_holds_is_refused_at_once(picture, width, fits
 
 def test_a_target_that_cannot_be_met_is_said_once(capsys):
     stage = RendererStage(Settings(renderer=Renderer(width=32, height=24, shadow_map=32, frame_ms=0.01)))
-    state = stage.begin(0)[0]
+    state = stage.start_at(0)[0]
     for k in range(8):  # two frames warm up, and then one is enough to know
         state, image = stepped(stage, state, k)
     (line,) = capsys.readouterr().err.splitlines()

@@ -14,7 +14,7 @@ from tests.support.processes import LOADED_S
 from vemlight.light.light_set import read_lights
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Pull, Supply
-from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport
 
 
@@ -63,15 +63,15 @@ def fed(supply: Supply | None, messages: list[wire.Message], pull: Pull | None, 
 @pytest.mark.parametrize("sequence", references.SEQUENCES)
 def test_capture_alone(sequence, small, services):
     settings, path = small(sequence)
-    wires = Transport(settings.wire)
+    transport = Transport(settings.wire)
     process = services.start("vemlight.capture", str(path))
-    pull = Pull(wires.ask("capture"), Tally("sampler", 0))
+    pull = Pull(transport.ask("capture"), ServiceStats("sampler", 0))
     seen = fed(None, [], pull, references.FRAMES)
     until = time.monotonic() + 5
     while pull.end is None and time.monotonic() < until:
         pull.frame(references.FRAMES)
     assert pull.end == references.FRAMES
-    wires.close()
+    transport.close()
     process.send_signal(signal.SIGTERM)
     assert process.wait(timeout=10) == 0
     assert_same(seen, references.recorded(sequence, "map"))
@@ -80,21 +80,21 @@ def test_capture_alone(sequence, small, services):
 @pytest.mark.parametrize("sequence", references.SEQUENCES)
 def test_sampler_alone(sequence, small, services):
     settings, path = small(sequence)
-    wires = Transport(settings.wire)
-    supply = Supply(wires.bind("capture", "serve"), Tally("capture", 0))
+    transport = Transport(settings.wire)
+    supply = Supply(transport.bind("capture", "serve"), ServiceStats("capture", 0))
     services.start("vemlight.sampler", str(path))
-    pull = Pull(wires.ask("sampler"), Tally("renderer", 0))
+    pull = Pull(transport.ask("sampler"), ServiceStats("renderer", 0))
     seen = fed(supply, references.recorded(sequence, "map"), pull, references.FRAMES)
-    wires.close()
+    transport.close()
     assert_same(seen, references.recorded(sequence, "lights"))
 
 
 @pytest.mark.parametrize("sequence", references.SEQUENCES)
 def test_renderer_alone(sequence, small, services):
     settings, path = small(sequence)
-    wires = Transport(settings.wire)
-    supply = Supply(wires.bind("sampler", "serve"), Tally("sampler", 0))
-    ear = wires.subscribe("renderer", "image", "status")
+    transport = Transport(settings.wire)
+    supply = Supply(transport.bind("sampler", "serve"), ServiceStats("sampler", 0))
+    ear = transport.subscribe("renderer", "image", "status")
     process = services.start("vemlight.renderer", str(path))
     assert ear.poll(LOADED_S * 1e3)  # it speaks: the subscription stands before the first picture is asked for
     lights = references.recorded(sequence, "lights")
@@ -107,7 +107,7 @@ def test_renderer_alone(sequence, small, services):
             message = wire.unpack(ear.recv_multipart())
             seen += [message] if isinstance(message[0], wire.ImageMessage) else []
     assert process.wait(timeout=LOADED_S) == 0  # the last service ends with the last frame
-    wires.close()
+    transport.close()
     assert_same(seen, references.recorded(sequence, "image"))
 
 

@@ -25,7 +25,7 @@ stage = SamplerStage(Settings(sampler=Sampler(method=sys.argv[1])))
 ready = compiled()
 header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=6, cols=24, coverage="hemisphere", bright_samples=1)
 arrays = np.ones((6, 24, 3), np.float32), np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32), np.ones(1, np.float32)
-stage.step(stage.begin(0)[0], wire.unpack(wire.pack(header, arrays)))
+stage.step(stage.start_at(0)[0], wire.unpack(wire.pack(header, arrays)))
 assert ready and compiled() == ready, compiled() - ready
 """
 
@@ -40,7 +40,7 @@ def test_first_map_waits_for_no_compiler(method: str) -> None:
 @pytest.mark.parametrize(("name", "frames"), [("fir2005", 4), ("binomial", 2), ("none", 0)])
 def test_the_filters_delay_goes_out_in_frames_and_in_ms(name, frames) -> None:
     stage = SamplerStage(Settings(sampler=Sampler(method="havran-azimuth", filter=name, count=4)))
-    state, _ = stage.begin(0)
+    state, _ = stage.start_at(0)
     for k in range(6):
         header = wire.MapMessage(stamp=wire.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere")
         arrays = np.ones((6, 24, 3), np.float32), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)

@@ -5,7 +5,7 @@ import random
 from vemlight.runtime import wire
 from vemlight.runtime.channels import SILENT_S, Service
 from vemlight.runtime.service_stats import Losses
-from vemlight.viewer.liveness import STALLED_S, Watch
+from vemlight.viewer.liveness import STALLED_S, Liveness
 
 STAMP = wire.stamp(5, 0.2)
 MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
@@ -22,72 +22,72 @@ def status(service: Service, frames: int = 1, step_ms: float = 4.0) -> wire.Stat
     )
 
 
-def heard_all(now_s: float) -> Watch:
-    watch = Watch(MAKERS, fps=25)
+def heard_all(now_s: float) -> Liveness:
+    liveness = Liveness(MAKERS, fps=25)
     for service, frame in FRAMES.items():
-        watch.heard[service].take(frame, now_s)
-        watch.heard[service].take(status(service), now_s)
-    return watch
+        liveness.last_received[service].take(frame, now_s)
+        liveness.last_received[service].take(status(service), now_s)
+    return liveness
 
 
-def states(watch: Watch, now_s: float) -> list[str]:
-    return [judgement.state for judgement in watch.judge(now_s).values()]
+def states(liveness: Liveness, now_s: float) -> list[str]:
+    return [judgement.state for judgement in liveness.judge(now_s).values()]
 
 
 def test_from_unheard_to_live():
-    watch = Watch(MAKERS, fps=25)
-    assert states(watch, 0) == ["not heard"] * 3
-    watch.heard["capture"].take(status("capture"), 10)
-    assert states(watch, 10) == ["starting", "not heard", "not heard"]
+    liveness = Liveness(MAKERS, fps=25)
+    assert states(liveness, 0) == ["not heard"] * 3
+    liveness.last_received["capture"].take(status("capture"), 10)
+    assert states(liveness, 10) == ["starting", "not heard", "not heard"]
     assert states(heard_all(10), 10 + 0.9 * STALLED_S) == ["live"] * 3
 
 
 def test_one_that_stalls_is_told_from_those_that_wait_for_it():
-    watch = heard_all(10)
+    liveness = heard_all(10)
     late_s = 10 + 1.1 * STALLED_S
-    watch.heard["capture"].take(FRAMES["capture"], late_s)
+    liveness.last_received["capture"].take(FRAMES["capture"], late_s)
     for service in ("sampler", "renderer"):
-        watch.heard[service].take(status(service), late_s)
-    assert states(watch, late_s) == ["live", "stalled", "waiting"]
-    assert watch.judge(late_s)["renderer"].words == "waits for sampler"
+        liveness.last_received[service].take(status(service), late_s)
+    assert states(liveness, late_s) == ["live", "stalled", "waiting"]
+    assert liveness.judge(late_s)["renderer"].words == "waits for sampler"
 
 
 def test_silence_is_longer_than_a_stall():
-    watch = heard_all(10)
-    assert states(watch, 10 + SILENT_S - 0.01) == ["stalled", "waiting", "waiting"]
-    assert states(watch, 10 + SILENT_S + 0.01) == ["silent"] * 3
-    assert watch.judge(10 + 200)["capture"].words == "silent for 3 min"
+    liveness = heard_all(10)
+    assert states(liveness, 10 + SILENT_S - 0.01) == ["stalled", "waiting", "waiting"]
+    assert states(liveness, 10 + SILENT_S + 0.01) == ["silent"] * 3
+    assert liveness.judge(10 + 200)["capture"].words == "silent for 3 min"
 
 
 def test_a_slow_source_and_a_slow_step_are_no_stall():
-    slow = Watch(MAKERS, fps=0.5)
-    slow.heard["capture"].take(FRAMES["capture"], 10)
-    slow.heard["capture"].take(status("capture"), 12.9)
+    slow = Liveness(MAKERS, fps=0.5)
+    slow.last_received["capture"].take(FRAMES["capture"], 10)
+    slow.last_received["capture"].take(status("capture"), 12.9)
     assert slow.judge(13)["capture"].state == "live"
-    watch = heard_all(10)
-    watch.heard["renderer"].take(status("renderer", step_ms=2000), 10)
-    assert watch.judge(13)["renderer"].state == "live"
-    watch = heard_all(10)
-    watch.heard["renderer"].take(FRAMES["renderer"], 14)  # the pace of its last two frames counts as well
-    assert watch.judge(20)["renderer"].state == "live"
-    assert watch.judge(27)["renderer"].state == "silent"
+    liveness = heard_all(10)
+    liveness.last_received["renderer"].take(status("renderer", step_ms=2000), 10)
+    assert liveness.judge(13)["renderer"].state == "live"
+    liveness = heard_all(10)
+    liveness.last_received["renderer"].take(FRAMES["renderer"], 14)  # the pace of its last two frames counts as well
+    assert liveness.judge(20)["renderer"].state == "live"
+    assert liveness.judge(27)["renderer"].state == "silent"
 
 
 def test_in_lossless_mode_nobody_stalls_who_is_not_asked():
-    watch = Watch(MAKERS, fps=25, lossless=True)
-    watch.heard["capture"].take(FRAMES["capture"], 10)
-    watch.heard["capture"].take(status("capture"), 99)
-    assert watch.judge(100)["capture"].state == "live"
-    assert watch.judge(99 + 1.1 * SILENT_S)["capture"].state == "silent"
+    liveness = Liveness(MAKERS, fps=25, lossless=True)
+    liveness.last_received["capture"].take(FRAMES["capture"], 10)
+    liveness.last_received["capture"].take(status("capture"), 99)
+    assert liveness.judge(100)["capture"].state == "live"
+    assert liveness.judge(99 + 1.1 * SILENT_S)["capture"].state == "silent"
 
 
 def test_the_end_outlasts_silence_until_frames_come_again():
-    watch = heard_all(10)
-    for heard in watch.heard.values():
+    liveness = heard_all(10)
+    for heard in liveness.last_received.values():
         heard.take(wire.EndMessage(sequence=6), 10)
-    assert states(watch, 1000) == ["finished"] * 3
-    watch.heard["capture"].take(FRAMES["capture"], 1000)
-    assert states(watch, 1000)[0] == "live"
+    assert states(liveness, 1000) == ["finished"] * 3
+    liveness.last_received["capture"].take(FRAMES["capture"], 1000)
+    assert states(liveness, 1000)[0] == "live"
 
 
 def test_losses_are_what_was_published_and_never_came():

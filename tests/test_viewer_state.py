@@ -1,4 +1,4 @@
-"""The board counts what it shows and passes over; `/metrics` is text that Prometheus reads."""
+"""The state counts what it shows and passes over; `/metrics` is text that Prometheus reads."""
 
 import re
 
@@ -7,10 +7,10 @@ import pytest
 
 from vemlight.errors import UserError
 from vemlight.runtime import wire
-from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.service_stats import ServiceStats
 from vemlight.settings import Settings
 from vemlight.viewer.metrics import metrics
-from vemlight.viewer.viewer_state import Board
+from vemlight.viewer.viewer_state import ViewerState
 
 SAMPLE = re.compile(r'([a-z_]+)(?:\{((?:[a-z]+="[^"\\]*",?)*)\})? ([-+0-9.e]+)')
 UNITS = ("_total", "_hertz", "_seconds", "_frames", "_bytes", "_fds", "_state", "_cells", "_lights", "_pages")
@@ -28,43 +28,43 @@ def status(frames: int) -> wire.Message:
     return said, ()
 
 
-def full_board() -> Board:
-    board = Board(Settings(), restarts=2)
-    board.take("renderer", [status(10), image(10), image(11), image(12)])
-    board.take("renderer", [status(15)])  # 5 made, 3 came
-    board.status_due()
-    return board
+def full_state() -> ViewerState:
+    state = ViewerState(Settings(), restarts=2)
+    state.take("renderer", [status(10), image(10), image(11), image(12)])
+    state.take("renderer", [status(15)])  # 5 made, 3 came
+    state.status_due()
+    return state
 
 
 def test_what_is_passed_over_and_what_is_lost():
-    said = full_board().status
+    said = full_state().status
     assert said
     assert (said.sequence, said.frames, said.skipped, said.dropped, said.restarts) == (12, 1, 2, 2, 2)
 
 
 def test_the_summary_has_a_row_for_each_service():
-    summary = full_board().summary()
+    summary = full_state().summary()
     assert [row["service"] for row in summary["services"]] == ["capture", "sampler", "renderer", "viewer"]
     assert [row["state"] for row in summary["services"]] == ["not heard", "not heard", "live", "live"]
     assert not summary["healthy"]
-    assert Board(Settings(), 0).summary()["services"][-1]["words"] == "waits for renderer"
+    assert ViewerState(Settings(), 0).summary()["services"][-1]["words"] == "waits for renderer"
 
 
 def test_a_wish_changes_what_it_names():
-    board = Board(Settings(), 0)
-    board.wish_for(b'{"count": 5, "paused": true}')
-    board.wish_for(b'{"exposure": 2}')
-    board.wish_for(b'{"count": null}')
-    assert board.wish == wire.ControlMessage(exposure=2.0, paused=True)
+    state = ViewerState(Settings(), 0)
+    state.wish_for(b'{"count": 5, "paused": true}')
+    state.wish_for(b'{"exposure": 2}')
+    state.wish_for(b'{"count": null}')
+    assert state.wish == wire.ControlMessage(exposure=2.0, paused=True)
     with pytest.raises(UserError, match="lossless"):
-        Board(Settings(mode="lossless"), 0).wish_for(b"{}")
+        ViewerState(Settings(mode="lossless"), 0).wish_for(b"{}")
 
 
-@pytest.mark.parametrize("board", [Board(Settings(), 0), full_board()], ids=["empty", "full"])
-def test_metrics_keep_to_the_form(board):
+@pytest.mark.parametrize("state", [ViewerState(Settings(), 0), full_state()], ids=["empty", "full"])
+def test_metrics_keep_to_the_form(state):
     kinds: dict[str, str] = {}
     seen = set()
-    for line in metrics(board.summary()).splitlines():
+    for line in metrics(state.summary()).splitlines():
         if line.startswith("# TYPE "):
             _, _, name, kind = line.split()
             assert kinds.setdefault(name, kind) is kind
@@ -82,20 +82,20 @@ def test_metrics_keep_to_the_form(board):
 
 
 def test_the_filters_delay_is_told_in_seconds_and_in_frames():
-    board, stamp, none = Board(Settings(), 0), wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
-    tally = Tally("sampler", 0)
+    state, stamp, none = ViewerState(Settings(), 0), wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
+    stats = ServiceStats("sampler", 0)
     lights = wire.LightsMessage(stamp=stamp, count=0, coverage="hemisphere", report=wire.LightsReport(delay_ms=160.0, delay_frames=4.0))
-    tally.finished((lights, (np.zeros(0, np.int64), none, none, none, none)), 0.001)
-    said = tally.due()
+    stats.finished((lights, (np.zeros(0, np.int64), none, none, none, none)), 0.001)
+    said = stats.due()
     assert said
-    board.take("sampler", [(said, ())])
-    text = metrics(board.summary()).splitlines()
+    state.take("sampler", [(said, ())])
+    text = metrics(state.summary()).splitlines()
     assert 'vemlight_filter_delay_seconds{stage="sampler"} 0.16' in text
     assert 'vemlight_filter_delay_frames{stage="sampler"} 4' in text
 
 
 def test_metrics_say_what_the_services_said():
-    text = metrics(full_board().summary())
+    text = metrics(full_state().summary())
     assert 'vemlight_frames_total{stage="renderer",outcome="done"} 15\n' in text
     assert 'vemlight_frames_total{stage="viewer",outcome="dropped"} 2\n' in text
     assert 'vemlight_stage_duration_seconds{stage="renderer",quantile="0.5"} 0.009\n' in text
@@ -103,13 +103,13 @@ def test_metrics_say_what_the_services_said():
 
 
 def test_a_pose_is_wished_and_taken_back() -> None:
-    board = Board(Settings(), 0)
-    board.wish_for(b'{"poses": [{"name": "box", "position": [0, 0, 1]}], "count": 5}')
-    assert board.wish.poses == (wire.Pose(name="box", position=(0.0, 0.0, 1.0)),)
-    board.wish_for(b'{"exposure": 1.0}')
-    assert len(board.wish.poses) == 1
-    board.wish_for(b'{"poses": null, "count": null}')
-    assert board.wish == wire.ControlMessage(exposure=1.0)
+    state = ViewerState(Settings(), 0)
+    state.wish_for(b'{"poses": [{"name": "box", "position": [0, 0, 1]}], "count": 5}')
+    assert state.wish.poses == (wire.Pose(name="box", position=(0.0, 0.0, 1.0)),)
+    state.wish_for(b'{"exposure": 1.0}')
+    assert len(state.wish.poses) == 1
+    state.wish_for(b'{"poses": null, "count": null}')
+    assert state.wish == wire.ControlMessage(exposure=1.0)
 
 
 @pytest.mark.parametrize(
@@ -124,5 +124,5 @@ def test_a_pose_is_wished_and_taken_back() -> None:
 )
 def test_poses_that_nothing_can_take_are_one_line(poses: str) -> None:
     with pytest.raises(UserError, match=r"^control: ") as caught:
-        Board(Settings(), 0).wish_for(f'{{"poses": {poses}}}'.encode())
+        ViewerState(Settings(), 0).wish_for(f'{{"poses": {poses}}}'.encode())
     assert "\n" not in str(caught.value)

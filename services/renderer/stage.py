@@ -96,15 +96,15 @@ class RendererStage:
         self._renderer = Renderer(scene, drawing, file_samples(scene) if self._album else LIVE_SAMPLES)
         self._frame_ms, self._late = drawing.frame_ms or 0.0, False
 
-    def kept(self) -> int:
+    def first_missing_frame(self) -> int:
         return self._album.count if self._album else 0
 
-    def begin(self, target: int) -> tuple[RendererState, int]:
+    def start_at(self, target: int) -> tuple[RendererState, int]:
         """At the target itself: what the tone mapping remembered stands beside the picture before it."""
         before = self._album.last if self._album and target else None
         return RendererState(self._exposure, before and before.adaptation, before.time_s if before else 0.0, None), target
 
-    def beside(self, state: RendererState) -> tuple[Service, ...]:
+    def side_inputs(self, state: RendererState) -> tuple[Service, ...]:
         """The map where it is seen, and in a pause, which is lit by it."""
         around: tuple[Service, ...] = ("capture",) if self._behind or state.paused else ()
         return (*around, *self._plate)
@@ -171,8 +171,8 @@ class RendererStage:
         missed = f"[renderer] frame_ms: {least_ms:.0f} ms a picture even with {FEWEST} lights, not {self._frame_ms:g}; ask for fewer pixels"
         print(f"vemlight: renderer: {missed if late else 'pictures are in time again'}", file=sys.stderr, flush=True)
 
-    def heed(self, state: RendererState, said: wire.Message) -> RendererState:
-        header, arrays = said
+    def on_message(self, state: RendererState, message: wire.Message) -> RendererState:
+        header, arrays = message
         if isinstance(header, wire.ControlMessage):
             exposure = self._exposure if header.exposure is None else header.exposure
             around = state.around if header.paused else None
@@ -183,12 +183,12 @@ class RendererStage:
             return state._replace(plate=arrays[0])
         return state
 
-    def keep(self, state: RendererState, message: wire.Message) -> None:
+    def write(self, state: RendererState, message: wire.Message) -> None:
         header, (pixels, *_) = message
         if self._album and state.picture is not None and state.adaptation is not None and isinstance(header, wire.ImageMessage):
             self._album.add(state.picture, pixels, header.stamp, state.adaptation)
 
-    def done(self) -> None:
+    def finish(self) -> None:
         if self._album:
             self._album.write_contact_sheet()
             if self._video and self._album.count:

@@ -12,7 +12,7 @@ from typing import Any
 import zmq
 
 from vemlight.runtime import wire
-from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.service_stats import ServiceStats
 
 WINDOW_FRAMES = 4  # asked for ahead: the maker works while the consumer does
 MAX_CONSUMERS = 64  # with open wishes at once; one is usual
@@ -22,9 +22,9 @@ ASK_AGAIN_S = 1.0  # after so long without the frame that is due, it is asked fo
 class Pull:
     """The consumer's end, on a DEALER socket."""
 
-    def __init__(self, socket: Any, tally: Tally) -> None:
+    def __init__(self, socket: Any, stats: ServiceStats) -> None:
         self.socket = socket
-        self._tally = tally
+        self._stats = stats
         self.end: int | None = None  # the first frame that will not come, once known
         self._asked_until = 0
         self._waits_since_s = float("-inf")
@@ -44,7 +44,7 @@ class Pull:
             try:
                 header, arrays = wire.unpack(parts)
             except ValueError:
-                self._tally.refused += 1
+                self._stats.refused += 1
                 continue
             if isinstance(header, wire.EndMessage):
                 self.end = header.sequence
@@ -75,9 +75,9 @@ class Pull:
 class Supply:
     """The maker's end, on a ROUTER socket."""
 
-    def __init__(self, socket: Any, tally: Tally) -> None:
+    def __init__(self, socket: Any, stats: ServiceStats) -> None:
         self.socket = socket
-        self._tally = tally
+        self._stats = stats
         self._wishes: dict[bytes, tuple[int, int]] = {}  # consumer -> the next frame it wants and the first it did not ask for
 
     def wanted(self) -> int | None:
@@ -90,10 +90,10 @@ class Supply:
             try:
                 request, _ = wire.unpack(parts)
             except ValueError:
-                self._tally.refused += 1
+                self._stats.refused += 1
                 continue
             if not isinstance(request, wire.RequestMessage) or (len(self._wishes) >= MAX_CONSUMERS and consumer not in self._wishes):
-                self._tally.refused += 1
+                self._stats.refused += 1
                 continue
             next_frame, until = self._wishes.get(consumer, (0, -1))
             extends = request.first == until and next_frame < until

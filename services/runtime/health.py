@@ -13,9 +13,9 @@ HEARD_S = 4 * STATUS_PERIOD_S  # connecting and the keys' handshake take under 0
 
 def next_status(settings: Settings, service: Service, within_s: float) -> wire.StatusMessage | None:
     """The next status that `service` says, or None when none comes in time. Raises UserError for keys that cannot be used."""
-    wires = Transport(settings.wire)
+    transport = Transport(settings.wire)
     try:
-        socket = wires.subscribe(service, "status")
+        socket = transport.subscribe(service, "status")
         until_s = time.monotonic() + within_s
         while (left_s := until_s - time.monotonic()) > 0:
             if not socket.poll(left_s * 1e3):
@@ -28,7 +28,7 @@ def next_status(settings: Settings, service: Service, within_s: float) -> wire.S
                 return header
         return None
     finally:
-        wires.close()
+        transport.close()
 
 
 def check_health(settings: Settings, service: Service) -> None:

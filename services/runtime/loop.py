@@ -15,7 +15,7 @@ import zmq
 from vemlight.runtime import wire
 from vemlight.runtime.channels import BACKPRESSURE_FROM, FRAMES, LAST, UPSTREAM, Service
 from vemlight.runtime.demand import Supply
-from vemlight.runtime.service_stats import Losses, Tally
+from vemlight.runtime.service_stats import Losses, ServiceStats
 from vemlight.runtime.sync import Lockstep, NearestInTime, received
 from vemlight.runtime.transport import Transport, admit
 from vemlight.settings import Settings
@@ -29,36 +29,36 @@ KEPT_FRAMES = 64  # lossless: how many finished frames a service holds for one t
 
 
 class Stage(Protocol[State]):
-    """A service's own work. `step` has no effect but its result; files are written by `keep`."""
+    """A service's own work: `step` makes the next message, `write` puts it into files."""
 
     service: Service
 
-    def beside(self, state: State) -> tuple[Service, ...]:
-        """Whose frames of the same moment it heeds, beside those that it steps on; always the same ones in lossless mode."""
+    def side_inputs(self, state: State) -> tuple[Service, ...]:
+        """The services whose frames of the same moment are given to `on_message` before a step; in lossless mode always the same."""
         ...
 
-    def kept(self) -> int:
-        """The first frame that this stage's own output lacks; 0 when it writes none."""
+    def first_missing_frame(self) -> int:
+        """The number of the first frame missing from this stage's own output; 0 when it writes none."""
         ...
 
-    def begin(self, target: int) -> tuple[State, int]:
-        """A state, and the frame to feed it first so that every frame from `target` on comes out as in an undisturbed run."""
+    def start_at(self, target: int) -> tuple[State, int]:
+        """A state, and the first frame to step it on so that every frame from `target` on is the same as in an uninterrupted run."""
         ...
 
     def step(self, state: State, message: wire.Message) -> tuple[State, wire.Message]: ...
 
-    def heed(self, state: State, said: wire.Message) -> State:
-        """A frame from `beside`, before the step. In live mode also a wire.ControlMessage, what the person at the viewer
-        wants, and the wire.StatusMessage of the service in channels.BACKPRESSURE_FROM.
+    def on_message(self, state: State, message: wire.Message) -> State:
+        """Takes a frame of `side_inputs` before a step; in live mode also a wire.ControlMessage, the choices of the person at the
+        viewer, and the wire.StatusMessage of the service in channels.BACKPRESSURE_FROM.
         """
         ...
 
-    def keep(self, state: State, message: wire.Message) -> None:
+    def write(self, state: State, message: wire.Message) -> None:
         """Writes what `step` has just made, when files are wanted."""
         ...
 
-    def done(self) -> None:
-        """After the last frame, in the last stage only."""
+    def finish(self) -> None:
+        """Called after the last frame, in the last stage only."""
         ...
 
 
@@ -108,8 +108,8 @@ def publish(publisher: Any, message: wire.Message) -> None:
     publisher.send_multipart(wire.pack(*message), zmq.NOBLOCK)
 
 
-def say_status(publisher: Any, tally: Tally) -> None:
-    if status := tally.due():
+def say_status(publisher: Any, stats: ServiceStats) -> None:
+    if status := stats.due():
         publish(publisher, (status, ()))
 
 
@@ -118,53 +118,55 @@ def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
 
     Raises UserError for sockets that cannot be had, and whatever the stage raises.
     """
-    wires = Transport(settings.wire)
+    transport = Transport(settings.wire)
     try:
-        tally = Tally(stage.service, restarts)
-        publisher = wires.bind(stage.service, "publish")
+        stats = ServiceStats(stage.service, restarts)
+        publisher = transport.bind(stage.service, "publish")
         run = _lossless if settings.mode == "lossless" else _live
-        run(stage, wires, publisher, tally, Stop())
+        run(stage, transport, publisher, stats, Stop())
     finally:
-        wires.close()
+        transport.close()
 
 
-def _live(stage: Stage[State], wires: Transport, publisher: Any, tally: Tally, stop: Stop) -> None:
+def _live(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: Stop) -> None:
     upstream = UPSTREAM[stage.service]
     assert upstream
-    frames = wires.subscribe(upstream, FRAMES[upstream], "status", "end")
-    told = [wires.subscribe("viewer", "control")]
+    frames = transport.subscribe(upstream, FRAMES[upstream], "status", "end")
+    told = [transport.subscribe("viewer", "control")]
     if stage.service in BACKPRESSURE_FROM:
-        told.append(wires.subscribe(BACKPRESSURE_FROM[stage.service], "status"))
-    nearest = NearestInTime(wires)
+        told.append(transport.subscribe(BACKPRESSURE_FROM[stage.service], "status"))
+    nearest = NearestInTime(transport)
     poller = zmq.Poller()
     for socket in (frames, *told, publisher):
         poller.register(socket, zmq.POLLIN)
 
-    state, _ = stage.begin(0)
+    state, _ = stage.start_at(0)
     losses = Losses()
     ended: wire.EndMessage | None = None
     while not stop.asked:
         poller.poll(POLL_MS)
         admit(publisher)
-        for said in (message for socket in told for message in received(socket, tally)):
+        for said in (message for socket in told for message in received(socket, stats)):
             if isinstance(said[0], wire.ControlMessage | wire.StatusMessage):
-                state = stage.heed(state, said)
+                state = stage.on_message(state, said)
 
-        newest, ended = _newest(frames, tally, losses, ended)
+        newest, ended = _newest(frames, stats, losses, ended)
         if newest:
             assert isinstance(newest[0], wire.FRAME)
-            beside = nearest.to(newest[0].stamp, stage.beside(state), tally)
-            state = _advance(stage, state, newest, beside, publisher, tally)[0]
+            beside = nearest.to(newest[0].stamp, stage.side_inputs(state), stats)
+            state = _advance(stage, state, newest, beside, publisher, stats)[0]
         if ended:
             if stage.service == LAST:
-                stage.done()
+                stage.finish()
                 return
             publish(publisher, (ended, ()))
             time.sleep(END_PERIOD_S)
-        say_status(publisher, tally)
+        say_status(publisher, stats)
 
 
-def _newest(frames: Any, tally: Tally, losses: Losses, ended: wire.EndMessage | None) -> tuple[wire.Message | None, wire.EndMessage | None]:
+def _newest(
+    frames: Any, stats: ServiceStats, losses: Losses, ended: wire.EndMessage | None
+) -> tuple[wire.Message | None, wire.EndMessage | None]:
     """The newest frame that an upstream service has published, if there is one, and the stream's end, once it was said.
 
     While this service worked, the queue between the two kept the oldest frames and refused the newer ones. So when what waits is old,
@@ -173,14 +175,14 @@ def _newest(frames: Any, tally: Tally, losses: Losses, ended: wire.EndMessage | 
     newest: wire.Message | None = None
     give_up_s = time.monotonic() + FRESH_MS / 1e3
     while True:
-        for header, arrays in received(frames, tally):
+        for header, arrays in received(frames, stats):
             if isinstance(header, wire.FRAME):
                 losses.frame()
-                tally.skipped += newest is not None
+                stats.skipped += newest is not None
                 newest, ended = (header, arrays), None
             elif isinstance(header, wire.StatusMessage):
                 losses.status(header.frames)
-                tally.dropped = losses.dropped
+                stats.dropped = losses.dropped
             elif isinstance(header, wire.EndMessage):
                 ended = header
         stale = newest is not None and isinstance(newest[0], wire.FRAME) and wire.age_ms(newest[0].stamp) > FRESH_MS
@@ -195,64 +197,64 @@ def _advance(
     message: wire.Message,
     beside: list[wire.Message],
     publisher: Any,
-    tally: Tally,
+    stats: ServiceStats,
     keep_from: int = 0,
 ) -> tuple[State, wire.Message]:
     began_s = time.monotonic()
     for said in beside:
-        state = stage.heed(state, said)
+        state = stage.on_message(state, said)
     state, made = stage.step(state, message)
     if isinstance(made[0], wire.FRAME) and made[0].stamp.sequence >= keep_from:
-        stage.keep(state, made)
-    tally.finished(made, time.monotonic() - began_s)
+        stage.write(state, made)
+    stats.finished(made, time.monotonic() - began_s)
     publish(publisher, made)
     return state, made
 
 
-def _lossless(stage: Stage[State], wires: Transport, publisher: Any, tally: Tally, stop: Stop) -> None:
+def _lossless(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: Stop) -> None:
     upstream = UPSTREAM[stage.service]
     assert upstream
-    supply = Supply(wires.bind(stage.service, "serve"), tally)
-    kept = stage.kept()
+    supply = Supply(transport.bind(stage.service, "serve"), stats)
+    kept = stage.first_missing_frame()
     is_last = stage.service == LAST
-    state, at = stage.begin(kept if is_last else 0)
-    inputs = Lockstep(wires, (upstream, *stage.beside(state)), tally)
+    state, at = stage.start_at(kept if is_last else 0)
+    inputs = Lockstep(transport, (upstream, *stage.side_inputs(state)), stats)
     made: dict[int, wire.Message] = {}
     while not stop.asked:
         zmq.select([*inputs.awaited(), supply.socket, publisher], [], [], POLL_MS / 1e3)
         admit(publisher)
         wanted = supply.wanted()
         if wanted is not None and wanted < at and wanted not in made:
-            state, at = stage.begin(wanted)
+            state, at = stage.start_at(wanted)
             made.clear()
             inputs.restart()
         if (is_last or (wanted is not None and wanted >= at)) and (frames := inputs.frames(at)):
             message, *beside = frames
-            state, made[at] = _advance(stage, state, message, beside, publisher, tally, keep_from=kept)
+            state, made[at] = _advance(stage, state, message, beside, publisher, stats, keep_from=kept)
             kept, at = max(kept, at + 1), at + 1
             made.pop(at - KEPT_FRAMES, None)
         supply.send(made.get, end=inputs.end)
         if is_last and inputs.end is not None and at >= inputs.end:
-            stage.done()
+            stage.finish()
             return
-        say_status(publisher, tally)
+        say_status(publisher, stats)
 
 
 def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
     """Runs a source: by the clock in live mode, on request in lossless mode. Raises UserError for sockets that cannot be had."""
-    wires = Transport(settings.wire)
+    transport = Transport(settings.wire)
     try:
-        tally = Tally(source.service, restarts)
-        publisher = wires.bind(source.service, "publish")
+        stats = ServiceStats(source.service, restarts)
+        publisher = transport.bind(source.service, "publish")
         run = _source_lossless if settings.mode == "lossless" else _source_live
-        run(source, wires, publisher, tally, Stop())
+        run(source, transport, publisher, stats, Stop())
     finally:
-        wires.close()
+        transport.close()
 
 
-def _source_live(source: Source, wires: Transport, publisher: Any, tally: Tally, stop: Stop) -> None:
+def _source_live(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: Stop) -> None:
     """Frame n is due at n / fps; a frame whose time has passed is dropped and counted. Paused, the held frame is sent again."""
-    wishes = wires.subscribe("viewer", "control")
+    wishes = transport.subscribe("viewer", "control")
     poller = zmq.Poller()
     poller.register(wishes, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
@@ -262,25 +264,25 @@ def _source_live(source: Source, wires: Transport, publisher: Any, tally: Tally,
         wait_s = END_PERIOD_S if over else began_s + sequence / source.fps - time.monotonic()
         poller.poll(max(0, min(POLL_MS, round(wait_s * 1e3))))
         admit(publisher)
-        for wish, _ in received(wishes, tally):
+        for wish, _ in received(wishes, stats):
             paused = wish.paused if isinstance(wish, wire.ControlMessage) else paused
         if over:
             publish(publisher, (wire.EndMessage(sequence=sequence), ()))
             time.sleep(END_PERIOD_S)
         elif (late_s := time.monotonic() - began_s - sequence / source.fps) >= 0:
             missed = int(late_s * source.fps)
-            tally.dropped += missed
+            stats.dropped += missed
             sequence, index = sequence + missed, index + (0 if paused else missed)
             made_s = time.monotonic()
             message = source.message(sequence, index % len(source), sequence / source.fps)
             publish(publisher, message)
-            tally.finished(message, time.monotonic() - made_s)
+            stats.finished(message, time.monotonic() - made_s)
             sequence, index = sequence + 1, index + (0 if paused else 1)
-        say_status(publisher, tally)
+        say_status(publisher, stats)
 
 
-def _source_lossless(source: Source, wires: Transport, publisher: Any, tally: Tally, stop: Stop) -> None:
-    supply = Supply(wires.bind(source.service, "serve"), tally)
+def _source_lossless(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: Stop) -> None:
+    supply = Supply(transport.bind(source.service, "serve"), stats)
     poller = zmq.Poller()
     poller.register(supply.socket, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
@@ -291,7 +293,7 @@ def _source_lossless(source: Source, wires: Transport, publisher: Any, tally: Ta
             began_s = time.monotonic()
             made[k] = source.message(k, k % len(source), k / source.fps)
             publish(publisher, made[k])
-            tally.finished(made[k], time.monotonic() - began_s)
+            stats.finished(made[k], time.monotonic() - began_s)
             if len(made) > KEPT_FRAMES:
                 del made[next(iter(made))]
         return made[k]
@@ -301,7 +303,7 @@ def _source_lossless(source: Source, wires: Transport, publisher: Any, tally: Ta
         admit(publisher)
         supply.wanted()
         supply.send(frame, end=source.limit)
-        say_status(publisher, tally)
+        say_status(publisher, stats)
 
 
 def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
@@ -309,31 +311,31 @@ def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
 
     Raises UserError for sockets that cannot be had and for a camera that cannot go on.
     """
-    wires = Transport(settings.wire)
+    transport = Transport(settings.wire)
     stop = Stop()
     try:
-        tally = Tally(camera.service, restarts)
-        publisher, wishes = wires.bind(camera.service, "publish"), wires.subscribe("viewer", "control")
+        stats = ServiceStats(camera.service, restarts)
+        publisher, wishes = transport.bind(camera.service, "publish"), transport.subscribe("viewer", "control")
         paused = False
         held: CameraMessage | None = None
         while not stop.asked:
             admit(publisher)
-            for wish, _ in received(wishes, tally):
+            for wish, _ in received(wishes, stats):
                 paused = wish.paused if isinstance(wish, wire.ControlMessage) else paused
-            if camera.limit is not None and tally.frames >= camera.limit:
+            if camera.limit is not None and stats.frames >= camera.limit:
                 publish(publisher, (wire.EndMessage(sequence=2**53 - 1), ()))
                 time.sleep(END_PERIOD_S)
             else:
                 began_s = time.monotonic()
                 message, lost = camera.message(POLL_MS / 1e3)
-                tally.dropped += lost
+                stats.dropped += lost
                 if message and held and paused:
                     message = msgspec.structs.replace(held[0], stamp=message[0].stamp), held[1]
                 if message:
                     held = message
                     publish(publisher, message)
-                    tally.finished(message, time.monotonic() - began_s)
-            say_status(publisher, tally)
+                    stats.finished(message, time.monotonic() - began_s)
+            say_status(publisher, stats)
     finally:
         camera.close()
-        wires.close()
+        transport.close()

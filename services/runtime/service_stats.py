@@ -32,7 +32,7 @@ class Losses:
         self.dropped = self._before + frames - self._first - self._came
 
 
-class Tally:
+class ServiceStats:
     """What a service says of itself: counts, rates and times of the frames it has done."""
 
     def __init__(self, service: Service, restarts: int) -> None:

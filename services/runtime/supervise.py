@@ -111,8 +111,8 @@ class Supervisor:
     def __init__(self, settings: Settings, settings_file: Path) -> None:
         self._settings = settings
         self._children = {service: Child(service, settings_file) for service in settings.services}
-        self._wires = Transport(settings.wire)
-        self._statuses = [self._wires.subscribe(service, "status") for service in settings.services]
+        self._transport = Transport(settings.wire)
+        self._statuses = [self._transport.subscribe(service, "status") for service in settings.services]
         self._newest: dict[str, wire.StatusMessage] = {}
         self._signals = 0
         self._said = 0  # pictures that a progress line has spoken of
@@ -134,7 +134,7 @@ class Supervisor:
             return status or 0
         finally:
             self._stop()
-            self._wires.close()
+            self._transport.close()
 
     def _watch(self, until_ready: bool = False) -> int | None:
         """Until somebody cannot go on or all is done: the status to end with. Or None as soon as all but capture have spoken."""

@@ -12,7 +12,7 @@ import zmq
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, Service
 from vemlight.runtime.demand import Pull
-from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport
 
 LAST_FRAMES = 16  # 0.6 s at 25 a second: more than lights are behind their map
@@ -21,11 +21,11 @@ LAST_FRAMES = 16  # 0.6 s at 25 a second: more than lights are behind their map
 class NearestInTime:
     """Live mode."""
 
-    def __init__(self, wires: Transport) -> None:
-        self._wires = wires
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
         self._heard: dict[Service, tuple[Any, deque[wire.Message]]] = {}  # socket and last frames
 
-    def to(self, stamp: wire.Stamp, services: Sequence[Service], tally: Tally) -> list[wire.Message]:
+    def to(self, stamp: wire.Stamp, services: Sequence[Service], stats: ServiceStats) -> list[wire.Message]:
         """One frame of each of `services` that has sent any since it was first asked for. Others are no longer listened to."""
         for service, (socket, _) in list(self._heard.items()):
             if service not in services:
@@ -33,9 +33,9 @@ class NearestInTime:
                 del self._heard[service]
         for service in services:
             if service not in self._heard:
-                self._heard[service] = self._wires.subscribe(service, FRAMES[service]), deque(maxlen=LAST_FRAMES)
+                self._heard[service] = self._transport.subscribe(service, FRAMES[service]), deque(maxlen=LAST_FRAMES)
         for socket, last in self._heard.values():
-            last.extend(message for message in received(socket, tally) if isinstance(message[0], wire.FRAME))
+            last.extend(message for message in received(socket, stats) if isinstance(message[0], wire.FRAME))
         return [min(last, key=lambda message: _apart_ns(message[0], stamp)) for _, last in self._heard.values() if last]
 
 
@@ -48,9 +48,9 @@ def _apart_ns(header: wire.Header, stamp: wire.Stamp) -> int:
 class Lockstep:
     """Lossless mode: the frames of one number from the service before this one and from those beside it."""
 
-    def __init__(self, wires: Transport, services: Sequence[Service], tally: Tally) -> None:
+    def __init__(self, transport: Transport, services: Sequence[Service], stats: ServiceStats) -> None:
         """`services`: the one whose frames this stage takes comes first."""
-        self._pulls = [Pull(wires.ask(service), tally) for service in services]
+        self._pulls = [Pull(transport.ask(service), stats) for service in services]
         self._came: dict[Pull, wire.Message] = {}
 
     @property
@@ -80,7 +80,7 @@ class Lockstep:
             pull.restart()
 
 
-def received(socket: Any, tally: Tally) -> list[wire.Message]:
+def received(socket: Any, stats: ServiceStats) -> list[wire.Message]:
     """All messages that wait at a socket, oldest first; what `unpack` refuses is counted."""
     messages = []
     while True:
@@ -91,4 +91,4 @@ def received(socket: Any, tally: Tally) -> list[wire.Message]:
         try:
             messages.append(wire.unpack(parts))
         except ValueError:
-            tally.refused += 1
+            stats.refused += 1

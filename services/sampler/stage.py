@@ -34,14 +34,14 @@ class SamplerStage:
         self._file = LightsFile(Path(settings.out) / "lights.jsonl") if settings.out else None
         warm(settings.sampler)
 
-    def kept(self) -> int:
+    def first_missing_frame(self) -> int:
         return self._file.count if self._file else 0
 
-    def begin(self, target: int) -> tuple[SamplerState, int]:
+    def start_at(self, target: int) -> tuple[SamplerState, int]:
         """From the first frame: the filters remember, and a replay of maps alone is quick."""
         return SamplerState(self._settings, initial_state(self._settings), 0), 0
 
-    def beside(self, state: SamplerState) -> tuple[Service, ...]:
+    def side_inputs(self, state: SamplerState) -> tuple[Service, ...]:
         return ()
 
     def step(self, state: SamplerState, message: wire.Message) -> tuple[SamplerState, wire.Message]:
@@ -68,8 +68,8 @@ class SamplerStage:
         )
         return state._replace(memory=memory), (made, (*lights, gloss.directions, gloss.irradiance))
 
-    def heed(self, state: SamplerState, said: wire.Message) -> SamplerState:
-        wish, _ = said
+    def on_message(self, state: SamplerState, message: wire.Message) -> SamplerState:
+        wish, _ = message
         if isinstance(wish, wire.StatusMessage):
             return state._replace(can=wish.report.light_budget) if isinstance(wish.report, wire.ImageReport) else state
         assert isinstance(wish, wire.ControlMessage)
@@ -78,12 +78,12 @@ class SamplerStage:
         asked = msgspec.structs.replace(own, count=wish.count or own.count, filter="none" if unfiltered else own.filter)
         return state._replace(settings=asked)
 
-    def keep(self, state: SamplerState, message: wire.Message) -> None:
+    def write(self, state: SamplerState, message: wire.Message) -> None:
         header, arrays = message
         if self._file and isinstance(header, wire.LightsMessage):
             self._file.append(LightSet(*arrays[:3]), header.stamp.sequence, header.stamp.time_s, header.coverage)
 
-    def done(self) -> None:
+    def finish(self) -> None:
         pass
 
 

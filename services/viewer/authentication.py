@@ -27,7 +27,7 @@ HEADERS = {
 NO_TOKEN = "no token: open the whole address that vemlight printed at its start; programs add ?token= or Authorization: Bearer\n"
 
 
-def gate(settings: Viewer) -> Middleware:
+def authentication_middleware(settings: Viewer) -> Middleware:
     """The middleware that refuses foreign names and foreign pages with 403, a missing token with 401, and one line."""
     names = {"localhost", settings.host.lower(), *(name.lower() for name in settings.names)}
     if not is_loopback(settings.host):

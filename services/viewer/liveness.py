@@ -23,7 +23,7 @@ class Judgement(NamedTuple):
     words: str
 
 
-class Heard:
+class LastReceived:
     """The newest of what one service said, and when: monotonic seconds."""
 
     def __init__(self) -> None:
@@ -49,26 +49,26 @@ class Heard:
         return None if self.stamp is None else wire.age_ms(self.stamp)
 
 
-class Watch:
+class Liveness:
     """The services that make frames."""
 
     def __init__(self, services: Sequence[Service], fps: float, lossless: bool = False) -> None:
         """`services`: each after its upstream. `fps`: of the source. `lossless`: frames are made on request, and who has no frame for long
         may just not be asked.
         """
-        self.heard: dict[Service, Heard] = {service: Heard() for service in services}
+        self.last_received: dict[Service, LastReceived] = {service: LastReceived() for service in services}
         self._patience_s = float("inf") if lossless else max(STALLED_S, STALLED_FRAMES / fps)
 
     def judge(self, now_s: float) -> dict[Service, Judgement]:
         """One judgement for each service, in the frames' order."""
         judged: dict[Service, Judgement] = {}
-        for service in self.heard:
+        for service in self.last_received:
             upstream = UPSTREAM[service]
             judged[service] = self._judge(service, now_s, upstream if upstream and judged[upstream].state != "live" else None)
         return judged
 
     def _judge(self, service: Service, now_s: float, blocked_by: Service | None) -> Judgement:
-        heard = self.heard[service]
+        heard = self.last_received[service]
         if heard.ended:
             return Judgement("finished", "the stream has ended")
         if heard.status is None and heard.stamp is None:

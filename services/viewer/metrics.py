@@ -15,7 +15,7 @@ _started_s = time.time()
 
 
 def metrics(report: dict[str, Any]) -> str:
-    """The text, version 0.0.4 of the exposition format. `report` is `Board.summary`."""
+    """The text, version 0.0.4 of the exposition format. `report` is `ViewerState.summary`."""
     rows = report["services"]
     frames = [({"stage": row["service"], "outcome": o}, row.get(key, 0)) for row in rows for o, key in OUTCOMES.items()]
     states = [({"stage": str(row["service"]), "state": str(state)}, int(row["state"] == state)) for row in rows for state in STATES]

@@ -15,11 +15,11 @@ from aiohttp import web
 from vemlight.errors import UserError
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, STATUS_PERIOD_S, Service
-from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.token import is_loopback, with_token
 from vemlight.runtime.transport import Transport, keep_admitting
 from vemlight.settings import Settings, Viewer
-from vemlight.viewer.viewer_state import Board
+from vemlight.viewer.viewer_state import ViewerState
 from vemlight.viewer.web import Site
 
 REPORT_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them
@@ -34,18 +34,18 @@ async def view(settings: Settings, restarts: int) -> None:
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    wires = Transport(settings.wire, zmq.asyncio.Context())
-    board = Board(settings, restarts)
-    runner = web.AppRunner(Site(board).app(), access_log=None, shutdown_timeout=SHUTDOWN_S)
+    transport = Transport(settings.wire, zmq.asyncio.Context())
+    state = ViewerState(settings, restarts)
+    runner = web.AppRunner(Site(state).app(), access_log=None, shutdown_timeout=SHUTDOWN_S)
     tasks: list[asyncio.Task[Any]] = []
     try:
-        publisher = wires.bind("viewer", "publish")
+        publisher = transport.bind("viewer", "publish")
         await _listen(runner, settings.viewer)
-        for service in board.watch.heard:
-            tasks.append(asyncio.create_task(hear(wires, service, board)))
+        for service in state.liveness.last_received:
+            tasks.append(asyncio.create_task(hear(transport, service, state)))
         tasks.append(asyncio.create_task(keep_admitting(publisher)))
-        tasks.append(asyncio.create_task(speak(publisher, board)))
-        tasks.append(asyncio.create_task(report(board)))
+        tasks.append(asyncio.create_task(speak(publisher, state)))
+        tasks.append(asyncio.create_task(report(state)))
         print(f"vemlight: {address(settings.viewer)}", flush=True)
         tasks.append(asyncio.create_task(stop.wait()))
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -55,7 +55,7 @@ async def view(settings: Settings, restarts: int) -> None:
         for task in tasks:
             task.cancel()
         await runner.cleanup()
-        wires.close()
+        transport.close()
 
 
 async def _listen(runner: web.AppRunner, settings: Viewer) -> None:
@@ -89,42 +89,42 @@ def _own_number(everywhere: str) -> str:
             return "::1" if ":" in everywhere else "127.0.0.1"
 
 
-async def hear(wires: Transport, service: Service, board: Board) -> None:
+async def hear(transport: Transport, service: Service, state: ViewerState) -> None:
     """Takes all that waits from one service, and then again."""
-    socket = wires.subscribe(service, FRAMES[service], "status", "end")
+    socket = transport.subscribe(service, FRAMES[service], "status", "end")
     while True:
         waiting = [await socket.recv_multipart()]
         with contextlib.suppress(zmq.Again):
             while len(waiting) < TAKEN_AT_ONCE:
                 waiting.append(await socket.recv_multipart(zmq.NOBLOCK))
-        board.take(service, list(_unpacked(waiting, board.tally)))
+        state.take(service, list(_unpacked(waiting, state.stats)))
 
 
-def _unpacked(waiting: list[list[bytes]], tally: Tally) -> Iterator[wire.Message]:
+def _unpacked(waiting: list[list[bytes]], stats: ServiceStats) -> Iterator[wire.Message]:
     for parts in waiting:
         try:
             yield wire.unpack(parts)
         except ValueError:
-            tally.refused += 1
+            stats.refused += 1
 
 
-async def speak(publisher: Any, board: Board) -> None:
+async def speak(publisher: Any, state: ViewerState) -> None:
     """Says the whole wish and the viewer's own status, twice a second, and the wish at once when it changes.
 
     A viewer that starts has nothing to wish, and says so only when open pages would have told it theirs: the others go on as they were.
     """
     quiet_until_s = time.monotonic() + PAGES_COME_BACK_S
     while True:
-        if board.wish != wire.ControlMessage() or time.monotonic() > quiet_until_s:
-            await publisher.send_multipart(wire.pack(board.wish))
-        if status := board.status_due():
+        if state.wish != wire.ControlMessage() or time.monotonic() > quiet_until_s:
+            await publisher.send_multipart(wire.pack(state.wish))
+        if status := state.status_due():
             await publisher.send_multipart(wire.pack(status))
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(board.wished.wait(), STATUS_PERIOD_S)
+            await asyncio.wait_for(state.wished.wait(), STATUS_PERIOD_S)
 
 
-async def report(board: Board) -> None:
+async def report(state: ViewerState) -> None:
     """Refreshes the page's figures."""
     while True:
-        board.refresh()
+        state.refresh()
         await asyncio.sleep(REPORT_PERIOD_S)

@@ -10,10 +10,10 @@ from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet, lights_json, lights_row
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, UPSTREAM, Service
-from vemlight.runtime.service_stats import Losses, Tally
+from vemlight.runtime.service_stats import Losses, ServiceStats
 from vemlight.settings import Settings
 from vemlight.viewer.feeds import Condition, Feed
-from vemlight.viewer.liveness import HEALTHY, Heard, Judgement, Watch
+from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
 from vemlight.viewer.pictures import Sky, picture_jpeg
 
 UNHEARD = "lossless mode makes every frame with the settings as they are and hears no controls; run in live mode to use them"
@@ -21,7 +21,7 @@ EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false, "po
 NO_LIGHTS = {"count": 0, **msgspec.structs.asdict(wire.LightsReport())}
 
 
-class Board:
+class ViewerState:
     """One for the process. Messages go in by `take`, wishes by `wish_for`; pages read the feeds."""
 
     def __init__(self, settings: Settings, restarts: int) -> None:
@@ -33,10 +33,10 @@ class Board:
         self.lights = Feed(_lights_line, self.news)
         self.picture = Feed(self._picture, self.news)
         self.report = Feed(msgspec.json.encode, self.news)
-        self.tally = Tally("viewer", restarts)
+        self.stats = ServiceStats("viewer", restarts)
         self.status: wire.StatusMessage | None = None
         makers: list[Service] = [service for service in settings.services if service in UPSTREAM]
-        self.watch = Watch(makers, settings.capture.fps, settings.mode == "lossless")
+        self.liveness = Liveness(makers, settings.capture.fps, settings.mode == "lossless")
         self.pages = 0
         self._losses, self._lights, self._encode_s = Losses(), NO_LIGHTS, 0.0
         self._objects: tuple[wire.Pose, ...] = ()
@@ -44,7 +44,7 @@ class Board:
     def take(self, service: Service, messages: list[wire.Message]) -> None:
         """What one service has said since last time, in order. Of its frames the newest is shown; the rest is counted as skipped."""
         for header, _ in messages:
-            self.watch.heard[service].take(header, time.monotonic())
+            self.liveness.last_received[service].take(header, time.monotonic())
             if service == LAST and isinstance(header, wire.ImageMessage):
                 self._losses.frame()
             elif service == LAST and isinstance(header, wire.StatusMessage):
@@ -63,8 +63,8 @@ class Board:
             case wire.ImageMessage():
                 self.picture.put(arrays[0])
                 self._objects = header.objects
-                self.tally.skipped += passed_over
-                self.tally.finished((header, arrays), self._encode_s)
+                self.stats.skipped += passed_over
+                self.stats.finished((header, arrays), self._encode_s)
 
     def _picture(self, pixels: np.ndarray) -> bytes:
         began_s = time.monotonic()
@@ -74,8 +74,8 @@ class Board:
 
     def status_due(self) -> wire.StatusMessage | None:
         """The viewer's own status, when it is time to say it again."""
-        self.tally.dropped = self._losses.dropped
-        if status := self.tally.due():
+        self.stats.dropped = self._losses.dropped
+        if status := self.stats.due():
             self.status = status
         return status
 
@@ -101,9 +101,9 @@ class Board:
 
     def summary(self) -> dict[str, Any]:
         """How everything stands, for the page, `/healthz` and `/metrics`."""
-        judged = self.watch.judge(time.monotonic())
+        judged = self.liveness.judge(time.monotonic())
         s = self.settings
-        rows = [service_row(service, judged[service], heard) for service, heard in self.watch.heard.items()]
+        rows = [service_row(service, judged[service], heard) for service, heard in self.liveness.last_received.items()]
         own = {"service": "viewer", **status_fields(self.status), "state": "live", "words": "live"}
         if judged[LAST].state not in HEALTHY:
             own |= {"state": "waiting", "words": f"waits for {LAST}", "rate_hz": 0.0}
@@ -129,7 +129,7 @@ def status_fields(status: wire.StatusMessage | None) -> dict[str, Any]:
     return {**msgspec.structs.asdict(msgspec.structs.replace(status, report=None)), **report}
 
 
-def service_row(service: Service, judgement: Judgement, heard: Heard) -> dict[str, Any]:
+def service_row(service: Service, judgement: Judgement, heard: LastReceived) -> dict[str, Any]:
     """A service's newest status, with the judgement on it. `age_ms` is its newest frame's when it was done, or, when no more come, now."""
     status = status_fields(heard.status)
     if judgement.state not in HEALTHY:

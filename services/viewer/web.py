@@ -9,10 +9,10 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from vemlight.errors import UserError
-from vemlight.viewer.authentication import add_headers, gate
+from vemlight.viewer.authentication import add_headers, authentication_middleware
 from vemlight.viewer.feeds import Feed
 from vemlight.viewer.metrics import metrics
-from vemlight.viewer.viewer_state import Board
+from vemlight.viewer.viewer_state import ViewerState
 
 PAGE = Path(__file__).parent / "page"
 FILES = {
@@ -34,15 +34,15 @@ RETRY = {"Retry-After": "1"}
 
 
 class Site:
-    """The handlers, over one board."""
+    """The handlers, over one state."""
 
-    def __init__(self, board: Board) -> None:
-        self._board = board
+    def __init__(self, state: ViewerState) -> None:
+        self._state = state
         self._files = {path: (PAGE / name).read_bytes() for path, (name, _) in FILES.items()}
         self._sockets: set[web.WebSocketResponse] = set()
 
     def app(self) -> web.Application:
-        app = web.Application(middlewares=[gate(self._board.settings.viewer)], client_max_size=MAX_BODY)
+        app = web.Application(middlewares=[authentication_middleware(self._state.settings.viewer)], client_max_size=MAX_BODY)
         app.on_response_prepare.append(add_headers)
         app.on_shutdown.append(self._close_sockets)
         app.add_routes(
@@ -79,34 +79,34 @@ class Site:
         return web.Response(status=204)
 
     async def snapshot(self, _: web.Request) -> web.Response:
-        number, jpeg = await self._board.picture.newest()
+        number, jpeg = await self._state.picture.newest()
         if not number:
             return web.Response(status=503, text="no picture yet: the renderer has sent none\n", headers=RETRY)
         return web.Response(body=jpeg, content_type="image/jpeg")
 
     async def lights(self, _: web.Request) -> web.Response:
-        number, line = await self._board.lights.newest()
+        number, line = await self._state.lights.newest()
         if not number:
             return web.Response(status=503, text="no lights yet: the sampler has sent none\n", headers=RETRY)
         return web.Response(body=line, content_type="application/json")
 
     async def health(self, _: web.Request) -> web.Response:
-        report = self._board.summary()
+        report = self._state.summary()
         status = 200 if report["healthy"] else 503
         return web.Response(status=status, body=msgspec.json.encode(report), content_type="application/json")
 
     async def metrics(self, _: web.Request) -> web.Response:
-        return web.Response(text=metrics(self._board.summary()), headers={"Content-Type": "text/plain; version=0.0.4; charset=utf-8"})
+        return web.Response(text=metrics(self._state.summary()), headers={"Content-Type": "text/plain; version=0.0.4; charset=utf-8"})
 
     async def control(self, request: web.Request) -> web.Response:
         """Takes a wish and answers with the whole one as it now stands."""
         if request.content_type != "application/json":  # what a form on another page cannot send unasked
             raise web.HTTPUnsupportedMediaType(text="control: send Content-Type: application/json\n")
         try:
-            self._board.wish_for(await request.read())
+            self._state.wish_for(await request.read())
         except UserError as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from error
-        return web.Response(body=msgspec.json.encode(self._board.wish), content_type="application/json")
+        return web.Response(body=msgspec.json.encode(self._state.wish), content_type="application/json")
 
     async def stream(self, request: web.Request) -> web.StreamResponse:
         """The pictures as motion JPEG; a reader that is slower than they come misses some."""
@@ -116,7 +116,7 @@ class Site:
             await response.write(b"--frame\r\n")
             number = 0
             while True:
-                number, jpeg = await self._board.picture.after(number)
+                number, jpeg = await self._state.picture.after(number)
                 head = f"Content-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n".encode()
                 try:  # the boundary goes with the picture: browsers show a part when they see its end
                     await asyncio.wait_for(response.write(head + jpeg + b"\r\n--frame\r\n"), STALLED_S)
@@ -131,8 +131,8 @@ class Site:
         with self._counted():
             socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_WORD, compress=False)
             await socket.prepare(request)
-            board = self._board
-            feeds = {"report": board.report, "lights": board.lights, "disc": board.disc, "picture": board.picture}
+            state = self._state
+            feeds = {"report": state.report, "lights": state.lights, "disc": state.disc, "picture": state.picture}
             shown, taken = set(feeds), asyncio.Event()
             sender = asyncio.create_task(self._send(socket, feeds, shown, taken))
             self._sockets.add(socket)
@@ -155,7 +155,7 @@ class Site:
                 ready = [name for name in feeds if name in shown and feeds[name].number > sent[name]]
                 if not ready:
                     taken.clear()
-                    await _first_of(self._board.news.wait(), taken.wait())
+                    await _first_of(self._state.news.wait(), taken.wait())
                 for name in ready:
                     shown.discard(name)
                     sent[name], data = await feeds[name].newest()
@@ -169,14 +169,14 @@ class Site:
     @contextmanager
     def _counted(self) -> Iterator[None]:
         """One more page. Raises HTTPServiceUnavailable when there are MAX_PAGES."""
-        board = self._board
-        if board.pages >= MAX_PAGES:
+        state = self._state
+        if state.pages >= MAX_PAGES:
             raise web.HTTPServiceUnavailable(text=f"{MAX_PAGES} pages are open already: close one\n", headers=RETRY)
-        board.pages += 1
+        state.pages += 1
         try:
             yield
         finally:
-            board.pages -= 1
+            state.pages -= 1
 
     async def _close_sockets(self, _: web.Application) -> None:
         for socket in list(self._sockets):

@@ -29,4 +29,4 @@ def picture_of(state: RendererState) -> np.ndarray:
 
 def controlled(stage: RendererStage, state: RendererState, **control) -> RendererState:
     """The state after a control message."""
-    return stage.heed(state, (wire.ControlMessage(**control), ()))
+    return stage.on_message(state, (wire.ControlMessage(**control), ()))

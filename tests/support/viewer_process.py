@@ -16,7 +16,7 @@ import zmq
 from vemlight.light.bright_cells import NONE
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
-from vemlight.runtime.service_stats import Tally
+from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport, admit
 from vemlight.settings import Wire
 
@@ -79,10 +79,10 @@ class SimulatedServices(threading.Thread):
         self._settings, self._frames, self._stop_asked = settings, frames, threading.Event()
 
     def run(self) -> None:
-        wires = Transport(self._settings)
-        publishers = {service: wires.bind(service, "publish") for service in MAKERS}
-        tallies = {service: Tally(service, 0) for service in MAKERS}
-        viewer = wires.subscribe("viewer", "control", "status")
+        transport = Transport(self._settings)
+        publishers = {service: transport.bind(service, "publish") for service in MAKERS}
+        tallies = {service: ServiceStats(service, 0) for service in MAKERS}
+        viewer = transport.subscribe("viewer", "control", "status")
         sequence = 0
         while not self._stop_asked.wait(1 / FPS):
             count = next((wish.count for wish in reversed(self.wishes) if wish.count), 72)
@@ -103,7 +103,7 @@ class SimulatedServices(threading.Thread):
                     self.wishes.append(header)
                 elif isinstance(header, wire.StatusMessage):
                     self.viewers.append(header)
-        wires.close()
+        transport.close()
 
     def end(self) -> None:
         self._stop_asked.set()

@@ -170,7 +170,7 @@ def centres(folder: Path) -> None:
     for direction, codes in suns():
         frame = maker.frame_from_codes("sun", codes, "mono", 0.0)
         at = where.copy()
-        cells, centres, shares = frame.strong
+        cells, centres, shares = frame.bright_cells
         at[cells] = 0
         np.add.at(at, cells, centres * shares[:, None])
         flux = frame.radiance[..., 1].ravel().astype(np.float64) * solid

@@ -5,7 +5,7 @@ A probe is a surface's normal n and the normal h of a half-space of free sky: E 
 is a step ("hard"), or the step softened over +-2 degrees ("soft": a shadow's edge on a map of 256 x 256 texels is no sharper).
 A hard edge is seldom near a small sun, and where it is all is wrong: of 1500 free probes five would decide the error. So each of CIRCLES
 surfaces has its occluder turned once round an axis, in TURNS steps; each light is seen in half of them, so one pass makes all the sums.
-The source keeps its strongest pixels apart from the polar grid that the methods see, so that a sun smeared over a grid cell
+The source keeps its brightest pixels apart from the polar grid that the methods see, so that a sun smeared over a grid cell
 is an error of the method.
 """
 
@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.capture.frames import strong_cells
+from vemlight.capture.frames import brightest_cells
 from vemlight.capture.polar import latlong_to_polar, polar_from_latlong
-from vemlight.light.bright_cells import strong_light
+from vemlight.light.bright_cells import BrightCells, bright_cells_from_light
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
 from vemlight.light.light_set import LightSet
@@ -33,7 +33,7 @@ from vemlight.light.sphere import (
 )
 from vemlight.sampler.probes import SOFTNESS, probes
 
-STRONGEST = 4096  # source pixels that are kept apart
+BRIGHTEST = 4096  # source pixels that are kept apart
 PROBES = 1500  # with soft edges
 CIRCLES = 100  # with hard ones: what a misplaced sun costs is known to 8 % (tests/test_judge.py); 6000 free probes know it to 45 %
 TURNS = 1024  # a third of a degree, a pixel of the source; no circle has its steps where another has them
@@ -50,15 +50,14 @@ class Points(NamedTuple):
 class Source(NamedTuple):
     """A map as it is and as a camera on a polar grid sees it.
 
-    strong: the strongest pixels. rest: (rows, cols, 3) float32, radiance of the remaining ones on the grid. polar: rest and
-    strong together, what the methods get. centroids: (k, 5) float64, of the parts of strong cells, as the capture makes
-    them: row * cols + column, the flux centroid's unit vector, the share of the cell's light.
+    brightest: pixels kept apart. rest: (rows, cols, 3) float32, radiance of the remaining ones on the grid. polar: both together,
+    what the methods get. bright_cells: sub-cell samples, as the capture makes them.
     """
 
-    strong: Points
+    brightest: Points
     rest: np.ndarray
     polar: np.ndarray
-    centroids: np.ndarray
+    bright_cells: BrightCells
 
 
 class Judged(NamedTuple):
@@ -75,30 +74,30 @@ def source_from_latlong(image: np.ndarray, rows: int = 90, cols: int = 360) -> S
     flux = image.astype(np.float64) * latlong_solid_angles(height, width)[:, None, None]
     directions = latlong_directions(height, width)
     strength = np.where(directions[..., 2] > 0, luminance_from_rgb(flux), 0.0).ravel()
-    chosen = np.argpartition(strength, -STRONGEST)[-STRONGEST:]
-    strong = Points(directions.reshape(-1, 3)[chosen], flux.reshape(-1, 3)[chosen])
+    chosen = np.argpartition(strength, -BRIGHTEST)[-BRIGHTEST:]
+    brightest = Points(directions.reshape(-1, 3)[chosen], flux.reshape(-1, 3)[chosen])
     image.reshape(-1, 3)[chosen] = 0
     rest = polar_from_latlong(image, latlong_to_polar(height, width, rows, cols, "hemisphere"))
-    return with_strong(strong, rest)
+    return with_brightest(brightest, rest)
 
 
-def with_strong(strong: Points, rest: np.ndarray) -> Source:
-    """The source of strong points above the horizon and a polar map `rest` (rows, cols, 3)."""
+def with_brightest(brightest: Points, rest: np.ndarray) -> Source:
+    """The source of its brightest pixels above the horizon and a polar map `rest` (rows, cols, 3)."""
     rows, cols, _ = rest.shape
     solid_angles = cell_solid_angles(rows, cols, "hemisphere")
-    i, j = cell_from_direction(strong.directions, rows, cols, "hemisphere")
+    i, j = cell_from_direction(brightest.directions, rows, cols, "hemisphere")
     cell = np.minimum(i.astype(int), rows - 1) * cols + np.minimum(j.astype(int), cols - 1)
-    added = np.stack([np.bincount(cell, strong.irradiance[:, c], rows * cols) for c in range(3)], axis=-1).reshape(rows, cols, 3)
+    added = np.stack([np.bincount(cell, brightest.irradiance[:, c], rows * cols) for c in range(3)], axis=-1).reshape(rows, cols, 3)
     polar = (rest + added / solid_angles[:, None, None]).astype(np.float32)
 
-    # A strong cell's light: its strong points, and the rest at the cell's centre.
-    cells = strong_cells(polar, "hemisphere").astype(np.int64)
+    # A bright cell's light: its brightest pixels, and the rest at the cell's centre.
+    cells = brightest_cells(polar, "hemisphere").astype(np.int64)
     own = np.isin(cell, cells)
-    beside = (luminance_from_rgb(rest.astype(np.float64)) * solid_angles[:, None]).ravel()[cells]
-    directions = np.concatenate([strong.directions[own], cell_directions(rows, cols, "hemisphere").reshape(-1, 3)[cells]])
-    flux = np.concatenate([luminance_from_rgb(strong.irradiance)[own], beside])
-    parts = strong_light(np.concatenate([cell[own], cells]), directions, flux, rows, cols, "hemisphere")
-    return Source(strong, rest, polar, np.column_stack(parts))
+    remaining = (luminance_from_rgb(rest.astype(np.float64)) * solid_angles[:, None]).ravel()[cells]
+    directions = np.concatenate([brightest.directions[own], cell_directions(rows, cols, "hemisphere").reshape(-1, 3)[cells]])
+    flux = np.concatenate([luminance_from_rgb(brightest.irradiance)[own], remaining])
+    bright_cells = bright_cells_from_light(np.concatenate([cell[own], cells]), directions, flux, rows, cols, "hemisphere")
+    return Source(brightest, rest, polar, bright_cells)
 
 
 @lru_cache(maxsize=16)
@@ -113,8 +112,8 @@ def points_of(source: Source) -> Points:
     flux = source.rest.astype(np.float64) * cell_solid_angles(rows, cols, "hemisphere")[:, None, None]
     lit = flux.any(axis=-1)
     return Points(
-        np.concatenate([source.strong.directions, cell_directions(rows, cols, "hemisphere")[lit]]),
-        np.concatenate([source.strong.irradiance, flux[lit]]),
+        np.concatenate([source.brightest.directions, cell_directions(rows, cols, "hemisphere")[lit]]),
+        np.concatenate([source.brightest.irradiance, flux[lit]]),
     )
 
 

@@ -15,17 +15,18 @@ from bench.rivals.q2tree import q2tree
 from bench.rivals.structured import structured
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler
 
 SETTLED = 8  # frames of a still map before it is judged and timed
 
-Step = Callable[[Any, np.ndarray, float, np.ndarray], tuple[Any, LightSet]]
+Step = Callable[[Any, SamplerInput], tuple[Any, LightSet]]
 Alone = Callable[[np.ndarray, Coverage, int], LightSet]
 
 
 class Method(NamedTuple):
-    """name: in charts. start: the state for a number of lights. step: (state, map, time_s, centroids) to the next state and its lights.
+    """name: in charts. start: the state for a number of lights. step: from state and frame to the next state and the lights.
 
     most: lights beyond which a frame takes seconds. steady: carries its lights from frame to frame under ids that mean something.
     """
@@ -44,18 +45,18 @@ def ours(name: str, **settings: Any) -> Method:
         made = Sampler(count=count, **settings)
         return made, initial_state(made)
 
-    def steps(state: Any, radiance: np.ndarray, time_s: float, centroids: np.ndarray) -> tuple[Any, LightSet]:
-        after, lights, _ = step(state[0], state[1], radiance, "hemisphere", time_s, 0, centroids)
+    def steps(state: Any, frame: SamplerInput) -> tuple[Any, LightSet]:
+        after, lights, _ = step(state[0], state[1], frame)
         return (state[0], after), lights
 
     return Method(name, start, steps, steady=True)
 
 
 def anew(name: str, method: Alone, most: int = 1024, steady: bool = False) -> Method:
-    """A method that sees each frame by itself. It knows no centroids inside cells: none of the published ones does."""
+    """A method that sees each frame by itself. It uses no sub-cell samples: none of the published ones does."""
 
-    def steps(count: int, radiance: np.ndarray, _time_s: float, _centroids: np.ndarray) -> tuple[int, LightSet]:
-        return count, method(radiance, "hemisphere", count)
+    def steps(count: int, frame: SamplerInput) -> tuple[int, LightSet]:
+        return count, method(frame.radiance, frame.coverage, count)
 
     return Method(name, lambda count: count, steps, most, steady)
 
@@ -65,7 +66,7 @@ def settled(method: Method, count: int, source: Source) -> tuple[LightSet, float
     state, taken, lights = method.start(count), [], LightSet.none()
     for k in range(SETTLED if method.steady else 2):
         begin = time.thread_time()
-        state, lights = method.step(state, source.polar, k / 25, source.centroids)
+        state, lights = method.step(state, SamplerInput(source.polar, "hemisphere", k / 25, source.bright_cells))
         taken.append(1e3 * (time.thread_time() - begin))
     return lights, float(np.median(taken[1:]))
 

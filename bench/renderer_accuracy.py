@@ -36,6 +36,7 @@ from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Renderer as Settings
 from vemlight.settings import Sampler
@@ -74,7 +75,7 @@ def lights_of(path: Path, count: int, method: str, clusters: int = 0) -> LightSe
     settings, source = Sampler(method=method, filter="none", count=count, clusters=clusters), read_source(path)  # type: ignore[arg-type]
     state, lights = initial_state(settings), None
     for k in range(SETTLED):
-        state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, 0, source.centroids)
+        state, lights, _ = step(settings, state, SamplerInput(source.polar, "hemisphere", k / 25, source.bright_cells))
     assert lights is not None
     return lights
 

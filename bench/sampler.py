@@ -23,6 +23,7 @@ import numpy as np
 from vemlight.files import written_whole
 from vemlight.sampler import cluster
 from vemlight.sampler.density import light_map
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, irradiance, step
 from vemlight.sampler.temporal import filter, flicker
 from vemlight.sampler.warps.points import halton, points
@@ -39,10 +40,11 @@ PAPER_SAMPLES_PER_MS = 410  # Havran et al. 2005, section 5, a Pentium 4 of 3 GH
 FIRST_FRAME = """
 import time; start = time.perf_counter()
 import numpy as np
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler
 settings = Sampler(method="havran-azimuth", count=300, clusters=72)
-step(settings, initial_state(settings), np.ones((90, 360, 3), np.float32), "hemisphere", 0.0)
+step(settings, initial_state(settings), SamplerInput(np.ones((90, 360, 3), np.float32), "hemisphere", 0.0))
 print(time.perf_counter() - start)
 """
 
@@ -89,7 +91,7 @@ def whole_step() -> list[Row]:
 
     def one() -> None:
         nonlocal state, frame
-        state, _, _ = step(settings, state, maps[frame % 4], "hemisphere", frame / 25)
+        state, _, _ = step(settings, state, SamplerInput(maps[frame % 4], "hemisphere", frame / 25))
         frame += 1
 
     rows = [measured("step: 90 x 360 to 300 lights, FIR, 72 clusters", 300, one, 1000), own_tail(settings, maps)]
@@ -99,7 +101,7 @@ def whole_step() -> list[Row]:
     samples = warp.sample(table)
     drawn = np.concatenate([samples.directions, samples.radiance / samples.density[:, None] / light.irradiance], axis=1)
     now = filter.Frame(frame / 25, light.irradiance, drawn)
-    lights = step(Sampler(method=METHODS[0], count=300), initial_state(settings), radiance, "hemisphere", 0.0)[1]
+    lights = step(Sampler(method=METHODS[0], count=300), initial_state(settings), SamplerInput(radiance, "hemisphere", 0.0))[1]
     clusters = cluster.clustered(lights, 72, "hemisphere", cluster.NONE)[0]
     parts: list[tuple[str, Callable[[], Any]]] = [
         ("part: cleaning, importance, integrals", lambda: light_map(radiance, "hemisphere")),
@@ -113,8 +115,9 @@ def whole_step() -> list[Row]:
     ]
     rows += [measured(what, 300, work, 300) for what, work in parts]
     asked = Sampler(method=METHODS[0], count=300, error_percent=15.0)
-    state = step(asked, initial_state(asked), radiance, "hemisphere", 0.0)[0]
-    rows.append(measured("step with the number of lights controlled", 300, lambda: step(asked, state, radiance, "hemisphere", 0.04), 300))
+    state = step(asked, initial_state(asked), SamplerInput(radiance, "hemisphere", 0.0))[0]
+    later = SamplerInput(radiance, "hemisphere", 0.04)
+    rows.append(measured("step with the number of lights controlled", 300, lambda: step(asked, state, later), 300))
     return rows
 
 
@@ -125,7 +128,7 @@ def own_tail(settings: Sampler, maps: list[np.ndarray]) -> Row:
         state = initial_state(settings)
         for k in range(run.size):
             start = time.process_time()
-            state, _, _ = step(settings, state, maps[k % len(maps)], "hemisphere", k / 25)
+            state, _, _ = step(settings, state, SamplerInput(maps[k % len(maps)], "hemisphere", k / 25))
             run[k] = time.process_time() - start
     median, p99 = np.quantile(times.min(axis=0)[100:], [0.5, 0.99]) * 1e3
     return Row("step, least of eight runs frame by frame", 300, float(median), float(p99), 0.0)
@@ -148,8 +151,8 @@ def scaling() -> list[Row]:
         rows.append(measured("map to tables", cells, lambda r=radiance: warp_from_map(light_map(r, "hemisphere"), METHODS[0]), 30, cells))
     for count in (300, 3000, 30_000, 100_000):
         settings = Sampler(method=METHODS[0], count=count)
-        state = step(settings, initial_state(settings), sky(), "hemisphere", 0.0)[0]
-        work = partial(step, settings, state, sky(), "hemisphere", 0.04)
+        state = step(settings, initial_state(settings), SamplerInput(sky(), "hemisphere", 0.0))[0]
+        work = partial(step, settings, state, SamplerInput(sky(), "hemisphere", 0.04))
         rows.append(measured("step: lights, FIR", count, work, 20, count))
     return rows
 
@@ -198,7 +201,7 @@ def memory(frames: int) -> list[Row]:
     settings, radiance = Sampler(method=METHODS[0], count=72, clusters=36), sky(24, 96)
     state, rows = initial_state(settings), []
     for k in range(1, frames + 1):
-        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25)
+        state, _, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25))
         if k in (frames // 10, frames):
             rows.append(Row("memory after frames, MiB", k, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 0.0, 0.0))
     return rows

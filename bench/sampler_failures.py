@@ -16,6 +16,7 @@ import numpy as np
 from vemlight.files import written_whole
 from vemlight.sampler.density import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler as Settings
 
@@ -97,7 +98,7 @@ def errors(settings: Settings, sequence: Sequence) -> tuple[np.ndarray, np.ndarr
     at, state = probes(256, "hemisphere"), initial_state(settings)
     truth, got = [], []
     for time_s, radiance in sequence:
-        state, lights, _ = step(settings, state, radiance, "hemisphere", time_s)
+        state, lights, _ = step(settings, state, SamplerInput(radiance, "hemisphere", time_s))
         truth.append(irradiance_of_map(at, light_map(radiance, "hemisphere").radiance, "hemisphere"))
         got.append(irradiance_of_lights(at, lights.directions, lights.irradiance))
     scale = np.mean(truth)

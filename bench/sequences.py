@@ -1,6 +1,6 @@
 """Moving light with a known truth: what a steady camera, a hand-held one, a sun, a lamp, a bad cable and the mains do to a map.
 
-A world is a lat-long map whose strongest pixels are single directions; each frame turns it, adds what the sequence adds, and
+A world is a lat-long map whose brightest pixels are single directions; each frame turns it, adds what the sequence adds, and
 keeps two things: the source as it is (for the judge) and the polar map that a camera delivers (noise, spoilt pixels), which is
 all that the methods see.
 """
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from bench.judge import STRONGEST, Points, Source, with_strong
+from bench.judge import BRIGHTEST, Points, Source, with_brightest
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import (
     cell_directions,
@@ -31,11 +31,11 @@ RIPPLE = 0.3  # amplitude of a lamp on alternating current, relative; fluorescen
 
 
 class World(NamedTuple):
-    """strong: the strongest pixels of the sphere. rest: (height, width, 3) float64 lat-long radiance without them. power:
+    """brightest: the brightest pixels of the sphere. rest: (height, width, 3) float64 lat-long radiance without them. power:
     (3,), upper half.
     """
 
-    strong: Points
+    brightest: Points
     rest: np.ndarray
     power: np.ndarray
 
@@ -53,20 +53,20 @@ def world_from_latlong(image: np.ndarray) -> World:
     image = np.where(np.isfinite(image) & (image > 0), image, 0).astype(np.float64)
     height, width, _ = image.shape
     flux = image * latlong_solid_angles(height, width)[:, None, None]
-    chosen = np.argpartition(luminance_from_rgb(flux).ravel(), -STRONGEST)[-STRONGEST:]
-    strong = Points(latlong_directions(height, width).reshape(-1, 3)[chosen], flux.reshape(-1, 3)[chosen])
+    chosen = np.argpartition(luminance_from_rgb(flux).ravel(), -BRIGHTEST)[-BRIGHTEST:]
+    brightest = Points(latlong_directions(height, width).reshape(-1, 3)[chosen], flux.reshape(-1, 3)[chosen])
     power = flux[: height // 2].sum(axis=(0, 1))
     image.reshape(-1, 3)[chosen] = 0
-    return World(strong, image, power)
+    return World(brightest, image, power)
 
 
 def turned(world: World, rotation: np.ndarray, added: Points | None = None) -> Source:
     """The upper hemisphere of the world after `rotation` (3, 3), with `added` points that do not turn."""
-    directions, flux = world.strong.directions @ rotation.T, world.strong.irradiance
+    directions, flux = world.brightest.directions @ rotation.T, world.brightest.irradiance
     if added is not None:
         directions, flux = np.concatenate([directions, added.directions]), np.concatenate([flux, added.irradiance])
     above = directions[:, 2] > 0
-    return with_strong(Points(directions[above], flux[above]), _rest(world.rest, rotation))
+    return with_brightest(Points(directions[above], flux[above]), _rest(world.rest, rotation))
 
 
 def _rest(image: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -204,7 +204,7 @@ def mains(fps: float) -> Callable[[World], Iterator[Frame]]:
         for k in range(round(SETTLE_S * fps) + FRAMES):
             part = 1 + RIPPLE * np.cos(2 * np.pi * 100 * k / fps + 0.7)
             now = turned(world, np.eye(3), disc(LAMP_AT, 4.0, part * LAMP * world.power))
-            yield Frame(k / fps, truth._replace(centroids=now.centroids), _noisy(now.polar, generator))
+            yield Frame(k / fps, truth._replace(bright_cells=now.bright_cells), _noisy(now.polar, generator))
 
     return frames
 

@@ -55,15 +55,15 @@ def test_maps_of_one_name_are_told_apart(tmp_path, monkeypatch):
     assert len({row["map"] for row in csv.DictReader((tmp_path / "charts" / "error.csv").open())}) == 2
 
 
-def test_a_turned_map_takes_its_strong_light_along(tmp_path):
+def test_a_turned_map_takes_its_bright_cells_along(tmp_path):
     image = np.ones((64, 128, 3), np.float32)
     image[20, 60], image[11, 3] = 4000, 900
     write_exr(tmp_path / "sky.exr", image)
     first, *_, last = _turning(_moment(open_source(Capture(source=str(tmp_path / "sky.exr"))).frame(0)))
     rows, cols, _ = first.radiance.shape
     for moment in (first, last):
-        cells = moment.strong[:, 0].astype(int)
-        row, col = cell_from_direction(moment.strong[:, 1:4], rows, cols, "hemisphere")
+        cells = moment.bright_cells.cells
+        row, col = cell_from_direction(moment.bright_cells.directions, rows, cols, "hemisphere")
         assert (row.astype(int) * cols + col.astype(int) == cells).all()
         assert (np.diff(cells) >= 0).all()
         assert moment.radiance.reshape(-1, 3)[cells].min() > 100

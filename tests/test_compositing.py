@@ -6,7 +6,7 @@ import pytest
 
 from tests.support.processes import LOADED_S
 from tests.support.renderer_steps import lights_message
-from vemlight.light.bright_cells import NONE
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.images import read_radiance
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
@@ -33,7 +33,8 @@ def corner(stage: RendererStage, said: list[wire.Message]) -> np.ndarray:
 
 def test_the_map_and_the_plate_are_what_is_seen_beside_the_scene(scene):
     size = Renderer(scene=scene, width=32, height=24, shadow_map=32, picture="linear16")
-    around = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="sphere"), (np.full((4, 8, 3), 0.3, np.float32), *NONE)
+    header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="sphere")
+    around = header, (np.full((4, 8, 3), 0.3, np.float32), *NO_BRIGHT_CELLS)
     plate = wire.PlateMessage(stamp=wire.stamp(0, 0.0), width=2, height=2), (np.full((2, 2, 3), 188, np.uint8),)  # 188 is 0.503 linear
 
     plain = RendererStage(Settings(renderer=size, mode="lossless"))

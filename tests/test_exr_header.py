@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vemlight.capture.exr_header import count_from_attributes, scale_from_attributes, strong_from_attributes, strong_text
+from vemlight.capture.exr_header import bright_cells_from_attributes, bright_cells_text, count_from_attributes, scale_from_attributes
 from vemlight.errors import UserError
 from vemlight.light.bright_cells import BrightCells
 
@@ -18,14 +18,14 @@ def test_strong_light_survives_to_the_bit(seed: int, count: int) -> None:
     towards = rng.normal(size=(count, 3))
     centres = (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
     cells, shares = np.sort(rng.integers(0, 32400, count)), (1 - rng.random(count) ** 9).astype(np.float32)
-    strong = BrightCells(cells, centres, shares)
-    again = strong_from_attributes("f", {"vemlight:strong": strong_text(strong)}, 32400)
-    for a, b in zip(strong, again, strict=True):
+    bright = BrightCells(cells, centres, shares)
+    again = bright_cells_from_attributes("f", {"vemlight:strong": bright_cells_text(bright)}, 32400)
+    for a, b in zip(bright, again, strict=True):
         assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes())
 
 
 def test_a_header_without_strong_light_has_none() -> None:
-    assert not len(strong_from_attributes("f", {}, 100).cells)
+    assert not len(bright_cells_from_attributes("f", {}, 100).cells)
 
 
 GOOD = [[3, 0.0, 0.0, 1.0, 0.5], [3, 1.0, 0.0, 0.0, 0.5]]
@@ -42,7 +42,7 @@ GOOD = [[3, 0.0, 0.0, 1.0, 0.5], [3, 1.0, 0.0, 0.0, 0.5]]
 )  # fmt: skip
 def test_hostile_strong_light_is_one_line(text: object) -> None:
     with pytest.raises(UserError, match=r"^f: vemlight:strong.*record again$"):
-        strong_from_attributes("f", {"vemlight:strong": text}, 100)
+        bright_cells_from_attributes("f", {"vemlight:strong": text}, 100)
 
 
 @pytest.mark.parametrize(("told", "count"), [({}, 0), ({"n": 5}, 5), ({"n": -1}, 0), ({"n": "5"}, 0), ({"n": 2.5}, 0)])

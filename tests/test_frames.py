@@ -10,7 +10,7 @@ from vemlight.capture import fisheye, scatter
 from vemlight.capture import lens as lens_module
 from vemlight.capture import pixel_overlap as shares
 from vemlight.capture.fisheye import colour_lattices
-from vemlight.capture.frames import FrameMaker, strong_cells
+from vemlight.capture.frames import FrameMaker, brightest_cells
 from vemlight.capture.lens import Lens, pixel_angles, pixel_solid_angles, vignetting_from_angle, write_lens
 from vemlight.capture.response import Log, code_from_radiance, write_response
 from vemlight.capture.simulation.environment import Disc, Environment
@@ -36,11 +36,11 @@ def maker(tmp_path_factory: pytest.TempPathFactory) -> FrameMaker:
 
 
 def light_centre(frame) -> np.ndarray:
-    """Direction to the centre of all light, strong cells by their own centres."""
+    """Direction to the centre of all light, bright cells by their own samples."""
     where = cell_directions(90, 360, "hemisphere").reshape(-1, 3).copy()
     inside = np.zeros((len(where), 3))
-    np.add.at(inside, frame.strong.cells, frame.strong.centres * frame.strong.shares[:, None])
-    where[frame.strong.cells] = inside[frame.strong.cells]
+    np.add.at(inside, frame.bright_cells.cells, frame.bright_cells.directions * frame.bright_cells.weights[:, None])
+    where[frame.bright_cells.cells] = inside[frame.bright_cells.cells]
     rings = 2 * np.pi / 360 * -np.diff(np.cos(np.arange(91) * np.pi / 180))
     total = (luminance_from_rgb(frame.radiance.astype(np.float64)) * rings[:, None]).ravel() @ where
     return total / np.linalg.norm(total)
@@ -56,18 +56,18 @@ def test_sun_keeps_power_and_place_at_any_position(maker: FrameMaker) -> None:
         np.testing.assert_allclose(map_irradiance(frame.radiance, "hemisphere"), 4.0, rtol=0.005)
         # a pixel is 0.38 degrees here and a sun inside one has that pixel's place: half of its diagonal
         assert np.degrees(angle_between(light_centre(frame), direction)) < 0.27
-        assert len(frame.strong.cells) >= 1
+        assert len(frame.bright_cells.cells) >= 1
 
 
 def test_strong_cells_are_few_and_in_order() -> None:
     radiance = np.ones((90, 360, 3), np.float32)
-    assert len(strong_cells(radiance, "hemisphere")) == 0
+    assert len(brightest_cells(radiance, "hemisphere")) == 0
     radiance[30, 40], radiance[60, 80], radiance[10, 10] = 1e6, 1e6, np.nan
-    assert strong_cells(radiance, "hemisphere").tolist() == [60 * 360 + 80, 30 * 360 + 40]
-    assert len(strong_cells(np.zeros((90, 360, 3), np.float32), "hemisphere")) == 0
+    assert brightest_cells(radiance, "hemisphere").tolist() == [60 * 360 + 80, 30 * 360 + 40]
+    assert len(brightest_cells(np.zeros((90, 360, 3), np.float32), "hemisphere")) == 0
     radiance[:] = 0
     radiance[40, :200] = 1
-    assert len(strong_cells(radiance, "hemisphere")) == 64
+    assert len(brightest_cells(radiance, "hemisphere")) == 64
 
 
 def test_centres_of_a_latlong_map_are_finer_than_its_cells(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_centres_of_a_latlong_map_are_finer_than_its_cells(tmp_path: Path) -> No
         image[row, col] = 1e5
         frame = maker.frame("map", image, {}, 0.0)
         truth = direction_from_angles((row + 0.5) * np.pi / 512, np.pi - (col + 0.5) * 2 * np.pi / 1024)
-        cells, centres, shares = frame.strong
+        cells, centres, shares = frame.bright_cells
         flux = shares * luminance_from_rgb(frame.radiance.reshape(-1, 3)[cells]) * np.sin((cells // 360 + 0.5) * np.pi / 180)
         centre = (flux[:, None] * centres).sum(0)
         # parts of the pixel in two cells each have their own middle; together they make the pixel's
@@ -160,5 +160,5 @@ def test_nothing_is_left_to_compile_after_a_dark_frame(tmp_path: Path, mosaic) -
     before = [len(loop.signatures) for loop in compiled]
     codes = np.zeros((512, 512), np.uint16)
     codes[200:204, 300:304] = 60000
-    assert len(maker.frame_from_codes("lit", codes, mosaic, 0.0).strong.cells)
+    assert len(maker.frame_from_codes("lit", codes, mosaic, 0.0).bright_cells.cells)
     assert [len(loop.signatures) for loop in compiled] == before

@@ -44,9 +44,9 @@ def test_recorded_maps_replay_with_all_that_travels_with_them(tmp_path: Path) ->
     again = open_source(Capture(source=str(tmp_path / "out"), rows=20, cols=40))
     for k in range(3):
         one, two = raw.frame(k), again.frame(k)
-        assert len(one.strong.cells) > 1
+        assert len(one.bright_cells.cells) > 1
         assert one.saturated > 0
-        for a, b in zip((one.radiance, *one.strong), (two.radiance, *two.strong), strict=True):
+        for a, b in zip((one.radiance, *one.bright_cells), (two.radiance, *two.bright_cells), strict=True):
             assert (a.dtype, a.tobytes()) == (b.dtype, b.tobytes())
         assert one[1:6] == two[1:6]  # coverage, time, scale, counts
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from vemlight.light.sphere import angle_between, direction_from_angles, map_irradiance
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler as Settings
@@ -28,7 +29,7 @@ def lamp(theta_deg, phi_deg, radiance, base=SKY):
 def run(maps, settings, fps=25.0, times=None):
     state, lights, reports = initial_state(settings), [], []
     for k, radiance in enumerate(maps):
-        state, now, report = step(settings, state, radiance, "hemisphere", k / fps if times is None else times[k])
+        state, now, report = step(settings, state, SamplerInput(radiance, "hemisphere", k / fps if times is None else times[k]))
         assert np.isfinite(now.directions).all()
         assert np.isfinite(now.irradiance).all()
         assert (now.irradiance >= 0).all()

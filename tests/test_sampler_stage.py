@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.runtime import wire
 from vemlight.sampler.stage import SamplerStage
 from vemlight.settings import Sampler, Settings
@@ -43,7 +44,7 @@ def test_the_filters_delay_goes_out_in_frames_and_in_ms(name, frames) -> None:
     state, _ = stage.start_at(0)
     for k in range(6):
         header = wire.MapMessage(stamp=wire.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere")
-        arrays = np.ones((6, 24, 3), np.float32), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)
+        arrays = np.ones((6, 24, 3), np.float32), *NO_BRIGHT_CELLS
         state, (made, _) = stage.step(state, (header, arrays))
     assert isinstance(made, wire.LightsMessage)
     assert (made.report.delay_frames, made.report.delay_ms) == pytest.approx((frames, frames * 40))

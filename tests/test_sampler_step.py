@@ -9,6 +9,7 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 
 from vemlight.light.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, irradiance, step
 from vemlight.settings import Sampler as Settings
 
@@ -27,7 +28,7 @@ def scene(seed=0, rows=30, cols=60, sun=0.0):
 def run(settings, maps, coverage: Coverage = "hemisphere", fps=25.0):
     state, out = initial_state(settings), []
     for k, radiance in enumerate(maps):
-        state, lights, report = step(settings, state, radiance, coverage, k / fps)
+        state, lights, report = step(settings, state, SamplerInput(radiance, coverage, k / fps))
         out.append((lights, report))
     return out, state
 
@@ -107,9 +108,9 @@ def test_step_is_a_pure_function():
     _, state = run(settings, maps)
     radiance = scene(9, sun=1e3)
     kept = radiance.copy()
-    first = step(settings, state, radiance, "hemisphere", 0.2)
-    step(settings, first[0], scene(10), "hemisphere", 0.24)
-    again = step(settings, state, radiance, "hemisphere", 0.2)
+    first = step(settings, state, SamplerInput(radiance, "hemisphere", 0.2))
+    step(settings, first[0], SamplerInput(scene(10), "hemisphere", 0.24))
+    again = step(settings, state, SamplerInput(radiance, "hemisphere", 0.2))
     np.testing.assert_array_equal(radiance, kept)
     for one, other in zip(first[1], again[1], strict=True):
         np.testing.assert_array_equal(one, other)
@@ -119,7 +120,7 @@ def test_step_is_a_pure_function():
 def test_more_or_fewer_lights_move_none_of_the_others(filter):
     state, before = initial_state(Sampler(filter=filter)), None
     for k, count in enumerate((72, 72, 216, 216, 50)):
-        state, lights, _ = step(Sampler(filter=filter, count=count), state, scene(), "hemisphere", k / 25)
+        state, lights, _ = step(Sampler(filter=filter, count=count), state, SamplerInput(scene(), "hemisphere", k / 25))
         np.testing.assert_array_equal(lights.ids, np.arange(len(lights.ids)))
         if before is not None:
             shared = min(len(lights.ids), len(before.ids))
@@ -130,7 +131,7 @@ def test_more_or_fewer_lights_move_none_of_the_others(filter):
 def test_another_coverage_begins_anew():
     settings = Sampler()
     _, state = run(settings, [scene()] * 3)
-    _, lights, _ = step(settings, state, scene(), "sphere", 0.12)
+    _, lights, _ = step(settings, state, SamplerInput(scene(), "sphere", 0.12))
     np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(scene(), "sphere"), rtol=1e-6)
     assert lights.directions[:, 2].min() < -0.5
 
@@ -145,7 +146,7 @@ def test_every_setting_may_change_between_frames(filter):
     for k in range(4 * len(changes)):
         if k % 4 == 0:
             settings = msgspec.structs.replace(settings, **changes[k // 4])
-        state, lights, report = step(settings, state, radiance, "hemisphere", k / 25, k % 60)
+        state, lights, report = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25, light_budget=k % 60))
         np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(radiance, "hemisphere"), rtol=1e-5)
         assert settings.clusters == 0 or len(lights.ids) <= settings.clusters
         assert (report.gloss is None) == (settings.gloss_lights == 0)
@@ -155,7 +156,7 @@ def test_lights_that_come_are_faded_in():
     state = initial_state(PLAIN)
     shares = []
     for k in range(12):
-        state, lights, _ = step(Sampler(filter="none", count=20 if k < 4 else 40), state, scene(), "hemisphere", k / 25)
+        state, lights, _ = step(Sampler(filter="none", count=20 if k < 4 else 40), state, SamplerInput(scene(), "hemisphere", k / 25))
         luminous = lights.irradiance.sum(axis=1, dtype=float)
         shares.append(luminous[20:].sum() / luminous.sum())
     assert shares[3] == 0
@@ -191,7 +192,7 @@ def test_as_many_lights_as_needed_and_as_the_renderer_can():
     settings, state = Sampler(filter="none", count=400, error_percent=15.0), initial_state(Sampler(count=400))
     for told, used in ((7, 7), (8, 7), (6, 6), (9, 9), (400, need), (0, need)):
         for k in range(10):  # until lights have come and gone
-            state, lights, report = step(settings, state, sky, "hemisphere", k / 25, told)
+            state, lights, report = step(settings, state, SamplerInput(sky, "hemisphere", k / 25, light_budget=told))
         assert len(lights.ids) == report.count == used
 
 
@@ -232,7 +233,7 @@ def test_memory_is_flat():
     settings, state = Sampler(filter="fir", count=8, clusters=4, error_percent=30.0, gloss_lights=12), initial_state(Sampler())
     radiance, sizes = scene(rows=4, cols=8), []
     for k in range(3000):
-        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25)
+        state, _, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25))
         if k % 1000 == 999:
             sizes.append(len(pickle.dumps(state)))
     assert sizes[0] == sizes[1] == sizes[2]

@@ -4,8 +4,10 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as limits
 from hypothesis import strategies as st
 
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.tracking.tracked import Report, State, initial_tracked, tracked_step
 
 ROWS, COLS = 30, 120
@@ -18,11 +20,11 @@ def scene(seed=0, sun=0.0):
 
 
 def run(
-    maps, count=32, coverage: Coverage = "hemisphere", smoothing=False, fps=25.0, **options
+    maps, count=32, coverage: Coverage = "hemisphere", smoothing=False, fps=25.0, bright_cells=NO_BRIGHT_CELLS
 ) -> tuple[list[tuple[LightSet, Report]], State]:
     state, out = initial_tracked(), []
     for k, radiance in enumerate(maps):
-        state, lights, report = tracked_step(count, state, radiance, coverage, k / fps, smoothing=smoothing, **options)
+        state, lights, report = tracked_step(count, state, SamplerInput(radiance, coverage, k / fps, bright_cells), smoothing)
         out.append((lights, report))
     return out, state
 
@@ -74,21 +76,21 @@ def test_one_lit_cell_is_one_light_in_its_place_whatever_the_count():
     np.testing.assert_allclose(lights.irradiance[0] / lights.irradiance[0, 0], [1, 2, 3], rtol=1e-6)
 
 
-def test_a_strong_cell_stands_where_its_centroid_says():
+def test_a_bright_cell_stands_where_its_sample_says():
     radiance = scene(sun=1e6)
     place = direction_from_angles(np.radians(31.9), np.radians(180.4))  # in cell (10, 60), whose centre is at (31.5, 181.5)
-    strong = np.array([[10 * COLS + 60, *place, 1.0]])
-    (lights, _), = run([radiance], 32, strong=strong)[0]
+    bright = BrightCells(np.array([10 * COLS + 60]), place[None].astype(np.float32), np.ones(1, np.float32))
+    (lights, _), = run([radiance], 32, bright_cells=bright)[0]
     brightest = lights.directions[lights.irradiance[:, 1].argmax()].astype(float)
     assert np.degrees(angle_between(brightest, place)) < 0.01
 
 
-def test_a_strong_cell_is_cut_into_its_parts_when_there_are_lights_for_it():
+def test_a_bright_cell_is_cut_into_its_samples_when_there_are_lights_for_it():
     radiance = scene(sun=1e5)
     places = direction_from_angles(np.radians([30.4, 30.6, 32.5]), np.radians([180.2, 182.7, 181.5]))
-    strong = np.column_stack([np.full(3, 10 * COLS + 60), places, [0.5, 0.3, 0.2]])
-    (few, _), = run([radiance], 4, strong=strong)[0]
-    (many, _), = run([radiance], 100, strong=strong)[0]
+    bright = BrightCells(np.full(3, 10 * COLS + 60), places.astype(np.float32), np.array([0.5, 0.3, 0.2], np.float32))
+    (few, _), = run([radiance], 4, bright_cells=bright)[0]
+    (many, _), = run([radiance], 100, bright_cells=bright)[0]
     sun = many.irradiance[:, 1] > 0.1 * total(many)[1]
     assert np.degrees(angle_between(many.directions[sun][:, None].astype(float), places)).min(axis=0).max() < 0.05
     assert (few.irradiance[:, 1] > 0.1 * total(few)[1]).sum() < 3
@@ -164,9 +166,9 @@ def test_step_is_a_pure_function_and_deterministic():
     _, state = run([scene(k) for k in range(3)], smoothing=True)
     radiance = scene(9, sun=1e3)
     kept = radiance.copy()
-    first = tracked_step(32, state, radiance, "hemisphere", 0.2)
-    tracked_step(32, first[0], scene(10), "hemisphere", 0.24)
-    again = tracked_step(32, state, radiance, "hemisphere", 0.2)
+    first = tracked_step(32, state, SamplerInput(radiance, "hemisphere", 0.2))
+    tracked_step(32, first[0], SamplerInput(scene(10), "hemisphere", 0.24))
+    again = tracked_step(32, state, SamplerInput(radiance, "hemisphere", 0.2))
     np.testing.assert_array_equal(radiance, kept)
     for one, other in zip(first[1], again[1], strict=True):
         np.testing.assert_array_equal(one, other)
@@ -178,8 +180,8 @@ def settled(count):
 
 def test_a_light_more_moves_one_light_alone():
     state = settled(32)
-    _, before, _ = tracked_step(32, state, scene(sun=500.0), "hemisphere", 2.0, smoothing=False)
-    _, after, _ = tracked_step(33, state, scene(sun=500.0), "hemisphere", 2.0, smoothing=False)
+    _, before, _ = tracked_step(32, state, SamplerInput(scene(sun=500.0), "hemisphere", 2.0), smoothing=False)
+    _, after, _ = tracked_step(33, state, SamplerInput(scene(sun=500.0), "hemisphere", 2.0), smoothing=False)
     shared, a, b = np.intersect1d(before.ids, after.ids, return_indices=True)
     assert len(after.ids) == 33
     assert len(shared) == 32
@@ -189,8 +191,8 @@ def test_a_light_more_moves_one_light_alone():
 
 def test_a_light_less_moves_one_light_alone():
     state = settled(33)
-    _, before, _ = tracked_step(33, state, scene(sun=500.0), "hemisphere", 2.0, smoothing=False)
-    _, after, _ = tracked_step(32, state, scene(sun=500.0), "hemisphere", 2.0, smoothing=False)
+    _, before, _ = tracked_step(33, state, SamplerInput(scene(sun=500.0), "hemisphere", 2.0), smoothing=False)
+    _, after, _ = tracked_step(32, state, SamplerInput(scene(sun=500.0), "hemisphere", 2.0), smoothing=False)
     shared, a, b = np.intersect1d(before.ids, after.ids, return_indices=True)
     assert len(shared) == 32
     moved = np.degrees(angle_between(before.directions[a].astype(float), after.directions[b].astype(float)))
@@ -200,7 +202,7 @@ def test_a_light_less_moves_one_light_alone():
 def test_many_lights_more_come_a_few_in_a_frame_and_less_at_once():
     state, counts = settled(32), []
     for k, wanted in enumerate([64] * 20 + [16]):
-        state, lights, _ = tracked_step(wanted, state, scene(sun=500.0), "hemisphere", 2 + k / 25)
+        state, lights, _ = tracked_step(wanted, state, SamplerInput(scene(sun=500.0), "hemisphere", 2 + k / 25))
         counts.append(len(lights.ids))
     assert counts[0] == 34
     assert counts[19] == 64
@@ -214,8 +216,8 @@ def test_a_lamp_that_comes_on_gets_its_light_at_once_and_no_other_jumps():
     lit[lamp] += 300.0
     place = direction_from_angles(np.radians(37.5), np.radians(241.5))
     state = run([scene()] * 10, smoothing=True)[1]
-    _, before, _ = tracked_step(32, state, scene(), "hemisphere", 0.4)
-    _, after, _ = tracked_step(32, state, lit, "hemisphere", 0.4)
+    _, before, _ = tracked_step(32, state, SamplerInput(scene(), "hemisphere", 0.4))
+    _, after, _ = tracked_step(32, state, SamplerInput(lit, "hemisphere", 0.4))
     lamps = np.degrees(angle_between(after.directions.astype(float), place)) < 8
     added = total(after)[1] - total(before)[1]
     assert after.irradiance[lamps, 1].sum() > 0.9 * added
@@ -256,6 +258,6 @@ def test_error_falls_with_the_number_of_lights():
 
 def test_another_coverage_begins_anew():
     _, state = run([scene()] * 3)
-    _, lights, _ = tracked_step(32, state, scene(), "sphere", 0.12)
+    _, lights, _ = tracked_step(32, state, SamplerInput(scene(), "sphere", 0.12))
     np.testing.assert_allclose(total(lights), map_irradiance(scene(), "sphere"), rtol=1e-6)
     assert lights.directions[:, 2].min() < -0.5

@@ -6,6 +6,7 @@ import pytest
 from vemlight.light.sphere import direction_from_angles
 from vemlight.sampler.control import DARKEST
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler
 
@@ -27,7 +28,7 @@ def lights_of(radiance, **settings):
     wanted = Sampler(method="tracked", filter="none", count=512, **settings)
     state, counts = initial_state(wanted), []
     for k in range(20):
-        state, lights, _ = step(wanted, state, radiance, "hemisphere", k / 25)
+        state, lights, _ = step(wanted, state, SamplerInput(radiance, "hemisphere", k / 25))
         counts.append(len(lights.ids))
     return lights, counts
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.sampler.tracking.cells import root, shares_of_sites
 from vemlight.sampler.tracking.split_merge import best_splits, cheapest_pair, exchanged, split
 from vemlight.sampler.tracking.tiles import tiles_from_map
@@ -15,7 +16,7 @@ def cells(lamp=0.0):
     radiance[10:14, 30:34] += lamp
     sites = generator.normal(size=(COUNT, 3)) * [1, 1, 0.5] + [0, 0, 1]
     sites /= np.linalg.norm(sites, axis=1, keepdims=True)
-    tiles = tiles_from_map(radiance, "hemisphere", COUNT, np.empty((0, 5)))
+    tiles = tiles_from_map(radiance, "hemisphere", COUNT, NO_BRIGHT_CELLS)
     return tiles, sites, shares_of_sites(tiles, sites)
 
 
@@ -35,7 +36,7 @@ def test_the_best_splits_are_those_of_all_cells_tried(sudden):
 def test_a_cell_of_one_tile_has_no_split():
     radiance = np.zeros((36, 90, 3), np.float32)
     radiance[10, 20] = radiance[30, 60] = 1
-    tiles = tiles_from_map(radiance, "hemisphere", 2, np.empty((0, 5)))
+    tiles = tiles_from_map(radiance, "hemisphere", 2, NO_BRIGHT_CELLS)
     sites = np.ascontiguousarray(tiles.direction.T)
     _, _, unease, first, *_ = shares_of_sites(tiles, sites)
     assert len(best_splits(tiles, first, sites, unease, 1, False)[0]) == 0

@@ -1,13 +1,12 @@
 import numpy as np
 import pytest
 
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import Coverage, cell_directions, map_irradiance
 from vemlight.sampler.tracking.cells import assign
 from vemlight.sampler.tracking.noise import NO_NOISE, with_map
 from vemlight.sampler.tracking.tiles import grid, received, tiles_from_map
-
-NONE = np.empty((0, 5))
 
 
 def sky(seed, rows=36, cols=90):
@@ -21,7 +20,7 @@ def sky(seed, rows=36, cols=90):
 def test_tiles_hold_the_map_and_its_moment(count, coverage: Coverage):
     radiance = sky(0)
     total = map_irradiance(radiance, coverage)
-    tiles = tiles_from_map(radiance, coverage, count, NONE)
+    tiles = tiles_from_map(radiance, coverage, count, NO_BRIGHT_CELLS)
     np.testing.assert_allclose(tiles.flux.sum(axis=1), total, rtol=1e-12)
     np.testing.assert_allclose(tiles.power, luminance_from_rgb(tiles.flux.T), rtol=1e-12)
     of = grid(36, 90, coverage)
@@ -31,7 +30,7 @@ def test_tiles_hold_the_map_and_its_moment(count, coverage: Coverage):
 
 
 def test_more_lights_get_finer_tiles():
-    counts = [len(tiles_from_map(sky(0), "hemisphere", n, NONE).power) for n in (8, 64, 512)]
+    counts = [len(tiles_from_map(sky(0), "hemisphere", n, NO_BRIGHT_CELLS).power) for n in (8, 64, 512)]
     assert counts[0] < counts[1] < counts[2] <= 36 * 90
 
 
@@ -50,7 +49,7 @@ def searched(tiles, sites):
 @pytest.mark.parametrize("lights", [8, 300])
 @pytest.mark.parametrize("count", [1, 2, 3, 17, 200])
 def test_the_nearest_two_sites_are_those_of_a_full_search(count, lights):
-    tiles, sites = tiles_from_map(sky(2), "hemisphere", lights, NONE), places(0, count)
+    tiles, sites = tiles_from_map(sky(2), "hemisphere", lights, NO_BRIGHT_CELLS), places(0, count)
     first, second, share = searched(tiles, sites)
     chords = np.linalg.norm(tiles.direction.T[:, None] - sites[None], axis=-1)
     nearest = np.sort(chords, axis=1)
@@ -68,7 +67,7 @@ def test_the_nearest_two_sites_are_those_of_a_full_search(count, lights):
 
 @pytest.mark.parametrize("count", [3, 4, 40, 200])
 def test_a_few_sites_that_moved_change_the_nearest_two_as_a_search_anew_would(count):
-    tiles, sites, generator = tiles_from_map(sky(2), "hemisphere", 300, NONE), places(1, count), np.random.default_rng(1)
+    tiles, sites, generator = tiles_from_map(sky(2), "hemisphere", 300, NO_BRIGHT_CELLS), places(1, count), np.random.default_rng(1)
     found = searched(tiles, sites)
     for k in range(5):
         moved = generator.choice(count, 3, replace=False)

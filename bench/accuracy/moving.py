@@ -18,6 +18,7 @@ from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import angle_between, map_irradiance
+from vemlight.sampler.sampler_input import SamplerInput
 
 COUNT = 64  # of lights
 JUMP_DEG = 10.0
@@ -43,7 +44,7 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
     """One row a method, and its error and flicker in each frame (frames, 2); of sequences that settle first, the last FRAMES."""
     truths: list[Judged] = []
     for k, frame in enumerate(frames):
-        steady = k > 0 and frame.source.strong is frames[k - 1].source.strong
+        steady = k > 0 and frame.source.brightest is frames[k - 1].source.brightest
         truths.append(truths[-1] if steady else judge(points_of(frame.source)))
     mean = np.mean([luminance_from_rgb(truth.hard).mean() for truth in truths])
     made = []
@@ -51,7 +52,7 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
         state, hard, soft, lights, ms, power = method.start(COUNT), [], [], [], [], []
         for frame, truth in zip(frames, truths, strict=True):
             begin = time.thread_time()
-            state, now = method.step(state, frame.seen, frame.time_s, frame.source.centroids)
+            state, now = method.step(state, SamplerInput(frame.seen, "hemisphere", frame.time_s, frame.source.bright_cells))
             ms.append(1e3 * (time.thread_time() - begin))
             got = judge(points_of_lights(now))
             hard.append(np.sqrt(np.mean(luminance_from_rgb(got.hard - truth.hard) ** 2)) / mean)

@@ -10,6 +10,7 @@ from bench.accuracy.drawing import colour, room, save
 from bench.accuracy.maps import maps
 from bench.judge import judge, points_of, points_of_lights, read_source
 from vemlight.light.colour import LUMINANCE_WEIGHTS
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler
 
@@ -30,7 +31,7 @@ def need(out: Path, progress: Progress) -> None:
                 settings = Sampler(method=method, filter="none", count=1024, error_percent=promise)
                 state, lights = initial_state(settings), None
                 for k in range(NEED_FRAMES):
-                    state, lights, _ = step(settings, state, source.polar, "hemisphere", k / 25, 0, source.centroids)
+                    state, lights, _ = step(settings, state, SamplerInput(source.polar, "hemisphere", k / 25, source.bright_cells))
                 assert lights is not None
                 got = judge(points_of_lights(lights)).soft[500:] @ LUMINANCE_WEIGHTS
                 error = float(np.sqrt(np.mean(((got - truth) / (truth + DARKEST * truth.mean())) ** 2)))

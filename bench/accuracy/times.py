@@ -21,6 +21,7 @@ from vemlight.capture.frames import FrameMaker
 from vemlight.renderer.passes.lights.light_regions import light_regions, region_rows
 from vemlight.sampler.cluster import NONE, clustered
 from vemlight.sampler.density import light_map
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, step
 from vemlight.sampler.warps.points import points
 from vemlight.sampler.warps.warp import warp_from_map
@@ -70,7 +71,7 @@ def _parts(radiance: np.ndarray) -> list[tuple[str, float | None, Callable[[], o
     light = light_map(radiance, "hemisphere")
     warp, some = warp_from_map(light, "havran-azimuth"), points(300, "halton")
     wanted = Sampler(method="havran-azimuth", count=300, filter="none")
-    _, lights, _ = step(wanted, initial_state(wanted), radiance, "hemisphere", 0.0)
+    _, lights, _ = step(wanted, initial_state(wanted), SamplerInput(radiance, "hemisphere", 0.0))
     clusters, _ = clustered(lights, 72, "hemisphere", NONE)
     regions = light_regions(200)
     return [
@@ -89,10 +90,10 @@ def _step(radiance: np.ndarray, **settings: object) -> Callable[[], object]:
     """A step on one map again and again, 40 ms apart."""
     wanted = Sampler(**settings)  # type: ignore[arg-type]
     kept = [initial_state(wanted), 0.0]
-    centroids = read_source(one("a sun")).centroids
+    bright_cells = read_source(one("a sun")).bright_cells
 
     def run() -> None:
-        kept[0] = step(wanted, kept[0], radiance, "hemisphere", kept[1], 0, centroids)[0]  # type: ignore[arg-type]
+        kept[0] = step(wanted, kept[0], SamplerInput(radiance, "hemisphere", kept[1], bright_cells))[0]  # type: ignore[arg-type]
         kept[1] += 0.04  # type: ignore[operator]
 
     return run

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Meta
 
 from vemlight.errors import UserError
-from vemlight.light.bright_cells import NONE, BrightCells
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 
 UNIT = 1e-4  # by which a unit vector's length may be off: float32 has 1e-7, and what is longer off was never ours
 Axis = Annotated[float, Meta(ge=-1 - UNIT, le=1 + UNIT)]
@@ -15,26 +15,26 @@ Part = tuple[Annotated[int, Meta(ge=0)], Axis, Axis, Axis, Annotated[float, Meta
 Parts = Annotated[list[Part], Meta(max_length=4096)]  # as many as a message takes
 
 
-def strong_text(strong: BrightCells) -> str:
-    """JSON: [cell, x, y, z, share] of each part, in digits that give back every bit."""
-    rows = zip(strong.cells.tolist(), *strong.centres.T.tolist(), strong.shares.tolist(), strict=True)
+def bright_cells_text(bright: BrightCells) -> str:
+    """JSON: [cell, x, y, z, weight] of each sample, in digits that give back every bit."""
+    rows = zip(bright.cells.tolist(), *bright.directions.T.tolist(), bright.weights.tolist(), strict=True)
     return msgspec.json.encode(list(rows)).decode()
 
 
-def strong_from_attributes(name: str, attributes: dict[str, Any], cells: int) -> BrightCells:
-    """What `strong_text` wrote as vemlight:strong for a map of so many cells; none where the header does not tell.
+def bright_cells_from_attributes(name: str, attributes: dict[str, Any], cells: int) -> BrightCells:
+    """What `bright_cells_text` wrote as vemlight:strong for a map of so many cells; none where the header does not tell.
 
     Raises UserError, with the file's `name`, for anything else.
     """
     text = attributes.get("vemlight:strong")
     if text is None:
-        return NONE
+        return NO_BRIGHT_CELLS
     try:
         rows = msgspec.json.decode(text, type=Parts)
     except (msgspec.DecodeError, TypeError, UnicodeError) as error:
         raise UserError(f"{name}: vemlight:strong in its header: {error}; record again") from error
     if not rows:
-        return NONE
+        return NO_BRIGHT_CELLS
     cell, centres = np.array([row[0] for row in rows]), np.array([row[1:4] for row in rows])
     if cell.max() >= cells or np.any(np.diff(cell) < 0) or np.any(np.abs(np.linalg.norm(centres, axis=1) - 1) > UNIT):
         raise UserError(f"{name}: vemlight:strong in its header has cells outside the map or directions that are none; record again")

@@ -23,7 +23,7 @@ from vemlight.capture.lens import (
     vignetting_from_angle,
 )
 from vemlight.capture.pixel_overlap import LOOKUP, balance, shares
-from vemlight.light.bright_cells import NONE, BrightCells, strong_light
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells, bright_cells_from_light
 from vemlight.light.sphere import SPAN, Coverage, angles_from_direction, cell_solid_angles, direction_from_angles
 
 Bayer = Literal["RGGB", "BGGR", "GRBG", "GBRG"]  # colours of the first two pixels of the first two rows
@@ -129,7 +129,7 @@ def lit_spans(weights: FisheyeToPolar) -> np.ndarray:
     return np.column_stack([np.where(lit, first, 0), np.where(lit, last, 0)])
 
 
-def fisheye_strong(
+def fisheye_bright_cells(
     brightness: Callable[[np.ndarray], np.ndarray], weights: FisheyeToPolar, lens: Lens, cells: np.ndarray, coverage: Coverage
 ) -> BrightCells:
     """Where light sits inside each of the map's `cells` (n,), flat indices.
@@ -137,11 +137,11 @@ def fisheye_strong(
     `brightness`: luminance of the image's pixels (m,) int64, flat indices, some of which must be lit in each cell.
     """
     if not len(cells):
-        return NONE
+        return NO_BRIGHT_CELLS
     entries = [weights.by_cell[weights.start[c] : weights.start[c + 1]] for c in cells]
     each = np.concatenate(entries)
     pixel = weights.pixel[each].astype(np.int64)
     flux = (weights.weight[each] * brightness(pixel)).astype(np.float64)
     at = np.column_stack([pixel % weights.shape[1], pixel // weights.shape[1]])
     owner = np.repeat(cells.astype(np.int64), [len(part) for part in entries])
-    return strong_light(owner, direction_from_pixel(at, lens) @ lens.rotation.T, flux, weights.rows, weights.cols, coverage)
+    return bright_cells_from_light(owner, direction_from_pixel(at, lens) @ lens.rotation.T, flux, weights.rows, weights.cols, coverage)

@@ -1,4 +1,4 @@
-"""One image made into one frame: the polar map of its radiance, with what was clipped and where strong light sits inside its cell."""
+"""One image made into one frame: the polar map of its radiance, with what was clipped and where light sits inside bright cells."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,22 +6,22 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from vemlight.capture.exr_header import count_from_attributes, scale_from_attributes, strong_from_attributes
+from vemlight.capture.exr_header import bright_cells_from_attributes, count_from_attributes, scale_from_attributes
 from vemlight.capture.fisheye import (
     ALL,
     Bayer,
     FisheyeToPolar,
     colour_lattices,
-    fisheye_strong,
+    fisheye_bright_cells,
     fisheye_to_polar,
     lit_spans,
 )
 from vemlight.capture.lens import Lens, direction_from_pixel, read_lens
-from vemlight.capture.polar import LatlongToPolar, latlong_strong, latlong_to_polar, polar_from_latlong
+from vemlight.capture.polar import LatlongToPolar, latlong_bright_cells, latlong_to_polar, polar_from_latlong
 from vemlight.capture.response import Response, radiance_table, read_response
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
 from vemlight.errors import UserError
-from vemlight.light.bright_cells import NONE, BrightCells
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
 from vemlight.light.sphere import Coverage, cell_solid_angles
@@ -29,8 +29,8 @@ from vemlight.settings import Capture
 
 Mosaic = Literal["mono"] | Bayer
 MOSAICS: tuple[Mosaic, ...] = ("mono", *get_args(Bayer))
-STRONG = 1 / 500  # of the map's power: a cell that holds more is measured part by part; a tenth of a light when there are 50
-MOST = 64  # such cells a frame
+BRIGHT = 1 / 500  # of the map's power: a cell that holds more is sampled in sub-cells; a tenth of a light when there are 50
+MAX_BRIGHT_CELLS = 64  # such cells a frame
 
 
 class Frame(NamedTuple):
@@ -42,7 +42,7 @@ class Frame(NamedTuple):
     luminance_scale: float | None  # cd/m2 per unit of luminance, where it is known
     black: int  # values inside the lens's rim at the sensor's lowest code; 0 for files of radiance
     saturated: int  # and at its highest
-    strong: BrightCells = NONE  # where light sits inside each cell with more than 1/500 of the power
+    bright_cells: BrightCells = NO_BRIGHT_CELLS  # where light sits inside each cell with more than 1/500 of the power
     lost: int = 0  # cameras: frames that the kernel counted and we never had, since the frame before
     monotonic_ns: int | None = None  # cameras: the kernel's time stamp
 
@@ -94,21 +94,21 @@ class FrameMaker:
             if (*image.shape[:2], attributes.get("vemlight:coverage")) != (s.rows, s.cols, s.coverage):
                 found = f"{attributes.get('vemlight:coverage')} of {image.shape[0]} x {image.shape[1]}"
                 raise UserError(f"{name}: is a {found} cells and [capture] asks for a {s.coverage} of {s.rows} x {s.cols}; set it so")
-            radiance, strong = image, strong_from_attributes(name, attributes, s.rows * s.cols)
+            radiance, bright = image, bright_cells_from_attributes(name, attributes, s.rows * s.cols)
         elif kind == "latlong":
             height, width = image.shape[:2]
             weights = self._latlong = self._latlong or latlong_to_polar(height, width, s.rows, s.cols, s.coverage)
             radiance = polar_from_latlong(image, weights)
-            strong = latlong_strong(image, weights, strong_cells(radiance, s.coverage), s.coverage)
+            bright = latlong_bright_cells(image, weights, brightest_cells(radiance, s.coverage), s.coverage)
         elif kind == "fisheye":
             self._prepare(name, image, None)
             radiance = polar_from_fisheye(image, self._fisheye[0], self._threads)
             flat = image.reshape(-1, 3)
-            strong = self._strong(radiance, lambda pixel: luminance_from_rgb(flat[pixel]))
+            bright = self._bright_cells(radiance, lambda pixel: luminance_from_rgb(flat[pixel]))
         else:
             raise UserError(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
         black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
-        return Frame(radiance, s.coverage, time_s, scale_from_attributes(attributes), black, saturated, strong)
+        return Frame(radiance, s.coverage, time_s, scale_from_attributes(attributes), black, saturated, bright)
 
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
         """The frame of raw `codes` uint8 or uint16: (height, width) of a `mosaic`, or (height, width, 3) without one.
@@ -137,9 +137,10 @@ class FrameMaker:
             radiance = np.stack(maps, axis=-1)
         flat = codes.reshape(-1) if codes.ndim == 2 else codes.reshape(-1, 3)
         # a mosaic's green pixels stand for its luminance
-        strong = self._strong(radiance, lambda pixel: table[flat[pixel]] if codes.ndim == 2 else luminance_from_rgb(table[flat[pixel]]))
+        mono = codes.ndim == 2
+        bright = self._bright_cells(radiance, lambda pixel: table[flat[pixel]] if mono else luminance_from_rgb(table[flat[pixel]]))
         black, saturated = (int(sum(count[n] for count in counts)) for n in (0, 1))
-        return Frame(radiance, s.coverage, time_s, response.luminance_scale, black, saturated, strong)
+        return Frame(radiance, s.coverage, time_s, response.luminance_scale, black, saturated, bright)
 
     def _check_size(self, name: str, image: np.ndarray) -> None:
         height, width = image.shape[:2]
@@ -162,7 +163,7 @@ class FrameMaker:
         lattices = [ALL] if mosaic in (None, "mono") else colour_lattices(mosaic)
         s, flat = self._settings, self._flat_field()
         self._fisheye = [fisheye_to_polar(self._lens, s.rows, s.cols, s.coverage, lattice, flat) for lattice in lattices]
-        direction_from_pixel(np.zeros((1, 2)), self._lens)  # compiled here, and not when the first strong light comes
+        direction_from_pixel(np.zeros((1, 2)), self._lens)  # compiled here, and not when the first bright cell comes
         spans = np.array([lit_spans(weights) for weights in self._fisheye])
         self._spans = np.column_stack([spans[..., 0].min(0), spans[..., 1].max(0)])
 
@@ -181,19 +182,19 @@ class FrameMaker:
             raise UserError(f"{path}: is no image of even light; it must be finite, and lit where the optical axis is")
         return np.maximum(image / middle, 1e-3)  # what the lens shades to less says nothing, and lies beyond the rim
 
-    def _strong(self, radiance: np.ndarray, brightness: Callable[[np.ndarray], np.ndarray]) -> BrightCells:
+    def _bright_cells(self, radiance: np.ndarray, brightness: Callable[[np.ndarray], np.ndarray]) -> BrightCells:
         lens, weights, coverage = self._lens, self._fisheye[1 if len(self._fisheye) == 3 else 0], self._settings.coverage
         assert lens is not None
-        return fisheye_strong(brightness, weights, lens, strong_cells(radiance, coverage), coverage)
+        return fisheye_bright_cells(brightness, weights, lens, brightest_cells(radiance, coverage), coverage)
 
 
-def strong_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
-    """Flat indices (n,) int32 of the cells of a polar map that hold more than 1/500 of its power, strongest first, 64 at most."""
+def brightest_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
+    """Flat indices (n,) int32 of the cells of a polar map that hold more than 1/500 of its power, brightest first, 64 at most."""
     rows, cols, _ = radiance.shape
     flux = (luminance_from_rgb(radiance) * cell_solid_angles(rows, cols, coverage)[:, None].astype(np.float32)).ravel()
     flux[~(flux > 0) | ~np.isfinite(flux)] = 0
-    strong = np.flatnonzero(flux > STRONG * flux.sum(dtype=np.float64))
-    return strong[np.argsort(-flux[strong], kind="stable")][:MOST].astype(np.int32)
+    bright = np.flatnonzero(flux > BRIGHT * flux.sum(dtype=np.float64))
+    return bright[np.argsort(-flux[bright], kind="stable")][:MAX_BRIGHT_CELLS].astype(np.int32)
 
 
 def _whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.bright_cells import NONE, BrightCells, strong_light
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells, bright_cells_from_light
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import SPAN, Coverage, direction_from_angles, ring_edges
 
@@ -96,7 +96,7 @@ def _separable(image, row_start, row_index, row_weight, col_start, col_index, co
     return polar
 
 
-def latlong_strong(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray, coverage: Coverage) -> BrightCells:
+def latlong_bright_cells(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray, coverage: Coverage) -> BrightCells:
     """Where light sits inside each of the map's `cells` (n,), flat indices.
 
     A pixel's light counts from the middle of what the pixel and the cell share.
@@ -118,8 +118,8 @@ def latlong_strong(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray
         directions.append(direction_from_angles(theta[:, None], phi[None, :]).reshape(-1, 3))
         flux.append((share * luminance_from_rgb(image[np.ix_(y, x)])).ravel())
     if not owner:
-        return NONE
-    return strong_light(np.concatenate(owner), np.concatenate(directions), np.concatenate(flux), rows, cols, coverage)
+        return NO_BRIGHT_CELLS
+    return bright_cells_from_light(np.concatenate(owner), np.concatenate(directions), np.concatenate(flux), rows, cols, coverage)
 
 
 def _middle(low: np.ndarray, size: float, cell: float, cell_size: float) -> np.ndarray:

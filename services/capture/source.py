@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import msgspec
 import numpy as np
 
-from vemlight.capture.exr_header import strong_text
+from vemlight.capture.exr_header import bright_cells_text
 from vemlight.capture.frames import Frame, FrameMaker, Mosaic
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.sequence import MANIFEST, PNG, Entry, check_digest, frame_paths, read_manifest
@@ -223,7 +223,7 @@ def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
     attributes: dict[str, Any] = {
         "vemlight:kind": "polar",
         "vemlight:coverage": frame.coverage,
-        "vemlight:strong": strong_text(frame.strong),
+        "vemlight:strong": bright_cells_text(frame.bright_cells),
         "vemlight:black": frame.black,
         "vemlight:saturated": frame.saturated,
         "framesPerSecond": Fraction(fps).limit_denominator(1001),

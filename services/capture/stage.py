@@ -80,10 +80,10 @@ def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
         rows=rows,
         cols=cols,
         coverage=frame.coverage,
-        bright_samples=len(frame.strong.cells),
+        bright_samples=len(frame.bright_cells.cells),
         luminance_scale=frame.luminance_scale,
         report=wire.MapReport(
             invalid_cells=int(np.count_nonzero(~good.all(axis=-1))), black_pixels=frame.black, saturated_pixels=frame.saturated
         ),
     )
-    return header, (np.where(good, frame.radiance, np.float32(0)), *frame.strong)
+    return header, (np.where(good, frame.radiance, np.float32(0)), *frame.bright_cells)

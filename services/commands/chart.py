@@ -15,6 +15,7 @@ from vemlight.capture.frames import Frame
 from vemlight.capture.source import open_source
 from vemlight.errors import UserError
 from vemlight.files import written_whole
+from vemlight.light.bright_cells import BrightCells
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_directions
@@ -22,6 +23,7 @@ from vemlight.sampler import score
 from vemlight.sampler.control import DARKEST, PROBES
 from vemlight.sampler.density import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import initial_state, step
 from vemlight.settings import Sampler
 
@@ -44,12 +46,12 @@ Row = dict[str, Any]
 
 
 class Moment(NamedTuple):
-    """One frame. radiance: (rows, cols, 3), as it is; seen: what the methods get; strong: (k, 5), parts of strong cells of `seen`."""
+    """One frame. radiance: (rows, cols, 3), as it is; seen: what the methods get; bright_cells: of `seen`."""
 
     time_s: float
     radiance: np.ndarray
     seen: np.ndarray
-    strong: np.ndarray
+    bright_cells: BrightCells
 
 
 def chart(maps: list[Path], out: Path) -> None:
@@ -108,7 +110,7 @@ def machine() -> str:
 
 
 def _moment(frame: Frame) -> Moment:
-    return Moment(frame.time_s, frame.radiance, frame.radiance, np.column_stack(frame.strong))
+    return Moment(frame.time_s, frame.radiance, frame.radiance, frame.bright_cells)
 
 
 def _turning(first: Moment) -> list[Moment]:
@@ -116,18 +118,22 @@ def _turning(first: Moment) -> list[Moment]:
     cols, moments = first.radiance.shape[1], []
     for k in range(FRAMES):
         turned = np.roll(first.radiance, k, axis=1)
-        moments.append(Moment(k / FPS, turned, turned, _turned(first.strong, k, cols)))
+        moments.append(Moment(k / FPS, turned, turned, _turned(first.bright_cells, k, cols)))
     return moments
 
 
-def _turned(strong: np.ndarray, columns: int, cols: int) -> np.ndarray:
-    """The parts (k, 5) of strong cells of a map turned by whole columns."""
+def _turned(bright: BrightCells, columns: int, cols: int) -> BrightCells:
+    """The bright cells of a map turned by whole columns."""
     angle = columns * 2 * np.pi / cols
-    row, col = np.divmod(strong[:, 0].astype(np.int64), cols)
-    x, y = strong[:, 1], strong[:, 2]
-    turned = np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
-    parts = np.column_stack([row * cols + (col + columns) % cols, *turned, strong[:, 3:]])
-    return parts[np.argsort(parts[:, 0], kind="stable")]
+    row, col = np.divmod(bright.cells, cols)
+    x, y, z = bright.directions.T
+    turned = np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z], axis=-1)
+    cells = row * cols + (col + columns) % cols
+    return _chosen(BrightCells(cells, turned.astype(np.float32), bright.weights), np.argsort(cells, kind="stable"))
+
+
+def _chosen(bright: BrightCells, which: np.ndarray) -> BrightCells:
+    return BrightCells(*(array[which] for array in bright))
 
 
 def _happening(event: str, first: Moment) -> list[Moment]:
@@ -145,9 +151,9 @@ def _happening(event: str, first: Moment) -> list[Moment]:
     for k in range(FRAMES):
         now = BEFORE <= k < BEFORE + EVENTS[event]
         truth = changed if now and event == "lamp off and on" else first.radiance
-        # Parts of what goes out would say where light is that is not there.
-        strong = first.strong[~round_it.ravel()[first.strong[:, 0].astype(np.int64)]] if now else first.strong
-        moments.append(Moment(k / FPS, truth, changed if now else first.radiance, strong))
+        # Samples of what goes out would say where light is that is not there.
+        bright = _chosen(first.bright_cells, ~round_it.ravel()[first.bright_cells.cells]) if now else first.bright_cells
+        moments.append(Moment(k / FPS, truth, changed if now else first.radiance, bright))
     return moments
 
 
@@ -161,7 +167,7 @@ def _lit(wanted: Sampler, moments: list[Moment]) -> Iterator[tuple[LightSet, flo
     state = initial_state(wanted)
     for moment in moments:
         begin = time.thread_time()
-        state, lights, _ = step(wanted, state, moment.seen, "hemisphere", moment.time_s, 0, moment.strong)
+        state, lights, _ = step(wanted, state, SamplerInput(moment.seen, "hemisphere", moment.time_s, moment.bright_cells))
         yield lights, 1e3 * (time.thread_time() - begin)
 
 

@@ -14,6 +14,7 @@ from vemlight.errors import UserError
 from vemlight.light.images import write_exr, write_png
 from vemlight.light.light_set import LightSet, check_lights_path, lights_row, write_lights
 from vemlight.runtime.progress import counted
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score as scored
 from vemlight.sampler.score import text
 from vemlight.sampler.step import initial_state, step
@@ -50,7 +51,7 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
     state = initial_state(sampling)
     for k in range(len(frames)):
         frame = frames.frame(k)
-        state, lights, report = step(sampling, state, frame.radiance, frame.coverage, frame.time_s, 0, np.column_stack(frame.strong))
+        state, lights, report = step(sampling, state, SamplerInput(frame.radiance, frame.coverage, frame.time_s, frame.bright_cells))
         yield Lit(frame, lights, report.gloss)
 
 

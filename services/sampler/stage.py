@@ -7,9 +7,11 @@ import msgspec
 import numpy as np
 
 from vemlight import settings
+from vemlight.light.bright_cells import BrightCells
 from vemlight.light.light_set import LightSet, LightsFile
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.step import State, initial_state, step
 
 WARM_FRAMES = 64  # the search for flicker begins with the second second of light
@@ -20,7 +22,7 @@ class SamplerState(NamedTuple):
 
     settings: settings.Sampler
     memory: State
-    can: int  # lights that the renderer says it can draw in its time; 0: no limit
+    light_budget: int  # lights that the renderer says it can draw in its time; 0: no limit
 
 
 class SamplerStage:
@@ -47,9 +49,9 @@ class SamplerStage:
     def step(self, state: SamplerState, message: wire.Message) -> tuple[SamplerState, wire.Message]:
         header, arrays = message
         assert isinstance(header, wire.MapMessage)
-        radiance, *strong = arrays
-        told = radiance, header.coverage, header.stamp.time_s, state.can, np.column_stack(strong)
-        memory, lights, report = step(state.settings, state.memory, *told)
+        radiance, *bright = arrays
+        frame = SamplerInput(radiance, header.coverage, header.stamp.time_s, BrightCells(*bright), state.light_budget)
+        memory, lights, report = step(state.settings, state.memory, frame)
         gloss = report.gloss or LightSet.none()
         made = wire.LightsMessage(
             stamp=header.stamp,
@@ -71,7 +73,7 @@ class SamplerStage:
     def on_message(self, state: SamplerState, message: wire.Message) -> SamplerState:
         wish, _ = message
         if isinstance(wish, wire.StatusMessage):
-            return state._replace(can=wish.report.light_budget) if isinstance(wish.report, wire.ImageReport) else state
+            return state._replace(light_budget=wish.report.light_budget) if isinstance(wish.report, wire.ImageReport) else state
         assert isinstance(wish, wire.ControlMessage)
         own = self._settings
         unfiltered = wish.filtered is False
@@ -94,5 +96,5 @@ def warm(settings: settings.Sampler) -> None:
         radiance = np.full((6, 24, 3), 1.5 + np.sin(2 * np.pi * k / 4), np.float32)
         radiance[2, k % 24] = 100
         radiance.flags.writeable = False  # as maps come off the wire: numba compiles the same loop for each of the two
-        strong = np.array([[2 * 24 + k % 24, 0.0, 0.0, 1.0, 1.0]])
-        state, _, _ = step(settings, state, radiance, "hemisphere", k / 25, 0, strong)
+        bright = BrightCells(np.array([2 * 24 + k % 24]), np.array([[0, 0, 1]], np.float32), np.ones(1, np.float32))
+        state, _, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25, bright))

@@ -10,8 +10,9 @@ from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 from vemlight.sampler import cluster, control
 from vemlight.sampler.density import LightMap, light_map
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.temporal import filter, flicker
-from vemlight.sampler.tracking.tracked import NO_STRONG, TRIALS, initial_tracked, needed, tracked_step
+from vemlight.sampler.tracking.tracked import TRIALS, initial_tracked, needed, tracked_step
 from vemlight.sampler.tracking.tracked import State as Tracked
 from vemlight.sampler.warps.points import Kind, points
 from vemlight.sampler.warps.warp import Anchor, steadied, warp_from_map
@@ -72,28 +73,18 @@ def initial_state(settings: Sampler) -> State:
     return State("hemisphere", None, None, filter.EMPTY, flicker.NONE, np.zeros(0), None, 0, cluster.NONE, tracked, tracked)
 
 
-def step(
-    settings: Sampler,
-    state: State,
-    radiance: np.ndarray,
-    coverage: Coverage,
-    time_s: float,
-    can: int = 0,
-    strong: np.ndarray = NO_STRONG,
-) -> tuple[State, LightSet, Report]:
-    """The lights of a polar map captured at `time_s`.
+def step(settings: Sampler, state: State, frame: SamplerInput) -> tuple[State, LightSet, Report]:
+    """The lights of a frame.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. can: lights that the renderer says it can draw
-    in its time, 0 where that is no limit. strong: (k, 5) float64, which the method "tracked" uses: of the parts of strong cells row *
-    cols + column, ascending, the unit vector of the flux centroid and the share of the cell's light. The irradiance of the lights sums to
-    the map's integral in every channel; with a filter (or with flicker taken out) to the filtered integral. Settings may change from
-    call to call.
+    The irradiance of the lights sums to the map's integral in every channel; with a filter (or with flicker taken out) to the filtered
+    integral. Settings may change from call to call.
     """
+    radiance, coverage, time_s = frame.radiance, frame.coverage, frame.time_s
     if coverage != state.coverage:
         state = initial_state(settings)._replace(coverage=coverage)
-    state = state._replace(can=control.affordable(state.can, can))
+    state = state._replace(can=control.affordable(state.can, frame.light_budget))
     if settings.method == "tracked":
-        return _tracked(settings, state, radiance, coverage, time_s, strong)
+        return _tracked(settings, state, frame)
     seen = light = light_map(radiance, coverage)
     beat = flicker.with_frame(state.flicker, time_s, flicker.block_powers(seen, settings.deflicker))
     if settings.deflicker and beat.depth > 0:
@@ -122,38 +113,32 @@ def step(
     return state._replace(time_s=time_s, anchor=anchor, filter=smooth.memory, flicker=beat, clusters=clusters), lights, report
 
 
-def _tracked(
-    settings: Sampler,
-    state: State,
-    radiance: np.ndarray,
-    coverage: Coverage,
-    time_s: float,
-    strong: np.ndarray,
-) -> tuple[State, LightSet, Report]:
+def _tracked(settings: Sampler, state: State, frame: SamplerInput) -> tuple[State, LightSet, Report]:
     """The step of the method "tracked", whose lights need neither a filter with a delay nor clusters."""
-    shown, beat = radiance, state.flicker
+    coverage, time_s, beat = frame.coverage, frame.time_s, state.flicker
     if settings.deflicker:
-        seen = light_map(radiance, coverage)
+        seen = light_map(frame.radiance, coverage)
         beat = flicker.with_frame(beat, time_s, flicker.block_powers(seen, True))
-        shown = flicker.without_flicker(seen, beat) if beat.depth > 0 else radiance
+        if beat.depth > 0:
+            frame = frame._replace(radiance=flicker.without_flicker(seen, beat))
     smoothing = settings.filter != "none"
     wanted = min(settings.count, settings.clusters or settings.count, state.can or settings.count)
     most, need = wanted, state.need
     if settings.error_percent and need:
         wanted = min(wanted, need.count)
-    now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, strong, smoothing)
+    now, lights, report = tracked_step(wanted, state.tracked, frame, smoothing)
     if settings.error_percent:
-        light, first = light_map(shown, coverage), need is None
+        light, first = light_map(frame.radiance, coverage), need is None
         for _ in range(TRIALS if first else 1):
             need = control.held(need, needed(light, lights, settings.error_percent / 100, most), time_s, SLACK)
             if first:
                 wanted = need.count
-                now, lights, report = tracked_step(wanted, state.tracked, shown, coverage, time_s, strong, smoothing)
+                now, lights, report = tracked_step(wanted, state.tracked, frame, smoothing)
                 need = None
         need = need or control.held(None, wanted, time_s)
     gloss_state, gloss = state.tracked_gloss, None
     if settings.gloss_lights:
-        gloss_state, gloss, _ = tracked_step(settings.gloss_lights, gloss_state, shown, coverage, time_s, strong, smoothing)
+        gloss_state, gloss, _ = tracked_step(settings.gloss_lights, gloss_state, frame, smoothing)
     if not settings.deflicker:
         beat = flicker.with_frame(beat, time_s, np.array([float(luminance_from_rgb(report.irradiance))]))
     made = Report(

@@ -13,7 +13,7 @@ from urllib.request import Request, urlopen
 import numpy as np
 import zmq
 
-from vemlight.light.bright_cells import NONE
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.service_stats import ServiceStats
@@ -52,7 +52,7 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
     return {
         "capture": (
             wire.MapMessage(stamp=stamp, rows=18, cols=72, coverage="hemisphere", report=wire.MapReport(saturated_pixels=3)),
-            (radiance, *NONE),
+            (radiance, *NO_BRIGHT_CELLS),
         ),
         "sampler": (
             wire.LightsMessage(stamp=stamp, count=count, coverage="hemisphere", report=wire.LightsReport(delay_ms=160.0)),

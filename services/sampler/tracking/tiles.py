@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from vemlight.light.bright_cells import PARTS
+from vemlight.light.bright_cells import SUBCELLS, BrightCells
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.light.sphere import SPAN, Coverage, cell_solid_angles, ring_edges
 from vemlight.sampler.density import LARGEST
@@ -19,7 +19,7 @@ from vemlight.sampler.density import LARGEST
 BASE = 8  # cells on a side of the largest tile
 BAND = 3  # rows of base tiles that are visited column by column, so that tiles in a row lie together
 SHARE = 0.25  # of a light, for one tile: a light has 4 tiles or more, of even sky 8
-MOST = 4.0  # lights that a base tile counts for: beyond it there are single cells, which are cut into their parts at most
+MOST = 4.0  # lights that a base tile counts for: beyond it there are single cells, which are cut into their sub-cells at most
 SITES = 1.6  # sites weigh radiance^1.6 in Lloyd's step: in the plane their density is then the weight's root
 HOLD = 2  # frames; a lost picture is bridged, and darkness is believed 80 ms late at 25 fps
 CLEAR = 3.0  # standard deviations of the noise: a change of so many goes through at once
@@ -58,6 +58,18 @@ class Tiles(NamedTuple):
     direction: np.ndarray
     weight: np.ndarray
     radius: np.ndarray
+
+
+class CellSamples(NamedTuple):
+    """Bright cells, looked up by cell. first: (rows * cols,) int32, where a cell's samples begin, -1 where it has none.
+
+    cells, directions, weights: as in `BrightCells`, weights float64.
+    """
+
+    first: np.ndarray
+    cells: np.ndarray
+    directions: np.ndarray
+    weights: np.ndarray
 
 
 @lru_cache(maxsize=4)
@@ -151,22 +163,20 @@ def _smooth(row, old, within, gain):
             row[3 * j + c] = old[3 * j + c] + gain[j] * (row[3 * j + c] - old[3 * j + c])
 
 
-def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, strong: np.ndarray) -> Tiles:
-    """The tiles of a clean map (rows, cols, 3) float32, fine enough for `count` lights.
-
-    strong: (k, 5), of the parts of strong cells: row * cols + column, ascending, unit vector to the part's flux centroid, share of the
-    cell's light (a cell's shares are brought to 1).
-    """
+def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, bright_cells: BrightCells) -> Tiles:
+    """The tiles of a clean map (rows, cols, 3) float32, small enough for `count` lights. A cell's weights are brought to the sum 1."""
     rows, cols, _ = radiance.shape
-    table = _fill(radiance, grid(rows, cols, coverage), strong, count)
+    # Copied, since numba compiles a function anew for arrays that may not be written, as those off the wire.
+    bright_cells = BrightCells(*(np.array(array) for array in bright_cells))
+    table = _fill(radiance, grid(rows, cols, coverage), bright_cells, count)
     return Tiles(table[0:3], table[3], table[4:7], table[7], table[8])
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(radiance, of, strong, count):
+def _fill(radiance, of, bright, count):
     """The table (9, tiles): flux, power, direction, weight, radius."""
     rows, cols, _ = radiance.shape
-    inside, shares = _parts(strong, rows * cols)
+    samples = _cell_samples(bright, rows * cols)
     # Base tiles first, for the sum of the density, power^0.8 area^0.2; those of strong sources count for MOST lights.
     light, across = np.empty((rows, cols), np.float32), -(-cols // BASE)
     bases, density = _bases(radiance, of, light)
@@ -174,12 +184,12 @@ def _fill(radiance, of, strong, count):
     total = np.minimum(density, MOST / max(count, MOST) * total).sum()
     limit = SHARE / count * total
 
-    table, n = np.empty((9, rows * cols + strong.shape[0])), 0
+    table, n = np.empty((9, rows * cols + bright.cells.size)), 0
     stack, sums = np.empty((16, 4), np.int64), np.zeros((BASE + 1, BASE + 1))
     for k in range(density.size):
         base = of.corners[k, 0] // BASE * across + of.corners[k, 1] // BASE
         if density[base] > limit:
-            n = _halve(radiance, light, of, strong, shares, inside, limit**5, stack, sums, of.corners[k], table, n)
+            n = _halve(radiance, light, of, samples, limit**5, stack, sums, of.corners[k], table, n)
         elif density[base] > 0:
             for c in range(9):
                 table[c, n] = bases[c, base]
@@ -234,20 +244,20 @@ def _tile(of, i0, i1, j0, j1, flux, moment, table, n):
 
 
 @njit(cache=True)
-def _parts(strong, cells):
-    """(inside, shares): for each of so many cells where its parts begin in `strong`, or -1; the parts' shares, brought to 1 in a cell."""
-    inside, shares, k = np.full(cells, -1, np.int32), strong[:, 4].copy(), 0
-    while k < shares.size:
+def _cell_samples(bright, count):
+    """The sub-cell samples of a map of `count` cells, with the weights of each cell normalised."""
+    first, weights, k = np.full(count, -1, np.int32), bright.weights.astype(np.float64), 0
+    while k < weights.size:
         begin, whole = k, 0.0
-        while k < shares.size and strong[k, 0] == strong[begin, 0]:
-            whole, k = whole + shares[k], k + 1
-        inside[int(strong[begin, 0])] = begin
-        shares[begin:k] /= whole
-    return inside, shares
+        while k < weights.size and bright.cells[k] == bright.cells[begin]:
+            whole, k = whole + weights[k], k + 1
+        first[bright.cells[begin]] = begin
+        weights[begin:k] /= whole
+    return CellSamples(first, bright.cells, bright.directions, weights)
 
 
 @njit(cache=True, error_model="numpy")
-def _halve(radiance, light, of, strong, shares, inside, limit, stack, sums, corner, table, n):
+def _halve(radiance, light, of, samples, limit, stack, sums, corner, table, n):
     """Appends the tiles of one base tile to the table and returns its new length. limit: of the density, to the power of 5.
 
     stack (16, 4), sums (BASE + 1, BASE + 1) with zeros before the first row and column.
@@ -271,8 +281,8 @@ def _halve(radiance, light, of, strong, shares, inside, limit, stack, sums, corn
         single = (i1 - i0) * (j1 - j0) == 1
         if fine or single:
             _measure(radiance, light, of, i0, i1, j0, j1, table, n)
-            if single and inside[i0 * cols + j0] >= 0:
-                n = _in_parts(strong, shares, inside[i0 * cols + j0], of.solid_angles[i0], fine, table, n)
+            if single and samples.first[i0 * cols + j0] >= 0:
+                n = _subdivide(samples, samples.first[i0 * cols + j0], of.solid_angles[i0], fine, table, n)
             else:
                 n += table[3, n] > 0
         elif i1 - i0 > 1 and ((i1 - i0) * of.height >= (j1 - j0) * of.widths[(i0 + i1) // 2] or j1 - j0 == 1):
@@ -309,21 +319,22 @@ def _push(stack, depth, i0, i1, j0, j1):
 
 
 @njit(cache=True, error_model="numpy")
-def _in_parts(strong, shares, k, area, whole, table, n):
-    """Cuts the strong cell at the table's column n, whose parts begin at `k`, into them; returns the table's new length.
+def _subdivide(samples, k, area, whole, table, n):
+    """Cuts the bright cell in the table's column n, whose samples begin at `k`, into one tile a sample; returns the table's new length.
 
-    With `whole` it stays one tile, and its direction becomes that of its parts.
+    With `whole` it stays one tile, and its direction becomes the mean of its samples.
     """
-    cell, tile, small = strong[k, 0], table[:, n].copy(), area / (PARTS * PARTS)
+    cell, tile, small = samples.cells[k], table[:, n].copy(), area / (SUBCELLS * SUBCELLS)
     table[4:7, n] = 0.0
-    while k < shares.size and strong[k, 0] == cell:
+    while k < samples.cells.size and samples.cells[k] == cell:
+        weight = samples.weights[k]
         if whole:
             for c in range(3):
-                table[4 + c, n] += shares[k] * strong[k, 1 + c]
+                table[4 + c, n] += weight * samples.directions[k, c]
         else:
-            table[:4, n] = shares[k] * tile[:4]
-            table[4:7, n] = strong[k, 1:4]
-            table[7, n], table[8, n] = small * (tile[3] * shares[k] / small) ** SITES, tile[8] / PARTS
+            table[:4, n] = weight * tile[:4]
+            table[4:7, n] = samples.directions[k]
+            table[7, n], table[8, n] = small * (tile[3] * weight / small) ** SITES, tile[8] / SUBCELLS
             n += 1
         k += 1
     return n + 1 if whole else n

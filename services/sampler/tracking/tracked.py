@@ -16,12 +16,12 @@ from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 from vemlight.sampler.control import prefix_errors
 from vemlight.sampler.density import LightMap
+from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.tracking.cells import centroids, lights_of_cells, move, relaxed, shares_of_sites
 from vemlight.sampler.tracking.noise import LONGEST_GAP_S, NO_NOISE, Noise, with_map
 from vemlight.sampler.tracking.split_merge import best_splits, cheapest_pair, exchanged
 from vemlight.sampler.tracking.tiles import Tiles, received, tiles_from_map
 
-NO_STRONG = np.empty((0, 5))
 FIRST_STEPS, STEPS = 12, 2  # Lloyd's steps in the first frame, and in every other
 CHANGES = 16  # one light in so many, and at least one, is added in a frame when more are wanted,
 GROWTH = 4  # and in a round of the first frame, or of one with sudden light
@@ -89,29 +89,21 @@ def initial_tracked() -> State:
     return State("hemisphere", 0.0, np.zeros(0, np.int64), none, none, 0, 0.0, 0.0, None, np.zeros((0, 0), np.uint8), NO_NOISE)
 
 
-def tracked_step(
-    count: int,
-    state: State,
-    radiance: np.ndarray,
-    coverage: Coverage,
-    time_s: float,
-    strong: np.ndarray = NO_STRONG,
-    smoothing: bool = True,
-) -> tuple[State, LightSet, Report]:
-    """The lights, at most `count`, of a polar map captured at `time_s`. Pure: an old state stays valid.
+def tracked_step(count: int, state: State, frame: SamplerInput, smoothing: bool = True) -> tuple[State, LightSet, Report]:
+    """The lights, at most `count`, of a frame. Pure: an old state stays valid.
 
-    radiance: (rows, cols, 3) float32, may hold nan, infinite and negative values. strong: (k, 5), of the parts of strong cells
-    row * cols + column, ascending, the unit vector of the flux centroid and the share of the cell's light. Without smoothing the lights
-    sum to the map's integral in every channel. With it, spoilt cells show what they showed last, noise is taken out and new lights
+    Without smoothing the lights sum to the
+    map's integral in every channel. With it, spoilt cells show what they showed last, noise is taken out and new lights
     leave their parents' places; the sum is then the smoothed map's. A map with fewer lit cells than lights has that many; the lights
     of a black one stay where they are, with irradiance 0.
     """
+    radiance, coverage, time_s = frame.radiance, frame.coverage, frame.time_s
     if state.clean is None or coverage != state.coverage or state.clean.shape != radiance.shape:
         state = initial_tracked()._replace(coverage=coverage, time_s=time_s)
     noise = with_map(state.noise, radiance) if smoothing else NO_NOISE
     before = state.clean if smoothing and 0 < time_s - state.time_s < LONGEST_GAP_S else None
     clean, black, spoilt = received(radiance, before, state.black, noise.variance)
-    tiles = tiles_from_map(clean, coverage, count, strong)
+    tiles = tiles_from_map(clean, coverage, count, frame.bright_cells)
     irradiance = tiles.flux.sum(axis=1)
     power = float(irradiance @ LUMINANCE_WEIGHTS)
     known = state._replace(time_s=time_s, clean=clean, black=black, noise=noise)

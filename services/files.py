@@ -53,7 +53,7 @@ def may_open(device: Path) -> bool:
     return os.access(device, os.R_OK | os.W_OK)
 
 
-def joining_its_group(device: Path) -> str:
+def group_hint(device: Path) -> str:
     """What to do where `may_open` says no: the command, with the name of the group that the device belongs to."""
     number = device.stat().st_gid
     try:

@@ -16,8 +16,8 @@ from vemlight.runtime.channels import SERVICES, Service
 
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 Port = Annotated[int, Meta(ge=1, le=65_000)]
-MOST_PIXELS = 8192  # on a side of the picture
-Side = Annotated[int, Meta(ge=1, le=MOST_PIXELS)]
+MAX_PICTURE_SIDE = 8192  # on a side of the picture
+Side = Annotated[int, Meta(ge=1, le=MAX_PICTURE_SIDE)]
 Mode = Literal["live", "lossless"]
 Tone = Literal["reinhard", "exponential"]
 
@@ -185,4 +185,4 @@ def record(kind: type[Section], values: dict[str, Any], prefix: str) -> Section:
         key = where.rstrip("`")
         choices = get_args(get_type_hints(kind).get(key))
         known = f"; choose from {', '.join(map(str, choices))}" if choices else ""
-        raise UserError(f"{prefix}{key}: {text[:1].lower()}{text[1:]}{known or '; mend that option'}") from error
+        raise UserError(f"{prefix}{key}: {text[:1].lower()}{text[1:]}{known or '; change that option'}") from error

@@ -1,4 +1,4 @@
-"""Wrong input to the command: status 2 and one line that says what, where and how to mend it."""
+"""The command line: what it writes, and bad input as status 2 and one line that says what, where and how to fix it."""
 
 import socket
 import subprocess
@@ -8,10 +8,11 @@ from pathlib import Path
 import moderngl
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from tests.support.processes import vemlight
 from vemlight.commands.cli import main
+from vemlight.commands.options import LightsOptions, RenderOptions
 from vemlight.light.images import write_exr
 from vemlight.light.light_set import read_lights
 from vemlight.light.sphere import latlong_directions
@@ -28,8 +29,13 @@ rim_deg = 90.0
 """
 
 
-def refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
-    assert done.returncode == 2, done.stderr
+def invoked(*arguments: object) -> Result:
+    """The command in this process."""
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def refused(done: Result, *words: str) -> None:
+    assert done.exit_code == 2, done.output
     lines = done.stderr.strip().splitlines()
     assert len(lines) == 1, done.stderr
     for word in words:
@@ -49,19 +55,19 @@ def folder(tmp_path: Path) -> Path:
 def test_truncated_exr(folder):
     whole = (folder / "f_0001.exr").read_bytes()
     (folder / "f_0001.exr").write_bytes(whole[: len(whole) // 2])
-    refused(vemlight("lights", folder, "--out", folder / "l.jsonl"), "f_0001.exr", "truncated")
+    refused(invoked("lights", folder, "--out", folder / "l.jsonl"), "f_0001.exr", "truncated")
     assert not (folder / "l.jsonl").exists()
 
 
 def test_gap_in_the_numbering(folder):
     (folder / "f_0001.exr").unlink()
-    refused(vemlight("lights", folder, "--out", folder / "l.jsonl"), "0001", "missing")
+    refused(invoked("lights", folder, "--out", folder / "l.jsonl"), "0001", "missing")
 
 
 def test_lens_file_with_a_missing_key(folder):
     lens = folder / "lens_bad.toml"
     lens.write_text(LENS.replace("f = [5.0, 5.0]\n", ""))
-    refused(vemlight("polar", folder / "f_0000.exr", "--lens", lens, "--out", folder / "m.exr"), "lens_bad.toml", "`f`")
+    refused(invoked("polar", folder / "f_0000.exr", "--lens", lens, "--out", folder / "m.exr"), "lens_bad.toml", "`f`")
 
 
 @pytest.mark.parametrize(
@@ -79,13 +85,13 @@ def test_lens_file_with_a_missing_key(folder):
 def test_unusable_settings(text, words, tmp_path):
     file = tmp_path / "wrong.toml"
     file.write_text(text)
-    refused(vemlight("capture", file), *words)
+    refused(invoked("capture", file), *words)
 
 
 def test_scene_that_names_a_mesh_that_is_not_there(folder):
     scene = folder / "scene.toml"
     scene.write_text('[camera]\nfrom = [3.0, -4.0, 2.5]\nat = [0.0, 0.0, 0.6]\nfov_y = 40.0\n[[mesh]]\nfile = "ghost.obj"\n')
-    done = vemlight("render", folder / "f_0000.exr", "--scene", scene, "--size", "32x24", "--out", folder / "p.png")
+    done = invoked("render", folder / "f_0000.exr", "--scene", scene, "--size", "32x24", "--out", folder / "p.png")
     refused(done, "scene.toml", "ghost.obj")
 
 
@@ -96,13 +102,16 @@ def test_port_in_use(tmp_path):
         port = taken.getsockname()[1]
         (tmp_path / "sockets").mkdir(mode=0o700)
         (tmp_path / "v.toml").write_text(f"[viewer]\nport = {port}\n[wire]\nfolder = 'sockets'\n")
-        refused(vemlight("viewer", tmp_path / "v.toml"), str(port))
+        refused(invoked("viewer", tmp_path / "v.toml"), str(port))
 
 
 def test_no_gl(folder):
     nowhere = {"LIBGL_DRIVERS_PATH": "/none", "__EGL_VENDOR_LIBRARY_FILENAMES": "/none", "EGL_PLATFORM": "surfaceless"}
     done = vemlight("render", folder / "f_0000.exr", "--size", "32x24", "--out", folder / "p.png", environment=nowhere)
-    refused(done, "OpenGL", "unset LIBGL_DRIVERS_PATH")
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2
+    assert line.startswith("vemlight: no OpenGL")
+    assert "unset LIBGL_DRIVERS_PATH" in line
 
 
 @pytest.mark.parametrize(
@@ -133,8 +142,9 @@ def test_no_gl(folder):
         (("health", "capture", "elsewhere.toml"), ("elsewhere.toml",)),
     ],
 )
-def test_unusable_arguments(arguments, words, folder):
-    refused(vemlight(*arguments, cwd=folder), *words)
+def test_unusable_arguments(arguments, words, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    refused(invoked(*arguments), *words)
 
 
 def test_lights_of_one_lit_pixel_point_at_it(tmp_path):
@@ -142,8 +152,8 @@ def test_lights_of_one_lit_pixel_point_at_it(tmp_path):
     image = np.zeros((64, 128, 3), np.float32)
     image[13, 90] = (3.0, 2.0, 1.0)
     write_exr(tmp_path / "spot.exr", image)
-    done = vemlight("lights", tmp_path / "spot.exr", "--count", 1, "--out", tmp_path / "l.json")
-    assert done.returncode == 0, done.stderr
+    done = invoked("lights", tmp_path / "spot.exr", "--count", 1, "--out", tmp_path / "l.json")
+    assert done.exit_code == 0, done.stderr
     (row,) = read_lights(tmp_path / "l.json")
     lights = row.arrays()
     towards = latlong_directions(64, 128)[13, 90]
@@ -153,14 +163,15 @@ def test_lights_of_one_lit_pixel_point_at_it(tmp_path):
 def test_a_context_that_is_lost_while_drawing_is_one_line(folder, monkeypatch):
     monkeypatch.setattr(moderngl.Context, "error", property(lambda _: "GL_CONTEXT_LOST"))
     source, out = str(folder / "f_0000.exr"), str(folder / "p.png")
-    done = CliRunner().invoke(main, ["render", source, "--count", "4", "--size", "16x12", "--out", out])
+    done = invoked("render", source, "--count", 4, "--size", "16x12", "--out", out)
     assert done.exit_code == 1
     assert done.stderr.startswith("vemlight: OpenGL stopped working (GL_CONTEXT_LOST, ")
     assert done.stderr.count("\n") == 1
     assert not (folder / "p.png").exists()
 
 
-def test_a_command_says_what_it_has_written(folder):
+def test_a_command_says_what_it_has_written(folder, monkeypatch):
+    monkeypatch.chdir(folder)
     (folder / "camera.toml").write_text(LENS)
     drawn = ("--count", 8, "--fps", 25, "--size", "16x12", "--shadow-map", 16)
     taken = "taken: the frames, their lens.toml, and the truth in truth.jsonl"
@@ -171,17 +182,18 @@ def test_a_command_says_what_it_has_written(folder):
         (("render", ".", *drawn, "--out", "p.exr", "--video", "v.mp4"), "p_0000.exr to p_0002.exr, v.mp4"),
         (("simulate", "f_0000.exr", "--lens", "camera.toml", "--out", "taken"), taken),
     ):
-        done = vemlight(*arguments, cwd=folder)
-        assert (done.returncode, done.stdout, done.stderr) == (0, f"{said}\n", "")
+        done = invoked(*arguments)
+        assert (done.exit_code, done.stdout, done.stderr) == (0, f"{said}\n", "")
 
 
-def test_a_recording_plays_back_the_same_and_lights_are_scored(folder):
-    done = vemlight("record", "--source", ".", "--out", "kept", cwd=folder)
-    assert done.returncode == 0, done.stderr
+def test_a_recording_plays_back_the_same_and_lights_are_scored(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    done = invoked("record", "--source", ".", "--out", "kept")
+    assert done.exit_code == 0, done.stderr
     assert "3 frames" in done.stdout
     for source, out in ((".", "a.jsonl"), ("kept", "b.jsonl")):
-        done = vemlight("lights", source, "--count", 8, "--fps", 25, "--score", "--out", out, cwd=folder)
-        assert done.returncode == 0, done.stderr
+        done = invoked("lights", source, "--count", 8, "--fps", 25, "--score", "--out", out)
+        assert done.exit_code == 0, done.stderr
         assert "error" in done.stdout
         assert "flicker" in done.stdout
     assert [row.arrays().directions.tolist() for row in read_lights(folder / "a.jsonl")] == [
@@ -198,12 +210,18 @@ def test_mains_flicker_is_taken_out_of_a_recording_on_wish(method, tmp_path):
     swing = {}
     for wish in ([], ["--deflicker"]):
         shared = ("--method", method, "--filter", "none", "--count", 8, "--fps", 21, "--out", tmp_path / "l.jsonl")
-        done = vemlight("lights", tmp_path / "in", *shared, *wish)
-        assert done.returncode == 0, done.stderr
+        done = invoked("lights", tmp_path / "in", *shared, *wish)
+        assert done.exit_code == 0, done.stderr
         power = [row.arrays().irradiance.sum() for row in read_lights(tmp_path / "l.jsonl")[64:]]
         swing[len(wish)] = np.ptp(power) / np.mean(power)
     assert swing[0] > 0.5
     assert swing[1] < 0.02
+
+
+@pytest.mark.parametrize(("command", "kind"), [("lights", LightsOptions), ("render", RenderOptions)])
+def test_the_options_of_a_command_are_the_fields_of_its_record(command, kind):
+    parameters = {parameter.name for parameter in main.commands[command].params if parameter.name != "help"}
+    assert parameters == set(kind.__struct_fields__)
 
 
 def test_help_loads_neither_numba_nor_cv2():

@@ -40,8 +40,8 @@ def settings(tmp_path: Path) -> Settings:
 def test_this_machine_can_run_it(settings):
     findings = list(examine(settings))
     assert [finding for finding in findings if finding.grade == "fail" and finding.what != "camera"] == []
-    assert all(bool(finding.mend) == (finding.grade != "pass") for finding in findings)
-    assert all("\n" not in finding.found + finding.mend for finding in findings)
+    assert all(bool(finding.hint) == (finding.grade != "pass") for finding in findings)
+    assert all("\n" not in finding.found + finding.hint for finding in findings)
     named = {finding.what for finding in findings}
     assert {"system", "processor", "libraries", "libzmq", "OpenGL", "videos", "port of the viewer", "page", "sockets", "source"} <= named
     assert {"scene", "disk", "charts", "camera"} <= named
@@ -69,8 +69,8 @@ def test_no_gl_is_said_with_its_mend(settings, monkeypatch):
     monkeypatch.setattr(programs, "open_context", refuse)
     finding = one(settings, "OpenGL")
     assert finding.grade == "fail"
-    assert finding.found == "no OpenGL 4.3 (EGL: libEGL.so.1 not loaded; X server :0: cannot open display)"
-    assert finding.mend == "install it: apt-get install libegl1"
+    assert finding.found == "no OpenGL 4.3 (EGL: libEGL.so.1 not loaded; X server :0: no display)"
+    assert finding.hint == "install it: apt-get install libegl1"
 
 
 def test_a_card_that_does_not_draw_is_named(settings, monkeypatch):
@@ -89,7 +89,7 @@ def test_a_card_that_may_not_be_opened_is_named(settings, monkeypatch, tmp_path)
     finding = one(settings, "OpenGL")
     if not any(name in finding.found for name in doctor.SOFTWARE_GL):
         pytest.skip("a graphics card draws here")
-    assert (finding.grade, str(card) in finding.found, "usermod" in finding.mend) == ("warn", True, True)
+    assert (finding.grade, str(card) in finding.found, "usermod" in finding.hint) == ("warn", True, True)
 
 
 def test_missing_and_old_libraries(settings, monkeypatch):
@@ -98,7 +98,7 @@ def test_missing_and_old_libraries(settings, monkeypatch):
     assert [finding.what for finding in findings] == ["system", "processor", "libraries"]  # nothing else can be looked at
     assert findings[-1].found.startswith("numpy ")
     assert "older than 999.1; no-such-package is missing" in findings[-1].found
-    assert "make env" in findings[-1].mend
+    assert "make env" in findings[-1].hint
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_a_small_machine(settings, monkeypatch, cores, pages, grade, word):
     monkeypatch.setattr(os, "sysconf", lambda name: pages if name == "SC_PHYS_PAGES" else 4096)
     finding = one(settings, "processor")
     assert finding.grade == grade
-    assert word in finding.mend
+    assert word in finding.hint
 
 
 def test_cameras(settings, monkeypatch):
@@ -117,13 +117,13 @@ def test_cameras(settings, monkeypatch):
     monkeypatch.setattr(v4l2, "list_cameras", lambda: cameras)
     good, bad = found(settings, "camera")[:2]
     assert (good.grade, good.found) == ("pass", "/dev/video0: Astro, Y12, GREY")
-    assert (bad.grade, "no raw format" in bad.found, "Y16" in bad.mend) == ("warn", True, True)
+    assert (bad.grade, "no raw format" in bad.found, "Y16" in bad.hint) == ("warn", True, True)
 
 
 def test_a_taken_port(settings):
     with socket.create_server(("127.0.0.1", settings.viewer.port)):
         finding = one(settings, "port of the viewer")
-    assert (finding.grade, "[viewer] port" in finding.mend) == ("fail", True)
+    assert (finding.grade, "[viewer] port" in finding.hint) == ("fail", True)
     assert f"127.0.0.1:{settings.viewer.port}: Address already in use" in finding.found
 
 
@@ -132,7 +132,7 @@ def test_ports_of_the_wire_are_one_line(settings):
         taken = holder.getsockname()[1]
         tcp = with_section(settings, "wire", transport="tcp", insecure=True, port=taken - 3)
         finding = one(tcp, "ports of the wire")
-    assert (finding.grade, f":{taken}: " in finding.found, finding.mend.endswith("[wire] port")) == ("fail", True, True)
+    assert (finding.grade, f":{taken}: " in finding.found, finding.hint.endswith("[wire] port")) == ("fail", True, True)
     elsewhere = with_section(settings, "wire", transport="tcp", insecure=True, hosts={"sampler": "10.0.0.7"}, port=taken - 3)
     assert f":{taken}" not in one(elsewhere, "ports of the wire").found  # the second of the sampler's, on another machine
     assert one(elsewhere, "sockets").grade == "warn"
@@ -152,7 +152,7 @@ def test_who_sees_the_page(settings, viewer, grade):
 )
 def test_files_that_are_not_there(settings, tmp_path, section, key, what):
     finding = one(with_section(settings, section, **{key: str(tmp_path / "gone")}), what)
-    assert (finding.grade, "gone" in finding.mend) == ("fail", True)
+    assert (finding.grade, "gone" in finding.hint) == ("fail", True)
 
 
 def test_the_disk_is_the_one_written_to(settings, tmp_path, monkeypatch):

@@ -1,14 +1,14 @@
 """Videos decode back: every picture, in its time, in its colours; a video that was not finished is not there."""
 
 from pathlib import Path
-from typing import Any
 
 import av
 import numpy as np
 import pytest
 
 from tests.support.gltf_files import AnimatedTriangle
-from vemlight.commands.offline import write_pictures_of
+from vemlight.commands.offline import write_pictures
+from vemlight.commands.options import RenderOptions
 from vemlight.errors import UserError
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
@@ -130,8 +130,8 @@ def test_the_command_renders_a_sequence_to_a_video_in_which_animations_play(tmp_
     AnimatedTriangle(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.5], [[0, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
     camera = "[camera]\nfrom = [0.0, -7.0, 4.0]\nat = [0.0, 0.0, 1.0]\n"
     (tmp_path / "scene.toml").write_text(camera + '[[mesh]]\nfile = "film.gltf"\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n')
-    options: dict[str, Any] = {"coverage": "hemisphere", "fps": 10.0, "lens": None, "response": None, "filter_": None, "method": None}
-    write_pictures_of(sequence, tmp_path / "scene.toml", "32x24", 0.0, None, count=4, video=tmp_path / "film.mp4", **options)
+    scene, film = tmp_path / "scene.toml", tmp_path / "film.mp4"
+    write_pictures(RenderOptions(source=sequence, scene=scene, size=(32, 24), count=4, fps=10.0, video=film))
     pictures, times, rate = decoded(tmp_path / "film.mp4")
     assert len(pictures) == 16
     assert times == pytest.approx(np.arange(16) / 10, abs=1e-4)

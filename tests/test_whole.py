@@ -1,20 +1,19 @@
 """From a file of light to a picture: directions, shadows, and frames that no camera should give."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
 from vemlight.capture.source import open_source
-from vemlight.commands.offline import write_lights_of, write_pictures_of
+from vemlight.commands.offline import write_lights_file, write_pictures
+from vemlight.commands.options import LightsOptions, RenderOptions
 from vemlight.light.images import read_radiance, write_exr
 from vemlight.light.light_set import read_lights
 from vemlight.light.sphere import angle_between, cell_from_direction, direction_from_angles, latlong_from_direction, map_irradiance
 from vemlight.settings import Capture
 
-ANY: dict[str, Any] = {"coverage": "hemisphere", "method": None, "filter_": None, "fps": None, "lens": None, "response": None}
 # Light from theta, phi in degrees; the pole is 1 high, so its shadow is tan(theta) long and stays on the ground.
 TOWARDS = [(30.0, 20.0), (45.0, 137.0), (40.0, 251.0), (50.0, 344.0)]
 LENS = Lens(size=(256, 256), f=(80.0, 80.0), c=(127.5, 127.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=90.0)
@@ -66,11 +65,12 @@ def pole_scene(folder: Path) -> Path:
 def test_one_lit_pixel_gives_its_direction_and_the_shadow_on_the_other_side(make, towards, tmp_path):
     theta, phi = np.radians(towards)
     source, width = make(tmp_path, direction_from_angles(theta, phi))
-    write_lights_of(source, tmp_path / "lights.json", count=1, **ANY)
+    write_lights_file(LightsOptions(source=source, out=tmp_path / "lights.json", count=1))
     direction = read_lights(tmp_path / "lights.json")[0].arrays().directions[0].astype(float)
     assert angle_between(direction, direction_from_angles(theta, phi)) < width
 
-    write_pictures_of(source, pole_scene(tmp_path), "240x240", 0.0, tmp_path / "picture.exr", count=1, **ANY)
+    out, scene = tmp_path / "picture.exr", pole_scene(tmp_path)
+    write_pictures(RenderOptions(source=source, scene=scene, size=(240, 240), out=out, count=1))
     picture = read_radiance(tmp_path / "picture.exr")[0][..., 1]
     lit = np.median(picture[picture > 0])
     shadow = np.argwhere(picture[20:-20, 20:-20] < 0.5 * lit) + 20
@@ -90,8 +90,7 @@ def test_frames_that_no_camera_should_give(tmp_path):
     frames = {"sky": sky, "black": 0 * sky, "spoilt": spoilt, "sunny": sunny}
     for k, (name, image) in enumerate(frames.items()):
         write_exr(tmp_path / f"{k}_{name}.exr", image)
-    options: dict[str, Any] = {**ANY, "filter_": "none"}
-    write_lights_of(tmp_path, tmp_path / "lights.jsonl", count=32, **options)
+    write_lights_file(LightsOptions(source=tmp_path, out=tmp_path / "lights.jsonl", count=32, filter="none"))
     lights = [row.arrays() for row in read_lights(tmp_path / "lights.jsonl")]
     source = open_source(Capture(source=str(tmp_path)))
     for k, found in enumerate(lights):
@@ -103,7 +102,7 @@ def test_frames_that_no_camera_should_give(tmp_path):
         np.testing.assert_allclose(np.linalg.norm(found.directions, axis=1), 1, atol=1e-5)
         assert (found.directions[:, 2] >= 0).all()
     (tmp_path / "out").mkdir()
-    write_pictures_of(tmp_path, None, "48x36", 0.0, tmp_path / "out" / "p.exr", count=32, **options)
+    write_pictures(RenderOptions(source=tmp_path, size=(48, 36), out=tmp_path / "out" / "p.exr", count=32, filter="none"))
     pictures = [read_radiance(path)[0] for path in sorted((tmp_path / "out").glob("p_*.exr"))]
     assert all(np.isfinite(picture).all() for picture in pictures)
     assert pictures[1].max() == 0
@@ -119,7 +118,8 @@ def test_five_lamps_give_five_shadows(tmp_path):
         row, column = latlong_from_direction(direction_from_angles(np.radians(55), phi), 256, 512)
         image[int(row), int(column)] = 1000
     write_exr(tmp_path / "lamps.exr", image)
-    write_pictures_of(tmp_path / "lamps.exr", pole_scene(tmp_path), "240x240", 0.0, tmp_path / "picture.exr", count=60, **ANY)
+    lamps, scene, out = tmp_path / "lamps.exr", pole_scene(tmp_path), tmp_path / "picture.exr"
+    write_pictures(RenderOptions(source=lamps, scene=scene, size=(240, 240), out=out, count=60))
     picture = read_radiance(tmp_path / "picture.exr")[0][..., 1]
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     radius = np.arange(40, 50)[:, None]

@@ -1,4 +1,4 @@
-"""`vemlight doctor`: what works on this machine, each line pass, warn or fail with how to mend it."""
+"""`vemlight doctor`: what works on this machine; each line passes, warns or fails, with a hint how to fix it."""
 
 import os
 import platform
@@ -14,7 +14,7 @@ from typing import Literal
 import msgspec
 
 from vemlight.errors import UserError
-from vemlight.files import joining_its_group, may_open
+from vemlight.files import group_hint, may_open
 from vemlight.runtime.channels import SERVICES
 from vemlight.runtime.token import is_loopback
 from vemlight.runtime.transport import ROLES, read_keys, runtime_folder
@@ -33,7 +33,7 @@ class Finding(msgspec.Struct, frozen=True):
     grade: Grade
     what: str
     found: str
-    mend: str = ""
+    hint: str = ""
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
@@ -106,17 +106,17 @@ def _gl() -> Finding:
     try:
         opened = open_context()
     except UserError as error:
-        found, _, mend = str(error).rpartition("; ")
-        return Finding("fail", "OpenGL", found, mend)
+        found, _, hint = str(error).rpartition("; ")
+        return Finding("fail", "OpenGL", found, hint)
     found = f"{context_info(opened.context)}, through {opened.through}"
     opened.context.release()
     if not any(name in found.lower() for name in SOFTWARE_GL):
         return Finding("pass", "OpenGL", found)
     found += f" (what came before it: {'; '.join(opened.refused)})" if opened.refused else ""
     if closed := closed_cards():
-        return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened", joining_its_group(closed[0]))
-    mend = "drawn by the processor: correct but slow; install your graphics card's driver, give a container its device"
-    return Finding("warn", "OpenGL", found, mend)
+        return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened", group_hint(closed[0]))
+    hint = "drawn by the processor: correct but slow; install your graphics card's driver, give a container its device"
+    return Finding("warn", "OpenGL", found, hint)
 
 
 def _encoder() -> Finding:
@@ -152,7 +152,7 @@ def _cameras() -> Iterator[Finding]:
             yield Finding("warn", "camera", f"{name}: {camera.card} has no raw format", f"use one that has any of {letters}")
     for path in sorted(Path("/dev").glob("video*")):
         if not may_open(path):
-            yield Finding("fail", "camera", f"{path} may not be opened", joining_its_group(path))
+            yield Finding("fail", "camera", f"{path} may not be opened", group_hint(path))
     if not any(Path("/dev").glob("video*")):
         yield Finding("warn", "camera", "none", "plug one in (a container needs its device), or replay: [capture] source = FOLDER")
 
@@ -187,8 +187,8 @@ def _page(settings: Settings) -> Finding:
     if is_loopback(viewer.host):
         return Finding("pass", "page", f"for this machine only{', with a token' if viewer.token else ''}")
     if viewer.insecure:
-        mend = "unless the network is yours alone, take [viewer] insecure out"
-        return Finding("warn", "page", "for everyone who reaches this machine, to see and to steer", mend)
+        hint = "unless the network is yours alone, take [viewer] insecure out"
+        return Finding("warn", "page", "for everyone who reaches this machine, to see and to steer", hint)
     return Finding("pass", "page", "for everyone on the network who has the token")
 
 

@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from vemlight import settings
 from vemlight.capture.frames import Frame
 from vemlight.capture.source import Source, open_source
+from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr, write_png
 from vemlight.light.light_set import LightSet, check_lights_path, lights_row, write_lights
@@ -31,19 +32,45 @@ class Lit(NamedTuple):
     gloss: LightSet | None
 
 
-def opened(source: Path, options: dict[str, Any]) -> tuple[Source, settings.Sampler]:
-    """The frames of `source` and how to sample them; `options` as on the command line.
+def open_frames(options: SamplingOptions) -> Source:
+    """The frames of the source. Raises UserError for options or files that cannot be used."""
+    given = {
+        "source": options.source.resolve(),
+        "rows": 180 if options.coverage == "sphere" else None,  # one degree of elevation a row, as the 90 of a hemisphere
+        "coverage": options.coverage,
+        "fps": options.fps,
+        "lens": options.lens,
+        "response": options.response,
+    }
+    return open_source(record(settings.Capture, given, "--"))
 
-    Raises UserError for options or files that cannot be used.
-    """
-    capturing: dict[str, Any] = {key: options[key] for key in ("coverage", "fps", "lens", "response")}
-    capturing |= {"source": str(source.resolve()), "rows": 180 if options["coverage"] == "sphere" else None}
-    frames = open_source(record(settings.Capture, capturing, "--"))
-    filtering = options["filter_"] or (None if len(frames) > 1 else "none")
-    sampling = {"count": options["count"], "method": options["method"], "filter": filtering}
-    sampling |= {"clusters": options.get("clusters"), "error_percent": options.get("error"), "deflicker": options.get("deflicker")}
-    sampling |= {"gloss_lights": options.get("gloss_lights")}
-    return frames, record(settings.Sampler, sampling, "--")
+
+def sampler_settings(options: SamplingOptions, frames: int, **given: float | None) -> settings.Sampler:
+    """How to sample a source of so many frames; `given` are settings that only one of the commands has. Raises UserError."""
+    given_by_both = {
+        "count": options.count,
+        "method": options.method,
+        "filter": options.filter or (None if frames > 1 else "none"),
+        "deflicker": options.deflicker,
+    }
+    return record(settings.Sampler, given_by_both | given, "--")
+
+
+def renderer_settings(options: RenderOptions) -> settings.Renderer:
+    """How to render. Raises UserError for a size that no picture may have."""
+    width, height = options.size
+    if not all(1 <= side <= settings.MAX_PICTURE_SIDE for side in options.size):
+        raise UserError(f"--size {width}x{height}: a side has 1 to {settings.MAX_PICTURE_SIDE} pixels; choose another size")
+    given = {
+        "width": width,
+        "height": height,
+        "light_regions": 0 if options.coverage == "hemisphere" else None,
+        "tone": options.tone,
+        "background": options.background,
+        "shadow_map": options.shadow_map,
+        "exposure": options.exposure,
+    }
+    return record(settings.Renderer, given, "--")
 
 
 def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
@@ -55,22 +82,24 @@ def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
         yield Lit(frame, lights, report.gloss)
 
 
-def write_lights_of(source: Path, out: Path, *, score: bool = False, **options: Any) -> str:
-    """Writes the lights of each frame of `source` to `out`; `score` prints how true and how steady they are. Says what it has written.
+def write_lights_file(options: LightsOptions) -> str:
+    """Writes the lights of each frame and, if asked, prints their score. Returns a line about what was written.
 
     Raises UserError before any work for an `out` that cannot hold them.
     """
-    frames, sampling = opened(source, options)
+    frames = open_frames(options)
+    sampling = sampler_settings(options, len(frames), clusters=options.clusters, error_percent=options.error_percent)
+    out = options.out
     check_lights_path(out, len(frames))
     lit = list(counted(lit_frames(frames, sampling), "frames", len(frames)))
     write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights, _) in enumerate(lit)])
-    if score:
+    if options.score:
         print(text(scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)))
     return f"{out}: {len(lit[0].lights.ids)} lights" if len(lit) == 1 else f"{out}: the lights of {len(lit)} frames"
 
 
-def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: float, out: Path | None, **options: Any) -> str:
-    """Renders each frame of `source`, to pictures (several are numbered NAME_0000), to a video, or both. Says what it has written.
+def write_pictures(options: RenderOptions) -> str:
+    """Renders each frame to pictures (several are numbered NAME_0000), to a video, or both. Returns a line about what was written.
 
     Raises UserError for options that cannot be used.
     """
@@ -80,25 +109,16 @@ def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: flo
     from vemlight.renderer.scene.scene import load_scene
     from vemlight.renderer.stage import file_samples
 
-    if not (out or options.get("video")):
-        raise UserError("--out, --video: neither is given; name a picture or a video to write")
-    if out and out.suffix not in (".exr", ".png"):
-        raise UserError(f"{out}: pictures are written as .exr or .png; change the suffix")
-    for path in filter(None, (out, options.get("video"))):
-        if not path.resolve().parent.is_dir():
-            raise UserError(f"{path}: there is no such folder; make it first")
-    width, height = _sides(size)
-    drawing = {key: options.get(key) for key in ("tone", "background", "shadow_map")}
-    drawing["light_regions"] = 0 if options["coverage"] == "hemisphere" else None
-    drawing |= {"width": width, "height": height, "exposure": exposure}
-    wanted = record(settings.Renderer, drawing, "--")
-    drawn = load_scene(scene)
-    if options.get("gloss_lights") is None and drawn.glossy:
-        options["gloss_lights"] = GLOSS_LIGHTS
-    frames, sampling = opened(source, options)
+    out, to_video = options.out, options.video
+    _check_outputs(out, to_video)
+    wanted = renderer_settings(options)
+    scene = load_scene(options.scene)
+    gloss_lights = GLOSS_LIGHTS if options.gloss_lights is None and scene.glossy else options.gloss_lights
+    frames = open_frames(options)
+    sampling = sampler_settings(options, len(frames), gloss_lights=gloss_lights)
     with ExitStack() as open_:
-        add = open_.enter_context(video(options["video"], frames.fps)) if options.get("video") else None
-        renderer = Renderer(drawn, wanted, file_samples(drawn))
+        add = open_.enter_context(video(to_video, frames.fps)) if to_video else None
+        renderer = Renderer(scene, wanted, file_samples(scene))
         open_.callback(renderer.release)
         adaptation, before_s = None, 0.0
         for k, (frame, lights, gloss) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
@@ -108,26 +128,26 @@ def write_pictures_of(source: Path, scene: Path | None, size: str, exposure: flo
             picture = renderer.render(lights, gloss)
             adaptation = adapt(adaptation, subsampled(picture), max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
-            pixels = tone_mapped(picture, adaptation, exposure, wanted.tone)
+            pixels = tone_mapped(picture, adaptation, wanted.exposure, wanted.tone)
             if out:
                 _write(_numbered(out, k, len(frames)), picture, pixels)
             if add:
                 add(pixels, frame.time_s)
-    written = [str(options["video"])] if options.get("video") else []
+    written = [str(to_video)] if to_video else []
     if out:
         last = "" if len(frames) == 1 else f" to {_numbered(out, len(frames) - 1, len(frames)).name}"
         written.insert(0, f"{_numbered(out, 0, len(frames))}{last}")
     return ", ".join(written)
 
 
-def _sides(size: str) -> tuple[int, int]:
-    """Width and height in pixels of WIDTHxHEIGHT. Raises UserError for anything else and for sides that no picture may have."""
-    width, _, height = size.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise UserError(f"--size {size}: is not WIDTHxHEIGHT; write it as 640x480")
-    if not all(len(side) < 6 and 1 <= int(side) <= settings.MOST_PIXELS for side in (width, height)):
-        raise UserError(f"--size {size}: a side has 1 to {settings.MOST_PIXELS} pixels; choose another size")
-    return int(width), int(height)
+def _check_outputs(out: Path | None, to_video: Path | None) -> None:
+    if not (out or to_video):
+        raise UserError("--out, --video: neither is given; name a picture or a video to write")
+    if out and out.suffix not in (".exr", ".png"):
+        raise UserError(f"{out}: pictures are written as .exr or .png; change the suffix")
+    for path in filter(None, (out, to_video)):
+        if not path.resolve().parent.is_dir():
+            raise UserError(f"{path}: there is no such folder; make it first")
 
 
 def _numbered(out: Path, number: int, count: int) -> Path:

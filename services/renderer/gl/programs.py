@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 import moderngl
 
 from vemlight.errors import FatalError, UserError
-from vemlight.files import joining_its_group, may_open
+from vemlight.files import group_hint, may_open
 
 PASSES = Path(__file__).parents[1] / "passes"  # each pass has its shaders beside it; their names are unique
 SHADERS = {path.name: path for path in sorted(PASSES.glob("*/*")) if path.suffix in (".glsl", ".vert", ".frag", ".comp")}
@@ -74,7 +74,7 @@ def _mend(refused: list[str]) -> str:
     if astray := [name for name in GL_VARIABLES if name in os.environ]:
         return f"unset {' '.join(astray)}, which the GL libraries follow"
     if closed := closed_cards():
-        return f"let this user open {closed[0]}: {joining_its_group(closed[0])}"
+        return f"let this user open {closed[0]}: {group_hint(closed[0])}"
     if any("eglCreateContext" in reason or "version" in reason for reason in refused):  # there is a driver, which cannot
         return "update the driver of the graphics card, or draw on the processor: LIBGL_ALWAYS_SOFTWARE=1"
     return "install it: apt-get install libegl1 libgl1 libgl1-mesa-dri"

@@ -1,0 +1,160 @@
+"""The commands around a camera: simulate one, calibrate its lens and sensor, record it, unwrap one of its frames."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from vemlight.commands.parameters import PATH, eight_numbers, width_height
+from vemlight.errors import UserError
+
+if TYPE_CHECKING:
+    from vemlight.capture.calibration.response_fit import Kind
+    from vemlight.capture.frames import Mosaic
+
+
+@click.command()
+@click.argument("maps", nargs=-1, required=True, metavar="MAP...")
+@click.option("--lens", type=PATH, required=True, help="Lens file of the camera to simulate.")
+@click.option("--response", type=PATH, help="Response file; left out: radiance instead of raw codes.")
+@click.option("--out", type=PATH, required=True, help="Folder for the frames and the ground truth.")
+@click.option("--frames", type=click.IntRange(1), help="How many; left out: one for each map.")
+@click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), default=25.0, show_default=True)
+@click.option("--rotate", type=float, default=0.0, show_default=True, help="Degrees a frame, about the vertical.")
+@click.option("--keyframes", type=PATH, help="Motion instead: TOML of [[key]] time_s, rotate_deg = [x, y, z].")
+@click.option("--noise", type=click.FloatRange(0), default=0.0, show_default=True, help="Noise in code steps (sigma).")
+@click.option("--pattern", type=click.FloatRange(0), default=0.0, show_default=True, help="Fixed pattern noise in code steps (sigma).")
+@click.option("--mosaic", type=click.Choice(["mono", "RGGB", "GRBG", "GBRG", "BGGR"]), help="One value a pixel; left out: three.")
+@click.option("--exposure", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds, for mains flicker.")
+@click.option("--flicker", type=click.FloatRange(0), default=0.0, show_default=True, help="Hz of the light: 100 or 120 for mains.")
+@click.option("--dropouts", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Fraction of frames that get lost.")
+@click.option("--truth", is_flag=True, help="Write the true radiance of each frame, too.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+def simulate(
+    maps: tuple[str, ...], lens: Path, response: Path | None, out: Path, frames: int | None, fps: float, rotate: float,
+    keyframes: Path | None, noise: float, pattern: float, mosaic: "Mosaic | None", exposure: float, flicker: float, dropouts: float,
+    truth: bool, seed: int,
+) -> None:  # fmt: skip
+    """The virtual camera: lat-long maps (or a built-in scene: sky, interior) in, raw fisheye frames out."""
+    from vemlight.capture.lens import read_lens
+    from vemlight.capture.response import read_response
+    from vemlight.capture.simulation import virtual_camera
+
+    virtual_camera.simulate(
+        list(maps),
+        read_lens(lens),
+        read_response(response) if response else None,
+        out,
+        frames=frames or 0,
+        fps=fps,
+        rotate_deg_per_frame=rotate,
+        keyframes=keyframes,
+        noise_codes=noise,
+        pattern_codes=pattern,
+        mosaic=mosaic,
+        exposure_s=exposure,
+        flicker_hz=flicker,
+        dropouts=dropouts,
+        truth_maps=truth,
+        seed=seed,
+    )
+    click.echo(f"{out}: the frames, their lens.toml, and the truth in truth.jsonl")
+
+
+@click.group()
+def calibrate() -> None:
+    """Find what your camera's lens and sensor do."""
+
+
+@calibrate.command()
+@click.argument("images", nargs=-1, required=True, type=PATH, metavar="IMAGE...")
+@click.option("--board", metavar="COLUMNSxROWS", required=True, callback=width_height, help="Inner corners, such as 8x6.")
+@click.option("--square", type=click.FloatRange(0, 10, min_open=True), required=True, help="Side of a square in metres.")
+@click.option("--dictionary", default="", help="ChArUco board: OpenCV's name of its markers, such as DICT_4X4_50.")
+@click.option("--marker", type=click.FloatRange(0, 10), default=0.0, help="ChArUco board: side of a marker in metres.")
+@click.option("--rim", type=click.FloatRange(0, 180), default=0.0, help="Degrees off the axis where the image ends; 0: found.")
+@click.option("--accept", is_flag=True, help="Accept a lens that fits its corners badly.")
+@click.option("--picture", type=PATH, help="PNG of coverage and residuals; left out: beside the lens file.")
+@click.option("--out", type=PATH, required=True, help="LENS.toml")
+def lens(
+    images: tuple[Path, ...], board: tuple[int, int], square: float, dictionary: str, marker: float, rim: float, accept: bool,
+    picture: Path | None, out: Path,
+) -> None:  # fmt: skip
+    """Find the lens from photographs of a chessboard."""
+    from vemlight.capture.calibration.boards import Board
+    from vemlight.capture.calibration.lens_fit import calibrate_lens, lens_summary
+
+    picture = picture or out.with_suffix(".png")
+    report = calibrate_lens(list(images), Board(board, square, dictionary, marker), out, rim_deg=rim, accept=accept, picture=picture)
+    click.echo(f"{lens_summary(report)}\nsee {picture}")
+
+
+@calibrate.command()
+@click.argument("patches", type=PATH)
+@click.option("--kind", type=click.Choice(["log", "companding", "linear", "srgb"]), default="log", show_default=True)
+@click.option("--bits", type=click.IntRange(1, 16), help="Of a code; left out: the fewest of 8, 10, 12, 14, 16 that hold them.")
+@click.option("--accept", is_flag=True, help="Accept an error above 5 % at a check patch.")
+@click.option("--white", type=click.FloatRange(0, min_open=True), help="PATCHES is a frame of a ColorChecker: cd/m2 of its white patch.")
+@click.option(
+    "--corners",
+    metavar="X,Y,X,Y,X,Y,X,Y",
+    callback=eight_numbers,
+    help="Pixels of its dark skin, bluish green, black and white patch; left out: found.",
+)
+@click.option("--picture", type=PATH, help="PNG of the fit; left out: beside the response file.")
+@click.option("--out", type=PATH, required=True, help="RESPONSE.toml")
+def response(
+    patches: Path, kind: "Kind", bits: int | None, accept: bool, white: float | None, corners: list[tuple[float, float]] | None,
+    picture: Path | None, out: Path,
+) -> None:  # fmt: skip
+    """Find the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
+    from vemlight.capture.calibration.colorchecker import chart_from_corners, find_chart
+    from vemlight.capture.calibration.response_fit import calibrate_response, gray_patches, read_patches, response_summary
+    from vemlight.light.images import read_codes
+
+    if corners and not white:
+        raise UserError("--corners: needs --white, the luminance of the white patch")
+    if white:
+        codes = read_codes(patches)
+        read = gray_patches(codes, chart_from_corners(corners) if corners else find_chart(codes), white)
+    else:
+        read = read_patches(patches)
+    picture = picture or out.with_suffix(".png")
+    report = calibrate_response(read, out, kind=kind, bits=bits or 0, accept=accept, picture=picture)
+    click.echo(f"{response_summary(report)}\nsee {picture}")
+
+
+@click.command()
+@click.argument("settings", type=PATH, required=False)
+@click.option("--source", help="Instead of the settings' source: a file, a folder, or /dev/videoN.")
+@click.option("--frames", type=click.IntRange(1), help="How many; left out: all that there are, or until Ctrl-C.")
+@click.option("--out", type=PATH, required=True, help="Folder for the recording.")
+def record(settings: Path | None, source: str | None, frames: int | None, out: Path) -> None:
+    """Record a camera's raw frames, or a file source as polar maps, with all metadata in the headers."""
+    import msgspec
+
+    from vemlight.capture import source as capture_source
+    from vemlight.settings import is_camera, read_settings
+
+    wanted = msgspec.structs.replace(read_settings(settings).capture, record=str(out))
+    if source:
+        wanted = msgspec.structs.replace(wanted, source=source if is_camera(source) else str(Path(source).resolve()))
+    done = capture_source.record(wanted, frames or 0)
+    click.echo(f"{done.written} frames are in {out}; {done.dropped} dropped, {done.failed} refused by the disk")
+    if done.trouble:
+        raise UserError(done.trouble)
+
+
+@click.command()
+@click.argument("frame", type=PATH)
+@click.option("--lens", type=PATH, required=True)
+@click.option("--response", type=PATH, help="Left out when the frame holds radiance.")
+@click.option("--out", type=PATH, required=True, help="MAP.exr")
+def polar(frame: Path, lens: Path, response: Path | None, out: Path) -> None:
+    """Make the polar map of one fisheye frame."""
+    from vemlight.capture.source import polar_file
+
+    polar_file(frame, lens, response, out)
+
+
+COMMANDS = (simulate, calibrate, record, polar)

@@ -1,0 +1,108 @@
+"""The commands that run services, look after them, or look at the machine that they run on."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from vemlight.commands.parameters import PATH
+from vemlight.runtime.channels import SERVICES
+
+if TYPE_CHECKING:
+    from vemlight.runtime.channels import Service
+    from vemlight.settings import Mode
+
+COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
+
+
+@click.command()
+@click.argument("settings", type=PATH, required=False)
+@click.option("--frames", type=click.IntRange(1), help="Stop after so many frames.")
+@click.option("--out", type=PATH, help="Folder for the lights (.jsonl), the pictures (EXR and PNG) and a contact sheet.")
+@click.option("--mode", type=click.Choice(["live", "lossless"]), help="live: the newest frame wins; lossless (with --out): every frame.")
+def run(settings: Path | None, frames: int | None, out: Path | None, mode: "Mode | None") -> None:
+    """Start capture, sampler, renderer and viewer, and supervise them."""
+    import msgspec
+
+    from vemlight.runtime.supervise import supervise
+    from vemlight.settings import check_settings, read_settings
+
+    wanted = read_settings(settings)
+    if frames:
+        wanted = msgspec.structs.replace(wanted, capture=msgspec.structs.replace(wanted.capture, frames=frames))
+    if out:
+        wanted = msgspec.structs.replace(wanted, out=str(out.resolve()), mode="lossless")
+    if mode:
+        wanted = msgspec.structs.replace(wanted, mode=mode)
+    check_settings(wanted, settings)
+    sys.exit(supervise(wanted))
+
+
+def _service(name: "Service", summary: str) -> click.Command:
+    @click.command(name, help=f"One service: {summary}")
+    @click.argument("settings", type=PATH, required=False)
+    def command(settings: Path | None) -> None:
+        from importlib import import_module
+
+        from vemlight.runtime.start import start
+
+        sys.exit(start(import_module(f"vemlight.{name}.__main__").main, [str(settings)] if settings else []))
+
+    return command
+
+
+@click.command()
+@click.argument("settings", type=PATH, required=False)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+def doctor(settings: Path | None, as_json: bool) -> None:
+    """Check what works on this machine; status 1 when something fails."""
+    import msgspec
+
+    from vemlight.commands.doctor import examine
+    from vemlight.settings import read_settings
+
+    failed = False
+    for finding in examine(read_settings(settings)):
+        failed |= finding.grade == "fail"
+        if as_json:
+            click.echo(msgspec.json.encode(finding).decode())
+            continue
+        click.echo(f"{click.style(finding.grade, fg=COLOURS[finding.grade])}  {finding.what}: {finding.found}")
+        if finding.hint:
+            click.echo(f"      -> {finding.hint}")
+    sys.exit(1 if failed else 0)
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+def keys(folder: Path) -> None:
+    """Make the keys that the services of one installation share between hosts."""
+    from vemlight.runtime.transport import make_keys
+
+    make_keys(folder)
+    click.echo(f"keys are in {folder}: copy the folder to each host, keep it secret, and set [wire] keys to it")
+
+
+@click.command()
+@click.argument("service", type=click.Choice(SERVICES))
+@click.argument("settings", type=PATH, required=False)
+def health(service: "Service", settings: Path | None) -> None:
+    """Ask a running service for its status: exit status 0 when it answers, 1 when not."""
+    from vemlight.runtime.health import check_health
+    from vemlight.settings import read_settings
+
+    check_health(read_settings(settings), service)
+
+
+COMMANDS = (
+    run,
+    _service("capture", "frames of a recording or a camera become polar maps."),
+    _service("sampler", "polar maps become lights."),
+    _service("renderer", "lights become pictures of the scene."),
+    _service("viewer", "the page that shows it all."),
+    _service("plate", "a second camera's picture behind the scene."),
+    doctor,
+    keys,
+    health,
+)

@@ -190,7 +190,7 @@ def test_a_recording_plays_back_the_same_and_lights_are_scored(folder, monkeypat
     monkeypatch.chdir(folder)
     done = invoked("record", "--source", ".", "--out", "kept")
     assert done.exit_code == 0, done.stderr
-    assert "3 frames" in done.stdout
+    assert "3 frames" in done.stdout, done.output
     for source, out in ((".", "a.jsonl"), ("kept", "b.jsonl")):
         done = invoked("lights", source, "--count", 8, "--fps", 25, "--score", "--out", out)
         assert done.exit_code == 0, done.stderr

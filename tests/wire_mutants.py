@@ -1,0 +1,119 @@
+"""Damaged messages, made from the golden ones with an eye for their structure: `python -m tests.wire_mutants [--count N] [--seed S]`.
+
+Each is either a message or one ValueError; whatever else comes out is written down with the parts that did it, and the status is 1.
+"""
+
+import argparse
+import random
+import struct
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+from tests import golden
+from vemlight.runtime import wire
+
+Parts = list[bytes]
+# msgpack's markers that announce a length, with the longest length that they can: bin, ext, str, array and map of 8, 16 and 32 bits.
+LENGTHS = tuple(bytes([marker]) + b"\xff" * size for marker, size in (
+    (0xC4, 1), (0xC5, 2), (0xC6, 4), (0xC7, 1), (0xC8, 2), (0xC9, 4), (0xD9, 1), (0xDA, 2), (0xDB, 4), (0xDC, 2), (0xDD, 4), (0xDE, 2), (0xDF, 4),
+))  # fmt: skip
+SCALARS = (
+    b"\xc0", b"\xc1", b"\xc2", b"\x00", b"\xff", b"\xa0", b"\x80", b"\x90", b"\xcf" + b"\xff" * 8, b"\xd3\x80" + bytes(7),
+    b"\xcb" + struct.pack(">d", float("nan")), b"\xcb" + struct.pack(">d", float("inf")), b"\xca" + struct.pack(">f", -1e38), b"\xd6\xff" + bytes(4),
+)  # fmt: skip
+DEPTHS = (1, 10, 100, 900, 999, 5000, 60_000)
+
+
+def flipped(parts: Parts, other: Parts, chance: random.Random) -> Parts:
+    """A few bytes of the header changed."""
+    header = bytearray(parts[1])
+    for _ in range(chance.randint(1, 4)):
+        header[chance.randrange(len(header))] = chance.randrange(256)
+    return [parts[0], bytes(header), *parts[2:]]
+
+
+def cut(parts: Parts, other: Parts, chance: random.Random) -> Parts:
+    """A part that ends early or goes on for too long."""
+    which = chance.randrange(len(parts))
+    part = parts[which][: chance.randrange(len(parts[which]) + 1)] + bytes(chance.choice((0, 0, 1, 4, 1000)))
+    return [*parts[:which], part, *parts[which + 1 :]]
+
+
+def spliced(parts: Parts, other: Parts, chance: random.Random) -> Parts:
+    """The beginning of one header and the end of another's, under either topic."""
+    header = parts[1][: chance.randrange(len(parts[1]))] + other[1][chance.randrange(len(other[1])) :]
+    return [chance.choice((parts, other))[0], header, *chance.choice((parts, other))[2:]]
+
+
+def with_unknown_key(parts: Parts, other: Parts, chance: random.Random) -> Parts:
+    """One key more in the header's map, whose value is nested lists or maps, or anything else that is short."""
+    header = parts[1]
+    if not 0x80 <= header[0] < 0x8F:
+        return flipped(parts, other, chance)
+    depth = chance.choice(DEPTHS)
+    nested = chance.choice((b"\x91" * depth + b"\xc0", b"\x81\xa1k" * depth + b"\xc0", b"\xdd\x00\x00\x00\x01" * depth + b"\xc0"))
+    key = chance.choice((b"\xa7unknown", b"\xa4kind", b"\xa5stamp", b"\xa5count", chance.choice(SCALARS), nested))
+    value = chance.choice((nested, chance.choice(SCALARS), chance.choice(LENGTHS)))
+    return [parts[0], bytes([header[0] + 1]) + header[1:] + key + value, *parts[2:]]
+
+
+def with_nested_value(parts: Parts, other: Parts, chance: random.Random) -> Parts:
+    """Anything, deep or long or odd, in place of a few bytes of the header."""
+    at, header = chance.randrange(len(parts[1])), parts[1]
+    what = chance.choice((b"\x91" * chance.choice(DEPTHS), chance.choice(LENGTHS), chance.choice(SCALARS)))
+    return [parts[0], header[:at] + what + header[at + chance.randint(0, 9) :], *parts[2:]]
+
+
+def rearranged(parts: Parts, other: Parts, chance: random.Random) -> Parts:
+    """Parts left out, doubled, exchanged, or another message's."""
+    mixed = [chance.choice((*parts, *other)) for _ in range(chance.randrange(0, wire.MAX_PARTS + 3))]
+    return chance.choice((mixed, parts[::-1], parts * 2, parts[:1], [*parts[:2], *other[2:]]))
+
+
+def with_odd_numbers(parts: Parts, other: Parts, chance: random.Random) -> Parts:
+    """nan, infinity or noise somewhere in an array."""
+    if len(parts) < 3:
+        return flipped(parts, other, chance)
+    which = chance.randrange(2, len(parts))
+    array = bytearray(parts[which])
+    odd = chance.choice((struct.pack("<f", float("nan")), struct.pack("<f", float("-inf")), b"\xff" * 8, chance.randbytes(4)))
+    at = chance.randrange(max(len(array) // 4, 1)) * 4
+    array[at : at + len(odd)] = odd
+    return [*parts[:which], bytes(array), *parts[which + 1 :]]
+
+
+KINDS: tuple[Callable[[Parts, Parts, random.Random], Parts], ...] = (
+    flipped, cut, spliced, with_unknown_key, with_nested_value, rearranged, with_odd_numbers,
+)  # fmt: skip
+
+
+def mutants(count: int, seed: int) -> Iterator[Parts]:
+    """`count` damaged messages, the same ones for the same seed."""
+    chance = random.Random(seed)
+    whole = [wire.pack(*message) for message in golden.messages().values()]
+    for _ in range(count):
+        yield chance.choice(KINDS)(chance.choice(whole), chance.choice(whole), chance)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=lambda text: int(float(text)), default=1_000_000)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    began_s, read = time.monotonic(), 0
+    for number, parts in enumerate(mutants(options.count, options.seed)):
+        try:
+            wire.unpack(parts)
+            read += 1
+        except ValueError:
+            pass
+        except BaseException as error:
+            print(f"mutant {number} of seed {options.seed}: {type(error).__name__}: {error}: {[part[:200].hex() for part in parts]}")
+            return 1
+    print(f"{options.count} mutants, {read} of them messages, no other error, {options.count / (time.monotonic() - began_s):.0f} a second")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,7 +1,10 @@
 """Files in and out: TOML into typed records, writing that never leaves half a file, devices that may be opened."""
 
+import codecs
 import grp
 import os
+import re
+import stat
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,23 +15,55 @@ import msgspec
 
 from vemlight.errors import UserError
 
+MAX_TOML_BYTES = 2**20  # a scene of 1,000 meshes has 0.2 MB
+MAX_KEY_DOTS = 32  # the deepest key of ours has three parts; tomllib takes the square of their number, 8 s at 10^5
+MANY_DOTS = re.compile(rb"(?:\.[ \t]*[\w\"'-]+[ \t]*){%d}" % MAX_KEY_DOTS)
+
 Record = TypeVar("Record")
 
 
-def read_toml(path: Path, kind: type[Record]) -> Record:
-    """The TOML file at `path` as a record of `kind` (a msgspec Struct).
-
-    Raises UserError naming the file and the key when the file is missing, is no TOML or does not fit the record.
-    """
+def read_file(path: Path, max_bytes: int) -> bytes:
+    """The content of a regular file. Raises UserError for one that is missing, longer than `max_bytes`, or a device, pipe or folder."""
     try:
-        with open(path, "rb") as file:
-            return msgspec.convert(tomllib.load(file), kind)
+        file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # opening a pipe that nobody writes to would wait for ever
+        try:
+            status = os.fstat(file)
+            if not stat.S_ISREG(status.st_mode):
+                raise UserError(f"{path}: is not a regular file; name one")
+            if status.st_size > max_bytes:
+                raise UserError(f"{path}: has {status.st_size} bytes, at most {max_bytes} are read; is it the right file?")
+            with open(file, "rb", closefd=False) as opened:
+                return opened.read(max_bytes)
+        finally:
+            os.close(file)
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: is not TOML ({error}); mend that line") from error
+
+
+def read_toml(path: Path, kind: type[Record]) -> Record:
+    """The TOML file at `path` as a record of `kind` (a msgspec Struct). A byte order mark is passed over.
+
+    Raises UserError naming the file and the key when the file is missing, is not TOML or does not fit the record.
+    """
+    content = read_file(path, MAX_TOML_BYTES).removeprefix(codecs.BOM_UTF8)
+    if MANY_DOTS.search(content):
+        raise UserError(f"{path}: has a key of more than {MAX_KEY_DOTS} parts; name a settings or scene file")
+    try:
+        return msgspec.convert(tomllib.loads(content.decode()), kind)
     except msgspec.ValidationError as error:
-        raise UserError(f"{path}: {error}; mend that key") from error
+        raise UserError(f"{path}: {error}; correct that key") from error
+    except RecursionError as error:
+        raise UserError(f"{path}: is nested too deeply; name a settings or scene file") from error
+    except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, and a number of thousands of digits
+        raise UserError(f"{path}: is not TOML ({' '.join(str(error).split())[:200]}); correct that line") from error
+
+
+def decoded_json(content: bytes | str, kind: type[Record]) -> Record:
+    """A record of `kind` from JSON. Raises ValueError for whatever is none, nesting beyond measure and numbers beyond range included."""
+    try:
+        return msgspec.json.decode(content, type=kind)
+    except (RecursionError, OverflowError, MemoryError) as error:
+        raise ValueError(str(error)) from error
 
 
 @contextmanager

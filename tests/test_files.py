@@ -1,10 +1,12 @@
 """Files: TOML into records, and never half a file."""
 
+import os
+
 import msgspec
 import pytest
 
 from vemlight.errors import UserError
-from vemlight.files import read_toml, written_whole
+from vemlight.files import MAX_KEY_DOTS, MAX_TOML_BYTES, decoded_json, read_file, read_toml, written_whole
 
 
 class Thing(msgspec.Struct, forbid_unknown_fields=True):
@@ -16,7 +18,21 @@ def test_a_record_is_read(tmp_path):
     assert read_toml(tmp_path / "t.toml", Thing) == Thing(3)
 
 
-@pytest.mark.parametrize("content", [b"size = ", b"size = 'a'", b"wide = 1", b"\xff\xfe", b"\x00"])
+def test_a_byte_order_mark_is_passed_over(tmp_path):
+    (tmp_path / "t.toml").write_bytes(b"\xef\xbb\xbfsize = 3")
+    assert read_toml(tmp_path / "t.toml", Thing) == Thing(3)
+
+
+HOSTILE = [
+    b"size = " + b"[" * 100_000,
+    b"size = " + b"{a=" * 100_000,
+    b"a" + b".a" * 100_000 + b" = 1",
+    b"[a" + b" . a" * 100_000 + b"]",
+    b"size = " + b"9" * 10**5,
+]
+
+
+@pytest.mark.parametrize("content", [b"size = ", b"size = 'a'", b"wide = 1", b"\xff\xfe", b"\x00", *HOSTILE, b" " * (MAX_TOML_BYTES + 1)])
 def test_what_is_no_record_is_one_line_with_the_files_name(tmp_path, content):
     (tmp_path / "t.toml").write_bytes(content)
     with pytest.raises(UserError, match=r"t\.toml") as told:
@@ -25,9 +41,33 @@ def test_what_is_no_record_is_one_line_with_the_files_name(tmp_path, content):
 
 
 def test_files_that_are_not_there(tmp_path):
-    for path in (tmp_path / "absent.toml", tmp_path):
-        with pytest.raises(UserError, match="cannot be read"):
-            read_toml(path, Thing)
+    with pytest.raises(UserError, match="cannot be read"):
+        read_toml(tmp_path / "absent.toml", Thing)
+
+
+def test_keys_have_parts_up_to_the_limit(tmp_path):
+    for dots, refused in ((MAX_KEY_DOTS - 1, "unknown field"), (MAX_KEY_DOTS, "parts")):
+        (tmp_path / "t.toml").write_text("a" + ".a" * dots + " = 1")
+        with pytest.raises(UserError, match=refused):
+            read_toml(tmp_path / "t.toml", Thing)
+
+
+def test_only_regular_files_within_the_limit_are_read(tmp_path):
+    (tmp_path / "a").write_bytes(b"1234")
+    assert read_file(tmp_path / "a", 4) == b"1234"
+    with pytest.raises(UserError, match="at most 3"):
+        read_file(tmp_path / "a", 3)
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", "/dev/zero", tmp_path):
+        with pytest.raises(UserError, match="regular file"):
+            read_file(path, 10)
+
+
+@pytest.mark.parametrize("content", [b"{", b"[1]", b"\xff", b'{"size": "a"}', b'{"x":' * 100_000, b"[" * 100_000])
+def test_json_that_is_no_record_is_one_kind_of_error(content):
+    with pytest.raises(ValueError):
+        decoded_json(content, Thing)
+    assert decoded_json(b'{"size": 3}', Thing) == Thing(3)
 
 
 def _write_half(path):

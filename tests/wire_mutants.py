@@ -15,13 +15,18 @@ from vemlight.runtime import wire
 
 Parts = list[bytes]
 # msgpack's markers that announce a length, with the longest length that they can: bin, ext, str, array and map of 8, 16 and 32 bits.
-LENGTHS = tuple(bytes([marker]) + b"\xff" * size for marker, size in (
-    (0xC4, 1), (0xC5, 2), (0xC6, 4), (0xC7, 1), (0xC8, 2), (0xC9, 4), (0xD9, 1), (0xDA, 2), (0xDB, 4), (0xDC, 2), (0xDD, 4), (0xDE, 2), (0xDF, 4),
-))  # fmt: skip
+LENGTHS = tuple(
+    bytes([marker]) + b"\xff" * size
+    for size, markers in ((1, (0xC4, 0xC7, 0xD9)), (2, (0xC5, 0xC8, 0xDA, 0xDC, 0xDE)), (4, (0xC6, 0xC9, 0xDB, 0xDD, 0xDF)))
+    for marker in markers
+)
 SCALARS = (
-    b"\xc0", b"\xc1", b"\xc2", b"\x00", b"\xff", b"\xa0", b"\x80", b"\x90", b"\xcf" + b"\xff" * 8, b"\xd3\x80" + bytes(7),
-    b"\xcb" + struct.pack(">d", float("nan")), b"\xcb" + struct.pack(">d", float("inf")), b"\xca" + struct.pack(">f", -1e38), b"\xd6\xff" + bytes(4),
-)  # fmt: skip
+    *(bytes([marker]) for marker in (0xC0, 0xC1, 0xC2, 0x00, 0xFF, 0xA0, 0x80, 0x90)),
+    b"\xcf" + b"\xff" * 8,
+    b"\xd3\x80" + bytes(7),
+    *(b"\xcb" + struct.pack(">d", value) for value in (float("nan"), float("inf"), -1e300)),
+    b"\xd6\xff" + bytes(4),  # a time
+)
 DEPTHS = (1, 10, 100, 900, 999, 5000, 60_000)
 
 

@@ -1,0 +1,14 @@
+"""What a format of files is tried with."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Format(NamedTuple):
+    """suffix: of its files. whole: writes sound ones to a folder and returns them. read: what is tried. bombs: name -> content."""
+
+    suffix: str
+    whole: Callable[[Path], list[Path]]
+    read: Callable[[Path], object]
+    bombs: Callable[[], dict[str, bytes]]

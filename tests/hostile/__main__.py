@@ -1,7 +1,7 @@
 """Damaged files and bombs of every format that is read, each read in a child process with limits.
 
-`python -m tests.hostile [--count N] [--seed S] [FORMAT ...]`. A file is right or refused with a UserError of one line; a signal, another
-exception, a word of a library on the terminal, more than MAX_S of processor time or more than MAX_BYTES of memory is a fault, and the file is kept.
+`python -m tests.hostile [--count N] [--seed S] [FORMAT ...]`. A file is right or refused with a UserError of one line. A signal, another
+exception, a library's word on the terminal, more than MAX_S of processor time or more than MAX_BYTES of memory is a fault, and the file is kept.
 """
 
 import argparse

@@ -1,6 +1,7 @@
 """Files: TOML into records, and never half a file."""
 
 import os
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -58,7 +59,7 @@ def test_only_regular_files_within_the_limit_are_read(tmp_path):
     with pytest.raises(UserError, match="at most 3"):
         read_file(tmp_path / "a", 3)
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", "/dev/zero", tmp_path):
+    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):
         with pytest.raises(UserError, match="regular file"):
             read_file(path, 10)
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests import golden
-from tests.wire_mutants import mutants
+from tests.support.wire_mutants import mutants
 from vemlight.runtime import wire
 
 
@@ -60,7 +60,7 @@ def test_pack_refuses_arrays_of_another_shape():
 
 
 def test_damaged_messages_are_messages_or_a_value_error():
-    """The same by the million: `python -m tests.wire_mutants`."""
+    """The same by the million: `python -m tests.support.wire_mutants`."""
     read = 0
     for parts in mutants(count=20_000, seed=1):
         with contextlib.suppress(ValueError):

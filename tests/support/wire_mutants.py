@@ -1,4 +1,6 @@
-"""Damaged messages, made from the golden ones with an eye for their structure: `python -m tests.wire_mutants [--count N] [--seed S]`.
+"""Damaged messages, made from the golden ones with an eye for their structure.
+
+`python -m tests.support.wire_mutants [--count N] [--seed S]` tries them by the million.
 
 Each is either a message or one ValueError; whatever else comes out is written down with the parts that did it, and the status is 1.
 """

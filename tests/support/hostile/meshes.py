@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.hostile.format import Format
+from tests.support.hostile.format import Format
 
 
 def _textured() -> Any:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.hostile.format import Format
+from tests.support.hostile.format import Format
 
 IES = b"""IESNA:LM-63-2002
 [MANUFAC] me

@@ -1,7 +1,7 @@
 """Damaged files and bombs of every format that is read, each read in a child process with limits.
 
-`python -m tests.hostile [--count N] [--seed S] [FORMAT ...]`. A file is right or refused with a UserError of one line. A signal, another
-exception, a library's word on the terminal, more than MAX_S of processor time or more than MAX_BYTES of memory is a fault, and the file is kept.
+`python -m tests.support.hostile [--count N] [--seed S] [FORMAT ...]`. A file is right or refused with a UserError of one line. A fault, whose
+file is kept, is a signal, another exception, a library's word on the terminal, more than MAX_S of processor time or MAX_BYTES of memory.
 """
 
 import argparse
@@ -19,8 +19,8 @@ import traceback
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.hostile import images, meshes, tables
-from tests.hostile.format import Format
+from tests.support.hostile import images, meshes, tables
+from tests.support.hostile.format import Format
 
 MAX_S = 5.0
 MAX_BYTES = 512 * 2**20  # of a child, all in all: the libraries take 150 to 250 MB of it

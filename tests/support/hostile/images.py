@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.hostile.format import Format
+from tests.support.hostile.format import Format
 
 
 def _picture() -> np.ndarray:

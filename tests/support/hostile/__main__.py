@@ -1,7 +1,7 @@
 """Damaged files and bombs of every format that is read, each read in a child process with limits.
 
 `python -m tests.support.hostile [--count N] [--seed S] [FORMAT ...]`. A file is right or refused with a UserError of one line. A fault,
-whose file is kept, is a signal, another exception, a library's word on the terminal, more than MAX_S of processor time or MAX_BYTES of memory.
+whose file is kept, is a signal, another exception, a library's word on the terminal, more than MAX_S of processor time or MAX_BYTES.
 """
 
 import argparse

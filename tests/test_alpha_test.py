@@ -10,9 +10,10 @@ from tests.support.gltf_files import TexturedSquare
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.renderer import Renderer
-from vemlight.renderer.scene.materials import alpha_bled, alpha_test_of
+from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.scene import load_scene
+from vemlight.renderer.scene.textures import alpha_bled
 from vemlight.renderer.stage import file_samples
 from vemlight.settings import Renderer as Settings
 

@@ -5,9 +5,9 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 
 from vemlight.errors import UserError
-from vemlight.renderer.scene.materials import Texture
 from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.meshes import clean_geometry, shape_geometry
+from vemlight.renderer.scene.textures import Texture
 
 
 def face_normals(geometry) -> np.ndarray:

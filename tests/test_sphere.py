@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from vemlight.light.sphere import (
     Coverage,
@@ -20,7 +21,6 @@ from vemlight.light.sphere import (
     quaternion_xyz,
     rotation_xyz,
 )
-from vemlight.renderer.scene.animation import rotation_from_quaternion
 
 X, Y, Z = np.eye(3)
 ANGLES = st.floats(-720, 720)
@@ -96,4 +96,4 @@ def test_turns_are_about_x_then_y_then_z():
 
 @given(st.tuples(ANGLES, ANGLES, ANGLES))
 def test_the_quaternion_is_the_same_turn(degrees):
-    np.testing.assert_allclose(rotation_from_quaternion(np.array(quaternion_xyz(degrees))), rotation_xyz(degrees), atol=1e-9)
+    np.testing.assert_allclose(Rotation.from_quat(quaternion_xyz(degrees)).as_matrix(), rotation_xyz(degrees), atol=1e-9)

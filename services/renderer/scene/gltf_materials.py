@@ -1,4 +1,4 @@
-"""What glTF files say of how meshes look: materials, images, texture coordinates, vertex colours (glTF 2.0, sections 3.7.2, 3.8, 3.9)."""
+"""Materials of glTF files: factors, textures, texture coordinates and vertex colours (glTF 2.0, sections 3.7.2, 3.8 and 3.9)."""
 
 import io
 from typing import Any, NamedTuple
@@ -6,32 +6,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image
 
-from vemlight.renderer.scene.gltf import DRAWN_MODES, READ_EXTENSIONS, GltfFile, at
-from vemlight.renderer.scene.materials import (
-    LINEAR,
-    LINEAR_MIPMAP_LINEAR,
-    AlphaTest,
-    Colour,
-    Ggx,
-    Material,
-    SpecularGlossiness,
-    Texture,
-    Unlit,
-    alpha_bled,
-    texels,
-)  # fmt: skip
+from vemlight.renderer.scene.gltf import READ_EXTENSIONS, TRIANGLE_STRIP, TRIANGLES, GltfFile, item
+from vemlight.renderer.scene.materials import AlphaTest, Colour, Ggx, Material, SpecularGlossiness, Unlit
+from vemlight.renderer.scene.textures import LINEAR, LINEAR_MIPMAP_LINEAR, Texture, alpha_bled, texels_from_image
 
 REPEAT, CLAMP, MIRRORED = 10497, 33071, 33648  # section 5.26
-MAGNIFYING, MINIFYING = (9728, 9729), (9728, 9729, 9984, 9985, 9986, 9987)
+MAGNIFICATION_FILTERS, MINIFICATION_FILTERS = (9728, 9729), (9728, 9729, 9984, 9985, 9986, 9987)
 MAX_RADIANCE = 65504.0  # the largest half float
-FLIP = np.array([[1.0, 0, 0], [0, -1, 1], [0, 0, 1]])  # from v upwards to glTF's, which is downwards, and back
+MAX_NUMBER = 1e6  # of factors and texture transforms; a larger one is taken for damage. Any value in 1e4 .. 1e9 does
+FLIP_V = np.array([[1.0, 0, 0], [0, -1, 1], [0, 0, 1]])  # from v upwards to glTF's, which is downwards, and back
 
 
 class MaterialBinding(NamedTuple):
-    """A material of a file on one of its primitives. name: for what is said of it."""
+    """A material of a file on one of its primitives. name: for messages about it."""
 
     name: str
+    document: dict[str, Any]
     primitive: dict[str, Any]
+
+    @property
+    def extensions(self) -> dict[str, Any]:
+        return self.document.get("extensions", {})
 
 
 class TextureEncoding(NamedTuple):
@@ -48,129 +43,149 @@ class TextureEncoding(NamedTuple):
     mirrored: tuple[bool, bool] = (False, False)
 
 
-SRGB_COLOUR = TextureEncoding()
+COLOUR = TextureEncoding()
+COLOUR_WITH_ALPHA = TextureEncoding(alpha=True)
+ALPHA_TESTED_COLOUR = TextureEncoding(alpha=True, bleed=True)
+NORMALS = TextureEncoding(srgb=False)
+METALLIC_ROUGHNESS = TextureEncoding(srgb=False, channels=(2, 1))  # metallic is in blue, roughness in green
 
 
 class GltfMaterials:
-    """What the primitives of a file look like. left_out: a line for each thing that the file has and that is not drawn.
+    """The materials of a file's primitives. unsupported: a line for each feature of the file that is not drawn.
 
-    All that is not as the standard has it is raised as gltf.py says.
+    A file that is not as the standard has it raises as gltf.py says.
     """
 
     def __init__(self, file: GltfFile) -> None:
         self._file = file
         self._texels: dict[tuple[int | None, TextureEncoding], np.ndarray | None] = {}
-        self.left_out: list[str] = []
+        self.unsupported: list[str] = []
 
     def material(self, primitive: dict[str, Any]) -> Material | None:
         """A primitive's material; None where the file gives it none."""
         if "material" not in primitive:
             return None
-        found = at(self._file.document.get("materials", []), primitive["material"], "materials")
-        binding = MaterialBinding(f"material {found.get('name', primitive['material'])}", primitive)
-        extensions = found.get("extensions", {})
-        base, old = found.get("pbrMetallicRoughness", {}), extensions.get("KHR_materials_pbrSpecularGlossiness")
-        factor = _numbers((base if old is None else old).get("baseColorFactor" if old is None else "diffuseFactor", (1.0,) * 4), 4, 1.0)
-        if old is None:
-            colour_map, alpha_test = self._coloured(found, base, "baseColorTexture", float(factor[3]), binding)
+        found = item(self._file.document.get("materials", []), primitive["material"], "materials")
+        binding = MaterialBinding(f"material {found.get('name', primitive['material'])}", found, primitive)
+        if "KHR_materials_pbrSpecularGlossiness" in binding.extensions:
+            model, colour, colour_texture = binding.extensions["KHR_materials_pbrSpecularGlossiness"], "diffuseFactor", "diffuseTexture"
         else:
-            colour_map, alpha_test = self._coloured(found, old, "diffuseTexture", float(factor[3]), binding)
-        if "KHR_materials_unlit" in extensions:
+            model, colour, colour_texture = found.get("pbrMetallicRoughness", {}), "baseColorFactor", "baseColorTexture"
+        factor = _numbers(model.get(colour, (1.0,) * 4), 4, 1.0)
+        colour_map, alpha_test = self._colour_map(binding, model, colour_texture, float(factor[3]))
+        if "KHR_materials_unlit" in binding.extensions:
             return Unlit(_colour(factor), colour_map, alpha_test)
-        strength = _numbers([extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)], 1, MAX_RADIANCE)
-        emission = _colour(_numbers(found.get("emissiveFactor", (0.0,) * 3), 3, 1.0) * strength)
-        emission_map = self._texture(found, "emissiveTexture", binding) if any(emission) else None
-        shared: dict[str, Any] = {
-            "colour_map": colour_map, "normal_map": self._normal_map(found, binding),
-            "emission": emission, "emission_map": emission_map, "alpha_test": alpha_test,
-        }  # fmt: skip
-        if old is not None:
-            both = self._texture(old, "specularGlossinessTexture", binding, TextureEncoding(alpha=True))
-            specular = _colour(_numbers(old.get("specularFactor", (1.0,) * 3), 3, 1.0))
-            return SpecularGlossiness(_colour(factor), specular, _number(old, "glossinessFactor"), specular_glossiness_map=both, **shared)
-        rough = self._texture(base, "metallicRoughnessTexture", binding, TextureEncoding(srgb=False, channels=(2, 1)))  # blue, green
-        (index,) = _numbers([extensions.get("KHR_materials_ior", {}).get("ior", 1.5)], 1, 1e6)
-        reflectance = float((index - 1) / (index + 1)) ** 2
-        metallic, roughness = _number(base, "metallicFactor"), _number(base, "roughnessFactor")
-        return Ggx(_colour(factor), metallic, roughness, metallic_roughness_map=rough, reflectance=reflectance, **shared)
+        emission, emission_map = self._emission(binding)
+        normal_map = self._normal_map(binding)
+        if "KHR_materials_pbrSpecularGlossiness" in binding.extensions:
+            return SpecularGlossiness(
+                diffuse=_colour(factor),
+                specular=_colour(_numbers(model.get("specularFactor", (1.0,) * 3), 3, 1.0)),
+                glossiness=_fraction(model, "glossinessFactor"),
+                colour_map=colour_map,
+                specular_glossiness_map=self._texture(model, "specularGlossinessTexture", binding, COLOUR_WITH_ALPHA),
+                normal_map=normal_map,
+                emission=emission,
+                emission_map=emission_map,
+                alpha_test=alpha_test,
+            )
+        return Ggx(
+            base_color=_colour(factor),
+            metallic=_fraction(model, "metallicFactor"),
+            roughness=_fraction(model, "roughnessFactor"),
+            colour_map=colour_map,
+            metallic_roughness_map=self._texture(model, "metallicRoughnessTexture", binding, METALLIC_ROUGHNESS),
+            normal_map=normal_map,
+            reflectance=_reflectance(binding.extensions.get("KHR_materials_ior", {}).get("ior", 1.5)),
+            emission=emission,
+            emission_map=emission_map,
+            alpha_test=alpha_test,
+        )
 
-    def _coloured(
-        self, found: dict[str, Any], model: dict[str, Any], key: str, alpha: float, binding: MaterialBinding
+    def _colour_map(
+        self, binding: MaterialBinding, model: dict[str, Any], key: str, alpha: float
     ) -> tuple[Texture | None, AlphaTest | None]:
-        """The image of a material's colour, and its holes; none where nothing of it can be seen through."""
-        mode = found.get("alphaMode", "OPAQUE")
+        """The texture of a material's colour, and its alpha test; none where factor, image and vertex colours are opaque all over."""
+        mode = binding.document.get("alphaMode", "OPAQUE")
         if mode not in ("OPAQUE", "MASK", "BLEND"):
             raise ValueError(f"has {binding.name} of alphaMode {str(mode)[:20]}")
         if mode == "OPAQUE":
             return self._texture(model, key, binding), None
-        cutoff = float(_numbers([found.get("alphaCutoff", 0.5)], 1, 1e6)[0]) if mode == "MASK" else None
-        image, colours = self._texture(model, key, binding, TextureEncoding(alpha=True, bleed=True)), self.colours(binding.primitive)
-        least = alpha * (1.0 if image is None else float(image.texels[..., 3].min()))
-        least *= 1.0 if colours is None else float(colours[:, 3].min())
-        return image, None if least >= (1.0 if cutoff is None else cutoff) else AlphaTest(alpha, cutoff, image)
+        cutoff = float(_numbers([binding.document.get("alphaCutoff", 0.5)], 1, MAX_NUMBER)[0]) if mode == "MASK" else None
+        texture, colours = self._texture(model, key, binding, ALPHA_TESTED_COLOUR), self.colours(binding.primitive)
+        lowest = alpha * (1.0 if texture is None else float(texture.texels[..., 3].min()))
+        lowest *= 1.0 if colours is None else float(colours[:, 3].min())
+        opaque = lowest >= (1.0 if cutoff is None else cutoff)
+        return texture, None if opaque else AlphaTest(alpha, cutoff, texture)
 
-    def _normal_map(self, found: dict[str, Any], binding: MaterialBinding) -> Texture | None:
-        texture = self._texture(found, "normalTexture", binding, TextureEncoding(srgb=False))
-        if texture is None or (scale := found["normalTexture"].get("scale", 1.0)) == 1.0:
+    def _emission(self, binding: MaterialBinding) -> tuple[Colour, Texture | None]:
+        strength = binding.extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
+        factor = _numbers(binding.document.get("emissiveFactor", (0.0,) * 3), 3, 1.0)
+        emission = _colour(factor * _numbers([strength], 1, MAX_RADIANCE))
+        return emission, self._texture(binding.document, "emissiveTexture", binding) if any(emission) else None
+
+    def _normal_map(self, binding: MaterialBinding) -> Texture | None:
+        texture = self._texture(binding.document, "normalTexture", binding, NORMALS)
+        if texture is None or (scale := binding.document["normalTexture"].get("scale", 1.0)) == 1.0:
             return texture
-        normal_map = 2 * texture.texels.astype(np.float32) - 1
-        normal_map[..., :2] *= _finite([scale], 1)
-        return texture._replace(texels=((normal_map + 1) / 2).astype(np.float16))
+        normals = 2 * texture.texels.astype(np.float32) - 1
+        normals[..., :2] *= _finite([scale], 1)
+        return texture._replace(texels=((normals + 1) / 2).astype(np.float16))
 
-    def _texture(
-        self, where: dict[str, Any], key: str, binding: MaterialBinding, encoding: TextureEncoding = SRGB_COLOUR
-    ) -> Texture | None:
-        """The image that a material speaks of; None, and a line in `left_out`, where it cannot be drawn."""
+    def _texture(self, where: dict[str, Any], key: str, binding: MaterialBinding, encoding: TextureEncoding = COLOUR) -> Texture | None:
+        """The texture that `where` names by `key`; None, with a line in `unsupported`, where it cannot be drawn."""
         if key not in where:
             return None
         info, document = where[key], self._file.document
-        texture = at(document.get("textures", []), info["index"], "textures")
-        sampler = at(document.get("samplers", []), texture["sampler"], "samplers") if "sampler" in texture else {}
-        uv_transform = info.get("extensions", {}).get("KHR_texture_transform", {})
-        uv_set = uv_transform.get("texCoord", info.get("texCoord", 0))
+        texture = item(document.get("textures", []), info["index"], "textures")
+        sampler = item(document.get("samplers", []), texture["sampler"], "samplers") if "sampler" in texture else {}
+        transform = info.get("extensions", {}).get("KHR_texture_transform", {})
+        uv_set = transform.get("texCoord", info.get("texCoord", 0))
         if uv_set not in (0, 1) or f"TEXCOORD_{uv_set}" not in binding.primitive["attributes"]:
             reason = "the mesh does not have" if uv_set in (0, 1) else "of which only 0 and 1 are drawn"
-            self._say(f"{binding.name}: its {key} is left out: it lies by TEXCOORD_{uv_set}, {reason}")
+            self._note(f"{binding.name}: its {key} is left out: it lies by TEXCOORD_{uv_set}, {reason}")
             return None
         wraps = (sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT))
         filters = (sampler.get("minFilter", LINEAR_MIPMAP_LINEAR), sampler.get("magFilter", LINEAR))
-        if not {*wraps} <= {REPEAT, CLAMP, MIRRORED} or filters[0] not in MINIFYING or filters[1] not in MAGNIFYING:
+        if not {*wraps} <= {REPEAT, CLAMP, MIRRORED} or filters[0] not in MINIFICATION_FILTERS or filters[1] not in MAGNIFICATION_FILTERS:
             raise ValueError(f"has {binding.name} with a sampler that glTF does not know")
         mirrored = (wraps[0] == MIRRORED, wraps[1] == MIRRORED)
         source = texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source", texture.get("source"))
-        found = self._image(source, encoding._replace(mirrored=mirrored), f"{binding.name}: its {key}")
-        if found is None:
+        texels = self._texels_of(source, encoding._replace(mirrored=mirrored), f"{binding.name}: its {key}")
+        if texels is None:
             return None
         halves = np.diag([0.5 if mirrored[0] else 1.0, 0.5 if mirrored[1] else 1.0, 1.0])
-        matrix = halves @ FLIP @ _transform(uv_transform) @ FLIP
-        same = uv_set == 0 and np.array_equal(matrix, np.eye(3))
-        return Texture(found, (wraps[0] != CLAMP, wraps[1] != CLAMP), filters, uv_set, None if same else matrix[:2])
+        matrix = halves @ FLIP_V @ _uv_transform(transform) @ FLIP_V
+        identity = uv_set == 0 and np.array_equal(matrix, np.eye(3))
+        return Texture(texels, (wraps[0] != CLAMP, wraps[1] != CLAMP), filters, uv_set, None if identity else matrix[:2])
 
-    def _image(self, number: int | None, encoding: TextureEncoding, what: str) -> np.ndarray | None:
-        """An image's texels, made once for all materials; where it is mirrored it has its mirror image beside it."""
-        if (number, encoding) in self._texels:
-            return self._texels[number, encoding]
-        found = None
+    def _texels_of(self, number: int | None, encoding: TextureEncoding, what: str) -> np.ndarray | None:
+        """An image's texels, made once for all materials; None, with a line in `unsupported` about `what`, where it cannot be read."""
+        if (number, encoding) not in self._texels:
+            texels = self._read_image(number, encoding, what)
+            if texels is not None:
+                texels = texels if encoding.channels is None else texels[..., list(encoding.channels)]
+                texels = alpha_bled(texels) if encoding.bleed else texels
+                for axis, mirrored in zip((1, 0), encoding.mirrored, strict=True):
+                    texels = np.concatenate([texels, np.flip(texels, axis)], axis=axis) if mirrored else texels
+                texels = np.ascontiguousarray(texels)
+            self._texels[number, encoding] = texels
+        return self._texels[number, encoding]
+
+    def _read_image(self, number: int | None, encoding: TextureEncoding, what: str) -> np.ndarray | None:
         if number is None:
-            self._say(f"{what} is left out: it has no image of a kind that is read here")
-        else:
-            try:
-                with Image.open(io.BytesIO(self._file.image(number))) as image:
-                    found = texels(image, encoding.srgb, encoding.alpha)
-            except FileNotFoundError as error:
-                self._say(f"{what} is left out: there is no {error.filename}")
-            except Image.UnidentifiedImageError:
-                self._say(f"{what} is left out: it is no image of a kind that is read here")
-            except Image.DecompressionBombError:
-                self._say(f"{what} is left out: it is larger than {2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels")
-        if found is not None:
-            found = found if encoding.channels is None else found[..., list(encoding.channels)]
-            found = alpha_bled(found) if encoding.bleed else found
-            for axis, twice in zip((1, 0), encoding.mirrored, strict=True):
-                found = np.concatenate([found, np.flip(found, axis)], axis=axis) if twice else found
-            found = np.ascontiguousarray(found)
-        self._texels[number, encoding] = found
-        return found
+            self._note(f"{what} is left out: it has no image of a kind that is read here")
+            return None
+        try:
+            with Image.open(io.BytesIO(self._file.image(number))) as image:
+                return texels_from_image(image, encoding.srgb, encoding.alpha)
+        except FileNotFoundError as error:
+            self._note(f"{what} is left out: there is no {error.filename}")
+        except Image.UnidentifiedImageError:
+            self._note(f"{what} is left out: it is no image of a kind that is read here")
+        except Image.DecompressionBombError:
+            self._note(f"{what} is left out: it is larger than {2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels")
+        return None
 
     def uvs(self, primitive: dict[str, Any]) -> list[np.ndarray | None]:
         """Both sets of texture coordinates, (n, 2) float32 each, v upwards; None where the primitive has none that are finite."""
@@ -191,56 +206,62 @@ class GltfMaterials:
         colours[:, : found.shape[1]] = np.clip(found, 0, 1)
         return colours
 
-    def say_what_else(self) -> None:
-        """Adds to `left_out` what the file has beyond images."""
+    def note_unsupported(self) -> None:
+        """Adds to `unsupported` what the file has beyond textures: extensions, morph targets, skins, points, lines and fans."""
         document = self._file.document
         for extension in sorted(set(document.get("extensionsUsed", [])) - READ_EXTENSIONS):
             users = [m.get("name", k) for k, m in enumerate(document.get("materials", [])) if extension in m.get("extensions", {})]
             more = f" and {len(users) - 1} more" if users[1:] else ""
-            self._say(f"{extension} is not drawn" + (f", of material {users[0]}{more}" if users else ""))
+            self._note(f"{extension} is not drawn" + (f", of material {users[0]}{more}" if users else ""))
         for number, mesh in enumerate(document.get("meshes", [])):
             name = f"mesh {mesh.get('name', number)}"
             if any("targets" in primitive for primitive in mesh["primitives"]):
-                self._say(f"{name}: its morph targets are left out; it keeps its first form")
-            if any(primitive.get("mode", 4) not in DRAWN_MODES for primitive in mesh["primitives"]):
-                self._say(f"{name}: its points, lines or fans are left out; triangles and strips are drawn")
+                self._note(f"{name}: its morph targets are left out; it keeps its first form")
+            if any(primitive.get("mode", TRIANGLES) not in (TRIANGLES, TRIANGLE_STRIP) for primitive in mesh["primitives"]):
+                self._note(f"{name}: its points, lines or fans are left out; triangles and strips are drawn")
         for number, node in enumerate(document.get("nodes", [])):
             if "skin" in node:
-                self._say(f"node {node.get('name', number)}: its skin is left out; it keeps its first form")
+                self._note(f"node {node.get('name', number)}: its skin is left out; it keeps its first form")
 
-    def _say(self, line: str) -> None:
+    def _note(self, line: str) -> None:
         line = " ".join(line.split())[:300]
-        if line not in self.left_out:
-            self.left_out.append(line)
+        if line not in self.unsupported:
+            self.unsupported.append(line)
 
 
-def _transform(uv_transform: dict[str, Any]) -> np.ndarray:
-    """KHR_texture_transform as a matrix (3, 3), for v downwards: scaled, turned counter-clockwise in the image, moved."""
-    (turn,) = _finite([uv_transform.get("rotation", 0.0)], 1)
-    cosine, sine = np.cos(turn), np.sin(turn)
+def _uv_transform(transform: dict[str, Any]) -> np.ndarray:
+    """KHR_texture_transform as a matrix (3, 3), for v downwards: scaled, rotated counter-clockwise in the image, moved."""
+    (angle,) = _finite([transform.get("rotation", 0.0)], 1)
+    cosine, sine = np.cos(angle), np.sin(angle)
     matrix = np.eye(3)
-    matrix[:2, :2] = np.array([[cosine, sine], [-sine, cosine]]) * _finite(uv_transform.get("scale", (1.0, 1.0)), 2)
-    matrix[:2, 2] = _finite(uv_transform.get("offset", (0.0, 0.0)), 2)
+    matrix[:2, :2] = np.array([[cosine, sine], [-sine, cosine]]) * _finite(transform.get("scale", (1.0, 1.0)), 2)
+    matrix[:2, 2] = _finite(transform.get("offset", (0.0, 0.0)), 2)
     return matrix
 
 
+def _reflectance(index: Any) -> float:
+    """Reflectance at normal incidence of a refractive index in air (Fresnel; KHR_materials_ior)."""
+    (n,) = _numbers([index], 1, MAX_NUMBER)
+    return float((n - 1) / (n + 1)) ** 2
+
+
 def _finite(values: Any, count: int) -> np.ndarray:
-    """Numbers (count,) float64 within a million of 0."""
+    """Numbers (count,) float64. Raises ValueError for another count, nan, or numbers beyond MAX_NUMBER."""
     found = np.asarray(values, np.float64)
-    if found.shape != (count,) or not np.all(np.abs(found) <= 1e6):
+    if found.shape != (count,) or not np.all(np.abs(found) <= MAX_NUMBER):
         raise ValueError(f"has a material with {str(values)[:60]} where {count} finite numbers must be")
     return found
 
 
-def _numbers(values: Any, count: int, most: float) -> np.ndarray:
-    """As `_finite`, from 0; those above `most` as that."""
+def _numbers(values: Any, count: int, highest: float) -> np.ndarray:
+    """As `_finite`, clipped to `highest`. Raises ValueError for numbers below 0."""
     found = _finite(values, count)
     if np.any(found < 0):
         raise ValueError(f"has a material with {str(values)[:60]} where nothing may be below 0")
-    return np.minimum(found, most)
+    return np.minimum(found, highest)
 
 
-def _number(where: dict[str, Any], key: str) -> float:
+def _fraction(where: dict[str, Any], key: str) -> float:
     return float(_numbers([where.get(key, 1.0)], 1, 1.0)[0])
 
 

@@ -1,4 +1,4 @@
-"""Meshes from files: glTF, OBJ, PLY and STL, with what the file says of their looks and their motion."""
+"""Meshes from files: glTF, OBJ, PLY and STL, with the materials and the motion that the file gives them."""
 
 import struct
 from pathlib import Path
@@ -8,17 +8,22 @@ import numpy as np
 import trimesh
 
 from vemlight.errors import UserError
+from vemlight.light.images import one_line
 from vemlight.renderer.scene.animation import ALL_ANIMATIONS, RigidMotion, animation_names, read_motions
-from vemlight.renderer.scene.gltf import GltfFile
+from vemlight.renderer.scene.gltf import TRIANGLE_STRIP, TRIANGLES, GltfFile
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
-from vemlight.renderer.scene.materials import Material, Phong, colours_from_visual, material_from_visual
+from vemlight.renderer.scene.gltf_nodes import mesh_nodes, rest_matrix
+from vemlight.renderer.scene.materials import Material, Phong
 from vemlight.renderer.scene.meshes import Geometry, clean_geometry
+from vemlight.renderer.scene.trimesh_materials import colours_from_visual, material_from_visual
 
+GLTF_SUFFIXES = (".glb", ".gltf")
+MESH_SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl")
 FAULTS = (ValueError, LookupError, TypeError, AttributeError, OverflowError, OSError, struct.error, SyntaxError)  # the last: PIL's, of PNG
 
 
 class MeshPart(NamedTuple):
-    """A mesh of a file; material: what the file says it is made of; motion: how its animation moves it, in the file's axes."""
+    """A mesh of a file; material: None where the file gives none; motion: how its animation moves it, in the file's axes."""
 
     name: str
     geometry: Geometry
@@ -27,10 +32,10 @@ class MeshPart(NamedTuple):
 
 
 class MeshFile(NamedTuple):
-    """parts: the meshes, in the file's own axes with its scene graph applied. left_out: a line for each thing that is not drawn."""
+    """parts: the meshes, in the file's axes with its node transforms applied. unsupported: a line for each feature that is not drawn."""
 
     parts: list[MeshPart]
-    left_out: list[str]
+    unsupported: list[str]
 
 
 class VertexAttributes(NamedTuple):
@@ -43,89 +48,104 @@ class VertexAttributes(NamedTuple):
     second_uvs: np.ndarray | None = None
 
 
+class SourceMesh(NamedTuple):
+    """A mesh as its file has it. triangles: (m, 3). file_from_mesh: (4, 4)."""
+
+    vertices: VertexAttributes
+    triangles: np.ndarray
+    file_from_mesh: np.ndarray
+    material: Material | None
+    motion: RigidMotion | None = None
+
+
 def read_meshes(path: Path, where: str, animation: str = "", materials: bool = True) -> MeshFile:
     """Each mesh in a glTF, OBJ, PLY or STL file.
 
-    animation: which of several, as animation.py has it. materials: whether the file's own are wanted. Raises UserError that begins with
-    `where` when the file cannot be read, needs what is not read here, or a mesh in it is empty, holds nan or has no area.
+    animation: which of several, as in animation.py. materials: whether glTF's own are read. Raises UserError that begins with `where` for a
+    file that cannot be read or requires what is not read here, and for a mesh that is empty, holds nan or has no area.
     """
-    file = looks = None
+    is_gltf = path.suffix.lower() in GLTF_SUFFIXES
     try:
-        if path.suffix.lower() in (".glb", ".gltf"):
-            file = GltfFile(path)
-            looks = GltfMaterials(file)
-        plain: dict[str, Any] = {"skip_materials": True} if file else {}
-        loaded = trimesh.load_scene(path, process=False, maintain_order=True, **plain)
-        motions = read_motions(file, animation) if file else {}
-        placed = [(*loaded.graph[node], _motion_of(node, loaded, motions)) for node in loaded.graph.nodes_geometry]
-        nodes = [(matrix, str(key), motion) for matrix, key, motion in placed if isinstance(loaded.geometry[key], trimesh.Trimesh)]
-        primitives = file.primitives() if file else {}
-    except Exception as error:  # a hostile file raises whatever the parser below trips over
-        raise UserError(f"{where}: {path} is not a readable mesh ({_line(error)}); export it again") from error
-    found = []
-    seen: dict[str, tuple[Material | None, VertexAttributes]] = {}
-    for number, (matrix, key, motion) in enumerate(nodes, 1):
-        name = path.name if len(nodes) == 1 else f"{path.name} part {number}"
-        mesh = loaded.geometry[key]
-        try:
-            if key not in seen:
-                seen[key] = _gltf_seen(file, looks, primitives[key], materials) if file and looks else _plain_seen(mesh)
-            material, vertices = seen[key]
-            if material is None and vertices.colours is not None:
-                material = Phong((1.0, 1.0, 1.0))
-            geometry = _in_file_axes(vertices, np.asarray(mesh.faces), np.asarray(matrix, np.float64))
-        except FAULTS as error:
-            raise UserError(f"{where}: {name} {_line(error)}; export it again") from error
-        found.append(MeshPart(name, geometry, material, motion))
-    if not found:
+        file = GltfFile(path) if is_gltf else None
+        looks = GltfMaterials(file) if file else None
+        meshes = _gltf_meshes(file, looks, animation, materials) if file and looks else _trimesh_meshes(path)
+        unsupported = _unsupported(file, looks, animation) if file and looks else []
+    except Exception as error:  # a hostile file raises whatever the parsers trip over
+        raise UserError(f"{where}: {path} is not a readable mesh ({one_line(error)}); export it again") from error
+    if not meshes:
         raise UserError(f"{where}: {path} has no triangles; export it again")
-    try:
-        return MeshFile(found, [f"{path.name}: {line}" for line in _left_out(file, looks, animation)] if file and looks else [])
-    except FAULTS as error:
-        raise UserError(f"{where}: {path.name} {_line(error)}; export it again") from error
+    parts = []
+    for number, mesh in enumerate(meshes, 1):
+        name = path.name if len(meshes) == 1 else f"{path.name} part {number}"
+        try:
+            geometry = _in_file_axes(mesh)
+        except FAULTS as error:
+            raise UserError(f"{where}: {name} {one_line(error)}; export it again") from error
+        coloured = mesh.material is None and mesh.vertices.colours is not None
+        parts.append(MeshPart(name, geometry, Phong((1.0, 1.0, 1.0)) if coloured else mesh.material, mesh.motion))
+    return MeshFile(parts, [f"{path.name}: {line}" for line in unsupported])
 
 
-def _left_out(file: GltfFile, looks: GltfMaterials, animation: str) -> list[str]:
-    looks.say_what_else()
-    names = animation_names(file)
-    if len(names) < 2 or animation:
-        return looks.left_out
-    others = f'animation = "{ALL_ANIMATIONS}" plays all, or name one of {", ".join(names)[:200]}'
-    return [*looks.left_out, f"of its {len(names)} animations the first plays: {others}"]
+def _gltf_meshes(file: GltfFile, looks: GltfMaterials, animation: str, materials: bool) -> list[SourceMesh]:
+    """The primitives of triangles and strips of each node. One that several nodes have is read once."""
+    nodes = mesh_nodes(file)
+    read: dict[int, tuple[VertexAttributes, np.ndarray, Material | None]] = {}
+    meshes = []
+    for node, motion in zip(nodes, read_motions(file, nodes, animation), strict=True):
+        file_from_mesh = np.eye(4)
+        for number in node.path:
+            file_from_mesh = file_from_mesh @ rest_matrix(file.document["nodes"][number])
+        for primitive in node.mesh["primitives"]:
+            if primitive.get("mode", TRIANGLES) in (TRIANGLES, TRIANGLE_STRIP):
+                if id(primitive) not in read:
+                    vertices = _gltf_vertices(file, looks, primitive)
+                    triangles = file.triangles(primitive, len(vertices.positions))
+                    read[id(primitive)] = vertices, triangles, looks.material(primitive) if materials else None
+                vertices, triangles, material = read[id(primitive)]
+                meshes.append(SourceMesh(vertices, triangles, file_from_mesh, material, motion))
+    return meshes
 
 
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
-
-
-def _motion_of(node: str, loaded: trimesh.Scene, motions: dict[str, RigidMotion]) -> RigidMotion | None:
-    """A node's motion; a mesh of several materials stands in nodes of trimesh's own below the file's."""
-    return motions.get(node) or motions.get(loaded.graph.transforms.parents.get(node, ""))
-
-
-def _plain_seen(mesh: trimesh.Trimesh) -> tuple[Material | None, VertexAttributes]:
-    """Of a file without glTF. Its normals are those that the file had; trimesh's property would compute its own."""
-    material, uvs = material_from_visual(mesh.visual)
-    normals = np.asarray(mesh.vertex_normals) if "vertex_normals" in mesh._cache.cache else None
-    return material, VertexAttributes(np.asarray(mesh.vertices), normals, uvs, colours_from_visual(mesh.visual))
-
-
-def _gltf_seen(
-    file: GltfFile, looks: GltfMaterials, primitive: dict[str, Any], materials: bool
-) -> tuple[Material | None, VertexAttributes]:
-    """Of a primitive, read here: trimesh knows neither sparse nor normalised numbers."""
+def _gltf_vertices(file: GltfFile, looks: GltfMaterials, primitive: dict[str, Any]) -> VertexAttributes:
     attributes = primitive["attributes"]
     normals = file.array(attributes["NORMAL"]) if "NORMAL" in attributes else None
-    uvs, second = looks.uvs(primitive)
-    vertices = VertexAttributes(file.array(attributes["POSITION"]), normals, uvs, looks.colours(primitive), second)
+    uvs, second_uvs = looks.uvs(primitive)
+    vertices = VertexAttributes(file.array(attributes["POSITION"]), normals, uvs, looks.colours(primitive), second_uvs)
     if any(values is not None and len(values) != len(vertices.positions) for values in vertices):
         raise ValueError("has more or fewer normals, colours or texture coordinates than vertices")
-    return looks.material(primitive) if materials else None, vertices
+    return vertices
 
 
-def _in_file_axes(vertices: VertexAttributes, faces: np.ndarray, matrix: np.ndarray) -> Geometry:
-    """Clean geometry of a node's mesh under the node's transform (4, 4)."""
-    positions = vertices.positions @ matrix[:3, :3].T + matrix[:3, 3]
-    normals = None if vertices.normals is None else vertices.normals @ np.linalg.inv(matrix[:3, :3])
-    faces = faces if np.linalg.det(matrix[:3, :3]) > 0 else faces[:, ::-1]
-    return clean_geometry(positions, faces, normals, vertices.uvs, vertices.colours, vertices.second_uvs)
+def _trimesh_meshes(path: Path) -> list[SourceMesh]:
+    """The meshes of an OBJ, PLY or STL file."""
+    scene = trimesh.load_scene(path, process=False, maintain_order=True)
+    meshes = []
+    for node in scene.graph.nodes_geometry:
+        matrix, key = scene.graph[node]
+        mesh = scene.geometry[key]
+        if isinstance(mesh, trimesh.Trimesh):
+            material, uvs = material_from_visual(mesh.visual)
+            # Those that the file has: trimesh's property would compute its own.
+            normals = np.asarray(mesh.vertex_normals) if "vertex_normals" in mesh._cache.cache else None
+            vertices = VertexAttributes(np.asarray(mesh.vertices), normals, uvs, colours_from_visual(mesh.visual))
+            meshes.append(SourceMesh(vertices, np.asarray(mesh.faces), np.asarray(matrix, np.float64), material))
+    return meshes
+
+
+def _unsupported(file: GltfFile, looks: GltfMaterials, animation: str) -> list[str]:
+    looks.note_unsupported()
+    names = animation_names(file)
+    if len(names) < 2 or animation:
+        return looks.unsupported
+    others = f'animation = "{ALL_ANIMATIONS}" plays all, or name one of {", ".join(names)[:200]}'
+    return [*looks.unsupported, f"of its {len(names)} animations the first plays: {others}"]
+
+
+def _in_file_axes(mesh: SourceMesh) -> Geometry:
+    """Clean geometry of a mesh in its file's axes."""
+    linear, offset = mesh.file_from_mesh[:3, :3], mesh.file_from_mesh[:3, 3]
+    vertices = mesh.vertices
+    positions = vertices.positions @ linear.T + offset
+    normals = None if vertices.normals is None else vertices.normals @ np.linalg.inv(linear)
+    triangles = mesh.triangles if np.linalg.det(linear) > 0 else mesh.triangles[:, ::-1]
+    return clean_geometry(positions, triangles, normals, vertices.uvs, vertices.colours, vertices.second_uvs)

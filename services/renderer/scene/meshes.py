@@ -57,7 +57,7 @@ def swept_bounds(geometry: Geometry, motion: RigidMotion | None) -> tuple[np.nda
     """As `bounds`, of the box around all places to which a motion brings a geometry's own box."""
     if motion is None:
         return bounds([geometry])
-    matrices = np.stack([motion.world_from_rest(time_s) for time_s in motion.times_s(MAX_SWEEP_TIMES)])
+    matrices = np.stack([motion.world_from_rest(time_s) for time_s in motion.sample_times_s(MAX_SWEEP_TIMES)])
     swept = np.einsum("tij,cj->tci", matrices[:, :3, :3], box_corners(geometry)) + matrices[:, None, :3, 3]
     low, high = swept.min(axis=(0, 1)), swept.max(axis=(0, 1))
     between = 0.02 * (high - low)  # a half turn between two of ten moments leaves its chord by 1 - cos(pi / 20), 1.2 % of its radius

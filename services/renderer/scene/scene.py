@@ -26,15 +26,12 @@ from vemlight.renderer.scene.materials import (
     material_from_table,
     material_kind,
 )
-from vemlight.renderer.scene.mesh_files import MeshFile, MeshPart, read_meshes
+from vemlight.renderer.scene.mesh_files import GLTF_SUFFIXES, MESH_SUFFIXES, MeshFile, MeshPart, read_meshes
 from vemlight.renderer.scene.meshes import Geometry, Shape, bounds, shape_geometry, swept_bounds
 from vemlight.renderer.scene.plate_table import PlateTable, load_plate
 from vemlight.runtime import wire
 
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
-GLTF = (".glb", ".gltf")
-MESH_SUFFIXES = (*GLTF, ".obj", ".ply", ".stl")
-
 MAX_DISTANCE_M = 1e6  # as poses on the wire; there float32 is 6 cm coarse
 MAX_RELATIVE_OFFSET = 1000  # scene sizes from the origin: there float32 is 6e-5 of the size, a tenth of a texel of the largest shadow map
 
@@ -184,7 +181,7 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
         raise UserError(f"{where}: {error}") from error
     if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_DISTANCE_M:
         raise UserError(f"{where}: scale, rotate and at must be finite, at within {MAX_DISTANCE_M:.0f} m; mend them")
-    if row.animation and Path(row.file).suffix.lower() not in GLTF:
+    if row.animation and Path(row.file).suffix.lower() not in GLTF_SUFFIXES:
         raise UserError(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")
     y_up = row.y_up
     if row.shape:
@@ -196,13 +193,13 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
         if not file.is_file():
             raise UserError(f"{where}: there is no mesh file {file}; mend the path (it is relative to the scene file)")
         found = read_meshes(file, where, row.animation, materials=wanted is None)
-        y_up = file.suffix.lower() in GLTF if y_up is None else y_up
+        y_up = file.suffix.lower() in GLTF_SUFFIXES if y_up is None else y_up
     rotation = rotation_xyz(row.rotate)
     if y_up:
         rotation = rotation @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
     world_from_file = np.eye(4)
     world_from_file[:3, :3], world_from_file[:3, 3] = rotation * row.scale, row.at
-    for line in found.left_out:
+    for line in found.unsupported:
         print(f"vemlight: {where}: {line}", file=sys.stderr, flush=True)
     placed = [part.geometry.moved(rotation * row.scale, np.array(row.at)) for part in found.parts]
     if wanted is not None:

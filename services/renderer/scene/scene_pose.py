@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from vemlight.renderer.scene.animation import rotation_from_quaternion
 from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene
 from vemlight.runtime import wire
@@ -24,9 +24,9 @@ class ScenePose(NamedTuple):
 
 
 def world_from_object(pose: wire.Pose) -> np.ndarray:
-    """Rigid transform (4, 4) from a thing's own axes."""
+    """Rigid transform (4, 4) from an object's own axes."""
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation_from_quaternion(np.array(pose.rotation)), pose.position
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(pose.rotation).as_matrix(), pose.position
     return matrix
 
 

@@ -1,0 +1,65 @@
+"""The node hierarchy of glTF files: which meshes a scene has, and the transforms from the root down to each (glTF 2.0, section 3.5)."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vemlight.renderer.scene.gltf import GltfFile, item
+
+
+class NodeTransform(NamedTuple):
+    """Translation (3,), rotation as a quaternion x, y, z, w (4,) of any length above 0, and scale (3,) of a node, float64."""
+
+    translation: np.ndarray
+    rotation: np.ndarray
+    scale: np.ndarray
+
+    def matrix(self) -> np.ndarray:
+        """The transform (4, 4) that scales, rotates and translates, in this order."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = Rotation.from_quat(self.rotation).as_matrix() * self.scale
+        matrix[:3, 3] = self.translation
+        return matrix
+
+
+class MeshNode(NamedTuple):
+    """A node with a mesh. path: the numbers of the nodes from a root down to it. mesh: as the document has it."""
+
+    path: tuple[int, ...]
+    mesh: Mapping[str, Any]
+
+
+def mesh_nodes(file: GltfFile) -> list[MeshNode]:
+    """The nodes with a mesh in the file's scene; none where it has no scene. Raises ValueError for a node that has two parents."""
+    document = file.document
+    nodes, meshes = document.get("nodes", []), document.get("meshes", [])
+    if not document.get("scenes"):
+        return []
+    roots = item(document["scenes"], document.get("scene", 0), "scenes").get("nodes", [])
+    found, passed, stack = [], set(), [(root,) for root in roots]
+    while stack:  # depth first, the last child before the first
+        path = stack.pop()
+        if path[-1] in passed:
+            raise ValueError("has nodes with several parents")
+        passed.add(path[-1])
+        node = item(nodes, path[-1], "nodes")
+        stack += [(*path, child) for child in node.get("children", [])]
+        if "mesh" in node:
+            found.append(MeshNode(path, item(meshes, node["mesh"], "meshes")))
+    return found
+
+
+def node_transform(node: Mapping[str, Any]) -> NodeTransform:
+    """A node's translation, rotation and scale as the file gives them. Raises ValueError for arrays of another length."""
+    translation, rotation, scale = (
+        np.array(node.get(key, default), float).reshape(len(default))
+        for key, default in (("translation", (0.0, 0.0, 0.0)), ("rotation", (0.0, 0.0, 0.0, 1.0)), ("scale", (1.0, 1.0, 1.0)))
+    )
+    return NodeTransform(translation, rotation, scale)
+
+
+def rest_matrix(node: Mapping[str, Any]) -> np.ndarray:
+    """A node's transform (4, 4) from its parent's axes as the file places it, without animation."""
+    return np.array(node["matrix"], float).reshape(4, 4).T if "matrix" in node else node_transform(node).matrix()

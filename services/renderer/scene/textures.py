@@ -1,0 +1,66 @@
+"""Images on surfaces: their texels in linear light, how they are filtered and how texture coordinates address them."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from vemlight.light.colour import linear_from_srgb
+
+LINEAR, LINEAR_MIPMAP_LINEAR = 0x2601, 0x2703  # OpenGL's GL_LINEAR and GL_LINEAR_MIPMAP_LINEAR
+MAX_TEXTURE_SIDE = 4096  # texels; larger images are reduced. Pictures are seldom larger, and OpenGL 4.3 promises 16384
+
+
+class Texture(NamedTuple):
+    """An image on a surface.
+
+    texels: (h, w, c) float16, linear, the first row at the bottom. repeats: whether the image repeats across and up, or is clamped.
+    filters: OpenGL's numbers, for minification and magnification. uv_set: which set of texture coordinates addresses it, 0 or 1.
+    uv_transform: (2, 3) float64, from those coordinates, v upwards, to the image's; None: identity.
+    """
+
+    texels: np.ndarray
+    repeats: tuple[bool, bool] = (True, True)
+    filters: tuple[int, int] = (LINEAR_MIPMAP_LINEAR, LINEAR)
+    uv_set: int = 0
+    uv_transform: np.ndarray | None = None
+
+
+def texels_from_image(image: Image.Image, srgb: bool = True, alpha: bool = False) -> np.ndarray:
+    """An image's texels, (h, w, 3) float16 or, with `alpha`, (h, w, 4), the first row at the bottom as OpenGL has it.
+
+    srgb: whether its colours are sRGB-coded, to be made linear; alpha never is. A side longer than MAX_TEXTURE_SIDE is reduced to it.
+    """
+    image = image.convert("RGBA" if alpha else "RGB")
+    if max(image.size) > MAX_TEXTURE_SIDE:
+        image.thumbnail((MAX_TEXTURE_SIDE, MAX_TEXTURE_SIDE))
+    codes, fractions = np.asarray(image)[::-1], (np.arange(256) / 255).astype(np.float16)
+    found = (linear_from_srgb(np.arange(256) / 255).astype(np.float16) if srgb else fractions)[codes]
+    if alpha:
+        found[..., 3] = fractions[codes[..., 3]]
+    return np.ascontiguousarray(found)
+
+
+def alpha_bled(image: np.ndarray) -> np.ndarray:
+    """The image (h, w, 4) float16 with the colours of its visible texels spread into those of alpha 0 (alpha bleeding).
+
+    Filters then mix in no colour that the image hides. Pull and push (Gortler et al. 1996): means over halved images, weighted with
+    alpha, fill the finer ones. Returns the image itself where all of its texels are visible, or none.
+    """
+    visible = image[..., 3] > 0
+    if visible.all() or not visible.any():
+        return image
+    premultiplied = image.astype(np.float32)
+    premultiplied[..., :3] *= premultiplied[..., 3:]
+    pulled: list[np.ndarray] = [premultiplied]
+    while max(pulled[-1].shape[:2]) > 1:
+        height, width = pulled[-1].shape[:2]
+        pulled.append(np.asarray(cv2.resize(pulled[-1], ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA)))
+    colours: np.ndarray = np.zeros((1, 1, 3), np.float32)
+    for level in reversed(pulled[1:]):
+        colours = np.array(cv2.resize(colours, level.shape[1::-1], interpolation=cv2.INTER_LINEAR))
+        np.divide(level[..., :3], level[..., 3:], out=colours, where=level[..., 3:] > 0)
+    filled = image.copy()
+    filled[~visible, :3] = np.asarray(cv2.resize(colours, visible.shape[::-1], interpolation=cv2.INTER_LINEAR))[~visible]
+    return filled

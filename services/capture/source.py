@@ -240,7 +240,7 @@ def open_source(settings: Capture) -> Source:
     path = Path(settings.source) if settings.source else BUNDLED
     if not path.exists():
         if not settings.source:
-            raise UserError("[capture] source: is not set, and the bundled sequence is not installed with the package; name a file or folder")
+            raise UserError("[capture] source: is empty and the bundled sequence is not installed here; name a file or folder")
         raise UserError(f"{path}: there is no such file or folder; check [capture] source")
     if not path.is_dir():
         return Files(settings, [path], None)

@@ -1,9 +1,9 @@
 """Speed and accuracy of capture, with two charts: python -m bench.capture [OUT]   (OUT: docs/charts)
 
-1. Raw codes to the polar map, 1024 x 1024 at 12 bits: time and energy error of nearest, bilinear and 4 x 4 gather, and of ours,
+1. RawFrame codes to the polar map, 1024 x 1024 at 12 bits: time and energy error of nearest, bilinear and 4 x 4 gather, and of ours,
    for a sun of 0.27 degrees at 200 random positions.
 2. Radiance recovered through a 12-bit log sensor with half a code of noise, over six decades.
-3. Files: a lat-long image to its map, a recorded sequence read ahead and not.
+3. FileSource: a lat-long image to its map, a recorded sequence read ahead and not.
 """
 
 import argparse
@@ -23,10 +23,10 @@ from vemlight.capture.polar import latlong_to_polar, polar_from_latlong
 from vemlight.capture.response import Log, code_from_radiance, radiance_table, write_response
 from vemlight.capture.scatter import Threads, polar_from_codes
 from vemlight.capture.sequence import read_manifest
-from vemlight.capture.simulation.environment import Disc, Environment
-from vemlight.capture.simulation.sensor import exposed
-from vemlight.capture.simulation.virtual_camera import fisheye_radiance
-from vemlight.capture.source import BUNDLED, Files, Prefetched
+from vemlight.capture.simulation.environment import Environment, SunDisc
+from vemlight.capture.simulation.optics import fisheye_radiance
+from vemlight.capture.simulation.sensor import VirtualCamera, exposed
+from vemlight.capture.source import BUNDLED, FileSource, ReadAheadSource
 from vemlight.light.sphere import angle_between, cell_directions, cell_solid_angles, direction_from_angles
 from vemlight.settings import Capture
 
@@ -103,7 +103,7 @@ def suns(seed: int = 1) -> list[tuple[np.ndarray, np.ndarray]]:
     found = []
     for _ in range(POSITIONS):
         direction = direction_from_angles(np.arccos(rng.uniform(0.01, 1)), rng.uniform(0, 2 * np.pi))
-        disc = Disc(direction, SUN_RADIUS, np.full(3, SUN))
+        disc = SunDisc(direction, SUN_RADIUS, np.full(3, SUN))
         image = fisheye_radiance(Environment(np.zeros((2, 4, 3)), [disc]), np.eye(3), LENS)
         found.append((direction, code_from_radiance(image[..., 1], LOG12)))
     return found
@@ -154,7 +154,7 @@ def resampling(out: Path) -> None:
     axes.set_ylabel("energy error of a 0.27 degree sun\n(dot: RMS, bar: worst)")
     axes.axvline(sum_ms, color="0.7", linestyle=":")
     axes.text(1.03 * sum_ms, 0.3, "numpy's sum", rotation=90, color="0.5", transform=axes.get_xaxis_transform())
-    axes.set_title("Raw codes to the polar map, 200 positions of the sun")
+    axes.set_title("RawFrame codes to the polar map, 200 positions of the sun")
     figure.tight_layout()
     figure.savefig(out / "capture_resampling.png", dpi=120)
 
@@ -189,11 +189,11 @@ def centres(folder: Path) -> None:
 def photometry(out: Path) -> None:
     """Chart 2: error of the recovered radiance against the true one."""
     levels = np.logspace(-2, 4, 121)
-    none = np.zeros((1, 1, 1))
+    camera, none = VirtualCamera(lens=LENS, response=LOG12, noise_codes=0.5), np.zeros((1, 1, 1))
     rows = []
     for n, level in enumerate(levels):
         true = level * 10 ** np.random.default_rng(n).uniform(-0.025, 0.025, (64, 64, 3))  # all places between two codes
-        codes = exposed(true, LOG12, 0.5, none, None, (0, n)).astype(np.uint16)
+        codes = exposed(true, camera, none, (0, n)).astype(np.uint16)
         error = np.abs(radiance_table(LOG12)[codes] / true - 1)
         rows.append([f"{level:.6g}", f"{np.median(error):.6f}", f"{np.percentile(error, 95):.6f}"])
     write_rows(out / "capture_photometry.csv", ["radiance", "median_error", "p95_error"], rows)
@@ -217,8 +217,8 @@ def files() -> None:
     print(f"lat-long 1024 x 512 to the map: {median_ms(lambda: polar_from_latlong(image, weights)):.2f} ms")
     entries = read_manifest(BUNDLED)
     paths = [BUNDLED / entry.name for entry in entries]
-    plain = Files(Capture(), paths, entries)
-    for name, source in (("read when asked", plain), ("read ahead", Prefetched(Files(Capture(), paths, entries)))):
+    plain = FileSource(Capture(), paths, entries)
+    for name, source in (("read when asked", plain), ("read ahead", ReadAheadSource(FileSource(Capture(), paths, entries)))):
         source.frame(0)
         spent = []
         for k in range(1, len(source)):

@@ -66,6 +66,15 @@ def decoded_json(content: bytes | str, kind: type[Record]) -> Record:
         raise ValueError(str(error)) from error
 
 
+def write_toml(path: Path, record: msgspec.Struct) -> None:
+    """Writes a record as the TOML file that `read_toml` reads back to the same values, numpy's numbers included.
+
+    Raises OSError when the disk refuses.
+    """
+    with written_whole(path) as part:
+        part.write_bytes(msgspec.toml.encode(record, enc_hook=float))
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Yields NAME.part to write to; afterwards it is flushed to the disk and renamed to `path`.

@@ -13,7 +13,7 @@ from vemlight.settings import Capture
 
 
 class Shelf:
-    """Stands in for `vemlight.capture.source.Live`."""
+    """Stands in for `vemlight.capture.camera_source.CameraSource`."""
 
     state = "a camera"
 
@@ -31,9 +31,9 @@ def frame(monotonic_ns: int, lost: int = 0) -> Frame:
 
 @pytest.fixture
 def camera(monkeypatch: pytest.MonkeyPatch) -> tuple[CaptureCamera, list[Frame]]:
-    monkeypatch.setattr(stage, "Live", Shelf)
+    monkeypatch.setattr(stage, "CameraSource", Shelf)
     made = CaptureCamera(Capture(source="/dev/video0"))
-    return made, made._live.frames  # type: ignore[attr-defined]
+    return made, made._source.frames  # type: ignore[attr-defined]
 
 
 def test_numbers_go_on_over_lost_frames(camera) -> None:

@@ -113,7 +113,7 @@ def test_a_small_machine(settings, monkeypatch, cores, pages, grade, word):
 
 
 def test_cameras(settings, monkeypatch):
-    cameras = [v4l2.Listed("/dev/video0", "Astro", ["Y12", "GREY"]), v4l2.Listed("/dev/video1", "Webcam", [])]
+    cameras = [v4l2.CameraInfo("/dev/video0", "Astro", ["Y12", "GREY"]), v4l2.CameraInfo("/dev/video1", "Webcam", [])]
     monkeypatch.setattr(v4l2, "list_cameras", lambda: cameras)
     good, bad = found(settings, "camera")[:2]
     assert (good.grade, good.found) == ("pass", "/dev/video0: Astro, Y12, GREY")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vemlight.capture.simulation.environment import Disc, Environment, Maps, disc_points, hemisphere_irradiance, sun_direction
+from vemlight.capture.simulation.environment import Environment, MapScene, SunDisc, disc_points, hemisphere_irradiance, sun_direction
 from vemlight.capture.simulation.interior import FLICKER_HZ, Interior, mean_cosine
 from vemlight.capture.simulation.sky import Sky, sun_at
 from vemlight.light.images import write_exr
@@ -14,7 +14,7 @@ from vemlight.light.sphere import angle_between, latlong_solid_angles, rotation_
 
 
 def test_disc_points_fill_the_disc_evenly() -> None:
-    disc = Disc(np.array([0.6, 0.0, 0.8]), 0.3, np.ones(3))
+    disc = SunDisc(np.array([0.6, 0.0, 0.8]), 0.3, np.ones(3))
     points = disc_points(disc, 4000)
     off = angle_between(points, disc.direction)
     assert off.max() <= 0.3
@@ -37,7 +37,7 @@ def test_upper_flux_of_a_tilted_even_map_is_half() -> None:
 
 
 def test_setting_sun_counts_by_its_part_above() -> None:
-    sun = Disc(np.array([1.0, 0, 0]), 0.01, np.ones(3))
+    sun = SunDisc(np.array([1.0, 0, 0]), 0.01, np.ones(3))
     np.testing.assert_allclose(hemisphere_irradiance(Environment(np.zeros((8, 16, 3)), [sun]), np.eye(3)), 0.5, atol=0.02)
 
 
@@ -47,20 +47,20 @@ def test_dark_has_a_sun_direction() -> None:
 
 def test_sky_moves_and_is_finite() -> None:
     sky = Sky(1)
-    a, b = sky.surround(0, 0.0, 0.0), sky.surround(1, 1.0, 0.0)
+    a, b = sky.environment(0, 0.0, 0.0), sky.environment(1, 1.0, 0.0)
     assert np.isfinite(a.image).all()
     assert a.image.min() > 0
     assert np.abs(a.image - b.image).max() > 0.05
     assert angle_between(sun_at(0.0), sun_at(1.0)) > np.radians(5)
-    assert np.array_equal(Sky(1).surround(0, 0.0, 0.0).image, a.image)
-    assert not np.array_equal(Sky(2).surround(0, 0.0, 0.0).image, a.image)
+    assert np.array_equal(Sky(1).environment(0, 0.0, 0.0).image, a.image)
+    assert not np.array_equal(Sky(2).environment(0, 0.0, 0.0).image, a.image)
 
 
 def test_flicker_is_averaged_over_the_exposure() -> None:
     fine = np.mean([mean_cosine(100.0, 0.3, 0.01 + 0.004 * (i + 0.5) / 4000, 0.0) for i in range(4000)])
     assert mean_cosine(100.0, 0.3, 0.01, 0.004) == pytest.approx(fine, abs=1e-6)
     room = Interior(0)
-    whole = [room.surround(0, 0.0, 1 / FLICKER_HZ).image.max(), room.surround(0, 0.0, 2 / FLICKER_HZ).image.max()]
+    whole = [room.environment(0, 0.0, 1 / FLICKER_HZ).image.max(), room.environment(0, 0.0, 2 / FLICKER_HZ).image.max()]
     assert whole[0] == pytest.approx(whole[1], rel=1e-9)
 
 
@@ -68,5 +68,5 @@ def test_bad_pixels_of_a_map_are_dark(tmp_path: Path) -> None:
     image = np.ones((8, 16, 3), np.float32)
     image[0, 0], image[1, 1], image[2, 2] = np.nan, np.inf, -1
     write_exr(tmp_path / "m.exr", image)
-    seen = Maps([tmp_path / "m.exr"]).surround(0, 0.0, 0.0).image
+    seen = MapScene([tmp_path / "m.exr"]).environment(0, 0.0, 0.0).image
     assert np.count_nonzero(seen[..., 0] == 0) == 3

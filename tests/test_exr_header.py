@@ -18,9 +18,9 @@ def test_strong_light_survives_to_the_bit(seed: int, count: int) -> None:
     towards = rng.normal(size=(count, 3))
     centres = (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
     cells, shares = np.sort(rng.integers(0, 32400, count)), (1 - rng.random(count) ** 9).astype(np.float32)
-    bright = BrightCells(cells, centres, shares)
-    again = bright_cells_from_attributes("f", {"vemlight:strong": bright_cells_text(bright)}, 32400)
-    for a, b in zip(bright, again, strict=True):
+    strong = BrightCells(cells, centres, shares)
+    again = bright_cells_from_attributes("f", {"vemlight:bright_cells": bright_cells_text(strong)}, 32400)
+    for a, b in zip(strong, again, strict=True):
         assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes())
 
 
@@ -41,8 +41,8 @@ GOOD = [[3, 0.0, 0.0, 1.0, 0.5], [3, 1.0, 0.0, 0.0, 0.5]]
     ],
 )  # fmt: skip
 def test_hostile_strong_light_is_one_line(text: object) -> None:
-    with pytest.raises(UserError, match=r"^f: vemlight:strong.*record again$"):
-        bright_cells_from_attributes("f", {"vemlight:strong": text}, 100)
+    with pytest.raises(UserError, match=r"^f: vemlight:bright_cells.*record again$"):
+        bright_cells_from_attributes("f", {"vemlight:bright_cells": text}, 100)
 
 
 @pytest.mark.parametrize(("told", "count"), [({}, 0), ({"n": 5}, 5), ({"n": -1}, 0), ({"n": "5"}, 0), ({"n": 2.5}, 0)])

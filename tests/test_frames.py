@@ -13,8 +13,8 @@ from vemlight.capture.fisheye import colour_lattices
 from vemlight.capture.frames import FrameMaker, brightest_cells
 from vemlight.capture.lens import Lens, pixel_angles, pixel_solid_angles, vignetting_from_angle, write_lens
 from vemlight.capture.response import Log, code_from_radiance, write_response
-from vemlight.capture.simulation.environment import Disc, Environment
-from vemlight.capture.simulation.virtual_camera import fisheye_radiance
+from vemlight.capture.simulation.environment import Environment, SunDisc
+from vemlight.capture.simulation.optics import fisheye_radiance
 from vemlight.errors import UserError
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import write_exr
@@ -36,7 +36,7 @@ def maker(tmp_path_factory: pytest.TempPathFactory) -> FrameMaker:
 
 
 def light_centre(frame) -> np.ndarray:
-    """Direction to the centre of all light, bright cells by their own samples."""
+    """Direction to the centre of all light, strong cells by their own centres."""
     where = cell_directions(90, 360, "hemisphere").reshape(-1, 3).copy()
     inside = np.zeros((len(where), 3))
     np.add.at(inside, frame.bright_cells.cells, frame.bright_cells.directions * frame.bright_cells.weights[:, None])
@@ -50,7 +50,7 @@ def test_sun_keeps_power_and_place_at_any_position(maker: FrameMaker) -> None:
     rng = np.random.default_rng(12)
     for _ in range(25):
         direction = direction_from_angles(np.arccos(rng.uniform(0.02, 1)), rng.uniform(0, 2 * np.pi))
-        sun = Disc(direction, np.radians(0.135), np.array([4.0, 4.0, 4.0]))
+        sun = SunDisc(direction, np.radians(0.135), np.array([4.0, 4.0, 4.0]))
         codes = code_from_radiance(fisheye_radiance(Environment(DARK, [sun]), np.eye(3), LENS), RESPONSE)
         frame = maker.frame_from_codes("sun", codes, None, 0.0)
         np.testing.assert_allclose(map_irradiance(frame.radiance, "hemisphere"), 4.0, rtol=0.005)

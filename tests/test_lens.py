@@ -1,10 +1,12 @@
 """The fisheye lens and its file."""
 
+import tomllib
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -102,7 +104,9 @@ def test_lens_file_round_trip(tmp_path_factory: pytest.TempPathFactory, numbers:
 def test_missing_key_is_named(tmp_path: Path, key: str) -> None:
     path = tmp_path / "lens.toml"
     write_lens(path, make_lens())
-    path.write_text("".join(line for line in path.read_text().splitlines(True) if not line.startswith(f"{key} ")))
+    content = tomllib.loads(path.read_text())
+    del content[key]
+    path.write_text(tomli_w.dumps(content))
     with pytest.raises(UserError, match=f"lens.toml.*{key}"):
         read_lens(path)
 

@@ -9,13 +9,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from vemlight.capture.calibration.boards import Board, View, find_board
-from vemlight.capture.calibration.lens_fit import calibrate_lens, fit_lens, lens_summary
+from vemlight.capture.calibration.boards import BoardView, BoardViews, CalibrationBoard, find_board
+from vemlight.capture.calibration.lens_calibration import calibrate_lens, lens_summary
+from vemlight.capture.calibration.lens_fit import fit_lens
 from vemlight.capture.lens import Lens, direction_from_pixel, pixel_angles, pixel_from_direction, read_lens
 from vemlight.errors import UserError
 from vemlight.light.sphere import direction_from_angles, rotation_xyz
 
-BOARD = Board((8, 6), 0.03)
+BOARD = CalibrationBoard((8, 6), 0.03)
 NARROW = Lens(size=(640, 480), f=(420.0, 421.0), c=(325.0, 236.0), k1=0.04, k2=-0.01, k3=0.0, k4=0.0, rim_deg=52.0)
 FISHEYE = Lens(size=(800, 600), f=(176.0, 176.4), c=(411.0, 291.0), k1=-0.01, k2=0.003, k3=-0.001, k4=0.0, rim_deg=95.0)
 WIDE = Lens(size=(700, 700), f=(165.0, 165.0), c=(340.0, 356.0), k1=0.02, k2=-0.008, k3=0.0, k4=0.0, rim_deg=118.0)
@@ -49,13 +50,13 @@ def poses(lens: Lens, count: int, seed: int) -> list[tuple[np.ndarray, np.ndarra
     return found
 
 
-def corner_views(lens: Lens, count: int, seed: int, noise_px: float) -> list[View]:
+def corner_views(lens: Lens, count: int, seed: int, noise_px: float) -> list[BoardView]:
     rng = np.random.default_rng(seed + 1)
     points = board_points()
     views = []
     for n, (rotation, centre) in enumerate(poses(lens, count, seed)):
         seen = np.column_stack([points - points.mean(0), np.zeros(len(points))]) @ rotation.T + centre
-        views.append(View(f"v{n}", pixel_from_direction(seen, lens) + rng.normal(0, noise_px, points.shape), points))
+        views.append(BoardView(f"v{n}", pixel_from_direction(seen, lens) + rng.normal(0, noise_px, points.shape), points))
     return views
 
 
@@ -100,7 +101,7 @@ def test_single_wild_corners_do_not_pull() -> None:
     for n in range(10):
         views[n].pixels[n] += 15
     report = fit_lens(views, FISHEYE.size)
-    assert report.wild == pytest.approx(10, abs=1)
+    assert report.outliers == pytest.approx(10, abs=1)
     assert disagreement_px(report.lens, FISHEYE, 80) < 0.5
 
 
@@ -150,7 +151,7 @@ def test_photographs_to_lens_file(tmp_path: Path) -> None:
 def test_a_lens_that_fits_badly_is_refused_unless_accepted(tmp_path: Path, monkeypatch) -> None:
     views = [v._replace(points=v.points * [1.3, 1.0]) for v in corner_views(WIDE, 8, 3, 0.1)]  # squares that are none
     brightest = np.full(WIDE.size[::-1], 255, np.uint8)
-    monkeypatch.setattr("vemlight.capture.calibration.lens_fit.read_views", lambda images, board: (views, [], WIDE.size, brightest))
+    monkeypatch.setattr("vemlight.capture.calibration.lens_calibration.read_views", lambda *_: BoardViews(views, [], brightest))
     with pytest.raises(UserError, match=r"fits the corners to .* px only.* 8 x 6 inner corners, or --accept it"):
         calibrate_lens([], BOARD, tmp_path / "lens.toml")
     assert not (tmp_path / "lens.toml").exists()
@@ -158,7 +159,7 @@ def test_a_lens_that_fits_badly_is_refused_unless_accepted(tmp_path: Path, monke
 
 
 def test_charuco_board_is_found_when_part_of_it_is_hidden() -> None:
-    board = Board((7, 5), 0.03, "DICT_4X4_50", 0.022)
+    board = CalibrationBoard((7, 5), 0.03, "DICT_4X4_50", 0.022)
     drawn = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.022, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     picture = cv2.copyMakeBorder(drawn.generateImage((640, 480)), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255)
     picture[:, :160] = 255
@@ -191,7 +192,7 @@ def test_too_few_views() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lens", "count", "noise_px", "share"),
+    ("lens", "count", "noise_px", "fraction"),
     [
         (msgspec.structs.replace(FISHEYE, c=(300.0, 371.0)), 14, 0.1, 1.0),  # the axis far from the image's middle
         (FISHEYE, 4, 0.1, 1.0),
@@ -201,11 +202,11 @@ def test_too_few_views() -> None:
     ],
     ids=["decentred", "few", "noisy", "in-part", "equisolid"],
 )
-def test_lens_comes_back_from_poor_sets(lens: Lens, count: int, noise_px: float, share: float) -> None:
+def test_lens_comes_back_from_poor_sets(lens: Lens, count: int, noise_px: float, fraction: float) -> None:
     rng, views = np.random.default_rng(9), corner_views(lens, count, 21, noise_px)
     for n, view in enumerate(views):
-        kept = np.sort(rng.permutation(48)[: max(8, round(48 * share * rng.uniform(0.5, 1)))]) if share < 1 else np.arange(48)
-        views[n] = View(view.name, view.pixels[kept], view.points[kept])
+        used = np.sort(rng.permutation(48)[: max(8, round(48 * fraction * rng.uniform(0.5, 1)))]) if fraction < 1 else np.arange(48)
+        views[n] = BoardView(view.name, view.pixels[used], view.points[used])
     report = fit_lens(views, lens.size)
     assert report.rms_px < 1.6 * noise_px
     assert not report.rejected
@@ -230,13 +231,13 @@ def test_file_that_is_no_image(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("board", "word"),
     [
-        (Board((2, 6), 0.03), "inner corners"),
-        (Board((8, 6), 0.0), "squares"),
-        (Board((8, 6), 0.03, "DICT_9", 0.02), "DICT_9"),
-        (Board((8, 6), 0.03, "DICT_4X4_50", 0.04), "markers"),
+        (CalibrationBoard((2, 6), 0.03), "inner corners"),
+        (CalibrationBoard((8, 6), 0.0), "squares"),
+        (CalibrationBoard((8, 6), 0.03, "DICT_9", 0.02), "DICT_9"),
+        (CalibrationBoard((8, 6), 0.03, "DICT_4X4_50", 0.04), "markers"),
     ],
 )
-def test_boards_that_cannot_be(tmp_path: Path, board: Board, word: str) -> None:
+def test_boards_that_cannot_be(tmp_path: Path, board: CalibrationBoard, word: str) -> None:
     with pytest.raises(UserError, match=word):
         calibrate_lens(write_blurred(tmp_path, 1), board, tmp_path / "lens.toml")
 
@@ -246,7 +247,7 @@ def test_real_photographs(tmp_path: Path) -> None:
     if not data:
         pytest.skip("VEMLIGHT_DATA names no folder of real photographs")
     paths = sorted((Path(data) / "fisheye" / "fish_1").glob("*.jpg"))
-    report = calibrate_lens(paths, Board((6, 8), 0.0325), tmp_path / "lens.toml")
+    report = calibrate_lens(paths, CalibrationBoard((6, 8), 0.0325), tmp_path / "lens.toml")
     assert report.rms_px <= 0.60
     assert len(report.views) >= 14
     # the calibration published beside them, in OCamCalib's model: a ray is (u, v, polynomial(radius))

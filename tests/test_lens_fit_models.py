@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from vemlight.capture.calibration.boards import View
+from vemlight.capture.calibration.boards import BoardView
 from vemlight.capture.calibration.lens_fit import fit_lens
 from vemlight.capture.lens import pixel_from_direction
 from vemlight.light.sphere import direction_from_angles, rotation_xyz
@@ -56,7 +56,7 @@ def project(seen: np.ndarray, radius: Radius, c: tuple[float, float]) -> np.ndar
     return np.array(c) + (radius(np.arctan2(across, seen[..., 2])) / np.maximum(across, 1e-12))[..., None] * seen[..., :2]
 
 
-def corner_views(radius: Radius, size: tuple[int, int], c: tuple[float, float], rim: float, count: int) -> list[View]:
+def corner_views(radius: Radius, size: tuple[int, int], c: tuple[float, float], rim: float, count: int) -> list[BoardView]:
     """Boards all around, turned at random, whole inside the image and the rim (rad)."""
     rng, views = np.random.default_rng(17), []
     while len(views) < count:
@@ -67,7 +67,7 @@ def corner_views(radius: Radius, size: tuple[int, int], c: tuple[float, float], 
         seen = np.column_stack([POINTS - POINTS.mean(0), np.zeros(len(POINTS))]) @ rotation.T + towards * rng.uniform(0.12, 0.3)
         pixels = project(seen, radius, c)
         if np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]).max() < rim and np.all((pixels > 4) & (pixels < np.array(size) - 5)):
-            views.append(View(f"v{len(views)}", pixels + rng.normal(0, NOISE_PX, pixels.shape), POINTS))
+            views.append(BoardView(f"v{len(views)}", pixels + rng.normal(0, NOISE_PX, pixels.shape), POINTS))
     return views
 
 

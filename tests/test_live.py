@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vemlight.capture.camera_source import CameraSource
 from vemlight.capture.lens import Lens, write_lens
 from vemlight.capture.response import Linear, write_response
-from vemlight.capture.source import Live, open_source
+from vemlight.capture.source import open_source
 from vemlight.capture.v4l2 import list_cameras
 from vemlight.errors import UserError
 from vemlight.settings import Capture
@@ -27,7 +28,7 @@ def live_settings(folder: Path, form: str = "Y12", bits: int = 12, **changes) ->
     return Capture(source="/dev/video0", format=form, fps=10.0, rows=30, cols=90, **names, **changes)
 
 
-def some_frames(live: Live, count: int, patience_s: float = 120.0) -> list:
+def some_frames(live: CameraSource, count: int, patience_s: float = 120.0) -> list:
     frames, until = [], time.monotonic() + patience_s
     while len(frames) < count and time.monotonic() < until:
         frame = live.next(0.5)
@@ -38,7 +39,7 @@ def some_frames(live: Live, count: int, patience_s: float = 120.0) -> list:
 
 @pytest.mark.parametrize(("form", "bits"), [("Y12", 12), ("RG12", 12), ("Y16-BE", 16)])
 def test_recording_replays_to_the_same_maps(tmp_path: Path, form: str, bits: int) -> None:
-    live = Live(live_settings(tmp_path, form, bits, record=str(tmp_path / "out")))
+    live = CameraSource(live_settings(tmp_path, form, bits, record=str(tmp_path / "out")))
     frames = some_frames(live, 10)
     live.close()
     assert len(frames) == 10
@@ -57,12 +58,12 @@ def test_recording_replays_to_the_same_maps(tmp_path: Path, form: str, bits: int
 
 def test_lens_of_another_size_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="lens file is for 320x180"):
-        Live(live_settings(tmp_path, width=640, height=360))
+        CameraSource(live_settings(tmp_path, width=640, height=360))
 
 
 @pytest.mark.skipif(os.environ.get("V4L2_UNPLUG") != "1", reason="V4L2_UNPLUG=1 lets this test unload the driver")
 def test_unplugged_camera_is_waited_for(tmp_path: Path) -> None:
-    live = Live(live_settings(tmp_path, record=str(tmp_path / "out")))
+    live = CameraSource(live_settings(tmp_path, record=str(tmp_path / "out")))
     before = some_frames(live, 5)
     subprocess.run(["v4l2-ctl", "-d", "/dev/video0", "-c", "disconnect=1"], check=False)
     gone = time.monotonic() + 30

@@ -1,12 +1,12 @@
-"""Solid angles shared by pixels and cells."""
+"""Solid angles that pixels and cells have in common."""
 
 import msgspec
 import numpy as np
 import pytest
 
-from vemlight.capture.fisheye import ALL, colour_lattices
-from vemlight.capture.lens import Lens, angles_from_radii, direction_from_pixel, pixel_solid_angles, radius_from_angle
-from vemlight.capture.pixel_overlap import LOOKUP, balance, shares
+from vemlight.capture.fisheye import ALL_PIXELS, colour_lattices
+from vemlight.capture.lens import Lens, direction_from_pixel, pixel_solid_angles
+from vemlight.capture.pixel_overlap import Lattice, MapGrid, balance, pixel_overlaps, ray_table
 from vemlight.light.sphere import cell_from_direction, rotation_xyz
 
 TILT = tuple(tuple(map(float, row)) for row in rotation_xyz((25, -10, 40)))
@@ -15,28 +15,25 @@ TILTED = msgspec.structs.replace(UP, world_from_camera=TILT)
 ROWS, COLS, SPAN = 90, 360, np.pi
 
 
-def found(lens: Lens, lattice: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    reach = radius_from_angle(lens.rim, lens.k, lens.rim) + 4 / min(lens.f)
-    angles = angles_from_radii(np.linspace(0, reach, LOOKUP), lens.k, lens.rim)
-    solid = pixel_solid_angles(lens)
-    return shares(solid, np.array(lens.f), np.array(lens.c), angles, reach, lens.rotation, ROWS, COLS, SPAN, *lattice)
+def found(lens: Lens, lattice: Lattice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return pixel_overlaps(pixel_solid_angles(lens), ray_table(lens), MapGrid(ROWS, COLS, SPAN), lattice)
 
 
 @pytest.mark.parametrize("lens", [UP, TILTED])
-@pytest.mark.parametrize("lattice", [*ALL, *colour_lattices("RGGB")[1]])
-def test_a_pixel_is_shared_out_whole(lens: Lens, lattice: tuple) -> None:
-    pixel, _, share = found(lens, lattice)
+@pytest.mark.parametrize("lattice", [*ALL_PIXELS, *colour_lattices("RGGB")[1]])
+def test_overlaps_of_a_pixel_add_up_to_it(lens: Lens, lattice: Lattice) -> None:
+    pixel, _, overlap = found(lens, lattice)
     solid = pixel_solid_angles(lens)
     seen = np.zeros(solid.shape, bool)
-    seen[lattice[0][1] :: lattice[1][1], lattice[0][0] :: lattice[1][0]] = True
-    total = np.bincount(pixel, share, solid.size).reshape(solid.shape)
-    np.testing.assert_allclose(total, np.where(seen, solid * lattice[2][0] * lattice[2][1], 0), rtol=1e-12)
+    seen[lattice.first[1] :: lattice.step[1], lattice.first[0] :: lattice.step[0]] = True
+    total = np.bincount(pixel, overlap, solid.size).reshape(solid.shape)
+    np.testing.assert_allclose(total, np.where(seen, solid * lattice.size[0] * lattice.size[1], 0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("lens", [UP, TILTED])
-@pytest.mark.parametrize("lattice", [*ALL, colour_lattices("RGGB")[0][0]])
-def test_shares_are_those_of_many_rays(lens: Lens, lattice: tuple) -> None:
-    pixel, cell, share = found(lens, lattice)
+@pytest.mark.parametrize("lattice", [*ALL_PIXELS, colour_lattices("RGGB")[0][0]])
+def test_overlaps_agree_with_many_rays(lens: Lens, lattice: Lattice) -> None:
+    pixel, cell, overlap = found(lens, lattice)
     width = lens.size[0]
     side, rng = 48, np.random.default_rng(4)
     at = (np.arange(side) + 0.5) / side - 0.5
@@ -45,34 +42,34 @@ def test_shares_are_those_of_many_rays(lens: Lens, lattice: tuple) -> None:
                                  @ lens.rotation.T, ROWS, COLS, "sphere")[0]
     near = np.unique(pixel)[zenith < 4]
     for p in [*rng.choice(pixel, 60), *near]:
-        x, y = p % width + at * lattice[2][0], p // width + at * lattice[2][1]
+        x, y = p % width + at * lattice.size[0], p // width + at * lattice.size[1]
         rays = direction_from_pixel(np.stack(np.meshgrid(x, y), -1), lens) @ lens.rotation.T
         row, col = cell_from_direction(rays, ROWS, COLS, "sphere")
         truth = np.bincount((row.astype(int) * COLS + np.minimum(col.astype(int), COLS - 1)).ravel(), minlength=ROWS * COLS) / side**2
         got = np.zeros(ROWS * COLS)
-        got[cell[pixel == p]] = share[pixel == p] / share[pixel == p].sum()
+        got[cell[pixel == p]] = overlap[pixel == p] / overlap[pixel == p].sum()
         # an edge that runs along a line of the 8 x 8 subpixels moves 1/16 of the pixel from one side to the other
         assert np.abs(got - truth).max() < 1 / 14
 
 
 def test_balance_keeps_pixels_and_fills_cells() -> None:
-    pixel, cell, share = found(UP, ALL[0])
-    before, cells = np.bincount(pixel, share), np.bincount(cell, share, ROWS * COLS)
+    pixel, cell, overlap = found(UP, ALL_PIXELS[0])
+    before, cells = np.bincount(pixel, overlap), np.bincount(cell, overlap, ROWS * COLS)
     goal = np.where(cells > np.median(cells[cells > 0]), cells * 1.001, 0.0)  # 0: a cell that may have any sum
-    balance(pixel, cell, share, goal)
-    np.testing.assert_allclose(np.bincount(pixel, share), before, rtol=1e-12)
-    assert share.min() > 0
+    balance(pixel, cell, overlap, goal)
+    np.testing.assert_allclose(np.bincount(pixel, overlap), before, rtol=1e-12)
+    assert overlap.min() > 0
 
 
 def test_balance_of_what_is_balanced_changes_nothing() -> None:
-    pixel, cell, share = found(TILTED, ALL[0])
-    before = share.copy()
-    balance(pixel, cell, share, np.bincount(cell, share, ROWS * COLS))
-    np.testing.assert_allclose(share, before, rtol=1e-12)
+    pixel, cell, overlap = found(TILTED, ALL_PIXELS[0])
+    before = overlap.copy()
+    balance(pixel, cell, overlap, np.bincount(cell, overlap, ROWS * COLS))
+    np.testing.assert_allclose(overlap, before, rtol=1e-12)
 
 
 def test_balance_of_nothing_is_nothing() -> None:
-    none, share, goal = np.empty(0, np.int32), np.empty(0), np.zeros(4)
-    balance(none, none, share, goal)
-    assert len(share) == 0
+    none, overlap, goal = np.empty(0, np.int32), np.empty(0), np.zeros(4)
+    balance(none, none, overlap, goal)
+    assert len(overlap) == 0
     assert not goal.any()

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from vemlight.capture.simulation.recipe import cook
+from vemlight.capture.lens import read_lens
+from vemlight.capture.simulation.recipe import remake
 from vemlight.errors import UserError
 from vemlight.light.images import read_radiance
 
@@ -13,7 +14,7 @@ REPLAY = Path(__file__).parents[1] / "replay_data"
 
 @pytest.mark.parametrize("name", ["outdoor", "interior"])
 def test_recipe_makes_the_bundled_frames_again(tmp_path: Path, name: str) -> None:
-    cook(REPLAY / name, tmp_path, frames=3)
+    remake(REPLAY / name, tmp_path, frames=3)
     made = sorted(tmp_path.glob("*.exr"))
     assert len(made) == 3
     for path in made:
@@ -21,7 +22,7 @@ def test_recipe_makes_the_bundled_frames_again(tmp_path: Path, name: str) -> Non
     for text in ("manifest.jsonl", "truth.jsonl"):
         lines = (REPLAY / name / text).read_text().splitlines()
         assert len(lines) == 48
-    assert (tmp_path / "lens.toml").read_text() == (REPLAY / name / "lens.toml").read_text()
+    assert read_lens(tmp_path / "lens.toml") == read_lens(REPLAY / name / "lens.toml")
 
 
 def test_bundled_sequences_are_small() -> None:
@@ -31,4 +32,4 @@ def test_bundled_sequences_are_small() -> None:
 def test_unknown_key_is_refused(tmp_path: Path) -> None:
     (tmp_path / "recipe.toml").write_text('scene = "sky"\nframes = 1\nfps = 24.0\nsun = 2\n')
     with pytest.raises(UserError, match=r"recipe\.toml.*sun"):
-        cook(tmp_path, tmp_path)
+        remake(tmp_path, tmp_path)

@@ -10,9 +10,10 @@ import pytest
 from vemlight.capture import recorder as module
 from vemlight.capture.lens import Lens, write_lens
 from vemlight.capture.recorder import Recorder
+from vemlight.capture.recording import record
 from vemlight.capture.response import Log, write_response
 from vemlight.capture.sequence import MANIFEST, read_manifest
-from vemlight.capture.source import open_source, record
+from vemlight.capture.source import open_source
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
 from vemlight.settings import Capture
@@ -58,7 +59,7 @@ def test_recorded_codes_replay_to_the_same_maps(tmp_path: Path, mosaic) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_response(tmp_path / "response.toml", Log(bits=16, a=0.0, b=6000.0, c=1.0))
     maker = FrameMaker(Capture(rows=20, cols=40), tmp_path)
-    recorder = Recorder(tmp_path / "out", beside=maker.files)
+    recorder = Recorder(tmp_path / "out", calibration=maker.files)
     rng = np.random.default_rng(0)
     maps = []
     for k in range(3):
@@ -83,7 +84,7 @@ def test_a_slow_disk_drops_and_counts(tmp_path: Path, monkeypatch: pytest.Monkey
     gate.set()
     recorder.close()
     assert recorder.dropped == taken.count(False) > 0
-    assert recorder.written == taken.count(True) >= module.WAITING
+    assert recorder.written == taken.count(True) >= module.QUEUE_FRAMES
     # what is missing is missing by number
     assert [e.sequence for e in read_manifest(tmp_path / "out")] == [k for k, ok in enumerate(taken) if ok]
 
@@ -101,7 +102,7 @@ def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypa
             pass
     recorder.close()
     assert (recorder.written, recorder.failed) == (5, 3)
-    assert "No space left on device" in recorder.trouble
+    assert "No space left on device" in recorder.last_error
     source = open_source(Capture(source=str(tmp_path / "out")))
     assert [source.frame(k).time_s for k in range(len(source))] == [0.0, 0.1, 0.2, 0.6, 0.7]
 
@@ -123,7 +124,7 @@ def test_half_a_manifest_line_is_taken_back(tmp_path: Path) -> None:
 
     again._manifest = Full()  # type: ignore[assignment]
     with pytest.raises(OSError, match="full"):
-        again._write(module._Item(np.ones((16, 32, 3), np.float32), {}, 1, 0.0))
+        again._write(module.QueuedFrame(np.ones((16, 32, 3), np.float32), {}, 1, 0.0))
     assert [e.sequence for e in read_manifest(tmp_path / "out")] == [0]
     assert not (tmp_path / "out" / "frame_000001.exr").exists()
 

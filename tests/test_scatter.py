@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from vemlight.capture.fisheye import PARTS, colour_lattices, fisheye_to_polar, lit_spans
+from vemlight.capture.fisheye import MAP_PARTS, colour_lattices, fisheye_to_polar, lit_spans
 from vemlight.capture.lens import Lens
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
 from vemlight.light.sphere import map_irradiance
@@ -14,7 +14,7 @@ LENS = Lens(size=(220, 200), f=(57.0, 57.5), c=(109.2, 99.6), k1=-0.01, k2=0.001
 WEIGHTS = fisheye_to_polar(LENS, 45, 180, "hemisphere")
 
 
-@pytest.mark.parametrize("count", [2, 3, PARTS, PARTS + 1])
+@pytest.mark.parametrize("count", [2, 3, MAP_PARTS, MAP_PARTS + 1])
 def test_any_number_of_threads_gives_the_same_bytes(count: int) -> None:
     rng, threads = np.random.default_rng(1), Threads(count)
     codes, table = rng.integers(0, 4096, (200, 220)).astype(np.uint16), rng.lognormal(0, 3, 65536).astype(np.float32)
@@ -29,7 +29,7 @@ def test_trouble_in_another_thread_is_not_lost() -> None:
             raise MemoryError("no room")
 
     with pytest.raises(MemoryError):
-        Threads(2).share(job, WEIGHTS.ends)
+        Threads(2).run(job, WEIGHTS.ends)
 
 
 @pytest.mark.parametrize("lattices", [None, *colour_lattices("GRBG")])
@@ -39,7 +39,7 @@ def test_parts_have_cells_of_their_own_and_much_the_same_work(lattices: tuple | 
     assert weights.ends[-1] == len(weights.cell)
     cells = [np.unique(weights.cell[begin:end]) for begin, end in itertools.pairwise(weights.ends)]
     assert all(before.max() < after.min() for before, after in itertools.pairwise(cells))
-    assert np.diff(weights.ends).max() < 1.1 * len(weights.cell) / PARTS
+    assert np.diff(weights.ends).max() < 1.1 * len(weights.cell) / MAP_PARTS
 
 
 def test_codes_are_radiance_by_the_table() -> None:

@@ -9,8 +9,8 @@ import pytest
 from vemlight.capture.lens import Lens
 from vemlight.capture.response import Companding, Log, radiance_table
 from vemlight.capture.sequence import read_manifest
-from vemlight.capture.simulation.sensor import exposed, fixed_pattern, through_mosaic
-from vemlight.capture.simulation.virtual_camera import simulate
+from vemlight.capture.simulation.sensor import VirtualCamera, exposed, fixed_pattern, through_mosaic
+from vemlight.capture.simulation.simulate import Lighting, simulate
 from vemlight.capture.source import open_source
 from vemlight.light.images import read_radiance, write_exr
 from vemlight.light.sphere import map_irradiance
@@ -24,13 +24,14 @@ LOG = Log(bits=12, a=float(-B * np.log(1e-3)), b=float(B), c=1e-3)
 
 def test_noise_and_pattern_have_their_sigmas() -> None:
     even = np.full((96, 96, 3), 1.0)
-    pattern = fixed_pattern(LENS, 3.0, 5)
-    shots = [exposed(even, LOG, 2.0, pattern, None, (5, k)) for k in range(20)]
+    camera = VirtualCamera(lens=LENS, response=LOG, noise_codes=2.0, pattern_codes=3.0)
+    pattern = fixed_pattern(camera, 5)
+    shots = [exposed(even, camera, pattern, (5, k)) for k in range(20)]
     mean = np.mean(shots, axis=0)
     # 96 x 96 pixels: a sigma is known to 1 / sqrt(2 x 9216) = 0.7 %; what is left of 20 frames' noise, 0.45, adds to the pattern's 3
     assert np.std(mean[..., 0]) == pytest.approx(np.hypot(3.0, 2 / np.sqrt(20)), rel=0.04)
     assert np.std(np.array(shots) - mean) == pytest.approx(2.0, rel=0.05)
-    assert np.array_equal(pattern, fixed_pattern(LENS, 3.0, 5))
+    assert np.array_equal(pattern, fixed_pattern(camera, 5))
 
 
 def test_mosaic_takes_each_pixel_of_its_colour() -> None:
@@ -46,7 +47,8 @@ def test_mosaic_takes_each_pixel_of_its_colour() -> None:
 @pytest.mark.parametrize("mosaic", ["RGGB", "mono", None])
 @pytest.mark.parametrize("response", [LOG, KNEES], ids=["log", "knees"])
 def test_every_sensor_comes_back_to_the_truth(tmp_path: Path, mosaic, response) -> None:
-    simulate(["interior"], LENS, response, tmp_path, frames=1, mosaic=mosaic, noise_codes=0.5, exposure_s=0.01)
+    camera = VirtualCamera(lens=LENS, response=response, mosaic=mosaic, noise_codes=0.5, exposure_s=0.01)
+    simulate(Lighting(maps=("interior",)), camera, tmp_path, frames=1)
     truth = np.array(json.loads((tmp_path / "truth.jsonl").read_text())["irradiance"])
     frame = open_source(Capture(source=str(tmp_path), rows=45, cols=180)).frame(0)
     expected = np.full(3, truth.mean()) if mosaic == "mono" else truth
@@ -58,7 +60,8 @@ def test_every_sensor_comes_back_to_the_truth(tmp_path: Path, mosaic, response) 
 def test_radiance_comes_back_over_six_decades(level: float) -> None:
     sensor = Log(bits=12, a=float(4095 / 9 * 3), b=float(4095 / np.log(1e9)), c=1e-3)  # nine decades from 1e-3 on
     true = level * 10 ** np.random.default_rng(3).uniform(-0.02, 0.02, (64, 64, 3))  # all places between two codes
-    codes = exposed(true, sensor, 0.5, np.zeros((1, 1, 1)), None, (0, 1)).astype(np.uint16)
+    camera = VirtualCamera(lens=LENS, response=sensor, noise_codes=0.5)
+    codes = exposed(true, camera, np.zeros((1, 1, 1)), (0, 1)).astype(np.uint16)
     assert np.median(np.abs(radiance_table(sensor)[codes] / true - 1)) < 0.015
 
 
@@ -67,7 +70,8 @@ def test_flicker_beats_with_the_frames_unless_exposed_for_a_period(tmp_path: Pat
     write_exr(tmp_path / "even.exr", np.ones((16, 32, 3), np.float32))
 
     def totals(exposure_s: float) -> np.ndarray:
-        simulate([str(tmp_path / "even.exr")], LENS, None, tmp_path / "out", frames=6, fps=37.0, flicker_hz=hertz, exposure_s=exposure_s)
+        camera = VirtualCamera(lens=LENS, fps=37.0, exposure_s=exposure_s)
+        simulate(Lighting(maps=(str(tmp_path / "even.exr"),), flicker_hz=hertz), camera, tmp_path / "out", frames=6)
         rows = [json.loads(line) for line in (tmp_path / "out" / "truth.jsonl").read_text().splitlines()]
         return np.array([row["irradiance"][1] for row in rows])
 
@@ -77,7 +81,7 @@ def test_flicker_beats_with_the_frames_unless_exposed_for_a_period(tmp_path: Pat
 
 
 def test_dropped_frames_are_missing_by_number(tmp_path: Path) -> None:
-    simulate(["interior"], LENS, LOG, tmp_path, frames=20, dropouts=0.4, seed=2)
+    simulate(Lighting(maps=("interior",)), VirtualCamera(lens=LENS, response=LOG, dropouts=0.4), tmp_path, frames=20, seed=2)
     numbers = [entry.sequence for entry in read_manifest(tmp_path)]
     assert 4 <= len(numbers) < 20
     assert numbers == sorted(set(numbers))
@@ -87,7 +91,8 @@ def test_dropped_frames_are_missing_by_number(tmp_path: Path) -> None:
 
 
 def test_truth_is_a_sequence_of_its_own(tmp_path: Path) -> None:
-    simulate(["sky"], LENS, LOG, tmp_path, frames=2, noise_codes=0.5, truth_maps=True)
+    camera = VirtualCamera(lens=LENS, response=LOG, noise_codes=0.5)
+    simulate(Lighting(maps=("sky",)), camera, tmp_path, frames=2, truth_maps=True)
     image, attributes = read_radiance(tmp_path / "truth" / "sky_0001.exr")
     assert attributes["vemlight:kind"] == "fisheye"
     assert image.max() > 1000

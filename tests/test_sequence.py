@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from vemlight.capture.sequence import MANIFEST, check_digest, file_entry, frame_paths, read_manifest
+from vemlight.capture.sequence import MANIFEST, check_digest, frame_paths, manifest_entry, read_manifest
 from vemlight.errors import UserError
 
 
@@ -42,7 +42,7 @@ def test_empty_folder_is_refused(tmp_path: Path) -> None:
 
 
 def write_manifest(folder: Path, *names: str) -> None:
-    lines = [msgspec.json.encode(file_entry(folder / name, k, k / 4)) for k, name in enumerate(names)]
+    lines = [msgspec.json.encode(manifest_entry(folder / name, k, k / 4)) for k, name in enumerate(names)]
     (folder / MANIFEST).write_bytes(b"\n".join(lines))
 
 

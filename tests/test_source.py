@@ -1,4 +1,4 @@
-"""Files replayed as polar maps."""
+"""FileSource replayed as polar maps."""
 
 import os
 from fractions import Fraction
@@ -8,11 +8,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from vemlight.capture.camera_source import raw_attributes
 from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
+from vemlight.capture.recording import polar_file
 from vemlight.capture.response import Log, Srgb, code_from_radiance, write_response
-from vemlight.capture.sequence import MANIFEST, file_entry
-from vemlight.capture.source import open_source, polar_file, raw_attributes, recorded_rate
-from vemlight.capture.v4l2 import Raw
+from vemlight.capture.sequence import MANIFEST, manifest_entry
+from vemlight.capture.source import open_source, recorded_fps
+from vemlight.capture.v4l2 import RawFrame
 from vemlight.errors import UserError
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance, write_exr, write_png
@@ -98,7 +100,7 @@ def test_times_come_from_fps(sequence: Path) -> None:
 def test_times_come_from_the_recording(tmp_path: Path) -> None:
     for k in range(2):
         write_exr(tmp_path / f"f{k}.exr", np.ones((16, 32, 3), np.float32), {"framesPerSecond": Fraction(24000, 1001)})
-    lines = [msgspec.json.encode(file_entry(tmp_path / f"f{k}.exr", k, 7.5 + k)) for k in range(2)]
+    lines = [msgspec.json.encode(manifest_entry(tmp_path / f"f{k}.exr", k, 7.5 + k)) for k in range(2)]
     (tmp_path / MANIFEST).write_bytes(b"\n".join(lines))
     source = open_source(capture(tmp_path))
     assert source.fps == pytest.approx(24000 / 1001)
@@ -108,7 +110,7 @@ def test_times_come_from_the_recording(tmp_path: Path) -> None:
 def test_changed_frame_of_a_recording_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "f0.exr"
     write_exr(path, np.ones((16, 32, 3), np.float32))
-    (tmp_path / MANIFEST).write_bytes(msgspec.json.encode(file_entry(path, 0, 0.0)))
+    (tmp_path / MANIFEST).write_bytes(msgspec.json.encode(manifest_entry(path, 0, 0.0)))
     write_exr(path, np.full((16, 32, 3), 2.0, np.float32))
     with pytest.raises(UserError, match=r"f0\.exr: is not what was recorded"):
         open_source(capture(tmp_path)).frame(0)
@@ -282,7 +284,7 @@ def test_real_map() -> None:
 
 
 def test_header_of_a_cameras_frame_survives_the_file(tmp_path: Path) -> None:
-    raw = Raw(np.zeros((4, 6), np.uint16), "RGGB", 2**31 + 5, 2**40 + 7, 0)
+    raw = RawFrame(np.zeros((4, 6), np.uint16), "RGGB", 2**31 + 5, 2**40 + 7, 0)
     write_exr(tmp_path / "f.exr", raw.codes.astype(np.float32), raw_attributes(raw, 29.97))
     _, attributes = read_radiance(tmp_path / "f.exr")
     assert attributes["vemlight:monotonic_ns"] == str(2**40 + 7)
@@ -294,7 +296,7 @@ def test_header_of_a_cameras_frame_survives_the_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate", [None, 0, "x", float("nan"), -5, 1e9, Fraction(30000, 1001)])
 def test_rate_of_a_hostile_header(rate: object) -> None:
-    got = recorded_rate({} if rate is None else {"framesPerSecond": rate}, 25.0)
+    got = recorded_fps({} if rate is None else {"framesPerSecond": rate}, 25.0)
     assert got == (pytest.approx(29.97, rel=1e-4) if isinstance(rate, Fraction) else 25.0)
 
 

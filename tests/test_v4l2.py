@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vemlight.capture.v4l2 import FORMATS, Camera, Format, codes_from_bytes, frames_between, list_cameras
+from vemlight.capture.v4l2 import FORMATS, PixelFormat, V4l2Camera, codes_from_bytes, frames_between, list_cameras
 from vemlight.errors import UserError
 
 BY_NAME = {form.name: form for form in FORMATS.values()}
@@ -17,11 +17,11 @@ def has_vivid() -> bool:
 
 
 def test_formats_by_the_kernels_letters() -> None:
-    assert FORMATS[0x59455247] == Format("GREY", "<u1", "mono", 8)
-    assert FORMATS[0x20363159] == Format("Y16", "<u2", "mono", 16)
-    assert FORMATS[0x20363159 | 1 << 31] == Format("Y16-BE", ">u2", "mono", 16)
+    assert FORMATS[0x59455247] == PixelFormat("GREY", "<u1", "mono", 8)
+    assert FORMATS[0x20363159] == PixelFormat("Y16", "<u2", "mono", 16)
+    assert FORMATS[0x20363159 | 1 << 31] == PixelFormat("Y16-BE", ">u2", "mono", 16)
     assert BY_NAME["BA10"].mosaic == "GRBG"
-    assert BY_NAME["BYR2"] == Format("BYR2", "<u2", "BGGR", 16)
+    assert BY_NAME["BYR2"] == PixelFormat("BYR2", "<u2", "BGGR", 16)
     assert len(BY_NAME) == len(FORMATS)
 
 
@@ -53,13 +53,13 @@ def test_what_is_no_camera_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     for path in (tmp_path / "file", tmp_path / "nothing"):
         with pytest.raises(UserError, match="no camera that can be opened"):
-            Camera(str(path))
+            V4l2Camera(str(path))
 
 
 @pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")
 @pytest.mark.parametrize("name", ["Y16", "Y12", "GREY", "RG12", "Y10", "Y16-BE", "RGGB", "RG16"])
 def test_200_frames_without_an_unreported_gap(name: str) -> None:
-    camera = Camera("/dev/video0", form=name, width=320, height=180, fps=15.0)
+    camera = V4l2Camera("/dev/video0", form=name, width=320, height=180, fps=15.0)
     frames = []
     try:
         assert (camera.form.name, camera.width, camera.height) == (name, 320, 180)
@@ -85,4 +85,4 @@ def test_200_frames_without_an_unreported_gap(name: str) -> None:
 @pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")
 def test_format_that_the_camera_lacks_is_refused() -> None:
     with pytest.raises(UserError, match="has no format Y10-BE but"):
-        Camera("/dev/video0", form="Y10-BE")
+        V4l2Camera("/dev/video0", form="Y10-BE")

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from vemlight.capture import v4l2 as module
+from vemlight.capture.camera_source import CameraSource
 from vemlight.capture.lens import Lens, write_lens
 from vemlight.capture.response import Linear, write_response
 from vemlight.capture.sequence import read_manifest
-from vemlight.capture.source import Live
-from vemlight.capture.v4l2 import Camera
+from vemlight.capture.v4l2 import V4l2Camera
 from vemlight.errors import UserError
 from vemlight.settings import Capture
 
@@ -88,7 +88,7 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Driver:
 
 
 def test_frames_come_with_number_and_stamp(driver: Driver) -> None:
-    camera = Camera("/dev/video0")
+    camera = V4l2Camera("/dev/video0")
     driver.put(7)
     raw = camera.read(1.0)
     assert raw is not None
@@ -99,7 +99,7 @@ def test_frames_come_with_number_and_stamp(driver: Driver) -> None:
 
 
 def test_lost_and_damaged_frames_are_counted(driver: Driver) -> None:
-    camera = Camera("/dev/video0")
+    camera = V4l2Camera("/dev/video0")
     for sequence, flags in ((3, 0), (4, int(device.BufferFlag.ERROR)), (5, 0), (9, 0)):
         driver.put(sequence, flags=flags)
     got = [camera.read(1.0) for _ in range(4)]
@@ -108,7 +108,7 @@ def test_lost_and_damaged_frames_are_counted(driver: Driver) -> None:
 
 
 def test_an_unplugged_camera_is_waited_for(driver: Driver) -> None:
-    camera = Camera("/dev/video0")
+    camera = V4l2Camera("/dev/video0")
     driver.put(1)
     assert camera.read(1.0) is not None
     driver.unplug()
@@ -124,7 +124,7 @@ def test_an_unplugged_camera_is_waited_for(driver: Driver) -> None:
 
 
 def test_a_camera_of_another_size_is_refused_when_it_comes_back(driver: Driver) -> None:
-    camera = Camera("/dev/video0")
+    camera = V4l2Camera("/dev/video0")
     driver.unplug()
     assert camera.read(1.0) is None
     driver.plugged, driver.size = True, (24, 20)
@@ -133,7 +133,7 @@ def test_a_camera_of_another_size_is_refused_when_it_comes_back(driver: Driver) 
 
 
 def test_too_few_bytes_mid_stream_are_refused(driver: Driver) -> None:
-    camera = Camera("/dev/video0")
+    camera = V4l2Camera("/dev/video0")
     driver.put(1, FRAME.tobytes()[:100])
     with pytest.raises(UserError, match="100 bytes are no frame of 12x10, which it had agreed to send"):
         camera.read(1.0)
@@ -144,21 +144,21 @@ def test_a_camera_of_another_error_is_our_fault(driver: Driver, monkeypatch: pyt
         raise OSError(errno.EFAULT, "Bad address")
 
     monkeypatch.setattr(device, "dequeue_buffer", broken)
-    camera = Camera("/dev/video0")
+    camera = V4l2Camera("/dev/video0")
     driver.put(1)
     with pytest.raises(OSError, match="Bad address"):
         camera.read(1.0)
 
 
 @pytest.fixture
-def live(driver: Driver, tmp_path: Path) -> Live:
+def live(driver: Driver, tmp_path: Path) -> CameraSource:
     write_lens(tmp_path / "l.toml", Lens(size=SIZE, f=(3.0, 3.0), c=(5.5, 4.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0))
     write_response(tmp_path / "r.toml", Linear(bits=12, a=0.0, b=1.0))
     named = {"lens": str(tmp_path / "l.toml"), "response": str(tmp_path / "r.toml"), "record": str(tmp_path / "out")}
-    return Live(Capture(source="/dev/video0", rows=4, cols=8, **named))  # type: ignore[arg-type]
+    return CameraSource(Capture(source="/dev/video0", rows=4, cols=8, **named))  # type: ignore[arg-type]
 
 
-def test_nothing_recorded_is_lost_when_the_camera_changes(driver: Driver, live: Live, tmp_path: Path) -> None:
+def test_nothing_recorded_is_lost_when_the_camera_changes(driver: Driver, live: CameraSource, tmp_path: Path) -> None:
     for sequence in (1, 2, 4):
         driver.put(sequence)
         assert live.next(1.0) is not None
@@ -178,10 +178,10 @@ def test_a_lens_of_another_size_frees_the_camera(driver: Driver, tmp_path: Path)
     write_response(tmp_path / "r.toml", Linear(bits=12, a=0.0, b=1.0))
     closed = []
     monkey = pytest.MonkeyPatch()
-    monkey.setattr(module.Camera, "close", lambda self: closed.append(self.path))
+    monkey.setattr(module.V4l2Camera, "close", lambda self: closed.append(self.path))
     try:
         with pytest.raises(UserError, match="is 12x10 and the lens file is for 64x64"):
-            Live(Capture(source="/dev/video0", lens=str(tmp_path / "l.toml"), response=str(tmp_path / "r.toml")))
+            CameraSource(Capture(source="/dev/video0", lens=str(tmp_path / "l.toml"), response=str(tmp_path / "r.toml")))
     finally:
         monkey.undo()
     assert closed == ["/dev/video0"]

@@ -8,8 +8,10 @@ import pytest
 
 from vemlight.capture.lens import Lens, direction_from_pixel, pixel_solid_angles
 from vemlight.capture.response import Log, Response
-from vemlight.capture.simulation.environment import Disc, Environment
-from vemlight.capture.simulation.virtual_camera import fisheye_radiance, simulate
+from vemlight.capture.simulation.environment import Environment, SunDisc
+from vemlight.capture.simulation.optics import fisheye_radiance
+from vemlight.capture.simulation.sensor import VirtualCamera
+from vemlight.capture.simulation.simulate import Lighting, simulate
 from vemlight.capture.source import Frame, open_source
 from vemlight.errors import UserError
 from vemlight.light.colour import luminance_from_rgb
@@ -55,7 +57,7 @@ def test_no_sun_falls_between_the_pixels(radius_deg: float) -> None:
     rng = np.random.default_rng(7)
     for theta, phi in zip(rng.uniform(0, 1.5, 30), rng.uniform(0, 2 * np.pi, 30), strict=True):
         direction = direction_from_angles(theta, phi)
-        sun = Disc(direction, np.radians(radius_deg), np.array([1.0, 2.0, 3.0]))
+        sun = SunDisc(direction, np.radians(radius_deg), np.array([1.0, 2.0, 3.0]))
         image = fisheye_radiance(Environment(DARK, [sun]), np.eye(3), LENS)
         flux = np.einsum("ijc,ij->c", image, pixel_solid_angles(LENS))
         np.testing.assert_allclose(flux, [1, 2, 3], rtol=1e-9)
@@ -82,7 +84,7 @@ def test_even_light_gives_an_even_image() -> None:
 
 def test_maps_turn_from_x_to_y() -> None:
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    sun = Disc(np.array([0.8, 0, 0.6]), 0.005, np.ones(3))
+    sun = SunDisc(np.array([0.8, 0, 0.6]), 0.005, np.ones(3))
     image = fisheye_radiance(Environment(DARK, [sun]), quarter, LENS)
     assert angle_between(flux_centre(image, LENS), np.array([0, 0.8, 0.6])) < PIXEL
 
@@ -90,7 +92,8 @@ def test_maps_turn_from_x_to_y() -> None:
 @pytest.mark.parametrize("response", [None, LOG], ids=["radiance", "codes"])
 @pytest.mark.parametrize("scene", ["sky", "interior"])
 def test_simulate_and_back(tmp_path: Path, scene: str, response: Response | None) -> None:
-    simulate([scene], LENS, response, tmp_path, frames=2, rotate_deg_per_frame=30.0, noise_codes=0.5, exposure_s=0.002, seed=1)
+    camera = VirtualCamera(lens=LENS, response=response, noise_codes=0.5, exposure_s=0.002)
+    simulate(Lighting(maps=(scene,), rotate_deg_per_frame=30.0), camera, tmp_path, frames=2, seed=1)
     truth = [json.loads(line) for line in (tmp_path / "truth.jsonl").read_text().splitlines()]
     source = open_source(Capture(source=str(tmp_path)))
     assert (len(source), len(truth), source.fps) == (2, 2, 25.0)
@@ -111,7 +114,8 @@ def test_files_as_maps(tmp_path: Path) -> None:
         image[int(row), int(col)] = 500.0
         image[40, 3] = np.nan
         write_exr(tmp_path / f"map{k}.exr", image)
-    simulate([str(tmp_path / "map0.exr"), str(tmp_path / "map1.exr")], LENS, LOG, tmp_path / "out")
+    lighting = Lighting(maps=(str(tmp_path / "map0.exr"), str(tmp_path / "map1.exr")))
+    simulate(lighting, VirtualCamera(lens=LENS, response=LOG), tmp_path / "out")
     truth = [json.loads(line) for line in (tmp_path / "out" / "truth.jsonl").read_text().splitlines()]
     source = open_source(Capture(source=str(tmp_path / "out")))
     for k, phi in enumerate((0.5, 2.5)):
@@ -122,7 +126,8 @@ def test_files_as_maps(tmp_path: Path) -> None:
 def test_seed_makes_the_same_codes(tmp_path: Path) -> None:
     pixels = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        simulate(["interior"], LENS, LOG, tmp_path / name, frames=1, noise_codes=1.0, seed=seed)
+        camera = VirtualCamera(lens=LENS, response=LOG, noise_codes=1.0)
+        simulate(Lighting(maps=("interior",)), camera, tmp_path / name, frames=1, seed=seed)
         pixels.append(read_radiance(tmp_path / name / "interior_0000.exr")[0])
     assert np.array_equal(pixels[0], pixels[1])
     assert not np.array_equal(pixels[0], pixels[2])
@@ -130,11 +135,11 @@ def test_seed_makes_the_same_codes(tmp_path: Path) -> None:
 
 def test_saturated_sun_is_counted(tmp_path: Path) -> None:
     low = Log(bits=12, a=float(-B * np.log(1e-3)), b=float(4095 / np.log(1e5)), c=1e-3)
-    simulate(["sky"], LENS, low, tmp_path, frames=1)
+    simulate(Lighting(maps=("sky",)), VirtualCamera(lens=LENS, response=low), tmp_path, frames=1)
     assert open_source(Capture(source=str(tmp_path))).frame(0).saturated > 0
 
 
-@pytest.mark.parametrize(("maps", "word"), [([], "no map"), (["moon"], "moon"), (["sky", "interior"], "sky")])
-def test_maps_that_are_none(tmp_path: Path, maps: list[str], word: str) -> None:
+@pytest.mark.parametrize(("maps", "word"), [((), "no map"), (("moon",), "moon"), (("sky", "interior"), "sky")])
+def test_maps_that_are_none(tmp_path: Path, maps: tuple[str, ...], word: str) -> None:
     with pytest.raises(UserError, match=word):
-        simulate(maps, LENS, None, tmp_path)
+        simulate(Lighting(maps=maps), VirtualCamera(lens=LENS), tmp_path)

@@ -1,4 +1,4 @@
-"""Capture's process: `python -m vemlight.capture [vemlight.toml]`."""
+"""The capture process: `python -m vemlight.capture [vemlight.toml]`."""
 
 import sys
 

@@ -1,11 +1,12 @@
-"""The fisheye lens: the radial model of Kannala and Brandt (2006, "A generic camera model and calibration method for conventional,
-wide-angle, and fish-eye lenses", eq. 6) on rays, so that it holds beyond 90 degrees from the axis, and its file.
+"""The fisheye lens: its projection, its solid angles and its file.
 
-A ray at angle theta from the optical axis meets the sensor at the radius, in units of the focal length,
+The radial model of Kannala and Brandt (2006, "A generic camera model and calibration method for conventional, wide-angle, and
+fish-eye lenses", eq. 6), applied to rays, so that it holds beyond 90 degrees off the axis. A ray at angle theta from the optical
+axis meets the sensor at the radius, in units of the focal length,
 
     theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
 
-Beyond the rim, where no light comes, theta_d goes on in a straight line, so that every direction has one pixel.
+Beyond the rim, where no light arrives, theta_d continues along its tangent, so that every direction has exactly one pixel.
 
 Camera axes: x right, y down, z along the optical axis. Pixel coordinates (x, y) put the centre of the first pixel at (0, 0), as
 OpenCV does.
@@ -13,17 +14,36 @@ OpenCV does.
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 from numba import njit
 
 from vemlight.errors import UserError
-from vemlight.files import read_toml, written_whole
+from vemlight.files import read_toml, write_toml
 
 Row = tuple[float, float, float]
 IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-STEPS = 1024  # the polynomial's slope is looked at so often between axis and rim; a degree-8 even polynomial bends 8 times at most
+MAX_SIZE = 16384  # pixels on a side, as for all images; more would be a typing error
+SLOPE_SAMPLES = 1024  # between axis and rim: the slope, of degree 8 and even, has at most 4 turns there; any value from 100 on does
+MAX_NEWTON_STEPS = 60  # a real lens takes 4 to 6; bisection alone would need 53 for the last bit, so any value from 54 on does
+NEWTON_TOLERANCE = 1e-15  # rad, four units in the last place at 1 rad; any value below 1e-10 keeps directions within 1e-9
+ROTATION_TOLERANCE = 1e-6  # of an element of R R^T: files with seven digits pass; scaled or skewed axes do not
+
+
+class Intrinsics(NamedTuple):
+    """The projection of a lens as plain numbers, for compiled loops."""
+
+    fx: float  # pixels per unit of theta_d
+    fy: float
+    cx: float  # pixel where the optical axis meets the sensor
+    cy: float
+    k1: float
+    k2: float
+    k3: float
+    k4: float
+    rim: float  # rad
 
 
 class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -36,22 +56,22 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     k2: float
     k3: float
     k4: float
-    rim_deg: float  # no light comes from farther off the axis than this
+    rim_deg: float  # angle off the axis beyond which no light arrives
     vignetting: tuple[float, ...] = ()  # relative response 1 + v1 theta^2 + v2 theta^4 + ...
-    flat_field: str = ""  # image of even light beside this file; takes the place of vignetting
-    world_from_camera: tuple[Row, Row, Row] = IDENTITY  # a camera that looks up, image right = +X
-    views: int = 0  # images that the calibration kept; 0: not calibrated from images
-    rms_px: float = 0.0  # of the corners in them
+    flat_field: str = ""  # image of an evenly lit surface, beside this file; replaces `vignetting`
+    world_from_camera: tuple[Row, Row, Row] = IDENTITY  # the default looks up, with the image's right side towards +X
+    views: int = 0  # photographs that the calibration used; 0: not calibrated from photographs
+    rms_px: float = 0.0  # reprojection error of their corners
     date: str = ""
 
     @property
     def k(self) -> np.ndarray:
-        """(4,) float64."""
+        """Coefficients k1 to k4, (4,) float64."""
         return np.array([self.k1, self.k2, self.k3, self.k4])
 
     @property
     def rim(self) -> float:
-        """In rad."""
+        """Angle of the rim off the axis in rad."""
         return math.radians(self.rim_deg)
 
     @property
@@ -59,9 +79,14 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         """world_from_camera as (3, 3) float64."""
         return np.array(self.world_from_camera)
 
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The projection for compiled loops."""
+        return Intrinsics(*map(float, (*self.f, *self.c, self.k1, self.k2, self.k3, self.k4, self.rim)))
+
 
 def read_lens(path: Path) -> Lens:
-    """The lens file at `path`. Raises UserError for a missing or unknown key and for values that make no lens."""
+    """Reads a lens file. Raises UserError for a missing or unknown key and for values that describe no lens."""
     lens = read_toml(path, Lens)
     try:
         check_lens(lens)
@@ -71,47 +96,37 @@ def read_lens(path: Path) -> Lens:
 
 
 def check_lens(lens: Lens) -> None:
-    """Raises UserError when directions and pixels would not belong together one to one, or no radiance could be had."""
-    if min(lens.size) < 1 or max(lens.size) > 16384:
+    """Raises UserError unless directions and pixels correspond one to one and radiance can be recovered everywhere."""
+    if min(lens.size) < 1 or max(lens.size) > MAX_SIZE:
         raise UserError(f"size = {list(lens.size)} is no image size; give width and height in pixels")
     numbers = [*lens.f, *lens.c, *lens.k, lens.rim_deg, *lens.vignetting, *lens.rotation.ravel()]
     if not np.all(np.isfinite(numbers)):
-        raise UserError("a number is nan or inf; mend it")
+        raise UserError("a number is nan or inf; replace it")
     if min(lens.f) <= 0:
         raise UserError(f"f = {list(lens.f)} must be above 0 pixels")
     if not 0 < lens.rim_deg <= 180:
         raise UserError(f"rim_deg = {lens.rim_deg:g} must be above 0 and at most 180")
-    theta = np.linspace(0, lens.rim, STEPS)
+    theta = np.linspace(0, lens.rim, SLOPE_SAMPLES)
     slope = slope_from_angle(theta, lens)
     if slope.min() <= 0:
         at = math.degrees(theta[int(np.argmax(slope <= 0))])
         raise UserError(f"k1..k4 turn back at {at:.1f} degrees, before rim_deg = {lens.rim_deg:g}; calibrate again or lower rim_deg")
     if vignetting_from_angle(theta, lens).min() <= 0:
-        raise UserError(f"vignetting falls to 0 before rim_deg = {lens.rim_deg:g}; mend it or lower rim_deg")
+        raise UserError(f"vignetting falls to 0 before rim_deg = {lens.rim_deg:g}; correct it or lower rim_deg")
     if lens.flat_field and lens.vignetting:
-        raise UserError("flat_field holds the vignetting already; leave one of the two out")
-    if not np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(lens.rotation) < 0:
+        raise UserError("flat_field contains the vignetting already; leave one of the two out")
+    orthonormal = np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), atol=ROTATION_TOLERANCE)
+    if not orthonormal or np.linalg.det(lens.rotation) < 0:
         raise UserError("world_from_camera is no rotation; its rows must be unit vectors at right angles, right-handed")
 
 
 def write_lens(path: Path, lens: Lens) -> None:
     """Writes the TOML file that `read_lens` reads back to the same record, digit for digit."""
-    rows = msgspec.to_builtins(lens, enc_hook=float)  # numpy's numbers too
-    text = "".join(f"{key} = {_toml(value)}\n" for key, value in rows.items())
-    with written_whole(path) as part:
-        part.write_text(text, encoding="utf-8")
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return repr(value)
+    write_toml(path, lens)
 
 
 def vignetting_from_angle(theta: np.ndarray, lens: Lens) -> np.ndarray:
-    """Response relative to the axis at angles `theta` in rad from it."""
+    """Response relative to the axis at angles `theta` in rad off it."""
     square = np.square(theta)
     return 1 + square * np.polynomial.polynomial.polyval(square, lens.vignetting or (0.0,))
 
@@ -122,104 +137,113 @@ def slope_from_angle(theta: np.ndarray, lens: Lens) -> np.ndarray:
 
 
 @njit(cache=True)
-def radius_from_angle(theta: float, k: np.ndarray, rim: float) -> float:
-    """theta_d of the angle `theta` in rad; straight on beyond `rim`."""
-    t = min(theta, rim)
-    s = t * t
-    radius = t * (1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
-    if theta > rim:
-        radius += (theta - rim) * (1 + s * (3 * k[0] + s * (5 * k[1] + s * (7 * k[2] + s * 9 * k[3]))))
+def _theta_d(theta, lens):
+    # the polynomial itself, without the tangent beyond the rim
+    s = theta * theta
+    return theta * (1 + s * (lens.k1 + s * (lens.k2 + s * (lens.k3 + s * lens.k4))))
+
+
+@njit(cache=True)
+def _slope(theta, lens):
+    s = theta * theta
+    return 1 + s * (3 * lens.k1 + s * (5 * lens.k2 + s * (7 * lens.k3 + s * 9 * lens.k4)))
+
+
+@njit(cache=True)
+def radius_from_angle(theta: float, lens: Intrinsics) -> float:
+    """theta_d of the angle `theta` in rad; along the tangent beyond the rim."""
+    radius = _theta_d(min(theta, lens.rim), lens)
+    if theta > lens.rim:
+        radius += (theta - lens.rim) * _slope(lens.rim, lens)
     return radius
 
 
 @njit(cache=True)
-def angle_from_radius(radius: float, k: np.ndarray, rim: float) -> float:
-    """The angle in rad whose theta_d is `radius`: Newton's steps, kept inside the bracket that they narrow."""
-    low, high = 0.0, rim
-    edge = radius_from_angle(rim, k, rim)
+def angle_from_radius(radius: float, lens: Intrinsics) -> float:
+    """The angle in rad whose theta_d is `radius`, by Newton's method with a bracket that each step narrows."""
+    low, high = 0.0, lens.rim
+    edge = radius_from_angle(lens.rim, lens)
     if radius >= edge:
-        s = rim * rim
-        return rim + (radius - edge) / (1 + s * (3 * k[0] + s * (5 * k[1] + s * (7 * k[2] + s * 9 * k[3]))))
-    t = rim * radius / edge
-    for _ in range(60):  # 4 to 6 are enough for a real lens; halving alone would need 53 for the last bit
-        s = t * t
-        miss = t * (1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))) - radius
-        if miss > 0:
-            high = t
+        return lens.rim + (radius - edge) / _slope(lens.rim, lens)
+    theta = lens.rim * radius / edge
+    for _ in range(MAX_NEWTON_STEPS):
+        excess = _theta_d(theta, lens) - radius
+        if excess > 0:
+            high = theta
         else:
-            low = t
-        new = t - miss / (1 + s * (3 * k[0] + s * (5 * k[1] + s * (7 * k[2] + s * 9 * k[3]))))
-        if not low <= new <= high:
-            new = 0.5 * (low + high)
-        if abs(new - t) <= 1e-15:
-            return new
-        t = new
-    return t
+            low = theta
+        updated = theta - excess / _slope(theta, lens)
+        if not low <= updated <= high:
+            updated = 0.5 * (low + high)
+        if abs(updated - theta) <= NEWTON_TOLERANCE:
+            return updated
+        theta = updated
+    return theta
 
 
 @njit(cache=True)
-def _pixels(direction, f, c, k, rim):
-    pixel = np.empty((len(direction), 2))
-    for i in range(len(direction)):
-        x, y, z = direction[i]
+def _pixels(directions, lens):
+    pixels = np.empty((len(directions), 2))
+    for i in range(len(directions)):
+        x, y, z = directions[i]
         across = math.hypot(x, y)
-        radius = radius_from_angle(math.atan2(across, z), k, rim)
-        # on the axis every azimuth gives the same pixel; straight behind, +x stands for all of them
+        radius = radius_from_angle(math.atan2(across, z), lens)
+        # on the axis every azimuth gives the same pixel; straight behind, +x represents them all
         ux, uy = (x / across, y / across) if across > 0 else (1.0, 0.0)
-        pixel[i, 0] = c[0] + f[0] * radius * ux
-        pixel[i, 1] = c[1] + f[1] * radius * uy
-    return pixel
+        pixels[i, 0] = lens.cx + lens.fx * radius * ux
+        pixels[i, 1] = lens.cy + lens.fy * radius * uy
+    return pixels
 
 
 @njit(cache=True)
-def _directions(pixel, f, c, k, rim):
-    direction = np.empty((len(pixel), 3))
-    for i in range(len(pixel)):
-        x, y = (pixel[i, 0] - c[0]) / f[0], (pixel[i, 1] - c[1]) / f[1]
+def _directions(pixels, lens):
+    directions = np.empty((len(pixels), 3))
+    for i in range(len(pixels)):
+        x, y = (pixels[i, 0] - lens.cx) / lens.fx, (pixels[i, 1] - lens.cy) / lens.fy
         radius = math.hypot(x, y)
-        theta = min(angle_from_radius(radius, k, rim), math.pi)
+        theta = min(angle_from_radius(radius, lens), math.pi)
         across = math.sin(theta) / radius if radius > 0 else 0.0
-        direction[i] = x * across, y * across, math.cos(theta)
-    return direction
+        directions[i] = x * across, y * across, math.cos(theta)
+    return directions
 
 
 def pixel_from_direction(direction: np.ndarray, lens: Lens) -> np.ndarray:
-    """Pixel coordinates (..., 2) float64, x and y, of directions (..., 3) of any length in the camera's axes."""
+    """Pixel coordinates (..., 2) float64, x and y, of directions (..., 3) of any length in camera axes."""
     flat = np.ascontiguousarray(direction, np.float64).reshape(-1, 3)
-    return _pixels(flat, np.array(lens.f), np.array(lens.c), lens.k, lens.rim).reshape(*np.shape(direction)[:-1], 2)
+    return _pixels(flat, lens.intrinsics).reshape(*np.shape(direction)[:-1], 2)
 
 
 def direction_from_pixel(pixel: np.ndarray, lens: Lens) -> np.ndarray:
-    """Unit vectors (..., 3) float64 in the camera's axes of pixel coordinates (..., 2)."""
+    """Unit vectors (..., 3) float64 in camera axes through pixel coordinates (..., 2)."""
     flat = np.ascontiguousarray(pixel, np.float64).reshape(-1, 2)
-    return _directions(flat, np.array(lens.f), np.array(lens.c), lens.k, lens.rim).reshape(*np.shape(pixel)[:-1], 3)
+    return _directions(flat, lens.intrinsics).reshape(*np.shape(pixel)[:-1], 3)
 
 
 def pixel_angles(lens: Lens) -> np.ndarray:
     """Angle in rad between the optical axis and the centre of each pixel, (height, width) float64."""
     width, height = lens.size
     x, y = np.meshgrid((np.arange(width) - lens.c[0]) / lens.f[0], (np.arange(height) - lens.c[1]) / lens.f[1])
-    flat = np.hypot(x, y).ravel()
-    return angles_from_radii(flat, lens.k, lens.rim).reshape(height, width)
+    return angles_from_radii(np.hypot(x, y).ravel(), lens.intrinsics).reshape(height, width)
 
 
 @njit(cache=True)
-def angles_from_radii(radius, k, rim):
-    """`angle_from_radius` of many, (n,) float64."""
-    theta = np.empty_like(radius)
-    for i in range(len(radius)):
-        theta[i] = angle_from_radius(radius[i], k, rim)
-    return theta
+def angles_from_radii(radii, lens):
+    """`angle_from_radius` of each of `radii` (n,), (n,) float64."""
+    angles = np.empty_like(radii)
+    for i in range(len(radii)):
+        angles[i] = angle_from_radius(radii[i], lens)
+    return angles
 
 
 def pixel_solid_angles(lens: Lens) -> np.ndarray:
-    """Solid angle in sr that each pixel sees, (height, width) float64; 0 where its centre lies beyond the rim.
+    """Solid angle of each pixel in sr, (height, width) float64; 0 where the pixel's centre lies beyond the rim.
 
-    sin(theta) d theta d psi over the pixel's area theta_d d theta_d d psi f_x f_y, taken at the centre: with h the pixel's side in rad the
-    error is of the order of h^2 / 24, 1e-5 for a pixel of one degree.
+    sin(theta) d theta d psi over the pixel's area theta_d d theta_d d psi f_x f_y, evaluated at the centre: with h the pixel's side in
+    rad the error is of the order of h^2 / 24, 1e-5 for a pixel of one degree.
     """
     theta = pixel_angles(lens)
     inside = np.minimum(theta, lens.rim)
     radius = inside * (1 + np.square(inside) * np.polynomial.polynomial.polyval(np.square(inside), lens.k))
+    # sin(theta) / theta_d tends to 1 at the axis; below 1e-9 rad it is 1 to the last bit
     ratio = np.where(inside > 1e-9, np.sin(inside) / np.maximum(radius, 1e-12), 1.0)
     return np.where(theta <= lens.rim, ratio / slope_from_angle(inside, lens) / (lens.f[0] * lens.f[1]), 0.0)

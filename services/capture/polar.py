@@ -1,9 +1,9 @@
-"""Images of the light around resampled to the polar map, with the power of each channel conserved.
+"""Lat-long images resampled to the polar map, with the power of each channel conserved.
 
 A lat-long pixel is a box in (1 - cos theta, phi), where solid angle is plain area, and so is a cell of the polar map: their overlaps are
 exact products of two one-dimensional overlaps, and a cell is the mean of the pixels it overlaps, weighted by solid angle.
 
-Values go through as they are: nan and inf reach the cells that their pixel overlaps and no other; negative pixels count in the mean.
+Values are not cleaned: nan and inf reach the cells that their pixel overlaps and no others; negative pixels count in the mean.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,9 @@ from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells, bright_cel
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import SPAN, Coverage, direction_from_angles, ring_edges
 
-DUST = 1e-9  # of a cell: overlaps this thin are rounding of edges that coincide (float64 gives 1e-13), and would carry a nan next door
+# Thinner overlaps, as a fraction of the target interval, are rounding of edges that coincide: float64 leaves 1e-13, and they would carry
+# a nan into the neighbouring cell. Any value from 1e-12 to 1e-7, the precision of the map's float32, does.
+MIN_OVERLAP = 1e-9
 
 
 class Overlaps(NamedTuple):
@@ -42,9 +44,9 @@ def overlaps(low: np.ndarray, high: np.ndarray, edges: np.ndarray) -> Overlaps:
         first = max(int(np.searchsorted(edges, a, side="right")) - 1, 0)
         last = min(int(np.searchsorted(edges, b, side="left")), len(edges) - 1)
         k = np.arange(first, last)
-        share = (np.minimum(edges[k + 1], b) - np.maximum(edges[k], a)) / (b - a)
-        index.append(k[share > DUST])
-        weight.append(share[share > DUST])
+        fraction = (np.minimum(edges[k + 1], b) - np.maximum(edges[k], a)) / (b - a)
+        index.append(k[fraction > MIN_OVERLAP])
+        weight.append(fraction[fraction > MIN_OVERLAP])
         start.append(start[-1] + len(index[-1]))
     return Overlaps(np.array(start), np.concatenate(index), np.concatenate(weight))
 
@@ -62,19 +64,20 @@ def latlong_to_polar(height: int, width: int, rows: int, cols: int, coverage: Co
 
 def polar_from_latlong(image: np.ndarray, weights: LatlongToPolar) -> np.ndarray:
     """The polar map (rows, cols, 3) float32 of a lat-long image (height, width, 3) float32."""
-    return _separable(image, *weights.rows, *weights.cols)
+    return _separable(image, weights.rows, weights.cols)
 
 
 @njit(cache=True)
-def _separable(image, row_start, row_index, row_weight, col_start, col_index, col_weight):
-    rows, cols = len(row_start) - 1, len(col_start) - 1
-    used = row_index.max() + 1
+def _separable(image, by_row, by_col):
+    # columns first, in the rows of the image that the map needs
+    rows, cols = len(by_row.start) - 1, len(by_col.start) - 1
+    used = by_row.index.max() + 1
     narrow = np.empty((used, cols, 3), np.float32)
     for y in range(used):
         for j in range(cols):
             r = g = b = 0.0
-            for k in range(col_start[j], col_start[j + 1]):
-                x, w = col_index[k], col_weight[k]
+            for k in range(by_col.start[j], by_col.start[j + 1]):
+                x, w = by_col.index[k], by_col.weight[k]
                 r += w * image[y, x, 0]
                 g += w * image[y, x, 1]
                 b += w * image[y, x, 2]
@@ -85,8 +88,8 @@ def _separable(image, row_start, row_index, row_weight, col_start, col_index, co
     for i in range(rows):
         for j in range(cols):
             r = g = b = 0.0
-            for k in range(row_start[i], row_start[i + 1]):
-                y, w = row_index[k], row_weight[k]
+            for k in range(by_row.start[i], by_row.start[i + 1]):
+                y, w = by_row.index[k], by_row.weight[k]
                 r += w * narrow[y, j, 0]
                 g += w * narrow[y, j, 1]
                 b += w * narrow[y, j, 2]
@@ -97,9 +100,9 @@ def _separable(image, row_start, row_index, row_weight, col_start, col_index, co
 
 
 def latlong_bright_cells(image: np.ndarray, weights: LatlongToPolar, cells: np.ndarray, coverage: Coverage) -> BrightCells:
-    """Where light sits inside each of the map's `cells` (n,), flat indices.
+    """Where light lies inside each of the map's `cells` (n,), flat indices.
 
-    A pixel's light counts from the middle of what the pixel and the cell share.
+    A pixel's light counts from the middle of the area that pixel and cell have in common.
     """
     rows, cols = len(weights.rows.start) - 1, len(weights.cols.start) - 1
     owner, directions, flux = [], [], []
@@ -107,21 +110,21 @@ def latlong_bright_cells(image: np.ndarray, weights: LatlongToPolar, cells: np.n
         i, j = divmod(cell, cols)
         y = weights.rows.index[weights.rows.start[i] : weights.rows.start[i + 1]]
         x = weights.cols.index[weights.cols.start[j] : weights.cols.start[j + 1]]
-        share = weights.rows.weight[weights.rows.start[i] : weights.rows.start[i + 1], None]
-        share = share * weights.cols.weight[weights.cols.start[j] : weights.cols.start[j + 1]]
-        step, turn = SPAN[coverage] / rows, 2 * np.pi / cols
-        theta = _middle(y * np.pi / weights.height, np.pi / weights.height, i * step, step)
-        # phi of a pixel's low edge, brought next to the cell's
-        low = (np.pi - (x + 1) * 2 * np.pi / weights.width - j * turn + np.pi) % (2 * np.pi) - np.pi + j * turn
-        phi = _middle(low, 2 * np.pi / weights.width, j * turn, turn)
-        owner.append(np.full(share.size, cell))
+        weight = weights.rows.weight[weights.rows.start[i] : weights.rows.start[i + 1], None]
+        weight = weight * weights.cols.weight[weights.cols.start[j] : weights.cols.start[j + 1]]
+        cell_theta, cell_phi = SPAN[coverage] / rows, 2 * np.pi / cols
+        theta = _overlap_middles(y * np.pi / weights.height, np.pi / weights.height, i * cell_theta, cell_theta)
+        # phi of a pixel's lower edge, brought next to the cell's across the seam
+        low = (np.pi - (x + 1) * 2 * np.pi / weights.width - j * cell_phi + np.pi) % (2 * np.pi) - np.pi + j * cell_phi
+        phi = _overlap_middles(low, 2 * np.pi / weights.width, j * cell_phi, cell_phi)
+        owner.append(np.full(weight.size, cell))
         directions.append(direction_from_angles(theta[:, None], phi[None, :]).reshape(-1, 3))
-        flux.append((share * luminance_from_rgb(image[np.ix_(y, x)])).ravel())
+        flux.append((weight * luminance_from_rgb(image[np.ix_(y, x)])).ravel())
     if not owner:
         return NO_BRIGHT_CELLS
     return bright_cells_from_light(np.concatenate(owner), np.concatenate(directions), np.concatenate(flux), rows, cols, coverage)
 
 
-def _middle(low: np.ndarray, size: float, cell: float, cell_size: float) -> np.ndarray:
-    # middles of the parts that intervals from `low` on share with the cell
+def _overlap_middles(low: np.ndarray, size: float, cell: float, cell_size: float) -> np.ndarray:
+    # middles of the overlaps of intervals from `low` on with the cell
     return (np.maximum(low, cell) + np.minimum(low + size, cell + cell_size)) / 2

@@ -1,6 +1,7 @@
-"""Fisheye images through their weights: one pass over what each pixel gives to each cell, by one thread or shared by several.
+"""Fisheye images through their weights: one pass over the contributions of pixels to cells, by one thread or several.
 
-Each thread adds to a part of the map that is its own, and each cell is added to in one order: any number of threads gives the same bytes.
+Each thread adds to a part of the map of its own, and each cell's additions come in a fixed order: any number of threads gives the same
+bytes.
 """
 
 import itertools
@@ -11,19 +12,19 @@ from concurrent.futures import wait as all_of
 import numpy as np
 from numba import njit
 
-from vemlight.capture.fisheye import PARTS, FisheyeToPolar
+from vemlight.capture.fisheye import MAP_PARTS, FisheyeToPolar
 
 
 class Threads:
     """This thread and `count` - 1 others."""
 
     def __init__(self, count: int = 1):
-        self.count = min(count, PARTS)
+        self.count = min(count, MAP_PARTS)
         self._others = ThreadPoolExecutor(self.count - 1, "scatter") if self.count > 1 else None
 
-    def share(self, job: Callable[[slice], None], ends: np.ndarray) -> None:
+    def run(self, job: Callable[[slice], None], ends: np.ndarray) -> None:
         """Calls `job` with slices that make up ends[0] : ends[-1], each from one of the ends to another, and waits for all."""
-        cuts = [int(ends[n * PARTS // self.count]) for n in range(self.count + 1)]
+        cuts = [int(ends[n * MAP_PARTS // self.count]) for n in range(self.count + 1)]
         if self._others is None:
             job(slice(cuts[0], cuts[-1]))
             return
@@ -33,17 +34,17 @@ class Threads:
             other.result()
 
 
-ALONE = Threads()
+ONE_THREAD = Threads()
 
 
-def polar_from_fisheye(image: np.ndarray, weights: FisheyeToPolar, threads: Threads = ALONE) -> np.ndarray:
+def polar_from_fisheye(image: np.ndarray, weights: FisheyeToPolar, threads: Threads = ONE_THREAD) -> np.ndarray:
     """The polar map (rows, cols, 3) float32 of a fisheye image of radiance (height, width, 3) float32."""
     polar, flat = np.zeros((weights.rows * weights.cols, 3), np.float32), image.reshape(-1, 3)
 
-    def job(some: slice) -> None:
-        _add_radiance(polar, flat, weights.pixel[some], weights.cell[some], weights.weight[some])
+    def job(entries: slice) -> None:
+        _add_radiance(polar, flat, weights.pixel[entries], weights.cell[entries], weights.weight[entries])
 
-    threads.share(job, weights.ends)
+    threads.run(job, weights.ends)
     return polar.reshape(weights.rows, weights.cols, 3)
 
 
@@ -56,17 +57,17 @@ def _add_radiance(polar, image, pixel, cell, weight):
         polar[at, 2] += w * image[p, 2]
 
 
-def polar_from_codes(codes: np.ndarray, weights: FisheyeToPolar, table: np.ndarray, threads: Threads = ALONE) -> np.ndarray:
+def polar_from_codes(codes: np.ndarray, weights: FisheyeToPolar, table: np.ndarray, threads: Threads = ONE_THREAD) -> np.ndarray:
     """The polar map (rows, cols) float32 of one channel of raw codes, (height, width) uint8 or uint16.
 
     `table`: radiance of each code that the dtype has, (256,) or (65536,) float32, finite.
     """
     polar, flat = np.zeros(weights.rows * weights.cols, np.float32), codes.reshape(-1)
 
-    def job(some: slice) -> None:
-        _add_codes(polar, flat, weights.pixel[some], weights.cell[some], weights.weight[some], table)
+    def job(entries: slice) -> None:
+        _add_codes(polar, flat, weights.pixel[entries], weights.cell[entries], weights.weight[entries], table)
 
-    threads.share(job, weights.ends)
+    threads.run(job, weights.ends)
     return polar.reshape(weights.rows, weights.cols)
 
 
@@ -78,7 +79,10 @@ def _add_codes(polar, codes, pixel, cell, weight, table):
 
 @njit(cache=True)
 def clipped_counts(codes, spans, top):
-    """(black, saturated, highest code) of codes (height, width) within `spans` (height, 2) of columns, first and last + 1."""
+    """Number of black and of saturated codes, and the highest code, of codes (height, width) inside `spans`.
+
+    `spans` (height, 2): first column of each row and one past the last; codes from `top` on are saturated.
+    """
     black, saturated, highest = 0, 0, 0
     for y in range(len(spans)):
         row = codes[y, spans[y, 0] : spans[y, 1]]

@@ -12,34 +12,42 @@ from msgspec import Meta
 from vemlight.errors import UserError
 
 MANIFEST = "manifest.jsonl"
-SUFFIXES = (".exr", ".hdr", ".pic")
-PNG = ".png"  # raw codes
+RADIANCE_SUFFIXES = (".exr", ".hdr", ".pic")
+CODES_SUFFIX = ".png"
 
 
-class Entry(msgspec.Struct, frozen=True):
+class ManifestEntry(msgspec.Struct, frozen=True):
     """One frame of a recording, as a line of its manifest."""
 
     name: Annotated[str, Meta(pattern=r"^[^/\\\x00]+$")]  # of the file, in the manifest's own folder
-    sequence: Annotated[int, Meta(ge=0)]  # what the recorder had to drop is missing here
-    time_s: Annotated[float, Meta(ge=-1e12, le=1e12)]
+    sequence: Annotated[int, Meta(ge=0)]  # numbers of frames that the recorder had to drop are missing
+    time_s: Annotated[float, Meta(ge=-1e12, le=1e12)]  # 30,000 years; only nan, inf and nonsense lie outside
     sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 
 
-def file_entry(path: Path, sequence: int, time_s: float) -> Entry:
+def manifest_entry(path: Path, sequence: int, time_s: float) -> ManifestEntry:
     """The manifest's entry for the frame at `path`."""
-    return Entry(path.name, sequence, time_s, hashlib.sha256(path.read_bytes()).hexdigest())
+    return ManifestEntry(path.name, sequence, time_s, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
-def read_manifest(folder: Path) -> list[Entry]:
-    """The entries of the manifest in `folder`, in its order. Raises UserError for a line that is none and for frames that are gone."""
+def manifest_line(path: Path, sequence: int, time_s: float) -> bytes:
+    """The line of the manifest for the frame at `path`."""
+    return msgspec.json.encode(manifest_entry(path, sequence, time_s)) + b"\n"
+
+
+def read_manifest(folder: Path) -> list[ManifestEntry]:
+    """The entries of the manifest in `folder`, in its order. A last line that was cut off while it was written is left out.
+
+    Raises UserError for any other invalid line, and for frames that are missing.
+    """
     path = folder / MANIFEST
     entries, lines = [], path.read_bytes().splitlines(keepends=True)
     for number, line in enumerate(lines, 1):
         try:
-            entries.append(msgspec.json.decode(line, type=Entry))
+            entries.append(msgspec.json.decode(line, type=ManifestEntry))
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             if number == len(lines) and not line.endswith(b"\n"):
-                break  # it was being written when the power went
+                break  # the recorder was stopped while writing it
             raise UserError(f"{path}: line {number}: {error}; copy the recording again") from error
     if not entries:
         raise UserError(f"{path}: lists no frames; record again")
@@ -57,16 +65,17 @@ def check_digest(path: Path, sha256: str) -> None:
 
 
 def frame_paths(folder: Path) -> list[Path]:
-    """The images in a `folder` without manifest, in order.
+    """The images in a `folder` without manifest, in order of their numbers, or of their names where some have none.
 
-    Raises UserError when there are none, or when numbered files leave a number out.
+    Files of radiance take precedence: a PNG beside them is a picture of them, and one beside a .toml of its name is that calibration's.
+    Raises UserError when there are no images, or when numbered files skip a number.
     """
-    whole = sorted(p for p in folder.iterdir() if not p.stem.endswith(".part"))
-    paths = [p for p in whole if p.suffix.lower() in SUFFIXES]
-    if not paths:  # pictures beside frames of radiance are for the eye, and so are those of a calibration beside its file
-        paths = [p for p in whole if p.suffix.lower() == PNG and not p.with_suffix(".toml").exists()]
+    complete = sorted(p for p in folder.iterdir() if not p.stem.endswith(".part"))
+    paths = [p for p in complete if p.suffix.lower() in RADIANCE_SUFFIXES]
     if not paths:
-        raise UserError(f"{folder}: holds no {', '.join(SUFFIXES)} or {PNG} files; name a folder of frames")
+        paths = [p for p in complete if p.suffix.lower() == CODES_SUFFIX and not p.with_suffix(".toml").exists()]
+    if not paths:
+        raise UserError(f"{folder}: holds no {', '.join(RADIANCE_SUFFIXES)} or {CODES_SUFFIX} files; name a folder of frames")
     numbered = [(match[1], match[2], p) for p in paths if (match := re.fullmatch(r"(.*?)(\d+)", p.stem))]
     if len(numbered) < len(paths) or len({prefix for prefix, _, _ in numbered}) > 1:
         return paths

@@ -1,6 +1,7 @@
-"""Cameras of the Linux kernel: raw frames by its streaming calls, with its time stamps and sequence numbers.
+"""Cameras of the Linux kernel (Video4Linux2): raw frames by its streaming calls, with its time stamps and sequence numbers.
 
-linuxpy brings the structures and calls; formats are listed here from the bare structure, because its own list knows not every code.
+linuxpy provides the structures and calls; formats are enumerated here from the bare structure, because linuxpy's own list lacks some
+codes.
 """
 
 import errno
@@ -15,21 +16,23 @@ import numpy as np
 from vemlight.capture.frames import Mosaic
 from vemlight.errors import UserError
 
-BUFFERS = 4  # frames that the kernel holds while we are busy; what comes on top is lost, and its number with it
-GONE = (errno.ENODEV, errno.ENXIO, errno.EIO, errno.ENOENT, errno.EBADF)  # what an unplugged camera answers
+BUFFERS = 4  # frames that the kernel keeps while we are busy, 160 ms at 25 a second; further ones are lost and counted; 2 to 32 do
+DEFAULT_FPS = 25.0  # assumed of cameras without a rate of their own, which an external trigger drives
+DISCONNECTED = (errno.ENODEV, errno.ENXIO, errno.EIO, errno.ENOENT, errno.EBADF)  # what calls to an unplugged camera return
 BIG_ENDIAN = 1 << 31  # in a format's code
+MAX_FORMATS = 1000  # of one camera: the enumeration ends with EINVAL, and against a driver that never says so; 100 or more do
 
 
-class Format(NamedTuple):
+class PixelFormat(NamedTuple):
     """How a frame's bytes are codes."""
 
-    name: str  # the kernel's four letters, -BE behind them for the big-endian form
+    name: str  # the kernel's four letters, followed by -BE for the big-endian form
     dtype: str
     mosaic: Mosaic
     bits: int
 
 
-MOSAICS: dict[Mosaic, dict[int, str]] = {  # the kernel's four letters by bits
+FOURCC_BY_BITS: dict[Mosaic, dict[int, str]] = {  # the kernel's four letters
     "mono": {8: "GREY", 10: "Y10 ", 12: "Y12 ", 16: "Y16 "},
     "BGGR": {8: "BA81", 10: "BG10", 12: "BG12", 16: "BYR2"},
     "GBRG": {8: "GBRG", 10: "GB10", 12: "GB12", 16: "GB16"},
@@ -38,22 +41,22 @@ MOSAICS: dict[Mosaic, dict[int, str]] = {  # the kernel's four letters by bits
 }
 
 
-def _formats() -> dict[int, Format]:
-    known = {}
-    for mosaic, letters in MOSAICS.items():
-        for bits, four in letters.items():
-            code = int.from_bytes(four.encode(), "little")
-            known[code] = Format(four.strip(), "<u1" if bits == 8 else "<u2", mosaic, bits)
+def _formats() -> dict[int, PixelFormat]:
+    formats = {}
+    for mosaic, by_bits in FOURCC_BY_BITS.items():
+        for bits, fourcc in by_bits.items():
+            code = int.from_bytes(fourcc.encode(), "little")
+            formats[code] = PixelFormat(fourcc.strip(), "<u1" if bits == 8 else "<u2", mosaic, bits)
             if bits > 8:
-                known[code | BIG_ENDIAN] = Format(four.strip() + "-BE", ">u2", mosaic, bits)
-    return known
+                formats[code | BIG_ENDIAN] = PixelFormat(fourcc.strip() + "-BE", ">u2", mosaic, bits)
+    return formats
 
 
 FORMATS = _formats()  # by the kernel's code
 
 
 def mosaic_of(form: str) -> Mosaic | None:
-    """The mosaic of the format called `form`, None for an empty name. Raises UserError for one that is not known."""
+    """The mosaic of the format called `form`, None for an empty name. Raises UserError for an unknown one."""
     if not form:
         return None
     for known in FORMATS.values():
@@ -62,27 +65,27 @@ def mosaic_of(form: str) -> Mosaic | None:
     raise UserError(f"[capture] format = {form[:20]!r} is not known; it is one of {', '.join(f.name for f in FORMATS.values())}")
 
 
-class Raw(NamedTuple):
-    """One frame as the camera gave it."""
+class RawFrame(NamedTuple):
+    """One frame as the camera sent it."""
 
     codes: np.ndarray  # (height, width) uint8 or uint16
     mosaic: Mosaic
-    sequence: int  # the kernel's
+    sequence: int  # the kernel's number
     monotonic_ns: int  # the kernel's time stamp, on the monotonic clock
-    lost: int  # frames between the one before and this one
+    lost: int  # frames between the previous one and this one
 
 
-class Listed(NamedTuple):
+class CameraInfo(NamedTuple):
     """A camera on this machine."""
 
     path: str
-    card: str
+    card: str  # the driver's name of it
     formats: list[str]  # names of those that can be read here
 
 
-def list_cameras() -> list[Listed]:
+def list_cameras() -> list[CameraInfo]:
     """The cameras on this machine, /dev/video0 first; those that cannot be opened are left out."""
-    found = []
+    cameras = []
     for path in sorted(Path("/dev").glob("video*"), key=lambda p: (len(p.name), p.name)):
         try:
             device = os.open(path, os.O_RDWR | os.O_NONBLOCK)
@@ -91,12 +94,12 @@ def list_cameras() -> list[Listed]:
         try:
             card, streams = _capabilities(device)
             if streams:
-                found.append(Listed(str(path), card, [FORMATS[code].name for code in _offered(device) if code in FORMATS]))
+                cameras.append(CameraInfo(str(path), card, [FORMATS[code].name for code in _offered(device) if code in FORMATS]))
         except OSError:
             continue
         finally:
             os.close(device)
-    return found
+    return cameras
 
 
 def _capabilities(device: int) -> tuple[str, bool]:
@@ -109,10 +112,11 @@ def _capabilities(device: int) -> tuple[str, bool]:
 
 
 def _offered(device: int) -> list[int]:
+    # codes of all formats that the camera offers
     from linuxpy.video import device as v4l2
 
     codes = []
-    for index in range(1000):
+    for index in range(MAX_FORMATS):
         description = v4l2.raw.v4l2_fmtdesc(index=index, type=v4l2.BufferType.VIDEO_CAPTURE)
         try:
             fcntl.ioctl(device, v4l2.IOC.ENUM_FMT.value, description)
@@ -124,7 +128,7 @@ def _offered(device: int) -> list[int]:
     return codes
 
 
-def codes_from_bytes(data: Any, form: Format, width: int, height: int, stride: int) -> np.ndarray:
+def codes_from_bytes(data: Any, form: PixelFormat, width: int, height: int, stride: int) -> np.ndarray:
     """The codes (height, width) uint8 or uint16, in this machine's byte order, of a frame's bytes with rows `stride` bytes apart.
 
     Raises ValueError when there are fewer bytes than that takes.
@@ -139,18 +143,18 @@ def codes_from_bytes(data: Any, form: Format, width: int, height: int, stride: i
     return codes.astype(codes.dtype.newbyteorder("="), copy=False)
 
 
-class Camera:
-    """A camera that streams. It may vanish and come back; `state` says what is the case, in words."""
+class V4l2Camera:
+    """A camera that streams. It may disappear and return; `state` describes it in words."""
 
     def __init__(self, path: str, *, form: str = "", width: int = 0, height: int = 0, fps: float = 0.0):
         """Asks for the format, size and rate named (empty or 0: the deepest format known here, the camera's own size and rate).
 
-        `name`, `form`, `width`, `height` and `fps` then say what was got; the stream begins with the first `read`.
+        `name`, `form`, `width`, `height` and `fps` are then what the camera agreed to; the stream begins with the first `read`.
         Raises UserError when the camera cannot be used.
         """
         self.path, self.lost, self.outages = path, 0, 0
-        self._asked = (form, width, height, fps)
-        self._device, self._maps = -1, []
+        self._requested = (form, width, height, fps)
+        self._device, self._buffers = -1, []
         self._streams, self._last = False, -1
         try:
             self._open()
@@ -165,35 +169,42 @@ class Camera:
         from linuxpy.video import device as v4l2
 
         self._device = os.open(self.path, os.O_RDWR | os.O_NONBLOCK)
-        kind = v4l2.BufferType.VIDEO_CAPTURE
         self.name, streams = _capabilities(self._device)
         if not streams:
             raise UserError(f"{self.path}: {self.name} streams no video; name a camera")
-        form, width, height, fps = self._asked
-        before = v4l2.get_raw_format(self._device, kind).fmt.pix
-        code = self._choose(form)
-        v4l2.set_format(self._device, kind, width or before.width, height or before.height, code)
-        got = v4l2.get_raw_format(self._device, kind).fmt.pix
-        if got.pixelformat not in FORMATS or (form and FORMATS[got.pixelformat].name != form):
-            raise UserError(f"{self.path}: {self.name} refuses format {FORMATS[code].name}; choose another [capture] format")
-        self.form, self.width, self.height = FORMATS[got.pixelformat], int(got.width), int(got.height)
-        self._stride, self._size = int(got.bytesperline), int(got.sizeimage)
+        form, width, height, fps = self._requested
+        self._agree_on_format(form, width, height)
+        kind = v4l2.BufferType.VIDEO_CAPTURE
         try:
             if fps:
                 v4l2.set_fps(self._device, kind, fps)
             self.fps = float(v4l2.get_fps(self._device, kind))
         except (OSError, ZeroDivisionError):
-            self.fps = fps or 25.0  # cameras without a rate of their own run by a trigger
+            self.fps = fps or DEFAULT_FPS
         v4l2.request_buffers(self._device, kind, v4l2.Memory.MMAP, BUFFERS)
         for index in range(BUFFERS):
             buffer = v4l2.query_buffer(self._device, kind, v4l2.Memory.MMAP, index)
-            self._maps.append(v4l2.mmap_from_buffer(self._device, buffer))
+            self._buffers.append(v4l2.mmap_from_buffer(self._device, buffer))
             v4l2.enqueue_buffer_raw(self._device, buffer)
         self._streams, self._last = False, -1
         self.state = f"{self.path}: {self.name}, {self.form.name} {self.width}x{self.height} at {self.fps:g} a second"
 
-    def _choose(self, form: str) -> Any:
-        # the format's code that was asked for, else the deepest
+    def _agree_on_format(self, form: str, width: int, height: int) -> None:
+        # the driver may change what it is asked for; only another format is refused here, as the size is checked with the lens
+        from linuxpy.video import device as v4l2
+
+        kind = v4l2.BufferType.VIDEO_CAPTURE
+        current = v4l2.get_raw_format(self._device, kind).fmt.pix
+        code = self._choose_format(form)
+        v4l2.set_format(self._device, kind, width or current.width, height or current.height, code)
+        agreed = v4l2.get_raw_format(self._device, kind).fmt.pix
+        if agreed.pixelformat not in FORMATS or (form and FORMATS[agreed.pixelformat].name != form):
+            raise UserError(f"{self.path}: {self.name} refuses format {FORMATS[code].name}; choose another [capture] format")
+        self.form, self.width, self.height = FORMATS[agreed.pixelformat], int(agreed.width), int(agreed.height)
+        self._stride = int(agreed.bytesperline)
+
+    def _choose_format(self, form: str) -> Any:
+        # the code of the format that was asked for, else of the deepest
         offered = [code for code in _offered(self._device) if code in FORMATS]
         names = ", ".join(FORMATS[code].name for code in offered)
         if form:
@@ -205,10 +216,10 @@ class Camera:
             raise UserError(f"{self.path}: {self.name} has no raw format (GREY, Y10, Y12, Y16 or Bayer); use another camera")
         return max(offered, key=lambda code: (FORMATS[code].bits, FORMATS[code].mosaic == "mono", -code))
 
-    def read(self, wait_s: float) -> Raw | None:
-        """The next frame, or None when none came within `wait_s` (s): the camera may be gone, and is then looked for again.
+    def read(self, wait_s: float) -> RawFrame | None:
+        """The next frame, or None when none came within `wait_s`: the camera may be gone, and is then looked for again.
 
-        Raises UserError when it comes back with another format or size.
+        Raises UserError when it returns with another format or size.
         """
         if self._device < 0 and not self._reopened():
             select.select([], [], [], wait_s)
@@ -223,7 +234,7 @@ class Camera:
         except OSError as error:
             if error.errno == errno.EAGAIN:
                 return None
-            if error.errno not in GONE:
+            if error.errno not in DISCONNECTED:
                 raise
             self._close()
             self.outages += 1
@@ -236,29 +247,30 @@ class Camera:
         v4l2.stream_on(self._device, v4l2.BufferType.VIDEO_CAPTURE)
         self._streams = True
 
-    def _dequeue(self) -> Raw | None:
+    def _dequeue(self) -> RawFrame | None:
         from linuxpy.video import device as v4l2
 
         buffer = v4l2.dequeue_buffer(self._device, v4l2.BufferType.VIDEO_CAPTURE, v4l2.Memory.MMAP)
         try:
             damaged = v4l2.BufferFlag.ERROR in v4l2.BufferFlag(buffer.flags)
-            codes = None
-            if not damaged:
-                try:
-                    data = memoryview(self._maps[buffer.index])[: buffer.bytesused]
-                    codes = codes_from_bytes(data, self.form, self.width, self.height, self._stride)
-                    data.release()
-                except ValueError as error:
-                    raise UserError(f"{self.path}: {error}, which it had agreed to send; set [capture] width and height") from error
+            codes = None if damaged else self._codes(buffer)
             sequence = int(buffer.sequence)
-            stamp = buffer.timestamp.secs * 10**9 + buffer.timestamp.usecs * 1000
+            monotonic_ns = buffer.timestamp.secs * 10**9 + buffer.timestamp.usecs * 1000
         finally:
             v4l2.enqueue_buffer_raw(self._device, buffer)
         if codes is None:
-            return None  # its number is missing from the next one's
+            return None  # the next frame counts it as lost, by its number
         lost = frames_between(self._last, sequence)
         self._last, self.lost = sequence, self.lost + lost
-        return Raw(codes, self.form.mosaic, sequence, stamp, lost)
+        return RawFrame(codes, self.form.mosaic, sequence, monotonic_ns, lost)
+
+    def _codes(self, buffer: Any) -> np.ndarray:
+        # copied out of the kernel's memory
+        try:
+            with memoryview(self._buffers[buffer.index])[: buffer.bytesused] as data:
+                return codes_from_bytes(data, self.form, self.width, self.height, self._stride)
+        except ValueError as error:
+            raise UserError(f"{self.path}: {error}, which it had agreed to send; set [capture] width and height") from error
 
     def _reopened(self) -> bool:
         before = (self.form, self.width, self.height)
@@ -274,9 +286,9 @@ class Camera:
         return True
 
     def _close(self) -> None:
-        for mapped in self._maps:
+        for mapped in self._buffers:
             mapped.close()
-        self._maps = []
+        self._buffers = []
         if self._device >= 0:
             os.close(self._device)
         self._device = -1
@@ -288,9 +300,9 @@ class Camera:
 
 
 def frames_between(last: int, sequence: int) -> int:
-    """Frames lost between two of the kernel's 32-bit sequence numbers; `last` -1 stands for none before.
+    """Frames lost between two of the kernel's 32-bit sequence numbers; a `last` of -1 means that there is no earlier one.
 
-    A number that comes twice or goes back, as drivers under load and after a restart give them, tells of none.
+    A number that repeats or goes back, as drivers send under load and after a restart, counts as no loss.
     """
     lost = (sequence - last - 1) % 2**32
     return 0 if last < 0 or lost >= 2**31 else lost

@@ -38,26 +38,22 @@ def simulate(
     """The virtual camera: lat-long maps (or a built-in scene: sky, interior) in, raw fisheye frames out."""
     from vemlight.capture.lens import read_lens
     from vemlight.capture.response import read_response
-    from vemlight.capture.simulation import virtual_camera
+    from vemlight.capture.simulation.sensor import VirtualCamera
+    from vemlight.capture.simulation.simulate import Lighting
+    from vemlight.capture.simulation.simulate import simulate as simulate_frames
 
-    virtual_camera.simulate(
-        list(maps),
-        read_lens(lens),
-        read_response(response) if response else None,
-        out,
-        frames=frames or 0,
+    lighting = Lighting(maps=maps, rotate_deg_per_frame=rotate, keyframes=keyframes, flicker_hz=flicker)
+    camera = VirtualCamera(
+        lens=read_lens(lens),
+        response=read_response(response) if response else None,
+        mosaic=mosaic,
         fps=fps,
-        rotate_deg_per_frame=rotate,
-        keyframes=keyframes,
+        exposure_s=exposure,
         noise_codes=noise,
         pattern_codes=pattern,
-        mosaic=mosaic,
-        exposure_s=exposure,
-        flicker_hz=flicker,
         dropouts=dropouts,
-        truth_maps=truth,
-        seed=seed,
     )
+    simulate_frames(lighting, camera, out, frames=frames or 0, truth_maps=truth, seed=seed)
     click.echo(f"{out}: the frames, their lens.toml, and the truth in truth.jsonl")
 
 
@@ -81,11 +77,12 @@ def lens(
     picture: Path | None, out: Path,
 ) -> None:  # fmt: skip
     """Find the lens from photographs of a chessboard."""
-    from vemlight.capture.calibration.boards import Board
-    from vemlight.capture.calibration.lens_fit import calibrate_lens, lens_summary
+    from vemlight.capture.calibration.boards import CalibrationBoard
+    from vemlight.capture.calibration.lens_calibration import calibrate_lens, lens_summary
 
     picture = picture or out.with_suffix(".png")
-    report = calibrate_lens(list(images), Board(board, square, dictionary, marker), out, rim_deg=rim, accept=accept, picture=picture)
+    wanted = CalibrationBoard(board, square, dictionary, marker)
+    report = calibrate_lens(list(images), wanted, out, rim_deg=rim, accept=accept, picture=picture)
     click.echo(f"{lens_summary(report)}\nsee {picture}")
 
 
@@ -133,16 +130,16 @@ def record(settings: Path | None, source: str | None, frames: int | None, out: P
     """Record a camera's raw frames, or a file source as polar maps, with all metadata in the headers."""
     import msgspec
 
-    from vemlight.capture import source as capture_source
-    from vemlight.settings import is_camera, read_settings
+    from vemlight.capture import recording
+    from vemlight.settings import read_settings
 
     wanted = msgspec.structs.replace(read_settings(settings).capture, record=str(out))
     if source:
-        wanted = msgspec.structs.replace(wanted, source=source if is_camera(source) else str(Path(source).resolve()))
-    done = capture_source.record(wanted, frames or 0)
+        wanted = msgspec.structs.replace(wanted, source=str(Path.cwd() / source))
+    done = recording.record(wanted, frames or 0)
     click.echo(f"{done.written} frames are in {out}; {done.dropped} dropped, {done.failed} refused by the disk")
-    if done.trouble:
-        raise UserError(done.trouble)
+    if done.last_error:
+        raise UserError(done.last_error)
 
 
 @click.command()
@@ -152,7 +149,7 @@ def record(settings: Path | None, source: str | None, frames: int | None, out: P
 @click.option("--out", type=PATH, required=True, help="MAP.exr")
 def polar(frame: Path, lens: Path, response: Path | None, out: Path) -> None:
     """Make the polar map of one fisheye frame."""
-    from vemlight.capture.source import polar_file
+    from vemlight.capture.recording import polar_file
 
     polar_file(frame, lens, response, out)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from vemlight import settings
 from vemlight.capture.frames import Frame
-from vemlight.capture.source import Source, open_source
+from vemlight.capture.source import FrameSource, open_source
 from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr, write_png
@@ -32,7 +32,7 @@ class Lit(NamedTuple):
     gloss: LightSet | None
 
 
-def open_frames(options: SamplingOptions) -> Source:
+def open_frames(options: SamplingOptions) -> FrameSource:
     """The frames of the source. Raises UserError for options or files that cannot be used."""
     given = {
         "source": options.source.resolve(),
@@ -73,7 +73,7 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
     return record(settings.Renderer, given, "--")
 
 
-def lit_frames(frames: Source, sampling: settings.Sampler) -> Iterator[Lit]:
+def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]:
     """The lights of every frame, in order. Raises UserError for a frame that cannot be read."""
     state = initial_state(sampling)
     for k in range(len(frames)):

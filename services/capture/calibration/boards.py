@@ -1,4 +1,4 @@
-"""Calibration boards in photographs: chessboards and ChArUco boards, found to a fraction of a pixel."""
+"""Calibration boards in photographs: the corners of chessboards and ChArUco boards, to a fraction of a pixel."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -11,10 +11,16 @@ from vemlight.runtime.progress import counted
 
 QUICK = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
 THOROUGH = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-ENOUGH = 8  # corners that a ChArUco view must show: a pose takes 4
+MIN_CHARUCO_CORNERS = 8  # in a view: a pose takes 4, and twice that is needed to notice a wrong one; 6 to 12 do
+MIN_CORNERS, MAX_CORNERS = 3, 100  # on a side: OpenCV finds no chessboard with fewer than 3; more than 100 would be under 10 px apart
+MIN_SQUARE_M, MAX_SQUARE_M = 1e-4, 100  # a tenth of a millimetre and a stadium: beyond, another unit was meant
+# cornerSubPix looks this far around a corner, as a fraction of the spacing of corners: beyond half a square it would see the edges of
+# neighbouring ones. In pixels it stays between what a gradient needs and what gains nothing more.
+WINDOW_FRACTION = 0.35
+MIN_WINDOW_PX, MAX_WINDOW_PX = 2, 8
 
 
-class Board(NamedTuple):
+class CalibrationBoard(NamedTuple):
     """A flat board of squares."""
 
     corners: tuple[int, int]  # inner corners, columns and rows
@@ -23,21 +29,34 @@ class Board(NamedTuple):
     marker_m: float = 0.0  # ChArUco: side of a marker
 
 
-class View(NamedTuple):
+class BoardView(NamedTuple):
     """The corners found in one photograph."""
 
     name: str
     pixels: np.ndarray  # (n, 2) float64, x and y
-    points: np.ndarray  # (n, 2) float64, where they are on the board in m
+    points: np.ndarray  # (n, 2) float64, their positions on the board in m
 
 
-def read_views(paths: list[Path], board: Board) -> tuple[list[View], list[str], tuple[int, int], np.ndarray]:
-    """(views, names of the photographs without a board, (width, height), the brightest value of each pixel (height, width) uint8).
+class BoardViews(NamedTuple):
+    """What a set of photographs shows."""
 
-    Raises UserError for a file that is no image, for two sizes, and when the board is in none of them.
+    views: list[BoardView]
+    without_board: list[str]  # names of the photographs in which no board was found
+    brightest: np.ndarray  # (height, width) uint8, the highest value of each pixel in all photographs
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the photographs."""
+        return self.brightest.shape[1], self.brightest.shape[0]
+
+
+def read_views(paths: list[Path], board: CalibrationBoard) -> BoardViews:
+    """Finds the board in each photograph.
+
+    Raises UserError for a file that is no image, for images of different sizes, and when no image shows the board.
     """
     check_board(board)
-    views, without, brightest = [], [], None
+    views, without_board, brightest = [], [], None
     for path in counted(paths, "photographs", len(paths)):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
         if image is None:
@@ -52,18 +71,19 @@ def read_views(paths: list[Path], board: Board) -> tuple[list[View], list[str], 
         if view:
             views.append(view)
         else:
-            without.append(path.name)
+            without_board.append(path.name)
     if not views or brightest is None:
         size = "x".join(map(str, board.corners))
         raise UserError(f"no board of {size} inner corners was found in {len(paths)} images; check --board, and that they are sharp")
-    return views, without, (brightest.shape[1], brightest.shape[0]), brightest
+    return BoardViews(views, without_board, brightest)
 
 
-def check_board(board: Board) -> None:
-    """Raises UserError for a board that cannot be."""
-    if min(board.corners) < 3 or max(board.corners) > 100:
-        raise UserError(f"a board of {board.corners[0]}x{board.corners[1]} inner corners cannot be found; it needs 3 to 100 a side")
-    if not 1e-4 <= board.square_m <= 100:
+def check_board(board: CalibrationBoard) -> None:
+    """Raises UserError for an impossible board."""
+    if min(board.corners) < MIN_CORNERS or max(board.corners) > MAX_CORNERS:
+        size = f"{board.corners[0]}x{board.corners[1]}"
+        raise UserError(f"a board of {size} inner corners cannot be found; it needs {MIN_CORNERS} to {MAX_CORNERS} a side")
+    if not MIN_SQUARE_M <= board.square_m <= MAX_SQUARE_M:
         raise UserError(f"squares of {board.square_m:g} m are not likely; give their side in metres")
     if board.dictionary and not hasattr(cv2.aruco, board.dictionary):
         raise UserError(f"{board.dictionary}: OpenCV has no such marker dictionary; use one such as DICT_4X4_50")
@@ -71,12 +91,12 @@ def check_board(board: Board) -> None:
         raise UserError(f"markers of {board.marker_m:g} m do not fit into squares of {board.square_m:g} m")
 
 
-def find_board(name: str, image: np.ndarray, board: Board) -> View | None:
+def find_board(name: str, image: np.ndarray, board: CalibrationBoard) -> BoardView | None:
     """The board in a gray image (height, width) uint8, or None."""
     return _find_charuco(name, image, board) if board.dictionary else _find_chessboard(name, image, board)
 
 
-def _find_chessboard(name: str, image: np.ndarray, board: Board) -> View | None:
+def _find_chessboard(name: str, image: np.ndarray, board: CalibrationBoard) -> BoardView | None:
     cols, rows = board.corners
     found, pixels = cv2.findChessboardCorners(image, (cols, rows), flags=QUICK)
     if not found:
@@ -86,26 +106,26 @@ def _find_chessboard(name: str, image: np.ndarray, board: Board) -> View | None:
     grid = pixels.reshape(rows, cols, 2).astype(np.float64)
     spacing = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min()) for axis in (0, 1))
     points = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), -1).reshape(-1, 2) * board.square_m
-    return View(name, _refined(image, grid.reshape(-1, 2), spacing), points)
+    return BoardView(name, _refined(image, grid.reshape(-1, 2), spacing), points)
 
 
-def _find_charuco(name: str, image: np.ndarray, board: Board) -> View | None:
+def _find_charuco(name: str, image: np.ndarray, board: CalibrationBoard) -> BoardView | None:
     cols, rows = board.corners
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     detector = cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard((cols + 1, rows + 1), board.square_m, board.marker_m, dictionary))
     pixels, ids, _, _ = detector.detectBoard(image)
-    if ids is None or len(ids) < ENOUGH:
+    if ids is None or len(ids) < MIN_CHARUCO_CORNERS:
         return None
     ids, pixels = ids.ravel(), pixels.reshape(-1, 2).astype(np.float64)
     # spacing of neighbours along the rows that were found
-    near = [float(np.linalg.norm(pixels[a] - pixels[a - 1])) for a in range(1, len(ids)) if ids[a] - ids[a - 1] == 1 and ids[a] % cols]
+    pairs = [(a - 1, a) for a in range(1, len(ids)) if ids[a] - ids[a - 1] == 1 and ids[a] % cols]
+    spacing = min((float(np.linalg.norm(pixels[b] - pixels[a])) for a, b in pairs), default=10.0)
     points = np.stack([ids % cols, ids // cols], -1) * board.square_m
-    return View(name, _refined(image, pixels, min(near, default=10.0)), points)
+    return BoardView(name, _refined(image, pixels, spacing), points)
 
 
 def _refined(image: np.ndarray, pixels: np.ndarray, spacing: float) -> np.ndarray:
-    # the window stays clear of the neighbouring corners: beyond half a square it would see their edges
-    half = int(np.clip(0.35 * spacing, 2, 8))
+    half = int(np.clip(WINDOW_FRACTION * spacing, MIN_WINDOW_PX, MAX_WINDOW_PX))
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-3)
     corners = np.ascontiguousarray(pixels, np.float32).reshape(-1, 1, 2)
     return cv2.cornerSubPix(image, corners, (half, half), (-1, -1), stop).reshape(-1, 2).astype(np.float64)

@@ -1,4 +1,7 @@
-"""A procedural room: pale walls, a window on one side, and tubes under the ceiling that flicker with the mains."""
+"""A procedural room: pale walls, a window on one side, and fluorescent tubes under the ceiling that flicker with the mains.
+
+The constants are the look of the scene; other values make another sequence.
+"""
 
 import math
 
@@ -9,17 +12,17 @@ from vemlight.light.sphere import angles_from_direction, latlong_directions
 
 HEIGHT, WIDTH = 512, 1024  # of the lat-long image
 FLICKER_HZ = 100.0  # twice the mains' 50 Hz
-DEPTH = 0.45  # of the flicker: tubes on magnetic ballasts swing by about so much
+FLICKER_DEPTH = 0.45  # of the mean: typical of tubes on magnetic ballasts
 WALL = np.array([0.060, 0.054, 0.046])
 FLOOR = np.array([0.030, 0.024, 0.019])
 WINDOW = np.array([7.0, 8.2, 9.6])
 WINDOW_AZIMUTH_DEG, WINDOW_ELEVATION_DEG = (20.0, 64.0), (4.0, 46.0)
 BARS_AZIMUTH_DEG, BAR_DEG = (42.0,), 1.5  # of the window's frame
 TUBE = np.array([21.0, 20.0, 16.0])
-TUBES_Y = (-0.9, -0.3, 0.3, 0.9)  # lines in the ceiling's plane, a unit above the camera
+TUBES_Y = (-0.9, -0.3, 0.3, 0.9)  # lines in the plane of the ceiling, one unit above the camera
 TUBE_X, TUBE_HALF_WIDTH = (-0.75, 0.75), 0.030
-PHASES = (0.0, 2.1, 4.2, 0.7)  # rad; the tubes hang on different phases of the mains
-SWAY, SWAY_RAD_PER_S = 0.25, 1.3  # a cloud outside dims the window by so much
+PHASES = (0.0, 2.1, 4.2, 0.7)  # rad; the tubes are connected to different phases of the mains
+DAYLIGHT_SWING, DAYLIGHT_RAD_PER_S = 0.25, 1.3  # clouds outside dim the window by up to this much
 
 
 def smooth_box(value: np.ndarray, low: float, high: float, soft: float) -> np.ndarray:
@@ -28,7 +31,7 @@ def smooth_box(value: np.ndarray, low: float, high: float, soft: float) -> np.nd
 
 
 class Interior:
-    """Light that changes in time; `seed` shifts the tubes' phases."""
+    """The room as a LightScene; `seed` shifts the tubes' phases."""
 
     name = "interior"
 
@@ -50,12 +53,12 @@ class Interior:
         height = direction[..., 2:]
         self._walls = np.where(height > 0, WALL * (1 + 0.5 * height), FLOOR)
 
-    def surround(self, k: int, time_s: float, exposure_s: float) -> Environment:
-        """See surround.Scene; the flicker is averaged over the exposure in closed form."""
-        daylight = 1 - SWAY * (0.5 + 0.5 * math.sin(SWAY_RAD_PER_S * time_s))
+    def environment(self, k: int, time_s: float, exposure_s: float) -> Environment:
+        """See LightScene; the flicker is averaged over the exposure in closed form."""
+        daylight = 1 - DAYLIGHT_SWING * (0.5 + 0.5 * math.sin(DAYLIGHT_RAD_PER_S * time_s))
         image = self._walls * (0.6 + 0.4 * daylight) + self._window[..., None] * (WINDOW * daylight)
         for tube, phase in zip(self._tubes, PHASES, strict=True):
-            image += tube[..., None] * (TUBE * (1 + DEPTH * mean_cosine(FLICKER_HZ, phase + self._phase, time_s, exposure_s)))
+            image += tube[..., None] * (TUBE * (1 + FLICKER_DEPTH * mean_cosine(FLICKER_HZ, phase + self._phase, time_s, exposure_s)))
         return Environment(image, [])
 
 

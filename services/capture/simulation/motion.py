@@ -1,4 +1,4 @@
-"""How the light turns about the virtual camera: evenly, or from keyframe to keyframe."""
+"""How the light rotates about the virtual camera: at a constant rate, or from keyframe to keyframe."""
 
 import itertools
 from collections.abc import Callable
@@ -14,34 +14,36 @@ from vemlight.errors import UserError
 from vemlight.files import read_toml
 from vemlight.light.sphere import rotation_xyz
 
+Motion = Callable[[float], np.ndarray]  # world_from_map (3, 3) at a time in s
 
-class Key(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the light is turned to at one moment."""
 
-    time_s: Annotated[float, Meta(ge=0, le=1e9)]
+class Keyframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The rotation of the light at one moment."""
+
+    time_s: Annotated[float, Meta(ge=0, le=1e9)]  # 30 years; only nan, inf and nonsense lie outside
     rotate_deg: tuple[float, float, float]  # about x, then y, then z
 
 
-class Keys(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A keyframe file."""
+class KeyframeFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A file of keyframes."""
 
-    key: Annotated[list[Key], Meta(min_length=1)]
+    key: Annotated[list[Keyframe], Meta(min_length=1)]
 
 
-def motion(degrees_per_s: float, keyframes: Path | None) -> Callable[[float], np.ndarray]:
-    """The rotation world_from_map (3, 3) at a time in s: about +Z at a constant rate, or along `keyframes`.
+def motion(degrees_per_s: float, keyframes: Path | None) -> Motion:
+    """The rotation over time: about +Z at a constant rate, or along `keyframes`.
 
-    Between two keys the turn is even and takes the shorter way; before the first and after the last it rests.
-    Raises UserError for a keyframe file that cannot be read or does not rise in time.
+    Between two keys the rotation is uniform and takes the shorter way; before the first and after the last it rests.
+    Raises UserError for a keyframe file that cannot be read or whose times do not rise.
     """
     if keyframes is None:
         return lambda time_s: rotation_xyz((0.0, 0.0, degrees_per_s * time_s))
-    keys = read_toml(keyframes, Keys).key
+    keys = read_toml(keyframes, KeyframeFile).key
     times = [key.time_s for key in keys]
     if any(after <= before for before, after in itertools.pairwise(times)):
         raise UserError(f"{keyframes}: time_s must rise from key to key; put them in order")
-    turns = Rotation.from_matrix([rotation_xyz(key.rotate_deg) for key in keys])
+    rotations = Rotation.from_matrix([rotation_xyz(key.rotate_deg) for key in keys])
     if len(keys) == 1:
-        return lambda time_s: turns[0].as_matrix()
-    between = Slerp(times, turns)
+        return lambda time_s: rotations[0].as_matrix()
+    between = Slerp(times, rotations)
     return lambda time_s: between(np.clip(time_s, times[0], times[-1])).as_matrix()

@@ -8,12 +8,13 @@ import msgspec
 from msgspec import Meta
 
 from vemlight.capture.lens import read_lens
-from vemlight.capture.simulation.virtual_camera import simulate
+from vemlight.capture.simulation.sensor import VirtualCamera
+from vemlight.capture.simulation.simulate import Lighting, simulate
 from vemlight.errors import UserError
 from vemlight.files import read_toml
 
 
-class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class SequenceRecipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """recipe.toml, beside the frames that it makes and lens.toml, which it reads."""
 
     scene: str
@@ -24,29 +25,21 @@ class Recipe(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     seed: Annotated[int, Meta(ge=0)] = 0
 
 
-def cook(folder: Path, out: Path, frames: int = 0) -> None:
+def remake(folder: Path, out: Path, frames: int = 0) -> None:
     """Makes the sequence of `folder` in `out`; `frames` above 0 stops after so many.
 
     Raises UserError for a recipe that cannot be followed.
     """
-    recipe = read_toml(folder / "recipe.toml", Recipe)
-    simulate(
-        [recipe.scene],
-        read_lens(folder / "lens.toml"),
-        None,
-        out,
-        frames=min(frames or recipe.frames, recipe.frames),
-        fps=recipe.fps,
-        rotate_deg_per_frame=recipe.rotate_deg_per_frame,
-        exposure_s=recipe.exposure_s,
-        seed=recipe.seed,
-    )
+    recipe = read_toml(folder / "recipe.toml", SequenceRecipe)
+    lighting = Lighting(maps=(recipe.scene,), rotate_deg_per_frame=recipe.rotate_deg_per_frame)
+    camera = VirtualCamera(lens=read_lens(folder / "lens.toml"), fps=recipe.fps, exposure_s=recipe.exposure_s)
+    simulate(lighting, camera, out, frames=min(frames or recipe.frames, recipe.frames), seed=recipe.seed)
 
 
 if __name__ == "__main__":
     try:
         for name in sys.argv[1:]:
-            cook(Path(name), Path(name))
-    except UserError as bad:
-        print(bad, file=sys.stderr)
+            remake(Path(name), Path(name))
+    except UserError as error:
+        print(error, file=sys.stderr)
         sys.exit(2)

@@ -1,4 +1,4 @@
-"""What the virtual camera's sensor makes of light, and its frames on disk."""
+"""The virtual camera: what its lens and sensor make of light, and its frames on disk."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -10,77 +10,89 @@ import numpy as np
 from vemlight.capture.frames import Mosaic
 from vemlight.capture.lens import Lens, pixel_angles, vignetting_from_angle, write_lens
 from vemlight.capture.response import Response, code_from_signal, write_response
-from vemlight.capture.sequence import MANIFEST, file_entry
+from vemlight.capture.sequence import MANIFEST, manifest_line
 from vemlight.light.images import write_exr
 
-HALF_TOP = 65504.0  # the largest half float
+MAX_HALF = 65504.0  # the largest half float
+DROPOUT_STREAM, PATTERN_STREAM = 1 << 32, 2 << 32  # of random numbers, apart from those of the frames, which use their own number
+
+
+class VirtualCamera(msgspec.Struct, frozen=True, kw_only=True):
+    """A camera that exists in arithmetic alone."""
+
+    lens: Lens
+    response: Response | None = None  # None: frames of radiance as half floats; else raw codes
+    mosaic: Mosaic | None = None  # None: three channels
+    fps: float = 25.0
+    exposure_s: float = 0.0
+    noise_codes: float = 0.0  # Gaussian noise of the codes (sigma)
+    pattern_codes: float = 0.0  # fixed pattern noise (sigma)
+    dropouts: float = 0.0  # fraction of the frames that are lost, as a busy camera loses them
 
 
 def behind_lens(radiance: np.ndarray, lens: Lens) -> np.ndarray:
-    """The radiance (height, width, 3) that the sensor sees, vignetting included."""
+    """The radiance (height, width, 3) that reaches the sensor, vignetting included."""
     return radiance * vignetting_from_angle(np.minimum(pixel_angles(lens), lens.rim), lens)[..., None]
 
 
-def fixed_pattern(lens: Lens, sigma_codes: float, seed: int) -> np.ndarray:
+def fixed_pattern(camera: VirtualCamera, seed: int) -> np.ndarray:
     """Each pixel's own offset in codes, the same in all frames, (height, width, 1) float64."""
-    return np.random.default_rng((seed, 2 << 32)).normal(0.0, sigma_codes, (lens.size[1], lens.size[0], 1))
+    width, height = camera.lens.size
+    return np.random.default_rng((seed, PATTERN_STREAM)).normal(0.0, camera.pattern_codes, (height, width, 1))
 
 
-def exposed(
-    radiance: np.ndarray,
-    response: Response | None,
-    noise_codes: float,
-    pattern: np.ndarray,
-    mosaic: Mosaic | None,
-    seed: tuple[int, int],
-) -> np.ndarray:
-    """A file's pixels of the `radiance` (height, width, 3) behind the lens.
+def received_frames(camera: VirtualCamera, count: int, seed: int) -> list[int]:
+    """Numbers of the frames of 0 .. count - 1 that are not lost."""
+    return np.flatnonzero(np.random.default_rng((seed, DROPOUT_STREAM)).random(count) >= camera.dropouts).tolist()
 
-    Codes as float32 after noise of `noise_codes` (sigma) and the fixed `pattern`, (height, width) of a mosaic or (height, width, 3);
-    without a response the radiance as half floats.
+
+def exposed(radiance: np.ndarray, camera: VirtualCamera, pattern: np.ndarray, seed: tuple[int, int]) -> np.ndarray:
+    """The pixels of a file for the `radiance` (height, width, 3) behind the lens.
+
+    Codes as float32 after noise and the fixed `pattern`, (height, width) of a mosaic or (height, width, 3); radiance as half floats from a
+    camera without response.
     """
+    response = camera.response
     if response is None:
-        return np.minimum(radiance, HALF_TOP).astype(np.float16)
-    if mosaic:
-        radiance = through_mosaic(radiance, mosaic)[..., None]
+        return np.minimum(radiance, MAX_HALF).astype(np.float16)
+    if camera.mosaic:
+        radiance = through_mosaic(radiance, camera.mosaic)[..., None]
     signal = response.signal(radiance) + pattern
-    if noise_codes > 0:
-        signal += np.random.default_rng(seed).normal(0.0, noise_codes, signal.shape)
+    if camera.noise_codes > 0:
+        signal += np.random.default_rng(seed).normal(0.0, camera.noise_codes, signal.shape)
     codes = code_from_signal(signal, response).astype(np.float32)
-    return codes[..., 0] if mosaic else codes
+    return codes[..., 0] if camera.mosaic else codes
 
 
 def through_mosaic(rgb: np.ndarray, mosaic: Mosaic) -> np.ndarray:
-    """What a sensor with colour filters before its pixels sees of (height, width, 3), (height, width); a gray one sees the mean."""
+    """What a sensor with these colour filters sees of (height, width, 3), (height, width); a monochrome one sees the mean."""
     if mosaic == "mono":
         return rgb.mean(axis=-1)
-    seen = np.empty(rgb.shape[:2], rgb.dtype)
+    filtered = np.empty(rgb.shape[:2], rgb.dtype)
     for n, colour in enumerate(mosaic):
-        seen[n // 2 :: 2, n % 2 :: 2] = rgb[n // 2 :: 2, n % 2 :: 2, "RGB".index(colour)]
-    return seen
+        filtered[n // 2 :: 2, n % 2 :: 2] = rgb[n // 2 :: 2, n % 2 :: 2, "RGB".index(colour)]
+    return filtered
 
 
-class Film:
-    """A folder of frames with lens.toml, response.toml and manifest.jsonl beside them."""
+class SequenceWriter:
+    """Writes a folder of a virtual camera's frames with lens.toml, response.toml and manifest.jsonl beside them."""
 
-    def __init__(
-        self, folder: Path, name: str, lens: Lens, response: Response | None, mosaic: Mosaic | None, fps: float, exposure_s: float
-    ):
-        """Makes the folder and writes all but the frames; a manifest that is there is begun anew."""
+    def __init__(self, folder: Path, name: str, camera: VirtualCamera):
+        """Makes the folder and writes all but the frames; an existing manifest is replaced."""
         self._folder, self._name = folder, name
         folder.mkdir(parents=True, exist_ok=True)
-        write_lens(folder / "lens.toml", lens)
+        write_lens(folder / "lens.toml", camera.lens)
         self._attributes: dict[str, Any] = {
-            "framesPerSecond": Fraction(fps).limit_denominator(1001),
-            "vemlight:kind": "fisheye" if response is None else "codes",
+            "framesPerSecond": Fraction(camera.fps).limit_denominator(1001),
+            "vemlight:kind": "fisheye" if camera.response is None else "codes",
         }
-        if exposure_s > 0:
-            self._attributes["expTime"] = exposure_s
-        if response is not None:
-            write_response(folder / "response.toml", response)
+        if camera.exposure_s > 0:
+            self._attributes["expTime"] = camera.exposure_s
+        if camera.response is not None:
+            write_response(folder / "response.toml", camera.response)
             self._attributes["colorInteropID"] = "data"  # codes are no colours
-        if mosaic is not None:
-            self._attributes["vemlight:mosaic"] = mosaic
+        if camera.mosaic is not None:
+            self._attributes["vemlight:mosaic"] = camera.mosaic
         (folder / MANIFEST).write_bytes(b"")
 
     def name(self, k: int) -> str:
@@ -92,4 +104,4 @@ class Film:
         path = self._folder / self.name(k)
         write_exr(path, pixels, {**self._attributes, "imageCounter": k, "vemlight:time_s": repr(time_s)})
         with open(self._folder / MANIFEST, "ab") as manifest:
-            manifest.write(msgspec.json.encode(file_entry(path, k, time_s)) + b"\n")
+            manifest.write(manifest_line(path, k, time_s))

@@ -1,0 +1,80 @@
+"""The commands `vemlight record` and `vemlight polar`: sources written to files."""
+
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from vemlight.capture.camera_source import CameraSource
+from vemlight.capture.exr_header import BRIGHT_CELLS, bright_cells_text
+from vemlight.capture.frames import Frame
+from vemlight.capture.recorder import Recorder
+from vemlight.capture.source import FileSource, open_source
+from vemlight.errors import UserError
+from vemlight.light.images import write_exr
+from vemlight.settings import Capture, is_camera
+
+CAMERA_WAIT_S = 0.5  # for a camera's next frame, before Ctrl-C is looked for; any value from 0.01 to 5 does
+
+
+def record(settings: Capture, frames: int) -> Recorder:
+    """Records `frames` frames of the settings' source to the folder [capture] record; returns the closed recorder with its counts.
+
+    0 frames: all that files have, and a camera's until Ctrl-C. Cameras are recorded as raw codes, files as polar maps.
+    Raises UserError for a source or folder that cannot be used.
+    """
+    if not settings.record:
+        raise UserError("[capture] record names no folder; name one to record to")
+    return _record_camera(settings, frames) if is_camera(settings.source) else _record_files(settings, frames)
+
+
+def _record_camera(settings: Capture, frames: int) -> Recorder:
+    source = CameraSource(settings)
+    try:
+        received = 0
+        while received < frames or not frames:
+            received += source.next(CAMERA_WAIT_S) is not None
+    finally:
+        source.close()
+    assert source.recorder is not None
+    return source.recorder
+
+
+def _record_files(settings: Capture, frames: int) -> Recorder:
+    source = open_source(msgspec.structs.replace(settings, record=""))
+    recorder = Recorder(Path(settings.record))
+    try:
+        for k in range(min(frames or len(source), len(source))):
+            frame = source.frame(k)
+            recorder.put_waiting(frame.radiance, map_attributes(frame, source.fps), k, frame.time_s)
+    finally:
+        recorder.close()
+    return recorder
+
+
+def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settings: Capture | None = None) -> None:
+    """Writes the polar map of one fisheye frame to the EXR `out`, in the settings' size and coverage (90 x 360 hemisphere).
+
+    Raises UserError for a file that cannot be used, OSError when the disk refuses.
+    """
+    settings = msgspec.structs.replace(
+        settings or Capture(), source=str(frame), lens=str(lens), response=str(response) if response else ""
+    )
+    made = FileSource(settings, [frame], None).frame(0)
+    write_exr(out, made.radiance, map_attributes(made, settings.fps))
+
+
+def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
+    """The EXR attributes of a polar map."""
+    attributes: dict[str, Any] = {
+        "vemlight:kind": "polar",
+        "vemlight:coverage": frame.coverage,
+        BRIGHT_CELLS: bright_cells_text(frame.bright_cells),
+        "vemlight:black": frame.black,
+        "vemlight:saturated": frame.saturated,
+        "framesPerSecond": Fraction(fps).limit_denominator(1001),
+    }
+    if frame.luminance_scale is not None:
+        attributes |= {"whiteLuminance": frame.luminance_scale, "vemlight:luminance_scale": repr(frame.luminance_scale)}
+    return attributes

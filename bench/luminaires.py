@@ -25,14 +25,15 @@ import numpy as np
 from bench.rivals import luminaire_sampling as rivals
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import quaternion_xyz
-from vemlight.renderer.luminaire import cells, shift_invariant
+from vemlight.renderer.luminaire import shadow_views, shift_invariant
+from vemlight.renderer.luminaire.acquisition import AcquisitionPlanes
 from vemlight.renderer.luminaire.bases import compact_dual
-from vemlight.renderer.luminaire.estimator import halton, interleaving, receivers, shade
-from vemlight.renderer.luminaire.goniophotometer import Lamp, measured_lamp
-from vemlight.renderer.luminaire.lightfield import LightField, irradiance
-from vemlight.renderer.luminaire.measuring import Planes
-from vemlight.renderer.luminaire.tables import tables_of
-from vemlight.renderer.passes.luminaires import illumination
+from vemlight.renderer.luminaire.estimator import halton, interleaved_shifts, irradiance_receivers, shade
+from vemlight.renderer.luminaire.goniophotometer import ReflectorLamp, measured_lamp
+from vemlight.renderer.luminaire.lightfield import LightField
+from vemlight.renderer.luminaire.reference import irradiance, relative_error, spot_irradiance
+from vemlight.renderer.luminaire.tables import summed_area_tables
+from vemlight.renderer.passes.luminaires import rasterised_luminaire
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, world_from_lamp
 from vemlight.renderer.scene.meshes import bounds, shape_geometry
@@ -47,14 +48,14 @@ PAPER_PRECOMPUTED_MS = {(63, 300): 513, (25, 256): 129, (99, 256): 527}  # Lu et
 
 
 def headlight() -> LightField:
-    lamp = Lamp(aperture_radius_m=0.03, focal_m=0.007, ball_radius_m=0.002, offset_m=(0.001, 0.0, 0.0), radiance=(4e6, 3.5e6, 2.6e6),
-                facets=20, facet_tilt=0.08)
-    planes = Planes("bell", 0.0075, 9, 7, 0.12, (0.14, 0.14), 96, 96)
+    lamp = ReflectorLamp(aperture_radius_m=0.03, focal_m=0.007, ball_radius_m=0.002, offset_m=(0.001, 0.0, 0.0),
+                         radiance=(4e6, 3.5e6, 2.6e6), facets=20, facet_tilt=0.08)
+    planes = AcquisitionPlanes("bell", 0.0075, 9, 7, 0.12, (0.14, 0.14), 96, 96)
     return measured_lamp(lamp, planes, compact_dual("bell", 4), per_spacing=6, name="headlight")
 
 
 def same(count: int) -> np.ndarray:
-    return interleaving(np.zeros(count, int), np.zeros(count, int), 1)
+    return interleaved_shifts(np.zeros(count, int), np.zeros(count, int), 1)
 
 
 def wall(distance_m: float, half_m: float, columns: int, rows: int) -> np.ndarray:
@@ -131,12 +132,12 @@ def chart(path: Path, rows: list[list], x: int, label: str) -> None:
 def convergence(out: Path) -> None:
     """Error against samples a pixel of uniform, precomputed global and position-dependent sampling, on a wall in the beam."""
     field = headlight()
-    tables, points = tables_of(field), wall(1.2, 0.9, 32, 24)
+    tables, points = summed_area_tables(field), wall(1.2, 0.9, 32, 24)
     truth, rng = np.array([irradiance(field, p, DOWN) for p in points]), np.random.default_rng(1)
     ways = {
         "uniform": lambda n: rivals.uniform(tables, points, n, halton(n)),
         "precomputed": lambda n: rivals.precomputed(tables, points, n, np.column_stack([halton(n)[:, 0], rng.random((n, 2))])),
-        "ours": lambda n: shade(tables, receivers(points, np.tile(DOWN, (len(points), 1))), same(len(points)), n),
+        "ours": lambda n: shade(tables, irradiance_receivers(points, np.tile(DOWN, (len(points), 1))), same(len(points)), n),
     }
     rows = []
     for name, way in ways.items():
@@ -157,7 +158,7 @@ def accuracy(out: Path) -> None:
     d = field.distance_m
     z = rng.choice([0.5 * d, d - 1e-4, d - 1e-5, d, d + 1e-5, d + 1e-4, 1.1 * d, 2 * d, 8 * d], 1000)
     points = np.concatenate([rng.uniform(-0.05, 0.05, (1000, 2)) * np.maximum(z / d, 1)[:, None], z[:, None]], axis=1)
-    got = shade(tables_of(field), receivers(points, np.tile(DOWN, (1000, 1))), same(1000), 100_000)
+    got = shade(summed_area_tables(field), irradiance_receivers(points, np.tile(DOWN, (1000, 1))), same(1000), 100_000)
     truth = np.array([irradiance(field, p, DOWN) for p in points])
     off = np.linalg.norm(got - truth, axis=1) / np.linalg.norm(truth, axis=1)
     lit = np.linalg.norm(truth, axis=1) > 1e-3 * np.linalg.norm(truth, axis=1).max()
@@ -169,17 +170,17 @@ def accuracy(out: Path) -> None:
 def approximation(out: Path) -> None:
     """Figure 3 of 2003, and its approximation against the exact field for filters of different width."""
     theta = np.radians(np.arange(0, 81, 10.0))
-    rows = [["E_r", s, *[float(e) for e in shift_invariant.relative_error(theta, s)]] for s in (0.01, 0.02, 0.04, 0.08)]
+    rows = [["E_r", s, *[float(e) for e in relative_error(theta, s)]] for s in (0.01, 0.02, 0.04, 0.08)]
     write(out / "luminaires_figure3.csv", ["", "s", *[f"{np.degrees(a):.0f} degrees" for a in theta]], rows)
     rows = []
     for factor in (0.5, 1.0, 2.0, 4.0):
-        lamp = Lamp(aperture_radius_m=0.02, focal_m=0.005, ball_radius_m=0.002, radiance=(4e6, 3.5e6, 2.6e6))
-        planes = Planes("bell", 0.0075, 5, 5, 0.12 * factor, (0.1 + 0.05 * factor, 0.1 + 0.05 * factor), 48, 48)
+        lamp = ReflectorLamp(aperture_radius_m=0.02, focal_m=0.005, ball_radius_m=0.002, radiance=(4e6, 3.5e6, 2.6e6))
+        planes = AcquisitionPlanes("bell", 0.0075, 5, 5, 0.12 * factor, (0.1 + 0.05 * factor, 0.1 + 0.05 * factor), 48, 48)
         field = measured_lamp(lamp, planes, compact_dual("bell", 4), per_spacing=6)
         for distance in (2 * planes.distance_m, 10 * planes.distance_m):
             points = wall(distance, 0.4 * distance, 12, 9)
             exact = np.array([irradiance(field, p, DOWN) for p in points])
-            spots = np.array([shift_invariant.irradiance(field, p, DOWN) for p in points])
+            spots = np.array([spot_irradiance(field, p, DOWN) for p in points])
             rows.append([2 * planes.spacing_m / planes.distance_m, distance, shift_invariant.error_bound(field), rmse(spots, exact)])
     write(out / "luminaires_approximation.csv", ["s", "distance m", "bound E_r", "relative RMSE"], rows)
 
@@ -202,17 +203,17 @@ def shadows(out: Path) -> None:
     demo, field = load_scene(None), headlight()
     lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "method": "sampled", "samples": 200}
     truth = pictured(with_lamp(demo, field, **lit, shadows="traced"), (160, 120))
-    tried: list[tuple[str, cells.Reference, str, int]] = [
+    tried: list[tuple[str, shadow_views.ReferencePlane, str, int]] = [
         ("none", "sampling", "none", 16), ("measurement plane, 2015", "measurement", "maps", 192),
         ("sampling plane", "sampling", "maps", 64), ("sampling plane", "sampling", "maps", 192),
         ("sampling plane", "sampling", "maps", 384),
     ]
     rows = []
     for name, reference, kind, size in tried:
-        illumination.cell_views = partial(cells.cell_views, reference=reference)
+        rasterised_luminaire.cell_views = partial(shadow_views.cell_views, reference=reference)
         picture = pictured(with_lamp(demo, field, **lit, shadows=kind, shadow_map=size), (160, 120))
         rows.append([name, size, rmse(picture, truth), lab_error(picture, truth), float(picture.sum() / truth.sum())])
-    illumination.cell_views = cells.cell_views
+    rasterised_luminaire.cell_views = shadow_views.cell_views
     write(out / "luminaires_shadows.csv", ["maps from", "texels", "relative RMSE", "mean Lab error", "energy"], rows)
 
 
@@ -233,8 +234,8 @@ def search(out: Path) -> None:
 def _probes(edges: np.ndarray, target: float, way: str) -> int:
     low, high, count = 0, len(edges) - 1, 0
     while high - low > 1:
-        share = (target - edges[low]) / max(edges[high] - edges[low], 1e-300)
-        guess = low + int(share * (high - low))
+        fraction = (target - edges[low]) / max(edges[high] - edges[low], 1e-300)
+        guess = low + int(fraction * (high - low))
         halves = way == "binary" or (way == "in turns" and count % 2)
         middle = (low + high) // 2 if halves else min(max(guess, low + 1), high - 1)
         count += 1
@@ -251,12 +252,12 @@ def speed(out: Path) -> None:
         y, x = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij")
         image = (np.exp(-6 * (x**2 + y**2)) * grain)[..., None] * np.ones(3)
         images = np.broadcast_to(image, (rows_, cols, side, side, 3)).astype(np.float32)
-        return Planes("bell", 0.0075, rows_, cols, 0.12, (0.14, 0.14), side, side).field(images, "photometric", "smooth")
+        return AcquisitionPlanes("bell", 0.0075, rows_, cols, 0.12, (0.14, 0.14), side, side).field(images, "photometric", "smooth")
 
     for (count, side), paper_ms in PAPER_PRECOMPUTED_MS.items():
         lamp = field(*{63: (7, 9), 25: (5, 5), 99: (9, 11)}[count], side)
-        tables_of(lamp)
-        ms = median_s(lambda lamp=lamp: (tables_of(lamp), cells.cell_views(lamp, 10.0, "measurement"))) * 1e3
+        summed_area_tables(lamp)
+        ms = median_s(lambda lamp=lamp: (summed_area_tables(lamp), shadow_views.cell_views(lamp, 10.0, "measurement"))) * 1e3
         rows.append([f"tables, {count} images of {side} x {side}", ms, 1e3 / ms, f"2015: {paper_ms} ms"])
     lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0)}
     for count, polygons in PAPER_2003:
@@ -314,19 +315,19 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
 def moving(out: Path) -> None:
     """The two headlights: what a frame costs when nothing, a lamp's power, one lamp, both lamps and the ball moved."""
     scene = load_scene(DEMO_SCENE.with_name("headlights.toml"))
-    left, right = [thing for thing in scene.objects if thing.power is not None]
-    (ball,) = [thing for thing in scene.objects if thing.name == "ball"]
+    left, right = [item for item in scene.objects if item.power is not None]
+    (ball,) = [item for item in scene.objects if item.name == "ball"]
     moves = {"nothing": (), "a lamp's power": (left,), "one lamp": (left,), "both lamps": (left, right), "the ball": (ball,)}
     renderer = Renderer(scene, Settings(width=192, height=108))
     renderer.time_passes()
     rows: list[list] = [[machine(renderer), "", ""]]
-    for name, things in moves.items():
+    for name, objects in moves.items():
         spent = []
         for k in range(6):
-            off = 0.0 if name == "a lamp's power" else 1e-3 * k
+            offset = 0.0 if name == "a lamp's power" else 1e-3 * k
             power = 1.0 + k if name == "a lamp's power" else None
-            at = [(t.position[0], t.position[1], t.position[2] + off) for t in things]
-            poses = [wire.Pose(name=t.name, position=p, rotation=t.rotation, power=power) for t, p in zip(things, at, strict=True)]
+            at = [(o.position[0], o.position[1], o.position[2] + offset) for o in objects]
+            poses = [wire.Pose(name=o.name, position=p, rotation=o.rotation, power=power) for o, p in zip(objects, at, strict=True)]
             renderer.place(0.0, poses)
             start = time.perf_counter()
             renderer.render(DARK)

@@ -6,8 +6,9 @@ import pytest
 from tests.support.ray_files import LUMINOUS, ray_file
 from vemlight.errors import UserError
 from vemlight.light.colour import luminance_from_rgb
-from vemlight.renderer.luminaire.authoring import contact_sheet, from_rays, intensity_by_angle, lit_planes, measure, report, write_pictures
-from vemlight.renderer.luminaire.goniophotometer import Lamp, lamp_rays
+from vemlight.renderer.luminaire.authoring import RayOptions, from_rays, measure
+from vemlight.renderer.luminaire.goniophotometer import ReflectorLamp, lamp_rays
+from vemlight.renderer.luminaire.inspection import contact_sheet, describe, intensity_by_angle, lit_planes, write_pictures
 from vemlight.renderer.luminaire.lightfield import flux
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
 from vemlight.renderer.scene import luminaire_table as placement
@@ -42,24 +43,24 @@ def test_a_bad_recipe_is_refused(tmp_path, old, new, said):
 
 @pytest.fixture
 def rays(tmp_path) -> Path:
-    rays = lamp_rays(Lamp(), 60_000, 1.5, 1)
+    rays = lamp_rays(ReflectorLamp(), 60_000, 1.5, 1)
     lit = luminance_from_rgb(rays.flux) > 0
     rows = np.hstack([rays.positions[lit] * 1e3, rays.directions[lit], luminance_from_rgb(rays.flux[lit])[:, None]])
     return ray_file(tmp_path / "lamp.tm25ray", rows, LUMINOUS)
 
 
 def test_rays_become_a_lamp_that_keeps_its_flux(tmp_path, rays):
-    made = from_rays(rays, tmp_path / "lamp.exr", functions=7, pixels=20)
-    assert made.header_flux == pytest.approx(made.ledger.total, rel=1e-5)
-    assert sum(made.ledger[1:]) == pytest.approx(made.ledger.total, rel=1e-9)
-    assert made.ledger.kept > 0.95 * made.ledger.total
-    assert luminance_from_rgb(flux(read_luminaire(tmp_path / "lamp.exr"))) == pytest.approx(made.ledger.kept, rel=1e-4)
+    made = from_rays(rays, tmp_path / "lamp.exr", RayOptions(functions=7, pixels=20))
+    assert made.header_flux == pytest.approx(made.flux_budget.total, rel=1e-5)
+    assert sum(made.flux_budget[1:]) == pytest.approx(made.flux_budget.total, rel=1e-9)
+    assert made.flux_budget.captured > 0.95 * made.flux_budget.total
+    assert luminance_from_rgb(flux(read_luminaire(tmp_path / "lamp.exr"))) == pytest.approx(made.flux_budget.captured, rel=1e-4)
 
 
 @pytest.mark.parametrize("options", [{"functions": 1}, {"pixels": 0}, {"angle_deg": 90.0}])
 def test_options_that_cannot_be_are_refused(tmp_path, rays, options):
-    with pytest.raises(UserError, match="mend the option"):
-        from_rays(rays, tmp_path / "lamp.exr", **options)
+    with pytest.raises(UserError, match="correct the option"):
+        from_rays(rays, tmp_path / "lamp.exr", RayOptions(**options))
 
 
 def test_rays_away_from_the_planes_are_refused(tmp_path):
@@ -78,7 +79,7 @@ def test_pictures_and_a_report_of_the_bundled_lamp(tmp_path):
     # the intensity's integral over the hemisphere is the flux; 5 degrees of a beam that falls within 10 leave a few percent
     whole = np.trapezoid(value * np.sin(np.radians(theta)), np.radians(theta)) * 2 * np.pi
     assert whole == pytest.approx(luminance_from_rgb(flux(field)), rel=0.05)
-    text = "\n".join(report(placement.BUNDLED_LAMP))
+    text = "\n".join(describe(placement.BUNDLED_LAMP))
     assert "5 x 5 images of 48 x 48" in text
     assert "rendered sampled" in text
     assert all(path.is_file() for path in write_pictures(placement.BUNDLED_LAMP, tmp_path / "pictures"))

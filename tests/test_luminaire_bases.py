@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vemlight.renderer.luminaire.bases import SUPPORT_CELLS, basis, compact_dual, dual_value, gram_row, overlap, span_dual
+from vemlight.renderer.luminaire.bases import SUPPORT_CELLS, basis, compact_dual, dual_value, gram_row, inner_product, span_dual
 
 KINDS = list(SUPPORT_CELLS)
 X = np.linspace(-12, 12, 48_001)  # steps of 1/2000, which meet every knot
@@ -12,7 +12,7 @@ def test_a_basis_adds_up_to_1_and_has_integral_1(kind):
     # Lu et al. 2015 deny this of the 2003 basis; its equation 6 says otherwise
     inside = np.linspace(-0.5, 0.5, 1001)
     assert sum(basis(kind, inside - k) for k in range(-3, 4)) == pytest.approx(np.ones(1001), abs=1e-15)
-    assert overlap(kind, 0, -2, 2) < 1
+    assert inner_product(kind, 0, -2, 2) < 1
     assert np.trapezoid(basis(kind, X), X) == pytest.approx(1, abs=1e-6)
     assert not basis(kind, X[np.abs(X) >= SUPPORT_CELLS[kind] / 2]).any()
 

@@ -9,7 +9,7 @@ from vemlight.errors import UserError
 from vemlight.light.images import write_exr
 from vemlight.renderer.luminaire import luminaire_file
 from vemlight.renderer.luminaire.lightfield import LightField
-from vemlight.renderer.luminaire.luminaire_file import HEADER, read_luminaire, write_luminaire
+from vemlight.renderer.luminaire.luminaire_file import HEADER_ATTRIBUTE, read_luminaire, write_luminaire
 
 
 def a_field() -> LightField:
@@ -38,11 +38,11 @@ def test_the_first_scanline_is_the_highest_t(tmp_path):
 def rewritten(path: Path, drop: int = 0, header: str | None = None, pixels=None, **changes) -> None:
     """Writes the field of `a_field` with a fault."""
     field = a_field()
-    about = msgspec.structs.asdict(luminaire_file._description(field, 2, 3)) | changes
+    about = msgspec.structs.asdict(luminaire_file.header_of(field)) | changes
     text = msgspec.json.encode({"schema": "vemlight.luminaire/1", **about}).decode() if header is None else header
     parts = []
     for j, i in np.ndindex(2, 3):
-        attributes = {"type": OpenEXR.scanlineimage, **({HEADER: text} if not parts else {})}
+        attributes = {"type": OpenEXR.scanlineimage, **({HEADER_ATTRIBUTE: text} if not parts else {})}
         image = pixels if pixels is not None and len(parts) == 4 else np.ascontiguousarray(field.images[j, i])
         parts.append(OpenEXR.Part(attributes, {"RGB": image}, f"image_{j}_{i}"))
     OpenEXR.File(parts[: len(parts) - drop]).write(str(path))
@@ -53,8 +53,8 @@ NAN = np.full((5, 7, 3), np.nan, np.float32)
 
 @pytest.mark.parametrize(("fault", "said"), [
     ({"drop": 1}, "no RGB part image_1_2"),
-    ({"header": "{"}, HEADER),
-    ({"header": ""}, HEADER),
+    ({"header": "{"}, HEADER_ATTRIBUTE),
+    ({"header": ""}, HEADER_ATTRIBUTE),
     ({"spacing_m": -1.0}, "spacing_m"),
     ({"basis": "haar"}, "basis"),
     ({"rows": 100_000}, "rows"),

@@ -6,11 +6,12 @@ import pytest
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import quaternion_xyz
-from vemlight.renderer.luminaire.bases import Kind
-from vemlight.renderer.luminaire.cells import cell_views, half_way, median_pixel
-from vemlight.renderer.luminaire.lightfield import LightField, irradiance
+from vemlight.renderer.luminaire.bases import BasisKind
+from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import write_luminaire
-from vemlight.renderer.passes.luminaires.illumination import MapAtlas
+from vemlight.renderer.luminaire.reference import irradiance
+from vemlight.renderer.luminaire.shadow_views import cell_views, median, median_pixel
+from vemlight.renderer.passes.luminaires.luminaire_atlas import LuminaireAtlas
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.luminaire_table import world_from_lamp
 from vemlight.renderer.scene.scene import load_scene
@@ -25,7 +26,7 @@ BALL = '[[mesh]]\nshape = "sphere"\nscale = 0.2\nat = [0.1, 0.1, 0.4]\nmaterial 
 LAMP = '[[luminaire]]\nfile = "lamp.exr"\nat = [0.0, 0.0, 1.5]\nrotate = [180.0, 0.0, 0.0]\nmethod = "sampled"\n'
 
 
-def a_field(kind: Kind = "bell", distance: float = 0.3, window: float = 0.2) -> LightField:
+def a_field(kind: BasisKind = "bell", distance: float = 0.3, window: float = 0.2) -> LightField:
     rng = np.random.default_rng(1)
     y, x = np.meshgrid(np.linspace(-1, 1, 16), np.linspace(-1, 1, 16), indexing="ij")
     images = np.empty((3, 4, 16, 16, 3))
@@ -183,12 +184,12 @@ def test_poses_of_several_lamps_make_the_picture_of_lamps_that_stand_there(tmp_p
 def test_only_the_maps_of_a_lamp_that_moved_are_drawn(tmp_path, monkeypatch):
     text = FROM_ABOVE + GROUND + BALL + LAMP + 'name = "a"\n' + LAMP.replace("[0.0,", "[0.3,", 1) + 'name = "b"\n'
     renderer = Renderer(scene_with(tmp_path, text), Settings(width=SIZE, height=SIZE, shadow_map=64))
-    drawn, draw = [], MapAtlas.draw
+    drawn, draw = [], LuminaireAtlas.draw
 
-    def counted(atlas: MapAtlas, *arguments) -> None:
+    def counted(atlas: LuminaireAtlas, *arguments) -> None:
         drawn.append(atlas)
         draw(atlas, *arguments)
-    monkeypatch.setattr(MapAtlas, "draw", counted)
+    monkeypatch.setattr(LuminaireAtlas, "draw", counted)
 
     def maps_of(*poses: wire.Pose) -> int:
         drawn.clear()
@@ -246,17 +247,17 @@ def test_there_are_as_many_maps_as_2015_counts(rows, cols, kind, count):
     field = a_field(kind)._replace(images=np.ones((rows, cols, 4, 4, 3), np.float32))
     for reference in ("sampling", "measurement"):
         views = cell_views(field, 5.0, reference)
-        assert len(views.rows) == count
-        assert np.all(views.rows[:, 4:6] < views.rows[:, 6:8])
+        assert len(views.views) == count
+        assert np.all(views.views["low"] < views.views["high"])
 
 
 def test_the_reference_on_the_measurement_plane_is_where_the_light_is():
     field = a_field()._replace(images=np.zeros((3, 4, 16, 16, 3), np.float32))
     field.images[:, :, 5, 12] = 1
     s = np.array([-0.2 + 12.5 * 0.025, -0.2 + 5.5 * 0.025])
-    assert median_pixel(field.images[0, 0], np.ones(3)) == pytest.approx((12.5, 5.5, 1), abs=1e-9)
-    assert cell_views(field, 5.0, "measurement").rows[:, :3] == pytest.approx(np.tile([*s, 0.3], (20, 1)), abs=1e-6)
-    assert half_way(np.array([1.0, 2.0, 1.0])) == 1.5
-    assert half_way(np.array([0.0, 1.0, 0.0, 1.0, 0.0])) in (2, 3)
+    assert median_pixel(field.images[0, 0]) == pytest.approx((12.5, 5.5, 1), abs=1e-9)
+    assert cell_views(field, 5.0, "measurement").views["origin"] == pytest.approx(np.tile([*s, 0.3], (20, 1)), abs=1e-6)
+    assert median(np.array([1.0, 2.0, 1.0])) == 1.5
+    assert median(np.array([0.0, 1.0, 0.0, 1.0, 0.0])) in (2, 3)
     field.images[:] = 0
-    assert np.all(cell_views(field, 5.0, "measurement").rows[:, :2] == 0)
+    assert np.all(cell_views(field, 5.0, "measurement").views["origin"][:, :2] == 0)

@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
 
-from vemlight.renderer.luminaire.bases import Kind, basis, compact_dual, span_dual
-from vemlight.renderer.luminaire.lightfield import LightField, far_intensity, flux, irradiance, radiance
-from vemlight.renderer.luminaire.measuring import Equipment, Planes, field_from_radiance
+from vemlight.renderer.luminaire.acquisition import AcquisitionPlanes, Quantisation, field_from_radiance
+from vemlight.renderer.luminaire.bases import BasisKind, basis, compact_dual, span_dual
+from vemlight.renderer.luminaire.lightfield import LightField, far_intensity, flux
+from vemlight.renderer.luminaire.reference import irradiance, radiance
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def a_field(kind: Kind = "bell", rows=3, cols=4, seed=1) -> LightField:
+def a_field(kind: BasisKind = "bell", rows=3, cols=4, seed=1) -> LightField:
     images = np.random.default_rng(seed).random((rows, cols, 10, 12, 3)).astype(np.float32)
     return LightField(images, kind, 0.05, (-0.075, -0.05), 0.4, (-0.5, -0.4, 0.5, 0.4), "radiometric", "random")
 
@@ -72,7 +73,7 @@ def lambertian(u, _):
 
 @pytest.fixture(scope="module")
 def glow() -> LightField:
-    planes = Planes("bell", 0.125, 13, 13, 0.8, (2.4, 2.4), 48, 48)
+    planes = AcquisitionPlanes("bell", 0.125, 13, 13, 0.8, (2.4, 2.4), 48, 48)
     return field_from_radiance(lambertian, planes, span_dual("bell"), (0.5, 0.5), per_spacing=8)
 
 
@@ -119,13 +120,13 @@ def test_the_two_integrals_of_2015_are_one():
         assert irradiance(field, point)[0] == pytest.approx(other, rel=1e-5)
 
 
-@pytest.mark.parametrize(("equipment", "worst"), [(None, 1e-3), (Equipment(slide_bits=8), 5e-3), (Equipment(8, 12), 6e-3)])
-def test_a_field_in_the_span_is_measured_as_it_is(equipment, worst):
+@pytest.mark.parametrize(("quantisation", "worst"), [(None, 1e-3), (Quantisation(slide_bits=8), 5e-3), (Quantisation(8, 12), 6e-3)])
+def test_a_field_in_the_span_is_measured_as_it_is(quantisation, worst):
     """Source, bench and reconstruction close the circle: positive and negative lobes apart, with the steps of slide and camera."""
-    planes = Planes("bell", 0.05, 3, 3, 0.4, (0.4, 0.4), 6, 6)
+    planes = AcquisitionPlanes("bell", 0.05, 3, 3, 0.4, (0.4, 0.4), 6, 6)
     images = np.random.default_rng(5).random((3, 3, 6, 6, 3))
     truth = planes.field(images, "radiometric", "")
     got = field_from_radiance(lambda u, s: radiance(truth, u, s), planes, compact_dual("bell", 4), (0.1, 0.1), per_spacing=32,
-                              equipment=equipment)
+                              quantisation=quantisation)
     # 32 midpoints a spacing err by h^2 / 24 of the second derivative, 4 x 1.4, in each of two directions: 2 x 2.3e-4
     assert np.abs(got.images - truth.images).max() < worst

@@ -7,9 +7,9 @@ import pytest
 from tests.support.ray_files import LUMINOUS, ray_file
 from vemlight.errors import UserError
 from vemlight.light.colour import luminance_from_rgb
+from vemlight.renderer.luminaire.acquisition import AcquisitionPlanes, field_from_rays, waist_z_m
 from vemlight.renderer.luminaire.lightfield import flux
-from vemlight.renderer.luminaire.measuring import Planes, field_from_rays, waist_z_m
-from vemlight.renderer.luminaire.rayfile import HEADER, colour_of_spectrum, read_rays
+from vemlight.renderer.luminaire.rayfile import TM25_HEADER, colour_of_spectrum, read_rays
 
 LED = "luminaire/rayfile_LERTDUW_S2WP_green_100k_20161013_IES_TM25.TM25RAY"
 
@@ -54,7 +54,7 @@ def test_a_damaged_header_is_refused(tmp_path, fields):
     rows = np.concatenate([ROWS] * 2000) if fields.get("additional_items") == 500 else ROWS
     path = ray_file(tmp_path / "bad.tm25ray", rows, fields.pop("flags", LUMINOUS), **({"rays": len(rows)} | fields))
     if fields.get("rays") == 3:  # the third ray would begin in the padding of the texts
-        path.write_bytes(path.read_bytes()[: HEADER.itemsize + 56])
+        path.write_bytes(path.read_bytes()[: TM25_HEADER.itemsize + 56])
     with pytest.raises(UserError, match=r"bad\.tm25ray"):
         read_rays(path)
 
@@ -72,8 +72,8 @@ def test_a_real_led_keeps_its_337_lumens():
     file = read_rays(Path(os.environ["VEMLIGHT_DATA"]) / LED)
     assert file.header_flux == 337
     assert luminance_from_rgb(file.rays.flux).sum() == pytest.approx(337, rel=1e-6)
-    planes = Planes("bell", 0.5e-3, 9, 9, 5e-3, (0.02, 0.02), 24, 24)
-    field, ledger = field_from_rays(file.rays, planes, waist_z_m(file.rays), "photometric", file.name)
-    assert sum(ledger[1:]) == pytest.approx(337, rel=1e-6)
-    assert ledger.kept > 0.95 * 337  # what left: rays flatter than 76 degrees and stray light beside the chip
-    assert luminance_from_rgb(flux(field)) == pytest.approx(ledger.kept, rel=1e-5)
+    planes = AcquisitionPlanes("bell", 0.5e-3, 9, 9, 5e-3, (0.02, 0.02), 24, 24)
+    field, flux_budget = field_from_rays(file.rays, planes, waist_z_m(file.rays), "photometric", file.name)
+    assert sum(flux_budget[1:]) == pytest.approx(337, rel=1e-6)
+    assert flux_budget.captured > 0.95 * 337  # what left: rays flatter than 76 degrees and stray light beside the chip
+    assert luminance_from_rgb(flux(field)) == pytest.approx(flux_budget.captured, rel=1e-5)

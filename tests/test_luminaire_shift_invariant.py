@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from vemlight.renderer.luminaire import shift_invariant
-from vemlight.renderer.luminaire.lightfield import LightField, irradiance
-from vemlight.renderer.luminaire.shift_invariant import error_bound, good_enough, radiance_images, relative_error
+from vemlight.renderer.luminaire.lightfield import LightField
+from vemlight.renderer.luminaire.reference import irradiance, relative_error, spot_irradiance
+from vemlight.renderer.luminaire.shift_invariant import error_bound, is_shift_invariant, radiance_images
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -39,8 +39,8 @@ def test_the_bound_holds_for_the_geometric_term_over_every_support():
 
 
 def test_model_no_more_than_needed():
-    assert good_enough(even(0.5, 0.05))
-    assert not good_enough(even(0.05, 0.1))
+    assert is_shift_invariant(even(0.5, 0.05))
+    assert not is_shift_invariant(even(0.05, 0.1))
     dark = even(0.05, 0.1)
     dark.images[:] = 0
     assert error_bound(dark) == 0
@@ -57,10 +57,10 @@ def test_a_narrow_lamp_is_as_good_as_exact_and_a_wide_one_stays_near_its_bound()
     narrow = even(0.5, 0.05)
     for point in (np.array([0.0, 0, 1.0]), np.array([0.05, 0.02, 2.0])):
         exact = irradiance(narrow, point, DOWN)
-        assert shift_invariant.irradiance(narrow, point, DOWN) == pytest.approx(exact, rel=error_bound(narrow) + 1e-3)
+        assert spot_irradiance(narrow, point, DOWN) == pytest.approx(exact, rel=error_bound(narrow) + 1e-3)
     wide = even(0.1, 0.15)
     point = np.array([0.3, 0.1, 0.4])
-    assert shift_invariant.irradiance(wide, point, DOWN) == pytest.approx(irradiance(wide, point, DOWN), rel=error_bound(wide))
+    assert spot_irradiance(wide, point, DOWN) == pytest.approx(irradiance(wide, point, DOWN), rel=error_bound(wide))
 
 
 def test_far_away_equation_14_is_exact_but_for_the_bound():
@@ -68,8 +68,8 @@ def test_far_away_equation_14_is_exact_but_for_the_bound():
     field.images[:] = np.random.default_rng(2).random(field.images.shape)
     for point in (np.array([1.0, 0.5, 3.0]), np.array([0.2, 0.9, 2.0])):
         # the mean over the support has even weights and phi has not: for grain of single pixels that adds what the box is wide
-        assert shift_invariant.irradiance(field, point, DOWN) == pytest.approx(irradiance(field, point, DOWN), rel=0.1)
+        assert spot_irradiance(field, point, DOWN) == pytest.approx(irradiance(field, point, DOWN), rel=0.1)
 
 
 def test_behind_the_lamp_it_is_dark():
-    assert not shift_invariant.irradiance(even(0.5, 0.4), np.array([0, 0, -0.1])).any()
+    assert not spot_irradiance(even(0.5, 0.4), np.array([0, 0, -0.1])).any()

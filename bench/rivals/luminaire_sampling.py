@@ -5,11 +5,11 @@ import math
 import numpy as np
 from numba import njit
 
-from vemlight.renderer.luminaire.estimator import basis_value, image_box
-from vemlight.renderer.luminaire.tables import Tables
+from vemlight.renderer.luminaire.estimator import basis_value, image_boxes, image_weight
+from vemlight.renderer.luminaire.tables import SummedAreaTables
 
 
-def uniform(tables: Tables, points: np.ndarray, samples: int, numbers: np.ndarray) -> np.ndarray:
+def uniform(tables: SummedAreaTables, points: np.ndarray, samples: int, numbers: np.ndarray) -> np.ndarray:
     """Irradiance (n, 3) on planes that face the lamp: as many samples for each image, even over the part of U that the point sees.
 
     numbers: (samples, 2) uniform numbers, used in turns.
@@ -21,7 +21,6 @@ def uniform(tables: Tables, points: np.ndarray, samples: int, numbers: np.ndarra
 
 @njit(cache=True)
 def _uniform(tables, points, samples, numbers, out):
-    box = np.empty(8)
     images = len(tables.sums)
     height, width = tables.importance.shape[1:]
     for n in range(len(points)):
@@ -30,24 +29,25 @@ def _uniform(tables, points, samples, numbers, out):
         drawn = 0
         for m in range(images):
             count = (m + 1) * samples // images - m * samples // images
-            if image_box(tables, m, p, box) <= 0:
+            u_box, v_box = image_boxes(tables, m, p)
+            if image_weight(tables, m, u_box, v_box) <= 0:
                 drawn += count
                 continue
-            support = tables.supports[m]
-            area = abs((box[3] - box[2]) * (box[7] - box[6]))
+            low, high = tables.support_low[m], tables.support_high[m]
+            area = abs((u_box.u1 - u_box.u0) * (v_box.u1 - v_box.u0))
             for _ in range(count):
                 a, b = numbers[drawn % len(numbers)]
                 drawn += 1
-                u, v = box[2] + a * (box[3] - box[2]), box[6] + b * (box[7] - box[6])
-                column, row = int(box[0] + a * (box[1] - box[0])), int(box[4] + b * (box[5] - box[4]))
-                phi = basis_value(tables.cells, (u - (support[0] + support[2]) / 2) / tables.spacing)
-                phi *= basis_value(tables.cells, (v - (support[1] + support[3]) / 2) / tables.spacing)
+                u, v = u_box.u0 + a * (u_box.u1 - u_box.u0), v_box.u0 + b * (v_box.u1 - v_box.u0)
+                column, row = int(u_box.x0 + a * (u_box.x1 - u_box.x0)), int(v_box.x0 + b * (v_box.x1 - v_box.x0))
+                phi = basis_value(tables.cells, (u - (low[0] + high[0]) / 2) / tables.spacing)
+                phi *= basis_value(tables.cells, (v - (low[1] + high[1]) / 2) / tables.spacing)
                 # 1 / cos theta of the lamp and cos theta of the receiver cancel
                 for c in range(3):
                     out[n, c] += scale * area / count * phi * tables.pixels[m, min(row, height - 1), min(column, width - 1), c]
 
 
-def precomputed(tables: Tables, points: np.ndarray, samples: int, numbers: np.ndarray) -> np.ndarray:
+def precomputed(tables: SummedAreaTables, points: np.ndarray, samples: int, numbers: np.ndarray) -> np.ndarray:
     """Irradiance (n, 3) on planes that face the lamp: `samples` pixels of all images, drawn once by importance, light all points alike.
 
     numbers: (samples, 3) uniform numbers: the pixel, and the place in it.
@@ -56,8 +56,8 @@ def precomputed(tables: Tables, points: np.ndarray, samples: int, numbers: np.nd
     edges = np.cumsum(flat)
     chosen = np.minimum(np.searchsorted(edges, numbers[:samples, 0] * edges[-1], side="right"), len(flat) - 1)
     m, row, column = np.unravel_index(chosen, tables.importance.shape)
-    s = tables.window[:2] + (np.stack([column, row], axis=-1) + numbers[:samples, 1:]) * tables.window[2:]
-    area = tables.window[2] * tables.window[3]
+    s = tables.window_low + (np.stack([column, row], axis=-1) + numbers[:samples, 1:]) * tables.pixel
+    area = tables.pixel[0] * tables.pixel[1]
     colour = tables.pixels[m, row, column] / flat[chosen, None] * (edges[-1] * area / samples)
     out = np.zeros((len(points), 3))
     _precomputed(tables, points, s, m, colour, out)
@@ -70,13 +70,13 @@ def _precomputed(tables, points, s, m, colour, out):
         p = points[n]
         beyond = p[2] - tables.distance
         for k in range(len(s)):
-            support = tables.supports[m[k]]
+            low, high = tables.support_low[m[k]], tables.support_high[m[k]]
             u = s[k, 0] - tables.distance / beyond * (p[0] - s[k, 0])
             v = s[k, 1] - tables.distance / beyond * (p[1] - s[k, 1])
-            phi = basis_value(tables.cells, (u - (support[0] + support[2]) / 2) / tables.spacing)
+            phi = basis_value(tables.cells, (u - (low[0] + high[0]) / 2) / tables.spacing)
             if phi == 0:
                 continue
-            phi *= basis_value(tables.cells, (v - (support[1] + support[3]) / 2) / tables.spacing)
+            phi *= basis_value(tables.cells, (v - (low[1] + high[1]) / 2) / tables.spacing)
             r2 = (s[k, 0] - p[0]) ** 2 + (s[k, 1] - p[1]) ** 2 + beyond**2
             cos = abs(beyond) / math.sqrt(r2)
             value = (tables.distance / tables.spacing) ** 2 / cos**4 * phi * cos**2 / r2

@@ -8,7 +8,7 @@ import click
 from vemlight.commands.parameters import PATH
 
 if TYPE_CHECKING:
-    from vemlight.renderer.luminaire.bases import Kind
+    from vemlight.renderer.luminaire.bases import BasisKind
 
 
 @click.group()
@@ -31,23 +31,23 @@ def measure(recipe: Path, out: Path) -> None:
 @click.option("--basis", type=click.Choice(["bell", "b-spline"]), default="bell", show_default=True)
 @click.option("--functions", type=click.IntRange(2, 32), default=9, show_default=True, help="Basis functions on a side.")
 @click.option("--pixels", type=click.IntRange(1, 1024), default=48, show_default=True, help="On a side of each image.")
-@click.option("--angle", type=click.FloatRange(1, 87), default=76.0, show_default=True, help="Degrees off the axis that the planes catch.")
+@click.option("--angle", type=click.FloatRange(1, 87), default=76.0, show_default=True, help="Degrees from the axis that the planes catch.")
 @click.option("--spacing", type=click.FloatRange(0, min_open=True), help="Metres between basis functions; left out: as the rays need.")
-@click.option("--distance", type=click.FloatRange(0, min_open=True), help="Metres between the planes; left out: as the rays need.")
-@click.option("--plane-z", type=float, help="Height of the sampling plane in the file's metres; left out: where they are least spread.")
+@click.option("--distance", type=click.FloatRange(0, min_open=True), help="Metres between the planes; left out: ten spacings.")
+@click.option("--plane-z", type=float, help="Height of the sampling plane in the file's metres; left out: where the beam is narrowest.")
 @click.option("--out", type=PATH, required=True, help="LAMP.exr")
 def from_rays(
-    rays: Path, basis: "Kind", functions: int, pixels: int, angle: float, spacing: float | None, distance: float | None,
+    rays: Path, basis: "BasisKind", functions: int, pixels: int, angle: float, spacing: float | None, distance: float | None,
     plane_z: float | None, out: Path,
 ) -> None:  # fmt: skip
     """Make a lamp from a measured ray file (IES TM-25)."""
     from vemlight.renderer.luminaire import authoring
 
-    made = authoring.from_rays(
-        rays, out, basis=basis, functions=functions, pixels=pixels, angle_deg=angle, spacing_m=spacing, distance_m=distance,
-        plane_z_m=plane_z,
-    )  # fmt: skip
-    for name, flux in made.ledger._asdict().items():
+    options = authoring.RayOptions(
+        basis=basis, functions=functions, pixels=pixels, angle_deg=angle, spacing_m=spacing, distance_m=distance, plane_z_m=plane_z
+    )
+    made = authoring.from_rays(rays, out, options)
+    for name, flux in made.flux_budget._asdict().items():
         click.echo(f"{name.replace('_', ' ')}: {flux:.2f}")
     click.echo(f"flux in the file's header: {made.header_flux}; the lamp's origin in the file: {made.origin_m} m")
 
@@ -57,11 +57,11 @@ def from_rays(
 @click.option("--out", type=PATH, help="Folder for pictures: its images, flux by angle, a plane lit at three distances.")
 def show(lamp: Path, out: Path | None) -> None:
     """Describe a lamp file (.exr, .ies, .ldt)."""
-    from vemlight.renderer.luminaire import authoring
+    from vemlight.renderer.luminaire import inspection
 
-    click.echo("\n".join(authoring.report(lamp)))
+    click.echo("\n".join(inspection.describe(lamp)))
     if out:
-        authoring.write_pictures(lamp, out)
+        inspection.write_pictures(lamp, out)
 
 
 COMMANDS = (luminaire,)

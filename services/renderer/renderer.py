@@ -240,7 +240,7 @@ class Renderer:
                 self._illumination.add(self._surfaces, self._shading.frame, (alpha, alpha, alpha))
                 if self._shading.cover_frame:  # a lamp brightens what lies behind by its share of the light there
                     red, green, blue = (-alpha / value if value > NO_LIGHT else 0.0 for value in unshadowed)
-                    self._illumination.add(self._surfaces, self._shading.cover_frame, (red, green, blue), catching=True)
+                    self._illumination.add(self._surfaces, self._shading.cover_frame, (red, green, blue), catchers=True)
 
     def _draw_maps(self, batch: Batch) -> None:
         self.map_texels = batch.texels

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from vemlight.renderer.luminaire.rayfile import HEADER, TEXT_BYTES, TEXTS
+from vemlight.renderer.luminaire.rayfile import TEXT_BYTES, TEXTS, TM25_HEADER
 
 LUMINOUS = [1, 1, 0, 0, 1, 0, 0, 0]
 
 
 def ray_file(path: Path, rows: np.ndarray, flags: list[int], spectrum: np.ndarray | None = None, **fields) -> Path:
     """A TM-25 file of `rows` (n, items); header fields by name."""
-    header = np.zeros(1, HEADER)
+    header = np.zeros(1, TM25_HEADER)
     values = {"magic": b"TM25", "version": 2013, "luminous_flux": rows[:, -1].sum(), "rays": len(rows), "flags": flags} | fields
     for key, value in values.items():
         header[key] = value

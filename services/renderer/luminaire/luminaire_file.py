@@ -14,33 +14,33 @@ from msgspec import Meta
 from vemlight.errors import UserError
 from vemlight.files import written_whole
 from vemlight.light.images import MAX_PIXELS, REC709
-from vemlight.renderer.luminaire.bases import Kind
+from vemlight.renderer.luminaire.bases import BasisKind
 from vemlight.renderer.luminaire.lightfield import LightField, Unit
 
-HEADER = "vemlight:luminaire"
-MAX_IMAGES = 1024  # as many parts; the largest published light field has 99
+HEADER_ATTRIBUTE = "vemlight:luminaire"
+MAX_IMAGES = 1024  # each is a part of the file; the largest published light field has 99
 Length = Annotated[float, Meta(gt=0, le=1e3)]  # metres
-Place = Annotated[float, Meta(ge=-1e3, le=1e3)]
+Coordinate = Annotated[float, Meta(ge=-1e3, le=1e3)]
 Count = Annotated[int, Meta(ge=1, le=MAX_IMAGES)]
 
 
-class Description(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The header of a luminaire file."""
+class LuminaireHeader(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The header attribute of a luminaire file: the geometry of its light field."""
 
     schema: Literal["vemlight.luminaire/1"] = "vemlight.luminaire/1"
     name: str
-    basis: Kind
+    basis: BasisKind
     rows: Count
     cols: Count
     spacing_m: Length
-    first_m: tuple[Place, Place]
+    first_m: tuple[Coordinate, Coordinate]
     distance_m: Length
-    window_m: tuple[Place, Place, Place, Place]
+    window_m: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
     unit: Unit
 
 
 def write_luminaire(path: Path, field: LightField) -> None:
-    """Writes the light field as .exr; images in float16 stay so, all else becomes 32-bit float.
+    """Writes the light field as .exr: images in float16 as they are, all others in 32-bit float.
 
     Raises UserError for another suffix, OSError when the disk refuses.
     """
@@ -49,14 +49,14 @@ def write_luminaire(path: Path, field: LightField) -> None:
     if path.suffix.lower() != ".exr":
         raise UserError(f"{path}: a luminaire is written as .exr; change the suffix")
     rows, cols = field.images.shape[:2]
-    text = msgspec.json.encode({"schema": "vemlight.luminaire/1", **msgspec.structs.asdict(_description(field, rows, cols))}).decode()
+    text = msgspec.json.encode({"schema": "vemlight.luminaire/1", **msgspec.structs.asdict(header_of(field))}).decode()
     dtype = np.float16 if field.images.dtype == np.float16 else np.float32
     parts = []
     for j, i in np.ndindex(rows, cols):
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "chromaticities": REC709,
                   "colorInteropID": "lin_rec709_scene"}
         if not parts:
-            header[HEADER] = text
+            header[HEADER_ATTRIBUTE] = text
         pixels = np.ascontiguousarray(field.images[j, i, ::-1], dtype)
         parts.append(OpenEXR.Part(header, {"RGB": pixels}, f"image_{j}_{i}"))
     with written_whole(path) as part:
@@ -66,45 +66,49 @@ def write_luminaire(path: Path, field: LightField) -> None:
             raise OSError(f"{path}: {' '.join(str(error).split())[:200]}") from error
 
 
-def _description(field: LightField, rows: int, cols: int) -> Description:
-    return Description(name=field.name, basis=field.kind, rows=rows, cols=cols, spacing_m=field.spacing_m, first_m=field.first_m,
-                       distance_m=field.distance_m, window_m=field.window_m, unit=field.unit)
+def header_of(field: LightField) -> LuminaireHeader:
+    """The header of a light field's file."""
+    rows, cols = field.images.shape[:2]
+    return LuminaireHeader(name=field.name, basis=field.basis_kind, rows=rows, cols=cols, spacing_m=field.spacing_m, first_m=field.first_m,
+                           distance_m=field.distance_m, window_m=field.window_m, unit=field.unit)
 
 
 def read_luminaire(path: Path) -> LightField:
-    """The light field in a file that `write_luminaire` or another program with the same header wrote.
+    """The light field in a file written by `write_luminaire` or by another program with the same header.
 
     Raises UserError, naming file and fault, for anything else: no EXR, no header, unknown keys, an empty window, a missing part, parts of
-    different size, too many pixels, nan or inf.
+    different sizes, too many pixels, nan or inf.
     """
     parts = _parts(path)
-    header = parts[0][1].get(HEADER)
+    header = parts[0][1].get(HEADER_ATTRIBUTE)
     if not isinstance(header, str):
-        raise UserError(f"{path}: is an EXR without the attribute {HEADER}; make a luminaire with `vemlight luminaire`")
+        raise UserError(f"{path}: is an EXR without the attribute {HEADER_ATTRIBUTE}; make a luminaire with `vemlight luminaire`")
     try:
-        about = msgspec.json.decode(header.encode(), type=Description)
+        geometry = msgspec.json.decode(header.encode(), type=LuminaireHeader)
     except msgspec.DecodeError as error:
-        raise UserError(f"{path}: {HEADER}: {error}; write it again with `vemlight luminaire`") from error
-    low_s, low_t, high_s, high_t = about.window_m
+        raise UserError(f"{path}: {HEADER_ATTRIBUTE}: {error}; write it again with `vemlight luminaire`") from error
+    low_s, low_t, high_s, high_t = geometry.window_m
     if not (low_s < high_s and low_t < high_t):
-        raise UserError(f"{path}: {HEADER}: window_m {about.window_m} is empty; write s_min, t_min, s_max, t_max")
+        raise UserError(f"{path}: {HEADER_ATTRIBUTE}: window_m {geometry.window_m} is empty; write s_min, t_min, s_max, t_max")
     named = {name: pixels for name, _, pixels in parts}
     images = []
-    for j, i in np.ndindex(about.rows, about.cols):
+    for j, i in np.ndindex(geometry.rows, geometry.cols):
         pixels = named.get(f"image_{j}_{i}")
         if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 3:
-            raise UserError(f"{path}: has no RGB part image_{j}_{i} of the {about.rows} x {about.cols} its header promises; copy it again")
+            grid = f"{geometry.rows} x {geometry.cols}"
+            raise UserError(f"{path}: has no RGB part image_{j}_{i} of the {grid} that its header announces; copy it again")
         if images and pixels.shape != images[0].shape:
             raise UserError(f"{path}: part image_{j}_{i} is {pixels.shape[1]} x {pixels.shape[0]} and the first is "
                            f"{images[0].shape[1]} x {images[0].shape[0]}; write all parts in one size")
         images.append(pixels)
-    if about.rows * about.cols * images[0].size > 3 * MAX_PIXELS:
+    if geometry.rows * geometry.cols * images[0].size > 3 * MAX_PIXELS:
         raise UserError(f"{path}: holds more than {MAX_PIXELS} pixels; make the images smaller")
     stack = np.stack([pixels[::-1] for pixels in images]).astype(np.float32)
     if not np.all(np.isfinite(stack)):
         raise UserError(f"{path}: {np.count_nonzero(~np.isfinite(stack))} values are nan or inf; measure it again or repair the images")
-    stack = stack.reshape(about.rows, about.cols, *images[0].shape)
-    return LightField(stack, about.basis, about.spacing_m, about.first_m, about.distance_m, about.window_m, about.unit, about.name)
+    stack = stack.reshape(geometry.rows, geometry.cols, *images[0].shape)
+    return LightField(stack, geometry.basis, geometry.spacing_m, geometry.first_m, geometry.distance_m, geometry.window_m, geometry.unit,
+                      geometry.name)
 
 
 def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:

@@ -1,6 +1,6 @@
 """Far-field photometry: EULUMDAT (.ldt) and IES LM-63 (.ies) files as intensity over direction.
 
-A lamp seen from afar is a point with an intensity; the point stands for the lamp beyond five times its largest dimension (Ashdown 1995).
+A lamp seen from afar is a point with an intensity, an approximation for distances over five times its largest dimension (Ashdown 1995).
 In the luminaire's frame light travels towards +z: gamma is the angle from +z (the photometric nadir), C the angle from +x towards +y.
 """
 
@@ -11,8 +11,11 @@ import numpy as np
 
 from vemlight.errors import UserError
 
-FAR = 5.0  # times the largest dimension of the lamp
-MAX_ANGLES = 2000
+PHOTOMETRY_SUFFIXES = (".ldt", ".ies")
+FAR_FIELD_SIZES = 5.0  # times the largest dimension of the lamp: the rule of five
+MAX_ANGLES = 2000  # of either kind: 0.18 degrees apart; a corrupt file claims more
+MAX_LAMP_SETS = 20  # the format has room for as many
+MAX_FLUX_LM = 1e9  # a stadium has 10^7
 
 
 class FarField(NamedTuple):
@@ -30,8 +33,8 @@ class FarField(NamedTuple):
 
     @property
     def valid_from_m(self) -> float:
-        """The distance beyond which the lamp may be taken for a point."""
-        return FAR * max(self.size_m)
+        """The distance beyond which the lamp may be treated as a point."""
+        return FAR_FIELD_SIZES * max(self.size_m)
 
 
 def intensity(far: FarField, direction: np.ndarray) -> np.ndarray:
@@ -45,18 +48,18 @@ def intensity(far: FarField, direction: np.ndarray) -> np.ndarray:
 
 
 def total_flux_lm(far: FarField) -> float:
-    """Integral of the bilinear intensity over the sphere, lm: exact in C, and in gamma by integral of a linear function times sin."""
+    """Integral of the bilinear intensity over the sphere, lm: exact in C, and in gamma as the integral of a linear function times sin."""
     gamma, c = np.radians(far.gamma_deg), np.radians(far.c_deg)
     ring = np.trapezoid(far.candela, c, axis=0)
     step = np.diff(gamma)
     slope = np.diff(ring) / step
     # integral of (r + slope (g - g0)) sin g: by parts
-    whole = ring[:-1] * np.cos(gamma[:-1]) - ring[1:] * np.cos(gamma[1:]) + slope * (np.sin(gamma[1:]) - np.sin(gamma[:-1]))
-    return float(whole.sum())
+    integral = ring[:-1] * np.cos(gamma[:-1]) - ring[1:] * np.cos(gamma[1:]) + slope * (np.sin(gamma[1:]) - np.sin(gamma[:-1]))
+    return float(integral.sum())
 
 
 def read_photometry(path: Path) -> FarField:
-    """The far field in a .ldt or .ies file. Raises UserError, naming file and fault, for all that is none."""
+    """The far field in a .ldt or .ies file. Raises UserError, naming file and fault, for anything else."""
     try:
         text = path.read_bytes().decode("latin-1")
     except OSError as error:
@@ -86,24 +89,24 @@ def _read_eulumdat(text: str) -> FarField:
     length, width, height = (number(k) * 1e-3 for k in (12, 13, 14))
     luminous_length, luminous_width, luminous_heights = number(15) * 1e-3, number(16) * 1e-3, [number(k) * 1e-3 for k in (17, 18, 19, 20)]
     sets = int(number(25))
-    if not 1 <= sets <= 20:
+    if not 1 <= sets <= MAX_LAMP_SETS:
         raise ValueError(f"{sets} sets of lamps in line 26")
     flux = sum(abs(number(28 + 6 * k)) for k in range(sets))
-    if not 0 < flux < 1e9:
+    if not 0 < flux < MAX_FLUX_LM:
         raise ValueError(f"a flux of {flux:g} lm in line 29")
-    at = 26 + 6 * sets + 10  # the ten direct ratios
-    values = np.array([number(k) for k in range(at, at + planes + angles)])
+    first_angle = 26 + 6 * sets + 10  # after the ten direct ratios
+    values = np.array([number(k) for k in range(first_angle, first_angle + planes + angles)])
     stored = {0: planes, 1: 1, 2: planes // 2 + 1, 3: planes // 2 + 1, 4: planes // 4 + 1}[symmetry]
-    start = at + planes + angles
+    start = first_angle + planes + angles
     table = np.array([number(k) for k in range(start, start + stored * angles)]).reshape(stored, angles)
     # dimensions: the luminous area, or the housing where the file gives none; a width of 0 means round
     sizes = (luminous_length or length, luminous_width or width, max(luminous_heights) or height)
-    c, table = _whole_turn(values[:planes], table, symmetry)
+    c, table = _full_circle(values[:planes], table, symmetry)
     scale = number(23)  # conversion factor for luminous intensities
     return FarField(table * (flux / 1000 * scale), c, values[planes:], sizes, flux, lines[8])
 
 
-def _whole_turn(c_deg: np.ndarray, table: np.ndarray, symmetry: int) -> tuple[np.ndarray, np.ndarray]:
+def _full_circle(c_deg: np.ndarray, table: np.ndarray, symmetry: int) -> tuple[np.ndarray, np.ndarray]:
     """C angles from 0 to 360 with both ends, and their rows, from the planes that EULUMDAT stores."""
     if symmetry == 1:
         return np.array([0.0, 360.0]), np.vstack([table, table])
@@ -148,15 +151,15 @@ def _read_lm63(text: str) -> FarField:
     table = np.array(numbers[13 + n + m : 13 + n + m + n * m]).reshape(m, n) * (multiplier * ballast * use)
     if np.any(np.diff(gamma) <= 0) or np.any(np.diff(c) <= 0):
         raise ValueError("angles do not rise")
-    c, table = _whole_turn_lm63(c, table)
+    c, table = _full_circle_lm63(c, table)
     metre = 0.3048 if int(units) == 1 else 1.0
     name = next((line.partition("]")[2].strip() for line in head.splitlines() if line.startswith("[LUMCAT]")), "")
     flux = lamps * lumens if lumens > 0 else np.nan  # -1: absolute photometry
     return FarField(table, c, gamma, (abs(length) * metre, abs(width) * metre, abs(height) * metre), flux, name)
 
 
-def _whole_turn_lm63(c_deg: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """LM-63's rule: the last angle tells the symmetry: 0 about the axis, 90 both planes, 180 one plane, 360 none; 90 to 270 the other."""
+def _full_circle_lm63(c_deg: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """LM-63's rule: the last angle gives the symmetry: 0 about the axis, 90 both planes, 180 one plane, 360 none; 90 to 270 the other."""
     if len(c_deg) == 1:
         return np.array([0.0, 360.0]), np.vstack([table, table])
     rows = {round(float(c), 6): row for c, row in zip(c_deg, table, strict=True)}

@@ -1,7 +1,7 @@
 """Measured ray sets in the IES TM-25 format (IES TM-25-13, Ray File Format for the Description of the Emission Property of Light Sources).
 
-A header of fixed fields, nine texts in UTF-32, a spectrum where there is one, padding to a multiple of 32 bytes, and then the rays: float32
-rows of position (mm), direction, and the flux and colour items that the header's flags promise.
+A header of fixed fields, nine texts in UTF-32, an optional spectrum, padding to a multiple of 32 bytes, and then the rays: float32 rows of
+position (mm), direction, and the flux and colour items that the header's flags announce.
 """
 
 from pathlib import Path
@@ -11,19 +11,21 @@ import numpy as np
 
 from vemlight.errors import UserError
 from vemlight.light.colour import LUMINANCE_WEIGHTS
-from vemlight.renderer.luminaire.measuring import Rays
+from vemlight.renderer.luminaire.acquisition import Rays
 
-HEADER = np.dtype([
+TM25_HEADER = np.dtype([
     ("magic", "S4"), ("version", "<i4"), ("creation", "<i4"), ("luminous_flux", "<f4"), ("radiant_flux", "<f4"), ("rays", "<u8"),
     ("date", "S28"), ("start", "<i4"), ("spectral", "<i4"), ("wavelength", "<f4"), ("wavelength_low", "<f4"), ("wavelength_high", "<f4"),
     ("spectra", "<i4"), ("additional_items", "<i4"), ("additional_text", "<i4"), ("reserved", "S168"), ("flags", "<i4", 8),
 ])
 TEXTS, TEXT_BYTES = 9, 4000  # name, manufacturer, ... of 1000 UTF-32 characters each
-# Items of a ray that stand before the luminous flux, by the flags' order: position, direction, radiant flux, wavelength, luminous flux,
-# Stokes, tristimulus, spectrum index. In the rows: position, direction, radiant flux, Stokes 1 to 3, wavelength, luminous flux, X and Z,
-# spectrum index, additional items.
-POSITION, DIRECTION, RADIANT, WAVELENGTH, LUMINOUS, STOKES, TRISTIMULUS, SPECTRUM = range(8)
+POSITION, DIRECTION, RADIANT, WAVELENGTH, LUMINOUS, STOKES, TRISTIMULUS, SPECTRUM = range(8)  # the flags, in their order
+# The items of a ray in the order of its row, with their number of floats; additional items follow.
+ITEMS = ((POSITION, 3), (DIRECTION, 3), (RADIANT, 1), (STOKES, 3), (WAVELENGTH, 1), (LUMINOUS, 1), (TRISTIMULUS, 2), (SPECTRUM, 1))
 MAX_RAYS = 2**28  # 7.5 GB; the largest published sets hold 10^8
+MAX_ADDITIONAL_ITEMS = 1000  # of a ray; a corrupt header claims more
+DIRECTION_TOLERANCE = 1e-3  # of a unit vector's length: writers round to three decimals and more
+MAX_WAVELENGTHS = 10_000  # of a spectrum: 0.04 nm over the visible range; a corrupt file claims more
 
 
 class RayFile(NamedTuple):
@@ -36,51 +38,61 @@ class RayFile(NamedTuple):
 
 
 def read_rays(path: Path) -> RayFile:
-    """The rays of a TM-25 file. Raises UserError for a file that is missing, cut off, of another kind, or holds values no ray can have."""
+    """The rays of a TM-25 file. Raises UserError for a file that is missing, truncated, of another kind, or holds impossible values."""
     try:
         data = path.read_bytes()
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    if len(data) < HEADER.itemsize or data[:4] != b"TM25":
+    if len(data) < TM25_HEADER.itemsize or data[:4] != b"TM25":
         raise UserError(f"{path}: is no IES TM-25 ray file (it does not begin with TM25); export it as TM-25")
-    header = np.frombuffer(data, HEADER, 1)[0]
+    header = np.frombuffer(data, TM25_HEADER, 1)[0]
     flags = header["flags"]
-    count, additional = int(header["rays"]), int(header["additional_items"])
-    if not (flags[POSITION] and flags[DIRECTION] and (flags[RADIANT] or flags[LUMINOUS])):
-        raise UserError(f"{path}: its rays lack position, direction or flux; export it with all three")
-    if not (0 < count <= MAX_RAYS and 0 <= additional < 1000):
-        raise UserError(f"{path}: its header claims {count} rays with {additional} additional items; copy it again")
-    before = 6 + (1 if flags[RADIANT] else 0) + (3 if flags[STOKES] else 0) + (1 if flags[WAVELENGTH] else 0)
-    items = before + (1 if flags[LUMINOUS] else 0) + (2 if flags[TRISTIMULUS] else 0) + (1 if flags[SPECTRUM] else 0) + additional
-    start = len(data) - count * items * 4
-    if start < HEADER.itemsize:
-        raise UserError(f"{path}: holds {len(data)} bytes and {count} rays of {items} numbers need more; it was cut off, copy it again")
-    rows = np.frombuffer(data, "<f4", count * items, start).reshape(count, items)
-    column, claimed = (before, header["luminous_flux"]) if flags[LUMINOUS] else (6, header["radiant_flux"])
-    lengths = np.linalg.norm(rows[:, 3:6].astype(np.float64), axis=1)
-    power = rows[:, column].astype(np.float64)
-    if not (np.all(np.isfinite(rows[:, :6])) and np.all(np.isfinite(power)) and np.all(np.abs(lengths - 1) < 1e-3) and power.min() >= 0):
+    rows, columns = _rows(path, data, header)
+    flux_item, header_flux = (LUMINOUS, header["luminous_flux"]) if flags[LUMINOUS] else (RADIANT, header["radiant_flux"])
+    lengths = np.linalg.norm(rows[:, columns[DIRECTION] : columns[DIRECTION] + 3].astype(np.float64), axis=1)
+    power = rows[:, columns[flux_item]].astype(np.float64)
+    unit_length = np.all(np.abs(lengths - 1) < DIRECTION_TOLERANCE)
+    if not (np.all(np.isfinite(rows[:, :6])) and np.all(np.isfinite(power)) and unit_length and power.min() >= 0):
         raise UserError(f"{path}: has rays with nan, negative flux or directions that are no unit vectors; copy it again")
     colour = _colour(data, header) if header["spectra"] == 1 else np.ones(3)
     rays = Rays(rows[:, :3] * 1e-3, rows[:, 3:6] / lengths[:, None], power[:, None] * colour)
-    text = data[HEADER.itemsize : HEADER.itemsize + TEXT_BYTES].decode("utf-32-le", "replace").split("\0")[0].strip()
-    return RayFile(rays, bool(flags[LUMINOUS]), float(claimed), text or path.stem)
+    text = data[TM25_HEADER.itemsize : TM25_HEADER.itemsize + TEXT_BYTES].decode("utf-32-le", "replace").split("\0")[0].strip()
+    return RayFile(rays, bool(flags[LUMINOUS]), float(header_flux), text or path.stem)
+
+
+def _rows(path: Path, data: bytes, header: np.void) -> tuple[np.ndarray, dict[int, int]]:
+    """The rays' numbers (count, items) float32 at the end of a file, and the first column of each item that they have."""
+    flags, count, additional = header["flags"], int(header["rays"]), int(header["additional_items"])
+    if not (flags[POSITION] and flags[DIRECTION] and (flags[RADIANT] or flags[LUMINOUS])):
+        raise UserError(f"{path}: its rays lack position, direction or flux; export it with all three")
+    if not (0 < count <= MAX_RAYS and 0 <= additional < MAX_ADDITIONAL_ITEMS):
+        raise UserError(f"{path}: its header claims {count} rays with {additional} additional items; copy it again")
+    columns, items = {}, 0
+    for flag, size in ITEMS:
+        if flags[flag]:
+            columns[flag] = items
+            items += size
+    items += additional
+    start = len(data) - count * items * 4
+    if start < TM25_HEADER.itemsize:
+        raise UserError(f"{path}: holds {len(data)} bytes and {count} rays of {items} numbers need more; it was cut off, copy it again")
+    return np.frombuffer(data, "<f4", count * items, start).reshape(count, items), columns
 
 
 def _colour(data: bytes, header: np.void) -> np.ndarray:
     """Rec. 709 colour of luminance 1 of the file's one spectrum: n pairs of wavelength in nm and weight, after the texts."""
-    start = HEADER.itemsize + TEXTS * TEXT_BYTES + int(header["additional_text"]) * 4
+    start = TM25_HEADER.itemsize + TEXTS * TEXT_BYTES + int(header["additional_text"]) * 4
     if len(data) < start + 4:
         return np.ones(3)
     n = int(np.frombuffer(data, "<i4", 1, start)[0])
-    if not 0 < n <= 10_000 or len(data) < start + 4 + 8 * n:
+    if not 0 < n <= MAX_WAVELENGTHS or len(data) < start + 4 + 8 * n:
         return np.ones(3)
     wavelength, weight = np.frombuffer(data, "<f4", 2 * n, start + 4).reshape(n, 2).T.astype(np.float64)
     return colour_of_spectrum(wavelength, weight)
 
 
 def colour_of_spectrum(wavelength_nm: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Linear Rec. 709 colour (3,) of luminance 1; what lies outside the gamut is brought to its edge, white for a spectrum without light.
+    """Linear Rec. 709 colour (3,) of luminance 1, clipped to the gamut; white for a spectrum without light.
 
     CIE 1931 functions by Wyman, Sloan and Shirley 2013, Simple Analytic Approximations to the CIE XYZ Color Matching Functions.
     """

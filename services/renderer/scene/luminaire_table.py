@@ -1,4 +1,4 @@
-"""Luminaires in a scene: the `[[luminaire]]` table, and a lamp with its place, its power and how it is to be rendered."""
+"""Luminaires in a scene: the `[[luminaire]]` table, and a luminaire with its place, its power and how it is to be rendered."""
 
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
@@ -11,21 +11,21 @@ from vemlight.errors import UserError
 from vemlight.light.sphere import rotation_xyz
 from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
-from vemlight.renderer.luminaire.photometry import FarField, read_photometry
-from vemlight.renderer.luminaire.shift_invariant import good_enough
+from vemlight.renderer.luminaire.photometry import PHOTOMETRY_SUFFIXES, FarField, read_photometry
+from vemlight.renderer.luminaire.shift_invariant import is_shift_invariant
 
 Vector = tuple[float, float, float]
 Method = Literal["auto", "sampled", "shift-invariant"]
 Shadows = Literal["maps", "traced", "none"]
 BUNDLED_LAMP = Path(__file__).parents[1] / "luminaire" / "lamps" / "torch.exr"
+MAX_COORDINATE_M = 1e6  # of a position: float32 then still resolves 6 cm
 
 
 class LuminaireTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One `[[luminaire]]`: a light field (.exr) or a far field (.ldt, .ies). It shines along its own +z, is rotated
-    about x, y, z and moved.
+    """One `[[luminaire]]`: a light field (.exr) or far field (.ldt, .ies). It shines along its own +z, is rotated about x, y, z and moved.
 
-    power: times the measured one; the picture's unit is W sr^-1 m^-2 for radiometric and cd m^-2 for photometric files. file left out: the
-    bundled torch.
+    power: multiplies the measured light; the picture's unit is W sr^-1 m^-2 for radiometric and cd m^-2 for photometric files. file left
+    out: the bundled torch.
     """
 
     file: str = ""
@@ -33,16 +33,16 @@ class LuminaireTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     at: Vector = (0.0, 0.0, 0.0)
     rotate: Vector = (0.0, 0.0, 0.0)
     power: Annotated[float, Meta(ge=0, le=1e12)] = 1.0
-    method: Method = "auto"  # auto: shift-invariant where its error bound is below 8 %
+    method: Method = "auto"  # auto: shift-invariant where its error bound is at most 8 %
     samples: Annotated[int, Meta(ge=1, le=16_000)] = 64  # a pixel, of all images together
-    most: Annotated[int, Meta(ge=0, le=16_000)] = 0  # samples of one image; 0: no limit
-    interleave: Annotated[int, Meta(ge=1, le=8)] = 4  # pixels of a tile's side that draw differently; 1: all draw the same
-    shadows: Shadows = "maps"  # traced: rays on the CPU, slow, to judge the maps by
+    max_per_image: Annotated[int, Meta(ge=0, le=16_000)] = 0  # samples of one image; 0: no limit
+    interleave: Annotated[int, Meta(ge=1, le=8)] = 4  # side of a tile of pixels that draw different samples; 1: all draw the same
+    shadows: Shadows = "maps"  # traced: rays on the CPU, slow, to compare the maps with
     shadow_map: Annotated[int, Meta(ge=16, le=2048)] = 192  # texels on a side, for one cell
 
 
 class Luminaire(NamedTuple):
-    """A lamp in the world. world_from_local: rigid transform (4, 4) float64."""
+    """A luminaire in the world. world_from_local: rigid transform (4, 4) float64."""
 
     source: LightField | FarField
     world_from_local: np.ndarray
@@ -54,23 +54,23 @@ class Luminaire(NamedTuple):
         """Whether the 2003 approximation renders it."""
         if isinstance(self.source, FarField) or self.table.method == "sampled":
             return False
-        return self.table.method == "shift-invariant" or good_enough(self.source)
+        return self.table.method == "shift-invariant" or is_shift_invariant(self.source)
 
 
-def world_from_lamp(at: Vector, rotate: Vector) -> np.ndarray:
-    """world_from_local (4, 4) of a lamp rotated by degrees about x, y, z and moved."""
+def world_from_lamp(position: Vector, degrees_xyz: Vector) -> np.ndarray:
+    """The rigid transform (4, 4) of a luminaire that is rotated by degrees about x, y, z and moved to a position."""
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation_xyz(rotate), at
+    matrix[:3, :3], matrix[:3, 3] = rotation_xyz(degrees_xyz), position
     return matrix
 
 
 def load_luminaire(table: LuminaireTable, folder: Path, where: str) -> Luminaire:
-    """The lamp of a scene file's table, whose paths are relative to `folder`. Raises UserError that begins with `where`."""
-    if not np.all(np.isfinite([*table.at, *table.rotate])) or np.abs(table.at).max() > 1e6:
-        raise UserError(f"{where}: at and rotate must be finite, at within 1000000 m; mend them")
+    """The luminaire of a scene file's table, whose paths are relative to `folder`. Raises UserError that begins with `where`."""
+    if not np.all(np.isfinite([*table.at, *table.rotate])) or np.abs(table.at).max() > MAX_COORDINATE_M:
+        raise UserError(f"{where}: at and rotate must be finite, at within 1000000 m; correct them")
     path = folder / table.file if table.file else BUNDLED_LAMP
     try:
-        source = read_photometry(path) if path.suffix.lower() in (".ldt", ".ies") else read_luminaire(path)
+        source = read_photometry(path) if path.suffix.lower() in PHOTOMETRY_SUFFIXES else read_luminaire(path)
     except UserError as error:
         raise UserError(f"{where}: {error}") from error
     return Luminaire(source, world_from_lamp(table.at, table.rotate), table.power, table)

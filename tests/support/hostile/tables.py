@@ -38,7 +38,7 @@ def _ray_files(folder: Path) -> list[Path]:
 
 
 def _ray_bombs() -> dict[str, bytes]:
-    from vemlight.renderer.luminaire.rayfile import HEADER
+    from vemlight.renderer.luminaire.rayfile import TM25_HEADER
 
     bombs = {}
     for key, value in (
@@ -49,7 +49,7 @@ def _ray_bombs() -> dict[str, bytes]:
         ("additional_text", 2**31 - 1),
         ("additional_text", -1),
     ):
-        header = np.zeros(1, HEADER)
+        header = np.zeros(1, TM25_HEADER)
         header["magic"], header["version"], header["rays"], header["flags"] = b"TM25", 2013, 1, [1, 1, 0, 0, 1, 0, 0, 0]
         header[key] = value
         bombs[f"{key} {value}"] = header.tobytes() + bytes(40_000)

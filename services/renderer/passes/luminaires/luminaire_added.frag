@@ -1,5 +1,5 @@
 #version 430
-// Adds what was computed elsewhere.
+// Adds radiance that was computed on the CPU.
 uniform sampler2D computed;
 uniform vec3 scale;
 layout(location = 0) out vec4 radiance;

@@ -1,5 +1,5 @@
 #version 430
-// A lamp from its far-field photometry: a point with an intensity over direction, and a map towards each face of a cube.
+// A luminaire from its far-field photometry: a point with an intensity over direction, and a shadow map through each face of a cube.
 #include "normals.glsl"
 #include "gbuffer.glsl"
 #include "luminaire_maps.glsl"
@@ -17,12 +17,12 @@ void main() {
     float r = length(p);
     vec3 value = reflected(surface, -p / r);
     if (value == vec3(0.0) || r == 0.0) discard;
-    vec2 turn = vec2(fract(atan(p.y, p.x) / (2.0 * PI)), atan(length(p.xy), p.z) / PI);
+    vec2 angles = vec2(fract(atan(p.y, p.x) / (2.0 * PI)), atan(length(p.xy), p.z) / PI);
     vec2 size = vec2(textureSize(candela, 0));
-    float strength = texture(candela, (turn * (size - 1.0) + 0.5) / size).r;
+    float strength = texture(candela, (angles * (size - 1.0) + 0.5) / size).r;
     vec3 a = abs(p);
     int axis = a.z >= a.x && a.z >= a.y ? 0 : a.x >= a.y ? 2 : 4;
     float along = axis == 0 ? p.z : axis == 2 ? p.x : p.y;
-    float seen = map_visibility(axis + (along < 0.0 ? 1 : 0), surface);
-    radiance = vec4(value * scale * (strength / (r * r) * seen), 0.0);
+    float visibility = map_visibility(axis + (along < 0.0 ? 1 : 0), surface);
+    radiance = vec4(value * scale * (strength / (r * r) * visibility), 0.0);
 }

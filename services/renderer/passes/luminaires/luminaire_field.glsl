@@ -1,5 +1,5 @@
-// A light field between two planes, its tables, and what a point sees of each image: tables.py, in GLSL. Tables are float64, as pairs of
-// words, and only their differences become float32: a pixel 10^5 times the mean would drown its neighbours otherwise.
+// A light field between two planes, its summed-area tables, and what a point sees of each image: tables.py, in GLSL. Tables are float64, as
+// pairs of words, and only their differences become float32: a pixel 10^5 times the mean would drown its neighbours otherwise.
 
 uniform usampler2DArray sums;
 uniform sampler2DArray images;
@@ -31,8 +31,8 @@ AxisBox axis_box(float centre, float p, float ratio, float origin, float pixel, 
     float low = centre - 0.5 * SUPPORT * spacing, high = centre + 0.5 * SUPPORT * spacing;
     float a = (low + ratio * (p - low) - origin) / pixel, b = (high + ratio * (p - high) - origin) / pixel;
     if (b < a) {
-        float kept = a; a = b; b = kept;
-        kept = low; low = high; high = kept;
+        float previous = a; a = b; b = previous;
+        previous = low; low = high; high = previous;
     }
     if (b < 0.0 || a >= count || (b <= 0.0 && a < 0.0)) return AxisBox(1.0, 0.0, low, high);
     float x0 = max(a, 0.0), x1 = min(b, count);
@@ -40,11 +40,12 @@ AxisBox axis_box(float centre, float p, float ratio, float origin, float pixel, 
     return AxisBox(x0, x1, low + (high - low) * ((x0 - a) / (b - a)), low + (high - low) * ((x1 - a) / (b - a)));
 }
 
-struct Pair { int first, last; float share; };
+// The pixels at the ends of an interval and, for two neighbours, the fraction of it that lies in the first.
+struct PixelPair { int first, last; float weight; };
 
-Pair pair_of(float x0, float x1, int count) {
+PixelPair pixel_pair(float x0, float x1, int count) {
     int first = min(int(x0), count - 1), last = min(int(x1), count - 1);
-    return Pair(first, last, last > first ? (float(first + 1) - x0) / (x1 - x0) : 1.0);
+    return PixelPair(first, last, last > first ? (float(first + 1) - x0) / (x1 - x0) : 1.0);
 }
 
 // Importance between rows y0 and y1 left of x: linear in x between integers.
@@ -63,11 +64,11 @@ double column_at(int i, float y, int m, ivec2 size) {
 }
 
 float mean_importance(AxisBox u, AxisBox v, int m, ivec2 size) {
-    Pair i = pair_of(u.x0, u.x1, size.x), j = pair_of(v.x0, v.x1, size.y);
+    PixelPair i = pixel_pair(u.x0, u.x1, size.x), j = pixel_pair(v.x0, v.x1, size.y);
     if (i.last - i.first <= 1 && j.last - j.first <= 1) {
-        float low = mix(importance(ivec3(i.last, j.first, m)), importance(ivec3(i.first, j.first, m)), i.share);
-        float high = mix(importance(ivec3(i.last, j.last, m)), importance(ivec3(i.first, j.last, m)), i.share);
-        return mix(high, low, j.share);
+        float low = mix(importance(ivec3(i.last, j.first, m)), importance(ivec3(i.first, j.first, m)), i.weight);
+        float high = mix(importance(ivec3(i.last, j.last, m)), importance(ivec3(i.first, j.last, m)), i.weight);
+        return mix(high, low, j.weight);
     }
     if (u.x1 <= u.x0 || v.x1 <= v.x0) return 0.0;
     return max(float(strip(u.x1, v.x0, v.x1, m, size) - strip(u.x0, v.x0, v.x1, m, size)), 0.0) / ((u.x1 - u.x0) * (v.x1 - v.x0));
@@ -83,20 +84,20 @@ bool image_boxes(int m, vec3 p, ivec2 size, out AxisBox u, out AxisBox v, out ve
 }
 
 // The integral of an image's importance over the part of U that the point sees.
-float image_share(int m, vec3 p, ivec2 size) {
+float image_weight(int m, vec3 p, ivec2 size) {
     AxisBox u, v;
     vec2 centre;
     if (!image_boxes(m, p, size, u, v, centre)) return 0.0;
     return mean_importance(u, v, m, size) * abs((u.u1 - u.u0) * (v.u1 - v.u0));
 }
 
-float lit[MAX_MAPS];  // what is known of each cell's map; below 0: nothing yet
+float cell_visibilities[MAX_MAPS];  // of this pixel; below 0: not looked up yet
 
-void forget_cells() { for (int k = 0; k < MAX_MAPS; ++k) lit[k] = -1.0; }
+void clear_cell_visibilities() { for (int k = 0; k < MAX_MAPS; ++k) cell_visibilities[k] = -1.0; }
 
-// Share of a cell's light that reaches the surface; each map is looked up once a pixel.
+// Fraction of a cell's light that reaches the surface; each map is looked up at most once a pixel.
 float cell_visibility(ivec2 cell, Surface surface) {
     int index = cell.y * (grid.x + SUPPORT_CELLS - 1) + cell.x;
-    if (lit[index] < 0.0) lit[index] = map_visibility(index, surface);
-    return lit[index];
+    if (cell_visibilities[index] < 0.0) cell_visibilities[index] = map_visibility(index, surface);
+    return cell_visibilities[index];
 }

@@ -13,17 +13,16 @@ uniform mat4 local_from_rest;  // of the mesh that is drawn
 out float gl_ClipDistance[4];
 
 void main() {
-    vec4 origin = maps[2 * gl_InstanceID];
-    vec4 window = maps[2 * gl_InstanceID + 1];
-    vec3 q = facing((local_from_rest * vec4(position, 1.0)).xyz - origin.xyz, int(origin.w));
-    vec2 inside = (2.0 * q.xy - (window.xy + window.zw) * q.z) / (window.zw - window.xy);
+    ShadowView view = views[gl_InstanceID];
+    vec3 q = through_face((local_from_rest * vec4(position, 1.0)).xyz - view.origin, view.face);
+    vec2 inside = (2.0 * q.xy - (view.low + view.high) * q.z) / (view.high - view.low);
     gl_ClipDistance[0] = q.z - inside.x;
     gl_ClipDistance[1] = q.z + inside.x;
     gl_ClipDistance[2] = q.z - inside.y;
     gl_ClipDistance[3] = q.z + inside.y;
     vec2 corner = map_corner(gl_InstanceID);
     vec2 atlas = (inside + (2.0 * corner + 1.0) * q.z) / map_columns - q.z;
-    float depth = (2.0 * (map_range.x * q.z - 1.0) / (map_range.x - map_range.y)) - q.z;  // z (2 d - 1), d = (1/n - 1/z) / (1/n - 1/f)
+    float depth = (2.0 * (inverse_depths.x * q.z - 1.0) / (inverse_depths.x - inverse_depths.y)) - q.z;  // z (2 d - 1), d = (1/n - 1/z) / (1/n - 1/f)
     gl_Position = vec4(atlas, depth, q.z);
 #ifdef CUT
     hole_here = hole;

@@ -1,6 +1,6 @@
 #version 430
-// The shift-invariant approximation (Granier et al. 2003, equation 14): each basis function a textured spot light, all in one pass. `images`
-// holds E'; a summed-area table per channel gives the mean over the support seen from the point, and nothing is sampled.
+// The shift-invariant approximation (Granier et al. 2003, equation 14): each basis function is a textured spot light, all in one pass.
+// `images` holds E'; a summed-area table per channel gives its mean over what the point sees through the support, without samples.
 #include "normals.glsl"
 #include "gbuffer.glsl"
 #include "luminaire_maps.glsl"
@@ -20,13 +20,13 @@ vec3 colour_sum_at(float x, float y, int m, ivec2 size) {
     return mix(low, high, g);
 }
 
-// Mean over the box, exact from the pixels where it lies within two columns and rows.
+// Mean colour over the box, from the pixels themselves where it lies within two columns and rows.
 vec3 mean_colour(AxisBox u, AxisBox v, int m, ivec2 size) {
-    Pair i = pair_of(u.x0, u.x1, size.x), j = pair_of(v.x0, v.x1, size.y);
+    PixelPair i = pixel_pair(u.x0, u.x1, size.x), j = pixel_pair(v.x0, v.x1, size.y);
     if (i.last - i.first <= 1 && j.last - j.first <= 1) {
-        vec3 low = mix(texelFetch(images, ivec3(i.last, j.first, m), 0).rgb, texelFetch(images, ivec3(i.first, j.first, m), 0).rgb, i.share);
-        vec3 high = mix(texelFetch(images, ivec3(i.last, j.last, m), 0).rgb, texelFetch(images, ivec3(i.first, j.last, m), 0).rgb, i.share);
-        return mix(high, low, j.share);
+        vec3 low = mix(texelFetch(images, ivec3(i.last, j.first, m), 0).rgb, texelFetch(images, ivec3(i.first, j.first, m), 0).rgb, i.weight);
+        vec3 high = mix(texelFetch(images, ivec3(i.last, j.last, m), 0).rgb, texelFetch(images, ivec3(i.first, j.last, m), 0).rgb, i.weight);
+        return mix(high, low, j.weight);
     }
     if (u.x1 <= u.x0 || v.x1 <= v.x0) return vec3(0.0);
     vec3 right = colour_sum_at(u.x1, v.x1, m, size) - colour_sum_at(u.x1, v.x0, m, size);
@@ -34,25 +34,25 @@ vec3 mean_colour(AxisBox u, AxisBox v, int m, ivec2 size) {
     return (right - left) / ((u.x1 - u.x0) * (v.x1 - v.x0));
 }
 
-// Mean over the cells of a basis function, each with the integral of the function over it.
+// Mean visibility of the cells of a basis function, each weighted by the integral of the function over it.
 float spot_visibility(int m, Surface surface) {
-    float seen = 0.0;
+    float visibility = 0.0;
     for (int b = 0; b < SUPPORT_CELLS; ++b) for (int a = 0; a < SUPPORT_CELLS; ++a) {
 #if SUPPORT_CELLS == 2
-        float part = 0.25;
+        float weight = 0.25;
 #else
-        float part = (a == 1 ? 4.0 : 1.0) * (b == 1 ? 4.0 : 1.0) / 36.0;
+        float weight = (a == 1 ? 4.0 : 1.0) * (b == 1 ? 4.0 : 1.0) / 36.0;
 #endif
-        seen += part * cell_visibility(ivec2(m % grid.x + a, m / grid.x + b), surface);
+        visibility += weight * cell_visibility(ivec2(m % grid.x + a, m / grid.x + b), surface);
     }
-    return seen;
+    return visibility;
 }
 
 void main() {
     Surface surface;
     if (!surface_at(ivec2(gl_FragCoord.xy), surface) || surface.position.z <= 0.0) discard;
     ivec2 size = textureSize(images, 0).xy;
-    forget_cells();
+    clear_cell_visibilities();
     vec3 sum = vec3(0.0);
     for (int m = 0; m < grid.x * grid.y; ++m) {
         AxisBox u, v;

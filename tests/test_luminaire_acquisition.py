@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 
 from vemlight.light.colour import luminance_from_rgb
+from vemlight.renderer.luminaire.acquisition import AcquisitionPlanes, Rays, field_from_rays, quantised, waist_z_m
 from vemlight.renderer.luminaire.bases import span_dual
-from vemlight.renderer.luminaire.goniophotometer import Lamp, lamp_radiance, lamp_rays, measured_lamp
-from vemlight.renderer.luminaire.lightfield import flux, irradiance
-from vemlight.renderer.luminaire.measuring import Planes, Rays, field_from_rays, rounded, waist_z_m
+from vemlight.renderer.luminaire.goniophotometer import ReflectorLamp, lamp_radiance, lamp_rays, measured_lamp
+from vemlight.renderer.luminaire.lightfield import flux
+from vemlight.renderer.luminaire.reference import irradiance
 
-PLANES = Planes("bell", 0.0075, 11, 11, 0.05, (0.1, 0.1), 20, 20)
-LAMP = Lamp(radiance=(5.0, 4.0, 3.0))
+PLANES = AcquisitionPlanes("bell", 0.0075, 11, 11, 0.05, (0.1, 0.1), 20, 20)
+LAMP = ReflectorLamp(radiance=(5.0, 4.0, 3.0))
 
 
 @pytest.fixture(scope="module")
@@ -18,19 +19,19 @@ def rays() -> Rays:
 
 def test_no_flux_is_lost_between_the_columns_of_the_ledger(rays):
     turned = rays._replace(directions=np.concatenate([-rays.directions[:50_000], rays.directions[50_000:]]))
-    field, ledger = field_from_rays(turned, PLANES, 0.0, "photometric", "lamp")
-    assert sum(ledger[1:]) == pytest.approx(ledger.total, rel=1e-9)
-    assert ledger.backward == pytest.approx(luminance_from_rgb(rays.flux[:50_000]).sum(), rel=1e-9)
-    assert luminance_from_rgb(flux(field)) == pytest.approx(ledger.kept, rel=1e-5)
+    field, flux_budget = field_from_rays(turned, PLANES, 0.0, "photometric", "lamp")
+    assert sum(flux_budget[1:]) == pytest.approx(flux_budget.total, rel=1e-9)
+    assert flux_budget.backward == pytest.approx(luminance_from_rgb(rays.flux[:50_000]).sum(), rel=1e-9)
+    assert luminance_from_rgb(flux(field)) == pytest.approx(flux_budget.captured, rel=1e-5)
 
 
 def test_rays_within_the_planes_keep_their_flux(rays):
     inside = Rays(rays.positions * 0.7, rays.directions * [0.5, 0.5, 1], rays.flux)
     inside = inside._replace(directions=inside.directions / np.linalg.norm(inside.directions, axis=1, keepdims=True))
-    field, ledger = field_from_rays(inside, PLANES, 0.0, "radiometric", "lamp")
+    field, flux_budget = field_from_rays(inside, PLANES, 0.0, "radiometric", "lamp")
     # the lamp ends 3.7 spacings before the grid's last function: tails of 0.156^3.7 = 0.1 % of what lies there
     assert flux(field) == pytest.approx(inside.flux.sum(axis=0), rel=2e-3)
-    assert abs(ledger.filter_tails) < 2e-3 * ledger.total
+    assert abs(flux_budget.filter_tails) < 2e-3 * flux_budget.total
 
 
 def test_rays_and_the_bench_measure_the_same_lamp(rays):
@@ -65,8 +66,8 @@ def test_the_waist_is_where_rays_cross():
 
 def test_rounding_keeps_ends_and_darkness():
     values = np.linspace(0, 2, 1001)
-    steps = rounded(values, 2.0, 3)
+    steps = quantised(values, 2.0, 3)
     assert len(np.unique(np.round(steps, 9))) == 8
     assert steps[[0, -1]].tolist() == [0.0, 2.0]
-    assert np.array_equal(rounded(values, 2.0, 0), values)
-    assert np.array_equal(rounded(np.zeros(3), 0.0, 8), np.zeros(3))
+    assert np.array_equal(quantised(values, 2.0, 0), values)
+    assert np.array_equal(quantised(np.zeros(3), 0.0, 8), np.zeros(3))

@@ -4,13 +4,13 @@ One of a file's animations plays, or all of them together, and starts again afte
 rigid motion, are not read.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from vemlight.renderer.scene.gltf import GltfFile, item
-from vemlight.renderer.scene.gltf_nodes import MeshNode, NodeTransform, node_transform, rest_matrix
+from vemlight.renderer.scene.gltf_nodes import NodeTransform, NodeTree, node_transform, rest_matrix
 
 MAX_KEYFRAMES = 1_000_000  # of a track; nine hours at 30 a second
 MIN_QUATERNION = 1e-6  # length below which a keyframe's rotation is refused: unit quaternions of 8 bits are within 1 % of 1
@@ -119,8 +119,8 @@ def _hermite(track: KeyframeTrack, after: int, t: float) -> np.ndarray:
     )
 
 
-def read_motions(file: GltfFile, mesh_nodes: Sequence[MeshNode], wanted: str = "") -> list[RigidMotion | None]:
-    """How the animation named `wanted` moves each node; None for those that it leaves where they are.
+def read_motions(file: GltfFile, tree: NodeTree, wanted: str = "") -> list[RigidMotion | None]:
+    """How the animation named `wanted` moves each of the tree's mesh nodes; None for those that it leaves where they are.
 
     wanted: "" is the file's first animation, ALL_ANIMATIONS all of them, as long as the longest; where two move the same, the first does.
     Raises as gltf.py says for a file that is not as the standard has it, and ValueError with the names for one that it does not have.
@@ -133,21 +133,21 @@ def read_motions(file: GltfFile, mesh_nodes: Sequence[MeshNode], wanted: str = "
                 sampler = item(animation["samplers"], channel["sampler"], "samplers")
                 tracks.setdefault(number, {})[target] = _read_track(file, sampler, target)
     duration_s = max((float(track.times[-1]) for moved in tracks.values() for track in moved.values()), default=0.0)
-    return [_motion(file, node.path, tracks, duration_s) if duration_s > 0 else None for node in mesh_nodes]
-
-
-def _motion(
-    file: GltfFile, path: tuple[int, ...], tracks: Mapping[int, Mapping[Target, KeyframeTrack]], duration_s: float
-) -> RigidMotion | None:
-    if tracks.keys().isdisjoint(path):
-        return None
-    nodes = [(file.document["nodes"][number], tracks.get(number, {})) for number in path]
+    if duration_s <= 0:
+        return [None] * len(tree.mesh_nodes)
     # A node with a matrix is never animated (section 3.5.3).
-    animated = [AnimatedNode(rest_matrix(node), node_transform(node), {} if "matrix" in node else moved) for node, moved in nodes]
-    motion = RigidMotion(tuple(animated), duration_s, np.eye(4))
-    if not abs(np.linalg.det(motion.file_from_node())) > MIN_DETERMINANT:
-        raise ValueError("has an animated node that is scaled to nothing where the file places it")
-    return motion
+    nodes = [
+        AnimatedNode(rest_matrix(node), node_transform(node), {} if "matrix" in node else tracks.get(number, {}))
+        for number, node in enumerate(file.document["nodes"])
+    ]
+    motions: list[RigidMotion | None] = []
+    for path in (tree.path(node.number) for node in tree.mesh_nodes):
+        moves = not tracks.keys().isdisjoint(path)
+        motions.append(RigidMotion(tuple(nodes[number] for number in path), duration_s, np.eye(4)) if moves else None)
+    for motion in motions:
+        if motion is not None and not abs(np.linalg.det(motion.file_from_node())) > MIN_DETERMINANT:
+            raise ValueError("has an animated node that is scaled to nothing where the file places it")
+    return motions
 
 
 def animation_names(file: GltfFile) -> list[str]:

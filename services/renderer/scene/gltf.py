@@ -10,6 +10,7 @@ import base64
 import binascii
 import json
 import struct
+from errno import ENOENT
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -97,7 +98,10 @@ class GltfFile:
 
     def _resource(self, uri: str) -> bytes:
         if not uri.startswith("data:"):
-            return (self._folder / unquote(uri)).read_bytes()
+            path = self._folder / unquote(uri)
+            if not path.is_file():  # nor a device or a pipe, which may never end
+                raise FileNotFoundError(ENOENT, "there is no such file", str(path))
+            return path.read_bytes()
         try:
             return base64.b64decode(uri.partition(",")[2], validate=True)
         except binascii.Error as error:

@@ -25,30 +25,49 @@ class NodeTransform(NamedTuple):
 
 
 class MeshNode(NamedTuple):
-    """A node with a mesh. path: the numbers of the nodes from a root down to it. mesh: as the document has it."""
+    """A node with a mesh. mesh: as the document has it. file_from_mesh: (4, 4), without animation."""
 
-    path: tuple[int, ...]
+    number: int
     mesh: Mapping[str, Any]
+    file_from_mesh: np.ndarray
 
 
-def mesh_nodes(file: GltfFile) -> list[MeshNode]:
-    """The nodes with a mesh in the file's scene; none where it has no scene. Raises ValueError for a node that has two parents."""
+class NodeTree(NamedTuple):
+    """The nodes of a file's scene. mesh_nodes: in the order they are drawn. parents: of each node, None for a root."""
+
+    mesh_nodes: list[MeshNode]
+    parents: Mapping[int, int | None]
+
+    def path(self, number: int) -> tuple[int, ...]:
+        """The numbers of the nodes from the root down to a node."""
+        path: list[int] = []
+        above: int | None = number
+        while above is not None:
+            path.append(above)
+            above = self.parents[above]
+        return tuple(reversed(path))
+
+
+def read_nodes(file: GltfFile) -> NodeTree:
+    """The nodes of the file's scene; none where it has no scene. Raises ValueError for a node that has two parents."""
     document = file.document
     nodes, meshes = document.get("nodes", []), document.get("meshes", [])
-    if not document.get("scenes"):
-        return []
-    roots = item(document["scenes"], document.get("scene", 0), "scenes").get("nodes", [])
-    found, passed, stack = [], set(), [(root,) for root in roots]
+    scenes = document.get("scenes", [])
+    roots = item(scenes, document.get("scene", 0), "scenes").get("nodes", []) if scenes else []
+    found: list[MeshNode] = []
+    parents: dict[int, int | None] = {}
+    stack: list[tuple[int, int | None, np.ndarray]] = [(root, None, np.eye(4)) for root in roots]
     while stack:  # depth first, the last child before the first
-        path = stack.pop()
-        if path[-1] in passed:
+        number, parent, file_from_parent = stack.pop()
+        if number in parents:
             raise ValueError("has nodes with several parents")
-        passed.add(path[-1])
-        node = item(nodes, path[-1], "nodes")
-        stack += [(*path, child) for child in node.get("children", [])]
+        parents[number] = parent
+        node = item(nodes, number, "nodes")
+        file_from_node = file_from_parent @ rest_matrix(node)
+        stack += [(child, number, file_from_node) for child in node.get("children", [])]
         if "mesh" in node:
-            found.append(MeshNode(path, item(meshes, node["mesh"], "meshes")))
-    return found
+            found.append(MeshNode(number, item(meshes, node["mesh"], "meshes"), file_from_node))
+    return NodeTree(found, parents)
 
 
 def node_transform(node: Mapping[str, Any]) -> NodeTransform:

@@ -12,7 +12,7 @@ from vemlight.light.images import one_line
 from vemlight.renderer.scene.animation import ALL_ANIMATIONS, RigidMotion, animation_names, read_motions
 from vemlight.renderer.scene.gltf import TRIANGLE_STRIP, TRIANGLES, GltfFile
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
-from vemlight.renderer.scene.gltf_nodes import mesh_nodes, rest_matrix
+from vemlight.renderer.scene.gltf_nodes import read_nodes
 from vemlight.renderer.scene.materials import Material, Phong
 from vemlight.renderer.scene.meshes import Geometry, clean_geometry
 from vemlight.renderer.scene.trimesh_materials import colours_from_visual, material_from_visual
@@ -88,13 +88,10 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
 
 def _gltf_meshes(file: GltfFile, looks: GltfMaterials, animation: str, materials: bool) -> list[SourceMesh]:
     """The primitives of triangles and strips of each node. One that several nodes have is read once."""
-    nodes = mesh_nodes(file)
+    tree = read_nodes(file)
     read: dict[int, tuple[VertexAttributes, np.ndarray, Material | None]] = {}
     meshes = []
-    for node, motion in zip(nodes, read_motions(file, nodes, animation), strict=True):
-        file_from_mesh = np.eye(4)
-        for number in node.path:
-            file_from_mesh = file_from_mesh @ rest_matrix(file.document["nodes"][number])
+    for node, motion in zip(tree.mesh_nodes, read_motions(file, tree, animation), strict=True):
         for primitive in node.mesh["primitives"]:
             if primitive.get("mode", TRIANGLES) in (TRIANGLES, TRIANGLE_STRIP):
                 if id(primitive) not in read:
@@ -102,7 +99,7 @@ def _gltf_meshes(file: GltfFile, looks: GltfMaterials, animation: str, materials
                     triangles = file.triangles(primitive, len(vertices.positions))
                     read[id(primitive)] = vertices, triangles, looks.material(primitive) if materials else None
                 vertices, triangles, material = read[id(primitive)]
-                meshes.append(SourceMesh(vertices, triangles, file_from_mesh, material, motion))
+                meshes.append(SourceMesh(vertices, triangles, node.file_from_mesh, material, motion))
     return meshes
 
 

@@ -6,10 +6,10 @@ SETTINGS ?=
 GL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
 .DEFAULT_GOAL := help
-.PHONY: help env gl run test check charts golden clean
+.PHONY: help env gl run test check charts golden settings-doc clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 	@echo "  options of run: FRAMES=24 (stop after so many), OUT=out (write lights and pictures there), SETTINGS=vemlight.toml"
 
 env: $(VENV)/.ready  ## make the Python environment in .venv, from the hashed lock, and nothing else
@@ -47,6 +47,9 @@ check: env  ## lint and check the types
 charts: gl  ## make the charts in docs/charts anew (needs VEMLIGHT_DATA for real maps; under 30 minutes on 2 cores)
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock -r requirements-dev.lock -r requirements-bench.lock
 	$(BIN)/python -m bench.charts
+
+settings-doc: env  ## write docs/settings.md anew from services/settings.py
+	$(BIN)/vemlight settings > docs/settings.md
 
 golden: gl  ## write the golden messages and the references of the replay tests anew
 	$(BIN)/python tests/golden.py

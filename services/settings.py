@@ -1,10 +1,11 @@
 """The settings: frozen records, one a service, read once at start from one TOML file. An unknown key is an error.
 
-Paths in the file are relative to it; after `read_settings` they are absolute.
+Each key is declared here once: type, default, range, unit and meaning; docs/settings.md is made from it. Paths in the file are relative
+to it; after `read_settings` they are absolute.
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -14,107 +15,165 @@ from vemlight.files import read_toml
 from vemlight.light.sphere import Coverage
 from vemlight.runtime.channels import SERVICES, Service
 
+# Limits keep a mistyped number from taking all memory. A map of 4096 x 8192 takes 402 MB, a picture of 8192 x 8192 in float32 RGBA
+# 1.1 GB, and 100,000 lights are a thousand times what a frame needs; other powers of two would do as well.
+MAX_PICTURE_SIDE = 8192
 Count = Annotated[int, Meta(ge=1, le=100_000)]
-Port = Annotated[int, Meta(ge=1, le=65_000)]
-MAX_PICTURE_SIDE = 8192  # on a side of the picture
+Count0 = Annotated[int, Meta(ge=0, le=100_000)]
 Side = Annotated[int, Meta(ge=1, le=MAX_PICTURE_SIDE)]
+Rate = Annotated[float, Meta(gt=0, le=1000)]
+Frequency = Annotated[float, Meta(gt=0, le=500)]  # up to half of the highest frame rate
+Stops = Annotated[float, Meta(ge=-20, le=20)]  # a factor of a million either way
+Port = Annotated[int, Meta(ge=1, le=65_000)]  # the wire takes ten ports from its first
 Mode = Literal["live", "lossless"]
 Tone = Literal["reinhard", "exponential"]
 
-
-class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """A section of the settings."""
-
-
-class Wire(Record, frozen=True):
-    """Where the services meet: sockets in a private folder of this machine, or tcp between hosts."""
-
-    transport: Literal["ipc", "tcp"] = "ipc"
-    folder: str = ""  # of the ipc sockets; empty: a folder of this user's, made with mode 0700
-    hosts: dict[Service, str] = {}  # tcp: where each service runs; 127.0.0.1 when left out
-    port: Port = 5600  # tcp: the first of the ten ports in use
-    keys: str = ""  # tcp: folder with the CURVE keys of `vemlight keys`
-    insecure: bool = False  # tcp without keys
+PATH = Meta(extra={"unit": "path"})
+FRAMES = Meta(extra={"unit": "frames"})
+FPS = Meta(extra={"unit": "frames/s"})
+HZ = Meta(extra={"unit": "Hz"})
+MS = Meta(extra={"unit": "ms"})
+PER_CENT = Meta(extra={"unit": "%"})
+PIXELS = Meta(extra={"unit": "pixels"})
+STOPS = Meta(extra={"unit": "stops"})
+TEXELS = Meta(extra={"unit": "texels"})
 
 
-class Capture(Record, frozen=True):
-    source: str = ""  # lat-long .hdr or .exr, a folder of them, a recorded sequence, or /dev/videoN; empty: the bundled sequence
-    lens: str = ""  # fisheye sequences: the lens file
-    response: str = ""  # raw fisheye frames: the response file
-    fps: Annotated[float, Meta(gt=0, le=1000)] = 25.0
-    rows: Annotated[int, Meta(ge=2, le=4096)] = 90
-    cols: Annotated[int, Meta(ge=4, le=8192)] = 360
-    coverage: Coverage = "hemisphere"
-    frames: Annotated[int, Meta(ge=0)] = 0  # stop after so many; 0: all of them, again and again in live mode
-    start: Annotated[int, Meta(ge=0)] = 0  # files: the first frame to play
-    end: Annotated[int, Meta(ge=0)] = 0  # files: the one to stop before; 0: to the last
-    speed: Annotated[float, Meta(gt=0, le=100)] = 1.0  # files: times their own rate
-    format: str = ""  # cameras: the kernel's four letters, such as Y12 or RG10; empty: the deepest one. PNG frames: their mosaic
-    width: Annotated[int, Meta(ge=0, le=16384)] = 0  # cameras: what to ask for; 0: the lens file's size
-    height: Annotated[int, Meta(ge=0, le=16384)] = 0
-    record: str = ""  # folder to record to; empty: nothing is recorded
-    threads: Annotated[int, Meta(ge=1, le=8)] = 1  # fisheye frames: that share the work; more are for images above 2 megapixels
+def means(text: str) -> Meta:
+    """What a key means, for docs/settings.md."""
+    return Meta(description=text)
 
 
-class Sampler(Record, frozen=True):
-    method: Literal["tracked", "havran-azimuth", "havran-radius", "standard"] = "tracked"
-    points: Literal["auto", "disc", "relaxed", "halton"] = "auto"  # not "tracked"; auto: "standard" relaxed, the others disc
-    count: Count = 72  # lights; the most of them where error_percent or the renderer's frame_ms chooses
-    filter: Literal["auto", "adaptive", "fir2005", "fir", "binomial", "iir", "none"] = "auto"  # auto: "tracked" adaptive, others fir2005
-    order: Annotated[int, Meta(ge=2, le=64, multiple_of=2)] = 8  # "fir": frames it looks back; the delay is half of them
-    pass_hz: Annotated[float, Meta(gt=0, le=500)] = 3.0  # "fir": kept up to here; "iir": half the power left here
-    stop_hz: Annotated[float, Meta(gt=0, le=500)] = 6.0  # "fir": removed from here on
-    deflicker: bool = False  # take mains flicker out of the total power
-    clusters: Annotated[int, Meta(ge=0, le=100_000)] = 0  # most lights after merging neighbours; 0: no merging
-    gloss_lights: Annotated[int, Meta(ge=0, le=100_000)] = 0  # in the gloss set, a second, larger set for glossy surfaces; 0: none
-    error_percent: Annotated[float, Meta(ge=0, le=100)] = 0.0  # as many lights as keep the irradiance within this of the map's; 0: `count`
+class SettingsSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """A section of the settings file."""
+
+
+class Wire(SettingsSection, frozen=True):
+    """How the services reach each other: sockets in a private folder of this machine, or TCP between hosts."""
+
+    transport: Annotated[Literal["ipc", "tcp"], means("sockets in a folder of this machine, or TCP between hosts")] = "ipc"
+    folder: Annotated[str, means("of the ipc sockets; empty: a folder of this user's, made with mode 0700"), PATH] = ""
+    hosts: Annotated[dict[Service, str], means("tcp: the host on which each service runs; 127.0.0.1 when left out")] = {}
+    port: Annotated[Port, means("tcp: the first of the ten ports in use")] = 5600
+    keys: Annotated[str, means("tcp: folder with the CURVE keys of `vemlight keys`"), PATH] = ""
+    insecure: Annotated[bool, means("tcp: allow it without keys")] = False
+
+
+class Capture(SettingsSection, frozen=True):
+    """Where the light comes from, and the polar map that is made of it."""
+
+    source: Annotated[
+        str, means("lat-long .hdr or .exr, a folder of them, a recording, or /dev/videoN; empty: the bundled sequence"), PATH
+    ] = ""
+    lens: Annotated[str, means("fisheye frames: the lens file; empty: lens.toml beside them"), PATH] = ""
+    response: Annotated[str, means("raw fisheye frames: the response file; empty: response.toml beside them"), PATH] = ""
+    fps: Annotated[Rate, means("frame rate of sources whose files do not say theirs"), FPS] = 25.0
+    rows: Annotated[int, Meta(ge=2, le=4096), means("rows of the polar map, equal in elevation"), PIXELS] = 90
+    cols: Annotated[int, Meta(ge=4, le=8192), means("columns of the polar map, equal in azimuth"), PIXELS] = 360
+    coverage: Annotated[Coverage, means("the part of the sphere of directions that the map covers")] = "hemisphere"
+    frames: Annotated[int, Meta(ge=0), means("stop after so many; 0: all of them, again and again in live mode"), FRAMES] = 0
+    start: Annotated[int, Meta(ge=0), means("files: number of the first frame to play")] = 0
+    end: Annotated[int, Meta(ge=0), means("files: number of the frame to stop before; 0: play to the last")] = 0
+    speed: Annotated[float, Meta(gt=0, le=100), means("files: playback rate, as a multiple of their own")] = 1.0
+    format: Annotated[
+        str, means("cameras: the kernel's four letters, such as Y12 or RG10; empty: the deepest. PNG frames: their mosaic")
+    ] = ""
+    width: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame width to ask for; 0: the lens file's"), PIXELS] = 0
+    height: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame height to ask for; 0: the lens file's"), PIXELS] = 0
+    record: Annotated[str, means("folder to record to; empty: nothing is recorded"), PATH] = ""
+    threads: Annotated[int, Meta(ge=1, le=8), means("threads that unwrap a fisheye frame; more than 1 pays above 2 megapixels")] = 1
+
+
+class Sampler(SettingsSection, frozen=True):
+    """How lights are chosen from a map and kept steady."""
+
+    method: Annotated[Literal["tracked", "havran-azimuth", "havran-radius", "standard"], means("how lights are chosen")] = "tracked"
+    points: Annotated[
+        Literal["auto", "disc", "relaxed", "halton"], means("point set of all methods but tracked; auto: relaxed for standard, else disc")
+    ] = "auto"
+    count: Annotated[Count, means("lights a frame; the maximum where error_percent or the renderer's frame_ms chooses")] = 72
+    filter: Annotated[
+        Literal["auto", "adaptive", "fir2005", "fir", "binomial", "iir", "none"],
+        means("temporal filter; auto: adaptive for tracked, fir2005 for the others"),
+    ] = "auto"
+    order: Annotated[int, Meta(ge=2, le=64, multiple_of=2), means("fir: frames it looks back; the delay is half of them"), FRAMES] = 8
+    pass_hz: Annotated[Frequency, means("fir: end of the pass band; iir: half of the power passes here"), HZ] = 3.0
+    stop_hz: Annotated[Frequency, means("fir: start of the stop band"), HZ] = 6.0
+    deflicker: Annotated[bool, means("remove mains flicker from the total power")] = False
+    clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0
+    gloss_lights: Annotated[Count0, means("lights of the gloss set, a second, larger set for glossy surfaces; 0: none")] = 0
+    error_percent: Annotated[
+        float, Meta(ge=0, le=100), means("use as few lights as keep the irradiance within this of the map's; 0: always `count`"), PER_CENT
+    ] = 0.0
 
     def __post_init__(self) -> None:
         if self.filter not in ("auto", "none") and (self.method == "tracked") != (self.filter == "adaptive"):
             raise ValueError(f"filter {self.filter} does not go with method {self.method}; name another method, or filter auto")
 
 
-class Renderer(Record, frozen=True):
-    scene: str = ""  # scene file; empty: the bundled one
-    width: Side = 640
-    height: Side = 480
-    # Texels on a side of each light's shadow map; left out: 64 to 1024, by the light's share of the power.
-    shadow_map: Annotated[int, Meta(ge=16, le=4096)] | None = None
-    # Live: met by fewer and coarser shadow maps a frame, then fewer lights; 0: no target; left out: 100, ten pictures a second.
-    frame_ms: Annotated[float, Meta(ge=0, le=10_000)] | None = None
-    # Of the sphere of normals, each with the lights it sees; 0: none; left out: 24 for light from all sides, none for a hemisphere.
-    light_regions: Annotated[int, Meta(ge=0, le=256)] | None = None
-    exposure: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # stops, on top of the tone mapping's own
-    tone: Tone = "reinhard"  # the curve of the tone mapping
-    background: Literal["clear", "map"] = "clear"  # behind the scene: nothing, with alpha 0, or the light around
-    video: str = ""  # file to make of all pictures at the end, .mp4, .mov or .mkv; needs `out`; empty: none
-    picture: Literal["srgb8", "linear16"] = "srgb8"  # linear16: for other programs also the picture before tone mapping, as half floats
+class Renderer(SettingsSection, frozen=True):
+    """What is drawn, and within which time."""
+
+    scene: Annotated[str, means("scene file; empty: the bundled scene"), PATH] = ""
+    width: Annotated[Side, means("of the picture"), PIXELS] = 640
+    height: Annotated[Side, means("of the picture"), PIXELS] = 480
+    shadow_map: Annotated[
+        Annotated[int, Meta(ge=16, le=4096)] | None,
+        means("side of each light's shadow map; left out: 64 to 1024, by the light's fraction of the power"),
+        TEXELS,
+    ] = None
+    frame_ms: Annotated[
+        Annotated[float, Meta(ge=0, le=10_000)] | None,
+        means("live: target of a frame, met by fewer and coarser shadow maps, then fewer lights; 0: no target; left out: 100"),
+        MS,
+    ] = None
+    light_regions: Annotated[
+        Annotated[int, Meta(ge=0, le=256)] | None,
+        means("regions of the sphere of normals, each with a list of the lights above its horizon; 0: none; left out: 24 for light from "
+              "all sides, none for a hemisphere"),
+    ] = None  # fmt: skip
+    exposure: Annotated[Stops, means("added to the tone mapping's own exposure"), STOPS] = 0.0
+    tone: Annotated[Tone, means("curve of the tone mapping")] = "reinhard"
+    background: Annotated[Literal["clear", "map"], means("behind the scene: nothing, with alpha 0, or the environment map")] = "clear"
+    video: Annotated[str, means("file to write all pictures to at the end, .mp4, .mov or .mkv; needs `out`; empty: none"), PATH] = ""
+    picture: Annotated[Literal["srgb8", "linear16"], means("linear16: also send the picture before tone mapping, as half floats")] = "srgb8"
 
 
-class Plate(Record, frozen=True):
-    """A second camera, whose picture stands behind the scene."""
+class Plate(SettingsSection, frozen=True):
+    """A second camera, whose picture is the background of the scene."""
 
-    source: str = ""  # a film, a folder of pictures, or /dev/videoN; empty: there is none
-    fps: Annotated[float, Meta(gt=0, le=1000)] = 25.0  # folders of pictures; films have their own
-    stops: Annotated[float, Meta(ge=-20, le=20)] = 0.0  # brighter or darker, to fit the lights
+    source: Annotated[str, means("a video, a folder of pictures, or /dev/videoN; empty: there is none"), PATH] = ""
+    fps: Annotated[Rate, means("frame rate of a folder of pictures; videos have their own"), FPS] = 25.0
+    stops: Annotated[Stops, means("exposure of the plate, to match the lights"), STOPS] = 0.0
 
 
-class Viewer(Record, frozen=True):
-    host: str = "127.0.0.1"  # this machine only; 0.0.0.0: everyone on the network who has the token
-    port: Port = 8080
-    # Asked for when it is set; left out: none on this machine only, else a new one at each start, in the address that is printed.
-    token: Annotated[str, Meta(pattern="^([A-Za-z0-9_-]{16,128})?$")] = ""
-    insecure: bool = False  # everyone who reaches the page may see and steer, without a token
-    names: tuple[str, ...] = ()  # under which browsers may ask for the page, beside numbers, localhost and this machine's name
+class Viewer(SettingsSection, frozen=True):
+    """The page that shows and controls it all."""
+
+    host: Annotated[
+        str, means("address to listen at; 127.0.0.1: this machine only; 0.0.0.0: everyone on the network who has the token")
+    ] = "127.0.0.1"
+    port: Annotated[Port, means("TCP port of the page")] = 8080
+    token: Annotated[
+        str,
+        Meta(pattern="^([A-Za-z0-9_-]{16,128})?$"),
+        means("asked for when it is set; empty: none on this machine only, else a new one at each start, in the address that is printed"),
+    ] = ""
+    insecure: Annotated[bool, means("let everyone who reaches the page see and control, without a token")] = False
+    names: Annotated[
+        tuple[str, ...], means("host names under which browsers may ask for the page, besides numbers, localhost and this machine's name")
+    ] = ()
 
     def __post_init__(self) -> None:
         if self.token and self.insecure:
             raise ValueError("token and insecure exclude each other; take one of them out")
 
 
-class Settings(Record, frozen=True):
-    mode: Mode = "live"
-    out: str = ""  # folder for lights (.jsonl) and pictures (EXR and PNG); empty: nothing is written
+class Settings(SettingsSection, frozen=True):
+    """The settings of one run."""
+
+    mode: Annotated[Mode, means("live: the newest frame wins; lossless: every frame, in order")] = "live"
+    out: Annotated[str, means("folder for lights (.jsonl) and pictures (EXR and PNG); empty: nothing is written"), PATH] = ""
     wire: Wire = Wire()
     capture: Capture = Capture()
     sampler: Sampler = Sampler()
@@ -128,28 +187,27 @@ class Settings(Record, frozen=True):
         return tuple(service for service in SERVICES if service != "plate" or self.plate.source)
 
 
-_PATHS = {
-    "": ("out",),
-    "wire": ("folder", "keys"),
-    "capture": ("source", "lens", "response", "record"),
-    "renderer": ("scene", "video"),
-    "plate": ("source",),
-}
+Section = TypeVar("Section", bound=SettingsSection)
 
 
 def read_settings(path: Path | None) -> Settings:
     """The settings at `path` with absolute paths, or the defaults. Raises UserError naming file and key."""
     settings = read_toml(path, Settings) if path else Settings()
-    folder = path.resolve().parent if path else Path.cwd()
-    for section, keys in _PATHS.items():
-        record = getattr(settings, section) if section else settings
-        full = {key: str(folder / value) for key in keys if (value := getattr(record, key))}
-        if section:
-            settings = msgspec.structs.replace(settings, **{section: msgspec.structs.replace(record, **full)})
-        else:
-            settings = msgspec.structs.replace(settings, **full)
+    settings = _with_absolute_paths(settings, path.resolve().parent if path else Path.cwd())
     check_settings(settings, path)
     return settings
+
+
+def _with_absolute_paths(section: Section, folder: Path) -> Section:
+    """A copy whose paths, here and in the sections inside, start at `folder`."""
+    changes: dict[str, Any] = {}
+    for key, hint in get_type_hints(type(section), include_extras=True).items():
+        value = getattr(section, key)
+        if isinstance(value, SettingsSection):
+            changes[key] = _with_absolute_paths(value, folder)
+        elif value and PATH in get_args(hint):
+            changes[key] = str(folder / value)
+    return msgspec.structs.replace(section, **changes)
 
 
 def check_settings(settings: Settings, path: Path | None = None) -> None:
@@ -170,19 +228,16 @@ def is_camera(source: str) -> bool:
     return source.startswith("/dev/") and not source.startswith("/dev/shm/")
 
 
-Section = TypeVar("Section", bound=Record)
-
-
-def record(kind: type[Section], values: dict[str, Any], prefix: str) -> Section:
-    """A section made of `values`; None means the default. Raises UserError naming the option, as `prefix` and its key."""
+def section_from_options(kind: type[Section], values: dict[str, Any]) -> Section:
+    """A section made of a command's options; None stands for the default. Raises UserError naming the option as it is typed."""
     given = {key: str(value) if isinstance(value, Path) else value for key, value in values.items() if value is not None}
     try:
         return msgspec.convert(given, kind)
     except msgspec.ValidationError as error:
         text, _, where = str(error).partition(" - at `$.")
-        if not where:  # values that do not go together; the text says how to mend them
+        if not where:  # values that do not go together; the text says how to fix them
             raise UserError(text) from error
         key = where.rstrip("`")
-        choices = get_args(get_type_hints(kind).get(key))
-        known = f"; choose from {', '.join(map(str, choices))}" if choices else ""
-        raise UserError(f"{prefix}{key}: {text[:1].lower()}{text[1:]}{known or '; change that option'}") from error
+        type_ = get_type_hints(kind).get(key)
+        hint = f"choose from {', '.join(get_args(type_))}" if get_origin(type_) is Literal else "change that option"
+        raise UserError(f"--{key.replace('_', '-')}: {text[:1].lower()}{text[1:]}; {hint}") from error

@@ -1,6 +1,8 @@
 """Settings: what is left out has a default, what is wrong is one line that names it."""
 
-from typing import get_type_hints
+import re
+from pathlib import Path
+from typing import get_args, get_type_hints
 
 import msgspec
 import pytest
@@ -8,10 +10,13 @@ from hypothesis import HealthCheck, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+from vemlight.commands.settings_reference import settings_reference
 from vemlight.errors import UserError
-from vemlight.settings import Capture, Renderer, Sampler, Settings, check_settings, is_camera, read_settings, record
+from vemlight.settings import PATH, Capture, Renderer, Sampler, Settings, check_settings, is_camera, read_settings, section_from_options
 
 SECTIONS = {name: kind for name, kind in get_type_hints(Settings).items() if isinstance(kind, type) and issubclass(kind, msgspec.Struct)}
+HINTS = {name: get_type_hints(kind, include_extras=True) for name, kind in SECTIONS.items()}
+ROOT = Path(__file__).parents[1]
 KEYS = [(section, key) for section, kind in SECTIONS.items() for key in get_type_hints(kind)]
 TEXTS = ("0", "1", "-1", "2.5", "nan", "inf", "1e400", '""', '"x"', "true", "[]", '["a"]', "{}", "{a = 1}", "9" * 30, "1979-05-27")
 VALUES = st.sampled_from(TEXTS)
@@ -76,19 +81,38 @@ def test_any_value_anywhere_is_taken_or_refused_in_one_line(tmp_path, chosen):
     assert len(told.splitlines()) == 1
 
 
+def test_the_page_of_all_settings_is_current_and_complete():
+    """Each default and limit is written there: whoever changes one changes the page, by `make settings-doc`."""
+    page = settings_reference()
+    assert page == (ROOT / "docs" / "settings.md").read_text()
+    for _, key in KEYS:
+        assert re.search(rf"^\| `{key}` \|.*\| [^|]+ \|$", page, re.MULTILINE), f"{key} has no meaning there"
+
+
+def test_every_key_that_names_a_file_is_relative_to_the_settings(tmp_path):
+    keys = [(section, key) for section, hints in HINTS.items() for key, hint in hints.items() if PATH in get_args(hint)]
+    assert set(keys) == {
+        ("wire", "folder"), ("wire", "keys"), ("capture", "source"), ("capture", "lens"), ("capture", "response"), ("capture", "record"),
+        ("renderer", "scene"), ("renderer", "video"), ("plate", "source"),
+    }  # fmt: skip
+    for section, key in keys:
+        found = read_settings(written(tmp_path, f'[{section}]\n{key} = "a/b"\n'))
+        assert getattr(getattr(found, section), key) == str(tmp_path / "a" / "b")
+
+
 def test_the_services_that_run():
     assert "plate" not in Settings().services
     assert "plate" in msgspec.structs.replace(Settings(), plate=msgspec.convert({"source": "film.mp4"}, SECTIONS["plate"])).services
 
 
 def test_options_of_a_command_line_are_named_as_there():
-    assert record(Sampler, {"count": 5, "method": None}, "--") == Sampler(count=5)
+    assert section_from_options(Sampler, {"count": 5, "method": None}) == Sampler(count=5)
     for kind, values, words in (
         (Sampler, {"method": "best"}, ("--method", "tracked", "standard")),
         (Capture, {"fps": -1.0}, ("--fps",)),
-        (Renderer, {"shadow_map": 1}, ("--shadow_map", "16")),
+        (Renderer, {"shadow_map": 1}, ("--shadow-map", "16")),
         (Sampler, {"method": "tracked", "filter": "fir"}, ("filter fir", "filter auto")),
     ):
         with pytest.raises(UserError) as told:
-            record(kind, values, "--")
+            section_from_options(kind, values)
         assert all(word in str(told.value) for word in words)

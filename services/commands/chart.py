@@ -159,7 +159,7 @@ def _happening(event: str, first: Moment) -> list[Moment]:
 
 def _sampler(method: str, **values: Any) -> Sampler:
     name, _, unfiltered = method.partition(",")
-    return settings.record(Sampler, {"method": name, **({"filter": "none"} if unfiltered else {}), **values}, "--")
+    return settings.section_from_options(Sampler, {"method": name, **({"filter": "none"} if unfiltered else {}), **values})
 
 
 def _lit(wanted: Sampler, moments: list[Moment]) -> Iterator[tuple[LightSet, float]]:

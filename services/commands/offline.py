@@ -19,7 +19,7 @@ from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score as scored
 from vemlight.sampler.score import text
 from vemlight.sampler.step import initial_state, step
-from vemlight.settings import record
+from vemlight.settings import section_from_options
 
 GLOSS_LIGHTS = 512  # of a glossy scene; twice as many gain little (docs/looks.md)
 
@@ -42,7 +42,7 @@ def open_frames(options: SamplingOptions) -> FrameSource:
         "lens": options.lens,
         "response": options.response,
     }
-    return open_source(record(settings.Capture, given, "--"))
+    return open_source(section_from_options(settings.Capture, given))
 
 
 def sampler_settings(options: SamplingOptions, frames: int, **given: float | None) -> settings.Sampler:
@@ -53,7 +53,7 @@ def sampler_settings(options: SamplingOptions, frames: int, **given: float | Non
         "filter": options.filter or (None if frames > 1 else "none"),
         "deflicker": options.deflicker,
     }
-    return record(settings.Sampler, given_by_both | given, "--")
+    return section_from_options(settings.Sampler, given_by_both | given)
 
 
 def renderer_settings(options: RenderOptions) -> settings.Renderer:
@@ -70,7 +70,7 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
         "shadow_map": options.shadow_map,
         "exposure": options.exposure,
     }
-    return record(settings.Renderer, given, "--")
+    return section_from_options(settings.Renderer, given)
 
 
 def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]:

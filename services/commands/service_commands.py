@@ -74,6 +74,14 @@ def doctor(settings: Path | None, as_json: bool) -> None:
     sys.exit(1 if failed else 0)
 
 
+@click.command("settings")
+def settings_() -> None:
+    """Print all settings as a Markdown page: type, default, unit, range and meaning of each key."""
+    from vemlight.commands.settings_reference import settings_reference
+
+    click.echo(settings_reference(), nl=False)
+
+
 @click.command()
 @click.argument("folder", type=PATH)
 def keys(folder: Path) -> None:
@@ -103,6 +111,7 @@ COMMANDS = (
     _service("viewer", "the page that shows it all."),
     _service("plate", "a second camera's picture behind the scene."),
     doctor,
+    settings_,
     keys,
     health,
 )

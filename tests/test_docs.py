@@ -1,0 +1,34 @@
+"""What the documents name exists: files, links, make targets and commands."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from vemlight.commands.cli import main
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "proto" / "README.md"])
+LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+NAMED_FILE = re.compile(r"`((?:services|tests|bench|docs|proto|replay_data|deploy)/[\w./*-]*)`")
+NAMED_COMMAND = re.compile(r"(?<![\w./-])vemlight ([a-z]+)\b")
+NAMED_TARGET = re.compile(r"(?:`|^)make ([a-z-]+)", re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    links = [link for link in LINK.findall(page.read_text()) if "://" not in link]
+    assert [link for link in links if not (page.parent / link).exists()] == []
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name != "CHANGELOG.md"], ids=lambda page: page.name)
+def test_named_files_exist(page):
+    assert [name for name in NAMED_FILE.findall(page.read_text()) if not any(ROOT.glob(name.rstrip("/")))] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_named_commands_and_targets_exist(page):
+    code = " ".join(re.findall(r"`[^`]+`|```.*?```", page.read_text(), re.DOTALL))
+    assert set(NAMED_COMMAND.findall(code)) <= {*main.commands}
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    assert set(NAMED_TARGET.findall(page.read_text())) <= targets

@@ -1,9 +1,9 @@
-"""The two ways in which work ends early: what the user must change, and what nobody can but a new start may."""
+"""The two ways in which work ends early: by what the user has to change, and by what only a restart can fix."""
 
 
 class UserError(ValueError):
-    """What the user must mend. Its text is one line that says what is wrong, where, and how to mend it."""
+    """A mistake that the user can fix. Its text is one line: what is wrong, where, and how to fix it."""
 
 
 class FatalError(RuntimeError):
-    """What nobody can mend but a new start may: a device that is gone. Its text is one line."""
+    """A failure that only a restart can fix, such as a device that is gone. Its text is one line."""

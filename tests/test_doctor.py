@@ -1,12 +1,14 @@
-"""What `vemlight doctor` finds, on this machine and on made-up ones: each fault with its mend."""
+"""What `vemlight doctor` finds, on this machine and on simulated ones: each fault with a hint how to fix it."""
 
 import os
+import shutil
 import socket
 from importlib import metadata
 from pathlib import Path
 
 import msgspec
 import pytest
+import zmq
 
 from tests.support.processes import vemlight
 from tests.support.settings_files import with_section
@@ -102,7 +104,7 @@ def test_missing_and_old_libraries(settings, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("cores", "pages", "grade", "word"), [(1, 2**22, "warn", "share"), (8, 2**17, "warn", "1 GB"), (8, 2**22, "pass", "")]
+    ("cores", "pages", "grade", "word"), [(1, 2**22, "warn", "all services"), (8, 2**17, "warn", "1 GB"), (2, 2**19, "pass", "")]
 )
 def test_a_small_machine(settings, monkeypatch, cores, pages, grade, word):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
@@ -110,6 +112,12 @@ def test_a_small_machine(settings, monkeypatch, cores, pages, grade, word):
     finding = one(settings, "processor")
     assert finding.grade == grade
     assert word in finding.hint
+
+
+@pytest.mark.parametrize(("version", "grade"), [((4, 3, 4), "fail"), ((4, 3, 5), "pass")])
+def test_a_libzmq_without_its_security_fixes_fails(settings, monkeypatch, version, grade):
+    monkeypatch.setattr(zmq, "zmq_version_info", lambda: version)
+    assert one(settings, "libzmq").grade == grade
 
 
 def test_cameras(settings, monkeypatch):
@@ -158,7 +166,8 @@ def test_files_that_are_not_there(settings, tmp_path, section, key, what):
 def test_the_disk_is_the_one_written_to(settings, tmp_path, monkeypatch):
     out = msgspec.structs.replace(settings, out=str(tmp_path / "not" / "yet"))
     assert one(out, "disk").found.endswith(f"free at {tmp_path}")
-    monkeypatch.setattr(doctor, "FREE_BYTES", 2**80)
-    assert one(out, "disk").grade == "warn"
+    for free, grade in ((4e8, "warn"), (5e9, "pass")):  # a run writes 6 MB a frame
+        monkeypatch.setattr(shutil, "disk_usage", lambda _, free=free: shutil._ntuple_diskusage(2**40, 2**40 - int(free), int(free)))
+        assert one(out, "disk").grade == grade
     monkeypatch.setattr(os, "access", lambda path, _: Path(path) != tmp_path)
     assert one(out, "disk").grade == "fail"

@@ -22,13 +22,13 @@ from vemlight.settings import Settings
 
 Grade = Literal["pass", "warn", "fail"]
 SOFTWARE_GL = ("llvmpipe", "softpipe", "swrast", "swiftshader")
-LIBZMQ_FLOOR = (4, 3, 5)  # has the security fixes of its CURVE code
-FREE_BYTES = 2**30  # a run of 640 x 480 writes about 6 MB a frame: 1 GB is three minutes at one frame a second
-MEMORY_BYTES = 2**30  # the services of the bundled scene take 0.5 GB together, and the system wants its own
+MIN_LIBZMQ = (4, 3, 5)  # the release with the security fixes of its CURVE code
+MIN_FREE_BYTES = 2**30  # a run of 640 x 480 writes about 6 MB a frame: 1 GB is three minutes at one frame a second; 0.5 to 4 GB do
+MIN_MEMORY_BYTES = 2**30  # the services of the bundled scene take 0.5 GB together, and the system its own
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One thing looked at."""
+    """The result of one check; `hint` says how to fix what does not pass."""
 
     grade: Grade
     what: str
@@ -37,7 +37,7 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
-    """Looks at one thing after another; at the libraries alone when one of them is missing, which the rest would stumble over."""
+    """Checks one item after another; stops after the libraries when one of them is missing, which the rest needs."""
     yield Finding("pass", "system", f"{platform.platform()}, Python {platform.python_version()}")
     yield _processor()
     libraries = list(_libraries())
@@ -59,10 +59,10 @@ def examine(settings: Settings) -> Iterator[Finding]:
 def _processor() -> Finding:
     cores, memory = len(os.sched_getaffinity(0)), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     found = f"{cores} core{'s' if cores > 1 else ''} for this process, {memory / 1e9:.1f} GB of memory"
-    if memory < MEMORY_BYTES:
+    if memory < MIN_MEMORY_BYTES:
         return Finding("warn", "processor", found, "the services need 1 GB together; stop other programs, or make smaller pictures")
     if cores < 2:
-        return Finding("warn", "processor", found, "the services share it: expect few pictures a second, and none lost with --out")
+        return Finding("warn", "processor", found, "all services run on it: expect few pictures a second; with --out none is lost")
     return Finding("pass", "processor", found)
 
 
@@ -90,7 +90,7 @@ def _libraries() -> Iterator[Finding]:
     import zmq
 
     found = f"{zmq.zmq_version()}, CURVE {'yes' if zmq.has('curve') else 'no'}"
-    if zmq.zmq_version_info() < LIBZMQ_FLOOR or not zmq.has("curve"):
+    if zmq.zmq_version_info() < MIN_LIBZMQ or not zmq.has("curve"):
         yield Finding("fail", "libzmq", found, "install pyzmq from its wheel, which brings libzmq 4.3.5 with CURVE")
     else:
         yield Finding("pass", "libzmq", found)
@@ -114,8 +114,8 @@ def _gl() -> Finding:
         return Finding("pass", "OpenGL", found)
     found += f" (what came before it: {'; '.join(opened.refused)})" if opened.refused else ""
     if closed := closed_cards():
-        return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened", group_hint(closed[0]))
-    hint = "drawn by the processor: correct but slow; install your graphics card's driver, give a container its device"
+        return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened by this user", group_hint(closed[0]))
+    hint = "pictures are drawn by the processor, which is slow; install your GPU's driver, or give the container its device"
     return Finding("warn", "OpenGL", found, hint)
 
 
@@ -142,9 +142,9 @@ def _cameras() -> Iterator[Finding]:
     from vemlight.capture.v4l2 import FORMATS, list_cameras
 
     cameras = list_cameras()
-    lasting = {os.path.realpath(link): link for link in sorted(Path("/dev/v4l/by-id").glob("*"))}
+    stable_names = {os.path.realpath(link): link for link in sorted(Path("/dev/v4l/by-id").glob("*"))}
     for camera in cameras:
-        name = str(lasting.get(camera.path, camera.path))  # the same whatever else is plugged in
+        name = str(stable_names.get(camera.path, camera.path))  # does not change with the order of plugging in
         if camera.formats:
             yield Finding("pass", "camera", f"{name}: {camera.card}, {', '.join(camera.formats)}")
         else:
@@ -152,7 +152,7 @@ def _cameras() -> Iterator[Finding]:
             yield Finding("warn", "camera", f"{name}: {camera.card} has no raw format", f"use one that has any of {letters}")
     for path in sorted(Path("/dev").glob("video*")):
         if not may_open(path):
-            yield Finding("fail", "camera", f"{path} may not be opened", group_hint(path))
+            yield Finding("fail", "camera", f"{path} may not be opened by this user", group_hint(path))
     if not any(Path("/dev").glob("video*")):
         yield Finding("warn", "camera", "none", "plug one in (a container needs its device), or replay: [capture] source = FOLDER")
 
@@ -178,18 +178,18 @@ def _port(what: str, host: str, ports: list[int], key: str) -> Finding:
             except OSError as error:
                 taken.append(f"{host}:{port}: {error.strerror}")
     if taken:
-        return Finding("fail", what, ", ".join(taken), f"stop what holds it or change {key}")
+        return Finding("fail", what, ", ".join(taken), f"stop the program that uses it, or change {key}")
     return Finding("pass", what, f"{host}:{', '.join(map(str, ports))} free")
 
 
 def _page(settings: Settings) -> Finding:
     viewer = settings.viewer
     if is_loopback(viewer.host):
-        return Finding("pass", "page", f"for this machine only{', with a token' if viewer.token else ''}")
+        return Finding("pass", "page", f"this machine only{', with a token' if viewer.token else ''}")
     if viewer.insecure:
         hint = "unless the network is yours alone, take [viewer] insecure out"
-        return Finding("warn", "page", "for everyone who reaches this machine, to see and to steer", hint)
-    return Finding("pass", "page", "for everyone on the network who has the token")
+        return Finding("warn", "page", "everyone who reaches this machine may see and control it", hint)
+    return Finding("pass", "page", "everyone on the network who has the token")
 
 
 def _sockets(settings: Settings) -> Finding:
@@ -228,10 +228,10 @@ def _scene(settings: Settings) -> Finding:
 
 def _disk(settings: Settings) -> Finding:
     wanted = Path(settings.out or tempfile.gettempdir())
-    folder = next(path for path in (wanted, *wanted.parents) if path.exists())  # the nearest that is there already
+    folder = next(path for path in (wanted, *wanted.parents) if path.exists())  # the nearest that exists
     found = f"{shutil.disk_usage(folder).free / 1e9:.1f} GB free at {folder}"
     if not os.access(folder, os.W_OK):
         return Finding("fail", "disk", f"{folder} may not be written to", "choose another --out, or another TMPDIR")
-    if shutil.disk_usage(folder).free < FREE_BYTES:
+    if shutil.disk_usage(folder).free < MIN_FREE_BYTES:
         return Finding("warn", "disk", found, "make room before writing pictures")
     return Finding("pass", "disk", found)

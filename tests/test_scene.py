@@ -66,7 +66,7 @@ def test_gltf_is_y_up_without_being_told(tmp_path):
 @pytest.mark.parametrize(
     ("mesh", "words"),
     [
-        ('[[mesh]]\nfile = "absent.obj"', ["scene.toml", "[[mesh]] 1", "absent.obj", "mend the path"]),
+        ('[[mesh]]\nfile = "absent.obj"', ["scene.toml", "[[mesh]] 1", "absent.obj", "correct the path"]),
         ('[[mesh]]\nfile = "mesh.fbx"', ["mesh.fbx", "convert it"]),
         ('[[mesh]]\nshape = "cone"', ["scene.toml", "cone"]),
         ('[[mesh]]\nshape = "box"\nfile = "mesh.obj"', ["either"]),

@@ -67,7 +67,7 @@ def world_from_lamp(position: Vector, degrees_xyz: Vector) -> np.ndarray:
 def load_luminaire(table: LuminaireTable, folder: Path, where: str) -> Luminaire:
     """The luminaire of a scene file's table, whose paths are relative to `folder`. Raises UserError that begins with `where`."""
     if not np.all(np.isfinite([*table.at, *table.rotate])) or np.abs(table.at).max() > MAX_COORDINATE_M:
-        raise UserError(f"{where}: at and rotate must be finite, at within 1000000 m; correct them")
+        raise UserError(f"{where}: at and rotate must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
     path = folder / table.file if table.file else BUNDLED_LAMP
     try:
         source = read_photometry(path) if path.suffix.lower() in PHOTOMETRY_SUFFIXES else read_luminaire(path)

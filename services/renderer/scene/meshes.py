@@ -1,7 +1,7 @@
-"""Triangle meshes: what files hold and simple shapes, as clean geometry with normals.
+"""Triangle meshes as clean geometry with normals: what files hold, and simple shapes.
 
-Smooth normals are the file's where it has them; otherwise faces that meet at less than CREASE_RAD share a smooth normal and sharper
-edges stay sharp, so that a bunny is round and a box has flat sides.
+Normals are the file's where it has them. Elsewhere faces that meet at less than CREASE_RAD share a smooth normal and sharper edges stay
+sharp, so that a bunny is round and a box has flat sides.
 """
 
 from typing import Literal, NamedTuple
@@ -14,15 +14,20 @@ from scipy.sparse.csgraph import connected_components
 from vemlight.renderer.scene.animation import RigidMotion
 
 Shape = Literal["sphere", "plane", "box"]
-MAX_SWEEP_TIMES = 64  # moments of an animation at which its reach is looked at, keys and evenly spread ones each
-CREASE_RAD = np.radians(40.0)  # between a round form in coarse facets (a 12-sided tube: 30 degrees) and a chamfer (45 degrees)
+MAX_SWEEP_TIMES = 64  # of an animation, keyframes and evenly spaced ones each, at which its reach is measured; any value above 16 does
+SWEEP_MARGIN = 0.02  # half a turn in ten steps leaves its chords by 1 - cos(pi / 20), 1.2 % of the radius; any value in 0.013 .. 0.05 does
+CREASE_RAD = np.radians(40.0)  # above the facets of a coarse round form (a 12-sided tube: 30 degrees), below a chamfer (45 degrees)
+MAX_SIZE_M = 1e9  # of a mesh in its file's unit; any value in 1e7 .. 1e12 does
+MIN_RELATIVE_AREA = 1e-14  # of a triangle to its mesh's size squared: float64 cross products of such corners round at 1e-16 of that
+MIN_NORMAL = 1e-6  # length; shorter ones have no direction. Any value in 1e-12 .. 1e-2 does
 
 
 class Geometry(NamedTuple):
-    """positions (n, 3) float32, metres; normals (n, 3) float32, unit; uvs (n, 2) float32, v upwards; triangles (m, 3) uint32.
+    """A triangle mesh.
 
-    closed: the faces enclose volumes and are wound outwards. colours: (n, 4) float32, linear and alpha, times the material's; None: white.
-    second_uvs: (n, 2) float32, by which images lie that do not lie by the first; None where the mesh has none.
+    positions: (n, 3) float32, metres. normals: (n, 3) float32, unit. uvs: (n, 2) float32, v upwards. triangles: (m, 3) uint32.
+    closed: the faces enclose volumes and are wound outwards. colours: (n, 4) float32, linear with alpha, times the material's; None: white.
+    second_uvs: (n, 2) float32, the second set of texture coordinates; None where the mesh has none.
     """
 
     positions: np.ndarray
@@ -34,14 +39,14 @@ class Geometry(NamedTuple):
     second_uvs: np.ndarray | None = None
 
     def moved(self, linear: np.ndarray, offset: np.ndarray) -> "Geometry":
-        """The geometry under a rotation with uniform scale `linear` (3, 3), then `offset` (3,)."""
+        """The geometry under `linear` (3, 3), a rotation with uniform scale, then `offset` (3,)."""
         positions = self.positions @ linear.T.astype(np.float64) + offset
         normals = self.normals @ (linear / np.cbrt(np.linalg.det(linear))).T
         return self._replace(positions=positions.astype(np.float32), normals=normals.astype(np.float32))
 
 
 def bounds(geometries: list[Geometry]) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest and the highest corner, (3,) float64 each, of the box around geometries."""
+    """The lowest and highest corner, (3,) float64 each, of the box around geometries."""
     low = np.min([g.positions.min(axis=0) for g in geometries], axis=0)
     high = np.max([g.positions.max(axis=0) for g in geometries], axis=0)
     return low.astype(np.float64), high.astype(np.float64)
@@ -54,14 +59,14 @@ def box_corners(geometry: Geometry) -> np.ndarray:
 
 
 def swept_bounds(geometry: Geometry, motion: RigidMotion | None) -> tuple[np.ndarray, np.ndarray]:
-    """As `bounds`, of the box around all places to which a motion brings a geometry's own box."""
+    """As `bounds`, of the box around a geometry's box wherever a motion brings it."""
     if motion is None:
         return bounds([geometry])
     matrices = np.stack([motion.world_from_rest(time_s) for time_s in motion.sample_times_s(MAX_SWEEP_TIMES)])
     swept = np.einsum("tij,cj->tci", matrices[:, :3, :3], box_corners(geometry)) + matrices[:, None, :3, 3]
     low, high = swept.min(axis=(0, 1)), swept.max(axis=(0, 1))
-    between = 0.02 * (high - low)  # a half turn between two of ten moments leaves its chord by 1 - cos(pi / 20), 1.2 % of its radius
-    return low - between, high + between
+    margin = SWEEP_MARGIN * (high - low)
+    return low - margin, high + margin
 
 
 def shape_geometry(shape: Shape) -> Geometry:
@@ -76,7 +81,7 @@ def shape_geometry(shape: Shape) -> Geometry:
 
 
 def _sphere(rows: int, cols: int) -> Geometry:
-    """A sphere of radius 1 in rings: facets of 3.75 degrees at 48 x 96, 1 mm off the true sphere at a radius of 1 m."""
+    """A sphere of radius 1 in rings. At 48 x 96 its facets span 3.75 degrees and lie within 1 mm of a sphere of 1 m."""
     theta, phi = np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, cols, endpoint=False)
     ring = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     inner = theta[1:-1, None, None]
@@ -100,9 +105,10 @@ def clean_geometry(
     colours: np.ndarray | None = None,
     second_uvs: np.ndarray | None = None,
 ) -> Geometry:
-    """Geometry of (n, 3) positions and (m, 3) indices without triangles of no area; normals (n, 3) are used when all are good.
+    """Geometry of positions (n, 3) and triangles (m, 3), without those of no area.
 
-    Raises ValueError saying what is wrong when nothing can be drawn: no triangles, nan or inf vertices, indices out of range, no area.
+    normals: (n, 3), replaced by our own where one of them is missing or has no length. The rest as in Geometry. Raises ValueError that
+    says what is wrong when nothing can be drawn: no triangles, nan or inf vertices, indices out of range, no area.
     """
     if len(triangles) == 0 or len(positions) == 0:
         raise ValueError("is empty")
@@ -112,23 +118,23 @@ def clean_geometry(
     if not np.all(np.isfinite(positions[used])):
         raise ValueError("has vertices that are nan or inf")
     size = np.ptp(positions[used], axis=0).max()
-    if not 0 < size < 1e9:
-        raise ValueError("has no size" if size <= 0 else "is larger than 10^9 m")
+    if not 0 < size < MAX_SIZE_M:
+        raise ValueError("has no size" if size <= 0 else f"is larger than {MAX_SIZE_M:.0e} m")
     corners = positions[triangles].astype(np.float64)
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(facing, axis=-1)
-    good = area > 1e-14 * size**2  # float64 cross products of such corners round at about 1e-16 size^2
+    good = area > MIN_RELATIVE_AREA * size**2
     if not good.any():
         raise ValueError("has no area")
     triangles, facing = triangles[good], facing[good] / area[good, None]
     welded = _welded(positions, triangles)
-    if normals is None or normals.shape != positions.shape or not np.all(np.linalg.norm(normals[used], axis=-1) > 1e-6):
+    if normals is None or normals.shape != positions.shape or not np.all(np.linalg.norm(normals[used], axis=-1) > MIN_NORMAL):
         seams = any(rows is not None for rows in (uvs, colours, second_uvs))
         vertex, triangles, normals = _smoothed(positions, triangles, welded, facing, seams)
         uvs, colours, second_uvs = (None if rows is None else rows[vertex] for rows in (uvs, colours, second_uvs))
         positions = positions[vertex]
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    normals = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 1e-6)
+    normals = np.divide(normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > MIN_NORMAL)
     return Geometry(
         np.ascontiguousarray(positions, np.float32),
         np.ascontiguousarray(normals, np.float32),
@@ -141,15 +147,15 @@ def clean_geometry(
 
 
 def _welded(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The triangles (m, 3) with vertices at the same float32 position made one: files split them at seams of texture or normal."""
+    """The triangles (m, 3) with vertices at equal float32 positions merged: files split them at seams of texture or normal."""
     places = np.ascontiguousarray(positions, np.float32) + np.float32(0)  # -0 becomes 0
     return np.unique(places, axis=0, return_inverse=True)[1].reshape(-1)[triangles]
 
 
 def is_closed(welded: np.ndarray, corners: np.ndarray) -> bool:
-    """Whether each edge of welded triangles (m, 3) is used once in either direction and each connected part has a positive volume.
+    """Whether each edge of welded triangles (m, 3) is used once in either direction and each connected part has positive volume.
 
-    corners: their positions, (m, 3, 3) float64.
+    corners: the positions of their vertices, (m, 3, 3) float64.
     """
     edges = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]]).astype(np.int64)
     n = int(welded.max()) + 1
@@ -165,12 +171,11 @@ def is_closed(welded: np.ndarray, corners: np.ndarray) -> bool:
 def _smoothed(
     positions: np.ndarray, triangles: np.ndarray, welded: np.ndarray, facing: np.ndarray, seams: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Old vertex numbers (n,), triangles and normals with a vertex for each group of corners that smooth edges join.
+    """Vertices with smooth normals, one for each group of corners that smooth edges join: old vertex numbers (n,), triangles, normals.
 
-    With `seams`, corners of one group that were different vertices (of other texture coordinates or colours) stay different.
-
-    A smooth edge joins exactly two faces whose normals differ by less than CREASE_RAD; a group's normal is the mean of its faces' normals,
-    weighted by the corners' angles (Thuermer and Wuethrich 1998).
+    A smooth edge joins exactly two faces whose normals differ by less than CREASE_RAD. A group's normal is the mean of its faces' normals,
+    weighted with the corners' angles (Thuermer and Wuethrich 1998). seams: corners of one group that were different vertices, having other
+    texture coordinates or colours, stay so.
     """
     count = len(triangles)
     edges = np.sort(np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]], welded[:, [2, 0]]]), axis=-1).astype(np.int64)
@@ -183,7 +188,7 @@ def _smoothed(
     smooth = np.einsum("ij,ij->i", facing[first % count], facing[second % count]) > np.cos(CREASE_RAD)
     first, second = first[smooth], second[smooth]
 
-    # Corner k of triangle t is node 3 t + k; a half-edge of side s runs from corner s to corner s + 1, its twin the other way.
+    # Corner k of triangle t has number 3 t + k. A half-edge of side s runs from corner s to corner s + 1, its twin the other way.
     def corner(half_edge: np.ndarray, end: int) -> np.ndarray:
         return 3 * (half_edge % count) + (half_edge // count + end) % 3
 
@@ -203,7 +208,7 @@ def _smoothed(
     return old[first], vertex.reshape(-1, 3), normals[group[first]]
 
 
-def _corner_angle(at: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Angle in rad at the points `at` (m, 3) between the directions to b and to c."""
-    u, v = b - at, c - at
+def _corner_angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Angle in rad at points a (m, 3) between the directions to b and to c."""
+    u, v = b - a, c - a
     return np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), np.einsum("ij,ij->i", u, v))

@@ -1,6 +1,6 @@
-"""Scenes: the scene file, its meshes brought to the world, and the bundled demo scene.
+"""Scenes: the scene file, its meshes in world axes, and the bundled demo scene.
 
-A scene file is TOML; paths in it are relative to it, angles are degrees, lengths are metres, +Z is up.
+A scene file is TOML. Paths are relative to it, angles are in degrees, lengths in metres, +Z is up.
 """
 
 import sys
@@ -15,7 +15,7 @@ from vemlight.errors import UserError
 from vemlight.files import read_toml
 from vemlight.light.sphere import quaternion_xyz, rotation_xyz
 from vemlight.renderer.scene.animation import RigidMotion
-from vemlight.renderer.scene.luminaire_table import BUNDLED_LAMP, Luminaire, LuminaireTable, load_luminaire
+from vemlight.renderer.scene.luminaire_table import BUNDLED_LAMP, MAX_COORDINATE_M, Luminaire, LuminaireTable, Vector, load_luminaire
 from vemlight.renderer.scene.materials import (
     GLOSSY_KINDS,
     Material,
@@ -32,33 +32,37 @@ from vemlight.renderer.scene.plate_table import PlateTable, load_plate
 from vemlight.runtime import wire
 
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
-MAX_DISTANCE_M = 1e6  # as poses on the wire; there float32 is 6 cm coarse
 MAX_RELATIVE_OFFSET = 1000  # scene sizes from the origin: there float32 is 6e-5 of the size, a tenth of a texel of the largest shadow map
-
-Vector = tuple[float, float, float]
+MIN_VIEW_M = 1e-9  # between the camera and what it looks at; any value in 1e-12 .. 1e-6 does
+FLAT = 1e-3  # by how much normals of a shadow catcher may differ: 0.06 degrees, far above float32 and far below a bend that is meant
+Z_UP_FROM_Y_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
 
 
 class ViewCamera(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`[camera]` of a scene file: the pinhole camera that the scene is seen through. `from` and `at` are points in the world."""
+
     position: Vector = msgspec.field(name="from")
     at: Vector
     fov_y: Annotated[float, Meta(gt=0, lt=180)] = 40.0  # degrees, from the lower to the upper edge
 
 
 class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One `[[mesh]]`: either `file` or `shape`; in order it is turned y-up, scaled, rotated about x, y, z, and moved."""
+    """`[[mesh]]` of a scene file, either `file` or `shape`: in this order turned z-up, scaled, rotated about x, y, z, and moved."""
 
     file: str = ""
     shape: Shape | None = None
-    name: Annotated[str, Meta(max_length=64)] = ""  # by which it is moved; left out: the file's or the shape's
+    name: Annotated[str, Meta(max_length=64)] = ""  # by which poses refer to it; left out: the file's or the shape's
     y_up: bool | None = None  # left out: true for glTF, whose files are y-up by definition
     scale: Annotated[float, Meta(gt=0)] = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     at: Vector = (0.0, 0.0, 0.0)
     material: MaterialTable | None = None  # left out: as the file says, gray when it says nothing
-    animation: Annotated[str, Meta(max_length=200)] = ""  # of a file that has several, by name; "*": all together; left out: the first
+    animation: Annotated[str, Meta(max_length=200)] = ""  # one of the file's by name; "*": all together; left out: the first
 
 
 class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A scene file as it is written."""
+
     camera: ViewCamera
     mesh: list[MeshTable]
     luminaire: list[LuminaireTable] = []
@@ -66,9 +70,9 @@ class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class Mesh(NamedTuple):
-    """A mesh in the world, where the scene file puts it, with its material.
+    """A mesh in world axes, where the scene file places it, with its material.
 
-    thing: the number of what it is part of; None: nothing that can be moved. motion: how its file's animation moves it.
+    object_index: of the object that it is part of; None: it cannot be moved. motion: how its file's animation moves it.
     """
 
     name: str
@@ -79,9 +83,11 @@ class Mesh(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What is drawn. centre and half: the box around all meshes and wherever animations bring them, (3,) float64 each, metres.
+    """What is drawn.
 
-    objects: what can be moved, where the scene file puts it: an object for each [[mesh]], then the lamps in their order.
+    centre, half: centre and half size of the box around all meshes wherever animations bring them, (3,) float64, metres.
+    plate: (h, w, 3) float16, radiance of the background picture, row 0 on top. objects: what can be moved, where the scene file places
+    it: one for each [[mesh]], then the lamps.
     """
 
     camera: ViewCamera
@@ -89,124 +95,130 @@ class Scene(NamedTuple):
     centre: np.ndarray
     half: np.ndarray
     luminaires: tuple[Luminaire, ...] = ()
-    plate: np.ndarray | None = None  # (h, w, 3) float16, radiance of what lies behind, row 0 on top
+    plate: np.ndarray | None = None
     objects: tuple[wire.Pose, ...] = ()
 
     @property
     def glossy(self) -> bool:
-        """Whether any material has a lobe, for which a second set of lights is good."""
+        """Whether any material has a specular lobe, for which the gloss set of lights is of use."""
         return any(material_kind(mesh.material) in GLOSSY_KINDS for mesh in self.meshes)
 
     @property
     def blended(self) -> bool:
-        """Whether of any surface only a share is there, for which more samples are good."""
-        return any(holes.cutoff is None for mesh in self.meshes if (holes := alpha_test_of(mesh.material)))
+        """Whether any surface is covered in part by hashed alpha, which takes more samples a pixel."""
+        return any(alpha_test.cutoff is None for mesh in self.meshes if (alpha_test := alpha_test_of(mesh.material)))
 
     def shadow_catcher_normal(self, matrices: np.ndarray) -> np.ndarray | None:
-        """Unit normal (3,) of the catcher on the camera's side, with world_from_rest (n, 4, 4) of the meshes; None when there is none."""
+        """Unit normal (3,) of the shadow catcher on the camera's side; None without one. matrices: (n, 4, 4), world_from_rest."""
         for mesh, matrix in zip(self.meshes, matrices, strict=True):
             if isinstance(mesh.material, ShadowCatcher):
                 normal = np.linalg.inv(matrix[:3, :3]).T @ mesh.geometry.normals[0].astype(np.float64)
                 normal /= np.linalg.norm(normal)
-                place = matrix[:3, :3] @ mesh.geometry.positions[0].astype(np.float64) + matrix[:3, 3]
-                return normal if (self.camera.position - place) @ normal >= 0 else -normal
+                point = matrix[:3, :3] @ mesh.geometry.positions[0].astype(np.float64) + matrix[:3, 3]
+                return normal if (self.camera.position - point) @ normal >= 0 else -normal
         return None
 
 
 def load_scene(path: Path | None) -> Scene:
     """The scene at `path`, or the bundled demo scene for None.
 
-    Raises UserError, naming the scene file, the mesh and the mend, for unknown keys, a missing or unreadable mesh file, for meshes
-    that are empty, hold nan or have no area, and for luminaires and plates that cannot be read.
+    Prints a line to standard error for each feature of a file that is not drawn, and for a scene far from the origin. Raises UserError
+    that names the scene file, the table and how to correct it: for unknown keys, for files that are missing or cannot be read, and for
+    meshes that are empty, hold nan or have no area.
     """
     path = path or DEMO_SCENE
     table = read_toml(path, SceneTable)
     if not table.mesh:
         raise UserError(f"{path}: has no [[mesh]]; add one")
     camera = table.camera
-    if not np.all(np.isfinite([*camera.position, *camera.at])) or np.allclose(camera.position, camera.at, rtol=0, atol=1e-9):
-        raise UserError(f"{path}: [camera] from and at must be two different finite points; mend them")
+    points = np.array([camera.position, camera.at])
+    if not np.all(np.isfinite(points)) or np.abs(points[0] - points[1]).max() <= MIN_VIEW_M:
+        raise UserError(f"{path}: [camera] from and at must be two different finite points; correct them")
     meshes = [
         mesh._replace(object_index=number - 1)
         for number, row in enumerate(table.mesh, 1)
         for mesh in _meshes(row, path, f"{path}: [[mesh]] {number}")
     ]
+    _check_shadow_catchers(meshes, path)
+    lamps = [load_luminaire(row, path.parent, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
+    plate = load_plate(table.plate, path.parent, f"{path}: [plate]") if table.plate else None
     boxes = [swept_bounds(mesh.geometry, mesh.motion) for mesh in meshes] + [bounds([mesh.geometry for mesh in meshes])]
     low, high = np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
-    lamps = [load_luminaire(row, path.parent, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
-    _check_catchers(meshes, path)
-    size, off = np.linalg.norm(high - low), np.linalg.norm(high + low) / 2
-    if off > MAX_RELATIVE_OFFSET * size:
-        told = f"the scene is {size:.3g} m large and {off:.3g} m from the origin, too far for exact shadows; move all of it there"
-        print(f"vemlight: {path}: {told}", file=sys.stderr, flush=True)
-    plate = load_plate(table.plate, path.parent, f"{path}: [plate]") if table.plate else None
-    objects = _objects(table, path)
-    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate, objects)
+    _warn_if_far(low, high, path)
+    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate, _objects(table, path))
+
+
+def _warn_if_far(low: np.ndarray, high: np.ndarray, path: Path) -> None:
+    size_m, distance_m = np.linalg.norm(high - low), np.linalg.norm(high + low) / 2
+    if distance_m > MAX_RELATIVE_OFFSET * size_m:
+        line = f"the scene is {size_m:.3g} m large and {distance_m:.3g} m from the origin, too far for exact shadows; move all of it there"
+        print(f"vemlight: {path}: {line}", file=sys.stderr, flush=True)
 
 
 def _objects(table: SceneTable, path: Path) -> tuple[wire.Pose, ...]:
-    """The objects and lamps by name. A name left out is the file's or the shape's, with a number where another has it already."""
+    """The objects and lamps. A name left out is the file's or the shape's, with a number where another has it already."""
     rows: list[tuple[MeshTable | LuminaireTable, str, float | None]] = [(row, row.shape or Path(row.file).stem, None) for row in table.mesh]
     rows += [(row, Path(row.file or BUNDLED_LAMP).stem, row.power) for row in table.luminaire]
     given = [row.name for row, _, _ in rows if row.name]
     taken = set(given)
-    if twice := [name for name in taken if given.count(name) > 1]:
-        raise UserError(f"{path}: {min(twice)} is the name of several meshes or luminaires; give each its own")
+    if repeated := [name for name in taken if given.count(name) > 1]:
+        raise UserError(f"{path}: {min(repeated)} is the name of several meshes or luminaires; give each its own")
     objects = []
-    for row, plain, power in rows:
-        plain = plain[:56] or "mesh"  # a number fits behind it
-        free = (f"{plain} {k}" if k > 1 else plain for k in range(1, len(rows) + 2))
-        name = row.name or next(name for name in free if name not in taken)
+    for row, stem, power in rows:
+        stem = stem[:56] or "mesh"  # of the 64 characters of a name, 8 for the number behind it
+        numbered = (f"{stem} {k}" if k > 1 else stem for k in range(1, len(rows) + 2))
+        name = row.name or next(name for name in numbered if name not in taken)
         taken.add(name)
         objects.append(wire.Pose(name=name, position=row.at, rotation=quaternion_xyz(row.rotate), power=power))
     return tuple(objects)
 
 
-def _check_catchers(meshes: list[Mesh], path: Path) -> None:
-    """Raises UserError when there is more than one catcher or it is not flat: the light that it would have then varies over it."""
+def _check_shadow_catchers(meshes: list[Mesh], path: Path) -> None:
+    """Raises UserError for several shadow catchers and for one that is not flat: its unshadowed light must be the same all over."""
     catchers = [mesh for mesh in meshes if isinstance(mesh.material, ShadowCatcher)]
     if len(catchers) > 1:
         raise UserError(f"{path}: has {len(catchers)} meshes with catcher = true; join them in one flat mesh")
-    if catchers and np.ptp(catchers[0].geometry.normals, axis=0).max() > 1e-3:
+    if catchers and np.ptp(catchers[0].geometry.normals, axis=0).max() > FLAT:
         raise UserError(f"{path}: {catchers[0].name} with catcher = true is not flat; use shape = \"plane\"")
 
 
 def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
-    """The meshes that one [[mesh]] of the file `scene` stands for, in the world. Raises UserError that begins with `where`."""
-    if bool(row.file) == bool(row.shape):
-        raise UserError(f"{where}: needs either file = \"...\" or shape = \"sphere\", \"plane\" or \"box\"")
+    """The meshes of a `[[mesh]]` of the file `scene`, in world axes. Raises UserError that begins with `where`."""
     try:
-        wanted = material_from_table(row.material) if row.material else None
+        material = material_from_table(row.material) if row.material else None
     except ValueError as error:
         raise UserError(f"{where}: {error}") from error
-    if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_DISTANCE_M:
-        raise UserError(f"{where}: scale, rotate and at must be finite, at within {MAX_DISTANCE_M:.0f} m; mend them")
-    if row.animation and Path(row.file).suffix.lower() not in GLTF_SUFFIXES:
-        raise UserError(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")
-    y_up = row.y_up
-    if row.shape:
-        found = MeshFile([MeshPart(row.shape, shape_geometry(row.shape), None)], [])
-    else:
-        file = scene.parent / row.file
-        if file.suffix.lower() not in MESH_SUFFIXES:
-            raise UserError(f"{where}: {file} is none of {', '.join(MESH_SUFFIXES)}; convert it")
-        if not file.is_file():
-            raise UserError(f"{where}: there is no mesh file {file}; mend the path (it is relative to the scene file)")
-        found = read_meshes(file, where, row.animation, materials=wanted is None)
-        y_up = file.suffix.lower() in GLTF_SUFFIXES if y_up is None else y_up
-    rotation = rotation_xyz(row.rotate)
-    if y_up:
-        rotation = rotation @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
+    file, y_up = _mesh_file(row, scene, where, materials=material is None)
+    rotation = rotation_xyz(row.rotate) @ (Z_UP_FROM_Y_UP if y_up else np.eye(3))
     world_from_file = np.eye(4)
     world_from_file[:3, :3], world_from_file[:3, 3] = rotation * row.scale, row.at
-    for line in found.unsupported:
+    for line in file.unsupported:
         print(f"vemlight: {where}: {line}", file=sys.stderr, flush=True)
-    placed = [part.geometry.moved(rotation * row.scale, np.array(row.at)) for part in found.parts]
-    if wanted is not None:
-        placed = [geometry._replace(colours=None) for geometry in placed]
-    made = [part.material if wanted is None else wanted for part in found.parts]
-    motions = [part.motion and part.motion._replace(world_from_file=world_from_file) for part in found.parts]
-    return [
-        Mesh(part.name, geometry, Phong() if material is None else material, None, motion)
-        for part, geometry, material, motion in zip(found.parts, placed, made, motions, strict=True)
-    ]
+    meshes = []
+    for part in file.parts:
+        geometry = part.geometry.moved(rotation * row.scale, np.array(row.at))
+        made_of = part.material if material is None else material
+        if material is not None:  # nor do the file's vertex colours change it
+            geometry = geometry._replace(colours=None)
+        motion = part.motion._replace(world_from_file=world_from_file) if part.motion else None
+        meshes.append(Mesh(part.name, geometry, Phong() if made_of is None else made_of, motion=motion))
+    return meshes
+
+
+def _mesh_file(row: MeshTable, scene: Path, where: str, materials: bool) -> tuple[MeshFile, bool]:
+    """The meshes of a `[[mesh]]` in their own axes, and whether those are y-up."""
+    if bool(row.file) == bool(row.shape):
+        raise UserError(f'{where}: needs either file = "..." or shape = "sphere", "plane" or "box"')
+    if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_COORDINATE_M:
+        raise UserError(f"{where}: scale, rotate and at must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
+    is_gltf = Path(row.file).suffix.lower() in GLTF_SUFFIXES
+    if row.animation and not is_gltf:
+        raise UserError(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")
+    if row.shape:
+        return MeshFile([MeshPart(row.shape, shape_geometry(row.shape), None)], []), bool(row.y_up)
+    path = scene.parent / row.file
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise UserError(f"{where}: {path} is none of {', '.join(MESH_SUFFIXES)}; convert it")
+    if not path.is_file():
+        raise UserError(f"{where}: there is no mesh file {path}; correct the path (it is relative to the scene file)")
+    return read_meshes(path, where, row.animation, materials), is_gltf if row.y_up is None else row.y_up

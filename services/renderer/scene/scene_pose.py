@@ -1,4 +1,4 @@
-"""Where a scene's meshes and lamps stand at a moment: what their files' animations and the poses wished for make of it."""
+"""Where a scene's meshes and lamps are at a time: by the animations of their files and the poses that are asked for."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -12,9 +12,11 @@ from vemlight.runtime import wire
 
 
 class ScenePose(NamedTuple):
-    """matrices: (n, 4, 4) float64, for each mesh world_from_rest, from where the scene file puts it; exactly 1 where nothing moves it.
+    """Where a scene's meshes and objects are.
 
-    objects: the poses of the scene's objects and lamps. centre, half: (3,) float64, the box around all meshes, never smaller than at rest.
+    matrices: (n, 4, 4) float64, for each mesh world_from_rest, rest being where the scene file places it; exactly 1 where nothing moves it.
+    objects: the poses of the scene's objects and lamps. centre, half: (3,) float64, centre and half size of the box around all meshes,
+    never smaller than at rest.
     """
 
     matrices: np.ndarray
@@ -24,16 +26,16 @@ class ScenePose(NamedTuple):
 
 
 def world_from_object(pose: wire.Pose) -> np.ndarray:
-    """Rigid transform (4, 4) from an object's own axes."""
+    """The rigid transform (4, 4) from an object's own axes."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(pose.rotation).as_matrix(), pose.position
     return matrix
 
 
 def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> ScenePose:
-    """The scene at a time of its animations, with what `poses` names where they say; names that the scene does not have change nothing."""
-    wished = {pose.name: pose for pose in poses}
-    objects = tuple(_with_power(wished[rest.name], rest) if rest.name in wished else rest for rest in scene.objects)
+    """The scene at a time of its animations, with the objects that `poses` names moved there. Unknown names change nothing."""
+    asked = {pose.name: pose for pose in poses}
+    objects = tuple(_with_power(asked[rest.name], rest) if rest.name in asked else rest for rest in scene.objects)
     matrices = np.tile(np.eye(4), (len(scene.meshes), 1, 1))
     low, high = scene.centre - scene.half, scene.centre + scene.half
     for k, mesh in enumerate(scene.meshes):
@@ -48,7 +50,7 @@ def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> 
     return ScenePose(matrices, objects, (low + high) / 2, (high - low) / 2)
 
 
-def _with_power(wished: wire.Pose, rest: wire.Pose) -> wire.Pose:
-    """A wished pose with the power of the scene file where it wishes none; what is no lamp has none."""
-    power = rest.power if wished.power is None or rest.power is None else wished.power
-    return wire.Pose(name=rest.name, position=wished.position, rotation=wished.rotation, power=power)
+def _with_power(asked: wire.Pose, rest: wire.Pose) -> wire.Pose:
+    """A pose that is asked for, with the scene file's power where it names none; only lamps have power."""
+    power = rest.power if asked.power is None or rest.power is None else asked.power
+    return wire.Pose(name=rest.name, position=asked.position, rotation=asked.rotation, power=power)

@@ -1,4 +1,4 @@
-"""The scene's triangles as the GPU reads them: one vertex and one index buffer, neighbours near in memory."""
+"""The scene's triangles as one vertex and one index buffer, in an order that vertex caches and rasterisers like."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -9,17 +9,22 @@ from vemlight.renderer.scene.meshes import Geometry
 from vemlight.renderer.scene.scene import Scene
 
 VERTEX = np.dtype([("position", np.float32, 3), ("normal", np.float32, 3), ("uv", np.float32, 2), ("colour", np.float16, 4)])
+MORTON_BITS = 10  # an axis: 1024 cells along the longest side; any value in 6 .. 20 does
 
 
 class IndexRange(NamedTuple):
-    """A run of the index buffer."""
+    """A range of the index buffer."""
 
     first: int
     count: int
 
+    @property
+    def end(self) -> int:
+        return self.first + self.count
+
 
 class DrawRange(NamedTuple):
-    """A run of the index buffer that moves as one: world_from_rest (4, 4)."""
+    """A range of the index buffer under one transform, world_from_rest (4, 4)."""
 
     indices: IndexRange
     world_from_rest: np.ndarray
@@ -35,44 +40,45 @@ class VertexBuffers(NamedTuple):
 
 
 def vertex_buffers(scene: Scene) -> VertexBuffers:
-    """The scene's buffers."""
+    """The buffers of all meshes, one after the other."""
     vertices, indices, mesh_ranges, second_uvs = [], [], [], []
     first_vertex = first_index = 0
     for mesh in scene.meshes:
-        near = local_order(mesh.geometry)
-        rows = np.empty(len(near.positions), VERTEX)
-        rows["position"], rows["normal"], rows["uv"] = near.positions, near.normals, near.uvs
-        rows["colour"] = 1.0 if near.colours is None else near.colours
+        geometry = local_order(mesh.geometry)
+        rows = np.empty(len(geometry.positions), VERTEX)
+        rows["position"], rows["normal"], rows["uv"] = geometry.positions, geometry.normals, geometry.uvs
+        rows["colour"] = 1.0 if geometry.colours is None else geometry.colours
         vertices.append(rows)
-        second_uvs.append(np.zeros_like(near.uvs) if near.second_uvs is None else near.second_uvs)
-        indices.append(near.triangles.reshape(-1) + np.uint32(first_vertex))
-        mesh_ranges.append(IndexRange(first_index, near.triangles.size))
-        first_vertex, first_index = first_vertex + len(rows), first_index + near.triangles.size
+        second_uvs.append(np.zeros_like(geometry.uvs) if geometry.second_uvs is None else geometry.second_uvs)
+        indices.append(geometry.triangles.reshape(-1) + np.uint32(first_vertex))
+        mesh_ranges.append(IndexRange(first_index, geometry.triangles.size))
+        first_vertex, first_index = first_vertex + len(rows), mesh_ranges[-1].end
     return VertexBuffers(np.concatenate(vertices), np.concatenate(indices), tuple(mesh_ranges), np.concatenate(second_uvs))
 
 
-def draw_ranges(mesh_ranges: Iterable[IndexRange], matrices: Iterable[np.ndarray]) -> tuple[DrawRange, ...]:
-    """Runs of meshes in the buffer's order, joined where they touch and stand alike."""
-    found: list[DrawRange] = []
-    for span, matrix in zip(mesh_ranges, matrices, strict=True):
-        last = found[-1] if found else None
-        if last and sum(last.indices) == span.first and np.array_equal(last.world_from_rest, matrix):
-            found[-1] = DrawRange(IndexRange(last.indices.first, last.indices.count + span.count), matrix)
+def draw_ranges(ranges: Iterable[IndexRange], matrices: Iterable[np.ndarray]) -> tuple[DrawRange, ...]:
+    """Ranges in the buffer's order with world_from_rest (4, 4) of each, those that touch and move alike joined into one."""
+    joined: list[DrawRange] = []
+    for indices, matrix in zip(ranges, matrices, strict=True):
+        last = joined[-1] if joined else None
+        if last and last.indices.end == indices.first and np.array_equal(last.world_from_rest, matrix):
+            joined[-1] = DrawRange(IndexRange(last.indices.first, last.indices.count + indices.count), matrix)
         else:
-            found.append(DrawRange(span, matrix))
-    return tuple(found)
+            joined.append(DrawRange(indices, matrix))
+    return tuple(joined)
 
 
 def local_order(mesh: Geometry) -> Geometry:
-    """The same mesh with neighbouring triangles and vertices near in memory: triangles along a Morton curve, vertices by first use.
+    """The same mesh with neighbours near in memory: triangles along a Morton curve, vertices by first use.
 
-    A vertex is then transformed about once in a software rasteriser, whose cache holds few vertices.
+    A software rasteriser, whose cache holds few vertices, then transforms a vertex about once.
     """
     centres = mesh.positions[mesh.triangles].mean(axis=1)
     low = centres.min(axis=0)
-    cells = ((centres - low) * (1023 / max(float(np.ptp(centres, axis=0).max()), 1e-30))).astype(np.uint64)
+    longest = max(float(np.ptp(centres, axis=0).max()), 1e-30)
+    cells = ((centres - low) * ((2**MORTON_BITS - 1) / longest)).astype(np.uint64)
     code = np.zeros(len(cells), np.uint64)
-    for bit in range(10):  # 10 bits an axis: 1024 cells along the longest side
+    for bit in range(MORTON_BITS):
         for axis in range(3):
             code |= ((cells[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(3 * bit + axis)
     triangles = mesh.triangles[np.argsort(code, kind="stable")]
@@ -80,5 +86,5 @@ def local_order(mesh: Geometry) -> Geometry:
     used = used[np.argsort(first)]
     renumbered = np.empty(len(mesh.positions), np.uint32)
     renumbered[used] = np.arange(len(used), dtype=np.uint32)
-    colours, second = (None if rows is None else rows[used] for rows in (mesh.colours, mesh.second_uvs))
-    return Geometry(mesh.positions[used], mesh.normals[used], mesh.uvs[used], renumbered[triangles], mesh.closed, colours, second)
+    colours, second_uvs = (None if rows is None else rows[used] for rows in (mesh.colours, mesh.second_uvs))
+    return Geometry(mesh.positions[used], mesh.normals[used], mesh.uvs[used], renumbered[triangles], mesh.closed, colours, second_uvs)

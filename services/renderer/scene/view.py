@@ -1,4 +1,4 @@
-"""What the camera sees where: its transforms, and the places in a pixel at which a picture is sampled."""
+"""The camera's transforms, and the sample positions in a pixel."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,13 @@ import numpy as np
 
 from vemlight.renderer.scene.scene import Scene, ViewCamera
 
+MAX_DEPTH_RATIO = 1000  # of far to near: 24 bits then resolve 6e-5 of the distance at the far plane. Any value in 100 .. 10,000 does
+DEPTH_MARGIN = 0.01  # for rounding where surfaces touch the scene's box; any value in 1e-4 .. 0.1 does
+MIN_FAR_M = 1e-6  # of a scene that lies behind the camera altogether; any value above 0 does
+
 
 class PixelSample(NamedTuple):
-    """A sample of a pixel: where in the unit pixel, and its number among them, by which surfaces that are there in part are seen."""
+    """A sample of a pixel: its place in the unit pixel, and its number among the samples, by which hashed alpha shows or hides surfaces."""
 
     x: float
     y: float
@@ -16,18 +20,16 @@ class PixelSample(NamedTuple):
 
 
 def pixel_samples(samples: int) -> list[PixelSample]:
-    """`samples` places in the unit pixel, evenly spread (Hammersley points, moved by half a step so that one lies in the middle)."""
-    places = []
-    for k in range(samples):
-        mirrored, bit, rest = 0.0, 0.5, k
-        while rest:
-            mirrored, bit, rest = mirrored + bit * (rest & 1), bit / 2, rest >> 1
-        places.append(PixelSample((k + 0.5) / samples, (mirrored + 0.5 / samples) % 1.0, k))
-    return places
+    """Evenly spread samples of a pixel: Hammersley points, shifted by half a step so that a single one lies in the middle."""
+    from scipy.stats.qmc import Halton  # here, since scipy.stats takes half a second to load
+
+    radical_inverse = Halton(1, scramble=False).random(samples)[:, 0]
+    places = np.stack([(np.arange(samples) + 0.5) / samples, (radical_inverse + 0.5 / samples) % 1.0], axis=-1)
+    return [PixelSample(x, y, number) for number, (x, y) in enumerate(places.tolist())]
 
 
 def view_from_world(camera: ViewCamera) -> np.ndarray:
-    """Rigid transform (4, 4): x right, y down, z along the view; a camera that looks straight up or down has +Y of the world on top."""
+    """The rigid transform (4, 4) to axes with x right, y down, z along the view. Looking straight up or down, the world's +Y is on top."""
     forward = np.subtract(camera.at, camera.position)
     forward = forward / np.linalg.norm(forward)
     up = np.array([0.0, 0.0, 1.0] if abs(forward[2]) < 1 - 1e-9 else [0.0, 1.0, 0.0])
@@ -40,7 +42,10 @@ def view_from_world(camera: ViewCamera) -> np.ndarray:
 
 
 def ray_from_pixel(camera: ViewCamera, size: tuple[int, int]) -> np.ndarray:
-    """(3, 3): from (x, y, 1) in a picture of `size` pixels, row 0 on top, pixel 0 from 0 to 1, to the world direction seen there."""
+    """The matrix (3, 3) from (x, y, 1) to the world direction seen there, in a picture of `size` (width, height), row 0 on top.
+
+    Pixel 0 extends from 0 to 1.
+    """
     tall = np.tan(np.radians(camera.fov_y) / 2)
     wide = tall * size[0] / size[1]
     view_from_pixel = np.array([[2 * wide / size[0], 0, -wide], [0, 2 * tall / size[1], -tall], [0, 0, 1]])
@@ -50,18 +55,18 @@ def ray_from_pixel(camera: ViewCamera, size: tuple[int, int]) -> np.ndarray:
 PIXEL_CENTRE = PixelSample(0.5, 0.5)
 
 
-def clip_from_world(scene: Scene, size: tuple[int, int], offset: PixelSample = PIXEL_CENTRE) -> np.ndarray:
-    """Projection (4, 4) whose picture has row 0 on top in memory (y down) and is sampled at `offset` in each pixel of `size`.
+def clip_from_world(scene: Scene, size: tuple[int, int], sample: PixelSample = PIXEL_CENTRE) -> np.ndarray:
+    """The projection (4, 4) of a picture of `size` (width, height), row 0 first in memory (y down), sampled at `sample` in each pixel.
 
-    Near and far lie around the scene's box, near at least at 1/1000 of far so that 24 bits of depth stay fine enough.
+    The near and far planes enclose the scene's box with DEPTH_MARGIN; the near one is never closer than far / MAX_DEPTH_RATIO.
     """
     view = view_from_world(scene.camera)
     corners = scene.centre + scene.half * np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3)
     depth = corners @ view[2, :3] + view[2, 3]
-    far = max(float(depth.max()) * 1.01, 1e-6)
-    near = max(float(depth.min()) * 0.99, far / 1000)
+    far = max(float(depth.max()) * (1 + DEPTH_MARGIN), MIN_FAR_M)
+    near = max(float(depth.min()) * (1 - DEPTH_MARGIN), far / MAX_DEPTH_RATIO)
     tall = 1 / np.tan(np.radians(scene.camera.fov_y) / 2)
     wide = tall * size[1] / size[0]
     a, b = (far + near) / (far - near), -2 * far * near / (far - near)
-    shift_x, shift_y = (1 - 2 * offset[0]) / size[0], (1 - 2 * offset[1]) / size[1]
+    shift_x, shift_y = (1 - 2 * sample.x) / size[0], (1 - 2 * sample.y) / size[1]
     return np.array([[wide, 0, shift_x, 0], [0, tall, shift_y, 0], [0, 0, a, b], [0, 0, 1, 0]]) @ view

@@ -1,9 +1,9 @@
 """Speed and accuracy of capture, with two charts: python -m bench.capture [OUT]   (OUT: docs/charts)
 
-1. RawFrame codes to the polar map, 1024 x 1024 at 12 bits: time and energy error of nearest, bilinear and 4 x 4 gather, and of ours,
+1. Raw codes to the polar map, 1024 x 1024 at 12 bits: time and energy error of nearest, bilinear and 4 x 4 gather, and of ours,
    for a sun of 0.27 degrees at 200 random positions.
 2. Radiance recovered through a 12-bit log sensor with half a code of noise, over six decades.
-3. FileSource: a lat-long image to its map, a recorded sequence read ahead and not.
+3. Files: a lat-long image to its map, a recorded sequence read ahead and not.
 """
 
 import argparse
@@ -154,7 +154,7 @@ def resampling(out: Path) -> None:
     axes.set_ylabel("energy error of a 0.27 degree sun\n(dot: RMS, bar: worst)")
     axes.axvline(sum_ms, color="0.7", linestyle=":")
     axes.text(1.03 * sum_ms, 0.3, "numpy's sum", rotation=90, color="0.5", transform=axes.get_xaxis_transform())
-    axes.set_title("RawFrame codes to the polar map, 200 positions of the sun")
+    axes.set_title("Raw codes to the polar map, 200 positions of the sun")
     figure.tight_layout()
     figure.savefig(out / "capture_resampling.png", dpi=120)
 

@@ -13,7 +13,7 @@ from vemlight.settings import Capture
 
 
 class Shelf:
-    """Stands in for `vemlight.capture.camera_source.CameraSource`."""
+    """Replaces `vemlight.capture.camera_source.CameraSource`."""
 
     state = "a camera"
 

@@ -1,5 +1,7 @@
 """Radiance and pictures as files: there and back, and one line for what cannot be read."""
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
@@ -7,17 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vemlight.errors import UserError
-from vemlight.light.images import read_codes, read_radiance, write_exr, write_png
+from vemlight.light.images import MAX_PIXELS, MAX_SIDE, read_codes, read_radiance, write_exr, write_png
 
 RADIANCE = np.random.default_rng(0).lognormal(0, 3, (5, 7, 3)).astype(np.float32)
 
 
 def test_an_exr_comes_back_with_every_bit_and_its_attributes(tmp_path):
-    spoilt = RADIANCE.copy()
-    spoilt[0, 0], spoilt[1, 1], spoilt[2, 2] = np.nan, np.inf, -1
-    write_exr(tmp_path / "a.exr", spoilt, {"vemlight:ns": "1099511627776"})
+    image = RADIANCE.copy()
+    image[0, 0], image[1, 1], image[2, 2] = np.nan, np.inf, -1
+    write_exr(tmp_path / "a.exr", image, {"vemlight:ns": "1099511627776"})
     found, attributes = read_radiance(tmp_path / "a.exr")
-    np.testing.assert_array_equal(found, spoilt)
+    np.testing.assert_array_equal(found, image)
     assert attributes["vemlight:ns"] == "1099511627776"
     assert attributes["colorInteropID"] == "lin_rec709_scene"
 
@@ -28,8 +30,31 @@ def test_gray_is_repeated_and_alpha_left_out(tmp_path):
     write_exr(tmp_path / "rgba.exr", np.concatenate([RADIANCE, RADIANCE[..., :1]], axis=-1))
     np.testing.assert_array_equal(read_radiance(tmp_path / "rgba.exr")[0], RADIANCE)
     half = RADIANCE.astype(np.float16)
+    half[0, 0], half[1, 1] = np.nan, np.inf
     write_exr(tmp_path / "half.exr", half)
     np.testing.assert_array_equal(read_radiance(tmp_path / "half.exr")[0], half.astype(np.float32))
+
+
+def with_size(path, width, height):
+    """Puts another size into an EXR's header."""
+    content = path.read_bytes()
+    at = content.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    path.write_bytes(content[:at] + struct.pack("<4i", 0, 0, width - 1, height - 1) + content[at + 16 :])
+
+
+@pytest.mark.parametrize(("width", "height"), [(MAX_SIDE + 1, 1), (1, MAX_SIDE + 1), (MAX_SIDE, MAX_SIDE // 2 + 1), (10**5, 10**5)])
+def test_an_image_above_the_limits_is_refused_by_its_header(tmp_path, width, height):
+    write_exr(tmp_path / "huge.exr", RADIANCE)
+    with_size(tmp_path / "huge.exr", width, height)
+    with pytest.raises(UserError, match=f"^[^ ]*huge.exr: has {width}x{height} pixels and at most 16384 on a side and 134217728 in all"):
+        read_radiance(tmp_path / "huge.exr")
+
+
+def test_images_up_to_the_limits_are_read(tmp_path):
+    for shape in ((1, 16384), (16384, 1)):
+        write_exr(tmp_path / "long.exr", np.ones(shape, np.float32))
+        assert read_radiance(tmp_path / "long.exr")[0].shape == (*shape, 3)
+    assert MAX_SIDE * (MAX_SIDE // 2) == MAX_PIXELS  # a lat-long map of the longest side
 
 
 def test_an_hdr_comes_back_to_its_8_bits(tmp_path):
@@ -53,9 +78,9 @@ def test_what_is_no_radiance_is_one_line_with_its_name(tmp_path, name):
     (tmp_path / "folder.exr").mkdir()
     for file in ("a.exr", "a.hdr", "a.jpg"):
         (tmp_path / file).write_bytes(b"no image at all\n" * 9)
-    with pytest.raises(UserError, match=name) as told:
+    with pytest.raises(UserError, match=name) as raised:
         read_radiance(tmp_path / name)
-    assert len(str(told.value).splitlines()) == 1
+    assert len(str(raised.value).splitlines()) == 1
 
 
 @given(st.data())
@@ -74,10 +99,10 @@ def test_a_damaged_file_is_an_image_or_one_line(tmp_path_factory, data):
             if content:
                 content[at] ^= 1 << data.draw(st.integers(0, 7))
         path.write_bytes(content)
-        found, told = RADIANCE, "read"
+        found, message = RADIANCE, "read"
         try:
             found, _ = read_radiance(path)
         except UserError as error:
-            told = str(error)
-        assert len(told.splitlines()) == 1
+            message = str(error)
+        assert len(message.splitlines()) == 1
         assert (found.ndim, found.shape[2], found.dtype) == (3, 3, np.float32)

@@ -1,4 +1,4 @@
-"""FileSource replayed as polar maps."""
+"""Image files replayed as polar maps."""
 
 import os
 from fractions import Fraction

@@ -1,6 +1,7 @@
-"""Radiance and pictures as files: OpenEXR, Radiance HDR and PNG, with the metadata other programs read.
+"""Image files: radiance as OpenEXR and Radiance HDR, pictures as PNG, with the metadata that other programs read.
 
-Every failure to read is one UserError naming the file, whatever the library below raises; every file is written whole.
+Every failure to read is one UserError naming the file, whatever the library below raises. A file is written under another name and
+renamed when it is complete.
 """
 
 import os
@@ -15,29 +16,29 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.files import written_whole
 
-MAX_SIDE = 16384  # pixels; a lat-long of 16k is 2^27 pixels, 1.6 GB as float32 RGB, and nobody's camera sees more
-MAX_PIXELS = 2**27
+MAX_SIDE = 16384  # pixels: of the largest lat-long maps and above any camera's; a larger number in a header is damage or an attack
+MAX_PIXELS = 2**27  # 16384 x 8192, such a map: 1.6 GB as float32 RGB
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of red, green, blue, white (D65)
 _terminal = threading.Lock()
 
 
 @contextmanager
 def silent() -> Iterator[None]:
-    """OpenEXR and OpenCV write their complaints about a damaged file to the terminal; ours is the one line that stays."""
+    """Suppresses what OpenEXR and OpenCV print about a damaged file, so that our own line is the only one."""
     with _terminal, open(os.devnull, "w") as null, redirect_stdout(null), redirect_stderr(null):
-        kept = os.dup(2)
+        stderr = os.dup(2)
         os.dup2(null.fileno(), 2)
         try:
             yield
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            os.dup2(stderr, 2)
+            os.close(stderr)
 
 
 def read_radiance(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
-    """The image (height, width, 3) float32, linear Rec. 709, and the EXR's attributes (none for .hdr).
+    """Reads an image (height, width, 3) float32, linear Rec. 709, and the EXR's attributes (none for .hdr).
 
-    A gray file is repeated in three channels; alpha is left out. nan, inf and negative pixels come through as they are.
+    Gray files are repeated in three channels; alpha is left out. nan, inf and negative pixels are preserved.
     Raises UserError for a file that is missing, damaged, too large or of another kind.
     """
     if not path.is_file():
@@ -52,13 +53,18 @@ def read_radiance(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
 def _read_exr(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
     import OpenEXR
 
-    OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
     try:
         with silent():
+            OpenEXR.setMaxImageSize(0, 0)  # OpenEXR's own limit would not say what is wrong
+            for part in OpenEXR.File(str(path), header_only=True).parts:
+                low, high = part.header["dataWindow"]
+                _check_size(path, *(high.astype(int) - low + 1))
             file = OpenEXR.File(str(path))
             channels = {name: channel.pixels for name, channel in file.channels().items()} if file.parts else {}
             attributes = dict(file.header()) if file.parts else {}
-    except (RuntimeError, ValueError, TypeError, MemoryError, IndexError) as error:
+    except UserError:
+        raise
+    except (RuntimeError, ValueError, TypeError, KeyError, MemoryError, IndexError) as error:
         raise UserError(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
     if not channels:
         raise UserError(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
@@ -70,11 +76,16 @@ def _read_exr(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
         if not {"R", "G", "B"} <= channels.keys():
             raise UserError(f"{path}: has channels {', '.join(sorted(channels))} but no R, G, B or Y; export it as RGB")
         pixels = np.stack([channels[c] for c in "RGB"], axis=-1)
-    if pixels.size > 4 * MAX_PIXELS:
-        raise UserError(f"{path}: has more than {MAX_PIXELS} pixels; scale it down")
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[..., None], 3, axis=-1)
     return np.ascontiguousarray(pixels[..., :3], np.float32), attributes
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    # before memory is allocated for the pixels
+    if max(width, height) > MAX_SIDE or width * height > MAX_PIXELS:
+        limits = f"at most {MAX_SIDE} on a side and {MAX_PIXELS} in all are read"
+        raise UserError(f"{path}: has {width}x{height} pixels and {limits}; scale it down")
 
 
 def _read_hdr(path: Path) -> np.ndarray:
@@ -91,7 +102,7 @@ def _read_hdr(path: Path) -> np.ndarray:
 
 
 def read_codes(path: Path) -> np.ndarray:
-    """An image's values as they stand, (height, width) or (height, width, 3) RGB: EXR, or 8 or 16 bits of PNG, TIFF, JPEG.
+    """Reads an image's values without conversion, (height, width) or (height, width, 3) RGB: EXR, or 8 or 16 bits of PNG, TIFF, JPEG.
 
     Raises UserError for a file that is missing, damaged or of another kind.
     """
@@ -109,6 +120,7 @@ def read_codes(path: Path) -> np.ndarray:
 
 
 def one_line(error: BaseException) -> str:
+    """The message of an error of a library, on one line and at most 200 characters long."""
     return " ".join(str(error).split())[:200]
 
 

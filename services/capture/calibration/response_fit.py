@@ -1,7 +1,7 @@
-"""The sensor's response found from patches of known luminance.
+"""`vemlight calibrate response`: the sensor's response from patches of known luminance.
 
-The patches come from a CSV file (columns code, luminance in cd/m2, use = fit or check, and if wanted weight), or from the six gray patches
-of a ColorChecker in a frame. What comes out answers in cd/m2. Patches marked check take no part in the fit and judge it.
+The patches come from a CSV file (columns code, luminance in cd/m2, use = fit or check, and optionally weight), or are the six gray ones of
+a ColorChecker in a frame. The result maps codes to cd/m2. Patches marked check are left out of the fit and judge it.
 """
 
 import csv
@@ -19,10 +19,14 @@ from vemlight.capture.response import Companding, Linear, Log, Response, Srgb, c
 from vemlight.errors import UserError
 
 Kind = Literal["log", "linear", "companding", "srgb"]
-WORST = 0.05  # of a check patch's luminance: beyond, the response is refused
-FEWEST: dict[Kind, int] = {"log": 4, "linear": 2, "companding": 2, "srgb": 1}  # fit patches: the unknowns, and one over for log's c
-FALL = 2.0  # codes by which a patch may lie below a darker one: noise of the patches' means
-LOSS = 2.0  # codes (log, where noise is even in code): patches farther off pull in proportion
+MAX_CHECK_ERROR = 0.05  # of a check patch's luminance: as much as luminance meters differ
+MIN_PATCHES: dict[Kind, int] = {"log": 4, "linear": 2, "companding": 2, "srgb": 1}  # to fit: the unknowns, and one more for log's c
+CODE_TOLERANCE = 2.0  # codes by which a patch may lie below a darker one: noise of the patches' means; 1 to 5 do
+LOSS_CODES = 2.0  # for log, whose noise is uniform in codes: patches farther off count linearly; 1 to 5 do
+LOG_OFFSETS = 120  # candidates for c over the patches' range and three decades below, a tenth of a decade or less apart; 60 or more do
+REWEIGHTINGS = 8  # of the least absolute errors: the candidates' order is settled after 4
+MIN_DEVIATION = 1e-3  # codes, below which an error has full weight; 1e-6 to 0.1 do
+CHECK_PATCHES = (1, 4)  # of the six gray patches: one bright, one dark, and neither at an end
 
 
 class Patch(NamedTuple):
@@ -43,7 +47,7 @@ class ResponseReport(NamedTuple):
 
 
 def read_patches(path: Path) -> list[Patch]:
-    """The patches in a CSV file. Raises UserError naming line and column."""
+    """Reads the patches in a CSV file. Raises UserError naming line and column."""
     try:
         with open(path, encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file, skipinitialspace=True))
@@ -59,7 +63,7 @@ def read_patches(path: Path) -> list[Patch]:
         except KeyError as error:
             raise UserError(f"{path}: has no column {error}; it needs code, luminance and use") from error
         except (TypeError, ValueError) as error:
-            raise UserError(f"{where}: code, luminance and weight must be numbers ({error}); mend it") from error
+            raise UserError(f"{where}: code, luminance and weight must be numbers ({error}); correct it") from error
         use = (row.get("use") or "").strip()
         if use not in ("fit", "check"):
             raise UserError(f"{where}: use = {use[:20]!r} must be fit or check")
@@ -74,23 +78,16 @@ def calibrate_response(
 ) -> ResponseReport:
     """Fits a response to the patches, writes the response file `out` and, if named, a PNG of the fit.
 
-    `bits` 0 takes the smallest of 8, 10, 12, 14 and 16 that holds the codes. Raises UserError for patches that do not rise with
-    luminance, too few of them, none to check, or an error above 5 % at a check patch; the last is let through by `accept`.
+    `bits` 0 takes the smallest of 8, 10, 12, 14 and 16 that holds the codes. Raises UserError for patches whose codes do not rise with
+    luminance, too few of them, none to check, and an error above 5 % at a check patch unless `accept` allows it.
     """
     highest = max((patch.code for patch in patches), default=0.0)
     bits = bits or next((b for b in (8, 10, 12, 14, 16) if highest < 2**b), 16)
-    usable = [p for p in patches if 0 < p.code < 2**bits - 1]  # the end codes stand for what was clipped
+    usable = [p for p in patches if 0 < p.code < 2**bits - 1]  # codes at the ends may have been clipped
     fit = sorted((p for p in usable if not p.check), key=lambda p: p.luminance)
     check = [p for p in usable if p.check]
-    if len(fit) < FEWEST[kind]:
-        raise UserError(f"{len(fit)} patches to fit, not clipped, and a {kind} response needs {FEWEST[kind]}; measure more")
-    if not check:
-        raise UserError("no patch is marked check; keep one or two out of the fit to judge it")
-    for darker, brighter in itertools.pairwise(fit):
-        if brighter.code < darker.code - FALL:
-            pair = f"{brighter.luminance:g} cd/m2 gave code {brighter.code:g} and {darker.luminance:g} cd/m2 gave {darker.code:g}"
-            raise UserError(f"codes do not rise with luminance: {pair}; check the patches")
-    response = _fitted(fit, kind, bits)
+    _check_patches(fit, check, kind)
+    response = fit_response(fit, kind, bits)
     try:
         check_response(response)
     except UserError as error:
@@ -100,12 +97,23 @@ def calibrate_response(
     worst = max(abs(error) for _, error in errors)
     if picture:
         cv2.imwrite(str(picture), fit_picture(response, patches))
-    if worst > WORST and not accept:
+    if worst > MAX_CHECK_ERROR and not accept:
         at = max(errors, key=lambda pair: abs(pair[1]))
         detail = f"the check patch of {at[0].luminance:g} cd/m2 comes out {at[1]:+.1%}"
-        raise UserError(f"{detail}, beyond {WORST:.0%}: measure again, fit another kind, or accept it")
+        raise UserError(f"{detail}, beyond {MAX_CHECK_ERROR:.0%}: measure again, fit another kind, or accept it")
     write_response(out, response)
     return ResponseReport(response, errors, worst)
+
+
+def _check_patches(fit: list[Patch], check: list[Patch], kind: Kind) -> None:
+    if len(fit) < MIN_PATCHES[kind]:
+        raise UserError(f"{len(fit)} patches to fit, not clipped, and a {kind} response needs {MIN_PATCHES[kind]}; measure more")
+    if not check:
+        raise UserError("no patch is marked check; keep one or two out of the fit to judge it")
+    for darker, brighter in itertools.pairwise(fit):
+        if brighter.code < darker.code - CODE_TOLERANCE:
+            pair = f"{brighter.luminance:g} cd/m2 gave code {brighter.code:g} and {darker.luminance:g} cd/m2 gave {darker.code:g}"
+            raise UserError(f"codes do not rise with luminance: {pair}; check the patches")
 
 
 def response_summary(report: ResponseReport) -> str:
@@ -114,24 +122,29 @@ def response_summary(report: ResponseReport) -> str:
     return "\n".join([f"{report.response}", f"check patches, worst {report.worst:.2%}:", *checks])
 
 
-def _fitted(fit: list[Patch], kind: Kind, bits: int) -> Response:
+def fit_response(fit: list[Patch], kind: Kind, bits: int) -> Response:
+    """The response of a kind that fits patches in order of luminance best. Raises UserError when a log's codes do not rise."""
     code, luminance = np.array([p.code for p in fit]), np.array([p.luminance for p in fit])
     weight = np.sqrt([p.weight for p in fit])
     if kind == "log":
-        return _fitted_log(code, luminance, weight, bits)
+        return _fit_log(code, luminance, weight, bits)
     if kind == "linear":
-        # (y / b - a / b) / L = 1: every patch counts by its relative error
+        # (y / b - a / b) / L = 1: each patch counts by its relative error
         rows = np.column_stack([code, -np.ones_like(code)]) * (weight / luminance)[:, None]
         inverse, offset = np.linalg.lstsq(rows, weight, rcond=None)[0]
         b = 1 / inverse if inverse else 0.0
         return Linear(bits=bits, a=float(offset * b), b=float(b), luminance_scale=1.0)
     if kind == "srgb":
-        # the white's luminance: the median is blind to one bad patch
+        # luminance of white, by the median: a single bad patch does not change it
         white = np.median(luminance / Srgb(bits=bits).radiance(code))
         return Srgb(bits=bits, luminance_scale=float(white))
-    # patches that noise has put level or out of order are one knee
+    return _fit_companding(code, luminance, weight**2, bits)
+
+
+def _fit_companding(code: np.ndarray, luminance: np.ndarray, weight: np.ndarray, bits: int) -> Companding:
+    # each patch is a knee; those that noise has put level or out of order are merged
     knees: list[list[float]] = []
-    for level, y, w in zip(luminance, code, weight**2, strict=True):
+    for level, y, w in zip(luminance, code, weight, strict=True):
         knees.append([level, y, w])
         while len(knees) > 1 and (knees[-1][1] <= knees[-2][1] or knees[-1][0] <= knees[-2][0]):
             (l1, y1, w1), (l2, y2, w2) = knees.pop(), knees.pop()
@@ -139,10 +152,10 @@ def _fitted(fit: list[Patch], kind: Kind, bits: int) -> Response:
     return Companding(bits=bits, knees=tuple((float(level), float(y)) for level, y, _ in knees), luminance_scale=1.0)
 
 
-def _fitted_log(code: np.ndarray, luminance: np.ndarray, weight: np.ndarray, bits: int) -> Log:
-    # for each c on a grid a and b are linear, and least absolute errors choose the start; then all three move
+def _fit_log(code: np.ndarray, luminance: np.ndarray, weight: np.ndarray, bits: int) -> Log:
+    # for a given c, a and b are linear: least absolute errors choose among candidates; then all three are refined
     best = (math.inf, np.zeros(3))
-    for c in np.geomspace(luminance.min() * 1e-3, luminance.max(), 120):
+    for c in np.geomspace(luminance.min() * 1e-3, luminance.max(), LOG_OFFSETS):
         rows = np.column_stack([np.ones_like(code), np.log(luminance + c)])
         a, b = _least_absolute(rows, code, weight)
         score = float(np.sum(weight * np.abs(rows @ [a, b] - code)))
@@ -156,32 +169,32 @@ def _fitted_log(code: np.ndarray, luminance: np.ndarray, weight: np.ndarray, bit
         return weight * (a + b * np.log(luminance + math.exp(log_c)) - code)
 
     low = [-np.inf, 0, math.log(luminance.min() * 1e-6)]
-    a, b, log_c = least_squares(errors, best[1], bounds=(low, np.inf), loss="soft_l1", f_scale=LOSS, x_scale="jac").x
+    a, b, log_c = least_squares(errors, best[1], bounds=(low, np.inf), loss="soft_l1", f_scale=LOSS_CODES, x_scale="jac").x
     return Log(bits=bits, a=float(a), b=float(b), c=math.exp(log_c), luminance_scale=1.0)
 
 
 def _least_absolute(rows: np.ndarray, goal: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    # least absolute errors by reweighted least squares
+    # least absolute errors by iteratively reweighted least squares
     w = weight.copy()
-    for _ in range(8):
+    for _ in range(REWEIGHTINGS):
         found = np.linalg.lstsq(rows * w[:, None], goal * w, rcond=None)[0]
-        w = np.sqrt(weight / np.maximum(np.abs(rows @ found - goal), 1e-3))
+        w = np.sqrt(weight / np.maximum(np.abs(rows @ found - goal), MIN_DEVIATION))
     return found
 
 
 def gray_patches(codes: np.ndarray, chart: np.ndarray, white_luminance: float) -> list[Patch]:
-    """The six gray patches of a ColorChecker in a frame of code values (height, width) or (.., 3).
+    """The six gray patches of a ColorChecker in a frame of codes (height, width) or (.., 3).
 
-    `chart`: centres of its patches, (4, 6, 2), as `find_chart` and `chart_from_corners` give them; `white_luminance`: measured on the white
-    patch, cd/m2. Patches 2 and 5 of the row are marked check. Raises UserError for a chart that lies outside the frame.
+    `chart`: centres of its patches, (4, 6, 2), as `find_chart` and `chart_from_corners` return them; `white_luminance`: that of the white
+    patch, cd/m2. Patches 2 and 5 of the row are marked check. Raises UserError for a chart that lies partly outside the frame.
     """
     relative = ((LIGHTNESS[-1] + 16) / 116) ** 3  # CIE 1976, above L* = 8
     levels = relative / relative[0] * white_luminance
-    return [Patch(float(code), float(levels[n]), n in (1, 4)) for n, code in enumerate(gray_codes(codes, chart))]
+    return [Patch(float(code), float(levels[n]), n in CHECK_PATCHES) for n, code in enumerate(gray_codes(codes, chart))]
 
 
 def fit_picture(response: Response, patches: list[Patch]) -> np.ndarray:
-    """Image (480, 640, 3) uint8, BGR: code against luminance (log scale); the fit, patches to fit (green) and to check (orange)."""
+    """Image (480, 640, 3) uint8, BGR: code against luminance (log scale): the fit, patches to fit (green) and to check (orange)."""
     image = np.full((480, 640, 3), 255, np.uint8)
     levels = np.array([p.luminance for p in patches])
     low, high = math.floor(math.log10(levels.min())) - 0.2, math.ceil(math.log10(levels.max())) + 0.2

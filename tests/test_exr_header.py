@@ -45,22 +45,36 @@ def test_hostile_strong_light_is_one_line(text: object) -> None:
         bright_cells_from_attributes("f", {"vemlight:bright_cells": text}, 100)
 
 
-@pytest.mark.parametrize(("told", "count"), [({}, 0), ({"n": 5}, 5), ({"n": -1}, 0), ({"n": "5"}, 0), ({"n": 2.5}, 0)])
-def test_counts(told: dict, count: int) -> None:
-    assert count_from_attributes(told, "n") == count
+@pytest.mark.parametrize(("attributes", "count"), [({}, 0), ({"n": 5}, 5), ({"n": -1}, 0), ({"n": "5"}, 0), ({"n": 2.5}, 0)])
+def test_counts(attributes: dict, count: int) -> None:
+    assert count_from_attributes(attributes, "n") == count
 
 
 @pytest.mark.parametrize(
-    ("told", "scale"),
+    ("attributes", "scale"),
     [
         ({}, None),
         ({"whiteLuminance": 179.0}, 179.0),
         ({"whiteLuminance": 179.0, "vemlight:luminance_scale": "179.123"}, 179.123),
         ({"whiteLuminance": 179.0, "vemlight:luminance_scale": "many"}, 179.0),
         ({"whiteLuminance": -1.0}, None),
+        ({"whiteLuminance": 1e31}, None),
+        ({"whiteLuminance": 1e29}, 1e29),
         ({"whiteLuminance": "nan"}, None),
         ({"whiteLuminance": (1.0, 2.0)}, None),
     ],
 )
-def test_scale(told: dict, scale: float | None) -> None:
-    assert scale_from_attributes(told) == scale
+def test_scale(attributes: dict, scale: float | None) -> None:
+    assert scale_from_attributes(attributes) == scale
+
+
+def test_as_many_samples_as_a_message_takes() -> None:
+    text = json.dumps(GOOD * 2048)
+    assert len(bright_cells_from_attributes("f", {"vemlight:bright_cells": text}, 100).cells) == 4096
+    with pytest.raises(UserError, match="4096"):
+        bright_cells_from_attributes("f", {"vemlight:bright_cells": json.dumps(GOOD * 2048 + GOOD[:1])}, 100)
+
+
+def test_recordings_of_version_1_keep_their_samples() -> None:
+    cells, directions, weights = bright_cells_from_attributes("f", {"vemlight:strong": json.dumps(GOOD)}, 100)
+    assert (cells.tolist(), directions.tolist(), weights.tolist()) == ([3, 3], [[0, 0, 1], [1, 0, 0]], [0.5, 0.5])

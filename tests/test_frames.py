@@ -11,8 +11,8 @@ from vemlight.capture import lens as lens_module
 from vemlight.capture import pixel_overlap as shares
 from vemlight.capture.fisheye import colour_lattices
 from vemlight.capture.frames import FrameMaker, brightest_cells
-from vemlight.capture.lens import Lens, pixel_angles, pixel_solid_angles, vignetting_from_angle, write_lens
-from vemlight.capture.response import Log, code_from_radiance, write_response
+from vemlight.capture.lens import Lens, direction_from_pixel, pixel_angles, pixel_solid_angles, vignetting_from_angle, write_lens
+from vemlight.capture.response import Linear, Log, code_from_radiance, write_response
 from vemlight.capture.simulation.environment import Environment, SunDisc
 from vemlight.capture.simulation.optics import fisheye_radiance
 from vemlight.errors import UserError
@@ -24,6 +24,7 @@ from vemlight.settings import Capture
 LENS = Lens(size=(512, 512), f=(151.0, 151.0), c=(255.3, 255.8), k1=-0.008, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0)
 B = 65535 / np.log(1e10)
 RESPONSE = Log(bits=16, a=float(-B * np.log(1e-3)), b=float(B), c=1e-3)  # 16 bits: what is tested here is geometry
+SMALL = Lens(size=(100, 100), f=(29.0, 29.0), c=(49.5, 49.5), k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0)
 DARK = np.zeros((16, 32, 3))
 
 
@@ -162,3 +163,33 @@ def test_nothing_is_left_to_compile_after_a_dark_frame(tmp_path: Path, mosaic) -
     codes[200:204, 300:304] = 60000
     assert len(maker.frame_from_codes("lit", codes, mosaic, 0.0).bright_cells.cells)
     assert [len(loop.signatures) for loop in compiled] == before
+
+
+@pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
+@pytest.mark.parametrize("position", range(4))
+def test_a_lit_pixel_of_a_mosaic_lights_its_colour_alone(tmp_path: Path, pattern, position: int) -> None:
+    write_lens(tmp_path / "lens.toml", SMALL)
+    write_response(tmp_path / "response.toml", Linear(bits=12, a=0.0, b=1.0))
+    x, y = 60 + position % 2, 52 + position // 2
+    codes = np.zeros((100, 100), np.uint16)
+    codes[y, x] = 1000
+    frame = FrameMaker(Capture(rows=20, cols=60), tmp_path).frame_from_codes("one", codes, pattern, 0.0)
+    # a red or blue pixel represents 2 x 2 pixels, a green one 2 x 1
+    colour = pattern[position]
+    area = {"R": (4, 0, 0), "G": (0, 2, 0), "B": (0, 0, 4)}[colour]
+    np.testing.assert_allclose(
+        map_irradiance(frame.radiance, "hemisphere"), 1000 * pixel_solid_angles(SMALL)[y, x] * np.array(area), rtol=1e-5
+    )
+    # luminance is that of the green pixels: only their light is located inside a cell
+    assert bool(len(frame.bright_cells.cells)) == (colour == "G")
+    if colour == "G":
+        towards = direction_from_pixel(np.array([x, y]), SMALL)
+        np.testing.assert_allclose(frame.bright_cells.directions, np.broadcast_to(towards, frame.bright_cells.directions.shape), atol=1e-6)
+
+
+@pytest.mark.parametrize(("fraction", "count"), [(1 / 550, 0), (1 / 450, 1)])
+def test_a_cell_with_a_five_hundredth_of_the_power_is_bright(fraction: float, count: int) -> None:
+    radiance = np.ones((90, 360, 3), np.float32)
+    solid = 2 * np.pi / 360 * -np.diff(np.cos(np.arange(91) * np.pi / 180))
+    radiance[45, 7] = fraction / (1 - fraction) * (2 * np.pi - solid[45]) / solid[45]
+    assert len(brightest_cells(radiance, "hemisphere")) == count

@@ -121,7 +121,11 @@ def test_missing_key_is_named(tmp_path: Path, key: str) -> None:
         ({"f": (0.0, 1.0)}, "f ="),
         ({"c": (float("nan"), 1.0)}, "nan"),
         ({"size": (0, 10)}, "size"),
+        ({"size": (16385, 10)}, "size"),
+        ({"rim_deg": 180.1}, "rim_deg"),
         ({"world_from_camera": ((1.0, 0, 0), (0, 1.0, 0), (0, 0, -1.0))}, "world_from_camera"),
+        ({"world_from_camera": ((1.00001, 0, 0), (0, 1.0, 0), (0, 0, 1.0))}, "world_from_camera"),
+        ({"flat_field": "flat.exr", "vignetting": (-0.1,)}, "leave one of the two out"),
     ],
 )
 def test_no_lens_at_all_is_refused(tmp_path: Path, changes: dict, word: str) -> None:
@@ -137,3 +141,15 @@ def test_unknown_key_is_refused(tmp_path: Path) -> None:
     path.write_text(path.read_text() + "k5 = 0.0\n")
     with pytest.raises(UserError, match="k5"):
         read_lens(path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"size": (16384, 10)},
+        {"rim_deg": 180.0},
+        {"world_from_camera": ((1.0000001, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))},  # seven digits
+    ],
+)
+def test_a_lens_at_the_limits_is_accepted(changes: dict) -> None:
+    check_lens(msgspec.structs.replace(make_lens(), **changes))

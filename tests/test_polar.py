@@ -85,3 +85,9 @@ def test_overlaps_are_means() -> None:
     assert got.start.tolist() == [0, 1, 4, 5]
     assert got.index.tolist() == [0, 0, 1, 2, 2]
     np.testing.assert_allclose(got.weight, [1, 0.5 / 3, 2 / 3, 0.5 / 3, 1])
+
+
+def test_rounding_at_coinciding_edges_is_no_overlap() -> None:
+    edges = np.array([0.0, 1.0, 2.0])
+    assert overlaps(np.array([0.0]), np.array([1 + 1e-13]), edges).index.tolist() == [0]
+    assert overlaps(np.array([0.0]), np.array([1 + 1e-6]), edges).index.tolist() == [0, 1]

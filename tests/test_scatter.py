@@ -2,6 +2,7 @@
 
 import itertools
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from vemlight.capture.fisheye import MAP_PARTS, colour_lattices, fisheye_to_pola
 from vemlight.capture.lens import Lens
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
 from vemlight.light.sphere import map_irradiance
+from vemlight.settings import Capture
 
 LENS = Lens(size=(220, 200), f=(57.0, 57.5), c=(109.2, 99.6), k1=-0.01, k2=0.001, k3=0.0, k4=0.0, rim_deg=95.0)
 WEIGHTS = fisheye_to_polar(LENS, 45, 180, "hemisphere")
@@ -79,3 +81,9 @@ def test_spans_hold_every_pixel_with_a_weight() -> None:
     for row in np.unique(y):
         assert tuple(spans[row]) == (x[y == row].min(), x[y == row].max() + 1)
     assert (spans[np.setdiff1d(np.arange(200), y)] == 0).all()
+
+
+def test_a_part_of_the_map_for_each_thread_that_the_settings_allow() -> None:
+    msgspec.convert({"threads": MAP_PARTS}, Capture)
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"threads": MAP_PARTS + 1}, Capture)

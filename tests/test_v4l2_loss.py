@@ -185,3 +185,14 @@ def test_a_lens_of_another_size_frees_the_camera(driver: Driver, tmp_path: Path)
     finally:
         monkey.undo()
     assert closed == ["/dev/video0"]
+
+
+@pytest.mark.parametrize(("asked", "fps"), [(0.0, 25.0), (12.0, 12.0)])
+def test_a_triggered_camera_has_the_rate_that_was_asked_for(
+    driver: Driver, monkeypatch: pytest.MonkeyPatch, asked: float, fps: float
+) -> None:
+    def no_rate(*_: object) -> float:
+        raise OSError(errno.ENOTTY, "Inappropriate ioctl for device")
+
+    monkeypatch.setattr(device, "get_fps", no_rate)
+    assert V4l2Camera("/dev/video0", fps=asked).fps == fps

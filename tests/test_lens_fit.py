@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from vemlight.capture.calibration.boards import BoardView, BoardViews, CalibrationBoard, find_board
+from vemlight.capture.calibration.boards import BoardView, BoardViews, CalibrationBoard, check_board, find_board
 from vemlight.capture.calibration.lens_calibration import calibrate_lens, lens_summary
 from vemlight.capture.calibration.lens_fit import fit_lens
 from vemlight.capture.lens import Lens, direction_from_pixel, pixel_angles, pixel_from_direction, read_lens
@@ -96,12 +96,28 @@ def test_bad_view_is_left_out_and_named() -> None:
     assert disagreement_px(report.lens, FISHEYE, 80) < 0.5
 
 
-def test_single_wild_corners_do_not_pull() -> None:
-    views = corner_views(FISHEYE, 10, 6, noise_px=0.1)
+@pytest.mark.parametrize(
+    ("noise_px", "own_noise_px", "left_out"),
+    [
+        (0.5, 0.75, False),  # 1.8 times as noisy as the others
+        (0.5, 1.9, True),  # 4 times
+        (0.1, 0.36, False),  # 4 times, but still 0.4 px only
+        (0.1, 0.5, True),  # 0.7 px
+    ],
+)
+def test_a_view_is_left_out_by_its_error_relative_to_the_others(noise_px: float, own_noise_px: float, left_out: bool) -> None:
+    views = corner_views(FISHEYE, 12, 5, noise_px)
+    views[4] = views[4]._replace(pixels=views[4].pixels + np.random.default_rng(1).normal(0, own_noise_px, (48, 2)))
+    assert list(fit_lens(views, FISHEYE.size).rejected) == ["v4"] * left_out
+
+
+@pytest.mark.parametrize(("shift_px", "outliers"), [(0.4, 1), (0.75, 10), (15.0, 10)])
+def test_single_outliers_are_left_out(shift_px: float, outliers: int) -> None:
+    views = corner_views(FISHEYE, 14, 6, noise_px=0.1)  # the median distance is 0.12 px, and 6 of them 0.7 px
     for n in range(10):
-        views[n].pixels[n] += 15
+        views[n].pixels[n] += shift_px  # in x and in y
     report = fit_lens(views, FISHEYE.size)
-    assert report.outliers == pytest.approx(10, abs=1)
+    assert report.outliers == pytest.approx(outliers, abs=1)
     assert disagreement_px(report.lens, FISHEYE, 80) < 0.5
 
 
@@ -232,12 +248,15 @@ def test_file_that_is_no_image(tmp_path: Path) -> None:
     ("board", "word"),
     [
         (CalibrationBoard((2, 6), 0.03), "inner corners"),
+        (CalibrationBoard((8, 101), 0.03), "inner corners"),
         (CalibrationBoard((8, 6), 0.0), "squares"),
+        (CalibrationBoard((8, 6), 0.9e-4), "squares"),
+        (CalibrationBoard((8, 6), 101.0), "squares"),
         (CalibrationBoard((8, 6), 0.03, "DICT_9", 0.02), "DICT_9"),
         (CalibrationBoard((8, 6), 0.03, "DICT_4X4_50", 0.04), "markers"),
     ],
 )
-def test_boards_that_cannot_be(tmp_path: Path, board: CalibrationBoard, word: str) -> None:
+def test_impossible_boards(tmp_path: Path, board: CalibrationBoard, word: str) -> None:
     with pytest.raises(UserError, match=word):
         calibrate_lens(write_blurred(tmp_path, 1), board, tmp_path / "lens.toml")
 
@@ -258,3 +277,8 @@ def test_real_photographs(tmp_path: Path) -> None:
     flat = np.interp(theta, angle, radius)[..., None] * np.stack([np.cos(phi), np.sin(phi)], -1)
     truth = flat @ np.array(published["stretch_matrix"]).T + published["distortion_center"]
     assert np.linalg.norm(pixel_from_direction(direction_from_angles(theta, phi), report.lens) - truth, axis=-1).max() < 1.0
+
+
+def test_boards_at_the_limits_are_accepted() -> None:
+    for board in (CalibrationBoard((3, 100), 1e-4), CalibrationBoard((100, 3), 100.0)):
+        check_board(board)

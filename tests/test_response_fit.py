@@ -70,6 +70,23 @@ def test_wrong_kind_is_refused_unless_accepted(tmp_path: Path) -> None:
     assert calibrate_response(patches(LOG), tmp_path / "r.toml", kind="linear", accept=True).worst > 0.05
 
 
+@pytest.mark.parametrize(("error", "accepted"), [(0.04, True), (-0.04, True), (0.06, False), (-0.06, False)])
+def test_check_patches_may_be_five_per_cent_off(tmp_path: Path, error: float, accepted: bool) -> None:
+    rows = [row._replace(luminance=row.luminance * (1 + error)) if row.check else row for row in patches(LOG)]
+    if accepted:
+        assert calibrate_response(rows, tmp_path / "r.toml").worst < 0.05
+    else:
+        with pytest.raises(UserError, match="beyond 5%"):
+            calibrate_response(rows, tmp_path / "r.toml")
+
+
+@pytest.mark.parametrize(("bits", "code"), [(8, 254.0), (10, 256.0), (12, 1024.0), (14, 4096.0), (16, 16384.0)])
+def test_bits_are_the_fewest_that_hold_the_codes(tmp_path: Path, bits: int, code: float) -> None:
+    linear = Linear(bits=16, a=0.0, b=code / 3e4, luminance_scale=1.0)
+    report = calibrate_response(patches(linear, fit=FIT[1:]), tmp_path / "r.toml", kind="linear", accept=True)
+    assert report.response.bits == bits
+
+
 def test_clipped_patches_are_left_out(tmp_path: Path) -> None:
     rows = [*patches(LOG), Patch(255.0, 1e7, False), Patch(0.0, 1e-9, False)]
     assert calibrate_response(rows, tmp_path / "r.toml", bits=8).worst < 1e-3

@@ -34,6 +34,12 @@ def test_noise_and_pattern_have_their_sigmas() -> None:
     assert np.array_equal(pattern, fixed_pattern(camera, 5))
 
 
+def test_radiance_above_the_half_floats_is_their_largest() -> None:
+    pixels = exposed(np.full((4, 4, 3), 1e6), VirtualCamera(lens=LENS), np.zeros((1, 1, 1)), (0, 0))
+    assert pixels.dtype == np.float16
+    assert np.all(pixels == 65504)
+
+
 def test_mosaic_takes_each_pixel_of_its_colour() -> None:
     rgb = np.random.default_rng(0).random((6, 8, 3))
     seen = through_mosaic(rgb, "GRBG")
@@ -76,6 +82,9 @@ def test_flicker_beats_with_the_frames_unless_exposed_for_a_period(tmp_path: Pat
         return np.array([row["irradiance"][1] for row in rows])
 
     short, whole = totals(0.001), totals(1 / hertz)
+    # 0.3 of the mean, averaged over the exposure in closed form
+    phase = 2 * np.pi * hertz * (np.arange(6) / 37 + 0.0005)
+    np.testing.assert_allclose(short, 2 * np.pi * (1 + 0.3 * np.cos(phase) * np.sinc(hertz * 0.001)), rtol=1e-9)
     assert np.ptp(short) / short.mean() > 0.2
     assert np.ptp(whole) / whole.mean() < 1e-9
 

@@ -71,3 +71,12 @@ def test_rounding_keeps_ends_and_darkness():
     assert steps[[0, -1]].tolist() == [0.0, 2.0]
     assert np.array_equal(quantised(values, 2.0, 0), values)
     assert np.array_equal(quantised(np.zeros(3), 0.0, 8), np.zeros(3))
+
+
+@pytest.mark.parametrize(("z", "counts"), [(0.03, False), (0.08, True)])
+def test_flat_rays_do_not_move_the_waist(z, counts):
+    """A ray flatter than 87 degrees that starts 5 mm above the crossing of two steep ones, with as much flux."""
+    across = np.sqrt(1 - z**2)
+    directions = np.array([[0.6, 0, 0.8], [-0.6, 0, 0.8], [across, 0, z]])
+    positions = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.005]], float)
+    assert (waist_z_m(Rays(positions, directions, np.ones((3, 3)))) > 1e-3) == counts

@@ -58,6 +58,7 @@ NAN = np.full((5, 7, 3), np.nan, np.float32)
     ({"spacing_m": -1.0}, "spacing_m"),
     ({"basis": "haar"}, "basis"),
     ({"rows": 100_000}, "rows"),
+    ({"rows": 33, "cols": 32}, "33 x 32 images are more than 1024"),
     ({"colour": "red"}, "colour"),
     ({"window_m": (0.1, 0.0, -0.1, 1.0)}, "empty"),
     ({"pixels": NAN}, "105 values are nan"),

@@ -261,3 +261,17 @@ def test_the_reference_on_the_measurement_plane_is_where_the_light_is():
     assert median(np.array([0.0, 1.0, 0.0, 1.0, 0.0])) in (2, 3)
     field.images[:] = 0
     assert np.all(cell_views(field, 5.0, "measurement").views["origin"][:, :2] == 0)
+
+
+def test_shadow_views_reach_over_a_thousandth_of_the_depth_and_87_degrees():
+    field = a_field(distance=0.01, window=1.0)
+    views = cell_views(field, 5.0)
+    assert (views.near_m, views.far_m) == (0.005, 5.0)
+    assert np.degrees(np.arctan(views.views["high"])) == pytest.approx(np.full((20, 2), 87.1), abs=0.1)
+    assert np.array_equal(views.views["low"], -views.views["high"])
+
+
+def test_a_luminaire_of_too_many_cells_is_refused(tmp_path):
+    field = a_field()._replace(images=np.ones((1, 1024, 1, 1, 3), np.float32))  # 2 x 1025 cells
+    with pytest.raises(UserError, match="2050 cells are more than 2048"):
+        picture(scene_with(tmp_path, FROM_ABOVE + GROUND + LAMP, field))

@@ -116,3 +116,25 @@ def test_real_files_carry_the_flux_they_state():
         assert total_flux_lm(far) == pytest.approx(far.lamp_flux_lm, rel=1e-3), path  # all of these state a light output ratio of 100 %
     far = read_photometry(folder / "examp1.ies")
     assert total_flux_lm(far) / far.lamp_flux_lm == pytest.approx(0.913, abs=1e-3)  # a T8 luminaire of 91 % efficiency
+
+
+@pytest.mark.parametrize(("planes", "said"), [(2000, "index out of range"), (2001, "C planes")])
+def test_an_eulumdat_has_up_to_2000_planes(tmp_path, planes, said):
+    text = eulumdat(0, symmetric(0, stored(0))).split("\r\n")
+    (tmp_path / "bad.ldt").write_text("\r\n".join([*text[:3], str(planes), *text[4:]]))
+    with pytest.raises(UserError, match=said):
+        read_photometry(tmp_path / "bad.ldt")
+
+
+@pytest.mark.parametrize(("line", "value", "said"), [
+    (25, 20, "list index"), (25, 21, "sets of lamps"), (28, 0.9e9, ""), (28, 1.1e9, "a flux of"),
+])
+def test_limits_of_an_eulumdat(tmp_path, line, value, said):
+    text = eulumdat(0, symmetric(0, stored(0))).split("\r\n")
+    text[line] = str(value)
+    (tmp_path / "a.ldt").write_text("\r\n".join(text))
+    if said:
+        with pytest.raises(UserError, match=said):
+            read_photometry(tmp_path / "a.ldt")
+    else:
+        assert read_photometry(tmp_path / "a.ldt").lamp_flux_lm == value

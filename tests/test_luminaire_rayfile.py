@@ -77,3 +77,30 @@ def test_a_real_led_keeps_its_337_lumens():
     assert sum(flux_budget[1:]) == pytest.approx(337, rel=1e-6)
     assert flux_budget.captured > 0.95 * 337  # what left: rays flatter than 76 degrees and stray light beside the chip
     assert luminance_from_rgb(flux(field)) == pytest.approx(flux_budget.captured, rel=1e-5)
+
+
+@pytest.mark.parametrize(("length", "accepted"), [(1.0007, True), (1.0015, False)])
+def test_directions_are_unit_vectors_to_a_thousandth(tmp_path, length, accepted):
+    rows = ROWS * [1, 1, 1, length, length, length, 1]
+    path = ray_file(tmp_path / "a.tm25ray", rows, LUMINOUS)
+    if accepted:
+        assert np.linalg.norm(read_rays(path).rays.directions, axis=1) == pytest.approx(1)
+    else:
+        with pytest.raises(UserError, match="unit vectors"):
+            read_rays(path)
+
+
+@pytest.mark.parametrize(("fields", "said"), [
+    ({"rays": 2**28}, "was cut off"), ({"rays": 2**28 + 1}, "claims"),
+    ({"additional_items": 999}, "unit vectors"), ({"additional_items": 1000}, "claims"),
+])
+def test_a_header_that_claims_too_much_is_refused_before_anything_is_read(tmp_path, fields, said):
+    with pytest.raises(UserError, match=said):
+        read_rays(ray_file(tmp_path / "a.tm25ray", ROWS, LUMINOUS, **fields))
+
+
+@pytest.mark.parametrize(("count", "read"), [(10_000, True), (10_001, False)])
+def test_a_spectrum_has_up_to_10000_wavelengths(tmp_path, count, read):
+    nm = np.linspace(620, 700, count)
+    file = read_rays(ray_file(tmp_path / "a.tm25ray", ROWS, LUMINOUS, np.stack([nm, np.ones(count)], axis=-1), spectra=1))
+    assert (file.rays.flux[0, 0] > 2 * file.rays.flux[0, 1]) == read

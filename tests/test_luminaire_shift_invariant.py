@@ -73,3 +73,20 @@ def test_far_away_equation_14_is_exact_but_for_the_bound():
 
 def test_behind_the_lamp_it_is_dark():
     assert not spot_irradiance(even(0.5, 0.4), np.array([0, 0, -0.1])).any()
+
+
+@pytest.mark.parametrize(("distance_m", "percent"), [(0.74, 7.65), (0.66, 8.57)])
+def test_the_approximation_is_accepted_up_to_8_percent(distance_m, percent):
+    field = even(distance_m, distance_m)
+    assert error_bound(field) == pytest.approx(percent / 100, abs=2e-3)
+    assert is_shift_invariant(field) == (percent < 8)
+
+
+@pytest.mark.parametrize(("level", "counts"), [(7e-4, False), (1.5e-3, True)])
+def test_pixels_under_a_thousandth_of_the_brightest_do_not_enter_the_bound(level, counts):
+    field = even(1.0, 2.0)
+    field.images[:] = 0
+    field.images[1, 1, 7:9, 7:9] = 1
+    on_axis = error_bound(field)
+    field.images[1, 1, 0, 0] = level
+    assert (error_bound(field) > 1.5 * on_axis) == counts

@@ -14,10 +14,10 @@ from vemlight.renderer.luminaire.photometry import PHOTOMETRY_SUFFIXES, FarField
 from vemlight.renderer.luminaire.shift_invariant import MAX_RELATIVE_ERROR, error_bound
 from vemlight.renderer.luminaire.tables import summed_area_tables
 
-PLANE_SAMPLES = 2000  # a point of a lit plane: a grain of about 1 %
-PLANE_DISTANCES = (1, 5, 20)  # of the pictured planes, in distances between the light field's planes
-WHITE_QUANTILE = 0.999  # of the pixels' magnitudes, shown white in a contact sheet
-GRID_LEVEL = 60  # of 255: the lines between the images of a contact sheet
+PLANE_SAMPLES = 2000  # a point of a lit plane: a grain of about 1 %; any value in 500..10000 does
+PLANE_DISTANCES = (1, 5, 20)  # of the pictured planes, in distances between the light field's planes: near, usual, far
+WHITE_QUANTILE = 0.999  # of the pixels' magnitudes, white in a contact sheet; any value in 0.99..0.9999 does
+GRID_LEVEL = 60  # of 255: the lines between the images of a contact sheet; any value in 20..120 does
 
 
 def describe(path: Path) -> list[str]:

@@ -90,6 +90,9 @@ def read_luminaire(path: Path) -> LightField:
     low_s, low_t, high_s, high_t = geometry.window_m
     if not (low_s < high_s and low_t < high_t):
         raise UserError(f"{path}: {HEADER_ATTRIBUTE}: window_m {geometry.window_m} is empty; write s_min, t_min, s_max, t_max")
+    if geometry.rows * geometry.cols > MAX_IMAGES:
+        grid = f"{geometry.rows} x {geometry.cols}"
+        raise UserError(f"{path}: {HEADER_ATTRIBUTE}: {grid} images are more than {MAX_IMAGES}; measure it with fewer")
     named = {name: pixels for name, _, pixels in parts}
     images = []
     for j, i in np.ndindex(geometry.rows, geometry.cols):

@@ -12,7 +12,7 @@ from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.vertex_buffers import draw_ranges
 
-MAX_ATLAS_SIDE = 8192  # texels; no GL 4.3 driver refuses it
+MAX_ATLAS_SIDE = 8192  # texels; no GL 4.3 driver refuses it; any value in 4096..16384 does
 GL_CLIP_DISTANCE0 = 0x3000
 CLIP_PLANES = 4  # the sides of a tile
 

@@ -23,8 +23,8 @@ from vemlight.renderer.passes.luminaires.occluders import SceneOccluders
 from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, Vector
 from vemlight.renderer.scene.scene import Scene
 
-MAX_CELLS = 2048  # of a luminaire: 64 kB of a uniform block
-FAR_ROWS, FAR_COLS = 181, 361  # a degree apart, as the finest photometry files have it
+MAX_CELLS = 2048  # of a luminaire: 64 kB of a uniform block, the most that common drivers take; any value in 512..2048 does
+FAR_ROWS, FAR_COLS = 181, 361  # a degree apart, as the finest photometry files have it; finer does no harm
 FAR_MARGIN = 1.01  # of the far plane, in distances of the scene's farthest corner; any value in 1.001..1.1 does
 
 

@@ -28,7 +28,8 @@ from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Renderer as RendererSettings
 from vemlight.settings import Sampler
 
@@ -100,7 +101,7 @@ def sphere_under(source: Source, roughness: float, folder: Path) -> Sphere:
 def sets_of(source: Source, method: Method, weak: int) -> tuple[LightSet, LightSet]:
     """The strong lights and the weak ones, as the sampler gives them on a first frame."""
     wanted = Sampler(method=method, count=COUNT, gloss_lights=weak, filter="none")
-    _, lights, report = step(wanted, initial_state(wanted), SamplerInput(source.polar, "hemisphere", 0.0, source.bright_cells))
+    _, lights, report = step(wanted, initial_state(), SamplerInput(source.polar, "hemisphere", 0.0, source.bright_cells))
     return lights, report.gloss or LightSet.none()
 
 

@@ -16,7 +16,8 @@ from bench.rivals.structured import structured
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Sampler
 
 SETTLED = 8  # frames of a still map before it is judged and timed
@@ -43,7 +44,7 @@ def ours(name: str, **settings: Any) -> Method:
 
     def start(count: int) -> Any:
         made = Sampler(count=count, **settings)
-        return made, initial_state(made)
+        return made, initial_state()
 
     def steps(state: Any, frame: SamplerInput) -> tuple[Any, LightSet]:
         after, lights, _ = step(state[0], state[1], frame)

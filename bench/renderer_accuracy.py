@@ -37,7 +37,8 @@ from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Renderer as Settings
 from vemlight.settings import Sampler
 
@@ -73,7 +74,7 @@ def errors(picture: np.ndarray, truth: np.ndarray) -> Error:
 def lights_of(path: Path, count: int, method: str, clusters: int = 0) -> LightSet:
     """What the sampler makes of a still map."""
     settings, source = Sampler(method=method, filter="none", count=count, clusters=clusters), read_source(path)  # type: ignore[arg-type]
-    state, lights = initial_state(settings), None
+    state, lights = initial_state(), None
     for k in range(SETTLED):
         state, lights, _ = step(settings, state, SamplerInput(source.polar, "hemisphere", k / 25, source.bright_cells))
     assert lights is not None

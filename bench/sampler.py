@@ -22,10 +22,12 @@ import numpy as np
 
 from vemlight.files import written_whole
 from vemlight.sampler import cluster
-from vemlight.sampler.density import light_map
+from vemlight.sampler.light_map import light_map
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, irradiance, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.sampler.temporal import filter, flicker
+from vemlight.sampler.warp_method import irradiance_from_tint
 from vemlight.sampler.warps.points import halton, points
 from vemlight.sampler.warps.warp import WarpName, steadied, warp_from_map
 from vemlight.settings import Sampler
@@ -41,10 +43,11 @@ FIRST_FRAME = """
 import time; start = time.perf_counter()
 import numpy as np
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Sampler
 settings = Sampler(method="havran-azimuth", count=300, clusters=72)
-step(settings, initial_state(settings), SamplerInput(np.ones((90, 360, 3), np.float32), "hemisphere", 0.0))
+step(settings, initial_state(), SamplerInput(np.ones((90, 360, 3), np.float32), "hemisphere", 0.0))
 print(time.perf_counter() - start)
 """
 
@@ -86,7 +89,7 @@ def whole_step() -> list[Row]:
     """The step of the issue's target, 90 x 360 to 300 lights with tables, sampling, FIR and clustering, and its parts."""
     radiance, settings = sky(), Sampler(method=METHODS[0], count=300, clusters=72)
     maps = [radiance * np.float32(1 + 0.02 * k) for k in range(4)]
-    state = initial_state(settings)
+    state = initial_state()
     frame = 0
 
     def one() -> None:
@@ -100,22 +103,22 @@ def whole_step() -> list[Row]:
     table = points(300, "disc")
     samples = warp.sample(table)
     drawn = np.concatenate([samples.directions, samples.radiance / samples.density[:, None] / light.irradiance], axis=1)
-    now = filter.Frame(frame / 25, light.irradiance, drawn)
-    lights = step(Sampler(method=METHODS[0], count=300), initial_state(settings), SamplerInput(radiance, "hemisphere", 0.0))[1]
-    clusters = cluster.clustered(lights, 72, "hemisphere", cluster.NONE)[0]
+    now = filter.FilterFrame(frame / 25, light.irradiance, drawn)
+    lights = step(Sampler(method=METHODS[0], count=300), initial_state(), SamplerInput(radiance, "hemisphere", 0.0))[1]
+    clusters = cluster.clustered(lights, 72, "hemisphere", cluster.NO_CLUSTERS)[0]
     parts: list[tuple[str, Callable[[], Any]]] = [
         ("part: cleaning, importance, integrals", lambda: light_map(radiance, "hemisphere")),
         ("part: tables", lambda: warp_from_map(light, "havran-azimuth")),
         ("part: offset", lambda: steadied(warp, anchor, 0.3)),
         ("part: 300 samples", lambda: warp.sample(table)),
-        ("part: flicker", lambda: flicker.with_frame(state.flicker, frame / 25, np.ones(1))),
+        ("part: flicker", lambda: flicker.flicker_after(state.flicker, frame / 25, np.ones(1))),
         ("part: FIR", lambda: filter.filtered(settings, state.filter, now, 0.0)),
-        ("part: irradiance", lambda: irradiance(np.ones(300), drawn[:, 3:], light.irradiance)),
+        ("part: irradiance", lambda: irradiance_from_tint(np.ones(300), drawn[:, 3:], light.irradiance)),
         ("part: clustering", lambda: cluster.clustered(lights, 72, "hemisphere", clusters)),
     ]
     rows += [measured(what, 300, work, 300) for what, work in parts]
     asked = Sampler(method=METHODS[0], count=300, error_percent=15.0)
-    state = step(asked, initial_state(asked), SamplerInput(radiance, "hemisphere", 0.0))[0]
+    state = step(asked, initial_state(), SamplerInput(radiance, "hemisphere", 0.0))[0]
     later = SamplerInput(radiance, "hemisphere", 0.04)
     rows.append(measured("step with the number of lights controlled", 300, lambda: step(asked, state, later), 300))
     return rows
@@ -125,7 +128,7 @@ def own_tail(settings: Sampler, maps: list[np.ndarray]) -> Row:
     """The same step on the same 600 frames eight times, the least time of each frame: what is slow by its own work is slow each time."""
     times = np.empty((8, 600))
     for run in times:
-        state = initial_state(settings)
+        state = initial_state()
         for k in range(run.size):
             start = time.process_time()
             state, _, _ = step(settings, state, SamplerInput(maps[k % len(maps)], "hemisphere", k / 25))
@@ -151,7 +154,7 @@ def scaling() -> list[Row]:
         rows.append(measured("map to tables", cells, lambda r=radiance: warp_from_map(light_map(r, "hemisphere"), METHODS[0]), 30, cells))
     for count in (300, 3000, 30_000, 100_000):
         settings = Sampler(method=METHODS[0], count=count)
-        state = step(settings, initial_state(settings), SamplerInput(sky(), "hemisphere", 0.0))[0]
+        state = step(settings, initial_state(), SamplerInput(sky(), "hemisphere", 0.0))[0]
         work = partial(step, settings, state, SamplerInput(sky(), "hemisphere", 0.04))
         rows.append(measured("step: lights, FIR", count, work, 20, count))
     return rows
@@ -199,7 +202,7 @@ def beside_mitsuba() -> list[Row]:
 def memory(frames: int) -> list[Row]:
     """Resident memory in MiB (in the column of the median) after a tenth and after all of many frames."""
     settings, radiance = Sampler(method=METHODS[0], count=72, clusters=36), sky(24, 96)
-    state, rows = initial_state(settings), []
+    state, rows = initial_state(), []
     for k in range(1, frames + 1):
         state, _, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25))
         if k in (frames // 10, frames):

@@ -14,10 +14,11 @@ import matplotlib
 import numpy as np
 
 from vemlight.files import written_whole
-from vemlight.sampler.density import light_map
+from vemlight.sampler.light_map import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Sampler as Settings
 
 matplotlib.use("Agg")
@@ -95,7 +96,7 @@ def cases() -> dict[str, Sequence]:
 
 def errors(settings: Settings, sequence: Sequence) -> tuple[np.ndarray, np.ndarray]:
     """Error and change (frames,) of the irradiance, relative to the mean over the probes and frames."""
-    at, state = probes(256, "hemisphere"), initial_state(settings)
+    at, state = probes(256, "hemisphere"), initial_state()
     truth, got = [], []
     for time_s, radiance in sequence:
         state, lights, _ = step(settings, state, SamplerInput(radiance, "hemisphere", time_s))

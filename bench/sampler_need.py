@@ -14,9 +14,9 @@ import numpy as np
 
 from bench.judge import read_source
 from vemlight.files import written_whole
-from vemlight.sampler.control import DARKEST, need
-from vemlight.sampler.density import light_map
+from vemlight.sampler.light_map import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.required_lights import DARK_PROBE, required_lights
 from vemlight.sampler.warps.points import points
 from vemlight.sampler.warps.warp import warp_from_map
 
@@ -25,21 +25,21 @@ from matplotlib import pyplot as plt
 
 OUT = Path(__file__).parents[1] / "docs" / "charts"
 PROMISED = (0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4)
-MOST = 1024
+MAX_COUNT = 1024
 
 
 def chosen(radiance: np.ndarray) -> list[tuple[float, int, float]]:
     """(promised error, number of lights, error on other probes) for a map (rows, cols, 3)."""
     light = light_map(radiance, "hemisphere")
-    samples = warp_from_map(light, "havran-azimuth").sample(points(MOST, "disc"))
+    samples = warp_from_map(light, "havran-azimuth").sample(points(MAX_COUNT, "disc"))
     tint = samples.radiance / samples.density[:, None] / light.irradiance
     at = probes(1024, "hemisphere")
     truth, result = irradiance_of_map(at, light.radiance, "hemisphere"), []
     for promised in PROMISED:
-        count = need(light, samples.directions, tint, promised)
+        count = required_lights(light, samples.directions, tint, promised)
         irradiance = tint[:count] / tint[:count].sum(axis=0) * light.irradiance
         got = irradiance_of_lights(at, samples.directions[:count], irradiance)
-        error = np.sqrt((((got - truth) / (truth + DARKEST * truth.mean())) ** 2).mean())
+        error = np.sqrt((((got - truth) / (truth + DARK_PROBE * truth.mean())) ** 2).mean())
         result.append((promised, count, float(error)))
     return result
 

@@ -41,7 +41,7 @@ def test_the_first_clusters_are_those_of_a_range_search(degrees):
 @limits(max_examples=60)
 def test_never_more_than_asked_for_and_power_is_exact(seed, count, most, spread, coverage):
     given_lights = lights(seed, count, spread)
-    now, merged = clustered(given_lights, most, coverage, cluster.NONE)
+    now, merged = clustered(given_lights, most, coverage, cluster.NO_CLUSTERS)
     assert len(merged.ids) <= most
     np.testing.assert_allclose(merged.irradiance.sum(axis=0, dtype=float), given_lights.irradiance.sum(axis=0, dtype=float), rtol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(merged.directions, axis=1), 1, atol=1e-6)
@@ -55,7 +55,7 @@ def test_never_more_than_asked_for_and_power_is_exact(seed, count, most, spread,
 
 def test_few_enough_lights_stay_as_they_are():
     given_lights = lights(3, 20)
-    assert clustered(given_lights, 20, "hemisphere", cluster.NONE)[1] is given_lights
+    assert clustered(given_lights, 20, "hemisphere", cluster.NO_CLUSTERS)[1] is given_lights
 
 
 @pytest.mark.parametrize("most", [8, 16, 32, 72, 128])
@@ -63,7 +63,7 @@ def test_few_enough_lights_stay_as_they_are():
 def test_the_angle_is_found_that_uses_up_the_wanted_number(most, spread):
     # The paper's fixed angle leaves about half of Q unused (40 of 72) and may exceed it. Found anew, and again while the lights move.
     generator = np.random.default_rng(most)
-    state, base = cluster.NONE, lights(4, 300, spread)
+    state, base = cluster.NO_CLUSTERS, lights(4, 300, spread)
     for _ in range(10):
         directions = base.directions + 0.02 * generator.standard_normal((300, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -75,7 +75,7 @@ def test_a_cluster_lies_at_the_mean_of_its_lights_weighted_by_power():
     directions = np.array([[0.0, 0, 1], [0.1, 0, 0.995], [1, 0, 0]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     given_lights = LightSet.of(np.array([5, 7, 9]), directions, np.array([[1.0, 1, 1], [3, 3, 3], [2, 2, 2]]))
-    _, merged = clustered(given_lights, 2, "hemisphere", cluster.NONE)
+    _, merged = clustered(given_lights, 2, "hemisphere", cluster.NO_CLUSTERS)
     assert merged.ids.tolist() == [5, 9]
     mean = directions[0] + 3 * directions[1]
     np.testing.assert_allclose(merged.directions[0], mean / np.linalg.norm(mean), atol=1e-6)
@@ -84,10 +84,10 @@ def test_a_cluster_lies_at_the_mean_of_its_lights_weighted_by_power():
 
 def test_opposite_and_dark_clusters_lie_at_their_seed():
     pair = LightSet.of(np.arange(2), np.array([[1.0, 0, 0], [-1, 0, 0]]), np.ones((2, 3)))
-    _, merged = clustered(pair, 1, "sphere", cluster.NONE)
+    _, merged = clustered(pair, 1, "sphere", cluster.NO_CLUSTERS)
     np.testing.assert_array_equal(merged.directions, [[1, 0, 0]])
     dark = lights(5, 30)._replace(irradiance=np.zeros((30, 3), np.float32))
-    _, merged = clustered(dark, 8, "hemisphere", cluster.NONE)
+    _, merged = clustered(dark, 8, "hemisphere", cluster.NO_CLUSTERS)
     assert np.isfinite(merged.directions).all()
 
 
@@ -95,7 +95,7 @@ def test_clusters_hold_while_lights_shake():
     # 1 % of noise on the directions: with hysteresis far fewer lights change their cluster than without.
     base, generator = lights(6, 300), np.random.default_rng(7)
     changes = {"kept": 0, "anew": 0}
-    state, last = clustered(base, 72, "hemisphere", cluster.NONE)[0], None
+    state, last = clustered(base, 72, "hemisphere", cluster.NO_CLUSTERS)[0], None
     for _ in range(30):
         directions = base.directions + 0.01 * generator.standard_normal((300, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -111,5 +111,5 @@ def test_clusters_hold_while_lights_shake():
 def test_a_lone_pole_far_from_all_others_is_not_lost():
     near = np.array([[np.sin(a), 0, np.cos(a)] for a in np.linspace(0, 0.02, 50)])
     given_lights = LightSet.of(np.arange(51), np.vstack([near, [[1.0, 0, 0]]]), np.ones((51, 3)))
-    _, merged = clustered(given_lights, 4, "hemisphere", cluster.NONE)
+    _, merged = clustered(given_lights, 4, "hemisphere", cluster.NO_CLUSTERS)
     assert np.degrees(angle_between(merged.directions.astype(float), np.array([1.0, 0, 0]))).min() < 0.1

@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from vemlight.sampler.temporal.filter import EMPTY, Frame, filtered
-from vemlight.sampler.temporal.taps import taps_from_settings
+from vemlight.sampler.temporal.filter import EMPTY_MEMORY, FilterFrame, filtered
+from vemlight.sampler.temporal.filters import weights_from_settings
 from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
 
 PAPER = Sampler(filter="fir2005")
-TAPS = taps_from_settings(PAPER, 25.0)
+TAPS = weights_from_settings(PAPER, 25.0)
 UP = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
 
 
 def frame(time_s, power=1.0, light: ArrayLike = UP):
-    return Frame(time_s, np.full(3, float(power)), np.array(light, float).reshape(-1, 6))
+    return FilterFrame(time_s, np.full(3, float(power)), np.array(light, float).reshape(-1, 6))
 
 
 def run(frames, settings=PAPER):
-    memory, out = EMPTY, []
+    memory, out = EMPTY_MEMORY, []
     for one in frames:
         memory, result, _, _ = filtered(settings, memory, one, 0.0)
         out.append(result)
@@ -59,7 +59,7 @@ def test_light_switched_off_keeps_its_energy_and_is_never_negative():
 
 
 def test_the_delay_is_half_the_order():
-    memory, _, _, _ = filtered(PAPER, EMPTY, frame(0.0), 0.0)
+    memory, _, _, _ = filtered(PAPER, EMPTY_MEMORY, frame(0.0), 0.0)
     _, _, delay_s, _ = filtered(PAPER, memory, frame(0.04), 0.0)
     assert delay_s == pytest.approx(0.16)
 
@@ -98,7 +98,7 @@ def test_directions_never_vanish_nor_sink_below_the_horizon():
 
 
 def test_new_lights_begin_where_they_are_and_others_stay():
-    memory, before, _, _ = filtered(PAPER, EMPTY, frame(0.0, 1.0, [UP]), 0.0)
+    memory, before, _, _ = filtered(PAPER, EMPTY_MEMORY, frame(0.0, 1.0, [UP]), 0.0)
     side = np.array([1.0, 0, 0, 0.5, 0.5, 0.5])
     memory, out, _, _ = filtered(PAPER, memory, frame(0.04, 1.0, [UP, side]), 0.0)
     np.testing.assert_allclose(out.lights, [UP, side], atol=1e-12)
@@ -107,7 +107,7 @@ def test_new_lights_begin_where_they_are_and_others_stay():
 
 
 def test_memory_does_not_grow_and_old_memories_stay_valid():
-    memory = EMPTY
+    memory = EMPTY_MEMORY
     for k in range(200):
         old, now = memory, frame(k / 25, 1 + k % 3)
         memory, first, _, _ = filtered(PAPER, old, now, 0.0)
@@ -150,7 +150,7 @@ def test_the_two_low_passes_have_half_the_power_at_their_edge_and_ignore_the_fra
 
 
 def test_another_filter_takes_over_without_a_jump():
-    memory, last = EMPTY, None
+    memory, last = EMPTY_MEMORY, None
     for k in range(60):
         settings = [PAPER, Sampler(filter="binomial"), Sampler(filter="iir"), Sampler(filter="fir")][k // 15]
         memory, out, _, _ = filtered(settings, memory, frame(k / 25, 10 + k), 0.0)
@@ -169,5 +169,5 @@ def test_a_covered_frame_does_not_steer_the_lights(name):
 
 def test_below_the_horizon_is_allowed_on_the_sphere():
     down = np.array([0.0, 0, -1, 1, 1, 1])
-    _, out, _, _ = filtered(Sampler(), EMPTY, frame(0.0, 1.0, down), -1.0)
+    _, out, _, _ = filtered(Sampler(), EMPTY_MEMORY, frame(0.0, 1.0, down), -1.0)
     np.testing.assert_allclose(out.lights, [down], atol=1e-12)

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from vemlight.sampler.density import light_map
-from vemlight.sampler.temporal.flicker import FEWEST, FRAMES, NONE, block_powers, with_frame, without_flicker
+from vemlight.sampler.light_map import light_map
+from vemlight.sampler.temporal.flicker import FIT_FRAMES, MIN_FIT_FRAMES, NO_FLICKER, block_powers, flicker_after, without_flicker
 
 
 def watch(times, power):
-    state, out = NONE, []
+    state, out = NO_FLICKER, []
     for t, p in zip(times, power, strict=True):
-        state = with_frame(state, float(t), np.array([p]))
+        state = flicker_after(state, float(t), np.array([p]))
         out.append(state)
     return out
 
@@ -44,7 +44,7 @@ def test_mains_and_clocks_may_be_a_little_off(offset):
     found = watch(times, lamp(times, 100 + offset))
     assert found[-1].lamp_hz == pytest.approx(100 + offset, abs=0.03)
     truth = lamp(times, 100 + offset)
-    left = np.array([p / state.excess[0] for p, state in zip(truth, found, strict=True)])[FRAMES:]
+    left = np.array([p / state.excess[0] for p, state in zip(truth, found, strict=True)])[FIT_FRAMES:]
     assert left.std() / left.mean() < 0.1 * 0.2 / np.sqrt(2)
 
 
@@ -57,8 +57,8 @@ def test_what_is_taken_out_is_the_lamps_share_and_not_the_scenes():
     found = watch(times, power)
     left = np.array([p / state.excess[0] for p, state in zip(power, found, strict=True)])
     # A stamp that is 1e-4 s off is a phase 0.06 off, 1.3 % of a depth of 0.2.
-    assert np.abs(left / cloud - 1)[FRAMES:].max() < 0.03
-    assert np.abs(power / cloud - 1)[FRAMES:].max() > 0.2
+    assert np.abs(left / cloud - 1)[FIT_FRAMES:].max() < 0.03
+    assert np.abs(power / cloud - 1)[FIT_FRAMES:].max() > 0.2
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -71,31 +71,31 @@ def test_noise_and_clouds_are_no_flicker(seed):
 
 
 def test_too_little_seen_black_and_gaps_say_nothing():
-    times = np.arange(FEWEST - 1) / 21
+    times = np.arange(MIN_FIT_FRAMES - 1) / 21
     assert all(state.depth == 0 for state in watch(times, lamp(times)))
     black = watch(np.arange(60) / 21, np.zeros(60))
     assert all(state.excess == 1 and state.depth == 0 for state in black)
     times = np.arange(96) / 21
     state = watch(times, lamp(times))[-1]
-    assert with_frame(state, times[-1] + 5, np.ones(1)).depth == 0
-    assert with_frame(state, 0.0, np.ones(1)).depth == 0
+    assert flicker_after(state, times[-1] + 5, np.ones(1)).depth == 0
+    assert flicker_after(state, 0.0, np.ones(1)).depth == 0
 
 
 def test_memory_is_bounded():
     times = np.arange(300) / 30
-    assert len(watch(times, lamp(times))[-1].times_s) == FRAMES
-    assert NONE.times_s.size == 0
+    assert len(watch(times, lamp(times))[-1].times_s) == FIT_FRAMES
+    assert NO_FLICKER.times_s.size == 0
 
 
 def test_tubes_beside_a_window_lose_their_flicker_and_the_window_keeps_its_light():
     window, tubes = np.zeros((30, 60, 3), np.float32), np.zeros((30, 60, 3), np.float32)
     window[20:28, 5:25], tubes[5:7, 35:55] = 2.0, 9.0
-    state = NONE
+    state = NO_FLICKER
     for k in range(100):
         bright = 1 + 0.3 * np.sin(200 * np.pi * k / 21)
         light = light_map(window + np.float32(bright) * tubes, "hemisphere")
-        state = with_frame(state, k / 21, block_powers(light, True))
-        if k >= FRAMES:
+        state = flicker_after(state, k / 21, block_powers(light, True))
+        if k >= FIT_FRAMES:
             np.testing.assert_allclose(without_flicker(light, state), window + tubes, rtol=0.01)
     assert block_powers(light, True).sum() == pytest.approx(light.power, rel=1e-12)
     assert block_powers(light, False) == pytest.approx([light.power])
@@ -105,8 +105,8 @@ def test_a_block_that_does_something_else_is_left_alone():
     # Five blocks flicker, one shows a lamp switched on and off by hand, one is dark at times.
     times, generator = np.arange(96) / 21, np.random.default_rng(3)
     others = np.stack([np.where(generator.random(96) < 0.5, 1.0, 2.0), np.where(times < 3, 0.0, 1.0)], axis=1)
-    state = NONE
+    state = NO_FLICKER
     for t, one, pair in zip(times, lamp(times), others, strict=True):
-        state = with_frame(state, float(t), np.append(np.full(5, one), 0.1 * pair))
+        state = flicker_after(state, float(t), np.append(np.full(5, one), 0.1 * pair))
     assert state.excess[:5] == pytest.approx(lamp(times)[-1], rel=0.02)
     assert state.excess[5:] == pytest.approx(1, abs=0.02)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from vemlight.light.sphere import cell_directions, cell_solid_angles
-from vemlight.sampler.probes import SOFTNESS, irradiance_of_lights, irradiance_of_map, probes, seen
+from vemlight.sampler.probes import SOFTNESS, irradiance_of_lights, irradiance_of_map, irradiance_of_unit_light, probes
 
 
 @pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
@@ -18,13 +18,13 @@ def test_the_probes_are_even(coverage):
 def test_a_light_is_seen_by_its_cosine_and_beside_the_occluder():
     up = np.array([0.0, 0.0, 1.0])
     low = np.array([np.sqrt(1 - 0.25), 0, 0.5])
-    assert seen(up, up, low) == pytest.approx(0.5)
-    assert seen(up, -up, low) == 0
-    assert seen(-up, up, low) == 0
+    assert irradiance_of_unit_light(up, up, low) == pytest.approx(0.5)
+    assert irradiance_of_unit_light(up, -up, low) == 0
+    assert irradiance_of_unit_light(-up, up, low) == 0
     across = np.array([-0.5, 0, np.sqrt(1 - 0.25)])  # at a right angle to the light: in the middle of the soft edge
-    assert seen(up, across, low) == pytest.approx(0.25)
+    assert irradiance_of_unit_light(up, across, low) == pytest.approx(0.25)
     tilted = across + SOFTNESS / 2 * low
-    assert seen(up, tilted, low) == pytest.approx(0.375)
+    assert irradiance_of_unit_light(up, tilted, low) == pytest.approx(0.375)
 
 
 def test_a_map_counts_as_the_lights_of_its_cells():

@@ -9,7 +9,8 @@ import pytest
 from vemlight.light.sphere import angle_between, direction_from_angles, map_irradiance
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
@@ -27,7 +28,7 @@ def lamp(theta_deg, phi_deg, radiance, base=SKY):
 
 
 def run(maps, settings, fps=25.0, times=None):
-    state, lights, reports = initial_state(settings), [], []
+    state, lights, reports = initial_state(), [], []
     for k, radiance in enumerate(maps):
         state, now, report = step(settings, state, SamplerInput(radiance, "hemisphere", k / fps if times is None else times[k]))
         assert np.isfinite(now.directions).all()
@@ -211,13 +212,13 @@ def test_spoilt_pixels_count_and_harm_only_themselves(method):
     settings = Sampler(method=method)
     lights, reports = run([spoilt], settings)
     expected, _ = run([clean], settings)
-    assert reports[0].spoilt == 3
+    assert reports[0].invalid_cells == 3
     for one, other in zip(lights[0], expected[0], strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def test_a_frame_spoilt_as_a_whole_is_a_black_frame():
     lights, reports = run([SKY] * 5 + [np.full_like(SKY, np.nan)], Sampler(filter="none"))
-    assert reports[-1].spoilt == ROWS * COLS
+    assert reports[-1].invalid_cells == ROWS * COLS
     assert (lights[-1].irradiance == 0).all()
     np.testing.assert_array_equal(lights[-1].directions, lights[-2].directions)

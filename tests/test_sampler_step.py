@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from vemlight.light.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, irradiance, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
+from vemlight.sampler.warp_method import irradiance_from_tint
 from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
@@ -26,7 +28,7 @@ def scene(seed=0, rows=30, cols=60, sun=0.0):
 
 
 def run(settings, maps, coverage: Coverage = "hemisphere", fps=25.0):
-    state, out = initial_state(settings), []
+    state, out = initial_state(), []
     for k, radiance in enumerate(maps):
         state, lights, report = step(settings, state, SamplerInput(radiance, coverage, k / fps))
         out.append((lights, report))
@@ -72,7 +74,7 @@ def test_one_lit_pixel_is_where_the_lights_are():
 
 def test_a_channel_that_no_light_sees_is_not_lost():
     tint = np.array([[1.0, 0.0, 0.5], [1.0, 0.0, 0.0]])
-    np.testing.assert_allclose(irradiance(np.array([0.5, 0.5]), tint, np.array([2.0, 3.0, 4.0])), [[1, 1.5, 4], [1, 1.5, 0]])
+    np.testing.assert_allclose(irradiance_from_tint(np.array([0.5, 0.5]), tint, np.array([2.0, 3.0, 4.0])), [[1, 1.5, 4], [1, 1.5, 0]])
 
 
 @pytest.mark.parametrize("filter", ["none", "fir2005"])
@@ -118,7 +120,7 @@ def test_step_is_a_pure_function():
 
 @pytest.mark.parametrize("filter", ["none", "fir2005"])
 def test_more_or_fewer_lights_move_none_of_the_others(filter):
-    state, before = initial_state(Sampler(filter=filter)), None
+    state, before = initial_state(), None
     for k, count in enumerate((72, 72, 216, 216, 50)):
         state, lights, _ = step(Sampler(filter=filter, count=count), state, SamplerInput(scene(), "hemisphere", k / 25))
         np.testing.assert_array_equal(lights.ids, np.arange(len(lights.ids)))
@@ -142,7 +144,7 @@ def test_every_setting_may_change_between_frames(filter):
     changes += [{"error_percent": 20.0}, {"filter": "binomial"}, {"error_percent": 0.0, "count": 10}, {"gloss_lights": 0}]
     changes += [{"deflicker": True}, {"method": "havran-radius"}]
     settings, radiance = Sampler(filter=filter), scene(sun=1e3)
-    state = initial_state(settings)
+    state = initial_state()
     for k in range(4 * len(changes)):
         if k % 4 == 0:
             settings = msgspec.structs.replace(settings, **changes[k // 4])
@@ -153,7 +155,7 @@ def test_every_setting_may_change_between_frames(filter):
 
 
 def test_lights_that_come_are_faded_in():
-    state = initial_state(PLAIN)
+    state = initial_state()
     shares = []
     for k in range(12):
         state, lights, _ = step(Sampler(filter="none", count=20 if k < 4 else 40), state, SamplerInput(scene(), "hemisphere", k / 25))
@@ -183,16 +185,16 @@ def test_clusters_have_the_power_of_all_and_never_exceed_the_limit():
         assert set(lights.ids) <= set(range(300))
 
 
-def test_as_many_lights_as_needed_and_as_the_renderer_can():
+def test_as_many_lights_as_required_and_as_the_budget_allows():
     sky = np.ones((30, 60, 3), np.float32)
     out, _ = run(Sampler(filter="none", count=400, error_percent=15.0), [sky] * 3)
-    need = out[-1][1].need
-    assert 8 < need < 100
-    assert len(out[-1][0].ids) == out[-1][1].count == need
-    settings, state = Sampler(filter="none", count=400, error_percent=15.0), initial_state(Sampler(count=400))
-    for told, used in ((7, 7), (8, 7), (6, 6), (9, 9), (400, need), (0, need)):
+    required = out[-1][1].required_lights
+    assert 8 < required < 100
+    assert len(out[-1][0].ids) == out[-1][1].count == required
+    settings, state = Sampler(filter="none", count=400, error_percent=15.0), initial_state()
+    for budget, used in ((7, 7), (8, 7), (6, 6), (9, 9), (400, required), (0, required)):
         for k in range(10):  # until lights have come and gone
-            state, lights, report = step(settings, state, SamplerInput(sky, "hemisphere", k / 25, light_budget=told))
+            state, lights, report = step(settings, state, SamplerInput(sky, "hemisphere", k / 25, light_budget=budget))
         assert len(lights.ids) == report.count == used
 
 
@@ -210,9 +212,9 @@ def noisy_days(frames, sun):
 @pytest.mark.parametrize("method", ["havran-azimuth", "tracked"])
 def test_a_steady_scene_keeps_its_number_of_lights(method, sun):
     settings = Settings(method=method, count=400, error_percent=15.0, filter="none")
-    needs = [report.need for _, report in run(settings, noisy_days(200, lambda _: sun))[0]]
-    assert len(set(needs[100:])) == 1
-    assert len(set(needs)) <= 6
+    required = [report.required_lights for _, report in run(settings, noisy_days(200, lambda _: sun))[0]]
+    assert len(set(required[100:])) == 1
+    assert len(set(required)) <= 6
 
 
 @pytest.mark.parametrize(("method", "lit"), [("havran-azimuth", True), ("tracked", False)])
@@ -221,16 +223,16 @@ def test_a_change_of_the_scene_is_answered_soon(method, lit):
     # leaves few for its shadows; of tracked ones, a single one of which is the sun, without it.
     settings = Settings(method=method, count=400, error_percent=15.0, filter="none")
     out = run(settings, noisy_days(200, lambda k: lit == (80 <= k < 130)))[0]
-    needs = np.array([report.need for _, report in out])
-    few, many = needs[79], needs[129]
+    required = np.array([report.required_lights for _, report in out])
+    few, many = required[79], required[129]
     assert many > 1.4 * few
-    assert needs[80 + 8] >= 0.8 * many  # frames: a third of a second
-    assert needs[130 + 60] <= 1.3 * few  # a second of doubt twice: at first the offset, or a light, is still on its way
+    assert required[80 + 8] >= 0.8 * many  # frames: a third of a second
+    assert required[130 + 60] <= 1.3 * few  # a second of doubt twice: at first the offset, or a light, is still on its way
     assert len(out[-1][0].ids) <= 1.3 * few
 
 
 def test_memory_is_flat():
-    settings, state = Sampler(filter="fir", count=8, clusters=4, error_percent=30.0, gloss_lights=12), initial_state(Sampler())
+    settings, state = Sampler(filter="fir", count=8, clusters=4, error_percent=30.0, gloss_lights=12), initial_state()
     radiance, sizes = scene(rows=4, cols=8), []
     for k in range(3000):
         state, _, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25))

@@ -3,7 +3,7 @@ import pytest
 
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_directions, cell_solid_angles, direction_from_angles
-from vemlight.sampler.score import Score, score, text
+from vemlight.sampler.score import Score, score, score_text
 
 
 def radiance(seed=1):
@@ -23,7 +23,7 @@ def test_a_light_for_every_cell_is_perfect():
     maps = [radiance(k) for k in range(3)]
     result = score((m, all_cells(m)) for m in maps)
     assert result.frames == 3
-    assert result.lights_fewest == result.lights_most == 288
+    assert result.lights_min == result.lights_max == 288
     assert max(result.error, result.error_worst, result.flicker, result.power_error, abs(result.power_drift)) < 1e-5
     assert result.change > 0.05  # the maps themselves change
     assert result.motion_worst_deg == result.births == result.deaths == result.jumps == 0
@@ -65,7 +65,7 @@ def test_a_sequence_without_frames_has_no_score():
 
 
 def test_the_text_fits_one_screen():
-    lines = text(score([(radiance(), one())] * 2)).splitlines()
+    lines = score_text(score([(radiance(), one())] * 2)).splitlines()
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 100
     assert lines[0].split() == ["frames", "2"]

@@ -8,7 +8,7 @@ from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.tracking.tracked import Report, State, initial_tracked, tracked_step
+from vemlight.sampler.tracking.tracked import TrackedReport, TrackedState, initial_tracked, tracked_step
 
 ROWS, COLS = 30, 120
 
@@ -21,7 +21,7 @@ def scene(seed=0, sun=0.0):
 
 def run(
     maps, count=32, coverage: Coverage = "hemisphere", smoothing=False, fps=25.0, bright_cells=NO_BRIGHT_CELLS
-) -> tuple[list[tuple[LightSet, Report]], State]:
+) -> tuple[list[tuple[LightSet, TrackedReport]], TrackedState]:
     state, out = initial_tracked(), []
     for k, radiance in enumerate(maps):
         state, lights, report = tracked_step(count, state, SamplerInput(radiance, coverage, k / fps, bright_cells), smoothing)
@@ -158,7 +158,7 @@ def test_spoilt_cells_show_what_they_showed_last():
     spoilt = scene(sun=1e4)
     spoilt[8:12, 58:62] = np.nan
     out, _ = run([scene(sun=1e4)] * 4 + [spoilt], smoothing=True)
-    assert out[4][1].spoilt == 16
+    assert out[4][1].invalid_cells == 16
     np.testing.assert_allclose(total(out[4][0]), total(out[3][0]), rtol=1e-5)
 
 

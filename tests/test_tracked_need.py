@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from vemlight.light.sphere import direction_from_angles
-from vemlight.sampler.control import DARKEST
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.required_lights import DARK_PROBE
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Sampler
 
 
@@ -26,7 +27,7 @@ def sky(seed):
 
 def lights_of(radiance, **settings):
     wanted = Sampler(method="tracked", filter="none", count=512, **settings)
-    state, counts = initial_state(wanted), []
+    state, counts = initial_state(), []
     for k in range(20):
         state, lights, _ = step(wanted, state, SamplerInput(radiance, "hemisphere", k / 25))
         counts.append(len(lights.ids))
@@ -38,7 +39,7 @@ def error_elsewhere(radiance, lights):
     at = probes(700, "hemisphere")
     truth = irradiance_of_map(at, radiance.astype(float), "hemisphere")[300:]
     got = irradiance_of_lights(at, lights.directions, lights.irradiance)[300:]
-    return float(np.sqrt(np.mean(((got - truth) / (truth + DARKEST * truth.mean())) ** 2)))
+    return float(np.sqrt(np.mean(((got - truth) / (truth + DARK_PROBE * truth.mean())) ** 2)))
 
 
 @pytest.mark.parametrize("promise", [30.0, 10.0])

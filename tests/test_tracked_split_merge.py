@@ -2,31 +2,31 @@ import numpy as np
 import pytest
 
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
-from vemlight.sampler.tracking.cells import root, shares_of_sites
-from vemlight.sampler.tracking.split_merge import best_splits, cheapest_pair, exchanged, split
+from vemlight.sampler.tracking.split_merge import Sites, best_splits, cheapest_pair, split, split_and_merge
 from vemlight.sampler.tracking.tiles import tiles_from_map
+from vemlight.sampler.tracking.voronoi import cells_from_sites, root
 
 COUNT = 24
 
 
-def cells(lamp=0.0):
-    """Tiles of a sky with a lamp, sites, and their shares; the sites know nothing of the light."""
+def sky_cells(lamp=0.0):
+    """Tiles of a sky with a lamp, sites that do not depend on the light, and their cells."""
     generator = np.random.default_rng(0)
     radiance = generator.lognormal(0, 1, (36, 90, 3)).astype(np.float32)
     radiance[10:14, 30:34] += lamp
     sites = generator.normal(size=(COUNT, 3)) * [1, 1, 0.5] + [0, 0, 1]
     sites /= np.linalg.norm(sites, axis=1, keepdims=True)
     tiles = tiles_from_map(radiance, "hemisphere", COUNT, NO_BRIGHT_CELLS)
-    return tiles, sites, shares_of_sites(tiles, sites)
+    return tiles, sites, cells_from_sites(tiles, sites)
 
 
-@pytest.mark.parametrize("sudden", [False, True])
-def test_the_best_splits_are_those_of_all_cells_tried(sudden):
-    tiles, sites, (_, _, unease, first, *_) = cells(50.0)
-    halves = np.empty((2, 3))
-    every = np.sort([split(tiles, first, cell, sites[cell], sudden, halves) for cell in range(COUNT)])[::-1]
+@pytest.mark.parametrize("scene_change", [False, True])
+def test_the_best_splits_are_those_of_all_cells_tried(scene_change):
+    tiles, sites, cells = sky_cells(50.0)
+    halves, nearest = np.empty((2, 3)), cells.assignment.nearest
+    every = np.sort([split(tiles, nearest, cell, sites[cell], scene_change, halves) for cell in range(COUNT)])[::-1]
     for most in (1, 5, COUNT):
-        gains, chosen, sides = best_splits(tiles, first, sites, unease, most, sudden)
+        gains, chosen, sides = best_splits(tiles, sites, cells, most, scene_change)
         np.testing.assert_array_equal(gains, every[: len(gains)])
         assert len(gains) == min(most, np.count_nonzero(every))
         assert len(set(chosen)) == len(chosen)
@@ -38,54 +38,52 @@ def test_a_cell_of_one_tile_has_no_split():
     radiance[10, 20] = radiance[30, 60] = 1
     tiles = tiles_from_map(radiance, "hemisphere", 2, NO_BRIGHT_CELLS)
     sites = np.ascontiguousarray(tiles.direction.T)
-    _, _, unease, first, *_ = shares_of_sites(tiles, sites)
-    assert len(best_splits(tiles, first, sites, unease, 1, False)[0]) == 0
+    assert len(best_splits(tiles, sites, cells_from_sites(tiles, sites), 1, False)[0]) == 0
 
 
 def test_the_cheapest_pair_is_that_of_all_neighbours_tried():
-    _, sites, (moment, _, unease, first, second, _) = cells()
+    _, sites, cells = sky_cells()
+    moment, root_energy = cells.moment, cells.root_energy
     assert (moment[:, 3] > 0).all()
-    cost, kept, lost = cheapest_pair(first, second, moment, sites, unease)
+    cost, larger, smaller = cheapest_pair(sites, cells)
     power, centre = moment[:, 3], moment[:, :3] / np.linalg.norm(moment[:, :3], axis=1, keepdims=True)
 
     def joint(a, b):
-        share, chord = power[b] / (power[a] + power[b]), np.linalg.norm(centre[a] - centre[b])
-        one = np.hypot(unease[a], power[a] * root(chord * share))
-        other = np.hypot(unease[b], power[b] * root(chord * (1 - share)))
-        return (one + other) ** 2 - unease[a] ** 2 - unease[b] ** 2
+        weight, chord = power[b] / (power[a] + power[b]), np.linalg.norm(centre[a] - centre[b])
+        one = np.hypot(root_energy[a], power[a] * root(chord * weight))
+        other = np.hypot(root_energy[b], power[b] * root(chord * (1 - weight)))
+        return (one + other) ** 2 - root_energy[a] ** 2 - root_energy[b] ** 2
 
-    costs = {(a, b): joint(a, b) for a, b in zip(first, second, strict=True)}
+    costs = {(a, b): joint(a, b) for a, b in zip(cells.assignment.nearest, cells.assignment.second, strict=True)}
     best = min(costs, key=lambda pair: costs[pair])
     assert cost == pytest.approx(costs[best], rel=1e-9)
-    assert {kept, lost} == set(best)
-    assert power[kept] >= power[lost]
+    assert {larger, smaller} == set(best)
+    assert power[larger] >= power[smaller]
 
 
 def test_a_dark_cell_is_given_up_first():
-    _, sites, (moment, _, unease, first, second, _) = cells()
-    moment[7] = 0
-    assert cheapest_pair(first, second, moment, sites, unease) == (0.0, 0, 7)
+    _, sites, cells = sky_cells()
+    cells.moment[7] = 0
+    assert cheapest_pair(sites, cells) == (0.0, 0, 7)
 
 
-@pytest.mark.parametrize("sudden", [False, True])
-def test_exchanges_lower_the_unrest_and_leave_the_others(sudden):
-    tiles, sites, held = cells(50.0)
-    ids, offset, old = np.arange(COUNT), np.zeros((COUNT, 3)), sites.copy()
-    moment, pull, unease, *whose = held
-    first, second, share = (array.copy() for array in whose)
-    made, born, moved, shown, after = exchanged(
-        tiles, ids, sites, offset, 100, moment, pull, unease, first, second, share, 4, sudden
-    )
-    assert 1 <= made <= 4
-    np.testing.assert_array_equal(sites, old)
-    assert (ids < 100).all()
-    assert (offset == 0).all()
-    # Each exchange gains CHURN = 2 times what it costs.
-    assert (after[2] ** 2).sum() < (unease**2).sum()
-    assert len(np.unique(born)) == COUNT
-    assert set(born[born >= 100]) <= set(range(100, 100 + made))
-    assert ((moved != old).any(axis=1)).sum() <= 3 * made
-    assert (shown[born < 100] == 0).all()
-    assert (shown[born >= 100] != 0).any() == (not sudden)
-    for one, other in zip(after, shares_of_sites(tiles, moved), strict=True):
+@pytest.mark.parametrize("scene_change", [False, True])
+def test_exchanges_lower_the_energy_and_leave_the_others(scene_change):
+    tiles, directions, cells = sky_cells(50.0)
+    before, old, energy = Sites(np.arange(COUNT), directions, np.zeros((COUNT, 3)), 100), directions.copy(), (cells.root_energy**2).sum()
+    count, sites, after = split_and_merge(tiles, before, cells, 4, scene_change)
+    assert 1 <= count <= 4
+    assert sites.next_id == 100 + count
+    np.testing.assert_array_equal(directions, old)
+    assert (before.ids < 100).all()
+    assert (before.offsets == 0).all()
+    # Each exchange gains GAIN_OVER_COST = 2 times what it costs.
+    assert (after.root_energy**2).sum() < energy
+    assert len(np.unique(sites.ids)) == COUNT
+    assert set(sites.ids[sites.ids >= 100]) <= set(range(100, 100 + count))
+    assert ((sites.directions != old).any(axis=1)).sum() <= 3 * count
+    assert (sites.offsets[sites.ids < 100] == 0).all()
+    assert (sites.offsets[sites.ids >= 100] != 0).any() == (not scene_change)
+    again = cells_from_sites(tiles, sites.directions)
+    for one, other in zip((*after[:3], *after.assignment), (*again[:3], *again.assignment), strict=True):
         np.testing.assert_array_equal(one, other)

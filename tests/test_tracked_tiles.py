@@ -4,9 +4,10 @@ import pytest
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import Coverage, cell_directions, map_irradiance
-from vemlight.sampler.tracking.cells import assign
-from vemlight.sampler.tracking.noise import NO_NOISE, with_map
-from vemlight.sampler.tracking.tiles import grid, received, tiles_from_map
+from vemlight.sampler.tracking.cleaning import cleaned
+from vemlight.sampler.tracking.noise import NO_NOISE, noise_after
+from vemlight.sampler.tracking.tiles import grid, tiles_from_map
+from vemlight.sampler.tracking.voronoi import Assignment, assign
 
 
 def sky(seed, rows=36, cols=90):
@@ -41,16 +42,16 @@ def places(seed, count):
 
 def searched(tiles, sites):
     n = len(tiles.power)
-    found = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
-    assign(tiles, sites, np.arange(len(sites)), *found)
-    return found
+    assignment = Assignment(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n))
+    assign(tiles, sites, np.arange(len(sites)), assignment)
+    return assignment
 
 
 @pytest.mark.parametrize("lights", [8, 300])
 @pytest.mark.parametrize("count", [1, 2, 3, 17, 200])
 def test_the_nearest_two_sites_are_those_of_a_full_search(count, lights):
     tiles, sites = tiles_from_map(sky(2), "hemisphere", lights, NO_BRIGHT_CELLS), places(0, count)
-    first, second, share = searched(tiles, sites)
+    first, second, overlap = searched(tiles, sites)
     chords = np.linalg.norm(tiles.direction.T[:, None] - sites[None], axis=-1)
     nearest = np.sort(chords, axis=1)
     each = np.arange(len(first))
@@ -61,8 +62,8 @@ def test_the_nearest_two_sites_are_those_of_a_full_search(count, lights):
     else:
         assert (first != second).all()
         np.testing.assert_allclose(chords[each, second], nearest[:, 1], atol=1e-6)
-    assert (share >= 0).all()
-    assert (share <= 0.5).all()
+    assert (overlap >= 0).all()
+    assert (overlap <= 0.5).all()
 
 
 @pytest.mark.parametrize("count", [3, 4, 40, 200])
@@ -72,26 +73,26 @@ def test_a_few_sites_that_moved_change_the_nearest_two_as_a_search_anew_would(co
     for k in range(5):
         moved = generator.choice(count, 3, replace=False)
         sites[moved] = places(2 + k, 3)
-        assign(tiles, sites, moved, *found)
+        assign(tiles, sites, moved, found)
         for one, other in zip(found, searched(tiles, sites), strict=True):
             np.testing.assert_array_equal(one, other)
 
 
-def test_received_cleans_fills_and_waits():
+def test_a_map_is_cleaned_inpainted_and_darkness_believed_late():
     before, now = sky(3), sky(4)
     now[0, :3] = [[np.nan, 1, 1], [1, np.inf, 1], [1, 1, -1]]
     now[5] = 0
-    kept = now.copy()
-    clean, ages, spoilt = received(now, None, np.zeros((0, 0), np.uint8), 0.0)
-    assert spoilt == 3
-    np.testing.assert_array_equal(now, kept)
+    original = now.copy()
+    clean, ages, invalid = cleaned(now, None, np.zeros((0, 0), np.uint8), 0.0)
+    assert invalid == 3
+    np.testing.assert_array_equal(now, original)
     np.testing.assert_array_equal(clean[0, :3], [[0, 1, 1], [1, 0, 1], [1, 1, 0]])
     np.testing.assert_array_equal(clean[1:], now[1:])
     for wait in (True, True, False):
-        clean, ages, _ = received(now, before, ages, 0.0)
+        clean, ages, _ = cleaned(now, before, ages, 0.0)
         np.testing.assert_array_equal(clean[0, :3], before[0, :3])
         np.testing.assert_array_equal(clean[5], before[5] if wait else 0)
-    clean, ages, _ = received(before, before, ages, 0.0)
+    clean, ages, _ = cleaned(before, before, ages, 0.0)
     assert (ages[5] == np.where(before[5].any(axis=-1), 0, 2)).all()
 
 
@@ -100,16 +101,16 @@ def test_noise_is_found_and_taken_out_and_changes_are_not():
     noise, clean, ages = NO_NOISE, None, np.zeros((0, 0), np.uint8)
     for _ in range(40):
         seen = (truth * (1 + 0.03 * generator.standard_normal(truth.shape[:2])[..., None])).astype(np.float32)
-        noise = with_map(noise, seen)
-        clean, ages, _ = received(seen, clean, ages, noise.variance)
+        noise = noise_after(noise, seen)
+        clean, ages, _ = cleaned(seen, clean, ages, noise.variance)
     assert np.sqrt(noise.variance) == pytest.approx(0.03, rel=0.15)
     assert np.std(clean / truth - 1) < 0.6 * 0.03
-    brighter, _, _ = received((1.5 * truth).astype(np.float32), clean, ages, noise.variance)
+    brighter, _, _ = cleaned((1.5 * truth).astype(np.float32), clean, ages, noise.variance)
     np.testing.assert_allclose(brighter, 1.5 * truth, rtol=1e-6)
 
 
 def test_a_turning_sky_has_no_noise():
     noise, radiance = NO_NOISE, np.cumsum(sky(7), axis=1)
     for k in range(20):
-        noise = with_map(noise, np.roll(radiance, 2 * k, axis=1))
+        noise = noise_after(noise, np.roll(radiance, 2 * k, axis=1))
     assert np.sqrt(noise.variance) < 0.01

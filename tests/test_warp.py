@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from vemlight.light.sphere import Coverage, angle_between, angles_from_direction, direction_from_angles
-from vemlight.sampler.density import FLOOR, light_map
+from vemlight.sampler.light_map import FLOOR, light_map
 from vemlight.sampler.warps.havran import turn_from_azimuth
 from vemlight.sampler.warps.points import halton
 from vemlight.sampler.warps.warp import WarpName, steadied, warp_from_map

@@ -11,7 +11,8 @@ from bench.accuracy.maps import maps
 from bench.judge import judge, points_of, points_of_lights, read_source
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Sampler
 
 PROMISES = (40.0, 30.0, 20.0, 15.0, 10.0, 7.0)  # per cent
@@ -29,7 +30,7 @@ def need(out: Path, progress: Progress) -> None:
         for method in ("tracked", "havran-azimuth"):
             for promise in PROMISES:
                 settings = Sampler(method=method, filter="none", count=1024, error_percent=promise)
-                state, lights = initial_state(settings), None
+                state, lights = initial_state(), None
                 for k in range(NEED_FRAMES):
                     state, lights, _ = step(settings, state, SamplerInput(source.polar, "hemisphere", k / 25, source.bright_cells))
                 assert lights is not None

@@ -12,7 +12,8 @@ from bench.accuracy.maps import maps
 from bench.sequences import FPS, Frame, World, hand_held, rotation, turned, world_from_latlong
 from vemlight.light.images import read_radiance
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Sampler
 
 COUNTS = (64, 300)
@@ -49,7 +50,7 @@ def _least_ms(frames: list[Frame], count: int) -> np.ndarray:
     wanted = Sampler(count=count)
     taken = np.empty((RUNS, len(frames)))
     for run in taken:
-        state = initial_state(wanted)
+        state = initial_state()
         for k, frame in enumerate(frames):
             begin = time.process_time()
             state, _, _ = step(wanted, state, SamplerInput(frame.seen, "hemisphere", frame.time_s, frame.source.bright_cells))

@@ -19,10 +19,11 @@ from bench.judge import read_source
 from bench.real_maps import LENS, RESPONSE
 from vemlight.capture.frames import FrameMaker
 from vemlight.renderer.passes.lights.light_regions import light_regions, region_rows
-from vemlight.sampler.cluster import NONE, clustered
-from vemlight.sampler.density import light_map
+from vemlight.sampler.cluster import NO_CLUSTERS, clustered
+from vemlight.sampler.light_map import light_map
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.sampler.warps.points import points
 from vemlight.sampler.warps.warp import warp_from_map
 from vemlight.settings import Capture, Sampler
@@ -71,8 +72,8 @@ def _parts(radiance: np.ndarray) -> list[tuple[str, float | None, Callable[[], o
     light = light_map(radiance, "hemisphere")
     warp, some = warp_from_map(light, "havran-azimuth"), points(300, "halton")
     wanted = Sampler(method="havran-azimuth", count=300, filter="none")
-    _, lights, _ = step(wanted, initial_state(wanted), SamplerInput(radiance, "hemisphere", 0.0))
-    clusters, _ = clustered(lights, 72, "hemisphere", NONE)
+    _, lights, _ = step(wanted, initial_state(), SamplerInput(radiance, "hemisphere", 0.0))
+    clusters, _ = clustered(lights, 72, "hemisphere", NO_CLUSTERS)
     regions = light_regions(200)
     return [
         ("raw frame to polar map, 640 x 640 to 360 x 90", 1.0, _capture()),
@@ -89,7 +90,7 @@ def _parts(radiance: np.ndarray) -> list[tuple[str, float | None, Callable[[], o
 def _step(radiance: np.ndarray, **settings: object) -> Callable[[], object]:
     """A step on one map again and again, 40 ms apart."""
     wanted = Sampler(**settings)  # type: ignore[arg-type]
-    kept = [initial_state(wanted), 0.0]
+    kept = [initial_state(), 0.0]
     bright_cells = read_source(one("a sun")).bright_cells
 
     def run() -> None:

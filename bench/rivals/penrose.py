@@ -12,8 +12,8 @@ import numpy as np
 
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, cell_from_direction, cell_solid_angles, ring_edges
-from vemlight.sampler.density import light_map
-from vemlight.sampler.step import irradiance
+from vemlight.sampler.light_map import light_map
+from vemlight.sampler.warp_method import irradiance_from_tint
 from vemlight.sampler.warps.square import direction_from_area, disc_from_square
 
 GOLDEN = (1 + np.sqrt(5)) / 2
@@ -97,4 +97,4 @@ def penrose(radiance: np.ndarray, coverage: Coverage, count: int) -> LightSet:
     rest = np.where(full, 0.0, 1.0)
     weights += rest / max(rest.sum(), 1.0) * max(1 - weights.sum(), 0.0)
     tint = light.radiance[cell][taken] / importance[taken, None]
-    return LightSet.of(taken, directions[taken], irradiance(weights, tint.astype(float), light.irradiance))
+    return LightSet.of(taken, directions[taken], irradiance_from_tint(weights, tint.astype(float), light.irradiance))

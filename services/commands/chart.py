@@ -20,11 +20,12 @@ from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_directions
 from vemlight.sampler import score
-from vemlight.sampler.control import DARKEST, PROBES
-from vemlight.sampler.density import light_map
+from vemlight.sampler.light_map import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.required_lights import DARK_PROBE, REQUIRED_PROBES
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import Sampler
 
 METHODS = ("tracked", "havran-azimuth", "havran-radius", "standard")
@@ -41,7 +42,7 @@ PROMISES = (40.0, 20.0, 10.0)  # per cent of error asked for
 NEED_FRAMES = 20  # in which the number of lights settles
 MOST = 512
 LEAST = 1e-6  # what is drawn where nothing is wrong: logarithms know no 0
-UNSEEN = slice(PROBES, 600)  # probes that the controller does not look at
+UNSEEN = slice(REQUIRED_PROBES, 600)  # probes that the controller does not look at
 Row = dict[str, Any]
 
 
@@ -90,7 +91,7 @@ def chart(maps: list[Path], out: Path) -> None:
             for event in EVENTS:
                 rows["events"] += [row | {"map": name} for row in _event(method, event, first)]
     command = f"vemlight chart {' '.join(path.name for path in maps)}   {machine()}"
-    judged = f"{command}, one thread   error: RMS at {score.PROBES} shadowed probes over their mean"
+    judged = f"{command}, one thread   error: RMS at {score.SCORE_PROBES} shadowed probes over their mean"
     _save(out, "error", rows["error"], _over("ms", "error"), f"a still map, {COUNTS[0]} to {COUNTS[-1]} lights", judged)
     title = f"{MOVING_COUNT} lights, {FRAMES} frames: a sequence's own, or the map turned a column a frame"
     _save(out, "flicker", rows["moving"], _over("error", "flicker"), title, judged)
@@ -164,7 +165,7 @@ def _sampler(method: str, **values: Any) -> Sampler:
 
 def _lit(wanted: Sampler, moments: list[Moment]) -> Iterator[tuple[LightSet, float]]:
     """The lights of each frame, and the milliseconds they took."""
-    state = initial_state(wanted)
+    state = initial_state()
     for moment in moments:
         begin = time.thread_time()
         state, lights, _ = step(wanted, state, SamplerInput(moment.seen, "hemisphere", moment.time_s, moment.bright_cells))
@@ -186,7 +187,7 @@ def _moving(method: str, moments: list[Moment]) -> Row:
 
 
 def _event(method: str, event: str, first: Moment) -> list[Row]:
-    moments, at, truths = _happening(event, first), probes(score.PROBES, "hemisphere"), {}
+    moments, at, truths = _happening(event, first), probes(score.SCORE_PROBES, "hemisphere"), {}
     for moment in moments:  # two maps at most
         if id(moment.radiance) not in truths:
             truths[id(moment.radiance)] = irradiance_of_map(at, light_map(moment.radiance, "hemisphere").radiance, "hemisphere")
@@ -204,7 +205,7 @@ def _need(method: str, promise: float, first: Moment) -> Row:
     at = probes(UNSEEN.stop, "hemisphere")
     truth = irradiance_of_map(at, light_map(first.radiance, "hemisphere").radiance, "hemisphere")[UNSEEN]
     got = irradiance_of_lights(at, lights.directions, lights.irradiance)[UNSEEN]
-    dark = DARKEST * truth.mean() or 1.0
+    dark = DARK_PROBE * truth.mean() or 1.0
     had = float(np.sqrt(np.mean(((got - truth) / (truth + dark)) ** 2)))
     return {"method": method, "promised": promise / 100, "lights": len(lights.ids), "had": had}
 

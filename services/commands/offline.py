@@ -17,8 +17,9 @@ from vemlight.light.light_set import LightSet, check_lights_path, lights_row, wr
 from vemlight.runtime.progress import counted
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score as scored
-from vemlight.sampler.score import text
-from vemlight.sampler.step import initial_state, step
+from vemlight.sampler.score import score_text
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.settings import section_from_options
 
 GLOSS_LIGHTS = 512  # of a glossy scene; twice as many gain little (docs/looks.md)
@@ -75,7 +76,7 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
 
 def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]:
     """The lights of every frame, in order. Raises UserError for a frame that cannot be read."""
-    state = initial_state(sampling)
+    state = initial_state()
     for k in range(len(frames)):
         frame = frames.frame(k)
         state, lights, report = step(sampling, state, SamplerInput(frame.radiance, frame.coverage, frame.time_s, frame.bright_cells))
@@ -94,7 +95,7 @@ def write_lights_file(options: LightsOptions) -> str:
     lit = list(counted(lit_frames(frames, sampling), "frames", len(frames)))
     write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights, _) in enumerate(lit)])
     if options.score:
-        print(text(scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)))
+        print(score_text(scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)))
     return f"{out}: {len(lit[0].lights.ids)} lights" if len(lit) == 1 else f"{out}: the lights of {len(lit)} frames"
 
 

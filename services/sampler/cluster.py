@@ -1,4 +1,4 @@
-"""Neighbouring lights merged into one, in the order of the sequence (Havran et al. 2005, section 4.3), steadily and within a limit.
+"""Merges neighbouring lights into one, in the order of the sequence (Havran et al. 2005, section 4.3), steadily and within a limit.
 
 A light joins the first seed within the angle, or becomes a seed: the same clusters as a range search around each seed in turn over
 the lights still free, and with at most a few hundred seeds a plain loop over them is faster than a k-d tree. The paper's angle
@@ -15,10 +15,10 @@ from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 
-FACTOR = 1.85  # the paper's c, where the search begins
+FIRST_ANGLE_FACTOR = 1.85  # the paper's c, where the search begins; any value in 1..4 ends at as good clusters
 STAY = 1.15  # a light stays with its seed, and a seed a seed, up to this factor on the angle: .04 % of lights change a frame, not .41 %
-FILL = 0.85
-SMALLEST_RAD = float(np.radians(1.0))  # lights closer than this are one to any shadow map, so no search goes below
+FILL = 0.85  # of the limit, below which the angle is changed
+MIN_ANGLE_RAD = float(np.radians(1.0))  # lights closer than this are one to any shadow map, so no search goes below
 
 
 class Clusters(NamedTuple):
@@ -28,51 +28,51 @@ class Clusters(NamedTuple):
     angle_rad: float
 
 
-NONE = Clusters(np.zeros(0, np.int64), 0.0)
+NO_CLUSTERS = Clusters(np.zeros(0, np.int64), 0.0)
 
 
-def clustered(lights: LightSet, most: int, coverage: Coverage, before: Clusters) -> tuple[Clusters, LightSet]:
-    """At most `most` lights that stand for `lights`, and what to pass next time.
+def clustered(lights: LightSet, max_count: int, coverage: Coverage, before: Clusters) -> tuple[Clusters, LightSet]:
+    """At most `max_count` lights that stand for `lights`, and what to pass next time.
 
     Power is exact in each channel; a cluster lies at the mean of its lights weighted by power and has its seed's id and place in the order.
     """
-    if len(lights.ids) <= most:
+    if len(lights.ids) <= max_count:
         return Clusters(np.arange(len(lights.ids)), before.angle_rad), lights
     directions = lights.directions.astype(np.float64)
     old = np.concatenate([before.labels[: len(directions)], np.full(max(len(directions) - len(before.labels), 0), -1)])
-    now = _searched(directions, old, most, before.angle_rad or _first_guess(most, coverage))
+    now = _searched(directions, old, max_count, before.angle_rad or _first_guess(max_count, coverage))
     return now, _merged(lights, directions, now, int((now.labels == np.arange(len(directions))).sum()))
 
 
-def _first_guess(most: int, coverage: Coverage) -> float:
-    return float(FACTOR * np.arcsin(np.sqrt(min(2 / most, 1.0))) * (1.0 if coverage == "hemisphere" else np.sqrt(2)))
+def _first_guess(max_count: int, coverage: Coverage) -> float:
+    return float(FIRST_ANGLE_FACTOR * np.arcsin(np.sqrt(min(2 / max_count, 1.0))) * (1.0 if coverage == "hemisphere" else np.sqrt(2)))
 
 
-def _searched(directions: np.ndarray, old: np.ndarray, most: int, angle: float) -> Clusters:
-    labels, seeds = _labels(directions, old, angle, most)
-    while seeds > most:
-        angle = min(angle * max(1.02, np.sqrt(seeds / most)), 4.0)  # beyond pi / STAY everything joins the first light
-        labels, seeds = _labels(directions, old, angle, most)
-    if seeds >= FILL * most or angle <= SMALLEST_RAD:
+def _searched(directions: np.ndarray, old: np.ndarray, max_count: int, angle: float) -> Clusters:
+    labels, seeds = _labels(directions, old, angle, max_count)
+    while seeds > max_count:
+        angle = min(angle * max(1.02, np.sqrt(seeds / max_count)), 4.0)  # beyond pi / STAY everything joins the first light
+        labels, seeds = _labels(directions, old, angle, max_count)
+    if seeds >= FILL * max_count or angle <= MIN_ANGLE_RAD:
         return Clusters(labels, angle)
-    low, high = SMALLEST_RAD, angle
-    for _ in range(8):  # to 1/256 of the interval, finer than the clusters' own jumps
+    low, high = MIN_ANGLE_RAD, angle
+    for _ in range(8):  # to 1/256 of the interval, finer than the steps of the number of clusters; 6 or more do
         middle = (low + high) / 2
-        trial, count = _labels(directions, old, middle, most)
-        if count > most:
+        trial, count = _labels(directions, old, middle, max_count)
+        if count > max_count:
             low = middle
         else:
             labels, high = trial, middle
-            if count >= FILL * most:
+            if count >= FILL * max_count:
                 break
     return Clusters(labels, high)
 
 
 @njit(cache=True)
-def _labels(directions, old, angle, most):
-    """(labels, number of seeds) for an angle; gives up, with most + 1 seeds, once there are too many."""
+def _labels(directions, old, angle, max_count):
+    """(labels, number of seeds) for an angle; gives up, with max_count + 1 seeds, once there are too many."""
     count = directions.shape[0]
-    labels, seeds, found = np.empty(count, np.int64), np.empty(most + 1, np.int64), 0
+    labels, seeds, found = np.empty(count, np.int64), np.empty(max_count + 1, np.int64), 0
     join, stay, yields = np.cos(min(angle, np.pi)), np.cos(min(angle * STAY, np.pi)), np.cos(min(angle / STAY, np.pi))
     for i in range(count):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -90,7 +90,7 @@ def _labels(directions, old, angle, most):
         if labels[i] == i:
             seeds[found] = i
             found += 1
-            if found > most:
+            if found > max_count:
                 break
     return labels, found
 

@@ -1,4 +1,4 @@
-"""What lights are judged by: the irradiance of small surfaces, each with a large occluder before it, lights against the map itself.
+"""Probes of the irradiance, by which lights are compared with the map: small surfaces, each behind a large occluder.
 
 A probe is a surface's normal n and the normal h of a half-space of free sky: E = sum of irradiance x max(0, n . d) x v(h . d). v is a step
 softened over +-2 degrees, since a shadow's edge is never sharper than that on a shadow map of 256 x 256 texels.
@@ -32,9 +32,9 @@ def probes(count: int, coverage: Coverage) -> Probes:
     return Probes(_on_sphere(u[:, 0] if coverage == "hemisphere" else 2 * u[:, 0] - 1, u[:, 1]), _on_sphere(2 * u[:, 2] - 1, u[:, 3]))
 
 
-def _on_sphere(z: np.ndarray, turn: np.ndarray) -> np.ndarray:
+def _on_sphere(z: np.ndarray, turns: np.ndarray) -> np.ndarray:
     s = np.sqrt(1 - z * z)
-    return np.stack([s * np.cos(2 * np.pi * turn), s * np.sin(2 * np.pi * turn), z], axis=-1)
+    return np.stack([s * np.cos(2 * np.pi * turns), s * np.sin(2 * np.pi * turns), z], axis=-1)
 
 
 def irradiance_of_lights(at: Probes, directions: np.ndarray, irradiance: np.ndarray) -> np.ndarray:
@@ -45,7 +45,7 @@ def irradiance_of_lights(at: Probes, directions: np.ndarray, irradiance: np.ndar
 
 
 def irradiance_of_map(at: Probes, radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
-    """Luminance (k,) of the irradiance at the probes under a polar map (rows, cols, 3) without spoilt pixels."""
+    """Luminance (k,) of the irradiance at the probes under a polar map (rows, cols, 3) without invalid cells."""
     rows, cols, _ = radiance.shape
     cells = (radiance @ LUMINANCE_WEIGHTS) * cell_solid_angles(rows, cols, coverage)[:, None]
     lit = cells > 0
@@ -55,7 +55,7 @@ def irradiance_of_map(at: Probes, radiance: np.ndarray, coverage: Coverage) -> n
 
 
 @njit(cache=True)
-def seen(normal, occluder, direction):
+def irradiance_of_unit_light(normal, occluder, direction):
     """Irradiance of the probe (normal, occluder) under a light of irradiance 1 in `direction`."""
     cosine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
     if cosine <= 0:
@@ -69,5 +69,5 @@ def _gather(normals, occluders, directions, strength, result):
     for k in range(normals.shape[0]):
         total = 0.0
         for n in range(directions.shape[0]):
-            total += strength[n] * seen(normals[k], occluders[k], directions[n])
+            total += strength[n] * irradiance_of_unit_light(normals[k], occluders[k], directions[n])
         result[k] = total

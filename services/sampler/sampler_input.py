@@ -7,6 +7,8 @@ import numpy as np
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.sphere import Coverage
 
+MAX_GAP_S = 1.0  # between frames: what was seen longer ago says nothing about now; a slower sequence is one of stills, each by itself
+
 
 class SamplerInput(NamedTuple):
     """A polar map and what travels with it.

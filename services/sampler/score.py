@@ -1,4 +1,4 @@
-"""How good a sequence of lights is: how true to its maps, and how steady. What the tests, the charts and `vemlight lights --score` use."""
+"""Scores a sequence of lights: how close it is to its maps, and how steady. For `vemlight lights --score`, the charts and the tests."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -8,26 +8,26 @@ import numpy as np
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, angle_between
-from vemlight.sampler.density import light_map
+from vemlight.sampler.light_map import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 
-PROBES = 512  # the error's own uncertainty is 1 / sqrt(2 x 512) = 3 %
-JUMP_DEG = 10.0  # between two frames; the eye sees it as one light going and another coming
+SCORE_PROBES = 512  # the error's own uncertainty is 1 / sqrt(2 x 512) = 3 %
+JUMP_DEG = 10.0  # between two frames: seen as one light that goes and another that comes
 
 
 class Score(NamedTuple):
-    """Of a sequence of `frames` frames; shares are of the mean irradiance at the probes, RMS over them, luminance.
+    """Of a sequence of `frames` frames. Errors and changes are relative to the mean irradiance at the probes, RMS over them, luminance.
 
     error: lights against map, mean over the frames; error_worst: of the worst frame. flicker: change of that difference from frame to
-    frame; change: of the lights' own irradiance. motion_deg, motion_worst_deg: way of a light from frame to frame by id, mean and
-    largest. births, deaths, jumps: ids that come, that go, and moves of more than JUMP_DEG, a frame. power_error: total irradiance of
-    the lights against the map's, worst frame and channel; power_drift: over the whole sequence.
+    frame; change: of the lights' own irradiance. motion_deg, motion_worst_deg: angle by which a light moves from frame to frame, by id,
+    mean and largest. births, deaths, jumps: ids that come, that go, and moves of more than JUMP_DEG, per frame. power_error: total
+    irradiance of the lights against the map's, worst frame and channel; power_drift: over the whole sequence.
     """
 
     frames: int
-    lights_fewest: int
+    lights_min: int
     lights_mean: float
-    lights_most: int
+    lights_max: int
     error: float
     error_worst: float
     flicker: float
@@ -46,10 +46,10 @@ def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = 
 
     Raises ValueError for an empty sequence.
     """
-    at = probes(PROBES, coverage)
+    at = probes(SCORE_PROBES, coverage)
     errors, irradiance, totals, moves, counts = [], [], [], [], []
     births = deaths = 0
-    last: LightSet | None = None
+    previous: LightSet | None = None
     for radiance, lights in sequence:
         light = light_map(radiance, coverage)
         truth = irradiance_of_map(at, light.radiance, coverage)
@@ -57,11 +57,12 @@ def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = 
         errors.append(_rms(irradiance[-1][1] - truth))
         totals.append((light.irradiance, lights.irradiance.sum(axis=0, dtype=np.float64)))
         counts.append(len(lights.ids))
-        if last is not None:
-            _, now, before = np.intersect1d(lights.ids, last.ids, return_indices=True)
-            moves.append(np.degrees(angle_between(*(x.astype(np.float64) for x in (lights.directions[now], last.directions[before])))))
-            births, deaths = births + len(lights.ids) - len(now), deaths + len(last.ids) - len(now)
-        last = lights
+        if previous is not None:
+            _, now, before = np.intersect1d(lights.ids, previous.ids, return_indices=True)
+            pair = lights.directions[now].astype(np.float64), previous.directions[before].astype(np.float64)
+            moves.append(np.degrees(angle_between(*pair)))
+            births, deaths = births + len(lights.ids) - len(now), deaths + len(previous.ids) - len(now)
+        previous = lights
     if not counts:
         raise ValueError("a score needs at least one frame")
     truth, got = np.moveaxis(np.array(irradiance), 1, 0)
@@ -72,9 +73,9 @@ def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = 
     moved = np.concatenate(moves) if moves else np.zeros(0)
     return Score(
         frames=len(counts),
-        lights_fewest=min(counts),
+        lights_min=min(counts),
         lights_mean=float(np.mean(counts)),
-        lights_most=max(counts),
+        lights_max=max(counts),
         error=float(np.mean(errors) / scale),
         error_worst=float(np.max(errors) / scale),
         flicker=float(sum(_rms(d) for d in np.diff(got - truth, axis=0)) / steps / scale),
@@ -93,11 +94,11 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
 
-def text(score: Score) -> str:
-    """The score on one screen, a line a figure."""
+def score_text(score: Score) -> str:
+    """The score for a terminal, one figure a line."""
     rows = [
         ("frames", f"{score.frames}"),
-        ("lights", f"{score.lights_mean:.1f} a frame ({score.lights_fewest} to {score.lights_most})"),
+        ("lights", f"{score.lights_mean:.1f} a frame ({score.lights_min} to {score.lights_max})"),
         ("error", f"{100 * score.error:.2f} % of the irradiance (worst frame {100 * score.error_worst:.2f} %)"),
         ("flicker", f"{100 * score.flicker:.2f} % a frame (the lights' own change {100 * score.change:.2f} %)"),
         ("motion", f"{score.motion_deg:.2f} degrees a frame and light (largest {score.motion_worst_deg:.1f})"),

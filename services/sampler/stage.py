@@ -12,17 +12,18 @@ from vemlight.light.light_set import LightSet, LightsFile
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.step import State, initial_state, step
+from vemlight.sampler.state import SamplerState, initial_state
+from vemlight.sampler.step import step
 
-WARM_FRAMES = 64  # the search for flicker begins with the second second of light
+WARM_FRAMES = 64  # the search for flicker begins after MIN_FIT_FRAMES, and finds some only later; any larger value does
 
 
-class SamplerState(NamedTuple):
-    """The sampler's memory and the settings in force, which the viewer's wishes change."""
+class StageState(NamedTuple):
+    """The sampler's state and the settings in force, which the viewer's controls change."""
 
     settings: settings.Sampler
-    memory: State
-    light_budget: int  # lights that the renderer says it can draw in its time; 0: no limit
+    sampler: SamplerState
+    light_budget: int  # lights that the renderer can draw in its time; 0: no limit
 
 
 class SamplerStage:
@@ -39,21 +40,20 @@ class SamplerStage:
     def first_missing_frame(self) -> int:
         return self._file.count if self._file else 0
 
-    def start_at(self, target: int) -> tuple[SamplerState, int]:
+    def start_at(self, target: int) -> tuple[StageState, int]:
         """From the first frame: the filters remember, and a replay of maps alone is quick."""
-        return SamplerState(self._settings, initial_state(self._settings), 0), 0
+        return StageState(self._settings, initial_state(), 0), 0
 
-    def side_inputs(self, state: SamplerState) -> tuple[Service, ...]:
+    def side_inputs(self, state: StageState) -> tuple[Service, ...]:
         return ()
 
-    def step(self, state: SamplerState, message: wire.Message) -> tuple[SamplerState, wire.Message]:
-        header, arrays = message
+    def step(self, state: StageState, message: wire.Message) -> tuple[StageState, wire.Message]:
+        header, (radiance, *bright) = message
         assert isinstance(header, wire.MapMessage)
-        radiance, *bright = arrays
         frame = SamplerInput(radiance, header.coverage, header.stamp.time_s, BrightCells(*bright), state.light_budget)
-        memory, lights, report = step(state.settings, state.memory, frame)
+        sampler, lights, report = step(state.settings, state.sampler, frame)
         gloss = report.gloss or LightSet.none()
-        made = wire.LightsMessage(
+        lights_header = wire.LightsMessage(
             stamp=header.stamp,
             count=len(lights.ids),
             gloss_count=len(gloss.ids),
@@ -61,26 +61,25 @@ class SamplerStage:
             report=wire.LightsReport(
                 delay_ms=report.delay_s * 1e3,
                 delay_frames=report.delay_frames,
-                required_lights=report.need,
-                light_budget=report.can,
+                required_lights=report.required_lights,
+                light_budget=report.light_budget,
                 flicker_hz=report.flicker_hz,
                 lamp_hz=report.lamp_hz,
                 flicker_depth=report.flicker_depth,
             ),
         )
-        return state._replace(memory=memory), (made, (*lights, gloss.directions, gloss.irradiance))
+        return state._replace(sampler=sampler), (lights_header, (*lights, gloss.directions, gloss.irradiance))
 
-    def on_message(self, state: SamplerState, message: wire.Message) -> SamplerState:
-        wish, _ = message
-        if isinstance(wish, wire.StatusMessage):
-            return state._replace(light_budget=wish.report.light_budget) if isinstance(wish.report, wire.ImageReport) else state
-        assert isinstance(wish, wire.ControlMessage)
-        own = self._settings
-        unfiltered = wish.filtered is False
-        asked = msgspec.structs.replace(own, count=wish.count or own.count, filter="none" if unfiltered else own.filter)
-        return state._replace(settings=asked)
+    def on_message(self, state: StageState, message: wire.Message) -> StageState:
+        header, _ = message
+        if isinstance(header, wire.StatusMessage):
+            return state._replace(light_budget=header.report.light_budget) if isinstance(header.report, wire.ImageReport) else state
+        assert isinstance(header, wire.ControlMessage)
+        configured = self._settings
+        name = "none" if header.filtered is False else configured.filter
+        return state._replace(settings=msgspec.structs.replace(configured, count=header.count or configured.count, filter=name))
 
-    def write(self, state: SamplerState, message: wire.Message) -> None:
+    def write(self, state: StageState, message: wire.Message) -> None:
         header, arrays = message
         if self._file and isinstance(header, wire.LightsMessage):
             self._file.append(LightSet(*arrays[:3]), header.stamp.sequence, header.stamp.time_s, header.coverage)
@@ -90,11 +89,11 @@ class SamplerStage:
 
 
 def warm(settings: settings.Sampler) -> None:
-    """Has everything compiled that a frame may need, on a small map whose light flickers, so that no frame of a run waits for it."""
-    state = initial_state(settings)
+    """Compiles everything that a frame may need, on a small map whose light flickers, so that no frame of a run waits for the compiler."""
+    state = initial_state()
     for k in range(WARM_FRAMES):
         radiance = np.full((6, 24, 3), 1.5 + np.sin(2 * np.pi * k / 4), np.float32)
         radiance[2, k % 24] = 100
-        radiance.flags.writeable = False  # as maps come off the wire: numba compiles the same loop for each of the two
+        radiance.flags.writeable = False  # as arrays off the wire are: numba compiles a version for each
         bright = BrightCells(np.array([2 * 24 + k % 24]), np.array([[0, 0, 1]], np.float32), np.ones(1, np.float32))
         state, _, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25, bright))

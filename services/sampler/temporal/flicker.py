@@ -1,9 +1,9 @@
-"""Light that flickers with the mains, seen through the beat with the frame rate: found in the total power, reported, taken out on wish.
+"""Mains flicker, as the camera sees it through the beat with its frame rate: detected in the total power, reported, removed on request.
 
 Lamps flicker at twice the mains frequency, 100 or 120 Hz, far above half any frame rate here, so 21 frames a second see 100 Hz as
-5 Hz. A filter of the lights cannot know that this 5 Hz is none of the scene's; the time stamps do: sines of 100 and 120 Hz are fitted
+5 Hz. A filter of the lights cannot tell this 5 Hz from the scene's; the time stamps can: sines of 100 and 120 Hz are fitted
 to the power at the frames' own times. A rate that divides the frequency (25 or 50 frames a second under 100 Hz) sees no flicker.
-Taken out, it is block by block of the map: tubes beside a window must not make the window flicker the other way.
+It is removed from each block of the map by itself: tubes near a window must not make the window flicker the other way.
 """
 
 from typing import NamedTuple
@@ -13,25 +13,25 @@ from numba import njit
 
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.light.sphere import cell_solid_angles
-from vemlight.sampler.density import LightMap
+from vemlight.sampler.light_map import LightMap
 from vemlight.sampler.warps.square import cosine_and_sine
 
 LAMPS_HZ = (100.0, 120.0)
-FRAMES = 64  # in the fit: 2.6 s at 25 frames a second, so frequencies are told apart to 0.4 Hz
-FEWEST = 24  # seven unknowns, and enough left over to tell flicker from chance
-DRIFT_HZ = 0.4  # mains +-0.2 Hz and as much for clocks of cameras, searched in STEPS of DRIFT_STEP_HZ
-DRIFT_STEP_HZ = 0.1
-STEPS = 9
+FIT_FRAMES = 64  # in the fit: 2.6 s at 25 frames a second, which resolves frequencies to 0.4 Hz
+MIN_FIT_FRAMES = 24  # seven unknowns, and enough left over to tell flicker from chance
+DRIFT_HZ = 0.4  # mains +-0.2 Hz and as much for clocks of cameras, searched in steps of DRIFT_STEP_HZ
+DRIFT_STEP_HZ = 0.1  # a fourth of what the fit resolves
+DRIFT_STEPS = 9  # 2 DRIFT_HZ / DRIFT_STEP_HZ + 1
 SLOWEST_BEAT_HZ = 1.0  # slower beats look like clouds; and at least two of them must fit in the time seen
-FOUND, LOST = 0.6, 0.4  # share of the power's variance that the sines must explain to count as flicker, and to go on counting
-BLACK = 1e-3  # of the mean: a frame so dark is no lamp's doing, and its logarithm would rule the fit
-FAINTEST = 3e-3  # depth below which flicker is not worth a report: half of the 0.5 % that eyes can see (Weber)
-SURE, UNSURE = 0.6, 0.3  # a block is corrected in full when its sines explain so much of its variance, not at all when so little
+DETECTED, LOST = 0.6, 0.4  # fraction of the power's variance that the sines must explain to count as flicker, and to go on counting
+BLACK_FRAME = 1e-3  # of the mean: no lamp dims so far, and the logarithm of such a frame would dominate the fit
+MIN_DEPTH = 3e-3  # below which flicker is not worth a report: half of the 0.5 % that eyes can see (Weber)
+CORRECT_FULLY, CORRECT_NOT = 0.6, 0.3  # fraction of a block's variance that the sines explain when it is corrected in full, and not at all
 BLOCKS = (6, 24)  # rows and columns: 15 degrees on the hemisphere, about the distance of lamps in a room
 
 
 class Flicker(NamedTuple):
-    """What is known of the flicker.
+    """The flicker of the last frames.
 
     times_s: (n,) of the last frames. powers: (n, blocks), luminance of each block of the map. beat_hz: as the camera sees it. lamp_hz: of
     what flickers. depth: amplitude over mean; all 0 when none is found. excess: (blocks,), power now over power without flicker.
@@ -45,35 +45,35 @@ class Flicker(NamedTuple):
     excess: np.ndarray
 
 
-NONE = Flicker(np.zeros(0), np.zeros((0, 1)), 0.0, 0.0, 0.0, np.ones(1))
+NO_FLICKER = Flicker(np.zeros(0), np.zeros((0, 1)), 0.0, 0.0, 0.0, np.ones(1))
 
 
-def with_frame(before: Flicker, time_s: float, powers: np.ndarray) -> Flicker:
-    """What is known once the frame at `time_s` with the powers (blocks,) of its blocks is in.
+def flicker_after(before: Flicker, time_s: float, powers: np.ndarray) -> Flicker:
+    """The estimate after one more frame, at `time_s` with the powers (blocks,) of its blocks.
 
     Starts anew when time goes back or stops for over a beat, and when the number of blocks changes.
     """
     since = time_s - before.times_s[-1] if before.times_s.size else 0.0
     if not 0 < since <= 1 / SLOWEST_BEAT_HZ or before.powers.shape[1] != len(powers):
-        before = NONE._replace(powers=np.zeros((0, len(powers))))
-    times = np.append(before.times_s[1 - FRAMES :], time_s)
-    history = np.concatenate([before.powers[1 - FRAMES :], powers[None]])
-    quiet = Flicker(times, history, 0.0, 0.0, 0.0, np.ones(len(powers)))
+        before = NO_FLICKER._replace(powers=np.zeros((0, len(powers))))
+    times = np.append(before.times_s[1 - FIT_FRAMES :], time_s)
+    history = np.concatenate([before.powers[1 - FIT_FRAMES :], powers[None]])
+    steady = Flicker(times, history, 0.0, 0.0, 0.0, np.ones(len(powers)))
     seen_s, totals = times[-1] - times[0], history.sum(axis=1)
-    if len(times) < FEWEST or totals.min() <= BLACK * totals.mean():
-        return quiet
-    rate, found = (len(times) - 1) / seen_s, LOST if before.depth > 0 else FOUND
+    if len(times) < MIN_FIT_FRAMES or totals.min() <= BLACK_FRAME * totals.mean():
+        return steady
+    rate, best = (len(times) - 1) / seen_s, LOST if before.depth > 0 else DETECTED
     lamp_hz = depth = 0.0
     for nominal in LAMPS_HZ:
         if _beat(nominal, rate) < max(SLOWEST_BEAT_HZ, 2 / seen_s):
             continue
-        share, frequency, amplitude = _search(times - times[-1], np.log(totals), nominal, rate)
-        if share > found and amplitude > FAINTEST:
-            found, lamp_hz, depth = share, frequency, amplitude
+        explained, frequency, amplitude = _search(times - times[-1], np.log(totals), nominal, rate)
+        if explained > best and amplitude > MIN_DEPTH:
+            best, lamp_hz, depth = explained, frequency, amplitude
     if not depth:
-        return quiet
-    excess = _excess(_columns(times - times[-1], lamp_hz, rate), history)
-    return quiet._replace(beat_hz=_beat(lamp_hz, rate), lamp_hz=lamp_hz, depth=depth, excess=excess)
+        return steady
+    excess = _excess(_regressors(times - times[-1], lamp_hz, rate), history)
+    return steady._replace(beat_hz=_beat(lamp_hz, rate), lamp_hz=lamp_hz, depth=depth, excess=excess)
 
 
 def block_powers(light: LightMap, blocks: bool) -> np.ndarray:
@@ -111,7 +111,7 @@ def _beat(frequency, rate):
 
 
 @njit(cache=True)
-def _columns(times, frequency, rate):
+def _regressors(times, frequency, rate):
     """(7, n): what the scene does, a parabola, and what the lamp does, sines of the frequency and of its double.
 
     The double is left out where the camera sees it as standing still or as the frequency itself. The last time is 0.
@@ -130,53 +130,54 @@ def _columns(times, frequency, rate):
 
 
 @njit(cache=True)
-def _left(columns, target):
-    """Least squares of target (n, k): (weights (c, k), squares (k,) that are left)."""
+def _least_squares(columns, target):
+    """Fit of target (n, k) by columns (c, n): (weights (c, k), squared residuals (k,))."""
     count, n = columns.shape
     normal = columns @ columns.T
     for c in range(count):
         normal[c, c] += 1e-9 * n  # a column that is left out, or sine and cosine at half the frame rate, keep the system solvable
     weights = np.linalg.solve(normal, columns @ target)
-    left, squares = target - columns.T @ weights, np.zeros(target.shape[1])
+    residuals, squares = target - columns.T @ weights, np.zeros(target.shape[1])
     for i in range(n):
         for k in range(squares.size):
-            squares[k] += left[i, k] * left[i, k]
+            squares[k] += residuals[i, k] * residuals[i, k]
     return weights, squares
 
 
 @njit(cache=True)
-def _share(about, left, n):
-    """Share (k,) of the squares `about` the parabola that the sines explain when they leave the squares `left`, over n frames."""
-    share = np.zeros(about.size)
-    for k in range(share.size):
-        share[k] = 1 - left[k] / about[k] if about[k] > 1e-12 * n else 0.0
-    return share
+def _explained(about, residuals, n):
+    """Fraction (k,) of the squares `about` the parabola that the sines explain, given squared residuals (k,) over n frames."""
+    explained = np.zeros(about.size)
+    for k in range(explained.size):
+        explained[k] = 1 - residuals[k] / about[k] if about[k] > 1e-12 * n else 0.0
+    return explained
 
 
 @njit(cache=True)
 def _search(times, target, nominal, rate):
-    """(share of variance explained, frequency, depth) of the best fit to the logarithm of the power near the nominal frequency."""
-    shares, single, n = np.empty(STEPS), target.reshape(-1, 1), times.size
-    about = _left(_columns(times, nominal, rate)[:3], single)[1]
-    for k in range(STEPS):
-        shares[k] = _share(about, _left(_columns(times, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate), single)[1], n)[0]
-    k = int(np.argmax(shares))
+    """(fraction of variance explained, frequency, depth) of the best fit to the logarithm of the power near the nominal frequency."""
+    explained, single, n = np.empty(DRIFT_STEPS), target.reshape(-1, 1), times.size
+    about = _least_squares(_regressors(times, nominal, rate)[:3], single)[1]
+    for k in range(DRIFT_STEPS):
+        columns = _regressors(times, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate)
+        explained[k] = _explained(about, _least_squares(columns, single)[1], n)[0]
+    k = int(np.argmax(explained))
     offset = 0.0
-    if 0 < k < STEPS - 1:  # the top of the parabola through the best and its neighbours
-        bend = shares[k - 1] - 2 * shares[k] + shares[k + 1]
-        offset = 0.5 * (shares[k - 1] - shares[k + 1]) / bend if bend < 0 else 0.0
+    if 0 < k < DRIFT_STEPS - 1:  # the top of the parabola through the best and its neighbours
+        bend = explained[k - 1] - 2 * explained[k] + explained[k + 1]
+        offset = 0.5 * (explained[k - 1] - explained[k + 1]) / bend if bend < 0 else 0.0
     frequency = nominal - DRIFT_HZ + (k + offset) * DRIFT_STEP_HZ
-    weights, left = _left(_columns(times, frequency, rate), single)
+    weights, residuals = _least_squares(_regressors(times, frequency, rate), single)
     amplitude = np.sqrt(weights[3, 0] ** 2 + weights[4, 0] ** 2)
     # log(1 + d sin) has the amplitude a = 2 (1 - sqrt(1 - d^2)) / d, so d = a / (1 + a^2 / 4).
-    return _share(about, left, n)[0], frequency, amplitude / (1 + 0.25 * amplitude**2)
+    return _explained(about, residuals, n)[0], frequency, amplitude / (1 + 0.25 * amplitude**2)
 
 
 def _excess(columns: np.ndarray, powers: np.ndarray) -> np.ndarray:
-    """Power now over power without flicker, for each block (n, blocks); 1 where a block was dark or does something else."""
-    lit = powers.min(axis=0) > BLACK * np.maximum(powers.mean(axis=0), 1e-300)
+    """Power now over power without flicker, for each block (n, blocks); 1 where a block was dark or changes in another way."""
+    lit = powers.min(axis=0) > BLACK_FRAME * np.maximum(powers.mean(axis=0), 1e-300)
     target = np.log(np.where(lit, powers, 1.0))
-    weights, left = _left(columns, target)
-    share = _share(_left(columns[:3], target)[1], left, len(target))
+    weights, residuals = _least_squares(columns, target)
+    explained = _explained(_least_squares(columns[:3], target)[1], residuals, len(target))
     lamp = np.exp(columns[3:].T @ weights[3:])
-    return (lamp[-1] / lamp.mean(axis=0)) ** (lit * np.clip((share - UNSURE) / (SURE - UNSURE), 0, 1))
+    return (lamp[-1] / lamp.mean(axis=0)) ** (lit * np.clip((explained - CORRECT_NOT) / (CORRECT_FULLY - CORRECT_NOT), 0, 1))

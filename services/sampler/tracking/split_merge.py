@@ -1,108 +1,126 @@
-"""What Lloyd's steps are too slow for: the split of the worst cell, the merge of the cheapest pair, and both at once."""
+"""Splits and merges of cells, for what Lloyd updates are too slow for: the split that gains most, the cheapest merge, both at once."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from vemlight.sampler.tracking.cells import assign, centroid, centroids, move, root, shares_of_tiles
 from vemlight.sampler.tracking.tiles import Tiles
+from vemlight.sampler.tracking.voronoi import assign, cells_from_assignment, centroid, centroids, lloyd_update, root
 
-SPLIT_ROUNDS = 4  # of two-means inside a cell that is split: enough for two lamps, and Lloyd's later steps do the rest
-CHURN = 2.0  # a split must gain this many times what the merge costs that makes room for it,
-WORTH = 0.5  # and this many times the mean unrest of a cell
+TWO_MEANS_STEPS = 4  # inside a cell that is split: enough to part two lamps, and the Lloyd updates of later frames do the rest
+GAIN_OVER_COST = 2.0  # a split must gain this many times what the merge costs that makes room for it,
+GAIN_OVER_MEAN = 0.5  # and this many times the mean energy of a cell
+
+
+class Sites(NamedTuple):
+    """The tracked lights' sites, one a cell.
+
+    ids: (n,) int64. directions: (n, 3) unit vectors. offsets: (n, 3), what is still added to a new light's direction, so that it begins
+    at its parent's. next_id: of the next light.
+    """
+
+    ids: np.ndarray
+    directions: np.ndarray
+    offsets: np.ndarray
+    next_id: int
 
 
 @njit(cache=True, error_model="numpy")
-def exchanged(tiles: Tiles, ids, sites, offset, next_id, moment, pull, unease, first, second, share, most, sudden):
-    """(made, ids, sites, offset, shares) after at most so many exchanges: one cell cut in two and two others made one.
+def split_and_merge(tiles: Tiles, sites: Sites, cells, max_count, scene_change):
+    """(count, sites, cells) after at most `max_count` exchanges, each the split of one cell paid by the merge of two others.
 
-    The new light takes the place of the lost one in the list; it begins at its parent's place unless light is `sudden`. The rest of the
-    arguments, and shares: what `shares_of_tiles` returns; first, second and share change in place.
+    The new light takes the merged one's place in the list. It begins at its parent's direction, except after a scene change. The
+    assignment in `cells` is overwritten.
     """
-    ids, sites, offset, parent = ids.copy(), sites.copy(), offset.copy(), np.empty(3)
-    for made in range(most):
-        gains, cells, halves = best_splits(tiles, first, sites, unease, 1, sudden)
-        spare = gains[0] - WORTH * (unease**2).mean() if gains.size else 0.0
+    ids, directions, offsets, parent = sites.ids.copy(), sites.directions.copy(), sites.offsets.copy(), np.empty(3)
+    for count in range(max_count):
+        gains, chosen, halves = best_splits(tiles, directions, cells, 1, scene_change)
+        spare = gains[0] - GAIN_OVER_MEAN * (cells.root_energy**2).mean() if gains.size else 0.0
         if spare <= 0:
             break
-        cell, (cost, kept, lost) = cells[0], cheapest_pair(first, second, moment, sites, unease)
-        if cell in (kept, lost) or spare < CHURN * cost:
+        cell, (cost, larger, smaller) = chosen[0], cheapest_pair(directions, cells)
+        if cell in (larger, smaller) or spare < GAIN_OVER_COST * cost:
             break
-        centroid(moment[cell], sites[cell], parent)
-        move((pull[kept] + pull[lost]).reshape(1, 3), sites[kept : kept + 1])
-        sites[cell], sites[lost] = halves[0, 0], halves[0, 1]
-        ids[lost] = next_id + made
-        offset[lost] = np.zeros(3) if sudden else parent - halves[0, 1]
-        assign(tiles, sites, np.array([cell, kept, lost]), first, second, share)
-        moment, pull, unease, first, second, share = shares_of_tiles(tiles, sites, first, second, share)
+        centroid(cells.moment[cell], directions[cell], parent)
+        lloyd_update((cells.site_moment[larger] + cells.site_moment[smaller]).reshape(1, 3), directions[larger : larger + 1])
+        directions[cell], directions[smaller] = halves[0, 0], halves[0, 1]
+        ids[smaller] = sites.next_id + count
+        offsets[smaller] = np.zeros(3) if scene_change else parent - halves[0, 1]
+        assign(tiles, directions, np.array([cell, larger, smaller]), cells.assignment)
+        cells = cells_from_assignment(tiles, directions, cells.assignment)
     else:
-        made = most
-    return made, ids, sites, offset, (moment, pull, unease, first, second, share)
+        count = max_count
+    return count, Sites(ids, directions, offsets, sites.next_id + count), cells
 
 
 @njit(cache=True, error_model="numpy")
-def best_splits(tiles: Tiles, first, sites, unease, most, sudden):
-    """(gains (k,), cells (k,), halves (k, 2, 3)) of the splits, at most `most`, that lower the unrest most, best first.
+def best_splits(tiles: Tiles, directions, cells, max_count, scene_change):
+    """(gains (k,), chosen cells (k,), halves (k, 2, 3)) of the splits, at most `max_count`, that lower the energy most, best first.
 
-    A cell of one tile has none.
+    directions: (n, 3), of the sites. A cell of one tile cannot be split.
     """
-    own, count = unease**2, 0
-    gains, cells, halves, two = np.empty(most), np.empty(most, np.int64), np.empty((most, 2, 3)), np.empty((2, 3))
-    for _ in range(own.size):
-        cell = own.argmax()
-        if count == most and own[cell] <= gains[most - 1]:
+    # Cells by falling energy, which bounds the gain of a split: done once no other cell can gain more.
+    energy, count = cells.root_energy**2, 0
+    gains, chosen, halves = np.empty(max_count), np.empty(max_count, np.int64), np.empty((max_count, 2, 3))
+    two = np.empty((2, 3))
+    for _ in range(energy.size):
+        cell = energy.argmax()
+        if count == max_count and energy[cell] <= gains[max_count - 1]:
             break
-        gain, own[cell] = split(tiles, first, cell, sites[cell], sudden, two), -1.0
-        if gain == 0 or (count == most and gain <= gains[most - 1]):
+        gain, energy[cell] = split(tiles, cells.assignment.nearest, cell, directions[cell], scene_change, two), -1.0
+        if gain == 0 or (count == max_count and gain <= gains[max_count - 1]):
             continue
-        k = count if count < most else most - 1
+        k = count if count < max_count else max_count - 1
         while k > 0 and gains[k - 1] < gain:
-            gains[k], cells[k], halves[k] = gains[k - 1], cells[k - 1], halves[k - 1]
+            gains[k], chosen[k], halves[k] = gains[k - 1], chosen[k - 1], halves[k - 1]
             k -= 1
-        gains[k], cells[k], halves[k] = gain, cell, two
-        count = min(count + 1, most)
-    return gains[:count], cells[:count], halves[:count]
+        gains[k], chosen[k], halves[k] = gain, cell, two
+        count = min(count + 1, max_count)
+    return gains[:count], chosen[:count], halves[:count]
 
 
 @njit(cache=True, error_model="numpy")
-def cheapest_pair(first, second, moment, sites, unease):
-    """(cost, kept, lost): the two neighbours whose union adds the least unrest; the one with more power is kept. A dark cell costs nothing.
+def cheapest_pair(directions, cells):
+    """(cost, larger, smaller): the two neighbours whose union adds the least energy; larger has more power. A dark cell costs nothing.
 
-    Neighbours are the nearest and next site of some tile.
+    Neighbours are the nearest and next site of some tile. directions: (n, 3), of the sites.
     """
+    nearest, second, moment, root_energy = cells.assignment.nearest, cells.assignment.second, cells.moment, cells.root_energy
     n = moment.shape[0]
-    cost, kept, lost = np.inf, 0, 1
-    centre = centroids(moment, sites)
+    cost, larger, smaller = np.inf, 0, 1
+    centre = centroids(moment, directions)
     for s in range(n):
         if moment[s, 3] <= 0:
             return 0.0, 1 if s == 0 else 0, s
-    for t in range(first.size):
-        a, b = first[t], second[t]
-        if b < 0 or 2 * unease[a] * unease[b] >= cost:  # less than the cost of the pair
+    for t in range(nearest.size):
+        a, b = nearest[t], second[t]
+        if b < 0 or 2 * root_energy[a] * root_energy[b] >= cost:  # a lower bound of the pair's cost
             continue
-        # Each part keeps its own spread and goes to the joint centroid.
+        # Each cell keeps its own spread and moves to the joint centroid.
         pa, pb = moment[a, 3], moment[b, 3]
         chord = np.sqrt((centre[a, 0] - centre[b, 0]) ** 2 + (centre[a, 1] - centre[b, 1]) ** 2 + (centre[a, 2] - centre[b, 2]) ** 2)
         ka, kb = root(chord * pb / (pa + pb)), root(chord * pa / (pa + pb))
-        ua, ub = np.sqrt(unease[a] ** 2 + (pa * ka) ** 2), np.sqrt(unease[b] ** 2 + (pb * kb) ** 2)
-        joint = (ua + ub) ** 2 - unease[a] ** 2 - unease[b] ** 2
+        ea, eb = np.sqrt(root_energy[a] ** 2 + (pa * ka) ** 2), np.sqrt(root_energy[b] ** 2 + (pb * kb) ** 2)
+        joint = (ea + eb) ** 2 - root_energy[a] ** 2 - root_energy[b] ** 2
         if joint < cost:
             cost = joint
-            kept, lost = (a, b) if pa >= pb else (b, a)
-    return cost, kept, lost
+            larger, smaller = (a, b) if pa >= pb else (b, a)
+    return cost, larger, smaller
 
 
 @njit(cache=True, error_model="numpy")
-def split(tiles: Tiles, first, cell, centre, sudden, halves):
-    """The gain in unrest of cutting `cell` in two, or 0 when it is one tile.
+def split(tiles: Tiles, nearest, cell, centre, scene_change, halves):
+    """The energy saved by cutting `cell` in two, or 0 when it is one tile. nearest: (tiles,), the cell of each tile.
 
-    Fills the two sites halves (2, 3). The first is the one with more power; under `sudden` light the one nearer to the old
+    Fills halves (2, 3) with the two sites. The first is the one with more power; after a scene change the one nearer to the old
     `centre` (3,), since the power may be what is new.
     """
-    own, count = np.empty((5, first.size)), 0  # direction, power and weight of the cell's tiles
-    members = np.empty(first.size + 1, np.int64)
-    for t in range(first.size):
+    own, count = np.empty((5, nearest.size)), 0  # direction, power and weight of the cell's tiles
+    members = np.empty(nearest.size + 1, np.int64)
+    for t in range(nearest.size):
         members[count] = t
-        count += first[t] == cell
+        count += nearest[t] == cell
     for k in range(count):
         t = members[k]
         own[0, k], own[1, k], own[2, k] = tiles.direction[0, t], tiles.direction[1, t], tiles.direction[2, t]
@@ -116,40 +134,43 @@ def split(tiles: Tiles, first, cell, centre, sudden, halves):
     centroid(moment[2], centre, whole)
     _two_means(own, whole, halves, moment)
     nearer = ((halves[0] - centre) ** 2).sum() <= ((halves[1] - centre) ** 2).sum()
-    if not nearer if sudden else moment[0, 3] < moment[1, 3]:
+    if not nearer if scene_change else moment[0, 3] < moment[1, 3]:
         for c in range(3):
             halves[0, c], halves[1, c] = halves[1, c], halves[0, c]
         for c in range(4):
             moment[0, c], moment[1, c] = moment[1, c], moment[0, c]
-    # Unrest before and after.
-    unease, centres = np.zeros(3), np.empty((2, 3))
+    # The root of the energy of each half and of the whole.
+    root_energy, centres = np.zeros(3), np.empty((2, 3))
     centroid(moment[0], halves[0], centres[0])
     centroid(moment[1], halves[1], centres[1])
     for k in range(count):
         s = 0 if _chord(own, k, halves[0]) <= _chord(own, k, halves[1]) else 1
-        unease[s] += own[3, k] * root(np.sqrt(_chord(own, k, centres[s])))
-        unease[2] += own[3, k] * root(np.sqrt(_chord(own, k, whole)))
-    return unease[2] ** 2 - unease[0] ** 2 - unease[1] ** 2
+        root_energy[s] += own[3, k] * root(np.sqrt(_chord(own, k, centres[s])))
+        root_energy[2] += own[3, k] * root(np.sqrt(_chord(own, k, whole)))
+    return root_energy[2] ** 2 - root_energy[0] ** 2 - root_energy[1] ** 2
 
 
 @njit(cache=True, error_model="numpy")
 def _two_means(own, whole, halves, moment):
-    """Fills halves (2, 3) and their moments of power, moment[:2], from the centroid and the tile with the largest flux x chord."""
-    far, pull = -1.0, np.empty((2, 3))
+    """Two-means of a cell's tiles: fills the sites halves (2, 3) and their power moments, moment[:2].
+
+    It begins with the centroid and the tile with the largest power x root(chord) from it.
+    """
+    far, site_moment = -1.0, np.empty((2, 3))
     for k in range(own.shape[1]):
         d = root(np.sqrt(_chord(own, k, whole))) * own[3, k]
         if d > far:
             far = d
             halves[1] = own[:3, k]
     halves[0] = whole
-    for _ in range(SPLIT_ROUNDS):
-        moment[:2], pull[:] = 0.0, 0.0
+    for _ in range(TWO_MEANS_STEPS):
+        moment[:2], site_moment[:] = 0.0, 0.0
         for k in range(own.shape[1]):
             s = 0 if _chord(own, k, halves[0]) <= _chord(own, k, halves[1]) else 1
             _add(own, k, moment[s])
             for c in range(3):
-                pull[s, c] += own[4, k] * own[c, k]
-        move(pull, halves)
+                site_moment[s, c] += own[4, k] * own[c, k]
+        lloyd_update(site_moment, halves)
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from vemlight.light.sphere import SPAN, ring_edges
-from vemlight.sampler.density import LightMap
+from vemlight.sampler.light_map import LightMap
 from vemlight.sampler.warps.square import (
     BLOCK,
     area_from_direction,
@@ -126,13 +126,13 @@ def turn_from_azimuth(tables: AzimuthTables, azimuth: float) -> float:
     return float((_turn_at(tables.turn, tables.columns[-1], j, y) / tables.turn[-1] - tables.offset) % 1.0)
 
 
-def quiet_azimuth(tables: AzimuthTables) -> float:
+def dimmest_azimuth(tables: AzimuthTables) -> float:
     """The azimuth (rad) in the middle of the quarter turn with the least light."""
-    return _quiet_azimuth(tables.turn)
+    return _dimmest_azimuth(tables.turn)
 
 
 @njit(cache=True)
-def _quiet_azimuth(turn):
+def _dimmest_azimuth(turn):
     cols = turn.size - 1
     wide, best, least = max(cols // 4, 1), 0, np.inf
     for j in range(cols):
@@ -160,7 +160,7 @@ def _turn_at(turn, density, j, y):
 
 @njit(cache=True)
 def _segment(w, cols):
-    """(j, y, t): the column whose centre comes before the azimuth of w turns, the way past it in rad and as a share."""
+    """(j, y, t): the column whose centre precedes the azimuth of w turns, the distance past it in rad and as a fraction of a column."""
     psi = w * cols - 0.5
     if psi < 0:
         psi += cols
@@ -215,13 +215,13 @@ def _azimuth_store(tables, i, j, right, t, x, total, radiance, density):
     """Fills radiance and density in the cells found and puts the area coordinate in the place of x (BLOCK,)."""
     edges, importance, columns = tables.edges, tables.importance, tables.columns
     for k in range(density.size):
-        row, j0, j1, share = i[k], j[k], right[k], t[k]
-        f = (1 - share) * importance[row, j0] + share * importance[row, j1]
-        below = (1 - share) * columns[row, j0] + share * columns[row, j1]
+        row, j0, j1, mix = i[k], j[k], right[k], t[k]
+        f = (1 - mix) * importance[row, j0] + mix * importance[row, j1]
+        below = (1 - mix) * columns[row, j0] + mix * columns[row, j1]
         x[k] = min(edges[row] + max(x[k] - below, 0.0) / f, edges[row + np.uint64(1)])
         density[k] = f / total
         for c in range(3):
-            radiance[k, c] = (1 - share) * tables.radiance[row, j0, c] + share * tables.radiance[row, j1, c]
+            radiance[k, c] = (1 - mix) * tables.radiance[row, j0, c] + mix * tables.radiance[row, j1, c]
 
 
 @njit(cache=True)
@@ -256,7 +256,7 @@ def azimuth_inverse(tables, directions, points):
 
 @njit(cache=True)
 def _ring_pair(s, y, knots, rows):
-    """(ring below, ring above, share of the upper one) for the way y into the segment s between knots."""
+    """(ring below, ring above, weight of the upper one) at the distance y into the segment s between knots."""
     if s == 0 or s == rows:
         i = 0 if s == 0 else rows - 1
         return i, i, 0.0
@@ -283,8 +283,8 @@ def radius_sample(tables, points, directions, radiance, density):
             d0[k], d1[k], h[k], t[k] = d[s], d[after], knots[after] - knots[s], a[k] - outward[s]
             a[k], i[k], upper[k] = knots[s], max(s, np.uint64(1)) - np.uint64(1), min(s, np.uint64(rows - 1))
         for k in range(n):
-            way = _step_inverse(d0[k], d1[k], h[k], t[k])
-            a[k], t[k] = a[k] + way, way / h[k]
+            distance = _step_inverse(d0[k], d1[k], h[k], t[k])
+            a[k], t[k] = a[k] + distance, distance / h[k]
         # The azimuth, turned by the offset of this radius, through the mixture of two rings.
         for k in range(n):
             h[k] = (1 - t[k]) * tables.moments[i[k]] + t[k] * tables.moments[upper[k]]
@@ -317,13 +317,13 @@ def _radius_store(tables, i, upper, j, t, x, radiance, density):
     rows, cols = importance.shape
     h, per_total = TURN / cols, 1 / tables.outward[rows + 1]
     for k in range(density.size):
-        i0, i1, col, share = i[k], upper[k], j[k], t[k]
-        f = (1 - share) * importance[i0, col] + share * importance[i1, col]
-        before = (1 - share) * rings[i0, col] + share * rings[i1, col]
+        i0, i1, col, mix = i[k], upper[k], j[k], t[k]
+        f = (1 - mix) * importance[i0, col] + mix * importance[i1, col]
+        before = (1 - mix) * rings[i0, col] + mix * rings[i1, col]
         x[k] = (col + min(max(x[k] - before, 0.0) / (f * h), 1.0)) / cols
         density[k] = f * per_total
         for c in range(3):
-            radiance[k, c] = (1 - share) * tables.radiance[i0, col, c] + share * tables.radiance[i1, col, c]
+            radiance[k, c] = (1 - mix) * tables.radiance[i0, col, c] + mix * tables.radiance[i1, col, c]
 
 
 @njit(cache=True)

@@ -1,12 +1,11 @@
-"""The unit square laid on the disc and back: Shirley and Chiu 1997, the concentric map, which keeps areas and neighbours.
+"""The concentric map of the unit square onto the disc, and its inverse: Shirley and Chiu 1997; it preserves area and neighbours.
 
 The disc is given by (a, w): squared radius in [0, 1] and azimuth over 2 pi in [0, 1), so that du dv = da dw. The square's centre is the
 disc's centre, its edges are the disc's rim. A direction has the same coordinates: a = 1 - cos(theta) in [0, 2], and w.
 
-Samples are drawn a block at a time, each stage of the way for the whole block. Nothing branches on a sample, so no branch is guessed
-wrong, several samples share an instruction, and the loads of many searches are waited for together: 25 ns a sample where one after the
-other took 140, as soon as there are too many to be learnt by heart. What remains is about a third each the searches, the loads of radiance
-and density in the cells found, and arithmetic.
+Samples are drawn a block at a time, each stage for the whole block. Nothing branches on a sample, so no branch is mispredicted, several
+samples share an instruction, and the loads of many searches overlap: 25 ns a sample where one after the other took 140. What remains is
+about a third each the searches, the loads of radiance and density in the cells found, and arithmetic.
 """
 
 from math import factorial
@@ -14,7 +13,7 @@ from math import factorial
 import numpy as np
 from numba import njit
 
-BLOCK = 64  # samples; 16 to 256 do equally well: the loops' beginnings no longer count, and all of it stays in the nearest cache
+BLOCK = 64  # samples; 16 to 256 do equally well: the loops' overhead no longer counts, and all of it stays in the first-level cache
 # Taylor's series of sine and cosine, enough for an eighth of a turn: the first terms left out are 5e-17 and 2e-18 there.
 _S = tuple((-1) ** k / factorial(2 * k + 1) for k in range(8))
 _C = tuple((-1) ** k / factorial(2 * k) for k in range(9))
@@ -86,7 +85,7 @@ def area_from_direction(x, y, z):
 def last_at_most(table, x):
     """The last i < len(table) - 1 with table[i] <= x (0 when x is below all): the cell of x in a cumulative table."""
     low, left = 0, table.size - 1
-    while left > 1:  # steps that do not depend on the outcome, so that no branch is guessed wrong
+    while left > 1:  # steps that do not depend on the outcome, so that no branch is mispredicted
         half = left >> 1
         low = low + half if table[low + half] <= x else low
         left -= half

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from vemlight.light.sphere import ring_edges
-from vemlight.sampler.density import LightMap
+from vemlight.sampler.light_map import LightMap
 from vemlight.sampler.warps.square import BLOCK, area_from_direction, last_at_most, load_cells, store_directions
 
 TURN = 2 * np.pi
@@ -69,8 +69,8 @@ def standard_sample(tables, points, directions, radiance, density):
         for k in range(n):
             row, col, after = i[k], j[k], i[k] + np.uint64(1)
             f = importance[row, col]
-            share = min(max((a[k] - outward[row]) / (outward[after] - outward[row]), 0.0), 1.0)
-            a[k] = edges[row] + share * (edges[after] - edges[row])
+            part = min(max((a[k] - outward[row]) / (outward[after] - outward[row]), 0.0), 1.0)
+            a[k] = edges[row] + part * (edges[after] - edges[row])
             w[k] = (col + min(max((w[k] - rings[row, col]) / (f * h), 0.0), 1.0)) / cols
             density[first + k] = f * per_total
             for c in range(3):
@@ -112,6 +112,6 @@ def standard_inverse(tables, directions, points):
         a, w = area_from_direction(directions[n, 0], directions[n, 1], directions[n, 2])
         a = min(a, edges[rows])
         i, j = last_at_most(edges, a), min(int(w * cols), cols - 1)
-        share = (a - edges[i]) / (edges[i + 1] - edges[i])
-        points[n, 0] = (outward[i] + share * (outward[i + 1] - outward[i])) / outward[rows]
+        part = (a - edges[i]) / (edges[i + 1] - edges[i])
+        points[n, 0] = (outward[i] + part * (outward[i + 1] - outward[i])) / outward[rows]
         points[n, 1] = (rings[i, j] + (w * cols - j) * h * importance[i, j]) / rings[i, cols]

@@ -1,12 +1,13 @@
-"""The ways from the unit square to the sky, by name: each with its sample, density and inverse."""
+"""The table of the warps of the unit square onto the sky: each with its sample, density and inverse."""
 
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from vemlight.sampler.density import LightMap
+from vemlight.sampler.light_map import LightMap
 from vemlight.sampler.warps import havran, standard
+from vemlight.sampler.warps.points import Kind
 
 WarpName = Literal["havran-azimuth", "havran-radius", "standard"]
 
@@ -19,22 +20,31 @@ class Samples(NamedTuple):
     density: np.ndarray
 
 
-class _Kernels(NamedTuple):
+class WarpKernels(NamedTuple):
+    """tables: of a map. sample, density, inverse: compiled, with those tables. points: that suit the warp best."""
+
     tables: Callable[[LightMap], Any]
     sample: Callable[..., None]
     density: Callable[..., None]
     inverse: Callable[..., None]
+    points: Kind
 
 
-_KERNELS: dict[WarpName, _Kernels] = {
-    "havran-azimuth": _Kernels(havran.azimuth_tables, havran.azimuth_sample, havran.azimuth_density, havran.azimuth_inverse),
-    "havran-radius": _Kernels(havran.radius_tables, havran.radius_sample, havran.radius_density, havran.radius_inverse),
-    "standard": _Kernels(standard.standard_tables, standard.standard_sample, standard.standard_density, standard.standard_inverse),
+WARPS: dict[WarpName, WarpKernels] = {
+    "havran-azimuth": WarpKernels(
+        havran.azimuth_tables, havran.azimuth_sample, havran.azimuth_density, havran.azimuth_inverse, points="disc"
+    ),
+    "havran-radius": WarpKernels(
+        havran.radius_tables, havran.radius_sample, havran.radius_density, havran.radius_inverse, points="disc"
+    ),
+    "standard": WarpKernels(
+        standard.standard_tables, standard.standard_sample, standard.standard_density, standard.standard_inverse, points="relaxed"
+    ),
 }
 
 
 class Warp(NamedTuple):
-    """One map's way from the square to the sky."""
+    """The warp for one map."""
 
     name: WarpName
     tables: Any
@@ -42,27 +52,27 @@ class Warp(NamedTuple):
     def sample(self, points: np.ndarray) -> Samples:
         """The directions of points (n, 2) in [0, 1]^2, with the map's radiance and the density there."""
         n = len(points)
-        block = np.empty(7 * n)  # one piece of memory: several large ones would go back to the system and come anew each time, page by page
+        block = np.empty(7 * n)  # one allocation: several large ones would be returned to the system and mapped again on each call
         samples = Samples(block[: 3 * n].reshape(n, 3), block[3 * n : 6 * n].reshape(n, 3), block[6 * n :])
-        _KERNELS[self.name].sample(self.tables, points, *samples)
+        WARPS[self.name].sample(self.tables, points, *samples)
         return samples
 
     def density(self, directions: np.ndarray) -> np.ndarray:
         """Density per sr, (n,) float64, with which the samples of even points fall on unit directions (n, 3); 0 outside the map."""
         density = np.empty(len(directions))
-        _KERNELS[self.name].density(self.tables, np.ascontiguousarray(directions, np.float64), density)
+        WARPS[self.name].density(self.tables, np.ascontiguousarray(directions, np.float64), density)
         return density
 
     def inverse(self, directions: np.ndarray) -> np.ndarray:
         """The points (n, 2) float64 that `sample` sends to unit directions (n, 3)."""
         points = np.empty((len(directions), 2))
-        _KERNELS[self.name].inverse(self.tables, np.ascontiguousarray(directions, np.float64), points)
+        WARPS[self.name].inverse(self.tables, np.ascontiguousarray(directions, np.float64), points)
         return points
 
 
 def warp_from_map(light: LightMap, name: WarpName) -> Warp:
     """The warp of that name for a map."""
-    return Warp(name, _KERNELS[name].tables(light))
+    return Warp(name, WARPS[name].tables(light))
 
 
 class Anchor(NamedTuple):
@@ -75,8 +85,8 @@ class Anchor(NamedTuple):
 def steadied(warp: Warp, anchor: Anchor | None, gain: float) -> tuple[Warp, Anchor | None]:
     """The warp with its offset moved only by `gain` in [0, 1] of the way from the last frame's to its own, and this frame's anchor.
 
-    Pixel noise shakes the offset and with it all lights at once. An offset counts from phi = 0 and jumps by the power that crosses it,
-    so it cannot be smoothed; where on the disc a dark azimuth lies can. Only for the azimuth-first order, whose offset is one for the map.
+    Pixel noise moves the offset and with it all lights at once. An offset counts from phi = 0 and jumps by the power that crosses it, so
+    it cannot be smoothed; the place on the disc of a dark azimuth can. Only for the azimuth-first order, whose offset is one for the map.
     """
     if warp.name != "havran-azimuth":
         return warp, None
@@ -84,5 +94,5 @@ def steadied(warp: Warp, anchor: Anchor | None, gain: float) -> tuple[Warp, Anch
     if anchor is not None:
         away = (havran.turn_from_azimuth(tables, anchor.azimuth) - anchor.turn + 0.5) % 1.0 - 0.5
         tables = tables._replace(offset=tables.offset + (1 - gain) * away)
-    azimuth = havran.quiet_azimuth(tables)
+    azimuth = havran.dimmest_azimuth(tables)
     return Warp(warp.name, tables), Anchor(azimuth, havran.turn_from_azimuth(tables, azimuth))

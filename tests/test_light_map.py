@@ -3,7 +3,7 @@ import pytest
 
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import cell_solid_angles, map_irradiance
-from vemlight.sampler.density import FLOOR, LARGEST, light_map
+from vemlight.sampler.light_map import FLOOR, MAX_RADIANCE, light_map
 
 
 def test_spoilt_values_are_set_to_zero_and_counted_by_pixel():
@@ -11,9 +11,9 @@ def test_spoilt_values_are_set_to_zero_and_counted_by_pixel():
     radiance[0, 0] = np.nan
     radiance[1, 1, 2] = np.inf
     radiance[2, 2, 0] = -0.5
-    radiance[3, 3, 1] = 2 * LARGEST
+    radiance[3, 3, 1] = 2 * MAX_RADIANCE
     light = light_map(radiance, "hemisphere")
-    assert light.spoilt == 4
+    assert light.invalid_cells == 4
     expected = np.ones((6, 8, 3), np.float32)
     expected[0, 0], expected[1, 1, 2], expected[2, 2, 0], expected[3, 3, 1] = 0, 0, 0, 0
     np.testing.assert_array_equal(light.radiance, expected)
@@ -41,13 +41,13 @@ def test_the_floor_keeps_the_power_and_lifts_the_dark(coverage):
 def test_a_black_map_is_sampled_evenly():
     light = light_map(np.zeros((4, 8, 3), np.float32), "hemisphere")
     assert light.power == 0
-    assert light.spoilt == 0
+    assert light.invalid_cells == 0
     assert (light.importance == 1).all()
 
 
 def test_the_largest_values_stay_finite_as_float32():
-    light = light_map(np.full((4, 8, 3), LARGEST, np.float32), "sphere")
-    assert light.spoilt in (0, 32)  # float32(1e30) may round above 1e30
+    light = light_map(np.full((4, 8, 3), MAX_RADIANCE, np.float32), "sphere")
+    assert light.invalid_cells in (0, 32)  # float32(1e30) may round above 1e30
     assert np.isfinite(light.irradiance.astype(np.float32)).all()
 
 

@@ -7,7 +7,7 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 from scipy.signal import remez
 
-from vemlight.sampler.temporal.taps import PAPER, equiripple, taps_from_settings
+from vemlight.sampler.temporal.filters import PAPER_WEIGHTS, equiripple, weights_from_settings
 from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
@@ -19,32 +19,32 @@ def gain(taps: np.ndarray, hertz: float, rate: float) -> float:
 
 def test_the_papers_taps_are_a_design_for_25_hertz_not_for_21():
     as_found = remez(9, [0, 7, 9.6, 12.5], [1, 0], fs=25)
-    assert np.abs(as_found - PAPER).max() < 1e-5
+    assert np.abs(as_found - PAPER_WEIGHTS).max() < 1e-5
     as_written = remez(9, [0, 7, 9, 10.5], [1, 0], fs=21)
-    assert np.abs(as_written - PAPER).max() > 0.05
-    assert sum(PAPER) == pytest.approx(1.09245, abs=1e-5)
+    assert np.abs(as_written - PAPER_WEIGHTS).max() > 0.05
+    assert sum(PAPER_WEIGHTS) == pytest.approx(1.09245, abs=1e-5)
 
 
 def test_the_papers_taps_are_normalised():
-    taps = taps_from_settings(Sampler(filter="fir2005"), 25.0)
+    taps = weights_from_settings(Sampler(filter="fir2005"), 25.0)
     np.testing.assert_allclose(taps[:5], [0.05690, 0.01186, -0.12647, 0.25919, 0.59703], atol=5e-6)
 
 
 def test_binomial_never_overshoots():
-    taps = taps_from_settings(Sampler(filter="binomial"), 21.0)
+    taps = weights_from_settings(Sampler(filter="binomial"), 21.0)
     np.testing.assert_allclose(taps, np.array([1, 4, 6, 4, 1]) / 16)
     assert [gain(taps, f, 21) for f in (2, 5, 7)] == pytest.approx([0.834, 0.29, 0.06], abs=0.01)
 
 
 @pytest.mark.parametrize("name", ["none", "iir"])
 def test_what_is_no_sum_over_frames_has_one_weight(name):
-    assert taps_from_settings(Sampler(filter=name), 25.0).tolist() == [1.0]
+    assert weights_from_settings(Sampler(filter=name), 25.0).tolist() == [1.0]
 
 
 @given(st.floats(1, 1000), st.integers(1, 16).map(lambda half: 2 * half), st.floats(0.1, 100), st.floats(0.1, 100))
 @limits(max_examples=60)
 def test_any_rate_order_and_band_gives_a_filter(rate, order, pass_hz, stop_hz):
-    taps = taps_from_settings(Sampler(filter="fir", order=order, pass_hz=pass_hz, stop_hz=stop_hz), rate)
+    taps = weights_from_settings(Sampler(filter="fir", order=order, pass_hz=pass_hz, stop_hz=stop_hz), rate)
     assert taps.shape == (order + 1,)
     assert taps.sum() == pytest.approx(1, abs=1e-12)
     assert np.abs(taps).sum() < 4  # remez that did not converge gives weights of any size
@@ -58,4 +58,4 @@ def test_the_band_is_kept_and_the_rest_removed():
 
 
 def test_an_unknown_rate_filters_nothing():
-    assert taps_from_settings(Sampler(filter="fir"), 0.0).tolist() == [1.0]
+    assert weights_from_settings(Sampler(filter="fir"), 0.0).tolist() == [1.0]

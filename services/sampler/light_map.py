@@ -1,4 +1,4 @@
-"""The polar map as the sampler needs it: cleaned of spoilt values, its integrals, and an importance that is nowhere zero."""
+"""The polar map as the warps need it: without invalid values, with its integrals, and with an importance that is nowhere zero."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -9,75 +9,75 @@ from numba import njit
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED, LUMINANCE_WEIGHTS
 from vemlight.light.sphere import Coverage, cell_solid_angles
 
-# Share of the power spread evenly, so that the warps stay one to one in the dark. With 1e-3 and float64 tables a direction comes back
-# within 1e-9 degrees even on a black half; of N samples N / 1000 lie there and carry the (little) light that they find.
+# Fraction of the power that is spread evenly, so that the warps stay one to one in the dark. With 1e-3 and float64 tables a direction comes
+# back within 1e-9 degrees even on a black half; of N samples N / 1000 lie there and carry the (little) light that they find.
 FLOOR = 1e-3
-LARGEST = 1e30  # a brighter value is spoilt; the whole sphere at this radiance, 1.3e31, is still far from float32's 3.4e38
-_LARGEST = np.float32(LARGEST)
+MAX_RADIANCE = 1e30  # a larger value is invalid; the whole sphere at this radiance, 1.3e31, is still far from float32's 3.4e38
+_MAX_RADIANCE = np.float32(MAX_RADIANCE)
 
 
 class LightMap(NamedTuple):
     """A polar map made safe.
 
     radiance: (rows, cols, 3) float32, finite and >= 0. importance: (rows, cols) float64, > 0, luminance with the floor, in the map's unit.
-    irradiance: (3,) float64, integral of the radiance over solid angle. power: its luminance. spoilt: pixels in which a value was set to 0.
+    irradiance: (3,) float64, integral of the radiance over solid angle. power: its luminance. invalid_cells: in which a value was set to 0.
     """
 
     radiance: np.ndarray
     importance: np.ndarray
     irradiance: np.ndarray
     power: float
-    spoilt: int
+    invalid_cells: int
     coverage: Coverage
 
 
 def light_map(radiance: np.ndarray, coverage: Coverage) -> LightMap:
-    """The map (rows, cols, 3) with every value that is nan, infinite, negative or above LARGEST set to 0, and what follows from it.
+    """The map (rows, cols, 3) with every value that is nan, infinite, negative or above MAX_RADIANCE set to 0, and what follows from it.
 
     A map without such values is not copied: the result's radiance is a view of it.
     """
     rows, cols, _ = radiance.shape
-    clean, spoilt = np.ascontiguousarray(radiance, np.float32), 0
+    clean, invalid_cells = np.ascontiguousarray(radiance, np.float32), 0
     importance, irradiance, solid_angles = np.empty((rows, cols)), np.empty(3), _solid_angles(rows, cols, coverage)
     if not _measure(clean, clean.reshape(rows, -1), solid_angles, importance, irradiance):
         clean = clean.copy()
-        spoilt = _mend(clean)
+        invalid_cells = _clear_invalid(clean)
         _measure(clean, clean.reshape(rows, -1), solid_angles, importance, irradiance)
     clean = clean.view()
     clean.flags.writeable = False
     power = float(irradiance @ LUMINANCE_WEIGHTS)
     _raise_floor(importance, power / float(solid_angles.sum() * cols))
-    return LightMap(clean, importance, irradiance, power, spoilt, coverage)
+    return LightMap(clean, importance, irradiance, power, invalid_cells, coverage)
 
 
 _solid_angles = lru_cache(maxsize=8)(cell_solid_angles)
 
 
 @njit(cache=True)
-def _mend(radiance):
-    """Sets spoilt values to 0; the number of pixels that had one."""
-    spoilt = 0
+def _clear_invalid(radiance):
+    """Sets invalid values to 0; returns the number of cells that had one."""
+    invalid_cells = 0
     for i in range(radiance.shape[0]):
         for j in range(radiance.shape[1]):
-            bad = False
+            invalid = False
             for c in range(3):
-                if not 0 <= radiance[i, j, c] <= _LARGEST:
-                    radiance[i, j, c], bad = 0, True
-            spoilt += bad
-    return spoilt
+                if not 0 <= radiance[i, j, c] <= _MAX_RADIANCE:
+                    radiance[i, j, c], invalid = 0, True
+            invalid_cells += invalid
+    return invalid_cells
 
 
-@njit(cache=True, fastmath={"reassoc"})  # sums in any order, so that several are made at once
+@njit(cache=True, fastmath={"reassoc"})  # sums may be reordered, so that several are formed at a time
 def _measure(radiance, values, solid_angles, luminance, irradiance):
-    """Fills the luminance (rows, cols) and the integral (3,) of the radiance; whether all values are finite, >= 0 and at most LARGEST.
+    """Fills the luminance (rows, cols) and the integral (3,) of the radiance; returns whether all values are in [0, MAX_RADIANCE].
 
-    values: (rows, 3 cols), the same memory as radiance. A row is gone through twice, while it is still in the nearest cache.
+    values: (rows, 3 cols), the same memory as radiance. Each row is read twice, the second time from the first-level cache.
     """
     irradiance[:] = 0.0
-    spoilt = 0
+    invalid = 0
     for i in range(radiance.shape[0]):
         for k in range(values.shape[1]):
-            spoilt += 0 if (values[i, k] >= 0) & (values[i, k] <= _LARGEST) else 1
+            invalid += 0 if (values[i, k] >= 0) & (values[i, k] <= _MAX_RADIANCE) else 1
         red = green = blue = 0.0
         for j in range(radiance.shape[1]):
             r, g, b = radiance[i, j, 0], radiance[i, j, 1], radiance[i, j, 2]
@@ -86,7 +86,7 @@ def _measure(radiance, values, solid_angles, luminance, irradiance):
         irradiance[0] += red * solid_angles[i]
         irradiance[1] += green * solid_angles[i]
         irradiance[2] += blue * solid_angles[i]
-    return spoilt == 0
+    return invalid == 0
 
 
 @njit(cache=True)

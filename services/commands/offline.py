@@ -104,10 +104,13 @@ def write_pictures(options: RenderOptions) -> str:
 
     Raises UserError for options that cannot be used.
     """
+    from vemlight.renderer.frame_plan import BackgroundMap
+    from vemlight.renderer.frame_sequence import FrameSequence
     from vemlight.renderer.output.tonemap import adapt, subsampled, tone_mapped
     from vemlight.renderer.output.video import video
     from vemlight.renderer.renderer import Renderer
     from vemlight.renderer.scene.scene import load_scene
+    from vemlight.renderer.scene.scene_pose import scene_pose
     from vemlight.renderer.stage import file_samples
 
     out, to_video = options.out, options.video
@@ -121,12 +124,10 @@ def write_pictures(options: RenderOptions) -> str:
         add = open_.enter_context(video(to_video, frames.fps)) if to_video else None
         renderer = Renderer(scene, wanted, file_samples(scene))
         open_.callback(renderer.release)
-        adaptation, before_s = None, 0.0
+        sequence, adaptation, before_s = FrameSequence(renderer), None, 0.0
         for k, (frame, lights, gloss) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
-            if wanted.background == "map":
-                renderer.show_background(frame.radiance, frame.coverage)
-            renderer.place(frame.time_s)
-            picture = renderer.render(lights, gloss)
+            background = BackgroundMap(frame.radiance, frame.coverage) if wanted.background == "map" else None
+            picture = sequence.render(lights, gloss, scene_pose(drawn, frame.time_s), background)
             adaptation = adapt(adaptation, subsampled(picture), max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, wanted.exposure, wanted.tone)

@@ -1,7 +1,7 @@
-"""A picture of what stands still, better with every pass: other lights of the same map, another place in each pixel.
+"""A picture of what stands still that gets better with every pass: other lights of the same map, another sample of each pixel.
 
-Each pass is a whole picture under LIGHTS lights drawn from the map by its luminance, none of which another pass has, with all their
-shadow maps; the mean of the passes goes to the map's exact integral over each pixel's area.
+Each pass is a whole picture under PASS_LIGHTS lights drawn from the map by its luminance, none of which another pass has, with all their
+shadow maps; the mean of the passes converges to the map's exact integral over each pixel's area.
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles, ring_edges
 
-LIGHTS = 64  # of a pass: it takes about as long as a live picture
+PASS_LIGHTS = 64  # of a pass: it takes about as long as a live picture
 PASSES = 64  # 4096 lights; the error left is below 1 % (tests), and one code of 255 is 0.4 to 4 %
 PLASTIC = 1.32471795724474602596  # the root of x^3 = x + 1: its powers give the most even sequence in the plane (Roberts 2018)
 
@@ -22,31 +22,33 @@ def spread_points(first: int, count: int) -> np.ndarray:
     return (0.5 + np.arange(first, first + count)[:, None] * np.array([1 / PLASTIC, 1 / PLASTIC**2])) % 1.0
 
 
-class Refined(NamedTuple):
+class Accumulation(NamedTuple):
     """A picture that is the mean of `passes` passes. total: (height, width, 4) float64, their sum."""
 
     total: np.ndarray | float
     passes: int
 
     @staticmethod
-    def nothing() -> "Refined":
-        return Refined(0.0, 0)
+    def empty() -> "Accumulation":
+        return Accumulation(0.0, 0)
 
     @property
     def picture(self) -> np.ndarray:
-        """At least one pass must be in it."""
+        """(height, width, 4) float32, the mean; at least one pass must be in it."""
         return np.asarray(self.total / self.passes, np.float32)
 
     @property
     def lights(self) -> int:
-        return self.passes * LIGHTS
+        """How many lights its passes have together."""
+        return self.passes * PASS_LIGHTS
 
     @property
     def converged(self) -> bool:
         return self.passes >= PASSES
 
-    def with_pass(self, picture: np.ndarray) -> "Refined":
-        return Refined(self.total + picture, self.passes + 1)
+    def with_pass(self, picture: np.ndarray) -> "Accumulation":
+        """The same with one pass more."""
+        return Accumulation(self.total + picture, self.passes + 1)
 
 
 class MapLights:
@@ -61,12 +63,11 @@ class MapLights:
         self._rows = np.concatenate([[0.0], np.cumsum(power.sum(axis=1))])
         self._cols = np.concatenate([np.zeros((rows, 1)), np.cumsum(power, axis=1)], axis=1)
 
-
     def of_pass(self, number: int) -> LightSet:
-        """The LIGHTS lights of a pass; none of a black map. Their irradiance's mean over passes is the map's, in each channel."""
+        """The PASS_LIGHTS lights of a pass; none of a black map. Their irradiance's mean over passes is the map's, in each channel."""
         if not self._total > 0:
             return LightSet.none()
-        return self.lights(spread_points(number * LIGHTS, LIGHTS))
+        return self.lights(spread_points(number * PASS_LIGHTS, PASS_LIGHTS))
 
     def lights(self, points: np.ndarray) -> LightSet:
         """The light at each of (n, 2) points of the unit square, by the map's luminance: rows first, then the cells of a row."""
@@ -94,7 +95,7 @@ class MapLights:
 
 
 def _inverse(sums: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of shares u (n,) of the last of the running sums: the interval, never an empty one, and how far inside, 0 to 1."""
+    """Inverts running sums at fractions u (n,) of the last: the interval, never an empty one, and how far inside it, 0 to 1."""
     at = u * sums[-1]
     k = np.searchsorted(sums, at, side="right") - 1
     last = int(np.flatnonzero(np.diff(sums) > 0)[-1])

@@ -1,165 +1,201 @@
-"""A target frame time, met by the number of shadow maps drawn in a frame, by their size, and then by the number of lights."""
+"""A target frame time, met by the number of shadow maps drawn in a frame, by their resolution, and then by the number of lights.
 
+What a frame costs on this machine is measured (CostModel); what its shadow maps need follows from the frames planned (MapDemand). All
+functions are pure: costs and demand of one frame in, those of the next one out.
+"""
+
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from vemlight.light.light_set import LightSet
+from vemlight.renderer.pass_table import GLOSS, LIGHTS, SHADOW_MAPS, VISIBILITY_CACHE
 
-NEWEST = 0.2  # weight of the newest frame in what a frame costs: half known after 3 frames, one odd frame moves it by a fifth
-LEAST_RENEWED = 1 / 24  # share of the maps drawn in each frame whatever the time: at 24 frames a second none is older than a second;
-MOST_RENEWED = 1 / 8  # ... and none older than a third of one where that many lights move, before there is time for more lights
-WORTH = 3 / 4  # of the maps drawn: a lookup apart takes 4/3 of one in the sum (78 and 59 ms of 72 lights); more are quicker there
-LOOKUP = 2 / 3  # of a light's cost where it is looked up, until both are known apart: 59 of 86 ms of 72 lights
+WARM_UP_FRAMES = 2  # not measured: GL drivers compile on the first and tune on the second
+NEWEST_WEIGHT = 0.2  # of the newest frame in a moving average: half of a change after 3 frames, and one odd frame counts for a fifth
+MIN_REFRESH = 1 / 24  # of the maps are redrawn in each frame whatever the time: at 24 frames a second none is older than a second;
+MAX_REFRESH = 1 / 8  # ... and none older than a third of one where that many lights move, before there is time for more lights
+MAX_REDRAWN = 3 / 4  # of the maps, for the visibility cache to pay: a lookup for it takes 4/3 of one in the sum (78 and 59 ms, 72 lights)
+LOOKUP_FRACTION = 2 / 3  # of a light's cost where it is looked up, until both are measured apart: 59 of 86 ms of 72 lights
 # Halved maps have at most half the backlog; doubled ones six times as much, with twice the texels to move by and three times the cost.
-MUCH, LITTLE = 2.0, 0.125
-FEWEST = 8  # lights: with fewer a sky is a few hard shadows; the target is missed before that
-LATE = 1.15  # of the target: what single frames take anyway where the median meets it
-TEXELS = 100**2  # of a map whose texels cost as much as its triangles and its setting up: 0.05 ms either (llvmpipe, 1 core)
+COARSEN_ABOVE, REFINE_BELOW = 2.0, 0.125  # of the backlog
+MIN_LIGHTS = 8  # with fewer a sky is a few hard shadows; the target is missed before that
+LATE = 1.15  # times the target: what single frames take anyway where the median meets it
+TEXELS_PER_UNIT = 100**2  # of a map whose texels cost as much as its triangles and its setting up: 0.05 ms either (llvmpipe, 1 core)
 
 
 class CostModel(NamedTuple):
-    """What a frame costs on this machine, ms: whatever is lit, for each unit of work in maps, for each light summed and looked up.
+    """What a frame costs on this machine, ms: whatever is lit, a unit of `map_work`, a light summed and a light looked up.
 
-    None: not known. weak_ms: for the second set of lights, and weak: whether there is time for it. work: of a light's map, the mean, as
-    `map_work` counts. backlog: work in maps off by more than a texel for each unit that is drawn, smoothed; off: such maps for each light.
+    None: not measured yet. gloss_ms: for the gloss set. frames: how many were measured.
     """
 
+    frames: int = 0
     fixed_ms: float = 0.0
     map_ms: float | None = None
     light_ms: float | None = None
     lookup_ms: float = 0.0
-    weak_ms: float = 0.0
-    weak: bool = True
-    work: float = 1.0
-    backlog: float = 1.0
-    off: float = 0.0
-
-    @property
-    def always_ms(self) -> float:
-        """What a frame takes without its lights."""
-        return self.fixed_ms + (self.weak_ms if self.weak else 0.0)
-
-    @property
-    def renewed(self) -> float:
-        """Share of the maps for which each frame has time before it has time for more lights."""
-        return min(max(self.off, LEAST_RENEWED), MOST_RENEWED)
+    gloss_ms: float = 0.0
 
 
-def map_work(sizes: np.ndarray) -> np.ndarray:
-    """What drawing maps of `sizes` (n,) texels a side costs, in units of a map without texels."""
-    return 1 + sizes.astype(np.float64) ** 2 / TEXELS
+class MapDemand(NamedTuple):
+    """What shadow maps the lights need. mean_work: of a light's map, as `map_work` counts.
 
-
-class Spent(NamedTuple):
-    """What a frame did and how long it took: all of it, the work in its maps, its lookups where apart from its lights, its lights.
-
-    weak_ms: the second set's lights; None where they were left out.
+    backlog: work in stale maps for each unit that is drawn, a moving average. stale_fraction: stale maps for each light, likewise.
     """
+
+    mean_work: float = 1.0
+    backlog: float = 1.0
+    stale_fraction: float = 0.0
+
+    @property
+    def refresh_fraction(self) -> float:
+        """Fraction of the maps for which each frame has time before it has time for more lights."""
+        return min(max(self.stale_fraction, MIN_REFRESH), MAX_REFRESH)
+
+
+class Budget(NamedTuple):
+    """A target frame time and what is known about meeting it.
+
+    gloss: whether the gloss set is drawn. surfaces_moved: whether surfaces have, so that every light is looked up anew.
+    """
+
+    target_ms: float
+    costs: CostModel
+    demand: MapDemand
+    gloss: bool = False
+    surfaces_moved: bool = False
+
+    @property
+    def fixed_ms(self) -> float:
+        """What a frame takes without its lights."""
+        return self.costs.fixed_ms + (self.costs.gloss_ms if self.gloss else 0.0)
+
+    @property
+    def light_ms(self) -> float:
+        """What a light takes with its part of the shadow maps."""
+        refresh = self.demand.refresh_fraction
+        map_ms = self.demand.mean_work * (self.costs.map_ms or 0.0)  # not measured while the lights stand still, and then not spent either
+        return (self.costs.light_ms or 0.0) + (1.0 if self.surfaces_moved else refresh) * self.costs.lookup_ms + refresh * map_ms
+
+
+class FrameWork(NamedTuple):
+    """What a frame planned to do, in the units in which its costs are measured.
+
+    maps: as `map_work` counts. lookups: into the visibility cache; None where lights are looked up in the sum itself.
+    """
+
+    maps: float
+    lookups: int | None
+    lights: int
+    gloss: bool
+
+
+class FrameTimings(NamedTuple):
+    """How long a frame took by the clock, and each of its timers."""
 
     frame_ms: float
-    work: float
-    maps_ms: float
-    lookups: int | None  # None: in the sum itself
-    lookups_ms: float
-    lights: int
-    lights_ms: float
-    weak_ms: float | None = None
+    timers_ms: Mapping[str, float]
 
 
-def learnt(pace: CostModel, spent: Spent) -> CostModel:
-    """The pace after a frame."""
+def map_work(resolutions: np.ndarray) -> np.ndarray:
+    """What drawing maps of `resolutions` (n,) texels a side costs, in units of a map without texels."""
+    return 1 + resolutions.astype(np.float64) ** 2 / TEXELS_PER_UNIT
 
-    def mixed(before: float | None, total: float, count: float) -> float | None:
-        if count == 0:
-            return before
-        return total / count if before is None else before + NEWEST * (total / count - before)
 
-    fixed = spent.frame_ms - spent.maps_ms - spent.lookups_ms - spent.lights_ms - (spent.weak_ms or 0.0)
-    known = pace.light_ms is not None
-    pace = pace._replace(
-        fixed_ms=pace.fixed_ms + NEWEST * (fixed - pace.fixed_ms) if known else fixed, map_ms=mixed(pace.map_ms, spent.maps_ms, spent.work)
+def updated_costs(costs: CostModel, work: FrameWork, timings: FrameTimings) -> CostModel:
+    """The costs after a frame of this work took these times."""
+    costs = costs._replace(frames=costs.frames + 1)
+    if costs.frames <= WARM_UP_FRAMES:
+        return costs
+    spent_ms = {each.timer: timings.timers_ms.get(each.timer, 0.0) for each in (SHADOW_MAPS, VISIBILITY_CACHE, LIGHTS, GLOSS)}
+    maps_ms, lookups_ms, lights_ms, gloss_ms = spent_ms.values()
+    gloss_ms = gloss_ms if work.gloss else 0.0
+    fixed_ms = timings.frame_ms - maps_ms - lookups_ms - lights_ms - gloss_ms
+    measured = costs.light_ms is not None
+    costs = costs._replace(
+        fixed_ms=costs.fixed_ms + NEWEST_WEIGHT * (fixed_ms - costs.fixed_ms) if measured else fixed_ms,
+        map_ms=_averaged(costs.map_ms, maps_ms, work.maps),
     )
-    if spent.weak_ms is not None:
-        pace = pace._replace(weak_ms=mixed(pace.weak_ms or None, spent.weak_ms, 1) or 0.0)
-    if spent.lights == 0:
-        return pace
-    if spent.lookups is not None:
-        lookup_ms = mixed(pace.lookup_ms or None, spent.lookups_ms, spent.lookups) or 0.0
-        return pace._replace(light_ms=mixed(pace.light_ms, spent.lights_ms, spent.lights), lookup_ms=lookup_ms)
-    # Both at once: what is known of their shares stays.
-    whole = spent.lights_ms / spent.lights
-    share = pace.lookup_ms / max(pace.lookup_ms + pace.light_ms, 1e-9) if pace.light_ms is not None else LOOKUP
-    before = pace.lookup_ms + pace.light_ms if pace.light_ms is not None else whole
-    now = before + NEWEST * (whole - before)
-    return pace._replace(light_ms=(1 - share) * now, lookup_ms=share * now)
+    if work.gloss:
+        costs = costs._replace(gloss_ms=_averaged(costs.gloss_ms or None, gloss_ms, 1) or 0.0)
+    if work.lights == 0:
+        return costs
+    if work.lookups is not None:
+        lookup_ms = _averaged(costs.lookup_ms or None, lookups_ms, work.lookups) or 0.0
+        return costs._replace(light_ms=_averaged(costs.light_ms, lights_ms, work.lights), lookup_ms=lookup_ms)
+    # Both were measured together: the fraction of each stays as it was.
+    both_ms = lights_ms / work.lights
+    previous_ms, fraction = both_ms, LOOKUP_FRACTION
+    if costs.light_ms is not None:
+        previous_ms = costs.lookup_ms + costs.light_ms
+        fraction = costs.lookup_ms / max(previous_ms, 1e-9)
+    average_ms = previous_ms + NEWEST_WEIGHT * (both_ms - previous_ms)
+    return costs._replace(light_ms=(1 - fraction) * average_ms, lookup_ms=fraction * average_ms)
 
 
-def affordable_lights(pace: CostModel, frame_ms: float, moved: bool = False) -> int | None:
-    """How many lights with the share `renewed` of their maps fit into frame_ms, but FEWEST at least; None while their cost is not known.
+def _averaged(previous: float | None, total: float, count: float) -> float | None:
+    """The moving average of a cost after `count` of it took `total`."""
+    if count == 0:
+        return previous
+    return total / count if previous is None else previous + NEWEST_WEIGHT * (total / count - previous)
 
-    moved: surfaces have, so that each light is looked up anew.
-    """
-    if pace.light_ms is None:
+
+def updated_demand(demand: MapDemand, work: np.ndarray, stale_work: np.ndarray, drawn_work: float) -> MapDemand:
+    """The demand after a frame whose lights have maps of `work` (n,), those of `stale_work` (k,) stale, and drew `drawn_work` of them."""
+    backlog = float(stale_work.sum()) / drawn_work if drawn_work else 0.0
+    stale_fraction = len(stale_work) / max(len(work), 1)
+    return MapDemand(
+        mean_work=float(work.mean()) if len(work) else demand.mean_work,
+        backlog=demand.backlog + NEWEST_WEIGHT * (backlog - demand.backlog),
+        stale_fraction=demand.stale_fraction + NEWEST_WEIGHT * (stale_fraction - demand.stale_fraction),
+    )
+
+
+def affordable_lights(budget: Budget) -> int | None:
+    """How many lights fit into the target time, MIN_LIGHTS at least; None while their cost is not measured."""
+    if budget.costs.light_ms is None:
         return None
-    return max(FEWEST, int((frame_ms - pace.always_ms) / max(_each_ms(pace, moved), 1e-6)))
+    return max(MIN_LIGHTS, int((budget.target_ms - budget.fixed_ms) / max(budget.light_ms, 1e-6)))
 
 
-def least_ms(pace: CostModel, moved: bool = False) -> float:
+def least_ms(budget: Budget) -> float:
     """What a frame with the fewest lights takes."""
-    return pace.always_ms + FEWEST * _each_ms(pace, moved)
+    return budget.fixed_ms + MIN_LIGHTS * budget.light_ms
 
 
-def with_weak(pace: CostModel, frame_ms: float, moved: bool = False) -> CostModel:
-    """The pace with the second set of lights where FEWEST of the first leave time for it, and without where they do not."""
-    room_ms = LATE * frame_ms if pace.weak else frame_ms
-    return pace._replace(weak=least_ms(pace._replace(weak=True), moved) <= room_ms)
+def gloss_affordable(budget: Budget) -> bool:
+    """Whether the fewest lights leave time for the gloss set; where it was drawn before, a frame may be a little late for it."""
+    return least_ms(budget._replace(gloss=True)) <= budget.target_ms * (LATE if budget.gloss else 1.0)
 
 
-def _each_ms(pace: CostModel, moved: bool) -> float:
-    """What a light costs with its share of maps."""
-    map_ms = pace.work * (pace.map_ms or 0.0)  # not known while the lights stand still, and then not spent either
-    return (pace.light_ms or 0.0) + (1.0 if moved else pace.renewed) * pace.lookup_ms + pace.renewed * map_ms
-
-
-def affordable_maps(pace: CostModel, frame_ms: float, lights: int, moved: bool, work: np.ndarray) -> int:
-    """How many maps, each of its work (k,) and in that order, fit into what `lights` leave of frame_ms; the share `renewed` at least."""
-    least = int(np.ceil(lights * pace.renewed))
-    if pace.light_ms is None or pace.map_ms is None:
+def affordable_maps(budget: Budget, lights: int, work: np.ndarray) -> int:
+    """How many maps, each of its work (k,) and in that order, fit into the time that `lights` leave; `refresh_fraction` at least."""
+    costs = budget.costs
+    least = int(np.ceil(lights * budget.demand.refresh_fraction))
+    if costs.light_ms is None or costs.map_ms is None:
         return len(work)
-    left, cost_ms = frame_ms - pace.always_ms - lights * pace.light_ms, np.cumsum(work) * pace.map_ms
-    most = int(np.searchsorted(cost_ms, left - lights * pace.lookup_ms, "right"))  # every light looked up in the sum
-    if not moved and most <= WORTH * lights:
-        apart = int(np.searchsorted(cost_ms + pace.lookup_ms * np.arange(1, len(work) + 1), left, "right"))
-        most = min(apart, int(WORTH * lights))
+    left_ms, maps_ms = budget.target_ms - budget.fixed_ms - lights * costs.light_ms, np.cumsum(work) * costs.map_ms
+    most = int(np.searchsorted(maps_ms, left_ms - lights * costs.lookup_ms, "right"))  # every light looked up in the sum
+    if not budget.surfaces_moved and most <= MAX_REDRAWN * lights:
+        cached = int(np.searchsorted(maps_ms + costs.lookup_ms * np.arange(1, len(work) + 1), left_ms, "right"))
+        most = min(cached, int(MAX_REDRAWN * lights))
     return min(max(most, least), len(work))
 
 
-def waited(pace: CostModel, work: np.ndarray, off: int, off_work: float, drawn_work: float) -> CostModel:
-    """The pace after a frame whose lights have maps of `work` (n,), `off` of them off by more than a texel.
-
-    off_work, drawn_work: the work in those, and how much of it was done.
-    """
-    backlog, share = off_work / drawn_work if drawn_work else 0.0, off / max(len(work), 1)
-    return pace._replace(
-        work=float(work.mean()) if len(work) else pace.work,
-        backlog=pace.backlog + NEWEST * (backlog - pace.backlog),
-        off=pace.off + NEWEST * (share - pace.off),
-    )
+def coarsening(demand: MapDemand, previous: int, most: int) -> int:
+    """By how many halvings maps are coarser from now on: one more when stale maps pile up, one less when there are hardly any."""
+    if demand.backlog > COARSEN_ABOVE:
+        return min(previous + 1, most)
+    return max(previous - 1, 0) if demand.backlog < REFINE_BELOW else previous
 
 
-def halvings(pace: CostModel, before: int, most: int) -> int:
-    """By how many steps maps are smaller from now on: one more when maps wait for their turn, one less when they do not."""
-    if pace.backlog > MUCH:
-        return min(before + 1, most)
-    return max(before - 1, 0) if pace.backlog < LITTLE else before
-
-
-def first_lights(lights: LightSet, count: int) -> LightSet:
+def strongest_lights(lights: LightSet, count: int) -> LightSet:
     """`count` of the lights, at least one, scaled so that the sum of their irradiance stays what it was in each channel.
 
-    First is who is stronger by a power of two, then the order of the set: lights of like power keep the progressive order, and a sun is
-    not left out.
+    Those stronger by a power of two come first, then the order of the set decides: lights of like power keep the progressive order, and
+    a sun is not left out.
     """
     count = max(count, 1)
     if count >= len(lights.ids):
@@ -167,7 +203,7 @@ def first_lights(lights: LightSet, count: int) -> LightSet:
     power = lights.irradiance.max(axis=1)
     octave = np.floor(np.log2(np.maximum(power / max(power.mean(), 1e-30), 1e-6)) + 0.5)
     chosen = np.sort(np.argsort(-octave, kind="stable")[:count])
-    total, kept = lights.irradiance.sum(axis=0, dtype=np.float64), lights.irradiance[chosen].astype(np.float64)
-    part = kept.sum(axis=0)
-    scaled = np.where(part > 0, kept * np.divide(total, part, out=np.zeros(3), where=part > 0), total / count)
+    total, irradiance = lights.irradiance.sum(axis=0, dtype=np.float64), lights.irradiance[chosen].astype(np.float64)
+    part = irradiance.sum(axis=0)
+    scaled = np.where(part > 0, irradiance * np.divide(total, part, out=np.zeros(3), where=part > 0), total / count)
     return LightSet.of(lights.ids[chosen], lights.directions[chosen], scaled)

@@ -11,14 +11,35 @@ import numpy as np
 from vemlight import settings
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import Coverage
-from vemlight.renderer.accumulation import MapLights, Refined
-from vemlight.renderer.frame_budget import FEWEST, LATE
+from vemlight.renderer.accumulation import Accumulation, MapLights
+from vemlight.renderer.frame_budget import (
+    LATE,
+    MIN_LIGHTS,
+    CostModel,
+    FrameTimings,
+    FrameWork,
+    affordable_lights,
+    least_ms,
+    updated_costs,
+)
+from vemlight.renderer.frame_plan import (
+    AccumulationPass,
+    BackgroundMap,
+    FrameInput,
+    FrameState,
+    PlatePicture,
+    ToneRequest,
+    budget_of,
+    initial_state,
+    plan,
+    plan_upload,
+)
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
-from vemlight.renderer.output.tonemap import Adaptation, adapt, subsampled
+from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import check_video_path
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
+from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 
@@ -33,29 +54,47 @@ def file_samples(scene: Scene) -> int:
     return BLENDED_SAMPLES if scene.blended else FILE_SAMPLES
 
 
-class Still(NamedTuple):
+class PausedPicture(NamedTuple):
     """A picture that gets better while nothing changes: of what light, with what where, how far, and as it was last shown."""
 
     light: MapLights
     poses: tuple[wire.Pose, ...]
-    refined: Refined
+    accumulation: Accumulation
     exposure: float
     pixels: np.ndarray
 
 
-class RendererState(NamedTuple):
-    """What the tone mapping remembers, what the person at the viewer wants, and the picture just made."""
+class Measured(NamedTuple):
+    """What a frame did and how long that took: with the `render_ms` of its message all of a step's result that a clock decides."""
 
-    exposure: float  # stops
+    work: FrameWork
+    timings: FrameTimings
+
+
+class RendererState(NamedTuple):
+    """What one picture leaves to the next.
+
+    exposure: stops. picture: (height, width, 4) float32, linear; None where nobody wants it. paused_s: how long the scene's animations
+    have stood still. environment: the map behind the lights. plate: what the second camera sees, (h, w, 3) uint8 sRGB. paused_picture: in
+    a pause. costs: measured up to the picture before. late: whether the target time cannot be met. notices: lines for the person at the
+    terminal.
+    """
+
+    exposure: float
     adaptation: Adaptation | None
     time_s: float
-    picture: np.ndarray | None  # (height, width, 4) float32, linear; None where nobody wants it
+    frame: FrameState
+    picture: np.ndarray | None = None
     poses: tuple[wire.Pose, ...] = ()
     paused: bool = False
-    paused_s: float = 0.0  # how long the scene's animations have stood still
-    around: tuple[np.ndarray, Coverage] | None = None  # the map behind the lights
-    plate: np.ndarray | None = None  # what the second camera sees, (h, w, 3) uint8 sRGB
-    still: Still | None = None  # in a pause
+    paused_s: float = 0.0
+    environment: BackgroundMap | None = None
+    plate: np.ndarray | None = None
+    paused_picture: PausedPicture | None = None
+    costs: CostModel = CostModel()
+    measured: Measured | None = None
+    late: bool = False
+    notices: tuple[str, ...] = ()
 
 
 def half_floats(picture: np.ndarray) -> np.ndarray:
@@ -72,7 +111,7 @@ class RendererStage:
         """Raises UserError for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
         scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
         self._plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
-        self._behind, self._stops = settings.renderer.background == "map", settings.plate.stops
+        self._shows_environment, self._stops = settings.renderer.background == "map", settings.plate.stops
         self._exposure = settings.renderer.exposure
         self._linear = settings.renderer.picture == "linear16"
         pixel_bytes = 8 if self._linear else 4
@@ -94,7 +133,7 @@ class RendererStage:
         if drawing.light_regions is None and settings.capture.coverage == "hemisphere":
             drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, file_samples(scene) if self._album else LIVE_SAMPLES)
-        self._frame_ms, self._late = drawing.frame_ms or 0.0, False
+        self._frame_ms = drawing.frame_ms or 0.0
 
     def first_missing_frame(self) -> int:
         return self._album.count if self._album else 0
@@ -102,12 +141,13 @@ class RendererStage:
     def start_at(self, target: int) -> tuple[RendererState, int]:
         """At the target itself: what the tone mapping remembered stands beside the picture before it."""
         before = self._album.last if self._album and target else None
-        return RendererState(self._exposure, before and before.adaptation, before.time_s if before else 0.0, None), target
+        frame = initial_state(self._renderer.setup)
+        return RendererState(self._exposure, before and before.adaptation, before.time_s if before else 0.0, frame), target
 
     def side_inputs(self, state: RendererState) -> tuple[Service, ...]:
         """The map where it is seen, and in a pause, which is lit by it."""
-        around: tuple[Service, ...] = ("capture",) if self._behind or state.paused else ()
-        return (*around, *self._plate)
+        maps: tuple[Service, ...] = ("capture",) if self._shows_environment or state.paused else ()
+        return (*maps, *self._plate)
 
     def step(self, state: RendererState, message: wire.Message) -> tuple[RendererState, wire.Message]:
         header, arrays = message
@@ -115,75 +155,98 @@ class RendererStage:
         began_s = time.monotonic()
         time_s = header.stamp.time_s
         dt_s = max(0.0, time_s - state.time_s)
-        state = state._replace(time_s=time_s, paused_s=state.paused_s + dt_s if state.paused else state.paused_s)
-        objects = self._renderer.place(time_s - state.paused_s, state.poses)
-        if self._behind and state.around:
-            self._renderer.show_background(*state.around)
-        if state.plate is not None:
-            self._renderer.show_plate(state.plate, self._stops)
-        if state.paused and state.around:
-            state, pixels, count = self._refine(state, *state.around, dt_s)
+        costs = updated_costs(state.costs, *state.measured) if state.measured else state.costs
+        paused_s = state.paused_s + dt_s if state.paused else state.paused_s
+        state = state._replace(time_s=time_s, paused_s=paused_s, costs=costs, measured=None, notices=())
+        shown = FrameInput(
+            lights=LightSet(*arrays[:3]),
+            pose=scene_pose(self._renderer.setup.scene, time_s - paused_s, state.poses),
+            gloss=LightSet.of(np.arange(header.gloss_count), *arrays[3:5]),
+            background=state.environment if self._shows_environment else None,
+            plate=PlatePicture(state.plate, self._stops) if state.plate is not None else None,
+            tone=ToneRequest(state.adaptation, state.exposure, dt_s),
+            linear=self._linear or self._album is not None,
+        )
+        if state.paused and state.environment:
+            state, pixels, count = self._accumulate(state, shown, state.environment)
         else:
-            self._renderer.draw(LightSet(*arrays[:3]), LightSet.of(np.arange(header.gloss_count), *arrays[3:5]))
-            picture = self._renderer.picture() if self._linear or self._album else None
-            state = state._replace(picture=picture, adaptation=adapt(state.adaptation, self._renderer.selected(), dt_s), still=None)
-            pixels, count = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure), self._renderer.drawn_lights
-            self._say_when_late()
+            state, pixels, count = self._draw(state, shown)
         height, width, _ = pixels.shape
-        took_ms = (time.monotonic() - began_s) * 1e3
+        budget = budget_of(self._renderer.setup, state.frame, state.costs)
         made = wire.ImageMessage(
             stamp=header.stamp,
             width=width,
             height=height,
             linear=self._linear,
-            objects=objects[: wire.MAX_POSES],
+            objects=shown.pose.objects[: wire.MAX_POSES],
             report=wire.ImageReport(
                 drawn_lights=count,
-                render_ms=took_ms,
-                light_budget=0 if state.paused else self._renderer.affordable_lights or 0,
+                render_ms=(time.monotonic() - began_s) * 1e3,
+                light_budget=0 if state.paused or not self._frame_ms else affordable_lights(budget) or 0,
             ),
         )
         arrays = (pixels, half_floats(state.picture)) if self._linear and state.picture is not None else (pixels,)
         return state, (made, arrays)
 
-    def _refine(self, state: RendererState, radiance: np.ndarray, coverage: Coverage, dt_s: float) -> tuple[RendererState, np.ndarray, int]:
-        """One pass more of a picture under the map itself, its pixels and how many lights it has; no work once it has converged."""
-        before = state.still
-        same = before and before.poses == state.poses and np.array_equal(before.light.radiance, radiance)
-        light = before.light if before and same else MapLights(radiance, coverage)
-        refined = before.refined if before and same else Refined.nothing()
-        if before and refined.converged and before.exposure == state.exposure:
-            return state, before.pixels, refined.lights
-        if not refined.converged:
-            refined = refined.with_pass(self._renderer.render_pass(light, refined.passes))
-            self._renderer.show(refined.picture)
-            state = state._replace(picture=refined.picture, adaptation=adapt(state.adaptation, subsampled(refined.picture), dt_s))
-        pixels = self._renderer.tone_mapped(state.adaptation or Adaptation(), state.exposure)
-        return state._replace(still=Still(light, state.poses, refined, state.exposure, pixels)), pixels, refined.lights
+    def _draw(self, state: RendererState, shown: FrameInput) -> tuple[RendererState, np.ndarray, int]:
+        """The state after a picture, its pixels and how many lights it has."""
+        frame_plan, frame = plan(self._renderer.setup, state.frame, shown, state.costs)
+        drawn = self._renderer.draw(frame_plan)
+        assert drawn.pixels is not None
+        measured = Measured(frame_plan.work, drawn.timings) if frame_plan.work else None
+        state = state._replace(frame=frame, picture=drawn.picture, adaptation=drawn.adaptation, measured=measured, paused_picture=None)
+        return self._with_notices(state), drawn.pixels, len(frame_plan.lights.ids)
 
-    def _say_when_late(self) -> None:
-        """One line when the target frame time cannot be met, and one when it can again."""
-        least_ms = self._renderer.least_ms
-        late = least_ms > self._frame_ms * (1 if self._late else LATE)
-        if late == self._late:
-            return
-        self._late = late
-        missed = f"[renderer] frame_ms: {least_ms:.0f} ms a picture even with {FEWEST} lights, not {self._frame_ms:g}; ask for fewer pixels"
-        print(f"vemlight: renderer: {missed if late else 'pictures are in time again'}", file=sys.stderr, flush=True)
+    def _accumulate(
+        self, state: RendererState, shown: FrameInput, environment: BackgroundMap
+    ) -> tuple[RendererState, np.ndarray, int]:
+        """One pass more of a picture under the map itself, its pixels and how many lights it has; no work once it has converged."""
+        before = state.paused_picture
+        same = before and before.poses == state.poses and np.array_equal(before.light.radiance, environment.radiance)
+        light = before.light if before and same else MapLights(*environment)
+        accumulation = before.accumulation if before and same else Accumulation.empty()
+        if before and accumulation.converged and before.exposure == state.exposure:
+            return state, before.pixels, accumulation.lights
+        tone = ToneRequest(state.adaptation, state.exposure, None)  # the eye has long adapted to a picture that has converged
+        if not accumulation.converged:
+            number = accumulation.passes
+            wanted = shown._replace(lights=AccumulationPass(light, number), tone=None, linear=True)
+            frame_plan, frame = plan(self._renderer.setup, state.frame, wanted, state.costs)
+            drawn = self._renderer.draw(frame_plan)
+            assert drawn.picture is not None
+            accumulation = accumulation.with_pass(drawn.picture)
+            state, tone = state._replace(frame=frame, picture=accumulation.picture), shown.tone
+        whole = plan_upload(state.frame, accumulation.picture, shown._replace(tone=tone, linear=False))
+        drawn = self._renderer.draw(whole)
+        assert drawn.pixels is not None
+        paused_picture = PausedPicture(light, state.poses, accumulation, state.exposure, drawn.pixels)
+        return state._replace(adaptation=drawn.adaptation, paused_picture=paused_picture), drawn.pixels, accumulation.lights
+
+    def _with_notices(self, state: RendererState) -> RendererState:
+        """Has the person told once when the target frame time cannot be met, and once when it can again."""
+        needed_ms = least_ms(budget_of(self._renderer.setup, state.frame, state.costs))
+        late = needed_ms > self._frame_ms * (1 if state.late else LATE)
+        if late == state.late:
+            return state
+        lights = f"{needed_ms:.0f} ms a picture even with {MIN_LIGHTS} lights"
+        missed = f"[renderer] frame_ms: {lights}, not {self._frame_ms:g}; ask for fewer pixels"
+        return state._replace(late=late, notices=(f"vemlight: renderer: {missed if late else 'pictures are in time again'}",))
 
     def on_message(self, state: RendererState, message: wire.Message) -> RendererState:
         header, arrays = message
         if isinstance(header, wire.ControlMessage):
             exposure = self._exposure if header.exposure is None else header.exposure
-            around = state.around if header.paused else None
-            return state._replace(exposure=exposure, poses=header.poses, paused=header.paused, around=around)
+            environment = state.environment if header.paused or self._shows_environment else None
+            return state._replace(exposure=exposure, poses=header.poses, paused=header.paused, environment=environment)
         if isinstance(header, wire.MapMessage):
-            return state._replace(around=(arrays[0], header.coverage))
+            return state._replace(environment=BackgroundMap(arrays[0], header.coverage))
         if isinstance(header, wire.PlateMessage):
             return state._replace(plate=arrays[0])
         return state
 
     def write(self, state: RendererState, message: wire.Message) -> None:
+        for line in state.notices:
+            print(line, file=sys.stderr, flush=True)
         header, (pixels, *_) = message
         if self._album and state.picture is not None and state.adaptation is not None and isinstance(header, wire.ImageMessage):
             self._album.add(state.picture, pixels, header.stamp, state.adaptation)

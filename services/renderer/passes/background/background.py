@@ -15,15 +15,19 @@ class Background(Backdrop):
 
     def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int]) -> None:
         super().__init__(context, programs, size, "background.frag")
+        self._shown: np.ndarray | None = None
 
     def show(self, radiance: np.ndarray, coverage: Coverage) -> None:
         """Takes a polar map (rows, cols, 3) float32, laid out as in sphere.py. nan and negative values become 0."""
+        self._program["span"] = SPAN[coverage]
+        if radiance is self._shown:
+            return
+        self._shown = radiance
         texture = self._held((radiance.shape[1], radiance.shape[0]), "f4")
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x, texture.repeat_y = True, False
         clean = np.nan_to_num(radiance, nan=0.0, posinf=1e30).clip(0, 1e30)  # inf times a share of 0 would be nan
         texture.write(np.ascontiguousarray(clean, np.float32), alignment=1)
-        self._program["span"] = SPAN[coverage]
 
     def draw(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None, camera: ViewCamera) -> None:
         """Fills what the picture in `frame` leaves open, seen from `camera`, and makes alpha 1 there; nothing below a hemisphere's horizon.

@@ -19,9 +19,14 @@ class Plate(Backdrop):
     def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int]) -> None:
         super().__init__(context, programs, size, "plate.frag")
         self._program["size"] = size
+        self._shown: np.ndarray | None = None
 
     def show(self, pixels: np.ndarray, stops: float = 0.0) -> None:
         """Takes the plate's pixels (h, w, 3), row 0 on top: float16 radiance, or uint8 sRGB, `stops` brighter. Others are replaced."""
+        self._program["gain"] = 2.0**stops
+        if pixels is self._shown:
+            return
+        self._shown = pixels
         coded = pixels.dtype == np.uint8
         size = pixels.shape[1], pixels.shape[0]
         texture = self._held(size, "f1" if coded else "f2", SRGB8 if coded else None)
@@ -32,7 +37,6 @@ class Plate(Backdrop):
             texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         else:
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self._program["gain"] = 2.0**stops
 
     def draw(self, frame: moderngl.Framebuffer, cover: moderngl.Texture | None) -> None:
         """Fills what the picture in `frame` leaves open; its alpha becomes 1. cover: what catchers take. Nothing before `show`."""

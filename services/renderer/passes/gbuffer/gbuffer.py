@@ -130,18 +130,14 @@ class Surfaces:
         a, b, c = np.moveaxis(now.matrices[:, :3, :3], 1, 0)  # rows; normals go by the cofactors, which a flat scale leaves finite
         normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
         placed = zip(now.matrices, normals, strict=True)
-        self._drawn_at: PixelSample | None = None
         self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.T.reshape(-1))) for matrix, normal in placed]
 
-    def draw(self, offset: PixelSample) -> bool:
-        """Draws what the pixels see at `offset` in each; False, and nothing done, where that is what was drawn last.
+    def draw(self, offset: PixelSample) -> None:
+        """Draws what the pixels see at `offset` in each.
 
         A surface of which a share is there is drawn where that is above a number made of its place and the offset's: the mean over offsets
         of successive numbers has as much of it.
         """
-        if offset == self._drawn_at:
-            return False
-        self._drawn_at = offset
         matrix = tuple(clip_from_world(self._scene, self._size, offset).T.reshape(-1))
         self._ray_from_pixel = ray_from_pixel(self._scene.camera, self._size)
         self._ray_from_pixel[:, 2] += self._ray_from_pixel[:, :2] @ np.subtract(offset[:2], 0.5)
@@ -161,7 +157,6 @@ class Surfaces:
                 texture.use(unit)
             dressed.array.program["world_from_rest"], dressed.array.program["normal_from_rest"] = matrix, normal
             dressed.array.render(vertices=span.count, first=span.first)
-        return True
 
     def _dress(self, look: MaterialUniforms, drawable: VertexBuffers) -> DrawItem:
         array = self._array(look.constants, drawable)

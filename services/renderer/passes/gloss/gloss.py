@@ -15,7 +15,8 @@ from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, light_regions
-from vemlight.renderer.passes.shadow_maps.shadow_maps import MAX_LIGHTS, Batch, ShadowAtlas
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import MAX_LIGHTS, Batch
+from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 from vemlight.renderer.scene.materials import MaterialKind
 
 RIM = np.radians(20.0)  # of the cone, where the weak lights end
@@ -45,15 +46,11 @@ class Gloss:
         for texture in (self._spans, self._groups, self._lights):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._program["cone"] = CONE
-        self.cone = NO_CONE  # which the strong lights leave to the weak ones
 
     def gather(self, weak: LightSet, batch: Batch) -> None:
-        """Takes the weak lights of the pictures that follow, each shadowed by the nearest of a batch's strong lights."""
-        strong = batch.entries[batch.every.first : batch.every.first + batch.every.count, 0:3]
-        lit = np.flatnonzero(np.any(weak.irradiance != 0, axis=1)) if len(strong) else ()
-        self.cone = CONE if len(lit) else NO_CONE
-        if not len(lit):
-            return
+        """Uploads the weak lights, each shadowed by the nearest of a batch's strong lights; there must be some of either."""
+        strong = batch.of(batch.every)[:, 0:3]
+        lit = np.flatnonzero(np.any(weak.irradiance != 0, axis=1))
         nearest = np.argmax(weak.directions[lit] @ strong.T, axis=1)
         rows = weak_rows(self._regions.centres, self._regions.reach + RIM, weak.directions[lit], weak.irradiance[lit], nearest)
         self._spans.write(rows.spans.tobytes())
@@ -65,8 +62,6 @@ class Gloss:
 
     def add(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch, frame: moderngl.Framebuffer, weight: float) -> None:
         """Adds the weak lights times `weight` to the picture in `frame`; the maps of the batch are in the atlas."""
-        if self.cone == NO_CONE:
-            return
         unit = surfaces.bind(self._program)
         atlas.bind(self._program, unit)
         atlas.bind_row(batch.every)

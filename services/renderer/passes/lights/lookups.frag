@@ -1,5 +1,5 @@
 #version 430
-// Stores, for each light of a row and each pixel with a surface, which share of the light reaches it, in the layer of the light's map.
+// Stores, for each light of a row and each pixel with a surface, which fraction of the light reaches it, in the layer of the light's map.
 
 layout(early_fragment_tests) in;
 #include "light.glsl"
@@ -9,7 +9,7 @@ layout(early_fragment_tests) in;
 #include "gbuffer.glsl"
 
 uniform int light_count;
-layout(r8) uniform writeonly image2DArray kept;
+layout(r8) uniform writeonly image2DArray cached_visibility;
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -17,6 +17,6 @@ void main() {
     vec3 flat_normal = direction_from_octahedron(seen_normals().zw);
     for (int i = 0; i < light_count; ++i) {
         float seen = visibility(i, position, flat_normal, dot(flat_normal, lights[i].direction.xyz));
-        imageStore(kept, ivec3(pixel, int(lights[i].irradiance.w)), vec4(seen));
+        imageStore(cached_visibility, ivec3(pixel, int(lights[i].irradiance.w)), vec4(seen));
     }
 }

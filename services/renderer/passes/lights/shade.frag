@@ -1,13 +1,13 @@
 #version 430
 // Sums a row of lights for each surface of a class: KIND 0 is Lambert, 1 adds normalised Phong, 2 is GGX as glTF has it; 3 catches
 // shadows: its cover is the share of the light that they take, in each channel, its alpha the same in luminance. Each light with its
-// shadow map, looked up here or KEPT.
+// shadow map, looked up here or CACHED_VISIBILITY.
 
 layout(early_fragment_tests) in;
 #include "light.glsl"
 #include "lights.glsl"
-#if KEPT
-uniform sampler2DArray kept;  // a layer for each tile
+#if CACHED_VISIBILITY
+uniform sampler2DArray cached_visibility;  // a layer for each tile
 #else
 #include "visibility.glsl"
 #endif
@@ -58,8 +58,8 @@ void main() {
         vec3 d = lights[i].direction.xyz;
         float flat_cosine = dot(flat_normal, d);
         float cosine = flat_cosine > 0.0 ? max(dot(smooth_normal, d), 0.0) : 0.0;
-#if KEPT
-        float seen = texelFetch(kept, ivec3(pixel, int(lights[i].irradiance.w)), 0).r;
+#if CACHED_VISIBILITY
+        float seen = texelFetch(cached_visibility, ivec3(pixel, int(lights[i].irradiance.w)), 0).r;
 #else
         float seen = visibility(i, position, flat_normal, flat_cosine);
 #endif

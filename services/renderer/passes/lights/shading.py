@@ -12,8 +12,9 @@ import numpy as np
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, Regions
-from vemlight.renderer.passes.lights.visibility_cache import Kept
-from vemlight.renderer.passes.shadow_maps.shadow_maps import MAX_LIGHTS, Batch, ShadowAtlas
+from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import MAX_LIGHTS, Batch
+from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 from vemlight.renderer.scene.materials import GLOSSY_KINDS, Colour, MaterialKind
 
 CLASSES = 1024  # depths in use are (class + 1/2) / CLASSES: exact in 24 bits, one of each MaterialKind for each of 256 regions
@@ -28,7 +29,7 @@ class Shading:
         self._context, self._programs, self._kinds = context, programs, sorted(kinds)
         self._classify = programs.program("screen.vert", "classify.frag", CLASSES=f"{CLASSES}.0")
         self._classify_array = context.vertex_array(self._classify, [])
-        self._arrays: dict[bool, list[moderngl.VertexArray]] = {}  # with lookups kept or not, of each kind
+        self._arrays: dict[bool, list[moderngl.VertexArray]] = {}  # with cached visibility or without, of each kind
         self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, regions.cube.astype(np.float32).tobytes(), dtype="f4")
         self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.picture = context.texture(size, 4, dtype="f4")
@@ -69,21 +70,21 @@ class Shading:
         alpha: float,
         unshadowed: Colour,
         cone: tuple[float, float],
-        kept: Kept | None = None,
+        cache: VisibilityCache | None = None,
     ) -> None:
         """Adds a batch of lights, whose maps are in the atlas, times `weight`, and `alpha` to the pixels that `classify` found.
 
         unshadowed: the irradiance that all lights of all batches would give to a catcher without shadows, above 0. cone: where the lobes
-        of glossy surfaces are left to other lights, as in gloss.py. kept: where the batch's lookups are, if not in the maps.
+        of glossy surfaces are left to other lights, as in gloss.py. cache: where the batch's lookups are, if not in the maps.
         """
         self.frame.use()
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._context.depth_func = "=="
-        for kind, array in zip(self._kinds, self._made(kept is not None), strict=True):
+        for kind, array in zip(self._kinds, self._made(cache is not None), strict=True):
             program = array.program
             unit = surfaces.bind(program)
-            (kept or atlas).bind(program, unit)
+            (cache or atlas).bind(program, unit)
             program["weight"] = weight
             if kind == MaterialKind.SHADOW_CATCHER:  # covers by its shadows alone
                 program["unshadowed"], alpha = unshadowed, 0.0
@@ -100,13 +101,13 @@ class Shading:
                     program["depth"] = (len(MaterialKind) * region + kind + 0.5) / CLASSES
                     array.render(moderngl.TRIANGLES, vertices=3)
 
-    def _made(self, kept: bool) -> list[moderngl.VertexArray]:
+    def _made(self, cached: bool) -> list[moderngl.VertexArray]:
         """The programs of all kinds of surface, compiled when they are first wanted."""
-        if kept not in self._arrays:
-            named = ({"MAX_LIGHTS": str(MAX_LIGHTS), "KIND": str(kind), "KEPT": str(int(kept))} for kind in self._kinds)
+        if cached not in self._arrays:
+            named = ({"MAX_LIGHTS": str(MAX_LIGHTS), "KIND": str(kind), "CACHED_VISIBILITY": str(int(cached))} for kind in self._kinds)
             programs = [self._programs.program("screen.vert", "shade.frag", **names) for names in named]
-            self._arrays[kept] = [self._context.vertex_array(program, []) for program in programs]
-        return self._arrays[kept]
+            self._arrays[cached] = [self._context.vertex_array(program, []) for program in programs]
+        return self._arrays[cached]
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""

@@ -7,13 +7,13 @@ from vemlight.errors import UserError
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.luminaire.photometry import FarField
 from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
+from vemlight.renderer.passes.luminaires.luminaire_map_plan import placed_luminaires
 from vemlight.renderer.passes.luminaires.occluders import scene_occluders, traced_triangles
 from vemlight.renderer.passes.luminaires.rasterised_luminaire import RasterisedLuminaire
 from vemlight.renderer.passes.luminaires.traced_luminaire import TracedLuminaire
 from vemlight.renderer.scene.luminaire_table import Vector
-from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene
-from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose, world_from_object
+from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
 
 
 class Illumination:
@@ -34,24 +34,15 @@ class Illumination:
 
     def place(self, now: ScenePose) -> None:
         """Moves the luminaires and what casts shadows in their light."""
-        before = self._occluders.pose
-        changed = [k for k in range(len(now.matrices)) if not np.array_equal(before.matrices[k], now.matrices[k])]
-        if changed and self.luminaires:
-            self._occluders = self._occluders._replace(pose=now, triangles=traced_triangles(self._scene, now))
-            boxes = [(box_corners(self._scene.meshes[k].geometry), m[k]) for k in changed for m in (before.matrices, now.matrices)]
-            corners = np.concatenate([box @ matrix[:3, :3].T + matrix[:3, 3] for box, matrix in boxes])
-            for luminaire in self.luminaires:
-                luminaire.place_occluders(self._occluders, corners)
-        poses = [(was, pose) for was, pose in zip(before.objects, now.objects, strict=True) if pose.power is not None]
-        for luminaire, (was, pose) in zip(self.luminaires, poses, strict=False):  # a scene made without a file names nothing
-            if pose != was:
-                luminaire.place(world_from_object(pose), pose.power or 0.0)
-        self._occluders = self._occluders._replace(pose=now)
+        moved = not np.array_equal(now.matrices, self._occluders.pose.matrices)
+        triangles = traced_triangles(self._scene, now) if moved and self.luminaires else self._occluders.triangles
+        self._occluders = self._occluders._replace(pose=now, triangles=triangles)
+        for drawn, luminaire in zip(self.luminaires, placed_luminaires(self._scene, now), strict=True):
+            drawn.place(luminaire, self._occluders)
 
-    def draw_maps(self) -> None:
-        """Draws the shadow maps that are stale."""
-        for luminaire in self.luminaires:
-            luminaire.draw_maps()
+    def draw_maps(self, number: int) -> None:
+        """Draws the shadow maps of a luminaire where it stands."""
+        self.luminaires[number].draw_maps()
 
     def add(self, surfaces: Surfaces, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool = False) -> None:
         """Adds all luminaires' light on the surfaces, times `weight`, to a picture; with `catchers`, the irradiance of shadow catchers."""

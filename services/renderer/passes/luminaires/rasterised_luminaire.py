@@ -59,23 +59,14 @@ class RasterisedLuminaire:
             if name in self._program:
                 self._program[name] = value
         self._array = context.vertex_array(self._program, [])
-        self._maps_stale = True
 
-    def place(self, world_from_local: np.ndarray, power: float) -> None:
-        """Moves, turns and dims the luminaire; its maps are drawn anew before the next picture if it moved."""
-        self._maps_stale = self._maps_stale or not np.array_equal(world_from_local, self.luminaire.world_from_local)
-        self.luminaire = self.luminaire._replace(world_from_local=world_from_local, power=power)
-
-    def place_occluders(self, occluders: SceneOccluders, corners: np.ndarray) -> None:
-        """Moves what casts shadows; corners: (n, 3) of boxes round what moved, before and after; behind a luminaire they change no map."""
-        self._occluders = occluders
-        local_from_world = np.linalg.inv(self.luminaire.world_from_local)
-        behind = isinstance(self.luminaire.source, LightField) and np.all(corners @ local_from_world[2, :3] + local_from_world[2, 3] < 0)
-        self._maps_stale = self._maps_stale or not behind
+    def place(self, luminaire: Luminaire, occluders: SceneOccluders) -> None:
+        """Moves, turns and dims the luminaire, and moves what casts shadows in its light."""
+        self.luminaire, self._occluders = luminaire, occluders
 
     def draw_maps(self) -> None:
-        """Draws the shadow maps if they are stale: the luminaire, or what casts shadows in its light, moved."""
-        if self._atlas is None or not self._maps_stale:
+        """Draws the shadow maps."""
+        if self._atlas is None:
             return
         local_from_world, pose = np.linalg.inv(self.luminaire.world_from_local), self._occluders.pose
         centre = local_from_world[:3, :3] @ pose.centre + local_from_world[:3, 3]
@@ -83,7 +74,6 @@ class RasterisedLuminaire:
         source = self.luminaire.source
         views = cube_views(far_m) if isinstance(source, FarField) else cell_views(source, far_m)
         self._atlas.draw(views, local_from_world, self._occluders)
-        self._maps_stale = False
 
     def add(self, surfaces: Surfaces, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
         """Adds its light on the surfaces, or its irradiance of shadow catchers, to a picture."""

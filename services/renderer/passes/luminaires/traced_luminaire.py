@@ -30,14 +30,9 @@ class TracedLuminaire:
         rows, columns = np.indices((size[1], size[0])).reshape(2, -1)
         self._shifts = interleaved_shifts(rows, columns, luminaire.table.interleave)
 
-    def place(self, world_from_local: np.ndarray, power: float) -> None:
-        """Moves, turns and dims the luminaire."""
-        self.luminaire = self.luminaire._replace(world_from_local=world_from_local, power=power)
-
-    def place_occluders(self, occluders: SceneOccluders, corners: np.ndarray) -> None:
-        """Moves what casts shadows; rays need no `corners`, which tell stale maps."""
-        del corners
-        self._occluders = occluders
+    def place(self, luminaire: Luminaire, occluders: SceneOccluders) -> None:
+        """Moves, turns and dims the luminaire, and moves what casts shadows in its light."""
+        self.luminaire, self._occluders = luminaire, occluders
 
     def draw_maps(self) -> None:
         """Does nothing: there are no maps."""

@@ -68,13 +68,17 @@ class Level(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Casters as they stand: each level, the floor, and the box around what shadows fall from and on, (3,)."""
+    """Casters as they stand: each level, the floor, and the box around what shadows fall from and on, (3,).
+
+    matrices: (n, 4, 4), world_from_rest of the scene's meshes.
+    """
 
     levels: tuple[Level, ...]
     floor: tuple[DrawRange, ...]
     floor_normal: np.ndarray
     box_centre: np.ndarray
     box_half: np.ndarray
+    matrices: np.ndarray
 
 
 def scene_casters(scene: Scene, sizes: Sequence[int]) -> Casters:
@@ -141,7 +145,7 @@ def placed_casters(casters: Casters, matrices: np.ndarray, before: Placed | None
         centre, half = casters.box_centre[around], casters.box_half[around]
     for member in moved:
         centre, half = _grown(centre, half, _moved(member.corners, matrices[member.mesh]))
-    return Placed(levels, apart, casters.floor_normal if floor else np.zeros(3), centre, half)
+    return Placed(levels, apart, casters.floor_normal if floor else np.zeros(3), centre, half, matrices)
 
 
 def _level(casters: Casters, matrices: np.ndarray, level: int, floor: bool) -> Level:

@@ -1,0 +1,408 @@
+"""A frame as a value: which lights, which shadow maps at which resolution, which cached lookups, which passes.
+
+`plan` is pure and needs no GL: from the state that the last frame left, what this frame shows and the measured costs it decides all that
+`Renderer.draw` then does. A state also describes what is cached on the GPU once its frame is drawn, so that a plan made from any state
+gives the same picture: where the GPU holds something else, `draw` first draws anew what the state says.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from vemlight import settings
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage
+from vemlight.renderer import pass_table
+from vemlight.renderer.accumulation import MapLights, spread_points
+from vemlight.renderer.frame_budget import (
+    MAX_REDRAWN,
+    WARM_UP_FRAMES,
+    Budget,
+    CostModel,
+    FrameWork,
+    MapDemand,
+    affordable_lights,
+    affordable_maps,
+    coarsening,
+    gloss_affordable,
+    map_work,
+    strongest_lights,
+    updated_demand,
+)
+from vemlight.renderer.output.tonemap import Adaptation
+from vemlight.renderer.pass_table import Pass
+from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE, light_regions
+from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
+from vemlight.renderer.passes.shadow_maps.casters import Placed, placed_casters, scene_casters
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
+    Batch,
+    MapCache,
+    ShadowSetup,
+    all_batches,
+    cached_batch,
+    halvings_by_id,
+    max_atlas_side,
+    with_lookups,
+    with_moved_casters,
+    without_lookups,
+)
+from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MAX_COARSENING, map_resolutions
+from vemlight.renderer.scene.materials import GLOSSY_KINDS, Colour, MaterialKind, emits, material_kind
+from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
+from vemlight.renderer.scene.view import PixelSample, pixel_samples
+from vemlight.settings import Tone
+
+NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides; any value far below a star's and above float32's least, 1e-38, does
+ACCUMULATED_RESOLUTION = 256  # of each map of a pass of accumulation, if by power: four and a half for a degree, a cell of the polar map
+MAX_CACHE_BYTES = 2**29  # of cached visibility: 256 maps at 1920 x 1080; beyond that lights are looked up in the sum itself
+
+
+class FrameSetup(NamedTuple):
+    """What all frames of a scene share. size: width, height in pixels. samples: of each pixel, which becomes their mean.
+
+    target_ms: for a frame; 0: everything is drawn, however long it takes. kinds: of the scene's materials. rest: where the scene file
+    puts everything.
+    """
+
+    scene: Scene
+    size: tuple[int, int]
+    samples: tuple[PixelSample, ...]
+    target_ms: float
+    tone: Tone
+    shadows: ShadowSetup
+    kinds: frozenset[MaterialKind]
+    emissive: bool
+    rest: ScenePose
+
+    @property
+    def glossy(self) -> bool:
+        return bool(self.kinds & GLOSSY_KINDS)
+
+    @property
+    def caches_visibility(self) -> bool:
+        """Lookups are cached for one sample in each pixel, and where that brings frames nearer to a target time."""
+        return self.target_ms > 0 and len(self.samples) == 1
+
+
+def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_texture_side: int) -> FrameSetup:
+    """The setup for `samples` of each pixel on a GL whose largest texture has so many texels a side."""
+    resolutions = map_resolutions(settings.shadow_map)
+    regions = light_regions(EVERY_SIDE if settings.light_regions is None else settings.light_regions)
+    shadows = ShadowSetup(scene_casters(scene, resolutions.choices), regions, resolutions, max_atlas_side(max_texture_side))
+    materials = [mesh.material for mesh in scene.meshes]
+    return FrameSetup(
+        scene=scene,
+        size=(settings.width, settings.height),
+        samples=tuple(pixel_samples(samples)),
+        target_ms=settings.frame_ms or 0.0,
+        tone=settings.tone,
+        shadows=shadows,
+        kinds=frozenset(material_kind(material) for material in materials),
+        emissive=any(emits(material) for material in materials),
+        rest=scene_pose(scene, 0.0),
+    )
+
+
+class ToneRequest(NamedTuple):
+    """A picture for a screen: the adaptation before it, the exposure on top, and the time in which the eye adapts to the picture.
+
+    dt_s: seconds since `adaptation`; None: the eye does not adapt to this picture.
+    """
+
+    adaptation: Adaptation | None
+    exposure_stops: float
+    dt_s: float | None
+
+
+class PlatePicture(NamedTuple):
+    """A picture behind the scene, (h, w, 3) uint8 sRGB or float16 radiance, row 0 on top, made brighter by `stops`."""
+
+    pixels: np.ndarray
+    stops: float = 0.0
+
+
+class BackgroundMap(NamedTuple):
+    """A polar map (rows, cols, 3) float32 behind the scene, laid out as in sphere.py; below a hemisphere's horizon nothing is behind."""
+
+    radiance: np.ndarray
+    coverage: Coverage
+
+
+class AccumulationPass(NamedTuple):
+    """Pass `number` of an accumulation under all the light of a map."""
+
+    light: MapLights
+    number: int
+
+
+class FrameInput(NamedTuple):
+    """What a frame shows. lights: the shadowed ones, or a pass of an accumulation. gloss: the gloss set.
+
+    plate: in place of the scene's; it hides the background. tone: for pixels. linear: whether the picture itself is wanted.
+    """
+
+    lights: LightSet | AccumulationPass
+    pose: ScenePose
+    gloss: LightSet = LightSet.none()
+    background: BackgroundMap | None = None
+    plate: PlatePicture | None = None
+    tone: ToneRequest | None = None
+    linear: bool = True
+
+
+class GBufferContents(NamedTuple):
+    """Where the surfaces in the G-buffer stand, and the sample of each pixel at which they are seen."""
+
+    pose: ScenePose
+    sample: PixelSample
+
+
+class FrameState(NamedTuple):
+    """What a frame leaves to the next: choices with hysteresis, and what is cached on the GPU once the frame is drawn.
+
+    placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps for want of time. gloss:
+    whether there is time for the gloss set. maps: cached shadow maps with their lookups; None where the next frame draws all. lookup_pose:
+    of the surfaces for which lookups may be cached. luminaire_maps: where the scene stood when each luminaire's maps were drawn.
+    """
+
+    placed: Placed
+    halvings: Mapping[int, int]
+    coarsening: int
+    demand: MapDemand
+    gloss: bool
+    maps: MapCache | None
+    lookup_pose: ScenePose | None
+    g_buffer: GBufferContents | None
+    luminaire_maps: tuple[ScenePose | None, ...]
+
+
+def initial_state(setup: FrameSetup) -> FrameState:
+    """Before the first frame: nothing is cached."""
+    casters = setup.shadows.casters
+    at_rest = placed_casters(casters, np.tile(np.eye(4), (len(setup.scene.meshes), 1, 1)))
+    return FrameState(
+        placed=placed_casters(casters, setup.rest.matrices, at_rest),
+        halvings={},
+        coarsening=0,
+        demand=MapDemand(),
+        gloss=True,
+        maps=None,
+        lookup_pose=None,
+        g_buffer=None,
+        luminaire_maps=(None,) * len(setup.scene.luminaires),
+    )
+
+
+class PassRun(NamedTuple):
+    """A pass to run: for which batch of lights, and at which sample of each pixel."""
+
+    row: Pass
+    batch: int = 0
+    sample: int = 0
+
+
+class FramePlan(NamedTuple):
+    """A frame to draw. before: what the GPU has cached, according to the state planned from; after: what it has then.
+
+    passes: draw the picture, in their order; outputs: bring it to where it is wanted. unshadowed: irradiance of the catcher without
+    shadows, above 0 in each channel. lights, gloss: those drawn. uploaded: a picture to show in place of drawing one. work: for the cost
+    model; None: such a frame is not measured.
+    """
+
+    shown: FrameInput
+    before: FrameState
+    after: FrameState
+    passes: tuple[PassRun, ...]
+    outputs: tuple[Pass, ...]
+    batches: tuple[Batch, ...] = ()
+    samples: tuple[PixelSample, ...] = ()
+    unshadowed: Colour = (1.0, 1.0, 1.0)
+    lights: LightSet = LightSet.none()
+    gloss: LightSet = LightSet.none()
+    uploaded: np.ndarray | None = None
+    work: FrameWork | None = None
+
+    @property
+    def resolutions(self) -> np.ndarray:
+        """Texels on a side of the shadow map that each light reads, (n,) int64."""
+        return np.concatenate([np.zeros(0, np.int64), *(batch.resolutions for batch in self.batches)])
+
+    def runs(self, row: Pass) -> bool:
+        """Whether a pass is among those run."""
+        return any(run.row is row for run in self.passes)
+
+
+class Lighting(NamedTuple):
+    """How a frame sums its lights; fields as in FramePlan. caches_visibility: whether lookups go through the visibility cache."""
+
+    lights: LightSet
+    gloss: LightSet
+    batches: tuple[Batch, ...]
+    samples: tuple[PixelSample, ...]
+    unshadowed: Colour
+    caches_visibility: bool = False
+    work: FrameWork | None = None
+
+
+def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostModel) -> tuple[FramePlan, FrameState]:
+    """The frame that shows this, and the state after it. With a target time it draws what the costs leave time for."""
+    after = _with_pose(setup, state, shown.pose)
+    if isinstance(shown.lights, AccumulationPass):
+        after, lighting = _accumulated(setup, after, shown, shown.lights)
+    elif setup.target_ms:
+        after, lighting = _in_time(setup, after, shown, shown.lights, costs)
+    else:
+        after, lighting = _whole(setup, after, shown, shown.lights, shown.gloss)
+    stale = stale_luminaire_maps(setup.scene, state.luminaire_maps, shown.pose)
+    runs, g_buffer = _passes(setup, state.g_buffer, shown, lighting, any(stale))
+    drawn_for = tuple(shown.pose if redrawn else pose for redrawn, pose in zip(stale, state.luminaire_maps, strict=True))
+    after = after._replace(g_buffer=g_buffer, luminaire_maps=drawn_for)
+    made = FramePlan(
+        shown=shown,
+        before=state,
+        after=after,
+        passes=tuple(runs),
+        outputs=_outputs(shown),
+        batches=lighting.batches,
+        samples=lighting.samples,
+        unshadowed=lighting.unshadowed,
+        lights=lighting.lights,
+        gloss=lighting.gloss,
+        work=lighting.work,
+    )
+    return made, after
+
+
+def plan_upload(state: FrameState, picture: np.ndarray, shown: FrameInput) -> FramePlan:
+    """The frame that shows a given picture, (height, width, 4) float32; it leaves the state as it is."""
+    return FramePlan(shown, state, state, (PassRun(pass_table.UPLOAD),), _outputs(shown), uploaded=picture)
+
+
+def budget_of(setup: FrameSetup, state: FrameState, costs: CostModel) -> Budget:
+    """What the next frame may take, and what it would take if no surface moved."""
+    return Budget(setup.target_ms, costs, state.demand, state.gloss)
+
+
+def same_places(a: ScenePose | None, b: ScenePose) -> bool:
+    """Whether the meshes stand in the same places."""
+    return a is b or (a is not None and np.array_equal(a.matrices, b.matrices))
+
+
+def _with_pose(setup: FrameSetup, state: FrameState, pose: ScenePose) -> FrameState:
+    """The state once the casters stand there."""
+    if np.array_equal(pose.matrices, state.placed.matrices):
+        return state
+    placed = placed_casters(setup.shadows.casters, pose.matrices, state.placed)
+    maps = with_moved_casters(setup.shadows, state.maps, state.placed, placed) if state.maps else None
+    return state._replace(placed=placed, maps=maps)
+
+
+def _whole(
+    setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, gloss: LightSet
+) -> tuple[FrameState, Lighting]:
+    """All lights with all their maps, drawn anew."""
+    batches = all_batches(setup.shadows, state.placed, lights)
+    unshadowed = _catcher_irradiance(setup, shown.pose, lights)
+    return state._replace(maps=None), Lighting(lights, gloss, batches, setup.samples, unshadowed)
+
+
+def _accumulated(
+    setup: FrameSetup, state: FrameState, shown: FrameInput, wanted: AccumulationPass
+) -> tuple[FrameState, Lighting]:
+    """All lights of a pass, at one sample of each pixel that no other pass has."""
+    lights = wanted.light.of_pass(wanted.number)
+    ((x, y),) = spread_points(wanted.number, 1).tolist()
+    resolution = ACCUMULATED_RESOLUTION if setup.shadows.resolutions.by_power else None
+    batches = all_batches(setup.shadows, state.placed, lights, resolution)
+    # What a catcher would have without shadows is the same for all passes.
+    whole = wanted.light.cells() if MaterialKind.SHADOW_CATCHER in setup.kinds else lights
+    unshadowed = _catcher_irradiance(setup, shown.pose, whole)
+    return state._replace(maps=None), Lighting(lights, LightSet.none(), batches, (PixelSample(x, y, wanted.number),), unshadowed)
+
+
+def _in_time(
+    setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, costs: CostModel
+) -> tuple[FrameState, Lighting]:
+    """As many lights, and as many redrawn maps, as the target time allows."""
+    surfaces_moved = not same_places(state.lookup_pose, shown.pose)
+    budget = Budget(setup.target_ms, costs, state.demand, state.gloss, surfaces_moved)
+    budget = budget._replace(gloss=gloss_affordable(budget))
+    gloss = shown.gloss if budget.gloss else LightSet.none()
+    lights = strongest_lights(lights, affordable_lights(budget) or len(lights.ids))
+    coarser = coarsening(state.demand, state.coarsening, MAX_COARSENING)
+    demand = state.demand if coarser == state.coarsening else state.demand._replace(backlog=1.0)
+    halvings = halvings_by_id(setup.shadows, lights, coarser, state.halvings)
+    state = state._replace(gloss=budget.gloss, coarsening=coarser, demand=demand, halvings=halvings)
+
+    maps = without_lookups(state.maps) if state.maps and surfaces_moved else state.maps
+    affordable = partial(affordable_maps, budget, len(lights.ids))
+    cached = cached_batch(setup.shadows, state.placed, maps, lights, halvings, affordable)
+    if cached is None:
+        return _whole(setup, state, shown, lights, gloss)
+    batch = cached.batch
+    caches_visibility = setup.caches_visibility and not surfaces_moved and _visibility_cache_pays(setup.size, batch)
+    work = FrameWork(batch.work, batch.unknown.count if caches_visibility else None, batch.every.count, budget.gloss)
+    if costs.frames >= WARM_UP_FRAMES:
+        demand = updated_demand(demand, map_work(batch.resolutions), cached.stale_work, batch.work)
+    maps = with_lookups(cached) if caches_visibility else cached.cache
+    state = state._replace(demand=demand, maps=maps, lookup_pose=shown.pose)
+    unshadowed = _catcher_irradiance(setup, shown.pose, lights)
+    return state, Lighting(lights, gloss, (batch,), setup.samples, unshadowed, caches_visibility, work)
+
+
+def _visibility_cache_pays(size: tuple[int, int], batch: Batch) -> bool:
+    """Whether few enough maps are redrawn, and one layer of 8 bits a pixel for each map fits the GPU's memory."""
+    return batch.redrawn.count <= MAX_REDRAWN * batch.every.count and max(batch.slots, 1) * size[0] * size[1] <= MAX_CACHE_BYTES
+
+
+def _catcher_irradiance(setup: FrameSetup, pose: ScenePose, lights: LightSet) -> Colour:
+    """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
+    normal = setup.scene.shadow_catcher_normal(pose.matrices)
+    if normal is None:
+        return (1.0, 1.0, 1.0)
+    red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, NO_LIGHT).tolist()
+    return (red, green, blue)
+
+
+def _passes(
+    setup: FrameSetup, g_buffer: GBufferContents | None, shown: FrameInput, lighting: Lighting, luminaires_stale: bool
+) -> tuple[list[PassRun], GBufferContents | None]:
+    """The passes that draw the picture, in their order, and what the G-buffer holds after them."""
+    runs = [PassRun(pass_table.LUMINAIRE_MAPS)] if luminaires_stale else []
+    glossy = setup.glossy and lighting.batches[0].every.count > 0 and bool(lighting.gloss.irradiance.any())
+    for number in range(len(lighting.batches)):
+        first = number == 0  # what all lights share is drawn with the first batch
+        runs.append(PassRun(pass_table.SHADOW_MAPS, number))
+        if glossy and first:
+            runs.append(PassRun(pass_table.GLOSS_ROWS, number))
+        for k, sample in enumerate(lighting.samples):
+            rows = []
+            if g_buffer is None or g_buffer.sample != sample or not same_places(g_buffer.pose, shown.pose):
+                g_buffer = GBufferContents(shown.pose, sample)
+                rows += [pass_table.G_BUFFER, pass_table.CLASSES]
+            if first and setup.emissive:
+                rows.append(pass_table.EMISSION)
+            if first and setup.scene.luminaires:
+                rows.append(pass_table.LUMINAIRES)
+            if lighting.caches_visibility:
+                rows.append(pass_table.VISIBILITY_CACHE)
+            rows.append(pass_table.LIGHTS)
+            if glossy and first:
+                rows.append(pass_table.GLOSS)
+            runs += [PassRun(row, number, k) for row in rows]
+    if shown.background or shown.plate or setup.scene.plate is not None:
+        runs.append(PassRun(pass_table.COMPOSITING))
+    return runs, g_buffer
+
+
+def _outputs(shown: FrameInput) -> tuple[Pass, ...]:
+    """The passes that bring a picture to where it is wanted."""
+    rows = [pass_table.READ_BACK] if shown.linear else []
+    if shown.tone and shown.tone.dt_s is not None:
+        rows.append(pass_table.ADAPTATION)
+    if shown.tone:
+        rows.append(pass_table.TONE_MAPPING)
+    return tuple(rows)

@@ -1,0 +1,36 @@
+"""Frames of one scene, one after the other, for a caller that keeps no state itself."""
+
+import numpy as np
+
+from vemlight.light.light_set import LightSet
+from vemlight.renderer.frame_budget import CostModel, updated_costs
+from vemlight.renderer.frame_plan import BackgroundMap, FrameInput, FramePlan, initial_state, plan
+from vemlight.renderer.renderer import DrawnFrame, Renderer
+from vemlight.renderer.scene.scene_pose import ScenePose
+
+
+class FrameSequence:
+    """Carries state and costs from each frame to the next. plan: of the last frame."""
+
+    plan: FramePlan
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer, self.costs = renderer, CostModel()
+        self.state = initial_state(renderer.setup)
+
+    def draw(self, shown: FrameInput) -> DrawnFrame:
+        """Plans and draws a frame."""
+        self.plan, self.state = plan(self.renderer.setup, self.state, shown, self.costs)
+        drawn = self.renderer.draw(self.plan)
+        if self.plan.work:
+            self.costs = updated_costs(self.costs, self.plan.work, drawn.timings)
+        return drawn
+
+    def render(
+        self, lights: LightSet, gloss: LightSet | None = None, pose: ScenePose | None = None, background: BackgroundMap | None = None
+    ) -> np.ndarray:
+        """The picture under these lights, as DrawnFrame has it; without a pose, where the scene file puts everything."""
+        shown = FrameInput(lights, pose or self.renderer.setup.rest, gloss or LightSet.none(), background)
+        picture = self.draw(shown).picture
+        assert picture is not None
+        return picture

@@ -1,0 +1,67 @@
+"""The passes of a frame: what each reads and writes, and under which name its time is measured.
+
+A frame's plan (frame_plan.py) is a list of these; renderer.py runs them. docs/architecture.md shows this table.
+"""
+
+from typing import NamedTuple
+
+# What a plan brings: nothing draws these.
+INPUTS = ("lights", "gloss set", "pose", "background", "plate", "uploaded picture", "previous adaptation", "exposure")
+# What outlasts a frame on the GPU: frame_plan.FrameState describes it, so that a plan need not draw it again.
+CACHED = ("luminaire maps", "shadow maps", "light frames", "G-buffer", "class depth", "cached visibility")
+
+
+class Pass(NamedTuple):
+    """A pass. timer: under which its time is measured; several passes may share one. module: of the renderer, where it is drawn."""
+
+    name: str
+    timer: str
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+    module: str
+
+
+LUMINAIRE_MAPS = Pass("luminaire maps", "luminaire maps", ("pose",), ("luminaire maps",), "passes/luminaires/illumination.py")
+SHADOW_MAPS = Pass(
+    "shadow maps", "shadow maps", ("lights", "pose", "shadow maps"), ("light frames", "shadow maps"), "passes/shadow_maps/shadow_maps.py"
+)
+GLOSS_ROWS = Pass("gloss rows", "gloss", ("lights", "gloss set"), ("gloss rows",), "passes/gloss/gloss.py")
+G_BUFFER = Pass("G-buffer", "G-buffer", ("pose",), ("G-buffer",), "passes/gbuffer/gbuffer.py")
+CLASSES = Pass("classes", "classes", ("G-buffer",), ("class depth",), "passes/lights/shading.py")
+EMISSION = Pass("emission", "emission", ("G-buffer",), ("picture",), "passes/emission/emission.py")
+LUMINAIRES = Pass(
+    "luminaires", "luminaires", ("G-buffer", "luminaire maps"), ("picture", "catcher coverage"), "passes/luminaires/illumination.py"
+)
+VISIBILITY_CACHE = Pass(
+    "visibility cache",
+    "visibility cache",
+    ("G-buffer", "class depth", "light frames", "shadow maps"),
+    ("cached visibility",),
+    "passes/lights/visibility_cache.py",
+)
+LIGHTS = Pass(
+    "lights",
+    "lights",
+    ("G-buffer", "class depth", "light frames", "shadow maps", "cached visibility"),
+    ("picture", "catcher coverage"),
+    "passes/lights/shading.py",
+)
+GLOSS = Pass(
+    "gloss", "gloss", ("G-buffer", "light frames", "shadow maps", "gloss rows"), ("picture",), "passes/gloss/gloss.py"
+)
+COMPOSITING = Pass(
+    "compositing",
+    "compositing",
+    ("picture", "catcher coverage", "plate", "background"),
+    ("picture",),
+    "passes/background/compositing.py",
+)
+UPLOAD = Pass("upload", "upload", ("uploaded picture",), ("picture",), "renderer.py")
+READ_BACK = Pass("read-back", "read-back", ("picture",), ("linear picture",), "renderer.py")
+ADAPTATION = Pass("adaptation", "read-back", ("picture", "previous adaptation"), ("adaptation",), "passes/present/present.py")
+TONE_MAPPING = Pass("tone mapping", "tone mapping", ("picture", "adaptation", "exposure"), ("pixels",), "passes/present/present.py")
+
+PASSES = (
+    LUMINAIRE_MAPS, SHADOW_MAPS, GLOSS_ROWS, G_BUFFER, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, LIGHTS, GLOSS, COMPOSITING,
+    UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
+)  # fmt: skip

@@ -13,13 +13,15 @@ from tests.support.gl_objects import gl_objects
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer.accumulation import MapLights
-from vemlight.renderer.output.tonemap import adapt
+from vemlight.renderer.frame_plan import AccumulationPass, FrameInput, ToneRequest
+from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
+from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
 
-SCENES = Path(__file__).parents[1] / "services" / "renderer" / "scenes"
+SCENES = Path(__file__).parents[1] / "services" / "renderer" / "scene" / "scenes"
 COUNTS = (12, 40, 5, 70)  # lights: the atlas is made anew where more come than it holds
 BRIGHTER = 3.0  # e-fold, at most, of a light's power beside its mean: each has maps of three sizes in turn
 REPORTS = 20
@@ -46,7 +48,8 @@ class Show:
         scene = load_scene(SCENES / "headlights.toml")
         lamp = scene.luminaires[0]
         scene = scene._replace(luminaires=(lamp._replace(table=type(lamp.table)(samples=4, shadow_map=16)),), objects=scene.objects[:-1])
-        self.renderer = Renderer(scene, Settings(width=32, height=24, light_regions=4, frame_ms=frame_ms))
+        self._scene = scene
+        self._frames = FrameSequence(Renderer(scene, Settings(width=32, height=24, light_regions=4, frame_ms=frame_ms)))
         self._light = MapLights(np.ones((6, 12, 3), np.float32), "hemisphere")
         self._adaptation = None
 
@@ -58,17 +61,19 @@ class Show:
         lamp = wire.Pose(
             name="left headlight", position=(-0.25, 0.45, 0.7), rotation=quaternion_xyz((0.0, 95.0, 20 * np.sin(turn))), power=1 + k % 2
         )
-        self.renderer.place(k / 25, (ball, lamp))
+        lights: LightSet | AccumulationPass = sky(COUNTS[k // 100 % len(COUNTS)], turn)
         if k % 50 == 49:  # a pause
-            picture = self.renderer.render_pass(self._light, k % 64)
-            self.renderer.show(picture)
-        else:
-            self.renderer.draw(sky(COUNTS[k // 100 % len(COUNTS)], turn), sky(100, turn) if k % 3 == 0 else None)
-        self._adaptation = adapt(self._adaptation, self.renderer.selected(), 0.04)
-        self.renderer.tone_mapped(self._adaptation, 0.0)
+            lights = AccumulationPass(self._light, k % 64)
+        gloss = sky(100, turn) if k % 3 == 0 else LightSet.none()
+        tone = ToneRequest(self._adaptation, 0.0, 0.04)
+        pose = scene_pose(self._scene, k / 25, (ball, lamp))
+        self._adaptation = self._frames.draw(FrameInput(lights, pose, gloss, tone=tone, linear=False)).adaptation
 
     def objects(self) -> tuple[int, ...]:
-        return gl_objects(self.renderer._context)
+        return gl_objects(self._frames.renderer._context)
+
+    def release(self) -> None:
+        self._frames.release()
 
 
 def main(frames: int) -> None:
@@ -81,7 +86,7 @@ def main(frames: int) -> None:
             print(f"{k:6d}  {resident_mb():11.1f}  {objects}  {time.monotonic() - began_s:.0f} s", flush=True)
         shows[k % 2].frame(k)
     for show in shows:
-        show.renderer.release()
+        show.release()
 
 
 if __name__ == "__main__":

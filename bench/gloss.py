@@ -24,6 +24,7 @@ from vemlight.commands.chart import machine
 from vemlight.files import written_whole
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
+from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
@@ -141,7 +142,7 @@ def judged(kind: str, source: Source, folder: Path) -> tuple[list[Row], dict[str
         sphere = sphere_under(source, roughness, folder)
         adaptation = adapt(None, sphere.truth, 0.0)
         strips["the map itself"].append(tone_mapped(sphere.truth, adaptation, 0.0))
-        renderer = Renderer(sphere.scene, RendererSettings(width=SIDE, height=SIDE, shadow_map=256))
+        renderer = FrameSequence(Renderer(sphere.scene, RendererSettings(width=SIDE, height=SIDE, shadow_map=256)))
         for (method, weak), pair in sets.items():
             picture = renderer.render(*pair)
             rows.append(Row(kind, method, weak, roughness, *errors(sphere, picture)))

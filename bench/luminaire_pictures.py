@@ -17,6 +17,7 @@ import numpy as np
 from bench.luminaires import DARK, DOWN, headlight, with_lamp, write
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import write_png
+from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.luminaire.authoring import from_rays
 from vemlight.renderer.luminaire.inspection import contact_sheet, intensity_by_angle, lit_planes
 from vemlight.renderer.luminaire.lightfield import LightField, far_intensity
@@ -33,7 +34,7 @@ LED = "luminaire/rayfile_LERTDUW_S2WP_green_100k_20161013_IES_TM25.TM25RAY"
 
 
 def shown(scene: Scene, size: tuple[int, int], exposure: float = 0.0) -> np.ndarray:
-    renderer = Renderer(scene, Settings(width=size[0], height=size[1]), 4)
+    renderer = FrameSequence(Renderer(scene, Settings(width=size[0], height=size[1]), 4))
     try:
         picture = renderer.render(DARK)
         return tone_mapped(picture, adapt(None, picture, 0.0), exposure)[..., :3]

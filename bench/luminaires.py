@@ -25,6 +25,7 @@ import numpy as np
 from bench.rivals import luminaire_sampling as rivals
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import quaternion_xyz
+from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.luminaire import shadow_views, shift_invariant
 from vemlight.renderer.luminaire.acquisition import AcquisitionPlanes
 from vemlight.renderer.luminaire.bases import compact_dual
@@ -38,6 +39,7 @@ from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, world_from_lamp
 from vemlight.renderer.scene.meshes import bounds, shape_geometry
 from vemlight.renderer.scene.scene import DEMO_SCENE, Mesh, Scene, ViewCamera, load_scene
+from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
 
@@ -186,7 +188,7 @@ def approximation(out: Path) -> None:
 
 
 def pictured(scene: Scene, size: tuple[int, int]) -> np.ndarray:
-    renderer = Renderer(scene, Settings(width=size[0], height=size[1]))
+    renderer = FrameSequence(Renderer(scene, Settings(width=size[0], height=size[1])))
     try:
         return renderer.render(DARK)[..., :3].copy()
     finally:
@@ -297,17 +299,17 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
     """
     table, step = scene.luminaires[0].table, iter(range(100))
     lamp = wire.Pose(name="lamp", position=table.at, rotation=quaternion_xyz(table.rotate), power=1.0)
-    renderer = Renderer(scene._replace(objects=(*scene.objects, lamp)), Settings(width=size[0], height=size[1]))
+    scene = scene._replace(objects=(*scene.objects, lamp))
+    renderer = FrameSequence(Renderer(scene, Settings(width=size[0], height=size[1])))
 
     def frame() -> None:
         at = table.at[0], table.at[1], table.at[2] + 1e-3 * next(step)
-        renderer.place(0.0, [msgspec.structs.replace(lamp, position=at)])
-        renderer.render(DARK)
+        renderer.render(DARK, pose=scene_pose(scene, 0.0, [msgspec.structs.replace(lamp, position=at)]))
     try:
         median_s(frame, 1)  # compiles
         first_s = median_s(frame, 1)
         ms = (first_s if first_s > 10 else median_s(frame, 3 if first_s > 1 else 30)) * 1e3
-        return ms, machine(renderer)
+        return ms, machine(renderer.renderer)
     finally:
         renderer.release()
 
@@ -318,9 +320,8 @@ def moving(out: Path) -> None:
     left, right = [item for item in scene.objects if item.power is not None]
     (ball,) = [item for item in scene.objects if item.name == "ball"]
     moves = {"nothing": (), "a lamp's power": (left,), "one lamp": (left,), "both lamps": (left, right), "the ball": (ball,)}
-    renderer = Renderer(scene, Settings(width=192, height=108))
-    renderer.time_passes()
-    rows: list[list] = [[machine(renderer), "", ""]]
+    renderer = FrameSequence(Renderer(scene, Settings(width=192, height=108), timed=True))
+    rows: list[list] = [[machine(renderer.renderer), "", ""]]
     for name, objects in moves.items():
         spent = []
         for k in range(6):
@@ -328,10 +329,9 @@ def moving(out: Path) -> None:
             power = 1.0 + k if name == "a lamp's power" else None
             at = [(o.position[0], o.position[1], o.position[2] + offset) for o in objects]
             poses = [wire.Pose(name=o.name, position=p, rotation=o.rotation, power=power) for o, p in zip(objects, at, strict=True)]
-            renderer.place(0.0, poses)
             start = time.perf_counter()
-            renderer.render(DARK)
-            spent.append(((time.perf_counter() - start) * 1e3, renderer.timings_ms.get("luminaire maps", 0.0)))
+            renderer.render(DARK, pose=scene_pose(scene, 0.0, poses))
+            spent.append(((time.perf_counter() - start) * 1e3, renderer.timings.timers_ms.get("luminaire maps", 0.0)))
         rows.append([name, *np.median(spent[1:], axis=0).tolist()])
     renderer.release()
     write(out / "luminaires_moving.csv", ["what moved", "frame ms", "of it maps ms"], rows)

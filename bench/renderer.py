@@ -21,13 +21,15 @@ import numpy as np
 
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.frame_plan import initial_state
+from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.materials import Phong
 from vemlight.renderer.scene.meshes import Geometry, bounds, clean_geometry, shape_geometry
 from vemlight.renderer.scene.scene import Mesh, Scene, ViewCamera
 from vemlight.settings import Renderer as Settings
 
-PASSES = ("shadow maps", "surfaces", "classes", "lights", "read-back", "whole frame")
+PASSES = ("shadow maps", "G-buffer", "classes", "lights", "read-back", "whole frame")
 LIGHTS = 72
 
 
@@ -70,14 +72,13 @@ def sky(count: int, turn: float = 0.0, lowest: float = 0.0) -> LightSet:
 
 def passes(scene: Scene, lights: LightSet, settings: Settings, frames: int) -> dict[str, tuple[float, float]]:
     """Cost of each pass with everything drawn anew, ms: (median, least)."""
-    renderer = Renderer(scene, settings)
-    renderer.time_passes()
+    renderer = FrameSequence(Renderer(scene, settings, timed=True))
     rows: dict[str, list[float]] = {name: [] for name in PASSES}
     for frame in range(frames + 2):
-        renderer._surfaces.place(renderer._scene_pose)  # or they would not be drawn again
+        renderer.state = initial_state(renderer.renderer.setup)  # or the G-buffer would not be drawn again
         started_s = time.perf_counter()
         renderer.render(lights)
-        took = {**renderer.timings_ms, PASSES[-1]: (time.perf_counter() - started_s) * 1e3}
+        took = {**renderer.timings.timers_ms, PASSES[-1]: (time.perf_counter() - started_s) * 1e3}
         for name in PASSES if frame >= 2 else ():
             rows[name].append(took[name])
     renderer.release()
@@ -117,10 +118,10 @@ def speed(frames: int) -> Iterator[tuple[float, float, float, float, int, int, f
 def speed_with(texels: int | None, frames: int) -> Iterator[tuple[float, float, float, float, int, int, float]]:
     """The rows of `speed` for one setting of `shadow_map`."""
     settings = Settings(width=320, height=240, shadow_map=texels, light_regions=0)
-    exact = Renderer(paper_scene(), settings)
+    exact = FrameSequence(Renderer(paper_scene(), settings))
     for target_ms in (0.0, 1e4, 40.0, 20.0):  # everything anew, as much as is needed, in time
         for degrees in (0.0, 0.05, 0.5, 5.0):
-            renderer = Renderer(paper_scene(), msgspec.structs.replace(settings, frame_ms=target_ms))
+            renderer = FrameSequence(Renderer(paper_scene(), msgspec.structs.replace(settings, frame_ms=target_ms)))
             times, errors = [], []
             for frame in range(2 * frames):
                 lights = sky(LIGHTS, np.radians(degrees) * frame)
@@ -129,7 +130,7 @@ def speed_with(texels: int | None, frames: int) -> Iterator[tuple[float, float, 
                 times.append((time.perf_counter() - started) * 1e3)
                 truth = exact.render(lights)
                 errors.append(float(np.sqrt(np.mean((picture - truth) ** 2) / np.mean(truth**2))))
-            drawn, sizes = min(LIGHTS, renderer.affordable_lights or LIGHTS), renderer.map_texels
+            drawn, sizes = len(renderer.plan.lights.ids), renderer.plan.resolutions
             renderer.release()
             half = float(np.median(times[frames:])), float(np.min(times[frames:]))
             yield target_ms, degrees, *half, drawn, int(np.median(sizes)), float(np.mean(errors[frames:]))
@@ -142,18 +143,17 @@ def large(frames: int) -> None:
     size = sum(len(mesh.geometry.triangles) for mesh in scene.meshes)
     for count in (LIGHTS, 300):
         for name, target_ms, degrees in (("all maps anew", 0.0, 1.0), ("slow lights", 1e4, 0.02), ("still lights", 1e4, 0.0)):
-            renderer = Renderer(scene, Settings(width=1920, height=1080, shadow_map=512, frame_ms=target_ms))
-            renderer.time_passes()
+            renderer = FrameSequence(Renderer(scene, Settings(width=1920, height=1080, shadow_map=512, frame_ms=target_ms), timed=True))
             drawn, whole = [], []
             for frame in range(frames + 5):
                 lights = sky(count, np.radians(degrees) * frame)
                 started_s = time.perf_counter()
                 renderer.render(lights)
                 whole.append((time.perf_counter() - started_s) * 1e3)
-                spent_ms = renderer.timings_ms
+                spent_ms = renderer.timings.timers_ms
                 drawn.append(sum(ms for what, ms in spent_ms.items() if what != "read-back"))
             drawn_ms, whole_ms = float(np.median(drawn[5:])), float(np.median(whole[5:]))
-            what = f"{renderer.info}; {size:,} triangles, {count} lights, {name}"
+            what = f"{renderer.renderer.info}; {size:,} triangles, {count} lights, {name}"
             rates = f"drawn in {drawn_ms:.2f} ms, {1e3 / drawn_ms:.0f} a second; read back too {whole_ms:.2f} ms, {1e3 / whole_ms:.0f}"
             print(f"{what}: {rates}", flush=True)
             renderer.release()

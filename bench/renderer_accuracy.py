@@ -31,7 +31,8 @@ from vemlight.files import written_whole
 from vemlight.light.images import read_radiance
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import rotation_xyz
-from vemlight.renderer import renderer as renderer_module
+from vemlight.renderer import frame_plan
+from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE
 from vemlight.renderer.renderer import Renderer
@@ -90,7 +91,7 @@ def figure6(out: Path, progress: Progress) -> None:
     scenes = {"the paper's size": paper_scene(), "bundled scene": load_scene(None)}
     task = progress.add_task("against the map", total=len(scenes) * len(chosen()) * (1 + len(METHODS) * len(COUNTS)))
     for scene_name, scene in scenes.items():
-        renderer = Renderer(scene, Settings(width=size[0], height=size[1], light_regions=0), 16)
+        renderer = FrameSequence(Renderer(scene, Settings(width=size[0], height=size[1], light_regions=0), 16))
         for kind, path in chosen().items():
             truth = mitsuba_picture.picture(mitsuba_picture.mitsuba_scene(scene, size, read_radiance(path)[0]), TRUTH)
             progress.advance(task)
@@ -160,7 +161,7 @@ class Ours:
 
     def __init__(self, scene: Scene, size: tuple[int, int]) -> None:
         self._scene, self._size = scene, size
-        self._made: dict[tuple[Any, ...], Renderer] = {}
+        self._made: dict[tuple[Any, ...], FrameSequence] = {}
 
     def timed(self, lights: LightSet, **settings: Any) -> Timed:
         """A picture with these settings; frame_ms = 1e4: the lights stand still and keep their maps."""
@@ -170,18 +171,18 @@ class Ours:
     def within(self, budget: int, lights: LightSet) -> Timed:
         """The same with lights that turn and have come to `lights` in the last of 48 pictures; `budget` maps drawn in each at most."""
         renderer = self._renderer(frame_ms=1e4)
-        usual = renderer_module.affordable_maps, renderer_module.halvings
-        renderer_module.affordable_maps, renderer_module.halvings = lambda *_: budget, lambda _pace, before, _most: before
+        usual = frame_plan.affordable_maps, frame_plan.coarsening
+        frame_plan.affordable_maps, frame_plan.coarsening = lambda *_: budget, lambda _demand, previous, _most: previous
         try:
             return timed(lambda frame: renderer.render(turned(lights, TURN_DEG * (frame - 45)))[..., :3].copy(), 46)
         finally:
-            renderer_module.affordable_maps, renderer_module.halvings = usual
+            frame_plan.affordable_maps, frame_plan.coarsening = usual
 
-    def _renderer(self, **settings: Any) -> Renderer:
+    def _renderer(self, **settings: Any) -> FrameSequence:
         settings = {"light_regions": 0, **settings}  # as for all light from above
         key = tuple(sorted(settings.items()))
         if key not in self._made:
-            self._made[key] = Renderer(self._scene, Settings(width=self._size[0], height=self._size[1], **settings))
+            self._made[key] = FrameSequence(Renderer(self._scene, Settings(width=self._size[0], height=self._size[1], **settings)))
         return self._made[key]
 
     def release(self) -> None:

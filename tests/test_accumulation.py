@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.renderer_steps import controlled, picture_of, stepped
+from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_from_direction, map_irradiance
-from vemlight.renderer.accumulation import LIGHTS, PASSES, MapLights, Refined, spread_points
-from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.accumulation import PASS_LIGHTS, PASSES, Accumulation, MapLights, spread_points
+from vemlight.renderer.frame_plan import AccumulationPass
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
@@ -56,7 +57,7 @@ def test_passes_share_no_light_and_add_up_to_the_map():
     light = MapLights(a_map(), "hemisphere")
     passes = [light.of_pass(k) for k in range(PASSES)]
     directions = np.concatenate([lights.directions for lights in passes])
-    assert len(np.unique(directions, axis=0)) == PASSES * LIGHTS
+    assert len(np.unique(directions, axis=0)) == PASSES * PASS_LIGHTS
     mean = np.mean([lights.irradiance.sum(axis=0) for lights in passes], axis=0)
     assert np.allclose(mean, map_irradiance(light.radiance, "hemisphere"), rtol=1e-3)
 
@@ -76,18 +77,18 @@ def test_black_maps_and_single_cells(spot):
 
 def test_the_error_falls_with_every_doubling_to_less_than_one_per_cent(monkeypatch):
     """Against a light for each cell of the map, and 36 for the sun's, at one place in each pixel: of the light alone."""
-    monkeypatch.setattr("vemlight.renderer.renderer.spread_points", lambda first, count: np.full((count, 2), 0.5))
+    monkeypatch.setattr("vemlight.renderer.frame_plan.spread_points", lambda first, count: np.full((count, 2), 0.5))
     light = MapLights(a_map(), "hemisphere")
-    renderer = Renderer(load_scene(None), Size(width=32, height=24, shadow_map=128))
+    renderer = SceneRenderer(load_scene(None), Size(width=32, height=24, shadow_map=128))
     cells = light.cells()
     parts = MapLights(light.radiance.repeat(6, axis=0).repeat(6, axis=1), "hemisphere").cells()
     row, col = np.divmod(parts.ids, 720)
     sun, rest = (row // 6 == 7) & (col // 6 == 30), cells.ids != 7 * 120 + 30
     joined = [np.concatenate([whole[rest], fine[sun]]) for whole, fine in zip(cells, parts, strict=True)]
-    exact = renderer.render(LightSet(*joined)).copy()
-    refined, errors = Refined.nothing(), []
+    exact = renderer.picture(LightSet(*joined)).copy()
+    refined, errors = Accumulation.empty(), []
     while not refined.converged:
-        refined = refined.with_pass(renderer.render_pass(light, refined.passes))
+        refined = refined.with_pass(renderer.picture_of_pass(light, refined.passes))
         if refined.passes & (refined.passes - 1) == 0:
             errors.append(off(refined.picture, exact))
     renderer.release()
@@ -98,13 +99,13 @@ def test_the_error_falls_with_every_doubling_to_less_than_one_per_cent(monkeypat
 
 def test_pixels_become_means_over_their_area():
     light = MapLights(np.ones((4, 8, 3), np.float32), "hemisphere")
-    renderer = Renderer(load_scene(None), Size(width=24, height=18, shadow_map=32))
-    refined = Refined.nothing()
+    renderer = SceneRenderer(load_scene(None), Size(width=24, height=18, shadow_map=32))
+    refined = Accumulation.empty()
     while not refined.converged:
-        refined = refined.with_pass(renderer.render_pass(light, refined.passes))
+        refined = refined.with_pass(renderer.picture_of_pass(light, refined.passes))
     renderer.release()
-    fine = Renderer(load_scene(None), Size(width=24 * 16, height=18 * 16, shadow_map=32))
-    area = fine.render(light.of_pass(0))[..., 3].reshape(18, 16, 24, 16).mean(axis=(1, 3))
+    fine = SceneRenderer(load_scene(None), Size(width=24 * 16, height=18 * 16, shadow_map=32))
+    area = fine.picture(light.of_pass(0))[..., 3].reshape(18, 16, 24, 16).mean(axis=(1, 3))
     fine.release()
     error = np.abs(refined.picture[..., 3] - area)
     # 64 even points see the share of a pixel that an edge cuts off to about 64 ** -0.75 = 0.044, at the worst edge to twice as much
@@ -118,8 +119,13 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     assert stage.side_inputs(stage.start_at(0)[0]) == ()
     assert stage.side_inputs(controlled(stage, stage.start_at(0)[0], paused=True)) == ("capture",)
     drawn = []
-    honest = stage._renderer.render_pass
-    monkeypatch.setattr(stage._renderer, "render_pass", lambda light, number: drawn.append(number) or honest(light, number))
+    draw = stage._renderer.draw
+
+    def noted(frame):
+        if isinstance(frame.shown.lights, AccumulationPass) and frame.uploaded is None:
+            drawn.append(frame.shown.lights.number)
+        return draw(frame)
+    monkeypatch.setattr(stage._renderer, "draw", noted)
 
     def shown(state, sequence, radiance, **wish):
         header = wire.MapMessage(stamp=wire.stamp(sequence, sequence / 10), rows=30, cols=120, coverage="hemisphere")
@@ -132,7 +138,7 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     for sequence in range(1, 8):
         state, image = shown(state, sequence, a_map(), paused=True)
     assert drawn == [0, 1, 2, 3]
-    assert image.report.drawn_lights == 4 * LIGHTS
+    assert image.report.drawn_lights == 4 * PASS_LIGHTS
     converged = picture_of(state)
     state, _ = shown(state, 8, a_map(), paused=True, exposure=1.0)  # of what is seen nothing changed
     assert drawn == [0, 1, 2, 3]
@@ -150,12 +156,12 @@ def test_a_catcher_takes_the_maps_share_and_no_passes_own(tmp_path):
     camera = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\n"
     ground = '[[mesh]]\nshape = "plane"\nscale = 3.0\nmaterial = {catcher = true}\n'
     (tmp_path / "scene.toml").write_text(camera + ground + '[[mesh]]\nshape = "box"\nscale = 0.5\nat = [0.0, 0.0, 0.8]\n')
-    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Size(width=32, height=24, shadow_map=64))
+    renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Size(width=32, height=24, shadow_map=64))
     light = MapLights(a_map(12, 48), "hemisphere")
-    exact = renderer.render(light.cells()).copy()
-    refined = Refined.nothing()
+    exact = renderer.picture(light.cells()).copy()
+    refined = Accumulation.empty()
     while not refined.converged:
-        refined = refined.with_pass(renderer.render_pass(light, refined.passes))
+        refined = refined.with_pass(renderer.picture_of_pass(light, refined.passes))
     renderer.release()
     inside = np.abs(exact[..., 3] - refined.picture[..., 3])[exact[..., 3] < 0.9]
     assert exact[..., 3][exact[..., 3] < 0.9].max() > 0.3

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tests.support.gltf_files import TexturedSquare
+from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import MapLights
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.scene import load_scene
@@ -43,15 +43,15 @@ def sheet_of(mode: str, alpha: float = 1.0, image: np.ndarray | None = None, cut
 
 def renderer_of(
     folder: Path, sheet: TexturedSquare, camera: str = ABOVE, more: str = "", samples: int = 1, side: int = 16, shadow_map: int = 256
-) -> Renderer:
+) -> SceneRenderer:
     sheet.write(folder / "sheet.gltf")
     (folder / "scene.toml").write_text(camera + GROUND + '[[mesh]]\nname = "sheet"\nfile = "sheet.gltf"\ny_up = false\n' + more)
-    return Renderer(load_scene(folder / "scene.toml"), Settings(width=side, height=side, shadow_map=shadow_map), samples)
+    return SceneRenderer(load_scene(folder / "scene.toml"), Settings(width=side, height=side, shadow_map=shadow_map), samples)
 
 
 def drawn(folder: Path, sheet: TexturedSquare, lights: LightSet = DARK, **options) -> np.ndarray:
     renderer = renderer_of(folder, sheet, **options)
-    picture = renderer.render(lights).copy()
+    picture = renderer.picture(lights).copy()
     renderer.release()
     return picture
 
@@ -120,12 +120,12 @@ def test_the_ground_gets_the_share_of_light_that_the_holes_have(tmp_path, mode, 
     sheet = sheet_of(mode, 1.0, board(size, alpha))
     light = LightSet.of(np.zeros(1), np.array([[0.0, 0.6, 0.8]]), np.full((1, 3), np.pi))
     renderer = renderer_of(tmp_path, sheet, BESIDE, side=64)
-    shadow = renderer.render(light).copy()[..., 0]
+    shadow = renderer.picture(light).copy()[..., 0]
     renderer.release()
     shape = '[[mesh]]\nshape = "plane"\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
     (tmp_path / "scene.toml").write_text(BESIDE + GROUND + shape)
-    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=64, shadow_map=256))
-    whole = renderer.render(light).copy()[..., 0]
+    renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=64, shadow_map=256))
+    whole = renderer.picture(light).copy()[..., 0]
     renderer.release()
     # the shadow lies 0.375 m towards -y: rows below the sheet's edge, which is at y = -1, see it; 10.5 tan(8 deg) is 1.476 m
     rows = slice(55, 60)
@@ -154,16 +154,16 @@ def test_two_layers_let_through_what_either_leaves(tmp_path):
 
 def test_the_pattern_of_one_sample_stays_and_moves_with_the_sheet(tmp_path):
     renderer = renderer_of(tmp_path, sheet_of("BLEND", 0.5), side=32)
-    one = renderer.render(DARK).copy()[..., 0]
+    one = renderer.picture(DARK).copy()[..., 0]
     assert 0.4 < one.mean() < 0.6
     assert set(np.unique(one)) == {0, 1}
-    renderer.render(SUN)
-    assert np.array_equal(renderer.render(DARK)[..., 0], one)
+    renderer.picture(SUN)
+    assert np.array_equal(renderer.picture(DARK)[..., 0], one)
     from vemlight.runtime import wire
 
     step_m = 4 * 2 * 10 * np.tan(np.radians(5.5)) / 32  # four pixels
     renderer.place(0.0, [wire.Pose(name="sheet", position=(step_m, 0.0, 0.0), rotation=(0.0, 0.0, 0.0, 1.0), power=None)])
-    moved = renderer.render(DARK).copy()[..., 0]
+    moved = renderer.picture(DARK).copy()[..., 0]
     renderer.release()
     assert np.mean(moved[:, 5:] == one[:, 1:-4]) > 0.97
 
@@ -173,7 +173,7 @@ def test_a_lamp_shines_through_holes(tmp_path):
     pictures = []
     for cutoff in (0.0, 1.0, 0.5):
         renderer = renderer_of(tmp_path, sheet_of("MASK", 0.9, board(2), cutoff), BESIDE, lamp, side=32)
-        pictures.append(renderer.render(DARK).copy()[..., 0])
+        pictures.append(renderer.picture(DARK).copy()[..., 0])
         renderer.release()
     whole, none, half = pictures
     ring = np.ones((32, 32), bool)
@@ -185,8 +185,8 @@ def test_a_lamp_shines_through_holes(tmp_path):
 def test_a_scene_of_nothing_but_holes_is_drawn(tmp_path):
     sheet_of("BLEND", 0.5).write(tmp_path / "sheet.gltf")
     (tmp_path / "scene.toml").write_text(ABOVE + '[[mesh]]\nfile = "sheet.gltf"\ny_up = false\n')
-    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Settings(width=8, height=8, shadow_map=64), 16)
-    picture = renderer.render(SUN).copy()
+    renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=8, height=8, shadow_map=64), 16)
+    picture = renderer.picture(SUN).copy()
     renderer.release()
     assert picture[..., 3].mean() == pytest.approx(0.5, abs=0.03)
     assert np.allclose(picture[..., 0], picture[..., 3], atol=1e-6)
@@ -202,7 +202,7 @@ def test_files_of_a_scene_with_shares_have_more_samples(tmp_path):
 def test_the_passes_of_a_pause_go_to_the_mixture(tmp_path):
     renderer = renderer_of(tmp_path, sheet_of("BLEND", 0.4))
     light = MapLights(np.full((8, 16, 3), 1e-9, np.float32), "hemisphere")
-    passes = [renderer.render_pass(light, number)[..., 0].copy() for number in range(32)]
+    passes = [renderer.picture_of_pass(light, number)[..., 0].copy() for number in range(32)]
     renderer.release()
     mean = np.mean(passes, axis=0)
     assert mean.mean() == pytest.approx(0.4, abs=0.015)

@@ -4,9 +4,9 @@ import pytest
 pytest.importorskip("mitsuba", reason="Mitsuba is in the bench extra")
 
 from bench.rivals import mitsuba_picture
+from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
 
@@ -26,8 +26,8 @@ def relative(picture: np.ndarray, truth: np.ndarray) -> float:
 
 
 def drawn(lights: LightSet, samples: int) -> np.ndarray:
-    renderer = Renderer(load_scene(None), Settings(width=SIZE[0], height=SIZE[1], shadow_map=512), samples)
-    picture = renderer.render(lights)[..., :3].copy()
+    renderer = SceneRenderer(load_scene(None), Settings(width=SIZE[0], height=SIZE[1], shadow_map=512), samples)
+    picture = renderer.picture(lights)[..., :3].copy()
     renderer.release()
     return picture
 

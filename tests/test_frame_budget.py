@@ -7,63 +7,105 @@ from hypothesis import strategies as st
 
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.frame_budget import (
-    FEWEST,
+    MIN_LIGHTS,
+    WARM_UP_FRAMES,
+    Budget,
     CostModel,
-    Spent,
+    FrameTimings,
+    FrameWork,
+    MapDemand,
     affordable_lights,
     affordable_maps,
-    first_lights,
-    halvings,
-    learnt,
+    coarsening,
+    gloss_affordable,
     least_ms,
     map_work,
-    waited,
-    with_weak,
+    strongest_lights,
+    updated_costs,
+    updated_demand,
 )
 
+UNKNOWN = CostModel(frames=WARM_UP_FRAMES)
 
-def spent(fixed_ms: float, maps: int, map_ms: float, lookups: int | None, lookup_ms: float, lights: int, light_ms: float) -> Spent:
+
+def frame(
+    fixed_ms: float, maps: float, map_ms: float, lookups: int | None, lookup_ms: float, lights: int, light_ms: float
+) -> tuple[FrameWork, FrameTimings]:
     """A frame on a machine with these costs."""
     lights_ms = lights * (light_ms if lookups is not None else light_ms + lookup_ms)
     lookups_ms = (lookups or 0) * lookup_ms
-    return Spent(fixed_ms + maps * map_ms + lookups_ms + lights_ms, maps, maps * map_ms, lookups, lookups_ms, lights, lights_ms)
+    timers_ms = {"shadow maps": maps * map_ms, "visibility cache": lookups_ms, "lights": lights_ms}
+    return FrameWork(maps, lookups, lights, False), FrameTimings(fixed_ms + sum(timers_ms.values()), timers_ms)
 
 
-def frame_ms(pace: CostModel, work: np.ndarray, lights: int, moved: bool) -> float:
-    """What a frame that draws maps of this work takes on a machine that costs what `pace` says."""
-    lookups = lights if moved or len(work) > 0.75 * lights else len(work)
-    return pace.always_ms + work.sum() * (pace.map_ms or 0) + lookups * pace.lookup_ms + lights * (pace.light_ms or 0)
+def gloss_frame(fixed_ms: float, lights_ms: float, gloss_ms: float | None) -> tuple[FrameWork, FrameTimings]:
+    """A frame of 20 still lights, with the gloss set or without."""
+    timers_ms = {"lights": lights_ms, "gloss": gloss_ms or 0.0}
+    return FrameWork(0.0, 0, 20, gloss_ms is not None), FrameTimings(fixed_ms + lights_ms + (gloss_ms or 0.0), timers_ms)
 
 
-def test_nothing_is_promised_before_anything_is_known():
-    assert affordable_lights(CostModel(), 40.0) is None
-    assert affordable_maps(CostModel(), 40.0, 7, False, np.ones(7)) == 7
+def budget(target_ms: float, costs: CostModel, stale_fraction: float = 0.0, **fields) -> Budget:
+    return Budget(target_ms, costs, MapDemand(stale_fraction=stale_fraction), **fields)
+
+
+def frame_ms(budget: Budget, work: np.ndarray, lights: int) -> float:
+    """What a frame that draws maps of this work takes on a machine with the budget's costs."""
+    costs = budget.costs
+    lookups = lights if budget.surfaces_moved or len(work) > 0.75 * lights else len(work)
+    return budget.fixed_ms + work.sum() * (costs.map_ms or 0) + lookups * costs.lookup_ms + lights * (costs.light_ms or 0)
+
+
+def test_nothing_is_promised_before_anything_is_measured():
+    unknown = budget(40.0, CostModel())
+    assert affordable_lights(unknown) is None
+    assert affordable_maps(unknown, 7, np.ones(7)) == 7
+
+
+def test_the_frames_in_which_drivers_compile_are_not_measured():
+    """After one frame more the costs would come a frame late, after one less they would be those of a compiler."""
+    costs, frames = CostModel(), []
+    for fixed_ms in (1000.0, 300.0, 4.0, 4.0):
+        costs = updated_costs(costs, *frame(fixed_ms, 1, 0.1, 0, 0.0, 72, 0.5))
+        frames.append((costs.frames, costs.light_ms, costs.fixed_ms))
+    assert frames == [(1, None, 0.0), (2, None, 0.0), (3, 0.5, pytest.approx(4.0)), (4, 0.5, pytest.approx(4.0))]
 
 
 def test_lights_that_stand_still_are_counted_without_their_maps():
-    pace = learnt(CostModel(), spent(4.0, 0, 0.1, 0, 0.0, 72, 0.5))
-    assert affordable_lights(pace, 40.0) == 72
-    assert affordable_maps(pace, 40.0, 7, False, np.ones(7)) == 7
+    still = budget(40.0, updated_costs(UNKNOWN, *frame(4.0, 0, 0.1, 0, 0.0, 72, 0.5)))
+    assert affordable_lights(still) == 72
+    assert affordable_maps(still, 7, np.ones(7)) == 7
 
 
-def test_a_steady_machine_is_learnt_at_once_and_kept():
-    pace = CostModel()
+def test_a_steady_machine_is_known_at_once_and_stays():
+    costs = UNKNOWN
     for _ in range(5):
-        pace = learnt(pace, spent(4.0, 10, 0.9, 10, 0.3, 72, 0.5))
-    assert (pace.fixed_ms, pace.map_ms, pace.light_ms, pace.lookup_ms) == pytest.approx((4.0, 0.9, 0.5, 0.3))
-    still = learnt(pace, spent(4.0, 0, 0.9, 0, 0.3, 72, 0.5))
-    assert still[:4] == pytest.approx(pace[:4])  # a frame without maps tells nothing about maps, and none without lookups about them
+        costs = updated_costs(costs, *frame(4.0, 10, 0.9, 10, 0.3, 72, 0.5))
+    assert costs[1:] == pytest.approx((4.0, 0.9, 0.5, 0.3, 0.0))
+    still = updated_costs(costs, *frame(4.0, 0, 0.9, 0, 0.3, 72, 0.5))
+    assert still[1:] == pytest.approx(costs[1:])  # a frame without maps says nothing about maps, and none without lookups about them
+
+
+def test_a_cost_follows_the_machine_by_half_in_three_frames():
+    costs, found = updated_costs(UNKNOWN, *frame(1.0, 10, 1.0, 0, 0.0, 10, 1.0)), []
+    for _ in range(30):
+        costs = updated_costs(costs, *frame(1.0, 10, 4.0, 0, 0.0, 10, 1.0))
+        found.append((costs.map_ms or 0) - 1.0)
+    assert found[0] < 0.25 * 3  # one odd frame
+    assert 0.4 * 3 < found[2] < 0.6 * 3
+    assert found[-1] == pytest.approx(3.0, rel=0.01)
 
 
 def test_lights_looked_up_in_the_sum_cost_what_both_cost():
-    pace = CostModel()
+    costs = UNKNOWN
     for _ in range(5):
-        pace = learnt(pace, spent(4.0, 72, 0.9, None, 0.6, 72, 0.3))
-    assert pace.light_ms is not None
-    assert pace.light_ms + pace.lookup_ms == pytest.approx(0.9)
+        costs = updated_costs(costs, *frame(4.0, 72, 0.9, None, 0.6, 72, 0.3))
+    assert costs.light_ms is not None
+    assert costs.light_ms + costs.lookup_ms == pytest.approx(0.9)
+    # Until both are measured apart a lookup is taken for more of it than all else: where it was measured, 59 of 86 ms.
+    assert costs.lookup_ms / 0.9 == pytest.approx(59 / 86, abs=0.05)
     for _ in range(40):
-        pace = learnt(pace, spent(4.0, 4, 0.9, 4, 0.6, 72, 0.3))
-    assert (pace.light_ms, pace.lookup_ms) == pytest.approx((0.3, 0.6), rel=0.01)
+        costs = updated_costs(costs, *frame(4.0, 4, 0.9, 4, 0.6, 72, 0.3))
+    assert (costs.light_ms, costs.lookup_ms) == pytest.approx((0.3, 0.6), rel=0.01)
 
 
 @given(
@@ -77,115 +119,146 @@ def test_lights_looked_up_in_the_sum_cost_what_both_cost():
     st.booleans(),
     st.booleans(),
 )
-def test_what_is_promised_fits(fixed, map_ms, light_ms, lookup_ms, off, target_ms, work, moved, weak):
-    pace, work, lights = CostModel(fixed, map_ms, light_ms, lookup_ms, 3.0, weak, float(np.mean(work)), off=off), np.array(work), len(work)
-    fixed += 3.0 * weak
-    most = affordable_lights(pace, target_ms, moved)
+def test_what_is_promised_fits(fixed, map_ms, light_ms, lookup_ms, stale, target_ms, work, moved, gloss):
+    costs, work, lights = CostModel(9, fixed, map_ms, light_ms, lookup_ms, 3.0), np.array(work), len(work)
+    allowed = Budget(target_ms, costs, MapDemand(float(np.mean(work)), 1.0, stale), gloss, moved)
+    fixed += 3.0 * gloss
+    most = affordable_lights(allowed)
     assert most is not None
-    each = light_ms + (1 if moved else pace.renewed) * lookup_ms + pace.renewed * map_ms * pace.work
-    assert most == FEWEST or fixed + most * each <= target_ms * (1 + 1e-9)
+    refresh = allowed.demand.refresh_fraction
+    each = light_ms + (1 if moved else refresh) * lookup_ms + refresh * map_ms * np.mean(work)
+    assert most == MIN_LIGHTS or fixed + most * each <= target_ms * (1 + 1e-9)
     assert fixed + (most + 1) * each > target_ms * (1 - 1e-9)
-    maps = affordable_maps(pace, target_ms, lights, moved, work)
-    least = int(np.ceil(lights * pace.renewed))
+    maps = affordable_maps(allowed, lights, work)
+    least = int(np.ceil(lights * refresh))
     assert least <= maps <= lights
-    assert maps == least or frame_ms(pace, work[:maps], lights, moved) <= target_ms * (1 + 1e-9)
+    assert maps == least or frame_ms(allowed, work[:maps], lights) <= target_ms * (1 + 1e-9)
     # one more would not fit, but where all lookups fall due at once
-    assert maps == lights or frame_ms(pace, work[: maps + 1], lights, moved) > target_ms * (1 - 1e-9)
+    assert maps == lights or frame_ms(allowed, work[: maps + 1], lights) > target_ms * (1 - 1e-9)
 
 
-def test_maps_that_wait_become_coarser_and_those_that_do_not_finer_again():
-    pace, one = CostModel(), np.ones(72)
+@pytest.mark.parametrize(("stale", "refreshed"), [(0.0, 10), (0.03, 10), (0.06, 15), (0.1, 24), (0.125, 30), (0.2, 30), (1.0, 30)])
+def test_maps_are_redrawn_within_a_second_and_where_many_move_within_a_third(stale, refreshed):
+    """Of 240 lights without any time for maps: at 24 frames a second all in 24 frames, or in 8."""
+    none_left = budget(10.0, CostModel(9, 10.0, 1.0, 0.1, 0.0), stale)
+    assert affordable_maps(none_left, 240, np.ones(240)) == refreshed
+
+
+def test_the_visibility_cache_is_left_where_so_many_maps_are_redrawn_that_it_costs_more():
+    """A lookup for the cache takes 4/3 of one in the sum, so that it pays for up to three quarters of the lights."""
+    costs = CostModel(9, 0.0, 0.01, 0.1, 1.0)
+    for target_ms, maps in ((10.0 + 0.01 * 60 + 60.0, 60), (10.0 + 0.01 * 74 + 74.0, 74), (10.0 + 0.01 * 85 + 85.0, 75), (200.0, 100)):
+        assert affordable_maps(budget(target_ms + 1e-6, costs), 100, np.ones(100)) == maps
+
+
+def test_stale_maps_that_pile_up_become_coarser_and_finer_again_when_there_are_hardly_any():
+    demand, one = MapDemand(), np.ones(72)
     for _ in range(20):
-        pace = waited(pace, one, 72, 72.0, 3.0)
-    assert [halvings(pace, before, 2) for before in (0, 1, 2)] == [1, 2, 2]
+        demand = updated_demand(demand, one, one, 3.0)
+    assert [coarsening(demand, before, 2) for before in (0, 1, 2)] == [1, 2, 2]
     for _ in range(40):
-        pace = waited(pace, one, 0, 0.0, 0.0)
-    assert [halvings(pace, before, 2) for before in (0, 1, 2)] == [0, 0, 1]
+        demand = updated_demand(demand, one, one[:0], 0.0)
+    assert [coarsening(demand, before, 2) for before in (0, 1, 2)] == [0, 0, 1]
+
+
+@pytest.mark.parametrize(("backlog", "after"), [(0.06, 0), (0.11, 0), (0.15, 1), (0.25, 1), (1.5, 1), (1.9, 1), (2.1, 2), (4.0, 2)])
+def test_maps_are_as_coarse_as_the_backlog_asks(backlog, after):
+    """Coarser when each map waits for two more, finer when only each eighth frame draws any."""
+    assert coarsening(MapDemand(backlog=backlog), 1, 2) == after
+
+
+@given(st.floats(0.0, 30.0), st.integers(0, 2))
+def test_no_resolution_is_left_to_come_back_to_at_once(backlog, before):
+    now = coarsening(MapDemand(backlog=backlog), before, 2)
+    # At half the resolution a map moves half as many texels and costs a third or more; at twice the resolution the other way round.
+    after = backlog / 2 if now > before else backlog * 6 if now < before else backlog
+    if now > before:
+        assert coarsening(MapDemand(backlog=after), now, 2) >= now
+    elif now < before:
+        assert coarsening(MapDemand(backlog=after), now, 2) <= now
 
 
 def test_a_sun_whose_map_is_drawn_in_every_frame_makes_no_other_coarser():
-    work, pace = map_work(np.array([1024, *[64] * 20])), CostModel()
+    work, demand = map_work(np.array([1024, *[64] * 20])), MapDemand()
     for _ in range(40):
-        pace = waited(pace, work, 21, float(work.sum()), float(work[:3].sum()))  # it and two of the others
-    assert halvings(pace, 0, 2) == 0
+        demand = updated_demand(demand, work, work, float(work[:3].sum()))  # it and two of the others
+    assert coarsening(demand, 0, 2) == 0
 
 
 def test_a_large_map_drawn_alone_makes_no_other_look_dear():
-    sizes, pace = np.array([1024, *[64] * 20]), CostModel()
+    sizes, costs = np.array([1024, *[64] * 20]), UNKNOWN
     for drawn in (sizes, sizes[:1], sizes[:1], sizes[1:5]):
-        work = float(map_work(drawn).sum())
-        pace = learnt(pace, Spent(5.0 + 0.05 * work, work, 0.05 * work, 0, 0.0, 21, 0.0))
-    assert pace.map_ms == pytest.approx(0.05)
+        costs = updated_costs(costs, *frame(5.0, float(map_work(drawn).sum()), 0.05, 0, 0.0, 21, 0.0))
+    assert costs.map_ms == pytest.approx(0.05)
 
 
 def test_work_grows_with_the_texels():
     work = map_work(np.array([64, 128, 256, 512, 1024]))
-    assert np.all(np.diff(work) > 0)
     assert work[-1] / work[-2] == pytest.approx(4, rel=0.05)
     assert work[1] / work[0] < 2  # a small map is its triangles
+    # Measured on llvmpipe: what a map's triangles and setting up take, 100 x 100 texels take as well.
+    assert map_work(np.array([71, 100, 141])) == pytest.approx([1.5, 2.0, 3.0], rel=0.02)
 
 
-@given(st.floats(0.0, 30.0), st.integers(0, 2))
-def test_no_size_is_left_to_come_back_to_at_once(backlog, before):
-    now = halvings(CostModel(backlog=backlog), before, 2)
-    # Of half the size a map moves half as many texels and costs a third or more; of twice the size the other way round.
-    after = backlog / 2 if now > before else backlog * 6 if now < before else backlog
-    if now > before:
-        assert halvings(CostModel(backlog=after), now, 2) >= now
-    elif now < before:
-        assert halvings(CostModel(backlog=after), now, 2) <= now
+def test_the_gloss_set_is_left_out_before_a_sky_becomes_a_few_hard_shadows():
+    costs = updated_costs(UNKNOWN, *gloss_frame(5.0, 10.0, 15.0))
+    assert (costs.fixed_ms, costs.gloss_ms, costs.light_ms) == (5.0, 15.0, 0.5)
+    assert affordable_lights(budget(40.0, costs, gloss=True)) == 40
+    assert gloss_affordable(budget(25.0, costs, gloss=True))  # 5 + 15 + 8 * 0.5 ms
+    left_out = budget(20.0, costs)
+    assert not gloss_affordable(left_out)
+    assert affordable_lights(left_out) == 30
+    without = updated_costs(costs, *gloss_frame(5.0, 10.0, None))
+    assert without.gloss_ms == 15.0  # what it would cost is not forgotten
 
 
-def test_the_second_set_is_left_out_before_a_sky_becomes_a_few_hard_shadows():
-    pace = learnt(CostModel(), Spent(30.0, 0.0, 0.0, 0, 0.0, 20, 10.0, 15.0))
-    assert (pace.fixed_ms, pace.weak_ms, pace.light_ms) == (5.0, 15.0, 0.5)
-    assert affordable_lights(pace, 40.0) == 40
-    assert with_weak(pace, 25.0).weak  # 5 + 15 + 8 * 0.5 ms
-    left_out = with_weak(pace, 20.0)
-    assert not left_out.weak
-    assert affordable_lights(left_out, 20.0) == 30
-    without = learnt(left_out, Spent(15.0, 0.0, 0.0, 0, 0.0, 20, 10.0, None))
-    assert without.weak_ms == 15.0  # what it would cost is not forgotten
-    assert not with_weak(without, 23.0).weak
-    assert with_weak(without, 24.0).weak
+@pytest.mark.parametrize(
+    ("target_ms", "stays", "comes"), [(24.5, True, True), (23.5, True, False), (21.2, True, False), (20.5, False, False)]
+)
+def test_the_gloss_set_stays_a_little_beyond_the_target_but_does_not_come(target_ms, stays, comes):
+    """A picture with it and the fewest lights takes 24 ms; single frames exceed a target that the median meets by 15 %."""
+    costs = updated_costs(UNKNOWN, *gloss_frame(5.0, 10.0, 15.0))
+    assert (gloss_affordable(budget(target_ms, costs, gloss=True)), gloss_affordable(budget(target_ms, costs))) == (stays, comes)
 
 
-def test_the_second_set_does_not_come_and_go_while_its_cost_wavers():
-    rng, pace, told = np.random.default_rng(3), CostModel(), []
+def test_the_gloss_set_does_not_come_and_go_while_its_cost_wavers():
+    rng, costs, gloss, drawn = np.random.default_rng(3), UNKNOWN, True, []
     for _ in range(200):
-        fixed, weak = np.array([5.0, 15.0]) * rng.uniform(0.95, 1.05, 2)
-        spent_ms = weak if pace.weak else None
-        pace = with_weak(learnt(pace, Spent(fixed + 10.0 + (spent_ms or 0.0), 0.0, 0.0, 0, 0.0, 20, 10.0, spent_ms)), 24.0)
-        told.append(pace.weak)
-    assert sum(a != b for a, b in pairwise(told)) <= 1
+        fixed_ms, gloss_ms = np.array([5.0, 15.0]) * rng.uniform(0.95, 1.05, 2)
+        costs = updated_costs(costs, *gloss_frame(fixed_ms, 10.0, gloss_ms if gloss else None))
+        gloss = gloss_affordable(budget(24.0, costs, gloss=gloss))
+        drawn.append(gloss)
+    assert sum(a != b for a, b in pairwise(drawn)) <= 1
 
 
 def test_a_target_too_short_is_missed_with_the_fewest_lights():
-    pace = learnt(CostModel(), spent(20.0, 0, 0.1, 0, 0.0, 72, 0.5))
-    assert affordable_lights(pace, 10.0) == FEWEST
-    assert least_ms(pace) == pytest.approx(20.0 + 0.5 * FEWEST)
+    """8: with half of them a sky is four hard shadows, with twice as many half of the pictures come too late."""
+    short = budget(10.0, updated_costs(UNKNOWN, *frame(20.0, 0, 0.1, 0, 0.0, 72, 0.5)))
+    assert affordable_lights(short) == MIN_LIGHTS == 8
+    assert least_ms(short) == pytest.approx(20.0 + 0.5 * 8)
 
 
 @pytest.mark.parametrize("moving", [0.0, 0.1, 0.4, 1.0])
 @pytest.mark.parametrize("target_ms", [15.0, 40.0, 100.0])
 @pytest.mark.parametrize("moved", [False, True])
-def test_the_target_is_held_on_a_machine_that_wavers(moving, target_ms, moved):
-    """A machine like the one that draws on two cores, each cost 10 % up or down, where a share of 300 lights moves a texel a frame."""
-    rng, pace, halved, took, off = np.random.default_rng(0), CostModel(), 0, [], 300.0
+def test_the_target_is_met_on_a_machine_that_wavers(moving, target_ms, moved):
+    """Like the one that draws on two cores, each cost 10 % up or down, where that fraction of 300 lights moves a texel a frame."""
+    rng, costs, demand, coarse, took, stale = np.random.default_rng(0), UNKNOWN, MapDemand(), 0, [], 300.0
     for _ in range(300):
-        lights = min(affordable_lights(pace, target_ms, moved) or 300, 300)
-        if (wanted := halvings(pace, halved, 2)) != halved:
-            halved, pace = wanted, pace._replace(backlog=1.0)
-        size = 256 >> halved
-        off = min(off + moving * size / 256 * lights, lights)
+        lights = min(affordable_lights(Budget(target_ms, costs, demand, False, moved)) or 300, 300)
+        if (wanted := coarsening(demand, coarse, 2)) != coarse:
+            coarse, demand = wanted, demand._replace(backlog=1.0)
+        size = 256 >> coarse
+        stale = min(stale + moving * size / 256 * lights, lights)
         work = map_work(np.full(lights, size))
-        maps = affordable_maps(pace, target_ms, lights, moved, work[: int(off)])
+        maps = affordable_maps(Budget(target_ms, costs, demand, False, moved), lights, work[: int(stale)])
         summed = moved or maps > 0.75 * lights
         fixed, map_ms, lookup_ms, light_ms = np.array([3.0, 0.17 * (size / 256) ** 1.5, 0.54, 0.18]) * rng.uniform(0.9, 1.1, 4)
-        done = spent(fixed, maps, map_ms, None if summed else maps, lookup_ms, lights, light_ms)._replace(work=work[:maps].sum())
-        pace = waited(learnt(pace, done), work, int(off), work[: int(off)].sum(), work[:maps].sum())
-        off -= maps
-        took.append(done.frame_ms)
+        done, timings = frame(fixed, maps, map_ms, None if summed else maps, lookup_ms, lights, light_ms)
+        costs = updated_costs(costs, done._replace(maps=float(work[:maps].sum())), timings)
+        demand = updated_demand(demand, work, work[: int(stale)], float(work[:maps].sum()))
+        stale -= maps
+        took.append(timings.frame_ms)
     settled = np.array(took[100:])
     assert np.median(settled) <= 1.05 * target_ms
     assert np.mean(settled > 1.15 * target_ms) < 0.02
@@ -194,11 +267,11 @@ def test_the_target_is_held_on_a_machine_that_wavers(moving, target_ms, moved):
 
 
 @given(st.integers(1, 30), st.integers(0, 40))
-def test_fewer_lights_keep_the_power_in_each_channel(n, count):
+def test_fewer_lights_have_the_power_of_all_in_each_channel(n, count):
     rng = np.random.default_rng(n)
     irradiance = rng.uniform(0, 1, (n, 3)) * (rng.uniform(0, 1, (n, 3)) > 0.3)
     lights = LightSet.of(np.arange(n), rng.normal(size=(n, 3)), irradiance)
-    chosen = first_lights(lights, count)
+    chosen = strongest_lights(lights, count)
     assert len(chosen.ids) == min(max(count, 1), n)
     left = np.setdiff1d(lights.ids, chosen.ids)
     power = lights.irradiance.max(axis=1)
@@ -209,13 +282,6 @@ def test_fewer_lights_keep_the_power_in_each_channel(n, count):
 def test_of_lights_alike_the_first_stay_and_a_sun_stays_wherever_it_is():
     irradiance = np.random.default_rng(1).uniform(0.8, 1.2, (40, 1)) * np.ones(3)
     lights = LightSet.of(np.arange(40), np.random.default_rng(2).normal(size=(40, 3)), irradiance)
-    assert first_lights(lights, 12).ids.tolist() == list(range(12))
+    assert strongest_lights(lights, 12).ids.tolist() == list(range(12))
     irradiance[33] *= 50
-    assert first_lights(lights._replace(irradiance=irradiance.astype(np.float32)), 3).ids.tolist() == [0, 1, 33]
-
-
-def test_a_learnt_cost_follows_the_machine():
-    pace = learnt(CostModel(), spent(1.0, 10, 1.0, 0, 0.0, 10, 1.0))
-    for _ in range(30):
-        pace = learnt(pace, spent(1.0, 10, 4.0, 0, 0.0, 10, 1.0))
-    assert pace.map_ms == pytest.approx(4.0, rel=0.01)
+    assert strongest_lights(lights._replace(irradiance=irradiance.astype(np.float32)), 3).ids.tolist() == [0, 1, 33]

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.passes.gloss.gloss import MOST, NEIGHBOURS, spread, weak_rows
 from vemlight.renderer.passes.lights.light_regions import light_regions
-from vemlight.renderer.passes.shadow_maps import shadow_maps as shadows
-from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.passes.shadow_maps import shadow_map_plan
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
@@ -26,8 +26,8 @@ GROUND = '[[mesh]]\nshape = "plane"\nscale = 3.0\n'
 
 def pictures(folder: Path, text: str, *sets: tuple[LightSet, LightSet | None], **wanted) -> list[np.ndarray]:
     (folder / "scene.toml").write_text(CAMERA + text)
-    renderer = Renderer(load_scene(folder / "scene.toml"), Settings(**{"width": 64, "height": 64, "shadow_map": 128, **wanted}))
-    made = [renderer.render(*pair).copy() for pair in sets]
+    renderer = SceneRenderer(load_scene(folder / "scene.toml"), Settings(**{"width": 64, "height": 64, "shadow_map": 128, **wanted}))
+    made = [renderer.picture(*pair).copy() for pair in sets]
     renderer.release()
     return made
 
@@ -59,7 +59,7 @@ def test_a_second_set_like_the_first_changes_nothing(tmp_path, material, frame_m
 
 def test_more_strong_lights_than_the_atlas_holds_share_their_cones_too(tmp_path, monkeypatch):
     lights = random_lights(NEIGHBOURS, 3)
-    monkeypatch.setattr(shadows, "MAX_ATLAS_SIDE", 256)  # 2 x 2 tiles of 128
+    monkeypatch.setattr(shadow_map_plan, "MAX_ATLAS_SIDE", 256)  # 2 x 2 tiles of 128
     many = LightSet.of(np.arange(12), np.repeat(lights.directions, 3, axis=0), np.repeat(lights.irradiance, 3, axis=0) / 3)
     one, two = pictures(tmp_path, SPHERE + METAL, (lights, None), (many._replace(ids=np.arange(12)), lights))
     inside = one[..., 3] > 0

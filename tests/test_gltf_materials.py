@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tests.support.gltf_files import CORNERS, UPRIGHT, TexturedSquare
+from tests.support.rendering import SceneRenderer
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.materials import Ggx, SpecularGlossiness, Unlit
 from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.scene import load_scene
@@ -28,8 +28,8 @@ def drawn(folder: Path, sheet: TexturedSquare, lights: LightSet = DARK, more: st
     """(side, side, 4), the square seen from above with its x to the right and its y upwards."""
     sheet.write(folder / "sheet.gltf")
     (folder / "scene.toml").write_text(ABOVE + '[[mesh]]\nfile = "sheet.gltf"\ny_up = false\n' + more)
-    renderer = Renderer(load_scene(folder / "scene.toml"), Settings(width=side, height=side, shadow_map=128), samples)
-    picture = renderer.render(lights).copy()
+    renderer = SceneRenderer(load_scene(folder / "scene.toml"), Settings(width=side, height=side, shadow_map=128), samples)
+    picture = renderer.picture(lights).copy()
     renderer.release()
     return picture
 

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, light_regions, region_rows
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
 
@@ -61,8 +61,8 @@ def test_the_picture_with_regions_is_the_picture_without(count):
     lights = LightSet.of(np.arange(60), unit_vectors(60, 5), np.random.default_rng(6).uniform(0, 0.2, (60, 3)))
     pictures = []
     for regions in (0, count):
-        renderer = Renderer(scene, Settings(width=96, height=72, shadow_map=64, light_regions=regions), samples=2)
-        pictures.append(renderer.render(lights).copy())
+        renderer = SceneRenderer(scene, Settings(width=96, height=72, shadow_map=64, light_regions=regions), samples=2)
+        pictures.append(renderer.picture(lights).copy())
         renderer.release()
     assert np.array_equal(pictures[0][..., 3], pictures[1][..., 3])
     assert np.allclose(*pictures, rtol=1e-5, atol=1e-6)  # lights left out would have added exact zeros

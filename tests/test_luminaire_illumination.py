@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.rendering import SceneRenderer
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import quaternion_xyz
@@ -12,7 +13,6 @@ from vemlight.renderer.luminaire.luminaire_file import write_luminaire
 from vemlight.renderer.luminaire.reference import irradiance
 from vemlight.renderer.luminaire.shadow_views import cell_views, median, median_pixel
 from vemlight.renderer.passes.luminaires.luminaire_atlas import LuminaireAtlas
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.luminaire_table import world_from_lamp
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.runtime import wire
@@ -44,14 +44,14 @@ def scene_with(folder: Path, text: str, field: LightField | None = None):
 
 
 def picture(scene, lights: LightSet = DARK, samples: int = 1, move=None) -> np.ndarray:
-    renderer = Renderer(scene, Settings(width=SIZE, height=SIZE, shadow_map=64), samples)
+    renderer = SceneRenderer(scene, Settings(width=SIZE, height=SIZE, shadow_map=64), samples)
     try:
         if move:
-            renderer.render(lights)
+            renderer.picture(lights)
             number, at, rotate, power = move
             lamp = scene.objects[len(scene.objects) - len(scene.luminaires) + number].name
             renderer.place(0.0, [wire.Pose(name=lamp, position=at, rotation=quaternion_xyz(rotate), power=power)])
-        return renderer.render(lights).copy()
+        return renderer.picture(lights).copy()
     finally:
         renderer.release()
 
@@ -172,10 +172,10 @@ def test_poses_of_several_lamps_make_the_picture_of_lamps_that_stand_there(tmp_p
     there = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamp("a", "[0.4, 0.3, 1.3]") + lamp("b", "[-0.3, 0.2, 1.6]", 0.5))
     wanted = picture(there)
     scene = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamp("a", "[0.0, 0.0, 1.5]") + lamp("b", "[0.2, 0.0, 1.5]"))
-    renderer = Renderer(scene, Settings(width=SIZE, height=SIZE, shadow_map=64))
-    rest = renderer.render(DARK).copy()
+    renderer = SceneRenderer(scene, Settings(width=SIZE, height=SIZE, shadow_map=64))
+    rest = renderer.picture(DARK).copy()
     renderer.place(0.0, [pose("a", (0.4, 0.3, 1.3)), pose("b", (-0.3, 0.2, 1.6), 0.5)])
-    moved = renderer.render(DARK).copy()
+    moved = renderer.picture(DARK).copy()
     renderer.release()
     assert np.abs(moved - wanted).max() < 1e-5 * wanted.max()  # a turn is a quaternion in one and three angles in the other
     assert np.abs(rest - wanted).max() > 0.1 * wanted.max()
@@ -183,7 +183,7 @@ def test_poses_of_several_lamps_make_the_picture_of_lamps_that_stand_there(tmp_p
 
 def test_only_the_maps_of_a_lamp_that_moved_are_drawn(tmp_path, monkeypatch):
     text = FROM_ABOVE + GROUND + BALL + LAMP + 'name = "a"\n' + LAMP.replace("[0.0,", "[0.3,", 1) + 'name = "b"\n'
-    renderer = Renderer(scene_with(tmp_path, text), Settings(width=SIZE, height=SIZE, shadow_map=64))
+    renderer = SceneRenderer(scene_with(tmp_path, text), Settings(width=SIZE, height=SIZE, shadow_map=64))
     drawn, draw = [], LuminaireAtlas.draw
 
     def counted(atlas: LuminaireAtlas, *arguments) -> None:
@@ -194,7 +194,7 @@ def test_only_the_maps_of_a_lamp_that_moved_are_drawn(tmp_path, monkeypatch):
     def maps_of(*poses: wire.Pose) -> int:
         drawn.clear()
         renderer.place(0.0, poses)
-        renderer.render(DARK)
+        renderer.picture(DARK)
         return len(set(drawn))
     there, ball = pose("a", (0.1, 0.0, 1.5)), wire.Pose(name="sphere", position=(0.2, 0.1, 0.4))
     assert maps_of() == 2

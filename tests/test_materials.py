@@ -8,10 +8,10 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from tests.support.ray_casting import first_hits, near_edges, scene_tree, unshadowed, visible
+from tests.support.rendering import SceneRenderer
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.materials import Ggx, MaterialTable, Phong, material_from_table
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
@@ -26,8 +26,8 @@ def scene_of(folder: Path, text: str, camera: str = CAMERA):
 
 
 def drawn(scene, lights: LightSet, width: int = 64, height: int = 64) -> np.ndarray:
-    renderer = Renderer(scene, Settings(width=width, height=height, shadow_map=128))
-    picture = renderer.render(lights).copy()
+    renderer = SceneRenderer(scene, Settings(width=width, height=height, shadow_map=128))
+    picture = renderer.picture(lights).copy()
     renderer.release()
     return picture
 

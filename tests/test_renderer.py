@@ -9,13 +9,14 @@ from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 
 from tests.support.light_sets import lights_from, uniform_lights
+from tests.support.rendering import SceneRenderer
 from vemlight.errors import FatalError, UserError
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
+from vemlight.renderer.frame_plan import ToneRequest
 from vemlight.renderer.gl.programs import Programs, check_context, headless_context
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
-from vemlight.renderer.passes.shadow_maps import shadow_maps as shadows
-from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.passes.shadow_maps import shadow_map_plan
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.scene.view import clip_from_world, pixel_samples
 from vemlight.settings import Renderer as Settings
@@ -33,9 +34,9 @@ def a_scene(folder: Path, text: str):
 
 
 def picture(scene, lights: LightSet, samples: int = 1, **settings) -> np.ndarray:
-    renderer = Renderer(scene, Settings(**{"width": 96, "height": 96, "shadow_map": 128, **settings}), samples)
+    renderer = SceneRenderer(scene, Settings(**{"width": 96, "height": 96, "shadow_map": 128, **settings}), samples)
     try:
-        return renderer.render(lights).copy()
+        return renderer.picture(lights).copy()
     finally:
         renderer.release()
 
@@ -50,7 +51,7 @@ def pole(tmp_path_factory):
     tube.apply_translation([0, 0, 0.5])
     tube.export(folder / "pole.obj")
     scene = a_scene(folder, FROM_ABOVE + GROUND + f'[[mesh]]\nfile = "pole.obj"\n{WHITE}')
-    renderer = Renderer(scene, Settings(width=256, height=256, shadow_map=256))
+    renderer = SceneRenderer(scene, Settings(width=256, height=256, shadow_map=256))
     yield renderer
     renderer.release()
 
@@ -58,7 +59,7 @@ def pole(tmp_path_factory):
 @example_settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(theta=st.floats(0.5, 1.2), phi=st.floats(0, 2 * np.pi))
 def test_a_poles_shadow_points_to_phi_plus_180_degrees(pole, theta, phi):
-    image = pole.render(lights_from(direction_from_angles(theta, phi)))[..., 0]
+    image = pole.picture(lights_from(direction_from_angles(theta, phi)))[..., 0]
     row, column = np.nonzero(image < 0.5 * np.median(image))
     x, y = column + 0.5 - 128, 128 - (row + 0.5)
     far = np.hypot(x, y) > 8  # pixels; nearer is the pole itself
@@ -194,17 +195,17 @@ def test_places_in_a_pixel_are_centred_and_distinct(samples):
 def test_more_lights_than_the_atlas_holds_are_drawn_in_turns(monkeypatch):
     scene, lights = load_scene(None), uniform_lights(11, 0.0)
     whole = picture(scene, lights, shadow_map=64)
-    monkeypatch.setattr(shadows, "MAX_ATLAS_SIDE", 128)  # 2 x 2 tiles of 64
+    monkeypatch.setattr(shadow_map_plan, "MAX_ATLAS_SIDE", 128)  # 2 x 2 tiles of 64
     assert np.allclose(picture(scene, lights, shadow_map=64), whole, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("shadow_map", [64, None])
 def test_a_renderer_draws_the_same_picture_again(shadow_map):
     scene = load_scene(None)
-    renderer = Renderer(scene, Settings(width=64, height=48, shadow_map=shadow_map), samples=2)
-    first = renderer.render(uniform_lights(5, 0.0)).copy()
-    renderer.render(uniform_lights(30, -1.0))
-    assert np.array_equal(renderer.render(uniform_lights(5, 0.0)), first)
+    renderer = SceneRenderer(scene, Settings(width=64, height=48, shadow_map=shadow_map), samples=2)
+    first = renderer.picture(uniform_lights(5, 0.0)).copy()
+    renderer.picture(uniform_lights(30, -1.0))
+    assert np.array_equal(renderer.picture(uniform_lights(5, 0.0)), first)
     renderer.release()
 
 
@@ -222,13 +223,13 @@ def test_maps_as_large_as_their_lights_deserve_show_what_large_ones_show():
 
 def test_two_renderers_of_one_process_do_not_disturb_each_other():
     scene, lights = load_scene(None), uniform_lights(3, 0.0)
-    one = Renderer(scene, Settings(width=64, height=48, shadow_map=64))
-    alone = one.render(lights).copy()
-    other = Renderer(scene, Settings(width=32, height=32, shadow_map=32))
-    other.render(uniform_lights(5, 0.0))
-    assert np.array_equal(one.render(lights), alone)
+    one = SceneRenderer(scene, Settings(width=64, height=48, shadow_map=64))
+    alone = one.picture(lights).copy()
+    other = SceneRenderer(scene, Settings(width=32, height=32, shadow_map=32))
+    other.picture(uniform_lights(5, 0.0))
+    assert np.array_equal(one.picture(lights), alone)
     other.release()
-    assert np.array_equal(one.render(lights), alone)
+    assert np.array_equal(one.picture(lights), alone)
     one.release()
 
 
@@ -241,12 +242,12 @@ def test_the_middle_of_the_picture_is_what_the_camera_looks_at():
 
 
 def test_tone_mapping_on_the_gpu_is_the_one_in_numpy():
-    renderer = Renderer(load_scene(None), Settings(width=64, height=48, shadow_map=64), samples=4)
+    renderer = SceneRenderer(load_scene(None), Settings(width=64, height=48, shadow_map=64), samples=4)
     for power in (0.0, 1e-3, 1.0, 1e6):
-        image = renderer.render(lights_from(direction_from_angles(0.7, 3.0), power)).copy()
+        image = renderer.picture(lights_from(direction_from_angles(0.7, 3.0), power)).copy()
         state = adapt(None, image, 0.04)
         for stops in (-2.0, 0.0, 3.0):
-            gpu = renderer.tone_mapped(state, stops).astype(int)
+            gpu = renderer.tone_mapped(image, state, stops).astype(int)
             # both round the same curve, from float32 and from float64: they may differ where a value lies on the edge of a step
             difference = np.abs(gpu - tone_mapped(image, state, stops))
             assert difference.max() <= 1
@@ -256,13 +257,13 @@ def test_tone_mapping_on_the_gpu_is_the_one_in_numpy():
 
 @pytest.mark.parametrize("frame_ms", [0.0, 20.0])
 def test_frames_leave_nothing_behind(frame_ms):
-    renderer = Renderer(load_scene(None), Settings(width=8, height=8, shadow_map=128, frame_ms=frame_ms))
-    state = adapt(None, renderer.render(uniform_lights(40, 0.0)), 0.04)
+    renderer = SceneRenderer(load_scene(None), Settings(width=8, height=8, shadow_map=128, frame_ms=frame_ms))
+    request = ToneRequest(None, 0.0, 0.04)
 
     def peak_bytes(frames: int) -> int:
         for count in range(frames):
-            renderer.render(uniform_lights((1, 20, 40)[count % 3], -1.0))  # atlases of 1, 5 x 5 and 7 x 7 tiles: 0.1, 1.6 and 3.2 MB
-            renderer.tone_mapped(state, 0.0)
+            # atlases of 1, 5 x 5 and 7 x 7 tiles: 0.1, 1.6 and 3.2 MB
+            renderer.frame(uniform_lights((1, 20, 40)[count % 3], -1.0), tone=request)
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
     before = peak_bytes(6)
@@ -280,23 +281,22 @@ def test_a_shader_that_fails_is_one_line():
 
 def test_a_picture_beyond_the_limit_is_refused():
     with pytest.raises(UserError, match="make them smaller"):
-        Renderer(load_scene(None), Settings(width=10**6, height=4))
+        SceneRenderer(load_scene(None), Settings(width=10**6, height=4))
 
 
 @pytest.mark.parametrize("frame_ms", [0.0, 20.0])
-def test_the_cost_of_every_pass_is_told_on_wish(frame_ms):
-    renderer = Renderer(load_scene(None), Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms), samples=2)
-    lights = uniform_lights(5, 0.0)
-    adaptation = adapt(None, renderer.render(lights), 0.04)
-    assert (renderer.timings_ms == {}) == (frame_ms == 0)  # a target needs them
-    renderer.time_passes()
+@pytest.mark.parametrize("timed", [False, True])
+def test_every_pass_is_timed_for_a_target_or_when_asked(frame_ms, timed):
+    renderer = SceneRenderer(load_scene(None), Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms), samples=2, timed=timed)
     for _ in range(2):  # a second picture begins to count again
-        renderer.render(lights)
-        renderer.tone_mapped(adaptation, 0.0)
-    spent_ms = renderer.timings_ms
-    assert {"shadow maps", "surfaces", "classes", "lights", "read-back", "tone mapping"} <= set(spent_ms)
-    assert renderer.timings_ms == spent_ms
-    assert min(spent_ms.values()) > 0
+        timings = renderer.frame(uniform_lights(5, 0.0), tone=ToneRequest(None, 0.0, 0.04)).timings
+    if timed or frame_ms:
+        assert set(timings.timers_ms) == {"shadow maps", "G-buffer", "classes", "lights", "read-back", "tone mapping"}
+        assert min(timings.timers_ms.values()) > 0
+        assert sum(timings.timers_ms.values()) <= timings.frame_ms
+    else:
+        assert timings.timers_ms == {}
+        assert timings.frame_ms > 0
     renderer.release()
 
 
@@ -304,24 +304,24 @@ def test_the_cost_of_every_pass_is_told_on_wish(frame_ms):
     ("error", "kind", "words"), [("GL_OUT_OF_MEMORY", UserError, "make them smaller"), ("GL_UNKNOWN_ERROR", FatalError, "start again")]
 )
 def test_a_context_that_fails_is_one_line(error, kind, words, monkeypatch):
-    renderer = Renderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))
+    renderer = SceneRenderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))
     monkeypatch.setattr(moderngl.Context, "error", property(lambda _: error))
     with pytest.raises(kind, match=words) as caught:
-        renderer.render(uniform_lights(3, 0.0))
+        renderer.picture(uniform_lights(3, 0.0))
     assert "\n" not in str(caught.value)
     with pytest.raises(kind, match=words):
-        Renderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))
+        SceneRenderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))
     monkeypatch.undo()
     renderer.release()
 
 
 def test_gl_finds_no_fault_in_what_is_asked_of_it():
     for frame_ms in (0.0, 1000.0):
-        renderer = Renderer(load_scene(None), Settings(width=8, height=6, shadow_map=16, frame_ms=frame_ms), samples=2)
+        renderer = SceneRenderer(load_scene(None), Settings(width=8, height=6, shadow_map=16, frame_ms=frame_ms), samples=2)
         for count in (1, 3, 30):
-            adaptation = adapt(None, renderer.render(uniform_lights(count, 0.0), uniform_lights(2 * count, 0.0)), 0.04)
-            renderer.tone_mapped(adaptation, 0.0)
-        with renderer._context:
-            check_context(renderer._context)  # raises what the driver reports
-            assert renderer._context.error == "GL_NO_ERROR"
+            renderer.frame(uniform_lights(count, 0.0), uniform_lights(2 * count, 0.0), ToneRequest(None, 0.0, 0.04))
+        context = renderer.renderer._context
+        with context:
+            check_context(context)  # raises what the driver reports
+            assert context.error == "GL_NO_ERROR"
         renderer.release()

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.rendering import SceneRenderer
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr, write_png
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.frame_plan import PlatePicture
 from vemlight.renderer.scene import scene as scene_module
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
@@ -24,8 +25,8 @@ REAL = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {diffuse = [0.5, 0.5
 def drawn(folder: Path, text: str, lights: LightSet, **settings) -> np.ndarray:
     (folder / "scene.toml").write_text(CAMERA + text)
     wanted = Settings(**{"width": 64, "height": 48, "shadow_map": 128, **settings})
-    renderer = Renderer(load_scene(folder / "scene.toml"), wanted, samples=4)
-    picture = renderer.render(lights).copy()
+    renderer = SceneRenderer(load_scene(folder / "scene.toml"), wanted, samples=4)
+    picture = renderer.picture(lights).copy()
     renderer.release()
     return picture
 
@@ -99,20 +100,20 @@ def test_a_lamp_brightens_the_plate_by_its_share_of_the_light(tmp_path, shadows,
 
 def test_a_plate_is_replaced_while_it_runs(tmp_path):
     (tmp_path / "scene.toml").write_text(CAMERA + CATCHER)
-    renderer = Renderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=48, shadow_map=128))
+    renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=48, shadow_map=128))
     none = LightSet.none()
-    assert not renderer.render(none).any()
+    assert not renderer.picture(none).any()
     random = np.random.default_rng(3)
     for height, width in ((48, 64), (24, 32), (96, 128), (96, 128)):
         code = random.integers(0, 256, (3,))
-        renderer.show_plate(np.broadcast_to(code, (height, width, 3)).astype(np.uint8), 1.0)
+        renderer.plate = PlatePicture(np.broadcast_to(code, (height, width, 3)).astype(np.uint8), 1.0)
         linear = np.where(code <= 10, code / 255 / 12.92, ((code / 255 + 0.055) / 1.055) ** 2.4)
         # a GL may keep 8-bit sRGB texels at 12 bits while it filters
-        assert np.allclose(renderer.render(none), [*(2 * linear), 1], rtol=0.01, atol=1e-3)
+        assert np.allclose(renderer.picture(none), [*(2 * linear), 1], rtol=0.01, atol=1e-3)
     half = np.zeros((48, 64, 3), np.uint8)
     half[:24] = 255
-    renderer.show_plate(half)
-    picture = renderer.render(none)
+    renderer.plate = PlatePicture(half)
+    picture = renderer.picture(none)
     assert np.allclose(picture[:24, :, :3], 1, atol=1e-3)
     assert not picture[24:, :, :3].any()
     renderer.release()

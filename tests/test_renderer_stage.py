@@ -2,13 +2,16 @@
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from tests.support.gltf_files import AnimatedTriangle
 from tests.support.renderer_steps import controlled, lights_message, picture_of, stepped
 from vemlight.errors import UserError
-from vemlight.light.sphere import quaternion_xyz
+from vemlight.light.sphere import direction_from_angles, quaternion_xyz
+from vemlight.renderer.accumulation import MapLights
+from vemlight.renderer.frame_budget import CostModel
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.settings import Renderer, Settings
@@ -93,15 +96,88 @@ def test_a_picture_that_no_message_holds_is_refused_at_once(picture, width, fits
             RendererStage(wanted)
 
 
-def test_a_target_that_cannot_be_met_is_said_once(capsys):
-    stage = RendererStage(Settings(renderer=Renderer(width=32, height=24, shadow_map=32, frame_ms=0.01)))
-    state = stage.start_at(0)[0]
+def test_a_target_that_cannot_be_met_is_reported_once(capsys):
+    hurried, patient = (RendererStage(Settings(renderer=Renderer(width=32, height=24, frame_ms=ms))) for ms in (0.01, 1e4))
+    state, notices = hurried.start_at(0)[0], []
     for k in range(8):  # two frames warm up, and then one is enough to know
-        state, image = stepped(stage, state, k)
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("vemlight: renderer: [renderer] frame_ms: ")
-    assert line.endswith(" ms a picture even with 8 lights, not 0.01; ask for fewer pixels")
+        state, image = stepped(hurried, state, k)
+        notices += state.notices
     assert image.report.light_budget == 8
-    stage._frame_ms, stage._renderer._frame_ms = 1e4, 1e4
-    stepped(stage, state, 8)
-    assert capsys.readouterr().err == "vemlight: renderer: pictures are in time again\n"
+    state, _ = stepped(patient, state, 8)
+    missed, met = [*notices, *state.notices]
+    assert missed.startswith("vemlight: renderer: [renderer] frame_ms: ")
+    assert missed.endswith(" ms a picture even with 8 lights, not 0.01; ask for fewer pixels")
+    assert met == "vemlight: renderer: pictures are in time again"
+    assert capsys.readouterr().err == ""  # a step has no effect
+    patient.write(state, lights_message(8))
+    assert capsys.readouterr().err == met + "\n"
+
+
+def test_a_frame_a_little_beyond_the_target_is_not_late_and_then_not_in_time():
+    stage = RendererStage(Settings(renderer=Renderer(width=32, height=24, frame_ms=100.0)))
+    state = stage.start_at(0)[0]
+    for fixed_ms, late in ((90.0, False), (114.0, False), (116.0, True), (101.0, True), (99.0, False)):
+        state = stage._with_notices(state._replace(costs=CostModel(3, fixed_ms, None, 0.0)))
+        assert state.late == late
+
+
+@pytest.fixture
+def moving_sky():
+    """Messages of lights that move, a texel and more each: maps are cached, drift, wait and are redrawn."""
+
+    def message(sequence: int) -> wire.Message:
+        header, (*_, gloss_directions, gloss_irradiance) = lights_message(sequence)
+        count = 30
+        k = np.arange(count) + 0.5
+        directions = direction_from_angles(np.arccos(k / count), 2.4 * k + 0.01 * sequence * (k > 10)).astype(np.float32)
+        irradiance = np.full((count, 3), 0.1, np.float32)
+        header = msgspec.structs.replace(header, count=count)
+        return header, (np.arange(count), directions, irradiance, gloss_directions, gloss_irradiance)
+
+    return message
+
+
+def same(a: object, b: object) -> bool:
+    """Equality of states: of records by their fields, of arrays by their numbers."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return type(a) is type(b) and len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, MapLights) and isinstance(b, MapLights):
+        return np.array_equal(a.radiance, b.radiance)
+    return bool(a == b)
+
+
+@pytest.mark.parametrize("frame_ms", [0.0, 1e4])
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_step_has_no_effect_but_its_result(tmp_path, moving_sky, monkeypatch, frame_ms, paused):
+    """From any state the same message makes the same picture and the same next state, whatever was drawn in between.
+
+    Of what a clock decides, `measured` apart, nothing is in the next state. Few maps are redrawn in a frame, so that others are old.
+    """
+    monkeypatch.setattr("vemlight.renderer.frame_plan.affordable_maps", lambda *_: 4)
+    monkeypatch.setattr("vemlight.renderer.frame_plan.coarsening", lambda *_: 0)
+    boxes = "".join(f'[[mesh]]\nshape = "box"\nscale = 0.4\nat = [{x}, 0.0, 0.5]\n' for x in (-1.0, 1.0))
+    plane, lamp = SCENE[: SCENE.index('[[mesh]]\nfile')], SCENE[SCENE.index("[[luminaire]]") :]
+    (tmp_path / "scene.toml").write_text(plane + boxes + lamp.replace('shadows = "none"', "shadow_map = 16"))
+    drawing = Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, shadow_map=64, frame_ms=frame_ms, picture="linear16")
+    stage = RendererStage(Settings(renderer=drawing))
+    sky = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="hemisphere"), (np.ones((4, 8, 3), np.float32),)
+    state, made = stage.start_at(0)[0], []
+    for sequence in range(6):
+        if sequence == 3:
+            state = controlled(stage, state, poses=(wire.Pose(name="box", position=(-0.7, 0.0, 0.5)),))
+        if paused and sequence >= 3:
+            state = stage.on_message(controlled(stage, state, paused=True, poses=state.poses), sky)
+        before = state
+        state, (_, arrays) = stage.step(before, moving_sky(sequence))
+        made.append((before, state._replace(measured=None), arrays))
+    if frame_ms and not paused:
+        assert state.frame.maps is not None  # there is something to be restored
+        assert not np.isnan(state.frame.maps.slots.lookups).all()
+        assert state.frame.maps.slots.drift_rad.max() > 0
+    for sequence in (5, 2, 5, 3, 0, 4):
+        before, after, arrays = made[sequence]
+        state, (_, again) = stage.step(before, moving_sky(sequence))
+        assert all(np.array_equal(a, b) for a, b in zip(again, arrays, strict=True))
+        assert same(state._replace(measured=None), after)

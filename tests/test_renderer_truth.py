@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.support.ray_casting import first_hits, near_edges, scene_tree, unshadowed, visible
+from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
 
@@ -44,13 +44,13 @@ def test_shadows_agree_with_rays_but_for_their_edges(tmp_path, name, shadow_map)
     scene, width, height = scene_of(name, tmp_path), 128, 96
     tree = scene_tree(scene)
     hits = first_hits(scene, tree, width, height)
-    renderer = Renderer(scene, Settings(width=width, height=height, shadow_map=shadow_map))
+    renderer = SceneRenderer(scene, Settings(width=width, height=height, shadow_map=shadow_map))
     error = power = lost = 0.0
     for theta, phi in [(0.2, 1.0), (0.7, 4.0), (0.9, 2.2), (1.2, 5.0), (1.45, 0.3)]:
         direction = direction_from_angles(theta, phi)
         seen = visible(tree, hits, direction, float(np.linalg.norm(scene.half)))
         truth = unshadowed(scene, hits, direction, np.ones(3)) * seen[..., None]
-        drawn = renderer.render(LightSet.of(np.zeros(1), direction[None], np.ones((1, 3))))[..., :3]
+        drawn = renderer.picture(LightSet.of(np.zeros(1), direction[None], np.ones((1, 3))))[..., :3]
         away = ~(near_edges(seen, 2) | near_edges(hits.triangle >= 0, 1))
         error += float(((drawn - truth)[away] ** 2).sum())
         power += float((truth[away] ** 2).sum())
@@ -71,9 +71,9 @@ def test_a_skys_small_maps_agree_with_rays_over_the_whole_picture(tmp_path):
     for direction in directions:
         seen = visible(tree, hits, direction, float(np.linalg.norm(scene.half)))
         truth += unshadowed(scene, hits, direction, np.full(3, 1 / count)) * seen[..., None]
-    renderer = Renderer(scene, Settings(width=width, height=height))
-    drawn = renderer.render(LightSet.of(np.arange(count), directions, np.full((count, 3), 1 / count)))[..., :3]
-    assert set(renderer.map_texels) == {64}
+    renderer = SceneRenderer(scene, Settings(width=width, height=height))
+    drawn = renderer.picture(LightSet.of(np.arange(count), directions, np.full((count, 3), 1 / count)))[..., :3]
+    assert set(renderer.plan.resolutions) == {64}
     renderer.release()
     inside = ~near_edges(hits.triangle >= 0, 1)
     off = np.sqrt(np.sum((drawn - truth)[inside] ** 2) / np.sum(truth[inside] ** 2))

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from tests.support.gl_objects import gl_objects
 from tests.support.gltf_files import AnimatedTriangle
 from tests.support.light_sets import lights_from, uniform_lights
+from tests.support.rendering import SceneRenderer
 from vemlight.errors import UserError
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
-from vemlight.renderer import renderer as renderer_module
+from vemlight.renderer import frame_plan
 from vemlight.renderer.passes.shadow_maps.casters import moved_by_m, placed_casters, scene_casters
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
@@ -36,8 +36,8 @@ def box(at: str, rotate: str = "[0.0, 0.0, 0.0]") -> str:
     return f'[[mesh]]\nshape = "box"\nscale = 0.4\nat = {at}\nrotate = {rotate}\nmaterial = {{diffuse = [0.8, 0.2, 0.2]}}\n'
 
 
-def renderer_of(scene: Scene, **settings) -> Renderer:
-    return Renderer(scene, Settings(**{"width": 96, "height": 72, "shadow_map": 256, **settings}))
+def renderer_of(scene: Scene, **settings) -> SceneRenderer:
+    return SceneRenderer(scene, Settings(**{"width": 96, "height": 72, "shadow_map": 256, **settings}))
 
 
 def pose(name: str, at: tuple[float, float, float], rotate=(0.0, 0.0, 0.0), power: float | None = None) -> wire.Pose:
@@ -62,19 +62,19 @@ def test_things_have_names_of_their_own(tmp_path):
 @pytest.mark.parametrize("frame_ms", [0.0, 1000.0])
 def test_what_was_moved_looks_as_if_it_had_always_stood_there(tmp_path, frame_ms):
     there = renderer_of(a_scene(tmp_path, GROUND + box("[1.0, 0.5, 0.6]", "[0.0, 0.0, 30.0]")), frame_ms=frame_ms)
-    wanted = there.render(LIGHTS)
+    wanted = there.picture(LIGHTS)
     there.release()
     renderer = renderer_of(a_scene(tmp_path, GROUND + box("[-1.0, -0.5, 0.4]")), frame_ms=frame_ms)
-    rest = renderer.render(LIGHTS)
+    rest = renderer.picture(LIGHTS)
     assert off(rest, wanted) > 0.2
     renderer.place(0.0, [pose("box", (1.0, 0.5, 0.6), (0.0, 0.0, 30.0)), pose("nobody", (0.0, 0.0, 0.0))])
-    moved = renderer.render(LIGHTS)
+    moved = renderer.picture(LIGHTS)
     # the maps' box grew to hold both places, so that shadow edges lie up to 2 of its texels (2 x 4 m / 252) elsewhere
     assert off(moved, wanted) < 0.06
     assert np.array_equal(moved[..., 3], wanted[..., 3])
     assert np.mean(np.abs(moved - wanted).max(axis=-1) > 1e-3) < 0.03
     renderer.place(0.0)
-    assert off(renderer.render(LIGHTS), rest) < 0.06
+    assert off(renderer.picture(LIGHTS), rest) < 0.06
     renderer.release()
 
 
@@ -86,19 +86,19 @@ def test_an_animation_plays_on_the_pictures_time(tmp_path):
     pictures = {}
     for time_s in (0.0, 1.0, 3.0, 1.5):
         renderer.place(time_s)
-        pictures[time_s] = renderer.render(LIGHTS)
+        pictures[time_s] = renderer.picture(LIGHTS)
     assert np.array_equal(pictures[1.0], pictures[3.0])
     assert off(pictures[0.0], pictures[1.0]) > 0.02
     renderer.release()
     again = renderer_of(a_scene(tmp_path, ground + mesh))
     again.place(1.5)
-    assert np.array_equal(again.render(LIGHTS), pictures[1.5])  # a restart goes on where it was
+    assert np.array_equal(again.picture(LIGHTS), pictures[1.5])  # a restart goes on where it was
     again.release()
     # file axes are y-up: at 1 s the node is at (1, 1, 0), that is 1 m above (0, 0, 0) of the world
     still = AnimatedTriangle(scale=[1.5, 1.5, 1.5], translation=[1.0, 1.0, 0.0])
     still.write(tmp_path / "film.gltf")
     there = renderer_of(a_scene(tmp_path, ground + mesh))
-    wanted = there.render(LIGHTS)
+    wanted = there.picture(LIGHTS)
     there.release()
     assert np.array_equal(wanted[..., 3], pictures[1.0][..., 3])
     assert np.mean(np.abs(wanted - pictures[1.0]).max(axis=-1) > 1e-3) < 0.02  # shadow edges: the maps span the whole way
@@ -109,20 +109,20 @@ def test_a_lamp_moves_and_is_dimmed(tmp_path):
         return f"[[luminaire]]\nat = {at}\nrotate = {rotate}\npower = {power}\nsamples = 16\nshadow_map = 64\n"
 
     there = renderer_of(a_scene(tmp_path, GROUND + box("[0.0, 0.0, 0.4]") + lamp([1.0, -1.0, 1.5], [20.0, 200.0, 0.0], 3.0)))
-    wanted = there.render(LIGHTS)
+    wanted = there.picture(LIGHTS)
     there.release()
     renderer = renderer_of(a_scene(tmp_path, GROUND + box("[0.0, 0.0, 0.4]") + lamp([-1.0, 1.0, 2.0], [0.0, 180.0, 0.0], 1.0)))
-    dark = renderer.render(LIGHTS)
+    dark = renderer.picture(LIGHTS)
     things = renderer.place(0.0, [pose("torch", (1.0, -1.0, 1.5), (20.0, 200.0, 0.0), 3.0)])
     assert things[-1].power == 3.0
-    moved = renderer.render(LIGHTS)
+    moved = renderer.picture(LIGHTS)
     assert off(dark, wanted) > 0.01
     assert off(moved, wanted) < 1e-3
     renderer.place(0.0, [pose("torch", (1.0, -1.0, 1.5), (20.0, 200.0, 0.0), 0.0)])
-    out = renderer.render(LIGHTS)
+    out = renderer.picture(LIGHTS)
     assert out[..., :3].sum() < moved[..., :3].sum()
     renderer.place(0.0, [pose("torch", (-1.0, 1.0, 2.0), (0.0, 180.0, 0.0))])  # no word of its power: the file's
-    assert off(renderer.render(LIGHTS), dark) < 1e-3
+    assert off(renderer.picture(LIGHTS), dark) < 1e-3
     renderer.release()
 
 
@@ -130,12 +130,12 @@ def test_what_moves_in_a_lamps_light_moves_its_shadow(tmp_path):
     lamp = "[[luminaire]]\nat = [0.0, 0.0, 2.5]\nrotate = [180.0, 0.0, 0.0]\nsamples = 16\nshadow_map = 64\n"
     none = lights_from(np.zeros((0, 3)))
     there = renderer_of(a_scene(tmp_path, GROUND + box("[0.5, 0.0, 1.0]") + lamp))
-    wanted = there.render(none)
+    wanted = there.picture(none)
     there.release()
     renderer = renderer_of(a_scene(tmp_path, GROUND + box("[-0.5, 0.0, 1.0]") + lamp))
-    rest = renderer.render(none)
+    rest = renderer.picture(none)
     renderer.place(0.0, [pose("box", (0.5, 0.0, 1.0))])
-    moved = renderer.render(none)
+    moved = renderer.picture(none)
     assert off(rest, wanted) > 0.2
     assert off(moved, wanted) < 0.01
     renderer.release()
@@ -147,21 +147,21 @@ def test_below_the_ground_no_light_from_above_arrives(tmp_path):
     below = scene._replace(camera=scene.camera.__class__(position=(0.0, -7.0, -4.0), at=(0.0, 0.0, -1.0)))
     renderer = renderer_of(below)
     renderer.place(0.0, [pose("box", (0.0, 0.0, -1.5))])
-    assert renderer.render(lights_from([0.0, 0.0, 1.0]))[..., :3].max() == 0
-    assert renderer.render(lights_from([0.0, 0.0, -1.0]))[..., :3].max() > 0.1
+    assert renderer.picture(lights_from([0.0, 0.0, 1.0]))[..., :3].max() == 0
+    assert renderer.picture(lights_from([0.0, 0.0, -1.0]))[..., :3].max() > 0.1
     renderer.place(0.0)
-    assert renderer.render(lights_from([0.0, 0.0, -1.0]))[..., :3].max() == 0
+    assert renderer.picture(lights_from([0.0, 0.0, -1.0]))[..., :3].max() == 0
     renderer.release()
 
 
 def test_kept_maps_follow_what_moved_within_their_budget(tmp_path, monkeypatch):
-    monkeypatch.setattr(renderer_module, "affordable_maps", lambda *_: 4)
-    monkeypatch.setattr(renderer_module, "affordable_lights", lambda *_: None)
+    monkeypatch.setattr(frame_plan, "affordable_maps", lambda *_: 4)
+    monkeypatch.setattr(frame_plan, "affordable_lights", lambda *_: None)
     scene = a_scene(tmp_path, GROUND + box("[-1.0, 0.0, 0.4]") + box("[1.5, 1.5, 0.4]"))
     renderer, lights = renderer_of(scene, frame_ms=1000.0, shadow_map=64), uniform_lights(24, 0.0)
-    renderer.render(lights)
+    renderer.picture(lights)
     renderer.place(0.0, [pose("box", (0.5, 0.5, 0.4))])
-    errors = [renderer.render(lights) for _ in range(7)]
+    errors = [renderer.picture(lights) for _ in range(7)]
     errors = [off(picture, errors[-1]) for picture in errors]
     assert errors[0] > 0.02  # 4 of 24 maps show the box where it now is
     assert all(later <= earlier for earlier, later in pairwise(errors))
@@ -203,8 +203,8 @@ def test_what_moves_leaves_nothing_on_the_gpu(tmp_path):
     def objects_after(frames: range) -> tuple[int, ...]:
         for k in frames:
             renderer.place(0.0, [pose("box", (0.3 * k, 0.0, 0.4)), pose("torch", (0.1 * k, 0.0, 2.5), (180.0, 0.0, 0.0), 1.0)])
-            renderer.render(uniform_lights(5 + k % 20, 0.0))  # the atlas is made anew where it must hold more
-        return gl_objects(renderer._context)
+            renderer.picture(uniform_lights(5 + k % 20, 0.0))  # the atlas is made anew where it must hold more
+        return gl_objects(renderer.renderer._context)
 
     before = objects_after(range(25))
     assert min(before) > 0
@@ -224,7 +224,7 @@ def test_normals_follow_a_scale_that_is_not_the_same_all_ways(tmp_path):
     for name in ("tall", "low"):
         renderer = renderer_of(a_scene(tmp_path, f'[[mesh]]\nfile = "{name}.gltf"\nmaterial = {{diffuse = [1.0, 1.0, 1.0]}}\n'))
         renderer.place(1.0)
-        pictures.append(renderer.render(lights_from([0.0, 0.0, 1.0])))
+        pictures.append(renderer.picture(lights_from([0.0, 0.0, 1.0])))
         renderer.release()
     both = (pictures[0][..., 3] > 0) & (pictures[1][..., 3] > 0)
     assert both.sum() > 50

@@ -3,11 +3,11 @@ import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer import renderer as renderer_module
-from vemlight.renderer.passes.shadow_maps.shadow_map_cache import MapPlan, Slots, map_needs, planned_maps
-from vemlight.renderer.renderer import Renderer
+from vemlight.renderer import frame_plan
+from vemlight.renderer.passes.shadow_maps.shadow_map_cache import CacheUpdate, Slots, match_lights, update_cache
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
 
@@ -24,29 +24,29 @@ def angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip((a * b).sum(axis=-1), -1, 1))
 
 
-def plan_of(slots: Slots, directions: np.ndarray, strength: npt.ArrayLike, budget: int, sizes: npt.ArrayLike = SIZE) -> MapPlan:
+def plan_of(slots: Slots, directions: np.ndarray, strength: npt.ArrayLike, budget: int, sizes: npt.ArrayLike = SIZE) -> CacheUpdate:
     count = len(directions)
     wanted = np.broadcast_to(sizes, count)
-    needs = map_needs(slots, directions, np.broadcast_to(strength, count), wanted)
-    return planned_maps(slots, needs, directions, wanted, budget)
+    match = match_lights(slots, directions, np.broadcast_to(strength, count), wanted)
+    return update_cache(slots, match, directions, wanted, budget)
 
 
-def drawn(count: int, slots: int = 12, turn: float = 0.0) -> MapPlan:
+def drawn(count: int, slots: int = 12, turn: float = 0.0) -> CacheUpdate:
     """All maps of a sky drawn."""
     return plan_of(Slots.empty(np.full(slots, SIZE)), sky(count, turn), 1.0, count)
 
 
 def test_a_plan_draws_all_that_is_missing_and_allowed():
     plan = drawn(8)
-    assert sorted(plan.renewed) == list(range(8))
-    assert np.array_equal(plan.slots.drawn[plan.tiles], sky(8))
+    assert sorted(plan.redrawn) == list(range(8))
+    assert np.array_equal(plan.slots.directions[plan.slot], sky(8))
 
 
 def test_lights_that_moved_less_than_a_texel_keep_their_maps():
     first = drawn(8)
     second = plan_of(first.slots, sky(8, 0.9 * TEXEL), 1.0, 4)
-    assert len(second.renewed) == 0
-    assert np.array_equal(second.tiles, first.tiles)
+    assert len(second.redrawn) == 0
+    assert np.array_equal(second.slot, first.slot)
 
 
 def test_a_texel_of_a_coarse_map_is_larger():
@@ -55,24 +55,24 @@ def test_a_texel_of_a_coarse_map_is_larger():
     both = sky(2)
     slots = plan_of(slots, both, 1.0, 2, sizes).slots
     turned = sky(2, 0.005)  # 5 texels of 1 / 1020 rad, a third of one of 1 / 60
-    assert plan_of(slots, turned, 1.0, 2, sizes).renewed.tolist() == [0]
+    assert plan_of(slots, turned, 1.0, 2, sizes).redrawn.tolist() == [0]
 
 
 def test_a_light_whose_size_changes_gets_a_map_of_its_size():
     sizes = np.array([512, 64, 64])
     slots = plan_of(Slots.empty(np.array([512, 512, 64, 64, 64])), sky(3), 1.0, 3, sizes).slots
-    assert len(plan_of(slots, sky(3), 1.0, 3, sizes).renewed) == 0
+    assert len(plan_of(slots, sky(3), 1.0, 3, sizes).redrawn) == 0
     for grown in (np.array([512, 512, 64]), np.array([64, 64, 64])):
         plan = plan_of(slots, sky(3), 1.0, 3, grown)
-        assert len(plan.renewed) == 1
-        assert np.array_equal(plan.slots.sizes[plan.tiles], grown)
+        assert len(plan.redrawn) == 1
+        assert np.array_equal(plan.slots.resolutions[plan.slot], grown)
         waiting = plan_of(slots, sky(3), 1.0, 0, grown)
-        assert np.array_equal(waiting.slots.drawn[waiting.tiles], sky(3))  # it reads its own map of another size
+        assert np.array_equal(waiting.slots.directions[waiting.slot], sky(3))  # it reads its own map of another size
 
 
 def test_a_map_of_another_size_nearby_does_not_take_a_lights_own_away():
-    slots = Slots(np.array([1024, 64]), np.stack([sky(1)[0], sky(1, 0.5 / 60)[0]]), np.zeros(2))
-    assert map_needs(slots, sky(1), np.ones(1), np.array([64])).tiles.tolist() == [1]
+    slots = Slots.empty(np.array([1024, 64]))._replace(directions=np.stack([sky(1)[0], sky(1, 0.5 / 60)[0]]))
+    assert match_lights(slots, sky(1), np.ones(1), np.array([64])).slot.tolist() == [1]
 
 
 def test_the_budget_goes_to_power_times_angle():
@@ -80,7 +80,7 @@ def test_the_budget_goes_to_power_times_angle():
     moved = sky(8, 0.05)
     plan = plan_of(drawn(8).slots, moved, strength, 3)
     worth = strength * angle(directions, moved)
-    assert set(np.flatnonzero(np.isin(plan.tiles, plan.renewed))) == set(np.argsort(-worth)[:3])
+    assert set(np.flatnonzero(np.isin(plan.slot, plan.redrawn))) == set(np.argsort(-worth)[:3])
 
 
 @given(st.integers(1, 20), st.integers(1, 20), st.lists(st.floats(0, 2), min_size=1, max_size=6), st.integers(0, 2**32 - 1))
@@ -91,41 +91,41 @@ def test_every_light_reads_a_map_and_those_served_keep_theirs(count, budget, tur
     for turn in turns:
         before, directions, sizes = plan, sky(count, turn), rng.choice([256, 128, 64], count)
         plan = plan_of(before.slots, directions, rng.uniform(0, 1, count), budget, sizes)
-        assert not np.isnan(plan.slots.drawn[plan.tiles]).any()
-        assert len(plan.renewed) <= budget
-        assert len(np.unique(plan.renewed)) == len(plan.renewed)
-        fresh = np.isin(plan.tiles, plan.renewed)
-        own = np.flatnonzero(fresh & (plan.slots.drawn[plan.tiles] == directions).all(axis=1))
-        assert len(own) == len(plan.renewed)
-        assert np.array_equal(plan.slots.sizes[plan.tiles[own]], sizes[own])
-        needs = map_needs(before.slots, directions, np.ones(count), sizes)
-        served = np.setdiff1d(np.arange(count), needs.off)
-        assert np.array_equal(plan.tiles[served], needs.tiles[served])
-        assert np.array_equal(plan.slots.drawn[plan.tiles[served]], before.slots.drawn[plan.tiles[served]])
+        assert not np.isnan(plan.slots.directions[plan.slot]).any()
+        assert len(plan.redrawn) <= budget
+        assert len(np.unique(plan.redrawn)) == len(plan.redrawn)
+        fresh = np.isin(plan.slot, plan.redrawn)
+        own = np.flatnonzero(fresh & (plan.slots.directions[plan.slot] == directions).all(axis=1))
+        assert len(own) == len(plan.redrawn)
+        assert np.array_equal(plan.slots.resolutions[plan.slot[own]], sizes[own])
+        match = match_lights(before.slots, directions, np.ones(count), sizes)
+        served = np.setdiff1d(np.arange(count), match.stale)
+        assert np.array_equal(plan.slot[served], match.slot[served])
+        assert np.array_equal(plan.slots.directions[plan.slot[served]], before.slots.directions[plan.slot[served]])
 
 
 def test_lights_that_stand_still_get_their_own_maps_in_the_end():
     plan, goal = drawn(20, 30), sky(20, 1.0)
     for _ in range(7):  # 20 lights, 3 a frame
         plan = plan_of(plan.slots, goal, 1.0, 3)
-    assert angle(plan.slots.drawn[plan.tiles], goal).max() < 1.01 * TEXEL
-    assert len(map_needs(plan.slots, goal, np.ones(20), np.full(20, SIZE)).off) == 0
+    assert angle(plan.slots.directions[plan.slot], goal).max() < 1.01 * TEXEL
+    assert len(match_lights(plan.slots, goal, np.ones(20), np.full(20, SIZE)).stale) == 0
 
 
 def test_maps_age_as_what_casts_moves():
     slots = drawn(8).slots
-    for age, off in ((0.9 * TEXEL, 0), (1.1 * TEXEL, 8)):
-        aged = slots._replace(stale=np.full(12, age))
-        assert len(map_needs(aged, sky(8), np.ones(8), np.full(8, SIZE)).off) == off
+    for age, stale in ((0.9 * TEXEL, 0), (1.1 * TEXEL, 8)):
+        aged = slots._replace(drift_rad=np.full(12, age))
+        assert len(match_lights(aged, sky(8), np.ones(8), np.full(8, SIZE)).stale) == stale
 
 
 def test_with_time_enough_the_picture_is_the_one_without_a_target():
     scene, pictures = load_scene(None), []
     for frame_ms in (0.0, 1e4):
-        renderer = Renderer(scene, Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms))
+        renderer = SceneRenderer(scene, Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms))
         for turn in (0.0, 0.3, 0.6):  # several texels of 1 / 60 rad
             lights = LightSet.of(np.arange(9), sky(9, turn), np.full((9, 3), 0.3))
-            picture = renderer.render(lights).copy()
+            picture = renderer.picture(lights).copy()
         pictures.append(picture)
         renderer.release()
     # maps lie in other tiles, so edges of their triangles may round to the other texel
@@ -133,17 +133,17 @@ def test_with_time_enough_the_picture_is_the_one_without_a_target():
 
 
 def test_maps_that_were_not_drawn_anew_err_by_no_more_than_their_angle(monkeypatch):
-    monkeypatch.setattr(renderer_module, "affordable_lights", lambda *_: None)
+    monkeypatch.setattr(frame_plan, "affordable_lights", lambda *_: None)
     scene = load_scene(None)
-    exact = Renderer(scene, Settings(width=96, height=72, shadow_map=128))
+    exact = SceneRenderer(scene, Settings(width=96, height=72, shadow_map=128))
     errors = {}
     for budget in (2, 12):
-        monkeypatch.setattr(renderer_module, "affordable_maps", lambda *_, budget=budget: budget)
-        lazy = Renderer(scene, Settings(width=96, height=72, shadow_map=128, frame_ms=40.0))
+        monkeypatch.setattr(frame_plan, "affordable_maps", lambda *_, budget=budget: budget)
+        lazy = SceneRenderer(scene, Settings(width=96, height=72, shadow_map=128, frame_ms=40.0))
         worst = 0.0
         for frame in range(10):
             lights = LightSet.of(np.arange(48), sky(48, 0.01 * frame), np.full((48, 3), 0.1))
-            truth, drawn = exact.render(lights).copy(), lazy.render(lights).copy()
+            truth, drawn = exact.picture(lights).copy(), lazy.picture(lights).copy()
             worst = max(worst, float(np.sqrt(np.mean((truth - drawn) ** 2) / np.mean(truth**2))))
         errors[budget] = worst
         lazy.release()
@@ -154,29 +154,27 @@ def test_maps_that_were_not_drawn_anew_err_by_no_more_than_their_angle(monkeypat
 
 
 def test_a_share_that_wavers_draws_no_map_again():
-    renderer = Renderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
+    renderer = SceneRenderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
     drawn_maps = []
     for frame in range(8):
         power = np.full(80, 1.0)
         power[:2] = 3.36 * (1.1 if frame % 2 else 0.9)  # a share of 0.04, where a map of 128 texels becomes one of 256
-        renderer.render(LightSet.of(np.arange(80), sky(80), power[:, None] * np.ones(3)))
-        assert renderer._done is not None
-        drawn_maps.append(renderer._done.maps.count)
+        renderer.picture(LightSet.of(np.arange(80), sky(80), power[:, None] * np.ones(3)))
+        drawn_maps.append(renderer.plan.batches[0].redrawn.count)
     assert drawn_maps == [80, *[0] * 7]
-    assert renderer.map_texels[0] > renderer.map_texels[79] == 64
+    assert renderer.plan.resolutions[0] > renderer.plan.resolutions[79] == 64
     renderer.release()
 
 
 def test_lights_that_become_stronger_get_larger_maps_and_the_others_keep_theirs():
-    renderer = Renderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
+    renderer = SceneRenderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
     sizes, drawn_maps = [], []
     for power in (1.0, 20.0, 20.0, 1.0, 20.0):
         irradiance = np.ones((80, 3))
         irradiance[7] = power
-        renderer.render(LightSet.of(np.arange(80), sky(80), irradiance))
-        assert renderer._done is not None
-        sizes.append(renderer.map_texels.tolist())
-        drawn_maps.append(renderer._done.maps.count)
+        renderer.picture(LightSet.of(np.arange(80), sky(80), irradiance))
+        sizes.append(renderer.plan.resolutions.tolist())
+        drawn_maps.append(renderer.plan.batches[0].redrawn.count)
     assert [row[7] for row in sizes] == [64, 512, 512, 64, 512]
     assert {size for row in sizes for k, size in enumerate(row) if k != 7} == {64}
     # Once there is room for a map of either size, each is drawn when it is first needed and then stays.

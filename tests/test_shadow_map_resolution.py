@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import LARGEST, STEPS, map_steps, packed, sizing
+from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MAX_HALVINGS, MAX_RESOLUTION, map_halvings, map_resolutions, packed
 
-BY_POWER = sizing(None)
+BY_POWER = map_resolutions(None)
 POWERS = st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=60).map(np.array)
 
 
@@ -18,41 +18,41 @@ def apart(count: int) -> np.ndarray:
 
 @given(POWERS)
 def test_sizes_grow_with_power(power):
-    steps = map_steps(BY_POWER, apart(len(power)), power)
-    assert steps.min() >= 0
-    assert steps.max() <= STEPS
-    assert np.all(np.diff(steps[np.argsort(power)]) <= 0)
+    halvings = map_halvings(BY_POWER, apart(len(power)), power)
+    assert halvings.min() >= 0
+    assert halvings.max() <= MAX_HALVINGS
+    assert np.all(np.diff(halvings[np.argsort(power)]) <= 0)
 
 
 @pytest.mark.parametrize(("share", "texels"), [(0.999, 1024), (0.4, 1024), (0.16, 512), (0.063, 256), (0.025, 128), (0.01, 64), (1e-4, 64)])
 def test_a_size_is_the_power_to_three_quarters(share, texels):
     power = np.array([share, *[(1 - share) / 59] * 59])
-    assert LARGEST >> map_steps(BY_POWER, apart(60), power)[0] == texels
+    assert MAX_RESOLUTION >> map_halvings(BY_POWER, apart(60), power)[0] == texels
 
 
 def test_what_one_sun_is_cut_into_gets_what_the_sun_deserves():
     sky, whole = apart(50), np.array([0.5, *[0.5 / 49] * 49])
     parts = np.concatenate([np.repeat(sky[:1], 8, axis=0), sky[1:]])
     cut = np.concatenate([np.full(8, 0.5 / 8), whole[1:]])
-    one, many = map_steps(BY_POWER, sky, whole), map_steps(BY_POWER, parts, cut)
+    one, many = map_halvings(BY_POWER, sky, whole), map_halvings(BY_POWER, parts, cut)
     assert np.all(many[:8] == one[0])
     assert np.array_equal(many[8:], one[1:])
 
 
 @given(POWERS, st.integers(0, 2))
 def test_given_sizes_are_for_all_alike_until_time_is_short(power, halved):
-    given_ = sizing(256)
-    assert given_.sizes == (256, 128, 64)
-    steps = map_steps(given_, apart(len(power)), power, halved)
+    given_ = map_resolutions(256)
+    assert given_.choices == (256, 128, 64)
+    halvings = map_halvings(given_, apart(len(power)), power, halved)
     share = power / power.sum()
-    assert np.all(steps[share < 0.01] == halved)  # none of these is near to a strong one
-    assert np.all(steps[share > 0.2] == max(halved - 1, 0))
+    assert np.all(halvings[share < 0.01] == halved)  # none of these is near to a strong one
+    assert np.all(halvings[share > 0.2] == max(halved - 1, 0))
 
 
 @given(POWERS, st.integers(0, 1))
 def test_halving_spares_the_strongest(power, halved):
-    for how in (BY_POWER, sizing(512)):
-        before, after = (map_steps(how, apart(len(power)), power, n) for n in (halved, halved + 1))
+    for how in (BY_POWER, map_resolutions(512)):
+        before, after = (map_halvings(how, apart(len(power)), power, n) for n in (halved, halved + 1))
         assert np.all((after >= before) & (after <= before + 1))
     if power.max() > 0.2 * power.sum() and halved == 0:
         assert after[np.argmax(power)] == before[np.argmax(power)]
@@ -61,21 +61,21 @@ def test_halving_spares_the_strongest(power, halved):
 @given(POWERS, st.lists(st.floats(0.9, 1.1), min_size=1, max_size=5), st.integers(0, 2))
 def test_power_that_wavers_changes_no_size(power, factors, halved):
     directions = apart(len(power))
-    steps = map_steps(BY_POWER, directions, power, halved)
+    halvings = map_halvings(BY_POWER, directions, power, halved)
     for factor in factors:
         wavering = power * np.where(np.arange(len(power)) % 2, factor, 1.0)
-        assert np.array_equal(map_steps(BY_POWER, directions, wavering, halved, steps), steps)
+        assert np.array_equal(map_halvings(BY_POWER, directions, wavering, halved, halvings), halvings)
 
 
 def test_power_that_changes_changes_sizes():
     directions, weak = apart(60), np.ones(60)
-    steps = map_steps(BY_POWER, directions, weak)
+    halvings = map_halvings(BY_POWER, directions, weak)
     strong = weak.copy()
     strong[3] = 1000.0
-    later = map_steps(BY_POWER, directions, strong, 0, steps)
+    later = map_halvings(BY_POWER, directions, strong, 0, halvings)
     assert later[3] == 0
-    assert np.all(later[np.arange(60) != 3] == STEPS)
-    assert np.array_equal(map_steps(BY_POWER, directions, weak, 0, np.full(60, -1)), steps)
+    assert np.all(later[np.arange(60) != 3] == MAX_HALVINGS)
+    assert np.array_equal(map_halvings(BY_POWER, directions, weak, 0, np.full(60, -1)), halvings)
 
 
 @given(st.lists(st.sampled_from([1024, 512, 256, 128, 64, 100, 25]), min_size=0, max_size=80).map(lambda sizes: np.array(sizes, np.int64)))

@@ -4,7 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
+from vemlight.renderer.frame_plan import ToneRequest
 from vemlight.renderer.output.tonemap import (
     LONGEST_STEP_S,
     MIDDLE_GREY,
@@ -15,7 +17,6 @@ from vemlight.renderer.output.tonemap import (
     tone_curve,
     tone_mapped,
 )
-from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
 
@@ -137,31 +138,33 @@ def test_a_pictures_scale_does_not_matter_to_the_exponential_curve_either(scale:
 
 @pytest.mark.parametrize("tone", ["reinhard", "exponential"])
 def test_the_shader_draws_the_same_curve(tone):
-    renderer = Renderer(load_scene(None), Settings(width=48, height=36, shadow_map=32, tone=tone))
+    renderer = SceneRenderer(load_scene(None), Settings(width=48, height=36, shadow_map=32, tone=tone))
     for power in (0.0, 1e-20, 1.0, 1e9):
         lights = LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.array([[power, power / 2, power / 3]]))
-        picture = renderer.render(lights).copy()
+        picture = renderer.picture(lights).copy()
         state = adapt(None, picture, 0.04)
         for stops in (-4.0, 0.0, 6.0):
-            off = np.abs(renderer.tone_mapped(state, stops).astype(int) - tone_mapped(picture, state, stops, tone))
+            off = np.abs(renderer.tone_mapped(picture, state, stops).astype(int) - tone_mapped(picture, state, stops, tone))
             assert off.max() <= 1  # float32 and float64 on either side of a step
             assert np.mean(off > 0) < 0.01
     renderer.release()
 
 
 def test_the_shader_has_the_same_answer_to_hostile_pixels():
-    renderer = Renderer(load_scene(None), Settings(width=6, height=1, shadow_map=32))
+    renderer = SceneRenderer(load_scene(None), Settings(width=6, height=1, shadow_map=32))
     picture = gray(np.array([np.nan, np.inf, -np.inf, -1.0, 1e-30, 1e30])).astype(np.float32)
     state = adapt(None, gray(np.array([0.5, 1.0, 2.0])), 0.04)
-    renderer.show(picture)
-    assert np.array_equal(renderer.tone_mapped(state, 0.0), tone_mapped(picture, state, 0.0))
+    assert np.array_equal(renderer.tone_mapped(picture, state, 0.0), tone_mapped(picture, state, 0.0))
     renderer.release()
 
 
 @pytest.mark.parametrize(("width", "height"), [(48, 36), (320, 240), (521, 257)])  # every pixel; every second, of even and odd sizes
-def test_the_selection_on_the_gpu_is_the_one_in_numpy(width, height):
-    renderer = Renderer(load_scene(None), Settings(width=width, height=height, shadow_map=32))
-    picture = renderer.render(LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.ones((1, 3))))
-    assert np.array_equal(renderer.selected(), subsampled(picture))
+def test_the_eye_adapts_to_the_pixels_that_are_subsampled(width, height):
+    renderer = SceneRenderer(load_scene(None), Settings(width=width, height=height, shadow_map=32))
+    lights = LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.ones((1, 3)))
+    drawn = renderer.frame(lights, tone=ToneRequest(None, 0.0, 0.04))
+    picture = drawn.picture
+    assert picture is not None
+    assert drawn.adaptation == adapt(None, subsampled(picture), 0.04)
     assert subsampled(picture).shape[0] < height or height == 36
     renderer.release()

@@ -13,6 +13,7 @@ from bench.accuracy.maps import one
 from bench.judge import judge, points_of, points_of_lights, read_source, relative_rms
 from bench.methods import STILL, TRACKED, settled
 from vemlight.light.colour import LUMINANCE_WEIGHTS
+from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Size
@@ -58,7 +59,7 @@ def pictures(out: Path, progress: Progress) -> None:
     """The product's own scene under the lights of each method, and its difference from the picture under REFERENCE lights."""
     source = read_source(one("a sun"))
     figure, axes = _sheet((13, 8.6))
-    renderer, rows = Renderer(load_scene(None), Size(width=200, height=150, shadow_map=256), 4), []
+    renderer, rows = FrameSequence(Renderer(load_scene(None), Size(width=200, height=150, shadow_map=256), 4)), []
     task = progress.add_task("pictures", total=axes.size)
     try:
         truth = np.array(renderer.render(settled(METHODS[-1], REFERENCE, source)[0]))[..., :3]

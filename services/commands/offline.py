@@ -122,12 +122,12 @@ def write_pictures(options: RenderOptions) -> str:
     sampling = sampler_settings(options, len(frames), gloss_lights=gloss_lights)
     with ExitStack() as open_:
         add = open_.enter_context(video(to_video, frames.fps)) if to_video else None
-        renderer = Renderer(scene, wanted, file_samples(scene))
-        open_.callback(renderer.release)
-        sequence, adaptation, before_s = FrameSequence(renderer), None, 0.0
+        sequence = FrameSequence(Renderer(scene, wanted, file_samples(scene)))
+        open_.callback(sequence.release)
+        adaptation, before_s = None, 0.0
         for k, (frame, lights, gloss) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
             background = BackgroundMap(frame.radiance, frame.coverage) if wanted.background == "map" else None
-            picture = sequence.render(lights, gloss, scene_pose(drawn, frame.time_s), background)
+            picture = sequence.render(lights, gloss, scene_pose(scene, frame.time_s), background)
             adaptation = adapt(adaptation, subsampled(picture), max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, wanted.exposure, wanted.tone)

@@ -3,16 +3,17 @@
 import numpy as np
 
 from vemlight.light.light_set import LightSet
-from vemlight.renderer.frame_budget import CostModel, updated_costs
+from vemlight.renderer.frame_budget import CostModel, FrameTimings, updated_costs
 from vemlight.renderer.frame_plan import BackgroundMap, FrameInput, FramePlan, initial_state, plan
 from vemlight.renderer.renderer import DrawnFrame, Renderer
 from vemlight.renderer.scene.scene_pose import ScenePose
 
 
 class FrameSequence:
-    """Carries state and costs from each frame to the next. plan: of the last frame."""
+    """Carries state and costs from each frame to the next. plan, timings: of the last frame."""
 
     plan: FramePlan
+    timings: FrameTimings
 
     def __init__(self, renderer: Renderer) -> None:
         self.renderer, self.costs = renderer, CostModel()
@@ -22,6 +23,7 @@ class FrameSequence:
         """Plans and draws a frame."""
         self.plan, self.state = plan(self.renderer.setup, self.state, shown, self.costs)
         drawn = self.renderer.draw(self.plan)
+        self.timings = drawn.timings
         if self.plan.work:
             self.costs = updated_costs(self.costs, self.plan.work, drawn.timings)
         return drawn
@@ -34,3 +36,7 @@ class FrameSequence:
         picture = self.draw(shown).picture
         assert picture is not None
         return picture
+
+    def release(self) -> None:
+        """Frees everything on the GPU."""
+        self.renderer.release()

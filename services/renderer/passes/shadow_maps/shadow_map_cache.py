@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.renderer.passes.shadow_maps.casters import Placed
+
 GUTTER = 2  # texels at a map's rim that stay empty, as in light.glsl
 
 
@@ -13,20 +15,20 @@ class Slots(NamedTuple):
     resolutions: (m,) int64 texels a side. directions: (m, 3) float32, for which the map was drawn; nan in an empty slot.
     drift_rad: (m,) float64, by how much a light would turn to move a shadow as far as its casters have moved since the map was drawn.
     lookups: (m, 3) float32, direction of the light whose lookups in this map the visibility cache holds; nan where it holds none.
-    casters: (m,) object, the casters.PlacedCasters that are in the map; None in an empty slot.
+    casters: (m,) what is in the map, where it stood; None in an empty slot.
     """
 
     resolutions: np.ndarray
     directions: np.ndarray
     drift_rad: np.ndarray
     lookups: np.ndarray
-    casters: np.ndarray
+    casters: tuple[Placed | None, ...]
 
     @staticmethod
     def empty(resolutions: np.ndarray) -> "Slots":
         count = len(resolutions)
         none = np.full((count, 3), np.nan, np.float32)
-        return Slots(resolutions, none, np.zeros(count), none, np.full(count, None, object))
+        return Slots(resolutions, none, np.zeros(count), none, (None,) * count)
 
     @property
     def filled(self) -> np.ndarray:
@@ -72,12 +74,12 @@ def match_lights(slots: Slots, directions: np.ndarray, strength: np.ndarray, res
 
 
 def update_cache(
-    slots: Slots, match: CacheMatch, directions: np.ndarray, resolutions: np.ndarray, budget: int, casters: object = None
+    slots: Slots, match: CacheMatch, directions: np.ndarray, resolutions: np.ndarray, budget: int, placed: Placed | None = None
 ) -> CacheUpdate:
     """Draws the maps of the first `budget` stale lights, at least one, each into a slot of its resolution that no light needs.
 
     The rest read the map that fits best until their turn comes. There must be a slot of its resolution for each light; either every map
-    drawn serves a light or the budget covers all stale lights. casters: what is in the maps drawn now.
+    drawn serves a light or the budget covers all stale lights. placed: what is in the maps drawn now.
     """
     chosen, waiting = match.stale[:budget], match.stale[budget:]
     slot = match.slot.copy()
@@ -88,10 +90,11 @@ def update_cache(
     for resolution in np.unique(resolutions[chosen]):
         own, free = chosen[resolutions[chosen] == resolution], np.flatnonzero((slots.resolutions == resolution) & ~needed)
         slot[own] = free[np.argsort(loss[free], kind="stable")][: len(own)]
-    slots = Slots(slots.resolutions, *(column.copy() for column in slots[1:]))
-    redrawn = slot[chosen]
+    redrawn, casters = slot[chosen], list(slots.casters)
+    for k in redrawn.tolist():
+        casters[k] = placed
+    slots = Slots(slots.resolutions, slots.directions.copy(), slots.drift_rad.copy(), slots.lookups.copy(), tuple(casters))
     slots.directions[redrawn], slots.drift_rad[redrawn], slots.lookups[redrawn] = directions[chosen], 0.0, np.nan
-    slots.casters[redrawn] = casters
     if len(waiting):
         slot[waiting] = _errors(slots, directions[waiting], resolutions[waiting]).argmin(axis=1)
     return CacheUpdate(slot, redrawn, slots)

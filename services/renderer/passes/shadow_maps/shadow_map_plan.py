@@ -263,9 +263,9 @@ def with_moved_casters(setup: ShadowSetup, cache: MapCache, before: Placed, afte
 
 def restoring_batches(setup: ShadowSetup, cache: MapCache) -> tuple[tuple[Placed, Batch], ...]:
     """Batches that draw all maps of a cache again, as they were, each with its casters, and repeat the lookups that it holds."""
-    made, filled = [], np.flatnonzero(cache.slots.filled)
-    for casters in {id(placed): placed for placed in cache.slots.casters[filled]}.values():
-        own = filled[[placed is casters for placed in cache.slots.casters[filled]]]
+    made = []
+    for casters in {id(placed): placed for placed in cache.slots.casters if placed}.values():
+        own = np.array([k for k, placed in enumerate(cache.slots.casters) if placed is casters])
         for first in range(0, len(own), MAX_LIGHTS):
             slot = own[first : first + MAX_LIGHTS]
             lookups = cache.slots.lookups[slot]

@@ -1,6 +1,8 @@
 """Imports point one way: down the floors, never from one service to another, and never from one test to another."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -17,7 +19,7 @@ FLOORS = (
     {"__main__"},
 )
 # The same within the renderer; `renderer.py`, `stage.py` and what else lies loose there stands on top.
-RENDERER_FLOORS = ({"gl", "luminaire", "output", "frame_budget"}, {"scene"}, {"passes"})
+RENDERER_FLOORS = ({"gl", "luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"passes"})
 TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references"}  # what tests may import of tests/
 TOGETHER = ({"settings", "runtime"}, {"errors", "files"})  # the settings name the services, the runtime reads the settings
 
@@ -79,3 +81,8 @@ def test_tests_import_support_modules_and_the_bench_only_to_test_it(path):
 @pytest.mark.parametrize("path", sorted((ROOT / "bench").rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
 def test_benches_import_no_tests(path):
     assert not {name for name in imported_modules(path) if name.startswith("tests.") and not name.startswith("tests.support")}
+
+
+def test_a_frame_is_planned_without_gl():
+    code = "import sys; import vemlight.renderer.frame_plan; sys.exit('moderngl' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

@@ -33,6 +33,8 @@ def messages() -> dict[str, wire.Message]:
         dropped=2,
         refused=0,
         restarts=1,
+        step_counts=(3, 4, 1, *10 * (0,)),
+        step_total_ms=9.5,
         report=wire.LightsReport(delay_ms=160.0, required_lights=90),
     )
     return {

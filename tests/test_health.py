@@ -8,7 +8,7 @@ import zmq
 
 from vemlight.runtime import health, wire
 from vemlight.runtime.service_stats import ServiceStats
-from vemlight.runtime.transport import Transport, admit
+from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Settings, Wire
 
 
@@ -27,7 +27,7 @@ def speaking(settings, *messages):
         publisher = transport.bind("sampler", "publish")
         ready.set()
         while not stop.wait(0.02):
-            admit(publisher)
+            accept_subscriptions(publisher)
             for parts in messages:
                 publisher.send_multipart(parts, zmq.NOBLOCK)
         transport.close()
@@ -43,7 +43,7 @@ def speaking(settings, *messages):
 
 
 def status(service):
-    said = ServiceStats(service, 0).due()
+    said = ServiceStats(service, 0).status_if_due()
     assert said
     return wire.pack(said)
 
@@ -56,12 +56,12 @@ def test_a_status_is_health(settings, capsys):
 
 @pytest.mark.parametrize("said", [(), (status("capture"),), ([b"status", b"\xff" * 40],)])
 def test_silence_another_service_and_random_bytes_are_none(said, settings, monkeypatch):
-    monkeypatch.setattr(health, "HEARD_S", 0.4)
-    with speaking(settings, *said), pytest.raises(SystemExit, match="sampler: has said nothing"):
+    monkeypatch.setattr(health, "STATUS_TIMEOUT_S", 0.4)
+    with speaking(settings, *said), pytest.raises(SystemExit, match="sampler: no status within"):
         health.check_health(settings, "sampler")
 
 
 def test_a_service_that_does_not_run_is_not_healthy(settings, monkeypatch):
-    monkeypatch.setattr(health, "HEARD_S", 0.1)
-    with pytest.raises(SystemExit, match="sampler: has said nothing"):
+    monkeypatch.setattr(health, "STATUS_TIMEOUT_S", 0.1)
+    with pytest.raises(SystemExit, match="sampler: no status within"):
         health.check_health(settings, "sampler")

@@ -13,7 +13,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.demand import Supply
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.sync import Lockstep, NearestInTime
-from vemlight.runtime.transport import Transport, admit
+from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Plate, read_settings
 
 SIZE = 64, 48
@@ -90,14 +90,14 @@ def test_live_the_picture_nearest_in_time_is_taken(transport):
     publisher = transport.bind("plate", "publish")
     nearest, stats = NearestInTime(transport), ServiceStats("renderer", 0)
     lights = msgspec.structs.replace(wire.stamp(90, 0.0), monotonic_ns=1_000_000)
-    assert nearest.to(lights, ["plate"], stats) == []
+    assert nearest.frames_at(lights, ["plate"], stats) == []
     wait_until(lambda: publisher.poll(0) or None, "the subscription")
-    admit(publisher)
+    accept_subscriptions(publisher)
     for sequence, at_ns in ((1, 700_000), (2, 1_100_000), (3, 1_300_000)):
         publisher.send_multipart(wire.pack(*plate(sequence, at_ns)))
-    wait_until(lambda: nearest.to(lights, ["plate"], stats) and len(nearest._heard["plate"][1]) == 3, "three pictures")
-    assert [array[0, 0, 0] for _, (array,) in nearest.to(lights, ["plate"], stats)] == [2]
-    assert nearest.to(lights, [], stats) == []
+    wait_until(lambda: nearest.frames_at(lights, ["plate"], stats) and len(nearest._subscriptions["plate"][1]) == 3, "three pictures")
+    assert [array[0, 0, 0] for _, (array,) in nearest.frames_at(lights, ["plate"], stats)] == [2]
+    assert nearest.frames_at(lights, [], stats) == []
     wait_until(lambda: publisher.poll(0) or None, "the end of the subscription")
 
 
@@ -108,11 +108,11 @@ def test_lossless_the_frames_of_one_number_come_together(transport):
 
     def served() -> bool:
         for name, supply in supplies.items():
-            supply.wanted()
+            supply.earliest_requested()
             ready = 5 if name == "plate" else 3  # the lights of frame 3 are not made yet
             supply.send(lambda k, ready=ready: plate(k, 0) if k < ready else None, end=None)
         if frames := inputs.frames(len(seen)):
-            seen.append([header.stamp.sequence for header, _ in frames if isinstance(header, wire.FRAME)])
+            seen.append([header.stamp.sequence for header, _ in frames if isinstance(header, wire.FrameHeader)])
         return len(seen) == 3
 
     wait_until(served, "three pairs")

@@ -52,7 +52,7 @@ def fed(supply: Supply | None, messages: list[wire.Message], pull: Pull | None, 
     until = time.monotonic() + LOADED_S
     while len(out) < count and time.monotonic() < until:
         if supply:
-            supply.wanted()
+            supply.earliest_requested()
             supply.send(lambda k: messages[k] if k < len(messages) else None, end=len(messages))
         if pull and (message := pull.frame(len(out))):
             out.append(message)
@@ -65,7 +65,7 @@ def test_capture_alone(sequence, small, services):
     settings, path = small(sequence)
     transport = Transport(settings.wire)
     process = services.start("vemlight.capture", str(path))
-    pull = Pull(transport.ask("capture"), ServiceStats("sampler", 0))
+    pull = Pull(transport.request_from("capture"), ServiceStats("sampler", 0))
     seen = fed(None, [], pull, references.FRAMES)
     until = time.monotonic() + 5
     while pull.end is None and time.monotonic() < until:
@@ -83,7 +83,7 @@ def test_sampler_alone(sequence, small, services):
     transport = Transport(settings.wire)
     supply = Supply(transport.bind("capture", "serve"), ServiceStats("capture", 0))
     services.start("vemlight.sampler", str(path))
-    pull = Pull(transport.ask("sampler"), ServiceStats("renderer", 0))
+    pull = Pull(transport.request_from("sampler"), ServiceStats("renderer", 0))
     seen = fed(supply, references.recorded(sequence, "map"), pull, references.FRAMES)
     transport.close()
     assert_same(seen, references.recorded(sequence, "lights"))
@@ -101,7 +101,7 @@ def test_renderer_alone(sequence, small, services):
     seen = []
     until = time.monotonic() + LOADED_S
     while len(seen) < references.FRAMES and time.monotonic() < until:
-        supply.wanted()
+        supply.earliest_requested()
         supply.send(lambda k: lights[k] if k < len(lights) else None, end=len(lights))
         if ear.poll(5, zmq.POLLIN):
             message = wire.unpack(ear.recv_multipart())

@@ -1,4 +1,4 @@
-"""The viewer as a process, with other services that are made up: messages in, pages, pictures and wishes out."""
+"""The viewer as a process, with other services that are made up: messages in, pages, pictures and choices out."""
 
 import asyncio
 import http.client
@@ -29,17 +29,17 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def others(folder: Path) -> Iterator[SimulatedServices]:
-    others = SimulatedServices(Wire(folder=str(folder)))
-    others.start()
-    yield others
-    others.end()
+def simulated(folder: Path) -> Iterator[SimulatedServices]:
+    simulated = SimulatedServices(Wire(folder=str(folder)))
+    simulated.start()
+    yield simulated
+    simulated.end()
 
 
 @pytest.fixture(scope="module")
-def viewer(folder: Path, others: SimulatedServices) -> Iterator[ViewerProcess]:
+def viewer(folder: Path, simulated: SimulatedServices) -> Iterator[ViewerProcess]:
     viewer = ViewerProcess(folder)
-    assert f"{viewer.url} (for this machine only)" in viewer.said()
+    assert f"{viewer.url} (for this machine only)" in viewer.first_line()
     eventually(lambda: viewer.get("/healthz")[0] == 200, "all services heard")
     yield viewer
     viewer.end()
@@ -71,16 +71,16 @@ def test_lights_are_the_file_form(viewer):
     assert np.allclose(np.linalg.norm(row.arrays().directions, axis=1), 1, atol=1e-6)
 
 
-def test_a_wish_is_said_whole_and_again(viewer, others):
-    status, body = viewer.wish(count=17, exposure=-1.5)
-    wish = {"kind": "control", "count": 17, "exposure": -1.5, "filtered": None, "paused": False, "poses": []}
-    assert (status, json.loads(body)) == (200, wish)
-    viewer.wish(paused=True)
-    whole = wire.ControlMessage(count=17, exposure=-1.5, paused=True)
-    eventually(lambda: others.wishes[-3:] == [whole] * 3, "the wish on its channel, again and again")
-    eventually(lambda: viewer.health()["lights"]["count"] == 17, "as many lights as were wished for")
-    viewer.wish(count=None, exposure=None, paused=False)
-    eventually(lambda: others.wishes[-1] == wire.ControlMessage(), "the settings' own again")
+def test_choices_are_published_whole_and_again(viewer, simulated):
+    status, body = viewer.choose(count=17, exposure=-1.5)
+    whole = {"kind": "control", "version": wire.VERSION, "count": 17, "exposure": -1.5, "filtered": None, "paused": False, "poses": []}
+    assert (status, json.loads(body)) == (200, whole)
+    viewer.choose(paused=True)
+    chosen = wire.ControlMessage(count=17, exposure=-1.5, paused=True)
+    eventually(lambda: simulated.controls[-3:] == [chosen] * 3, "the choices on their channel, again and again")
+    eventually(lambda: viewer.health()["light_count"] == 17, "as many lights as were chosen")
+    viewer.choose(count=None, exposure=None, paused=False)
+    eventually(lambda: simulated.controls[-1] == wire.ControlMessage(), "the settings' own again")
 
 
 @pytest.mark.parametrize(
@@ -91,13 +91,13 @@ def test_a_wish_is_said_whole_and_again(viewer, others):
         b'{"lights": 3}', b'{"kind": "status"}',
     ],
 )  # fmt: skip
-def test_a_bad_wish_is_refused_in_one_line(viewer, body):
-    before = viewer.health()["wish"]
+def test_a_bad_choice_is_refused_in_one_line(viewer, body):
+    before = viewer.health()["control"]
     status, line = viewer.get("/control", body, Content_Type="application/json")
     assert status == 400
     assert line.startswith(b"control: ")
     assert line.count(b"\n") == 1
-    assert viewer.health()["wish"] == before
+    assert viewer.health()["control"] == before
 
 
 def test_what_is_too_large_or_not_json_is_refused(viewer):
@@ -128,28 +128,28 @@ def test_every_answer_keeps_the_page_to_itself(viewer):
         connection.close()
 
 
-def test_health_names_who_stalls_and_comes_back(viewer, others):
-    others.speaking -= {"sampler", "renderer"}
+def test_health_names_who_stalls_and_comes_back(viewer, simulated):
+    simulated.speaking -= {"sampler", "renderer"}
     eventually(lambda: viewer.state("sampler") == "stalled", "the sampler shown as stalled")
     assert viewer.get("/healthz")[0] == 503
     assert (viewer.state("capture"), viewer.state("renderer")) == ("live", "waiting")
     eventually(lambda: viewer.state("sampler") == viewer.state("renderer") == "silent", "both shown as silent")
-    others.speaking |= {"sampler", "renderer"}
+    simulated.speaking |= {"sampler", "renderer"}
     eventually(lambda: viewer.get("/healthz")[0] == 200, "health again")
 
 
-def test_noise_is_counted_and_disturbs_nothing(viewer, others):
+def test_noise_is_counted_and_disturbs_nothing(viewer, simulated):
     before = viewer.health()["services"][-1]
     random = np.random.default_rng(7)
-    others.noise += [[topic, random.bytes(50)] for topic in (b"image", b"status", b"end") for _ in range(3)]
-    others.noise += [wire.pack(wire.ControlMessage()), [b"endless", b""], [b"status"] * 9]
+    simulated.noise += [[topic, random.bytes(50)] for topic in (b"image", b"status", b"end") for _ in range(3)]
+    simulated.noise += [wire.pack(wire.ControlMessage()), [b"endless", b""], [b"status"] * 9]
     refused = before["refused"] + 11  # all but the control, whose topic is not subscribed to
     eventually(lambda: viewer.health()["services"][-1]["refused"] >= refused, "the noise counted")
     eventually(lambda: viewer.health()["services"][-1]["frames"] > before["frames"] + 25, "frames as before")
 
 
-def test_its_own_status(viewer, others):
-    status = eventually(lambda: others.viewers and others.viewers[-1], "the viewer's status")
+def test_its_own_status(viewer, simulated):
+    status = eventually(lambda: simulated.viewers and simulated.viewers[-1], "the viewer's status")
     assert (status.service, status.restarts) == ("viewer", 0)
     assert status.frames > 0
 
@@ -158,7 +158,7 @@ def test_a_page_gets_one_of_each_feed_until_it_asks(viewer):
     async def page() -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(f"{viewer.url}/ws") as socket:
             first = [await socket.receive(PATIENCE_S) for _ in range(4)]
-            assert sorted(kind_of(message) for message in first) == ["disc", "lights", "picture", "report"]
+            assert sorted(kind_of(message) for message in first) == ["disc", "lights", "picture", "summary"]
             with pytest.raises(TimeoutError):  # 0.5 s: 12 frames later none has followed
                 await socket.receive(0.5)
             for _ in range(3):
@@ -172,7 +172,7 @@ def test_a_page_gets_one_of_each_feed_until_it_asks(viewer):
 
 def kind_of(message: aiohttp.WSMessage) -> str:
     if message.type is aiohttp.WSMsgType.TEXT:
-        return "lights" if "schema" in json.loads(message.data) else "report"
+        return "lights" if "schema" in json.loads(message.data) else "summary"
     assert decoded(message.data[1:]).ndim == 3
     return {1: "disc", 2: "picture"}[message.data[0]]
 
@@ -193,10 +193,10 @@ TOKEN = "0123456789-abcdef_XYZ"
 
 
 @pytest.fixture
-def guarded(tmp_path, others) -> Iterator[ViewerProcess]:
+def guarded(tmp_path, simulated) -> Iterator[ViewerProcess]:
     tmp_path.chmod(0o700)
     viewer = ViewerProcess(tmp_path, more=f'token = "{TOKEN}"')
-    assert f"{viewer.url}/?token={TOKEN} (for this machine only)" in viewer.said()
+    assert f"{viewer.url}/?token={TOKEN} (for this machine only)" in viewer.first_line()
     yield viewer
     viewer.end()
 
@@ -208,7 +208,7 @@ def test_without_the_token_nothing_is_said(guarded):
             status, line = guarded.get(path, **headers)
             assert (status, line.count(b"\n"), TOKEN.encode() in line) == (401, 1, False)
         assert guarded.get(f"{path}{'&' if '?' in path else '?'}token={TOKEN[:-1]}")[0] == 401
-    assert guarded.wish(count=3)[0] == 401
+    assert guarded.choose(count=3)[0] == 401
     assert guarded.get("/metrics", Authorization=f"Bearer {TOKEN}")[0] == 200
     assert guarded.get(f"/metrics?token={TOKEN}")[0] == 200
     assert guarded.get("/control", b'{"count": 3}', Content_Type="application/json", **with_cookie)[0] == 200
@@ -233,7 +233,7 @@ def test_the_address_gives_the_browser_its_cookie(guarded):
 def test_whoever_listens_to_the_network_has_a_token_or_says_so(tmp_path, more, words):
     tmp_path.chmod(0o700)
     viewer = ViewerProcess(tmp_path, more=f'host = "0.0.0.0"\n{more}')
-    line = viewer.said()
+    line = viewer.first_line()
     assert f"(for {words}" in line
     _, _, token = line.partition("/?token=")
     assert viewer.get("/metrics")[0] == (200 if more else 401)
@@ -243,31 +243,31 @@ def test_whoever_listens_to_the_network_has_a_token_or_says_so(tmp_path, more, w
     viewer.end()
 
 
-def test_a_viewer_that_starts_waits_for_the_pages_before_it_says_that_nothing_is_wished(tmp_path):
+def test_a_viewer_that_starts_waits_for_the_pages_before_it_publishes_no_choices(tmp_path):
     tmp_path.chmod(0o700)
-    others = SimulatedServices(Wire(folder=str(tmp_path)))
-    others.start()
+    simulated = SimulatedServices(Wire(folder=str(tmp_path)))
+    simulated.start()
     viewer = ViewerProcess(tmp_path)
-    viewer.said()
-    eventually(lambda: len(others.viewers) >= 2, "two statuses")
-    assert others.wishes == []
-    viewer.wish(count=31)
-    eventually(lambda: others.wishes and others.wishes[0] == wire.ControlMessage(count=31), "the wish of a page that comes back")
+    viewer.first_line()
+    eventually(lambda: len(simulated.viewers) >= 2, "two statuses")
+    assert simulated.controls == []
+    viewer.choose(count=31)
+    eventually(lambda: simulated.controls and simulated.controls[0] == wire.ControlMessage(count=31), "what the page chose")
     viewer.end()
-    others.wishes.clear()
+    simulated.controls.clear()
     again = ViewerProcess(tmp_path, port=viewer.port)
-    eventually(lambda: others.wishes and others.wishes[0] == wire.ControlMessage(), "nothing, where no page comes back")
+    eventually(lambda: simulated.controls and simulated.controls[0] == wire.ControlMessage(), "nothing, where no page comes back")
     again.end()
-    others.end()
+    simulated.end()
 
 
 def test_before_anything_is_heard(tmp_path):
     tmp_path.chmod(0o700)
     viewer = ViewerProcess(tmp_path)
-    viewer.said()
+    viewer.first_line()
     assert viewer.get("/snapshot.jpg") == (503, b"no picture yet: the renderer has sent none\n")
     assert viewer.get("/lights")[0] == viewer.get("/healthz")[0] == 503
-    assert {row["state"] for row in viewer.health()["services"][:-1]} == {"not heard"}
+    assert {row["state"] for row in viewer.health()["services"][:-1]} == {"not seen"}
     assert viewer.get("/metrics")[0] == 200
 
     viewer.end()
@@ -283,12 +283,12 @@ def test_a_taken_port_is_one_line_and_status_2(tmp_path):
     assert f"127.0.0.1:{viewer.port}: the viewer cannot listen there" in said
 
 
-def test_lossless_mode_hears_no_wishes(tmp_path):
+def test_in_lossless_mode_controls_have_no_effect(tmp_path):
     tmp_path.chmod(0o700)
     viewer = ViewerProcess(tmp_path, top='mode = "lossless"')
-    viewer.said()
-    status, line = viewer.wish(count=3)
-    assert (status, line[:14]) == (400, b"lossless mode ")
+    viewer.first_line()
+    status, line = viewer.choose(count=3)
+    assert (status, line[:14]) == (400, b"in lossless mo")
     viewer.end()
 
 
@@ -296,7 +296,7 @@ def test_lossless_mode_hears_no_wishes(tmp_path):
 def test_a_signal_ends_it_with_pages_open(tmp_path, number):
     tmp_path.chmod(0o700)
     viewer = ViewerProcess(tmp_path)
-    viewer.said()
+    viewer.first_line()
     stream = http.client.HTTPConnection("127.0.0.1", viewer.port)
     stream.request("GET", "/stream.mjpg")
     assert stream.getresponse().status == 200

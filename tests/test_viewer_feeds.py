@@ -44,9 +44,9 @@ def test_after_waits_for_a_later_frame_and_gives_the_newest():
 
 def test_a_bell_is_heard_by_who_waits_later_for_an_earlier_call():
     async def run() -> None:
-        bell = Condition()
-        waiting = bell.wait()
-        bell.ring()
+        condition = Condition()
+        waiting = condition.wait()
+        condition.notify()
         await asyncio.wait_for(waiting, 5)
 
     asyncio.run(run())

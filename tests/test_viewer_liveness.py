@@ -3,10 +3,11 @@
 import random
 
 from vemlight.runtime import wire
-from vemlight.runtime.channels import SILENT_S, Service
-from vemlight.runtime.service_stats import Losses
-from vemlight.viewer.liveness import STALLED_S, Liveness
+from vemlight.runtime.channels import STATUS, Service
+from vemlight.runtime.service_stats import LossCounter
+from vemlight.viewer.liveness import MIN_STALL_S, Liveness
 
+SILENT_S = STATUS.timeout_s(source_fps=25)
 STAMP = wire.stamp(5, 0.2)
 MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
 FRAMES: dict[Service, wire.Header] = {
@@ -22,7 +23,7 @@ def status(service: Service, frames: int = 1, step_ms: float = 4.0) -> wire.Stat
     )
 
 
-def heard_all(now_s: float) -> Liveness:
+def received_all(now_s: float) -> Liveness:
     liveness = Liveness(MAKERS, fps=25)
     for service, frame in FRAMES.items():
         liveness.last_received[service].take(frame, now_s)
@@ -36,27 +37,27 @@ def states(liveness: Liveness, now_s: float) -> list[str]:
 
 def test_from_unheard_to_live():
     liveness = Liveness(MAKERS, fps=25)
-    assert states(liveness, 0) == ["not heard"] * 3
+    assert states(liveness, 0) == ["not seen"] * 3
     liveness.last_received["capture"].take(status("capture"), 10)
-    assert states(liveness, 10) == ["starting", "not heard", "not heard"]
-    assert states(heard_all(10), 10 + 0.9 * STALLED_S) == ["live"] * 3
+    assert states(liveness, 10) == ["starting", "not seen", "not seen"]
+    assert states(received_all(10), 10 + 0.9 * MIN_STALL_S) == ["live"] * 3
 
 
 def test_one_that_stalls_is_told_from_those_that_wait_for_it():
-    liveness = heard_all(10)
-    late_s = 10 + 1.1 * STALLED_S
+    liveness = received_all(10)
+    late_s = 10 + 1.1 * MIN_STALL_S
     liveness.last_received["capture"].take(FRAMES["capture"], late_s)
     for service in ("sampler", "renderer"):
         liveness.last_received[service].take(status(service), late_s)
     assert states(liveness, late_s) == ["live", "stalled", "waiting"]
-    assert liveness.judge(late_s)["renderer"].words == "waits for sampler"
+    assert liveness.judge(late_s)["renderer"].text == "waiting for sampler"
 
 
 def test_silence_is_longer_than_a_stall():
-    liveness = heard_all(10)
+    liveness = received_all(10)
     assert states(liveness, 10 + SILENT_S - 0.01) == ["stalled", "waiting", "waiting"]
     assert states(liveness, 10 + SILENT_S + 0.01) == ["silent"] * 3
-    assert liveness.judge(10 + 200)["capture"].words == "silent for 3 min"
+    assert liveness.judge(10 + 200)["capture"].text == "silent for 3 min"
 
 
 def test_a_slow_source_and_a_slow_step_are_no_stall():
@@ -64,10 +65,10 @@ def test_a_slow_source_and_a_slow_step_are_no_stall():
     slow.last_received["capture"].take(FRAMES["capture"], 10)
     slow.last_received["capture"].take(status("capture"), 12.9)
     assert slow.judge(13)["capture"].state == "live"
-    liveness = heard_all(10)
+    liveness = received_all(10)
     liveness.last_received["renderer"].take(status("renderer", step_ms=2000), 10)
     assert liveness.judge(13)["renderer"].state == "live"
-    liveness = heard_all(10)
+    liveness = received_all(10)
     liveness.last_received["renderer"].take(FRAMES["renderer"], 14)  # the pace of its last two frames counts as well
     assert liveness.judge(20)["renderer"].state == "live"
     assert liveness.judge(27)["renderer"].state == "silent"
@@ -82,9 +83,9 @@ def test_in_lossless_mode_nobody_stalls_who_is_not_asked():
 
 
 def test_the_end_outlasts_silence_until_frames_come_again():
-    liveness = heard_all(10)
-    for heard in liveness.last_received.values():
-        heard.take(wire.EndMessage(sequence=6), 10)
+    liveness = received_all(10)
+    for last in liveness.last_received.values():
+        last.take(wire.EndMessage(sequence=6), 10)
     assert states(liveness, 1000) == ["finished"] * 3
     liveness.last_received["capture"].take(FRAMES["capture"], 1000)
     assert states(liveness, 1000)[0] == "live"
@@ -92,8 +93,8 @@ def test_the_end_outlasts_silence_until_frames_come_again():
 
 def test_losses_are_what_was_published_and_never_came():
     rng = random.Random(3)
-    losses, lost = Losses(), 0
-    losses.status(frames=40)  # the viewer began to listen after 40 frames
+    losses, lost = LossCounter(), 0
+    losses.on_status(frames=40)  # the viewer began to listen after 40 frames
     for restart in range(3):
         made = 40 if restart == 0 else 0
         for _ in range(rng.randrange(200, 400)):
@@ -101,10 +102,10 @@ def test_losses_are_what_was_published_and_never_came():
             if rng.random() < 0.2:
                 lost += 1
             else:
-                losses.frame()
+                losses.on_frame()
             if rng.random() < 0.1:
-                losses.status(made)
+                losses.on_status(made)
                 assert losses.dropped == lost
-        losses.status(made)
+        losses.on_status(made)
         assert losses.dropped == lost
-        losses.status(0)  # it was started again
+        losses.on_status(0)  # it was started again

@@ -24,19 +24,19 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def others(folder: Path) -> Iterator[SimulatedServices]:
-    others = SimulatedServices(Wire(folder=str(folder)))
-    others.speaking = set()
-    others.start()
-    yield others
-    others.end()
+def simulated(folder: Path) -> Iterator[SimulatedServices]:
+    simulated = SimulatedServices(Wire(folder=str(folder)))
+    simulated.speaking = set()
+    simulated.start()
+    yield simulated
+    simulated.end()
 
 
 @pytest.fixture(scope="module")
-def page(folder: Path, others: SimulatedServices, browser) -> Iterator:
+def page(folder: Path, simulated: SimulatedServices, browser) -> Iterator:
     """The page before anything was heard; then the services speak."""
     viewer = ViewerProcess(folder)
-    viewer.said()
+    viewer.first_line()
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.set_default_timeout(PATIENCE_S * 1e3)
     page.asked, page.complaints = [], []
@@ -47,9 +47,9 @@ def page(folder: Path, others: SimulatedServices, browser) -> Iterator:
     page.goto(viewer.url)
     page.get_by_text("waiting for capture …").wait_for()
     page.get_by_text("waiting for renderer …").wait_for()
-    others.speaking = {"capture", "sampler", "renderer"}
+    simulated.speaking = {"capture", "sampler", "renderer"}
     page.locator("#overall[data-state=live]").wait_for()
-    eventually(lambda: others.wishes, "a first wish, that there is none")
+    eventually(lambda: simulated.controls, "a first control, without choices")
     yield page
     viewer.end()
 
@@ -82,60 +82,61 @@ def test_frames_arrive(page):
     assert page.locator("#scene-cover").is_hidden()
 
 
-def test_the_slider_is_heard_on_the_channel(page, others):
+def test_the_slider_is_heard_on_the_channel(page, simulated):
     page.locator("#count").fill("100")  # the slider's own scale: 10 ** (100 / 100)
-    eventually(lambda: others.wishes[-1].count == 10, "the wish for 10 lights")
+    eventually(lambda: simulated.controls[-1].count == 10, "the choice of 10 lights")
     page.get_by_text("10 lights").wait_for()
     page.locator("#count").focus()
     page.keyboard.press("End")
-    eventually(lambda: others.wishes[-1].count == 1000, "the wish for 1000 lights, by the keyboard")
+    eventually(lambda: simulated.controls[-1].count == 1000, "the choice of 1000 lights, by the keyboard")
     page.locator("#count-number").fill("72")
     page.keyboard.press("Enter")
-    eventually(lambda: others.wishes[-1].count == 72, "the wish for 72 lights, by its number")
+    eventually(lambda: simulated.controls[-1].count == 72, "the choice of 72 lights, by its number")
 
 
-def test_the_other_controls_are_heard_together(page, others):
+def test_the_other_controls_are_heard_together(page, simulated):
     page.locator("#exposure").fill("-1.5")
     page.locator("#filtered").click()
     page.get_by_role("button", name="Pause").click()
-    eventually(lambda: others.wishes[-1] == wire.ControlMessage(count=72, exposure=-1.5, filtered=False, paused=True), "all of them")
-    page.locator("#sky-cover").get_by_text("paused: this frame is held").wait_for()
-    page.get_by_role("button", name="Paused: go on").click()
-    page.get_by_role("button", name="As in the settings").click()
-    eventually(lambda: others.wishes[-1] == wire.ControlMessage(), "the settings' own again")
+    eventually(lambda: simulated.controls[-1] == wire.ControlMessage(count=72, exposure=-1.5, filtered=False, paused=True), "all of them")
+    page.locator("#sky-cover").get_by_text("paused at this frame").wait_for()
+    page.get_by_role("button", name="Paused: resume").click()
+    page.get_by_role("button", name="Reset to settings").click()
+    eventually(lambda: simulated.controls[-1] == wire.ControlMessage(), "the settings' own again")
     eventually(lambda: page.locator("#exposure").input_value() == "0" and page.locator("#filtered").is_checked(), "the settings shown")
 
 
-def test_a_lamp_is_moved_turned_and_dimmed(page, others):
-    assert page.locator("#thing").input_value() == "lamp"  # lamps are what one moves first
-    assert page.locator("#thing-about-x").input_value() == "180"
-    page.locator("#thing-x").fill("-0.25")
-    page.locator("#thing-about-z").fill("90")
-    page.locator("#thing-power").fill("3")
-    eventually(lambda: others.wishes[-1].poses and others.wishes[-1].poses[0].power == 3.0, "the lamp's power")
-    (lamp,) = others.wishes[-1].poses
-    assert (lamp.name, lamp.at) == ("lamp", (-0.25, 0.0, 2.0))
+def test_a_lamp_is_moved_turned_and_dimmed(page, simulated):
+    assert page.locator("#object").input_value() == "lamp"  # lamps are what one moves first
+    assert page.locator("#object-about-x").input_value() == "180"
+    page.locator("#object-x").fill("-0.25")
+    page.locator("#object-about-z").fill("90")
+    page.locator("#object-power").fill("3")
+    eventually(lambda: simulated.controls[-1].poses and simulated.controls[-1].poses[0].power == 3.0, "the lamp's power")
+    (lamp,) = simulated.controls[-1].poses
+    assert (lamp.name, lamp.position) == ("lamp", (-0.25, 0.0, 2.0))
     assert np.allclose(lamp.rotation, quaternion_xyz((180.0, 0.0, 90.0)), atol=1e-6)
-    page.locator("#thing").select_option("box")
-    assert page.locator("#thing-power").is_hidden()
-    page.locator("#thing-y").fill("2")
-    eventually(lambda: len(others.wishes[-1].poses) == 2, "both")
-    page.get_by_role("button", name="As in the scene file").click()
-    eventually(lambda: others.wishes[-1].poses == (lamp,), "the box back")
-    page.locator("#thing").select_option("lamp")
-    page.get_by_role("button", name="As in the scene file").click()
-    eventually(lambda: others.wishes[-1] == wire.ControlMessage(), "all back")
+    page.locator("#object").select_option("box")
+    assert page.locator("#object-power").is_hidden()
+    page.locator("#object-y").fill("2")
+    eventually(lambda: len(simulated.controls[-1].poses) == 2, "both")
+    page.get_by_role("button", name="Reset to scene file").click()
+    eventually(lambda: simulated.controls[-1].poses == (lamp,), "the box back")
+    page.locator("#object").select_option("lamp")
+    page.get_by_role("button", name="Reset to scene file").click()
+    eventually(lambda: simulated.controls[-1] == wire.ControlMessage(), "all back")
 
 
-TURNS = [(0, 0, 0), (30, -40, 170), (180, 0, 90), (-90, 89, 10), (20, 90, 50), (20, -90, 50), (725, 12, -300), (0, 95, 0), (0, -120, 3)]
+ROTATIONS = [(0, 0, 0), (30, -40, 170), (180, 0, 90), (-90, 89, 10), (20, 90, 50), (20, -90, 50), (725, 12, -300), (0, 95, 0), (0, -120, 3)]
 
 
-@pytest.mark.parametrize("degrees", TURNS)
+@pytest.mark.parametrize("degrees", ROTATIONS)
 def test_turns_go_there_and_back(page, degrees):
     turn, again, shown = page.evaluate(
         """async (degrees) => {
-            const { turnFrom, anglesFrom } = await import("/things.js");
-            return [turnFrom(degrees), turnFrom(anglesFrom(turnFrom(degrees))), anglesFrom(turnFrom(degrees))];
+            const { rotationFromAngles, anglesFromRotation } = await import("/objects.js");
+            const rotation = rotationFromAngles(degrees), angles = anglesFromRotation(rotation);
+            return [rotation, rotationFromAngles(angles), angles];
         }""",
         degrees,
     )
@@ -145,23 +146,23 @@ def test_turns_go_there_and_back(page, degrees):
     assert abs(np.dot(turn, again)) == pytest.approx(1, abs=1e-9)  # q and -q are the same turn
 
 
-def test_two_pages_show_the_same(page, browser, others):
+def test_two_pages_show_the_same(page, browser, simulated):
     second = browser.new_page()
     second.goto(page.viewer.url)
     second.locator("#overall[data-state=live]").wait_for()
     second.locator("#count").fill("150")
-    eventually(lambda: page.locator("#count-number").input_value() == "32", "the other page's wish")
+    eventually(lambda: page.locator("#count-number").input_value() == "32", "the other page's choice")
     second.close()
-    page.viewer.wish(count=None)
+    page.viewer.choose(count=None)
 
 
-def test_a_killed_renderer_shows_as_such_and_comes_back(page, others):
-    others.speaking.discard("renderer")
+def test_a_killed_renderer_shows_as_such_and_comes_back(page, simulated):
+    simulated.speaking.discard("renderer")
     page.locator("#card-renderer[data-state=silent]").get_by_text("silent for").wait_for()
     page.locator("#scene-cover").get_by_text("renderer: silent").wait_for()
     assert page.locator("#overall").inner_text() == "renderer silent"
     assert page.locator("#card-capture").get_attribute("data-state") == "live"
-    others.speaking.add("renderer")
+    simulated.speaking.add("renderer")
     page.locator("#card-renderer[data-state=live]").wait_for()
     assert page.locator("#scene-cover").is_hidden()
 
@@ -187,10 +188,10 @@ def test_nothing_sticks_out(page, width, height):
 
 def test_a_lost_viewer_is_said_and_found_again(tmp_path, browser):
     tmp_path.chmod(0o700)
-    others = SimulatedServices(Wire(folder=str(tmp_path)))
-    others.start()
+    simulated = SimulatedServices(Wire(folder=str(tmp_path)))
+    simulated.start()
     viewer = ViewerProcess(tmp_path)
-    viewer.said()
+    viewer.first_line()
     page = browser.new_page()
     page.goto(viewer.url)
     eventually(lambda: shown(page, "#picture") > 2, "pictures")
@@ -201,58 +202,58 @@ def test_a_lost_viewer_is_said_and_found_again(tmp_path, browser):
     assert page.locator("#notice").is_hidden()
     page.close()
     again.end()
-    others.end()
+    simulated.end()
 
 
-def test_the_wish_outlives_the_viewer(tmp_path, browser):
+def test_choices_outlive_the_viewer(tmp_path, browser):
     tmp_path.chmod(0o700)
-    others = SimulatedServices(Wire(folder=str(tmp_path)))
-    others.start()
+    simulated = SimulatedServices(Wire(folder=str(tmp_path)))
+    simulated.start()
     viewer = ViewerProcess(tmp_path)
-    viewer.said()
+    viewer.first_line()
     pages = [browser.new_context().new_page() for _ in range(2)]  # two people
     for page in pages:
         page.goto(viewer.url)
         page.locator("#overall[data-state=live]").wait_for()
     pages[0].locator("#exposure").fill("-1.5")
-    pages[1].locator("#thing-x").fill("-0.25")
-    whole = eventually(lambda: next((wish for wish in others.wishes if wish.exposure == -1.5 and wish.poses), None), "both wishes")
-    eventually(lambda: all("0.25" in page.evaluate("localStorage.getItem('vemlight wish')") for page in pages), "both pages know")
+    pages[1].locator("#object-x").fill("-0.25")
+    whole = eventually(lambda: next((c for c in simulated.controls if c.exposure == -1.5 and c.poses), None), "both choices")
+    eventually(lambda: all("0.25" in page.evaluate("localStorage.getItem('vemlight controls')") for page in pages), "both pages know")
     viewer.end()
-    others.wishes.clear()
+    simulated.controls.clear()
     again = ViewerProcess(tmp_path, port=viewer.port)
-    eventually(lambda: others.wishes, "a wish")
-    assert others.wishes[0] == whole  # not for a moment anything else
-    eventually(lambda: pages[1].locator("#exposure").input_value() == "-1.5", "the wish shown")
-    pages[0].get_by_role("button", name="As in the settings").click()
-    pages[0].get_by_role("button", name="As in the scene file").click()
-    eventually(lambda: others.wishes[-1] == wire.ControlMessage(), "the settings' own again")
+    eventually(lambda: simulated.controls, "a control")
+    assert simulated.controls[0] == whole  # not for a moment anything else
+    eventually(lambda: pages[1].locator("#exposure").input_value() == "-1.5", "the choice shown")
+    pages[0].get_by_role("button", name="Reset to settings").click()
+    pages[0].get_by_role("button", name="Reset to scene file").click()
+    eventually(lambda: simulated.controls[-1] == wire.ControlMessage(), "the settings' own again")
     again.end()
 
-    others.wishes.clear()
+    simulated.controls.clear()
     third = ViewerProcess(tmp_path, port=viewer.port, more="\n[renderer]\nexposure = 1.0")
-    eventually(lambda: others.wishes, "a wish")
-    assert set(others.wishes) == {wire.ControlMessage()}
+    eventually(lambda: simulated.controls, "a control")
+    assert set(simulated.controls) == {wire.ControlMessage()}
     eventually(lambda: pages[0].locator("#exposure").input_value() == "1", "the new settings shown")
     third.end()
     for page in pages:
         page.context.close()
-    others.end()
+    simulated.end()
 
 
 def test_the_page_behind_a_token(tmp_path, browser):
     tmp_path.chmod(0o700)
-    others = SimulatedServices(Wire(folder=str(tmp_path)))
-    others.start()
+    simulated = SimulatedServices(Wire(folder=str(tmp_path)))
+    simulated.start()
     viewer = ViewerProcess(tmp_path, more='token = "0123456789abcdef"')
-    viewer.said()
+    viewer.first_line()
     page = browser.new_context().new_page()
     assert page.goto(viewer.url).status == 401
     page.goto(f"{viewer.url}/?token=0123456789abcdef")
     assert page.url == f"{viewer.url}/"
     eventually(lambda: shown(page, "#picture") > 2, "pictures")
     page.locator("#exposure").fill("-2")
-    eventually(lambda: others.wishes and others.wishes[-1].exposure == -2, "the wish")
+    eventually(lambda: simulated.controls and simulated.controls[-1].exposure == -2, "the choice")
     viewer.end()
     again = ViewerProcess(tmp_path, port=viewer.port, more='token = "fedcba9876543210"')
     page.get_by_text("The viewer asks for its new token").wait_for()
@@ -260,16 +261,16 @@ def test_the_page_behind_a_token(tmp_path, browser):
     page.locator("#overall[data-state=live]").wait_for()
     again.end()
     page.context.close()
-    others.end()
+    simulated.end()
 
 
 def test_lossless_mode_says_why_nothing_can_be_changed(tmp_path, browser):
     tmp_path.chmod(0o700)
     viewer = ViewerProcess(tmp_path, top='mode = "lossless"')
-    viewer.said()
+    viewer.first_line()
     page = browser.new_page()
     page.goto(viewer.url)
-    page.locator("#unheard").get_by_text("lossless mode").wait_for()
+    page.locator("#no-controls").get_by_text("lossless mode").wait_for()
     assert page.locator("#count").is_disabled()
     assert page.get_by_role("button", name="Pause").is_disabled()
     page.close()

@@ -1,19 +1,45 @@
 """The state counts what it shows and passes over; `/metrics` is text that Prometheus reads."""
 
-import re
-
+import msgspec
 import numpy as np
 import pytest
+from prometheus_client import Metric, generate_latest
+from prometheus_client.parser import text_string_to_metric_families
 
 from vemlight.errors import UserError
 from vemlight.runtime import wire
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.settings import Settings
-from vemlight.viewer.metrics import metrics
+from vemlight.viewer.metrics import registry
+from vemlight.viewer.report_fields import report_fields
 from vemlight.viewer.viewer_state import ViewerState
 
-SAMPLE = re.compile(r'([a-z_]+)(?:\{((?:[a-z]+="[^"\\]*",?)*)\})? ([-+0-9.e]+)')
-UNITS = ("_total", "_hertz", "_seconds", "_frames", "_bytes", "_fds", "_state", "_cells", "_lights", "_pages")
+UNITS = (
+    "_total",
+    "_hertz",
+    "_seconds",
+    "_frames",
+    "_bytes",
+    "_fds",
+    "_state",
+    "_cells",
+    "_pixels",
+    "_lights",
+    "_depth",
+    "_budget",
+    "_pages",
+)
+
+
+def metrics(state: ViewerState) -> list[Metric]:
+    """What a Prometheus server reads."""
+    return list(text_string_to_metric_families(generate_latest(registry(state.summary)).decode()))
+
+
+def sample(viewer: ViewerState, name: str, **labels: str) -> float:
+    """The value of a metric with these labels."""
+    (value,) = (s.value for metric in metrics(viewer) for s in metric.samples if s.name == name and s.labels == labels)
+    return value
 
 
 def image(sequence: int) -> wire.Message:
@@ -22,94 +48,115 @@ def image(sequence: int) -> wire.Message:
 
 
 def status(frames: int) -> wire.Message:
-    said = wire.StatusMessage(
+    status = wire.StatusMessage(
         service="renderer", sequence=frames, rate_hz=25, age_ms=30, step_ms=9, frames=frames, skipped=2, dropped=1, refused=0, restarts=4
     )
-    return said, ()
+    return status, ()
 
 
 def full_state() -> ViewerState:
     state = ViewerState(Settings(), restarts=2)
     state.take("renderer", [status(10), image(10), image(11), image(12)])
     state.take("renderer", [status(15)])  # 5 made, 3 came
-    state.status_due()
+    state.status_if_due()
     return state
 
 
 def test_what_is_passed_over_and_what_is_lost():
-    said = full_state().status
-    assert said
-    assert (said.sequence, said.frames, said.skipped, said.dropped, said.restarts) == (12, 1, 2, 2, 2)
+    status = full_state().status
+    assert status
+    assert (status.sequence, status.frames, status.skipped, status.dropped, status.restarts) == (12, 1, 2, 2, 2)
 
 
 def test_the_summary_has_a_row_for_each_service():
     summary = full_state().summary()
     assert [row["service"] for row in summary["services"]] == ["capture", "sampler", "renderer", "viewer"]
-    assert [row["state"] for row in summary["services"]] == ["not heard", "not heard", "live", "live"]
+    assert [row["state"] for row in summary["services"]] == ["not seen", "not seen", "live", "live"]
     assert not summary["healthy"]
-    assert ViewerState(Settings(), 0).summary()["services"][-1]["words"] == "waits for renderer"
+    assert ViewerState(Settings(), 0).summary()["services"][-1]["text"] == "waiting for renderer"
 
 
-def test_a_wish_changes_what_it_names():
+def test_a_choice_changes_what_it_names():
     state = ViewerState(Settings(), 0)
-    state.wish_for(b'{"count": 5, "paused": true}')
-    state.wish_for(b'{"exposure": 2}')
-    state.wish_for(b'{"count": null}')
-    assert state.wish == wire.ControlMessage(exposure=2.0, paused=True)
+    state.set_control(b'{"count": 5, "paused": true}')
+    state.set_control(b'{"exposure": 2}')
+    state.set_control(b'{"count": null}')
+    assert state.control == wire.ControlMessage(exposure=2.0, paused=True)
     with pytest.raises(UserError, match="lossless"):
-        ViewerState(Settings(mode="lossless"), 0).wish_for(b"{}")
+        ViewerState(Settings(mode="lossless"), 0).set_control(b"{}")
 
 
 @pytest.mark.parametrize("state", [ViewerState(Settings(), 0), full_state()], ids=["empty", "full"])
-def test_metrics_keep_to_the_form(state):
-    kinds: dict[str, str] = {}
-    seen = set()
-    for line in metrics(state.summary()).splitlines():
-        if line.startswith("# TYPE "):
-            _, _, name, kind = line.split()
-            assert kinds.setdefault(name, kind) is kind
-            assert name.startswith(("vemlight_", "process_"))
-            assert name.endswith(UNITS)
-            assert name.endswith("_total") == (kind == "counter")
-        elif not line.startswith("# HELP "):
-            parts = SAMPLE.fullmatch(line)
-            assert parts, line
-            assert parts[1] in kinds
-            assert line.rsplit(" ", 1)[0] not in seen
-            seen.add(line.rsplit(" ", 1)[0])
-            float(parts[3])
-    assert len(seen) <= 200
+def test_metrics_have_one_prefix_base_units_and_few_samples(state):
+    found = metrics(state)
+    for metric in found:
+        name = f"{metric.name}_total" if metric.type == "counter" else metric.name
+        assert name.startswith(("vemlight_", "process_"))
+        assert name.endswith(UNITS)
+        assert metric.documentation
+    samples = [(s.name, tuple(s.labels.items())) for metric in found for s in metric.samples]
+    assert len(samples) == len(set(samples)) <= 200
 
 
-def test_the_filters_delay_is_told_in_seconds_and_in_frames():
+def test_every_field_of_a_report_is_a_metric_in_base_units_and_a_row_of_the_page():
     state, stamp, none = ViewerState(Settings(), 0), wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
     stats = ServiceStats("sampler", 0)
-    lights = wire.LightsMessage(stamp=stamp, count=0, coverage="hemisphere", report=wire.LightsReport(delay_ms=160.0, delay_frames=4.0))
-    stats.finished((lights, (np.zeros(0, np.int64), none, none, none, none)), 0.001)
-    said = stats.due()
-    assert said
-    state.take("sampler", [(said, ())])
-    text = metrics(state.summary()).splitlines()
-    assert 'vemlight_filter_delay_seconds{stage="sampler"} 0.16' in text
-    assert 'vemlight_filter_delay_frames{stage="sampler"} 4' in text
+    report = wire.LightsReport(delay_ms=160.0, delay_frames=4.0, required_lights=90, lamp_hz=100.0)
+    lights = wire.LightsMessage(stamp=stamp, count=0, coverage="hemisphere", report=report)
+    stats.on_finished((lights, (np.zeros(0, np.int64), none, none, none, none)), 0.003)
+    status = stats.status_if_due()
+    assert status
+    state.take("sampler", [(status, ())])
+    assert sample(state, "vemlight_sampler_delay_seconds") == 0.16
+    assert sample(state, "vemlight_sampler_delay_frames") == 4
+    assert sample(state, "vemlight_sampler_required_lights") == 90
+    assert sample(state, "vemlight_sampler_lamp_hertz") == 100
+
+    summary = state.summary()
+    assert summary["services"][1]["report"] == msgspec.structs.asdict(report)
+    assert [field["name"] for field in summary["report_fields"]["sampler"]] == list(wire.LightsReport.__struct_fields__)
+    delay = summary["report_fields"]["sampler"][0]
+    assert (delay["label"], delay["unit"], delay["is_loss"]) == ("filter delay", "ms", False)
+    assert [field["name"] for field in summary["report_fields"]["capture"] if field["is_loss"]] == ["invalid_cells", "saturated_pixels"]
+    assert all(field["meaning"] for fields in summary["report_fields"].values() for field in fields)
 
 
-def test_metrics_say_what_the_services_said():
-    text = metrics(full_state().summary())
-    assert 'vemlight_frames_total{stage="renderer",outcome="done"} 15\n' in text
-    assert 'vemlight_frames_total{stage="viewer",outcome="dropped"} 2\n' in text
-    assert 'vemlight_stage_duration_seconds{stage="renderer",quantile="0.5"} 0.009\n' in text
-    assert 'vemlight_stage_state{stage="capture",state="not heard"} 1\n' in text
+def test_a_service_that_reports_nothing_has_no_fields():
+    assert report_fields("plate") == ()
 
 
-def test_a_pose_is_wished_and_taken_back() -> None:
+def test_metrics_repeat_what_the_services_published():
+    state = full_state()
+    assert sample(state, "vemlight_frames_total", stage="renderer", outcome="done") == 15
+    assert sample(state, "vemlight_frames_total", stage="viewer", outcome="dropped") == 2
+    assert sample(state, "vemlight_stage_state", stage="capture", state="not seen") == 1
+    assert sample(state, "vemlight_frame_age_seconds", stage="renderer") == pytest.approx(0.03)
+
+
+def test_durations_are_a_histogram_of_the_time_for_a_frame():
+    state, stats = ViewerState(Settings(), 0), ServiceStats("renderer", 0)
+    for step_s in (0.0005, 0.001, 0.0011, 0.3, 7.0):
+        stats.on_finished(image(0), step_s)
+    status = stats.status_if_due()
+    assert status
+    state.take("renderer", [(status, ())])
+    counts = {
+        bound: sample(state, "vemlight_stage_duration_seconds_bucket", stage="renderer", le=bound)
+        for bound in ("0.001", "0.002", "5.0", "+Inf")
+    }
+    assert counts == {"0.001": 2, "0.002": 3, "5.0": 4, "+Inf": 5}
+    assert sample(state, "vemlight_stage_duration_seconds_count", stage="renderer") == 5
+    assert sample(state, "vemlight_stage_duration_seconds_sum", stage="renderer") == pytest.approx(7.3026)
+
+
+def test_a_pose_is_chosen_and_withdrawn() -> None:
     state = ViewerState(Settings(), 0)
-    state.wish_for(b'{"poses": [{"name": "box", "position": [0, 0, 1]}], "count": 5}')
-    assert state.wish.poses == (wire.Pose(name="box", position=(0.0, 0.0, 1.0)),)
-    state.wish_for(b'{"exposure": 1.0}')
-    assert len(state.wish.poses) == 1
-    state.wish_for(b'{"poses": null, "count": null}')
-    assert state.wish == wire.ControlMessage(exposure=1.0)
+    state.set_control(b'{"poses": [{"name": "box", "position": [0, 0, 1]}], "count": 5}')
+    assert state.control.poses == (wire.Pose(name="box", position=(0.0, 0.0, 1.0)),)
+    state.set_control(b'{"exposure": 1.0}')
+    assert len(state.control.poses) == 1
+    state.set_control(b'{"poses": null, "count": null}')
+    assert state.control == wire.ControlMessage(exposure=1.0)
 
 
 @pytest.mark.parametrize(
@@ -124,5 +171,5 @@ def test_a_pose_is_wished_and_taken_back() -> None:
 )
 def test_poses_that_nothing_can_take_are_one_line(poses: str) -> None:
     with pytest.raises(UserError, match=r"^control: ") as caught:
-        ViewerState(Settings(), 0).wish_for(f'{{"poses": {poses}}}'.encode())
+        ViewerState(Settings(), 0).set_control(f'{{"poses": {poses}}}'.encode())
     assert "\n" not in str(caught.value)

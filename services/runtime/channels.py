@@ -1,35 +1,47 @@
-"""One table of the services and of the channels between them. Sockets, liveness, the status page and the tests read it."""
+"""One table of the channels between the services, and which service takes whose frames.
+
+Read by the sockets (topics and queues), by the judgement of liveness and the health check, by the viewer's page and by the tests.
+What a message of each kind contains is declared in wire.py.
+"""
 
 from typing import Literal, NamedTuple
 
 Service = Literal["capture", "sampler", "renderer", "viewer", "plate"]
+SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer", "plate")  # the order fixes the tcp ports
+
+REPORT_PERIOD_S = 0.5  # a person sees a change within it, and ten messages a second in all cost nothing
+QUEUE_FRAMES = 4  # 4 maps are 1.6 MB; with libzmq's own 1000 a stalled reader costs the sender 372 MB
 
 
 class Channel(NamedTuple):
-    """What one service says. `kind` is the message's topic and the tag of its record."""
+    """What one service publishes."""
 
-    kind: str
-    producer: Service | None  # None: every service says it of itself
+    kind: str  # the messages' topic and the tag of their header in wire.py
+    producer: Service | None  # None: every service
+    rate_hz: float | None  # messages a second; None: the source's frame rate
+    max_missed: int  # messages missing in a row before the producer counts as stalled (frames) or silent (statuses)
+    queue: int  # messages that wait in a socket at most; what comes after is dropped
     meaning: str
+
+    def timeout_s(self, source_fps: float) -> float:
+        """How long after a message the producer counts as stalled or silent when no other follows."""
+        return self.max_missed / (self.rate_hz or source_fps)
 
 
 CHANNELS = (
-    Channel("map", "capture", "radiance of one frame as a polar map"),
-    Channel("lights", "sampler", "directional lights of one frame"),
-    Channel("image", "renderer", "picture of the scene under one frame's lights, tone-mapped"),
-    Channel("plate", "plate", "what a second camera sees, to stand behind the scene"),
-    Channel("control", "viewer", "what the person at the viewer wants, whole, twice a second"),
-    Channel("status", None, "how a service fares, twice a second"),
-    Channel("end", None, "no frame of this number or a later one will come"),
+    Channel("map", "capture", None, 3, QUEUE_FRAMES, "radiance of one frame as a polar map"),
+    Channel("lights", "sampler", None, 3, QUEUE_FRAMES, "directional lights of one frame"),
+    Channel("image", "renderer", None, 3, QUEUE_FRAMES, "the scene lit by one frame's lights, rendered and tone-mapped"),
+    Channel("plate", "plate", None, 3, QUEUE_FRAMES, "a second camera's picture, shown behind the scene"),
+    Channel("control", "viewer", 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "everything that the person at the viewer has chosen"),
+    Channel("status", None, 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "how a service is doing"),
+    Channel("end", None, None, 3, QUEUE_FRAMES, "no frame of this number or a later one will come"),
 )
+BY_KIND = {channel.kind: channel for channel in CHANNELS}
+STATUS = BY_KIND["status"]
 
 # The frames' way: each service and the service whose frames it takes. A later one ends the run when it has the last frame.
 UPSTREAM: dict[Service, Service | None] = {"capture": None, "sampler": "capture", "renderer": "sampler", "plate": None}
-SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer", "plate")  # the order gives the ports
-FRAMES: dict[Service, str] = {channel.producer: channel.kind for channel in CHANNELS if channel.producer in UPSTREAM}
+FRAMES: dict[Service, Channel] = {channel.producer: channel for channel in CHANNELS if channel.producer in UPSTREAM}
 LAST: Service = "renderer"
-BACKPRESSURE_FROM: dict[Service, Service] = {"sampler": "renderer"}  # live: whose status a service heeds
-
-STATUS_PERIOD_S = 0.5
-SILENT_S = 3 * STATUS_PERIOD_S  # a service unheard for so long is shown as silent: two reports in a row are missing
-QUEUE_FRAMES = 4  # high-water mark: 4 maps are 1.6 MB; at libzmq's 1000 a stalled reader costs the sender 372 MB
+BACKPRESSURE_FROM: dict[Service, Service] = {"sampler": "renderer"}  # live: whose status a service receives

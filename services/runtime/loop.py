@@ -1,7 +1,7 @@
 """Receive, step, send, stop: what every service does around its own work, in the two modes.
 
-live: a service hears the newest frame and passes over those that came while it worked; what was passed over or lost is counted.
-lossless: the last service asks for each frame by number and every other one makes what is asked for (services/runtime/demand.py).
+live: a service takes the newest frame and passes over those that came while it worked; what was passed over or lost is counted.
+lossless: the last service requests each frame by number and every other one makes what is requested (services/runtime/demand.py).
 """
 
 import signal
@@ -15,21 +15,24 @@ import zmq
 from vemlight.runtime import wire
 from vemlight.runtime.channels import BACKPRESSURE_FROM, FRAMES, LAST, UPSTREAM, Service
 from vemlight.runtime.demand import Supply
-from vemlight.runtime.service_stats import Losses, ServiceStats
-from vemlight.runtime.sync import Lockstep, NearestInTime, received
-from vemlight.runtime.transport import Transport, admit
+from vemlight.runtime.service_stats import LossCounter, ServiceStats
+from vemlight.runtime.sync import Lockstep, NearestInTime, receive_all
+from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Settings
 
 State = TypeVar("State")
 CameraMessage = tuple[wire.MapMessage | wire.PlateMessage, tuple[np.ndarray, ...]]
-POLL_MS = 100  # how late a stop is noticed at most when nothing arrives
-FRESH_MS = 60  # live: a frame older than this has waited in a queue while one and a half newer ones came, at 25 a second
-END_PERIOD_S = 0.2  # live: the end is said again and again, for who was not listening
-KEPT_FRAMES = 64  # lossless: how many finished frames a service holds for one that asks again
+POLL_MS = 100  # how late a stop is noticed at most when nothing arrives: any value in 10..500 does
+STALE_MS = 60  # live: a frame older than this has waited in a queue while one and a half newer ones came, at 25 a second
+END_PERIOD_S = 0.2  # live: the end is published again and again, for who was not listening: any value in 0.05..1 does
+CACHED_FRAMES = 64  # lossless: finished frames that a service keeps for one that requests them again; more than any window of requests
 
 
 class Stage(Protocol[State]):
-    """A service's own work: `step` makes the next message, `write` puts it into files."""
+    """A service's own work.
+
+    `step` and `on_message` depend on their arguments alone and have no effect but their result; `write` puts results into files.
+    """
 
     service: Service
 
@@ -45,7 +48,9 @@ class Stage(Protocol[State]):
         """A state, and the first frame to step it on so that every frame from `target` on is the same as in an uninterrupted run."""
         ...
 
-    def step(self, state: State, message: wire.Message) -> tuple[State, wire.Message]: ...
+    def step(self, state: State, message: wire.Message) -> tuple[State, wire.Message]:
+        """The next state, and the frame that is made of an input frame."""
+        ...
 
     def on_message(self, state: State, message: wire.Message) -> State:
         """Takes a frame of `side_inputs` before a step; in live mode also a wire.ControlMessage, the choices of the person at the
@@ -91,251 +96,265 @@ class Camera(Protocol):
     def close(self) -> None: ...
 
 
-class Stop:
-    """Set by SIGTERM or SIGINT."""
+class StopSignal:
+    """Whether SIGTERM or SIGINT has come."""
 
     def __init__(self) -> None:
-        self.asked = False
+        self.received = False
         for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._ask)
+            signal.signal(number, self._receive)
 
-    def _ask(self, *_: object) -> None:
-        self.asked = True
+    def _receive(self, *_: object) -> None:
+        self.received = True
 
 
 def publish(publisher: Any, message: wire.Message) -> None:
-    """To whoever listens; a listener whose queue is full misses it."""
+    """Sends to whoever has subscribed; a subscriber whose queue is full misses it."""
     publisher.send_multipart(wire.pack(*message), zmq.NOBLOCK)
 
 
-def say_status(publisher: Any, stats: ServiceStats) -> None:
-    if status := stats.due():
+def publish_status(publisher: Any, stats: ServiceStats) -> None:
+    """Publishes the service's status when it is time to."""
+    if status := stats.status_if_due():
         publish(publisher, (status, ()))
 
 
 def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
-    """Runs a stage until it is told to stop or, being the last, has done the last frame.
+    """Runs a stage until a signal stops it or, if it is the last, it has done the last frame.
 
-    Raises UserError for sockets that cannot be had, and whatever the stage raises.
+    Raises UserError for addresses that are taken, and whatever the stage raises.
     """
     transport = Transport(settings.wire)
     try:
         stats = ServiceStats(stage.service, restarts)
         publisher = transport.bind(stage.service, "publish")
-        run = _lossless if settings.mode == "lossless" else _live
-        run(stage, transport, publisher, stats, Stop())
+        run = _run_lossless if settings.mode == "lossless" else _run_live
+        run(stage, transport, publisher, stats, StopSignal())
     finally:
         transport.close()
 
 
-def _live(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: Stop) -> None:
+def _run_live(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
     upstream = UPSTREAM[stage.service]
     assert upstream
-    frames = transport.subscribe(upstream, FRAMES[upstream], "status", "end")
-    told = [transport.subscribe("viewer", "control")]
+    frames = transport.subscribe(upstream, FRAMES[upstream].kind, "status", "end")
+    control_sockets = [transport.subscribe("viewer", "control")]
     if stage.service in BACKPRESSURE_FROM:
-        told.append(transport.subscribe(BACKPRESSURE_FROM[stage.service], "status"))
+        control_sockets.append(transport.subscribe(BACKPRESSURE_FROM[stage.service], "status"))
     nearest = NearestInTime(transport)
     poller = zmq.Poller()
-    for socket in (frames, *told, publisher):
+    for socket in (frames, *control_sockets, publisher):
         poller.register(socket, zmq.POLLIN)
 
     state, _ = stage.start_at(0)
-    losses = Losses()
-    ended: wire.EndMessage | None = None
-    while not stop.asked:
+    input_ = LiveInput(frames, stats)
+    while not stop.received:
         poller.poll(POLL_MS)
-        admit(publisher)
-        for said in (message for socket in told for message in received(socket, stats)):
-            if isinstance(said[0], wire.ControlMessage | wire.StatusMessage):
-                state = stage.on_message(state, said)
+        accept_subscriptions(publisher)
+        for socket in control_sockets:
+            for message in receive_all(socket, stats):
+                if isinstance(message[0], wire.ControlMessage | wire.StatusMessage):
+                    state = stage.on_message(state, message)
 
-        newest, ended = _newest(frames, stats, losses, ended)
-        if newest:
-            assert isinstance(newest[0], wire.FRAME)
-            beside = nearest.to(newest[0].stamp, stage.side_inputs(state), stats)
-            state = _advance(stage, state, newest, beside, publisher, stats)[0]
-        if ended:
+        if newest := input_.newest():
+            assert isinstance(newest[0], wire.FrameHeader)
+            side_frames = nearest.frames_at(newest[0].stamp, stage.side_inputs(state), stats)
+            state, _ = _step(stage, state, newest, side_frames, publisher, stats)
+        if input_.end:
             if stage.service == LAST:
                 stage.finish()
                 return
-            publish(publisher, (ended, ()))
+            publish(publisher, (input_.end, ()))
             time.sleep(END_PERIOD_S)
-        say_status(publisher, stats)
+        publish_status(publisher, stats)
 
 
-def _newest(
-    frames: Any, stats: ServiceStats, losses: Losses, ended: wire.EndMessage | None
-) -> tuple[wire.Message | None, wire.EndMessage | None]:
-    """The newest frame that an upstream service has published, if there is one, and the stream's end, once it was said.
+class LiveInput:
+    """The frames that an upstream service publishes, of which the newest is wanted."""
 
-    While this service worked, the queue between the two kept the oldest frames and refused the newer ones. So when what waits is old,
-    what comes next is waited for, FRESH_MS at most, and the picture is up to date instead of a queue behind.
-    """
-    newest: wire.Message | None = None
-    give_up_s = time.monotonic() + FRESH_MS / 1e3
-    while True:
-        for header, arrays in received(frames, stats):
-            if isinstance(header, wire.FRAME):
-                losses.frame()
-                stats.skipped += newest is not None
-                newest, ended = (header, arrays), None
-            elif isinstance(header, wire.StatusMessage):
-                losses.status(header.frames)
-                stats.dropped = losses.dropped
-            elif isinstance(header, wire.EndMessage):
-                ended = header
-        stale = newest is not None and isinstance(newest[0], wire.FRAME) and wire.age_ms(newest[0].stamp) > FRESH_MS
-        left_ms = round((give_up_s - time.monotonic()) * 1e3)
-        if ended or not stale or left_ms <= 0 or not frames.poll(left_ms):
-            return newest, ended
+    def __init__(self, socket: Any, stats: ServiceStats) -> None:
+        """`socket`: subscribed to the service's frames, statuses and end. `stats`: what counts frames passed over and dropped."""
+        self.end: wire.EndMessage | None = None  # once the stream has ended
+        self._socket, self._stats = socket, stats
+        self._losses = LossCounter()
+
+    def newest(self) -> wire.Message | None:
+        """The newest frame, if one has come since the last call.
+
+        While this service worked, the queue between the two kept the oldest frames and dropped the newer ones. So when a stale frame is
+        all that waits, the next one is waited for, STALE_MS at most, and the picture is up to date instead of a queue behind.
+        """
+        newest: wire.Message | None = None
+        give_up_s = time.monotonic() + STALE_MS / 1e3
+        while True:
+            for header, arrays in receive_all(self._socket, self._stats):
+                if isinstance(header, wire.FrameHeader):
+                    self._losses.on_frame()
+                    self._stats.skipped += newest is not None
+                    newest, self.end = (header, arrays), None
+                elif isinstance(header, wire.StatusMessage):
+                    self._losses.on_status(header.frames)
+                    self._stats.dropped = self._losses.dropped
+                elif isinstance(header, wire.EndMessage):
+                    self.end = header
+            stale = newest is not None and isinstance(newest[0], wire.FrameHeader) and wire.age_ms(newest[0].stamp) > STALE_MS
+            left_ms = round((give_up_s - time.monotonic()) * 1e3)
+            if self.end or not stale or left_ms <= 0 or not self._socket.poll(left_ms):
+                return newest
 
 
-def _advance(
+def _step(
     stage: Stage[State],
     state: State,
     message: wire.Message,
-    beside: list[wire.Message],
+    side_frames: list[wire.Message],
     publisher: Any,
     stats: ServiceStats,
-    keep_from: int = 0,
+    write_from: int = 0,
 ) -> tuple[State, wire.Message]:
-    began_s = time.monotonic()
-    for said in beside:
-        state = stage.on_message(state, said)
+    """Steps the stage on a frame, writes what it made when its number is at least `write_from`, publishes and counts it."""
+    started_s = time.monotonic()
+    for side_frame in side_frames:
+        state = stage.on_message(state, side_frame)
     state, made = stage.step(state, message)
-    if isinstance(made[0], wire.FRAME) and made[0].stamp.sequence >= keep_from:
+    if isinstance(made[0], wire.FrameHeader) and made[0].stamp.sequence >= write_from:
         stage.write(state, made)
-    stats.finished(made, time.monotonic() - began_s)
+    stats.on_finished(made, time.monotonic() - started_s)
     publish(publisher, made)
     return state, made
 
 
-def _lossless(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: Stop) -> None:
+def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
     upstream = UPSTREAM[stage.service]
     assert upstream
     supply = Supply(transport.bind(stage.service, "serve"), stats)
-    kept = stage.first_missing_frame()
+    first_missing = stage.first_missing_frame()
     is_last = stage.service == LAST
-    state, at = stage.start_at(kept if is_last else 0)
+    state, due = stage.start_at(first_missing if is_last else 0)
     inputs = Lockstep(transport, (upstream, *stage.side_inputs(state)), stats)
     made: dict[int, wire.Message] = {}
-    while not stop.asked:
+    while not stop.received:
         zmq.select([*inputs.awaited(), supply.socket, publisher], [], [], POLL_MS / 1e3)
-        admit(publisher)
-        wanted = supply.wanted()
-        if wanted is not None and wanted < at and wanted not in made:
-            state, at = stage.start_at(wanted)
+        accept_subscriptions(publisher)
+        # A consumer that was restarted may want a frame that is no longer here: the stage starts again before it.
+        requested = supply.earliest_requested()
+        if requested is not None and requested < due and requested not in made:
+            state, due = stage.start_at(requested)
             made.clear()
             inputs.restart()
-        if (is_last or (wanted is not None and wanted >= at)) and (frames := inputs.frames(at)):
-            message, *beside = frames
-            state, made[at] = _advance(stage, state, message, beside, publisher, stats, keep_from=kept)
-            kept, at = max(kept, at + 1), at + 1
-            made.pop(at - KEPT_FRAMES, None)
+        if (is_last or (requested is not None and requested >= due)) and (frames := inputs.frames(due)):
+            message, *side_frames = frames
+            state, made[due] = _step(stage, state, message, side_frames, publisher, stats, write_from=first_missing)
+            first_missing, due = max(first_missing, due + 1), due + 1
+            made.pop(due - CACHED_FRAMES, None)
         supply.send(made.get, end=inputs.end)
-        if is_last and inputs.end is not None and at >= inputs.end:
+        if is_last and inputs.end is not None and due >= inputs.end:
             stage.finish()
             return
-        say_status(publisher, stats)
+        publish_status(publisher, stats)
 
 
 def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
-    """Runs a source: by the clock in live mode, on request in lossless mode. Raises UserError for sockets that cannot be had."""
+    """Runs a source: by the clock in live mode, on request in lossless mode. Raises UserError for addresses that are taken."""
     transport = Transport(settings.wire)
     try:
         stats = ServiceStats(source.service, restarts)
         publisher = transport.bind(source.service, "publish")
-        run = _source_lossless if settings.mode == "lossless" else _source_live
-        run(source, transport, publisher, stats, Stop())
+        run = _run_source_lossless if settings.mode == "lossless" else _run_source_live
+        run(source, transport, publisher, stats, StopSignal())
     finally:
         transport.close()
 
 
-def _source_live(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: Stop) -> None:
-    """Frame n is due at n / fps; a frame whose time has passed is dropped and counted. Paused, the held frame is sent again."""
-    wishes = transport.subscribe("viewer", "control")
+def _run_source_live(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
+    """Frame n is due at n / fps; a frame whose time has passed is dropped and counted. Paused, the frame shown is sent again."""
+    controls = transport.subscribe("viewer", "control")
     poller = zmq.Poller()
-    poller.register(wishes, zmq.POLLIN)
+    poller.register(controls, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
-    began_s, sequence, index, paused = time.monotonic(), 0, 0, False
-    while not stop.asked:
-        over = source.limit is not None and sequence >= source.limit
-        wait_s = END_PERIOD_S if over else began_s + sequence / source.fps - time.monotonic()
+    started_s, sequence, index, paused = time.monotonic(), 0, 0, False
+    while not stop.received:
+        ended = source.limit is not None and sequence >= source.limit
+        wait_s = END_PERIOD_S if ended else started_s + sequence / source.fps - time.monotonic()
         poller.poll(max(0, min(POLL_MS, round(wait_s * 1e3))))
-        admit(publisher)
-        for wish, _ in received(wishes, stats):
-            paused = wish.paused if isinstance(wish, wire.ControlMessage) else paused
-        if over:
+        accept_subscriptions(publisher)
+        paused = _is_paused(controls, stats, paused)
+        if ended:
             publish(publisher, (wire.EndMessage(sequence=sequence), ()))
             time.sleep(END_PERIOD_S)
-        elif (late_s := time.monotonic() - began_s - sequence / source.fps) >= 0:
+        elif (late_s := time.monotonic() - started_s - sequence / source.fps) >= 0:
             missed = int(late_s * source.fps)
             stats.dropped += missed
             sequence, index = sequence + missed, index + (0 if paused else missed)
-            made_s = time.monotonic()
+            step_began_s = time.monotonic()
             message = source.message(sequence, index % len(source), sequence / source.fps)
             publish(publisher, message)
-            stats.finished(message, time.monotonic() - made_s)
+            stats.on_finished(message, time.monotonic() - step_began_s)
             sequence, index = sequence + 1, index + (0 if paused else 1)
-        say_status(publisher, stats)
+        publish_status(publisher, stats)
 
 
-def _source_lossless(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: Stop) -> None:
+def _is_paused(controls: Any, stats: ServiceStats, before: bool) -> bool:
+    """What the newest control that waits says about it, or what was said before."""
+    for header, _ in receive_all(controls, stats):
+        before = header.paused if isinstance(header, wire.ControlMessage) else before
+    return before
+
+
+def _run_source_lossless(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
     supply = Supply(transport.bind(source.service, "serve"), stats)
     poller = zmq.Poller()
     poller.register(supply.socket, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
     made: dict[int, wire.Message] = {}
 
-    def frame(k: int) -> wire.Message:
-        if k not in made:
-            began_s = time.monotonic()
-            made[k] = source.message(k, k % len(source), k / source.fps)
-            publish(publisher, made[k])
-            stats.finished(made[k], time.monotonic() - began_s)
-            if len(made) > KEPT_FRAMES:
+    def frame(sequence: int) -> wire.Message:
+        if sequence not in made:
+            started_s = time.monotonic()
+            made[sequence] = source.message(sequence, sequence % len(source), sequence / source.fps)
+            publish(publisher, made[sequence])
+            stats.on_finished(made[sequence], time.monotonic() - started_s)
+            if len(made) > CACHED_FRAMES:
                 del made[next(iter(made))]
-        return made[k]
+        return made[sequence]
 
-    while not stop.asked:
+    while not stop.received:
         poller.poll(POLL_MS)
-        admit(publisher)
-        supply.wanted()
+        accept_subscriptions(publisher)
+        supply.earliest_requested()
         supply.send(frame, end=source.limit)
-        say_status(publisher, stats)
+        publish_status(publisher, stats)
 
 
 def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
-    """Runs a camera, in live mode. Paused, the held light is sent again with each new frame's number and stamp.
+    """Runs a camera, in live mode. Paused, the last frame's light is sent again with each new frame's number and stamp.
 
-    Raises UserError for sockets that cannot be had and for a camera that cannot go on.
+    Raises UserError for addresses that are taken and for a camera that cannot go on.
     """
     transport = Transport(settings.wire)
-    stop = Stop()
+    stop = StopSignal()
     try:
         stats = ServiceStats(camera.service, restarts)
-        publisher, wishes = transport.bind(camera.service, "publish"), transport.subscribe("viewer", "control")
+        publisher, controls = transport.bind(camera.service, "publish"), transport.subscribe("viewer", "control")
         paused = False
-        held: CameraMessage | None = None
-        while not stop.asked:
-            admit(publisher)
-            for wish, _ in received(wishes, stats):
-                paused = wish.paused if isinstance(wish, wire.ControlMessage) else paused
+        last: CameraMessage | None = None
+        while not stop.received:
+            accept_subscriptions(publisher)
+            paused = _is_paused(controls, stats, paused)
             if camera.limit is not None and stats.frames >= camera.limit:
-                publish(publisher, (wire.EndMessage(sequence=2**53 - 1), ()))
+                publish(publisher, (wire.EndMessage(sequence=wire.MAX_SEQUENCE), ()))
                 time.sleep(END_PERIOD_S)
             else:
-                began_s = time.monotonic()
+                started_s = time.monotonic()
                 message, lost = camera.message(POLL_MS / 1e3)
                 stats.dropped += lost
-                if message and held and paused:
-                    message = msgspec.structs.replace(held[0], stamp=message[0].stamp), held[1]
+                if message and last and paused:
+                    message = msgspec.structs.replace(last[0], stamp=message[0].stamp), last[1]
                 if message:
-                    held = message
+                    last = message
                     publish(publisher, message)
-                    stats.finished(message, time.monotonic() - began_s)
-            say_status(publisher, stats)
+                    stats.on_finished(message, time.monotonic() - started_s)
+            publish_status(publisher, stats)
     finally:
         camera.close()
         transport.close()

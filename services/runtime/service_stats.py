@@ -1,75 +1,92 @@
-"""What a service counts and times of its own frames, and says as its status."""
+"""What a service counts and measures while it works, published as its status."""
 
+import bisect
+import sys
 import time
 from collections import deque
 from statistics import median
 
 from vemlight.runtime import wire
-from vemlight.runtime.channels import STATUS_PERIOD_S, Service
+from vemlight.runtime.channels import REPORT_PERIOD_S, Service
 
-RATE_WINDOW_S = 2.0
+RATE_WINDOW_S = 2.0  # a quarter of it to four times as much serves: long enough that one late frame does not show, short enough to follow
+STEP_WINDOW = 32  # frames in the median of step times: any value in 8..128 serves
+REFUSED_LINE_S = 60.0  # between two lines about refused messages: whoever sends them shall not fill the log
 
 
-class Losses:
-    """Frames of one producer that it published and that never came here.
+class LossCounter:
+    """Counts the frames that a producer published and that never came here.
 
-    Its status and its frames come through one socket in order, so between two statuses the frames it counts and those that came
-    must agree; what is missing was dropped on the way. Gaps in the frames' numbers would also count what it never made.
+    The producer's statuses and frames come through one socket in order, so between two statuses the frames that the producer counted and
+    those that came must agree: what is missing was dropped on the way. Gaps in the frames' numbers would also count what was never made.
     """
 
     def __init__(self) -> None:
         self.dropped = 0
-        self._before = 0  # dropped before the producer last began to count
-        self._first: int | None = None  # its count when this began
-        self._came = 0
+        self._dropped_before = 0  # until the producer last started to count
+        self._first: int | None = None  # the producer's count when this one started
+        self._received = 0
 
-    def frame(self) -> None:
-        self._came += 1
+    def on_frame(self) -> None:
+        self._received += 1
 
-    def status(self, frames: int) -> None:
-        if self._first is None or frames < self._first + self._came:  # the first status, or it was started again
-            self._first, self._came, self._before = frames, 0, self.dropped
-        self.dropped = self._before + frames - self._first - self._came
+    def on_status(self, frames: int) -> None:
+        """`frames`: the producer's own count."""
+        if self._first is None or frames < self._first + self._received:  # the first status, or the producer was restarted
+            self._first, self._received, self._dropped_before = frames, 0, self.dropped
+        self.dropped = self._dropped_before + frames - self._first - self._received
 
 
 class ServiceStats:
-    """What a service says of itself: counts, rates and times of the frames it has done."""
+    """A service's counters and the times of its frames."""
 
     def __init__(self, service: Service, restarts: int) -> None:
         self.service, self.restarts = service, restarts
         self.frames = self.skipped = self.dropped = self.refused = 0
         self._newest: wire.Stamp | None = None
         self._age_ms = 0.0
-        self._done_s: deque[float] = deque(maxlen=256)
-        self._step_ms: deque[float] = deque(maxlen=32)
-        self._report: wire.MapReport | wire.LightsReport | wire.ImageReport | None = None
+        self._finished_s: deque[float] = deque(maxlen=256)  # of 250 frames a second and more the rate is that of the last 256
+        self._step_ms: deque[float] = deque(maxlen=STEP_WINDOW)
+        self._step_counts = wire.STEP_BINS * [0]
+        self._step_total_ms = 0.0
+        self._report: wire.AnyReport | None = None
         self._due_s = 0.0
+        self._refused_line_s = float("-inf")
 
-    def finished(self, message: wire.Message, took_s: float) -> None:
+    def on_finished(self, message: wire.Message, step_s: float) -> None:
+        """Counts a frame that this service has made in `step_s`."""
         header = message[0]
-        assert isinstance(header, wire.FRAME)
+        assert isinstance(header, wire.FrameHeader)
         self.frames += 1
         self._newest, self._age_ms = header.stamp, wire.age_ms(header.stamp)
-        self._done_s.append(time.monotonic())
-        self._step_ms.append(took_s * 1e3)
-        self._report = None if isinstance(header, wire.PlateMessage) else header.report
+        self._finished_s.append(time.monotonic())
+        self._step_ms.append(step_s * 1e3)
+        self._step_counts[bisect.bisect_left(wire.STEP_BOUNDS_MS, step_s * 1e3)] += 1
+        self._step_total_ms += step_s * 1e3
+        self._report = getattr(header, "report", None)  # a plate has none
 
-    def due(self) -> wire.StatusMessage | None:
-        """The status, when it is time to say it again."""
-        now = time.monotonic()
-        if now < self._due_s:
+    def on_refused(self, error: ValueError) -> None:
+        """Counts a message that cannot be decoded; now and then a line says why."""
+        self.refused += 1
+        if time.monotonic() - self._refused_line_s > REFUSED_LINE_S:
+            self._refused_line_s = time.monotonic()
+            reason = ascii(str(error))[1:-1][:300]  # parts of it come from the sender
+            print(f"vemlight: {self.service}: refused a message: {reason}", file=sys.stderr, flush=True)
+
+    def status_if_due(self) -> wire.StatusMessage | None:
+        """The status, when it is time to publish it again."""
+        now_s = time.monotonic()
+        if now_s < self._due_s:
             return None
-        self._due_s = now + STATUS_PERIOD_S
-        recent = [t for t in self._done_s if t > now - RATE_WINDOW_S]
-        if len(recent) < 2:  # slower than the window: the last two frames tell
-            recent = list(self._done_s)[-2:]
-        rate_hz = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0
+        self._due_s = now_s + REPORT_PERIOD_S
         return wire.StatusMessage(
             service=self.service,
             sequence=self._newest.sequence if self._newest else None,
-            rate_hz=rate_hz,
+            rate_hz=self._rate_hz(now_s),
             age_ms=self._age_ms if self._newest else None,
             step_ms=median(self._step_ms) if self._step_ms else None,
+            step_counts=tuple(self._step_counts),
+            step_total_ms=self._step_total_ms,
             frames=self.frames,
             skipped=self.skipped,
             dropped=self.dropped,
@@ -77,3 +94,10 @@ class ServiceStats:
             restarts=self.restarts,
             report=self._report,
         )
+
+    def _rate_hz(self, now_s: float) -> float:
+        """Frames a second within RATE_WINDOW_S, or between the last two when they are further apart; 0 before the second."""
+        recent = [t for t in self._finished_s if t > now_s - RATE_WINDOW_S]
+        if len(recent) < 2:
+            recent = list(self._finished_s)[-2:]
+        return (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 and recent[-1] > recent[0] else 0.0

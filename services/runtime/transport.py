@@ -1,4 +1,4 @@
-"""Sockets between the services: endpoints, limits against hostile peers, keys. The numbers' reasons are measurements in the comments.
+"""Sockets between the services: endpoints, limits against hostile peers, keys.
 
 Each service binds two sockets: `publish` (XPUB: its frames in live mode, its status always) and `serve` (ROUTER: its frames on
 request, lossless mode).
@@ -10,7 +10,7 @@ import socket as network
 import stat
 import tempfile
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import zmq
 import zmq.auth
@@ -18,23 +18,27 @@ from zmq.auth.thread import ThreadAuthenticator
 
 from vemlight.errors import UserError
 from vemlight.runtime import wire
-from vemlight.runtime.channels import CHANNELS, QUEUE_FRAMES, SERVICES, Service
+from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Service
 from vemlight.settings import Wire
 
 Role = Literal["publish", "serve"]
 ROLES: tuple[Role, ...] = ("publish", "serve")
-HANDSHAKE_MS = 2000  # libzmq's 30 s lets 800 silent connections hold 800 files
-PROBE_S, PROBES = 1, 3  # tcp: after a second of silence the peer's kernel is asked; a host or container that vanished says no goodbye
+MAX_SOCKET_PATH = 107  # bytes: sun_path holds 108 with the final 0
+HANDSHAKE_MS = 2000  # at libzmq's 30 s, 800 silent connections hold 800 files; a handshake takes under 100 ms on a busy machine
+# tcp: a host or container that vanished sends no FIN. After a second of silence its kernel is probed once a second, and the third
+# probe in a row without an answer ends the connection: 4 s in all.
+KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3
+RECONNECT_MS, MAX_RECONNECT_MS = 50, 500  # a restarted service is found within half a second
 ZAP_DOMAIN = "vemlight"  # the same on both sides: with a wildcard everyone is refused
 KEY_NAME = "vemlight"
-TOPICS = {channel.kind.encode() for channel in CHANNELS}
+_TOPICS = {kind.encode() for kind in BY_KIND}
 
 
-def runtime_folder(wire_settings: Wire) -> Path:
-    """The folder of the ipc sockets, made with mode 0700. Raises UserError when others could write to it."""
+def runtime_folder(settings: Wire) -> Path:
+    """The folder of the ipc sockets, made with mode 0700. Raises UserError when others could use or write to it."""
     base = os.environ.get("XDG_RUNTIME_DIR")
     default = Path(base) / "vemlight" if base else Path(tempfile.gettempdir()) / f"vemlight-{os.getuid()}"
-    folder = Path(wire_settings.folder) if wire_settings.folder else default
+    folder = Path(settings.folder) if settings.folder else default
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.stat()
@@ -42,44 +46,61 @@ def runtime_folder(wire_settings: Wire) -> Path:
         raise UserError(f"{folder}: cannot hold the sockets ({error.strerror}); set [wire] folder to one you own") from error
     if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
         raise UserError(f"{folder}: others may use the sockets in it; run `chmod 700 {folder}` or set [wire] folder")
-    longest = max(len(f"{folder}/{service}.{role}") for service in SERVICES for role in ROLES)
-    if longest > 107:  # sun_path holds 108 bytes with its end
-        raise UserError(f"{folder}: is too long a path for a socket ({longest} of 107 bytes); set [wire] folder to a shorter one")
+    longest = max(len(f"{folder}/{service}.{role}".encode()) for service in SERVICES for role in ROLES)
+    if longest > MAX_SOCKET_PATH:
+        raise UserError(
+            f"{folder}: is too long a path for a socket ({longest} of {MAX_SOCKET_PATH} bytes); set [wire] folder to a shorter one"
+        )
     return folder
 
 
-def endpoint(wire_settings: Wire, service: Service, role: Role) -> str:
-    """Where `service` is reached."""
-    if wire_settings.transport == "ipc":
-        return f"ipc://{runtime_folder(wire_settings)}/{service}.{role}"
-    host = wire_settings.hosts.get(service, "127.0.0.1")
-    return f"tcp://{host}:{wire_settings.port + 2 * SERVICES.index(service) + ROLES.index(role)}"
+def endpoint(settings: Wire, service: Service, role: Role) -> str:
+    """Where a socket of `service` is reached."""
+    if settings.transport == "ipc":
+        return f"ipc://{runtime_folder(settings)}/{service}.{role}"
+    host = settings.hosts.get(service, "127.0.0.1")
+    return f"tcp://{host}:{settings.port + 2 * SERVICES.index(service) + ROLES.index(role)}"
+
+
+class Keys(NamedTuple):
+    """The CURVE key pair that all services of an installation share."""
+
+    public: bytes
+    secret: bytes
+
+
+class _ClaimedSocket(NamedTuple):
+    """An ipc socket's file, and the open file beside it that holds the lock."""
+
+    path: Path
+    lock_path: Path
+    lock: int
 
 
 class Transport:
-    """A service's way to its sockets: one context, the keys, and the limits that every socket gets."""
+    """A service's sockets: one context, the keys, and the limits that every socket gets."""
 
     def __init__(self, settings: Wire, context: zmq.Context[Any] | None = None) -> None:
         """Raises UserError when the keys cannot be used."""
         self.settings = settings
         self.context = context or zmq.Context()
-        self._keys: tuple[bytes, bytes] | None = None
-        self._gate: ThreadAuthenticator | None = None
-        self._claimed: list[tuple[int, Path]] = []
+        self._keys: Keys | None = None
+        self._authenticator: ThreadAuthenticator | None = None
+        self._claimed: list[_ClaimedSocket] = []
         if settings.transport == "tcp" and settings.keys:
             self._keys = read_keys(Path(settings.keys))
 
     def bind(self, service: Service, role: Role) -> Any:
-        """The socket that `service` binds: XPUB or ROUTER. Raises UserError when the port is taken."""
+        """The socket that `service` binds: XPUB or ROUTER. Raises UserError when the address is taken."""
         self._claim(service, role)
-        kind = zmq.XPUB if role == "publish" else zmq.ROUTER
-        socket = self._limited(kind)
         if role == "publish":
-            socket.setsockopt(zmq.XPUB_MANUAL, 1)  # see `admit`
+            socket = self._socket(zmq.XPUB, QUEUE_FRAMES)
+            socket.setsockopt(zmq.XPUB_MANUAL, 1)  # see `accept_subscriptions`
         else:
+            socket = self._socket(zmq.ROUTER, QUEUE_FRAMES)
             socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # a consumer that died raises instead of swallowing frames
         if self._keys:
-            self._guard()
+            self._authenticate()
             socket.curve_server = True
             socket.zap_domain = ZAP_DOMAIN.encode()
         address = endpoint(self.settings, service, role)
@@ -93,84 +114,87 @@ class Transport:
         return socket
 
     def subscribe(self, service: Service, *kinds: str) -> Any:
-        """A SUB socket that hears these kinds of message from `service`; it may start before the other does."""
-        socket = self._limited(zmq.SUB)
+        """A SUB socket that receives these kinds of message from `service`; it may be made before the other is there."""
+        socket = self._socket(zmq.SUB, max(BY_KIND[kind].queue for kind in kinds))
         for kind in kinds:
             socket.subscribe(kind.encode())
-        self._call(socket, service, "publish")
+        self._connect(socket, service, "publish")
         return socket
 
-    def ask(self, service: Service) -> Any:
-        """A DEALER socket that asks `service` for frames."""
-        socket = self._limited(zmq.DEALER)
-        self._call(socket, service, "serve")
+    def request_from(self, service: Service) -> Any:
+        """A DEALER socket that requests frames from `service`."""
+        socket = self._socket(zmq.DEALER, QUEUE_FRAMES)
+        self._connect(socket, service, "serve")
         return socket
 
     def close(self) -> None:
-        """Closes every socket and lets the ipc files go."""
-        if self._gate:
-            self._gate.stop()
+        """Closes every socket and removes the files of the ipc sockets."""
+        if self._authenticator:
+            self._authenticator.stop()
         self.context.destroy(linger=0)
-        for lock, path in self._claimed:
-            path.unlink(missing_ok=True)
-            path.with_suffix(f"{path.suffix}.lock").unlink(missing_ok=True)
-            os.close(lock)
+        for claimed in self._claimed:
+            claimed.path.unlink(missing_ok=True)
+            claimed.lock_path.unlink(missing_ok=True)
+            os.close(claimed.lock)
 
     def _claim(self, service: Service, role: Role) -> None:
-        """An ipc socket would take over its file from another process without a word: whoever binds holds a lock beside it."""
+        """Locks an ipc socket's address: binding would silently take over its file from another process."""
         if self.settings.transport != "ipc":
             return
         path = runtime_folder(self.settings) / f"{service}.{role}"
-        lock = os.open(path.with_suffix(f"{path.suffix}.lock"), os.O_CREAT | os.O_RDWR, 0o600)
+        lock_path = path.with_suffix(f"{path.suffix}.lock")
+        lock = os.open(lock_path, os.O_CREAT | os.O_RDWR, 0o600)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             os.close(lock)
             raise UserError(f"{path}: another {service} runs there; stop it or set [wire] folder to another one") from error
-        self._claimed.append((lock, path))
+        self._claimed.append(_ClaimedSocket(path, lock_path, lock))
 
-    def _limited(self, kind: int) -> Any:
+    def _socket(self, kind: int, queue: int) -> Any:
+        """A socket of that kind with its limits, whose queue holds that many messages a peer."""
         socket: Any = self.context.socket(kind)
         socket.linger = 0
         socket.maxmsgsize = wire.MAX_PART
         socket.handshake_ivl = HANDSHAKE_MS
-        socket.sndhwm = socket.rcvhwm = QUEUE_FRAMES
-        socket.reconnect_ivl, socket.reconnect_ivl_max = 50, 500  # ms
-        socket.tcp_keepalive, socket.tcp_keepalive_cnt = 1, PROBES
-        socket.tcp_keepalive_idle = socket.tcp_keepalive_intvl = PROBE_S
+        socket.sndhwm = socket.rcvhwm = queue
+        socket.reconnect_ivl, socket.reconnect_ivl_max = RECONNECT_MS, MAX_RECONNECT_MS
+        socket.tcp_keepalive, socket.tcp_keepalive_cnt = 1, KEEPALIVE_PROBES
+        socket.tcp_keepalive_idle = socket.tcp_keepalive_intvl = KEEPALIVE_S
         if self._keys:
             socket.curve_publickey, socket.curve_secretkey = self._keys
         return socket
 
-    def _call(self, socket: Any, service: Service, role: Role) -> None:
+    def _connect(self, socket: Any, service: Service, role: Role) -> None:
         if self._keys:
-            socket.curve_serverkey = self._keys[0]
+            socket.curve_serverkey = self._keys.public
         socket.connect(endpoint(self.settings, service, role))
 
-    def _guard(self) -> None:
-        """Only peers whose public key lies in the keys' folder are let in."""
-        if self._gate is None:
-            self._gate = ThreadAuthenticator(self.context)
-            self._gate.start()
-            self._gate.configure_curve(domain=ZAP_DOMAIN, location=self.settings.keys)
+    def _authenticate(self) -> None:
+        """From now on only peers whose public key lies in the keys' folder can connect."""
+        if self._authenticator is None:
+            self._authenticator = ThreadAuthenticator(self.context)
+            self._authenticator.start()
+            self._authenticator.configure_curve(domain=ZAP_DOMAIN, location=self.settings.keys)
 
 
-def admit(publisher: Any) -> None:
+def accept_subscriptions(publisher: Any) -> None:
     """Takes the subscriptions that wait at a publisher, and only those to our channels: an XPUB keeps each one, 10 kB apiece."""
     while publisher.poll(0, zmq.POLLIN):
-        _admit_one(publisher, publisher.recv(zmq.NOBLOCK))
+        _accept(publisher, publisher.recv(zmq.NOBLOCK))
 
 
-async def keep_admitting(publisher: Any) -> None:
-    """`admit` for a publisher of zmq.asyncio, until it is cancelled."""
+async def keep_accepting_subscriptions(publisher: Any) -> None:
+    """`accept_subscriptions` for a publisher of zmq.asyncio, until it is cancelled."""
     while True:
-        _admit_one(publisher, await publisher.recv())
+        _accept(publisher, await publisher.recv())
 
 
-def _admit_one(publisher: Any, wish: bytes) -> None:
-    topic = wish[1:]
-    if topic in TOPICS:
-        publisher.setsockopt(zmq.SUBSCRIBE if wish[:1] == b"\x01" else zmq.UNSUBSCRIBE, topic)
+def _accept(publisher: Any, subscription: bytes) -> None:
+    """`subscription`: 1 to subscribe or 0 to unsubscribe, and the topic."""
+    topic = subscription[1:]
+    if topic in _TOPICS:
+        publisher.setsockopt(zmq.SUBSCRIBE if subscription[:1] == b"\x01" else zmq.UNSUBSCRIBE, topic)
 
 
 def _numeric(address: str) -> str:
@@ -182,21 +206,23 @@ def _numeric(address: str) -> str:
 
 
 def make_keys(folder: Path) -> None:
-    """Makes the CURVE key pair that the services of one installation share; the secret file gets mode 0600."""
+    """Makes the CURVE key pair; the secret file gets mode 0600. Raises UserError when there is one already."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     secret = folder / f"{KEY_NAME}.key_secret"
     if secret.exists():
         raise UserError(f"{secret}: there are keys already; remove them first if they are to be replaced")
-    zmq.auth.create_certificates(folder, KEY_NAME)
-    secret.chmod(0o600)
+    before = os.umask(0o077)
+    try:
+        zmq.auth.create_certificates(folder, KEY_NAME)
+    finally:
+        os.umask(before)
 
 
-def read_keys(folder: Path) -> tuple[bytes, bytes]:
-    """(public, secret). Raises UserError when they are missing or others may read the secret."""
+def read_keys(folder: Path) -> Keys:
+    """The key pair in a folder. Raises UserError when it is missing or others may read the secret one."""
     secret = folder / f"{KEY_NAME}.key_secret"
     try:
-        if stat.S_IMODE(secret.stat().st_mode) & 0o077:
-            raise UserError(f"{secret}: others may read this key; run `chmod 600 {secret}`")
+        mode = stat.S_IMODE(secret.stat().st_mode)
         public, private = zmq.auth.load_certificate(secret)
     except OSError as error:
         raise UserError(f"{secret}: cannot be read ({error.strerror}); make keys with `vemlight keys {folder}`") from error
@@ -204,4 +230,6 @@ def read_keys(folder: Path) -> tuple[bytes, bytes]:
         raise UserError(f"{secret}: holds no key; make new ones with `vemlight keys`") from error
     if private is None:
         raise UserError(f"{secret}: holds no secret key; make new ones with `vemlight keys`")
-    return public, private
+    if mode & 0o077:
+        raise UserError(f"{secret}: others may read this key; run `chmod 600 {secret}`")
+    return Keys(public, private)

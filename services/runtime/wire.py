@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple, Union
 
 import msgspec
 import numpy as np
@@ -22,10 +22,13 @@ VERSION = 2  # of the protocol; a message without one is of version 1, which had
 MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 46 kB, most have under 2 kB
 MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
 MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of header
+# Upper bounds of the histogram of a service's times for one frame: three a decade, from a fast capture to a picture of many samples.
+STEP_BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
+STEP_BINS = len(STEP_BOUNDS_MS) + 1  # the last: longer than the last bound
 UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimals of each number are enough
-MAX_PARTS = 7  # topic, header and the five arrays of the lights
 
-Sequence53 = Annotated[int, Meta(ge=0, lt=2**53)]  # exact in JSON and in every language
+MAX_SEQUENCE = 2**53 - 1  # exact in JSON and in every language, as a float too
+Sequence53 = Annotated[int, Meta(ge=0, le=MAX_SEQUENCE)]
 Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Count = Annotated[int, Meta(ge=0, lt=2**53)]
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
@@ -60,27 +63,30 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
             raise ValueError("rotation is not a unit quaternion")
 
 
+LOSS = Meta(extra={"is_loss": True})  # a value of a report that tells of losses when it grows
+
+
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
     """What a service measured while it made a frame. Travels in the frame's header and again in the service's status.
 
-    The status, the viewer's page and `/metrics` show every field of the classes below without further changes elsewhere: its
-    description explains it to the person who reads the page.
+    The status, the viewer's page and `/metrics` show every field of the classes below without changes elsewhere: by its name, whose last
+    word is the unit, by its description, and coloured when one that is marked LOSS grows.
     """
 
 
 class MapReport(Report, frozen=True, tag="map"):
     """Measured while a map was made."""
 
-    invalid_cells: Annotated[Count, Meta(description="cells of the newest map that were nan, infinite or negative and count as 0")] = 0
+    invalid_cells: Annotated[Count, LOSS, Meta(description="cells of the newest map that were nan, infinite or negative, set to 0")] = 0
     black_pixels: Annotated[Count, Meta(description="pixels of the newest frame that the sensor clipped at its lower end")] = 0
-    saturated_pixels: Annotated[Count, Meta(description="pixels clipped at the upper end: their radiance is unknown")] = 0
+    saturated_pixels: Annotated[Count, LOSS, Meta(description="pixels clipped at the upper end: their radiance is unknown")] = 0
 
 
 class LightsReport(Report, frozen=True, tag="lights"):
     """Measured while lights were sampled and filtered."""
 
-    delay_ms: Annotated[Milliseconds, Meta(description="by how much the temporal filter delays the lights")] = 0.0
-    delay_frames: Annotated[Frames, Meta(description="the filter's delay in frames, at the rate at which they arrive")] = 0.0
+    delay_ms: Annotated[Milliseconds, Meta(title="filter delay", description="by how much the temporal filter delays the lights")] = 0.0
+    delay_frames: Annotated[Frames, Meta(title="filter delay", description="the same in frames, at the rate at which they arrive")] = 0.0
     required_lights: Annotated[Count, Meta(description="lights that the scene requires for the error allowed; 0: not estimated")] = 0
     light_budget: Annotated[Count, Meta(description="lights that the renderer can draw in its target frame time; 0: no limit")] = 0
     flicker_hz: Annotated[Hertz, Meta(description="beat of the lamps' flicker with the frame rate; 0: none")] = 0.0
@@ -98,19 +104,53 @@ class ImageReport(Report, frozen=True, tag="image"):
     ] = 0
 
 
-class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
-    """A message's header; its tag is the message's topic."""
+AnyReport = MapReport | LightsReport | ImageReport
 
+
+class Array(NamedTuple):
+    """An array of a message."""
+
+    name: str
+    dtype: Literal["<f2", "<f4", "<i8", "|u1"]
+    shape: tuple[str | int, ...]  # numbers, and names of the header's fields that hold them
+    meaning: str
+    only_if: str = ""  # name of the header's field that says whether the array is there; empty: always
+
+
+class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
+    """The header of a message. Each subclass is a kind of message: its tag is the topic, ARRAYS what follows."""
+
+    ARRAYS: ClassVar[tuple[Array, ...]] = ()
     version: Literal[2] = VERSION
 
+    @property
+    def kind(self) -> str:
+        return str(self.__struct_config__.tag)
 
-class MapMessage(Part, frozen=True, tag="map"):
-    """Radiance as a polar map. Arrays: radiance (rows, cols, 3) float32; then the samples inside the map's bright cells, ordered by
-    cell: cells (bright_samples,) int64, row * cols + column; directions (bright_samples, 3) float32 towards each sample's centre of
-    light; weights (bright_samples,) float32, the sample's fraction of the cell's light.
-    """
+    def layout(self) -> list[tuple[str, tuple[int, ...]]]:
+        """Type and shape of each array that belongs to this header."""
+        arrays = (array for array in self.ARRAYS if not array.only_if or getattr(self, array.only_if))
+        return [(array.dtype, tuple(n if isinstance(n, int) else getattr(self, n) for n in array.shape)) for array in arrays]
+
+    def check(self, arrays: Sequence[np.ndarray]) -> None:
+        """Raises ValueError for arrays of the right type and shape whose values cannot be."""
+
+
+class FrameHeader(Header, frozen=True):
+    """The header of a frame: of a message that belongs to one moment of the source."""
 
     stamp: Stamp
+
+
+class MapMessage(FrameHeader, frozen=True, tag="map"):
+    """Radiance as a polar map."""
+
+    ARRAYS = (
+        Array("radiance", "<f4", ("rows", "cols", 3), "linear Rec. 709"),
+        Array("cells", "<i8", ("bright_samples",), "of each sample inside a bright cell: `row * cols + column`, ascending"),
+        Array("directions", "<f4", ("bright_samples", 3), "towards the sample's centre of light"),
+        Array("weights", "<f4", ("bright_samples",), "the sample's fraction of its cell's light, in (0, 1]"),
+    )
     rows: Side
     cols: Side
     coverage: Coverage
@@ -118,28 +158,46 @@ class MapMessage(Part, frozen=True, tag="map"):
     luminance_scale: Annotated[float, Meta(gt=0, le=1e30)] | None = None  # cd/m2 per unit, when calibrated
     report: MapReport = MapReport()
 
+    def check(self, arrays: Sequence[np.ndarray]) -> None:
+        _, cells, _, weights = arrays
+        if not ((cells >= 0) & (cells < self.rows * self.cols)).all():
+            raise ValueError("map: a bright cell outside the map")
+        if not ((np.diff(cells) >= 0).all() and ((weights > 0) & (weights <= 1)).all()):
+            raise ValueError("map: bright cells out of order, or a weight outside (0, 1]")
 
-class LightsMessage(Part, frozen=True, tag="lights"):
-    """Directional lights. Arrays: ids (count,) int64; directions and irradiance (count, 3) float32; the gloss set's directions and
-    irradiance (gloss_count, 3) float32.
+
+class LightsMessage(FrameHeader, frozen=True, tag="lights"):
+    """Directional lights.
 
     The gloss set represents the same light as the first set by many weak lights, for the lobes of glossy surfaces (Havran et al. 2005,
     section 4.2).
     """
 
-    stamp: Stamp
+    ARRAYS = (
+        Array("ids", "<i8", ("count",), "the same as long as the light exists"),
+        Array("directions", "<f4", ("count", 3), "unit vectors from the scene towards the light"),
+        Array("irradiance", "<f4", ("count", 3), "RGB on a plane facing the light, never negative"),
+        Array("gloss_directions", "<f4", ("gloss_count", 3), "of the gloss set"),
+        Array("gloss_irradiance", "<f4", ("gloss_count", 3), "of the gloss set"),
+    )
     count: Annotated[int, Meta(ge=0, le=100_000)]
     coverage: Coverage
     gloss_count: Annotated[int, Meta(ge=0, le=100_000)] = 0
     report: LightsReport = LightsReport()
 
+    def check(self, arrays: Sequence[np.ndarray]) -> None:
+        for directions, irradiance in (arrays[1:3], arrays[3:5]):
+            if not (np.abs(np.einsum("ij,ij->i", directions, directions) - 1) < UNIT).all() or (irradiance < 0).any():
+                raise ValueError("lights: a direction that is not a unit vector, or negative irradiance")
 
-class ImageMessage(Part, frozen=True, tag="image"):
-    """A rendered picture. Arrays: pixels (height, width, 4) uint8, sRGB, straight alpha, the top row first; if `linear`, also the
-    picture before tone mapping, (height, width, 4) float16, premultiplied alpha.
-    """
 
-    stamp: Stamp
+class ImageMessage(FrameHeader, frozen=True, tag="image"):
+    """A rendered picture."""
+
+    ARRAYS = (
+        Array("pixels", "|u1", ("height", "width", 4), "sRGB, straight alpha, top row first"),
+        Array("linear_pixels", "<f2", ("height", "width", 4), "before tone mapping, premultiplied alpha", only_if="linear"),
+    )
     width: Side
     height: Side
     linear: bool = False
@@ -147,16 +205,16 @@ class ImageMessage(Part, frozen=True, tag="image"):
     report: ImageReport = ImageReport()
 
 
-class PlateMessage(Part, frozen=True, tag="plate"):
-    """A second camera's picture. Arrays: pixels (height, width, 3) uint8, sRGB, the top row first."""
+class PlateMessage(FrameHeader, frozen=True, tag="plate"):
+    """A second camera's picture."""
 
-    stamp: Stamp
+    ARRAYS = (Array("pixels", "|u1", ("height", "width", 3), "sRGB, top row first"),)
     width: Side
     height: Side
 
 
-class ControlMessage(Part, frozen=True, tag="control"):
-    """What the person at the viewer has chosen; what is left out stays as the settings say. No arrays."""
+class ControlMessage(Header, frozen=True, tag="control"):
+    """What the person at the viewer has chosen; what is left out stays as the settings say."""
 
     count: Annotated[int, Meta(ge=1, le=100_000)] | None = None
     exposure: Annotated[float, Meta(ge=-20, le=20)] | None = None  # stops
@@ -165,41 +223,50 @@ class ControlMessage(Part, frozen=True, tag="control"):
     poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved away from where the scene file has them
 
 
-class StatusMessage(Part, frozen=True, tag="status"):
-    """How a service is doing. No arrays."""
+class StatusMessage(Header, frozen=True, tag="status"):
+    """How a service is doing."""
 
     service: Name
     sequence: Sequence53 | None  # of its newest frame
     rate_hz: Hertz
     age_ms: Milliseconds | None  # of its newest frame when it was done
-    step_ms: Milliseconds | None  # median of the last frames
+    step_ms: Milliseconds | None  # time for one frame, median of the last ones
     frames: Count  # done since the service started
     skipped: Count  # received, but passed over for a newer frame because this service was slower than its input
     dropped: Count  # published by the producer, by its own count, and never received here
     refused: Count  # messages that `unpack` refused
     restarts: Count  # how often the supervisor had to restart it
-    report: MapReport | LightsReport | ImageReport | None = None  # of its newest frame
+    # How many frames took up to each of STEP_BOUNDS_MS and more than the bound before, then how many took longer; and all their time.
+    step_counts: Annotated[tuple[Count, ...], Meta(min_length=STEP_BINS, max_length=STEP_BINS)] = STEP_BINS * (0,)
+    step_total_ms: Milliseconds = 0.0
+    report: AnyReport | None = None  # of its newest frame
 
 
-class EndMessage(Part, frozen=True, tag="end"):
-    """The stream is over: `sequence` is the number of the first frame that will not come. No arrays."""
+class EndMessage(Header, frozen=True, tag="end"):
+    """The stream is over: `sequence` is the number of the first frame that will not come."""
 
     sequence: Sequence53
 
 
-class RequestMessage(Part, frozen=True, tag="request"):
-    """Lossless mode, from a consumer: send the `count` frames from `first` on. Replaces what was requested before. No arrays."""
+class RequestMessage(Header, frozen=True, tag="request"):
+    """Lossless mode, from a consumer: send the `count` frames from `first` on. Replaces what was requested before."""
 
     first: Sequence53
     count: Annotated[int, Meta(ge=1, le=1024)]
 
 
-Header = MapMessage | LightsMessage | ImageMessage | PlateMessage | ControlMessage | StatusMessage | EndMessage | RequestMessage
-FRAME = MapMessage | LightsMessage | ImageMessage | PlateMessage  # the kinds that carry a stamp
+def _kinds(header: type[Header]) -> list[type[Header]]:
+    subclasses = header.__subclasses__()
+    return [kind for subclass in subclasses for kind in _kinds(subclass)] if subclasses else [header]
+
+
+KINDS: dict[str, type[Header]] = {str(kind.__struct_config__.tag): kind for kind in _kinds(Header)}
+MAX_PARTS = 2 + max(len(kind.ARRAYS) for kind in KINDS.values())  # topic, header, arrays
+AnyHeader = Union[tuple(KINDS.values())]  # noqa: UP007, of a table
 Message = tuple[Header, tuple[np.ndarray, ...]]
 
 _encoder = msgspec.msgpack.Encoder()
-_decoder = msgspec.msgpack.Decoder(Header)
+_decoder = msgspec.msgpack.Decoder(AnyHeader)
 
 
 class _Version(msgspec.Struct):
@@ -215,33 +282,15 @@ class VersionError(ValueError):
     """A message of another version of the protocol."""
 
 
-def layout(header: Header) -> tuple[tuple[Literal["<f2", "<f4", "<i8", "|u1"], tuple[int, ...]], ...]:
-    """Type and shape of each array that belongs to `header`."""
-    match header:
-        case MapMessage():
-            n = header.bright_samples
-            return ("<f4", (header.rows, header.cols, 3)), ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n,))
-        case LightsMessage():
-            n, m = header.count, header.gloss_count
-            return ("<i8", (n,)), ("<f4", (n, 3)), ("<f4", (n, 3)), ("<f4", (m, 3)), ("<f4", (m, 3))
-        case ImageMessage():
-            shape = (header.height, header.width, 4)
-            return (("|u1", shape), ("<f2", shape)) if header.linear else (("|u1", shape),)
-        case PlateMessage():
-            return (("|u1", (header.height, header.width, 3)),)
-        case _:
-            return ()
-
-
 def pack(header: Header, arrays: Sequence[np.ndarray] = ()) -> list[bytes]:
     """The message's parts. Raises ValueError when the arrays are not those of the header."""
-    expected = layout(header)
+    expected = header.layout()
     if len(arrays) != len(expected):
-        raise ValueError(f"{_kind(header)}: {len(expected)} arrays belong to it, not {len(arrays)}")
-    parts = [_kind(header).encode(), _encoder.encode(header)]
+        raise ValueError(f"{header.kind}: {len(expected)} arrays belong to it, not {len(arrays)}")
+    parts = [header.kind.encode(), _encoder.encode(header)]
     for array, (dtype, shape) in zip(arrays, expected, strict=True):
         if array.shape != shape:
-            raise ValueError(f"{_kind(header)}: array of shape {array.shape}, the header says {shape}")
+            raise ValueError(f"{header.kind}: array of shape {array.shape}, the header says {shape}")
         parts.append(np.ascontiguousarray(array, dtype).tobytes())
     return parts
 
@@ -255,29 +304,22 @@ def unpack(parts: Sequence[bytes]) -> Message:
     if len(parts[1]) > MAX_HEADER:
         raise ValueError(f"a header has at most {MAX_HEADER} bytes, not {len(parts[1])}")
     header = _header(parts[1])
-    if bytes(parts[0]) != _kind(header).encode():
-        raise ValueError(f"topic {bytes(parts[0][:20])!r} on a message of kind {_kind(header)}")
+    if bytes(parts[0]) != header.kind.encode():
+        raise ValueError(f"topic {bytes(parts[0][:20])!r} on a message of kind {header.kind}")
 
-    expected = layout(header)
+    expected = header.layout()
     if len(parts) != 2 + len(expected):
-        raise ValueError(f"{_kind(header)}: {len(expected)} arrays belong to it, not {len(parts) - 2}")
+        raise ValueError(f"{header.kind}: {len(expected)} arrays belong to it, not {len(parts) - 2}")
     arrays = []
     for part, (dtype, shape) in zip(parts[2:], expected, strict=True):
         nbytes = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
         if len(part) != nbytes or nbytes > MAX_PART:
-            raise ValueError(f"{_kind(header)}: array of {len(part)} bytes, the header says {nbytes}, the limit is {MAX_PART}")
+            raise ValueError(f"{header.kind}: array of {len(part)} bytes, the header says {nbytes}, the limit is {MAX_PART}")
         array = np.frombuffer(part, dtype).reshape(shape)
         if dtype in ("<f2", "<f4") and not np.isfinite(array).all():
-            raise ValueError(f"{_kind(header)}: array with nan or inf")
+            raise ValueError(f"{header.kind}: array with nan or inf")
         arrays.append(array)
-    if isinstance(header, MapMessage) and not ((arrays[1] >= 0) & (arrays[1] < header.rows * header.cols)).all():
-        raise ValueError("map: a bright cell outside the map")
-    if isinstance(header, MapMessage) and not ((np.diff(arrays[1]) >= 0).all() and ((arrays[3] > 0) & (arrays[3] <= 1)).all()):
-        raise ValueError("map: bright cells out of order, or a weight outside (0, 1]")
-    if isinstance(header, LightsMessage):
-        for directions, irradiance in (arrays[1:3], arrays[3:5]):
-            if not (np.abs(np.einsum("ij,ij->i", directions, directions) - 1) < UNIT).all() or (irradiance < 0).any():
-                raise ValueError("lights: a direction that is not a unit vector, or negative irradiance")
+    header.check(arrays)
     return header, tuple(arrays)
 
 
@@ -291,17 +333,15 @@ def _header(part: bytes) -> Header:
         raise ValueError(f"a header that cannot be decoded: {error}") from error
 
 
-def _kind(header: Header) -> str:
-    return str(type(header).__struct_config__.tag)
-
-
 def schema() -> dict:
-    """The headers' JSON Schema, as exported to proto/wire.schema.json."""
-    (kinds,), definitions = msgspec.json.schema_components([Header], ref_template="#/$defs/{name}")
+    """The headers' JSON Schema, as exported to proto/wire.schema.json; `x-arrays` describes the arrays that follow a header."""
+    (kinds,), definitions = msgspec.json.schema_components([AnyHeader], ref_template="#/$defs/{name}")
     for definition in definitions.values():
         definition["description"] = inspect.cleandoc(definition["description"])
-        if "version" in definition["properties"]:  # has a default so that `pack` can fill it in; on the wire it must be there
-            definition["required"].insert(0, "version")
+    for kind in KINDS.values():
+        definition = definitions[kind.__name__]
+        definition["required"].insert(0, "version")  # has a default so that `pack` can fill it in; on the wire it must be there
+        definition["x-arrays"] = [array._asdict() for array in kind.ARRAYS]
     draft = "https://json-schema.org/draft/2020-12/schema"
     return {"$schema": draft, "title": f"vemlight wire {VERSION}", **kinds, "$defs": definitions}
 

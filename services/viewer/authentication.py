@@ -1,9 +1,9 @@
-"""Who may ask what: against other people's web pages that reach for this one through the user's browser, and against other people.
+"""Authentication middleware: keeps out other people, and other web pages that make requests through the user's browser.
 
 A page elsewhere can point its own name at this machine's address (DNS rebinding): the Host header then carries that name, and is
-refused. It can also call this address straight: browsers then send its Origin, and what would act or open a socket is refused.
-Where there is a token, every request shows it: a browser in a cookie, which it gets for the token in the page's address; a program in the
-address (`?token=`) or as `Authorization: Bearer`.
+refused. It can also call this address directly: browsers then send its Origin, and the request is refused.
+Where there is a token, every request carries it: a browser's in a cookie, which it gets for the token in the page's address; a program's in
+the address (`?token=`) or as `Authorization: Bearer`.
 """
 
 import hmac
@@ -54,14 +54,14 @@ def authentication_middleware(settings: Viewer) -> Middleware:
 
 
 def tokens(request: web.Request, cookie: str) -> list[str]:
-    """All that a request shows as its token."""
+    """Every token that a request carries."""
     scheme, _, credentials = request.headers.get("Authorization", "").partition(" ")
     bearer = credentials.strip() if scheme.lower() == "bearer" else ""
     return [bearer, request.query.get("token", ""), request.cookies.get(cookie, "")]
 
 
 def is_token(given: str, token: str) -> bool:
-    """Whether it is the one, in a time that does not tell how much of it is right."""
+    """Whether they are equal, in a time that does not reveal how much of it is right."""
     return hmac.compare_digest(given.encode(errors="replace"), token.encode())
 
 
@@ -80,6 +80,6 @@ def known_host(host: str, names: set[str]) -> bool:
 
 
 async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
-    """On every answer that has not gone out yet."""
+    """Adds HEADERS to a response before it is sent."""
     for name, value in HEADERS.items():
         response.headers.setdefault(name, value)

@@ -1,45 +1,46 @@
-"""What the viewer has heard of each service, and its judgement: who works, who waits, who is silent. The clock is passed in."""
+"""What the viewer has received of each service, and the judgement on it: who works, who waits, who is silent. The clock is passed in."""
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
 from vemlight.runtime import wire
-from vemlight.runtime.channels import SILENT_S, UPSTREAM, Service
+from vemlight.runtime.channels import FRAMES, STATUS, UPSTREAM, Service
 
-# not heard: nothing yet. starting: a status but no frame yet. live: frames come. waiting: no frames because the service before it has none.
-# stalled: it speaks, and its frames stay away. silent: not even a status. finished: its stream has ended.
-State = Literal["not heard", "starting", "live", "waiting", "stalled", "silent", "finished"]
+# not seen: nothing yet. starting: a status but no frame yet. live: frames come. waiting: no frames because the service before it has none.
+# stalled: statuses come, and frames do not. silent: not even statuses. finished: its stream has ended.
+State = Literal["not seen", "starting", "live", "waiting", "stalled", "silent", "finished"]
 STATES: tuple[State, ...] = get_args(State)
 HEALTHY: tuple[State, ...] = ("live", "finished")
 
-STALLED_S = 1.0  # `/healthz` shall be red within a second of a stalled stage
-STALLED_FRAMES = 3  # and a source slower than 3 Hz has missed two frames by then
+MIN_STALL_S = 1.0  # `/healthz` shall be red within a second of a stalled stage, and not earlier: frames of fast sources come in bursts
+SLOW_STEPS = 3  # a service that works on a frame publishes nothing: it may take three times what its frames took lately
 
 
 class Judgement(NamedTuple):
     """A service's state, and the same in words for a person."""
 
     state: State
-    words: str
+    text: str
 
 
 class LastReceived:
-    """The newest of what one service said, and when: monotonic seconds."""
+    """The newest of what came from one service, and when: monotonic seconds."""
 
     def __init__(self) -> None:
         self.status: wire.StatusMessage | None = None
         self.status_s = 0.0
         self.stamp: wire.Stamp | None = None
         self.frame_s = 0.0
-        self.pace_s = 0.0  # between its last two frames
+        self.interval_s = 0.0  # between its last two frames
         self.ended = False
 
     def take(self, header: wire.Header, now_s: float) -> None:
+        """Takes the header of a message that came `now_s`."""
         match header:
             case wire.StatusMessage():
                 self.status, self.status_s = header, now_s
-            case wire.MapMessage() | wire.LightsMessage() | wire.ImageMessage() | wire.PlateMessage():
-                self.pace_s = now_s - self.frame_s if self.stamp else 0.0
+            case wire.FrameHeader():
+                self.interval_s = now_s - self.frame_s if self.stamp else 0.0
                 self.stamp, self.frame_s, self.ended = header.stamp, now_s, False
             case wire.EndMessage():
                 self.ended = True
@@ -50,14 +51,14 @@ class LastReceived:
 
 
 class Liveness:
-    """The services that make frames."""
+    """The judgement on the services that make frames."""
 
     def __init__(self, services: Sequence[Service], fps: float, lossless: bool = False) -> None:
-        """`services`: each after its upstream. `fps`: of the source. `lossless`: frames are made on request, and who has no frame for long
-        may just not be asked.
+        """`services`: each after its upstream. `fps`: of the source. `lossless`: frames are made on request, and a service without a new
+        one may just not be asked.
         """
         self.last_received: dict[Service, LastReceived] = {service: LastReceived() for service in services}
-        self._patience_s = float("inf") if lossless else max(STALLED_S, STALLED_FRAMES / fps)
+        self._fps, self._lossless = fps, lossless
 
     def judge(self, now_s: float) -> dict[Service, Judgement]:
         """One judgement for each service, in the frames' order."""
@@ -68,23 +69,24 @@ class Liveness:
         return judged
 
     def _judge(self, service: Service, now_s: float, blocked_by: Service | None) -> Judgement:
-        heard = self.last_received[service]
-        if heard.ended:
+        last = self.last_received[service]
+        if last.ended:
             return Judgement("finished", "the stream has ended")
-        if heard.status is None and heard.stamp is None:
-            return Judgement("not heard", "not heard yet")
-        slow_s = STALLED_FRAMES * max(heard.pace_s, (heard.status.step_ms or 0.0) / 1e3 if heard.status else 0.0)
-        silent_s = now_s - max(heard.status_s, heard.frame_s)
-        if silent_s > max(SILENT_S, slow_s):  # it speaks between two steps, never within one
+        if last.status is None and last.stamp is None:
+            return Judgement("not seen", "nothing received yet")
+        slow_s = SLOW_STEPS * max(last.interval_s, (last.status.step_ms or 0.0) / 1e3 if last.status else 0.0)
+        silent_s = now_s - max(last.status_s, last.frame_s)
+        if silent_s > max(STATUS.timeout_s(self._fps), slow_s):  # a service publishes between two steps, never within one
             return Judgement("silent", f"silent for {_duration(silent_s)}")
-        if heard.stamp is None:
-            return Judgement("starting", f"waits for {blocked_by}" if blocked_by else "no frame yet")
+        if last.stamp is None:
+            return Judgement("starting", f"waiting for {blocked_by}" if blocked_by else "no frame yet")
 
-        late_s = now_s - heard.frame_s
-        if late_s <= max(self._patience_s, slow_s):
+        stall_s = float("inf") if self._lossless else max(MIN_STALL_S, FRAMES[service].timeout_s(self._fps))
+        late_s = now_s - last.frame_s
+        if late_s <= max(stall_s, slow_s):
             return Judgement("live", "live")
         if blocked_by:
-            return Judgement("waiting", f"waits for {blocked_by}")
+            return Judgement("waiting", f"waiting for {blocked_by}")
         return Judgement("stalled", f"no frame for {_duration(late_s)}")
 
 

@@ -1,65 +1,87 @@
-"""`/metrics`: the report as Prometheus text. One prefix, base units, `_total` for what only grows; no light's id is a label."""
+"""`/metrics`: the viewer's summary for Prometheus. One prefix, base units, `_total` for what only grows; no light's id is a label."""
 
-import os
-import resource
-import time
-from collections.abc import Iterable
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+from prometheus_client import CollectorRegistry, ProcessCollector
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from vemlight.runtime import wire
 from vemlight.viewer.liveness import STATES
+from vemlight.viewer.report_fields import ReportField
 
 OUTCOMES = {"done": "frames", "skipped": "skipped", "dropped": "dropped", "refused": "refused"}
-PIXELS = {"black": "black_pixels", "saturated": "saturated_pixels", "invalid": "invalid_cells"}
-_started_s = time.time()
+BASE_UNITS = {"ms": ("seconds", 1e-3), "Hz": ("hertz", 1.0), "frames": ("frames", 1.0), "": ("", 1.0)}  # of report_fields.UNITS
 
 
-def metrics(report: dict[str, Any]) -> str:
-    """The text, version 0.0.4 of the exposition format. `report` is `ViewerState.summary`."""
-    rows = report["services"]
-    frames = [({"stage": row["service"], "outcome": o}, row.get(key, 0)) for row in rows for o, key in OUTCOMES.items()]
-    states = [({"stage": str(row["service"]), "state": str(state)}, int(row["state"] == state)) for row in rows for state in STATES]
-    pixels = [({"kind": kind}, rows[0].get(key, 0)) for kind, key in PIXELS.items()]
-    steps = [({**stage, "quantile": "0.5"}, value) for stage, value in _of(rows, "step_ms", 1e-3)]
-    return "".join(
-        (
-            _family("vemlight_frames_total", "counter", "Frames of a stage by what became of them.", frames),
-            _family("vemlight_frame_rate_hertz", "gauge", "Frames a second, over the last two seconds.", _of(rows, "rate_hz", 1)),
-            _family("vemlight_frame_age_seconds", "gauge", "Age of the newest frame's light.", _of(rows, "age_ms", 1e-3)),
-            _family("vemlight_stage_duration_seconds", "summary", "Time for one frame, median of the last ones.", steps),
-            _family("vemlight_stage_restarts_total", "counter", "How often a stage was started again.", _of(rows, "restarts", 1)),
-            _family("vemlight_stage_state", "gauge", "1 for the state that a stage is in.", states),
-            _family("vemlight_filter_delay_seconds", "gauge", "How far the filter holds the light back.", _of(rows[1:2], "delay_ms", 1e-3)),
-            _family("vemlight_filter_delay_frames", "gauge", "The same, in frames.", _of(rows[1:2], "delay_frames", 1)),
-            _family("vemlight_map_cells", "gauge", "Of the newest map: cells and pixels set aside, by kind.", pixels),
-            _family("vemlight_lights", "gauge", "Lights of the newest frame.", [({}, report["lights"]["count"])]),
-            _family("vemlight_flicker_hertz", "gauge", "Beat of lamps with the frame rate, or 0.", [({}, report["lights"]["flicker_hz"])]),
-            _family("vemlight_pages", "gauge", "Pages and streams that are open.", [({}, report["pages"])]),
-            *_own_process(),
-        )
-    )
+def registry(summary: Callable[[], dict[str, Any]]) -> CollectorRegistry:
+    """What `prometheus_client.generate_latest` writes: the summary's metrics at that moment and those of this process."""
+    metrics = CollectorRegistry()
+    metrics.register(SummaryCollector(summary))
+    ProcessCollector(registry=metrics)
+    return metrics
 
 
-def _of(rows: list[dict[str, Any]], key: str, to_base_unit: float) -> list[tuple[dict[str, str], float]]:
-    return [({"stage": row["service"]}, row[key] * to_base_unit) for row in rows if row.get(key) is not None]
+class SummaryCollector(Collector):
+    """The metrics of `ViewerState.summary`."""
+
+    def __init__(self, summary: Callable[[], dict[str, Any]]) -> None:
+        self._summary = summary
+
+    def describe(self) -> list[Metric]:
+        return []  # else the registry collects once at the start to find the names
+
+    def collect(self) -> Iterator[Metric]:
+        summary = self._summary()
+        rows = summary["services"]
+        frames = CounterMetricFamily("vemlight_frames_total", "Frames of a stage by what became of them.", labels=["stage", "outcome"])
+        states = GaugeMetricFamily("vemlight_stage_state", "1 for the state that a stage is in.", labels=["stage", "state"])
+        restarts = CounterMetricFamily("vemlight_stage_restarts_total", "How often a stage was restarted.", labels=["stage"])
+        for row in rows:
+            for outcome, key in OUTCOMES.items():
+                frames.add_metric([row["service"], outcome], row.get(key, 0))
+            for state in STATES:
+                states.add_metric([row["service"], state], row["state"] == state)
+            restarts.add_metric([row["service"]], row.get("restarts", 0))
+        yield from (frames, states, restarts)
+        yield _gauge("vemlight_frame_rate_hertz", "Frames a second, over the last two seconds.", rows, "rate_hz", 1.0)
+        yield _gauge("vemlight_frame_age_seconds", "Age of the newest frame's light.", rows, "age_ms", 1e-3)
+        yield _durations(rows)
+        for row in rows:
+            for field in summary["report_fields"].get(row["service"], ()):
+                yield _report_metric(row, ReportField(**field))
+        yield GaugeMetricFamily("vemlight_lights", "Lights of the newest frame.", summary["light_count"])
+        yield GaugeMetricFamily("vemlight_pages", "Pages and streams that are open.", summary["pages"])
 
 
-def _family(name: str, kind: str, meaning: str, samples: Iterable[tuple[dict[str, str], float]]) -> str:
-    lines = [f"# HELP {name} {meaning}", f"# TYPE {name} {kind}"]
-    for labels, value in samples:
-        inside = ",".join(f'{key}="{text}"' for key, text in labels.items())
-        lines.append(f"{name}{{{inside}}} {value:.10g}" if inside else f"{name} {value:.10g}")
-    return "\n".join(lines) + "\n"
+def _gauge(name: str, meaning: str, rows: Iterable[dict[str, Any]], key: str, to_base_unit: float) -> GaugeMetricFamily:
+    """A value of every stage that has it."""
+    gauge = GaugeMetricFamily(name, meaning, labels=["stage"])
+    for row in rows:
+        if row.get(key) is not None:
+            gauge.add_metric([row["service"]], row[key] * to_base_unit)
+    return gauge
 
 
-def _own_process() -> list[str]:
-    """The viewer's own process, under the names that every Prometheus client uses."""
-    pages_held = int(Path("/proc/self/statm").read_text().split()[1])
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    files = len(os.listdir("/proc/self/fd"))
-    return [
-        _family("process_cpu_seconds_total", "counter", "User and system time.", [({}, used.ru_utime + used.ru_stime)]),
-        _family("process_resident_memory_bytes", "gauge", "Memory in use.", [({}, pages_held * resource.getpagesize())]),
-        _family("process_open_fds", "gauge", "Open files and sockets.", [({}, files)]),
-        _family("process_start_time_seconds", "gauge", "When it began, realtime.", [({}, _started_s)]),
-    ]
+def _durations(rows: Iterable[dict[str, Any]]) -> HistogramMetricFamily:
+    """How long the stages took for their frames."""
+    histogram = HistogramMetricFamily("vemlight_stage_duration_seconds", "Time for one frame.", labels=["stage"])
+    for row in rows:
+        if "step_counts" in row:
+            bounds = [*(str(bound_ms / 1e3) for bound_ms in wire.STEP_BOUNDS_MS), "+Inf"]
+            counts = row["step_counts"]
+            cumulative = [(bound, sum(counts[: k + 1])) for k, bound in enumerate(bounds)]
+            histogram.add_metric([row["service"]], cumulative, row["step_total_ms"] / 1e3)
+    return histogram
+
+
+def _report_metric(row: dict[str, Any], field: ReportField) -> GaugeMetricFamily:
+    """A field of a service's report: `vemlight_SERVICE_NAME_UNIT`."""
+    unit, to_base_unit = BASE_UNITS[field.unit]
+    name = "_".join([*field.name.split("_")[:-1], unit]) if unit else field.name
+    gauge = GaugeMetricFamily(f"vemlight_{row['service']}_{name}", f"{field.meaning[:1].upper()}{field.meaning[1:]}.")
+    value = row.get("report", {}).get(field.name)
+    if value is not None:
+        gauge.add_metric([], value * to_base_unit)
+    return gauge

@@ -1,4 +1,4 @@
-"""The viewer's process: hears the other services, serves the page, and says what the person wants."""
+"""The viewer's process: receives what the other services publish, serves the page, and publishes what the person has chosen."""
 
 import asyncio
 import contextlib
@@ -14,18 +14,18 @@ from aiohttp import web
 
 from vemlight.errors import UserError
 from vemlight.runtime import wire
-from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, STATUS_PERIOD_S, Service
+from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, REPORT_PERIOD_S, Service
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.token import is_loopback, with_token
-from vemlight.runtime.transport import Transport, keep_admitting
+from vemlight.runtime.transport import Transport, keep_accepting_subscriptions
 from vemlight.settings import Settings, Viewer
 from vemlight.viewer.viewer_state import ViewerState
 from vemlight.viewer.web import Site
 
-REPORT_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them
-TAKEN_AT_ONCE = 4 * QUEUE_FRAMES  # messages: more than the queues at both ends hold, and a flood cannot fill memory
-PAGES_COME_BACK_S = 3.0  # they try each second (page/viewer.js)
-SHUTDOWN_S = 0.1  # aiohttp waits for open streams so long twice, and they would go on for ever
+SUMMARY_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them; any value in 0.1..0.5 does
+MAX_TAKEN = 4 * QUEUE_FRAMES  # messages at once: more than the queues at both ends hold, and a flood cannot fill memory
+RECONNECT_S = 3.0  # pages try to reconnect each second (page/viewer.js), and a busy browser late; 2..5 s would do
+SHUTDOWN_S = 0.1  # aiohttp waits for open streams so long twice, and they would go on for ever; any value below 1 s does
 
 
 async def view(settings: Settings, restarts: int) -> None:
@@ -42,10 +42,10 @@ async def view(settings: Settings, restarts: int) -> None:
         publisher = transport.bind("viewer", "publish")
         await _listen(runner, settings.viewer)
         for service in state.liveness.last_received:
-            tasks.append(asyncio.create_task(hear(transport, service, state)))
-        tasks.append(asyncio.create_task(keep_admitting(publisher)))
-        tasks.append(asyncio.create_task(speak(publisher, state)))
-        tasks.append(asyncio.create_task(report(state)))
+            tasks.append(asyncio.create_task(receive(transport, service, state)))
+        tasks.append(asyncio.create_task(keep_accepting_subscriptions(publisher)))
+        tasks.append(asyncio.create_task(publish(publisher, state)))
+        tasks.append(asyncio.create_task(refresh(state)))
         print(f"vemlight: {address(settings.viewer)}", flush=True)
         tasks.append(asyncio.create_task(stop.wait()))
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -70,7 +70,7 @@ async def _listen(runner: web.AppRunner, settings: Viewer) -> None:
 
 def address(settings: Viewer) -> str:
     """Where the page is, and who can open it."""
-    host = _own_number(settings.host) if settings.host in ("0.0.0.0", "::") else settings.host
+    host = _own_address(settings.host) if settings.host in ("0.0.0.0", "::") else settings.host
     url = f"http://{f'[{host}]' if ':' in host else host}:{settings.port}" + (f"/?token={settings.token}" if settings.token else "")
     if is_loopback(settings.host):
         return f"the viewer is at {url} (for this machine only)"
@@ -78,7 +78,7 @@ def address(settings: Viewer) -> str:
     return f"the viewer is at {url} (for {who})"
 
 
-def _own_number(everywhere: str) -> str:
+def _own_address(everywhere: str) -> str:
     """This machine's address on the way to the network, for "0.0.0.0" or "::", which others cannot open. Nothing is sent."""
     family, far = (socket.AF_INET6, "2001:db8::1") if ":" in everywhere else (socket.AF_INET, "192.0.2.1")  # RFC 3849, 5737: nobody's
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
@@ -89,13 +89,13 @@ def _own_number(everywhere: str) -> str:
             return "::1" if ":" in everywhere else "127.0.0.1"
 
 
-async def hear(transport: Transport, service: Service, state: ViewerState) -> None:
+async def receive(transport: Transport, service: Service, state: ViewerState) -> None:
     """Takes all that waits from one service, and then again."""
-    socket = transport.subscribe(service, FRAMES[service], "status", "end")
+    socket = transport.subscribe(service, FRAMES[service].kind, "status", "end")
     while True:
         waiting = [await socket.recv_multipart()]
         with contextlib.suppress(zmq.Again):
-            while len(waiting) < TAKEN_AT_ONCE:
+            while len(waiting) < MAX_TAKEN:
                 waiting.append(await socket.recv_multipart(zmq.NOBLOCK))
         state.take(service, list(_unpacked(waiting, state.stats)))
 
@@ -104,27 +104,28 @@ def _unpacked(waiting: list[list[bytes]], stats: ServiceStats) -> Iterator[wire.
     for parts in waiting:
         try:
             yield wire.unpack(parts)
-        except ValueError:
-            stats.refused += 1
+        except ValueError as error:
+            stats.on_refused(error)
 
 
-async def speak(publisher: Any, state: ViewerState) -> None:
-    """Says the whole wish and the viewer's own status, twice a second, and the wish at once when it changes.
+async def publish(publisher: Any, state: ViewerState) -> None:
+    """Publishes all that was chosen and the viewer's own status, twice a second, and the choices at once when they change.
 
-    A viewer that starts has nothing to wish, and says so only when open pages would have told it theirs: the others go on as they were.
+    A viewer that starts knows of no choices. It says so only when the pages that were open have had the time to repeat theirs, so that
+    meanwhile the other services go on as they were.
     """
-    quiet_until_s = time.monotonic() + PAGES_COME_BACK_S
+    silent_until_s = time.monotonic() + RECONNECT_S
     while True:
-        if state.wish != wire.ControlMessage() or time.monotonic() > quiet_until_s:
-            await publisher.send_multipart(wire.pack(state.wish))
-        if status := state.status_due():
+        if state.control != wire.ControlMessage() or time.monotonic() > silent_until_s:
+            await publisher.send_multipart(wire.pack(state.control))
+        if status := state.status_if_due():
             await publisher.send_multipart(wire.pack(status))
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(state.wished.wait(), STATUS_PERIOD_S)
+            await asyncio.wait_for(state.control_changed.wait(), REPORT_PERIOD_S)
 
 
-async def report(state: ViewerState) -> None:
+async def refresh(state: ViewerState) -> None:
     """Refreshes the page's figures."""
     while True:
         state.refresh()
-        await asyncio.sleep(REPORT_PERIOD_S)
+        await asyncio.sleep(SUMMARY_PERIOD_S)

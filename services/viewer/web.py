@@ -1,17 +1,20 @@
 """The viewer's addresses: the page, its websocket, pictures for other programs, lights, health, metrics and control."""
 
 import asyncio
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from vemlight.errors import UserError
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.viewer.authentication import add_headers, authentication_middleware
 from vemlight.viewer.feeds import Feed
-from vemlight.viewer.metrics import metrics
+from vemlight.viewer.metrics import registry
 from vemlight.viewer.viewer_state import ViewerState
 
 PAGE = Path(__file__).parent / "page"
@@ -21,16 +24,22 @@ FILES = {
     "/viewer.js": ("viewer.js", "text/javascript"),
     "/sky.js": ("sky.js", "text/javascript"),
     "/controls.js": ("controls.js", "text/javascript"),
-    "/things.js": ("things.js", "text/javascript"),
-    "/kept.js": ("kept.js", "text/javascript"),
+    "/objects.js": ("objects.js", "text/javascript"),
+    "/persisted_controls.js": ("persisted_controls.js", "text/javascript"),
 }
 MAX_PAGES = 64  # sockets and streams at once; each costs a task and at most one encoded frame on its way
-MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of wire.MAX_POSES things about 20,000
-MAX_WORD = 64  # bytes of a page's message: the name of a feed
-HEARTBEAT_S = 10.0  # a page that does not answer within half of it is let go
-STALLED_S = 10.0  # and a stream whose reader takes nothing for so long
-DISC, PICTURE = b"\x01", b"\x02"  # first byte of a binary message; a JPEG follows
+MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of wire.MAX_POSES objects about 20,000
+MAX_FEED_NAME = 64  # bytes of a page's message: the name of a feed
+HEARTBEAT_S = 10.0  # a page that does not answer within half of it is disconnected; any value in 5..60 does
+STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so long; any value in 5..60 does
+BINARY_FEEDS = {"disc": 1, "picture": 2}  # first byte of a binary message; a JPEG follows
 RETRY = {"Retry-After": "1"}
+
+
+def constants_js() -> str:
+    """The constants that the page shares with the services, as a JavaScript module."""
+    constants = {"LUMINANCE_WEIGHTS": LUMINANCE_WEIGHTS.tolist(), "BINARY_FEEDS": BINARY_FEEDS}
+    return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in constants.items())
 
 
 class Site:
@@ -38,7 +47,9 @@ class Site:
 
     def __init__(self, state: ViewerState) -> None:
         self._state = state
-        self._files = {path: (PAGE / name).read_bytes() for path, (name, _) in FILES.items()}
+        self._files = {path: ((PAGE / name).read_bytes(), content_type) for path, (name, content_type) in FILES.items()}
+        self._files["/constants.js"] = constants_js().encode(), "text/javascript"
+        self._metrics = registry(state.summary)
         self._sockets: set[web.WebSocketResponse] = set()
 
     def app(self) -> web.Application:
@@ -48,7 +59,7 @@ class Site:
         app.add_routes(
             [
                 web.get("/", self.page),
-                *(web.get(path, self.file) for path in FILES if path != "/"),
+                *(web.get(path, self.file) for path in self._files if path != "/"),
                 web.get("/favicon.ico", self.no_icon),
                 web.get("/ws", self.socket),
                 web.get("/snapshot.jpg", self.snapshot),
@@ -73,7 +84,8 @@ class Site:
         raise web.HTTPBadRequest(text="action: is snapshot or stream\n")
 
     async def file(self, request: web.Request) -> web.Response:
-        return web.Response(body=self._files[request.path], content_type=FILES[request.path][1], charset="utf-8")
+        body, content_type = self._files[request.path]
+        return web.Response(body=body, content_type=content_type, charset="utf-8")
 
     async def no_icon(self, _: web.Request) -> web.Response:
         return web.Response(status=204)
@@ -91,22 +103,22 @@ class Site:
         return web.Response(body=line, content_type="application/json")
 
     async def health(self, _: web.Request) -> web.Response:
-        report = self._state.summary()
-        status = 200 if report["healthy"] else 503
-        return web.Response(status=status, body=msgspec.json.encode(report), content_type="application/json")
+        summary = self._state.summary()
+        status = 200 if summary["healthy"] else 503
+        return web.Response(status=status, body=msgspec.json.encode(summary), content_type="application/json")
 
     async def metrics(self, _: web.Request) -> web.Response:
-        return web.Response(text=metrics(self._state.summary()), headers={"Content-Type": "text/plain; version=0.0.4; charset=utf-8"})
+        return web.Response(body=generate_latest(self._metrics), headers={"Content-Type": CONTENT_TYPE_LATEST})
 
     async def control(self, request: web.Request) -> web.Response:
-        """Takes a wish and answers with the whole one as it now stands."""
+        """Takes choices and answers with all that are in force."""
         if request.content_type != "application/json":  # what a form on another page cannot send unasked
             raise web.HTTPUnsupportedMediaType(text="control: send Content-Type: application/json\n")
         try:
-            self._state.wish_for(await request.read())
+            self._state.set_control(await request.read())
         except UserError as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from error
-        return web.Response(body=msgspec.json.encode(self._state.wish), content_type="application/json")
+        return web.Response(body=msgspec.json.encode(self._state.control), content_type="application/json")
 
     async def stream(self, request: web.Request) -> web.StreamResponse:
         """The pictures as motion JPEG; a reader that is slower than they come misses some."""
@@ -119,20 +131,20 @@ class Site:
                 number, jpeg = await self._state.picture.after(number)
                 head = f"Content-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n".encode()
                 try:  # the boundary goes with the picture: browsers show a part when they see its end
-                    await asyncio.wait_for(response.write(head + jpeg + b"\r\n--frame\r\n"), STALLED_S)
+                    await asyncio.wait_for(response.write(head + jpeg + b"\r\n--frame\r\n"), STREAM_TIMEOUT_S)
                 except (TimeoutError, ConnectionError):
                     return response
 
     async def socket(self, request: web.Request) -> web.WebSocketResponse:
-        """To a page: reports and lights as text (JSON), disc and picture as binary (one byte that says which, then a JPEG).
+        """To a page: summaries and lights as text (JSON), disc and picture as binary (one byte that says which, then a JPEG).
 
         Of each feed one message at most is on its way: the page names the feed when it has shown it, and only then the newest follows.
         """
         with self._counted():
-            socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_WORD, compress=False)
+            socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_FEED_NAME, compress=False)
             await socket.prepare(request)
             state = self._state
-            feeds = {"report": state.report, "lights": state.lights, "disc": state.disc, "picture": state.picture}
+            feeds = {"summary": state.summaries, "lights": state.lights, "disc": state.disc, "picture": state.picture}
             shown, taken = set(feeds), asyncio.Event()
             sender = asyncio.create_task(self._send(socket, feeds, shown, taken))
             self._sockets.add(socket)
@@ -155,12 +167,12 @@ class Site:
                 ready = [name for name in feeds if name in shown and feeds[name].number > sent[name]]
                 if not ready:
                     taken.clear()
-                    await _first_of(self._state.news.wait(), taken.wait())
+                    await _first_of(self._state.feeds_changed.wait(), taken.wait())
                 for name in ready:
                     shown.discard(name)
                     sent[name], data = await feeds[name].newest()
-                    if name in ("disc", "picture"):
-                        await socket.send_bytes((DISC if name == "disc" else PICTURE) + data)
+                    if name in BINARY_FEEDS:
+                        await socket.send_bytes(bytes([BINARY_FEEDS[name]]) + data)
                     else:
                         await socket.send_str(data.decode())
         except ConnectionError:

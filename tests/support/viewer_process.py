@@ -17,7 +17,7 @@ from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.service_stats import ServiceStats
-from vemlight.runtime.transport import Transport, admit
+from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Wire
 
 MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
@@ -68,12 +68,12 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
 
 
 class SimulatedServices(threading.Thread):
-    """Capture, sampler and renderer in one thread: each publishes frames and statuses while it is in `speaking`, and hears the wishes."""
+    """Capture, sampler and renderer in one thread: each publishes frames and statuses while it is in `speaking`. Receives the controls."""
 
     def __init__(self, settings: Wire, frames=frames_of) -> None:
         super().__init__(daemon=True)
         self.speaking: set[Service] = set(MAKERS)
-        self.wishes: list[wire.ControlMessage] = []
+        self.controls: list[wire.ControlMessage] = []
         self.viewers: list[wire.StatusMessage] = []
         self.noise: list[list[bytes]] = []  # said once by the renderer
         self._settings, self._frames, self._stop_asked = settings, frames, threading.Event()
@@ -81,26 +81,26 @@ class SimulatedServices(threading.Thread):
     def run(self) -> None:
         transport = Transport(self._settings)
         publishers = {service: transport.bind(service, "publish") for service in MAKERS}
-        tallies = {service: ServiceStats(service, 0) for service in MAKERS}
+        stats = {service: ServiceStats(service, 0) for service in MAKERS}
         viewer = transport.subscribe("viewer", "control", "status")
         sequence = 0
         while not self._stop_asked.wait(1 / FPS):
-            count = next((wish.count for wish in reversed(self.wishes) if wish.count), 72)
+            count = next((control.count for control in reversed(self.controls) if control.count), 72)
             made = self._frames(sequence, count)
             sequence += 1
             for service in MAKERS:
-                admit(publishers[service])
+                accept_subscriptions(publishers[service])
                 if service in self.speaking:
-                    tallies[service].finished(made[service], 0.004)
+                    stats[service].on_finished(made[service], 0.004)
                     publishers[service].send_multipart(wire.pack(*made[service]))
-                    if status := tallies[service].due():
+                    if status := stats[service].status_if_due():
                         publishers[service].send_multipart(wire.pack(status))
             if self.noise:  # one at a time: a queue holds four
                 publishers["renderer"].send_multipart(self.noise.pop())
             while viewer.poll(0, zmq.POLLIN):
                 header, _ = wire.unpack(viewer.recv_multipart())
                 if isinstance(header, wire.ControlMessage):
-                    self.wishes.append(header)
+                    self.controls.append(header)
                 elif isinstance(header, wire.StatusMessage):
                     self.viewers.append(header)
         transport.close()
@@ -122,7 +122,7 @@ class ViewerProcess:
         command = [sys.executable, "-m", "vemlight.viewer", str(self.settings)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
-    def said(self) -> str:
+    def first_line(self) -> str:
         """Its first line: it listens now."""
         assert self.process.stdout
         return self.process.stdout.readline()
@@ -141,8 +141,8 @@ class ViewerProcess:
     def state(self, service: Service) -> str:
         return next(row["state"] for row in self.health()["services"] if row["service"] == service)
 
-    def wish(self, **wish) -> tuple[int, bytes]:
-        return self.get("/control", json.dumps(wish).encode(), Content_Type="application/json")
+    def choose(self, **choices) -> tuple[int, bytes]:
+        return self.get("/control", json.dumps(choices).encode(), Content_Type="application/json")
 
     def end(self) -> None:
         if self.process.poll() is None:

@@ -1,10 +1,12 @@
-// The sky disc: the map as it came, the lights on it and the short trails that join a light's places by its id.
+// The sky disc: the map, the lights on it, and a short trail of each light's last positions.
 // Seen from below: zenith in the middle, +Y at the top, +X at the left, the angle from the zenith proportional to the radius.
 
+import { LUMINANCE_WEIGHTS } from "/constants.js";
+
 const TRAIL_MS = 900;
-const TRAIL_POINTS = 12000; // drawn at most, over all lights: 12 places each for 1000 of them
-const JUMP = 0.35; // of the radius: farther than this within one frame is another place, not a way
-const REACH = 14; // CSS pixels round a light within which the pointer finds it
+const MAX_TRAIL_POINTS = 12000; // over all lights: 12 positions each for 1000 of them
+const JUMP = 0.35; // of the radius: a light that moves farther within one frame has jumped, and its trail has a gap
+const REACH = 14; // CSS pixels around a light within which the pointer selects it
 const COMPASS = [["N", 90], ["E", 0], ["S", 270], ["W", 180]]; // azimuth in degrees from +X towards +Y; +Y is north
 
 export class Sky {
@@ -32,18 +34,18 @@ export class Sky {
   take(frame, now) {
     this.coverage = frame.coverage;
     const span = frame.coverage === "sphere" ? Math.PI : Math.PI / 2;
-    const power = (light) => 0.2126 * light.irradiance[0] + 0.7152 * light.irradiance[1] + 0.0722 * light.irradiance[2];
+    const power = (light) => light.irradiance.reduce((sum, value, k) => sum + LUMINANCE_WEIGHTS[k] * value, 0);
     const total = frame.lights.reduce((sum, light) => sum + power(light), 0);
     this.lights = frame.lights.map((light) => {
       const [x, y, z] = light.direction;
       const theta = Math.atan2(Math.hypot(x, y), z), phi = Math.atan2(y, x), r = theta / span;
-      const share = total > 0 ? power(light) / total : 0;
-      return { id: light.id, x: -r * Math.cos(phi), y: -r * Math.sin(phi), theta, phi, share, colour: colour(light.irradiance), light };
+      const fraction = total > 0 ? power(light) / total : 0;
+      return { id: light.id, x: -r * Math.cos(phi), y: -r * Math.sin(phi), theta, phi, fraction, colour: colour(light.irradiance), light };
     });
-    const kept = Math.max(4, Math.floor(TRAIL_POINTS / Math.max(1, this.lights.length)));
+    const length = Math.max(4, Math.floor(MAX_TRAIL_POINTS / Math.max(1, this.lights.length)));
     const trails = new Map();
     for (const light of this.lights) {
-      const old = (this.trails.get(light.id) ?? []).filter((place) => now - place.at < TRAIL_MS).slice(-kept);
+      const old = (this.trails.get(light.id) ?? []).filter((position) => now - position.at < TRAIL_MS).slice(-length);
       trails.set(light.id, [...old, { x: light.x, y: light.y, at: now }]);
     }
     this.trails = trails;
@@ -58,7 +60,7 @@ export class Sky {
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.clearRect(0, 0, side, side);
     c.translate(radius, radius);
-    const disc = radius - 19 * unit; // the compass stands outside
+    const disc = radius - 19 * unit; // the compass letters are outside
     c.save();
     c.beginPath();
     c.arc(0, 0, disc, 0, 2 * Math.PI);
@@ -70,17 +72,17 @@ export class Sky {
     drawRings(c, disc, unit, this.coverage);
     this.drawTrails(c, disc, unit);
     this.drawLights(c, disc, unit);
-    this.say(disc);
+    this.describe(disc);
   }
 
   drawTrails(c, disc, unit) {
     c.lineWidth = 1.6 * unit;
     for (const light of this.lights) {
-      const places = this.trails.get(light.id);
-      for (let k = 1; k < places.length; k++) {
-        const a = places[k - 1], b = places[k];
+      const positions = this.trails.get(light.id);
+      for (let k = 1; k < positions.length; k++) {
+        const a = positions[k - 1], b = positions[k];
         if (Math.hypot(b.x - a.x, b.y - a.y) > JUMP || (a.x === b.x && a.y === b.y)) continue;
-        c.strokeStyle = `rgb(255 255 255 / ${(0.75 * k) / places.length})`;
+        c.strokeStyle = `rgb(255 255 255 / ${(0.75 * k) / positions.length})`;
         c.beginPath();
         c.moveTo(a.x * disc, a.y * disc);
         c.lineTo(b.x * disc, b.y * disc);
@@ -89,10 +91,10 @@ export class Sky {
     }
   }
 
-  // The dots' area is their share of the power; all together cover a fixed part of the disc.
+  // A dot's area is proportional to the light's fraction of the power; together they cover a fixed part of the disc.
   drawLights(c, disc, unit) {
     for (const light of this.lights) {
-      light.r = Math.min(0.075 * disc, Math.max(1.7 * unit, 0.26 * disc * Math.sqrt(light.share)));
+      light.r = Math.min(0.075 * disc, Math.max(1.7 * unit, 0.26 * disc * Math.sqrt(light.fraction)));
       c.beginPath();
       c.arc(light.x * disc, light.y * disc, light.r, 0, 2 * Math.PI);
       c.fillStyle = light.colour;
@@ -112,10 +114,10 @@ export class Sky {
     this.draw();
   }
 
-  // Words for the light under the pointer, or for the strongest.
-  say(disc) {
+  // Describes the light under the pointer, or the strongest.
+  describe(disc) {
     if (!this.lights.length) {
-      this.facts.textContent = this.image ? "No lights yet." : "The sky from below. Point at a light to read it.";
+      this.facts.textContent = this.image ? "No lights yet." : "The sky from below. Point at a light for its values.";
       return;
     }
     const scale = disc / devicePixelRatio;
@@ -124,10 +126,10 @@ export class Sky {
       const d = Math.hypot(light.x * scale - this.pointer.x, light.y * scale - this.pointer.y);
       if (d < distance) [best, distance] = [light, d];
     }
-    const light = best ?? this.lights.reduce((a, b) => (b.share > a.share ? b : a));
-    const azimuth = ((light.phi * 180) / Math.PI + 360) % 360, height = 90 - (light.theta * 180) / Math.PI;
+    const light = best ?? this.lights.reduce((a, b) => (b.fraction > a.fraction ? b : a));
+    const azimuth = ((light.phi * 180) / Math.PI + 360) % 360, elevation = 90 - (light.theta * 180) / Math.PI;
     const name = best ? `Light ${light.id}` : `Strongest ${light.id}`;
-    this.facts.textContent = `${name}: ${(100 * light.share).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, height ${height.toFixed(0)}°`;
+    this.facts.textContent = `${name}: ${(100 * light.fraction).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°`;
   }
 }
 
@@ -139,7 +141,7 @@ function drawRings(c, disc, unit, coverage) {
     c.arc(0, 0, part * disc, 0, 2 * Math.PI);
     c.stroke();
   }
-  if (coverage === "sphere") { // the horizon lies half way
+  if (coverage === "sphere") { // the horizon is half way to the rim
     c.strokeStyle = "rgb(255 255 255 / 0.4)";
     c.setLineDash([4 * unit, 4 * unit]);
     c.beginPath();
@@ -157,9 +159,8 @@ function drawRings(c, disc, unit, coverage) {
   }
 }
 
-// The light's chroma at full brightness, sRGB.
+// The light's chroma at full brightness; the browser converts from linear light.
 function colour(irradiance) {
   const top = Math.max(...irradiance);
-  if (!(top > 0)) return "#222";
-  return `rgb(${irradiance.map((v) => Math.round(255 * Math.pow(Math.max(0, v / top), 1 / 2.2))).join(" ")})`;
+  return top > 0 ? `color(srgb-linear ${irradiance.map((value) => Math.max(0, value / top)).join(" ")})` : "#222";
 }

@@ -1,40 +1,28 @@
 // The page: one websocket, whose messages go to the sky, the picture, the figures and the controls.
 
+import { BINARY_FEEDS } from "/constants.js";
 import { Controls } from "/controls.js";
-import { Kept } from "/kept.js";
+import { Objects } from "/objects.js";
+import { PersistedControls } from "/persisted_controls.js";
 import { Sky } from "/sky.js";
-import { Things } from "/things.js";
 
-const DISC = 1, PICTURE = 2; // first byte of a binary message; a JPEG follows
-const AGAIN_MS = 1000;
+const RECONNECT_MS = 1000;
 const GREW_MS = 5000; // a count of losses is coloured while it grows, and for so long after
-const MEASURES = { // of a card: label, how it reads, what it means
-  age_ms: ["age", milliseconds, "of its newest frame: time since that light was seen"],
-  step_ms: ["step", milliseconds, "its own time for one frame, median"],
-  dropped: ["dropped", whole, "frames lost before this service saw them"],
-  skipped: ["skipped", whole, "frames passed over because this service was slower than they came"],
-  restarts: ["restarts", whole, "how often it had to be started again"],
-  refused: ["refused", whole, "messages that were not what they should be"],
-};
-const OWN = { // what only one service has to say
-  capture: {
-    black_pixels: ["black", whole, "pixels of the newest frame that the sensor clipped at its lower end"],
-    saturated_pixels: ["saturated", whole, "and at its upper end: their light is not known"],
-    invalid_cells: ["spoilt", whole, "cells of the newest map that came as nan, inf or negative and count as 0"],
-  },
-  sampler: {
-    delay_ms: ["filter delay", delay, "how far the filter holds the light back"],
-    required_lights: ["need / can", needed, "lights that the scene needs for the error allowed / that the renderer draws in the time allowed"],
-    flicker_hz: ["lamp flicker", flicker, "how fast the lamps beat with the frame rate"],
-  },
-};
-const LOSSES = new Set(["dropped", "skipped", "restarts", "refused", "saturated_pixels", "invalid_cells"]);
+const MEASURES = [ // of every service: those of wire.StatusMessage
+  { name: "age_ms", label: "age", unit: "ms", meaning: "of its newest frame: time since that light was seen" },
+  { name: "step_ms", label: "step", unit: "ms", meaning: "its own time for one frame, median" },
+  { name: "dropped", label: "dropped", unit: "", meaning: "frames published before it in the chain that never reached it", is_loss: true },
+  { name: "skipped", label: "skipped", unit: "", meaning: "frames passed over because it was slower than they came", is_loss: true },
+  { name: "restarts", label: "restarts", unit: "", meaning: "how often it had to be restarted", is_loss: true },
+  { name: "refused", label: "refused", unit: "", meaning: "messages that were not valid", is_loss: true },
+];
+const FORMATS = { ms: milliseconds, Hz: hertz, frames: fraction, "": whole };
 const grown = new Map(); // of a loss: its last value and when that rose
 const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
 const controls = new Controls(notice);
-const things = new Things((change) => controls.wish(change));
-const kept = new Kept((wish) => controls.wish(wish));
+const objects = new Objects((change) => controls.choose(change));
+const persisted = new PersistedControls((control) => controls.choose(control));
 const notices = new Map();
 let picture = null;
 
@@ -58,44 +46,44 @@ function connect() {
     }
   };
   socket.onclose = async () => {
-    say(at("overall"), "lost", "viewer lost");
+    showState(at("overall"), "lost", "viewer lost");
     document.body.classList.add("dim");
-    notice("socket", (await unknown()) ? "The viewer asks for its new token: open the address that it printed." : "The viewer does not answer; trying again …");
-    setTimeout(connect, AGAIN_MS);
+    notice("socket", (await tokenRefused()) ? "The viewer asks for its new token: open the address that it printed." : "The viewer does not answer; trying again …");
+    setTimeout(connect, RECONNECT_MS);
   };
 }
 
-// Whether the viewer answers, and does not know this page. A socket that is refused does not say why.
-function unknown() {
-  return fetch("/healthz", { signal: AbortSignal.timeout(AGAIN_MS) }).then((answer) => answer.status === 401, () => false);
+// Whether the viewer answers, but does not accept this page's token. A refused socket does not say why.
+function tokenRefused() {
+  return fetch("/healthz", { signal: AbortSignal.timeout(RECONNECT_MS) }).then((answer) => answer.status === 401, () => false);
 }
 
-// Text is a report, or a frame's lights. Returns the feed's name.
+// Text is a summary, or a frame's lights. Returns the feed's name.
 function takeText(message) {
-  if (message.schema === "vemlight.lights/1") {
+  if (message.schema) {
     sky.take(message, performance.now());
     at("sky-facts").textContent = `${message.lights.length} lights · frame ${message.sequence}`;
     at("disc").setAttribute("aria-label", `The sky seen from below with ${message.lights.length} lights. ${at("light-facts").textContent}`);
     return "lights";
   }
   document.body.classList.remove("dim");
-  kept.take(message);
+  persisted.take(message);
   controls.take(message);
-  things.take(message);
+  objects.take(message);
   showFigures(message);
   showCards(message);
   showCovers(message);
-  return "report";
+  return "summary";
 }
 
 async function takePicture(bytes) {
   const image = await createImageBitmap(new Blob([bytes.subarray(1)], { type: "image/jpeg" }));
-  if (bytes[0] === DISC) {
+  if (bytes[0] === BINARY_FEEDS.disc) {
     sky.show(image);
     count("disc");
     return "disc";
   }
-  if (bytes[0] !== PICTURE) throw new Error(`unknown kind ${bytes[0]}`);
+  if (bytes[0] !== BINARY_FEEDS.picture) throw new Error(`unknown kind ${bytes[0]}`);
   const canvas = at("picture");
   if (canvas.width !== image.width || canvas.height !== image.height) [canvas.width, canvas.height] = [image.width, image.height];
   canvas.getContext("2d").drawImage(image, 0, 0);
@@ -105,47 +93,52 @@ async function takePicture(bytes) {
   return "picture";
 }
 
-// How many have been shown, for whoever looks in from outside.
+// How many have been shown, for tests.
 function count(id) {
   at(id).dataset.shown = Number(at(id).dataset.shown ?? 0) + 1;
 }
 
-function say(pill, state, words) {
+function showState(pill, state, text) {
   if (pill.dataset.state !== state) pill.dataset.state = state;
-  if (pill.textContent !== words) pill.textContent = words;
+  if (pill.textContent !== text) pill.textContent = text;
 }
 
-function showFigures(report) {
-  const of = Object.fromEntries(report.services.map((row) => [row.service, row]));
+function showFigures(summary) {
+  const of = byService(summary);
   at("rate").textContent = rate(of.renderer.rate_hz);
   at("latency").textContent = milliseconds(of.renderer.age_ms);
-  at("delay").textContent = delay(of.sampler.delay_ms, of.sampler);
-  at("missed").replaceChildren(...report.services.flatMap((row, k) => {
+  const { delay_ms, delay_frames } = of.sampler.report ?? {};
+  at("delay").textContent = delay_frames ? `${milliseconds(delay_ms)} · ${fraction(delay_frames)}` : milliseconds(delay_ms);
+  at("missed").replaceChildren(...summary.services.flatMap((row, k) => {
     const missed = (row.dropped ?? 0) + (row.skipped ?? 0), number = document.createElement("span");
     number.textContent = whole(missed);
     number.classList.toggle("lost", grows(`missed ${row.service}`, missed));
     return [`${k ? " · " : ""}${row.service} `, number];
   }));
   at("scene-facts").textContent = of.renderer.sequence === undefined || of.renderer.sequence === null ? "" : `frame ${of.renderer.sequence}`;
-  const worst = ["silent", "stalled", "not heard", "starting"].find((state) => report.services.some((row) => row.state === state));
-  const culprit = report.services.find((row) => row.state === worst);
-  if (culprit) return say(at("overall"), worst, `${culprit.service} ${worst}`);
-  if (report.wish.paused) return say(at("overall"), "paused", "paused");
-  const finished = report.services.some((row) => row.state === "finished");
-  say(at("overall"), finished ? "finished" : "live", finished ? "finished" : report.mode === "lossless" ? "lossless" : "live");
+  const worst = ["silent", "stalled", "not seen", "starting"].find((state) => summary.services.some((row) => row.state === state));
+  const culprit = summary.services.find((row) => row.state === worst);
+  if (culprit) return showState(at("overall"), worst, `${culprit.service} ${worst}`);
+  if (summary.control.paused) return showState(at("overall"), "paused", "paused");
+  const finished = summary.services.some((row) => row.state === "finished");
+  showState(at("overall"), finished ? "finished" : "live", finished ? "finished" : summary.mode === "lossless" ? "lossless" : "live");
 }
 
-function showCards(report) {
-  for (const service of report.services) {
-    const row = service.service === "sampler" ? { ...report.lights, ...service } : service;
-    const card = at(`card-${row.service}`) ?? newCard(row.service);
+function byService(summary) {
+  return Object.fromEntries(summary.services.map((row) => [row.service, row]));
+}
+
+function showCards(summary) {
+  for (const row of summary.services) {
+    const fields = [...MEASURES, ...(summary.report_fields[row.service] ?? [])];
+    const card = at(`card-${row.service}`) ?? newCard(row, fields);
     card.dataset.state = row.state;
-    say(card.querySelector(".pill"), row.state, row.words);
+    showState(card.querySelector(".pill"), row.state, row.text);
     card.querySelector("output").textContent = rate(row.rate_hz);
-    for (const [key, [, text]] of Object.entries({ ...MEASURES, ...OWN[row.service] })) {
-      const value = card.querySelector(`[data-key="${key}"]`);
-      value.textContent = text(row[key], row);
-      value.classList.toggle("lost", LOSSES.has(key) && grows(`${key} ${row.service}`, row[key] ?? 0));
+    for (const field of fields) {
+      const cell = card.querySelector(`[data-key="${field.name}"]`), value = row.report?.[field.name] ?? row[field.name];
+      cell.textContent = FORMATS[field.unit](value);
+      cell.classList.toggle("lost", Boolean(field.is_loss) && grows(`${field.name} ${row.service}`, value ?? 0));
     }
   }
 }
@@ -158,26 +151,27 @@ function grows(name, value) {
   return now - grown.get(name).at < GREW_MS;
 }
 
-function newCard(service) {
+function newCard(row, fields) {
   const card = at("card").content.cloneNode(true).firstElementChild;
-  card.id = `card-${service}`;
-  card.querySelector("h3").textContent = service;
-  for (const [key, [label, , meaning]] of Object.entries({ ...MEASURES, ...OWN[service] })) {
-    const pair = document.createElement("div"), name = document.createElement("dt"), value = document.createElement("dd");
-    name.textContent = label;
+  card.id = `card-${row.service}`;
+  card.querySelector("h3").textContent = row.service;
+  card.querySelector("h3").title = row.publishes ?? "";
+  for (const { name, label, meaning } of fields) {
+    const pair = document.createElement("div"), term = document.createElement("dt"), value = document.createElement("dd");
+    term.textContent = label;
     pair.title = meaning;
-    value.dataset.key = key;
-    pair.append(name, value);
+    value.dataset.key = name;
+    pair.append(term, value);
     card.querySelector("dl").append(pair);
   }
   at("services").append(card);
   return card;
 }
 
-// Over the pictures: what is awaited, or why the one below does not move.
-function showCovers(report) {
-  const of = Object.fromEntries(report.services.map((row) => [row.service, row]));
-  cover("sky", of.capture, Boolean(sky.image), report.wish.paused);
+// Over the pictures: what is awaited, or why the picture does not change.
+function showCovers(summary) {
+  const of = byService(summary);
+  cover("sky", of.capture, Boolean(sky.image), summary.control.paused);
   cover("scene", of.renderer, Boolean(picture), false);
 }
 
@@ -188,9 +182,9 @@ function cover(id, row, hasFrame, paused) {
   line.dataset.state = hasFrame ? (still ? row.state : "paused") : "";
   at(id).classList.toggle("dim", hasFrame && still);
   if (!hasFrame) {
-    line.textContent = row.state === "not heard" ? `waiting for ${row.service} …` : `${row.service}: ${row.words} …`;
+    line.textContent = row.state === "not seen" ? `waiting for ${row.service} …` : `${row.service}: ${row.text} …`;
   } else {
-    line.textContent = still ? `${row.service}: ${row.words}` : "paused: this frame is held";
+    line.textContent = still ? `${row.service}: ${row.text}` : "paused at this frame";
   }
 }
 
@@ -204,21 +198,16 @@ function milliseconds(value) {
   return `${value < 9.95 ? value.toFixed(1) : value.toFixed(0)} ms`;
 }
 
-function delay(value, row) {
-  return row.delay_frames ? `${milliseconds(value)} · ${Number(row.delay_frames.toFixed(1))} frames` : milliseconds(value);
+function hertz(value) {
+  return value === undefined ? "–" : value > 0 ? `${value.toFixed(1)} Hz` : "none";
 }
 
-// 0: nobody asked the sampler or the renderer to find out.
-function needed(need, row) {
-  return need || row.light_budget ? `${need || "–"} / ${row.light_budget || "–"}` : "–";
-}
-
-function flicker(beat) {
-  return beat === undefined ? "–" : beat > 0 ? `${beat.toFixed(1)} Hz` : "none";
+function fraction(value) {
+  return value === undefined ? "–" : `${Number(value.toFixed(1))} frames`;
 }
 
 function whole(value) {
-  return value === undefined ? "–" : value.toLocaleString("en").replaceAll(",", "\u202f");
+  return value === undefined || value === null ? "–" : Number(value.toFixed(3)).toLocaleString("en").replaceAll(",", "\u202f");
 }
 
 connect();

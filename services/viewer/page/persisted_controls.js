@@ -1,0 +1,41 @@
+// Choices outlive the viewer: this browser stores them, and repeats them to a viewer that was started since with the same settings, unless
+// somebody has made new ones already.
+
+const KEY = "vemlight controls";
+const LIFETIME_MS = 300_000; // a viewer that died is back within a minute; later than this it is another day's work
+
+export class PersistedControls {
+  constructor(choose) {
+    this.choose = choose;
+    this.text = "null";
+  }
+
+  take(summary) {
+    const stored = JSON.parse(this.read());
+    const settings = JSON.stringify([summary.mode, summary.settings]);
+    const restarted = stored && stored.started !== summary.started_s && stored.settings === settings && Date.now() - stored.at < LIFETIME_MS;
+    const control = restarted && isDefault(summary.control) ? stored.control : summary.control;
+    this.write(JSON.stringify({ started: summary.started_s, settings, at: Date.now(), control }));
+    if (restarted && !isDefault(control) && isDefault(summary.control)) this.choose(control);
+  }
+
+  read() {
+    try {
+      return localStorage.getItem(KEY) ?? "null";
+    } catch { // browsers can be told to store nothing: then only this page remembers
+      return this.text;
+    }
+  }
+
+  write(text) {
+    this.text = text;
+    try {
+      localStorage.setItem(KEY, text);
+    } catch { /* as above */ }
+  }
+}
+
+// Whether nothing was chosen: all as in the settings.
+function isDefault(control) {
+  return Object.values(control).every((value) => value === null || value === false || value.length === 0);
+}

@@ -1,4 +1,4 @@
-"""`vemlight chart`: how true, how steady and how quick each method is on a user's own maps, as charts and as numbers."""
+"""`vemlight chart`: error, flicker and time of each method on a user's own maps, as charts and as numbers."""
 
 import csv
 import os
@@ -29,38 +29,38 @@ from vemlight.sampler.step import step
 from vemlight.settings import Sampler
 
 METHODS = ("tracked", "havran-azimuth", "havran-radius", "standard")
-UNFILTERED = "havran-azimuth, no filter"  # beside the methods where light moves: what the 2005 filter does
+UNFILTERED = "havran-azimuth, no filter"  # for moving light: shows the effect of the 2005 filter
 COUNTS = (4, 8, 16, 32, 64, 128, 256, 512, 1024)
 MOVING_COUNT = 64
-FRAMES = 24  # of light that moves
-STILL_FRAMES = 6  # of a map that stands still: enough for lights to settle and for a median of times
+FRAMES = 24  # of moving light
+STILL_FRAMES = 6  # of a still map: enough for lights to settle and for a median of times
 FPS = 25.0
-EVENTS = {"lamp off and on": 8, "black frames": 2, "spoilt cells": 4}  # and how many frames each lasts
+EVENTS = {"lamp off and on": 8, "black frames": 2, "invalid cells": 4}  # duration in frames
 BEFORE = 8  # frames before an event: as many as the 2005 filter looks back
-LAMP_DEG = 10.0  # round the brightest cell: what goes out, or is spoilt
-PROMISES = (40.0, 20.0, 10.0)  # per cent of error asked for
-NEED_FRAMES = 20  # in which the number of lights settles
-MOST = 512
-LEAST = 1e-6  # what is drawn where nothing is wrong: logarithms know no 0
-UNSEEN = slice(REQUIRED_PROBES, 600)  # probes that the controller does not look at
+LAMP_DEG = 10.0  # radius around the brightest cell of what goes out, or is invalid
+ERROR_LIMITS = (40.0, 20.0, 10.0)  # per cent
+SETTLING_FRAMES = 20  # within which the number of lights settles
+MAX_LIGHTS = 512
+PLOT_FLOOR = 1e-6  # drawn in place of 0, which has no logarithm
+UNSEEN_PROBES = slice(REQUIRED_PROBES, 600)  # probes that the controller does not use
 Row = dict[str, Any]
 
 
 class Moment(NamedTuple):
-    """One frame. radiance: (rows, cols, 3), as it is; seen: what the methods get; bright_cells: of `seen`."""
+    """One frame. radiance: (rows, cols, 3), the truth; given: what the methods get; bright_cells: of `given`."""
 
     time_s: float
     radiance: np.ndarray
-    seen: np.ndarray
+    given: np.ndarray
     bright_cells: BrightCells
 
 
 def chart(maps: list[Path], out: Path) -> None:
     """Writes charts as .png and .svg and their numbers as .csv to the folder `out`.
 
-    error: of still maps, over milliseconds, 4 to 1024 lights. flicker and motion: of a sequence's first frames, or of a map turned a
-    column a frame. events: frame by frame, when a lamp goes out and on, frames are black, or cells are spoilt. need: the lights
-    chosen for an error, and the error they have.
+    error: of still maps, over milliseconds, 4 to 1024 lights. flicker and motion: of a sequence's first frames, or of a map rotated by
+    one column a frame. events: frame by frame, when a lamp goes out and on, frames are black, or cells are invalid. required_lights:
+    the lights chosen for an error limit, and the error measured.
 
     Each map is a lat-long .hdr or .exr, or a sequence, of which all but flicker and motion take the first frame. Raises UserError for
     maps that cannot be read, for a folder that cannot be made, and where matplotlib is not installed.
@@ -79,14 +79,14 @@ def chart(maps: list[Path], out: Path) -> None:
     sources = {path: open_source(settings.Capture(source=str(path.resolve()))) for path in maps}
     firsts = {path: _moment(source.frame(0)) for path, source in sources.items()}
     same = len({path.stem for path in maps}) < len(maps)
-    rows: dict[str, list[Row]] = {"error": [], "moving": [], "events": [], "need": []}
+    rows: dict[str, list[Row]] = {"error": [], "moving": [], "events": [], "required_lights": []}
     for path, source in track(sources.items(), description="maps"):
         name, first = str(path) if same else path.stem, firsts[path]
-        moving = [_moment(source.frame(k)) for k in range(min(len(source), FRAMES))] if len(source) > 1 else _turning(first)
+        moving = [_moment(source.frame(k)) for k in range(min(len(source), FRAMES))] if len(source) > 1 else _rotating_moments(first)
         for method in (*METHODS, UNFILTERED):
             if method in METHODS:
                 rows["error"] += [_still(method, count, first) | {"map": name} for count in COUNTS]
-                rows["need"] += [_need(method, promise, first) | {"map": name} for promise in PROMISES]
+                rows["required_lights"] += [_required(method, limit, first) | {"map": name} for limit in ERROR_LIMITS]
             rows["moving"].append(_moving(method, moving) | {"map": name})
             for event in EVENTS:
                 rows["events"] += [row | {"map": name} for row in _event(method, event, first)]
@@ -97,13 +97,14 @@ def chart(maps: list[Path], out: Path) -> None:
     _save(out, "flicker", rows["moving"], _over("error", "flicker"), title, judged)
     _save(out, "motion", rows["moving"], _bars("motion_deg", "jumps", "deaths"), title, judged)
     _save(out, "events", rows["events"], _frames, f"{MOVING_COUNT} lights, frame by frame; the event is gray", judged, len(EVENTS))
-    promises = ", ".join(f"{promise:g} %" for promise in PROMISES)
+    limits = ", ".join(f"{limit:g} %" for limit in ERROR_LIMITS)
     unseen = f"{command}   error relative to what each probe receives, at probes that the controller has not seen"
-    _save(out, "need", rows["need"], _over("lights", "had"), f"the lights chosen for an error of {promises}", unseen)
+    title = f"the lights chosen for an error of {limits}"
+    _save(out, "required_lights", rows["required_lights"], _over("lights", "measured"), title, unseen)
 
 
 def machine() -> str:
-    """The processor and how many of it there are, for captions."""
+    """The processor and its number of cores, for captions."""
     listed = Path("/proc/cpuinfo")
     lines = listed.read_text().splitlines() if listed.exists() else []
     model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.processor())
@@ -114,17 +115,17 @@ def _moment(frame: Frame) -> Moment:
     return Moment(frame.time_s, frame.radiance, frame.radiance, frame.bright_cells)
 
 
-def _turning(first: Moment) -> list[Moment]:
-    """The map turned by a column a frame."""
+def _rotating_moments(first: Moment) -> list[Moment]:
+    """The map rotated by one column a frame."""
     cols, moments = first.radiance.shape[1], []
     for k in range(FRAMES):
         turned = np.roll(first.radiance, k, axis=1)
-        moments.append(Moment(k / FPS, turned, turned, _turned(first.bright_cells, k, cols)))
+        moments.append(Moment(k / FPS, turned, turned, _rotated(first.bright_cells, k, cols)))
     return moments
 
 
-def _turned(bright: BrightCells, columns: int, cols: int) -> BrightCells:
-    """The bright cells of a map turned by whole columns."""
+def _rotated(bright: BrightCells, columns: int, cols: int) -> BrightCells:
+    """The bright cells of a map rotated by whole columns."""
     angle = columns * 2 * np.pi / cols
     row, col = np.divmod(bright.cells, cols)
     x, y, z = bright.directions.T
@@ -137,23 +138,23 @@ def _chosen(bright: BrightCells, which: np.ndarray) -> BrightCells:
     return BrightCells(*(array[which] for array in bright))
 
 
-def _happening(event: str, first: Moment) -> list[Moment]:
-    """The frames of an event, on a map that stands still."""
+def _event_moments(event: str, first: Moment) -> list[Moment]:
+    """The frames of an event, on a still map."""
     rows, cols, _ = first.radiance.shape
     directions = cell_directions(rows, cols, "hemisphere")
     brightest = np.unravel_index(int(luminance_from_rgb(light_map(first.radiance, "hemisphere").radiance).argmax()), (rows, cols))
-    round_it = (directions @ directions[brightest] > np.cos(np.radians(LAMP_DEG)))[..., None]
+    around = (directions @ directions[brightest] > np.cos(np.radians(LAMP_DEG)))[..., None]
     changed = {
-        "lamp off and on": np.where(round_it, np.nanmedian(first.radiance, axis=(0, 1)), first.radiance),
+        "lamp off and on": np.where(around, np.nanmedian(first.radiance, axis=(0, 1)), first.radiance),
         "black frames": np.zeros_like(first.radiance),
-        "spoilt cells": np.where(round_it, np.float32(np.nan), first.radiance),
+        "invalid cells": np.where(around, np.float32(np.nan), first.radiance),
     }[event]
     moments = []
     for k in range(FRAMES):
         now = BEFORE <= k < BEFORE + EVENTS[event]
         truth = changed if now and event == "lamp off and on" else first.radiance
-        # Samples of what goes out would say where light is that is not there.
-        bright = _chosen(first.bright_cells, ~round_it.ravel()[first.bright_cells.cells]) if now else first.bright_cells
+        # Bright cells of a lamp that is out would add light that is not there.
+        bright = _chosen(first.bright_cells, ~around.ravel()[first.bright_cells.cells]) if now else first.bright_cells
         moments.append(Moment(k / FPS, truth, changed if now else first.radiance, bright))
     return moments
 
@@ -168,7 +169,7 @@ def _lit(wanted: Sampler, moments: list[Moment]) -> Iterator[tuple[LightSet, flo
     state = initial_state()
     for moment in moments:
         begin = time.thread_time()
-        state, lights, _ = step(wanted, state, SamplerInput(moment.seen, "hemisphere", moment.time_s, moment.bright_cells))
+        state, lights, _ = step(wanted, state, SamplerInput(moment.given, "hemisphere", moment.time_s, moment.bright_cells))
         yield lights, 1e3 * (time.thread_time() - begin)
 
 
@@ -187,8 +188,8 @@ def _moving(method: str, moments: list[Moment]) -> Row:
 
 
 def _event(method: str, event: str, first: Moment) -> list[Row]:
-    moments, at, truths = _happening(event, first), probes(score.SCORE_PROBES, "hemisphere"), {}
-    for moment in moments:  # two maps at most
+    moments, at, truths = _event_moments(event, first), probes(score.SCORE_PROBES, "hemisphere"), {}
+    for moment in moments:  # at most two different maps
         if id(moment.radiance) not in truths:
             truths[id(moment.radiance)] = irradiance_of_map(at, light_map(moment.radiance, "hemisphere").radiance, "hemisphere")
     scale = truths[id(first.radiance)].mean() or 1.0
@@ -199,18 +200,18 @@ def _event(method: str, event: str, first: Moment) -> list[Row]:
     return rows
 
 
-def _need(method: str, promise: float, first: Moment) -> Row:
-    moments = [first._replace(time_s=k / FPS) for k in range(NEED_FRAMES)]
-    *_, (lights, _) = _lit(_sampler(method, count=MOST, filter="none", error_percent=promise), moments)
-    at = probes(UNSEEN.stop, "hemisphere")
-    truth = irradiance_of_map(at, light_map(first.radiance, "hemisphere").radiance, "hemisphere")[UNSEEN]
-    got = irradiance_of_lights(at, lights.directions, lights.irradiance)[UNSEEN]
+def _required(method: str, limit: float, first: Moment) -> Row:
+    moments = [first._replace(time_s=k / FPS) for k in range(SETTLING_FRAMES)]
+    *_, (lights, _) = _lit(_sampler(method, count=MAX_LIGHTS, filter="none", error_percent=limit), moments)
+    at = probes(UNSEEN_PROBES.stop, "hemisphere")
+    truth = irradiance_of_map(at, light_map(first.radiance, "hemisphere").radiance, "hemisphere")[UNSEEN_PROBES]
+    got = irradiance_of_lights(at, lights.directions, lights.irradiance)[UNSEEN_PROBES]
     dark = DARK_PROBE * truth.mean() or 1.0
-    had = float(np.sqrt(np.mean(((got - truth) / (truth + dark)) ** 2)))
-    return {"method": method, "promised": promise / 100, "lights": len(lights.ids), "had": had}
+    measured = float(np.sqrt(np.mean(((got - truth) / (truth + dark)) ** 2)))
+    return {"method": method, "limit": limit / 100, "lights": len(lights.ids), "measured": measured}
 
 
-Draw = Callable[[Any, list[Row]], None]  # on the axes of a map, its rows
+Draw = Callable[[Any, list[Row]], None]  # draws the rows of one map on its axes
 
 
 def _by_method(rows: list[Row]) -> Iterator[tuple[str, str, list[Row]]]:
@@ -221,18 +222,18 @@ def _by_method(rows: list[Row]) -> Iterator[tuple[str, str, list[Row]]]:
 
 
 def _over(across: str, up: str) -> Draw:
-    """A line a method, one figure over another, and a band along what none beats in both (the Pareto front)."""
+    """One line a method, one figure over another, and a band along the Pareto front."""
 
     def draw(axes: Any, rows: list[Row]) -> None:
         from matplotlib.ticker import LogLocator
 
         front: list[tuple[float, float]] = []
-        for x, y in sorted((max(row[across], LEAST), max(row[up], LEAST)) for row in rows):
+        for x, y in sorted((max(row[across], PLOT_FLOOR), max(row[up], PLOT_FLOOR)) for row in rows):
             if not front or y < front[-1][1]:
                 front.append((x, y))
         axes[0].step(*zip(*front, strict=True), where="post", color="0.6", lw=5, alpha=0.4)
         for colour, method, own in _by_method(rows):
-            axes[0].loglog(*([max(row[key], LEAST) for row in own] for key in (across, up)), "o-", label=method, color=colour)
+            axes[0].loglog(*([max(row[key], PLOT_FLOOR) for row in own] for key in (across, up)), "o-", label=method, color=colour)
         axes[0].set(xlabel=across, ylabel=up)
         axes[0].xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes[0].xaxis.set_major_formatter("{x:g}")
@@ -242,7 +243,7 @@ def _over(across: str, up: str) -> Draw:
 
 
 def _bars(*keys: str) -> Draw:
-    """A group of bars a figure."""
+    """One group of bars a figure."""
 
     def draw(axes: Any, rows: list[Row]) -> None:
         for k, (colour, method, own) in enumerate(_by_method(rows)):
@@ -254,16 +255,16 @@ def _bars(*keys: str) -> Draw:
 
 
 def _frames(axes: Any, rows: list[Row]) -> None:
-    """A line a method over the frames, an event below the other."""
+    """One line a method over the frames, one row of axes an event."""
     for axis, event in zip(axes, EVENTS, strict=True):
         axis.axvspan(BEFORE - 0.5, BEFORE + EVENTS[event] - 0.5, color="0.85")
         for colour, method, own in _by_method([row for row in rows if row["event"] == event]):
-            axis.semilogy([row["frame"] for row in own], [max(row["error"], LEAST) for row in own], label=method, color=colour)
+            axis.semilogy([row["frame"] for row in own], [max(row["error"], PLOT_FLOOR) for row in own], label=method, color=colour)
         axis.set(xlabel=f"frame: {event}", ylabel="error")
 
 
 def _save(out: Path, name: str, rows: list[Row], draw: Draw, title: str, caption: str, down: int = 1) -> None:
-    """A column a map, `down` axes in each."""
+    """Writes a chart with one column of `down` axes a map, and its numbers."""
     from matplotlib import pyplot as plt
 
     maps = list(dict.fromkeys(row["map"] for row in rows))

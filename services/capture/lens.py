@@ -29,7 +29,7 @@ MAX_SIZE = 16384  # pixels on a side, as for all images; more would be a typing 
 SLOPE_SAMPLES = 1024  # between axis and rim: the slope, of degree 8 and even, has at most 4 turns there; any value from 100 on does
 MAX_NEWTON_STEPS = 60  # a real lens takes 4 to 6; bisection alone would need 53 for the last bit, so any value from 54 on does
 NEWTON_TOLERANCE = 1e-15  # rad, four units in the last place at 1 rad; any value below 1e-10 keeps directions within 1e-9
-ROTATION_TOLERANCE = 1e-6  # of an element of R R^T: files with seven digits pass; scaled or skewed axes do not
+ROTATION_TOLERANCE = 1e-5  # of an element of R R^T: files with six digits pass; scaled or skewed axes do not
 
 
 class Intrinsics(NamedTuple):
@@ -115,7 +115,7 @@ def check_lens(lens: Lens) -> None:
         raise UserError(f"vignetting falls to 0 before rim_deg = {lens.rim_deg:g}; correct it or lower rim_deg")
     if lens.flat_field and lens.vignetting:
         raise UserError("flat_field contains the vignetting already; leave one of the two out")
-    orthonormal = np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), atol=ROTATION_TOLERANCE)
+    orthonormal = np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), rtol=0, atol=ROTATION_TOLERANCE)
     if not orthonormal or np.linalg.det(lens.rotation) < 0:
         raise UserError("world_from_camera is no rotation; its rows must be unit vectors at right angles, right-handed")
 

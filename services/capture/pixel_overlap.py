@@ -17,7 +17,7 @@ RADIUS_TABLE_SIZE = 4096  # angles over the radius; linear interpolation is off 
 MIN_SUBPIXELS = 8  # on a side, where a pixel crosses a cell's edge: an edge along a line of them moves by 1/16 of the pixel
 SUBPIXELS_PER_CELL = 8  # across the narrowest cell that a pixel near the zenith overlaps
 MAX_SUBPIXELS = 128  # next to the zenith itself, where cells are narrower than a subpixel
-STRAIGHT_FROM = 4.0  # pixels off the zenith: an edge bends by 1 / (8 x 4) of a pixel from here on, half a subpixel; 3 to 8 do
+STRAIGHT_FROM = 4.0  # pixels off the zenith: an edge bends by 1 / (8 x 4) of a pixel from here on, half a subpixel; 2 to 8 do
 BALANCING_ROUNDS = 40  # an even sky is then even within 1 % at two pixels a cell; each halving of the error takes about 10 more
 
 

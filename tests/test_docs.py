@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from vemlight.commands.cli import main
+from vemlight.renderer.pass_table import PASSES
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "proto" / "README.md"])
@@ -32,3 +33,10 @@ def test_named_commands_and_targets_exist(page):
     assert set(NAMED_COMMAND.findall(code)) <= {*main.commands}
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     assert set(NAMED_TARGET.findall(page.read_text())) <= targets
+
+
+def test_the_table_of_passes_is_current():
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    cells = [(one.name, ", ".join(one.reads), ", ".join(one.writes), one.timer, f"`services/renderer/{one.module}`") for one in PASSES]
+    rows = [f"| {' | '.join(row)} |" for row in cells]
+    assert "\n".join(rows) in page, "write these rows into docs/architecture.md:\n" + "\n".join(rows)

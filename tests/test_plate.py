@@ -1,4 +1,4 @@
-"""A second camera's pictures: the film's own, in any order, at the moment of the light that they stand behind."""
+"""The second camera: pictures of a video or a folder, in any order, paired with the lights of the same time."""
 
 import cv2
 import msgspec
@@ -8,7 +8,7 @@ import pytest
 from tests.support.processes import wait_until
 from vemlight.errors import UserError
 from vemlight.plate.stage import PlateSource
-from vemlight.plate.video_source import open_pictures
+from vemlight.plate.video_source import checked_rgb, open_video_source
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Supply
 from vemlight.runtime.service_stats import ServiceStats
@@ -34,11 +34,11 @@ def film(tmp_path_factory):
     return path
 
 
-def test_a_films_pictures_come_in_any_order(film):
-    pictures = open_pictures(film, fps=1.0)
-    assert (len(pictures), pictures.fps) == (FRAMES, 24.0)
+def test_a_videos_pictures_come_in_any_order(film):
+    video = open_video_source(film, fps=1.0)
+    assert (len(video), video.fps) == (FRAMES, 24.0)
     for k in (0, 1, 2, 7, 3, 11, 0):
-        assert abs(pictures.picture(k).mean() - gray_of(k)) < 3, k
+        assert abs(video.picture(k).mean() - gray_of(k)) < 3, k
 
 
 def test_a_folders_pictures_have_rgb_and_the_settings_rate(tmp_path):
@@ -46,12 +46,12 @@ def test_a_folders_pictures_have_rgb_and_the_settings_rate(tmp_path):
     red[..., 2] = 250  # OpenCV writes BGR
     cv2.imwrite(str(tmp_path / "b.png"), red)
     cv2.imwrite(str(tmp_path / "a.png"), 0 * red)
-    pictures = open_pictures(tmp_path, fps=5.0)
-    assert (len(pictures), pictures.fps) == (2, 5.0)
-    assert pictures.picture(1)[0, 0].tolist() == [250, 0, 0]
+    video = open_video_source(tmp_path, fps=5.0)
+    assert (len(video), video.fps) == (2, 5.0)
+    assert video.picture(1)[0, 0].tolist() == [250, 0, 0]
 
 
-def test_what_is_no_film_is_one_clear_line(tmp_path, film):
+def test_what_is_no_video_is_one_clear_line(tmp_path, film):
     (tmp_path / "empty").mkdir()
     (tmp_path / "noise.mp4").write_bytes(np.random.default_rng(1).bytes(5000))
     (tmp_path / "cut.avi").write_bytes(film.read_bytes()[:60])
@@ -60,12 +60,22 @@ def test_what_is_no_film_is_one_clear_line(tmp_path, film):
     (tmp_path / "pictures" / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
     for name in ("missing", "empty", "noise.mp4", "cut.avi", "short.avi"):
         with pytest.raises(UserError, match=name.partition(".")[0]):
-            open_pictures(tmp_path / name, 25.0)
+            open_video_source(tmp_path / name, 25.0)
     with pytest.raises(UserError, match=r"a\.png"):
-        open_pictures(tmp_path / "pictures", 25.0).picture(0)
+        open_video_source(tmp_path / "pictures", 25.0).picture(0)
 
 
-def test_the_film_goes_on_from_its_start(film):
+@pytest.mark.parametrize(("height", "width", "fits"), [(1, 8192, True), (1, 8193, False), (8192, 2730, True), (8192, 2731, False)])
+def test_a_picture_larger_than_a_message_is_refused(height, width, fits):
+    pixels = np.broadcast_to(np.uint8(7), (height, width, 3))  # a side is 8192 pixels at most, all bytes 2^26
+    if fits:
+        assert checked_rgb(pixels, "here").shape == (height, width, 3)
+    else:
+        with pytest.raises(UserError, match=f"^here: has {width} x {height} pixels"):
+            checked_rgb(pixels, "here")
+
+
+def test_after_its_end_a_video_starts_again(film):
     source = PlateSource(Plate(source=str(film)))
     assert source.limit is None
     header, (pixels,) = source.message(FRAMES + 2, 2, 0.0)

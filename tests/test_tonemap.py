@@ -8,7 +8,7 @@ from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.frame_plan import ToneRequest
 from vemlight.renderer.output.tonemap import (
-    LONGEST_STEP_S,
+    MAX_STEP_S,
     MIDDLE_GREY,
     TIME_CONSTANT_S,
     Adaptation,
@@ -76,7 +76,7 @@ def test_two_short_steps_are_one_long_step():
     low, high = gray(np.full(9, 0.01)), gray(np.full(9, 10.0))
     start = adapt(None, low, 0.04)
     assert adapt(adapt(start, high, 0.05), high, 0.05).log_average == pytest.approx(adapt(start, high, 0.1).log_average, rel=1e-9)
-    assert adapt(start, high, 100.0) == adapt(start, high, LONGEST_STEP_S)
+    assert adapt(start, high, 100.0) == adapt(start, high, MAX_STEP_S)
     assert adapt(start, high, -1.0) == start
 
 

@@ -12,7 +12,7 @@ from vemlight.commands.options import RenderOptions
 from vemlight.errors import UserError
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.renderer.output.video import GROUND, video
+from vemlight.renderer.output.video import BACKGROUND, video_writer
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.settings import Renderer, Settings
@@ -40,7 +40,7 @@ COLOURS = [(200, 60, 30), (20, 180, 90), (128, 128, 128), (0, 0, 0), (255, 255, 
 @pytest.mark.parametrize(("width", "height"), [(64, 48), (63, 47), (1, 1), (64, 47)])
 @pytest.mark.parametrize("suffix", ["mp4", "mkv"])
 def test_all_pictures_come_back_in_their_colours(tmp_path, width, height, suffix):
-    with video(tmp_path / f"film.{suffix}", 25.0) as add:
+    with video_writer(tmp_path / f"film.{suffix}", 25.0) as add:
         for k, colour in enumerate(COLOURS):
             add(flat(width, height, colour), k / 25)
     pictures, times, rate = decoded(tmp_path / f"film.{suffix}")
@@ -53,7 +53,7 @@ def test_all_pictures_come_back_in_their_colours(tmp_path, width, height, suffix
 
 def test_frames_keep_their_own_times(tmp_path):
     shown_s = [7.0, 7.04, 7.2, 7.2, 7.1, 9.0]  # a gap, one twice, one back
-    with video(tmp_path / "film.mp4", 25.0) as add:
+    with video_writer(tmp_path / "film.mp4", 25.0) as add:
         for time_s in shown_s:
             add(flat(32, 32, (50, 100, 150)), time_s)
     _, times, _ = decoded(tmp_path / "film.mp4")
@@ -63,7 +63,7 @@ def test_frames_keep_their_own_times(tmp_path):
 
 def test_odd_rates_last_to_the_frame(tmp_path):
     fps = 30000 / 1001
-    with video(tmp_path / "film.mp4", fps) as add:
+    with video_writer(tmp_path / "film.mp4", fps) as add:
         for k in range(90):
             add(flat(16, 16, (k, 100, 150)), k / fps)
     pictures, times, rate = decoded(tmp_path / "film.mp4")
@@ -73,14 +73,14 @@ def test_odd_rates_last_to_the_frame(tmp_path):
 
 
 def test_what_shows_nothing_is_the_grounds_gray(tmp_path):
-    with video(tmp_path / "film.mp4", 25.0) as add:
+    with video_writer(tmp_path / "film.mp4", 25.0) as add:
         add(flat(32, 32, (255, 0, 0), alpha=0), 0.0)
-    assert np.abs(decoded(tmp_path / "film.mp4")[0][0].astype(int) - GROUND).max() <= 3
+    assert np.abs(decoded(tmp_path / "film.mp4")[0][0].astype(int) - BACKGROUND).max() <= 3
 
 
 def test_a_video_that_was_not_finished_is_not_there(tmp_path):
     def interrupted():
-        with video(tmp_path / "film.mp4", 25.0) as add:
+        with video_writer(tmp_path / "film.mp4", 25.0) as add:
             add(flat(32, 32, (9, 9, 9)), 0.0)
             raise RuntimeError("stopped")
 
@@ -90,14 +90,14 @@ def test_a_video_that_was_not_finished_is_not_there(tmp_path):
 
 
 def test_no_picture_no_video(tmp_path):
-    with pytest.raises(UserError, match="needs a picture"), video(tmp_path / "film.mp4", 25.0):
+    with pytest.raises(UserError, match="needs at least one picture"), video_writer(tmp_path / "film.mp4", 25.0):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["film.avi", "film", "nowhere/film.mp4"])
 def test_where_no_video_can_be_is_one_line(tmp_path, name):
-    with pytest.raises(UserError) as caught, video(tmp_path / name, 25.0):
+    with pytest.raises(UserError) as caught, video_writer(tmp_path / name, 25.0):
         pass
     assert "\n" not in str(caught.value)
 
@@ -137,5 +137,5 @@ def test_the_command_renders_a_sequence_to_a_video_in_which_animations_play(tmp_
     assert times == pytest.approx(np.arange(16) / 10, abs=1e-4)
     assert rate == pytest.approx(10)
     # it goes to and comes back after 5 frames: where it stands, not its light
-    shapes = [np.abs(picture.astype(int) - GROUND).max(axis=-1) > 30 for picture in pictures]
+    shapes = [np.abs(picture.astype(int) - BACKGROUND).max(axis=-1) > 30 for picture in pictures]
     assert np.mean(shapes[1] != shapes[6]) < 0.005 < np.mean(shapes[1] != shapes[4])

@@ -107,7 +107,7 @@ def write_pictures(options: RenderOptions) -> str:
     from vemlight.renderer.frame_plan import BackgroundMap
     from vemlight.renderer.frame_sequence import FrameSequence
     from vemlight.renderer.output.tonemap import adapt, subsampled, tone_mapped
-    from vemlight.renderer.output.video import video
+    from vemlight.renderer.output.video import video_writer
     from vemlight.renderer.renderer import Renderer
     from vemlight.renderer.scene.scene import load_scene
     from vemlight.renderer.scene.scene_pose import scene_pose
@@ -121,7 +121,7 @@ def write_pictures(options: RenderOptions) -> str:
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), gloss_lights=gloss_lights)
     with ExitStack() as open_:
-        add = open_.enter_context(video(to_video, frames.fps)) if to_video else None
+        add = open_.enter_context(video_writer(to_video, frames.fps)) if to_video else None
         sequence = FrameSequence(Renderer(scene, wanted, file_samples(scene)))
         open_.callback(sequence.release)
         adaptation, before_s = None, 0.0

@@ -11,7 +11,7 @@ from vemlight.settings import Settings, is_camera
 
 def main(settings: Settings, restarts: int = 0) -> None:
     if not settings.plate.source:
-        raise UserError("[plate] source names nothing; name a film, a folder of pictures, or /dev/videoN")
+        raise UserError("[plate] source names nothing; name a video, a folder of pictures, or /dev/videoN")
     if is_camera(settings.plate.source):
         run_camera(settings, PlateCamera(settings.plate), restarts)
     else:

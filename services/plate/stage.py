@@ -1,4 +1,4 @@
-"""The second camera as a source of frames: what stands behind the scene. Numbers go on after the last frame with the first one again."""
+"""The second camera as a source of frames: the plate, a live picture of the real place behind the scene."""
 
 import sys
 import time
@@ -9,35 +9,35 @@ import numpy as np
 
 from vemlight import settings
 from vemlight.errors import UserError
-from vemlight.plate.video_source import Pictures, open_pictures
+from vemlight.plate.video_source import VideoSource, open_video_source
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 
-REOPEN_S = 1.0  # between two tries to find a camera that has gone
-PlateMessage = tuple[wire.PlateMessage, tuple[np.ndarray, ...]]
+REOPEN_S = 1.0  # between two tries to open a camera that is gone; any value in 0.2 .. 5 does
+PlateFrame = tuple[wire.PlateMessage, tuple[np.ndarray, ...]]
 
 
 class PlateSource:
-    """A film or a folder of pictures; see `vemlight.runtime.loop.Source`."""
+    """A video file or a folder of pictures, played again from the start after its end; see `vemlight.runtime.loop.Source`."""
 
     service: Service = "plate"
     limit: int | None = None
 
     def __init__(self, settings: settings.Plate) -> None:
         """Raises UserError when there is nothing to see."""
-        self._pictures: Pictures = open_pictures(Path(settings.source), settings.fps)
-        self.fps = self._pictures.fps
+        self._video: VideoSource = open_video_source(Path(settings.source), settings.fps)
+        self.fps = self._video.fps
 
     def __len__(self) -> int:
-        return len(self._pictures)
+        return len(self._video)
 
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
-        """Raises UserError for a damaged picture."""
-        return plate_message(self._pictures.picture(index), wire.stamp(sequence, time_s))
+        """Picture `index` as frame `sequence`. Raises UserError for one that is damaged."""
+        return plate_frame(self._video.picture(index), wire.stamp(sequence, time_s))
 
 
 class PlateCamera:
-    """A camera's pictures as they come; see `vemlight.runtime.loop.Camera`. One that goes away is waited for."""
+    """A camera's pictures as they come; see `vemlight.runtime.loop.Camera`. A camera that disappears is opened again when it is back."""
 
     service: Service = "plate"
     limit: int | None = None
@@ -45,17 +45,17 @@ class PlateCamera:
     def __init__(self, settings: settings.Plate) -> None:
         """Raises UserError for a camera that cannot be opened."""
         self._path, self._fps = settings.source, settings.fps
-        self._camera, self._look_again_s = _opened(self._path, self._fps), 0.0
+        self._camera, self._reopen_s = _opened(self._path, self._fps), 0.0
         if not self._camera.isOpened():
             raise UserError(f"{self._path}: cannot be opened as a camera; check [plate] source and who may read it")
-        self._sequence, self._began_s = -1, time.monotonic()
+        self._sequence, self._started_s = -1, time.monotonic()
 
-    def message(self, wait_s: float) -> tuple[PlateMessage | None, int]:
-        """The next picture, if one came; the driver tells of no losses."""
+    def message(self, wait_s: float) -> tuple[PlateFrame | None, int]:
+        """The next picture if one came, and 0: OpenCV does not report frames that the driver lost."""
         if not self._camera.isOpened():
             time.sleep(wait_s)
-            if time.monotonic() >= self._look_again_s:
-                self._camera, self._look_again_s = _opened(self._path, self._fps), time.monotonic() + REOPEN_S
+            if time.monotonic() >= self._reopen_s:
+                self._camera, self._reopen_s = _opened(self._path, self._fps), time.monotonic() + REOPEN_S
             return None, 0
         came, pixels = self._camera.read()
         if not came:
@@ -63,7 +63,7 @@ class PlateCamera:
             self._camera.release()
             return None, 0
         self._sequence += 1
-        return plate_message(pixels[..., ::-1], wire.stamp(self._sequence, time.monotonic() - self._began_s)), 0
+        return plate_frame(pixels[..., ::-1], wire.stamp(self._sequence, time.monotonic() - self._started_s)), 0
 
     def close(self) -> None:
         self._camera.release()
@@ -76,7 +76,7 @@ def _opened(path: str, fps: float) -> cv2.VideoCapture:
     return camera
 
 
-def plate_message(pixels: np.ndarray, stamp: wire.Stamp) -> PlateMessage:
-    """The message of a picture (h, w, 3) uint8 sRGB."""
+def plate_frame(pixels: np.ndarray, stamp: wire.Stamp) -> PlateFrame:
+    """The message of a picture (h, w, 3) uint8, sRGB."""
     height, width, _ = pixels.shape
     return wire.PlateMessage(stamp=stamp, width=width, height=height), (pixels,)

@@ -1,4 +1,4 @@
-"""Pictures by index: of a film, or a folder's in the order of their names."""
+"""Pictures by index: of a video file, or of a folder in the order of names."""
 
 from pathlib import Path
 from typing import Protocol
@@ -8,89 +8,89 @@ import numpy as np
 
 from vemlight.errors import UserError
 from vemlight.light.images import silent
+from vemlight.runtime import wire
 
-SUFFIXES = (".png", ".jpg", ".jpeg")
-LONGEST_SIDE = 8192  # pixels, of what travels between services
-MOST_BYTES = 64 * 2**20  # of one picture's array, likewise
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+MAX_FPS = 1000.0  # in a video's header; a higher rate is taken for damage. Any value in 300 .. 10,000 does
 
 
-class Pictures(Protocol):
-    """Pictures by index."""
+class VideoSource(Protocol):
+    """Pictures by index. fps: how many of them a second."""
 
     fps: float
 
     def __len__(self) -> int: ...
 
-    def picture(self, k: int) -> np.ndarray:
-        """Picture k of 0 .. len - 1: (h, w, 3) uint8, sRGB, row 0 on top. Raises UserError for one that cannot be read."""
+    def picture(self, index: int) -> np.ndarray:
+        """Picture 0 .. len - 1: (h, w, 3) uint8, sRGB, row 0 on top. Raises UserError for one that cannot be read."""
         ...
 
 
-class Folder:
+class PictureFolder:
     """Picture files in the order of their names."""
 
     def __init__(self, folder: Path, fps: float) -> None:
         """Raises UserError for a folder without pictures."""
-        self._paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+        self._paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
         self.fps = fps
         if not self._paths:
-            raise UserError(f"{folder}: holds no {', '.join(SUFFIXES)}; name another folder as [plate] source")
+            raise UserError(f"{folder}: holds no {', '.join(PICTURE_SUFFIXES)}; name another folder as [plate] source")
 
     def __len__(self) -> int:
         return len(self._paths)
 
-    def picture(self, k: int) -> np.ndarray:
-        """See Pictures."""
+    def picture(self, index: int) -> np.ndarray:
+        """See VideoSource."""
         try:
             with silent():
-                pixels = cv2.imread(str(self._paths[k]), cv2.IMREAD_COLOR)
-        except cv2.error:  # one too large for it
+                pixels = cv2.imread(str(self._paths[index]), cv2.IMREAD_COLOR)
+        except cv2.error:  # for one too large for it
             pixels = None
-        return checked(pixels, str(self._paths[k]))
+        return checked_rgb(pixels, str(self._paths[index]))
 
 
-class Film:
-    """A film's pictures, one after the other or, slower, in any order."""
+class VideoFile:
+    """A video's pictures, fast one after the other, slower in any order."""
 
     def __init__(self, path: Path) -> None:
-        """Raises UserError for a file that is no film or not whole."""
+        """Raises UserError for a file that is no video, or whose end is missing."""
+        self._path, self._next_index = path, 0
         with silent():
-            self._path, self._film, self._next = path, cv2.VideoCapture(str(path)), 0
-        self.fps = self._film.get(cv2.CAP_PROP_FPS)
-        count = int(self._film.get(cv2.CAP_PROP_FRAME_COUNT))
-        if not self._film.isOpened() or count < 1 or not 0 < self.fps <= 1000:
-            raise UserError(f"{path}: is no film that can be played; convert it to .mp4, or name a folder of pictures")
-        self._count = count
-        if self._read(count - 1) is None:
-            raise UserError(f"{path}: its last picture, of {count}, cannot be read; copy or convert it again")
+            self._capture = cv2.VideoCapture(str(path))
+        self.fps = self._capture.get(cv2.CAP_PROP_FPS)
+        self._count = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if not self._capture.isOpened() or self._count < 1 or not 0 < self.fps <= MAX_FPS:
+            raise UserError(f"{path}: is no video that can be played; convert it to .mp4, or name a folder of pictures")
+        if self._read(self._count - 1) is None:
+            raise UserError(f"{path}: its last picture, of {self._count}, cannot be read; copy or convert it again")
 
     def __len__(self) -> int:
         return self._count
 
-    def picture(self, k: int) -> np.ndarray:
-        """See Pictures."""
-        return checked(self._read(k), f"{self._path}: picture {k}")
+    def picture(self, index: int) -> np.ndarray:
+        """See VideoSource."""
+        return checked_rgb(self._read(index), f"{self._path}: picture {index}")
 
-    def _read(self, k: int) -> np.ndarray | None:
+    def _read(self, index: int) -> np.ndarray | None:
         with silent():
-            if k != self._next:
-                self._film.set(cv2.CAP_PROP_POS_FRAMES, k)
-            came, pixels = self._film.read()
-        self._next = k + 1
+            if index != self._next_index:
+                self._capture.set(cv2.CAP_PROP_POS_FRAMES, index)
+            came, pixels = self._capture.read()
+        self._next_index = index + 1
         return pixels if came else None
 
 
-def checked(pixels: np.ndarray | None, where: str) -> np.ndarray:
-    """RGB of OpenCV's BGR. Raises UserError for none, and for one that is too large to travel."""
+def checked_rgb(pixels: np.ndarray | None, where: str) -> np.ndarray:
+    """RGB of OpenCV's BGR. Raises UserError for None, and for a picture that is too large for a message."""
     if pixels is None:
         raise UserError(f"{where}: is damaged or no picture; convert it again")
-    if max(pixels.shape[:2]) > LONGEST_SIDE or pixels.nbytes > MOST_BYTES:
+    if max(pixels.shape[:2]) > wire.MAX_SIDE or pixels.nbytes > wire.MAX_PART:
         raise UserError(f"{where}: has {pixels.shape[1]} x {pixels.shape[0]} pixels, too many for a plate; make it smaller")
     return np.ascontiguousarray(pixels[..., ::-1])
 
 
-def open_pictures(path: Path, fps: float) -> Pictures:
-    """The film or folder at `path`. Raises UserError when there is nothing to see."""
+def open_video_source(path: Path, fps: float) -> VideoSource:
+    """The video file or folder at `path`; fps: of a folder's pictures. Raises UserError when there is nothing to see."""
     if not path.exists():
-        raise UserError(f"{path}: there is no such film or folder; check [plate] source")
-    return Folder(path, fps) if path.is_dir() else Film(path)
+        raise UserError(f"{path}: there is no such video or folder; check [plate] source")
+    return PictureFolder(path, fps) if path.is_dir() else VideoFile(path)

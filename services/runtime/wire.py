@@ -26,6 +26,7 @@ MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of hea
 STEP_BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 STEP_BINS = len(STEP_BOUNDS_MS) + 1  # the last: longer than the last bound
 UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimals of each number are enough
+MAX_SIDE = 8192  # pixels of a picture's side
 
 MAX_SEQUENCE = 2**53 - 1  # exact in JSON and in every language, as a float too
 Sequence53 = Annotated[int, Meta(ge=0, le=MAX_SEQUENCE)]
@@ -36,7 +37,7 @@ Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
 Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
 Hertz = Annotated[float, Meta(ge=0, le=1e9)]
 Frames = Annotated[float, Meta(ge=0, le=1e6)]
-Side = Annotated[int, Meta(ge=1, le=8192)]
+Side = Annotated[int, Meta(ge=1, le=MAX_SIDE)]
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 

@@ -1,4 +1,4 @@
-"""The pictures of a run as files: frame_0000.exr (linear) and .png (for the eye), a manifest, and a contact sheet of them all."""
+"""The pictures of a run as files: frame_0000.exr (linear) and .png (tone-mapped), a manifest, a contact sheet and a video of them."""
 
 import hashlib
 from pathlib import Path
@@ -10,31 +10,34 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr, write_png
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.renderer.output.video import GROUND, on_ground, video
+from vemlight.renderer.output.video import BACKGROUND, over_background, video_writer
 from vemlight.runtime import wire
 from vemlight.runtime.progress import counted
 
-SHEET_COLUMNS = 6
-SHEET_PICTURES = 24
-USUAL_FPS = 25.0  # of a video of one picture
+CONTACT_SHEET_COLUMNS = 6
+CONTACT_SHEET_PICTURES = 24
 THUMBNAIL_WIDTH = 320  # pixels; 6 of them make 1920
+DEFAULT_FPS = 25.0  # of a video of one picture, whose time steps say no rate
 
 
-class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A line of manifest.jsonl: one picture, whole on the disk when its line is there."""
+class PictureEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A line of manifest.jsonl: a picture that is whole on the disk.
+
+    sha256: of the EXR. adaptation: the tone mapping's after this picture, from which a renderer that was killed goes on.
+    """
 
     name: str
     sequence: int
     time_s: float
-    sha256: str  # of the EXR
-    adaptation: Adaptation  # the tone mapping's memory, so that a killed renderer goes on as if nothing had been
+    sha256: str
+    adaptation: Adaptation
 
 
 class ImageSequenceWriter:
-    """Pictures in a folder, in order; on opening, what a killed writer left half is taken away."""
+    """Writes numbered pictures to a folder, in order. Opening removes a half-written last line of the manifest."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises UserError when the folder cannot be written or its manifest is another program's."""
+        """Raises UserError when the folder cannot be written or its manifest is not one of pictures."""
         self._folder = folder
         path = folder / "manifest.jsonl"
         try:
@@ -46,7 +49,7 @@ class ImageSequenceWriter:
         lines = self._manifest.read().split(b"\n")
         self._manifest.truncate(sum(len(line) + 1 for line in lines[:-1]))
         try:
-            self._entries = [msgspec.json.decode(line, type=Entry) for line in lines[:-1]]
+            self._entries = [msgspec.json.decode(line, type=PictureEntry) for line in lines[:-1]]
         except msgspec.DecodeError as error:
             raise UserError(f"{path}: is no manifest of pictures ({error}); choose another --out") from error
 
@@ -55,11 +58,11 @@ class ImageSequenceWriter:
         return len(self._entries)
 
     @property
-    def last(self) -> Entry | None:
+    def last(self) -> PictureEntry | None:
         return self._entries[-1] if self._entries else None
 
     def add(self, picture: np.ndarray, pixels: np.ndarray, stamp: wire.Stamp, adaptation: Adaptation) -> None:
-        """Writes one frame: `picture` linear (height, width, 4), `pixels` the same for the eye, uint8.
+        """Writes one frame: `picture` (height, width, 4) float32, linear, and `pixels`, the same tone-mapped, uint8.
 
         Raises OSError when the disk refuses.
         """
@@ -68,47 +71,47 @@ class ImageSequenceWriter:
         write_exr(exr, picture, {"imageCounter": stamp.sequence % 2**31, "vemlight:sequence": str(stamp.sequence)})
         write_png(exr.with_suffix(".png"), pixels)
         digest = hashlib.sha256(exr.read_bytes()).hexdigest()
-        entry = Entry(exr.name, stamp.sequence, stamp.time_s, digest, adaptation)
+        entry = PictureEntry(exr.name, stamp.sequence, stamp.time_s, digest, adaptation)
         self._manifest.write(msgspec.json.encode(entry) + b"\n")
         self._manifest.flush()
         self._entries.append(entry)
 
     def write_contact_sheet(self) -> None:
-        """Writes contact.png: up to 24 pictures, evenly chosen, left to right and down. Does nothing when there is no picture."""
+        """Writes contact.png of all pictures. Does nothing when there is none."""
         if self._entries:
             write_contact_sheet(self._folder / "contact.png", [self._folder / entry.name for entry in self._entries])
 
-
     def write_video(self, path: Path) -> None:
-        """Writes all pictures as a video: from the files, so that it is whole however often the renderer was started again."""
+        """Writes all pictures as a video, read back from their files, so that restarts of the renderer do not show in it."""
         steps_s = np.diff([entry.time_s for entry in self._entries])
         steps_s = steps_s[steps_s > 0]
-        with video(path, 1 / float(np.median(steps_s)) if len(steps_s) else USUAL_FPS) as add:
+        with video_writer(path, 1 / float(np.median(steps_s)) if len(steps_s) else DEFAULT_FPS) as add:
             for entry in counted(self._entries, path.name, len(self._entries)):
-                add(read_picture(self._folder / entry.name), entry.time_s)
+                add(read_pixels(self._folder / entry.name), entry.time_s)
 
 
-def read_picture(name: Path) -> np.ndarray:
-    """The .png beside a picture, (height, width, 4) uint8. Raises UserError when it is gone or another's."""
-    image = cv2.imread(str(name.with_suffix(".png")), cv2.IMREAD_UNCHANGED)
+def read_pixels(exr: Path) -> np.ndarray:
+    """The tone-mapped picture beside an EXR, (height, width, 4) uint8. Raises UserError when it is missing or no such picture."""
+    path = exr.with_suffix(".png")
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None or image.shape[2:] != (4,):
-        raise UserError(f"{name.with_suffix('.png')}: cannot be read back; was it removed meanwhile?")
+        raise UserError(f"{path}: cannot be read back; was it removed or replaced meanwhile?")
     return image[..., [2, 1, 0, 3]]
 
 
 def write_contact_sheet(path: Path, pictures: list[Path]) -> None:
-    """Writes a sheet of up to 24 of the pictures (their .png), evenly chosen, left to right and down, on a dark ground."""
-    chosen = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, SHEET_PICTURES).round().astype(int))]
+    """Writes a sheet of thumbnails of the pictures' .png, in rows: all of up to CONTACT_SHEET_PICTURES, else that many, evenly chosen."""
+    chosen = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, CONTACT_SHEET_PICTURES).round().astype(int))]
     thumbnails = []
     for name in chosen:
-        image = on_ground(read_picture(name))
+        image = over_background(read_pixels(name))
         height = max(1, round(image.shape[0] * THUMBNAIL_WIDTH / image.shape[1]))
         thumbnails.append(cv2.resize(image, (THUMBNAIL_WIDTH, height), interpolation=cv2.INTER_AREA))
     height = thumbnails[0].shape[0]
-    rows = -(-len(thumbnails) // SHEET_COLUMNS)
-    columns = min(len(thumbnails), SHEET_COLUMNS)
-    sheet = np.full((rows * height, columns * THUMBNAIL_WIDTH, 3), GROUND, np.uint8)
+    rows = -(-len(thumbnails) // CONTACT_SHEET_COLUMNS)
+    columns = min(len(thumbnails), CONTACT_SHEET_COLUMNS)
+    sheet = np.full((rows * height, columns * THUMBNAIL_WIDTH, 3), BACKGROUND, np.uint8)
     for k, thumbnail in enumerate(thumbnails):
-        row, column = divmod(k, SHEET_COLUMNS)
+        row, column = divmod(k, CONTACT_SHEET_COLUMNS)
         sheet[row * height : (row + 1) * height, column * THUMBNAIL_WIDTH : (column + 1) * THUMBNAIL_WIDTH] = thumbnail
     write_png(path, sheet)

@@ -1,11 +1,11 @@
-"""Tone mapping: Reinhard's global operator or an exponential one, their statistics smoothed over time.
+"""Tone mapping: Reinhard's global operator or an exponential one, with statistics of the picture smoothed over time.
 
-Reinhard et al. 2002, Photographic Tone Reproduction for Digital Images, equations 1 to 4: a picture's luminance is scaled by
-key / log-average to L, which is compressed to L (1 + L / white^2) / (1 + L). Key and white follow from the log-average, the lowest and
-the highest luminance (1 % and 99 % quantiles), which are smoothed as logarithms, so that brightening and darkening take equally long.
+Reinhard et al. 2002, Photographic Tone Reproduction for Digital Images, equations 1 to 4: luminance is scaled by key / log-average to L
+and compressed to L (1 + L / white^2) / (1 + L). Key and white follow from the log-average and from the lowest and highest luminance (1 %
+and 99 % quantiles). All are smoothed as logarithms, so that brightening and darkening take equally long.
 
-Lu et al. 2015, section 5: a luminance over the frame's mean is L, which becomes 1 - exp(-L). It keeps its contrast in the dark and turns
-all that is some times brighter than the mean white.
+Lu et al. 2015, section 5: luminance over the frame's mean is L, mapped to 1 - exp(-L). Dark parts keep their contrast; what is several
+times as bright as the mean becomes white.
 """
 
 from typing import NamedTuple
@@ -17,13 +17,17 @@ from vemlight.light.colour import luminance_from_rgb, srgb_from_linear
 from vemlight.settings import Tone
 
 TIME_CONSTANT_S = 0.4  # of the eye's slower receptors (Krawczyk et al. 2005); leaves 4 % of a 10 Hz flicker
-LONGEST_STEP_S = 0.25  # a gap after dropped frames counts as no more, so that the first picture after it does not jump
-MIDDLE_GREY = 0.18  # key of a picture with as much above its log-average as below
-MOST_PIXELS = 65_536  # statistics of a larger picture come from an even selection of its pixels
+MAX_STEP_S = 0.25  # a longer gap, after dropped frames, counts as this, so that the first picture after it does not jump
+MIDDLE_GREY = 0.18  # key of a picture whose log-average lies midway between its lowest and highest luminance
+KEY_RANGE = 4.0  # by which the key goes up or down from middle grey: Reinhard 2003, equation 4
+QUANTILES = (0.01, 0.99)  # of the lowest and highest luminance, so that single pixels do not set them
+MIN_LUMINANCE = 1e-4  # times the median: what is darker is black beside it, and would lower the mean of logarithms without limit
+MAX_STATISTICS_PIXELS = 65_536  # those of a larger picture are subsampled: quantiles are then good to 1 / sqrt(65,536 * 0.01), 4 %
+MAX_RADIANCE = 1e30  # stands for inf: float32 ends at 3e38. Any value in 1e20 .. 1e35 does
 
 
 class Adaptation(msgspec.Struct, frozen=True):
-    """What the eye is used to: natural logarithms of luminance. seen: false until a picture held any light."""
+    """What the tone mapping is adapted to: natural logarithms of luminance. seen: false until a picture had any light."""
 
     log_average: float = 0.0
     log_low: float = 0.0
@@ -33,56 +37,54 @@ class Adaptation(msgspec.Struct, frozen=True):
 
     @property
     def key(self) -> float:
-        """Reinhard's automatic key (Reinhard 2003, Parameter Estimation, equation 4), 0.045 to 0.72; middle grey for a flat picture."""
+        """The automatic key (Reinhard 2003, Parameter Estimation, equation 4), 0.045 to 0.72; middle grey for a flat picture."""
         span = self.log_high - self.log_low
-        if span < 1e-6:
+        if span < 1e-6:  # any value in 1e-9 .. 1e-2 does
             return MIDDLE_GREY
-        return float(MIDDLE_GREY * 4.0 ** np.clip((2 * self.log_average - self.log_low - self.log_high) / span, -1, 1))
+        return float(MIDDLE_GREY * KEY_RANGE ** np.clip((2 * self.log_average - self.log_low - self.log_high) / span, -1, 1))
 
 
 class ToneCurve(NamedTuple):
-    """scale: from luminance to the operator's L. white: the L that becomes 1, where 1 makes the operator linear; None: exponential."""
+    """scale: from luminance to L. white: the L that becomes 1, where a white of 1 makes Reinhard's operator linear; None: exponential."""
 
     scale: float
     white: float | None
 
 
 def adapt(adaptation: Adaptation | None, picture: np.ndarray, dt_s: float) -> Adaptation:
-    """The adaptation `dt_s` seconds after `adaptation` (None: at once) of an eye that sees `picture` (height, width, 4), linear, or the
-    pixels of it that are `selected`.
+    """The adaptation to `picture`, (height, width, 4) linear or `subsampled` of it, `dt_s` seconds after `adaptation`.
 
-    A picture without light leaves it as it was; the first picture with light sets it at once.
+    A picture without light leaves it as it was; the first one with light, or None for `adaptation`, sets it at once.
     """
     before = adaptation or Adaptation()
     values = np.sort(_luminance(picture))  # once, for median and quantiles
     lit = values[np.searchsorted(values, 0.0, side="right") :]
     if len(lit) == 0:
         return before
-    # Pixels darker than that are black to the eye beside the others and would pull the mean of logarithms down without limit.
-    logs = np.log(lit[np.searchsorted(lit, 1e-4 * lit[len(lit) // 2]) :])
-    low, high = np.interp((0.01, 0.99), np.linspace(0, 1, len(logs)), logs)
+    logs = np.log(lit[np.searchsorted(lit, MIN_LUMINANCE * lit[len(lit) // 2]) :])
+    low, high = np.interp(QUANTILES, np.linspace(0, 1, len(logs)), logs)
     now = (float(logs.mean(dtype=np.float64)), float(low), float(high), float(np.log(values.mean(dtype=np.float64))))
     if not before.seen:
         return Adaptation(*now, seen=True)
-    share = 1 - np.exp(-min(max(dt_s, 0.0), LONGEST_STEP_S) / TIME_CONSTANT_S)
+    weight = 1 - np.exp(-min(max(dt_s, 0.0), MAX_STEP_S) / TIME_CONSTANT_S)
     old = (before.log_average, before.log_low, before.log_high, before.log_mean)
-    return Adaptation(*(float(a + share * (b - a)) for a, b in zip(old, now, strict=True)), seen=True)
+    return Adaptation(*(float(a + weight * (b - a)) for a, b in zip(old, now, strict=True)), seen=True)
 
 
 def subsample_grid(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Which rows and columns of a picture (height, width, ..) are `selected`: from the first number on, in steps of the second."""
-    stride = max(int(np.ceil(np.sqrt(shape[0] * shape[1] / MOST_PIXELS))), 1)
+    """The first row and column of a picture (height, width, ..) that `subsampled` has, and the stride from each to the next."""
+    stride = max(int(np.ceil(np.sqrt(shape[0] * shape[1] / MAX_STATISTICS_PIXELS))), 1)
     return stride // 2, stride
 
 
 def subsampled(picture: np.ndarray) -> np.ndarray:
-    """An even selection of a picture's pixels, about MOST_PIXELS of a larger one: enough for its statistics."""
+    """Every n-th pixel of every n-th row of a picture, at most about MAX_STATISTICS_PIXELS: enough for its statistics."""
     first, stride = subsample_grid(picture.shape)
     return picture[first::stride, first::stride]
 
 
 def _luminance(picture: np.ndarray) -> np.ndarray:
-    """The luminance of the surfaces in a picture where it is finite and not negative, (n,)."""
+    """The luminance (n,) of a picture's pixels that show something, without nan, inf and negative values; alpha divided out."""
     pixels = picture.reshape(-1, 4)
     with np.errstate(all="ignore"):
         values = luminance_from_rgb(pixels[:, :3]) / pixels[:, 3]
@@ -90,7 +92,7 @@ def _luminance(picture: np.ndarray) -> np.ndarray:
 
 
 def tone_curve(adaptation: Adaptation, exposure_stops: float, tone: Tone = "reinhard") -> ToneCurve:
-    """The operator's numbers. White is the adapted highest luminance, at least 1 so that a flat picture is not all white."""
+    """The operator's parameters. White is the adapted highest luminance, at least 1 so that a flat picture is not all white."""
     if tone == "exponential":
         return ToneCurve(float(2.0**exposure_stops * np.exp(-adaptation.log_mean)), None)
     scale = adaptation.key * np.exp(-adaptation.log_average)
@@ -99,7 +101,7 @@ def tone_curve(adaptation: Adaptation, exposure_stops: float, tone: Tone = "rein
 
 
 def tone_mapped(picture: np.ndarray, adaptation: Adaptation, exposure_stops: float, tone: Tone = "reinhard") -> np.ndarray:
-    """The picture (height, width, 4), linear with RGB times alpha, for a screen: (height, width, 4) uint8, sRGB, RGB not times alpha.
+    """A picture (height, width, 4), linear with RGB times alpha, for a screen: (height, width, 4) uint8, sRGB with straight alpha.
 
     nan and negative values become 0, inf becomes white. The same function as tonemap.frag.
     """
@@ -107,9 +109,9 @@ def tone_mapped(picture: np.ndarray, adaptation: Adaptation, exposure_stops: flo
     alpha = np.clip(picture[..., 3:], 0, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         colour = np.where(alpha > 0, picture[..., :3] / alpha, 0)
-    colour = np.minimum(np.where(colour > 0, colour, 0), np.float32(1e30))
+    colour = np.minimum(np.where(colour > 0, colour, 0), np.float32(MAX_RADIANCE))
     level = curve.scale * luminance_from_rgb(colour.astype(np.float64))[..., None]
-    kept = -np.expm1(-level) / np.maximum(level, 1e-300) if curve.white is None else (1 + level / curve.white**2) / (1 + level)
-    colour = np.clip(curve.scale * colour * kept, 0, 1)
+    gain = -np.expm1(-level) / np.maximum(level, 1e-300) if curve.white is None else (1 + level / curve.white**2) / (1 + level)
+    colour = np.clip(curve.scale * colour * gain, 0, 1)
     encoded = srgb_from_linear(colour)
     return (np.concatenate([encoded, alpha], axis=-1) * 255 + 0.5).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Pictures as a video file: H.264 that browsers and players show, in its frames' own time."""
+"""Pictures as a video file: H.264 that browsers and players show, each frame at its own time."""
 
 import logging
 from collections.abc import Callable, Iterator
@@ -12,69 +12,85 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.files import written_whole
 
-SUFFIXES = (".mp4", ".mov", ".mkv")
-TICKS = 90_000  # a second: 24, 25, 30, 50 and 60 frames a second divide it, and 30000/1001 too
-QUALITY = 18  # of x264 (constant rate factor): no difference is seen, 0.1 to 0.3 bits a pixel
-GROUND = 40  # gray, of 255, where a picture shows nothing
-BT709, MPEG_RANGE, SRGB_TRANSFER = 1, 1, 13  # ITU-T H.273: primaries and matrix; limited range (FFmpeg's number); IEC 61966-2-1
+VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
+TICKS_PER_S = 90_000  # divisible by 24, 25, 30, 50 and 60 frames a second, and 3003 ticks are a frame of 30000/1001
+RATE_FACTOR = 18  # x264's constant rate factor: no visible loss at 0.1 to 0.3 bits a pixel
+BACKGROUND = 40  # gray level, of 255, under pixels without alpha
+BT709, LIMITED_RANGE, SRGB_TRANSFER = 1, 1, 13  # ITU-T H.273: primaries and matrix; range (FFmpeg's number); IEC 61966-2-1
 
-Add = Callable[[np.ndarray, float], None]
+AddPicture = Callable[[np.ndarray, float], None]
 
 
 def check_video_path(path: Path) -> None:
     """Raises UserError unless a video can be written there."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise UserError(f"{path}: videos are written as {', '.join(SUFFIXES)}; change the suffix")
+    if path.suffix.lower() not in VIDEO_SUFFIXES:
+        raise UserError(f"{path}: videos are written as {', '.join(VIDEO_SUFFIXES)}; change the suffix")
     if not path.resolve().parent.is_dir():
         raise UserError(f"{path}: there is no such folder; make it first")
 
 
 @contextmanager
-def video(path: Path, fps: float) -> Iterator[Add]:
-    """Yields a function that adds a picture, (height, width, 4) uint8, sRGB, alpha straight, at a time in seconds; all of one size.
+def video_writer(path: Path, fps: float) -> Iterator[AddPicture]:
+    """Yields a function that adds a picture, (height, width, 4) uint8, sRGB, straight alpha, at a time in seconds; all of one size.
 
-    A side of an odd number of pixels gets its last row or column twice: H.264 halves the resolution of colour. A picture that is not later
-    than the one before follows it after the shortest time that there is. fps: what the header says, and how long the last picture stays.
-    Written whole; nothing is left when the body raises or adds no picture. Raises OSError when the disk or the encoder refuses.
+    An odd number of rows or columns is made even by repeating the last: H.264 halves the resolution of colour. A picture that is not later
+    than the one before is shown one tick after it. fps: the rate in the header, and 1 / fps how long the last picture is shown.
+    The file appears when it is whole, and not at all when the body raises or adds no picture. Raises OSError when the disk or the
+    encoder refuses.
     """
     import av
     from av.error import FFmpegError
 
     check_video_path(path)
     logging.getLogger("libav").setLevel(logging.CRITICAL)  # the error that is raised says it
-    rate = Fraction(fps).limit_denominator(1001)
     with written_whole(path) as part:
         try:
             with av.open(str(part), "w", options={"movflags": "faststart"}) as container:
-                stream: Any = container.add_stream("libx264", rate=rate, options={"crf": str(QUALITY)})
-                stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, TICKS)
-                stream.codec_context.time_base = Fraction(1, TICKS)
-                stream.codec_context.color_primaries = stream.codec_context.colorspace = BT709
-                stream.codec_context.color_trc, stream.codec_context.color_range = SRGB_TRANSFER, MPEG_RANGE
-                begun: list[tuple[float, int]] = []  # the first picture's time and the newest one's tick
-
-                def add(pixels: np.ndarray, time_s: float) -> None:
-                    even = np.pad(on_ground(pixels), ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
-                    if not begun:
-                        begun.append((time_s, -1))
-                        stream.height, stream.width = even.shape[:2]
-                    first_s, last = begun[0]
-                    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
-                    frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
-                    frame.pts, frame.time_base = max(round((time_s - first_s) * TICKS), last + 1), Fraction(1, TICKS)
-                    frame.duration = round(TICKS / rate)
-                    begun[0] = (first_s, frame.pts)
-                    container.mux(stream.encode(frame))
-
-                yield add
-                if not begun:
-                    raise UserError(f"{path}: a video needs a picture at least; there is none")
-                container.mux(stream.encode(None))
+                encoder = _Encoder(container, Fraction(fps).limit_denominator(1001))
+                yield encoder.add
+                if encoder.last_tick is None:
+                    raise UserError(f"{path}: a video needs at least one picture; there is none")
+                encoder.finish()
         except FFmpegError as error:
             raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def on_ground(pixels: np.ndarray) -> np.ndarray:
-    """A picture (height, width, 4) uint8 with straight alpha over GROUND, (height, width, 3) uint8."""
+class _Encoder:
+    """An H.264 stream in a container of PyAV. last_tick: of the newest picture, counted from the first one's time."""
+
+    def __init__(self, container: Any, rate: Fraction) -> None:
+        self._container, self._rate = container, rate
+        self._stream: Any = container.add_stream("libx264", rate=rate, options={"crf": str(RATE_FACTOR)})
+        self._stream.pix_fmt, self._stream.time_base = "yuv420p", Fraction(1, TICKS_PER_S)
+        codec = self._stream.codec_context
+        codec.time_base = Fraction(1, TICKS_PER_S)
+        codec.color_primaries = codec.colorspace = BT709
+        codec.color_trc, codec.color_range = SRGB_TRANSFER, LIMITED_RANGE
+        self._first_s = 0.0
+        self.last_tick: int | None = None
+
+    def add(self, pixels: np.ndarray, time_s: float) -> None:
+        import av
+
+        height, width = pixels.shape[:2]
+        even = np.pad(over_background(pixels), ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+        if self.last_tick is None:
+            self._first_s = time_s
+            self._stream.height, self._stream.width = even.shape[:2]
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
+        frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+        earliest = 0 if self.last_tick is None else self.last_tick + 1
+        self.last_tick = max(round((time_s - self._first_s) * TICKS_PER_S), earliest)
+        frame.pts, frame.time_base = self.last_tick, Fraction(1, TICKS_PER_S)
+        frame.duration = round(TICKS_PER_S / self._rate)
+        self._container.mux(self._stream.encode(frame))
+
+    def finish(self) -> None:
+        """Writes what the encoder has delayed."""
+        self._container.mux(self._stream.encode(None))
+
+
+def over_background(pixels: np.ndarray) -> np.ndarray:
+    """A picture (height, width, 4) uint8 with straight alpha over BACKGROUND, (height, width, 3) uint8."""
     alpha = pixels[..., 3:].astype(np.uint16)
-    return ((pixels[..., :3] * alpha + GROUND * (255 - alpha) + 127) // 255).astype(np.uint8)
+    return ((pixels[..., :3] * alpha + BACKGROUND * (255 - alpha) + 127) // 255).astype(np.uint8)

@@ -1,5 +1,6 @@
 """A small moving sequence and services as processes, for the tests of whole processes."""
 
+import hashlib
 import os
 import subprocess
 from collections.abc import Callable, Iterator
@@ -18,6 +19,24 @@ from vemlight.settings import Settings, read_settings
 
 hypothesis_settings.register_profile("any machine", deadline=None)  # how long an example takes says nothing on a busy one
 hypothesis_settings.load_profile("any machine")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def simplified_once() -> Iterator[None]:
+    """Measures the departure of each simplified mesh once a session: it takes most of the time to make a renderer."""
+    from vemlight.renderer.passes.shadow_maps import casters
+
+    measure, measured = casters._departure, {}
+
+    def departure(old: np.ndarray, new: np.ndarray) -> float:
+        key = hashlib.sha256(old.tobytes() + new.tobytes()).digest()
+        if key not in measured:
+            measured[key] = measure(old, new)
+        return measured[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(casters, "_departure", departure)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -42,7 +42,7 @@ SUN = 5.0  # irradiance: radiance 2.9e5 in the disc
 
 
 class Gather:
-    """Cells that look into the image: the mean of `side` x `side` points a cell, of the nearest pixel or between four."""
+    """Gathers the image into cells: the mean of `side` x `side` points a cell, of the nearest pixel or interpolated (`between`)."""
 
     def __init__(self, side: int, between: bool):
         theta = (np.arange(ROWS * side) + 0.5) * (np.pi / 2 / ROWS / side)
@@ -83,7 +83,7 @@ def _look(codes, start, pixel, weight, table):
 
 
 def median_ms(call: Callable[[], object], rounds: int = 9, times: int = 15) -> float:
-    """Median time of a call in the quietest of some rounds: other work on the machine comes in bursts."""
+    """Median time of a call in the fastest of some rounds, because other work on the machine comes in bursts."""
     call()
     medians = []
     for _ in range(rounds):
@@ -146,7 +146,7 @@ def resampling(out: Path) -> None:
     figure, axes = plt.subplots(figsize=(6.4, 4.2))
     for name, spent, _, rms, worst, _ in rows:
         axes.errorbar(float(spent), float(rms), [[0], [float(worst) - float(rms)]], fmt="o", capsize=3)
-        left = name == "ours, two threads"  # beside the one for one thread
+        left = name == "ours, two threads"  # clear of the label for one thread
         axes.annotate(
             name, (float(spent), float(rms)), xytext=(-8 if left else 8, -3), textcoords="offset points", ha="right" if left else "left"
         )
@@ -160,19 +160,19 @@ def resampling(out: Path) -> None:
 
 
 def centres(folder: Path) -> None:
-    """How far the flux centres that travel with the map are from the sun."""
+    """Prints how far the samples of bright cells are from the sun, and the time of a whole frame."""
     write_lens(folder / "lens.toml", LENS)
     write_response(folder / "response.toml", LOG12)
-    maker, shared = FrameMaker(Capture(), folder), FrameMaker(Capture(threads=2), folder)
+    maker, threaded = FrameMaker(Capture(), folder), FrameMaker(Capture(threads=2), folder)
     where = cell_directions(ROWS, COLS, "hemisphere").reshape(-1, 3)
     solid = np.repeat(cell_solid_angles(ROWS, COLS, "hemisphere"), COLS)
     off, energy, codes = [], [], np.zeros((SIZE, SIZE), np.uint16)
     for direction, codes in suns():
         frame = maker.frame_from_codes("sun", codes, "mono", 0.0)
         at = where.copy()
-        cells, centres, shares = frame.bright_cells
+        cells, centres, weights = frame.bright_cells
         at[cells] = 0
-        np.add.at(at, cells, centres * shares[:, None])
+        np.add.at(at, cells, centres * weights[:, None])
         flux = frame.radiance[..., 1].ravel().astype(np.float64) * solid
         energy.append(flux.sum() / SUN - 1)
         centre = flux @ at
@@ -181,9 +181,9 @@ def centres(folder: Path) -> None:
         f"with flux centres: energy worst {np.abs(energy).max():.5f}, direction off median {np.median(off):.3f}, "
         f"worst {np.max(off):.3f} degrees"
     )
-    for name, made in (("one thread", maker), ("two threads", shared)):
+    for name, made in (("one thread", maker), ("two threads", threaded)):
         spent = median_ms(lambda made=made: made.frame_from_codes("sun", codes, "mono", 0.0))
-        print(f"whole frame, from codes to map, strong cells and counts, {name}: {spent:.2f} ms")
+        print(f"whole frame, from codes to map, bright cells and counts, {name}: {spent:.2f} ms")
 
 
 def photometry(out: Path) -> None:
@@ -211,7 +211,7 @@ def photometry(out: Path) -> None:
 
 
 def files() -> None:
-    """Speeds of files."""
+    """Prints the speed of files."""
     image = np.random.default_rng(0).random((512, 1024, 3), np.float32)
     weights = latlong_to_polar(512, 1024, ROWS, COLS, "hemisphere")
     print(f"lat-long 1024 x 512 to the map: {median_ms(lambda: polar_from_latlong(image, weights)):.2f} ms")

@@ -1,4 +1,4 @@
-"""A camera's frames as messages; the camera is replaced by one that gives what the test says."""
+"""A camera's frames as messages; the camera is replaced by a list of frames."""
 
 import time
 
@@ -12,7 +12,7 @@ from vemlight.runtime import wire
 from vemlight.settings import Capture
 
 
-class Shelf:
+class ListedFrames:
     """Replaces `vemlight.capture.camera_source.CameraSource`."""
 
     state = "a camera"
@@ -31,18 +31,18 @@ def frame(monotonic_ns: int, lost: int = 0) -> Frame:
 
 @pytest.fixture
 def camera(monkeypatch: pytest.MonkeyPatch) -> tuple[CaptureCamera, list[Frame]]:
-    monkeypatch.setattr(stage, "CameraSource", Shelf)
+    monkeypatch.setattr(stage, "CameraSource", ListedFrames)
     made = CaptureCamera(Capture(source="/dev/video0"))
     return made, made._source.frames  # type: ignore[attr-defined]
 
 
-def test_numbers_go_on_over_lost_frames(camera) -> None:
+def test_sequence_numbers_count_lost_frames(camera) -> None:
     made, frames = camera
     assert made.message(0.0) == (None, 0)
     frames += [frame(0), frame(0, lost=3), frame(0)]
-    heard = [made.message(0.0) for _ in range(3)]
-    assert [message[0].stamp.sequence for message, _ in heard] == [0, 4, 5]
-    assert [lost for _, lost in heard] == [0, 3, 0]
+    messages = [made.message(0.0) for _ in range(3)]
+    assert [message[0].stamp.sequence for message, _ in messages] == [0, 4, 5]
+    assert [lost for _, lost in messages] == [0, 3, 0]
 
 
 @pytest.mark.parametrize("age_ns", [0, 40_000_000, 3_000_000_000])
@@ -57,9 +57,19 @@ def test_age_is_that_of_the_kernels_stamp(camera, age_ns: int) -> None:
     assert wire.age_ms(stamp) >= age_ns / 1e6
 
 
-def test_stamp_of_the_future_is_taken_for_now(camera) -> None:
+def test_a_stamp_in_the_future_counts_as_now(camera) -> None:
     made, frames = camera
     frames.append(frame(time.monotonic_ns() + 10**10))
     stamp = made.message(0.0)[0][0].stamp
     assert stamp.monotonic_ns <= time.monotonic_ns()
     assert stamp.captured_ns <= time.time_ns()
+
+
+def test_invalid_pixels_are_counted_and_black() -> None:
+    radiance = np.ones((4, 8, 3), np.float32)
+    radiance[0, 0, 1], radiance[1, 1, 0], radiance[2, 2], radiance[3, 3, 2] = np.nan, np.inf, -1.0, -1e-30
+    header, (sent, *_) = stage.map_message(Frame(radiance, "hemisphere", 0.0, None, 5, 7), wire.stamp(0, 0.0))
+    assert (header.report.invalid_cells, header.report.black_pixels, header.report.saturated_pixels) == (4, 5, 7)
+    invalid = ~(np.isfinite(radiance) & (radiance >= 0))
+    assert np.all(sent[invalid] == 0)
+    assert np.all(sent[~invalid] == 1)

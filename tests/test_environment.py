@@ -18,7 +18,7 @@ def test_disc_points_fill_the_disc_evenly() -> None:
     points = disc_points(disc, 4000)
     off = angle_between(points, disc.direction)
     assert off.max() <= 0.3
-    # even per solid angle: the share within half the radius is (1 - cos 0.15) / (1 - cos 0.3)
+    # even per solid angle: the fraction within half the radius is (1 - cos 0.15) / (1 - cos 0.3)
     assert np.mean(off < 0.15) == pytest.approx((1 - math.cos(0.15)) / (1 - math.cos(0.3)), abs=1e-3)
     assert angle_between(points.mean(0) / np.linalg.norm(points.mean(0)), disc.direction) < 1e-3
 

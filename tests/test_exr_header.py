@@ -13,18 +13,18 @@ from vemlight.light.bright_cells import BrightCells
 
 
 @given(st.integers(0, 2**32), st.integers(0, 40))
-def test_strong_light_survives_to_the_bit(seed: int, count: int) -> None:
+def test_bright_cells_survive_to_the_bit(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     towards = rng.normal(size=(count, 3))
     centres = (towards / np.linalg.norm(towards, axis=1, keepdims=True)).astype(np.float32)
-    cells, shares = np.sort(rng.integers(0, 32400, count)), (1 - rng.random(count) ** 9).astype(np.float32)
-    strong = BrightCells(cells, centres, shares)
-    again = bright_cells_from_attributes("f", {"vemlight:bright_cells": bright_cells_text(strong)}, 32400)
-    for a, b in zip(strong, again, strict=True):
+    cells, weights = np.sort(rng.integers(0, 32400, count)), (1 - rng.random(count) ** 9).astype(np.float32)
+    bright = BrightCells(cells, centres, weights)
+    again = bright_cells_from_attributes("f", {"vemlight:bright_cells": bright_cells_text(bright)}, 32400)
+    for a, b in zip(bright, again, strict=True):
         assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes())
 
 
-def test_a_header_without_strong_light_has_none() -> None:
+def test_a_header_without_bright_cells_has_none() -> None:
     assert not len(bright_cells_from_attributes("f", {}, 100).cells)
 
 
@@ -40,7 +40,7 @@ GOOD = [[3, 0.0, 0.0, 1.0, 0.5], [3, 1.0, 0.0, 0.0, 0.5]]
         json.dumps([[5, 0.0, 0.0, 1.0, 1.0], [3, 0.0, 0.0, 1.0, 1.0]]), json.dumps(GOOD * 3000), json.dumps([[2**70, 0.0, 0.0, 1.0, 1.0]]),
     ],
 )  # fmt: skip
-def test_hostile_strong_light_is_one_line(text: object) -> None:
+def test_hostile_bright_cells_are_one_line(text: object) -> None:
     with pytest.raises(UserError, match=r"^f: vemlight:bright_cells.*record again$"):
         bright_cells_from_attributes("f", {"vemlight:bright_cells": text}, 100)
 

@@ -30,7 +30,7 @@ def test_power_of_a_pixel_is_conserved(tilt: tuple) -> None:
 def test_even_sky_stays_even() -> None:
     weights = fisheye_to_polar(LENS, ROWS, COLS, "hemisphere")
     got = polar_from_fisheye(np.ones((200, 220, 3), np.float32), weights)
-    # a pixel is half a cell: the balanced shares come within 1 % of even, raw 8 x 8 subpixels within 8 %
+    # a pixel is half a cell: the balanced overlaps come within 1 % of even, raw 8 x 8 subpixels within 8 %
     np.testing.assert_allclose(got, 1.0, atol=0.01)
     assert map_irradiance(got, "hemisphere")[0] == pytest.approx(2 * np.pi, rel=1e-3)
 
@@ -73,10 +73,10 @@ def test_narrow_cells_at_the_zenith_are_filled() -> None:
     np.testing.assert_allclose(got[:5], 1.0, atol=2e-3)
 
 
-def test_nan_spoils_its_own_cells_only() -> None:
+def test_nan_makes_only_its_own_cells_invalid() -> None:
     weights = fisheye_to_polar(LENS, ROWS, COLS, "hemisphere")
     image = np.ones((200, 220, 3), np.float32)
     x, y = np.rint(pixel_from_direction(np.array([0.5, 0.3, 0.8]), LENS)).astype(int)
     image[y, x] = np.nan
-    spoilt = np.isnan(polar_from_fisheye(image, weights)).all(-1)
-    assert 1 <= spoilt.sum() <= 4
+    invalid = np.isnan(polar_from_fisheye(image, weights)).all(-1)
+    assert 1 <= invalid.sum() <= 4

@@ -6,9 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from vemlight.capture import fisheye, scatter
+from vemlight.capture import fisheye, pixel_overlap, scatter
 from vemlight.capture import lens as lens_module
-from vemlight.capture import pixel_overlap as shares
 from vemlight.capture.fisheye import colour_lattices
 from vemlight.capture.frames import FrameMaker, brightest_cells
 from vemlight.capture.lens import Lens, direction_from_pixel, pixel_angles, pixel_solid_angles, vignetting_from_angle, write_lens
@@ -37,7 +36,7 @@ def maker(tmp_path_factory: pytest.TempPathFactory) -> FrameMaker:
 
 
 def light_centre(frame) -> np.ndarray:
-    """Direction to the centre of all light, strong cells by their own centres."""
+    """Direction to the centre of all light, bright cells by their own samples."""
     where = cell_directions(90, 360, "hemisphere").reshape(-1, 3).copy()
     inside = np.zeros((len(where), 3))
     np.add.at(inside, frame.bright_cells.cells, frame.bright_cells.directions * frame.bright_cells.weights[:, None])
@@ -60,7 +59,7 @@ def test_sun_keeps_power_and_place_at_any_position(maker: FrameMaker) -> None:
         assert len(frame.bright_cells.cells) >= 1
 
 
-def test_strong_cells_are_few_and_in_order() -> None:
+def test_bright_cells_are_few_and_in_order() -> None:
     radiance = np.ones((90, 360, 3), np.float32)
     assert len(brightest_cells(radiance, "hemisphere")) == 0
     radiance[30, 40], radiance[60, 80], radiance[10, 10] = 1e6, 1e6, np.nan
@@ -80,8 +79,8 @@ def test_centres_of_a_latlong_map_are_finer_than_its_cells(tmp_path: Path) -> No
         image[row, col] = 1e5
         frame = maker.frame("map", image, {}, 0.0)
         truth = direction_from_angles((row + 0.5) * np.pi / 512, np.pi - (col + 0.5) * 2 * np.pi / 1024)
-        cells, centres, shares = frame.bright_cells
-        flux = shares * luminance_from_rgb(frame.radiance.reshape(-1, 3)[cells]) * np.sin((cells // 360 + 0.5) * np.pi / 180)
+        cells, centres, weights = frame.bright_cells
+        flux = weights * luminance_from_rgb(frame.radiance.reshape(-1, 3)[cells]) * np.sin((cells // 360 + 0.5) * np.pi / 180)
         centre = (flux[:, None] * centres).sum(0)
         # parts of the pixel in two cells each have their own middle; together they make the pixel's
         assert np.degrees(angle_between(centre / np.linalg.norm(centre), truth)) < 0.02
@@ -157,7 +156,8 @@ def test_nothing_is_left_to_compile_after_a_dark_frame(tmp_path: Path, mosaic) -
     write_response(tmp_path / "response.toml", RESPONSE)
     maker = FrameMaker(Capture(), tmp_path)
     maker.frame_from_codes("dark", np.zeros((512, 512), np.uint16), mosaic, 0.0)
-    compiled = [loop for module in (fisheye, scatter, shares, lens_module) for loop in vars(module).values() if hasattr(loop, "signatures")]
+    modules = (fisheye, scatter, pixel_overlap, lens_module)
+    compiled = [loop for module in modules for loop in vars(module).values() if hasattr(loop, "signatures")]
     before = [len(loop.signatures) for loop in compiled]
     codes = np.zeros((512, 512), np.uint16)
     codes[200:204, 300:304] = 60000

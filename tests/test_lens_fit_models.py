@@ -1,4 +1,4 @@
-"""Lenses that others have measured and put in other models: their corners, calibrated here.
+"""Lenses published in other models: their corners, calibrated here.
 
 Parameters as published with: matsuren/ocamcalib_undistort, JarnoRalli/python_camera_library, eowjd0512/fisheye-calib-adapter (those of
 OCamCalib, Scaramuzza 2006), VladyslavUsenko/basalt (double sphere, Usenko 2018; extended unified, Khomutenko 2016).

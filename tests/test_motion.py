@@ -1,4 +1,4 @@
-"""How the light turns."""
+"""Rotation of the light about the virtual camera."""
 
 from pathlib import Path
 

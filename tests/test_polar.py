@@ -53,14 +53,14 @@ def test_black_stays_black() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_bad_pixel_spoils_the_cells_it_overlaps_and_no_other(bad: float) -> None:
+def test_an_invalid_pixel_makes_the_cells_invalid_that_it_overlaps_and_no_others(bad: float) -> None:
     # 180 rows of 1 degree each: every pixel coincides with one cell
     image = np.ones((180, 360, 3), np.float32)
     image[20, 100] = bad
     got = polar(image)
-    spoilt = ~np.isfinite(got).all(axis=-1)
-    assert np.argwhere(spoilt).tolist() == [[20, 180 - 100 - 1]]
-    assert np.all(got[~spoilt] == 1)
+    invalid = ~np.isfinite(got).all(axis=-1)
+    assert np.argwhere(invalid).tolist() == [[20, 180 - 100 - 1]]
+    assert np.all(got[~invalid] == 1)
 
 
 def test_negative_pixels_count_in_the_mean() -> None:
@@ -74,8 +74,8 @@ def test_negative_pixels_count_in_the_mean() -> None:
 def test_sun_a_million_times_its_sky() -> None:
     image = np.ones((512, 1024, 3), np.float32)
     image[100, 300] = 1e6
-    share = latlong_solid_angles(512, 1024)
-    truth = 2 * np.pi + (1e6 - 1) * share[100]
+    solid = latlong_solid_angles(512, 1024)
+    truth = 2 * np.pi + (1e6 - 1) * solid[100]
     np.testing.assert_allclose(map_irradiance(polar(image), "hemisphere"), truth, rtol=1e-6)
 
 

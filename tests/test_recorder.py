@@ -1,4 +1,4 @@
-"""Recording, and playing it again."""
+"""Recording and replay."""
 
 import errno
 import threading
@@ -32,7 +32,7 @@ def test_recorded_maps_replay_bit_for_bit(tmp_path: Path, sequence: Path) -> Non
         assert again.frame(k).time_s == first.frame(k).time_s
 
 
-def test_recorded_maps_replay_with_all_that_travels_with_them(tmp_path: Path) -> None:
+def test_recorded_maps_replay_with_their_metadata(tmp_path: Path) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_response(tmp_path / "response.toml", Log(bits=12, a=0.0, b=300.0, c=1.0, luminance_scale=179.123))
     rng = np.random.default_rng(3)
@@ -90,7 +90,7 @@ def test_a_slow_disk_drops_and_counts(tmp_path: Path, monkeypatch: pytest.Monkey
     assert [e.sequence for e in read_manifest(tmp_path / "out")] == [k for k, ok in enumerate(taken) if ok]
 
 
-def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_and_what_was_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(path: Path, pixels: np.ndarray, attributes: dict) -> None:
         if 3 <= attributes["imageCounter"] < 6:
             raise OSError(errno.ENOSPC, "No space left on device")

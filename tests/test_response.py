@@ -41,6 +41,7 @@ def test_linear_comes_back_to_half_a_code() -> None:
 @pytest.mark.parametrize("response", ALL)
 def test_codes_come_back_exactly(response: Response) -> None:
     table = radiance_table(response)
+    assert table.shape == (2**response.bits,)
     assert np.all(np.diff(table) >= 0)
     seen = np.flatnonzero(table > 0)
     assert np.array_equal(code_from_radiance(table[seen], response), seen)

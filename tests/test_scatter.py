@@ -25,7 +25,7 @@ def test_any_number_of_threads_gives_the_same_bytes(count: int) -> None:
     assert polar_from_fisheye(image, WEIGHTS, threads).tobytes() == polar_from_fisheye(image, WEIGHTS).tobytes()
 
 
-def test_trouble_in_another_thread_is_not_lost() -> None:
+def test_an_error_in_another_thread_is_raised() -> None:
     def job(some: slice) -> None:
         if some.start > 0:
             raise MemoryError("no room")

@@ -54,12 +54,12 @@ def test_manifest_lists_the_frames(tmp_path: Path) -> None:
     check_digest(tmp_path / "a.exr", entries[0].sha256)
 
 
-@pytest.mark.parametrize("kept", [0, 1, 40])
-def test_a_last_line_cut_short_costs_no_frame_before_it(tmp_path: Path, kept: int) -> None:
+@pytest.mark.parametrize("written", [0, 1, 40])
+def test_a_last_line_cut_short_costs_no_frame_before_it(tmp_path: Path, written: int) -> None:
     touch(tmp_path, "a.exr", "b.exr")
     write_manifest(tmp_path, "a.exr", "b.exr")
     first, second = (tmp_path / MANIFEST).read_bytes().split(b"\n")
-    (tmp_path / MANIFEST).write_bytes(first + b"\n" + second[:kept])
+    (tmp_path / MANIFEST).write_bytes(first + b"\n" + second[:written])
     assert [entry.name for entry in read_manifest(tmp_path)] == ["a.exr"]
     (tmp_path / MANIFEST).write_bytes(second[:40] + b"\n" + first + b"\n")  # within the list it is damage
     with pytest.raises(UserError, match="line 1"):

@@ -228,6 +228,15 @@ def test_png_frames_are_the_same_as_exr_frames(tmp_path: Path, form: str, colour
         assert (a.time_s, a.black, a.saturated, a.luminance_scale) == (b.time_s, b.black, b.saturated, b.luminance_scale)
 
 
+def test_png_frames_play_at_a_multiple_of_the_rate_in_the_settings(tmp_path: Path) -> None:
+    write_lens(tmp_path / "lens.toml", LENS)
+    write_response(tmp_path / "response.toml", RESPONSE)
+    for k in range(2):
+        write_png(tmp_path / f"f{k}.png", np.zeros((128, 128), np.uint16))
+    source = open_source(capture(tmp_path, fps=10.0, speed=2.0))
+    assert (source.fps, source.frame(1).time_s) == (20.0, 0.05)
+
+
 def test_png_of_eight_bits(tmp_path: Path) -> None:
     write_lens(tmp_path / "lens.toml", LENS)
     write_response(tmp_path / "response.toml", Srgb(bits=8))

@@ -1,4 +1,4 @@
-"""Cameras that lose frames, vanish, come back and change: the kernel's driver is played by a pipe and what the test puts into it."""
+"""Cameras that lose frames, disappear, return and change: the kernel's driver is replaced by a pipe that the test fills."""
 
 import errno
 import os
@@ -31,12 +31,13 @@ class Driver:
 
     def __init__(self) -> None:
         self.size: tuple[int, int] = SIZE
+        self.code = Y12
         self.plugged, self.coming, self.maps = True, [], []
-        self.ready, self.bell = os.pipe()
+        self.ready, self.signal = os.pipe()
 
     def put(self, sequence: int, data: bytes = FRAME.tobytes(), flags: int = 0) -> None:
         self.coming.append((sequence, data, flags))
-        os.write(self.bell, b"!")
+        os.write(self.signal, b"!")
 
     def open(self, path: str, *rest: int) -> int:
         if path != "/dev/video0":
@@ -47,7 +48,7 @@ class Driver:
 
     def unplug(self) -> None:
         self.plugged = False
-        os.write(self.bell, b"!")
+        os.write(self.signal, b"!")
 
     def dequeue(self, *_: object) -> SimpleNamespace:
         os.read(self.ready, 1)
@@ -63,9 +64,12 @@ class Driver:
         self.maps.append(Mapped(4096))
         return self.maps[-1]
 
+    def set_format(self, _device: int, _kind: object, _width: int, _height: int, code: int) -> None:
+        self.code = code
+
     def format(self, *_: object) -> SimpleNamespace:
         width, height = self.size
-        pix = SimpleNamespace(width=width, height=height, pixelformat=Y12, bytesperline=2 * width, sizeimage=2 * width * height)
+        pix = SimpleNamespace(width=width, height=height, pixelformat=self.code, bytesperline=2 * width, sizeimage=2 * width * height)
         return SimpleNamespace(fmt=SimpleNamespace(pix=pix))
 
 
@@ -75,16 +79,17 @@ class Mapped(bytearray):
 
 @pytest.fixture
 def driver(monkeypatch: pytest.MonkeyPatch) -> Driver:
-    played = Driver()
-    monkeypatch.setattr(module.os, "open", played.open)
-    monkeypatch.setattr(module, "_capabilities", lambda _: ("a played camera", True))
+    simulated = Driver()
+    monkeypatch.setattr(module.os, "open", simulated.open)
+    monkeypatch.setattr(module, "_capabilities", lambda _: ("a simulated camera", True))
     monkeypatch.setattr(module, "_offered", lambda _: [Y12])
     for name, call in {
-        "get_raw_format": played.format, "dequeue_buffer": played.dequeue, "mmap_from_buffer": played.map, "get_fps": lambda *_: 25.0,
-        **dict.fromkeys(("set_format", "set_fps", "request_buffers", "query_buffer", "enqueue_buffer_raw", "stream_on"), lambda *_: None),
+        "get_raw_format": simulated.format, "dequeue_buffer": simulated.dequeue, "mmap_from_buffer": simulated.map,
+        "set_format": simulated.set_format, "get_fps": lambda *_: 25.0,
+        **dict.fromkeys(("set_fps", "request_buffers", "query_buffer", "enqueue_buffer_raw", "stream_on"), lambda *_: None),
     }.items():  # fmt: skip
         monkeypatch.setattr(device, name, call)
-    return played
+    return simulated
 
 
 def test_frames_come_with_number_and_stamp(driver: Driver) -> None:
@@ -139,7 +144,7 @@ def test_too_few_bytes_mid_stream_are_refused(driver: Driver) -> None:
         camera.read(1.0)
 
 
-def test_a_camera_of_another_error_is_our_fault(driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unexpected_error_of_the_driver_is_raised(driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object) -> None:
         raise OSError(errno.EFAULT, "Bad address")
 
@@ -196,3 +201,15 @@ def test_a_triggered_camera_has_the_rate_that_was_asked_for(
 
     monkeypatch.setattr(device, "get_fps", no_rate)
     assert V4l2Camera("/dev/video0", fps=asked).fps == fps
+
+
+@pytest.mark.parametrize(
+    ("offered", "chosen"),
+    [(("GREY", "Y12", "Y10"), "Y12"), (("RG12", "Y12", "GREY"), "Y12"), (("Y10", "RG12"), "RG12"), (("BA81",), "BA81")],
+)
+def test_the_deepest_format_is_chosen_and_gray_before_a_mosaic(
+    driver: Driver, monkeypatch: pytest.MonkeyPatch, offered: tuple[str, ...], chosen: str
+) -> None:
+    codes = [code for name in offered for code, form in module.FORMATS.items() if form.name == name]
+    monkeypatch.setattr(module, "_offered", lambda _: codes)
+    assert V4l2Camera("/dev/video0").form.name == chosen

@@ -70,10 +70,10 @@ def test_bright_pixel_of_a_map_keeps_its_flux() -> None:
     source[int(row), int(col)] = 1e6
     even = fisheye_radiance(Environment(np.ones((64, 128, 3)), []), np.eye(3), LENS)
     image = fisheye_radiance(Environment(source, []), np.eye(3), LENS) - even
-    share = (np.cos(int(row) * np.pi / 64) - np.cos((int(row) + 1) * np.pi / 64)) * 2 * np.pi / 128
+    solid = (np.cos(int(row) * np.pi / 64) - np.cos((int(row) + 1) * np.pi / 64)) * 2 * np.pi / 128
     flux = np.einsum("ijc,ij->c", image, pixel_solid_angles(LENS))
     # what lies under the level for bright light is gathered by 16 rays a pixel; it is 1e-3 of this source
-    np.testing.assert_allclose(flux, (1e6 - 1) * share, rtol=1e-4)
+    np.testing.assert_allclose(flux, (1e6 - 1) * solid, rtol=1e-4)
 
 
 def test_even_light_gives_an_even_image() -> None:

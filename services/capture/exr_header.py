@@ -1,4 +1,4 @@
-"""Our own attributes in EXR headers, beside the standard's: written and read."""
+"""Our own attributes in EXR headers, in addition to the standard's: written and read."""
 
 from typing import Annotated, Any
 

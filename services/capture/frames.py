@@ -1,6 +1,6 @@
-"""One image made into one frame: the polar map of its radiance, the counts of clipped codes, and where light lies in the brightest cells.
+"""One image made into one frame: the polar map of its radiance, the counts of clipped codes, and the samples of bright cells.
 
-What an image is stands in its EXR header as `vemlight:kind` (latlong, fisheye, codes or polar). Without it, a lens file makes it fisheye
+The kind of an image is in its EXR header as `vemlight:kind` (latlong, fisheye, codes or polar). Without it, a lens file makes it fisheye
 and a response file raw codes.
 """
 

@@ -223,7 +223,7 @@ def _count_subpixels(counts, above, below, n, side, grid):
 def balance(pixel, cell, overlap, solid_by_cell):
     """Scales the overlaps (n,) in place so that those of each cell add up to its solid angle and those of each pixel to what they did.
 
-    Entries of a pixel stand next to each other. A `solid_by_cell` (cells,) of 0 leaves a cell's sum free. Alternates between the two
+    Entries of a pixel are adjacent. A `solid_by_cell` (cells,) of 0 leaves a cell's sum free. Alternates between the two
     margins (Sinkhorn and Knopp 1967, "Concerning nonnegative matrices and doubly stochastic matrices"); the pixels' comes last and is
     exact.
     """

@@ -20,7 +20,7 @@ BUFFERS = 4  # frames that the kernel keeps while we are busy, 160 ms at 25 a se
 DEFAULT_FPS = 25.0  # assumed of cameras without a rate of their own, which an external trigger drives
 DISCONNECTED = (errno.ENODEV, errno.ENXIO, errno.EIO, errno.ENOENT, errno.EBADF)  # what calls to an unplugged camera return
 BIG_ENDIAN = 1 << 31  # in a format's code
-MAX_FORMATS = 1000  # of one camera: the enumeration ends with EINVAL, and against a driver that never says so; 100 or more do
+MAX_FORMATS = 1000  # of one camera: the enumeration ends with EINVAL, which a faulty driver may never return; 100 or more do
 
 
 class PixelFormat(NamedTuple):

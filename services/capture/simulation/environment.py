@@ -12,7 +12,7 @@ from vemlight.light.images import read_radiance
 from vemlight.light.sphere import direction_from_angles, latlong_directions, latlong_solid_angles
 
 SUN_GLARE = math.radians(2.5)  # around the brightest pixel of a photographed map, what belongs to its sun; 1 to 5 degrees do
-DISC_POINTS = 4096  # that represent a disc: at a pixel's edge, 64 across a sun of a pixel's size; 256 or more do
+DISC_POINTS = 4096  # that represent a disc, 64 across it: at an edge of pixels its flux divides to 2 %; 256 or more do
 HORIZON_POINTS = 8  # on a side of a pixel that the horizon crosses: the total of an even map is then exact to 1e-4; 4 or more do
 
 

@@ -1,6 +1,6 @@
 """All charts of docs/, one bench after the other: python -m bench.charts [NAME ...]
 
-Set VEMLIGHT_DATA to a folder with lat-long maps in hdri/ for the charts that need real maps; without it they are left out, and said so.
+Set VEMLIGHT_DATA to a folder with lat-long maps in hdri/ for the charts that need real maps; without it they are skipped with a line.
 """
 
 import os
@@ -16,14 +16,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 
 class Bench(NamedTuple):
-    """arguments: module and what it is told. needs_maps: real ones. seconds: about what it takes on 2 cores, for the bar."""
+    """arguments: module and its arguments. needs_maps: real ones. seconds: typical time on 2 cores, for the progress bar."""
 
     arguments: list[str]
     needs_maps: bool
     seconds: int
 
 
-# The quick ones first; the tables are made of what the others left.
+# The quick ones first; the tables are made from the others' results.
 BENCHES = {
     "capture": Bench(["bench.capture"], False, 56),
     "renderer": Bench(["bench.renderer"], False, 98),
@@ -49,7 +49,7 @@ def main(names: list[str]) -> int:
     """Runs the benches named, or all; 1 when one of them fails."""
     console, failed = Console(), []
     if unknown := sorted(set(names) - BENCHES.keys()):
-        console.print(f"{', '.join(unknown)}: there is no such chart; choose from {', '.join(BENCHES)}")
+        console.print(f"{', '.join(unknown)}: no such chart; choose from {', '.join(BENCHES)}")
         return 2
     wanted = {name: BENCHES[name] for name in names or BENCHES}
     with Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:

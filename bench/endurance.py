@@ -1,4 +1,4 @@
-"""Does anything grow? Thousands of pictures in which lights, objects and a lamp move and maps change their size: memory and GL objects.
+"""Memory and GL objects over thousands of pictures in which lights, objects and a lamp move and maps change their resolution.
 
 python -m bench.endurance [FRAMES]
 """
@@ -22,8 +22,8 @@ from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
 
 SCENES = Path(__file__).parents[1] / "services" / "renderer" / "scene" / "scenes"
-COUNTS = (12, 40, 5, 70)  # lights: the atlas is made anew where more come than it holds
-BRIGHTER = 3.0  # e-fold, at most, of a light's power beside its mean: each has maps of three sizes in turn
+COUNTS = (12, 40, 5, 70)  # lights: the atlas is made again when it has too few tiles
+POWER_SWING = 3.0  # amplitude of the logarithm of a light's power: each has maps of three resolutions in turn
 REPORTS = 20
 
 
@@ -34,14 +34,14 @@ def resident_mb() -> float:
 
 
 def sky(count: int, turn: float) -> LightSet:
-    """LightSet spread over the hemisphere that go round and grow stronger and weaker by turns."""
+    """Lights spread over the hemisphere that rotate by `turn` rad and whose power swings."""
     k = np.arange(count) + 0.5
-    power = np.exp(BRIGHTER * np.sin(k + 3 * turn))
+    power = np.exp(POWER_SWING * np.sin(k + 3 * turn))
     irradiance = np.outer(power / power.sum(), np.full(3, 3.0))
     return LightSet.of(np.arange(count), direction_from_angles(np.arccos(k / count), k * 2.4 + turn), irradiance)
 
 
-class Show:
+class MovingScene:
     """A scene with a lamp in which everything moves."""
 
     def __init__(self, frame_ms: float) -> None:
@@ -77,16 +77,16 @@ class Show:
 
 
 def main(frames: int) -> None:
-    shows = [Show(0.0), Show(15.0)]
+    scenes = [MovingScene(0.0), MovingScene(15.0)]
     began_s = time.monotonic()
-    print("frames  resident MB  buffers, textures, frames, programs of the one and of the other renderer")
+    print("frames  resident MB  buffers, textures, frames, programs of the first and of the second renderer")
     for k in range(frames + 1):
         if k % max(frames // REPORTS, 1) == 0:
-            objects = "  ".join(" ".join(map(str, show.objects())) for show in shows)
+            objects = "  ".join(" ".join(map(str, scene.objects())) for scene in scenes)
             print(f"{k:6d}  {resident_mb():11.1f}  {objects}  {time.monotonic() - began_s:.0f} s", flush=True)
-        shows[k % 2].frame(k)
-    for show in shows:
-        show.release()
+        scenes[k % 2].frame(k)
+    for scene in scenes:
+        scene.release()
 
 
 if __name__ == "__main__":

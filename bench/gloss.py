@@ -1,7 +1,7 @@
-"""What the second set of lights does for glossy surfaces: VEMLIGHT_DATA=FOLDER python -m bench.gloss [--out docs/charts]
+"""The effect of the gloss set: VEMLIGHT_DATA=FOLDER python -m bench.gloss [--out docs/charts]
 
-Metal spheres of rising roughness under 72 lights of four real maps, with second sets of several sizes and without, against the map itself:
-the truth sums all of the map's directions at each pixel's centre, and a sphere alone casts no shadow that its normals do not tell. Writes
+Metal spheres of increasing roughness under 72 lights of four real maps, with gloss sets of several sizes and without, against the map
+itself: the reference sums all of the map's directions at each pixel's centre; a sphere casts no shadow on its lit side. Writes
 gloss.png (the spheres under one map, and the error over roughness) and gloss.csv.
 """
 
@@ -35,10 +35,10 @@ from vemlight.settings import Renderer as RendererSettings
 from vemlight.settings import Sampler
 
 SIDE = 96  # pixels of a sphere's picture
-COUNT = 72  # strong lights, the paper's number
+COUNT = 72  # lights with shadow maps, the paper's number
 ROUGHNESS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
-WEAK = (0, 256, 512, 1024)
-SHOWN = (0, 512)
+GLOSS_COUNTS = (0, 256, 512, 1024)
+SHOWN_COUNTS = (0, 512)
 Method = Literal["tracked", "havran-azimuth"]
 METHODS: tuple[Method, ...] = ("tracked", "havran-azimuth")
 SCENE = """[camera]
@@ -59,7 +59,7 @@ class Sphere(NamedTuple):
 
 @njit(cache=True, parallel=True)
 def _reflected(position, normal, flat, eye, alpha, f0, directions, irradiance, out):
-    """GGX as glTF 2.0, appendix B, has it, summed over lights for each point; written from the specification."""
+    """GGX of glTF 2.0, appendix B, summed over lights for each point; written from the specification."""
     for p in prange(len(position)):
         view = eye - position[p]
         view /= np.sqrt(np.dot(view, view))
@@ -82,7 +82,7 @@ def _reflected(position, normal, flat, eye, alpha, f0, directions, irradiance, o
 
 
 def sphere_under(source: Source, roughness: float, folder: Path) -> Sphere:
-    """A sphere and its true picture."""
+    """A sphere and its reference picture."""
     path = folder / "sphere.toml"
     path.write_text(SCENE.format(roughness=roughness))
     scene = load_scene(path)
@@ -99,9 +99,9 @@ def sphere_under(source: Source, roughness: float, folder: Path) -> Sphere:
     return Sphere(scene, hits, truth)
 
 
-def sets_of(source: Source, method: Method, weak: int) -> tuple[LightSet, LightSet]:
-    """The strong lights and the weak ones, as the sampler gives them on a first frame."""
-    wanted = Sampler(method=method, count=COUNT, gloss_lights=weak, filter="none")
+def sets_of(source: Source, method: Method, gloss: int) -> tuple[LightSet, LightSet]:
+    """The lights and the gloss set that the sampler gives on a first frame."""
+    wanted = Sampler(method=method, count=COUNT, gloss_lights=gloss, filter="none")
     _, lights, report = step(wanted, initial_state(), SamplerInput(source.polar, "hemisphere", 0.0, source.bright_cells))
     return lights, report.gloss or LightSet.none()
 
@@ -122,37 +122,37 @@ def errors(sphere: Sphere, picture: np.ndarray) -> tuple[float, float]:
 
 
 class Row(NamedTuple):
-    """A line of gloss.csv; weak: lights of the second set. rmse: over the mean of the truth; lab: mean difference of tone-mapped pixels."""
+    """A line of gloss.csv. gloss: lights of the gloss set. rmse: over the reference's mean. lab: mean difference of tone-mapped pixels."""
 
     map: str
     method: Method
-    weak: int
+    gloss: int
     roughness: float
     rmse: float
     lab: float
 
 
 def judged(kind: str, source: Source, folder: Path) -> tuple[list[Row], dict[str, np.ndarray]]:
-    """The errors under one map, and by name its strips of spheres, (SIDE, n SIDE, 4) uint8."""
+    """The errors under one map, and its strips of spheres by name, (SIDE, n SIDE, 4) uint8."""
     rows: list[Row] = []
     strips: dict[str, list[np.ndarray]] = {"the map itself": []}
-    pairs: list[tuple[Method, int]] = [(method, weak) for method in METHODS for weak in WEAK]
+    pairs: list[tuple[Method, int]] = [(method, gloss) for method in METHODS for gloss in GLOSS_COUNTS]
     sets = {pair: sets_of(source, *pair) for pair in pairs}
     for roughness in ROUGHNESS:
         sphere = sphere_under(source, roughness, folder)
         adaptation = adapt(None, sphere.truth, 0.0)
         strips["the map itself"].append(tone_mapped(sphere.truth, adaptation, 0.0))
         renderer = FrameSequence(Renderer(sphere.scene, RendererSettings(width=SIDE, height=SIDE, shadow_map=256)))
-        for (method, weak), pair in sets.items():
+        for (method, gloss), pair in sets.items():
             picture = renderer.render(*pair)
-            rows.append(Row(kind, method, weak, roughness, *errors(sphere, picture)))
-            strips.setdefault(title(method, weak), []).append(tone_mapped(picture, adaptation, 0.0))
+            rows.append(Row(kind, method, gloss, roughness, *errors(sphere, picture)))
+            strips.setdefault(title(method, gloss), []).append(tone_mapped(picture, adaptation, 0.0))
         renderer.release()
     return rows, {name: np.concatenate(strip, axis=1) for name, strip in strips.items()}
 
 
-def title(method: Method, weak: int) -> str:
-    return f"{method}, {COUNT} lights" + (f" + {weak}" if weak else "")
+def title(method: Method, gloss: int) -> str:
+    return f"{method}, {COUNT} lights" + (f" + {gloss}" if gloss else "")
 
 
 def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -> None:
@@ -160,7 +160,7 @@ def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -
     figure = plt.figure(figsize=(15, 6.5), layout="constrained")
     room(figure, 0.03)
     left, right = cast(np.ndarray, figure.subfigures(1, 2, width_ratios=(1, 1.1)))
-    shown = ["the map itself", *(title(method, weak) for method in METHODS for weak in SHOWN)]
+    shown = ["the map itself", *(title(method, gloss) for method in METHODS for gloss in SHOWN_COUNTS)]
     for name, axis in zip(shown, left.subplots(len(shown), 1), strict=True):
         axis.imshow(strips[name])
         axis.set_title(name, fontsize=8)
@@ -168,10 +168,10 @@ def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -
     left.suptitle(f"{kind}; roughness {', '.join(map(str, ROUGHNESS))}", fontsize=9)
     for measure, label, axis in zip(("rmse", "lab"), ("relative RMSE", "mean difference in L*a*b*"), right.subplots(1, 2), strict=True):
         for k, method in enumerate(METHODS):
-            for weak, style in zip(WEAK, (":", "-.", "-", "--"), strict=True):
-                means = [np.mean([getattr(r, measure) for r in rows if (r.method, r.weak, r.roughness) == (method, weak, at)])
+            for gloss, style in zip(GLOSS_COUNTS, (":", "-.", "-", "--"), strict=True):
+                means = [np.mean([getattr(r, measure) for r in rows if (r.method, r.gloss, r.roughness) == (method, gloss, at)])
                          for at in ROUGHNESS]
-                axis.plot(ROUGHNESS, means, style, color=colour(k), label=title(method, weak))
+                axis.plot(ROUGHNESS, means, style, color=colour(k), label=title(method, gloss))
         axis.set(yscale="log", xlabel="roughness", title=label)
         axis.grid(alpha=0.3, which="both")
     axis.legend(fontsize=7)

@@ -1,7 +1,7 @@
 """The whole pipeline on real maps: VEMLIGHT_DATA=FOLDER python bench/real_maps.py OUT [FRAMES]
 
-Each map is turned slowly, as a folder of lat-long files and through the virtual camera and back, 72 lights, lossless, suzi on a ground.
-Writes contact sheets and figures.csv to OUT: frames in order, energy of the lights against the map's integral, against the source's.
+Each map is rotated slowly, once as a folder of lat-long files and once through the virtual camera, with 72 lights, in lossless mode. Writes
+contact sheets and figures.csv to OUT: order of the frames, energy of the lights against the map's integral and against the source's.
 """
 
 import csv
@@ -83,7 +83,7 @@ def vemlight(*arguments: object) -> None:
 
 
 def played(source: Path, scene: Path, out: Path, frames: int) -> dict[str, float]:
-    """Runs all services on `source` and compares what they left with what went in."""
+    """Runs all services on `source` and compares their output with the input."""
     settings = out.parent / f"{out.name}.toml"
     content = {
         "capture": {"source": str(source.resolve())},
@@ -94,7 +94,7 @@ def played(source: Path, scene: Path, out: Path, frames: int) -> dict[str, float
     settings.write_text(tomli_w.dumps(content))
     vemlight("run", settings, "--out", out, "--frames", frames)
     rows = read_lights(out / "lights.jsonl")
-    assert [row.sequence for row in rows] == list(range(frames)), "lights are not all there, once and in order"
+    assert [row.sequence for row in rows] == list(range(frames)), "not every frame's lights are there, once and in order"
     assert len(list(out.glob("frame_*.png"))) == frames, "pictures are missing"
     maps = open_source(Capture(source=str(source)))
     worst = 0.0

@@ -1,11 +1,11 @@
-"""What each pass of the renderer costs and how that grows; the speed and the error of kept shadow maps.
+"""Cost of each pass of the renderer and how it grows; speed and error of cached shadow maps.
 
     python -m bench.renderer [--out docs/charts] [--frames 15]
-    python -m bench.renderer --large            1920 x 1080, 100,000 triangles, 72 and 300 lights, maps of 512 x 512: for a graphics card
+    python -m bench.renderer --large            1920 x 1080, 100,000 triangles, 72 and 300 lights, maps of 512 x 512: for a GPU
 
 Writes renderer_passes.csv and .png (cost over lights, triangles and pixels) and renderer_speed.csv (frames a second); --large prints only.
 The scene has the size of Havran et al. 2005: 16,206 triangles, 72 lights, 72 maps of 256 x 256, 320 x 240 pixels. Times of passes are
-medians and least values of what the renderer's own timers tell, of frames the same of wall time.
+medians and minima of the renderer's timer queries, times of frames of wall time.
 """
 
 import argparse
@@ -64,18 +64,18 @@ def paper_scene(knot: Geometry | None = None) -> Scene:
 
 
 def sky(count: int, turn: float = 0.0, lowest: float = 0.0) -> LightSet:
-    """Equal lights spread evenly over all directions with z above `lowest`, turned about z by `turn` rad, any first of them as evenly."""
+    """Equal lights spread evenly over all directions with z above `lowest`, rotated about z by `turn` rad; so are any first of them."""
     k = np.argsort(np.arange(count) * (np.sqrt(5) - 1) / 2 % 1) + 0.5
     directions = direction_from_angles(np.arccos(1 - (1 - lowest) * k / count), k * np.pi * (3 - np.sqrt(5)) + turn)
     return LightSet.of(np.arange(count), directions, np.full((count, 3), np.pi / count))
 
 
 def passes(scene: Scene, lights: LightSet, settings: Settings, frames: int) -> dict[str, tuple[float, float]]:
-    """Cost of each pass with everything drawn anew, ms: (median, least)."""
+    """Cost of each pass when nothing is cached, ms: (median, minimum)."""
     renderer = FrameSequence(Renderer(scene, settings, timed=True))
     rows: dict[str, list[float]] = {name: [] for name in PASSES}
     for frame in range(frames + 2):
-        renderer.state = initial_state(renderer.renderer.setup)  # or the G-buffer would not be drawn again
+        renderer.state = initial_state(renderer.renderer.setup)  # so that the G-buffer is drawn again
         started_s = time.perf_counter()
         renderer.render(lights)
         took = {**renderer.timings.timers_ms, PASSES[-1]: (time.perf_counter() - started_s) * 1e3}
@@ -86,7 +86,7 @@ def passes(scene: Scene, lights: LightSet, settings: Settings, frames: int) -> d
 
 
 def growth(frames: int) -> Iterator[tuple[str, int, str, float, float]]:
-    """Rows (what grows, how much, pass, median ms, least ms)."""
+    """Rows (what grows, how much, pass, median ms, minimum ms)."""
     usual = Settings(width=320, height=240, shadow_map=256)
     for count in (8, 24, 72, 144, 288):
         for name, (median, least) in passes(paper_scene(), sky(count), usual, frames).items():
@@ -107,9 +107,9 @@ def growth(frames: int) -> Iterator[tuple[str, int, str, float, float]]:
 
 
 def speed(frames: int) -> Iterator[tuple[float, float, float, float, int, int, float]]:
-    """Rows (target ms or 0, degrees a frame, median ms, least ms, lights drawn, texels of a map, relative RMSE against all of them).
+    """Rows (target ms or 0, degrees a frame, median ms, minimum ms, lights drawn, texels of a map, relative RMSE against all of them).
 
-    In a sky of equal lights all maps are alike: of 256 texels where they are given, of 64 by the lights' power.
+    In a sky of equal lights all maps have one resolution: 256 texels where it is given, 64 by the lights' power.
     """
     for texels in (256, None):
         yield from speed_with(texels, frames)
@@ -119,7 +119,7 @@ def speed_with(texels: int | None, frames: int) -> Iterator[tuple[float, float, 
     """The rows of `speed` for one setting of `shadow_map`."""
     settings = Settings(width=320, height=240, shadow_map=texels, light_regions=0)
     exact = FrameSequence(Renderer(paper_scene(), settings))
-    for target_ms in (0.0, 1e4, 40.0, 20.0):  # everything anew, as much as is needed, in time
+    for target_ms in (0.0, 1e4, 40.0, 20.0):  # nothing cached, everything that changed, within the target
         for degrees in (0.0, 0.05, 0.5, 5.0):
             renderer = FrameSequence(Renderer(paper_scene(), msgspec.structs.replace(settings, frame_ms=target_ms)))
             times, errors = [], []
@@ -138,11 +138,11 @@ def speed_with(texels: int | None, frames: int) -> Iterator[tuple[float, float, 
 
 
 def large(frames: int) -> None:
-    """Prints frames a second of a scene for a graphics card, from the passes' own times and from the clock."""
+    """Prints frames a second of a scene for a GPU, from timer queries and from the clock."""
     scene = paper_scene(tube_knot(1312, 35))
     size = sum(len(mesh.geometry.triangles) for mesh in scene.meshes)
     for count in (LIGHTS, 300):
-        for name, target_ms, degrees in (("all maps anew", 0.0, 1.0), ("slow lights", 1e4, 0.02), ("still lights", 1e4, 0.0)):
+        for name, target_ms, degrees in (("all maps drawn", 0.0, 1.0), ("slow lights", 1e4, 0.02), ("still lights", 1e4, 0.0)):
             renderer = FrameSequence(Renderer(scene, Settings(width=1920, height=1080, shadow_map=512, frame_ms=target_ms), timed=True))
             drawn, whole = [], []
             for frame in range(frames + 5):
@@ -160,7 +160,7 @@ def large(frames: int) -> None:
 
 
 def chart(rows: list[tuple[str, int, str, float, float]], caption: str, path: Path) -> None:
-    """One small picture for each thing that grows, a line a pass."""
+    """One chart for each quantity that grows, one line a pass."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -19,7 +19,7 @@ FLOORS = (
     {"__main__"},
 )
 # The same within the renderer; `renderer.py`, `stage.py` and what else lies loose there stands on top.
-RENDERER_FLOORS = ({"gl", "luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"passes"})
+RENDERER_FLOORS = ({"gl"}, {"luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"passes"})
 TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references"}  # what tests may import of tests/
 TOGETHER = ({"settings", "runtime"}, {"errors", "files"})  # the settings name the services, the runtime reads the settings
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.passes.gloss.gloss import MOST, NEIGHBOURS, spread, weak_rows
+from vemlight.renderer.passes.gloss.gloss import MAX_GLOSS_LIGHTS, NEIGHBOURS, gloss_rows, spread
 from vemlight.renderer.passes.lights.light_regions import light_regions
 from vemlight.renderer.passes.shadow_maps import shadow_map_plan
 from vemlight.renderer.scene.scene import load_scene
@@ -110,34 +110,35 @@ def test_a_rows_sum_is_that_of_the_lights_in_reach():
     irradiance[1234] = 1e6
     reach = regions.reach + 0.3
     strong = rng.integers(0, 72, 3000)
-    rows = weak_rows(regions.centres, reach, directions, irradiance, strong)
+    rows = gloss_rows(regions.centres, reach, directions, irradiance, strong)
     within = regions.centres @ directions.T >= np.cos(reach)[:, None]
-    assert within.sum(axis=1).max() > MOST
-    assert within.sum(axis=1).min() < MOST
+    assert within.sum(axis=1).max() > MAX_GLOSS_LIGHTS
+    assert within.sum(axis=1).min() < MAX_GLOSS_LIGHTS
     of_direction = {tuple(direction): number for direction, number in zip(directions.astype(np.float32).tolist(), strong, strict=True)}
-    for (first_group, group_count), inside in zip(rows.spans.astype(int), within, strict=True):
-        groups = rows.groups[first_group : first_group + group_count].astype(int)
-        assert np.all(np.diff(groups[:, 0]) > 0)
-        for number, first, count, _ in groups:
-            assert all(of_direction[tuple(light)] == number for light in rows.lights[first : first + count, 0, :3].tolist())
-        lights = np.concatenate([rows.lights[first : first + count] for _, first, count, _ in groups]) if len(groups) else rows.lights[:0]
-        assert len(lights) == min(inside.sum(), MOST)
-        assert np.allclose(lights[:, 1, :3].sum(axis=0, dtype=np.float64), inside @ irradiance, rtol=1e-5)
-        assert np.all(np.isin(lights[:, 0, 0], directions[inside, 0].astype(np.float32)))
+    for span, inside in zip(rows.spans, within, strict=True):
+        groups = rows.groups[span["first"] : span["first"] + span["count"]]
+        assert np.all(np.diff(groups["shadowing"]) > 0)
+        found = [rows.lights[group["first"] : group["first"] + group["count"]] for group in groups]
+        for group, own in zip(groups, found, strict=True):
+            assert all(of_direction[tuple(direction)] == group["shadowing"] for direction in own["direction"].tolist())
+        lights = np.concatenate(found) if found else rows.lights[:0]
+        assert len(lights) == min(inside.sum(), MAX_GLOSS_LIGHTS)
+        assert np.allclose(lights["irradiance"].sum(axis=0, dtype=np.float64), inside @ irradiance, rtol=1e-5)
+        assert np.all(np.isin(lights["direction"][:, 0], directions[inside, 0].astype(np.float32)))
         if inside[1234]:
-            assert lights[:, 1, 0].max() == 1e6  # the sun is never scaled
-    assert rows.groups[:, 2].sum() == len(rows.lights)
+            assert lights["irradiance"][:, 0].max() == 1e6  # the sun is never scaled
+    assert rows.groups["count"].sum() == len(rows.lights)
 
 
 @settings(deadline=None, max_examples=20)
-@given(st.integers(MOST + 1, 2000))
+@given(st.integers(MAX_GLOSS_LIGHTS + 1, 2000))
 def test_of_equal_lights_the_first_are_kept_and_scaled_alike(count):
     directions = np.tile([[0.0, 0.0, 1.0]], (count, 1))
     directions[:, 0] = np.arange(count) * 1e-6  # to tell them apart
-    rows = weak_rows(np.array([[0.0, 0.0, 1.0]]), np.array([0.5]), directions, np.ones((count, 3)), np.arange(count))
-    assert rows.spans.tolist() == [[0, MOST]]
-    assert np.array_equal(rows.groups[:, 0], np.arange(MOST))
-    assert np.allclose(rows.lights[:, 1, :3], count / MOST)
+    rows = gloss_rows(np.array([[0.0, 0.0, 1.0]]), np.array([0.5]), directions, np.ones((count, 3)), np.arange(count))
+    assert rows.spans.tolist() == [(0, MAX_GLOSS_LIGHTS)]
+    assert np.array_equal(rows.groups["shadowing"], np.arange(MAX_GLOSS_LIGHTS))
+    assert np.allclose(rows.lights["irradiance"], count / MAX_GLOSS_LIGHTS)
 
 
 def test_the_spread_of_an_even_sky_is_that_of_its_cells():

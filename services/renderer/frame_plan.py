@@ -31,6 +31,7 @@ from vemlight.renderer.frame_budget import (
     strongest_lights,
     updated_demand,
 )
+from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.pass_table import Pass
 from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE, light_regions
@@ -49,7 +50,7 @@ from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
     without_lookups,
 )
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MAX_COARSENING, map_resolutions
-from vemlight.renderer.scene.materials import GLOSSY_KINDS, Colour, MaterialKind, emits, material_kind
+from vemlight.renderer.scene.materials import Colour, emits, material_kind
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
 from vemlight.renderer.scene.view import PixelSample, pixel_samples

@@ -16,8 +16,8 @@ from vemlight.renderer.output.tonemap import Adaptation, adapt, tone_curve
 from vemlight.renderer.passes.background.background import Background
 from vemlight.renderer.passes.background.plate import Plate
 from vemlight.renderer.passes.emission.emission import Emission
-from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
-from vemlight.renderer.passes.gloss.gloss import CONE, NO_CONE, Gloss
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
+from vemlight.renderer.passes.gloss.gloss import CONE, NO_CONE, GlossSet
 from vemlight.renderer.passes.lights.shading import Shading
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
 from vemlight.renderer.passes.luminaires.illumination import Illumination
@@ -63,10 +63,10 @@ class Renderer:
         self._programs = programs = Programs(context)
         kinds, size = set(setup.kinds), setup.size
         self._atlas = ShadowAtlas(context, programs, scene, setup.shadows.casters)
-        self._surfaces = Surfaces(context, programs, scene, size)
+        self._surfaces = GBuffer(context, programs, scene, size)
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
         self._visibility_cache = VisibilityCache(context, programs, size, self._shading.class_depth) if setup.caches_visibility else None
-        self._gloss = Gloss(context, programs, kinds) if setup.glossy else None
+        self._gloss = GlossSet(context, programs, kinds) if setup.glossy else None
         self._illumination = Illumination(context, programs, scene, size)
         self._emission = Emission(context, programs) if setup.emissive else None
         self._plate = Plate(context, programs, size)

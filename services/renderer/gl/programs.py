@@ -1,7 +1,7 @@
 """The GL context and the shader programs, from the files beside the passes. A failure is one UserError line."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -9,6 +9,7 @@ import moderngl
 
 from vemlight.errors import FatalError, UserError
 from vemlight.files import group_hint, may_open
+from vemlight.renderer.gl.buffers import INCLUDES
 
 PASSES = Path(__file__).parents[1] / "passes"  # each pass has its shaders beside it; their names are unique
 SHADERS = {path.name: path for path in sorted(PASSES.glob("*/*")) if path.suffix in (".glsl", ".vert", ".frag", ".comp")}
@@ -106,24 +107,23 @@ class Programs:
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
         self._made: list[moderngl.Program | moderngl.ComputeShader] = []
-        for name, path in SHADERS.items():
-            if path.suffix == ".glsl":
-                context.includes[name] = path.read_text()
+        context.includes.update(INCLUDES)
+        context.includes.update({name: path.read_text() for name, path in SHADERS.items() if path.suffix == ".glsl"})
 
-    def program(self, vertex: str, fragment: str, **constants: str) -> moderngl.Program:
-        """The program of two shader files; each NAME in them is replaced by its value in `constants`.
+    def program(self, vertex: str, fragment: str, **constants: str | int) -> moderngl.Program:
+        """The program of two shader files; each NAME in them stands for its value in `constants`.
 
         Raises UserError with the compiler's first complaint, the files and the GL renderer.
         """
         source = [self._source(name, constants) for name in (vertex, fragment)]
         return self._compiled(f"{vertex} + {fragment}", lambda: self._context.program(vertex_shader=source[0], fragment_shader=source[1]))
 
-    def compute(self, name: str, **constants: str) -> moderngl.ComputeShader:
+    def compute(self, name: str, **constants: str | int) -> moderngl.ComputeShader:
         """The compute shader in a file, as `program`."""
         source = self._source(name, constants)
         return self._compiled(name, lambda: self._context.compute_shader(source))
 
-    def _source(self, name: str, constants: dict[str, str]) -> str:
+    def _source(self, name: str, constants: Mapping[str, str | int]) -> str:
         """The file with its constants defined after its first line, which is #version."""
         defined = "".join(f"#define {constant} {value}\n" for constant, value in constants.items())
         return SHADERS[name].read_text().replace("\n", "\n" + defined, 1)

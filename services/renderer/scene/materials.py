@@ -1,17 +1,16 @@
 """Materials: Lambert with normalised Phong, GGX as glTF 2.0 has it, and surfaces that no light changes."""
 
-from enum import IntEnum
 from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
+from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.scene.textures import Texture
 
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Colour = tuple[Fraction, Fraction, Fraction]
-HASHED_ALPHA = -1.0  # for the shaders, in place of a cutoff
 
 
 class AlphaTest(NamedTuple):
@@ -88,18 +87,6 @@ class ShadowCatcher(NamedTuple):
 
 
 Material = Phong | Ggx | SpecularGlossiness | Unlit | ShadowCatcher
-
-
-class MaterialKind(IntEnum):
-    """The reflection models that the shaders know. A G-buffer holds the number with each pixel."""
-
-    LAMBERT = 0
-    PHONG = 1  # and Lambert
-    GGX = 2
-    SHADOW_CATCHER = 3
-
-
-GLOSSY_KINDS = frozenset({MaterialKind.PHONG, MaterialKind.GGX})
 
 
 def material_kind(material: Material) -> MaterialKind:

@@ -14,10 +14,10 @@ from msgspec import Meta
 from vemlight.errors import UserError
 from vemlight.files import read_toml
 from vemlight.light.sphere import quaternion_xyz, rotation_xyz
+from vemlight.renderer.gl.constants import GLOSSY_KINDS
 from vemlight.renderer.scene.animation import RigidMotion
 from vemlight.renderer.scene.luminaire_table import BUNDLED_LAMP, MAX_COORDINATE_M, Luminaire, LuminaireTable, Vector, load_luminaire
 from vemlight.renderer.scene.materials import (
-    GLOSSY_KINDS,
     Material,
     MaterialTable,
     Phong,

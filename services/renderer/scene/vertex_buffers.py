@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.renderer.gl.buffers import SCENE_VERTEX
 from vemlight.renderer.scene.meshes import Geometry
 from vemlight.renderer.scene.scene import Scene
 
-VERTEX = np.dtype([("position", np.float32, 3), ("normal", np.float32, 3), ("uv", np.float32, 2), ("colour", np.float16, 4)])
 MORTON_BITS = 10  # an axis: 1024 cells along the longest side; any value in 6 .. 20 does
 
 
@@ -31,7 +31,7 @@ class DrawRange(NamedTuple):
 
 
 class VertexBuffers(NamedTuple):
-    """vertices: (n,) VERTEX. indices: (3 m,) uint32. mesh_ranges: one a mesh. second_uvs: (n, 2) float32, 0 where a mesh has none."""
+    """vertices: (n,) SCENE_VERTEX. indices: (3 m,) uint32. mesh_ranges: one a mesh. second_uvs: (n, 2) float32, 0 where a mesh has none."""
 
     vertices: np.ndarray
     indices: np.ndarray
@@ -45,9 +45,9 @@ def vertex_buffers(scene: Scene) -> VertexBuffers:
     first_vertex = first_index = 0
     for mesh in scene.meshes:
         geometry = local_order(mesh.geometry)
-        rows = np.empty(len(geometry.positions), VERTEX)
+        rows = np.empty(len(geometry.positions), SCENE_VERTEX.dtype)
         rows["position"], rows["normal"], rows["uv"] = geometry.positions, geometry.normals, geometry.uvs
-        rows["colour"] = 1.0 if geometry.colours is None else geometry.colours
+        rows["vertex_colour"] = 1.0 if geometry.colours is None else geometry.colours
         vertices.append(rows)
         second_uvs.append(np.zeros_like(geometry.uvs) if geometry.second_uvs is None else geometry.second_uvs)
         indices.append(geometry.triangles.reshape(-1) + np.uint32(first_vertex))

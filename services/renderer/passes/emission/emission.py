@@ -3,7 +3,7 @@
 import moderngl
 
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 
 
 class Emission:
@@ -14,7 +14,7 @@ class Emission:
         self._program = programs.program("screen.vert", "emission.frag")
         self._array = context.vertex_array(self._program, [])
 
-    def add(self, surfaces: Surfaces, frame: moderngl.Framebuffer, weight: float) -> None:
+    def add(self, surfaces: GBuffer, frame: moderngl.Framebuffer, weight: float) -> None:
         """Adds `weight` times what the surfaces drawn last emit to the picture in `frame`."""
         surfaces.bind(self._program)
         self._program["weight"] = weight

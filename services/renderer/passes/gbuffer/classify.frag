@@ -1,16 +1,15 @@
 #version 430
-// Writes each pixel's class as a depth: 4 * (light region of its normal) + its kind of material, nothing where there is no surface.
+// Writes each pixel's class as a depth: by the light region of its normal and its kind of material, nothing where there is no surface.
+#include "constants.glsl"
 #include "normals.glsl"
+#include "surface_texels.glsl"
 #include "gbuffer.glsl"
 
-uniform sampler2D surface_diffuse;
 uniform samplerCube region_of_normal;
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    float there = seen_position().w;
-    vec3 normal = direction_from_octahedron(seen_normals().xy);
-    float kind = texelFetch(surface_diffuse, pixel, 0).w;
-    float region = texture(region_of_normal, normal).r;
-    gl_FragDepth = there > 0.0 ? (4.0 * region + kind + 0.5) / CLASSES : 1.0;
+    float region = texture(region_of_normal, surface_smooth_normal(pixel)).r;
+    float number = MATERIAL_KINDS * region + surface_diffuse_at(pixel).kind;
+    gl_FragDepth = surface_depth_at(pixel).depth > 0.0 ? (number + 0.5) / CLASSES : 1.0;
 }

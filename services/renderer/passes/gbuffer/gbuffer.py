@@ -1,7 +1,7 @@
-"""What each pixel sees: place, normals and material of the nearest surface, drawn before any light is summed.
+"""The G-buffer: place, normals and material of the nearest surface in each pixel, drawn before any light is summed.
 
-28 bytes a pixel: how far along its ray, float; two normals as octahedra, 16 bits a number (good to 3e-5 rad); colours as half floats.
-16 more, as floats, where something in the scene emits.
+28 bytes a pixel: the depth along its ray, float; two normals as octahedra, 16 bits a number; colours as half floats. 16 more, as floats,
+where something in the scene emits.
 """
 
 from typing import NamedTuple
@@ -9,119 +9,85 @@ from typing import NamedTuple
 import moderngl
 import numpy as np
 
-from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.scene.materials import (
-    HASHED_ALPHA,
-    Ggx,
-    Material,
-    Phong,
-    SpecularGlossiness,
-    Texture,
-    Unlit,
-    alpha_test_of,
-    emits,
-    material_kind,
+from vemlight.renderer.gl.buffers import (
+    SCENE_VERTEX,
+    SECOND_UV,
+    SURFACE_DEPTH,
+    SURFACE_DIFFUSE,
+    SURFACE_EMISSION,
+    SURFACE_NORMALS,
+    SURFACE_SPECULAR,
 )
+from vemlight.renderer.gl.constants import MaterialTexture
+from vemlight.renderer.gl.programs import Programs
+from vemlight.renderer.passes.gbuffer.material_uniforms import MaterialUniforms, material_uniforms
+from vemlight.renderer.passes.gbuffer.normals import direction_from_octahedron, octahedron_from_code
+from vemlight.renderer.scene.materials import emits
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
+from vemlight.renderer.scene.textures import Texture
 from vemlight.renderer.scene.vertex_buffers import VertexBuffers, vertex_buffers
 from vemlight.renderer.scene.view import PixelSample, clip_from_world, ray_from_pixel
 
-CODES = 32767  # of a normal's number to each side of 0: gbuffer.glsl
-# Name, how many numbers a pixel, and their format.
-IMAGES = {"surface_depths": (1, "f4"), "surface_normals": (4, "nu2"), "surface_diffuse": (4, "f2"), "surface_specular": (4, "f2")}
-EMITTED = {"surface_emission": (4, "f4")}  # only where something emits
-SLOTS = ("colour_image", "shape_image", "normal_image", "glow_image")  # of surface.frag
+# Of each texture, in the order of surface.frag's outputs: what a texel holds, and moderngl's name of its format.
+TEXTURES = {
+    "surface_depth": (SURFACE_DEPTH, "f4"), "surface_normals": (SURFACE_NORMALS, "nu2"), "surface_diffuse": (SURFACE_DIFFUSE, "f2"),
+    "surface_specular": (SURFACE_SPECULAR, "f2"),
+}  # fmt: skip
+EMISSION_TEXTURE = {"surface_emission": (SURFACE_EMISSION, "f4")}  # only where something emits
 WHITE = Texture(np.ones((1, 1, 3), np.float16))
 
 
-class GBufferTextures(NamedTuple):
-    """The images as numbers, a row for each of n pixels.
+class GBufferPixels(NamedTuple):
+    """A G-buffer read back, a row for each of n pixels.
 
-    there: (n,) bool, where a surface is; positions: (n, 3) float64, in the world; rays: (n, 3) float64, towards them; normals: (n, 4)
-    float64, octahedra of shading's and the triangle's; diffuse, specular: (n, 4) float32, with kind and shape of the material behind them.
+    there: (n,) bool, where a surface is. positions: (n, 3) float64, in the world; rays: (n, 3) float64, towards them, of any length.
+    smooth_normals, flat_normals: (n, 3) float64, unit, on the viewer's side. diffuse, specular: (n,) SURFACE_DIFFUSE, SURFACE_SPECULAR.
     """
 
     there: np.ndarray
     positions: np.ndarray
     rays: np.ndarray
-    normals: np.ndarray
+    smooth_normals: np.ndarray
+    flat_normals: np.ndarray
     diffuse: np.ndarray
     specular: np.ndarray
 
 
-class MaterialUniforms(NamedTuple):
-    """A material as surface.frag has it: which variant of the program, its numbers, and the images in SLOTS."""
-
-    constants: dict[str, str]
-    numbers: dict[str, object]
-    images: tuple[Texture | None, ...]
-
-
 class DrawItem(NamedTuple):
-    """A mesh ready to draw: its vertex array, uniforms with what they become, and textures by unit."""
+    """A mesh ready to draw: its vertex array, its MATERIAL, and its textures by unit."""
 
     array: moderngl.VertexArray
-    numbers: list[tuple[moderngl.Uniform, object]]
+    material: moderngl.Buffer
     textures: list[moderngl.Texture]
 
 
-def material_uniforms(material: Material, emission: bool) -> MaterialUniforms:
-    """How a material is drawn; emission: whether anything in the scene emits."""
-    model, shine, images = 0, (0.0, 0.0, 0.0), (None, None, None, None)
-    colour, shape = (0.0, 0.0, 0.0), 0.0
-    numbers: dict[str, object] = {"glow": (0.0, 0.0, 0.0)}
-    if isinstance(material, Phong):
-        colour, shine, shape, images = material.diffuse, material.specular, material.exponent, (material.colour_map, None, None, None)
-    elif isinstance(material, Ggx):
-        colour, shine, shape = material.base_color, (material.metallic, 0.0, 0.0), material.roughness
-        images = (material.colour_map, material.metallic_roughness_map, material.normal_map, material.emission_map)
-        numbers = {"reflectance": material.reflectance, "glow": material.emission}
-    elif isinstance(material, SpecularGlossiness):
-        model, colour, shine, shape = 1, material.diffuse, material.specular, material.glossiness
-        images = (material.colour_map, material.specular_glossiness_map, material.normal_map, material.emission_map)
-        numbers = {"glow": material.emission}
-    elif isinstance(material, Unlit):
-        model, colour, images = 2, material.base_color, (material.colour_map, None, None, None)
-    if holes := alpha_test_of(material):
-        numbers |= {"opacity": holes.alpha, "cutoff": HASHED_ALPHA if holes.cutoff is None else holes.cutoff}
-    placed = any(image is not None and image.uv_transform is not None for image in images)
-    if placed:
-        rows = np.stack([uv_transform_rows(image) for image in images])
-        numbers |= {"across": rows[:, 0, :4], "along": rows[:, 1, :4], "shift": rows[:, :, 4]}
-    numbers |= {"kind": float(material_kind(material)), "colour": colour, "shine": shine, "shape": shape}
-    seen = {"IMAGES": any(image is not None for image in images), "PLACED": placed, "BUMPY": images[2] is not None}
-    flags = {"MODEL": model, **seen, "CUT": holes is not None, "EMISSION": emission}
-    return MaterialUniforms({name: str(int(flag)) for name, flag in flags.items()}, numbers, images)
+class MeshMatrices(NamedTuple):
+    """Where a mesh stands, as uniforms: world_from_rest (4, 4) and normal_from_rest (3, 3), column by column."""
+
+    world_from_rest: tuple[float, ...]
+    normal_from_rest: tuple[float, ...]
 
 
-def uv_transform_rows(image: Texture | None) -> np.ndarray:
-    """An image's coordinates (2, 5) as weights of both sets of texture coordinates and of 1."""
-    uv_transform = np.eye(3)[:2] if image is None or image.uv_transform is None else image.uv_transform
-    first = 2 * image.uv_set if image else 0
-    rows = np.zeros((2, 5), np.float32)
-    rows[:, first : first + 2], rows[:, 4] = uv_transform[:, :2], uv_transform[:, 2]
-    return rows
-
-
-class Surfaces:
-    """The images of the nearest surfaces, each `size` pixels (width, height)."""
+class GBuffer:
+    """The textures of the nearest surfaces, each `size` pixels (width, height)."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, size: tuple[int, int]) -> None:
-        drawable = vertex_buffers(scene)
-        self._context, self._programs, self._scene, self._mesh_ranges, self._size = context, programs, scene, drawable.mesh_ranges, size
-        self.buffers = (context.buffer(drawable.vertices.tobytes()), context.buffer(drawable.indices.tobytes()))
+        buffers = vertex_buffers(scene)
+        self._context, self._programs, self._scene, self._size = context, programs, scene, size
+        self._mesh_ranges = buffers.mesh_ranges
+        self._buffers = (context.buffer(buffers.vertices.tobytes()), context.buffer(buffers.indices.tobytes()))
         emission = any(emits(mesh.material) for mesh in scene.meshes)
-        formats = IMAGES | (EMITTED if emission else {})
-        self._images = {name: context.texture(size, numbers, dtype=dtype) for name, (numbers, dtype) in formats.items()}
-        for image in self._images.values():
-            image.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        formats = TEXTURES | (EMISSION_TEXTURE if emission else {})
+        self._targets = {name: context.texture(size, record.components, dtype=dtype) for name, (record, dtype) in formats.items()}
+        for target in self._targets.values():
+            target.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._textures: dict[tuple[object, ...], moderngl.Texture] = {}
-        self._arrays: dict[tuple[str, ...], moderngl.VertexArray] = {}
-        self._second: moderngl.Buffer | None = None
-        self._dressed = [self._dress(material_uniforms(mesh.material, emission), drawable) for mesh in scene.meshes]
+        self._arrays: dict[tuple[object, ...], moderngl.VertexArray] = {}
+        self._second_uvs: moderngl.Buffer | None = None
+        self._items = [self._item(material_uniforms(mesh.material, emission), buffers) for mesh in scene.meshes]
         self._depth = context.depth_renderbuffer(size)
-        self._frame = context.framebuffer(list(self._images.values()), self._depth)
+        self._frame = context.framebuffer(list(self._targets.values()), self._depth)
         self.place(scene_pose(scene, 0.0))
 
     def place(self, now: ScenePose) -> None:
@@ -130,53 +96,51 @@ class Surfaces:
         a, b, c = np.moveaxis(now.matrices[:, :3, :3], 1, 0)  # rows; normals go by the cofactors, which a flat scale leaves finite
         normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
         placed = zip(now.matrices, normals, strict=True)
-        self._placed = [(tuple(matrix.T.reshape(-1)), tuple(normal.T.reshape(-1))) for matrix, normal in placed]
+        self._placed = [MeshMatrices(tuple(matrix.T.reshape(-1)), tuple(normal.T.reshape(-1))) for matrix, normal in placed]
 
-    def draw(self, offset: PixelSample) -> None:
-        """Draws what the pixels see at `offset` in each.
+    def draw(self, sample: PixelSample) -> None:
+        """Draws what the pixels see at `sample` in each.
 
-        A surface of which a share is there is drawn where that is above a number made of its place and the offset's: the mean over offsets
-        of successive numbers has as much of it.
+        A surface of partial coverage is drawn where that exceeds a threshold made of its place and the sample's number: the mean over
+        successive samples has as much of it.
         """
-        matrix = tuple(clip_from_world(self._scene, self._size, offset).T.reshape(-1))
+        matrix = tuple(clip_from_world(self._scene, self._size, sample).T.reshape(-1))
         self._ray_from_pixel = ray_from_pixel(self._scene.camera, self._size)
-        self._ray_from_pixel[:, 2] += self._ray_from_pixel[:, :2] @ np.subtract(offset[:2], 0.5)
+        self._ray_from_pixel[:, 2] += self._ray_from_pixel[:, :2] @ np.subtract(sample[:2], 0.5)
         for array in self._arrays.values():
             array.program["clip_from_world"] = matrix
-            self._look(array.program)
-            if "sampled" in array.program:
-                array.program["sampled"] = offset.number
+            self._set_rays(array.program)
+            if "sample_number" in array.program:
+                array.program["sample_number"] = sample.number
         self._frame.use()
         self._frame.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
-        for dressed, span, (matrix, normal) in zip(self._dressed, self._mesh_ranges, self._placed, strict=True):
-            for uniform, value in dressed.numbers:
-                uniform.value = value
-            for unit, texture in enumerate(dressed.textures):
+        for item, drawn, placed in zip(self._items, self._mesh_ranges, self._placed, strict=True):
+            item.material.bind_to_uniform_block(0)
+            for unit, texture in enumerate(item.textures):
                 texture.use(unit)
-            dressed.array.program["world_from_rest"], dressed.array.program["normal_from_rest"] = matrix, normal
-            dressed.array.render(vertices=span.count, first=span.first)
+            item.array.program["world_from_rest"], item.array.program["normal_from_rest"] = placed
+            item.array.render(vertices=drawn.count, first=drawn.first)
 
-    def _dress(self, look: MaterialUniforms, drawable: VertexBuffers) -> DrawItem:
-        array = self._array(look.constants, drawable)
-        numbers = look.numbers | {name: unit for unit, name in enumerate(SLOTS)}
-        found = ((array.program.get(name, None), value) for name, value in numbers.items())  # compilers leave out what is not used
-        uniforms = [(uniform, value) for uniform, value in found if isinstance(uniform, moderngl.Uniform)]
-        return DrawItem(array, uniforms, [self._texture(image) for image in look.images])
+    def _item(self, uniforms: MaterialUniforms, buffers: VertexBuffers) -> DrawItem:
+        array = self._array(uniforms.variant, buffers)
+        textures = [self._texture(image) for image in uniforms.textures]
+        return DrawItem(array, self._context.buffer(uniforms.row.tobytes()), textures)
 
-    def _array(self, constants: dict[str, str], drawable: VertexBuffers) -> moderngl.VertexArray:
-        """The vertices for a variant of the program, made when it is first worn."""
-        key = tuple(constants.values())
+    def _array(self, variant: dict[str, str | int], buffers: VertexBuffers) -> moderngl.VertexArray:
+        """The vertices for a variant of the program, made when it is first wanted."""
+        key = tuple(variant.values())
         if key not in self._arrays:
-            program = self._programs.program("surface.vert", "surface.frag", **constants)
-            layout: list[tuple[object, ...]] = [(self.buffers[0], "3f 3f 2x4 4f2", "position", "normal", "vertex_colour")]
-            if constants["IMAGES"] == "1":
-                layout = [(self.buffers[0], "3f 3f 2f 4f2", "position", "normal", "uv", "vertex_colour")]
-            if constants["PLACED"] == "1":
-                self._second = self._second or self._context.buffer(drawable.second_uvs.tobytes())
-                layout.append((self._second, "2f", "second_uv"))
-            self._arrays[key] = self._context.vertex_array(program, layout, self.buffers[1], index_element_size=4)
+            program = self._programs.program("surface.vert", "surface.frag", **variant)
+            for slot in MaterialTexture:
+                if (sampler := f"{slot.name.lower()}_texture") in program:  # compilers leave out what a variant does not use
+                    program[sampler] = slot
+            content = [SCENE_VERTEX.content(self._buffers[0], program)]
+            if variant["UV_TRANSFORM"]:
+                self._second_uvs = self._second_uvs or self._context.buffer(buffers.second_uvs.tobytes())
+                content.append(SECOND_UV.content(self._second_uvs, program))
+            self._arrays[key] = self._context.vertex_array(program, content, self._buffers[1], index_element_size=4)
         return self._arrays[key]
 
     def _texture(self, image: Texture | None) -> moderngl.Texture:
@@ -191,7 +155,7 @@ class Surfaces:
             self._textures[key] = texture
         return self._textures[key]
 
-    def _look(self, program: moderngl.Program) -> None:
+    def _set_rays(self, program: moderngl.Program) -> None:
         """Gives a program the way from a pixel to what is seen there, as far as it uses that."""
         if "eye" in program:
             program["eye"] = self._scene.camera.position
@@ -199,27 +163,33 @@ class Surfaces:
             program["ray_from_pixel"] = tuple(self._ray_from_pixel.T.reshape(-1))
 
     def bind(self, program: moderngl.Program) -> int:
-        """Gives a program what it reads of gbuffer.glsl and of the images; the first texture unit that is still free."""
-        self._look(program)
-        for unit, (name, image) in enumerate(self._images.items()):
+        """Gives a program what it reads of gbuffer.glsl and surface_texels.glsl; returns the first texture unit that is still free."""
+        self._set_rays(program)
+        for unit, (name, target) in enumerate(self._targets.items()):
             if name in program:
-                image.use(unit)
+                target.use(unit)
                 program[name] = unit
-        return len(self._images)
+        return len(self._targets)
 
-    def read(self) -> GBufferTextures:
+    def read(self) -> GBufferPixels:
         """What was drawn last, row 0 on top."""
         width, height = self._size
-        read = [self._frame.read(components=n, attachment=k, dtype="f4", alignment=1) for k, (n, _) in enumerate(IMAGES.values())]
-        depths, normals, diffuse, specular = (np.frombuffer(data, np.float32).reshape(width * height, -1) for data in read)
+        data = {
+            name: np.frombuffer(self._frame.read(components=record.components, attachment=k, dtype="f4", alignment=1), record.dtype)
+            for k, (name, (record, _)) in enumerate(TEXTURES.items())
+        }
         pixels = np.stack([*np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), np.ones((height, width))], axis=-1)
         rays = pixels.reshape(-1, 3) @ self._ray_from_pixel.T
-        normals = (np.rint(normals * np.float32(2 * CODES + 1)) - (CODES + 1)) / CODES
-        return GBufferTextures(depths[:, 0] > 0, self._scene.camera.position + depths * rays, rays, normals, diffuse, specular)
+        depth, normals = data["surface_depth"]["depth"], data["surface_normals"]
+        smooth, flat = (
+            direction_from_octahedron(octahedron_from_code(normals[name])) for name in ("smooth_octahedron", "flat_octahedron")
+        )
+        positions = self._scene.camera.position + depth[:, None] * rays
+        return GBufferPixels(depth > 0, positions, rays, smooth, flat, data["surface_diffuse"], data["surface_specular"])
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        things = (*self._arrays.values(), *self.buffers, self._second, self._frame, self._depth, *self._images.values())
-        for thing in (*things, *self._textures.values()):
-            if thing is not None:
-                thing.release()
+        made = (*self._arrays.values(), *self._buffers, self._second_uvs, self._frame, self._depth, *self._targets.values())
+        for resource in (*made, *(item.material for item in self._items), *self._textures.values()):
+            if resource is not None:
+                resource.release()

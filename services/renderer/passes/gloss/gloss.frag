@@ -1,87 +1,81 @@
 #version 430
-// Adds what the many weak lights of the second set give to the lobes of glossy surfaces: those in the cone about the mirrored view, from
-// the row of the region that it lies in. Each is shadowed by the map of the strong light nearest to it, which its group shares. PHONG, GGX:
-// whether there are such surfaces. LINE: groups or lights in a line of their textures.
-
-#include "light.glsl"
+// Adds the gloss set to the lobes of glossy surfaces: the lights in the cone about the mirrored view, from the groups of the region that it
+// lies in. Each is shadowed by the map of the shadowed light nearest to it, which its group has in common. HAS_PHONG, HAS_GGX: whether there
+// are such surfaces.
+#include "constants.glsl"
+#include "light_frame.glsl"
 #include "lights.glsl"
 #include "visibility.glsl"
 #include "normals.glsl"
+#include "surface_texels.glsl"
 #include "gbuffer.glsl"
 #include "brdf.glsl"
-#include "cone.glsl"
+#include "gloss_cone.glsl"
+#include "gloss_lights.glsl"
 
 uniform float weight;  // of this pass in the picture: 1 / samples
-uniform sampler2D surface_diffuse;
-uniform sampler2D surface_specular;
 uniform samplerCube region_of_direction;
-uniform sampler2D spans;  // of each region: its first group, and how many
-uniform sampler2D groups;  // line after line: the strong light, the group's first weak light, and how many
-// Line after line, two texels a light: direction; irradiance and the square of its spread, rad. A disc of that radius has a quarter of the
-// square as variance along an axis. Phong's lobe has 1 / exponent, GGX' lobe of halfway vectors, which move half as far as the light, about
-// alpha^2 / 2.
-uniform sampler2D weak_lights;
+layout(std140, binding = 1) readonly buffer Spans { GlossSpan spans[]; };  // of each region
+layout(std140, binding = 2) readonly buffer Groups { GlossGroup groups[]; };
+layout(std140, binding = 3) readonly buffer GlossLights { GlossLight gloss_lights[]; };
 layout(location = 0) out vec4 radiance;
 
-#if PHONG
-vec3 phong(vec4 specular, vec4 irradiance, float mirrored) {
-    return specular.rgb * phong_lobe(1.0 / (1.0 / max(specular.w, 1e-3) + 0.25 * irradiance.w), mirrored);
+// A light is a disc, and a lobe is widened by its variance along an axis, a quarter of its radius squared. Phong's lobe has the variance
+// 1 / exponent; GGX' halfway vectors, which move half as far as the light, have about alpha^2 / 2, so alpha^2 grows by 2 / 4 of the quarter.
+const float DISC_VARIANCE = 0.25;
+
+#if HAS_PHONG
+vec3 widened_phong(SurfaceSpecular specular, float spread_squared, float mirrored) {
+    return specular.reflectance * phong_lobe(1.0 / (1.0 / max(specular.lobe, 1e-3) + DISC_VARIANCE * spread_squared), mirrored);
 }
 #endif
 
-#if GGX
-vec3 ggx(vec4 specular, vec4 irradiance, float mirrored, float cosine, float view_cosine) {
-    vec2 facets = ggx_lobe(sqrt(specular.w * specular.w + 0.125 * irradiance.w), cosine, view_cosine, 2.0 * view_cosine * cosine - mirrored);
-    return mix(specular.rgb, vec3(1.0), facets.y) * facets.x;
+#if HAS_GGX
+vec3 widened_ggx(SurfaceSpecular specular, float spread_squared, float mirrored, float cosine, float view_cosine) {
+    float alpha = sqrt(specular.lobe * specular.lobe + 0.5 * DISC_VARIANCE * spread_squared);
+    vec2 lobe = ggx_lobe(alpha, cosine, view_cosine, 2.0 * view_cosine * cosine - mirrored);
+    return mix(specular.reflectance, vec3(1.0), lobe.y) * lobe.x;
 }
 #endif
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 position = seen_position();
-    float kind = texelFetch(surface_diffuse, pixel, 0).w;
-    if (position.w == 0.0 || kind < 0.5 || kind > 2.5) discard;
-    vec4 specular = texelFetch(surface_specular, pixel, 0);
-#if PHONG && GGX
-    bool phongs = kind < 1.5;
-    float narrow = phongs ? narrow_phong(specular.w) : narrow_ggx(specular.w);
-#elif PHONG
-    float narrow = narrow_phong(specular.w);
-#else
-    float narrow = narrow_ggx(specular.w);
-#endif
-    if (narrow == 0.0) discard;
-    vec4 normals = seen_normals();
-    vec3 smooth_normal = direction_from_octahedron(normals.xy);
-    vec3 flat_normal = direction_from_octahedron(normals.zw);
-    vec3 mirrored_view = reflect(normalize(seen_ray()), smooth_normal);
-    float view_cosine = max(dot(smooth_normal, mirrored_view), 1e-4);
-    int region = int(textureLod(region_of_direction, mirrored_view, 0.0).r);
-    ivec2 span = ivec2(texelFetch(spans, ivec2(region, 0), 0).xy);
+    vec4 position = surface_position(pixel);
+    int kind = int(surface_diffuse_at(pixel).kind);
+    if (position.w == 0.0 || (kind != MATERIAL_PHONG && kind != MATERIAL_GGX)) discard;
+    SurfaceSpecular specular = surface_specular_at(pixel);
+    float taken = gloss_fraction(kind, specular.lobe);
+    if (taken == 0.0) discard;
+    vec3 smooth_normal = surface_smooth_normal(pixel);
+    vec3 flat_normal = surface_flat_normal(pixel);
+    vec3 mirrored_view = reflect(normalize(pixel_ray()), smooth_normal);
+    float view_cosine = max(dot(smooth_normal, mirrored_view), MIN_LOBE_COSINE);
+    GlossSpan span = spans[int(textureLod(region_of_direction, mirrored_view, 0.0).r)];
 
     vec3 sum = vec3(0.0);
-    for (int g = span.x; g < span.x + span.y; ++g) {
-        ivec3 group = ivec3(texelFetch(groups, ivec2(g % LINE, g / LINE), 0).xyz);
+    for (int g = span.first; g < span.first + span.count; ++g) {
+        GlossGroup group = groups[g];
         vec3 part = vec3(0.0);
-        for (int k = group.y; k < group.y + group.z; ++k) {
-            ivec2 place = ivec2(2 * (k % LINE), k / LINE);
-            vec3 direction = texelFetch(weak_lights, place, 0).xyz;
+        for (int k = group.first; k < group.first + group.count; ++k) {
+            vec3 direction = gloss_lights[k].direction;
             float mirrored = dot(mirrored_view, direction);
-            float share = in_cone(mirrored);
+            float inside = in_cone(mirrored);
             float cosine = dot(smooth_normal, direction);
-            if (share <= 0.0 || cosine <= 0.0 || dot(flat_normal, direction) <= 0.0) continue;
-            vec4 irradiance = texelFetch(weak_lights, place + ivec2(1, 0), 0);
-#if PHONG && GGX
-            vec3 lobe = phongs ? phong(specular, irradiance, mirrored) : ggx(specular, irradiance, mirrored, cosine, view_cosine);
-#elif PHONG
-            vec3 lobe = phong(specular, irradiance, mirrored);
+            if (inside <= 0.0 || cosine <= 0.0 || dot(flat_normal, direction) <= 0.0) continue;
+            float spread_squared = gloss_lights[k].spread_squared;
+#if HAS_PHONG && HAS_GGX
+            vec3 lobe = kind == MATERIAL_PHONG ? widened_phong(specular, spread_squared, mirrored)
+                                               : widened_ggx(specular, spread_squared, mirrored, cosine, view_cosine);
+#elif HAS_PHONG
+            vec3 lobe = widened_phong(specular, spread_squared, mirrored);
 #else
-            vec3 lobe = ggx(specular, irradiance, mirrored, cosine, view_cosine);
+            vec3 lobe = widened_ggx(specular, spread_squared, mirrored, cosine, view_cosine);
 #endif
-            part += irradiance.rgb * lobe * (share * cosine);
+            part += gloss_lights[k].irradiance * lobe * (inside * cosine);
         }
-        float over = dot(flat_normal, lights[group.x].direction.xyz);
-        sum += part * (over > 0.0 ? visibility(group.x, position, flat_normal, over) : 1.0);  // a map knows nothing of what it lies behind
+        float facing = dot(flat_normal, lights[group.shadowing].direction);
+        // A map knows nothing of surfaces that face away from its light.
+        sum += part * (facing > 0.0 ? visibility(group.shadowing, position, flat_normal, facing) : 1.0);
     }
-    radiance = vec4(sum * (narrow * weight), 0.0);
+    radiance = vec4(sum * (taken * weight), 0.0);
 }

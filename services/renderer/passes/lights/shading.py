@@ -9,15 +9,14 @@ import itertools
 import moderngl
 import numpy as np
 
+from vemlight.renderer.gl.constants import CLASSES, GLOSSY_KINDS, MATERIAL_KINDS, MaterialKind
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, Regions
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
-from vemlight.renderer.passes.shadow_maps.shadow_map_plan import MAX_LIGHTS, Batch
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
-from vemlight.renderer.scene.materials import GLOSSY_KINDS, Colour, MaterialKind
-
-CLASSES = 1024  # depths in use are (class + 1/2) / CLASSES: exact in 24 bits, one of each MaterialKind for each of 256 regions
+from vemlight.renderer.scene.materials import Colour
 
 
 class Shading:
@@ -27,7 +26,7 @@ class Shading:
         self, context: moderngl.Context, programs: Programs, regions: Regions, kinds: set[MaterialKind], size: tuple[int, int]
     ) -> None:
         self._context, self._programs, self._kinds = context, programs, sorted(kinds)
-        self._classify = programs.program("screen.vert", "classify.frag", CLASSES=f"{CLASSES}.0")
+        self._classify = programs.program("screen.vert", "classify.frag")
         self._classify_array = context.vertex_array(self._classify, [])
         self._arrays: dict[bool, list[moderngl.VertexArray]] = {}  # with cached visibility or without, of each kind
         self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, regions.cube.astype(np.float32).tobytes(), dtype="f4")
@@ -47,7 +46,7 @@ class Shading:
             if frame:
                 frame.depth_mask = False  # the classes stay while the surfaces do
 
-    def classify(self, surfaces: Surfaces) -> None:
+    def classify(self, surfaces: GBuffer) -> None:
         """Finds each pixel's class."""
         unit = surfaces.bind(self._classify)
         self._cube.use(unit)
@@ -63,7 +62,7 @@ class Shading:
 
     def add(
         self,
-        surfaces: Surfaces,
+        surfaces: GBuffer,
         atlas: ShadowAtlas,
         batch: Batch,
         weight: float,
@@ -98,14 +97,14 @@ class Shading:
                 if row.count or alpha > 0:
                     atlas.bind_row(row)
                     program["light_count"] = row.count
-                    program["depth"] = (len(MaterialKind) * region + kind + 0.5) / CLASSES
+                    program["depth"] = (MATERIAL_KINDS * region + kind + 0.5) / CLASSES
                     array.render(moderngl.TRIANGLES, vertices=3)
 
     def _made(self, cached: bool) -> list[moderngl.VertexArray]:
         """The programs of all kinds of surface, compiled when they are first wanted."""
         if cached not in self._arrays:
-            named = ({"MAX_LIGHTS": str(MAX_LIGHTS), "KIND": str(kind), "CACHED_VISIBILITY": str(int(cached))} for kind in self._kinds)
-            programs = [self._programs.program("screen.vert", "shade.frag", **names) for names in named]
+            variants = ({"KIND": int(kind), "CACHED_VISIBILITY": int(cached)} for kind in self._kinds)
+            programs = [self._programs.program("screen.vert", "shade.frag", **variant) for variant in variants]
             self._arrays[cached] = [self._context.vertex_array(program, []) for program in programs]
         return self._arrays[cached]
 

@@ -8,8 +8,8 @@ shadow edges: 6e-6 of the radiance under 72 lights. Whether that pays in a frame
 import moderngl
 
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
-from vemlight.renderer.passes.shadow_maps.shadow_map_plan import MAX_LIGHTS, Batch
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 
 
@@ -18,12 +18,12 @@ class VisibilityCache:
 
     def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int], depth: moderngl.Texture) -> None:
         self._context, self._size = context, size
-        self._program = programs.program("screen.vert", "lookups.frag", MAX_LIGHTS=str(MAX_LIGHTS))
+        self._program = programs.program("screen.vert", "visibility_cache.frag")
         self._array = context.vertex_array(self._program, [])
         self._frame = context.framebuffer([], depth)
         self._layers: moderngl.TextureArray | None = None
 
-    def look_up(self, surfaces: Surfaces, atlas: ShadowAtlas, batch: Batch) -> None:
+    def look_up(self, surfaces: GBuffer, atlas: ShadowAtlas, batch: Batch) -> None:
         """Looks up what is not cached yet of a batch whose maps are drawn."""
         self._make_room(max(batch.slots, 1))
         assert self._layers is not None

@@ -6,7 +6,7 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.luminaire.photometry import FarField
-from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import placed_luminaires
 from vemlight.renderer.passes.luminaires.occluders import scene_occluders, traced_triangles
 from vemlight.renderer.passes.luminaires.rasterised_luminaire import RasterisedLuminaire
@@ -44,7 +44,7 @@ class Illumination:
         """Draws the shadow maps of a luminaire where it stands."""
         self.luminaires[number].draw_maps()
 
-    def add(self, surfaces: Surfaces, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool = False) -> None:
+    def add(self, surfaces: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool = False) -> None:
         """Adds all luminaires' light on the surfaces, times `weight`, to a picture; with `catchers`, the irradiance of shadow catchers."""
         for luminaire in self.luminaires:
             luminaire.add(surfaces, framebuffer, weight, catchers)

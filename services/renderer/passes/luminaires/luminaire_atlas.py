@@ -5,6 +5,7 @@ import math
 import moderngl
 import numpy as np
 
+from vemlight.renderer.gl.buffers import CASTER_VERTEX
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.luminaire.shadow_views import SHADOW_VIEW, ShadowViews
 from vemlight.renderer.passes.luminaires.occluders import SceneOccluders
@@ -24,12 +25,12 @@ class LuminaireAtlas:
         self, context: moderngl.Context, programs: Programs, occluders: SceneOccluders, scene: Scene, count: int, resolution: int
     ) -> None:
         self._context, self._count = context, count
-        self._alpha_tested = AlphaTestedMeshes(context, programs, scene, "luminaire_map.vert", MAX_MAPS=str(count))
+        self._alpha_tested = AlphaTestedMeshes(context, programs, scene, "luminaire_map.vert", MAX_MAPS=count)
         side = min(MAX_ATLAS_SIDE, context.info["GL_MAX_TEXTURE_SIZE"])
         self._columns = math.ceil(math.sqrt(count))
         self._resolution = min(resolution, side // self._columns)
-        self._program = programs.program("luminaire_map.vert", "shadow.frag", MAX_MAPS=str(count))
-        layout = (occluders.positions, "3f", "position")
+        self._program = programs.program("luminaire_map.vert", "shadow.frag", ALPHA_TEST=0, MAX_MAPS=count)
+        layout = CASTER_VERTEX.content(occluders.positions, self._program)
         self._vao = context.vertex_array(self._program, [layout], occluders.indices, index_element_size=4)
         self._buffer = context.buffer(reserve=SHADOW_VIEW.itemsize * count, dynamic=True)
         self._texture = context.depth_texture((self._columns * self._resolution, self._columns * self._resolution))

@@ -1,6 +1,8 @@
 #version 430
 // A luminaire from its far-field photometry: a point with an intensity over direction, and a shadow map through each face of a cube.
+#include "constants.glsl"
 #include "normals.glsl"
+#include "surface_texels.glsl"
 #include "gbuffer.glsl"
 #include "luminaire_maps.glsl"
 #include "brdf.glsl"

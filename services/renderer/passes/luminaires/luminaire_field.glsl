@@ -20,7 +20,7 @@ float basis(float x) {
 #endif
 }
 
-float importance(ivec3 at) { return dot(abs(texelFetch(images, at, 0).rgb), vec3(0.2126, 0.7152, 0.0722)); }
+float importance(ivec3 at) { return dot(abs(texelFetch(images, at, 0).rgb), LUMINANCE_WEIGHTS); }
 
 double sum_at(int x, int y, int m) { return packDouble2x32(texelFetch(sums, ivec3(x, y, m), 0).xy); }
 

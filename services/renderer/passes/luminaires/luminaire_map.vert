@@ -2,12 +2,11 @@
 // One instance draws the scene into one tile; what reaches beyond the tile is clipped.
 #include "luminaire_maps.glsl"
 
-in vec3 position;
-#ifdef CUT
-in vec3 hole;
-out vec3 hole_here;
-out vec3 rest_position;
-flat out uint sampled;
+#if ALPHA_TEST
+#include "alpha_tested_vertex.glsl"
+#include "alpha_tested_outputs.glsl"
+#else
+#include "caster_vertex.glsl"
 #endif
 uniform mat4 local_from_rest;  // of the mesh that is drawn
 out float gl_ClipDistance[4];
@@ -24,9 +23,7 @@ void main() {
     vec2 atlas = (inside + (2.0 * corner + 1.0) * q.z) / map_columns - q.z;
     float depth = (2.0 * (inverse_depths.x * q.z - 1.0) / (inverse_depths.x - inverse_depths.y)) - q.z;  // z (2 d - 1), d = (1/n - 1/z) / (1/n - 1/f)
     gl_Position = vec4(atlas, depth, q.z);
-#ifdef CUT
-    hole_here = hole;
-    rest_position = position;
-    sampled = uint(gl_InstanceID);
+#if ALPHA_TEST
+    pass_alpha(uint(gl_InstanceID));
 #endif
 }

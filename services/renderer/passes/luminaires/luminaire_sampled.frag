@@ -1,6 +1,8 @@
 #version 430
 // Position-dependent importance sampling of a light field (Lu et al. 2015): estimator.py, in GLSL.
+#include "constants.glsl"
 #include "normals.glsl"
+#include "surface_texels.glsl"
 #include "gbuffer.glsl"
 #include "luminaire_maps.glsl"
 #include "brdf.glsl"
@@ -95,7 +97,7 @@ void main() {
             vec2 in_box;
             ivec2 at = sample_box(u, v, m, size, ends, ab, in_box);
             vec3 colour = texelFetch(images, ivec3(at, m), 0).rgb;
-            float q = dot(abs(colour), vec3(0.2126, 0.7152, 0.0722));
+            float q = dot(abs(colour), LUMINANCE_WEIGHTS);
             if (q <= 0.0) continue;
             vec2 on_u = vec2(mix(u.u0, u.u1, in_box.x), mix(v.u0, v.u1, in_box.y));
             vec2 x = (on_u - centre) / spacing;

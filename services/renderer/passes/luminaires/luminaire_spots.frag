@@ -1,7 +1,9 @@
 #version 430
 // The shift-invariant approximation (Granier et al. 2003, equation 14): each basis function is a textured spot light, all in one pass.
 // `images` holds E'; a summed-area table per channel gives its mean over what the point sees through the support, without samples.
+#include "constants.glsl"
 #include "normals.glsl"
+#include "surface_texels.glsl"
 #include "gbuffer.glsl"
 #include "luminaire_maps.glsl"
 #include "brdf.glsl"

@@ -2,31 +2,26 @@
 // gbuffer.glsl.
 
 uniform mat4 local_from_world;
-uniform sampler2D surface_diffuse;
-uniform sampler2D surface_specular;
 uniform sampler2D shadow_maps;
 uniform bool catchers;  // the irradiance of shadow catchers; otherwise the radiance of all other surfaces
 uniform float shadows;  // 1: maps are looked up; 0: all is lit
 
-struct Surface { vec3 position, normal, flat_normal, mirrored, lambert, specular; float shape, kind; };
+struct Surface { vec3 position, normal, flat_normal, mirrored; Reflection reflection; int kind; };
 
 // False where the pixel sees no surface of those that are lit now.
 bool surface_at(ivec2 pixel, out Surface surface) {
-    vec4 position = seen_position();
-    vec4 diffuse = texelFetch(surface_diffuse, pixel, 0);
-    if (position.w == 0.0 || catchers != (diffuse.w > 2.5)) return false;
-    vec4 normals = seen_normals();
+    vec4 position = surface_position(pixel);
+    SurfaceDiffuse diffuse = surface_diffuse_at(pixel);
+    if (position.w == 0.0 || catchers != (int(diffuse.kind) == MATERIAL_SHADOW_CATCHER)) return false;
     mat3 rotation = mat3(local_from_world);
-    vec3 normal = direction_from_octahedron(normals.xy);
-    vec4 specular = texelFetch(surface_specular, pixel, 0);
+    vec3 normal = surface_smooth_normal(pixel);
+    SurfaceSpecular specular = surface_specular_at(pixel);
     surface.position = (local_from_world * vec4(position.xyz, 1.0)).xyz;
     surface.normal = rotation * normal;
-    surface.flat_normal = rotation * direction_from_octahedron(normals.zw);
-    surface.mirrored = rotation * reflect(normalize(seen_ray()), normal);
-    surface.lambert = catchers ? vec3(1.0) : diffuse.rgb / PI;
-    surface.specular = specular.rgb;
-    surface.shape = specular.w;
-    surface.kind = catchers ? 0.0 : diffuse.w;
+    surface.flat_normal = rotation * surface_flat_normal(pixel);
+    surface.mirrored = rotation * reflect(normalize(pixel_ray()), normal);
+    surface.reflection = Reflection(catchers ? vec3(1.0) : diffuse.albedo / PI, specular.reflectance, specular.lobe);
+    surface.kind = catchers ? MATERIAL_LAMBERT : int(diffuse.kind);
     return true;
 }
 
@@ -35,11 +30,8 @@ vec3 reflected(Surface surface, vec3 d) {
     float cosine = dot(surface.normal, d);
     if (cosine <= 0.0 || dot(surface.flat_normal, d) <= 0.0) return vec3(0.0);
     float mirrored = dot(surface.mirrored, d);
-    if (surface.kind < 2.0) return (surface.lambert + surface.specular * phong_lobe(surface.shape, mirrored)) * cosine;
-    float view = max(dot(surface.normal, surface.mirrored), 1e-4);  // the view's cosine, as of its mirror
-    vec2 lobe = ggx_lobe(surface.shape, cosine, view, 2.0 * view * cosine - mirrored);
-    vec3 fresnel = mix(surface.specular, vec3(1.0), lobe.y);
-    return (surface.lambert * (1.0 - fresnel) + fresnel * lobe.x) * cosine;
+    float view = max(dot(surface.normal, surface.mirrored), MIN_LOBE_COSINE);  // the view's cosine, as of its mirror
+    return brdf(surface.kind, surface.reflection, cosine, view, mirrored, 2.0 * view * cosine - mirrored, 1.0) * cosine;
 }
 
 const float MAP_BIAS = 0.5;  // texels: what a surface may rise above its tangent plane within a texel

@@ -17,7 +17,7 @@ from vemlight.renderer.luminaire.photometry import FarField, intensity
 from vemlight.renderer.luminaire.shadow_views import cell_views, cube_views
 from vemlight.renderer.luminaire.shift_invariant import radiance_images
 from vemlight.renderer.luminaire.tables import summed_area_tables
-from vemlight.renderer.passes.gbuffer.gbuffer import Surfaces
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.luminaires.luminaire_atlas import LuminaireAtlas
 from vemlight.renderer.passes.luminaires.occluders import SceneOccluders
 from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, Vector
@@ -75,7 +75,7 @@ class RasterisedLuminaire:
         views = cube_views(far_m) if isinstance(source, FarField) else cell_views(source, far_m)
         self._atlas.draw(views, local_from_world, self._occluders)
 
-    def add(self, surfaces: Surfaces, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
+    def add(self, surfaces: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
         """Adds its light on the surfaces, or its irradiance of shadow catchers, to a picture."""
         unit = surfaces.bind(self._program)
         for number, (name, texture) in enumerate(self._textures.items(), unit + 1):

@@ -3,15 +3,15 @@
 import moderngl
 import numpy as np
 
+from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.luminaire.estimator import Occluders, Receivers, interleaved_shifts, irradiance_receivers, shade
 from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.tables import summed_area_tables
-from vemlight.renderer.passes.gbuffer.gbuffer import GBufferTextures, Surfaces
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer, GBufferPixels
 from vemlight.renderer.passes.luminaires.occluders import SceneOccluders
 from vemlight.renderer.passes.luminaires.rasterised_luminaire import begin_adding
 from vemlight.renderer.scene.luminaire_table import Luminaire, Vector
-from vemlight.renderer.scene.materials import MaterialKind
 
 
 class TracedLuminaire:
@@ -37,11 +37,11 @@ class TracedLuminaire:
     def draw_maps(self) -> None:
         """Does nothing: there are no maps."""
 
-    def add(self, surfaces: Surfaces, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
+    def add(self, surfaces: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
         """Adds its light on the surfaces, or its irradiance of shadow catchers, to a picture."""
         table, matrix = self.luminaire.table, self.luminaire.world_from_local
         gbuffer = surfaces.read()
-        chosen = gbuffer.there & ((gbuffer.diffuse[:, 3] == MaterialKind.SHADOW_CATCHER) == catchers)
+        chosen = gbuffer.there & ((gbuffer.diffuse["kind"] == MaterialKind.SHADOW_CATCHER) == catchers)
         receivers = receivers_from_gbuffer(gbuffer, chosen, np.linalg.inv(matrix))
         if catchers:
             receivers = irradiance_receivers(receivers.positions, receivers.normals)._replace(flat_normals=receivers.flat_normals)
@@ -61,22 +61,14 @@ class TracedLuminaire:
             resource.release()
 
 
-def receivers_from_gbuffer(gbuffer: GBufferTextures, chosen: np.ndarray, local_from_world: np.ndarray) -> Receivers:
+def receivers_from_gbuffer(gbuffer: GBufferPixels, chosen: np.ndarray, local_from_world: np.ndarray) -> Receivers:
     """The chosen pixels' surfaces in the luminaire's frame: surface_at of luminaire_surface.glsl."""
     rotation = local_from_world[:3, :3].T
-    normal, flat = (direction_from_octahedron(gbuffer.normals[chosen, k : k + 2]) for k in (0, 2))
+    normal, flat = gbuffer.smooth_normals[chosen], gbuffer.flat_normals[chosen]
     view = gbuffer.rays[chosen]
     view /= np.linalg.norm(view, axis=1, keepdims=True)
     mirrored = view - 2 * np.sum(view * normal, axis=1, keepdims=True) * normal
     diffuse, specular = gbuffer.diffuse[chosen], gbuffer.specular[chosen]
     position = gbuffer.positions[chosen] @ rotation + local_from_world[:3, 3]
-    return Receivers(position, normal @ rotation, flat @ rotation, mirrored @ rotation, diffuse[:, :3], specular[:, :3], specular[:, 3],
-                     diffuse[:, 3] == MaterialKind.GGX)
-
-
-def direction_from_octahedron(p: np.ndarray) -> np.ndarray:
-    """Unit vectors (n, 3) of the octahedron map (n, 2): the function of normals.glsl."""
-    z = 1 - np.abs(p).sum(axis=1)
-    xy = p - np.copysign(np.maximum(-z, 0)[:, None], p)
-    d = np.concatenate([xy, z[:, None]], axis=1)
-    return d / np.linalg.norm(d, axis=1, keepdims=True)
+    return Receivers(position, normal @ rotation, flat @ rotation, mirrored @ rotation, diffuse["albedo"], specular["reflectance"],
+                     specular["lobe"], diffuse["kind"] == MaterialKind.GGX)

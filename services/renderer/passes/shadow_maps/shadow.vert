@@ -1,20 +1,23 @@
 #version 430
-// One instance draws the casters into one light's tile of the atlas.
-#include "light.glsl"
+// One instance draws the casters into one light's map in the atlas. ALPHA_TEST: with what shadow_alpha_test.frag asks. RECEIVER_PLANE: the
+// plane that everything stands on, which reaches beyond the map and casts for lights from below.
+#include "constants.glsl"
+#include "light_frame.glsl"
 #include "lights.glsl"
+#if ALPHA_TEST
+#include "alpha_tested_vertex.glsl"
+#include "alpha_tested_outputs.glsl"
+#else
+#include "caster_vertex.glsl"
+#endif
 
-const float SUNK = 0.9;  // of the bias: how far a floor lies nearer to the light, so that none comes through at an object's foot
+// Of the bias: how far a receiver plane lies nearer to the light, so that no light comes through at the foot of what stands on it. Below
+// 1, or the plane would shadow itself; any value in 0.5 to 0.95 does.
+const float RECEIVER_PLANE_LIFT = 0.9;
 
-in vec3 position;
 uniform int first_light;
 uniform mat4 world_from_rest;
-#ifdef CUT
-in vec3 hole;
-out vec3 hole_here;
-out vec3 rest_position;
-flat out uint sampled;
-#endif
-#if BEYOND
+#if RECEIVER_PLANE
 out float gl_ClipDistance[4];  // what reaches beyond the map ends at its empty rim
 #endif
 
@@ -22,19 +25,17 @@ void main() {
     int i = first_light + gl_InstanceID;
     vec4 p = world_from_rest * vec4(position, 1.0);
     vec2 own = vec2(dot(lights[i].column, p), dot(lights[i].row, p));
-    vec2 texel = lights[i].tile.xy + own;
+    vec2 texel = lights[i].corner + own;
     float depth = dot(lights[i].depth, p);
-#if BEYOND
-    depth -= SUNK * lights[i].direction.w;
+#if RECEIVER_PLANE
+    depth -= RECEIVER_PLANE_LIFT * lights[i].bias;
     gl_ClipDistance[0] = own.x - GUTTER;
     gl_ClipDistance[1] = own.y - GUTTER;
-    gl_ClipDistance[2] = lights[i].tile.z - GUTTER - own.x;
-    gl_ClipDistance[3] = lights[i].tile.z - GUTTER - own.y;
+    gl_ClipDistance[2] = lights[i].resolution - GUTTER - own.x;
+    gl_ClipDistance[3] = lights[i].resolution - GUTTER - own.y;
 #endif
     gl_Position = vec4(2.0 * texel * atlas_texel - 1.0, 2.0 * depth - 1.0, 1.0);
-#ifdef CUT
-    hole_here = hole;
-    rest_position = position;
-    sampled = uint(lights[i].irradiance.w);
+#if ALPHA_TEST
+    pass_alpha(uint(lights[i].map));
 #endif
 }

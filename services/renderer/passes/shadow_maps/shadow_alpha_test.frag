@@ -1,14 +1,16 @@
 #version 430
-// Leaves holes in what casts shadows. hole: where in the image, and alpha without it; the rest as alpha_test.glsl has it.
+// Casts no shadow where the alpha test fails.
+#include "constants.glsl"
 #include "alpha_test.glsl"
 
-uniform sampler2D alpha_image;
-uniform float cutoff;
-in vec3 hole_here;
+uniform sampler2D alpha_texture;
+uniform float alpha_cutoff;
+in vec2 alpha_uv_here;
+in float alpha_here;  // without the texture's
 in vec3 rest_position;
-flat in uint sampled;
+flat in uint sample_number;
 
 void main() {
-    float near = textureLod(alpha_image, hole_here.xy, 0.0).r, mean = texture(alpha_image, hole_here.xy).r;
-    if (cut_away(hole_here.z * near, hole_here.z * mean, cutoff, rest_position, sampled)) discard;
+    float nearest = textureLod(alpha_texture, alpha_uv_here, 0.0).r, mean = texture(alpha_texture, alpha_uv_here).r;
+    if (fails_alpha_test(alpha_here * nearest, alpha_here * mean, alpha_cutoff, rest_position, sample_number)) discard;
 }

@@ -12,12 +12,13 @@ import numpy as np
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.frame_budget import map_work
+from vemlight.renderer.gl.buffers import LIGHT_ENTRY
+from vemlight.renderer.gl.constants import MAX_LIGHTS
 from vemlight.renderer.passes.lights.light_regions import Regions, region_rows
 from vemlight.renderer.passes.shadow_maps.casters import Casters, Placed, moved_by_m
 from vemlight.renderer.passes.shadow_maps.shadow_map_cache import CacheMatch, Slots, match_lights, update_cache
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MapResolutions, Packing, map_halvings, packed
 
-MAX_LIGHTS = 512  # of a batch: 56 kB of a uniform block; GL drivers in use allow 64 kB
 ALIGNED = 16  # frames; 1792 bytes, a multiple of the 256 at which GL drivers let a uniform block begin
 MAX_ATLAS_SIDE = 8192  # texels; 256 MB of depth at 4 bytes, and no GL 4.3 driver refuses it
 SPARE_SLOTS = 1 / 8  # more slots of a resolution than its lights need, for lights that come
@@ -52,7 +53,7 @@ class MapDraw(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Lights that share the atlas. entries: (m, 16) float32 as frames.comp reads them, row after row.
+    """Lights that share the atlas. entries: (m,) LIGHT_ENTRY, row after row.
 
     rows: the lights of each light region. every: all of them in their order. unknown: one for each map in which lookups are not in the
     visibility cache. redrawn: those whose maps are drawn now; draws: the same by resolution. packing: where the tiles lie.
@@ -71,7 +72,7 @@ class Batch(NamedTuple):
     @property
     def resolutions(self) -> np.ndarray:
         """Texels on a side of the map that each light reads, (n,) int64."""
-        return self.of(self.every)[:, 14].astype(np.int64)
+        return self.of(self.every)["resolution"].astype(np.int64)
 
     @property
     def slots(self) -> int:
@@ -81,7 +82,7 @@ class Batch(NamedTuple):
     @property
     def work(self) -> float:
         """What drawing its maps costs, as frame_budget.map_work counts."""
-        return float(map_work(self.of(self.redrawn)[:, 14]).sum())
+        return float(map_work(self.of(self.redrawn)["resolution"]).sum())
 
     def of(self, row: LightRow) -> np.ndarray:
         """The entries of a row."""
@@ -214,11 +215,9 @@ def _batch(
     """The lights numbered `lit` with the slot that each reads, which of them are looked up in it, and which redraw it."""
     directions, resolutions = cache.slots.directions[slot], cache.slots.resolutions[slot]
     below = directions @ placed.floor_normal < 0
-    light = np.zeros((len(lit), 16), np.float32)
-    light[:, 0:3] = lights.directions[lit]
-    light[:, 4:7] = lights.irradiance[lit]
-    light[:, 8:11] = directions
-    light[:, 12:14], light[:, 14], light[:, 15] = cache.packing.corners[slot], resolutions, slot
+    light = np.zeros(len(lit), LIGHT_ENTRY.dtype)
+    light["direction"], light["irradiance"], light["map_direction"] = lights.directions[lit], lights.irradiance[lit], directions
+    light["corner"], light["resolution"], light["map"] = cache.packing.corners[slot], resolutions, slot
     choice = np.searchsorted(-np.array(setup.resolutions.choices), -resolutions).clip(0, setup.resolutions.halvings)
     level = np.array(setup.casters.levels)[choice]
     redrawn = redrawn[np.lexsort((below[redrawn], level[redrawn]))]
@@ -244,7 +243,7 @@ def with_lookups(cached: CachedBatch) -> MapCache:
     """The cache once the lookups that the batch lacks are in the visibility cache."""
     unknown = cached.batch.of(cached.batch.unknown)
     lookups = cached.cache.slots.lookups.copy()
-    lookups[unknown[:, 15].astype(int)] = unknown[:, 0:3]
+    lookups[unknown["map"].astype(int)] = unknown["direction"]
     return cached.cache._replace(slots=cached.cache.slots._replace(lookups=lookups))
 
 

@@ -3,15 +3,17 @@
 import moderngl
 import numpy as np
 
+from vemlight.renderer.gl.buffers import CASTER_VERTEX, LIGHT_FRAME
+from vemlight.renderer.gl.constants import MAX_LIGHTS
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
 from vemlight.renderer.passes.shadow_maps.casters import Casters, Placed
-from vemlight.renderer.passes.shadow_maps.shadow_map_plan import MAX_LIGHTS, Batch, LightRow
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch, LightRow
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import Packing
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.vertex_buffers import DrawRange
 
-FRAME_BYTES = 112  # LightFrame in light.glsl
+FRAME_BYTES = LIGHT_FRAME.dtype.itemsize
 BEYOND = (0x864F, *range(0x3000, 0x3004))  # GL_DEPTH_CLAMP, GL_CLIP_DISTANCE0 to 3, for which moderngl has no name
 
 
@@ -21,12 +23,14 @@ class ShadowAtlas:
     def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, casters: Casters) -> None:
         self._context = context
         # The floor has a program of its own: it reaches beyond the box, and so beyond the tile and nearer to a light from below.
-        self._programs = [programs.program("shadow.vert", "shadow.frag", MAX_LIGHTS=str(MAX_LIGHTS), BEYOND=beyond) for beyond in "01"]
-        self._cut = AlphaTestedMeshes(context, programs, scene, "shadow.vert", MAX_LIGHTS=str(MAX_LIGHTS), BEYOND="0")
-        self._frames_program = programs.compute("frames.comp")
+        self._programs = [programs.program("shadow.vert", "shadow.frag", ALPHA_TEST=0, RECEIVER_PLANE=own) for own in (0, 1)]
+        self._alpha_tested = AlphaTestedMeshes(context, programs, scene, "shadow.vert", RECEIVER_PLANE=0)
+        self._frames_program = programs.compute("light_frames.comp")
         self._buffers = (context.buffer(casters.positions.tobytes()), context.buffer(casters.indices.tobytes() or bytes(4)))
-        layout = [(self._buffers[0], "3f", "position")]
-        self._arrays = [context.vertex_array(program, layout, self._buffers[1], index_element_size=4) for program in self._programs]
+        self._arrays = [
+            context.vertex_array(program, [CASTER_VERTEX.content(self._buffers[0], program)], self._buffers[1], index_element_size=4)
+            for program in self._programs
+        ]
         self._given = context.buffer(reserve=64, dynamic=True)
         self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
         self._packing = Packing(np.zeros((0, 2), np.int64), 0, 0)
@@ -50,7 +54,7 @@ class ShadowAtlas:
             self._instances(0, level.closed, draw.first, draw.count)
             self._context.disable(moderngl.CULL_FACE)
             self._instances(0, level.open, draw.first, draw.count)
-            self._draw_cut(draw.first, draw.count, placed)
+            self._draw_alpha_tested(draw.first, draw.count, placed)
             for flag in BEYOND:
                 self._context.enable_direct(flag)
             self._instances(1, placed.floor, draw.first + draw.count - draw.from_below, draw.from_below)
@@ -63,8 +67,8 @@ class ShadowAtlas:
         if batch.clears_atlas:
             self._frame.clear(depth=1.0)
             return
-        tiles = batch.of(batch.redrawn)[:, 12:15].astype(int)
-        for x, y, size in tiles.tolist():
+        redrawn = batch.of(batch.redrawn)
+        for (x, y), size in zip(redrawn["corner"].astype(int).tolist(), redrawn["resolution"].astype(int).tolist(), strict=True):
             self._frame.clear(depth=1.0, viewport=(x, y, size, size))
 
     def _make_frames(self, batch: Batch, placed: Placed) -> None:
@@ -87,7 +91,7 @@ class ShadowAtlas:
         self._frames.bind_to_uniform_block(0, offset=row.first * FRAME_BYTES, size=MAX_LIGHTS * FRAME_BYTES)
 
     def bind(self, program: moderngl.Program, unit: int) -> None:
-        """Gives a program the atlas on a texture unit and the uniforms of light.glsl."""
+        """Gives a program the atlas on a texture unit and the uniforms of lights.glsl."""
         assert self.texture is not None
         self.texture.use(unit)
         program["atlas"] = unit
@@ -102,11 +106,11 @@ class ShadowAtlas:
             if draw_range.indices.count:
                 self._arrays[beyond].render(vertices=draw_range.indices.count, first=draw_range.indices.first, instances=count)
 
-    def _draw_cut(self, first_light: int, count: int, placed: Placed) -> None:
-        if self._cut.program:
-            self._describe(self._cut.program)
-            self._cut.program["first_light"] = first_light
-            self._cut.draw("world_from_rest", np.eye(4), placed.matrices, count)
+    def _draw_alpha_tested(self, first_light: int, count: int, placed: Placed) -> None:
+        if self._alpha_tested.program:
+            self._describe(self._alpha_tested.program)
+            self._alpha_tested.program["first_light"] = first_light
+            self._alpha_tested.draw("world_from_rest", np.eye(4), placed.matrices, count)
 
     def _describe(self, program: moderngl.Program) -> None:
         program["atlas_texel"] = (1 / self._packing.width, 1 / self._packing.height)
@@ -132,5 +136,5 @@ class ShadowAtlas:
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for thing in (*self._arrays, *self._buffers, self._given, self._frames, self._cut):
+        for thing in (*self._arrays, *self._buffers, self._given, self._frames, self._alpha_tested):
             thing.release()

@@ -1,4 +1,4 @@
-# One image for every service: `docker run IMAGE COMMAND`, where COMMAND is one of the command `vemlight`.
+# One image for every service: `docker run IMAGE COMMAND`, where COMMAND is a command of `vemlight`.
 FROM python:3.11-slim-bookworm
 
 RUN apt-get update -qq \
@@ -8,7 +8,7 @@ RUN apt-get update -qq \
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /vemlight
 COPY requirements.lock ./
-# The packages bring their own tests with them, 65 MB.
+# Without the packages' own tests, which have 65 MB.
 RUN pip install --quiet --only-binary :all: --require-hashes -r requirements.lock \
  && find "$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" -type d -name tests -prune -exec rm -rf {} +
 
@@ -17,13 +17,13 @@ RUN pip install --quiet --no-deps --editable . \
  && useradd --uid 10001 --no-create-home --shell /usr/sbin/nologin vemlight \
  && install -d -o vemlight -g vemlight -m 700 /keys
 
-# The bundled sequence goes through all services once: an image that cannot draw is never finished, and numba's compiled code stays in
-# the image. 48 frames, because some of it is called for only when a second has been seen; small pictures, because they are thrown away.
+# The bundled sequence runs through all services once, so that an image that cannot draw fails to build, and numba's compiled code stays in
+# the image. 48 frames, because some code is needed only after a second; small pictures, because they are deleted.
 RUN printf '[renderer]\nwidth = 64\nheight = 48\n' > /tmp/small.toml \
  && NUMBA_CACHE_DIR=/var/cache/vemlight vemlight run /tmp/small.toml --frames 48 --out /tmp/warm \
  && rm -r /tmp/small.toml /tmp/warm
 
-# numba leaves a cache that it cannot write to unread, so each container takes a copy of its own to /tmp, the one place it may write.
+# numba does not read a cache that it cannot write, so each container copies it to /tmp, the only place where it may write.
 USER 10001:10001
 ENV HOME=/tmp NUMBA_CACHE_DIR=/tmp/numba OPENBLAS_NUM_THREADS=1
 ENTRYPOINT ["/bin/sh", "-c", "cp -rT /var/cache/vemlight /tmp/numba && exec vemlight \"$@\"", "vemlight"]

@@ -12,7 +12,7 @@ help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 	@echo "  options of run: FRAMES=24 (stop after so many), OUT=out (write lights and pictures there), SETTINGS=vemlight.toml"
 
-env: $(VENV)/.ready  ## make the Python environment in .venv, from the hashed lock, and nothing else
+env: $(VENV)/.ready  ## make the Python environment in .venv from the hashed lock
 
 $(VENV)/.ready: requirements.lock requirements-dev.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -24,15 +24,15 @@ $(VENV)/.ready: requirements.lock requirements-dev.lock pyproject.toml
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@
 
-# As root the system's packages are installed; for anybody else the one command is printed.
+# Root installs the system's packages; anybody else gets the command to run.
 apt = { if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    echo "installing $(1)"; apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(1) >/dev/null; \
 	  else echo "$(2) is missing: run  sudo apt-get install $(1)  and make again" >&2; exit 2; fi; }
-HAS_GL := $(BIN)/python -c 'from vemlight.renderer.programs import open_context; open_context()' 2>/dev/null
+HAS_GL := $(BIN)/python -c 'from vemlight.renderer.gl.programs import open_context; open_context()' 2>/dev/null
 
 gl: env
 	@$(HAS_GL) || $(call apt,$(GL_PACKAGES),OpenGL)
-	@$(HAS_GL) || { echo "OpenGL 4.3 does not start here: $(BIN)/vemlight doctor says more" >&2; exit 2; }
+	@$(HAS_GL) || { echo "OpenGL 4.3 does not start here: run $(BIN)/vemlight doctor" >&2; exit 2; }
 
 run: gl  ## play the bundled sequence through all services and print the viewer's address
 	$(BIN)/vemlight run $(SETTINGS) $(if $(FRAMES),--frames $(FRAMES)) $(if $(OUT),--out $(OUT))
@@ -44,16 +44,16 @@ check: env  ## lint and check the types
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 
-charts: gl  ## make the charts in docs/charts anew (needs VEMLIGHT_DATA for real maps; under 30 minutes on 2 cores)
+charts: gl  ## remake the charts in docs/charts (needs VEMLIGHT_DATA for real maps; under 30 minutes on 2 cores)
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock -r requirements-dev.lock -r requirements-bench.lock
 	$(BIN)/python -m bench.charts
 
-settings-doc: env  ## write docs/settings.md anew from services/settings.py
+settings-doc: env  ## rewrite docs/settings.md from services/settings.py
 	$(BIN)/vemlight settings > docs/settings.md
 
-golden: gl  ## write the golden messages and the references of the replay tests anew
-	$(BIN)/python tests/golden.py
-	$(BIN)/python tests/references.py
+golden: gl  ## rewrite the golden messages and the references of the replay tests
+	$(BIN)/python -m tests.golden
+	$(BIN)/python -m tests.references
 
 clean:  ## remove the environment and all caches
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis build *.egg-info

@@ -1,4 +1,4 @@
-"""Golden messages for readers in any language, and the schema: `python tests/golden.py` writes them anew, tests compare."""
+"""Golden messages for readers in any language, and the schema: `make golden` rewrites them, tests compare."""
 
 import json
 from pathlib import Path

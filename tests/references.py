@@ -1,4 +1,4 @@
-"""Recorded messages of the bundled sequences: `python tests/references.py` writes them anew, test_replay.py compares.
+"""Recorded messages of the bundled sequences: `make golden` rewrites them, test_replay.py compares.
 
 Made by the stages' own steps in this process, so that the replay of whole processes is held against the pure functions.
 """

@@ -1,6 +1,7 @@
 """What the documents name exists: files, links, make targets and commands."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -40,3 +41,9 @@ def test_the_table_of_passes_is_current():
     cells = [(one.name, ", ".join(one.reads), ", ".join(one.writes), one.timer, f"`services/renderer/{one.module}`") for one in PASSES]
     rows = [f"| {' | '.join(row)} |" for row in cells]
     assert "\n".join(rows) in page, "write these rows into docs/architecture.md:\n" + "\n".join(rows)
+
+
+@pytest.mark.parametrize("name", ["Makefile", "Dockerfile", "CONTRIBUTING.md", "README.md", ".ci/run"])
+def test_python_code_outside_modules_imports_what_exists(name):
+    for module, member in re.findall(r"from (vemlight[\w.]+) import (\w+)", (ROOT / name).read_text()):
+        assert hasattr(import_module(module), member), f"{name}: {module} has no {member}"

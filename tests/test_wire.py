@@ -37,8 +37,8 @@ def test_a_message_of_version_1_is_refused_with_a_line_that_says_so(kind):
 
 def test_vectors_and_schema_are_current():
     stored = {path.name: path.read_text() for path in (golden.PROTO / "vectors").iterdir()}
-    assert stored == {name: golden.text(content) for name, content in golden.vectors().items()}, "run `python tests/golden.py`"
-    assert (golden.PROTO / "wire.schema.json").read_text() == golden.text(wire.schema()), "run `python tests/golden.py`"
+    assert stored == {name: golden.text(content) for name, content in golden.vectors().items()}, "run `make golden`"
+    assert (golden.PROTO / "wire.schema.json").read_text() == golden.text(wire.schema()), "run `make golden`"
 
 
 def test_vectors_hold_for_a_reader_that_knows_only_msgpack():

@@ -13,6 +13,7 @@ from vemlight.errors import UserError
 from vemlight.light.sphere import rotation_xyz
 from vemlight.renderer.scene.animation import KeyframeTrack, track_value
 from vemlight.renderer.scene.mesh_files import read_meshes
+from vemlight.renderer.scene.meshes import swept_bounds
 
 HALF = float(np.sqrt(0.5))
 
@@ -118,6 +119,22 @@ def test_a_file_without_animation_stands_still(tmp_path):
     film = AnimatedTriangle()
     del film.document["animations"]
     assert read_meshes(film.write(tmp_path / "film.gltf"), "here").parts[0].motion is None
+
+
+def test_a_scenes_box_holds_an_excursion_between_keys_that_lie_close_together(tmp_path):
+    # 50 keys in the first hundredth of the time, and the farthest place at one of them alone
+    times = np.concatenate([np.linspace(0, 0.1, 50), [10.0]]).astype(np.float32)
+    places = np.zeros((51, 3), np.float32)
+    places[37] = [0, 0, 7]
+    (part,) = read_meshes(AnimatedTriangle().move(1, "translation", times, places).write(tmp_path / "film.gltf"), "here").parts
+    low, high = swept_bounds(part.geometry, part.motion)
+    assert 7 < high[2] < 7.5
+    assert -0.5 < low[2] < 0
+    assert part.motion is not None
+    shown = part.motion.sample_times_s(64)
+    assert set(times[:-1].astype(float)) < set(shown)
+    assert len(shown) == 51 + 64
+    assert shown.max() < part.motion.duration_s == 10.0
 
 
 def spoilt_key_order(film):

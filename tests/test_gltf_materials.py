@@ -12,6 +12,7 @@ from tests.support.gltf_files import CORNERS, UPRIGHT, TexturedSquare
 from tests.support.rendering import SceneRenderer
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
+from vemlight.renderer.scene.gltf import GltfFile
 from vemlight.renderer.scene.materials import Ggx, SpecularGlossiness, Unlit
 from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.scene import load_scene
@@ -172,6 +173,70 @@ def test_a_normal_maps_scale_makes_it_steeper(tmp_path):
     assert isinstance(part.material, Ggx)
     assert part.material.normal_map is not None
     assert 2 * part.material.normal_map.texels[0, 0].astype(float) - 1 == pytest.approx([0.25, 0, 1], abs=5e-3)
+
+
+def test_emission_ends_at_the_largest_half_float(tmp_path):
+    for strength, radiance in ((6e4, 6e4), (1e5, 65504.0)):
+        sheet = TexturedSquare(emissiveFactor=[1.0, 1.0, 1.0])
+        sheet.material["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
+        (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+        assert isinstance(part.material, Ggx)
+        assert part.material.emission == (radiance,) * 3
+
+
+@pytest.mark.parametrize(("count", "read"), [(45_000_000, True), (55_000_000, False)])
+def test_an_accessor_has_at_most_50_million_rows(tmp_path, count, read):
+    sheet = TexturedSquare()
+    sheet.document["accessors"].append({"componentType": 5121, "type": "SCALAR", "count": count})  # without data: zeros, untouched memory
+    file = GltfFile(sheet.write(tmp_path / "sheet.gltf"))
+    if read:
+        assert file.array(len(sheet.document["accessors"]) - 1).shape == (count, 1)
+    else:
+        with pytest.raises(ValueError, match=f"has {count} rows"):
+            file.array(len(sheet.document["accessors"]) - 1)
+
+
+def test_files_of_gltf_1_are_refused(tmp_path):
+    sheet = TexturedSquare()
+    sheet.document["asset"]["version"] = "1.0"
+    with pytest.raises(UserError, match="is of another version than glTF 2"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
+def test_strips_and_vertices_without_indices_are_triangles(tmp_path):
+    sheet = TexturedSquare()
+    sheet.primitive.update(mode=5, indices=sheet.accessor(np.array([0, 1, 3, 2], np.uint32)[:, None]))
+    (strip,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert strip.geometry.positions[strip.geometry.triangles].tolist() == CORNERS[[[0, 1, 3], [2, 3, 1]]].tolist()
+    sheet = TexturedSquare(uv=None)
+    sheet.attribute("POSITION", CORNERS[[0, 1, 2, 0, 2, 3]])
+    del sheet.primitive["indices"]
+    (loose,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert len(loose.geometry.triangles) == 2
+
+
+def test_a_node_with_two_parents_is_refused(tmp_path):
+    sheet = TexturedSquare()
+    sheet.document.update(nodes=[{"children": [2]}, {"children": [2]}, {"mesh": 0}], scenes=[{"nodes": [0, 1]}])
+    with pytest.raises(UserError, match="has nodes with several parents"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
+def test_transforms_of_nested_nodes_apply_from_the_mesh_up(tmp_path):
+    sheet = TexturedSquare()
+    half = float(np.sqrt(0.5))
+    sheet.document["nodes"] = [{"translation": [5.0, 0.0, 0.0], "children": [1]}, {"mesh": 0, "rotation": [0.0, 0.0, half, half]}]
+    (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert np.allclose(part.geometry.positions, CORNERS @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 0, 0], atol=1e-6)
+
+
+def test_a_device_is_no_buffer(tmp_path):
+    sheet = TexturedSquare()
+    path = sheet.write(tmp_path / "sheet.gltf")
+    sheet.document["buffers"][0]["uri"] = "/dev/zero"
+    path.write_text(json.dumps(sheet.document))
+    with pytest.raises(UserError, match="there is no such file"):
+        read_meshes(path, "here")
 
 
 def test_an_image_is_read_once_for_all_materials(tmp_path):

@@ -50,6 +50,21 @@ def test_normals_are_computed_smooth_where_round_and_sharp_at_edges():
     assert np.abs(np.abs(corner[~side][:, 2]) - 1).max() < 1e-6
 
 
+def _tube(sections: int) -> tuple[np.ndarray, np.ndarray]:
+    """A tube about z of radius 1 without ends, in `sections` facets."""
+    phi = np.arange(sections) * 2 * np.pi / sections
+    ring = np.stack([np.cos(phi), np.sin(phi), np.zeros(sections)], axis=-1)
+    k, after = np.arange(sections), (np.arange(sections) + 1) % sections
+    faces = [np.stack([k, after, after + sections], axis=-1), np.stack([k, after + sections, k + sections], axis=-1)]
+    return np.concatenate([ring, ring + np.array([0, 0, 1])]), np.concatenate(faces)
+
+
+@pytest.mark.parametrize(("sections", "is_round"), [(12, True), (10, True), (8, False), (6, False)])  # 30, 36, 45 and 60 degrees
+def test_coarse_round_forms_are_smooth_and_chamfers_sharp(sections, is_round):
+    geometry = clean_geometry(*_tube(sections), None)
+    assert len(geometry.positions) == (2 if is_round else 4) * sections
+
+
 def test_an_unwelded_file_is_as_smooth_as_a_welded_one():
     ball = trimesh.creation.icosphere(subdivisions=3)
     corners = np.asarray(ball.vertices)[np.asarray(ball.faces)].reshape(-1, 3)

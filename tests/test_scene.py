@@ -90,6 +90,42 @@ def test_bad_scenes_end_in_one_line_that_says_where(tmp_path, mesh, words):
 
 
 @pytest.mark.parametrize(
+    ("key", "good", "bad"),
+    [
+        ("at", "[0.9e6, 0.0, 0.0]", "[1.1e6, 0.0, 0.0]"),
+        ("at", "[0.0, 0.0, -0.9e6]", "[0.0, 0.0, -1.1e6]"),
+        ("name", f'"{64 * "a"}"', f'"{65 * "a"}"'),
+        ("material", "{exponent = 1e5}", "{exponent = 1.1e5}"),
+        ("material", "{diffuse = [0.7, 0.7, 0.7], specular = [0.3, 0.3, 0.3]}", "{diffuse = [0.7, 0.7, 0.7], specular = [0.31, 0.3, 0.3]}"),
+    ],
+)
+def test_the_limits_of_a_mesh(tmp_path, key, good, bad):
+    load_scene(scene_file(tmp_path, f'[[mesh]]\nshape = "box"\n{key} = {good}'))
+    with pytest.raises(UserError):
+        load_scene(scene_file(tmp_path, f'[[mesh]]\nshape = "box"\n{key} = {bad}'))
+
+
+def test_a_name_made_of_a_long_file_name_has_room_for_its_number(tmp_path):
+    one_triangle(tmp_path, [(0, 0, 0), (1, 0, 0), (0, 1, 0)], f"{100 * 'a'}.obj")
+    scene = load_scene(scene_file(tmp_path, 11 * f'[[mesh]]\nfile = "{100 * "a"}.obj"\n'))
+    names = [pose.name for pose in scene.objects]
+    assert names == [56 * "a", *(f"{56 * 'a'} {k}" for k in range(2, 12))]
+
+
+@pytest.mark.parametrize(("bend_deg", "flat"), [(0.03, True), (0.12, False)])
+def test_a_shadow_catcher_is_flat_to_a_sixteenth_of_a_degree(tmp_path, bend_deg, flat):
+    rise, normal = np.tan(np.radians(bend_deg)), f"{-np.sin(np.radians(bend_deg))} 0 1"
+    faces = "f 1//1 2//1 3//1\nf 1//2 4//2 2//2\n"
+    (tmp_path / "mesh.obj").write_text(f"v 0 0 0\nv 0 1 0\nv -1 0 0\nv 1 0 {rise}\nvn 0 0 1\nvn {normal}\n{faces}")
+    text = '[[mesh]]\nfile = "mesh.obj"\nmaterial = {catcher = true}'
+    if flat:
+        load_scene(scene_file(tmp_path, text))
+    else:
+        with pytest.raises(UserError, match="not flat"):
+            load_scene(scene_file(tmp_path, text))
+
+
+@pytest.mark.parametrize(
     ("vertices", "words"),
     [
         ([(0, 0, 0), (1, 0, 0), (np.nan, 1, 0)], "nan"),

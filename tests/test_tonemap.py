@@ -80,6 +80,46 @@ def test_two_short_steps_are_one_long_step():
     assert adapt(start, high, -1.0) == start
 
 
+def test_of_lamps_that_flicker_ten_times_a_second_a_twenty_fifth_is_left():
+    times_s = np.arange(0, 4, 0.02)
+    states = [adapt(None, gray(np.ones(4)), 0.02)]
+    for time_s in times_s:
+        states.append(adapt(states[-1], gray(np.full(4, np.exp(np.sin(20 * np.pi * time_s)))), 0.02))
+    left = max(state.log_average for state in states[-50:])  # of an amplitude of 1; a low-pass leaves 1 / (2 pi 10 Hz 0.4 s) = 0.04
+    assert 0.03 < left < 0.055
+
+
+def test_the_first_picture_after_a_gap_is_about_half_way_to_the_new_light():
+    low, high = adapt(None, gray(np.full(9, 1.0)), 0.04), gray(np.full(9, np.e))
+    assert 0.4 < adapt(low, high, 10.0).log_average < 0.55
+
+
+def test_the_key_goes_from_low_for_a_dark_picture_with_lights_to_high_for_a_bright_one_with_shadows():
+    # Reinhard 2003: 0.18 times 4 to the power of -1 to 1
+    for log_average, key in ((0.0, 0.045), (0.5, 0.18), (1.0, 0.72)):
+        assert Adaptation(log_average, log_low=0.0, log_high=1.0).key == pytest.approx(key)
+
+
+@pytest.mark.parametrize(("outliers", "counts"), [(7, False), (15, True)])  # of 1000 pixels, beside a quantile of 1 %
+def test_a_few_pixels_do_not_set_the_lowest_and_the_highest_luminance(outliers, counts):
+    values = np.ones(1000)
+    values[:outliers], values[-outliers:] = 0.01, 100.0
+    state = adapt(None, gray(values), 0.04)
+    assert (state.log_low < -1, state.log_high > 1) == (counts, counts)
+
+
+@pytest.mark.parametrize(("darkest", "counts"), [(0.7e-4, False), (1.4e-4, True)])
+def test_what_is_ten_thousand_times_darker_than_the_median_is_black(darkest, counts):
+    values = np.ones(100)
+    values[:20] = darkest
+    assert (adapt(None, gray(values), 0.04).log_average < -1) == counts
+
+
+def test_statistics_come_from_up_to_256_x_256_pixels():
+    for size, wanted in (((256, 256), (256, 256)), ((257, 256), (128, 128)), ((1080, 1920), (180, 320))):
+        assert subsampled(np.broadcast_to(np.float32(0), (*size, 4))).shape[:2] == wanted
+
+
 def test_black_frames_change_nothing_and_light_after_them_counts_at_once():
     lit = gray(np.array([0.5, 1.0, 2.0]))
     assert adapt(None, BLACK, 0.04) == Adaptation()

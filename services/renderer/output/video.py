@@ -14,8 +14,8 @@ from vemlight.files import written_whole
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
 TICKS_PER_S = 90_000  # divisible by 24, 25, 30, 50 and 60 frames a second, and 3003 ticks are a frame of 30000/1001
-RATE_FACTOR = 18  # x264's constant rate factor: no visible loss at 0.1 to 0.3 bits a pixel
-BACKGROUND = 40  # gray level, of 255, under pixels without alpha
+RATE_FACTOR = 18  # x264's constant rate factor: no visible loss at 0.1 to 0.3 bits a pixel; any value in 14 .. 22 does
+BACKGROUND = 40  # gray level, of 255, under pixels without alpha; any value in 20 .. 80 does
 BT709, LIMITED_RANGE, SRGB_TRANSFER = 1, 1, 13  # ITU-T H.273: primaries and matrix; range (FFmpeg's number); IEC 61966-2-1
 
 AddPicture = Callable[[np.ndarray, float], None]

@@ -12,9 +12,9 @@ import numpy as np
 from vemlight.renderer.scene.gltf import GltfFile, item
 from vemlight.renderer.scene.gltf_nodes import NodeTransform, NodeTree, node_transform, rest_matrix
 
-MAX_KEYFRAMES = 1_000_000  # of a track; nine hours at 30 a second
-MIN_QUATERNION = 1e-6  # length below which a keyframe's rotation is refused: unit quaternions of 8 bits are within 1 % of 1
-MIN_DETERMINANT = 1e-18  # of a node's rest transform, which is inverted: scaled to a millionth along all three axes
+MAX_KEYFRAMES = 1_000_000  # of a track, nine hours at 30 a second; any value in 1e5 .. 1e8 does
+MIN_QUATERNION = 1e-6  # length of a keyframe's rotation; those of 8 bits are within 1 % of 1. Any value in 1e-9 .. 0.5 does
+MIN_DETERMINANT = 1e-18  # of a node's rest transform, which is inverted: a millionth along each axis. Any value in 1e-30 .. 1e-12 does
 ALL_ANIMATIONS = "*"  # in place of an animation's name
 
 Interpolation = Literal["LINEAR", "STEP", "CUBICSPLINE"]

@@ -12,7 +12,7 @@ from vemlight.renderer.scene.textures import LINEAR, LINEAR_MIPMAP_LINEAR, Textu
 
 REPEAT, CLAMP, MIRRORED = 10497, 33071, 33648  # section 5.26
 MAGNIFICATION_FILTERS, MINIFICATION_FILTERS = (9728, 9729), (9728, 9729, 9984, 9985, 9986, 9987)
-MAX_RADIANCE = 65504.0  # the largest half float
+MAX_EMISSION = 65504.0  # the largest half float
 MAX_NUMBER = 1e6  # of factors and texture transforms; a larger one is taken for damage. Any value in 1e4 .. 1e9 does
 FLIP_V = np.array([[1.0, 0, 0], [0, -1, 1], [0, 0, 1]])  # from v upwards to glTF's, which is downwards, and back
 
@@ -121,7 +121,7 @@ class GltfMaterials:
     def _emission(self, binding: MaterialBinding) -> tuple[Colour, Texture | None]:
         strength = binding.extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
         factor = _numbers(binding.document.get("emissiveFactor", (0.0,) * 3), 3, 1.0)
-        emission = _colour(factor * _numbers([strength], 1, MAX_RADIANCE))
+        emission = _colour(factor * _numbers([strength], 1, MAX_EMISSION))
         return emission, self._texture(binding.document, "emissiveTexture", binding) if any(emission) else None
 
     def _normal_map(self, binding: MaterialBinding) -> Texture | None:

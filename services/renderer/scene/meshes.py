@@ -18,7 +18,7 @@ MAX_SWEEP_TIMES = 64  # of an animation, keyframes and evenly spaced ones each, 
 SWEEP_MARGIN = 0.02  # half a turn in ten steps leaves its chords by 1 - cos(pi / 20), 1.2 % of the radius; any value in 0.013 .. 0.05 does
 CREASE_RAD = np.radians(40.0)  # above the facets of a coarse round form (a 12-sided tube: 30 degrees), below a chamfer (45 degrees)
 MAX_SIZE_M = 1e9  # of a mesh in its file's unit; any value in 1e7 .. 1e12 does
-MIN_RELATIVE_AREA = 1e-14  # of a triangle to its mesh's size squared: float64 cross products of such corners round at 1e-16 of that
+MIN_RELATIVE_AREA = 1e-14  # of a triangle, to its mesh's size squared; float64 rounds at 1e-16 of that. Any value in 1e-15 .. 1e-12 does
 MIN_NORMAL = 1e-6  # length; shorter ones have no direction. Any value in 1e-12 .. 1e-2 does
 
 

@@ -1,0 +1,41 @@
+"""Mutants of the viewer."""
+
+from tests.mutants.mutant import mutants_of
+
+VIEWER = "services/viewer/"
+
+MUTANTS = [
+    *mutants_of(VIEWER + "liveness.py", "tests/test_viewer_liveness.py", [
+        ("stalled doubled", "STALLED_S = 1.0", "STALLED_S = 2.0"),
+        ("stalled halved", "STALLED_S = 1.0", "STALLED_S = 0.5"),
+        ("frames of a slow source", "STALLED_FRAMES = 3", "STALLED_FRAMES = 6"),
+        ("lossless", 'float("inf") if lossless else', "0.1 if lossless else"),
+        ("finished services are healthy", '("live", "finished")', '("live",)'),
+        ("slow steps", "(heard.status.step_ms or 0.0) / 1e3", "0.0"),
+    ]),
+    *mutants_of(VIEWER + "pictures.py", "tests/test_viewer_pictures.py", [
+        ("key doubled", "KEY = 0.20", "KEY = 0.40"),
+        ("white doubled", "WHITE = 6.0", "WHITE = 12.0"),
+        ("adaptation doubled", "ADAPT = 0.15", "ADAPT = 0.30"),
+        ("adaptation halved", "ADAPT = 0.15", "ADAPT = 0.075"),
+        ("DARK x 1000", "DARK = 1e-6", "DARK = 1e-3"),
+        ("linear steps", "LINEAR_STEPS = 4096", "LINEAR_STEPS = 512"),
+        ("azimuth seam", 'mode="wrap"', 'mode="edge"'),
+        ("the pole", "codes.shape[1] // 2, axis=1)", "0, axis=1)"),
+        ("equation 4", "(1 + y * to_key / WHITE**2)", "(1 + y * to_key / WHITE)"),
+    ]),
+    *mutants_of(VIEWER + "authentication.py", "tests/test_viewer_authentication.py", [
+        ("foreign pages", "if origin is not None and", "if False and"),
+        ("foreign names", 'if not known_host(request.headers.get("Host", ""), names):', "if False:"),
+        ("any token", "return hmac.compare_digest(given.encode(errors=\"replace\"), token.encode())", "return bool(given)"),
+        ("the cookie for scripts", "httponly=True", "httponly=False"),
+        ("machines' names", "return name in names", "return True"),
+    ]),
+    *mutants_of(VIEWER + "feeds.py", "tests/test_viewer_feeds.py", [
+        ("frames encoded once", "if self._encoded != self.number:", "if True:"),
+        ("waiting for a later frame", "while self.number <= number:", "while self.number < number:"),
+    ]),
+    *mutants_of(VIEWER + "web.py", "tests/test_viewer.py", [
+        ("forms of other pages", 'if request.content_type != "application/json":', "if False:"),
+    ]),
+]

@@ -1,0 +1,93 @@
+"""Frames by request: what a consumer asks for, and what a maker sends."""
+
+import numpy as np
+import pytest
+
+from tests.support.sockets import FakeSocket
+from vemlight.runtime import demand, wire
+from vemlight.runtime.demand import Pull, Supply
+from vemlight.runtime.service_stats import ServiceStats
+
+
+def frame(sequence: int) -> wire.Message:
+    header = wire.MapMessage(stamp=wire.stamp(sequence, sequence / 25), rows=1, cols=1, coverage="hemisphere")
+    empty = np.empty(0, np.int64), np.empty((0, 3), np.float32), np.empty(0, np.float32)
+    return header, (np.zeros((1, 1, 3), np.float32), *empty)
+
+
+def request(consumer: bytes, first: int, count: int) -> list[bytes]:
+    return [consumer, *wire.pack(wire.RequestMessage(first=first, count=count))]
+
+
+def sent(socket: FakeSocket) -> list[tuple[bytes, str, int]]:
+    """(consumer, kind, number) of what a maker sent."""
+    headers = [(parts[0], wire.unpack(parts[1:])[0]) for parts in socket.sent]
+    return [(to, type(header).__name__, header.sequence if isinstance(header, wire.EndMessage) else header.stamp.sequence)
+            for to, header in headers if isinstance(header, wire.MapMessage | wire.EndMessage)]
+
+
+@pytest.fixture
+def supply() -> Supply:
+    return Supply(FakeSocket(), ServiceStats("capture", 0))
+
+
+def test_a_request_that_begins_where_the_last_one_ended_extends_it(supply):
+    supply.socket.inbox += [request(b"a", 10, 4), request(b"a", 14, 2)]
+    assert supply.wanted() == 10
+    supply.send(frame, end=None)
+    assert [number for _, _, number in sent(supply.socket)] == [10, 11, 12, 13, 14, 15]
+
+
+@pytest.mark.parametrize("first", [12, 20, 5])
+def test_any_other_request_replaces_the_last_one(supply, first):
+    supply.socket.inbox += [request(b"a", 10, 4), request(b"a", first, 2)]
+    assert supply.wanted() == first
+    supply.send(frame, end=None)
+    assert [number for _, _, number in sent(supply.socket)] == [first, first + 1]
+
+
+def test_the_end_is_sent_in_place_of_the_first_frame_that_will_not_come(supply):
+    supply.socket.inbox.append(request(b"a", 2, 4))
+    supply.wanted()
+    supply.send(frame, end=3)
+    assert sent(supply.socket) == [(b"a", "MapMessage", 2), (b"a", "EndMessage", 3)]
+    assert supply.wanted() is None
+
+
+def test_64_consumers_are_served_and_no_more():
+    stats = ServiceStats("capture", 0)
+    supply = Supply(FakeSocket(), stats)
+    supply.socket.inbox += [request(b"%d" % k, k, 1) for k in range(65)]
+    assert supply.wanted() == 0
+    assert stats.refused == 1
+    supply.send(frame, end=None)
+    assert len(supply.socket.sent) == 64
+
+
+def requests(socket: FakeSocket) -> list[tuple[int, int]]:
+    headers = [wire.unpack(parts)[0] for parts in socket.sent]
+    return [(header.first, header.count) for header in headers if isinstance(header, wire.RequestMessage)]
+
+
+def test_four_frames_are_asked_for_ahead_and_again_after_a_second(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(demand.time, "monotonic", lambda: now[0])
+    pull = Pull(FakeSocket(), ServiceStats("sampler", 0))
+    assert pull.frame(0) is None
+    assert requests(pull.socket) == [(0, 4)]
+    now[0] += 0.9
+    assert pull.frame(0) is None
+    assert requests(pull.socket) == [(0, 4)]
+    now[0] += 0.2
+    assert pull.frame(0) is None
+    assert requests(pull.socket) == [(0, 4), (0, 4)]
+
+
+def test_the_window_is_topped_up_when_half_of_it_has_come():
+    pull = Pull(FakeSocket(), ServiceStats("sampler", 0))
+    pull.frame(0)
+    for due in range(3):
+        pull.socket.inbox.append(wire.pack(*frame(due)))
+        message = pull.frame(due)
+        assert message
+    assert requests(pull.socket) == [(0, 4), (4, 2), (6, 1)] or requests(pull.socket) == [(0, 4), (4, 2)]

@@ -1,0 +1,53 @@
+"""What a service counts and times of its own frames, and of those that it lost."""
+
+import numpy as np
+import pytest
+
+from vemlight.runtime import service_stats, wire
+from vemlight.runtime.service_stats import Losses, ServiceStats
+
+
+def frame(sequence: int) -> wire.Message:
+    header = wire.PlateMessage(stamp=wire.stamp(sequence, 0.0), width=1, height=1)
+    return header, (np.zeros((1, 1, 3), np.uint8),)
+
+
+@pytest.fixture
+def clock(monkeypatch) -> list[float]:
+    now = [100.0]
+    monkeypatch.setattr(service_stats.time, "monotonic", lambda: now[0])
+    return now
+
+
+@pytest.mark.parametrize(("frames", "interval_s"), [(100, 0.04), (4, 3.0)])
+def test_the_rate_is_that_of_the_last_two_seconds_or_of_the_last_two_frames(clock, frames, interval_s):
+    stats = ServiceStats("plate", 0)
+    for k in range(frames):
+        clock[0] += 5 * interval_s if k < frames // 2 else interval_s  # slow at first
+        stats.finished(frame(k), 0.001)
+    status = stats.due()
+    assert status
+    assert status.rate_hz == pytest.approx(1 / interval_s)
+
+
+def test_a_status_is_due_twice_a_second(clock):
+    stats = ServiceStats("plate", 0)
+    assert stats.due()
+    clock[0] += 0.49
+    assert stats.due() is None
+    clock[0] += 0.02
+    assert stats.due()
+
+
+def test_frames_that_a_producer_counted_and_that_never_came_are_dropped():
+    losses = Losses()
+    losses.status(10)
+    for _ in range(5):
+        losses.frame()
+    losses.status(17)
+    assert losses.dropped == 2
+    losses.status(3)  # it was started again
+    for _ in range(2):
+        losses.frame()
+    losses.status(6)
+    assert losses.dropped == 3

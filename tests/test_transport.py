@@ -1,0 +1,96 @@
+"""Sockets: who may use their folder and their keys, and the limits that each gets."""
+
+import stat
+
+import pytest
+import zmq
+
+from vemlight.errors import UserError
+from vemlight.runtime import wire
+from vemlight.runtime.channels import QUEUE_FRAMES
+from vemlight.runtime.transport import Transport, admit, endpoint, make_keys, read_keys, runtime_folder
+from vemlight.settings import Wire
+
+
+@pytest.mark.parametrize(("mode", "accepted"), [
+    (0o700, True), (0o500, True), (0o710, False), (0o750, False), (0o720, False), (0o701, False),
+])
+def test_only_this_user_may_use_the_sockets_folder(tmp_path, mode, accepted):
+    folder = tmp_path / "s"
+    folder.mkdir()
+    folder.chmod(mode)
+    if accepted:
+        assert runtime_folder(Wire(folder=str(folder))) == folder
+    else:
+        with pytest.raises(UserError, match="others may use the sockets"):
+            runtime_folder(Wire(folder=str(folder)))
+
+
+def test_a_new_folder_is_for_this_user_alone(tmp_path):
+    assert stat.S_IMODE(runtime_folder(Wire(folder=str(tmp_path / "s"))).stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize(("excess", "accepted"), [(0, True), (1, False)])
+def test_a_sockets_path_has_up_to_107_bytes(tmp_path, excess, accepted):
+    longest = len("/renderer.publish")
+    folder = str(tmp_path / "s") + "s" * (107 - longest - len(str(tmp_path / "s")) + excess)
+    if accepted:
+        assert str(runtime_folder(Wire(folder=folder))) == folder
+    else:
+        with pytest.raises(UserError, match="108 of 107 bytes"):
+            runtime_folder(Wire(folder=folder))
+
+
+def test_a_secret_key_that_others_may_read_is_refused(tmp_path):
+    make_keys(tmp_path / "keys")
+    (secret,) = (tmp_path / "keys").glob("*.key_secret")
+    assert stat.S_IMODE(secret.stat().st_mode) == 0o600
+    public, private = read_keys(tmp_path / "keys")
+    assert public != private
+    secret.chmod(0o640)
+    with pytest.raises(UserError, match="others may read this key"):
+        read_keys(tmp_path / "keys")
+
+
+def test_each_socket_has_limits_against_hostile_peers(tmp_path):
+    transport = Transport(Wire(folder=str(tmp_path / "s")))
+    sockets = [transport.bind("capture", "publish"), transport.bind("capture", "serve"), transport.subscribe("sampler", "lights")]
+    for socket in sockets:
+        assert socket.maxmsgsize == wire.MAX_PART
+        assert socket.sndhwm == socket.rcvhwm == QUEUE_FRAMES == 4
+        assert socket.handshake_ivl == 2000
+    transport.close()
+
+
+def test_a_publisher_takes_subscriptions_to_channels_alone(tmp_path):
+    transport = Transport(Wire(folder=str(tmp_path / "s")))
+    publisher = transport.bind("capture", "publish")
+    listener = transport.subscribe("capture", "map", "a topic of nobody's")
+    received = []
+    for _ in range(200):
+        admit(publisher)
+        publisher.send_multipart([b"a topic of nobody's"], zmq.NOBLOCK)
+        publisher.send_multipart([b"map"], zmq.NOBLOCK)
+        while listener.poll(5):
+            received += listener.recv_multipart()
+        if len(received) > 3:
+            break
+    assert set(received) == {b"map"}
+    transport.close()
+
+
+def test_a_socket_belongs_to_one_process(tmp_path):
+    settings = Wire(folder=str(tmp_path / "s"))
+    first, second = Transport(settings), Transport(settings)
+    first.bind("sampler", "publish")
+    with pytest.raises(UserError, match="another sampler runs there"):
+        second.bind("sampler", "publish")
+    first.close()
+    second.bind("sampler", "publish")
+    second.close()
+
+
+def test_each_service_has_two_ports_of_its_own():
+    addresses = [endpoint(Wire(transport="tcp", insecure=True), service, role)
+                 for service in ("capture", "sampler", "renderer", "viewer", "plate") for role in ("publish", "serve")]
+    assert addresses == [f"tcp://127.0.0.1:{port}" for port in range(5600, 5610)]

@@ -33,7 +33,7 @@ def supply() -> Supply:
 
 def test_a_request_that_begins_where_the_last_one_ended_extends_it(supply):
     supply.socket.inbox += [request(b"a", 10, 4), request(b"a", 14, 2)]
-    assert supply.wanted() == 10
+    assert supply.earliest_requested() == 10
     supply.send(frame, end=None)
     assert [number for _, _, number in sent(supply.socket)] == [10, 11, 12, 13, 14, 15]
 
@@ -41,24 +41,24 @@ def test_a_request_that_begins_where_the_last_one_ended_extends_it(supply):
 @pytest.mark.parametrize("first", [12, 20, 5])
 def test_any_other_request_replaces_the_last_one(supply, first):
     supply.socket.inbox += [request(b"a", 10, 4), request(b"a", first, 2)]
-    assert supply.wanted() == first
+    assert supply.earliest_requested() == first
     supply.send(frame, end=None)
     assert [number for _, _, number in sent(supply.socket)] == [first, first + 1]
 
 
 def test_the_end_is_sent_in_place_of_the_first_frame_that_will_not_come(supply):
     supply.socket.inbox.append(request(b"a", 2, 4))
-    supply.wanted()
+    supply.earliest_requested()
     supply.send(frame, end=3)
     assert sent(supply.socket) == [(b"a", "MapMessage", 2), (b"a", "EndMessage", 3)]
-    assert supply.wanted() is None
+    assert supply.earliest_requested() is None
 
 
 def test_64_consumers_are_served_and_no_more():
     stats = ServiceStats("capture", 0)
     supply = Supply(FakeSocket(), stats)
     supply.socket.inbox += [request(b"%d" % k, k, 1) for k in range(65)]
-    assert supply.wanted() == 0
+    assert supply.earliest_requested() == 0
     assert stats.refused == 1
     supply.send(frame, end=None)
     assert len(supply.socket.sent) == 64

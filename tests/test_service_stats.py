@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vemlight.runtime import service_stats, wire
-from vemlight.runtime.service_stats import Losses, ServiceStats
+from vemlight.runtime.service_stats import LossCounter, ServiceStats
 
 
 def frame(sequence: int) -> wire.Message:
@@ -24,30 +24,30 @@ def test_the_rate_is_that_of_the_last_two_seconds_or_of_the_last_two_frames(cloc
     stats = ServiceStats("plate", 0)
     for k in range(frames):
         clock[0] += 5 * interval_s if k < frames // 2 else interval_s  # slow at first
-        stats.finished(frame(k), 0.001)
-    status = stats.due()
+        stats.on_finished(frame(k), 0.001)
+    status = stats.status_if_due()
     assert status
     assert status.rate_hz == pytest.approx(1 / interval_s)
 
 
 def test_a_status_is_due_twice_a_second(clock):
     stats = ServiceStats("plate", 0)
-    assert stats.due()
+    assert stats.status_if_due()
     clock[0] += 0.49
-    assert stats.due() is None
+    assert stats.status_if_due() is None
     clock[0] += 0.02
-    assert stats.due()
+    assert stats.status_if_due()
 
 
 def test_frames_that_a_producer_counted_and_that_never_came_are_dropped():
-    losses = Losses()
-    losses.status(10)
+    losses = LossCounter()
+    losses.on_status(10)
     for _ in range(5):
-        losses.frame()
-    losses.status(17)
+        losses.on_frame()
+    losses.on_status(17)
     assert losses.dropped == 2
-    losses.status(3)  # it was started again
+    losses.on_status(3)  # it was started again
     for _ in range(2):
-        losses.frame()
-    losses.status(6)
+        losses.on_frame()
+    losses.on_status(6)
     assert losses.dropped == 3

@@ -26,7 +26,7 @@ class OneSocket:
 def nearest(frames: list[list[bytes]], stamp: wire.Stamp) -> int:
     transport = OneSocket()
     transport.socket.inbox += frames
-    ((header, _),) = NearestInTime(transport).to(stamp, ["plate"], ServiceStats("renderer", 0))  # type: ignore[arg-type]
+    ((header, _),) = NearestInTime(transport).frames_at(stamp, ["plate"], ServiceStats("renderer", 0))  # type: ignore[arg-type]
     assert isinstance(header, wire.PlateMessage)
     return header.stamp.sequence
 

@@ -224,8 +224,6 @@ def read_keys(folder: Path) -> Keys:
     try:
         mode = stat.S_IMODE(secret.stat().st_mode)
         public, private = zmq.auth.load_certificate(secret)
-    except UserError:  # a ValueError, too
-        raise
     except OSError as error:
         raise UserError(f"{secret}: cannot be read ({error.strerror}); make keys with `vemlight keys {folder}`") from error
     except ValueError as error:

@@ -6,12 +6,12 @@ VIEWER = "services/viewer/"
 
 MUTANTS = [
     *mutants_of(VIEWER + "liveness.py", "tests/test_viewer_liveness.py", [
-        ("stalled doubled", "STALLED_S = 1.0", "STALLED_S = 2.0"),
-        ("stalled halved", "STALLED_S = 1.0", "STALLED_S = 0.5"),
-        ("frames of a slow source", "STALLED_FRAMES = 3", "STALLED_FRAMES = 6"),
-        ("lossless", 'float("inf") if lossless else', "0.1 if lossless else"),
+        ("stalled doubled", "MIN_STALL_S = 1.0", "MIN_STALL_S = 2.0"),
+        ("stalled halved", "MIN_STALL_S = 1.0", "MIN_STALL_S = 0.5"),
+        ("steps of a slow service", "SLOW_STEPS = 3", "SLOW_STEPS = 6"),
+        ("lossless", 'float("inf") if self._lossless else', "0.1 if self._lossless else"),
         ("finished services are healthy", '("live", "finished")', '("live",)'),
-        ("slow steps", "(heard.status.step_ms or 0.0) / 1e3", "0.0"),
+        ("slow steps", "(last.status.step_ms or 0.0) / 1e3", "0.0"),
     ]),
     *mutants_of(VIEWER + "pictures.py", "tests/test_viewer_pictures.py", [
         ("key doubled", "KEY = 0.20", "KEY = 0.40"),

@@ -13,7 +13,7 @@ from tests.support.gl_objects import gl_objects
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer.accumulation import MapLights
-from vemlight.renderer.frame_plan import AccumulationPass, FrameInput, ToneRequest
+from vemlight.renderer.frame import AccumulationPass, FrameInput, ToneRequest
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene

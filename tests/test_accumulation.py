@@ -12,7 +12,7 @@ from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_from_direction, map_irradiance
 from vemlight.renderer.accumulation import PASS_LIGHTS, PASSES, Accumulation, MapLights, spread_points
-from vemlight.renderer.frame_plan import AccumulationPass
+from vemlight.renderer.frame import AccumulationPass
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire

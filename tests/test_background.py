@@ -6,7 +6,7 @@ import pytest
 from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, cell_directions, cell_from_direction
-from vemlight.renderer.frame_plan import BackgroundMap
+from vemlight.renderer.frame import BackgroundMap
 from vemlight.renderer.scene.scene import ViewCamera, load_scene
 from vemlight.renderer.scene.view import clip_from_world, ray_from_pixel
 from vemlight.settings import Renderer as Settings

@@ -13,7 +13,7 @@ from tests.support.rendering import SceneRenderer
 from vemlight.errors import FatalError, UserError
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.frame_plan import ToneRequest
+from vemlight.renderer.frame import ToneRequest
 from vemlight.renderer.gl.programs import Programs, check_context, headless_context
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.passes.shadow_maps import shadow_map_plan

@@ -10,7 +10,7 @@ from vemlight.errors import UserError
 from vemlight.light.images import write_exr, write_png
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.frame_plan import PlatePicture
+from vemlight.renderer.frame import PlatePicture
 from vemlight.renderer.scene import scene as scene_module
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings

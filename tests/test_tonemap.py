@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
-from vemlight.renderer.frame_plan import ToneRequest
+from vemlight.renderer.frame import ToneRequest
 from vemlight.renderer.output.tonemap import (
     MAX_STEP_S,
     MIDDLE_GREY,

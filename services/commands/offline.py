@@ -104,7 +104,7 @@ def write_pictures(options: RenderOptions) -> str:
 
     Raises UserError for options that cannot be used.
     """
-    from vemlight.renderer.frame_plan import BackgroundMap
+    from vemlight.renderer.frame import BackgroundMap
     from vemlight.renderer.frame_sequence import FrameSequence
     from vemlight.renderer.output.tonemap import adapt, subsampled, tone_mapped
     from vemlight.renderer.output.video import video_writer

@@ -1,11 +1,10 @@
-"""A frame as a value: which lights, which shadow maps at which resolution, which cached lookups, which passes.
+"""What a frame draws: which lights, which shadow maps at which resolution, which cached lookups, which passes.
 
 `plan` is pure and needs no GL: from the state that the last frame left, what this frame shows and the measured costs it decides all that
 `Renderer.draw` then does. A state also describes what is cached on the GPU once its frame is drawn, so that a plan made from any state
 gives the same picture: where the GPU holds something else, `draw` first draws anew what the state says.
 """
 
-from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -13,9 +12,9 @@ import numpy as np
 
 from vemlight import settings
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import Coverage
 from vemlight.renderer import pass_table
-from vemlight.renderer.accumulation import MapLights, spread_points
+from vemlight.renderer.accumulation import spread_points
+from vemlight.renderer.frame import AccumulationPass, FrameInput, FramePlan, FrameSetup, FrameState, GBufferContents, PassRun
 from vemlight.renderer.frame_budget import (
     MAX_REDRAWN,
     WARM_UP_FRAMES,
@@ -31,15 +30,13 @@ from vemlight.renderer.frame_budget import (
     strongest_lights,
     updated_demand,
 )
-from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
-from vemlight.renderer.output.tonemap import Adaptation
+from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.pass_table import Pass
 from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE, light_regions
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
-from vemlight.renderer.passes.shadow_maps.casters import Placed, placed_casters, scene_casters
+from vemlight.renderer.passes.shadow_maps.casters import placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
     Batch,
-    MapCache,
     ShadowSetup,
     all_batches,
     cached_batch,
@@ -54,38 +51,10 @@ from vemlight.renderer.scene.materials import Colour, emits, material_kind
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
 from vemlight.renderer.scene.view import PixelSample, pixel_samples
-from vemlight.settings import Tone
 
 NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides; any value far below a star's and above float32's least, 1e-38, does
 ACCUMULATED_RESOLUTION = 256  # of each map of a pass of accumulation, if by power: four and a half for a degree, a cell of the polar map
 MAX_CACHE_BYTES = 2**29  # of cached visibility: 256 maps at 1920 x 1080; beyond that lights are looked up in the sum itself
-
-
-class FrameSetup(NamedTuple):
-    """What all frames of a scene share. size: width, height in pixels. samples: of each pixel, which becomes their mean.
-
-    target_ms: for a frame; 0: everything is drawn, however long it takes. kinds: of the scene's materials. rest: where the scene file
-    puts everything.
-    """
-
-    scene: Scene
-    size: tuple[int, int]
-    samples: tuple[PixelSample, ...]
-    target_ms: float
-    tone: Tone
-    shadows: ShadowSetup
-    kinds: frozenset[MaterialKind]
-    emissive: bool
-    rest: ScenePose
-
-    @property
-    def glossy(self) -> bool:
-        return bool(self.kinds & GLOSSY_KINDS)
-
-    @property
-    def caches_visibility(self) -> bool:
-        """Lookups are cached for one sample in each pixel, and where that brings frames nearer to a target time."""
-        return self.target_ms > 0 and len(self.samples) == 1
 
 
 def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_texture_side: int) -> FrameSetup:
@@ -107,79 +76,6 @@ def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_tex
     )
 
 
-class ToneRequest(NamedTuple):
-    """A picture for a screen: the adaptation before it, the exposure on top, and the time in which the eye adapts to the picture.
-
-    dt_s: seconds since `adaptation`; None: the eye does not adapt to this picture.
-    """
-
-    adaptation: Adaptation | None
-    exposure_stops: float
-    dt_s: float | None
-
-
-class PlatePicture(NamedTuple):
-    """A picture behind the scene, (h, w, 3) uint8 sRGB or float16 radiance, row 0 on top, made brighter by `stops`."""
-
-    pixels: np.ndarray
-    stops: float = 0.0
-
-
-class BackgroundMap(NamedTuple):
-    """A polar map (rows, cols, 3) float32 behind the scene, laid out as in sphere.py; below a hemisphere's horizon nothing is behind."""
-
-    radiance: np.ndarray
-    coverage: Coverage
-
-
-class AccumulationPass(NamedTuple):
-    """Pass `number` of an accumulation under all the light of a map."""
-
-    light: MapLights
-    number: int
-
-
-class FrameInput(NamedTuple):
-    """What a frame shows. lights: the shadowed ones, or a pass of an accumulation. gloss: the gloss set.
-
-    plate: in place of the scene's; it hides the background. tone: for pixels. linear: whether the picture itself is wanted.
-    """
-
-    lights: LightSet | AccumulationPass
-    pose: ScenePose
-    gloss: LightSet = LightSet.none()
-    background: BackgroundMap | None = None
-    plate: PlatePicture | None = None
-    tone: ToneRequest | None = None
-    linear: bool = True
-
-
-class GBufferContents(NamedTuple):
-    """Where the surfaces in the G-buffer stand, and the sample of each pixel at which they are seen."""
-
-    pose: ScenePose
-    sample: PixelSample
-
-
-class FrameState(NamedTuple):
-    """What a frame leaves to the next: choices with hysteresis, and what is cached on the GPU once the frame is drawn.
-
-    placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps for want of time. gloss:
-    whether there is time for the gloss set. maps: cached shadow maps with their lookups; None where the next frame draws all. lookup_pose:
-    of the surfaces for which lookups may be cached. luminaire_maps: where the scene stood when each luminaire's maps were drawn.
-    """
-
-    placed: Placed
-    halvings: Mapping[int, int]
-    coarsening: int
-    demand: MapDemand
-    gloss: bool
-    maps: MapCache | None
-    lookup_pose: ScenePose | None
-    g_buffer: GBufferContents | None
-    luminaire_maps: tuple[ScenePose | None, ...]
-
-
 def initial_state(setup: FrameSetup) -> FrameState:
     """Before the first frame: nothing is cached."""
     casters = setup.shadows.casters
@@ -195,45 +91,6 @@ def initial_state(setup: FrameSetup) -> FrameState:
         g_buffer=None,
         luminaire_maps=(None,) * len(setup.scene.luminaires),
     )
-
-
-class PassRun(NamedTuple):
-    """A pass to run: for which batch of lights, and at which sample of each pixel."""
-
-    row: Pass
-    batch: int = 0
-    sample: int = 0
-
-
-class FramePlan(NamedTuple):
-    """A frame to draw. before: what the GPU has cached, according to the state planned from; after: what it has then.
-
-    passes: draw the picture, in their order; outputs: bring it to where it is wanted. unshadowed: irradiance of the catcher without
-    shadows, above 0 in each channel. lights, gloss: those drawn. uploaded: a picture to show in place of drawing one. work: for the cost
-    model; None: such a frame is not measured.
-    """
-
-    shown: FrameInput
-    before: FrameState
-    after: FrameState
-    passes: tuple[PassRun, ...]
-    outputs: tuple[Pass, ...]
-    batches: tuple[Batch, ...] = ()
-    samples: tuple[PixelSample, ...] = ()
-    unshadowed: Colour = (1.0, 1.0, 1.0)
-    lights: LightSet = LightSet.none()
-    gloss: LightSet = LightSet.none()
-    uploaded: np.ndarray | None = None
-    work: FrameWork | None = None
-
-    @property
-    def resolutions(self) -> np.ndarray:
-        """Texels on a side of the shadow map that each light reads, (n,) int64."""
-        return np.concatenate([np.zeros(0, np.int64), *(batch.resolutions for batch in self.batches)])
-
-    def runs(self, row: Pass) -> bool:
-        """Whether a pass is among those run."""
-        return any(run.row is row for run in self.passes)
 
 
 class Lighting(NamedTuple):

@@ -3,8 +3,9 @@
 import numpy as np
 
 from vemlight.light.light_set import LightSet
+from vemlight.renderer.frame import BackgroundMap, FrameInput, FramePlan
 from vemlight.renderer.frame_budget import CostModel, FrameTimings, updated_costs
-from vemlight.renderer.frame_plan import BackgroundMap, FrameInput, FramePlan, initial_state, plan
+from vemlight.renderer.frame_plan import initial_state, plan
 from vemlight.renderer.renderer import DrawnFrame, Renderer
 from vemlight.renderer.scene.scene_pose import ScenePose
 

@@ -8,8 +8,9 @@ import numpy as np
 from vemlight import settings
 from vemlight.errors import UserError
 from vemlight.renderer import pass_table
+from vemlight.renderer.frame import FramePlan, FrameState, PassRun, PlatePicture
 from vemlight.renderer.frame_budget import FrameTimings
-from vemlight.renderer.frame_plan import NO_LIGHT, FramePlan, FrameState, PassRun, PlatePicture, frame_setup, same_places
+from vemlight.renderer.frame_plan import NO_LIGHT, frame_setup, same_places
 from vemlight.renderer.gl.programs import Programs, check_context, context_info, headless_context
 from vemlight.renderer.gl.timers import Timers
 from vemlight.renderer.output.tonemap import Adaptation, adapt, tone_curve

@@ -12,6 +12,7 @@ from vemlight import settings
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import Accumulation, MapLights
+from vemlight.renderer.frame import AccumulationPass, BackgroundMap, FrameInput, FrameState, PlatePicture, ToneRequest
 from vemlight.renderer.frame_budget import (
     LATE,
     MIN_LIGHTS,
@@ -22,18 +23,7 @@ from vemlight.renderer.frame_budget import (
     least_ms,
     updated_costs,
 )
-from vemlight.renderer.frame_plan import (
-    AccumulationPass,
-    BackgroundMap,
-    FrameInput,
-    FrameState,
-    PlatePicture,
-    ToneRequest,
-    budget_of,
-    initial_state,
-    plan,
-    plan_upload,
-)
+from vemlight.renderer.frame_plan import budget_of, initial_state, plan, plan_upload
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import check_video_path

@@ -7,7 +7,8 @@ import numpy as np
 from vemlight import settings
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import MapLights
-from vemlight.renderer.frame_plan import AccumulationPass, BackgroundMap, FrameInput, PlatePicture, ToneRequest, plan_upload
+from vemlight.renderer.frame import AccumulationPass, BackgroundMap, FrameInput, PlatePicture, ToneRequest
+from vemlight.renderer.frame_plan import plan_upload
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.renderer import DrawnFrame, Renderer

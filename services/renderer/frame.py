@@ -1,0 +1,163 @@
+"""A frame as values: what all frames of a scene share, what one shows, what it leaves to the next, and what is drawn of it.
+
+frame_plan.py makes these, renderer.py draws them.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import Coverage
+from vemlight.renderer.accumulation import MapLights
+from vemlight.renderer.frame_budget import FrameWork, MapDemand
+from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
+from vemlight.renderer.output.tonemap import Adaptation
+from vemlight.renderer.pass_table import Pass
+from vemlight.renderer.passes.shadow_maps.casters import Placed
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch, MapCache, ShadowSetup
+from vemlight.renderer.scene.materials import Colour
+from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.scene_pose import ScenePose
+from vemlight.renderer.scene.view import PixelSample
+from vemlight.settings import Tone
+
+
+class FrameSetup(NamedTuple):
+    """What all frames of a scene share. size: width, height in pixels. samples: of each pixel, which becomes their mean.
+
+    target_ms: for a frame; 0: everything is drawn, however long it takes. kinds: of the scene's materials. rest: where the scene file
+    puts everything.
+    """
+
+    scene: Scene
+    size: tuple[int, int]
+    samples: tuple[PixelSample, ...]
+    target_ms: float
+    tone: Tone
+    shadows: ShadowSetup
+    kinds: frozenset[MaterialKind]
+    emissive: bool
+    rest: ScenePose
+
+    @property
+    def glossy(self) -> bool:
+        return bool(self.kinds & GLOSSY_KINDS)
+
+    @property
+    def caches_visibility(self) -> bool:
+        """Lookups are cached for one sample in each pixel, and where that brings frames nearer to a target time."""
+        return self.target_ms > 0 and len(self.samples) == 1
+
+
+class ToneRequest(NamedTuple):
+    """A picture for a screen: the adaptation before it, the exposure on top, and the time in which the eye adapts to the picture.
+
+    dt_s: seconds since `adaptation`; None: the eye does not adapt to this picture.
+    """
+
+    adaptation: Adaptation | None
+    exposure_stops: float
+    dt_s: float | None
+
+
+class PlatePicture(NamedTuple):
+    """A picture behind the scene, (h, w, 3) uint8 sRGB or float16 radiance, row 0 on top, made brighter by `stops`."""
+
+    pixels: np.ndarray
+    stops: float = 0.0
+
+
+class BackgroundMap(NamedTuple):
+    """A polar map (rows, cols, 3) float32 behind the scene, laid out as in sphere.py; below a hemisphere's horizon nothing is behind."""
+
+    radiance: np.ndarray
+    coverage: Coverage
+
+
+class AccumulationPass(NamedTuple):
+    """Pass `number` of an accumulation under all the light of a map."""
+
+    light: MapLights
+    number: int
+
+
+class FrameInput(NamedTuple):
+    """What a frame shows. lights: the shadowed ones, or a pass of an accumulation. gloss: the gloss set.
+
+    plate: in place of the scene's; it hides the background. tone: for pixels. linear: whether the picture itself is wanted.
+    """
+
+    lights: LightSet | AccumulationPass
+    pose: ScenePose
+    gloss: LightSet = LightSet.none()
+    background: BackgroundMap | None = None
+    plate: PlatePicture | None = None
+    tone: ToneRequest | None = None
+    linear: bool = True
+
+
+class GBufferContents(NamedTuple):
+    """Where the surfaces in the G-buffer stand, and the sample of each pixel at which they are seen."""
+
+    pose: ScenePose
+    sample: PixelSample
+
+
+class FrameState(NamedTuple):
+    """What a frame leaves to the next: choices with hysteresis, and what is cached on the GPU once the frame is drawn.
+
+    placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps for want of time. gloss:
+    whether there is time for the gloss set. maps: cached shadow maps with their lookups; None where the next frame draws all. lookup_pose:
+    of the surfaces for which lookups may be cached. luminaire_maps: where the scene stood when each luminaire's maps were drawn.
+    """
+
+    placed: Placed
+    halvings: Mapping[int, int]
+    coarsening: int
+    demand: MapDemand
+    gloss: bool
+    maps: MapCache | None
+    lookup_pose: ScenePose | None
+    g_buffer: GBufferContents | None
+    luminaire_maps: tuple[ScenePose | None, ...]
+
+
+class PassRun(NamedTuple):
+    """A pass to run: for which batch of lights, and at which sample of each pixel."""
+
+    row: Pass
+    batch: int = 0
+    sample: int = 0
+
+
+class FramePlan(NamedTuple):
+    """A frame to draw. before: what the GPU has cached, according to the state planned from; after: what it has then.
+
+    passes: draw the picture, in their order; outputs: bring it to where it is wanted. unshadowed: irradiance of the catcher without
+    shadows, above 0 in each channel. lights, gloss: those drawn. uploaded: a picture to show in place of drawing one. work: for the cost
+    model; None: such a frame is not measured.
+    """
+
+    shown: FrameInput
+    before: FrameState
+    after: FrameState
+    passes: tuple[PassRun, ...]
+    outputs: tuple[Pass, ...]
+    batches: tuple[Batch, ...] = ()
+    samples: tuple[PixelSample, ...] = ()
+    unshadowed: Colour = (1.0, 1.0, 1.0)
+    lights: LightSet = LightSet.none()
+    gloss: LightSet = LightSet.none()
+    uploaded: np.ndarray | None = None
+    work: FrameWork | None = None
+
+    @property
+    def resolutions(self) -> np.ndarray:
+        """Texels on a side of the shadow map that each light reads, (n,) int64."""
+        return np.concatenate([np.zeros(0, np.int64), *(batch.resolutions for batch in self.batches)])
+
+    def runs(self, row: Pass) -> bool:
+        """Whether a pass is among those run."""
+        return any(run.row is row for run in self.passes)

@@ -1,6 +1,5 @@
 """What a frame draws, planned without GL: the passes in an order that gives each what it reads, the cached lookups, the batches."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -169,12 +168,3 @@ def test_the_renderer_runs_every_pass_of_the_table():
     outputs = {pass_table.READ_BACK, pass_table.ADAPTATION, pass_table.TONE_MAPPING}
     assert set(renderer._run_pass) | outputs == set(PASSES)
     renderer.release()
-
-
-def test_the_architecture_shows_the_table_of_passes():
-    rows = ["| Pass | Timer | Reads | Writes | Drawn by |", "|---|---|---|---|---|"]
-    for row in PASSES:
-        rows.append(f"| {row.name} | {row.timer} | {', '.join(row.reads)} | {', '.join(row.writes)} | `services/renderer/{row.module}` |")
-    text = (ROOT / "docs" / "architecture.md").read_text()
-    shown = re.findall(r"^\| Pass \|.*?\n\n", text, flags=re.DOTALL | re.MULTILINE)
-    assert shown == ["\n".join(rows) + "\n\n"], "put this into docs/architecture.md:\n" + "\n".join(rows)

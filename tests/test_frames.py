@@ -187,6 +187,16 @@ def test_a_lit_pixel_of_a_mosaic_lights_its_colour_alone(tmp_path: Path, pattern
         np.testing.assert_allclose(frame.bright_cells.directions, np.broadcast_to(towards, frame.bright_cells.directions.shape), atol=1e-6)
 
 
+def test_clipped_codes_of_all_colours_are_counted(tmp_path: Path) -> None:
+    write_lens(tmp_path / "lens.toml", SMALL)
+    write_response(tmp_path / "response.toml", Linear(bits=12, a=0.0, b=1.0))
+    codes = np.full((100, 100), 1000, np.uint16)
+    codes[50:52, 50:52] = 4095  # a pixel each of red and blue, and two of green
+    codes[40:42, 40:42] = 0
+    frame = FrameMaker(Capture(rows=20, cols=60), tmp_path).frame_from_codes("four", codes, "RGGB", 0.0)
+    assert (frame.black, frame.saturated) == (4, 4)
+
+
 @pytest.mark.parametrize(("fraction", "count"), [(1 / 550, 0), (1 / 450, 1)])
 def test_a_cell_with_a_five_hundredth_of_the_power_is_bright(fraction: float, count: int) -> None:
     radiance = np.ones((90, 360, 3), np.float32)

@@ -4,6 +4,7 @@ import struct
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -32,6 +33,7 @@ def test_gray_is_repeated_and_alpha_left_out(tmp_path):
     half = RADIANCE.astype(np.float16)
     half[0, 0], half[1, 1] = np.nan, np.inf
     write_exr(tmp_path / "half.exr", half)
+    assert OpenEXR.File(str(tmp_path / "half.exr")).channels()["RGB"].pixels.dtype == np.float16
     np.testing.assert_array_equal(read_radiance(tmp_path / "half.exr")[0], half.astype(np.float32))
 
 

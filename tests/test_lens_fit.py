@@ -80,6 +80,22 @@ def test_lens_comes_back(lens: Lens) -> None:
     assert abs(report.lens.c[1] - lens.c[1]) < 5 * report.sigma["cy"]
 
 
+LENS_TERMS = [(NARROW, 2), (FISHEYE, 3), (WIDE, 2), (SOLID, 2)]
+
+
+@pytest.mark.parametrize(("lens", "terms"), LENS_TERMS, ids=["narrow", "fisheye", "beyond-180", "equisolid"])
+def test_the_polynomial_has_the_terms_that_the_lens_needs(lens: Lens, terms: int) -> None:
+    found = fit_lens(corner_views(lens, 14, 21, noise_px=0.1), lens.size).lens
+    assert np.count_nonzero(found.k) == terms
+
+
+def test_deviations_are_those_of_repeated_calibrations() -> None:
+    reports = [fit_lens(corner_views(FISHEYE, 8, seed, noise_px=0.1), FISHEYE.size) for seed in range(8)]
+    for name, error in {"fx": [r.lens.f[0] - FISHEYE.f[0] for r in reports], "cx": [r.lens.c[0] - FISHEYE.c[0] for r in reports]}.items():
+        # chi-square of 8 values: within a factor of two of the deviation but once in a hundred times
+        assert 0.5 < np.sqrt(np.mean(np.square(error))) / np.mean([r.sigma[name] for r in reports]) < 2
+
+
 def test_exact_corners_give_the_exact_lens() -> None:
     report = fit_lens(corner_views(FISHEYE, 10, 1, noise_px=0.0), FISHEYE.size)
     assert disagreement_px(report.lens, FISHEYE, 80) < 0.02
@@ -247,8 +263,8 @@ def test_file_that_is_no_image(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("board", "word"),
     [
-        (CalibrationBoard((2, 6), 0.03), "inner corners"),
-        (CalibrationBoard((8, 101), 0.03), "inner corners"),
+        (CalibrationBoard((2, 6), 0.03), "2x6 inner corners cannot be found"),
+        (CalibrationBoard((8, 101), 0.03), "8x101 inner corners cannot be found"),
         (CalibrationBoard((8, 6), 0.0), "squares"),
         (CalibrationBoard((8, 6), 0.9e-4), "squares"),
         (CalibrationBoard((8, 6), 101.0), "squares"),

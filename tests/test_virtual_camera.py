@@ -23,6 +23,7 @@ from vemlight.light.sphere import (
     direction_from_angles,
     latlong_from_direction,
     map_irradiance,
+    rotation_xyz,
 )
 from vemlight.settings import Capture
 
@@ -100,6 +101,7 @@ def test_simulate_and_back(tmp_path: Path, scene: str, response: Response | None
     for k, row in enumerate(truth):
         frame = source.frame(k)
         assert frame.time_s == row["time_s"] == k / 25
+        np.testing.assert_allclose(row["world_from_map"], rotation_xyz((0, 0, 30 * k)), atol=1e-12)
         np.testing.assert_allclose(map_irradiance(frame.radiance, frame.coverage), row["irradiance"], rtol=0.01)
         if scene == "sky":
             assert angle_between(sun_direction(frame), np.array(row["sun"])) < 0.5 * PIXEL

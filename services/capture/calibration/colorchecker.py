@@ -28,13 +28,13 @@ LIGHTNESS = np.array(
 ROWS, COLS = LIGHTNESS.shape
 SEARCH_PX = 1600  # longer side to which a frame is reduced for the search: patches then have tens of pixels; 800 to 3200 do
 MIN_PATCH_PX = 8.0  # side of a patch there: the smallest whose corners survive the opening by 3 x 3 pixels; 5 to 12 do
-SQUARENESS = 0.75  # of a patch's area over that of its corners' quadrilateral; charts have 0.9 and more, wrong contours under 0.6
+SQUARENESS = 0.75  # of a patch's area over its corners' quadrilateral's: charts have 0.9, wrong contours 0.6; 0.65 to 0.85 do
 MIN_SIDE_RATIO = 0.7 * SQUARENESS  # of a patch's shortest over its longest side, which a slant of 58 degrees makes of a square
 NEIGHBOUR_DISTANCE = (1.05, 1.6)  # in patch sides: published charts have 1.1 to 1.4
 MAX_SIDESTEP = 0.35  # of a neighbour across that direction, in patch sides: what a fisheye bends; 0.2 to 0.5 do
 NEIGHBOUR_SIZE = (0.7, 1.4)  # of a neighbour's side over the patch's: perspective and bends; 0.5 to 0.85 and the inverse do
-MIN_PATCHES = 14  # of the 24 that must be found: more than half, so that no two places of the chart fit the same patches
-MIN_RANK_CORRELATION = 0.6  # with the published lightness: a photograph has 0.96 (0.87 in green alone), a wrong place had 0.32
+MIN_PATCHES = 14  # of the 24 that must be found: more than half, so that no two places of the chart fit the same patches; 13 to 18 do
+MIN_RANK_CORRELATION = 0.6  # with the published lightness: photographs have 0.87 and more, a wrong place had 0.32; 0.4 to 0.8 do
 SAMPLE_WIDTH = 0.35  # side of the square that is read in a patch, in patch spacings: patches are 0.7 to 0.9 wide; 0.1 to 0.5 do
 SAMPLES = 15  # on a side of that square; 5 or more do
 

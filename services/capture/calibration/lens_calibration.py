@@ -63,7 +63,8 @@ def lens_summary(report: LensReport) -> str:
 def rim_from_brightness(lens: Lens, brightest: np.ndarray) -> float:
     """Angle in degrees at which the image circle ends, from the `brightest` value of each pixel, (height, width) uint8.
 
-    That is the first ring of which less than half is lit; without such an edge, the farthest corner of the image.
+    That is the first ring of which less than half is lit, as across a sharp edge the fraction falls from 1 to 0 within a pixel or two;
+    without such an edge, the farthest corner of the image.
     """
     height, width = brightest.shape
     x, y = np.meshgrid((np.arange(width) - lens.c[0]) / lens.f[0], (np.arange(height) - lens.c[1]) / lens.f[1])

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vemlight.capture.v4l2 import FORMATS, PixelFormat, V4l2Camera, codes_from_bytes, frames_between, list_cameras
+from vemlight.capture.pixel_formats import FORMATS, PixelFormat, codes_from_bytes
+from vemlight.capture.v4l2 import V4l2Camera, frames_between, list_cameras
 from vemlight.errors import UserError
 
 BY_NAME = {form.name: form for form in FORMATS.values()}

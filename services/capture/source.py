@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from vemlight.capture.frames import Frame, FrameMaker, Mosaic
+from vemlight.capture.pixel_formats import mosaic_of
 from vemlight.capture.sequence import CODES_SUFFIX, MANIFEST, ManifestEntry, check_digest, frame_paths, read_manifest
-from vemlight.capture.v4l2 import mosaic_of
 from vemlight.errors import UserError
 from vemlight.light.images import read_codes, read_radiance
 from vemlight.settings import Capture

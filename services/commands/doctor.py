@@ -139,7 +139,8 @@ def _charts() -> Finding:
 
 
 def _cameras() -> Iterator[Finding]:
-    from vemlight.capture.v4l2 import FORMATS, list_cameras
+    from vemlight.capture.pixel_formats import FORMATS
+    from vemlight.capture.v4l2 import list_cameras
 
     cameras = list_cameras()
     stable_names = {os.path.realpath(link): link for link in sorted(Path("/dev/v4l/by-id").glob("*"))}

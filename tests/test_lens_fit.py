@@ -89,6 +89,12 @@ def test_the_polynomial_has_the_terms_that_the_lens_needs(lens: Lens, terms: int
     assert np.count_nonzero(found.k) == terms
 
 
+@pytest.mark.parametrize(("noise_px", "terms"), [(0.15, 2), (0.2, 1)])  # the second term gains 1.8 and 1.1 % of the RMS
+def test_a_term_must_gain_more_than_a_hundredth_of_the_rms(noise_px: float, terms: int) -> None:
+    found = fit_lens(corner_views(SOLID, 14, 21, noise_px), SOLID.size).lens
+    assert np.count_nonzero(found.k) == terms
+
+
 def test_deviations_are_those_of_repeated_calibrations() -> None:
     reports = [fit_lens(corner_views(FISHEYE, 8, seed, noise_px=0.1), FISHEYE.size) for seed in range(8)]
     for name, error in {"fx": [r.lens.f[0] - FISHEYE.f[0] for r in reports], "cx": [r.lens.c[0] - FISHEYE.c[0] for r in reports]}.items():

@@ -18,7 +18,8 @@ from vemlight.capture.lens import Lens, check_lens, direction_from_pixel
 from vemlight.errors import UserError
 
 MIN_VIEWS = 3  # two planes leave the focal length and the centre to each other
-FIRST_LOSS_PX, LOSS_PX = 10.0, 1.0  # corners farther off than this count linearly: a wide loss to find the valley, then a narrow one
+# Corners farther off than this count linearly: a wide loss to find the valley (1 to 40 do), then a narrow one (0.5 to 2 do).
+FIRST_LOSS_PX, LOSS_PX = 10.0, 1.0
 MAX_START_MISS_PX = 30.0  # of a corner in the first estimate's score, so that a view that fails altogether counts no more; 10 to 100 do
 BAD_VIEW_MEDIANS = 2.5  # a view is left out when its RMS exceeds so many times the median of all views, ..
 BAD_VIEW_PX = 0.5  # .. and this: in a very good set a view of twice the median is still a good one

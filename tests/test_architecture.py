@@ -72,7 +72,7 @@ def test_packages_re_export_nothing():
 def test_tests_import_support_modules_and_the_bench_only_to_test_it(path):
     for module in imported_modules(path):
         folder, *inside = module.split(".")
-        own = path.parent.name == inside[0]  # a package's own modules, such as the tables of tests/mutants
+        own = inside[:1] == [path.parent.name]  # a package's own modules, such as the tables of tests/mutants
         if folder == "tests" and not own:
             assert f"tests.{inside[0]}" in TEST_SUPPORT, f"{path} imports {module}: move what it needs to tests/support"
         if folder == "bench":

@@ -1,4 +1,4 @@
-"""The whole chain as one who watches it has it: pictures a second, lights, light to picture, and what each process takes of the processor.
+"""The whole chain live: pictures a second, lights, time from light to picture, and the processor time of each service.
 
     python -m bench.live [--seconds 20] [--targets 100,40,0] [SETTINGS]
 
@@ -27,8 +27,9 @@ import tomli_w
 from vemlight.runtime import wire
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings, read_settings
+from vemlight.viewer.web import BINARY_FEEDS
 
-WARM_UP_S = 6.0  # the pace settles within a few dozen frames
+WARM_UP_S = 6.0  # the frame budget settles within a few dozen frames
 START_S = 120.0  # GL, and the first time compiled code
 TICKS = os.sysconf("SC_CLK_TCK")
 
@@ -46,7 +47,7 @@ def cpu_ms(parent: int) -> dict[str, float]:
         with contextlib.suppress(OSError):
             fields = stat.read_text().rpartition(")")[2].split()
             words = (stat.parent / "cmdline").read_text().split("\0")
-            names = [word.removeprefix("services.") for word in words if word.startswith("services.")]
+            names = [word.removeprefix("vemlight.") for word in words if word.startswith("vemlight.")]
             if int(fields[1]) == parent and names:
                 used[names[0]] = (int(fields[11]) + int(fields[12])) * 1e3 / TICKS
     return used
@@ -64,13 +65,13 @@ def pictures(ear: Any, seconds: float) -> list[tuple[wire.ImageMessage, float]]:
 
 
 async def watch(port: int) -> None:
-    """A page that shows all it is sent."""
+    """A page that takes every picture."""
     async with aiohttp.ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as page:
         async for message in page:
             if message.type is aiohttp.WSMsgType.BINARY:
-                await page.send_str("disc" if message.data[0] == 1 else "picture")
+                await page.send_str(next(name for name, code in BINARY_FEEDS.items() if code == message.data[0]))
             else:
-                await page.send_str("report" if '"services"' in message.data else "lights")
+                await page.send_str("summary" if '"services"' in message.data else "lights")
 
 
 def started(module: str, *words: str) -> subprocess.Popen[bytes]:

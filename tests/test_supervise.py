@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.support.processes import LOADED_S, MessageListener, children, is_running, wait_until
 from vemlight.light.light_set import read_lights
 from vemlight.runtime import supervise, wire
-from vemlight.runtime.supervise import GIVE_UP, RUN_FOLDER
+from vemlight.runtime.supervise import MAX_DEATHS, RUN_FOLDER
 from vemlight.settings import Settings, Viewer, read_settings
 
 
@@ -89,8 +89,8 @@ def test_a_service_that_dies_again_and_again_is_given_up(run):
 
     wait_until(kill_the_sampler, "the end of the run")
     assert process.returncode == 1
-    assert len(killed) == GIVE_UP
-    assert f"sampler died {GIVE_UP} times" in process.communicate()[1].decode()
+    assert len(killed) == MAX_DEATHS
+    assert f"sampler died {MAX_DEATHS} times" in process.communicate()[1].decode()
 
 
 def test_a_viewer_that_is_started_again_asks_for_the_same_token(monkeypatch):

@@ -1,4 +1,4 @@
-"""What somebody at the terminal sees of work that takes long: on stderr, and nothing where no terminal shows it."""
+"""Progress of long work for somebody at the terminal: on stderr, and nothing where stderr is no terminal."""
 
 import sys
 from collections.abc import Iterable
@@ -8,14 +8,14 @@ from typing import Any, TypeVar
 from rich.console import Console
 from rich.progress import track
 
-Thing = TypeVar("Thing")
+Item = TypeVar("Item")
 
 
-def counted(things: Iterable[Thing], description: str, total: int) -> Iterable[Thing]:
-    """The things, with a bar that says how many of them are done; without one where there is one thing."""
-    return track(things, description=description, total=total, console=Console(stderr=True), disable=total == 1 or not sys.stderr.isatty())
+def counted(items: Iterable[Item], description: str, total: int) -> Iterable[Item]:
+    """The items, with a bar that shows how many of them are done; no bar for a single one."""
+    return track(items, description=description, total=total, console=Console(stderr=True), disable=total == 1 or not sys.stderr.isatty())
 
 
 def awaited(description: str) -> AbstractContextManager[Any]:
-    """Within it something turns, for work whose end is not known before."""
+    """A context in which a spinner turns, for work whose end is not known before."""
     return Console(stderr=True).status(description) if sys.stderr.isatty() else nullcontext()

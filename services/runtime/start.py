@@ -1,4 +1,4 @@
-"""How a service's process begins and ends: settings file, one clear line for what the user must mend, exit status."""
+"""How a service's process starts and ends: settings file, one line for what the user must correct, exit status."""
 
 import os
 import sys
@@ -13,7 +13,7 @@ from vemlight.settings import Settings, read_settings
 def start(main: Callable[[Settings, int], None], arguments: Sequence[str]) -> int:
     """Runs a service with the settings file in `arguments`, if there is one.
 
-    Returns 0 when it was told to stop or is done, 2 for what the user must mend (one line on stderr), 1 for our own fault.
+    Returns 0 when it was stopped or is done, 2 for what the user must correct (one line on stderr), 1 for our own fault.
     """
     try:
         main(read_settings(Path(arguments[0]) if arguments else None), int(os.environ.get("VEMLIGHT_RESTARTS", "0")))

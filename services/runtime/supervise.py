@@ -1,4 +1,4 @@
-"""`vemlight run`: starts the services, watches them, starts one that dies again, and stops them all; leaves no orphan and no file."""
+"""`vemlight run`: starts the services, restarts one that dies, and stops them all; leaves no orphan and no file."""
 
 import ctypes
 import os
@@ -23,52 +23,53 @@ from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
 
 RUN_FOLDER = "vemlight-run-"
-READY_S = 90.0  # for GL, and the first time for compiling; capture then starts in any case
-SLOW_START_S = 8.0  # after so long a line says why
-BACK_OFF_S = (0.0, 0.5, 1.0, 2.0)  # before a restart: the more often it died lately the longer
-GIVE_UP = 5  # deaths of one service within
-GIVE_UP_S = 60.0
-STOP_S = 3.0  # between SIGTERM and SIGKILL
-PROGRESS_S = 2.0
+READY_TIMEOUT_S = 90.0  # capture then starts in any case: twice what compiling takes on a slow machine; 60 to 300 s would do
+SLOW_START_S = 8.0  # after so long a line says why: a start with compiled code takes 2 s. 4 to 15 s would do
+RESTART_DELAY_S = (0.0, 0.5, 1.0, 2.0)  # by how often the service died within GIVE_UP_S; the last also for every later death
+MAX_DEATHS = 5  # of one service within GIVE_UP_S: it dies of itself, and restarting does not help
+GIVE_UP_S = 60.0  # five deaths with their delays take about 10 s when a service cannot even start
+STOP_TIMEOUT_S = 3.0  # between SIGTERM and SIGKILL: a step of the renderer takes up to a second; any value in 2..8 does
+PROGRESS_S = 2.0  # between two lines while files are written; any value in 1..10 does
+POLL_S = 0.1  # how late a death is noticed at most; any value in 0.02..0.3 does
 QUIET_BLAS = {"OPENBLAS_NUM_THREADS": "1"}  # matrices are small here, and its threads would spin on cores that the renderer draws with
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 class Child:
-    """One service's process and the deaths it has died."""
+    """One service's process, and when it died."""
 
     def __init__(self, service: Service, settings_file: Path) -> None:
         self.service, self._settings_file = service, settings_file
         self.restarts = 0
-        self._deaths_s: deque[float] = deque(maxlen=GIVE_UP)
+        self._deaths_s: deque[float] = deque(maxlen=MAX_DEATHS)
         self._start_at_s = 0.0
-        self.running: subprocess.Popen[bytes] | None = None
+        self.process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
         # Its own process group: Ctrl-C reaches the supervisor alone, which then stops the services in good order.
-        self.running = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, "-m", f"vemlight.{self.service}", str(self._settings_file)],
             env={**QUIET_BLAS, **os.environ, "VEMLIGHT_RESTARTS": str(self.restarts)},
             process_group=0,
             preexec_fn=_die_with_parent,
         )
 
-    def died(self, status: int) -> str | None:
-        """Plans the restart; the reason when there is none because it dies again and again."""
-        now = time.monotonic()
-        self._deaths_s.append(now)
-        recent = [t for t in self._deaths_s if t > now - GIVE_UP_S]
-        self.running = None
-        if len(recent) == GIVE_UP:
-            return f"{self.service} died {GIVE_UP} times in {GIVE_UP_S:.0f} s ({_ending(status)}); its own lines above say why"
+    def plan_restart(self, status: int) -> str | None:
+        """Plans the restart of a process that ended with `status`; the reason when there is none because it dies again and again."""
+        now_s = time.monotonic()
+        self._deaths_s.append(now_s)
+        recent = [t for t in self._deaths_s if t > now_s - GIVE_UP_S]
+        self.process = None
+        if len(recent) == MAX_DEATHS:
+            return f"{self.service} died {MAX_DEATHS} times in {GIVE_UP_S:.0f} s ({_ending(status)}); its own lines above say why"
         self.restarts += 1
-        wait_s = BACK_OFF_S[min(len(recent), len(BACK_OFF_S)) - 1]
-        self._start_at_s = now + wait_s
-        print(f"vemlight: {self.service} {_ending(status)}; restart {self.restarts} in {wait_s:g} s", file=sys.stderr, flush=True)
+        delay_s = RESTART_DELAY_S[min(len(recent), len(RESTART_DELAY_S)) - 1]
+        self._start_at_s = now_s + delay_s
+        print(f"vemlight: {self.service} {_ending(status)}; restart {self.restarts} in {delay_s:g} s", file=sys.stderr, flush=True)
         return None
 
     def start_when_due(self) -> None:
-        if self.running is None and time.monotonic() >= self._start_at_s:
+        if self.process is None and time.monotonic() >= self._start_at_s:
             self.start()
 
 
@@ -87,7 +88,7 @@ def supervise(settings: Settings) -> int:
     """
     if settings.out:
         clear_output(Path(settings.out))
-    settings = with_token(settings)  # here, so that a viewer that is started again asks for the same
+    settings = with_token(settings)  # here, so that a restarted viewer asks for the same
     _remove_dead_runs()
     folder = Path(tempfile.gettempdir()) / f"{RUN_FOLDER}{os.getpid()}"
     folder.mkdir(mode=0o700)
@@ -106,7 +107,7 @@ def supervise(settings: Settings) -> int:
 
 
 class Supervisor:
-    """The processes and what they say of themselves."""
+    """The services' processes and their statuses."""
 
     def __init__(self, settings: Settings, settings_file: Path) -> None:
         self._settings = settings
@@ -115,7 +116,7 @@ class Supervisor:
         self._statuses = [self._transport.subscribe(service, "status") for service in settings.services]
         self._newest: dict[str, wire.StatusMessage] = {}
         self._signals = 0
-        self._said = 0  # pictures that a progress line has spoken of
+        self._printed = 0  # pictures, in the last progress line
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
 
@@ -127,42 +128,45 @@ class Supervisor:
             for service, child in self._children.items():
                 if service != "capture":
                     child.start()
-            status = self._watch(until_ready=True)
+            status = self._wait(until_ready=True)
             if status is None:
                 self._children["capture"].start()
-                status = self._watch()
+                status = self._wait()
             return status or 0
         finally:
             self._stop()
             self._transport.close()
 
-    def _watch(self, until_ready: bool = False) -> int | None:
-        """Until somebody cannot go on or all is done: the status to end with. Or None as soon as all but capture have spoken."""
-        began_s = said_s = time.monotonic()
-        patient = False
+    def _wait(self, until_ready: bool = False) -> int | None:
+        """Restarts services that die until one cannot go on, all is done or a signal comes: the status to end with.
+
+        `until_ready`: or until all but capture have published a status, which is None.
+        """
+        started_s = printed_s = time.monotonic()
+        slow_start = False
         while not self._signals:
-            self._hear()
-            if until_ready and (len(self._newest) == len(self._children) - 1 or time.monotonic() > began_s + READY_S):
+            self._receive_statuses()
+            if until_ready and (len(self._newest) == len(self._children) - 1 or time.monotonic() > started_s + READY_TIMEOUT_S):
                 return None
-            if until_ready and not patient and time.monotonic() > began_s + SLOW_START_S:
-                patient = True
+            if until_ready and not slow_start and time.monotonic() > started_s + SLOW_START_S:
+                slow_start = True
                 print("vemlight: starting; the first time, code is compiled, which takes up to a minute", file=sys.stderr, flush=True)
             for child in self._children.values():
-                if child.running and (ended := child.running.poll()) is not None:
+                if child.process and (ended := child.process.poll()) is not None:
                     if ended == 2 or (ended == 0 and child.service == LAST):
                         return ended
-                    if reason := child.died(ended):
+                    if reason := child.plan_restart(ended):
                         print(f"vemlight: {reason}", file=sys.stderr, flush=True)
                         return 1
                 if not until_ready or child.service != "capture":
                     child.start_when_due()
-            if time.monotonic() - said_s > PROGRESS_S:
-                said_s = time.monotonic()
-                self._say_progress()
+            if time.monotonic() - printed_s > PROGRESS_S:
+                printed_s = time.monotonic()
+                self._print_progress()
         return 0
 
-    def _hear(self) -> None:
-        zmq.select(self._statuses, [], [], timeout=0.1)
+    def _receive_statuses(self) -> None:
+        zmq.select(self._statuses, [], [], timeout=POLL_S)
         for socket in self._statuses:
             while socket.poll(0):
                 try:
@@ -172,24 +176,25 @@ class Supervisor:
                 if isinstance(header, wire.StatusMessage):
                     self._newest[header.service] = header
 
-    def _say_progress(self) -> None:
-        """A line now and then while files are written; a live run has its page."""
+    def _print_progress(self) -> None:
+        """A line while files are written; a live run has its page."""
         last = self._newest.get(LAST)
-        if self._settings.out and last and last.sequence is not None and last.sequence >= self._said:
-            self._said = last.sequence + 1
+        if self._settings.out and last and last.sequence is not None and last.sequence >= self._printed:
+            self._printed = last.sequence + 1
             wanted = f" of {self._settings.capture.frames}" if self._settings.capture.frames else ""
-            print(f"vemlight: picture {self._said}{wanted}, {last.rate_hz:.1f} a second", file=sys.stderr, flush=True)
+            print(f"vemlight: picture {self._printed}{wanted}, {last.rate_hz:.1f} a second", file=sys.stderr, flush=True)
 
     def _stop(self) -> None:
-        asked = self._signals
-        running = [child.running for child in self._children.values() if child.running]
-        for each in running:
-            each.terminate()
-        give_up_s = time.monotonic() + STOP_S
-        while any(each.poll() is None for each in running):
-            if time.monotonic() > give_up_s or self._signals > max(asked, 1):  # a second Ctrl-C forces
-                for each in running:
-                    each.kill()
+        """Terminates the services, and kills those that do not end in time or when a second signal comes."""
+        signals = self._signals
+        processes = [child.process for child in self._children.values() if child.process]
+        for process in processes:
+            process.terminate()
+        kill_at_s = time.monotonic() + STOP_TIMEOUT_S
+        while any(process.poll() is None for process in processes):
+            if time.monotonic() > kill_at_s or self._signals > max(signals, 1):
+                for process in processes:
+                    process.kill()
             time.sleep(0.02)
 
 

@@ -1,4 +1,4 @@
-"""The token that the viewer asks for where more than this machine reaches it."""
+"""The token that the viewer requires when it can be reached from other machines."""
 
 import ipaddress
 import secrets
@@ -7,11 +7,11 @@ import msgspec
 
 from vemlight.settings import Settings
 
-TOKEN_BYTES = 24  # 192 random bits: at a million guesses a second 10^44 years
+TOKEN_BYTES = 24  # 192 random bits: at a million guesses a second 10^44 years; 16 bytes and more would do
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches what listens at `host`, a name or a number."""
+    """Whether what listens at `host`, a name or a number, can be reached from this machine alone."""
     if host == "localhost":
         return True
     try:

@@ -7,8 +7,12 @@ import msgspec
 import numpy as np
 
 from vemlight.runtime import wire
+from vemlight.runtime.channels import CHANNELS
 
 PROTO = Path(__file__).parents[1] / "proto"
+TABLE_START = "<!-- made by tests/golden.py from services/runtime/channels.py and wire.py -->\n"
+TABLE_END = "<!-- end -->"
+POWERS = {2**53 - 1: "2^53 - 1", 2**63 - 1: "2^63 - 1"}
 VERSION_LINE = "message of wire version 1; this is version 2: install the same vemlight on both sides"
 STAMP = wire.Stamp(sequence=7, time_s=0.28, captured_ns=1_700_000_000_123_456_789, monotonic_ns=5_000_000_001, boot_id="0b00t1d0")
 
@@ -138,6 +142,59 @@ def vectors() -> dict[str, dict]:
     return files
 
 
+def table() -> str:
+    """The message kinds and the keys of their headers, for proto/README.md."""
+    channels = {channel.kind: (channel.meaning, channel.producer or "every service") for channel in CHANNELS}
+    channels["request"] = "lossless mode: asks for `count` frames from number `first` on", "a consumer"
+    rows = ["| kind | content | sender | arrays, in this order |", "|---|---|---|---|"]
+    for kind, (meaning, sender) in channels.items():
+        arrays = "; ".join(_described(array) for array in wire.KINDS[kind].ARRAYS)
+        rows.append(f"| `{kind}` | {meaning} | {sender} | {arrays or 'none'} |")
+    definitions = wire.schema()["$defs"]
+    kinds = [header.__name__ for header in wire.KINDS.values()]
+    rows.append("\nThe keys of their headers; those in brackets may be left out.")
+    for name in [*kinds, *sorted(definitions.keys() - kinds)]:
+        keys = "; ".join(_key(key, shape, key in definitions[name]["required"]) for key, shape in definitions[name]["properties"].items())
+        rows.append(f"\n`{name}`: {keys}.")
+    return "\n".join(rows) + "\n"
+
+
+def _key(key: str, shape: dict, required: bool) -> str:
+    """A key of a header as text; one that need not be there stands in brackets."""
+    text = f"`{key}` {_type(shape)}"
+    return text if required else f"[{text}]"
+
+
+def _type(shape: dict) -> str:
+    if "$ref" in shape:
+        return shape["$ref"].rpartition("/")[2]
+    if "anyOf" in shape:
+        return " or ".join(_type(each) for each in shape["anyOf"])
+    if "enum" in shape:
+        return " or ".join(map(str, shape["enum"]))
+    if shape["type"] == "array":
+        counts = sorted({shape["minItems"], shape["maxItems"]}) if "minItems" in shape else [0, shape["maxItems"]]
+        each = shape["items"] if shape.get("items") else shape["prefixItems"][0]
+        return f"array of {' to '.join(map(str, counts))} x {_type(each)}"
+    low, high = shape.get("minimum", shape.get("exclusiveMinimum")), shape.get("maximum", shape.get("exclusiveMaximum"))
+    limits = "" if low is None else f" {'over ' if 'exclusiveMinimum' in shape else ''}{low:g} to {POWERS.get(high, f'{high:g}')}"
+    length = f" of {shape.get('minLength', 0)} to {shape['maxLength']} letters" if "maxLength" in shape else ""
+    return f"{shape['type']}{limits}{length}"
+
+
+def _described(array: wire.Array) -> str:
+    shape = f"{array.shape[0]}," if len(array.shape) == 1 else ", ".join(map(str, array.shape))
+    condition = f", only if `{array.only_if}`" if array.only_if else ""
+    return f"`{array.name}` `({shape})` {np.dtype(array.dtype).name}{condition}: {array.meaning}"
+
+
+def readme(text: str) -> str:
+    """The text of proto/README.md with the table as it is now."""
+    before, _, rest = text.partition(TABLE_START)
+    _, _, after = rest.partition(TABLE_END)
+    return f"{before}{TABLE_START}{table()}{TABLE_END}{after}"
+
+
 def text(content: dict) -> str:
     return json.dumps(content, indent=1) + "\n"
 
@@ -145,5 +202,6 @@ def text(content: dict) -> str:
 if __name__ == "__main__":
     (PROTO / "vectors").mkdir(parents=True, exist_ok=True)
     (PROTO / "wire.schema.json").write_text(text(wire.schema()))
+    (PROTO / "README.md").write_text(readme((PROTO / "README.md").read_text()))
     for name, content in vectors().items():
         (PROTO / "vectors" / name).write_text(text(content))

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tests import golden
 from tests.support.wire_mutants import mutants
 from vemlight.runtime import wire
+from vemlight.runtime.channels import CHANNELS
 
 
 @pytest.mark.parametrize("name", golden.messages())
@@ -39,6 +40,12 @@ def test_vectors_and_schema_are_current():
     stored = {path.name: path.read_text() for path in (golden.PROTO / "vectors").iterdir()}
     assert stored == {name: golden.text(content) for name, content in golden.vectors().items()}, "run `make golden`"
     assert (golden.PROTO / "wire.schema.json").read_text() == golden.text(wire.schema()), "run `make golden`"
+
+
+def test_the_readme_lists_every_kind_with_its_arrays():
+    readme = (golden.PROTO / "README.md").read_text()
+    assert readme == golden.readme(readme), "run `python tests/golden.py`"
+    assert wire.KINDS.keys() == {channel.kind for channel in CHANNELS} | {"request"}
 
 
 def test_vectors_hold_for_a_reader_that_knows_only_msgpack():

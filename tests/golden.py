@@ -177,7 +177,8 @@ def _type(shape: dict) -> str:
         each = shape["items"] if shape.get("items") else shape["prefixItems"][0]
         return f"array of {' to '.join(map(str, counts))} x {_type(each)}"
     low, high = shape.get("minimum", shape.get("exclusiveMinimum")), shape.get("maximum", shape.get("exclusiveMaximum"))
-    limits = "" if low is None else f" {'over ' if 'exclusiveMinimum' in shape else ''}{low:g} to {POWERS.get(high, f'{high:g}')}"
+    above = "over " if "exclusiveMinimum" in shape else ""
+    limits = "" if low is None or high is None else f" {above}{low:g} to {POWERS.get(high, f'{high:g}')}"
     length = f" of {shape.get('minLength', 0)} to {shape['maxLength']} letters" if "maxLength" in shape else ""
     return f"{shape['type']}{limits}{length}"
 

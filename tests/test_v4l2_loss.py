@@ -109,7 +109,6 @@ def test_lost_and_damaged_frames_are_counted(driver: Driver) -> None:
         driver.put(sequence, flags=flags)
     got = [camera.read(1.0) for _ in range(4)]
     assert [raw and (raw.sequence, raw.lost) for raw in got] == [(3, 0), None, (5, 1), (9, 3)]
-    assert camera.lost == 4
 
 
 def test_an_unplugged_camera_is_waited_for(driver: Driver) -> None:
@@ -125,7 +124,6 @@ def test_an_unplugged_camera_is_waited_for(driver: Driver) -> None:
     assert raw is not None
     assert (raw.sequence, raw.lost) == (0, 0)  # it counts anew
     assert "at 25 a second" in camera.state
-    assert camera.outages == 1
 
 
 def test_a_camera_of_another_size_is_refused_when_it_comes_back(driver: Driver) -> None:

@@ -95,7 +95,7 @@ class V4l2Camera:
         `name`, `form`, `width`, `height` and `fps` are then what the camera agreed to; the stream begins with the first `read`.
         Raises UserError when the camera cannot be used.
         """
-        self.path, self.lost, self.outages = path, 0, 0
+        self.path = path
         self._requested = (form, width, height, fps)
         self._device, self._buffers = -1, []
         self._streams, self._last = False, -1
@@ -180,7 +180,6 @@ class V4l2Camera:
             if error.errno not in DISCONNECTED:
                 raise
             self._close()
-            self.outages += 1
             self.state = f"{self.path}: is gone ({error.strerror}); waiting for it"
             return None
 
@@ -204,7 +203,7 @@ class V4l2Camera:
         if codes is None:
             return None  # the next frame counts it as lost, by its number
         lost = frames_between(self._last, sequence)
-        self._last, self.lost = sequence, self.lost + lost
+        self._last = sequence
         return RawFrame(codes, self.form.mosaic, sequence, monotonic_ns, lost)
 
     def _codes(self, buffer: Any) -> np.ndarray:

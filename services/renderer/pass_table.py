@@ -30,7 +30,7 @@ G_BUFFER = Pass("G-buffer", "G-buffer", ("pose",), ("G-buffer",), "passes/gbuffe
 CLASSES = Pass("classes", "classes", ("G-buffer",), ("class depth",), "passes/lights/shading.py")
 EMISSION = Pass("emission", "emission", ("G-buffer",), ("picture",), "passes/emission/emission.py")
 LUMINAIRES = Pass(
-    "luminaires", "luminaires", ("G-buffer", "luminaire maps"), ("picture", "catcher coverage"), "passes/luminaires/illumination.py"
+    "luminaires", "luminaires", ("G-buffer", "luminaire maps"), ("picture", "matte"), "passes/luminaires/illumination.py"
 )
 VISIBILITY_CACHE = Pass(
     "visibility cache",
@@ -43,7 +43,7 @@ LIGHTS = Pass(
     "lights",
     "lights",
     ("G-buffer", "class depth", "light frames", "shadow maps", "cached visibility"),
-    ("picture", "catcher coverage"),
+    ("picture", "matte"),
     "passes/lights/shading.py",
 )
 GLOSS = Pass(
@@ -52,7 +52,7 @@ GLOSS = Pass(
 COMPOSITING = Pass(
     "compositing",
     "compositing",
-    ("picture", "catcher coverage", "plate", "background"),
+    ("picture", "matte", "plate", "background"),
     ("picture",),
     "passes/background/compositing.py",
 )

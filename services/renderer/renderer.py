@@ -22,7 +22,7 @@ from vemlight.renderer.passes.gloss.gloss import CONE, NO_CONE, GlossSet
 from vemlight.renderer.passes.lights.shading import Shading
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
 from vemlight.renderer.passes.luminaires.illumination import Illumination
-from vemlight.renderer.passes.present.present import Screen
+from vemlight.renderer.passes.present.present import Present
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import restoring_batches
 from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 from vemlight.renderer.scene.scene import Scene
@@ -64,7 +64,7 @@ class Renderer:
         self._programs = programs = Programs(context)
         kinds, size = set(setup.kinds), setup.size
         self._atlas = ShadowAtlas(context, programs, scene, setup.shadows.casters)
-        self._surfaces = GBuffer(context, programs, scene, size)
+        self._g_buffer = GBuffer(context, programs, scene, size)
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
         self._visibility_cache = VisibilityCache(context, programs, size, self._shading.class_depth) if setup.caches_visibility else None
         self._gloss = GlossSet(context, programs, kinds) if setup.glossy else None
@@ -72,7 +72,7 @@ class Renderer:
         self._emission = Emission(context, programs) if setup.emissive else None
         self._plate = Plate(context, programs, size)
         self._background = Background(context, programs, size)
-        self._screen = Screen(context, programs, size)
+        self._present = Present(context, programs, size)
         self._contents: FrameState | None = None  # which state describes what is cached on the GPU
         self._pose = setup.rest
         self._run_pass = {
@@ -122,12 +122,13 @@ class Renderer:
                     data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
                     picture = np.frombuffer(data, np.float32).reshape(self.setup.size[1], self.setup.size[0], 4)
                 elif row is pass_table.ADAPTATION and tone:
-                    adaptation = adapt(adaptation, self._screen.selected(self._shading.picture), tone.dt_s or 0.0)
+                    adaptation = adapt(adaptation, self._present.subsampled(self._shading.picture), tone.dt_s or 0.0)
                 elif row is pass_table.TONE_MAPPING and tone:
-                    self._screen.map(self._shading.picture, tone_curve(adaptation or Adaptation(), tone.exposure_stops, self.setup.tone))
+                    curve = tone_curve(adaptation or Adaptation(), tone.exposure_stops, self.setup.tone)
+                    self._present.tone_map(self._shading.picture, curve)
         if tone:
             with self._timers.measured(pass_table.READ_BACK.timer):
-                pixels = self._screen.mapped()
+                pixels = self._present.read()
         timers_ms = self._timers.read_ms()
         return DrawnFrame(picture, pixels, adaptation, FrameTimings((time.perf_counter() - began_s) * 1e3, timers_ms))
 
@@ -135,8 +136,8 @@ class Renderer:
         """Draws anew what a state says is cached, when it is not the state that the last frame left."""
         if state.g_buffer:
             self._place(state.g_buffer.pose)
-            self._surfaces.draw(state.g_buffer.sample)
-            self._shading.classify(self._surfaces)
+            self._g_buffer.draw(state.g_buffer.sample)
+            self._shading.classify(self._g_buffer)
         for number, pose in enumerate(state.luminaire_maps):
             if pose:
                 self._illumination.place(pose)
@@ -144,12 +145,12 @@ class Renderer:
         for placed, batch in restoring_batches(self.setup.shadows, state.maps) if state.maps else ():
             self._atlas.draw(batch, placed)
             if self._visibility_cache and batch.unknown.count:
-                self._visibility_cache.look_up(self._surfaces, self._atlas, batch)
+                self._visibility_cache.look_up(self._g_buffer, self._atlas, batch)
 
     def _place(self, pose: ScenePose) -> None:
         """Moves the surfaces and the luminaires there."""
         if not same_places(self._pose, pose):
-            self._surfaces.place(pose)
+            self._g_buffer.place(pose)
         self._illumination.place(pose)
         self._pose = pose
 
@@ -166,31 +167,31 @@ class Renderer:
         self._gloss.gather(plan.gloss, plan.batches[run.batch])
 
     def _draw_g_buffer(self, plan: FramePlan, run: PassRun) -> None:
-        self._surfaces.draw(plan.samples[run.sample])
+        self._g_buffer.draw(plan.samples[run.sample])
 
     def _classify(self, _plan: FramePlan, _run: PassRun) -> None:
-        self._shading.classify(self._surfaces)
+        self._shading.classify(self._g_buffer)
 
     def _add_emission(self, plan: FramePlan, _run: PassRun) -> None:
         assert self._emission
-        self._emission.add(self._surfaces, self._shading.frame, 1 / len(plan.samples))
+        self._emission.add(self._g_buffer, self._shading.frame, 1 / len(plan.samples))
 
     def _add_luminaires(self, plan: FramePlan, _run: PassRun) -> None:
         weight = 1 / len(plan.samples)
-        self._illumination.add(self._surfaces, self._shading.frame, (weight, weight, weight))
-        if self._shading.cover_frame:  # a lamp brightens what lies behind by its fraction of the light there
+        self._illumination.add(self._g_buffer, self._shading.frame, (weight, weight, weight))
+        if self._shading.matte_frame:  # a lamp brightens what lies behind by its fraction of the light there
             red, green, blue = (-weight / value if value > NO_LIGHT else 0.0 for value in plan.unshadowed)
-            self._illumination.add(self._surfaces, self._shading.cover_frame, (red, green, blue), catchers=True)
+            self._illumination.add(self._g_buffer, self._shading.matte_frame, (red, green, blue), catchers=True)
 
     def _look_up(self, plan: FramePlan, run: PassRun) -> None:
         assert self._visibility_cache
-        self._visibility_cache.look_up(self._surfaces, self._atlas, plan.batches[run.batch])
+        self._visibility_cache.look_up(self._g_buffer, self._atlas, plan.batches[run.batch])
 
     def _add_lights(self, plan: FramePlan, run: PassRun) -> None:
         """Sums the lights of a batch on the surfaces; with the first batch also the pixels' alpha."""
         weight = 1 / len(plan.samples)
         self._shading.add(
-            self._surfaces,
+            self._g_buffer,
             self._atlas,
             plan.batches[run.batch],
             weight,
@@ -202,17 +203,17 @@ class Renderer:
 
     def _add_gloss(self, plan: FramePlan, run: PassRun) -> None:
         assert self._gloss
-        self._gloss.add(self._surfaces, self._atlas, plan.batches[run.batch], self._shading.frame, 1 / len(plan.samples))
+        self._gloss.add(self._g_buffer, self._atlas, plan.batches[run.batch], self._shading.frame, 1 / len(plan.samples))
 
     def _composite(self, plan: FramePlan, _run: PassRun) -> None:
         scene_plate = self.setup.scene.plate
         plate = plan.shown.plate or (PlatePicture(scene_plate) if scene_plate is not None else None)
         if plate:
             self._plate.show(plate.pixels, plate.stops)
-            self._plate.draw(self._shading.frame, self._shading.cover)
+            self._plate.draw(self._shading.frame, self._shading.matte)
         if plan.shown.background:
             self._background.show(*plan.shown.background)
-            self._background.draw(self._shading.frame, self._shading.cover, self.setup.scene.camera)
+            self._background.draw(self._shading.frame, self._shading.matte, self.setup.scene.camera)
 
     def _upload(self, plan: FramePlan, _run: PassRun) -> None:
         self._shading.picture.write(np.ascontiguousarray(plan.uploaded, np.float32).tobytes(), alignment=1)
@@ -220,8 +221,8 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            drawing = (self._atlas, self._surfaces, self._shading, self._visibility_cache, self._gloss, self._illumination, self._emission)
-            for part in (*drawing, self._plate, self._background, self._screen, self._programs):
+            drawing = (self._atlas, self._g_buffer, self._shading, self._visibility_cache, self._gloss, self._illumination, self._emission)
+            for part in (*drawing, self._plate, self._background, self._present, self._programs):
                 if part is not None:
                     part.release()
         self._context.release()

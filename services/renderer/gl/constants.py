@@ -35,7 +35,7 @@ SHADOW_BIAS_TEXELS = 1.0  # how far a surface may rise above its tangent plane w
 NORMAL_CODES = 32767  # codes of 16 bits on each side of 0, which is a code itself: the axes stay exact
 HASHED_ALPHA = -1.0  # in place of an alpha test's cutoff: alpha is a coverage and hashed
 MAX_HALF = 65504.0  # the largest half float
-MAX_RADIANCE = 1e30  # in place of infinity: its products with weights stay finite
+MAX_RADIANCE = 1e30  # in place of infinity: its products stay finite in float32; any value in 1e20 to 1e35 does
 
 
 def constants_glsl() -> str:

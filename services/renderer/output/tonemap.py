@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb, srgb_from_linear
+from vemlight.renderer.gl.constants import MAX_RADIANCE
 from vemlight.settings import Tone
 
 TIME_CONSTANT_S = 0.4  # of the eye's slower receptors (Krawczyk et al. 2005); leaves 4 % of a 10 Hz flicker
@@ -23,7 +24,6 @@ KEY_RANGE = 4.0  # by which the key goes up or down from middle grey: Reinhard 2
 QUANTILES = (0.01, 0.99)  # of the lowest and highest luminance, so that single pixels do not set them
 MIN_LUMINANCE = 1e-4  # times the median: what is darker is black beside it, and would lower the mean of logarithms without limit
 MAX_STATISTICS_PIXELS = 65_536  # those of a larger picture are subsampled: quantiles are then good to 1 / sqrt(65,536 * 0.01), 4 %
-MAX_RADIANCE = 1e30  # stands for inf: float32 ends at 3e38. Any value in 1e20 .. 1e35 does
 
 
 class Adaptation(msgspec.Struct, frozen=True):

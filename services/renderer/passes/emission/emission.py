@@ -14,9 +14,9 @@ class Emission:
         self._program = programs.program("screen.vert", "emission.frag")
         self._array = context.vertex_array(self._program, [])
 
-    def add(self, surfaces: GBuffer, frame: moderngl.Framebuffer, weight: float) -> None:
+    def add(self, g_buffer: GBuffer, frame: moderngl.Framebuffer, weight: float) -> None:
         """Adds `weight` times what the surfaces drawn last emit to the picture in `frame`."""
-        surfaces.bind(self._program)
+        g_buffer.bind(self._program)
         self._program["weight"] = weight
         frame.use()
         self._context.enable_only(moderngl.BLEND)

@@ -35,20 +35,20 @@ class Shading:
         self.class_depth = context.depth_texture(size)
         self._classes = context.framebuffer([], self.class_depth)
         self.frame = context.framebuffer([self.picture], self.class_depth)
-        self.cover: moderngl.Texture | None = None  # what catchers take from what lies behind: a share in each channel, and in alpha
-        self.cover_frame: moderngl.Framebuffer | None = None
-        self._catching: moderngl.Framebuffer | None = None
+        self.matte: moderngl.Texture | None = None  # fraction of the light that shadows take from catchers, RGB, and alpha in luminance
+        self.matte_frame: moderngl.Framebuffer | None = None
+        self._catcher_frame: moderngl.Framebuffer | None = None
         if MaterialKind.SHADOW_CATCHER in kinds:
-            self.cover = context.texture(size, 4, dtype="f4")
-            self.cover_frame = context.framebuffer([self.cover])
-            self._catching = context.framebuffer([self.picture, self.cover], self.class_depth)
-        for frame in (self.frame, self._catching):
+            self.matte = context.texture(size, 4, dtype="f4")
+            self.matte_frame = context.framebuffer([self.matte])
+            self._catcher_frame = context.framebuffer([self.picture, self.matte], self.class_depth)
+        for frame in (self.frame, self._catcher_frame):
             if frame:
                 frame.depth_mask = False  # the classes stay while the surfaces do
 
-    def classify(self, surfaces: GBuffer) -> None:
+    def classify(self, g_buffer: GBuffer) -> None:
         """Finds each pixel's class."""
-        unit = surfaces.bind(self._classify)
+        unit = g_buffer.bind(self._classify)
         self._cube.use(unit)
         self._classify["region_of_normal"] = unit
         self._classes.use()
@@ -57,12 +57,12 @@ class Shading:
         self._classify_array.render(moderngl.TRIANGLES, vertices=3)
 
     def clear(self) -> None:
-        """Empties the picture, and what catchers take."""
-        (self._catching or self.frame).clear()
+        """Empties the picture and the matte."""
+        (self._catcher_frame or self.frame).clear()
 
     def add(
         self,
-        surfaces: GBuffer,
+        g_buffer: GBuffer,
         atlas: ShadowAtlas,
         batch: Batch,
         weight: float,
@@ -73,22 +73,22 @@ class Shading:
     ) -> None:
         """Adds a batch of lights, whose maps are in the atlas, times `weight`, and `alpha` to the pixels that `classify` found.
 
-        unshadowed: the irradiance that all lights of all batches would give to a catcher without shadows, above 0. cone: where the lobes
-        of glossy surfaces are left to other lights, as in gloss.py. cache: where the batch's lookups are, if not in the maps.
+        unshadowed: the irradiance of a catcher without shadows, by all lights of all batches, above 0. cone: in which the gloss set has the
+        lobes of glossy surfaces, as in gloss.py. cache: where the batch's lookups are, if not in the maps.
         """
         self.frame.use()
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._context.depth_func = "=="
-        for kind, array in zip(self._kinds, self._made(cache is not None), strict=True):
+        for kind, array in zip(self._kinds, self._programs_of(cache is not None), strict=True):
             program = array.program
-            unit = surfaces.bind(program)
+            unit = g_buffer.bind(program)
             (cache or atlas).bind(program, unit)
             program["weight"] = weight
-            if kind == MaterialKind.SHADOW_CATCHER:  # covers by its shadows alone
+            if kind == MaterialKind.SHADOW_CATCHER:
                 program["unshadowed"], alpha = unshadowed, 0.0
-                assert self._catching is not None
-                self._catching.use()  # the last of the kinds
+                assert self._catcher_frame is not None
+                self._catcher_frame.use()  # the last of the kinds
             elif kind in GLOSSY_KINDS:
                 program["cone"] = cone
             if kind != MaterialKind.SHADOW_CATCHER:
@@ -100,7 +100,7 @@ class Shading:
                     program["depth"] = (MATERIAL_KINDS * region + kind + 0.5) / CLASSES
                     array.render(moderngl.TRIANGLES, vertices=3)
 
-    def _made(self, cached: bool) -> list[moderngl.VertexArray]:
+    def _programs_of(self, cached: bool) -> list[moderngl.VertexArray]:
         """The programs of all kinds of surface, compiled when they are first wanted."""
         if cached not in self._arrays:
             variants = ({"KIND": int(kind), "CACHED_VISIBILITY": int(cached)} for kind in self._kinds)
@@ -110,7 +110,7 @@ class Shading:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        pictures = (self._classes, self.frame, self.picture, self.class_depth, self.cover, self.cover_frame, self._catching)
-        for thing in (self._classify_array, *itertools.chain(*self._arrays.values()), self._cube, *pictures):
-            if thing is not None:
-                thing.release()
+        pictures = (self._classes, self.frame, self.picture, self.class_depth, self.matte, self.matte_frame, self._catcher_frame)
+        for resource in (self._classify_array, *itertools.chain(*self._arrays.values()), self._cube, *pictures):
+            if resource is not None:
+                resource.release()

@@ -23,13 +23,13 @@ class VisibilityCache:
         self._frame = context.framebuffer([], depth)
         self._layers: moderngl.TextureArray | None = None
 
-    def look_up(self, surfaces: GBuffer, atlas: ShadowAtlas, batch: Batch) -> None:
+    def look_up(self, g_buffer: GBuffer, atlas: ShadowAtlas, batch: Batch) -> None:
         """Looks up what is not cached yet of a batch whose maps are drawn."""
         self._make_room(max(batch.slots, 1))
         assert self._layers is not None
         if batch.unknown.count == 0:
             return
-        unit = surfaces.bind(self._program)
+        unit = g_buffer.bind(self._program)
         atlas.bind(self._program, unit)
         atlas.bind_row(batch.unknown)
         self._layers.bind_to_image(0, read=False, write=True)

@@ -44,10 +44,10 @@ class Illumination:
         """Draws the shadow maps of a luminaire where it stands."""
         self.luminaires[number].draw_maps()
 
-    def add(self, surfaces: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool = False) -> None:
+    def add(self, g_buffer: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool = False) -> None:
         """Adds all luminaires' light on the surfaces, times `weight`, to a picture; with `catchers`, the irradiance of shadow catchers."""
         for luminaire in self.luminaires:
-            luminaire.add(surfaces, framebuffer, weight, catchers)
+            luminaire.add(g_buffer, framebuffer, weight, catchers)
 
     def release(self) -> None:
         """Frees what the luminaires hold on the GPU."""

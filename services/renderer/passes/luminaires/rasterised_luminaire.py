@@ -75,9 +75,9 @@ class RasterisedLuminaire:
         views = cube_views(far_m) if isinstance(source, FarField) else cell_views(source, far_m)
         self._atlas.draw(views, local_from_world, self._occluders)
 
-    def add(self, surfaces: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
+    def add(self, g_buffer: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
         """Adds its light on the surfaces, or its irradiance of shadow catchers, to a picture."""
-        unit = surfaces.bind(self._program)
+        unit = g_buffer.bind(self._program)
         for number, (name, texture) in enumerate(self._textures.items(), unit + 1):
             texture.use(number)
             if name in self._program:

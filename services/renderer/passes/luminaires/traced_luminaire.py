@@ -37,10 +37,10 @@ class TracedLuminaire:
     def draw_maps(self) -> None:
         """Does nothing: there are no maps."""
 
-    def add(self, surfaces: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
+    def add(self, g_buffer: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
         """Adds its light on the surfaces, or its irradiance of shadow catchers, to a picture."""
         table, matrix = self.luminaire.table, self.luminaire.world_from_local
-        gbuffer = surfaces.read()
+        gbuffer = g_buffer.read()
         chosen = gbuffer.there & ((gbuffer.diffuse["kind"] == MaterialKind.SHADOW_CATCHER) == catchers)
         receivers = receivers_from_gbuffer(gbuffer, chosen, np.linalg.inv(matrix))
         if catchers:

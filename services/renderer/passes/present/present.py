@@ -1,4 +1,4 @@
-"""What becomes of a picture on the GPU, so that only what a screen and the eye's adaptation need is read back."""
+"""Tone mapping and subsampling of the picture on the GPU: only what a screen and the eye's adaptation need is read back."""
 
 import moderngl
 import numpy as np
@@ -7,37 +7,37 @@ from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.output.tonemap import ToneCurve, subsample_grid
 
 
-class Screen:
+class Present:
     """For pictures of `size` pixels (width, height)."""
 
     def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int]) -> None:
         self._context, self._size = context, size
         self._first, self._stride = subsample_grid((size[1], size[0]))
-        few = tuple(len(range(self._first, side, self._stride)) for side in size)
-        self._mapped = self._target(size, "f1")
-        self._selected = self._target(few, "f4")
-        self._map, self._select = (programs.program("screen.vert", name) for name in ("tonemap.frag", "subsampled.frag"))
-        self._arrays = [context.vertex_array(program, []) for program in (self._map, self._select)]
+        subsampled = tuple(len(range(self._first, side, self._stride)) for side in size)
+        self._tone_mapped = self._target(size, "f1")
+        self._subsampled = self._target(subsampled, "f4")
+        self._tone_map, self._subsample = (programs.program("screen.vert", name) for name in ("tonemap.frag", "subsampled.frag"))
+        self._arrays = [context.vertex_array(program, []) for program in (self._tone_map, self._subsample)]
 
     def _target(self, size: tuple[int, ...], dtype: str) -> moderngl.Framebuffer:
         return self._context.framebuffer([self._context.renderbuffer((size[0], size[1]), 4, dtype=dtype)])
 
-    def map(self, picture: moderngl.Texture, curve: ToneCurve) -> None:
+    def tone_map(self, picture: moderngl.Texture, curve: ToneCurve) -> None:
         """Tone-maps a picture, as `tonemap.tone_mapped` does."""
-        self._map["scale"] = curve.scale
-        self._map["white"] = curve.white or 1.0
-        self._map["exponential"] = curve.white is None
-        self._draw(0, picture, self._mapped)
+        self._tone_map["scale"] = curve.scale
+        self._tone_map["white"] = curve.white or 1.0
+        self._tone_map["exponential"] = curve.white is None
+        self._draw(0, picture, self._tone_mapped)
 
-    def mapped(self) -> np.ndarray:
-        """What was mapped last, (height, width, 4) uint8."""
-        return self._read(self._mapped, np.uint8, "f1")
+    def read(self) -> np.ndarray:
+        """The picture tone-mapped last, (height, width, 4) uint8."""
+        return self._read(self._tone_mapped, np.uint8, "f1")
 
-    def selected(self, picture: moderngl.Texture) -> np.ndarray:
+    def subsampled(self, picture: moderngl.Texture) -> np.ndarray:
         """The pixels of `tonemap.subsampled`, (h, w, 4) float32."""
-        self._select["stride"] = self._stride
-        self._draw(1, picture, self._selected)
-        return self._read(self._selected, np.float32, "f4")
+        self._subsample["stride"] = self._stride
+        self._draw(1, picture, self._subsampled)
+        return self._read(self._subsampled, np.float32, "f4")
 
     def _draw(self, which: int, picture: moderngl.Texture, target: moderngl.Framebuffer) -> None:
         picture.use(0)
@@ -51,7 +51,7 @@ class Screen:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for target in (self._mapped, self._selected):
+        for target in (self._tone_mapped, self._subsampled):
             for image in target.color_attachments:
                 image.release()
             target.release()

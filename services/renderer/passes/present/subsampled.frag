@@ -1,5 +1,5 @@
 #version 430
-// An even selection of a picture's pixels: `selected` of tonemap.py.
+// Every stride-th pixel of every stride-th row of a picture: `subsampled` of tonemap.py.
 
 uniform sampler2D picture;
 uniform int stride;

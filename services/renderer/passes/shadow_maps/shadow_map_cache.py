@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.renderer.gl.constants import GUTTER
 from vemlight.renderer.passes.shadow_maps.casters import Placed
-
-GUTTER = 2  # texels at a map's rim that stay empty, as in light.glsl
 
 
 class Slots(NamedTuple):

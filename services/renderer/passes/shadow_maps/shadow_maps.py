@@ -14,7 +14,7 @@ from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.vertex_buffers import DrawRange
 
 FRAME_BYTES = LIGHT_FRAME.dtype.itemsize
-BEYOND = (0x864F, *range(0x3000, 0x3004))  # GL_DEPTH_CLAMP, GL_CLIP_DISTANCE0 to 3, for which moderngl has no name
+CLIPPING = (0x864F, *range(0x3000, 0x3004))  # GL_DEPTH_CLAMP, GL_CLIP_DISTANCE0 to 3, for which moderngl has no name
 
 
 class ShadowAtlas:
@@ -55,10 +55,10 @@ class ShadowAtlas:
             self._context.disable(moderngl.CULL_FACE)
             self._instances(0, level.open, draw.first, draw.count)
             self._draw_alpha_tested(draw.first, draw.count, placed)
-            for flag in BEYOND:
+            for flag in CLIPPING:
                 self._context.enable_direct(flag)
             self._instances(1, placed.floor, draw.first + draw.count - draw.from_below, draw.from_below)
-            for flag in BEYOND:
+            for flag in CLIPPING:
                 self._context.disable_direct(flag)
 
     def _clear(self, batch: Batch) -> None:
@@ -97,14 +97,14 @@ class ShadowAtlas:
         program["atlas"] = unit
         self._describe(program)
 
-    def _instances(self, beyond: int, draw_ranges: tuple[DrawRange, ...], first_light: int, count: int) -> None:
-        program = self._programs[beyond]
+    def _instances(self, program_number: int, draw_ranges: tuple[DrawRange, ...], first_light: int, count: int) -> None:
+        program = self._programs[program_number]
         self._describe(program)
         for draw_range in draw_ranges if count else ():
             program["first_light"] = first_light
             program["world_from_rest"] = tuple(draw_range.world_from_rest.T.reshape(-1))
             if draw_range.indices.count:
-                self._arrays[beyond].render(vertices=draw_range.indices.count, first=draw_range.indices.first, instances=count)
+                self._arrays[program_number].render(vertices=draw_range.indices.count, first=draw_range.indices.first, instances=count)
 
     def _draw_alpha_tested(self, first_light: int, count: int, placed: Placed) -> None:
         if self._alpha_tested.program:

@@ -1,6 +1,8 @@
 """Radiance and pictures as files: there and back, and one line for what cannot be read."""
 
 import struct
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -108,3 +110,30 @@ def test_a_damaged_file_is_an_image_or_one_line(tmp_path_factory, data):
             message = str(error)
         assert len(message.splitlines()) == 1
         assert (found.ndim, found.shape[2], found.dtype) == (3, 3, np.float32)
+
+
+PRINT_WHILE_ANOTHER_THREAD_READS = """
+import os, sys, threading
+from vemlight.light.images import silent
+reading, printed = threading.Event(), threading.Event()
+def read():
+    with silent():
+        reading.set()
+        printed.wait()
+        print("of Python's in the reader"), os.write(2, b"of C in the reader")
+thread = threading.Thread(target=read)
+thread.start()
+reading.wait()
+print("result")
+print("warning", file=sys.stderr)
+taken = sys.stderr
+printed.set()
+thread.join()
+print("later", file=taken)
+print("end", file=sys.stderr)
+"""
+
+
+def test_what_another_thread_prints_while_a_file_is_read_is_shown():
+    done = subprocess.run([sys.executable, "-c", PRINT_WHILE_ANOTHER_THREAD_READS], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "result\n", "warning\nlater\nend\n")

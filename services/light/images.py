@@ -5,9 +5,10 @@ renamed when it is complete.
 """
 
 import os
+import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +23,53 @@ REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of red, gr
 _terminal = threading.Lock()
 
 
+class _OtherThreads:
+    """A text stream that drops what the thread that made it writes, and passes on what other threads write."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream, self._thread, self._lock = stream, threading.get_ident(), threading.Lock()
+
+    def write(self, text: str) -> int:
+        if threading.get_ident() == self._thread:
+            return len(text)
+        with self._lock:
+            return self._stream.write(text)
+
+    def pass_to(self, stream: Any) -> None:
+        with self._lock:
+            self._stream.flush()
+            self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
 @contextmanager
 def silent() -> Iterator[None]:
-    """Suppresses what OpenEXR and OpenCV print about a damaged file, so that our own line is the only one."""
-    with _terminal, open(os.devnull, "w") as null, redirect_stdout(null), redirect_stderr(null):
-        stderr = os.dup(2)
+    """Suppresses what OpenEXR and OpenCV print about a damaged file, so that our own line is the only one.
+
+    What other threads print meanwhile through sys.stdout and sys.stderr is shown.
+    """
+    with _terminal, open(os.devnull, "w") as null, os.fdopen(os.dup(2), "w", buffering=1) as terminal:
+        stdout, stderr = sys.stdout, sys.stderr
+        out, err = _OtherThreads(stdout), _OtherThreads(terminal if _descriptor(stderr) == 2 else stderr)
+        sys.stdout, sys.stderr = out, err
         os.dup2(null.fileno(), 2)
         try:
             yield
         finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
+            os.dup2(terminal.fileno(), 2)
+            # What another thread has put there meanwhile stays.
+            sys.stdout = stdout if sys.stdout is out else sys.stdout
+            sys.stderr = stderr if sys.stderr is err else sys.stderr
+            err.pass_to(stderr)  # a thread that took it as sys.stderr may write later
+
+
+def _descriptor(stream: Any) -> int:
+    try:
+        return stream.fileno()
+    except (AttributeError, OSError, ValueError):  # a stream in memory, or none
+        return -1
 
 
 def read_radiance(path: Path) -> tuple[np.ndarray, dict[str, Any]]:

@@ -175,6 +175,23 @@ def test_a_normal_maps_scale_makes_it_steeper(tmp_path):
     assert 2 * part.material.normal_map.texels[0, 0].astype(float) - 1 == pytest.approx([0.25, 0, 1], abs=5e-3)
 
 
+def test_metallic_is_in_blue_and_roughness_in_green(tmp_path):
+    sheet = TexturedSquare()
+    image = sheet.image(np.full((1, 1, 3), (10, 51, 204), np.uint8))
+    sheet.material["pbrMetallicRoughness"] = {"metallicRoughnessTexture": image}
+    (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert isinstance(part.material, Ggx)
+    assert part.material.metallic_roughness_map is not None
+    assert part.material.metallic_roughness_map.texels[0, 0].tolist() == pytest.approx([0.8, 0.2], abs=1e-3)
+
+
+def test_numbers_that_end_beyond_their_buffer_are_refused(tmp_path):
+    sheet = TexturedSquare()  # its texture coordinates come last
+    sheet.data = sheet.data[:-4]
+    with pytest.raises(UserError, match="outside their buffer"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
 def test_emission_ends_at_the_largest_half_float(tmp_path):
     for strength, radiance in ((6e4, 6e4), (1e5, 65504.0)):
         sheet = TexturedSquare(emissiveFactor=[1.0, 1.0, 1.0])

@@ -12,6 +12,7 @@ from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.frame import PlatePicture
 from vemlight.renderer.scene import scene as scene_module
+from vemlight.renderer.scene.plate_table import PlateTable, load_plate
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
 
@@ -67,6 +68,14 @@ def test_a_plate_as_png_is_taken_to_linear_light_upright(tmp_path):
     picture = drawn(tmp_path, CATCHER + '[plate]\nfile = "plate.png"', some_lights(1))
     assert np.allclose(picture[0, :, :3], 0.503, atol=2e-3)
     assert not picture[-1, :, :3].any()
+
+
+@pytest.mark.parametrize(("name", "stops", "radiance"), [("plate.png", 15.0, 2.0**15), ("plate.png", 20.0, 6e4), ("plate.exr", 20.0, 6e4)])
+def test_a_plate_is_as_bright_as_half_floats_allow(tmp_path, name, stops, radiance):
+    write_png(tmp_path / "plate.png", np.full((2, 2, 3), 255, np.uint8))
+    write_exr(tmp_path / "plate.exr", np.full((2, 2, 3), 1.0, np.float32))
+    plate = load_plate(PlateTable(file=name, stops=stops), tmp_path, "here")
+    assert np.all(plate == np.float16(radiance))
 
 
 def test_shadows_on_the_plate_are_dark_in_the_colours_that_they_lack(tmp_path):

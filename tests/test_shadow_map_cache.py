@@ -1,5 +1,6 @@
 import numpy as np
 import numpy.typing as npt
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -117,6 +118,54 @@ def test_maps_age_as_what_casts_moves():
     for age, stale in ((0.9 * TEXEL, 0), (1.1 * TEXEL, 8)):
         aged = slots._replace(drift_rad=np.full(12, age))
         assert len(match_lights(aged, sky(8), np.ones(8), np.full(8, SIZE)).stale) == stale
+
+
+@pytest.mark.parametrize(("turn", "stale"), [(0.9, 0), (1.1, 8)])
+def test_a_map_serves_a_light_within_a_texel(turn, stale):
+    slots = drawn(8).slots
+    turned = slots.directions[:8] + 0  # chords: a turn by a small angle about any axis
+    side = np.cross(turned, [0.3, 0.5, 0.8])
+    turned += turn * TEXEL * side / np.linalg.norm(side, axis=1, keepdims=True)
+    assert len(match_lights(slots, turned.astype(np.float32), np.ones(8), np.full(8, SIZE)).stale) == stale
+
+
+def own_and_other(own_rad: float, drift_rad: float = 0.0) -> int:
+    """Which map a light of 128 texels waits with: its own direction's of 64 texels, or one of 128 that is off by an angle and a drift.
+
+    A map of 64 texels errs by the difference of two texels, 1 / 60 - 1 / 124 = 0.0086; from 1 / 124 = 0.0081 on one of 128 is stale.
+    """
+    light = sky(1)
+    side = np.cross(light, [0.3, 0.5, 0.8])
+    other = light + own_rad * side / np.linalg.norm(side)
+    slots = Slots.empty(np.array([64, 128]))._replace(directions=np.concatenate([light, other]), drift_rad=np.array([0.0, drift_rad]))
+    plan = plan_of(slots, light, 1.0, 0, 128)
+    assert len(plan.redrawn) == 0
+    return int(plan.slot[0])
+
+
+def test_a_waiting_light_weighs_direction_drift_and_resolution_alike():
+    assert [own_and_other(error) for error in (0.0083, 0.0095)] == [1, 0]
+    assert [own_and_other(0.0, error) for error in (0.0083, 0.0095)] == [1, 0]
+    assert [own_and_other(0.004, 0.0043), own_and_other(0.005, 0.0045)] == [1, 0]
+
+
+def test_of_two_resolutions_a_waiting_light_reads_the_one_with_the_nearer_texel():
+    slots = Slots.empty(np.array([64, 1024]))._replace(directions=np.repeat(sky(1), 2, axis=0))
+    assert plan_of(slots, sky(1), 1.0, 0, 128).slot.tolist() == [1]  # 0.0086 and 0.0071 rad
+
+
+def test_a_map_is_drawn_where_the_least_is_lost():
+    """Into an empty slot rather than over a map, and over a map that no light reads rather than over one that a light waits with."""
+    two = drawn(2, 4).slots  # lights 0 and 1 in two of four slots
+    assert plan_of(two, sky(2, 1.0), 1.0, 1).redrawn.tolist() == [2]
+    four = drawn(4, 4).slots
+    turned = plan_of(four, sky(4, 0.02)[:2], [1.0, 2.0], 1)  # the second light's is drawn, the first waits with its own
+    assert (turned.redrawn.tolist(), turned.slot.tolist()) == ([1], [0, 1])
+
+
+def test_lights_without_any_map_come_by_their_strength():
+    match = match_lights(Slots.empty(np.full(4, SIZE)), sky(3), np.array([1.0, 3.0, 2.0]), np.full(3, SIZE))
+    assert match.stale.tolist() == [1, 2, 0]
 
 
 def test_with_time_enough_the_picture_is_the_one_without_a_target():

@@ -67,6 +67,41 @@ def test_power_that_wavers_changes_no_size(power, factors, halved):
         assert np.array_equal(map_halvings(BY_POWER, directions, wavering, halved, halvings), halvings)
 
 
+def sun_of(fraction: float) -> np.ndarray:
+    """Powers of 60 lights, of which the first has this fraction."""
+    return np.array([fraction, *[(1 - fraction) / 59] * 59])
+
+
+@pytest.mark.parametrize(("change", "halvings"), [(0.99, 0), (0.87, 0), (0.76, 1), (0.6, 1)])
+def test_power_changes_a_resolution_when_it_changes_by_a_fifth(change, halvings):
+    """From the middle between 1024 and 512 texels: a fifth of the power is 0.2 of a halving."""
+    middle = 0.4 * 2 ** (-0.5 / 0.75)
+    previous = np.array([0, *[MAX_HALVINGS] * 59])
+    assert map_halvings(BY_POWER, apart(60), sun_of(middle * change), 0, previous)[0] == halvings
+
+
+@pytest.mark.parametrize(("apart_texels", "texels"), [(3, 1024), (6, 512)])
+def test_lights_within_four_texels_cast_the_same_shadow(apart_texels, texels):
+    """Two halves of a sun: as one they deserve 1024 texels, as two 512 each; at 512 texels both are within four."""
+    directions = apart(60)
+    side = np.cross(directions[0], [0.3, 0.5, 0.8])
+    angle = apart_texels / 1024
+    directions[1] = np.cos(angle) * directions[0] + np.sin(angle) * side / np.linalg.norm(side)
+    power = np.array([0.2, 0.2, *[0.6 / 58] * 58])
+    assert np.all(MAX_RESOLUTION >> map_halvings(BY_POWER, directions, power)[:2] == texels)
+
+
+@pytest.mark.parametrize(("fraction", "halvings"), [(0.13, 0), (0.125, 0), (0.05, 1), (0.03, 1)])
+def test_from_an_eighth_of_the_power_on_a_map_is_spared_the_first_coarsening(fraction, halvings):
+    assert map_halvings(map_resolutions(256), apart(60), sun_of(fraction), 1)[0] == halvings
+
+
+@pytest.mark.parametrize(("given_", "choices"), [(256, (256, 128, 64)), (63, (63, 31)), (32, (32, 16)), (31, (31,)), (16, (16,))])
+def test_a_given_resolution_is_halved_twice_but_not_below_16(given_, choices):
+    """With 8 texels, of which 4 are the rim, a map shows no shadow."""
+    assert map_resolutions(given_).choices == choices
+
+
 def test_power_that_changes_changes_sizes():
     directions, weak = apart(60), np.ones(60)
     halvings = map_halvings(BY_POWER, directions, weak)

@@ -67,7 +67,7 @@ def match_lights(slots: Slots, directions: np.ndarray, strength: np.ndarray, res
     own = np.where(slots.resolutions == resolutions[:, None], error, np.inf)
     served = own.min(axis=1) <= texel_rad(resolutions)
     slot = np.where(served, own.argmin(axis=1), error.argmin(axis=1))
-    priority = strength * np.minimum(error[np.arange(len(resolutions)), slot], np.pi)
+    priority = strength * np.minimum(error[np.arange(len(resolutions)), slot], np.pi)  # no map at all counts as one behind the light
     stale = np.flatnonzero(~served)
     return CacheMatch(slot, stale[np.argsort(-priority[stale], kind="stable")])
 

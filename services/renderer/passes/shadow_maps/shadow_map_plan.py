@@ -180,7 +180,7 @@ def cached_batch(
     budget = len(lit) if empty else max(affordable(work), 1)
     update = update_cache(slots, match, directions, resolutions, budget, placed)
     cache = MapCache(update.slots, cache.packing)
-    redrawn = np.flatnonzero(np.isin(update.slot, update.redrawn))
+    redrawn = np.sort(match.stale[:budget])  # another light may read such a map, too
     unknown = np.unique(update.slot, return_index=True)[1]
     unknown = unknown[np.isnan(cache.slots.lookups[update.slot[unknown], 0])]
     return CachedBatch(_batch(setup, placed, lights, lit, update.slot, cache, unknown, redrawn), cache, work)
@@ -195,6 +195,7 @@ def _with_room(setup: ShadowSetup, cache: MapCache | None, halvings: np.ndarray)
         return cache
     roomy = needed + np.ceil(SPARE_SLOTS * needed).astype(np.int64)
     grown = np.maximum(roomy, present)
+    # What was there before stays, unless slots would be twice as many as the lights need (3/2 or 4 times do, too).
     for counts in (grown if grown.sum() <= 2 * roomy.sum() else roomy, needed):
         wanted = np.repeat(resolutions, counts)
         if packing := packed(wanted, setup.max_side):

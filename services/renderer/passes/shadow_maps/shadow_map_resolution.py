@@ -18,7 +18,7 @@ SAME_SHADOW_TEXELS = 4  # lights nearer to each other than that cast the same sh
 MAX_COARSENING = 2  # halvings for want of time
 MIN_RESOLUTION = 16  # of a map that is halved for want of time
 STRONG_FRACTION = 1 / 8  # of the power: from it on a light's map is halved for want of time one step later than the others
-HYSTERESIS = 0.2  # of a halving beyond the middle between two: power that changes by less than a quarter changes no resolution
+HYSTERESIS = 0.2  # of a halving beyond the middle between two: power that changes by less than 2^(0.2 / EXPONENT), a fifth, changes none
 
 
 class MapResolutions(NamedTuple):
@@ -87,7 +87,7 @@ def packed(resolutions: np.ndarray, max_side: int) -> Packing | None:
             row, column = np.divmod(np.arange(len(own)), width // size)
             corners[own] = np.stack([column * size, y + row * size], axis=-1)
             y += size * (int(row[-1]) + 1)
-        part = max(width // 4, 1)  # heights are multiples of it, so that the texture is seldom replaced when resolutions change
+        part = max(width // 4, 1)  # heights are multiples of it: the texture is seldom replaced (an eighth or a half of the width do, too)
         if y <= max_side:
             return Packing(corners, width, min(-(-y // part) * part, max_side))
         width *= 2

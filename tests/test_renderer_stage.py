@@ -96,6 +96,21 @@ def test_a_picture_that_no_message_holds_is_refused_at_once(picture, width, fits
             RendererStage(wanted)
 
 
+@pytest.mark.parametrize(
+    ("mode", "frame_ms", "target_ms"), [("live", None, 100.0), ("live", 40.0, 40.0), ("live", 0.0, 0.0), ("lossless", 40.0, 0.0)]
+)
+def test_live_pictures_come_ten_times_a_second_unless_said_otherwise(mode, frame_ms, target_ms):
+    """In lossless mode there is time: a picture follows from its lights alone."""
+    stage = RendererStage(Settings(mode=mode, renderer=Renderer(width=8, height=8, frame_ms=frame_ms)))
+    assert stage._renderer.setup.target_ms == target_ms
+
+
+def test_files_have_four_samples_of_each_pixel_and_live_pictures_one(tmp_path):
+    small = Renderer(width=8, height=8)
+    for out, samples in (("", 1), (str(tmp_path), 4)):
+        assert len(RendererStage(Settings(renderer=small, out=out))._renderer.setup.samples) == samples
+
+
 def test_a_target_that_cannot_be_met_is_reported_once(capsys):
     hurried, patient = (RendererStage(Settings(renderer=Renderer(width=32, height=24, frame_ms=ms))) for ms in (0.01, 1e4))
     state, notices = hurried.start_at(0)[0], []

@@ -24,6 +24,7 @@ from vemlight.renderer.frame_budget import (
     updated_costs,
 )
 from vemlight.renderer.frame_plan import budget_of, initial_state, plan, plan_upload
+from vemlight.renderer.gl.constants import MAX_HALF
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import check_video_path
@@ -88,8 +89,8 @@ class RendererState(NamedTuple):
 
 
 def half_floats(picture: np.ndarray) -> np.ndarray:
-    """A picture as float16; what is brighter than the largest half float, 65504, becomes that."""
-    return np.clip(np.nan_to_num(picture), -65504, 65504).astype(np.float16)
+    """A picture as float16; what is brighter than the largest half float becomes that."""
+    return np.clip(np.nan_to_num(picture), -MAX_HALF, MAX_HALF).astype(np.float16)
 
 
 class RendererStage:

@@ -66,3 +66,20 @@ def test_darkness_and_spoilt_pixels_give_no_part():
         np.testing.assert_array_equal(one, other)
     dark = bright_cells_from_light(cells, directions, np.zeros(50), ROWS, COLS, "hemisphere")
     assert [part.shape for part in dark] == [part.shape for part in NO_BRIGHT_CELLS]
+
+
+def test_an_evenly_lit_cell_has_nine_samples():
+    grid = (np.arange(30) + 0.5) / 30
+    theta, phi = np.meshgrid(np.radians(30 + grid), np.radians(7 + grid), indexing="ij")
+    directions = direction_from_angles(theta.ravel(), phi.ravel())
+    found = bright_cells_from_light(np.full(900, 30 * COLS + 7), directions, np.ones(900), ROWS, COLS, "hemisphere")
+    assert found.weights == pytest.approx(np.full(9, 1 / 9))
+
+
+@pytest.mark.parametrize(("column", "phi_deg"), [(0, -0.001), (359, 360.001)])
+def test_light_across_the_seam_counts_for_the_sub_cells_next_to_it(column, phi_deg):
+    """With as much light inside the nearest third of the cell, both make one sample."""
+    inside = 0.1 if column == 0 else 359.9
+    directions = direction_from_angles(np.radians([30.1, 30.1]), np.radians([phi_deg, inside]))
+    found = bright_cells_from_light(np.full(2, 30 * COLS + column), directions, np.ones(2), ROWS, COLS, "hemisphere")
+    assert found.weights.tolist() == [1.0]

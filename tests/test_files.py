@@ -87,3 +87,18 @@ def test_a_file_is_whole_or_as_it_was(tmp_path):
         _write_half(path)
     assert path.read_text() == "one"
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+
+
+@pytest.mark.parametrize(("content", "said"), [
+    (b"size = 3" + b" " * (2**20 - 8), None),
+    (b"size = 3" + b" " * (2**20 - 7), "at most 1048576"),
+    (b"a" + b".a" * 31 + b" = 1", "correct that key"),
+    (b"a" + b".a" * 32 + b" = 1", "more than 32 parts"),
+])
+def test_a_toml_file_has_up_to_a_megabyte_and_its_keys_up_to_32_parts(tmp_path, content, said):
+    (tmp_path / "t.toml").write_bytes(content)
+    if said is None:
+        assert read_toml(tmp_path / "t.toml", Thing) == Thing(3)
+    else:
+        with pytest.raises(UserError, match=said):
+            read_toml(tmp_path / "t.toml", Thing)

@@ -111,3 +111,18 @@ def test_a_viewer_that_is_started_again_asks_for_the_same_token(monkeypatch):
     assert len(token) >= 32
     assert others == 0  # nobody else reads the file
     assert none == none_in_file == ""
+
+
+def test_restarts_come_later_each_time_until_the_fifth_death(monkeypatch, capsys, tmp_path):
+    now = [100.0]
+    monkeypatch.setattr(supervise.time, "monotonic", lambda: now[0])
+    child = supervise.Child("sampler", tmp_path / "settings.toml")
+    for restart, wait_s in enumerate(("0", "0.5", "1", "2"), 1):
+        assert child.died(1) is None
+        assert capsys.readouterr().err == f"vemlight: sampler ended with status 1; restart {restart} in {wait_s} s\n"
+        now[0] += 10
+    reason = child.died(-9)
+    assert reason
+    assert reason.startswith("sampler died 5 times in 60 s")
+    now[0] += 61
+    assert child.died(1) is None  # the earlier ones are forgotten

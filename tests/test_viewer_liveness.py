@@ -5,7 +5,7 @@ import random
 from vemlight.runtime import wire
 from vemlight.runtime.channels import STATUS, Service
 from vemlight.runtime.service_stats import LossCounter
-from vemlight.viewer.liveness import MIN_STALL_S, Liveness
+from vemlight.viewer.liveness import HEALTHY, MIN_STALL_S, Liveness
 
 SILENT_S = STATUS.timeout_s(source_fps=25)
 STAMP = wire.stamp(5, 0.2)
@@ -109,3 +109,16 @@ def test_losses_are_what_was_published_and_never_came():
         losses.on_status(made)
         assert losses.dropped == lost
         losses.on_status(0)  # it was started again
+
+
+def test_a_stage_is_stalled_after_a_second_and_a_finished_one_is_healthy():
+    liveness = received_all(10)
+    liveness.last_received["capture"].take(FRAMES["capture"], 10.98)
+    liveness.last_received["capture"].take(status("capture"), 10.9)
+    liveness.last_received["sampler"].take(status("sampler"), 10.9)
+    liveness.last_received["renderer"].take(status("renderer"), 10.9)
+    assert states(liveness, 10.98) == ["live"] * 3
+    assert states(liveness, 11.02) == ["live", "stalled", "waiting"]
+    for service in MAKERS:
+        liveness.last_received[service].take(wire.EndMessage(sequence=9), 12)
+    assert all(state in HEALTHY for state in states(liveness, 100))

@@ -8,7 +8,7 @@ import pytest
 
 from vemlight.light.sphere import Coverage, angles_from_direction, cell_from_direction
 from vemlight.runtime import wire
-from vemlight.viewer.pictures import DISC_PIXELS, GROUND, SRGB_CODES, Sky, disc_lookup, picture_jpeg
+from vemlight.viewer.pictures import DISC_PIXELS, GROUND, SRGB_CODES, Sky, _with_neighbours, disc_lookup, picture_jpeg
 
 STAMP = wire.stamp(0, 0.0)
 
@@ -103,3 +103,53 @@ def test_alpha_lets_the_ground_through():
     assert np.abs(seen[8] - colour).max() <= 3  # JPEG's own error
     assert np.abs(seen[40] - (colour + ground) / 2).max() <= 4
     assert np.abs(seen[60] - ground).max() <= 3
+
+
+def code(level: float) -> int:
+    """The sRGB code of Reinhard's curve (equation 4, white at 6) at a level, in the unit in which the log-average is 0.2."""
+    display = min(level * (1 + level / 36) / (1 + level), 1)
+    return round(255 * (1.055 * display ** (1 / 2.4) - 0.055))
+
+
+def codes_of(levels: np.ndarray, sky: Sky | None = None) -> np.ndarray:
+    """Gray codes of a map of 90 x 360 cells whose first cells at the horizon have `levels`, in units of the rest."""
+    radiance = np.ones((90, 360, 3), np.float32)
+    radiance[-1, : len(levels)] = np.asarray(levels)[:, None]
+    return (sky or Sky()).codes(radiance, "hemisphere")[..., 0].astype(int)
+
+
+def test_the_curve_is_reinhards_with_its_key_and_white():
+    codes = codes_of(np.array([5.0, 15.0, 30.0, 100.0]))
+    assert abs(codes[0, 0] - code(0.2)) <= 1
+    assert np.abs(codes[-1, :4] - [code(1.0), code(3.0), 255, 255]).max() <= 2  # the four cells move the log-average by 0.1 %
+    assert code(6.0) == 255 > code(5.5)
+
+
+def test_the_eye_takes_15_percent_of_the_way_to_a_new_brightness():
+    sky = Sky()
+    codes_of(np.empty(0), sky)
+    after = sky.codes(np.full((90, 360, 3), 4.0, np.float32), "hemisphere")[0, 0, 0]
+    assert abs(int(after) - code(0.2 * 4 ** 0.85)) <= 1
+
+
+def test_black_cells_count_as_a_millionth_of_the_mean():
+    radiance = np.ones((90, 360, 3), np.float32)
+    radiance[:, ::2] = 0
+    lit = Sky().codes(radiance, "hemisphere")[0, 1, 0]
+    assert abs(int(lit) - code(0.2 / np.exp((np.log(1) + np.log(0.5e-6)) / 2))) <= 1
+    few = np.ones((90, 360, 3), np.float32)
+    few[:, ::20] = 0  # one in 20, whose logarithm of 1e-6 lowers the mean by 0.69
+    assert abs(int(Sky().codes(few, "hemisphere")[0, 1, 0]) - code(0.2 / np.exp(np.log(0.95e-6) / 20))) <= 1
+
+
+def test_every_code_has_its_linear_values():
+    assert len(np.unique(SRGB_CODES)) == 256
+
+
+def test_the_map_goes_on_across_its_seam_and_over_the_pole():
+    codes = np.arange(3 * 8).reshape(3, 8, 1).astype(np.uint8)
+    wide = _with_neighbours(codes)[..., 0]
+    assert wide[1:-1, 0].tolist() == codes[:, -1, 0].tolist()
+    assert wide[1:-1, -1].tolist() == codes[:, 0, 0].tolist()
+    assert wide[0, 1:-1].tolist() == [4, 5, 6, 7, 0, 1, 2, 3]
+    assert wide[-1, 1:-1].tolist() == codes[-1, :, 0].tolist()

@@ -112,3 +112,43 @@ def test_age_uses_the_monotonic_clock_on_one_host_and_realtime_between_hosts():
     assert wire.age_ms(elsewhere) < 60_000
     ahead = msgspec.structs.replace(now, captured_ns=2**62, boot_id="another")
     assert wire.age_ms(ahead) == 0
+
+
+def lights_message(squared_length: float) -> list[bytes]:
+    """One light whose direction has that squared length."""
+    header = wire.LightsMessage(stamp=wire.stamp(0, 0.0), count=1, coverage="sphere")
+    none, direction = np.empty((0, 3), np.float32), np.array([[0, 0, np.sqrt(squared_length)]], np.float32)
+    return wire.pack(header, [np.zeros(1, np.int64), direction, np.ones((1, 3), np.float32), none, none])
+
+
+@pytest.mark.parametrize(("squared_length", "accepted"), [(1.0006, True), (0.9994, True), (1.002, False), (0.998, False)])
+def test_directions_are_unit_vectors_to_a_thousandth(squared_length, accepted):
+    if accepted:
+        wire.unpack(lights_message(squared_length))
+    else:
+        with pytest.raises(ValueError, match="not a unit vector"):
+            wire.unpack(lights_message(squared_length))
+
+
+@pytest.mark.parametrize("weight", [0.0, -0.5, 1.5])
+def test_a_bright_cells_weight_is_a_fraction(weight):
+    header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=1, cols=2, coverage="hemisphere", bright_samples=1)
+    arrays = np.zeros((1, 2, 3), np.float32), np.zeros(1, np.int64), np.array([[0, 0, 1]], np.float32), np.array([weight], np.float32)
+    with pytest.raises(ValueError, match="weight outside"):
+        wire.unpack(wire.pack(header, arrays))
+
+
+def test_headers_of_64_kilobytes_and_arrays_of_64_megabytes_are_the_largest():
+    with pytest.raises(ValueError, match="a header has at most 65536 bytes, not 65537"):
+        wire.unpack([b"map", bytes(2**16 + 1)])
+    with pytest.raises(ValueError, match=r"^(?!a header has)"):
+        wire.unpack([b"map", bytes(2**16)])
+    for height, accepted in ((4096, True), (4097, False)):
+        header = wire.ImageMessage(stamp=wire.stamp(0, 0.0), width=4096, height=height)
+        parts = [*wire.pack(wire.ImageMessage(stamp=header.stamp, width=1, height=1), [np.zeros((1, 1, 4), np.uint8)])]
+        parts[1:] = [msgspec.msgpack.encode(header), bytes(4096 * height * 4)]
+        if accepted:
+            assert wire.unpack(parts)[1][0].shape == (4096, 4096, 4)
+        else:
+            with pytest.raises(ValueError, match="the limit is 67108864"):
+                wire.unpack(parts)

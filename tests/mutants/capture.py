@@ -168,8 +168,8 @@ MUTANTS = [
         ("light near the rim", "BEYOND_RIM = 1.05", "BEYOND_RIM = 0.9"),
     ]),
     *mutants_of("services/plate/video_source.py", "tests/test_plate.py", [
-        ("side doubled", "LONGEST_SIDE = 8192", "LONGEST_SIDE = 16384"),
-        ("bytes doubled", "MOST_BYTES = 64 * 2**20", "MOST_BYTES = 128 * 2**20"),
-        ("a film's frame rate", "0 < self.fps <= 1000", "0 <= self.fps"),
+        ("side of a picture", "> wire.MAX_SIDE", "> 2 * wire.MAX_SIDE"),
+        ("bytes of a picture", "> wire.MAX_PART", "> 2 * wire.MAX_PART"),
+        ("a video's frame rate", "0 < self.fps <= MAX_FPS", "0 <= self.fps"),
     ]),
 ]

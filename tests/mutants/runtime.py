@@ -12,6 +12,11 @@ MUTANTS = [
         ("a byte order mark", ".removeprefix(codecs.BOM_UTF8)", ""),
         ("half-written files", "        part.unlink(missing_ok=True)\n", "        pass\n"),
     ]),
+    *mutants_of("services/settings.py", "tests/test_settings.py", [
+        ("relative video paths", '`out`; empty: none"), PATH]', '`out`; empty: none")]'),
+        ("relative paths", "elif value and PATH in get_args(hint):", "elif False:"),
+        ("a camera in lossless mode", 'if settings.mode == "lossless" and is_camera(source):', "if False:"),
+    ]),
     *mutants_of(RUNTIME + "transport.py", "tests/test_transport.py", [
         ("socket folder's permissions", "found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077",
          "found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o007"),
@@ -62,7 +67,7 @@ MUTANTS = [
         ("token halved", "TOKEN_BYTES = 24", "TOKEN_BYTES = 12"),
         ("loopback", "return ipaddress.ip_address(host).is_loopback", "return ipaddress.ip_address(host).is_private"),
     ]),
-    *mutants_of(RUNTIME + "supervise.py", "tests/test_supervise.py", [
+    *mutants_of(RUNTIME + "supervise.py", "tests/test_supervise.py::test_restarts_come_later_each_time_until_the_fifth_death", [
         ("back-off", "len(BACK_OFF_S)) - 1]", "len(BACK_OFF_S)) - 2]"),
         ("deaths before giving up", "GIVE_UP = 5", "GIVE_UP = 50"),
     ]),

@@ -24,7 +24,7 @@ MUTANTS = [
         ("the pole", "codes.shape[1] // 2, axis=1)", "0, axis=1)"),
         ("equation 4", "(1 + y * to_key / WHITE**2)", "(1 + y * to_key / WHITE)"),
     ]),
-    *mutants_of(VIEWER + "authentication.py", "tests/test_viewer_authentication.py", [
+    *mutants_of(VIEWER + "authentication.py", "tests/test_viewer_authentication.py tests/test_viewer.py", [
         ("foreign pages", "if origin is not None and", "if False and"),
         ("foreign names", 'if not known_host(request.headers.get("Host", ""), names):', "if False:"),
         ("any token", "return hmac.compare_digest(given.encode(errors=\"replace\"), token.encode())", "return bool(given)"),

@@ -61,8 +61,16 @@ def test_a_last_line_cut_short_costs_no_frame_before_it(tmp_path: Path, written:
     first, second = (tmp_path / MANIFEST).read_bytes().split(b"\n")
     (tmp_path / MANIFEST).write_bytes(first + b"\n" + second[:written])
     assert [entry.name for entry in read_manifest(tmp_path)] == ["a.exr"]
-    (tmp_path / MANIFEST).write_bytes(second[:40] + b"\n" + first + b"\n")  # within the list it is damage
-    with pytest.raises(UserError, match="line 1"):
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_an_invalid_line_that_was_completed_is_damage(tmp_path: Path, number: int) -> None:
+    touch(tmp_path, "a.exr", "b.exr")
+    write_manifest(tmp_path, "a.exr", "b.exr")
+    lines = (tmp_path / MANIFEST).read_bytes().split(b"\n")
+    lines[number - 1] = lines[number - 1][:40]
+    (tmp_path / MANIFEST).write_bytes(b"\n".join(lines) + b"\n")
+    with pytest.raises(UserError, match=f"line {number}"):
         read_manifest(tmp_path)
 
 

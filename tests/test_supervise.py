@@ -118,11 +118,11 @@ def test_restarts_come_later_each_time_until_the_fifth_death(monkeypatch, capsys
     monkeypatch.setattr(supervise.time, "monotonic", lambda: now[0])
     child = supervise.Child("sampler", tmp_path / "settings.toml")
     for restart, wait_s in enumerate(("0", "0.5", "1", "2"), 1):
-        assert child.died(1) is None
+        assert child.plan_restart(1) is None
         assert capsys.readouterr().err == f"vemlight: sampler ended with status 1; restart {restart} in {wait_s} s\n"
         now[0] += 10
-    reason = child.died(-9)
+    reason = child.plan_restart(-9)
     assert reason
     assert reason.startswith("sampler died 5 times in 60 s")
     now[0] += 61
-    assert child.died(1) is None  # the earlier ones are forgotten
+    assert child.plan_restart(1) is None  # the earlier ones are forgotten

@@ -68,7 +68,7 @@ MUTANTS = [
         ("loopback", "return ipaddress.ip_address(host).is_loopback", "return ipaddress.ip_address(host).is_private"),
     ]),
     *mutants_of(RUNTIME + "supervise.py", "tests/test_supervise.py::test_restarts_come_later_each_time_until_the_fifth_death", [
-        ("back-off", "len(BACK_OFF_S)) - 1]", "len(BACK_OFF_S)) - 2]"),
-        ("deaths before giving up", "GIVE_UP = 5", "GIVE_UP = 50"),
+        ("back-off", "len(RESTART_DELAY_S)) - 1]", "len(RESTART_DELAY_S)) - 2]"),
+        ("deaths before giving up", "MAX_DEATHS = 5", "MAX_DEATHS = 50"),
     ]),
 ]

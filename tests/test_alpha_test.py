@@ -1,4 +1,4 @@
-"""Surfaces with holes: what is seen through them, and what light falls through them."""
+"""Alpha-tested surfaces: what is seen through them, and what light falls through them."""
 
 from pathlib import Path
 from typing import Any
@@ -112,27 +112,27 @@ def test_what_is_filled_in_is_the_colour_around():
         assert alpha_bled(same) is same
 
 
-BESIDE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, -0.5]\nfov_y = 16.0\n"
+WIDE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, -0.5]\nfov_y = 16.0\n"
 
 
 @pytest.mark.parametrize(("mode", "size", "alpha"), [("MASK", 2, 1.0), ("MASK", 64, 1.0), ("BLEND", 1, 0.3), ("BLEND", 64, 0.8)])
 def test_the_ground_gets_the_share_of_light_that_the_holes_have(tmp_path, mode, size, alpha):
     sheet = sheet_of(mode, 1.0, board(size, alpha))
     light = LightSet.of(np.zeros(1), np.array([[0.0, 0.6, 0.8]]), np.full((1, 3), np.pi))
-    renderer = renderer_of(tmp_path, sheet, BESIDE, side=64)
+    renderer = renderer_of(tmp_path, sheet, WIDE, side=64)
     shadow = renderer.picture(light).copy()[..., 0]
     renderer.release()
     shape = '[[mesh]]\nshape = "plane"\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
-    (tmp_path / "scene.toml").write_text(BESIDE + GROUND + shape)
+    (tmp_path / "scene.toml").write_text(WIDE + GROUND + shape)
     renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=64, shadow_map=256))
     whole = renderer.picture(light).copy()[..., 0]
     renderer.release()
     # the shadow lies 0.375 m towards -y: rows below the sheet's edge, which is at y = -1, see it; 10.5 tan(8 deg) is 1.476 m
     rows = slice(55, 60)
     assert whole[rows, 20:44].max() == 0
-    # the mean over a share of thresholds: 256 texels over 4 m, 20 x 6 of them in view, so up to 120 independent cells of 1 to 4 texels
-    share = 1 - alpha if size == 1 else 1 - alpha / 2
-    assert shadow[rows, 20:44].mean() == pytest.approx(0.8 * share, abs=0.06)
+    # the mean over a coverage of thresholds: 256 texels over 4 m, 20 x 6 of them in view, so up to 120 independent cells of 1 to 4 texels
+    coverage = 1 - alpha if size == 1 else 1 - alpha / 2
+    assert shadow[rows, 20:44].mean() == pytest.approx(0.8 * coverage, abs=0.06)
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.25, 0.5, 0.8])
@@ -172,7 +172,7 @@ def test_a_lamp_shines_through_holes(tmp_path):
     lamp = '[[luminaire]]\nat = [0.0, 0.0, 4.0]\nrotate = [180.0, 0.0, 0.0]\nshadow_map = 256\n'
     pictures = []
     for cutoff in (0.0, 1.0, 0.5):
-        renderer = renderer_of(tmp_path, sheet_of("MASK", 0.9, board(2), cutoff), BESIDE, lamp, side=32)
+        renderer = renderer_of(tmp_path, sheet_of("MASK", 0.9, board(2), cutoff), WIDE, lamp, side=32)
         pictures.append(renderer.picture(DARK).copy()[..., 0])
         renderer.release()
     whole, none, half = pictures

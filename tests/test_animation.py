@@ -1,4 +1,4 @@
-"""Animated glTF files, written here by hand: where their meshes stand at a time."""
+"""Animated glTF files: where their meshes are at a time."""
 
 import os
 from pathlib import Path
@@ -20,41 +20,41 @@ HALF = float(np.sqrt(0.5))
 
 def corners(file: AnimatedTriangle, folder: Path, time_s: float, suffix: str = "gltf") -> np.ndarray:
     """The triangle's corners (3, 3) at a time, as the file is read."""
-    part = read_meshes(file.write(folder / f"film.{suffix}"), "here").parts[0]
+    part = read_meshes(file.write(folder / f"animated.{suffix}"), "here").parts[0]
     assert part.motion is not None
     matrix = part.motion.world_from_rest(time_s)
     return part.geometry.positions @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 @pytest.mark.parametrize("suffix", ["gltf", "glb"])
-def test_a_mesh_goes_where_its_keys_say_and_begins_again(tmp_path, suffix):
-    film = AnimatedTriangle(translation=[5.0, 0.0, 0.0]).move(1, "translation", [0, 1, 3], [[0, 0, 0], [0, 0, 2], [4, 0, 2]])
+def test_a_mesh_follows_its_keys_and_starts_again(tmp_path, suffix):
+    triangle = AnimatedTriangle(translation=[5.0, 0.0, 0.0]).move(1, "translation", [0, 1, 3], [[0, 0, 0], [0, 0, 2], [4, 0, 2]])
     for time_s, at in ((0.0, (0, 0, 0)), (0.5, (0, 0, 1)), (1.0, (0, 0, 2)), (2.0, (2, 0, 2)), (3.5, (0, 0, 1)), (302.0, (2, 0, 2))):
-        assert np.allclose(corners(film, tmp_path, time_s, suffix), TRIANGLE + np.array(at), atol=1e-6), time_s
+        assert np.allclose(corners(triangle, tmp_path, time_s, suffix), TRIANGLE + np.array(at), atol=1e-6), time_s
 
 
-def test_steps_hold_until_the_next_key(tmp_path):
-    film = AnimatedTriangle().move(1, "translation", [0.5, 1, 2], [[1, 0, 0], [2, 0, 0], [3, 0, 0]], "STEP")
-    assert [corners(film, tmp_path, t)[0, 0] for t in (0.0, 0.5, 0.99, 1.0, 1.99)] == [1, 1, 1, 2, 2]
+def test_a_step_lasts_until_the_next_key(tmp_path):
+    triangle = AnimatedTriangle().move(1, "translation", [0.5, 1, 2], [[1, 0, 0], [2, 0, 0], [3, 0, 0]], "STEP")
+    assert [corners(triangle, tmp_path, t)[0, 0] for t in (0.0, 0.5, 0.99, 1.0, 1.99)] == [1, 1, 1, 2, 2]
 
 
-def test_a_parents_turn_carries_its_child(tmp_path):
-    film = AnimatedTriangle(translation=[2.0, 0.0, 0.0]).move(0, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]])
+def test_a_parents_rotation_carries_its_child(tmp_path):
+    triangle = AnimatedTriangle(translation=[2.0, 0.0, 0.0]).move(0, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]])
     turned = rotation_xyz((0, 0, 45))
-    assert np.allclose(corners(film, tmp_path, 0.5), (TRIANGLE + np.array([2, 0, 0])) @ turned.T, atol=1e-6)
+    assert np.allclose(corners(triangle, tmp_path, 0.5), (TRIANGLE + np.array([2, 0, 0])) @ turned.T, atol=1e-6)
 
 
-def test_turns_take_the_shorter_way_and_may_be_short_integers(tmp_path):
+def test_rotations_take_the_shorter_way_and_may_be_short_integers(tmp_path):
     quarter = np.round(np.array([[0, 0, 0, 1], [0, 0, -HALF, -HALF]]) * 32767).astype(np.int16)
-    film = AnimatedTriangle().move(1, "rotation", [0, 1], quarter, normalized=True)
-    assert np.allclose(corners(film, tmp_path, 1 / 3), TRIANGLE @ rotation_xyz((0, 0, 30)).T, atol=1e-4)  # 16 bits
+    triangle = AnimatedTriangle().move(1, "rotation", [0, 1], quarter, normalized=True)
+    assert np.allclose(corners(triangle, tmp_path, 1 / 3), TRIANGLE @ rotation_xyz((0, 0, 30)).T, atol=1e-4)  # 16 bits
 
 
-def test_scale_turn_and_place_apply_in_this_order(tmp_path):
-    film = AnimatedTriangle().move(1, "scale", [0, 1], [[1, 1, 1], [2, 2, 2]])
-    film.move(1, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]]).move(1, "translation", [0, 1], [[0, 0, 0], [1, 1, 1]])
+def test_scale_rotation_and_translation_apply_in_this_order(tmp_path):
+    triangle = AnimatedTriangle().move(1, "scale", [0, 1], [[1, 1, 1], [2, 2, 2]])
+    triangle.move(1, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, HALF, HALF]]).move(1, "translation", [0, 1], [[0, 0, 0], [1, 1, 1]])
     near = 1 - 1e-6  # at 1 the animation begins again
-    assert np.allclose(corners(film, tmp_path, near)[1], [1, 3, 1], atol=1e-4)
+    assert np.allclose(corners(triangle, tmp_path, near)[1], [1, 3, 1], atol=1e-4)
 
 
 @given(st.floats(0, 1), st.floats(0.5, 5), st.lists(st.floats(-3, 3), min_size=4, max_size=4))
@@ -67,7 +67,7 @@ def test_a_cubic_spline_is_the_cubic_that_it_was_made_of(t, step_s, coefficients
 
 
 @given(st.lists(st.floats(-1, 1), min_size=8, max_size=8), st.floats(0, 1))
-def test_turns_go_evenly(numbers, t):
+def test_rotations_are_interpolated_at_constant_speed(numbers, t):
     a, b = np.array(numbers[:4]), np.array(numbers[4:])
     if min(np.linalg.norm(a), np.linalg.norm(b)) < 1e-3:
         return
@@ -80,45 +80,45 @@ def test_turns_go_evenly(numbers, t):
 
 
 def test_the_animation_is_chosen_by_name_or_all_play(tmp_path):
-    film = AnimatedTriangle().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
-    (walk,) = film.document["animations"]
+    triangle = AnimatedTriangle().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
+    (walk,) = triangle.document["animations"]
     walk["name"] = "walk"
-    film.document["animations"].append({"name": "rise", "channels": [], "samplers": []})
-    film.document["animations"].reverse()  # `move` adds to the first
-    film.move(1, "translation", [0, 2], [[0, 0, 3], [0, 0, 3]]).move(0, "translation", [0, 2], [[0, 5, 0], [0, 5, 0]])
-    path = film.write(tmp_path / "film.gltf")
-    for wanted, at, duration_s in (("", (0, 5, 3), 2), ("rise", (0, 5, 3), 2), ("walk", (1, 0, 0), 1), ("*", (0, 5, 3), 2)):
-        found = read_meshes(path, "here", wanted)
+    triangle.document["animations"].append({"name": "rise", "channels": [], "samplers": []})
+    triangle.document["animations"].reverse()  # `move` adds to the first
+    triangle.move(1, "translation", [0, 2], [[0, 0, 3], [0, 0, 3]]).move(0, "translation", [0, 2], [[0, 5, 0], [0, 5, 0]])
+    path = triangle.write(tmp_path / "animated.gltf")
+    for name, at, duration_s in (("", (0, 5, 3), 2), ("rise", (0, 5, 3), 2), ("walk", (1, 0, 0), 1), ("*", (0, 5, 3), 2)):
+        found = read_meshes(path, "here", name)
         (part,) = found.parts
         assert part.motion is not None
         assert part.motion.world_from_rest(0.5)[:3, 3] == pytest.approx(at)
         assert part.motion.duration_s == duration_s
-        assert len(found.unsupported) == (wanted == "")
+        assert len(found.unsupported) == (name == "")
     with pytest.raises(UserError, match="has no animation run, but rise, walk"):
         read_meshes(path, "here", "run")
 
 
 def test_all_animations_move_what_each_of_them_moves(tmp_path):
-    film = AnimatedTriangle().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
-    film.document["animations"].insert(0, {"channels": [], "samplers": []})
-    film.move(0, "translation", [0, 4], [[0, 0, 2], [0, 0, 2]])
-    (part,) = read_meshes(film.write(tmp_path / "film.gltf"), "here", "*").parts
+    triangle = AnimatedTriangle().move(1, "translation", [0, 1], [[1, 0, 0], [1, 0, 0]])
+    triangle.document["animations"].insert(0, {"channels": [], "samplers": []})
+    triangle.move(0, "translation", [0, 4], [[0, 0, 2], [0, 0, 2]])
+    (part,) = read_meshes(triangle.write(tmp_path / "animated.gltf"), "here", "*").parts
     assert part.motion is not None
     assert part.motion.world_from_rest(3.0)[:3, 3] == pytest.approx([1, 0, 2])
-    (line,) = read_meshes(film.write(tmp_path / "film.gltf"), "here").unsupported
-    assert line == 'film.gltf: of its 2 animations the first plays: animation = "*" plays all, or name one of 1, 2'
+    (line,) = read_meshes(triangle.write(tmp_path / "animated.gltf"), "here").unsupported
+    assert line == 'animated.gltf: of its 2 animations the first plays: animation = "*" plays all, or name one of 1, 2'
 
 
 def test_a_node_with_the_name_of_the_graphs_root_moves_too(tmp_path):
-    film = AnimatedTriangle().move(1, "translation", [0, 1], [[3, 0, 0], [3, 0, 0]])
-    film.document["nodes"][1]["name"] = "world"
-    assert corners(film, tmp_path, 0.5)[0] == pytest.approx([3, 0, 0])
+    triangle = AnimatedTriangle().move(1, "translation", [0, 1], [[3, 0, 0], [3, 0, 0]])
+    triangle.document["nodes"][1]["name"] = "world"
+    assert corners(triangle, tmp_path, 0.5)[0] == pytest.approx([3, 0, 0])
 
 
 def test_a_file_without_animation_stands_still(tmp_path):
-    film = AnimatedTriangle()
-    del film.document["animations"]
-    assert read_meshes(film.write(tmp_path / "film.gltf"), "here").parts[0].motion is None
+    triangle = AnimatedTriangle()
+    del triangle.document["animations"]
+    assert read_meshes(triangle.write(tmp_path / "animated.gltf"), "here").parts[0].motion is None
 
 
 def test_a_scenes_box_holds_an_excursion_between_keys_that_lie_close_together(tmp_path):
@@ -126,7 +126,7 @@ def test_a_scenes_box_holds_an_excursion_between_keys_that_lie_close_together(tm
     times = np.concatenate([np.linspace(0, 0.1, 50), [10.0]]).astype(np.float32)
     places = np.zeros((51, 3), np.float32)
     places[37] = [0, 0, 7]
-    (part,) = read_meshes(AnimatedTriangle().move(1, "translation", times, places).write(tmp_path / "film.gltf"), "here").parts
+    (part,) = read_meshes(AnimatedTriangle().move(1, "translation", times, places).write(tmp_path / "animated.gltf"), "here").parts
     low, high = swept_bounds(part.geometry, part.motion)
     assert 7 < high[2] < 7.5
     assert -0.5 < low[2] < 0
@@ -137,37 +137,39 @@ def test_a_scenes_box_holds_an_excursion_between_keys_that_lie_close_together(tm
     assert shown.max() < part.motion.duration_s == 10.0
 
 
-def spoilt_key_order(film):
-    film.move(1, "translation", [1, 0], [[0, 0, 0], [1, 0, 0]])
+def invalid_key_order(triangle):
+    triangle.move(1, "translation", [1, 0], [[0, 0, 0], [1, 0, 0]])
 
 
-def spoilt_nan(film):
-    film.move(1, "translation", [0, 1], [[0, 0, 0], [np.nan, 0, 0]])
+def invalid_nan(triangle):
+    triangle.move(1, "translation", [0, 1], [[0, 0, 0], [np.nan, 0, 0]])
 
 
-def spoilt_count(film):
-    film.move(1, "translation", [0, 1, 2], [[0, 0, 0], [1, 0, 0]])
+def invalid_count(triangle):
+    triangle.move(1, "translation", [0, 1, 2], [[0, 0, 0], [1, 0, 0]])
 
 
-def spoilt_accessor(film):
-    film.move(1, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]])
-    film.document["accessors"][-1]["count"] = 10**6
+def invalid_accessor(triangle):
+    triangle.move(1, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]])
+    triangle.document["accessors"][-1]["count"] = 10**6
 
 
-def spoilt_interpolation(film):
-    film.move(1, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "SWAY")
+def invalid_interpolation(triangle):
+    triangle.move(1, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "SWAY")
 
 
-def spoilt_turn(film):
-    film.move(1, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, 0, 0]])
+def invalid_rotation(triangle):
+    triangle.move(1, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, 0, 0]])
 
 
-@pytest.mark.parametrize("spoil", [spoilt_key_order, spoilt_nan, spoilt_count, spoilt_accessor, spoilt_interpolation, spoilt_turn])
-def test_a_spoilt_animation_is_one_line(tmp_path, spoil):
-    film = AnimatedTriangle()
-    spoil(film)
-    with pytest.raises(UserError, match=r"^here: .*film\.gltf .*export it again$") as caught:
-        read_meshes(film.write(tmp_path / "film.gltf"), "here")
+@pytest.mark.parametrize(
+    "invalidate", [invalid_key_order, invalid_nan, invalid_count, invalid_accessor, invalid_interpolation, invalid_rotation]
+)
+def test_an_invalid_animation_is_one_line(tmp_path, invalidate):
+    triangle = AnimatedTriangle()
+    invalidate(triangle)
+    with pytest.raises(UserError, match=r"^here: .*animated\.gltf .*export it again$") as caught:
+        read_meshes(triangle.write(tmp_path / "animated.gltf"), "here")
     assert "\n" not in str(caught.value)
 
 

@@ -1,4 +1,4 @@
-"""Materials of glTF files as they are drawn: emission, images and where they lie, the older model, and what is said of the rest."""
+"""Materials of glTF files as they are drawn: emission, textures and their coordinates, both models, and reports of what is not drawn."""
 
 import json
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ def drawn(folder: Path, sheet: TexturedSquare, lights: LightSet = DARK, more: st
     return picture
 
 
-def glowing(uv: np.ndarray | None = UPRIGHT, pixels: np.ndarray = FOUR, info: dict | None = None, **sampler: int) -> TexturedSquare:
+def emissive(uv: np.ndarray | None = UPRIGHT, pixels: np.ndarray = FOUR, info: dict | None = None, **sampler: int) -> TexturedSquare:
     """A square that shows an image by its emission alone."""
     sheet = TexturedSquare(uv, emissiveFactor=[1.0, 1.0, 1.0])
     sheet.material["emissiveTexture"] = sheet.image(pixels, info, **sampler)
@@ -69,7 +69,7 @@ def test_emission_lights_nothing_else(tmp_path):
 
 
 def test_an_emissive_image_is_coded_in_srgb_and_times_the_factor(tmp_path):
-    sheet = glowing(pixels=np.full((2, 2, 3), 188, np.uint8))
+    sheet = emissive(pixels=np.full((2, 2, 3), 188, np.uint8))
     sheet.material["emissiveFactor"] = [1.0, 0.5, 0.0]
     # sRGB 188 is ((188 / 255 + 0.055) / 1.055)^2.4 = 0.5029; half floats keep 11 bits of it
     assert np.allclose(drawn(tmp_path, sheet)[..., :3], [0.5029, 0.2515, 0], atol=3e-4)
@@ -85,24 +85,24 @@ def test_an_unlit_surface_is_its_colour_in_any_light(tmp_path):
 
 def test_images_lie_upright_and_wrap_as_their_sampler_says(tmp_path):
     red, green, blue, white = ([c / 255 for c in colour] for colour in (RED, GREEN, BLUE, WHITE))
-    assert corners(drawn(tmp_path, glowing())) == [red, green, blue, white]
+    assert corners(drawn(tmp_path, emissive())) == [red, green, blue, white]
     beyond = UPRIGHT + np.array([0.5, 0], np.float32)  # from the middle of one image to the middle of the next
-    assert corners(drawn(tmp_path, glowing(beyond))) == [green, red, white, blue]
-    assert corners(drawn(tmp_path, glowing(beyond, wrapS=33071))) == [green, green, white, white]
-    assert corners(drawn(tmp_path, glowing(beyond, wrapS=33648))) == [green, green, white, white]
+    assert corners(drawn(tmp_path, emissive(beyond))) == [green, red, white, blue]
+    assert corners(drawn(tmp_path, emissive(beyond, wrapS=33071))) == [green, green, white, white]
+    assert corners(drawn(tmp_path, emissive(beyond, wrapS=33648))) == [green, green, white, white]
     whole = UPRIGHT + np.array([1, 0], np.float32)
-    assert corners(drawn(tmp_path, glowing(whole, wrapS=33648))) == [green, red, white, blue]
-    assert corners(drawn(tmp_path, glowing(whole, wrapT=33648))) == [red, green, blue, white]
+    assert corners(drawn(tmp_path, emissive(whole, wrapS=33648))) == [green, red, white, blue]
+    assert corners(drawn(tmp_path, emissive(whole, wrapT=33648))) == [red, green, blue, white]
     below = UPRIGHT + np.array([0, 1], np.float32)
-    assert corners(drawn(tmp_path, glowing(below, wrapT=33648))) == [blue, white, red, green]
-    assert corners(drawn(tmp_path, glowing(below, wrapT=33071))) == [blue, white, blue, white]
+    assert corners(drawn(tmp_path, emissive(below, wrapT=33648))) == [blue, white, red, green]
+    assert corners(drawn(tmp_path, emissive(below, wrapT=33071))) == [blue, white, blue, white]
 
 
 def test_nearest_texels_have_edges_and_linear_ones_none(tmp_path):
     pixels = np.array([[[0] * 3, [255] * 3]], np.uint8)
-    sharp = drawn(tmp_path, glowing(pixels=pixels), side=16)[8, :, 0]
+    sharp = drawn(tmp_path, emissive(pixels=pixels), side=16)[8, :, 0]
     assert set(sharp.tolist()) == {0, 1}
-    smooth = drawn(tmp_path, glowing(pixels=pixels, magFilter=9729, wrapS=33071), side=16)[8, 5:11, 0]
+    smooth = drawn(tmp_path, emissive(pixels=pixels, magFilter=9729, wrapS=33071), side=16)[8, 5:11, 0]
     assert np.all(np.diff(smooth) > 0.05)
 
 
@@ -110,23 +110,23 @@ def test_a_texture_transform_scales_turns_and_moves(tmp_path):
     # The standard's example: offset 0, 1, a quarter turn and half the size show the lower left quarter, turned clockwise by a quarter.
     pixels = np.zeros((4, 4, 3), np.uint8)
     pixels[2:, :2] = FOUR
-    placing = {"KHR_texture_transform": {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5]}}
+    transform = {"KHR_texture_transform": {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5]}}
     red, green, blue, white = ([c / 255 for c in colour] for colour in (RED, GREEN, BLUE, WHITE))
-    assert corners(drawn(tmp_path, glowing(pixels=pixels, info={"extensions": placing}))) == [blue, red, white, green]
+    assert corners(drawn(tmp_path, emissive(pixels=pixels, info={"extensions": transform}))) == [blue, red, white, green]
     flipped = {"KHR_texture_transform": {"offset": [0, 1], "scale": [1, -1]}}
-    assert corners(drawn(tmp_path, glowing(info={"extensions": flipped}))) == [blue, white, red, green]
+    assert corners(drawn(tmp_path, emissive(info={"extensions": flipped}))) == [blue, white, red, green]
 
 
-def test_an_image_may_lie_by_the_second_set_of_coordinates(tmp_path):
+def test_a_texture_may_use_the_second_set_of_coordinates(tmp_path):
     for info in ({"texCoord": 1}, {"extensions": {"KHR_texture_transform": {"texCoord": 1}}}):
-        sheet = glowing(info=info).attribute("TEXCOORD_1", UPRIGHT[:, ::-1])
+        sheet = emissive(info=info).attribute("TEXCOORD_1", UPRIGHT[:, ::-1])
         sheet.material["pbrMetallicRoughness"] = {"metallicFactor": 0.0, "baseColorTexture": sheet.image(np.zeros((1, 1, 3), np.uint8))}
         red, green, blue, white = ([c / 255 for c in colour] for colour in (RED, GREEN, BLUE, WHITE))
         assert corners(drawn(tmp_path, sheet)) == [red, blue, green, white]
 
 
 def test_coordinates_and_colours_may_be_short_integers(tmp_path):
-    sheet = glowing(uv=None).attribute("TEXCOORD_0", (UPRIGHT * 65535).astype(np.uint16), normalized=True)
+    sheet = emissive(uv=None).attribute("TEXCOORD_0", (UPRIGHT * 65535).astype(np.uint16), normalized=True)
     assert corners(drawn(tmp_path, sheet)) == [[c / 255 for c in colour] for colour in (RED, GREEN, BLUE, WHITE)]
     unlit = TexturedSquare(extensions={"KHR_materials_unlit": {}})
     unlit.attribute("COLOR_0", np.full((4, 4), 128, np.uint8), normalized=True)
@@ -144,7 +144,7 @@ def test_sparse_places_replace_those_of_the_buffer(tmp_path):
     assert part.geometry.positions[:, 1].max() == 3
 
 
-def test_specular_and_glossiness_are_metal_and_roughness_told_otherwise(tmp_path):
+def test_specular_glossiness_is_metallic_roughness_in_other_terms(tmp_path):
     metal = TexturedSquare(pbrMetallicRoughness={"baseColorFactor": [0.9, 0.6, 0.3, 1.0], "metallicFactor": 1.0, "roughnessFactor": 0.4})
     old = {"diffuseFactor": [0.0, 0.0, 0.0, 1.0], "specularFactor": [0.9, 0.6, 0.3], "glossinessFactor": 0.6}
     same = TexturedSquare(extensions={"KHR_materials_pbrSpecularGlossiness": old})
@@ -153,8 +153,8 @@ def test_specular_and_glossiness_are_metal_and_roughness_told_otherwise(tmp_path
     # 1 - max(specular) is left for the diffuse part here, all of it there
     old = {"diffuseFactor": [0.5 / 0.96, 0.4 / 0.96, 0.3 / 0.96, 1.0], "specularFactor": [0.04, 0.04, 0.04]}
     same = TexturedSquare(extensions={"KHR_materials_pbrSpecularGlossiness": {**old, "glossinessFactor": 1.0}})
-    shine = np.array([[[255, 255, 255, 128]]], np.uint8)
-    same.material["extensions"]["KHR_materials_pbrSpecularGlossiness"]["specularGlossinessTexture"] = same.image(shine)
+    texture = np.array([[[255, 255, 255, 128]]], np.uint8)
+    same.material["extensions"]["KHR_materials_pbrSpecularGlossiness"]["specularGlossinessTexture"] = same.image(texture)
     assert np.allclose(drawn(tmp_path, same, SUN), drawn(tmp_path, plastic, SUN), rtol=1e-2)
 
 
@@ -257,7 +257,7 @@ def test_a_device_is_no_buffer(tmp_path):
 
 
 def test_an_image_is_read_once_for_all_materials(tmp_path):
-    sheet = glowing()
+    sheet = emissive()
     sheet.document["materials"].append(dict(sheet.material, name="Other"))
     sheet.document["meshes"][0]["primitives"].append(dict(sheet.primitive, material=1))
     one, other = (part.material for part in read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts)
@@ -278,66 +278,66 @@ def test_materials_of_a_mesh_that_has_none_or_several_kinds(tmp_path):
     assert read_meshes(sheet.write(tmp_path / "s.gltf"), "here").parts[0].material is None
 
 
-def spoilt_index(sheet):
+def invalid_index(sheet):
     sheet.material["emissiveTexture"]["index"] = 7
 
 
-def spoilt_negative_index(sheet):
+def invalid_negative_index(sheet):
     sheet.material["emissiveTexture"]["index"] = -1
 
 
-def spoilt_cutoff(sheet):
+def invalid_cutoff(sheet):
     sheet.material.update(alphaMode="MASK", alphaCutoff=float("nan"))
 
 
-def spoilt_mode(sheet):
+def invalid_mode(sheet):
     sheet.material["alphaMode"] = "GLASS"
 
 
-def spoilt_factor(sheet):
+def invalid_factor(sheet):
     sheet.material["emissiveFactor"] = [1.0, "red", 0.0]
 
 
-def spoilt_negative(sheet):
+def invalid_negative(sheet):
     sheet.material["emissiveFactor"] = [1.0, -1.0, 0.0]
 
 
-def spoilt_strength(sheet):
+def invalid_strength(sheet):
     sheet.material["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": 1e999}}
 
 
-def spoilt_material(sheet):
+def invalid_material(sheet):
     sheet.primitive["material"] = 3
 
 
-def spoilt_image(sheet):
+def invalid_image(sheet):
     sheet.document["images"][0]["uri"] = sheet.document["images"][0]["uri"][:-40]
 
 
-def spoilt_base64(sheet):
+def invalid_base64(sheet):
     sheet.document["images"][0]["uri"] = "data:image/png;base64,%%%%"
 
 
-def spoilt_sampler(sheet):
+def invalid_sampler(sheet):
     sheet.document["samplers"][0]["wrapS"] = 1
 
 
-def spoilt_count(sheet):
+def invalid_count(sheet):
     sheet.attribute("TEXCOORD_0", UPRIGHT[:3])
 
 
-def spoilt_required(sheet):
+def invalid_required(sheet):
     sheet.document["extensionsRequired"] = ["KHR_draco_mesh_compression"]
 
 
-def spoilt_shape(sheet):
+def invalid_shape(sheet):
     sheet.material["pbrMetallicRoughness"] = [1, 2]
 
 
-@pytest.mark.parametrize("spoil", [value for name, value in sorted(globals().items()) if name.startswith("spoilt_")])
-def test_a_spoilt_material_is_one_line(tmp_path, spoil):
-    sheet = glowing()
-    spoil(sheet)
+@pytest.mark.parametrize("invalidate", [value for name, value in sorted(globals().items()) if name.startswith("invalid_")])
+def test_an_invalid_material_is_one_line(tmp_path, invalidate):
+    sheet = emissive()
+    invalidate(sheet)
     with pytest.raises(UserError, match=r"^here: .*sheet\.gltf .*export it again$") as caught:
         read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
     assert "\n" not in str(caught.value)
@@ -351,7 +351,7 @@ def branches(value: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]
 
 
 def test_whatever_stands_in_a_file_is_read_or_refused_in_one_line(tmp_path):
-    sheet = glowing(info={"extensions": {"KHR_texture_transform": {"scale": [2, 2], "texCoord": 1}}}, wrapS=33648)
+    sheet = emissive(info={"extensions": {"KHR_texture_transform": {"scale": [2, 2], "texCoord": 1}}}, wrapS=33648)
     sheet.attribute("TEXCOORD_1", UPRIGHT).attribute("COLOR_0", np.full((4, 4), 0.5, np.float32))
     sheet.material.update(alphaMode="BLEND", normalTexture={"index": 0, "scale": 2.0}, extensions={"KHR_materials_ior": {"ior": 1.4}})
     times, places = sheet.accessor(np.array([[0], [1]], np.float32)), sheet.accessor(np.zeros((2, 3), np.float32))
@@ -362,13 +362,13 @@ def test_whatever_stands_in_a_file_is_read_or_refused_in_one_line(tmp_path):
     read_meshes(path, "here")
     ways, rng, refused = list(branches(whole)), np.random.default_rng(5), []
     for _ in range(300):
-        spoilt = json.loads(json.dumps(whole))
+        damaged = json.loads(json.dumps(whole))
         *way, last = ways[rng.integers(len(ways))]
-        place = spoilt
+        place = damaged
         for key in way:
             place = place[key]
         place[last] = (None, -1, 7, 1e30, "", "x", [], {}, [[]], True, 1.5, {"index": 0})[rng.integers(12)]
-        path.write_text(json.dumps(spoilt))
+        path.write_text(json.dumps(damaged))
         try:
             read_meshes(path, "here")
         except UserError as error:
@@ -424,20 +424,20 @@ def left_points(sheet):
 
 
 @pytest.mark.parametrize("leave", [value for name, value in sorted(globals().items()) if name.startswith("left_")])
-def test_what_is_not_drawn_is_told_in_one_line(tmp_path, leave, capsys):
-    sheet = glowing()
+def test_what_is_not_drawn_is_reported_in_one_line(tmp_path, leave, capsys):
+    sheet = emissive()
     line = leave(sheet).format(folder=tmp_path)
     drawn(tmp_path, sheet, SUN)
     assert capsys.readouterr().err == f"vemlight: {tmp_path / 'scene.toml'}: [[mesh]] 1: {line}\n"
 
 
 def test_a_good_file_is_read_in_silence(tmp_path, capsys):
-    drawn(tmp_path, glowing())
+    drawn(tmp_path, emissive())
     assert capsys.readouterr().err == ""
 
 
 def test_a_material_of_the_scene_file_needs_no_images(tmp_path, capsys):
-    sheet = glowing()
+    sheet = emissive()
     sheet.document["images"][0] = {"uri": "absent.png"}
     drawn(tmp_path, sheet, more="material = {diffuse = [0.5, 0.5, 0.5]}\n")
     assert capsys.readouterr().err == ""

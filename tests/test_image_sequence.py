@@ -13,24 +13,24 @@ from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.runtime import wire
 
 
-def add(album: ImageSequenceWriter, sequence: int, level: int = 90, width: int = 64, height: int = 48) -> None:
+def add(writer: ImageSequenceWriter, sequence: int, level: int = 90, width: int = 64, height: int = 48) -> None:
     pixels = np.full((height, width, 4), 255, np.uint8)
     pixels[..., :3] = level
-    album.add(np.zeros((height, width, 4), np.float32), pixels, wire.stamp(sequence, sequence / 25), Adaptation(sequence))
+    writer.add(np.zeros((height, width, 4), np.float32), pixels, wire.stamp(sequence, sequence / 25), Adaptation(sequence))
 
 
 def test_a_half_written_line_is_removed_and_the_next_picture_takes_its_place(tmp_path):
-    album = ImageSequenceWriter(tmp_path)
-    add(album, 0)
-    add(album, 1)
+    writer = ImageSequenceWriter(tmp_path)
+    add(writer, 0)
+    add(writer, 1)
     manifest = tmp_path / "manifest.jsonl"
     whole = manifest.read_bytes()
     manifest.write_bytes(whole[:-20])
-    album = ImageSequenceWriter(tmp_path)
-    assert album.count == 1
-    assert album.last is not None
-    assert album.last.adaptation == Adaptation(0)
-    add(album, 1)
+    writer = ImageSequenceWriter(tmp_path)
+    assert writer.count == 1
+    assert writer.last is not None
+    assert writer.last.adaptation == Adaptation(0)
+    add(writer, 1)
     again = manifest.read_bytes()
     assert again.count(b"\n") == 2
     assert again.split(b"\n")[0] == whole.split(b"\n")[0]
@@ -48,10 +48,10 @@ def test_another_programs_manifest_is_left_alone(tmp_path):
     [(1, 1, 1, [0]), (4, 4, 1, [0, 1, 2, 3]), (7, 6, 2, list(range(7))), (24, 6, 4, list(range(24))), (70, 6, 4, range(0, 70, 3))],
 )
 def test_a_contact_sheet_has_up_to_24_pictures_six_to_a_row(tmp_path: Path, count, columns, rows, shown):
-    album = ImageSequenceWriter(tmp_path)
+    writer = ImageSequenceWriter(tmp_path)
     for sequence in range(count):
-        add(album, sequence, level=60 + 2 * sequence)
-    album.write_contact_sheet()
+        add(writer, sequence, level=60 + 2 * sequence)
+    writer.write_contact_sheet()
     sheet = cv2.imread(str(tmp_path / "contact.png"))
     assert sheet is not None
     assert sheet.shape == (rows * 240, columns * 320, 3)  # 64 x 48 becomes 320 x 240, so a full row has 1920 pixels
@@ -61,16 +61,16 @@ def test_a_contact_sheet_has_up_to_24_pictures_six_to_a_row(tmp_path: Path, coun
 
 
 def test_a_video_of_one_picture_has_25_frames_a_second(tmp_path):
-    album = ImageSequenceWriter(tmp_path)
-    add(album, 0)
-    album.write_video(tmp_path / "film.mp4")
-    with av.open(str(tmp_path / "film.mp4")) as container:
+    writer = ImageSequenceWriter(tmp_path)
+    add(writer, 0)
+    writer.write_video(tmp_path / "video.mp4")
+    with av.open(str(tmp_path / "video.mp4")) as container:
         assert container.streams.video[0].average_rate == 25
 
 
 def test_a_picture_that_was_removed_is_named(tmp_path):
-    album = ImageSequenceWriter(tmp_path)
-    add(album, 0)
+    writer = ImageSequenceWriter(tmp_path)
+    add(writer, 0)
     (tmp_path / "frame_0000.png").unlink()
     with pytest.raises(UserError, match=r"frame_0000\.png: cannot be read back"):
-        album.write_contact_sheet()
+        writer.write_contact_sheet()

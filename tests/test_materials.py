@@ -94,11 +94,11 @@ def test_an_image_lies_upright_and_in_linear_light(tmp_path):
     picture = drawn(scene, sky(200), 8, 8)[..., :3]
     white = picture[1, 1, 0]  # the specular part is the same all over, so compare colours above it
     low = picture[1, 1, 1]
-    share = (picture - low) / (white - low)
-    assert np.allclose(share[1, 1], [1, 0, 0], atol=0.02)  # top left: red
-    assert np.allclose(share[1, 6], [0, 1, 0], atol=0.02)
-    assert np.allclose(share[6, 1], [0, 0, 1], atol=0.02)
-    assert np.allclose(share[6, 6], 0.503, atol=0.02)  # sRGB 188 is ((188 / 255 + 0.055) / 1.055)^2.4 = 0.503
+    fraction = (picture - low) / (white - low)
+    assert np.allclose(fraction[1, 1], [1, 0, 0], atol=0.02)  # top left: red
+    assert np.allclose(fraction[1, 6], [0, 1, 0], atol=0.02)
+    assert np.allclose(fraction[6, 1], [0, 0, 1], atol=0.02)
+    assert np.allclose(fraction[6, 6], 0.503, atol=0.02)  # sRGB 188 is ((188 / 255 + 0.055) / 1.055)^2.4 = 0.503
 
 
 def test_a_huge_image_is_reduced(tmp_path):
@@ -115,7 +115,7 @@ def test_the_scene_files_material_overrules_the_mesh_files(tmp_path):
     assert scene.meshes[0].material == Phong((0.1, 0.2, 0.3))
 
 
-def test_a_file_that_says_nothing_of_its_material_is_gray(tmp_path):
+def test_a_mesh_without_material_is_gray(tmp_path):
     (tmp_path / "plain.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
     (tmp_path / "plainer.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     for name in ("plain.obj", "plainer.obj"):
@@ -143,7 +143,7 @@ def test_a_normal_map_turns_the_normal_towards_its_axes(tmp_path, camera, code, 
         light = np.array(direction) * [1, 1, -1 if below else 1]
         value = drawn(scene, LightSet.of(np.zeros(1), light[None], np.ones((1, 3))), 8, 8)[4, 4, 0]
         cosine = max(float(np.dot(normal, light)) * (-1 if below else 1), 0.0)
-        # Lambert's share of the white, rough dielectric: 0.96 / pi and a specular part of a percent or two of the light
+        # Lambert's fraction of the white, rough dielectric: 0.96 / pi and a specular part of a percent or two of the light
         assert value == pytest.approx(cosine / np.pi, abs=0.03)
 
 

@@ -1,4 +1,4 @@
-"""Whole runs of scenes that move: poses through the page's address, a pause that refines, a video at the end of a run."""
+"""Runs of scenes that move: poses sent to the page's address, a pause that converges, a video at the end of a run."""
 
 import json
 import os
@@ -19,8 +19,8 @@ CAMERA = "[camera]\nfrom = [0.0, -7.0, 4.0]\nat = [0.0, 0.0, 1.0]\n"
 GROUND = '[[mesh]]\nshape = "plane"\nscale = 3.0\n'
 
 
-def wish(port: int, **wanted) -> None:
-    body = json.dumps(wanted).encode()
+def send_control(port: int, **message) -> None:
+    body = json.dumps(message).encode()
     with urlopen(Request(f"http://127.0.0.1:{port}/control", body, {"Content-Type": "application/json"}), timeout=LOADED_S) as answer:
         assert answer.status == 200
 
@@ -41,12 +41,12 @@ def test_poses_reach_the_picture_and_a_pause_refines_it(run, tmp_path):
         assert image.linear
         assert [found.name for found in image.objects] == ["plane", "box"]
         there = {"name": "box", "position": [1.0, 0.0, 0.4], "rotation": [0.0, 0.0, 0.6, 0.8]}
-        wish(settings.viewer.port, poses=[there])
+        send_control(settings.viewer.port, poses=[there])
         image = heard(ear, lambda image: image.objects[1].position == (1.0, 0.0, 0.4))
         assert image.report.drawn_lights == 16
-        wish(settings.viewer.port, paused=True)
+        send_control(settings.viewer.port, paused=True)
         heard(ear, lambda image: image.report.drawn_lights > 200)  # some passes
-        wish(settings.viewer.port, paused=False, poses=None)
+        send_control(settings.viewer.port, paused=False, poses=None)
         heard(ear, lambda image: image.report.drawn_lights == 16 and image.objects[1].position == (0.0, 0.0, 0.4))
     finally:
         ear.close()
@@ -56,9 +56,9 @@ def test_poses_reach_the_picture_and_a_pause_refines_it(run, tmp_path):
 
 def test_an_animated_run_is_the_same_though_its_renderer_is_killed(run, tmp_path):
     scene = tmp_path / "scene.toml"
-    AnimatedTriangle(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.4], [[-1, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
-    scene.write_text(CAMERA + GROUND + '[[mesh]]\nfile = "film.gltf"\n')
-    sections = {"renderer": {"scene": str(scene), "video": str(tmp_path / "film.mp4")}}
+    AnimatedTriangle(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.4], [[-1, 1, 0], [1, 1, 0]]).write(tmp_path / "animated.gltf")
+    scene.write_text(CAMERA + GROUND + '[[mesh]]\nfile = "animated.gltf"\n')
+    sections = {"renderer": {"scene": str(scene), "video": str(tmp_path / "video.mp4")}}
 
     def frames(out: Path, kill: bool) -> list[np.ndarray]:
         settings, process = run("--frames", "8", "--out", str(out), **sections)
@@ -74,5 +74,5 @@ def test_an_animated_run_is_the_same_though_its_renderer_is_killed(run, tmp_path
     whole, killed = frames(tmp_path / "a", kill=False), frames(tmp_path / "b", kill=True)
     assert all(np.array_equal(a, b) for a, b in zip(whole, killed, strict=True))
     assert not np.array_equal(whole[0], whole[5])
-    with av.open(str(tmp_path / "film.mp4")) as container:
+    with av.open(str(tmp_path / "video.mp4")) as container:
         assert len(list(container.decode(video=0))) == 8

@@ -25,8 +25,8 @@ def gray_of(k: int) -> int:
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory):
-    path = tmp_path_factory.mktemp("plate") / "film.avi"
+def video_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plate") / "video.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 24.0, SIZE)
     for k in range(FRAMES):
         writer.write(np.full((SIZE[1], SIZE[0], 3), gray_of(k), np.uint8))
@@ -34,8 +34,8 @@ def film(tmp_path_factory):
     return path
 
 
-def test_a_videos_pictures_come_in_any_order(film):
-    video = open_video_source(film, fps=1.0)
+def test_a_videos_pictures_come_in_any_order(video_file):
+    video = open_video_source(video_file, fps=1.0)
     assert (len(video), video.fps) == (FRAMES, 24.0)
     for k in (0, 1, 2, 7, 3, 11, 0):
         assert abs(video.picture(k).mean() - gray_of(k)) < 3, k
@@ -51,11 +51,11 @@ def test_a_folders_pictures_have_rgb_and_the_settings_rate(tmp_path):
     assert video.picture(1)[0, 0].tolist() == [250, 0, 0]
 
 
-def test_what_is_no_video_is_one_clear_line(tmp_path, film):
+def test_what_is_no_video_is_one_clear_line(tmp_path, video_file):
     (tmp_path / "empty").mkdir()
     (tmp_path / "noise.mp4").write_bytes(np.random.default_rng(1).bytes(5000))
-    (tmp_path / "cut.avi").write_bytes(film.read_bytes()[:60])
-    (tmp_path / "short.avi").write_bytes(film.read_bytes()[: film.stat().st_size * 2 // 3])
+    (tmp_path / "cut.avi").write_bytes(video_file.read_bytes()[:60])
+    (tmp_path / "short.avi").write_bytes(video_file.read_bytes()[: video_file.stat().st_size * 2 // 3])
     (tmp_path / "pictures").mkdir()
     (tmp_path / "pictures" / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
     for name in ("missing", "empty", "noise.mp4", "cut.avi", "short.avi"):
@@ -75,8 +75,8 @@ def test_a_picture_larger_than_a_message_is_refused(height, width, fits):
             checked_rgb(pixels, "here")
 
 
-def test_after_its_end_a_video_starts_again(film):
-    source = PlateSource(Plate(source=str(film)))
+def test_after_its_end_a_video_starts_again(video_file):
+    source = PlateSource(Plate(source=str(video_file)))
     assert source.limit is None
     header, (pixels,) = source.message(FRAMES + 2, 2, 0.0)
     assert isinstance(header, wire.PlateMessage)
@@ -134,8 +134,8 @@ def test_lossless_the_frames_of_one_number_come_together(transport):
     assert len(inputs.awaited()) == 2
 
 
-def test_the_service_sends_what_is_asked_for(make_settings, services, film):
-    _, path = make_settings(mode="lossless", plate={"source": str(film)})
+def test_the_service_sends_what_is_asked_for(make_settings, services, video_file):
+    _, path = make_settings(mode="lossless", plate={"source": str(video_file)})
     settings = read_settings(path)
     assert settings.services[-1] == "plate"
     services.start("vemlight.plate", str(path))

@@ -25,8 +25,8 @@ REAL = '[[mesh]]\nshape = "plane"\nscale = 20.0\nmaterial = {diffuse = [0.5, 0.5
 
 def drawn(folder: Path, text: str, lights: LightSet, **settings) -> np.ndarray:
     (folder / "scene.toml").write_text(CAMERA + text)
-    wanted = Settings(**{"width": 64, "height": 48, "shadow_map": 128, **settings})
-    renderer = SceneRenderer(load_scene(folder / "scene.toml"), wanted, samples=4)
+    drawing = Settings(**{"width": 64, "height": 48, "shadow_map": 128, **settings})
+    renderer = SceneRenderer(load_scene(folder / "scene.toml"), drawing, samples=4)
     picture = renderer.picture(lights).copy()
     renderer.release()
     return picture

@@ -33,10 +33,10 @@ def test_the_box_of_the_scene(tmp_path):
     assert scene.half.tolist() == [2, 2, 2]
 
 
-@pytest.mark.parametrize(("off_m", "told"), [(0.0, 0), (3e3, 0), (4e3, 1), (-9e5, 1)])
-def test_a_scene_too_far_from_the_origin_is_told_in_a_line(tmp_path, capsys, off_m, told):
+@pytest.mark.parametrize(("off_m", "lines"), [(0.0, 0), (3e3, 0), (4e3, 1), (-9e5, 1)])
+def test_a_scene_too_far_from_the_origin_is_reported_in_a_line(tmp_path, capsys, off_m, lines):
     load_scene(scene_file(tmp_path, f'[[mesh]]\nshape = "box"\nat = [{off_m}, 0.0, 0.0]'))  # 2 sqrt(3) m large
-    assert capsys.readouterr().err.count("\n") == told
+    assert capsys.readouterr().err.count("\n") == lines
 
 
 def test_y_up_scale_rotate_and_at_come_in_this_order(tmp_path):
@@ -55,7 +55,7 @@ def test_rotation_is_about_x_then_y_then_z(tmp_path):
     assert np.abs(scene.meshes[0].geometry.positions - [1, 0, 0]).max(axis=1).min() < 1e-6
 
 
-def test_gltf_is_y_up_without_being_told(tmp_path):
+def test_gltf_is_y_up_by_default(tmp_path):
     import trimesh
 
     trimesh.Trimesh([(0, 1, 0), (0, 0, 0), (0.5, 0, 0)], [(0, 1, 2)], process=False).export(tmp_path / "mesh.glb")

@@ -1,4 +1,4 @@
-"""Where things stand: names, poses and animations, and that a picture of what was moved is the picture of what stands there."""
+"""Names, poses and animations of objects, and that a picture of what was moved is the picture of what is placed there."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -44,16 +44,16 @@ def pose(name: str, at: tuple[float, float, float], rotate=(0.0, 0.0, 0.0), powe
     return wire.Pose(name=name, position=at, rotation=quaternion_xyz(rotate), power=power)
 
 
-def off(a: np.ndarray, b: np.ndarray) -> float:
+def relative_rmse(a: np.ndarray, b: np.ndarray) -> float:
     """Relative RMSE of colours."""
     return float(np.sqrt(np.mean((a[..., :3] - b[..., :3]) ** 2)) / np.sqrt(np.mean(b[..., :3] ** 2)))
 
 
-def test_things_have_names_of_their_own(tmp_path):
+def test_objects_have_names_of_their_own(tmp_path):
     crate = box("[0.0, 0.0, 1.0]") + 'name = "crate"\n'
     scene = a_scene(tmp_path, GROUND + crate + 2 * box("[1.0, 0.0, 1.0]") + "[[luminaire]]\npower = 2.0\n")
-    assert [thing.name for thing in scene.objects] == ["plane", "crate", "box", "box 2", "torch"]
-    assert [thing.power for thing in scene.objects] == [None, None, None, None, 2.0]
+    assert [each.name for each in scene.objects] == ["plane", "crate", "box", "box 2", "torch"]
+    assert [each.power for each in scene.objects] == [None, None, None, None, 2.0]
     assert scene.objects[1].position == (0.0, 0.0, 1.0)
     with pytest.raises(UserError, match="crate is the name of several"):
         a_scene(tmp_path, 2 * crate)
@@ -62,33 +62,33 @@ def test_things_have_names_of_their_own(tmp_path):
 @pytest.mark.parametrize("frame_ms", [0.0, 1000.0])
 def test_what_was_moved_looks_as_if_it_had_always_stood_there(tmp_path, frame_ms):
     there = renderer_of(a_scene(tmp_path, GROUND + box("[1.0, 0.5, 0.6]", "[0.0, 0.0, 30.0]")), frame_ms=frame_ms)
-    wanted = there.picture(LIGHTS)
+    expected = there.picture(LIGHTS)
     there.release()
     renderer = renderer_of(a_scene(tmp_path, GROUND + box("[-1.0, -0.5, 0.4]")), frame_ms=frame_ms)
     rest = renderer.picture(LIGHTS)
-    assert off(rest, wanted) > 0.2
+    assert relative_rmse(rest, expected) > 0.2
     renderer.place(0.0, [pose("box", (1.0, 0.5, 0.6), (0.0, 0.0, 30.0)), pose("nobody", (0.0, 0.0, 0.0))])
     moved = renderer.picture(LIGHTS)
     # the maps' box grew to hold both places, so that shadow edges lie up to 2 of its texels (2 x 4 m / 252) elsewhere
-    assert off(moved, wanted) < 0.06
-    assert np.array_equal(moved[..., 3], wanted[..., 3])
-    assert np.mean(np.abs(moved - wanted).max(axis=-1) > 1e-3) < 0.03
+    assert relative_rmse(moved, expected) < 0.06
+    assert np.array_equal(moved[..., 3], expected[..., 3])
+    assert np.mean(np.abs(moved - expected).max(axis=-1) > 1e-3) < 0.03
     renderer.place(0.0)
-    assert off(renderer.picture(LIGHTS), rest) < 0.06
+    assert relative_rmse(renderer.picture(LIGHTS), rest) < 0.06
     renderer.release()
 
 
 def test_an_animation_plays_on_the_pictures_time(tmp_path):
-    film = AnimatedTriangle(scale=[1.5, 1.5, 1.5]).move(1, "translation", [0, 2], [[0, 1, 0], [2, 1, 0]])
-    film.write(tmp_path / "film.gltf")
-    ground, mesh = GROUND, '[[mesh]]\nfile = "film.gltf"\nat = [-1.0, 0.0, 0.0]\n'
+    triangle = AnimatedTriangle(scale=[1.5, 1.5, 1.5]).move(1, "translation", [0, 2], [[0, 1, 0], [2, 1, 0]])
+    triangle.write(tmp_path / "animated.gltf")
+    ground, mesh = GROUND, '[[mesh]]\nfile = "animated.gltf"\nat = [-1.0, 0.0, 0.0]\n'
     renderer = renderer_of(a_scene(tmp_path, ground + mesh))
     pictures = {}
     for time_s in (0.0, 1.0, 3.0, 1.5):
         renderer.place(time_s)
         pictures[time_s] = renderer.picture(LIGHTS)
     assert np.array_equal(pictures[1.0], pictures[3.0])
-    assert off(pictures[0.0], pictures[1.0]) > 0.02
+    assert relative_rmse(pictures[0.0], pictures[1.0]) > 0.02
     renderer.release()
     again = renderer_of(a_scene(tmp_path, ground + mesh))
     again.place(1.5)
@@ -96,12 +96,12 @@ def test_an_animation_plays_on_the_pictures_time(tmp_path):
     again.release()
     # file axes are y-up: at 1 s the node is at (1, 1, 0), that is 1 m above (0, 0, 0) of the world
     still = AnimatedTriangle(scale=[1.5, 1.5, 1.5], translation=[1.0, 1.0, 0.0])
-    still.write(tmp_path / "film.gltf")
+    still.write(tmp_path / "animated.gltf")
     there = renderer_of(a_scene(tmp_path, ground + mesh))
-    wanted = there.picture(LIGHTS)
+    expected = there.picture(LIGHTS)
     there.release()
-    assert np.array_equal(wanted[..., 3], pictures[1.0][..., 3])
-    assert np.mean(np.abs(wanted - pictures[1.0]).max(axis=-1) > 1e-3) < 0.02  # shadow edges: the maps span the whole way
+    assert np.array_equal(expected[..., 3], pictures[1.0][..., 3])
+    assert np.mean(np.abs(expected - pictures[1.0]).max(axis=-1) > 1e-3) < 0.02  # shadow edges: the maps span the whole way
 
 
 def test_a_lamp_moves_and_is_dimmed(tmp_path):
@@ -109,20 +109,20 @@ def test_a_lamp_moves_and_is_dimmed(tmp_path):
         return f"[[luminaire]]\nat = {at}\nrotate = {rotate}\npower = {power}\nsamples = 16\nshadow_map = 64\n"
 
     there = renderer_of(a_scene(tmp_path, GROUND + box("[0.0, 0.0, 0.4]") + lamp([1.0, -1.0, 1.5], [20.0, 200.0, 0.0], 3.0)))
-    wanted = there.picture(LIGHTS)
+    expected = there.picture(LIGHTS)
     there.release()
     renderer = renderer_of(a_scene(tmp_path, GROUND + box("[0.0, 0.0, 0.4]") + lamp([-1.0, 1.0, 2.0], [0.0, 180.0, 0.0], 1.0)))
     dark = renderer.picture(LIGHTS)
-    things = renderer.place(0.0, [pose("torch", (1.0, -1.0, 1.5), (20.0, 200.0, 0.0), 3.0)])
-    assert things[-1].power == 3.0
+    objects = renderer.place(0.0, [pose("torch", (1.0, -1.0, 1.5), (20.0, 200.0, 0.0), 3.0)])
+    assert objects[-1].power == 3.0
     moved = renderer.picture(LIGHTS)
-    assert off(dark, wanted) > 0.01
-    assert off(moved, wanted) < 1e-3
+    assert relative_rmse(dark, expected) > 0.01
+    assert relative_rmse(moved, expected) < 1e-3
     renderer.place(0.0, [pose("torch", (1.0, -1.0, 1.5), (20.0, 200.0, 0.0), 0.0)])
     out = renderer.picture(LIGHTS)
     assert out[..., :3].sum() < moved[..., :3].sum()
     renderer.place(0.0, [pose("torch", (-1.0, 1.0, 2.0), (0.0, 180.0, 0.0))])  # no word of its power: the file's
-    assert off(renderer.picture(LIGHTS), dark) < 1e-3
+    assert relative_rmse(renderer.picture(LIGHTS), dark) < 1e-3
     renderer.release()
 
 
@@ -130,14 +130,14 @@ def test_what_moves_in_a_lamps_light_moves_its_shadow(tmp_path):
     lamp = "[[luminaire]]\nat = [0.0, 0.0, 2.5]\nrotate = [180.0, 0.0, 0.0]\nsamples = 16\nshadow_map = 64\n"
     none = lights_from(np.zeros((0, 3)))
     there = renderer_of(a_scene(tmp_path, GROUND + box("[0.5, 0.0, 1.0]") + lamp))
-    wanted = there.picture(none)
+    expected = there.picture(none)
     there.release()
     renderer = renderer_of(a_scene(tmp_path, GROUND + box("[-0.5, 0.0, 1.0]") + lamp))
     rest = renderer.picture(none)
     renderer.place(0.0, [pose("box", (0.5, 0.0, 1.0))])
     moved = renderer.picture(none)
-    assert off(rest, wanted) > 0.2
-    assert off(moved, wanted) < 0.01
+    assert relative_rmse(rest, expected) > 0.2
+    assert relative_rmse(moved, expected) < 0.01
     renderer.release()
 
 
@@ -162,7 +162,7 @@ def test_kept_maps_follow_what_moved_within_their_budget(tmp_path, monkeypatch):
     renderer.picture(lights)
     renderer.place(0.0, [pose("box", (0.5, 0.5, 0.4))])
     errors = [renderer.picture(lights) for _ in range(7)]
-    errors = [off(picture, errors[-1]) for picture in errors]
+    errors = [relative_rmse(picture, errors[-1]) for picture in errors]
     assert errors[0] > 0.02  # 4 of 24 maps show the box where it now is
     assert all(later <= earlier for earlier, later in pairwise(errors))
     assert errors[5] == 0  # after 6 frames all 24, and then none is drawn
@@ -216,10 +216,12 @@ def test_normals_follow_a_scale_that_is_not_the_same_all_ways(tmp_path):
     """A slope squeezed to half its height by its animation is lit as one that was built so."""
     slope = np.array([[-1, 1, -1], [1, 1, -1], [0, -1, 1]], float)
     for name, height in (("tall", 1.0), ("low", 0.5)):
-        film = AnimatedTriangle().move(1, "scale", [0, 1, 2], [[1, 1, 1], [1, 0.5, 1], [1, 1, 1]]) if name == "tall" else AnimatedTriangle()
-        film.data = (slope * [1, height, 1]).astype(np.float32).tobytes() + film.data[36:]
-        film.document["accessors"][0] |= {"min": [-1, -height, -1], "max": [1, height, 1]}
-        film.write(tmp_path / f"{name}.gltf")
+        triangle = AnimatedTriangle()
+        if name == "tall":
+            triangle.move(1, "scale", [0, 1, 2], [[1, 1, 1], [1, 0.5, 1], [1, 1, 1]])
+        triangle.data = (slope * [1, height, 1]).astype(np.float32).tobytes() + triangle.data[36:]
+        triangle.document["accessors"][0] |= {"min": [-1, -height, -1], "max": [1, height, 1]}
+        triangle.write(tmp_path / f"{name}.gltf")
     pictures = []
     for name in ("tall", "low"):
         renderer = renderer_of(a_scene(tmp_path, f'[[mesh]]\nfile = "{name}.gltf"\nmaterial = {{diffuse = [1.0, 1.0, 1.0]}}\n'))

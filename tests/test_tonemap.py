@@ -116,8 +116,8 @@ def test_what_is_ten_thousand_times_darker_than_the_median_is_black(darkest, cou
 
 
 def test_statistics_come_from_up_to_256_x_256_pixels():
-    for size, wanted in (((256, 256), (256, 256)), ((257, 256), (128, 128)), ((1080, 1920), (180, 320))):
-        assert subsampled(np.broadcast_to(np.float32(0), (*size, 4))).shape[:2] == wanted
+    for size, expected in (((256, 256), (256, 256)), ((257, 256), (128, 128)), ((1080, 1920), (180, 320))):
+        assert subsampled(np.broadcast_to(np.float32(0), (*size, 4))).shape[:2] == expected
 
 
 def test_black_frames_change_nothing_and_light_after_them_counts_at_once():

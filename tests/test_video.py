@@ -12,7 +12,7 @@ from vemlight.commands.options import RenderOptions
 from vemlight.errors import UserError
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.renderer.output.video import BACKGROUND, video_writer
+from vemlight.renderer.output.video import BACKGROUND, over_background, video_writer
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.settings import Renderer, Settings
@@ -40,10 +40,10 @@ COLOURS = [(200, 60, 30), (20, 180, 90), (128, 128, 128), (0, 0, 0), (255, 255, 
 @pytest.mark.parametrize(("width", "height"), [(64, 48), (63, 47), (1, 1), (64, 47)])
 @pytest.mark.parametrize("suffix", ["mp4", "mkv"])
 def test_all_pictures_come_back_in_their_colours(tmp_path, width, height, suffix):
-    with video_writer(tmp_path / f"film.{suffix}", 25.0) as add:
+    with video_writer(tmp_path / f"video.{suffix}", 25.0) as add:
         for k, colour in enumerate(COLOURS):
             add(flat(width, height, colour), k / 25)
-    pictures, times, rate = decoded(tmp_path / f"film.{suffix}")
+    pictures, times, rate = decoded(tmp_path / f"video.{suffix}")
     assert [picture.shape for picture in pictures] == len(COLOURS) * [(height + height % 2, width + width % 2, 3)]
     assert times == pytest.approx([k / 25 for k in range(len(COLOURS))], abs=1e-3)  # Matroska counts milliseconds
     assert rate == pytest.approx(25, abs=0.3)
@@ -53,34 +53,39 @@ def test_all_pictures_come_back_in_their_colours(tmp_path, width, height, suffix
 
 def test_frames_keep_their_own_times(tmp_path):
     shown_s = [7.0, 7.04, 7.2, 7.2, 7.1, 9.0]  # a gap, one twice, one back
-    with video_writer(tmp_path / "film.mp4", 25.0) as add:
+    with video_writer(tmp_path / "video.mp4", 25.0) as add:
         for time_s in shown_s:
             add(flat(32, 32, (50, 100, 150)), time_s)
-    _, times, _ = decoded(tmp_path / "film.mp4")
+    _, times, _ = decoded(tmp_path / "video.mp4")
     assert times == pytest.approx([0, 0.04, 0.2, 0.2, 0.2, 2.0], abs=1e-4)
     assert np.all(np.diff(times) > 0)
 
 
 def test_odd_rates_last_to_the_frame(tmp_path):
     fps = 30000 / 1001
-    with video_writer(tmp_path / "film.mp4", fps) as add:
+    with video_writer(tmp_path / "video.mp4", fps) as add:
         for k in range(90):
             add(flat(16, 16, (k, 100, 150)), k / fps)
-    pictures, times, rate = decoded(tmp_path / "film.mp4")
+    pictures, times, rate = decoded(tmp_path / "video.mp4")
     assert len(pictures) == 90
     assert rate == pytest.approx(fps, rel=1e-3)
     assert times == pytest.approx(np.arange(90) / fps, abs=1e-9)  # to the tick: a frame is 3003 of them
 
 
-def test_what_shows_nothing_is_the_grounds_gray(tmp_path):
-    with video_writer(tmp_path / "film.mp4", 25.0) as add:
+def test_what_shows_nothing_is_the_backgrounds_gray(tmp_path):
+    with video_writer(tmp_path / "video.mp4", 25.0) as add:
         add(flat(32, 32, (255, 0, 0), alpha=0), 0.0)
-    assert np.abs(decoded(tmp_path / "film.mp4")[0][0].astype(int) - BACKGROUND).max() <= 3
+    assert np.abs(decoded(tmp_path / "video.mp4")[0][0].astype(int) - BACKGROUND).max() <= 3
+
+
+def test_half_transparent_colours_are_rounded_over_the_background():
+    # (255 * 128 + 40 * 127) / 255 = 147.9 and (40 * 127) / 255 = 19.9
+    assert over_background(np.array([[[255, 0, 0, 128]]], np.uint8)).tolist() == [[[148, 20, 20]]]
 
 
 def test_a_video_that_was_not_finished_is_not_there(tmp_path):
     def interrupted():
-        with video_writer(tmp_path / "film.mp4", 25.0) as add:
+        with video_writer(tmp_path / "video.mp4", 25.0) as add:
             add(flat(32, 32, (9, 9, 9)), 0.0)
             raise RuntimeError("stopped")
 
@@ -90,31 +95,31 @@ def test_a_video_that_was_not_finished_is_not_there(tmp_path):
 
 
 def test_no_picture_no_video(tmp_path):
-    with pytest.raises(UserError, match="needs at least one picture"), video_writer(tmp_path / "film.mp4", 25.0):
+    with pytest.raises(UserError, match="needs at least one picture"), video_writer(tmp_path / "video.mp4", 25.0):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["film.avi", "film", "nowhere/film.mp4"])
+@pytest.mark.parametrize("name", ["video.avi", "video", "nowhere/video.mp4"])
 def test_where_no_video_can_be_is_one_line(tmp_path, name):
     with pytest.raises(UserError) as caught, video_writer(tmp_path / name, 25.0):
         pass
     assert "\n" not in str(caught.value)
 
 
-def test_an_album_becomes_a_video_though_its_writer_was_started_again(tmp_path):
-    def add(album: ImageSequenceWriter, sequence: int) -> None:
+def test_an_image_sequence_becomes_a_video_though_its_writer_was_started_again(tmp_path):
+    def add(writer: ImageSequenceWriter, sequence: int) -> None:
         picture = np.full((36, 47, 4), sequence / 10, np.float32)
-        album.add(picture, flat(47, 36, (20 * sequence, 90, 200)), wire.stamp(sequence, sequence / 24), Adaptation())
+        writer.add(picture, flat(47, 36, (20 * sequence, 90, 200)), wire.stamp(sequence, sequence / 24), Adaptation())
 
-    album = ImageSequenceWriter(tmp_path / "out")
+    writer = ImageSequenceWriter(tmp_path / "out")
     for sequence in range(5):
-        add(album, sequence)
-    album = ImageSequenceWriter(tmp_path / "out")
-    for sequence in range(album.count, 9):
-        add(album, sequence)
-    album.write_video(tmp_path / "film.mp4")
-    pictures, times, rate = decoded(tmp_path / "film.mp4")
+        add(writer, sequence)
+    writer = ImageSequenceWriter(tmp_path / "out")
+    for sequence in range(writer.count, 9):
+        add(writer, sequence)
+    writer.write_video(tmp_path / "video.mp4")
+    pictures, times, rate = decoded(tmp_path / "video.mp4")
     assert len(pictures) == 9
     assert rate == pytest.approx(24, rel=1e-3)
     assert times == pytest.approx(np.arange(9) / 24, abs=1e-4)
@@ -123,19 +128,19 @@ def test_an_album_becomes_a_video_though_its_writer_was_started_again(tmp_path):
 
 def test_a_video_without_pictures_to_make_it_of_is_refused(tmp_path):
     with pytest.raises(UserError, match="set it, or use --out"):
-        RendererStage(Settings(renderer=Renderer(video=str(tmp_path / "film.mp4"))))
+        RendererStage(Settings(renderer=Renderer(video=str(tmp_path / "video.mp4"))))
 
 
 def test_the_command_renders_a_sequence_to_a_video_in_which_animations_play(tmp_path, sequence):
-    AnimatedTriangle(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.5], [[0, 1, 0], [1, 1, 0]]).write(tmp_path / "film.gltf")
+    AnimatedTriangle(scale=[2.0, 2.0, 2.0]).move(1, "translation", [0, 0.5], [[0, 1, 0], [1, 1, 0]]).write(tmp_path / "animated.gltf")
     camera = "[camera]\nfrom = [0.0, -7.0, 4.0]\nat = [0.0, 0.0, 1.0]\n"
-    (tmp_path / "scene.toml").write_text(camera + '[[mesh]]\nfile = "film.gltf"\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n')
-    scene, film = tmp_path / "scene.toml", tmp_path / "film.mp4"
-    write_pictures(RenderOptions(source=sequence, scene=scene, size=(32, 24), count=4, fps=10.0, video=film))
-    pictures, times, rate = decoded(tmp_path / "film.mp4")
+    (tmp_path / "scene.toml").write_text(camera + '[[mesh]]\nfile = "animated.gltf"\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n')
+    scene, video = tmp_path / "scene.toml", tmp_path / "video.mp4"
+    write_pictures(RenderOptions(source=sequence, scene=scene, size=(32, 24), count=4, fps=10.0, video=video))
+    pictures, times, rate = decoded(tmp_path / "video.mp4")
     assert len(pictures) == 16
     assert times == pytest.approx(np.arange(16) / 10, abs=1e-4)
     assert rate == pytest.approx(10)
-    # it goes to and comes back after 5 frames: where it stands, not its light
+    # it goes to and comes back after 5 frames: its place, not its light
     shapes = [np.abs(picture.astype(int) - BACKGROUND).max(axis=-1) > 30 for picture in pictures]
     assert np.mean(shapes[1] != shapes[6]) < 0.005 < np.mean(shapes[1] != shapes[4])

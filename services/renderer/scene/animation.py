@@ -119,14 +119,14 @@ def _hermite(track: KeyframeTrack, after: int, t: float) -> np.ndarray:
     )
 
 
-def read_motions(file: GltfFile, tree: NodeTree, wanted: str = "") -> list[RigidMotion | None]:
-    """How the animation named `wanted` moves each of the tree's mesh nodes; None for those that it leaves where they are.
+def read_motions(file: GltfFile, tree: NodeTree, name: str = "") -> list[RigidMotion | None]:
+    """How the animation named `name` moves each of the tree's mesh nodes; None for those that it leaves where they are.
 
-    wanted: "" is the file's first animation, ALL_ANIMATIONS all of them, as long as the longest; where two move the same, the first does.
+    name: "" is the file's first animation, ALL_ANIMATIONS all of them, as long as the longest; where two move the same, the first does.
     Raises as gltf.py says for a file that is not as the standard has it, and ValueError with the names for one that it does not have.
     """
     tracks: dict[int, dict[Target, KeyframeTrack]] = {}
-    for animation in _chosen(file, wanted):
+    for animation in _chosen(file, name):
         for channel in animation["channels"]:
             number, target = channel["target"].get("node"), channel["target"]["path"]
             if number is not None and target in ("translation", "rotation", "scale") and target not in tracks.get(number, {}):
@@ -155,13 +155,13 @@ def animation_names(file: GltfFile) -> list[str]:
     return [str(animation.get("name", number)) for number, animation in enumerate(file.document.get("animations", []), 1)]
 
 
-def _chosen(file: GltfFile, wanted: str) -> list[dict[str, Any]]:
+def _chosen(file: GltfFile, name: str) -> list[dict[str, Any]]:
     animations, names = file.document.get("animations", []), animation_names(file)
-    if wanted == ALL_ANIMATIONS:
+    if name == ALL_ANIMATIONS:
         return animations
-    if wanted and wanted not in names:
-        raise ValueError(f"has no animation {wanted}, but {', '.join(names)[:200] or 'none'}")
-    first = names.index(wanted) if wanted else 0
+    if name and name not in names:
+        raise ValueError(f"has no animation {name}, but {', '.join(names)[:200] or 'none'}")
+    first = names.index(name) if name else 0
     return animations[first : first + 1]
 
 

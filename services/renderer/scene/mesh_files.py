@@ -67,9 +67,9 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     is_gltf = path.suffix.lower() in GLTF_SUFFIXES
     try:
         file = GltfFile(path) if is_gltf else None
-        looks = GltfMaterials(file) if file else None
-        meshes = _gltf_meshes(file, looks, animation, materials) if file and looks else _trimesh_meshes(path)
-        unsupported = _unsupported(file, looks, animation) if file and looks else []
+        file_materials = GltfMaterials(file) if file else None
+        meshes = _gltf_meshes(file, file_materials, animation, materials) if file and file_materials else _trimesh_meshes(path)
+        unsupported = _unsupported(file, file_materials, animation) if file and file_materials else []
     except Exception as error:  # a hostile file raises whatever the parsers trip over
         raise UserError(f"{where}: {path} is not a readable mesh ({one_line(error)}); export it again") from error
     if not meshes:
@@ -86,7 +86,7 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     return MeshFile(parts, [f"{path.name}: {line}" for line in unsupported])
 
 
-def _gltf_meshes(file: GltfFile, looks: GltfMaterials, animation: str, materials: bool) -> list[SourceMesh]:
+def _gltf_meshes(file: GltfFile, file_materials: GltfMaterials, animation: str, materials: bool) -> list[SourceMesh]:
     """The primitives of triangles and strips of each node. One that several nodes have is read once."""
     tree = read_nodes(file)
     read: dict[int, tuple[VertexAttributes, np.ndarray, Material | None]] = {}
@@ -95,19 +95,19 @@ def _gltf_meshes(file: GltfFile, looks: GltfMaterials, animation: str, materials
         for primitive in node.mesh["primitives"]:
             if primitive.get("mode", TRIANGLES) in (TRIANGLES, TRIANGLE_STRIP):
                 if id(primitive) not in read:
-                    vertices = _gltf_vertices(file, looks, primitive)
+                    vertices = _gltf_vertices(file, file_materials, primitive)
                     triangles = file.triangles(primitive, len(vertices.positions))
-                    read[id(primitive)] = vertices, triangles, looks.material(primitive) if materials else None
+                    read[id(primitive)] = vertices, triangles, file_materials.material(primitive) if materials else None
                 vertices, triangles, material = read[id(primitive)]
                 meshes.append(SourceMesh(vertices, triangles, node.file_from_mesh, material, motion))
     return meshes
 
 
-def _gltf_vertices(file: GltfFile, looks: GltfMaterials, primitive: dict[str, Any]) -> VertexAttributes:
+def _gltf_vertices(file: GltfFile, file_materials: GltfMaterials, primitive: dict[str, Any]) -> VertexAttributes:
     attributes = primitive["attributes"]
     normals = file.array(attributes["NORMAL"]) if "NORMAL" in attributes else None
-    uvs, second_uvs = looks.uvs(primitive)
-    vertices = VertexAttributes(file.array(attributes["POSITION"]), normals, uvs, looks.colours(primitive), second_uvs)
+    uvs, second_uvs = file_materials.uvs(primitive)
+    vertices = VertexAttributes(file.array(attributes["POSITION"]), normals, uvs, file_materials.colours(primitive), second_uvs)
     if any(values is not None and len(values) != len(vertices.positions) for values in vertices):
         raise ValueError("has more or fewer normals, colours or texture coordinates than vertices")
     return vertices
@@ -129,13 +129,13 @@ def _trimesh_meshes(path: Path) -> list[SourceMesh]:
     return meshes
 
 
-def _unsupported(file: GltfFile, looks: GltfMaterials, animation: str) -> list[str]:
-    looks.note_unsupported()
+def _unsupported(file: GltfFile, file_materials: GltfMaterials, animation: str) -> list[str]:
+    file_materials.note_unsupported()
     names = animation_names(file)
     if len(names) < 2 or animation:
-        return looks.unsupported
+        return file_materials.unsupported
     others = f'animation = "{ALL_ANIMATIONS}" plays all, or name one of {", ".join(names)[:200]}'
-    return [*looks.unsupported, f"of its {len(names)} animations the first plays: {others}"]
+    return [*file_materials.unsupported, f"of its {len(names)} animations the first plays: {others}"]
 
 
 def _in_file_axes(mesh: SourceMesh) -> Geometry:

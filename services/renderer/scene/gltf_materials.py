@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image
 
+from vemlight.renderer.gl.constants import MAX_HALF
 from vemlight.renderer.scene.gltf import READ_EXTENSIONS, TRIANGLE_STRIP, TRIANGLES, GltfFile, item
 from vemlight.renderer.scene.materials import AlphaTest, Colour, Ggx, Material, SpecularGlossiness, Unlit
 from vemlight.renderer.scene.textures import LINEAR, LINEAR_MIPMAP_LINEAR, Texture, alpha_bled, texels_from_image
 
 REPEAT, CLAMP, MIRRORED = 10497, 33071, 33648  # section 5.26
 MAGNIFICATION_FILTERS, MINIFICATION_FILTERS = (9728, 9729), (9728, 9729, 9984, 9985, 9986, 9987)
-MAX_EMISSION = 65504.0  # the largest half float
 MAX_NUMBER = 1e6  # of factors and texture transforms; a larger one is taken for damage. Any value in 1e4 .. 1e9 does
 FLIP_V = np.array([[1.0, 0, 0], [0, -1, 1], [0, 0, 1]])  # from v upwards to glTF's, which is downwards, and back
 
@@ -121,7 +121,7 @@ class GltfMaterials:
     def _emission(self, binding: MaterialBinding) -> tuple[Colour, Texture | None]:
         strength = binding.extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
         factor = _numbers(binding.document.get("emissiveFactor", (0.0,) * 3), 3, 1.0)
-        emission = _colour(factor * _numbers([strength], 1, MAX_EMISSION))
+        emission = _colour(factor * _numbers([strength], 1, MAX_HALF))
         return emission, self._texture(binding.document, "emissiveTexture", binding) if any(emission) else None
 
     def _normal_map(self, binding: MaterialBinding) -> Texture | None:

@@ -1,5 +1,5 @@
 """All mutants, by package."""
 
-from tests.mutants import capture, luminaires, renderer, runtime, sampler, viewer
+from tests.mutants import capture, commands, luminaires, renderer, runtime, sampler, viewer
 
-TABLES = (runtime.MUTANTS, capture.MUTANTS, sampler.MUTANTS, renderer.MUTANTS, luminaires.MUTANTS, viewer.MUTANTS)
+TABLES = (runtime.MUTANTS, capture.MUTANTS, sampler.MUTANTS, renderer.MUTANTS, luminaires.MUTANTS, viewer.MUTANTS, commands.MUTANTS)

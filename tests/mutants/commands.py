@@ -1,0 +1,59 @@
+"""Mutants of the command line, its self-test and the settings."""
+
+from tests.mutants.mutant import mutants_of
+
+COMMANDS = "services/commands/"
+
+MUTANTS = [
+    *mutants_of("services/settings.py", "tests/test_settings.py", [
+        ("pictures x 100", "MAX_PICTURE_SIDE = 8192", "MAX_PICTURE_SIDE = 819200"),
+        ("lights x 10", "Count = Annotated[int, Meta(ge=1, le=100_000)]", "Count = Annotated[int, Meta(ge=1, le=1_000_000)]"),
+        ("no lights", "Count = Annotated[int, Meta(ge=1, le=100_000)]", "Count = Annotated[int, Meta(ge=0, le=100_000)]"),
+        ("frames beyond the rate", "Rate = Annotated[float, Meta(gt=0, le=1000)]", "Rate = Annotated[float, Meta(ge=0, le=1000)]"),
+        ("ports beyond TCP's", "Meta(ge=1, le=65_000)", "Meta(ge=1, le=65_535)"),
+        ("default lights", "or the renderer's frame_ms chooses\")] = 72", "or the renderer's frame_ms chooses\")] = 144"),
+        ("any filter with any method", '(self.method == "tracked") != (self.filter == "adaptive")', "False"),
+        ("a token without one", "if self.token and self.insecure:", "if False:"),
+        ("tcp without keys", 'and not settings.wire.keys and not settings.wire.insecure', "and False"),
+        ("a camera in lossless mode", 'if settings.mode == "lossless" and is_camera(source):', "if False:"),
+        ("files in memory are cameras", ' and not source.startswith("/dev/shm/")', ""),
+        ("relative paths stay", 'changes[key] = str(folder / value)', "changes[key] = value"),
+        ("video paths stay", 'needs `out`; empty: none"), PATH]', 'needs `out`; empty: none")]'),
+        ("options as in Python", "key.replace('_', '-')", "key"),
+    ]),
+    *mutants_of(COMMANDS + "doctor.py", "tests/test_doctor.py", [
+        ("libzmq's floor", "MIN_LIBZMQ = (4, 3, 5)", "MIN_LIBZMQ = (4, 3, 4)"),
+        ("free disk / 10", "MIN_FREE_BYTES = 2**30", "MIN_FREE_BYTES = 2**27"),
+        ("free disk x 10", "MIN_FREE_BYTES = 2**30", "MIN_FREE_BYTES = 2**33"),
+        ("memory / 10", "MIN_MEMORY_BYTES = 2**30", "MIN_MEMORY_BYTES = 2**27"),
+        ("memory x 10", "MIN_MEMORY_BYTES = 2**30", "MIN_MEMORY_BYTES = 2**33"),
+        ("one core is enough", "if cores < 2:", "if cores < 1:"),
+        ("two cores are too few", "if cores < 2:", "if cores < 3:"),
+        ("old libraries pass", "if _numbers(version) < _numbers(floor):", "if False:"),
+        ("versions of one number", "version.split(\".\")[:3]", "version.split(\".\")[:1]"),
+    ]),
+    *mutants_of(COMMANDS + "offline.py", "tests/test_offline.py", [
+        ("gloss set halved", "GLOSS_LIGHTS = 512", "GLOSS_LIGHTS = 256"),
+        ("rows of a sphere", '180 if options.coverage == "sphere"', '90 if options.coverage == "sphere"'),
+        ("a single map filtered", 'None if frames > 1 else "none"', "None"),
+        ("regions of a hemisphere", '0 if options.coverage == "hemisphere" else None', "None"),
+        ("pictures without pixels", "1 <= side <= settings.MAX_PICTURE_SIDE", "side <= settings.MAX_PICTURE_SIDE"),
+    ]),
+    *mutants_of(COMMANDS + "parameters.py", "tests/test_cli.py", [
+        ("six numbers of four points", "if len(numbers) != 8:", "if len(numbers) < 6:"),
+        ("digits of a size", "len(number) < 6", "len(number) < 99"),
+    ]),
+    *mutants_of(COMMANDS + "cli.py", "tests/test_cli.py", [
+        ("status of a user's mistake", "context.exit(2)\n        except FatalError", "context.exit(0)\n        except FatalError"),
+        ("status of a failure", "context.exit(1)", "context.exit(0)"),
+    ]),
+    *mutants_of("services/files.py", "tests/test_files.py", [
+        ("half a file left", "part.unlink(missing_ok=True)", "pass"),
+        ("half a file under its name", "os.replace(part, path)\n    finally", "pass\n    finally"),
+    ]),
+    *mutants_of("services/light/images.py", "tests/test_images.py", [
+        ("other threads muted", "if threading.get_ident() == self._thread:", "if True:"),
+        ("the reader heard", "if threading.get_ident() == self._thread:", "if False:"),
+        ("errors after reading", "err.pass_to(stderr)", "pass"),
+    ]),
+]  # fmt: skip

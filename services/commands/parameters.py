@@ -12,7 +12,7 @@ PATH = click.Path(path_type=Path)
 def width_height(_context: click.Context, parameter: click.Parameter, text: str) -> tuple[int, int]:
     """The two numbers of WIDTHxHEIGHT or COLUMNSxROWS. Raises UserError for anything else."""
     first, _, second = text.partition("x")
-    if not all(number.isdecimal() and len(number) < 6 for number in (first, second)):
+    if not all(number.isdecimal() and len(number) < 6 for number in (first, second)):  # Python reads numbers of up to 4300 digits
         example = "8x6" if parameter.required else parameter.default
         raise UserError(f"--{parameter.name} {text}: is not {parameter.metavar}; write it as {example}")
     return int(first), int(second)

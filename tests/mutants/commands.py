@@ -41,7 +41,7 @@ MUTANTS = [
     ]),
     *mutants_of(COMMANDS + "parameters.py", "tests/test_cli.py", [
         ("six numbers of four points", "if len(numbers) != 8:", "if len(numbers) < 6:"),
-        ("digits of a size", "len(number) < 6", "len(number) < 99"),
+        ("digits of a size", " and len(number) < 6", ""),
     ]),
     *mutants_of(COMMANDS + "cli.py", "tests/test_cli.py", [
         ("status of a user's mistake", "context.exit(2)\n        except FatalError", "context.exit(0)\n        except FatalError"),

@@ -59,6 +59,7 @@ def test_lm63_symmetries_unfold_to_the_whole_turn(tmp_path, last, count):
     (tmp_path / "a.ies").write_text(text)
     far = read_photometry(tmp_path / "a.ies")
     assert far.c_deg[[0, -1]].tolist() == [0.0, 360.0]
+    assert np.all(np.diff(far.c_deg) == (360 if count == 1 else 15))
     expected = np.repeat(table, 2, axis=0) if count == 1 else symmetric(symmetry, far.c_deg)
     assert far.candela == pytest.approx(expected, rel=1e-4)
     assert far.size_m == pytest.approx((0.3048, 0.1524, 0.03048))

@@ -105,6 +105,9 @@ def test_times_come_from_the_recording(tmp_path: Path) -> None:
     source = open_source(capture(tmp_path))
     assert source.fps == pytest.approx(24000 / 1001)
     assert source.frame(1).time_s == 8.5
+    twice = open_source(capture(tmp_path, speed=2.0))
+    assert twice.fps == pytest.approx(2 * 24000 / 1001)
+    assert twice.frame(1).time_s == 4.25
 
 
 def test_changed_frame_of_a_recording_is_refused(tmp_path: Path) -> None:

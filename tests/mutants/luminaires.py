@@ -85,10 +85,10 @@ MUTANTS = [
     *mutants_of("services/renderer/passes/luminaires/luminaire_surface.glsl", f"{T}illumination.py", [
         ("map bias doubled", "MAP_BIAS = 0.5", "MAP_BIAS = 1.0"),
         ("map bias halved", "MAP_BIAS = 0.5", "MAP_BIAS = 0.25"),
-        ("shadows outside the map", "return 1.0;\n    vec2 corner", "return 0.0;\n    vec2 corner"),
+        ("shadows outside the map", "return 1.0;\n    vec2 corner", "return 0.0;\n    vec2 corner", "a lamp is dark outside its window"),
     ]),
     *mutants_of("services/renderer/passes/luminaires/luminaire_spots.frag", f"{T}illumination.py", [
         ("weights of a spline's cells", "(a == 1 ? 4.0 : 1.0)", "(a == 1 ? 1.0 : 1.0)", "how softly a b-spline lamp's shadow fades"),
-        ("what is clipped away is dark", "* inside;", ";"),
+        ("what is clipped away is dark", "* inside;", ";", "images of the tested lamps end in darkness"),
     ]),
 ]

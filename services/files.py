@@ -5,6 +5,7 @@ import grp
 import os
 import re
 import stat
+import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -105,3 +106,13 @@ def group_hint(device: Path) -> str:
     except KeyError:  # in containers groups often have no name
         name = str(number)
     return f"sudo usermod -aG {name} $USER, then log in again; for a container group_add {number}"
+
+
+_noticed: set[str] = set()
+
+
+def notice(text: str) -> None:
+    """One line on stderr for what the user should know of an input that can be used; the same text only once."""
+    if text not in _noticed:
+        _noticed.add(text)
+        print(f"vemlight: {text}", file=sys.stderr, flush=True)

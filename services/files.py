@@ -56,7 +56,7 @@ def read_toml(path: Path, kind: type[Record]) -> Record:
     except RecursionError as error:
         raise UserError(f"{path}: is nested too deeply; name a settings or scene file") from error
     except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, and a number of thousands of digits
-        raise UserError(f"{path}: is not TOML ({' '.join(str(error).split())[:200]}); correct that line") from error
+        raise UserError(f"{path}: is not TOML ({one_line(error)}); correct that line") from error
 
 
 def decoded_json(content: bytes | str, kind: type[Record]) -> Record:
@@ -116,3 +116,8 @@ def notice(text: str) -> None:
     if text not in _noticed:
         _noticed.add(text)
         print(f"vemlight: {text}", file=sys.stderr, flush=True)
+
+
+def one_line(error: BaseException) -> str:
+    """The message of an error of a library, on one line and at most 200 characters long."""
+    return " ".join(str(error).split())[:200]

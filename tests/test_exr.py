@@ -9,9 +9,9 @@ import pytest
 
 from vemlight.errors import UserError
 from vemlight.light.exr import MAX_PARTS, read_exr
+from vemlight.light.image_limits import ImageLimits
 from vemlight.light.primaries import REC709, XYZ, rec709_from_primaries, xyz_from_primaries
 
-MAX_SIDE, MAX_PIXELS = 256, 2**16
 REC2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
 
 
@@ -64,19 +64,22 @@ def write_sampled(path, planes):
 
 
 def read(path, layer=""):
-    return read_exr(path, layer, MAX_SIDE, MAX_PIXELS)[0]
+    return read_exr(path, layer)[0]
 
 
 def test_the_picture_and_its_attributes_come_back(tmp_path, picture):
     path = write(tmp_path / "a.exr", rgb(picture), owner="somebody", framesPerSecond=Fraction(24000, 1001))
-    pixels, attributes = read_exr(path, "", MAX_SIDE, MAX_PIXELS)
+    pixels, attributes = read_exr(path)
     np.testing.assert_array_equal(pixels, picture)
     assert pixels.dtype == np.float32
     assert attributes["owner"] == "somebody"
     assert attributes["framesPerSecond"] == Fraction(24000, 1001)
 
 
-@pytest.mark.parametrize(("left", "top", "width", "height"), [(0, 0, 16, 4), (3, 2, 8, 4), (-2, -1, 20, 10), (10, 5, 20, 20), (30, 30, 4, 4)])
+WINDOWS = [(0, 0, 16, 4), (3, 2, 8, 4), (-2, -1, 20, 10), (10, 5, 20, 20), (30, 30, 4, 4)]
+
+
+@pytest.mark.parametrize(("left", "top", "width", "height"), WINDOWS)
 def test_pixels_stay_where_the_display_window_has_them(tmp_path, left, top, width, height):
     """Cropped, overscanned, shifted and wholly outside: a pixel's place counts from the display window's corner."""
     stored = np.random.default_rng(3).uniform(1, 2, (height, width, 3)).astype(np.float32)
@@ -190,7 +193,7 @@ def patched(path, old, new):
 def test_text_that_is_not_utf8_and_a_rate_of_nothing(tmp_path, picture):
     path = write(tmp_path / "a.exr", rgb(picture), owner="Muller", framesPerSecond=Fraction(24, 1))
     patched(path, b"Muller", b"M\xfcller")
-    pixels, attributes = read_exr(patched(path, struct.pack("<iI", 24, 1), struct.pack("<iI", 0, 0)), "", MAX_SIDE, MAX_PIXELS)
+    pixels, attributes = read_exr(patched(path, struct.pack("<iI", 24, 1), struct.pack("<iI", 0, 0)))
     np.testing.assert_array_equal(pixels, picture)
     assert attributes["owner"] == "M?ller"
     assert attributes["framesPerSecond"] == 0
@@ -208,17 +211,17 @@ def test_sizes_are_checked_before_anything_is_read(tmp_path, picture):
     path.write_bytes(path.read_bytes().replace(stated, huge))
     with pytest.raises(UserError, match="scale it down"):
         read(path)
-    assert read_exr(write(path, rgb(picture)), "", 16, 16 * 8)[0].shape == (8, 16, 3)
-    for max_side, max_pixels in ((15, 16 * 8), (16, 16 * 8 - 1)):
+    assert read_exr(write(path, rgb(picture)), limits=ImageLimits(16, 16 * 8))[0].shape == (8, 16, 3)
+    for limits in (ImageLimits(15, 16 * 8), ImageLimits(16, 16 * 8 - 1)):
         with pytest.raises(UserError, match="scale it down"):
-            read_exr(path, "", max_side, max_pixels)
+            read_exr(path, limits=limits)
 
 
 def test_all_parts_together_are_limited(tmp_path, picture):
     path = write_parts(tmp_path / "a.exr", {f"part{k}": rgb(picture) for k in range(4)})
     with pytest.raises(UserError, match="in its 4 parts"):
-        read_exr(path, "part0", 16, 4 * 16 * 8 - 1)
-    assert read_exr(path, "part0", 16, 4 * 16 * 8)[0].shape == (8, 16, 3)
+        read_exr(path, "part0", ImageLimits(16, 4 * 16 * 8 - 1))
+    assert read_exr(path, "part0", ImageLimits(16, 4 * 16 * 8))[0].shape == (8, 16, 3)
     part = b"a\0int\0\4\0\0\0\0\0\0\0\0"
     path.write_bytes(path.read_bytes()[:4] + struct.pack("<I", 2 | 0x1000) + part * (MAX_PARTS + 1))
     with pytest.raises(UserError, match="more than"):

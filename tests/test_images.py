@@ -3,6 +3,7 @@
 import struct
 import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,9 +11,11 @@ import OpenEXR
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from vemlight.errors import UserError
-from vemlight.light.images import MAX_PIXELS, MAX_SIDE, read_codes, read_radiance, write_exr, write_png
+from vemlight.light.image_limits import LIMITS
+from vemlight.light.images import read_codes, read_radiance, write_exr, write_png
 
 RADIANCE = np.random.default_rng(0).lognormal(0, 3, (5, 7, 3)).astype(np.float32)
 
@@ -46,11 +49,14 @@ def with_size(path, width, height):
     path.write_bytes(content[:at] + struct.pack("<4i", 0, 0, width - 1, height - 1) + content[at + 16 :])
 
 
-@pytest.mark.parametrize(("width", "height"), [(MAX_SIDE + 1, 1), (1, MAX_SIDE + 1), (MAX_SIDE, MAX_SIDE // 2 + 1), (10**5, 10**5)])
+TOO_LARGE = [(LIMITS.side + 1, 1), (1, LIMITS.side + 1), (LIMITS.side, LIMITS.side // 2 + 1), (10**5, 10**5)]
+
+
+@pytest.mark.parametrize(("width", "height"), TOO_LARGE)
 def test_an_image_above_the_limits_is_refused_by_its_header(tmp_path, width, height):
     write_exr(tmp_path / "huge.exr", RADIANCE)
     with_size(tmp_path / "huge.exr", width, height)
-    with pytest.raises(UserError, match=f"^[^ ]*huge.exr: has {width}x{height} pixels and at most 16384 on a side and 134217728 in all"):
+    with pytest.raises(UserError, match=f"^[^ ]*huge.exr: has {width} x {height} pixels and at most 16384 on a side and 134217728 in all"):
         read_radiance(tmp_path / "huge.exr")
 
 
@@ -58,7 +64,33 @@ def test_images_up_to_the_limits_are_read(tmp_path):
     for shape in ((1, 16384), (16384, 1)):
         write_exr(tmp_path / "long.exr", np.ones(shape, np.float32))
         assert read_radiance(tmp_path / "long.exr")[0].shape == (*shape, 3)
-    assert MAX_SIDE * (MAX_SIDE // 2) == MAX_PIXELS  # a lat-long map of the longest side
+    assert LIMITS.side * (LIMITS.side // 2) == LIMITS.pixels  # a lat-long map of the longest side
+
+
+def test_what_is_too_large_for_its_bytes_is_refused():
+    """A million pixels need no more than LIMITS.ratio says, and 64 MB are free."""
+    stored = 2**20
+    LIMITS.check(Path("a"), 4096, LIMITS.ratio * stored // 12 // 4096, stored)
+    with pytest.raises(UserError, match="which no picture has"):
+        LIMITS.check(Path("a"), 4096, LIMITS.ratio * stored // 12 // 4096 + 1, stored)
+    LIMITS.check(Path("a"), 2048, LIMITS.free_bytes // 12 // 2048, 10)
+    with pytest.raises(UserError, match="which no picture has"):
+        LIMITS.check(Path("a"), 2048, LIMITS.free_bytes // 12 // 2048 + 1, 10)
+
+
+def test_drawn_maps_are_not_taken_for_bombs(tmp_path):
+    """One colour all over compresses best of all that is real."""
+    write_exr(tmp_path / "a.exr", np.full((1024, 2048, 3), 0.5, np.float32))
+    assert read_radiance(tmp_path / "a.exr")[0].shape == (1024, 2048, 3)
+
+
+def test_codes_stay_where_the_sensor_has_them(tmp_path, capsys):
+    codes = np.random.default_rng(2).integers(0, 256, (16, 32, 3), np.uint8)
+    turned = Image.Exif()
+    turned[0x0112] = 6  # to be shown a quarter turned
+    Image.fromarray(codes).save(tmp_path / "a.png", exif=turned)
+    np.testing.assert_array_equal(read_codes(tmp_path / "a.png"), codes)
+    assert "EXIF orientation (6) is ignored" in capsys.readouterr().err
 
 
 def test_an_hdr_comes_back_to_its_8_bits(tmp_path):
@@ -114,7 +146,7 @@ def test_a_damaged_file_is_an_image_or_one_line(tmp_path_factory, data):
 
 PRINT_WHILE_ANOTHER_THREAD_READS = """
 import os, sys, threading
-from vemlight.light.images import silent
+from vemlight.light.library_output import silent
 reading, printed = threading.Event(), threading.Event()
 def read():
     with silent():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from vemlight.errors import UserError
+from vemlight.light.image_limits import ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_xyz, xyz_from_primaries
 from vemlight.light.radiance_hdr import MAX_HEADER_BYTES, read_radiance_hdr
 
-PLENTY = 2**20  # pixels
 HEIGHT, WIDTH = 6, 16
 
 
@@ -79,19 +79,19 @@ def write(path, codes, coding=flat, lines=("FORMAT=32-bit_rle_rgbe",), resolutio
 
 @pytest.mark.parametrize("coding", [flat, by_channel, by_pixel])
 def test_each_coding_gives_the_same_picture(tmp_path, codes, coding):
-    np.testing.assert_array_equal(read_radiance_hdr(write(tmp_path / "a.hdr", codes, coding), PLENTY), radiance(codes))
+    np.testing.assert_array_equal(read_radiance_hdr(write(tmp_path / "a.hdr", codes, coding)), radiance(codes))
 
 
 def test_codings_may_change_from_scanline_to_scanline(tmp_path, codes):
     turn = iter([flat, by_channel, by_pixel] * 2)
     path = write(tmp_path / "a.hdr", codes, lambda row: next(turn)(row))
-    np.testing.assert_array_equal(read_radiance_hdr(path, PLENTY), radiance(codes))
+    np.testing.assert_array_equal(read_radiance_hdr(path), radiance(codes))
 
 
 def test_a_run_of_more_than_255_pixels(tmp_path):
     row = np.tile(np.array([200, 100, 50, 130], np.uint8), (1, 600, 1))
     coded = row[0, 0].tobytes() + bytes([1, 1, 1, 599 & 255]) + bytes([1, 1, 1, 599 >> 8])
-    np.testing.assert_array_equal(read_radiance_hdr(write(tmp_path / "a.hdr", row, lambda _: coded), PLENTY), radiance(row))
+    np.testing.assert_array_equal(read_radiance_hdr(write(tmp_path / "a.hdr", row, lambda _: coded)), radiance(row))
 
 
 @pytest.mark.parametrize("y", "-+")
@@ -103,7 +103,7 @@ def test_all_eight_orientations_are_the_same_picture(tmp_path, codes, y, x, colu
     if columns:
         stored, sides = stored.transpose(1, 0, 2), sides[::-1]
     path = write(tmp_path / "a.hdr", np.ascontiguousarray(stored), resolution=" ".join(sides))
-    np.testing.assert_array_equal(read_radiance_hdr(path, PLENTY), radiance(codes))
+    np.testing.assert_array_equal(read_radiance_hdr(path), radiance(codes))
 
 
 @pytest.mark.parametrize("lines", [
@@ -111,26 +111,26 @@ def test_all_eight_orientations_are_the_same_picture(tmp_path, codes, y, x, colu
     ("EXPOSURE=2.0", "FORMAT=32-bit_rle_rgbe"),
 ])  # fmt: skip
 def test_exposures_multiply_and_are_taken_out(tmp_path, codes, lines):
-    np.testing.assert_allclose(read_radiance_hdr(write(tmp_path / "a.hdr", codes, lines=lines), PLENTY), radiance(codes) / 2, rtol=1e-6)
+    np.testing.assert_allclose(read_radiance_hdr(write(tmp_path / "a.hdr", codes, lines=lines)), radiance(codes) / 2, rtol=1e-6)
 
 
 def test_colour_corrections_are_taken_out(tmp_path, codes):
     path = write(tmp_path / "a.hdr", codes, lines=("FORMAT=32-bit_rle_rgbe", "COLORCORR=1 2 4", "COLORCORR=1 1 0.5"))
-    np.testing.assert_allclose(read_radiance_hdr(path, PLENTY), radiance(codes) / [1, 2, 2], rtol=1e-6)
+    np.testing.assert_allclose(read_radiance_hdr(path), radiance(codes) / [1, 2, 2], rtol=1e-6)
 
 
 def test_xyz_becomes_rec709(tmp_path, codes):
     path = write(tmp_path / "a.hdr", codes, lines=("FORMAT=32-bit_rle_xyze",))
-    np.testing.assert_allclose(read_radiance_hdr(path, PLENTY), radiance(codes) @ rec709_from_xyz().T, rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(read_radiance_hdr(path), radiance(codes) @ rec709_from_xyz().T, rtol=1e-4, atol=1e-7)
 
 
 def test_stated_primaries_are_honoured_and_zeros_are_none(tmp_path, codes):
     stated = "PRIMARIES=0.708 0.292 0.170 0.797 0.131 0.046 0.3127 0.3290"
     matrix = np.linalg.solve(xyz_from_primaries(REC709), xyz_from_primaries([float(word) for word in stated[10:].split()]))
     path = write(tmp_path / "a.hdr", codes, lines=("FORMAT=32-bit_rle_rgbe", stated))
-    np.testing.assert_allclose(read_radiance_hdr(path, PLENTY), radiance(codes) @ matrix.T, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(read_radiance_hdr(path), radiance(codes) @ matrix.T, rtol=1e-4, atol=1e-6)
     path = write(tmp_path / "b.hdr", codes, lines=("FORMAT=32-bit_rle_rgbe", "PRIMARIES=0 0 0 0 0 0 0 0"))
-    np.testing.assert_array_equal(read_radiance_hdr(path, PLENTY), radiance(codes))
+    np.testing.assert_array_equal(read_radiance_hdr(path), radiance(codes))
 
 
 @pytest.mark.parametrize("options", [
@@ -143,7 +143,7 @@ def test_stated_primaries_are_honoured_and_zeros_are_none(tmp_path, codes):
     {"lines": ("pfilt -x 64 EXPOSURE of old", "FORMAT=32-bit_rle_rgbe")},
 ])  # fmt: skip
 def test_headers_that_differ_from_the_usual(tmp_path, codes, options):
-    np.testing.assert_array_equal(read_radiance_hdr(write(tmp_path / "a.hdr", codes, **options), PLENTY), radiance(codes))
+    np.testing.assert_array_equal(read_radiance_hdr(write(tmp_path / "a.hdr", codes, **options)), radiance(codes))
 
 
 @pytest.mark.parametrize(("options", "cause"), [
@@ -157,15 +157,16 @@ def test_headers_that_differ_from_the_usual(tmp_path, codes, options):
     ({"lines": ("PRIMARIES=1 1 1 1 1 1 1 1",)}, "no primaries"),
     ({"resolution": "-Y 6 +Y 16"}, "no resolution"),
     ({"resolution": "6 x 16"}, "no resolution"),
-    ({"resolution": "-Y 0 +X 16"}, "0 x 16"),
+    ({"resolution": "-Y 0 +X 16"}, "16 x 0"),
     ({"resolution": "-Y 32768 +X 32768"}, "scale it down"),
+    ({"resolution": "-Y 8192 +X 16384"}, "which no picture has"),
     ({"resolution": "-Y 999999999999 +X 1"}, "scale it down"),
     ({"lines": ("x" * MAX_HEADER_BYTES,)}, "no end to its header"),
 ])  # fmt: skip
 def test_what_cannot_be_read_is_refused_by_its_cause(tmp_path, codes, options, cause):
     path = write(tmp_path / "a.hdr", codes, **options)
     with pytest.raises(UserError, match=cause) as refused:
-        read_radiance_hdr(path, PLENTY)
+        read_radiance_hdr(path)
     assert str(refused.value).startswith(f"{path}: ")
     assert "\n" not in str(refused.value)
 
@@ -176,7 +177,7 @@ def test_a_picture_cut_anywhere_is_refused(tmp_path, codes, coding):
     for length in range(len(whole) - 1, 0, -7):
         (tmp_path / "b.hdr").write_bytes(whole[:length])
         with pytest.raises(UserError):
-            read_radiance_hdr(tmp_path / "b.hdr", PLENTY)
+            read_radiance_hdr(tmp_path / "b.hdr")
 
 
 def test_other_files_are_refused_as_such(tmp_path):
@@ -184,7 +185,7 @@ def test_other_files_are_refused_as_such(tmp_path):
     for content, cause in ((b"", "is empty"), (png, "no Radiance picture"), (mesh, "no Radiance picture")):
         (tmp_path / "a.hdr").write_bytes(content)
         with pytest.raises(UserError, match=cause):
-            read_radiance_hdr(tmp_path / "a.hdr", PLENTY)
+            read_radiance_hdr(tmp_path / "a.hdr")
 
 
 def test_damage_anywhere_is_a_picture_or_one_refusal(tmp_path, codes, rng):
@@ -194,11 +195,11 @@ def test_damage_anywhere_is_a_picture_or_one_refusal(tmp_path, codes, rng):
         damaged[rng.integers(0, whole.size, 3)] = rng.integers(0, 256, 3)
         (tmp_path / "b.hdr").write_bytes(damaged.tobytes())
         with contextlib.suppress(UserError):
-            assert np.isfinite(read_radiance_hdr(tmp_path / "b.hdr", PLENTY)).all()
+            assert np.isfinite(read_radiance_hdr(tmp_path / "b.hdr")).all()
 
 
 def test_the_limit_on_pixels_is_the_callers(tmp_path, codes):
     path = write(tmp_path / "a.hdr", codes)
-    assert read_radiance_hdr(path, HEIGHT * WIDTH).shape == (HEIGHT, WIDTH, 3)
+    assert read_radiance_hdr(path, ImageLimits(pixels=HEIGHT * WIDTH)).shape == (HEIGHT, WIDTH, 3)
     with pytest.raises(UserError, match="scale it down"):
-        read_radiance_hdr(path, HEIGHT * WIDTH - 1)
+        read_radiance_hdr(path, ImageLimits(pixels=HEIGHT * WIDTH - 1))

@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import notice
+from vemlight.files import notice, one_line
+from vemlight.light.image_limits import LIMITS, ImageLimits
+from vemlight.light.library_output import silent
 from vemlight.light.primaries import REC709, rec709_from_primaries, xyz_from_primaries
 
 MAGIC = b"\x76\x2f\x31\x01"
@@ -42,7 +44,7 @@ class Layer(NamedTuple):
 PLAIN = Layer(0, "", "", False)
 
 
-def read_exr(path: Path, layer: str, max_side: int, max_pixels: int) -> tuple[np.ndarray, dict[str, Any]]:
+def read_exr(path: Path, layer: str = "", limits: ImageLimits = LIMITS) -> tuple[np.ndarray, dict[str, Any]]:
     """(height, width, 3) float32, linear Rec. 709, and the attributes of the part that it comes from.
 
     Gray is repeated in three channels, luminance with chroma becomes RGB, alpha is left out. nan, inf and negative pixels come as they are.
@@ -51,13 +53,11 @@ def read_exr(path: Path, layer: str, max_side: int, max_pixels: int) -> tuple[np
     """
     import OpenEXR
 
-    from vemlight.light.images import one_line, silent
-
-    OpenEXR.setMaxImageSize(max_side, max_side)
+    OpenEXR.setMaxImageSize(limits.side, limits.side)
     try:
         data = bytearray(path.read_bytes())
         headers = list(_headers(data))
-        _check_sizes(path, data, headers, max_side, max_pixels)
+        _check_sizes(path, data, headers, limits)
         source = io.BytesIO(data) if _made_legible(data, headers) else str(path)
         plain = not layer and len(headers) == 1 and _is_plain_rgb(data, headers[0])
         with silent():
@@ -118,7 +118,7 @@ def _text(data: bytearray, at: int) -> tuple[str, int]:
     return data[at:end].decode("latin-1"), end + 1
 
 
-def _check_sizes(path: Path, data: bytearray, headers: list[dict[str, ExrAttribute]], max_side: int, max_pixels: int) -> None:
+def _check_sizes(path: Path, data: bytearray, headers: list[dict[str, ExrAttribute]], limits: ImageLimits) -> None:
     """Raises UserError for deep images and for more pixels than are allowed, in all parts together."""
     pixels = 0
     for attributes in headers:
@@ -126,14 +126,11 @@ def _check_sizes(path: Path, data: bytearray, headers: list[dict[str, ExrAttribu
         if kind and bytes(data[kind.begin : kind.end]).startswith(b"deep"):
             raise UserError(f"{path}: holds deep pixels, many depths in each; flatten it")
         for name in ("dataWindow", "displayWindow"):
-            left, top, right, bottom = struct.unpack_from("<4i", data, attributes[name].begin) if name in attributes else (0, 0, 0, 0)
-            width, height = right - left + 1, bottom - top + 1
-            if not (0 < width <= max_side and 0 < height <= max_side and width * height <= max_pixels):
-                limits = f"at most {max_side} a side and {max_pixels} in all"
-                raise UserError(f"{path}: its {name} is {width} x {height} pixels, {limits} are read; scale it down")
-            pixels += width * height if name == "dataWindow" else 0
-    if pixels > max_pixels:
-        raise UserError(f"{path}: has {pixels} pixels in its {len(headers)} parts, {max_pixels} are read; keep the part that is needed")
+            left, top, right, bottom = struct.unpack_from("<4i", data, attributes[name].begin)
+            limits.check(path, right - left + 1, bottom - top + 1, len(data))
+            pixels += (right - left + 1) * (bottom - top + 1) if name == "dataWindow" else 0
+    if pixels > limits.pixels:
+        raise UserError(f"{path}: has {pixels} pixels in its {len(headers)} parts, {limits.pixels} are read; keep the part that is needed")
 
 
 def _is_plain_rgb(data: bytearray, attributes: dict[str, ExrAttribute]) -> bool:

@@ -12,12 +12,12 @@ import numba
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.light.image_limits import LIMITS, ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_primaries, rec709_from_xyz
 
 MAX_HEADER_BYTES = 64 * 1024  # a history of thousands of commands fits; what is longer is another kind of file
 RGBE, XYZE = "32-bit_rle_rgbe", "32-bit_rle_xyze"
 RUN_WIDTHS = range(8, 32768)  # widths whose rows may be coded channel by channel
-MAX_SIDE = 32768  # pixels
 RESOLUTION = re.compile(rb"([+-])([XY]) +(\d+) +([+-])([XY]) +(\d+)\s*")
 
 
@@ -37,10 +37,10 @@ class RadianceHeader(NamedTuple):
     begin: int
 
 
-def read_radiance_hdr(path: Path, max_pixels: int) -> np.ndarray:
+def read_radiance_hdr(path: Path, limits: ImageLimits = LIMITS) -> np.ndarray:
     """The picture (height, width, 3) float32 in linear Rec. 709, in the radiance units of the scene, the top row first.
 
-    Raises UserError, by its cause, for a file that is cut off, damaged, larger than `max_pixels` or of another kind.
+    Raises UserError, by its cause, for a file that is cut off, damaged, larger than the limits or of another kind.
     """
     try:
         data = np.fromfile(path, np.uint8)
@@ -48,8 +48,7 @@ def read_radiance_hdr(path: Path, max_pixels: int) -> np.ndarray:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     header = _header(path, data)
     scanlines, width = header.first[2], header.second[2]
-    if not (0 < scanlines <= MAX_SIDE and 0 < width <= MAX_SIDE and scanlines * width <= max_pixels):
-        raise UserError(f"{path}: is {scanlines} x {width} pixels, beyond {max_pixels} in all or {MAX_SIDE} a side; scale it down")
+    limits.check(path, width, scanlines, data.size)
     codes, rows_done = _decode(data[header.begin :], scanlines, width)
     if rows_done < scanlines:
         raise UserError(f"{path}: is cut off or damaged in scanline {rows_done + 1} of {scanlines}; copy it again")

@@ -13,7 +13,8 @@ from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import written_whole
-from vemlight.light.images import MAX_PIXELS, REC709
+from vemlight.light.image_limits import LIMITS
+from vemlight.light.primaries import REC709
 from vemlight.renderer.luminaire.bases import BasisKind
 from vemlight.renderer.luminaire.lightfield import LightField, Unit
 
@@ -104,8 +105,8 @@ def read_luminaire(path: Path) -> LightField:
             raise UserError(f"{path}: part image_{j}_{i} is {pixels.shape[1]} x {pixels.shape[0]} and the first is "
                            f"{images[0].shape[1]} x {images[0].shape[0]}; write all parts in one size")
         images.append(pixels)
-    if geometry.rows * geometry.cols * images[0].size > 3 * MAX_PIXELS:
-        raise UserError(f"{path}: holds more than {MAX_PIXELS} pixels; make the images smaller")
+    if geometry.rows * geometry.cols * images[0].size > 3 * LIMITS.pixels:
+        raise UserError(f"{path}: holds more than {LIMITS.pixels} pixels; make the images smaller")
     stack = np.stack([pixels[::-1] for pixels in images]).astype(np.float32)
     if not np.all(np.isfinite(stack)):
         raise UserError(f"{path}: {np.count_nonzero(~np.isfinite(stack))} values are nan or inf; measure it again or repair the images")
@@ -118,11 +119,12 @@ def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:
     """(name, attributes, RGB pixels) of each part of an EXR."""
     import OpenEXR
 
-    from vemlight.light.images import MAX_SIDE, one_line, silent
+    from vemlight.files import one_line
+    from vemlight.light.library_output import silent
 
     if not path.is_file():
         raise UserError(f"{path}: there is no such file; check the path")
-    OpenEXR.setMaxImageSize(MAX_SIDE, MAX_SIDE)
+    OpenEXR.setMaxImageSize(LIMITS.side, LIMITS.side)
     try:
         with silent():
             file = OpenEXR.File(str(path))

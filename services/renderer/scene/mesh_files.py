@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from vemlight.errors import UserError
-from vemlight.light.images import one_line
+from vemlight.files import one_line
 from vemlight.renderer.scene.animation import ALL_ANIMATIONS, RigidMotion, animation_names, read_motions
 from vemlight.renderer.scene.gltf import TRIANGLE_STRIP, TRIANGLES, GltfFile
 from vemlight.renderer.scene.gltf_materials import GltfMaterials

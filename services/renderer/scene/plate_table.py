@@ -9,7 +9,8 @@ from msgspec import Meta
 from PIL import Image
 
 from vemlight.errors import UserError
-from vemlight.light.images import one_line, read_radiance
+from vemlight.files import one_line
+from vemlight.light.images import read_radiance
 from vemlight.renderer.scene.textures import texels_from_image
 
 MAX_PLATE_RADIANCE = 6e4  # half floats end at 65,504; any value in 32768 .. 65504 does

@@ -1,0 +1,29 @@
+"""How large an image may be, decided by what its header says before memory is allocated for it."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from vemlight.errors import UserError
+
+
+class ImageLimits(NamedTuple):
+    """side, pixels: of the image. free_bytes: what any file may decode to; ratio: beyond that, bytes decoded for a byte stored.
+
+    Photographs and their maps are stored in a quarter to all of their bytes, drawn ones in a hundredth; a thousandth is a bomb.
+    """
+
+    side: int = 16384  # the largest lat-long maps are 16384 x 8192, above any camera's; a larger number is damage or an attack
+    pixels: int = 2**27  # such a map: 1.6 GB as float32 RGB
+    free_bytes: int = 64 * 2**20  # a 2048 x 2048 map of any colour, or of none
+    ratio: int = 200
+
+    def check(self, path: Path, width: int, height: int, stored_bytes: int, pixel_bytes: int = 12) -> None:
+        """Raises UserError for an image that is too large, in itself or for the bytes that it is stored in."""
+        if not (0 < width <= self.side and 0 < height <= self.side and width * height <= self.pixels):
+            limits = f"at most {self.side} on a side and {self.pixels} in all are read"
+            raise UserError(f"{path}: has {width} x {height} pixels and {limits}; scale it down")
+        if width * height * pixel_bytes > max(self.free_bytes, self.ratio * stored_bytes):
+            raise UserError(f"{path}: has {width} x {height} pixels in {stored_bytes} bytes, which no picture has; copy it again")
+
+
+LIMITS = ImageLimits()

@@ -39,11 +39,28 @@ def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, An
 def read_codes(path: Path) -> np.ndarray:
     """Reads an image's values without conversion, (height, width) or (height, width, 3) RGB: EXR, or 8 or 16 bits of PNG, TIFF, JPEG.
 
-    Pixels are where the sensor has them, whatever a camera's EXIF orientation says of how they should be shown; a notice tells so.
     Raises UserError for a file that is missing, damaged, too large or of another kind.
     """
+    import cv2
+
     if path.suffix.lower() == ".exr":
         return read_radiance(path)[0]
+    pixels = _stored_pixels(path, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., ::-1])
+
+
+def read_photograph(path: Path) -> np.ndarray:
+    """Reads a photograph's luma, (height, width) uint8: PNG, TIFF, JPEG. Raises UserError as `read_codes`."""
+    import cv2
+
+    return _stored_pixels(path, cv2.IMREAD_GRAYSCALE)
+
+
+def _stored_pixels(path: Path, flags: int) -> np.ndarray:
+    """What OpenCV reads with `flags`, once the header has shown that it is not too large.
+
+    Pixels are where the sensor has them, whatever a camera's EXIF orientation says of how they should be shown; a notice tells so.
+    """
     import cv2
     from PIL import Image
 
@@ -54,16 +71,16 @@ def read_codes(path: Path) -> np.ndarray:
             size, orientation = image.size, image.getexif().get(EXIF_ORIENTATION, UPRIGHT)
         LIMITS.check(path, *size, path.stat().st_size, pixel_bytes=6)
         with silent():
-            pixels = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+            pixels = cv2.imread(str(path), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    except UserError:
+        raise
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, cv2.error) as error:  # SyntaxError: PIL's, of a damaged PNG
-        if isinstance(error, UserError):
-            raise
         raise UserError(f"{path}: is not a readable image ({one_line(error)}); give PNG, TIFF, JPEG or EXR") from error
     if pixels is None:
         raise UserError(f"{path}: is not a readable image; give PNG, TIFF, JPEG or EXR")
     if orientation != UPRIGHT:
         notice(f"{path}: its EXIF orientation ({orientation}) is ignored: pixels stay where the sensor has them")
-    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., ::-1])
+    return pixels
 
 
 def write_exr(path: Path, pixels: np.ndarray, attributes: dict[str, Any] | None = None) -> None:

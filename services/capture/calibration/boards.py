@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.light.images import read_photograph
 from vemlight.runtime.progress import counted
 
 QUICK = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
@@ -58,9 +59,7 @@ def read_views(paths: list[Path], board: CalibrationBoard) -> BoardViews:
     check_board(board)
     views, without_board, brightest = [], [], None
     for path in counted(paths, "photographs", len(paths)):
-        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-        if image is None:
-            raise UserError(f"{path}: is not a readable image; check the path or copy it again")
+        image = read_photograph(path)
         if brightest is None:
             brightest = image
         if image.shape != brightest.shape:

@@ -22,7 +22,7 @@ from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
 from vemlight.capture.polar import latlong_to_polar, polar_from_latlong
 from vemlight.capture.response import Log, code_from_radiance, radiance_table, write_response
 from vemlight.capture.scatter import Threads, polar_from_codes
-from vemlight.capture.sequence import read_manifest
+from vemlight.capture.sequence import FrameFile, read_manifest
 from vemlight.capture.simulation.environment import Environment, SunDisc
 from vemlight.capture.simulation.optics import fisheye_radiance
 from vemlight.capture.simulation.sensor import VirtualCamera, exposed
@@ -216,9 +216,9 @@ def files() -> None:
     weights = latlong_to_polar(512, 1024, ROWS, COLS, "hemisphere")
     print(f"lat-long 1024 x 512 to the map: {median_ms(lambda: polar_from_latlong(image, weights)):.2f} ms")
     entries = read_manifest(BUNDLED)
-    paths = [BUNDLED / entry.name for entry in entries]
-    plain = FileSource(Capture(), paths, entries)
-    for name, source in (("read when asked", plain), ("read ahead", ReadAheadSource(FileSource(Capture(), paths, entries)))):
+    frames = [FrameFile(BUNDLED / entry.name, k) for k, entry in enumerate(entries)]
+    plain = FileSource(Capture(), frames, entries)
+    for name, source in (("read when asked", plain), ("read ahead", ReadAheadSource(FileSource(Capture(), frames, entries)))):
         source.frame(0)
         spent = []
         for k in range(1, len(source)):

@@ -67,6 +67,7 @@ class Capture(SettingsSection, frozen=True):
     ] = ""
     lens: Annotated[str, means("fisheye frames: the lens file; empty: lens.toml beside them"), PATH] = ""
     response: Annotated[str, means("raw fisheye frames: the response file; empty: response.toml beside them"), PATH] = ""
+    layer: Annotated[str, means("EXR files with several layers or parts: the name of the one to read; empty: the picture itself")] = ""
     fps: Annotated[Rate, means("frame rate of sources whose files do not say theirs"), FPS] = 25.0
     rows: Annotated[int, Meta(ge=2, le=4096), means("rows of the polar map, equal in elevation"), PIXELS] = 90
     cols: Annotated[int, Meta(ge=4, le=8192), means("columns of the polar map, equal in azimuth"), PIXELS] = 360

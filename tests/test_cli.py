@@ -60,8 +60,27 @@ def test_truncated_exr(folder):
 
 
 def test_gap_in_the_numbering(folder):
-    (folder / "f_0001.exr").unlink()
-    refused(invoked("lights", folder, "--out", folder / "l.jsonl"), "0001", "missing")
+    (folder / "f_0001.exr").rename(folder / "f_0003.exr")
+    done = invoked("lights", folder, "--out", folder / "l.jsonl")
+    assert done.exit_code == 0
+    assert "1 frame is missing after f_0000.exr" in done.stderr
+    assert [row.time_s for row in read_lights(folder / "l.jsonl")] == [0.0, 2 / 25, 3 / 25]
+
+
+def test_invalid_cells_are_counted(folder):
+    write_exr(folder / "nan.exr", np.full((16, 32, 3), np.nan, np.float32))
+    done = invoked("lights", folder / "nan.exr", "--count", 4, "--out", folder / "l.json")
+    assert done.exit_code == 0
+    assert "32400 of 32400 cells of the map were nan, infinite or negative, and count as dark" in done.stderr
+
+
+def test_a_shape_that_is_no_latlong_map(folder):
+    write_exr(folder / "square.exr", np.ones((16, 16, 3), np.float32))
+    refused(invoked("lights", folder / "square.exr", "--out", folder / "l.json"), "square.exr", "16x16", "twice as wide", "lens.toml")
+
+
+def test_a_layer_that_is_not_there(folder):
+    refused(invoked("lights", folder / "f_0000.exr", "--layer", "diffuse", "--out", folder / "l.json"), "f_0000.exr", "no layer diffuse")
 
 
 def test_lens_file_with_a_missing_key(folder):

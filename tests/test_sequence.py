@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from vemlight.capture.sequence import MANIFEST, check_digest, frame_paths, manifest_entry, read_manifest
+from vemlight.capture.sequence import MANIFEST, check_digest, frame_files, manifest_entry, read_manifest
 from vemlight.errors import UserError
 
 
@@ -16,29 +16,42 @@ def touch(folder: Path, *names: str) -> None:
 
 def test_numbered_frames_come_by_number(tmp_path: Path) -> None:
     touch(tmp_path, "f9.exr", "f10.exr", "f11.exr", "lens.toml")
-    assert [p.name for p in frame_paths(tmp_path)] == ["f9.exr", "f10.exr", "f11.exr"]
+    assert [file.path.name for file in frame_files(tmp_path)] == ["f9.exr", "f10.exr", "f11.exr"]
 
 
 def test_other_names_come_by_name(tmp_path: Path) -> None:
     touch(tmp_path, "b_1.hdr", "a_7.hdr", "park.hdr")
-    assert [p.name for p in frame_paths(tmp_path)] == ["a_7.hdr", "b_1.hdr", "park.hdr"]
+    assert [file.path.name for file in frame_files(tmp_path)] == ["a_7.hdr", "b_1.hdr", "park.hdr"]
 
 
 def test_half_written_frames_are_left_out(tmp_path: Path) -> None:
     touch(tmp_path, "f1.exr", "f2.part.exr")
-    assert [p.name for p in frame_paths(tmp_path)] == ["f1.exr"]
+    assert [file.path.name for file in frame_files(tmp_path)] == ["f1.exr"]
 
 
-def test_gap_names_the_missing_number(tmp_path: Path) -> None:
-    touch(tmp_path, "f_0007.exr", "f_0008.exr", "f_0010.exr")
-    with pytest.raises(UserError, match=r"frame 0009 is missing after f_0008.exr"):
-        frame_paths(tmp_path)
+def test_what_macos_writes_beside_files_is_left_out(tmp_path: Path) -> None:
+    touch(tmp_path, "f1.exr", "f2.exr", "._f1.exr", "._f2.exr", ".DS_Store")
+    assert [file.path.name for file in frame_files(tmp_path)] == ["f1.exr", "f2.exr"]
+
+
+@pytest.mark.parametrize(("numbers", "offsets", "words"), [
+    ((7, 8, 10), [0, 1, 3], "1 frame is missing after f_0008.exr"),
+    ((7, 8, 12, 13), [0, 1, 5, 6], "3 frames are missing, the first of them after f_0008.exr"),
+    ((2, 4, 6), [0, 1, 2], ""),
+    ((100, 110, 130), [0, 1, 3], "1 frame is missing after f_0110.exr"),
+    ((5,), [0], ""),
+])  # fmt: skip
+def test_missing_numbers_leave_a_gap_in_time_and_are_counted(tmp_path: Path, capsys, numbers, offsets, words) -> None:
+    touch(tmp_path, *(f"f_{number:04d}.exr" for number in numbers))
+    assert [file.offset for file in frame_files(tmp_path)] == offsets
+    said = capsys.readouterr().err
+    assert words in said if words else said == ""
 
 
 def test_empty_folder_is_refused(tmp_path: Path) -> None:
     touch(tmp_path, "notes.txt")
     with pytest.raises(UserError, match="holds no"):
-        frame_paths(tmp_path)
+        frame_files(tmp_path)
 
 
 def write_manifest(folder: Path, *names: str) -> None:

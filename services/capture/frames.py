@@ -37,6 +37,7 @@ BRIGHT_FRACTION = 1 / 500  # of the map's power: a cell above it is split into s
 MAX_BRIGHT_CELLS = 64  # of a frame: 9 samples each stay far below the 4096 that a message takes
 FLAT_FIELD_CENTRE = 1 / 20  # of the image's shorter side: radius of the disc whose mean is the axis's response; 1/40 to 1/10 do
 MIN_FLAT_FIELD = 1e-3  # of the axis's response: less is noise beyond the rim, and would be divided by; any value up to 0.02 does
+MAX_LATLONG_EXCESS = 2  # pixels by which a width may differ from twice the height: what rounding by other programs leaves
 ALL_CODES = 2**16  # a table for uint16 codes needs no check of its index
 
 
@@ -102,7 +103,7 @@ class FrameMaker:
         if kind == "polar":
             radiance, bright_cells = self._from_polar(name, image, attributes)
         elif kind == "latlong":
-            radiance, bright_cells = self._from_latlong(image)
+            radiance, bright_cells = self._from_latlong(name, image)
         elif kind == "fisheye":
             radiance, bright_cells = self._from_fisheye(name, image)
         else:
@@ -144,9 +145,12 @@ class FrameMaker:
             raise UserError(f"{name}: is {found} and [capture] asks for a {s.coverage} of {s.rows} x {s.cols}; set rows, cols and coverage")
         return image, bright_cells_from_attributes(name, attributes, s.rows * s.cols)
 
-    def _from_latlong(self, image: np.ndarray) -> tuple[np.ndarray, BrightCells]:
+    def _from_latlong(self, name: str, image: np.ndarray) -> tuple[np.ndarray, BrightCells]:
         s = self._settings
         height, width, _ = image.shape
+        if abs(width - 2 * height) > MAX_LATLONG_EXCESS:
+            fisheye = "a fisheye frame needs lens.toml beside it, or [capture] lens"
+            raise UserError(f"{name}: is {width}x{height} and a lat-long map of the whole sphere is twice as wide as high; {fisheye}")
         weights = self._latlong = self._latlong or latlong_to_polar(height, width, s.rows, s.cols, s.coverage)
         radiance = polar_from_latlong(image, weights)
         return radiance, latlong_bright_cells(image, weights, brightest_cells(radiance, s.coverage), s.coverage)

@@ -10,6 +10,7 @@ from vemlight.capture.camera_source import CameraSource
 from vemlight.capture.exr_header import BRIGHT_CELLS, bright_cells_text
 from vemlight.capture.frames import Frame
 from vemlight.capture.recorder import Recorder
+from vemlight.capture.sequence import FrameFile
 from vemlight.capture.source import FileSource, open_source
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
@@ -61,7 +62,7 @@ def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settin
     settings = msgspec.structs.replace(
         settings or Capture(), source=str(frame), lens=str(lens), response=str(response) if response else ""
     )
-    made = FileSource(settings, [frame], None).frame(0)
+    made = FileSource(settings, [FrameFile(frame, 0)], None).frame(0)
     write_exr(out, made.radiance, map_attributes(made, settings.fps))
 
 

@@ -2,14 +2,16 @@
 
 import hashlib
 import itertools
+import math
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 from msgspec import Meta
 
 from vemlight.errors import UserError
+from vemlight.files import notice
 
 MANIFEST = "manifest.jsonl"
 RADIANCE_SUFFIXES = (".exr", ".hdr", ".pic")
@@ -64,24 +66,37 @@ def check_digest(path: Path, sha256: str) -> None:
         raise UserError(f"{path}: is not what was recorded (sha256 differs from {MANIFEST}); copy it again")
 
 
-def frame_paths(folder: Path) -> list[Path]:
+class FrameFile(NamedTuple):
+    """A frame of a folder without manifest. offset: frames after the first, counted by the numbers in the files' names."""
+
+    path: Path
+    offset: int
+
+
+def frame_files(folder: Path) -> list[FrameFile]:
     """The images in a `folder` without manifest, in order of their numbers, or of their names where some have none.
 
     Files of radiance take precedence: a PNG beside them is a picture of them, and one beside a .toml of its name is that calibration's.
-    Raises UserError when there are no images, or when numbered files skip a number.
+    Names that begin with a dot are no frames: macOS writes such files beside the real ones. Numbers may go up in steps; those that are
+    missing between them leave a gap in time, and a notice counts them. Raises UserError when there are no images.
     """
-    complete = sorted(p for p in folder.iterdir() if not p.stem.endswith(".part"))
+    complete = sorted(p for p in folder.iterdir() if not p.stem.endswith(".part") and not p.name.startswith("."))
     paths = [p for p in complete if p.suffix.lower() in RADIANCE_SUFFIXES]
     if not paths:
         paths = [p for p in complete if p.suffix.lower() == CODES_SUFFIX and not p.with_suffix(".toml").exists()]
     if not paths:
         raise UserError(f"{folder}: holds no {', '.join(RADIANCE_SUFFIXES)} or {CODES_SUFFIX} files; name a folder of frames")
-    numbered = [(match[1], match[2], p) for p in paths if (match := re.fullmatch(r"(.*?)(\d+)", p.stem))]
-    if len(numbered) < len(paths) or len({prefix for prefix, _, _ in numbered}) > 1:
-        return paths
-    numbered.sort(key=lambda row: int(row[1]))
-    for (_, digits, path), (_, after, _) in itertools.pairwise(numbered):
-        if int(after) != int(digits) + 1:
-            missing = f"{int(digits) + 1:0{len(digits)}d}"
-            raise UserError(f"{folder}: frame {missing} is missing after {path.name}; copy it again or renumber the rest")
-    return [path for _, _, path in numbered]
+    numbered = [(match[1], int(match[2]), p) for p in paths if (match := re.fullmatch(r"(.*?)(\d+)", p.stem))]
+    if len(numbered) < len(paths) or len({(prefix, number) for prefix, number, _ in numbered}) < len(paths):
+        return [FrameFile(path, k) for k, path in enumerate(paths)]
+    if len({prefix for prefix, _, _ in numbered}) > 1:
+        return [FrameFile(path, k) for k, path in enumerate(paths)]
+    numbered.sort(key=lambda row: row[1])
+    numbers = [number for _, number, _ in numbered]
+    step = math.gcd(*(number - numbers[0] for number in numbers[1:])) or 1
+    files = [FrameFile(path, (number - numbers[0]) // step) for _, number, path in numbered]
+    if missing := files[-1].offset + 1 - len(files):
+        at = next(before for before, after in itertools.pairwise(files) if after.offset != before.offset + 1)
+        frames = "1 frame is missing" if missing == 1 else f"{missing} frames are missing, the first of them"
+        notice(f"{folder}: {frames} after {at.path.name}; the others keep their times")
+    return files

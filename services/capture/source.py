@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from vemlight.capture.frames import Frame, FrameMaker, Mosaic
 from vemlight.capture.pixel_formats import mosaic_of
-from vemlight.capture.sequence import CODES_SUFFIX, MANIFEST, ManifestEntry, check_digest, frame_paths, read_manifest
+from vemlight.capture.sequence import CODES_SUFFIX, MANIFEST, FrameFile, ManifestEntry, check_digest, frame_files, read_manifest
 from vemlight.errors import UserError
 from vemlight.light.images import read_codes, read_radiance
 from vemlight.settings import Capture
@@ -36,37 +36,38 @@ class FrameSource(Protocol):
 class FileSource:
     """Image files in order, from `start` to `end` and at `speed` as the settings say."""
 
-    def __init__(self, settings: Capture, paths: list[Path], entries: list[ManifestEntry] | None):
+    def __init__(self, settings: Capture, files: list[FrameFile], entries: list[ManifestEntry] | None):
         """Raises UserError when start and end leave nothing, or the first file is damaged."""
-        end = min(settings.end or len(paths), len(paths))
+        end = min(settings.end or len(files), len(files))
         if settings.start >= end:
-            raise UserError(f"{paths[0].parent}: has frames 0 to {len(paths) - 1}; [capture] start and end leave none of them")
-        self.paths = paths[settings.start : end]
+            raise UserError(f"{files[0].path.parent}: has frames 0 to {len(files) - 1}; [capture] start and end leave none of them")
+        self._files = files[settings.start : end]
         self._entries = entries[settings.start : end] if entries else None
-        self._maker = FrameMaker(settings, paths[0].parent)
+        self._maker = FrameMaker(settings, files[0].path.parent)
         self._verified: set[int] = set()
         self._speed = settings.speed
         self._mosaic: Mosaic | None = mosaic_of(settings.format)
         self.fps = settings.fps * settings.speed
-        if self.paths[0].suffix.lower() != CODES_SUFFIX:
-            self.fps = recorded_fps(read_radiance(self.paths[0])[1], settings.fps) * settings.speed
+        self._layer = settings.layer
+        if self._files[0].path.suffix.lower() != CODES_SUFFIX:
+            self.fps = recorded_fps(read_radiance(self._files[0].path, self._layer)[1], settings.fps) * settings.speed
 
     def __len__(self) -> int:
-        return len(self.paths)
+        return len(self._files)
 
     def frame(self, k: int) -> Frame:
         """Frame k of 0 .. len - 1. Raises UserError for a file that is damaged, changed or of another size than the first one read."""
-        path = self.paths[k]
+        path, offset = self._files[k]
         if self._entries and k not in self._verified:
             check_digest(path, self._entries[k].sha256)
             self._verified.add(k)
-        time_s = self._entries[k].time_s / self._speed if self._entries else k / self.fps
+        time_s = self._entries[k].time_s / self._speed if self._entries else (offset - self._files[0].offset) / self.fps
         if path.suffix.lower() == CODES_SUFFIX:
             codes = read_codes(path)
             if codes.ndim == 3 and self._mosaic:
                 raise UserError(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
             return self._maker.frame_from_codes(str(path), codes, None if codes.ndim == 3 else self._mosaic or "mono", time_s)
-        image, attributes = read_radiance(path)
+        image, attributes = read_radiance(path, self._layer)
         return self._maker.frame(str(path), image, attributes, time_s)
 
 
@@ -112,9 +113,9 @@ def open_source(settings: Capture) -> FrameSource:
             raise UserError("[capture] source: is empty and the bundled sequence is not installed here; name a file or folder")
         raise UserError(f"{path}: there is no such file or folder; check [capture] source")
     if not path.is_dir():
-        return FileSource(settings, [path], None)
+        return FileSource(settings, [FrameFile(path, 0)], None)
     if (path / MANIFEST).exists():
         entries = read_manifest(path)
-        return ReadAheadSource(FileSource(settings, [path / entry.name for entry in entries], entries))
-    return ReadAheadSource(FileSource(settings, frame_paths(path), None))
+        return ReadAheadSource(FileSource(settings, [FrameFile(path / entry.name, k) for k, entry in enumerate(entries)], entries))
+    return ReadAheadSource(FileSource(settings, frame_files(path), None))
 

@@ -12,6 +12,7 @@ from vemlight.capture.frames import Frame
 from vemlight.capture.source import FrameSource, open_source
 from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
 from vemlight.errors import UserError
+from vemlight.files import notice
 from vemlight.light.images import write_exr, write_png
 from vemlight.light.light_set import LightSet, check_lights_path, lights_row, write_lights
 from vemlight.runtime.progress import counted
@@ -42,6 +43,7 @@ def open_frames(options: SamplingOptions) -> FrameSource:
         "fps": options.fps,
         "lens": options.lens,
         "response": options.response,
+        "layer": options.layer,
     }
     return open_source(section_from_options(settings.Capture, given))
 
@@ -75,12 +77,17 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
 
 
 def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]:
-    """The lights of every frame, in order. Raises UserError for a frame that cannot be read."""
-    state = initial_state()
+    """The lights of every frame, in order; a notice counts invalid cells. Raises UserError for a frame that cannot be read."""
+    state, cells, invalid_cells, invalid_frames = initial_state(), 0, 0, 0
     for k in range(len(frames)):
         frame = frames.frame(k)
+        invalid = np.count_nonzero(~(np.isfinite(frame.radiance) & (frame.radiance >= 0)).all(axis=-1))
+        cells, invalid_cells, invalid_frames = cells + frame.radiance[..., 0].size, invalid_cells + invalid, invalid_frames + (invalid > 0)
         state, lights, report = step(sampling, state, SamplerInput(frame.radiance, frame.coverage, frame.time_s, frame.bright_cells))
         yield Lit(frame, lights, report.gloss)
+    if invalid_cells:
+        where = f" in {invalid_frames} of {len(frames)} frames" if len(frames) > 1 else ""
+        notice(f"{invalid_cells} of {cells} cells of the map were nan, infinite or negative{where}, and count as dark")
 
 
 def write_lights_file(options: LightsOptions) -> str:

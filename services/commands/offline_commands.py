@@ -18,6 +18,7 @@ SAMPLING = (
     click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), help="Frames a second, where the source does not say."),
     click.option("--lens", type=PATH, help="Lens file of fisheye frames."),
     click.option("--response", type=PATH, help="Response file of raw frames."),
+    click.option("--layer", help="Of EXR files with several layers or parts; left out: the picture itself."),
 )
 
 

@@ -26,6 +26,7 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     fps: float | None = None
     lens: Path | None = None
     response: Path | None = None
+    layer: str | None = None
 
 
 class LightsOptions(SamplingOptions, frozen=True, kw_only=True):

@@ -77,10 +77,12 @@ def read_exr(path: Path, layer: str = "", limits: ImageLimits = LIMITS) -> tuple
         raise UserError(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
     if str(attributes.get("envmap")).endswith("CUBE"):
         raise UserError(f"{path}: is a cube map by its header (envmap); make it lat-long first: exrenvmap -l")
-    primaries = tuple(attributes.get("chromaticities", REC709))
     try:
+        primaries = tuple(attributes.get("chromaticities", REC709))
         pixels = _rgb(path, planes, primaries if any(primaries) else REC709, found.is_gray)
-    except ValueError as error:
+    except UserError:
+        raise
+    except (ValueError, TypeError) as error:  # TypeError: an attribute of that name and another type
         raise UserError(f"{path}: chromaticities in its header: {error}; write it again with the right ones") from error
     return _in_display_window(pixels, attributes), attributes
 

@@ -68,8 +68,8 @@ def _stored_pixels(path: Path, flags: int) -> np.ndarray:
         raise UserError(f"{path}: there is no such file; check the path")
     try:
         with silent(), Image.open(path) as image:
-            size, orientation = image.size, image.getexif().get(EXIF_ORIENTATION, UPRIGHT)
-        LIMITS.check(path, *size, path.stat().st_size, pixel_bytes=6)
+            LIMITS.check(path, *image.size, path.stat().st_size, pixel_bytes=6)
+            orientation = image.getexif().get(EXIF_ORIENTATION, UPRIGHT)  # which reads a PNG to its end
         with silent():
             pixels = cv2.imread(str(path), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except UserError:

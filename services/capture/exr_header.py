@@ -7,6 +7,7 @@ import numpy as np
 from msgspec import Meta
 
 from vemlight.errors import UserError
+from vemlight.files import decoded_json
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 
 BRIGHT_CELLS = "vemlight:bright_cells"
@@ -36,8 +37,8 @@ def bright_cells_from_attributes(name: str, attributes: dict[str, Any], cells: i
     if text is None:
         return NO_BRIGHT_CELLS
     try:
-        rows = msgspec.json.decode(text, type=Samples)
-    except (msgspec.DecodeError, TypeError, UnicodeError) as error:
+        rows = decoded_json(text, Samples)
+    except (ValueError, TypeError) as error:
         raise UserError(f"{name}: {BRIGHT_CELLS} in its header: {error}; record again") from error
     if not rows:
         return NO_BRIGHT_CELLS

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from vemlight.errors import UserError
-from vemlight.files import notice
+from vemlight.files import decoded_json, notice
 
 MANIFEST = "manifest.jsonl"
 RADIANCE_SUFFIXES = (".exr", ".hdr", ".pic")
@@ -46,8 +46,8 @@ def read_manifest(folder: Path) -> list[ManifestEntry]:
     entries, lines = [], path.read_bytes().splitlines(keepends=True)
     for number, line in enumerate(lines, 1):
         try:
-            entries.append(msgspec.json.decode(line, type=ManifestEntry))
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            entries.append(decoded_json(line, ManifestEntry))
+        except ValueError as error:
             if number == len(lines) and not line.endswith(b"\n"):
                 break  # the recorder was stopped while writing it
             raise UserError(f"{path}: line {number}: {error}; copy the recording again") from error

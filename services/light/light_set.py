@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import written_whole
+from vemlight.files import decoded_json, written_whole
 from vemlight.light.sphere import Coverage
 
 
@@ -81,8 +81,8 @@ def read_lights(path: Path) -> list[LightsRow]:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     for number, line in enumerate(text.splitlines() if path.suffix == ".jsonl" else [text], 1):
         try:
-            rows.append(msgspec.json.decode(line, type=LightsRow))
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            rows.append(decoded_json(line, LightsRow))
+        except ValueError as error:
             raise UserError(f"{path}: line {number}: {error}; write it again with `vemlight lights`") from error
     return rows
 

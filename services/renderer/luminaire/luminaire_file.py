@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Meta
 
 from vemlight.errors import UserError
-from vemlight.files import written_whole
+from vemlight.files import decoded_json, written_whole
 from vemlight.light.image_limits import LIMITS
 from vemlight.light.primaries import REC709
 from vemlight.renderer.luminaire.bases import BasisKind
@@ -85,8 +85,8 @@ def read_luminaire(path: Path) -> LightField:
     if not isinstance(header, str):
         raise UserError(f"{path}: is an EXR without the attribute {HEADER_ATTRIBUTE}; make a luminaire with `vemlight luminaire`")
     try:
-        geometry = msgspec.json.decode(header.encode(), type=LuminaireHeader)
-    except msgspec.DecodeError as error:
+        geometry = decoded_json(header, LuminaireHeader)
+    except ValueError as error:
         raise UserError(f"{path}: {HEADER_ATTRIBUTE}: {error}; write it again with `vemlight luminaire`") from error
     low_s, low_t, high_s, high_t = geometry.window_m
     if not (low_s < high_s and low_t < high_t):

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.files import decoded_json
 from vemlight.light.images import write_exr, write_png
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import BACKGROUND, over_background, video_writer
@@ -49,8 +50,8 @@ class ImageSequenceWriter:
         lines = self._manifest.read().split(b"\n")
         self._manifest.truncate(sum(len(line) + 1 for line in lines[:-1]))
         try:
-            self._entries = [msgspec.json.decode(line, type=PictureEntry) for line in lines[:-1]]
-        except msgspec.DecodeError as error:
+            self._entries = [decoded_json(line, PictureEntry) for line in lines[:-1]]
+        except ValueError as error:
             raise UserError(f"{path}: is no manifest of pictures ({error}); choose another --out") from error
 
     @property

@@ -1,9 +1,20 @@
 """The two ways in which work ends early: by what the user has to change, and by what only a restart can fix."""
 
 
+def printable_line(text: str) -> str:
+    """The text on one line: line ends and all that a terminal would obey rather than show become spaces, whatever an input held."""
+    return "".join(character if character.isprintable() else " " for character in text)
+
+
 class UserError(ValueError):
     """A mistake that the user can fix. Its text is one line: what is wrong, where, and how to fix it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(printable_line(text))
 
 
 class FatalError(RuntimeError):
     """A failure that only a restart can fix, such as a device that is gone. Its text is one line."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(printable_line(text))

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import msgspec
 
-from vemlight.errors import UserError
+from vemlight.errors import UserError, printable_line
 
 MAX_TOML_BYTES = 2**20  # a scene of 1,000 meshes has 0.2 MB
 MAX_KEY_DOTS = 32  # the deepest key of ours has three parts; tomllib takes the square of their number, 8 s at 10^5
@@ -115,7 +115,7 @@ def notice(text: str) -> None:
     """One line on stderr for what the user should know of an input that can be used; the same text only once."""
     if text not in _noticed:
         _noticed.add(text)
-        print(f"vemlight: {text}", file=sys.stderr, flush=True)
+        print(f"vemlight: {printable_line(text)}", file=sys.stderr, flush=True)
 
 
 def one_line(error: BaseException) -> str:

@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -59,8 +59,8 @@ def read_toml(path: Path, kind: type[Record]) -> Record:
         raise UserError(f"{path}: is not TOML ({one_line(error)}); correct that line") from error
 
 
-def decoded_json(content: bytes | str, kind: type[Record]) -> Record:
-    """A record of `kind` from JSON. Raises ValueError for whatever is none, nesting beyond measure and numbers beyond range included."""
+def decoded_json(content: bytes | str, kind: Any) -> Any:
+    """A value of the type `kind` from JSON. Raises ValueError for whatever is none, nesting beyond measure and numbers beyond range included."""
     try:
         return msgspec.json.decode(content, type=kind)
     except (RecursionError, OverflowError, MemoryError) as error:

@@ -6,7 +6,7 @@ SETTINGS ?=
 GL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
 .DEFAULT_GOAL := help
-.PHONY: help env gl run test check charts golden settings-doc clean
+.PHONY: help env gl run test mutants check charts golden settings-doc clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -39,6 +39,9 @@ run: gl  ## play the bundled sequence through all services and print the viewer'
 
 test: gl  ## run the tests
 	$(BIN)/python -m pytest $(PYTEST)
+
+mutants: gl  ## change the source in small ways and count the changes that tests notice (hours; ONLY="text ..." for some of them)
+	$(BIN)/python -m tests.mutants --workers $$(nproc) $(if $(ONLY),--only $(ONLY))
 
 check: env  ## lint and check the types
 	$(BIN)/ruff check .

@@ -60,7 +60,7 @@ def read_toml(path: Path, kind: type[Record]) -> Record:
 
 
 def decoded_json(content: bytes | str, kind: Any) -> Any:
-    """A value of the type `kind` from JSON. Raises ValueError for whatever is none, nesting beyond measure and numbers beyond range included."""
+    """A value of the type `kind` from JSON. Raises ValueError for anything else, too deep a nesting and too large numbers included."""
     try:
         return msgspec.json.decode(content, type=kind)
     except (RecursionError, OverflowError, MemoryError) as error:

@@ -51,9 +51,4 @@ MUTANTS = [
         ("half a file left", "part.unlink(missing_ok=True)", "pass"),
         ("half a file under its name", "os.replace(part, path)\n    finally", "pass\n    finally"),
     ]),
-    *mutants_of("services/light/images.py", "tests/test_images.py", [
-        ("other threads muted", "if threading.get_ident() == self._thread:", "if True:"),
-        ("the reader heard", "if threading.get_ident() == self._thread:", "if False:"),
-        ("errors after reading", "err.pass_to(stderr)", "pass"),
-    ]),
 ]  # fmt: skip

@@ -16,7 +16,7 @@ def light(n, seed=0):
     return cells, direction_from_angles(theta, phi), generator.lognormal(0, 1, n)
 
 
-def test_parts_hold_all_light_and_its_moment():
+def test_samples_hold_all_light_and_its_moment():
     cells, directions, flux = light(400)
     found = bright_cells_from_light(cells, directions, flux, ROWS, COLS, "hemisphere")
     assert (np.diff(found.cells) >= 0).all()
@@ -26,10 +26,10 @@ def test_parts_hold_all_light_and_its_moment():
         np.testing.assert_allclose(found.weights[own].sum(), 1, rtol=1e-6)
         centre = found.weights[own] @ found.directions[own]
         truth = flux[of] @ directions[of] / flux[of].sum()
-        assert np.degrees(np.linalg.norm(centre - truth)) < 1e-3  # a part's centre is brought to length 1; a part is a third of a degree
+        assert np.degrees(np.linalg.norm(centre - truth)) < 1e-3  # a sample's direction has length 1; a sub-cell is a third of a degree
 
 
-def test_each_centre_lies_in_a_part_of_its_own():
+def test_each_sample_lies_in_a_subcell_of_its_own():
     cells, directions, flux = light(400, 1)
     found = bright_cells_from_light(cells, directions, flux, ROWS, COLS, "hemisphere")
     i, j = cell_from_direction(found.directions.astype(np.float64), ROWS, COLS, "hemisphere")
@@ -38,7 +38,7 @@ def test_each_centre_lies_in_a_part_of_its_own():
     assert len(np.unique(places, axis=0)) == len(places)
 
 
-def test_one_direction_is_one_part_where_it_is():
+def test_one_direction_is_one_sample_where_it_is():
     direction = direction_from_angles(np.radians([31.9]), np.radians([0.2]))
     found = bright_cells_from_light(np.array([31 * COLS]), direction, np.array([3.0]), ROWS, COLS, "hemisphere")
     assert found.cells.tolist() == [31 * COLS]
@@ -47,7 +47,7 @@ def test_one_direction_is_one_part_where_it_is():
 
 
 @pytest.mark.parametrize("phi", [-0.3, 0.3])
-def test_a_pixel_that_reaches_into_a_cell_counts_for_its_nearest_part(phi):
+def test_a_pixel_that_reaches_into_a_cell_counts_for_its_nearest_subcell(phi):
     direction = direction_from_angles(np.radians([30.4]), np.radians([phi]))
     cell = 31 * COLS + (359 if phi > 0 else 0)  # one row down, one column beside, across phi = 0
     inside = direction_from_angles(np.radians([31.8]), np.radians([0.1 if phi < 0 else 359.9]))
@@ -57,7 +57,7 @@ def test_a_pixel_that_reaches_into_a_cell_counts_for_its_nearest_part(phi):
     assert np.degrees(angle_between(found.directions.astype(np.float64), centre)).max() < 2
 
 
-def test_darkness_and_spoilt_pixels_give_no_part():
+def test_darkness_and_invalid_pixels_give_no_sample():
     cells, directions, flux = light(50, 2)
     flux[:10] = [np.nan, np.inf, -1, 0, 0, 0, -np.inf, 0, 0, 0]
     found = bright_cells_from_light(cells, directions, flux, ROWS, COLS, "hemisphere")

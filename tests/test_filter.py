@@ -171,3 +171,26 @@ def test_below_the_horizon_is_allowed_on_the_sphere():
     down = np.array([0.0, 0, -1, 1, 1, 1])
     _, out, _, _ = filtered(Sampler(), EMPTY_MEMORY, frame(0.0, 1.0, down), -1.0)
     np.testing.assert_allclose(out.lights, [down], atol=1e-12)
+
+
+@pytest.mark.parametrize(("power", "steers"), [(5e-4, False), (9e-4, False), (1.1e-3, True), (2e-3, True)])
+def test_a_frame_of_a_thousandth_of_the_power_does_not_steer_the_lights(power, steers):
+    away = np.array([1.0, 0, 0, 1, 1, 1])
+    frames = [frame(k / 25, power if k == 20 else 1.0, away if k == 20 else UP) for k in range(25)]
+    out, _ = run(frames, Sampler(filter="binomial"))
+    assert (np.abs(out[20].lights - UP).max() > 0.01) == steers
+
+
+@pytest.mark.parametrize(("gap_s", "anew"), [(0.9, False), (0.98, False), (1.02, True), (1.5, True)])
+def test_after_a_gap_of_a_second_a_filter_starts_anew(gap_s, anew):
+    out, _ = run([*(frame(k / 25, 1.0) for k in range(20)), frame(0.76 + gap_s, 5.0)], Sampler(filter="iir", pass_hz=0.1))
+    assert (out[-1].power[0] == 5.0) == anew
+
+
+@pytest.mark.parametrize(("lost", "period_s"), [(3, 0.04), (4, 0.06), (5, 0.08)])
+def test_the_period_is_the_median_of_eight_intervals(lost, period_s):
+    times = np.cumsum([0.04] * 20 + [0.08] * lost)
+    memory = EMPTY_MEMORY
+    for time_s in times:
+        memory, _, _, period = filtered(PAPER, memory, frame(float(time_s)), 0.0)
+    assert period == pytest.approx(period_s)

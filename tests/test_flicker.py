@@ -110,3 +110,65 @@ def test_a_block_that_does_something_else_is_left_alone():
         state = flicker_after(state, float(t), np.append(np.full(5, one), 0.1 * pair))
     assert state.excess[:5] == pytest.approx(lamp(times)[-1], rel=0.02)
     assert state.excess[5:] == pytest.approx(1, abs=0.02)
+
+
+def test_flicker_is_found_after_a_second_and_fitted_over_64_frames():
+    found = watch(np.arange(96) / 21, lamp(np.arange(96) / 21))
+    assert [state.depth > 0 for state in found].index(True) == 24 - 1
+    assert len(found[-1].times_s) == 64
+
+
+@pytest.mark.parametrize(("beat", "found"), [(0.7, False), (0.8, False), (1.15, True), (1.5, True)])
+def test_a_beat_slower_than_a_second_is_a_cloud(beat, found):
+    fps = (100 - beat) / 5  # its fifth multiple lies `beat` below the lamp
+    times = np.arange(96) / fps
+    assert (watch(times, lamp(times))[-1].depth > 0) == found
+
+
+@pytest.mark.parametrize(("depth", "found"), [(0.0018, False), (0.0027, False), (0.0033, True), (0.005, True)])
+def test_a_depth_below_three_per_mille_is_not_reported(depth, found):
+    times = np.arange(96) / 21
+    assert (watch(times, lamp(times, depth=depth))[-1].depth > 0) == found
+
+
+@pytest.mark.parametrize(
+    ("explained", "before", "found"), [(0.35, 0.2, False), (0.5, 0.2, True), (0.5, 0.0, False), (0.7, 0.0, True), (0.85, 0.0, True)]
+)
+def test_flicker_is_found_at_three_fifths_of_the_variance_and_lost_at_two(explained, before, found):
+    # A lamp in noise that leaves it that fraction of the variance, made exactly so by fitting the noise out of its span.
+    times = np.arange(64) / 21
+    state = watch(times[:-1], lamp(times[:-1], depth=0.02))[-1]
+    cosine, sine = np.cos(200 * np.pi * times), np.sin(200 * np.pi * times)
+    t = times - times[-1]
+    span = np.stack([np.ones(64), t, t * t, cosine, sine, np.cos(400 * np.pi * times), np.sin(400 * np.pi * times)])
+    noise = np.random.default_rng(0).standard_normal(64)
+    noise -= span.T @ np.linalg.lstsq(span.T, noise, rcond=None)[0]
+    signal = sine - span[:3].T @ np.linalg.lstsq(span[:3].T, sine, rcond=None)[0]
+    noise *= np.sqrt((signal @ signal) / (noise @ noise) * (1 - explained) / explained)
+    power = np.exp(0.02 * (signal + noise))
+    state = state._replace(times_s=times[:-1], powers=power[:-1, None], depth=before)
+    assert (flicker_after(state, float(times[-1]), power[-1:]).depth > 0) == found
+
+
+@pytest.mark.parametrize(("explained", "part"), [(0.2, 0.0), (0.29, 0.0), (0.45, 0.5), (0.61, 1.0), (0.8, 1.0)])
+def test_a_block_is_corrected_by_what_its_sines_explain(explained, part):
+    # Nine blocks flicker alone; the last also has noise, in quadrature to all that is fitted.
+    times = np.arange(64) / 21
+    t = times - times[-1]
+    sine = np.sin(200 * np.pi * times + 0.3)
+    columns = [np.ones(64), t, t * t, *(f(w * times) for w in (200 * np.pi, 400 * np.pi) for f in (np.cos, np.sin))]
+    span = np.stack(columns)
+    noise = np.random.default_rng(1).standard_normal(64)
+    noise -= span.T @ np.linalg.lstsq(span.T, noise, rcond=None)[0]
+    signal = sine - span[:3].T @ np.linalg.lstsq(span[:3].T, sine, rcond=None)[0]
+    noise *= np.sqrt((signal @ signal) / (noise @ noise) * (1 - explained) / explained)
+    blocks = np.exp(0.1 * np.stack([sine] * 9 + [signal + noise], axis=1))
+    state = NO_FLICKER
+    for time_s, powers in zip(times, blocks, strict=True):
+        state = flicker_after(state, float(time_s), powers)
+    assert np.log(state.excess[9]) / np.log(state.excess[0]) == pytest.approx(part, abs=0.1)
+
+
+def test_blocks_are_fifteen_degrees():
+    even = light_map(np.ones((90, 360, 3), np.float32), "hemisphere")
+    assert len(block_powers(even, True)) == 6 * 24

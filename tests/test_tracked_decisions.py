@@ -24,7 +24,7 @@ ROWS, COLS = 30, 120
 NO_AGES = np.zeros((0, 0), np.uint8)
 
 
-def sky(turn=0, lamp=0.0):
+def sky(turn=0.0, lamp=0.0):
     theta, phi = (np.arange(ROWS)[:, None] + 0.5) / ROWS * np.pi / 2, (np.arange(COLS)[None] + 0.5 + turn) / COLS * 2 * np.pi
     gray = (1 + np.cos(theta)) * (1.5 + np.cos(phi))
     gray[12:14, 40:42] += lamp

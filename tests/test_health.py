@@ -61,6 +61,10 @@ def test_silence_another_service_and_random_bytes_are_none(said, settings, monke
         health.check_health(settings, "sampler")
 
 
+def test_a_status_is_awaited_for_two_seconds():
+    assert health.STATUS_TIMEOUT_S == 2.0  # as docs/containers.md says
+
+
 def test_a_service_that_does_not_run_is_not_healthy(settings, monkeypatch):
     monkeypatch.setattr(health, "STATUS_TIMEOUT_S", 0.1)
     with pytest.raises(SystemExit, match="sampler: no status within"):

@@ -39,6 +39,18 @@ def test_a_status_is_due_twice_a_second(clock):
     assert stats.status_if_due()
 
 
+def test_refused_messages_are_counted_and_a_line_a_minute_says_why(clock, capsys):
+    stats = ServiceStats("sampler", 0)
+    for _ in range(100):
+        stats.on_refused(ValueError("topic \x1b[2J on a message\nof kind map"))
+        clock[0] += 1.0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == 2 * ["vemlight: sampler: refused a message: topic \\x1b[2J on a message\\nof kind map"]
+    status = stats.status_if_due()
+    assert status
+    assert status.refused == 100
+
+
 def test_frames_that_a_producer_counted_and_that_never_came_are_dropped():
     losses = LossCounter()
     losses.on_status(10)

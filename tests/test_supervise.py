@@ -5,6 +5,8 @@ import signal
 import tempfile
 from pathlib import Path
 
+import pytest
+
 from tests.support.processes import LOADED_S, MessageListener, children, is_running, wait_until
 from vemlight.light.light_set import read_lights
 from vemlight.runtime import supervise, wire
@@ -93,36 +95,60 @@ def test_a_service_that_dies_again_and_again_is_given_up(run):
     assert f"sampler died {MAX_DEATHS} times" in process.communicate()[1].decode()
 
 
-def test_a_viewer_that_is_started_again_asks_for_the_same_token(monkeypatch):
-    said = []
+@pytest.fixture
+def clock(monkeypatch) -> list[float]:
+    now = [100.0]
+    monkeypatch.setattr(supervise.time, "monotonic", lambda: now[0])
+    return now
 
-    class Watcher:
+
+def deaths(clock: list[float], interval_s: float) -> list[str | None]:
+    """A service that dies every so often: the reasons to give up, None for a restart."""
+    child, reasons = supervise.Child("sampler", Path("vemlight.toml")), []
+    for _ in range(8):
+        reasons.append(child.plan_restart(-signal.SIGKILL))
+        clock[0] += interval_s
+    return reasons
+
+
+def test_a_service_is_restarted_at_once_and_then_later_and_later(clock, monkeypatch):
+    started: list[float] = []
+    child = supervise.Child("sampler", Path("vemlight.toml"))
+    monkeypatch.setattr(child, "start", lambda: started.append(clock[0]))
+    for _ in range(4):
+        died_s, before = clock[0], len(started)
+        assert child.plan_restart(1) is None
+        while len(started) == before:
+            child.start_when_due()
+            clock[0] += 0.125
+        started[-1] -= died_s
+    assert started == [0, 0.5, 1, 2]
+    assert child.restarts == 4
+
+
+def test_five_deaths_within_a_minute_are_too_many(clock):
+    *restarts, reason = deaths(clock, 14.9)[:5]
+    assert restarts == [None] * 4
+    assert reason
+    assert reason.startswith("sampler died 5 times in 60 s (was killed by SIGKILL)")
+    assert deaths(clock, 15.1) == [None] * 8
+
+
+def test_a_restarted_viewer_requires_the_same_token(monkeypatch):
+    seen = []
+
+    class SupervisorStub:
         def __init__(self, settings: Settings, file: Path) -> None:
-            said.append((settings.viewer.token, read_settings(file).viewer.token, file.parent.stat().st_mode & 0o077))
+            seen.append((settings.viewer.token, read_settings(file).viewer.token, file.parent.stat().st_mode & 0o077))
 
         def run(self) -> int:
             return 0
 
-    monkeypatch.setattr(supervise, "Supervisor", Watcher)
+    monkeypatch.setattr(supervise, "Supervisor", SupervisorStub)
     for host in ("0.0.0.0", "127.0.0.1"):
         assert supervise.supervise(Settings(viewer=Viewer(host=host))) == 0
-    (token, in_file, others), (none, none_in_file, _) = said
+    (token, in_file, others), (none, none_in_file, _) = seen
     assert token == in_file
     assert len(token) >= 32
     assert others == 0  # nobody else reads the file
     assert none == none_in_file == ""
-
-
-def test_restarts_come_later_each_time_until_the_fifth_death(monkeypatch, capsys, tmp_path):
-    now = [100.0]
-    monkeypatch.setattr(supervise.time, "monotonic", lambda: now[0])
-    child = supervise.Child("sampler", tmp_path / "settings.toml")
-    for restart, wait_s in enumerate(("0", "0.5", "1", "2"), 1):
-        assert child.plan_restart(1) is None
-        assert capsys.readouterr().err == f"vemlight: sampler ended with status 1; restart {restart} in {wait_s} s\n"
-        now[0] += 10
-    reason = child.plan_restart(-9)
-    assert reason
-    assert reason.startswith("sampler died 5 times in 60 s")
-    now[0] += 61
-    assert child.plan_restart(1) is None  # the earlier ones are forgotten

@@ -58,7 +58,12 @@ def test_each_socket_has_limits_against_hostile_peers(tmp_path):
     for socket in sockets:
         assert socket.maxmsgsize == wire.MAX_PART
         assert socket.sndhwm == socket.rcvhwm == QUEUE_FRAMES == 4
-        assert socket.handshake_ivl == 2000
+        assert 1000 <= socket.handshake_ivl <= 3000  # a handshake takes 100 ms on a busy machine, and silent peers shall not pile up
+        assert socket.linger == 0
+        gone_s = socket.tcp_keepalive_idle + socket.tcp_keepalive_cnt * socket.tcp_keepalive_intvl
+        assert socket.tcp_keepalive == 1
+        assert 3 <= gone_s <= 6  # a host that vanished is noticed in so long
+        assert 2 <= socket.tcp_keepalive_cnt <= 5  # one lost packet ends no connection
     transport.close()
 
 

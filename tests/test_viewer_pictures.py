@@ -8,7 +8,7 @@ import pytest
 
 from vemlight.light.sphere import Coverage, angles_from_direction, cell_from_direction
 from vemlight.runtime import wire
-from vemlight.viewer.pictures import DISC_PIXELS, GROUND, SRGB_CODES, Sky, _with_neighbours, disc_lookup, picture_jpeg
+from vemlight.viewer.pictures import DISC_PIXELS, GROUND, SRGB_CODES, Sky, _with_neighbours, disc_lookup, jpeg, picture_jpeg
 
 STAMP = wire.stamp(0, 0.0)
 
@@ -87,6 +87,16 @@ def test_a_jump_of_brightness_is_taken_slowly():
 
 def test_a_map_larger_than_the_disc_is_scaled_down():
     assert disc(np.full((1100, 2200, 3), 0.5)).shape == (DISC_PIXELS, DISC_PIXELS, 3)
+
+
+def test_jpeg_shows_a_smooth_sky_without_blocks_in_few_bytes():
+    rows, cols = np.mgrid[:256, :256]
+    sky = np.stack([255 - 0.3 * rows, 160 - 0.4 * rows + 0.05 * cols, 90 - 0.2 * rows], axis=-1).astype(np.uint8)
+    data = jpeg(sky)
+    error = decoded(data) - sky
+    assert np.sqrt(np.mean(error**2)) < 1.0  # less than a code: no blocks are seen
+    noise = np.random.default_rng(3).integers(0, 256, (256, 256, 3), np.uint8)
+    assert len(jpeg(noise)) < 0.62 * noise.size  # of the worst picture; at a quality of 95 it would be 0.8
 
 
 def test_codes_are_the_standard_curve():

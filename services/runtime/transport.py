@@ -24,7 +24,8 @@ from vemlight.settings import Wire
 Role = Literal["publish", "serve"]
 ROLES: tuple[Role, ...] = ("publish", "serve")
 MAX_SOCKET_PATH = 107  # bytes: sun_path holds 108 with the final 0
-HANDSHAKE_MS = 2000  # at libzmq's 30 s, 800 silent connections hold 800 files; a handshake takes under 100 ms on a busy machine
+# At libzmq's 30 s, 800 silent connections hold 800 files; a handshake takes under 100 ms on a busy machine. 1 to 3 s would do.
+HANDSHAKE_MS = 2000
 # tcp: a host or container that vanished sends no FIN. After a second of silence its kernel is probed once a second, and the third
 # probe in a row without an answer ends the connection: 4 s in all.
 KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3

@@ -26,6 +26,9 @@ MUTANTS = [
         ("largest part accepted", "socket.maxmsgsize = wire.MAX_PART", "socket.maxmsgsize = -1"),
         ("queue of a socket", "socket.sndhwm = socket.rcvhwm = queue", "socket.sndhwm = socket.rcvhwm = 1000"),
         ("handshake", "HANDSHAKE_MS = 2000", "HANDSHAKE_MS = 30000"),
+        ("probes of a silent host doubled", "KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3", "KEEPALIVE_S, KEEPALIVE_PROBES = 1, 6"),
+        ("probes of a silent host halved", "KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3", "KEEPALIVE_S, KEEPALIVE_PROBES = 1, 1"),
+        ("time between probes doubled", "KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3", "KEEPALIVE_S, KEEPALIVE_PROBES = 2, 3"),
         ("subscriptions to unknown topics", "if topic in _TOPICS:", "if True:"),
         ("secret key's mode", "os.umask(0o077)", "os.umask(0o022)"),
         ("a second process at a socket", "fcntl.LOCK_EX | fcntl.LOCK_NB", "fcntl.LOCK_SH | fcntl.LOCK_NB"),
@@ -61,14 +64,26 @@ MUTANTS = [
         ("rate over a longer time", "RATE_WINDOW_S = 2.0", "RATE_WINDOW_S = 20.0"),
         ("a producer that starts again", "or frames < self._first + self._received:", "or False:"),
         ("dropped frames", "frames - self._first - self._received", "frames - self._first"),
+        ("lines about refused messages", "REFUSED_LINE_S = 60.0", "REFUSED_LINE_S = 10.0"),
+        ("control characters of a sender", 'ascii(str(error))[1:-1][:300]', 'str(error)'),
         ("intervals of a rate", "return (len(recent) - 1) /", "return len(recent) /"),
     ]),
     *mutants_of(RUNTIME + "token.py", "tests/test_viewer_authentication.py", [
         ("token halved", "TOKEN_BYTES = 24", "TOKEN_BYTES = 12"),
         ("loopback", "return ipaddress.ip_address(host).is_loopback", "return ipaddress.ip_address(host).is_private"),
     ]),
-    *mutants_of(RUNTIME + "supervise.py", "tests/test_supervise.py::test_restarts_come_later_each_time_until_the_fifth_death", [
-        ("back-off", "len(RESTART_DELAY_S)) - 1]", "len(RESTART_DELAY_S)) - 2]"),
-        ("deaths before giving up", "MAX_DEATHS = 5", "MAX_DEATHS = 50"),
+    *mutants_of(RUNTIME + "supervise.py", "tests/test_supervise.py::test_a_service_is_restarted_at_once_and_then_later_and_later "
+                "tests/test_supervise.py::test_five_deaths_within_a_minute_are_too_many", [
+        ("delay of a restart", "len(RESTART_DELAY_S)) - 1]", "len(RESTART_DELAY_S)) - 2]"),
+        ("deaths before giving up doubled", "MAX_DEATHS = 5", "MAX_DEATHS = 10"),
+        ("deaths before giving up halved", "MAX_DEATHS = 5", "MAX_DEATHS = 3"),
+        ("time of deaths doubled", "GIVE_UP_S = 60.0", "GIVE_UP_S = 120.0"),
+        ("time of deaths halved", "GIVE_UP_S = 60.0", "GIVE_UP_S = 30.0"),
+    ]),
+    *mutants_of(RUNTIME + "loop.py", "tests/test_live_input.py", [
+        ("stale doubled", "STALE_MS = 60", "STALE_MS = 120"),
+        ("stale halved", "STALE_MS = 60", "STALE_MS = 30"),
+        ("frames passed over are not counted", "self._stats.skipped += newest is not None", "pass"),
+        ("the end forgotten", "newest, self.end = (header, arrays), None", "newest = (header, arrays)"),
     ]),
 ]

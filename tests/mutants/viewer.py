@@ -11,6 +11,7 @@ MUTANTS = [
         ("steps of a slow service", "SLOW_STEPS = 3", "SLOW_STEPS = 6"),
         ("lossless", 'float("inf") if self._lossless else', "0.1 if self._lossless else"),
         ("finished services are healthy", '("live", "finished")', '("live",)'),
+        ("steps of a slow service halved", "SLOW_STEPS = 3", "SLOW_STEPS = 1.5"),
         ("slow steps", "(last.status.step_ms or 0.0) / 1e3", "0.0"),
     ]),
     *mutants_of(VIEWER + "pictures.py", "tests/test_viewer_pictures.py", [
@@ -20,6 +21,8 @@ MUTANTS = [
         ("adaptation halved", "ADAPT = 0.15", "ADAPT = 0.075"),
         ("DARK x 1000", "DARK = 1e-6", "DARK = 1e-3"),
         ("linear steps", "LINEAR_STEPS = 4096", "LINEAR_STEPS = 512"),
+        ("quality halved", "QUALITY = 88", "QUALITY = 44"),
+        ("quality near the top", "QUALITY = 88", "QUALITY = 97"),
         ("azimuth seam", 'mode="wrap"', 'mode="edge"'),
         ("the pole", "codes.shape[1] // 2, axis=1)", "0, axis=1)"),
         ("equation 4", "(1 + y * to_key / WHITE**2)", "(1 + y * to_key / WHITE)"),

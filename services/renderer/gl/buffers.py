@@ -57,6 +57,17 @@ GLOSS_LIGHT = buffer_struct(
     },
 )
 
+# From where a shadow map of a luminaire is drawn, in the luminaire's frame.
+SHADOW_VIEW = buffer_struct(
+    "ShadowView",
+    {
+        "origin": Member("vec3", "metres"),
+        "face": Member("float", "0 to 5: the face of a cube that it looks through, +z, -z, +x, -x, +y, -y"),
+        "low": Member("vec2", "window of tangents"),
+        "high": Member("vec2"),
+    },
+)
+
 # A material's parameters in surface.frag; each model of surface_models.glsl reads some of them.
 MATERIAL = buffer_struct(
     "Material",
@@ -107,6 +118,7 @@ INCLUDES = {
     "light_entry.glsl": LIGHT_ENTRY.glsl,
     "light_frame.glsl": LIGHT_FRAME.glsl,
     "gloss_lights.glsl": GLOSS_SPAN.glsl + GLOSS_GROUP.glsl + GLOSS_LIGHT.glsl,
+    "shadow_view.glsl": SHADOW_VIEW.glsl,
     "material.glsl": MATERIAL.glsl,
     "surface_texels.glsl": "".join(
         record.glsl for record in (SURFACE_DEPTH, SURFACE_NORMALS, SURFACE_DIFFUSE, SURFACE_SPECULAR, SURFACE_EMISSION)

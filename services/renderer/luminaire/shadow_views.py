@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
+from vemlight.renderer.gl.buffers import SHADOW_VIEW
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
 from vemlight.renderer.luminaire.lightfield import LightField
 
@@ -18,16 +19,10 @@ ReferencePlane = Literal["sampling", "measurement"]
 NEAR_FRACTION = 1e-3  # of the far plane: a step of 1 / z in 24 bits is then 6e-5 of the distance
 MAX_TANGENT = 20.0  # of 87 degrees: a perspective map shadows nothing at flatter angles
 CUBE_TANGENT = 1.05  # of a cube's face: the margin beyond 1 is a texel from 42 texels a side on, so that lookups filter across edges
-SHADOW_VIEW = np.dtype([
-    ("origin", "<f4", 3),  # reference position in the luminaire's frame, metres
-    ("face", "<f4"),  # 0 to 5: the face of a cube that it looks through, +z, -z, +x, -x, +y, -y
-    ("low", "<f4", 2),  # window of tangents
-    ("high", "<f4", 2),
-])
 
 
 class ShadowViews(NamedTuple):
-    """views: (n,) of SHADOW_VIEW. near_m, far_m: clipping distances of all of them."""
+    """views: (n,) SHADOW_VIEW. near_m, far_m: clipping distances of all of them."""
 
     views: np.ndarray
     near_m: float
@@ -41,7 +36,7 @@ def cell_views(field: LightField, far_m: float, reference: ReferencePlane = "sam
     low = np.array([field.first_m[axis] - n * h / 2 for axis in (0, 1)])
     j, i = np.indices((rows, cols)).reshape(2, -1)
     corner = low + h * np.stack([i, j], axis=-1)
-    views = np.zeros(len(corner), SHADOW_VIEW)
+    views = np.zeros(len(corner), SHADOW_VIEW.dtype)
     window = np.array(field.window_m).reshape(2, 2)
     if reference == "sampling":
         views["origin"][:, :2] = corner + h / 2
@@ -99,6 +94,6 @@ def median(weights):
 
 def cube_views(far_m: float) -> ShadowViews:
     """Six views from the luminaire's origin, one through each face of a cube."""
-    views = np.zeros(6, SHADOW_VIEW)
+    views = np.zeros(6, SHADOW_VIEW.dtype)
     views["face"], views["low"], views["high"] = np.arange(6), -CUBE_TANGENT, CUBE_TANGENT
     return ShadowViews(views, NEAR_FRACTION * far_m, far_m)

@@ -5,9 +5,9 @@ import math
 import moderngl
 import numpy as np
 
-from vemlight.renderer.gl.buffers import CASTER_VERTEX
+from vemlight.renderer.gl.buffers import CASTER_VERTEX, SHADOW_VIEW
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.luminaire.shadow_views import SHADOW_VIEW, ShadowViews
+from vemlight.renderer.luminaire.shadow_views import ShadowViews
 from vemlight.renderer.passes.luminaires.occluders import SceneOccluders
 from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
 from vemlight.renderer.scene.scene import Scene
@@ -32,7 +32,7 @@ class LuminaireAtlas:
         self._program = programs.program("luminaire_map.vert", "shadow.frag", ALPHA_TEST=0, MAX_MAPS=count)
         layout = CASTER_VERTEX.content(occluders.positions, self._program)
         self._vao = context.vertex_array(self._program, [layout], occluders.indices, index_element_size=4)
-        self._buffer = context.buffer(reserve=SHADOW_VIEW.itemsize * count, dynamic=True)
+        self._buffer = context.buffer(reserve=SHADOW_VIEW.dtype.itemsize * count, dynamic=True)
         self._texture = context.depth_texture((self._columns * self._resolution, self._columns * self._resolution))
         self._texture.compare_func = ""
         self._texture.filter = (moderngl.NEAREST, moderngl.NEAREST)

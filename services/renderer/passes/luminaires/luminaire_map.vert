@@ -1,5 +1,6 @@
 #version 430
 // One instance draws the scene into one tile; what reaches beyond the tile is clipped.
+#include "shadow_view.glsl"
 #include "luminaire_maps.glsl"
 
 #if ALPHA_TEST

@@ -1,8 +1,6 @@
 // Shadow maps of a luminaire in one depth texture, a grid of tiles: a perspective view from each reference position, through one of the
 // six faces of a cube, with any window of tangents. Depth is linear in 1 / z, and so is a plane: receivers are compared with their own plane.
 
-struct ShadowView { vec3 origin; float face; vec2 low, high; };  // SHADOW_VIEW of shadow_views.py
-
 layout(std140) uniform ShadowViews { ShadowView views[MAX_MAPS]; };
 
 uniform float map_size;  // texels of a tile's side

@@ -67,7 +67,7 @@ MUTANTS = [
         ("files not checked", "if self._entries and k not in self._verified:", "if False:"),
         ("the last frame", "end = min(settings.end or len(files), len(files))", "end = len(files)"),
     ]),
-    *mutants_of(CAPTURE + "fisheye.py", "tests/test_fisheye.py tests/test_frames.py", [
+    *mutants_of(CAPTURE + "fisheye.py", "tests/test_fisheye.py tests/test_scatter.py tests/test_frames.py", [
         ("Bayer weights by the wrong lattice", "(n % 2, n // 2) for n in range(4)", "(n // 2, n % 2) for n in range(4)"),
         ("area of a green pixel", '"G": (2, 1)', '"G": (2, 2)'),
         ("end of a lit row", "weights.shape[1] - lit[:, ::-1].argmax(axis=1)", "weights.shape[1] - lit[:, ::-1].argmax(axis=1) - 1"),

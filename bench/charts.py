@@ -58,26 +58,26 @@ def main(names: list[str]) -> int:
             progress.update(task, description=name)
             before = progress.tasks[task].completed
             if bench.needs_maps and not os.environ.get("VEMLIGHT_DATA"):
-                console.print(f"{name}: left out, VEMLIGHT_DATA names no folder of maps")
+                console.print(f"{name}: skipped, VEMLIGHT_DATA names no folder of maps")
             else:
                 begin = time.monotonic()
 
                 def tick(before: float = before, begin: float = begin, most: int = bench.seconds) -> None:
                     progress.update(task, completed=before + min(time.monotonic() - begin, most))
 
-                status, said = _run(bench.arguments, tick)
+                status, errors = _run(bench.arguments, tick)
                 console.print(f"{name}: {'FAILED' if status else 'done'} in {time.monotonic() - begin:.0f} s")
                 if status:
                     failed.append(name)
-                    console.print(said[-2000:], markup=False)
+                    console.print(errors[-2000:], markup=False)
             progress.update(task, completed=before + bench.seconds)
     return 1 if failed else 0
 
 
 def _run(arguments: list[str], tick: Callable[[], object]) -> tuple[int, str]:
-    """The exit status of a bench and what it said to stderr; `tick` is called every second meanwhile."""
+    """The exit status of a bench and its stderr; `tick` is called every second meanwhile."""
     with tempfile.TemporaryFile("w+") as errors:
-        quiet = {"OPENBLAS_NUM_THREADS": "1", **os.environ}  # matrices are small here: its threads would only wait for each other
+        quiet = {"OPENBLAS_NUM_THREADS": "1", **os.environ}  # matrices are small here, and its threads would only wait for each other
         process = subprocess.Popen([sys.executable, "-m", *arguments], stdout=subprocess.DEVNULL, stderr=errors, env=quiet)
         while True:
             try:

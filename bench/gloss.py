@@ -16,7 +16,7 @@ from matplotlib import pyplot as plt
 from numba import njit, prange
 from rich.progress import track
 
-from bench.accuracy.drawing import colour, room
+from bench.accuracy.drawing import colour, leave_margin
 from bench.accuracy.maps import chosen
 from bench.judge import Source, points_of, read_source
 from tests.support.ray_casting import Hits, first_hits, scene_tree
@@ -158,7 +158,7 @@ def title(method: Method, gloss: int) -> str:
 def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -> None:
     """The chart: spheres on the left, errors on the right."""
     figure = plt.figure(figsize=(15, 6.5), layout="constrained")
-    room(figure, 0.03)
+    leave_margin(figure, 0.03)
     left, right = cast(np.ndarray, figure.subfigures(1, 2, width_ratios=(1, 1.1)))
     shown = ["the map itself", *(title(method, gloss) for method in METHODS for gloss in SHOWN_COUNTS)]
     for name, axis in zip(shown, left.subplots(len(shown), 1), strict=True):

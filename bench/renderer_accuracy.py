@@ -2,7 +2,7 @@
 
     VEMLIGHT_DATA=FOLDER python -m bench.renderer_accuracy [--out docs/charts] [CHART ...] [--curves TEXT ...]
 
-Charts: figure6 (error over the number of lights), time (error over ms a picture, beside Mitsuba 3 and Embree: on a software renderer, for a
+Charts: figure6 (error over the number of lights), time (error over ms a picture, with Mitsuba 3 and Embree: on a software renderer, for a
 graphics card's time is not the processor's). Writes renderer_NAME.png, .svg and .csv. The truth is Mitsuba's picture under the whole map,
 TRUTH paths a pixel. Measures: RMSE of radiance over the root mean square of the truth; mean FLIP (Andersson et al. 2020) and mean colour
 difference in CIE 1976 L*a*b* of both pictures tone-mapped alike, as the truth is. Needs the extra `bench` and a libLLVM.
@@ -21,7 +21,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from rich.progress import Progress
 
-from bench.accuracy.drawing import room
+from bench.accuracy.drawing import leave_margin
 from bench.accuracy.maps import chosen
 from bench.judge import read_source
 from bench.renderer import paper_scene
@@ -109,7 +109,7 @@ def draw_figure6(rows: list[dict[str, Any]]) -> Any:
     """A column for each kind of map, a line for each measure."""
     kinds, scenes = list(dict.fromkeys(r["map"] for r in rows)), list(dict.fromkeys(r["scene"] for r in rows))
     figure, axes = plt.subplots(len(MEASURES), len(kinds), figsize=(16, 10), sharex=True, sharey="row", layout="constrained")
-    room(figure, 0.03)
+    leave_margin(figure, 0.03)
     for line, (measure, label) in zip(axes, MEASURES.items(), strict=True):
         for axis, kind in zip(line, kinds, strict=True):
             for k, scene in enumerate(scenes):
@@ -194,8 +194,8 @@ def curves_of(ours: Ours, traced: Any, world: Any, path: Path) -> dict[str, dict
     """Every curve's points: what is measured under which label."""
     lights = partial(lights_of, path, method="tracked")
     return {
-        "lights, maps drawn anew": {str(n): partial(ours.timed, lights(n)) for n in COUNTS},
-        "lights, maps kept": {str(n): partial(ours.timed, lights(n), frame_ms=1e4) for n in COUNTS},
+        "lights, maps redrawn": {str(n): partial(ours.timed, lights(n)) for n in COUNTS},
+        "lights, maps cached": {str(n): partial(ours.timed, lights(n), frame_ms=1e4) for n in COUNTS},
         "lights, maps of 256 x 256": {str(n): partial(ours.timed, lights(n), shadow_map=256) for n in COUNTS},
         "lights, 24 regions": {str(n): partial(ours.timed, lights(n), light_regions=EVERY_SIDE) for n in COUNTS},
         "2005 lights": {str(n): partial(ours.timed, lights_of(path, n, "havran-azimuth")) for n in COUNTS},
@@ -238,7 +238,7 @@ def times(out: Path, progress: Progress, wanted: list[str] | None = None) -> Non
                 progress.advance(task)
     ours.release()
     rows += [row for kind in kinds for row in equal_error([r for r in rows if r["map"] == kind])]
-    note = f"{triangles(scene)} triangles, {size[0]} x {size[1]}, maps as their lights deserve but where said; bottom left is best."
+    note = f"{triangles(scene)} triangles, {size[0]} x {size[1]}, resolutions by power where not stated; bottom left is best."
     save(draw_time(rows), rows, out, "time", note)
 
 
@@ -246,7 +246,7 @@ def draw_time(rows: list[dict[str, Any]]) -> Any:
     """A line for each kind of map, a column for each measure."""
     kinds = list(dict.fromkeys(r["map"] for r in rows))
     figure, axes = plt.subplots(len(kinds), len(MEASURES), figsize=(17, 10), layout="constrained")
-    room(figure, 0.1)
+    leave_margin(figure, 0.1)
     for line, kind in zip(axes, kinds, strict=True):
         for axis, (measure, label) in zip(line, MEASURES.items(), strict=True):
             for k, curve in enumerate(dict.fromkeys(r["curve"] for r in rows if r["curve"] != EQUAL)):
@@ -272,7 +272,7 @@ def equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
     made = []
     drawn = list(dict.fromkeys(r["curve"] for r in rows))
-    for curve in [c for c in drawn if c in ("lights, maps drawn anew", "lights, maps kept", "lights, maps of 256 x 256")]:
+    for curve in [c for c in drawn if c in ("lights, maps redrawn", "lights, maps cached", "lights, maps of 256 x 256")]:
         own = [(float(r["at"]), r["rmse"], r["ms"], r["processor_ms"]) for r in rows if r["curve"] == curve]
         count, *values = np.log(own).T
         error, *took = (float(np.exp(np.interp(np.log(72), count, value))) for value in values)

@@ -86,7 +86,7 @@ def measured(what: str, size: int, work: Callable[[], Any], repeats: int, counte
 
 
 def whole_step() -> list[Row]:
-    """The step of the issue's target, 90 x 360 to 300 lights with tables, sampling, FIR and clustering, and its parts."""
+    """The step on 90 x 360 to 300 lights with tables, sampling, FIR and clustering, and its parts."""
     radiance, settings = sky(), Sampler(method=METHODS[0], count=300, clusters=72)
     maps = [radiance * np.float32(1 + 0.02 * k) for k in range(4)]
     state = initial_state()

@@ -57,7 +57,7 @@ def test_shadows_agree_with_rays_but_for_their_edges(tmp_path, name, shadow_map)
         lost += float((truth[away] > 0.05)[drawn[away] < 0.02].sum())
     renderer.release()
     assert power > 0
-    assert np.sqrt(error / power) <= 0.02  # the bound; 0.006 to 0.012 measured
+    assert np.sqrt(error / power) <= 0.02  # 0.006 to 0.012 measured
     assert lost <= 5 * away.sum() * 1e-3  # no acne: at most one pixel in a thousand is dark that rays see lit
 
 

@@ -31,15 +31,15 @@ def colour(k: int) -> tuple[float, float, float]:
 def grid(count: int, height: float) -> tuple[Figure, np.ndarray]:
     """A figure with `count` axes or a few more, three in a line, and room for a legend below."""
     figure, axes = plt.subplots(-(-count // 3), 3, figsize=(16, height * -(-count // 3)), layout="constrained")
-    room(figure, 0.09)
+    leave_margin(figure, 0.09)
     for axis in axes.ravel()[count:]:
         axis.set_axis_off()
     return figure, axes.ravel()[:count]
 
 
-def room(figure: Figure, share: float) -> None:
-    """Leaves this share of the height free below, for legend and caption."""
-    figure.get_layout_engine().set(rect=(0, share, 1, 1 - share))  # type: ignore[union-attr]
+def leave_margin(figure: Figure, fraction: float) -> None:
+    """Leaves this fraction of the height free below, for legend and caption."""
+    figure.get_layout_engine().set(rect=(0, fraction, 1, 1 - fraction))  # type: ignore[union-attr]
 
 
 def legend(figure: Figure, axis: Any) -> None:

@@ -8,7 +8,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from rich.progress import Progress
 
-from bench.accuracy.drawing import few_shades, room, save
+from bench.accuracy.drawing import few_shades, leave_margin, save
 from bench.accuracy.maps import one
 from bench.judge import judge, points_of, points_of_lights, read_source, relative_rms
 from bench.methods import STILL, TRACKED, settled
@@ -79,7 +79,7 @@ def pictures(out: Path, progress: Progress) -> None:
 
 def _sheet(size: tuple[float, float]) -> tuple[Figure, np.ndarray]:
     figure, axes = plt.subplots(len(METHODS), len(COUNTS), figsize=size, layout="constrained")
-    room(figure, 0.03)
+    leave_margin(figure, 0.03)
     return figure, axes
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from rich.progress import Progress
 
-from bench.accuracy.drawing import colour, grid, legend, room, save
+from bench.accuracy.drawing import colour, grid, leave_margin, legend, save
 from bench.accuracy.maps import chosen
 from bench.judge import Judged, judge, points_of, points_of_lights
 from bench.methods import MOVING
@@ -105,7 +105,7 @@ def _chart_flicker(rows: list[dict[str, Any]], out: Path) -> None:
 
 def _chart_motion(rows: list[dict[str, Any]], out: Path) -> None:
     figure, axes = plt.subplots(1, 3, figsize=(16, 5.4), layout="constrained")
-    room(figure, 0.13)
+    leave_margin(figure, 0.13)
     methods = [method for method in MOVING if method.steady]
     labels = {"motion_deg": "mean way of a light, degrees", "jumps": "lights over 10 degrees", "deaths": "ids that end"}
     for axis, (key, label) in zip(axes, labels.items(), strict=True):

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from rich.progress import Progress
 
-from bench.accuracy.drawing import colour, room, save
+from bench.accuracy.drawing import colour, leave_margin, save
 from bench.accuracy.maps import maps
 from bench.judge import judge, points_of, points_of_lights, read_source
 from vemlight.light.colour import LUMINANCE_WEIGHTS
@@ -39,7 +39,7 @@ def need(out: Path, progress: Progress) -> None:
                 rows.append({"map": path.stem, "method": method, "promised": promise / 100, "lights": len(lights.ids), "had": error})
                 progress.advance(task)
     figure, axes = plt.subplots(1, 3, figsize=(17, 5.6), layout="constrained")
-    room(figure, 0.05)
+    leave_margin(figure, 0.05)
     for axis, method in zip(axes, ("tracked", "havran-azimuth"), strict=False):
         for k, path in enumerate(paths):
             own = [r for r in rows if r["map"] == path.stem and r["method"] == method]

@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib import pyplot as plt
 from rich.progress import Progress
 
-from bench.accuracy.drawing import colour, legend, room, save, write_table
+from bench.accuracy.drawing import colour, leave_margin, legend, save, write_table
 from bench.accuracy.maps import chosen, maps
 from bench.judge import CIRCLES, TURNS, Judged, Source, judge, points_of, points_of_lights, read_source, relative_rms, relative_rms_rgb
 from bench.methods import STILL, TRACKED, Method, settled
@@ -29,7 +29,7 @@ def still(out: Path, progress: Progress) -> None:
     write_table(_all_maps(), out, "still_maps")
     for against, label in (("ms", "ms per frame"), ("lights", "lights")):
         figure, axes = plt.subplots(1, len(paths), figsize=(17, 5.4), sharey=True, squeeze=False, layout="constrained")
-        room(figure, 0.16)
+        leave_margin(figure, 0.16)
         for axis, kind in zip(axes[0], paths, strict=True):
             for k, method in enumerate(STILL):
                 own = [r for r in rows if r["map"] == kind and r["method"] == method.name]

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from rich.progress import Progress
 
-from bench.accuracy.drawing import room, save
+from bench.accuracy.drawing import leave_margin, save
 from bench.accuracy.maps import one
 from bench.judge import read_source
 from bench.real_maps import LENS, RESPONSE
@@ -41,7 +41,7 @@ def times(out: Path, progress: Progress) -> None:
         rows.append({"part": what, "paper_ms": paper_ms or "", "ours_ms": _median_ms(run)})
         progress.advance(task)
     figure, axis = plt.subplots(figsize=(11, 5.2), layout="constrained")
-    room(figure, 0.05)
+    leave_margin(figure, 0.05)
     place = np.arange(len(rows))[::-1]
     told = [(y, row["paper_ms"]) for y, row in zip(place, rows, strict=True) if row["paper_ms"]]
     axis.barh([y + 0.2 for y, _ in told], [ms for _, ms in told], 0.38, color="0.7", label="the paper, 2005")

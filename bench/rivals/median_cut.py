@@ -52,10 +52,10 @@ def _lights(radiance: np.ndarray, coverage: Coverage, count: int, cut: Cut) -> L
     # Rounds double the regions; in the last one the strongest are cut until the count is reached.
     while regions and len(done) + len(regions) < count:
         regions.sort(key=lambda r: -_inside(tables, r)[0])
-        room, after = count - len(done) - len(regions), []
+        missing, after = count - len(done) - len(regions), []
         for k, region in enumerate(regions):
-            halves = cut(tables, region) if k < room else None
-            if halves is None and k < room:
+            halves = cut(tables, region) if k < missing else None
+            if halves is None and k < missing:
                 done.append(region)
             else:
                 after += halves or (region,)

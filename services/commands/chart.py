@@ -28,7 +28,7 @@ from vemlight.settings import Sampler
 
 # What is measured: any other values give other charts, each as true.
 METHODS: tuple[str, ...] = get_args(get_type_hints(Sampler)["method"])
-UNFILTERED = "havran-azimuth, no filter"  # beside the methods where light moves, to show what the 2005 filter does
+UNFILTERED = "havran-azimuth, no filter"  # for moving light: shows the effect of the 2005 filter
 COUNTS = (4, 8, 16, 32, 64, 128, 256, 512, 1024)
 MOVING_COUNT = 64
 FRAMES = 24  # of light that moves

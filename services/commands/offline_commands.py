@@ -51,7 +51,7 @@ def lights(options: LightsOptions) -> None:
 @click.option("--tone", type=click.Choice(["reinhard", "exponential"]), default="reinhard", show_default=True, help="Curve of the PNG.")
 @click.option("--background", type=click.Choice(["clear", "map"]), default="clear", show_default=True, help="Behind the scene.")
 @click.option("--gloss-lights", type=click.IntRange(0, 100_000), help="Lights in the set for glossy surfaces; left out: 512 for any.")
-@click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by its share of the power.")
+@click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by the light's power.")
 @click.option("--video", type=PATH, help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
 @click.option("--out", type=PATH, help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
 @options_as(RenderOptions)

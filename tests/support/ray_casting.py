@@ -133,9 +133,10 @@ def first_hits(scene: Scene, tree: Tree, width: int, height: int) -> Hits:
     flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
     flat *= np.where(np.einsum("ij,ij->i", flat, rays) > 0, -1, 1)[:, None]
     area = np.linalg.norm(np.cross(b - a, c - a), axis=-1)
-    shares = np.stack([np.linalg.norm(np.cross(p - position, q - position), axis=-1) / area for p, q in ((b, c), (c, a), (a, b))], axis=-1)
+    edges = ((b, c), (c, a), (a, b))
+    barycentric = np.stack([np.linalg.norm(np.cross(p - position, q - position), axis=-1) / area for p, q in edges], axis=-1)
     normals = np.concatenate([mesh.geometry.normals[mesh.geometry.triangles] for mesh in scene.meshes])[tree.order[found]]
-    smooth = np.einsum("ij,ijk->ik", shares, normals)
+    smooth = np.einsum("ij,ijk->ik", barycentric, normals)
     smooth /= np.linalg.norm(smooth, axis=-1, keepdims=True)
     smooth *= np.where(np.einsum("ij,ij->i", smooth, flat) < 0, -1, 1)[:, None]
     rows = (np.where(hit, tree.order[found], -1), position, smooth, flat)

@@ -75,7 +75,7 @@ class SimulatedServices(threading.Thread):
         self.speaking: set[Service] = set(MAKERS)
         self.controls: list[wire.ControlMessage] = []
         self.viewers: list[wire.StatusMessage] = []
-        self.noise: list[list[bytes]] = []  # said once by the renderer
+        self.noise: list[list[bytes]] = []  # sent once by the renderer
         self._settings, self._frames, self._stop_asked = settings, frames, threading.Event()
 
     def run(self) -> None:

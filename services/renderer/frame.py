@@ -1,4 +1,4 @@
-"""A frame as values: what all frames of a scene share, what one shows, what it leaves to the next, and what is drawn of it.
+"""A frame as values: what all frames of a scene have in common, what one frame shows, what it leaves to the next, what is drawn.
 
 frame_plan.py makes these, renderer.py draws them.
 """
@@ -25,7 +25,7 @@ from vemlight.settings import Tone
 
 
 class FrameSetup(NamedTuple):
-    """What all frames of a scene share. size: width, height in pixels. samples: of each pixel, which becomes their mean.
+    """What all frames of a scene have in common. size: width, height in pixels. samples: of each pixel, which becomes their mean.
 
     target_ms: for a frame; 0: everything is drawn, however long it takes. kinds: of the scene's materials. rest: where the scene file
     puts everything.
@@ -108,7 +108,7 @@ class GBufferContents(NamedTuple):
 class FrameState(NamedTuple):
     """What a frame leaves to the next: choices with hysteresis, and what is cached on the GPU once the frame is drawn.
 
-    placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps for want of time. gloss:
+    placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short. gloss:
     whether there is time for the gloss set. maps: cached shadow maps with their lookups; None where the next frame draws all. lookup_pose:
     of the surfaces for which lookups may be cached. luminaire_maps: where the scene stood when each luminaire's maps were drawn.
     """

@@ -2,7 +2,7 @@
 
 `plan` is pure and needs no GL: from the state that the last frame left, what this frame shows and the measured costs it decides all that
 `Renderer.draw` then does. A state also describes what is cached on the GPU once its frame is drawn, so that a plan made from any state
-gives the same picture: where the GPU holds something else, `draw` first draws anew what the state says.
+gives the same picture: if the GPU holds another state's contents, `draw` first draws again what this state describes.
 """
 
 from functools import partial
@@ -232,7 +232,7 @@ def _passes(
     runs = [PassRun(pass_table.LUMINAIRE_MAPS)] if luminaires_stale else []
     glossy = setup.glossy and lighting.batches[0].every.count > 0 and bool(lighting.gloss.irradiance.any())
     for number in range(len(lighting.batches)):
-        first = number == 0  # what all lights share is drawn with the first batch
+        first = number == 0  # what does not depend on the batch is drawn with the first
         runs.append(PassRun(pass_table.SHADOW_MAPS, number))
         if glossy and first:
             runs.append(PassRun(pass_table.GLOSS_ROWS, number))

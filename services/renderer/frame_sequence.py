@@ -1,4 +1,4 @@
-"""Frames of one scene, one after the other, for a caller that keeps no state itself."""
+"""Frames of one scene, one after the other, for a caller that holds no state itself."""
 
 import numpy as np
 

@@ -12,7 +12,8 @@ CACHED = ("luminaire maps", "shadow maps", "light frames", "G-buffer", "class de
 
 
 class Pass(NamedTuple):
-    """A pass. timer: under which its time is measured; several passes may share one. module: of the renderer, where it is drawn."""
+    """A pass. timer: the name under which its time is measured, the same for several passes that are measured together. module: the file
+    below services/renderer/ that draws it."""
 
     name: str
     timer: str

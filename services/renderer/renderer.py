@@ -1,4 +1,4 @@
-"""Draws frames on the GPU as their plans say, headless. It owns GPU resources alone: what a frame is, frame_plan.py decides."""
+"""Draws frames on the GPU, headless, as their plans describe them. It owns only GPU resources: frame_plan.py decides what a frame is."""
 
 import time
 from typing import NamedTuple
@@ -73,7 +73,7 @@ class Renderer:
         self._plate = Plate(context, programs, size)
         self._background = Background(context, programs, size)
         self._present = Present(context, programs, size)
-        self._contents: FrameState | None = None  # which state describes what is cached on the GPU
+        self._contents: FrameState | None = None  # the state that describes what is cached on the GPU
         self._pose = setup.rest
         self._run_pass = {
             pass_table.LUMINAIRE_MAPS: self._draw_luminaire_maps,
@@ -92,7 +92,7 @@ class Renderer:
         check_context(context)
 
     def draw(self, plan: FramePlan) -> DrawnFrame:
-        """Draws a frame. What it reads back, and how long it took, is the result; what it caches on the GPU, `plan.after` describes.
+        """Draws a frame and returns what its plan asked for, and how long that took. `plan.after` describes what is then cached on the GPU.
 
         Raises UserError when the GPU runs out of memory, FatalError when its driver fails.
         """
@@ -112,7 +112,7 @@ class Renderer:
             return self._outputs(plan, began_s)
 
     def _outputs(self, plan: FramePlan, began_s: float) -> DrawnFrame:
-        """What the plan wants of the picture."""
+        """Brings the picture to where the plan wants it."""
         picture = pixels = None
         tone = plan.shown.tone
         adaptation = tone.adaptation if tone else None
@@ -133,7 +133,7 @@ class Renderer:
         return DrawnFrame(picture, pixels, adaptation, FrameTimings((time.perf_counter() - began_s) * 1e3, timers_ms))
 
     def _restore(self, state: FrameState) -> None:
-        """Draws anew what a state says is cached, when it is not the state that the last frame left."""
+        """Draws again what a state describes as cached, since the last frame left another state."""
         if state.g_buffer:
             self._place(state.g_buffer.pose)
             self._g_buffer.draw(state.g_buffer.sample)
@@ -179,7 +179,7 @@ class Renderer:
     def _add_luminaires(self, plan: FramePlan, _run: PassRun) -> None:
         weight = 1 / len(plan.samples)
         self._illumination.add(self._g_buffer, self._shading.frame, (weight, weight, weight))
-        if self._shading.matte_frame:  # a lamp brightens what lies behind by its fraction of the light there
+        if self._shading.matte_frame:  # a luminaire brightens what lies behind by its fraction of the light there
             red, green, blue = (-weight / value if value > NO_LIGHT else 0.0 for value in plan.unshadowed)
             self._illumination.add(self._g_buffer, self._shading.matte_frame, (red, green, blue), catchers=True)
 

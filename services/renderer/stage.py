@@ -46,7 +46,7 @@ def file_samples(scene: Scene) -> int:
 
 
 class PausedPicture(NamedTuple):
-    """A picture that gets better while nothing changes: of what light, with what where, how far, and as it was last shown."""
+    """A picture that gets better while nothing changes: the light and the poses it shows, its passes so far, its pixels as last shown."""
 
     light: MapLights
     poses: tuple[wire.Pose, ...]
@@ -56,7 +56,7 @@ class PausedPicture(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What a frame did and how long that took: with the `render_ms` of its message all of a step's result that a clock decides."""
+    """What a frame did and how long that took. Of a step's result only this and the message's `render_ms` depend on a clock."""
 
     work: FrameWork
     timings: FrameTimings
@@ -130,7 +130,7 @@ class RendererStage:
         return self._album.count if self._album else 0
 
     def start_at(self, target: int) -> tuple[RendererState, int]:
-        """At the target itself: what the tone mapping remembered stands beside the picture before it."""
+        """Starts at the target itself: the manifest has the adaptation after the picture before it."""
         before = self._album.last if self._album and target else None
         frame = initial_state(self._renderer.setup)
         return RendererState(self._exposure, before and before.adaptation, before.time_s if before else 0.0, frame), target
@@ -214,7 +214,7 @@ class RendererStage:
         return state._replace(adaptation=drawn.adaptation, paused_picture=paused_picture), drawn.pixels, accumulation.lights
 
     def _with_notices(self, state: RendererState) -> RendererState:
-        """Has the person told once when the target frame time cannot be met, and once when it can again."""
+        """Adds a notice when the target frame time can no longer be met, and one when it can again."""
         needed_ms = least_ms(budget_of(self._renderer.setup, state.frame, state.costs))
         late = needed_ms > self._frame_ms * (1 if state.late else LATE)
         if late == state.late:

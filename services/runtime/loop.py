@@ -31,7 +31,8 @@ CACHED_FRAMES = 64  # lossless: finished frames that a service keeps for one tha
 class Stage(Protocol[State]):
     """A service's own work.
 
-    `step` and `on_message` depend on their arguments alone and have no effect but their result; `write` puts results into files.
+    `step` and `on_message` depend on their arguments alone, measured times apart, and have no effect but their result; `write` puts results
+    into files.
     """
 
     service: Service
@@ -59,7 +60,7 @@ class Stage(Protocol[State]):
         ...
 
     def write(self, state: State, message: wire.Message) -> None:
-        """Writes what `step` has just made, when files are wanted."""
+        """Writes what `step` has just made, when files are wanted, and prints notices that are in the state."""
         ...
 
     def finish(self) -> None:

@@ -25,7 +25,7 @@ SPARE_SLOTS = 1 / 8  # more slots of a resolution than its lights need, for ligh
 
 
 class ShadowSetup(NamedTuple):
-    """What all frames of a scene share. max_side: texels of the largest atlas that this GL makes."""
+    """What all frames of a scene have in common. max_side: texels a side of the largest atlas that this GL makes."""
 
     casters: Casters
     regions: Regions
@@ -53,7 +53,7 @@ class MapDraw(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Lights that share the atlas. entries: (m,) LIGHT_ENTRY, row after row.
+    """Lights whose maps are in the atlas together. entries: (m,) LIGHT_ENTRY, row after row.
 
     rows: the lights of each light region. every: all of them in their order. unknown: one for each map in which lookups are not in the
     visibility cache. redrawn: those whose maps are drawn now; draws: the same by resolution. packing: where the tiles lie.
@@ -227,9 +227,9 @@ def _batch(
     rows, padded, first = [], [], 0
     for part in parts:
         rows.append(LightRow(first, len(part)))
-        room = -(-len(part) // ALIGNED) * ALIGNED
-        padded.append(np.resize(part, room))
-        first += room
+        aligned_count = -(-len(part) // ALIGNED) * ALIGNED
+        padded.append(np.resize(part, aligned_count))
+        first += aligned_count
     entries = light[np.concatenate(padded).astype(np.int64)]
     draws = []
     for own in np.unique(level[redrawn]).tolist():

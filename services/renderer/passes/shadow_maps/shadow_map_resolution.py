@@ -15,9 +15,9 @@ FULL_FRACTION = 0.4  # a sun has more in a clear sky; with less a low one has 51
 EXPONENT = 3 / 4  # with 2/3 an even sky of 72 lights has 128 texels, for a sixth more time and a twelfth more error
 MAX_HALVINGS = 4  # down to 64 texels: with 32 the error of an overcast sky is no less, and lamps lose a third more
 SAME_SHADOW_TEXELS = 4  # lights nearer to each other than that cast the same shadow, and deserve what one light of their power would
-MAX_COARSENING = 2  # halvings for want of time
-MIN_RESOLUTION = 16  # of a map that is halved for want of time
-STRONG_FRACTION = 1 / 8  # of the power: from it on a light's map is halved for want of time one step later than the others
+MAX_COARSENING = 2  # halvings where time is short
+MIN_RESOLUTION = 16  # of a map that is halved because time is short
+STRONG_FRACTION = 1 / 8  # of the power: from it on a light's map is coarsened one halving later than the others
 HYSTERESIS = 0.2  # of a halving beyond the middle between two: power that changes by less than 2^(0.2 / EXPONENT), a fifth, changes none
 
 
@@ -46,7 +46,7 @@ def map_halvings(
 ) -> np.ndarray:
     """How often each light's map is halved, (n,) int64, for lights from `directions` (n, 3) of `power` (n,), all above 0.
 
-    coarsening: how many halvings more, for want of time. previous: (n,) int64, those of the last frame, -1 for new lights.
+    coarsening: how many halvings more, because time is short. previous: (n,) int64, those of the last frame, -1 for new lights.
     """
     light, fraction = directions.astype(np.float32), (power / power.sum()).astype(np.float32)
     cosines = light @ light.T  # rounded by 1e-7; lights SAME_SHADOW_TEXELS of 1024 apart have 1 - 8e-6

@@ -128,13 +128,13 @@ class ShadowAtlas:
         self._frame = self._context.framebuffer(depth_attachment=self.texture)
 
     def _free(self) -> None:
-        for thing in (self._frame, self.texture):
-            if thing is not None:
-                thing.release()
+        for resource in (self._frame, self.texture):
+            if resource is not None:
+                resource.release()
         self.texture = self._frame = None
 
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for thing in (*self._arrays, *self._buffers, self._given, self._frames, self._alpha_tested):
-            thing.release()
+        for resource in (*self._arrays, *self._buffers, self._given, self._frames, self._alpha_tested):
+            resource.release()

@@ -13,7 +13,7 @@ from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles, ring_edges
 
 PASS_LIGHTS = 64  # of a pass: it takes about as long as a live picture; any value in 32..128 does
-PASSES = 64  # 4096 lights; the error left is below 1 % (tests), and one code of 255 is 0.4 to 4 %
+PASSES = 64  # 4096 lights; the error left is below 1 % (tests), and one code of 255 is 0.4 to 4 %; more only take longer
 PLASTIC = 1.32471795724474602596  # the root of x^3 = x + 1: its powers give the most even sequence in the plane (Roberts 2018)
 
 

@@ -157,7 +157,7 @@ def test_no_gl(folder):
         (("calibrate", "response", "f_0000.exr", "--corners", "1,2,3,4,5,6", "--white", "9", "--out", "r.toml"), ("--corners", "eight")),
         (("calibrate", "response", "f_0000.exr", "--corners", "1,2,3,4,5,6,7,8", "--out", "r.toml"), ("--white",)),
         (("calibrate", "response", "f_0000.exr", "--white", "9", "--out", "r.toml"), ("no ColorChecker", "corners")),
-        (("record", "--source", "/dev/video9999", "--out", "kept"), ("/dev/video9999",)),
+        (("record", "--source", "/dev/video9999", "--out", "recording"), ("/dev/video9999",)),
         (("simulate", "f_0000.exr", "--lens", "ghost.toml", "--out", "taken"), ("ghost.toml",)),
         (("health", "capture", "elsewhere.toml"), ("elsewhere.toml",)),
     ],
@@ -195,7 +195,7 @@ def test_a_command_says_what_it_has_written(folder, monkeypatch):
     (folder / "camera.toml").write_text(LENS)
     drawn = ("--count", 8, "--fps", 25, "--size", "16x12", "--shadow-map", 16)
     taken = "taken: the frames, their lens.toml, and the truth in truth.jsonl"
-    for arguments, said in (
+    for arguments, line in (
         (("lights", "f_0000.exr", "--count", 8, "--out", "l.json"), "l.json: 8 lights"),
         (("lights", ".", "--count", 8, "--fps", 25, "--out", "l.jsonl"), "l.jsonl: the lights of 3 frames"),
         (("render", "f_0000.exr", *drawn, "--out", "p.png"), "p.png"),
@@ -203,15 +203,15 @@ def test_a_command_says_what_it_has_written(folder, monkeypatch):
         (("simulate", "f_0000.exr", "--lens", "camera.toml", "--out", "taken"), taken),
     ):
         done = invoked(*arguments)
-        assert (done.exit_code, done.stdout, done.stderr) == (0, f"{said}\n", "")
+        assert (done.exit_code, done.stdout, done.stderr) == (0, f"{line}\n", "")
 
 
 def test_a_recording_plays_back_the_same_and_lights_are_scored(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    done = invoked("record", "--source", ".", "--out", "kept")
+    done = invoked("record", "--source", ".", "--out", "recording")
     assert done.exit_code == 0, done.stderr
     assert "3 frames" in done.stdout, done.output
-    for source, out in ((".", "a.jsonl"), ("kept", "b.jsonl")):
+    for source, out in ((".", "a.jsonl"), ("recording", "b.jsonl")):
         done = invoked("lights", source, "--count", 8, "--fps", 25, "--score", "--out", out)
         assert done.exit_code == 0, done.stderr
         assert "error" in done.stdout
@@ -222,18 +222,18 @@ def test_a_recording_plays_back_the_same_and_lights_are_scored(folder, monkeypat
 
 
 @pytest.mark.parametrize("method", ["tracked", "havran-azimuth"])
-def test_mains_flicker_is_taken_out_of_a_recording_on_wish(method, tmp_path):
+def test_mains_flicker_is_removed_from_a_recording_on_request(method, tmp_path):
     """Lamps of 100 Hz at 21 frames a second, with 64 frames for them to be known; the total power then stands still."""
     (tmp_path / "in").mkdir()
     for k in range(80):
         write_exr(tmp_path / "in" / f"f_{k:04d}.exr", np.full((16, 32, 3), 1 + 0.3 * np.sin(200 * np.pi * k / 21), np.float32))
     swing = {}
-    for wish in ([], ["--deflicker"]):
-        shared = ("--method", method, "--filter", "none", "--count", 8, "--fps", 21, "--out", tmp_path / "l.jsonl")
-        done = invoked("lights", tmp_path / "in", *shared, *wish)
+    for options in ([], ["--deflicker"]):
+        common = ("--method", method, "--filter", "none", "--count", 8, "--fps", 21, "--out", tmp_path / "l.jsonl")
+        done = invoked("lights", tmp_path / "in", *common, *options)
         assert done.exit_code == 0, done.stderr
         power = [row.arrays().irradiance.sum() for row in read_lights(tmp_path / "l.jsonl")[64:]]
-        swing[len(wish)] = np.ptp(power) / np.mean(power)
+        swing[len(options)] = np.ptp(power) / np.mean(power)
     assert swing[0] > 0.5
     assert swing[1] < 0.02
 

@@ -36,9 +36,9 @@ HOSTILE = [
 @pytest.mark.parametrize("content", [b"size = ", b"size = 'a'", b"wide = 1", b"\xff\xfe", b"\x00", *HOSTILE, b" " * (2**20 + 1)])
 def test_what_is_no_record_is_one_line_with_the_files_name(tmp_path, content):
     (tmp_path / "t.toml").write_bytes(content)
-    with pytest.raises(UserError, match=r"t\.toml") as told:
+    with pytest.raises(UserError, match=r"t\.toml") as caught:
         read_toml(tmp_path / "t.toml", Thing)
-    assert len(str(told.value).splitlines()) == 1
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_file_of_the_greatest_length_is_read(tmp_path):

@@ -63,9 +63,9 @@ def test_a_source_is_a_camera_by_its_path(source, camera):
     ],
 )
 def test_what_is_wrong_is_named_in_one_line(tmp_path, text, words):
-    with pytest.raises(UserError) as told:
+    with pytest.raises(UserError) as caught:
         read_settings(written(tmp_path, text))
-    line = str(told.value)
+    line = str(caught.value)
     assert "\n" not in line
     assert all(word in line for word in ("vemlight.toml", *words))
 
@@ -74,12 +74,12 @@ def test_what_is_wrong_is_named_in_one_line(tmp_path, text, words):
 @hypothesis_settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_value_anywhere_is_taken_or_refused_in_one_line(tmp_path, chosen):
     text = "".join(f"[{section}]\n{key} = {value}\n" for (section, key), value in chosen)
-    told = "taken"
+    message = "accepted"
     try:
         check_settings(read_settings(written(tmp_path, text)))
     except UserError as error:
-        told = str(error)
-    assert len(told.splitlines()) == 1
+        message = str(error)
+    assert len(message.splitlines()) == 1
 
 
 def test_the_page_of_all_settings_is_current_and_complete():
@@ -114,6 +114,6 @@ def test_options_of_a_command_line_are_named_as_there():
         (Renderer, {"shadow_map": 1}, ("--shadow-map", "16")),
         (Sampler, {"method": "tracked", "filter": "fir"}, ("filter fir", "filter auto")),
     ):
-        with pytest.raises(UserError) as told:
+        with pytest.raises(UserError) as caught:
             section_from_options(kind, values)
-        assert all(word in str(told.value) for word in words)
+        assert all(word in str(caught.value) for word in words)

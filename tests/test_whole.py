@@ -84,10 +84,10 @@ def test_one_lit_pixel_gives_its_direction_and_the_shadow_on_the_other_side(make
 def test_frames_that_no_camera_should_give(tmp_path):
     """A plain sky, black, nan and inf and negative pixels, and a sun 10^6 times its sky: all pass, and each is what it should be."""
     sky = np.full((64, 128, 3), 0.5, np.float32)
-    spoilt, sunny = sky.copy(), sky.copy()
-    spoilt[5, 7], spoilt[9, 40], spoilt[20, 90] = np.nan, np.inf, -3
+    invalid, sunny = sky.copy(), sky.copy()
+    invalid[5, 7], invalid[9, 40], invalid[20, 90] = np.nan, np.inf, -3
     sunny[10, 30] = 0.5e6
-    frames = {"sky": sky, "black": 0 * sky, "spoilt": spoilt, "sunny": sunny}
+    frames = {"sky": sky, "black": 0 * sky, "invalid": invalid, "sunny": sunny}
     for k, (name, image) in enumerate(frames.items()):
         write_exr(tmp_path / f"{k}_{name}.exr", image)
     write_lights_file(LightsOptions(source=tmp_path, out=tmp_path / "lights.jsonl", count=32, filter="none"))

@@ -18,7 +18,7 @@ from vemlight.runtime import wire
 
 
 class SceneRenderer(FrameSequence):
-    """A sequence of frames in which what stays the same need not be said again."""
+    """A sequence of frames in which what stays the same need not be repeated."""
 
     def __init__(self, scene: Scene, settings: settings.Renderer, samples: int = 1, timed: bool = False) -> None:
         super().__init__(Renderer(scene, settings, samples, timed))

@@ -182,7 +182,7 @@ def test_a_direction_that_its_offset_nearly_cancels_is_shown_without_it(along, m
     cells = cells_from_sites(tiles, directions)
     across = np.cross(directions[0], [0.0, 0.0, 1.0])
     offsets = along * directions + 0.02 * across / np.linalg.norm(across)
-    shown, _ = lights_from_cells(tiles, cells, directions, offsets)
+    shown, _ = lights_from_cells(tiles, cells.moment, cells.assignment, directions, offsets)
     assert (np.abs(shown - directions).max() > 0.01) == moved
 
 

@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -19,21 +19,35 @@ PLOT_FLOOR = 1e-6  # drawn in place of 0, which has no logarithm
 Draw = Callable[[Any, list[Row]], None]  # on the axes of a map, its rows
 
 
+class Chart(NamedTuple):
+    """name: of the files. down: axes for each map, one below the other."""
+
+    name: str
+    rows: list[Row]
+    draw: Draw
+    title: str
+    caption: str
+    down: int = 1
+
+
 def draw_charts(tables: Tables, command: str, out: Path) -> None:
     """Writes each chart as .png, .svg and .csv to the folder `out`; `command` made them."""
     command = f"{command}   {machine()}"
     judged = f"{command}, one thread   error: RMS at {SCORE_PROBES} shadowed probes over their mean"
     counts, count, frames = measure.COUNTS, measure.MOVING_COUNT, measure.FRAMES
-    _save(out, "error", tables["error"], _over("ms", "error"), f"a still map, {counts[0]} to {counts[-1]} lights", judged)
-    title = f"{count} lights, {frames} frames: a sequence's own, or the map turned by a column a frame"
-    _save(out, "flicker", tables["moving"], _over("error", "flicker"), title, judged)
-    _save(out, "motion", tables["moving"], _bars("motion_deg", "jumps", "deaths"), title, judged)
-    title = f"{count} lights, frame by frame; the event is gray"
-    _save(out, "events", tables["events"], _event_frames, title, judged, len(measure.EVENT_FRAMES))
     limits = ", ".join(f"{limit:g} %" for limit in measure.ERROR_LIMITS)
     unseen = f"{command}   error relative to what each probe receives, at probes that did not choose the number"
-    title = f"the lights chosen for an error limit of {limits}"
-    _save(out, "required_lights", tables["required_lights"], _over("lights", "measured"), title, unseen)
+    still = f"a still map, {counts[0]} to {counts[-1]} lights"
+    moving = f"{count} lights, {frames} frames: a sequence's own, or the map turned by a column a frame"
+    events = f"{count} lights, frame by frame; the event is gray"
+    for chart in (
+        Chart("error", tables["error"], _over("ms", "error"), still, judged),
+        Chart("flicker", tables["moving"], _over("error", "flicker"), moving, judged),
+        Chart("motion", tables["moving"], _bars("motion_deg", "jumps", "deaths"), moving, judged),
+        Chart("events", tables["events"], _event_frames, events, judged, down=len(measure.EVENT_FRAMES)),
+        Chart("required_lights", tables["required_lights"], _over("lights", "measured"), f"lights for an error of {limits}", unseen),
+    ):
+        _save(chart, out)
 
 
 def _by_method(rows: list[Row]) -> Iterator[tuple[str, str, list[Row]]]:
@@ -83,24 +97,25 @@ def _event_frames(axes: Any, rows: list[Row]) -> None:
         axis.set(xlabel=f"frame: {event}", ylabel="error")
 
 
-def _save(out: Path, name: str, rows: list[Row], draw: Draw, title: str, caption: str, down: int = 1) -> None:
-    """A column of `down` axes for each map."""
+def _save(chart: Chart, out: Path) -> None:
+    """Writes a chart with a column of axes for each map."""
+    rows, down = chart.rows, chart.down
     maps = list(dict.fromkeys(row["map"] for row in rows))
     size = (1 + 4.5 * len(maps), 1.5 + 3 * down)
     figure, axes = plt.subplots(down, len(maps), figsize=size, squeeze=False, sharey="row", layout="constrained")
     for column, of in zip(axes.T, maps, strict=True):
-        draw(column, [row for row in rows if row["map"] == of])
+        chart.draw(column, [row for row in rows if row["map"] == of])
         column[0].set_title(of)
         for axis in column:
             axis.grid(alpha=0.3, which="both")
     axes[0, 0].legend(fontsize=8)
-    figure.suptitle(title, fontsize=9)
-    figure.supxlabel(caption, fontsize=6, color="0.35")
+    figure.suptitle(chart.title, fontsize=9)
+    figure.supxlabel(chart.caption, fontsize=6, color="0.35")
     for suffix in (".png", ".svg"):
-        with written_whole(out / f"{name}{suffix}") as part:
+        with written_whole(out / f"{chart.name}{suffix}") as part:
             figure.savefig(part, dpi=110)
     plt.close(figure)
-    with written_whole(out / f"{name}.csv") as part, open(part, "w", newline="") as file:
+    with written_whole(out / f"{chart.name}.csv") as part, open(part, "w", newline="") as file:
         table = csv.DictWriter(file, ["map", *(key for key in rows[0] if key != "map")])
         table.writeheader()
         table.writerows({key: f"{value:.5g}" if isinstance(value, float) else value for key, value in row.items()} for row in rows)

@@ -96,25 +96,25 @@ def _labels(directions, old, angle, max_count):
 
 
 def _merged(lights: LightSet, directions: np.ndarray, clusters: Clusters, seeds: int) -> LightSet:
-    ids, mean, irradiance = np.empty(seeds, np.int64), np.empty((seeds, 3)), np.empty((seeds, 3))
-    _merge(lights.ids, directions, lights.irradiance, clusters.labels, ids, mean, irradiance)
-    return LightSet.of(ids, mean, irradiance)
+    return LightSet.of(*_merge(lights, directions, clusters.labels, seeds))
 
 
 @njit(cache=True)
-def _merge(light_ids, directions, light_irradiance, labels, ids, mean, irradiance):
+def _merge(lights, directions, labels, seeds):
+    """(ids (seeds,), directions (seeds, 3), irradiance (seeds, 3)) of the clusters. directions: of the lights, float64."""
+    ids, mean, irradiance = np.empty(seeds, np.int64), np.empty((seeds, 3)), np.empty((seeds, 3))
     place, found = np.empty(labels.size, np.int64), 0
     weights = np.zeros(ids.size)
     for i in range(labels.size):
         s = labels[i]
         if s == i:
             place[i] = found
-            ids[found], mean[found], irradiance[found] = light_ids[i], 0.0, 0.0
+            ids[found], mean[found], irradiance[found] = lights.ids[i], 0.0, 0.0
             found += 1
         k, weight = place[s], 0.0
         for c in range(3):
-            irradiance[k, c] += light_irradiance[i, c]
-            weight += LUMINANCE_WEIGHTS[c] * light_irradiance[i, c]
+            irradiance[k, c] += lights.irradiance[i, c]
+            weight += LUMINANCE_WEIGHTS[c] * lights.irradiance[i, c]
         for c in range(3):
             mean[k, c] += weight * directions[i, c]
         weights[k] += weight
@@ -125,3 +125,4 @@ def _merge(light_ids, directions, light_irradiance, labels, ids, mean, irradianc
             # A cluster without power, or of opposite lights, lies at its seed.
             for c in range(3):
                 mean[k, c] = mean[k, c] / length if length > 1e-6 * weights[k] else directions[i, c]
+    return ids, mean, irradiance

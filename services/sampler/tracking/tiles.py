@@ -56,6 +56,15 @@ class Tiles(NamedTuple):
     radius: np.ndarray
 
 
+class Span(NamedTuple):
+    """Cells of rows i0 <= i < i1 and columns j0 <= j < j1."""
+
+    i0: int
+    i1: int
+    j0: int
+    j1: int
+
+
 class CellSamples(NamedTuple):
     """Bright cells, looked up by cell. first: (rows * cols,) int32, where a cell's samples begin, -1 where it has none.
 
@@ -88,29 +97,29 @@ def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, bright_
     """The tiles of a clean map (rows, cols, 3) float32, small enough for `count` lights. A cell's weights are brought to the sum 1."""
     rows, cols, _ = radiance.shape
     # Copied, since numba compiles a second version of a function for arrays that are read-only, as those off the wire are.
-    bright_cells = BrightCells(*(np.array(array) for array in bright_cells))
-    table = _fill(radiance, grid(rows, cols, coverage), bright_cells, count)
+    cells, directions, weights = (np.array(array) for array in bright_cells)
+    table = _fill(radiance, grid(rows, cols, coverage), count, cells, directions, weights)
     return Tiles(table[0:3], table[3], table[4:7], table[7], table[8])
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(radiance, of, bright, count):
+def _fill(radiance, of, count, cells, directions, weights):
     """The table (9, tiles): flux, power, direction, weight, radius."""
     rows, cols, _ = radiance.shape
-    samples = _cell_samples(bright, rows * cols)
+    samples = _cell_samples(BrightCells(cells, directions, weights), rows * cols)
     # Base tiles first, for the sum of the density, power^0.8 area^0.2; those of bright sources count for MAX_LIGHTS.
-    light, across = np.empty((rows, cols), np.float32), -(-cols // BASE)
-    bases, density = _bases(radiance, of, light)
+    luminance, across = np.empty((rows, cols), np.float32), -(-cols // BASE)
+    bases, density = _bases(radiance, of, luminance)
     total = density.sum()
     total = np.minimum(density, MAX_LIGHTS / max(count, MAX_LIGHTS) * total).sum()
     limit = TILE_FRACTION / count * total
 
-    table, n = np.empty((9, rows * cols + bright.cells.size)), 0
+    table, n = np.empty((9, rows * cols + cells.size)), 0
     stack, sums = np.empty((STACK, 4), np.int64), np.zeros((BASE + 1, BASE + 1))
     for k in range(density.size):
         base = of.corners[k, 0] // BASE * across + of.corners[k, 1] // BASE
         if density[base] > limit:
-            n = _halve(radiance, light, of, samples, limit**5, stack, sums, of.corners[k], table, n)
+            n = _halve(radiance, luminance, of, samples, limit**5, of.corners[k], stack, sums, table, n)
         elif density[base] > 0:
             for c in range(9):
                 table[c, n] = bases[c, base]
@@ -142,7 +151,7 @@ def _bases(radiance, of, light):
         for j in range(col, right):
             r, g, b = r + flux[3 * j], g + flux[3 * j + 1], b + flux[3 * j + 2]
             x, y, z = x + of.cosines[j] * moment[0, j], y + of.sines[j] * moment[0, j], z + moment[1, j]
-        area = _tile(of, row, end, col, right, (r, g, b), (x, y, z), table, base)
+        area = _tile(of, Span(row, end, col, right), (r, g, b), (x, y, z), table, base)
         density[base] = np.sqrt(table[7, base] * area)
     return table, density
 
@@ -154,8 +163,9 @@ def _add_row(row, weight, sums):
 
 
 @njit(cache=True, error_model="numpy")
-def _tile(of, i0, i1, j0, j1, flux, moment, table, n):
-    """Fills column n of the table with the tile of these rows and columns, of this flux and moment; returns its solid angle."""
+def _tile(of, span, flux, moment, table, n):
+    """Fills column n of the table with the tile of these cells, of this flux and moment; returns its solid angle."""
+    i0, i1, j0, j1 = span
     power, area = LUMINANCE_RED * flux[0] + LUMINANCE_GREEN * flux[1] + LUMINANCE_BLUE * flux[2], (of.above[i1] - of.above[i0]) * (j1 - j0)
     height, width = (i1 - i0) * of.height, (j1 - j0) * of.widths[(i0 + i1) // 2]
     table[0, n], table[1, n], table[2, n], table[3, n] = flux[0], flux[1], flux[2], power
@@ -178,19 +188,20 @@ def _cell_samples(bright, count):
 
 
 @njit(cache=True, error_model="numpy")
-def _halve(radiance, light, of, samples, limit, stack, sums, corner, table, n):
+def _halve(radiance, luminance, of, samples, limit, corner, stack, sums, table, n):
     """Appends the tiles of one base tile to the table and returns its new length. limit: of the density, to the power of 5.
 
-    stack: (STACK, 4). sums: (BASE + 1, BASE + 1), zero in its first row and column.
+    stack: (STACK, 4), sums: (BASE + 1, BASE + 1), zero in its first row and column: scratch memory. All passed one by one, since a record
+    of them makes numba count references to its arrays on each call, which takes a quarter as long again.
     """
-    rows, cols, _ = radiance.shape
+    rows, cols = luminance.shape
     row, col = corner
     _push(stack, 0, row, min(row + BASE, rows), col, min(col + BASE, cols))
     # Summed-area table of the power: four entries give any tile's, up to rounding of the whole.
     for i in range(stack[0, 1] - row):
         along = 0.0
         for j in range(stack[0, 3] - col):
-            along += light[row + i, col + j]
+            along += luminance[row + i, col + j]
             sums[i + 1, j + 1] = sums[i, j + 1] + of.solid_angles[row + i] * along
     depth = 1
     while depth:
@@ -201,7 +212,7 @@ def _halve(radiance, light, of, samples, limit, stack, sums, corner, table, n):
         small = power**4 * (of.above[i1] - of.above[i0]) * (j1 - j0) <= limit
         single = (i1 - i0) * (j1 - j0) == 1
         if small or single:
-            _measure(radiance, light, of, i0, i1, j0, j1, table, n)
+            _measure(radiance, luminance, of, Span(i0, i1, j0, j1), table, n)
             if single and samples.first[i0 * cols + j0] >= 0:
                 n = _subdivide(samples, samples.first[i0 * cols + j0], of.solid_angles[i0], small, table, n)
             else:
@@ -220,18 +231,19 @@ def _halve(radiance, light, of, samples, limit, stack, sums, corner, table, n):
 
 
 @njit(cache=True, error_model="numpy")
-def _measure(radiance, light, of, i0, i1, j0, j1, table, n):
-    """Fills column n of the table from the cells of these rows and columns."""
+def _measure(radiance, luminance, of, span, table, n):
+    """Fills column n of the table from these cells."""
+    i0, i1, j0, j1 = span
     red = green = blue = x = y = z = 0.0
     for i in range(i0, i1):
         r = g = b = c = s = whole = 0.0
         for j in range(j0, j1):
             r, g, b = r + radiance[i, j, 0], g + radiance[i, j, 1], b + radiance[i, j, 2]
-            c, s, whole = c + light[i, j] * of.cosines[j], s + light[i, j] * of.sines[j], whole + light[i, j]
+            c, s, whole = c + luminance[i, j] * of.cosines[j], s + luminance[i, j] * of.sines[j], whole + luminance[i, j]
         omega, across, up = of.solid_angles[i], of.solid_angles[i] * of.across[i], of.solid_angles[i] * of.up[i]
         red, green, blue = red + omega * r, green + omega * g, blue + omega * b
         x, y, z = x + across * c, y + across * s, z + up * whole
-    _tile(of, i0, i1, j0, j1, (red, green, blue), (x, y, z), table, n)
+    _tile(of, span, (red, green, blue), (x, y, z), table, n)
 
 
 @njit(cache=True, inline="always")

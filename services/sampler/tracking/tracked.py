@@ -101,7 +101,7 @@ def tracked_step(
     sites = state.sites
     decay = float(np.exp(-max(passed_s, 0.0) / BIRTH_TIME_S)) if smoothing else 0.0
     sites = sites._replace(offsets=sites.offsets * decay)
-    directions, flux = lights_from_cells(tiles, cells, sites.directions, sites.offsets)
+    directions, flux = lights_from_cells(tiles, cells.moment, cells.assignment, sites.directions, sites.offsets)
     return state._replace(sites=sites), LightSet(sites.ids, directions, flux), report
 
 

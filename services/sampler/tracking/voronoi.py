@@ -249,11 +249,11 @@ def centroids(moment, sites):
 
 
 @njit(cache=True, error_model="numpy")
-def lights_from_cells(tiles: Tiles, cells: Cells, sites, offset):
+def lights_from_cells(tiles: Tiles, moment, assignment: Assignment, sites, offset):
     """(directions, irradiance), (n, 3) float32, of the cells' lights: at their flux centroids plus `offset` (n, 3)."""
-    nearest, second, overlap = cells.assignment.nearest, cells.assignment.second, cells.assignment.overlap
+    nearest, second, overlap = assignment.nearest, assignment.second, assignment.overlap
     n = sites.shape[0]
-    flux, directions, shown = np.zeros((n, 3)), centroids(cells.moment, sites), np.empty((n, 3), np.float32)
+    flux, directions, shown = np.zeros((n, 3)), centroids(moment, sites), np.empty((n, 3), np.float32)
     for t in range(nearest.size):
         for c in range(3):
             flux[nearest[t], c] += (1.0 - overlap[t]) * tiles.flux[c, t]

@@ -65,6 +65,14 @@ class RadiusTables(NamedTuple):
     radiance: np.ndarray
 
 
+class Mixture(NamedTuple):
+    """Of each sample of a block, the two neighbouring tables and the weight of the second; (BLOCK,) each."""
+
+    first: np.ndarray
+    second: np.ndarray
+    weight: np.ndarray
+
+
 def azimuth_tables(light: LightMap) -> AzimuthTables:
     """The tables of a map, with the offset that keeps samples still when light crosses phi = 0.
 
@@ -192,14 +200,16 @@ def azimuth_sample(tables, points, directions, radiance, density):
             a[k] *= (1 - t[k]) * d0[k] + t[k] * d1[k]
             w[k] = (t[k] + 0.5 + j[k]) / cols
         # Radius through the mixture of two columns.
-        _mixed_rows(tables.columns, j, right, t, a, i, n)
-        _azimuth_store(tables, i, j, right, t, a, total, radiance[first : first + n], density[first : first + n])
+        columns = Mixture(j, right, t)
+        _mixed_rows(tables.columns, columns, a, i, n)
+        _azimuth_store(tables, i, columns, a, radiance[first : first + n], density[first : first + n])
         store_directions(a, w, directions[first : first + n])
 
 
 @njit(cache=True)
-def _mixed_rows(table, j0, j1, t, x, rows, n):
+def _mixed_rows(table, columns, x, rows, n):
     """Fills the first n of rows (BLOCK,) with the last row of the mixture (1 - t) table[:, j0] + t table[:, j1] that is <= x."""
+    j0, j1, t = columns
     rows[:n] = 0
     left = np.uint64(table.shape[0] - 1)
     while left > 1:
@@ -211,11 +221,11 @@ def _mixed_rows(table, j0, j1, t, x, rows, n):
 
 
 @njit(cache=True, error_model="numpy")
-def _azimuth_store(tables, i, j, right, t, x, total, radiance, density):
+def _azimuth_store(tables, i, mixture, x, radiance, density):
     """Fills radiance and density in the cells found and puts the area coordinate in the place of x (BLOCK,)."""
-    edges, importance, columns = tables.edges, tables.importance, tables.columns
+    edges, importance, columns, total = tables.edges, tables.importance, tables.columns, tables.turn[-1]
     for k in range(density.size):
-        row, j0, j1, mix = i[k], j[k], right[k], t[k]
+        row, j0, j1, mix = i[k], mixture.first[k], mixture.second[k], mixture.weight[k]
         f = (1 - mix) * importance[row, j0] + mix * importance[row, j1]
         below = (1 - mix) * columns[row, j0] + mix * columns[row, j1]
         x[k] = min(edges[row] + max(x[k] - below, 0.0) / f, edges[row + np.uint64(1)])
@@ -292,14 +302,16 @@ def radius_sample(tables, points, directions, radiance, density):
         for k in range(n):
             w[k] += 0.5 - h[k] / (TURN * d0[k])
             w[k] = (w[k] - np.floor(w[k])) * d0[k]
-        _mixed_cols(rings, i, upper, t, w, j, n)
-        _radius_store(tables, i, upper, j, t, w, radiance[first : first + n], density[first : first + n])
+        rows_mixed = Mixture(i, upper, t)
+        _mixed_cols(rings, rows_mixed, w, j, n)
+        _radius_store(tables, rows_mixed, j, w, radiance[first : first + n], density[first : first + n])
         store_directions(a, w, directions[first : first + n])
 
 
 @njit(cache=True)
-def _mixed_cols(table, i0, i1, t, x, cols, n):
+def _mixed_cols(table, rows, x, cols, n):
     """Fills the first n of cols (BLOCK,) with the last column of the mixture (1 - t) table[i0] + t table[i1] that is <= x."""
+    i0, i1, t = rows
     cols[:n] = 0
     left = np.uint64(table.shape[1] - 1)
     while left > 1:
@@ -311,13 +323,13 @@ def _mixed_cols(table, i0, i1, t, x, cols, n):
 
 
 @njit(cache=True, error_model="numpy")
-def _radius_store(tables, i, upper, j, t, x, radiance, density):
+def _radius_store(tables, mixture, j, x, radiance, density):
     """Fills radiance and density in the cells found and puts the azimuth in turns in the place of x (BLOCK,)."""
     importance, rings = tables.importance, tables.rings
     rows, cols = importance.shape
     h, per_total = TURN / cols, 1 / tables.outward[rows + 1]
     for k in range(density.size):
-        i0, i1, col, mix = i[k], upper[k], j[k], t[k]
+        i0, i1, col, mix = mixture.first[k], mixture.second[k], j[k], mixture.weight[k]
         f = (1 - mix) * importance[i0, col] + mix * importance[i1, col]
         before = (1 - mix) * rings[i0, col] + mix * rings[i1, col]
         x[k] = (col + min(max(x[k] - before, 0.0) / (f * h), 1.0)) / cols

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+import trimesh
 
-from vemlight.renderer.passes.shadow_maps.casters import Casters, scene_casters, simplified
-from vemlight.renderer.scene.meshes import shape_geometry
+from vemlight.renderer.passes.shadow_maps.casters import Casters, placed_casters, scene_casters, simplified
+from vemlight.renderer.scene.meshes import clean_geometry, shape_geometry
 from vemlight.renderer.scene.scene import load_scene
 
 
@@ -89,3 +90,48 @@ def test_a_single_plane_casts_for_itself(tmp_path):
     casters = scene_casters(load_scene(tmp_path / "scene.toml"), (64,))
     assert casters.floor is None
     assert [(run.indices.count, run.closed) for run in casters.members[0].runs] == [(6, False)]
+
+
+@pytest.mark.parametrize(("subdivisions", "fewer"), [(2, False), (3, True)])  # 320 and 1280 triangles
+def test_only_meshes_whose_triangles_cost_more_than_a_clear_are_simplified(subdivisions, fewer):
+    pytest.importorskip("fast_simplification")
+    ball = trimesh.creation.icosphere(subdivisions)
+    geometry = clean_geometry(np.asarray(ball.vertices), np.asarray(ball.faces), None)
+    (made,) = simplified(geometry, [0.5])
+    assert (len(made.triangles) < len(geometry.triangles)) == fewer
+
+
+def test_a_spike_of_few_points_is_kept_within_the_tolerance():
+    # 0.3 % of a plate's area is folded up: more than the one point in 1000 that may depart farther, and far less than half of them.
+    pytest.importorskip("fast_simplification")
+    plate = trimesh.creation.box((1.0, 1.0, 0.02)).subdivide_to_size(0.04)
+    vertices = np.array(plate.vertices)
+    near = np.hypot(*(vertices[:, :2] - [0.2, 0.1]).T) < 0.06
+    vertices[near & (vertices[:, 2] > 0), 2] += 0.1
+    (made,) = simplified(clean_geometry(vertices, np.asarray(plate.faces), None), [0.02])
+    assert made.positions[:, 2].max() > 0.05
+
+
+@pytest.mark.parametrize(("sunk", "floor"), [(0.0, True), (0.005, False)])
+def test_a_ground_holds_only_what_sinks_in_by_less_than_a_texel_shows(tmp_path, sunk, floor):
+    (tmp_path / "scene.toml").write_text(
+        '[camera]\nfrom = [0.0, -4.0, 2.0]\nat = [0.0, 0.0, 0.0]\n[[mesh]]\nshape = "plane"\n'
+        f'[[mesh]]\nshape = "box"\nscale = 0.2\nat = [0.0, 0.0, {0.2 - sunk}]\n'
+    )
+    # A texel of a map of 1024 is 0.4 mm here, and 5 mm sunk would let light through under the box.
+    assert (scene_casters(load_scene(tmp_path / "scene.toml"), (64,)).floor is not None) == floor
+
+
+def test_a_box_that_must_grow_grows_by_a_tenth_more():
+    # Maps are drawn anew whenever the box changes: what goes on moving outwards must not change it each frame, nor waste texels.
+    casters = scene_casters(load_scene(None), (64,))
+    rest = np.tile(np.eye(4), (1 + max(member.mesh for member in casters.every), 1, 1))
+    before = placed_casters(casters, rest)
+    moved = rest.copy()
+    moved[casters.members[0].mesh, 0, 3] = 100.0
+    after = placed_casters(casters, moved, before)
+    reached = (casters.members[0].corners[:, 0] + 100.0).max()
+    width = reached - (before.box_centre - before.box_half)[0]
+    assert (after.box_centre + after.box_half)[0] - reached == pytest.approx(0.1 * width, rel=0.1)
+    moved[casters.members[0].mesh, 0, 3] = 105.0
+    assert np.array_equal(placed_casters(casters, moved, after).box_half, after.box_half)

@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.passes.gloss.gloss import MAX_GLOSS_LIGHTS, NEIGHBOURS, gloss_rows, spread
+from vemlight.renderer.passes.gloss.gloss import CONE, MAX_GLOSS_LIGHTS, NEIGHBOURS, gloss_rows, spread
 from vemlight.renderer.passes.lights.light_regions import light_regions
 from vemlight.renderer.passes.shadow_maps import shadow_map_plan
 from vemlight.renderer.scene.scene import load_scene
+from vemlight.renderer.scene.view import ray_from_pixel
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
@@ -161,3 +162,31 @@ def test_the_stage_draws_the_fine_lights_of_a_message(tmp_path):
     assert state.picture is not None
     assert np.array_equal(state.picture, both)
     assert not np.allclose(alone, both, atol=1e-3)
+
+
+@pytest.mark.parametrize("exponent", [300.0, 10_000.0])
+def test_a_phong_lobe_is_widened_by_the_variance_of_the_disc_that_a_light_stands_for(tmp_path, exponent):
+    # One light of an even sky shines: on a plane seen from above its highlight falls off as cos^n with 1 / n = 1 / exponent + spread^2 / 4.
+    lights = sky(1000)
+    own = int(np.argmax(lights.directions[:, 2]))
+    faint = np.where(np.arange(1000) == own, 1.0, 1e-9)[:, None].astype(np.float32)
+    camera = "[camera]\nfrom = [0.0, 0.0, 5.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 10.0\n"
+    plane = f'[[mesh]]\nshape = "plane"\nmaterial = {{diffuse = [0.0, 0.0, 0.0], specular = [1.0, 1.0, 1.0], exponent = {exponent}}}\n'
+    (tmp_path / "scene.toml").write_text(camera + plane)
+    renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=64, shadow_map=128))
+    shadowed = LightSet.of(np.zeros(1), lights.directions[own : own + 1], np.ones((1, 3)))
+    picture = renderer.picture(shadowed, lights._replace(irradiance=faint * np.ones((1, 3), np.float32)))[..., 0].astype(np.float64)
+    scene = load_scene(tmp_path / "scene.toml")
+    renderer.release()
+    pixels = np.stack([*np.meshgrid(np.arange(64) + 0.5, np.arange(64) + 0.5), np.ones((64, 64))], axis=-1)
+    rays = pixels @ ray_from_pixel(scene.camera, (64, 64)).T
+    mirrored = rays / np.linalg.norm(rays, axis=-1, keepdims=True) * [1, 1, -1] @ lights.directions[own].astype(np.float64)
+    near = mirrored > np.cos(np.radians(5.0))
+    slope = np.polyfit(np.log(mirrored[near]), np.log(picture[near]), 1)[0]
+    assert slope == pytest.approx(1 / (1 / exponent + spread(lights.directions)[own] ** 2 / 4), rel=0.02)
+
+
+def test_the_gloss_set_fades_out_between_12_and_20_degrees():
+    # A narrower rim shows as a ring where dots of the shadowed lights begin; a smaller core leaves rough metal's lobe to them.
+    inside = np.clip((np.cos(np.radians([11.9, 16.0, 20.1])) - CONE[0]) / (CONE[1] - CONE[0]), 0, 1)
+    assert inside.tolist() == pytest.approx([1, 0.56, 0], abs=0.02)

@@ -11,8 +11,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tests.support.processes import vemlight
+from vemlight.commands.capture_commands import calibrate
 from vemlight.commands.cli import main
-from vemlight.commands.options import LightsOptions, RenderOptions
+from vemlight.commands.options import LensOptions, LightsOptions, RenderOptions, ResponseOptions, SimulateOptions
 from vemlight.light.images import write_exr
 from vemlight.light.light_set import read_lights
 from vemlight.light.sphere import latlong_directions
@@ -238,10 +239,15 @@ def test_mains_flicker_is_removed_from_a_recording_on_request(method, tmp_path):
     assert swing[1] < 0.02
 
 
-@pytest.mark.parametrize(("command", "kind"), [("lights", LightsOptions), ("render", RenderOptions)])
+@pytest.mark.parametrize(("command", "kind"), [
+    (main.commands["lights"], LightsOptions),
+    (main.commands["render"], RenderOptions),
+    (main.commands["simulate"], SimulateOptions),
+    (calibrate.commands["lens"], LensOptions),
+    (calibrate.commands["response"], ResponseOptions),
+])  # fmt: skip
 def test_the_options_of_a_command_are_the_fields_of_its_record(command, kind):
-    parameters = {parameter.name for parameter in main.commands[command].params if parameter.name != "help"}
-    assert parameters == set(kind.__struct_fields__)
+    assert {parameter.name for parameter in command.params if parameter.name != "help"} == set(kind.__struct_fields__)
 
 
 def test_help_loads_neither_numba_nor_cv2():

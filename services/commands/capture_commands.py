@@ -1,16 +1,12 @@
 """The commands around a camera: simulate one, calibrate its lens and sensor, record it, unwrap one of its frames."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from vemlight.commands.options import LensOptions, ResponseOptions, SimulateOptions, options_as
 from vemlight.commands.parameters import PATH, eight_numbers, width_height
 from vemlight.errors import UserError
-
-if TYPE_CHECKING:
-    from vemlight.capture.calibration.response_fit import Kind
-    from vemlight.capture.frames import Mosaic
 
 
 @click.command()
@@ -20,21 +16,18 @@ if TYPE_CHECKING:
 @click.option("--out", type=PATH, required=True, help="Folder for the frames and the ground truth.")
 @click.option("--frames", type=click.IntRange(1), help="How many; left out: one for each map.")
 @click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), default=25.0, show_default=True)
-@click.option("--rotate", type=float, default=0.0, show_default=True, help="Degrees a frame, about the vertical.")
+@click.option("--rotate", "rotate_deg", type=float, default=0.0, show_default=True, help="Degrees a frame, about the vertical.")
 @click.option("--keyframes", type=PATH, help="Motion instead: TOML of [[key]] time_s, rotate_deg = [x, y, z].")
-@click.option("--noise", type=click.FloatRange(0), default=0.0, show_default=True, help="Noise in code steps (sigma).")
-@click.option("--pattern", type=click.FloatRange(0), default=0.0, show_default=True, help="Fixed pattern noise in code steps (sigma).")
+@click.option("--noise", "noise_codes", type=click.FloatRange(0), default=0.0, show_default=True, help="Noise in code steps (sigma).")
+@click.option("--pattern", "pattern_codes", type=click.FloatRange(0), default=0.0, show_default=True, help="Fixed pattern noise (sigma).")
 @click.option("--mosaic", type=click.Choice(["mono", "RGGB", "GRBG", "GBRG", "BGGR"]), help="One value a pixel; left out: three.")
-@click.option("--exposure", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds, for mains flicker.")
-@click.option("--flicker", type=click.FloatRange(0), default=0.0, show_default=True, help="Hz of the light: 100 or 120 for mains.")
+@click.option("--exposure", "exposure_s", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds, for mains flicker.")
+@click.option("--flicker", "flicker_hz", type=click.FloatRange(0), default=0.0, show_default=True, help="Hz: 100 or 120 for mains.")
 @click.option("--dropouts", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Fraction of frames that get lost.")
 @click.option("--truth", is_flag=True, help="Write the true radiance of each frame, too.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
-def simulate(
-    maps: tuple[str, ...], lens: Path, response: Path | None, out: Path, frames: int | None, fps: float, rotate: float,
-    keyframes: Path | None, noise: float, pattern: float, mosaic: "Mosaic | None", exposure: float, flicker: float, dropouts: float,
-    truth: bool, seed: int,
-) -> None:  # fmt: skip
+@options_as(SimulateOptions)
+def simulate(options: SimulateOptions) -> None:
     """The virtual camera: lat-long maps (or a built-in scene: sky, interior) in, raw fisheye frames out."""
     from vemlight.capture.lens import read_lens
     from vemlight.capture.response import read_response
@@ -42,19 +35,21 @@ def simulate(
     from vemlight.capture.simulation.simulate import Lighting
     from vemlight.capture.simulation.simulate import simulate as simulate_frames
 
-    lighting = Lighting(maps=maps, rotate_deg_per_frame=rotate, keyframes=keyframes, flicker_hz=flicker)
-    camera = VirtualCamera(
-        lens=read_lens(lens),
-        response=read_response(response) if response else None,
-        mosaic=mosaic,
-        fps=fps,
-        exposure_s=exposure,
-        noise_codes=noise,
-        pattern_codes=pattern,
-        dropouts=dropouts,
+    lighting = Lighting(
+        maps=options.maps, rotate_deg_per_frame=options.rotate_deg, keyframes=options.keyframes, flicker_hz=options.flicker_hz
     )
-    simulate_frames(lighting, camera, out, frames=frames or 0, truth_maps=truth, seed=seed)
-    click.echo(f"{out}: the frames, their lens.toml, and the truth in truth.jsonl")
+    camera = VirtualCamera(
+        lens=read_lens(options.lens),
+        response=read_response(options.response) if options.response else None,
+        mosaic=options.mosaic,
+        fps=options.fps,
+        exposure_s=options.exposure_s,
+        noise_codes=options.noise_codes,
+        pattern_codes=options.pattern_codes,
+        dropouts=options.dropouts,
+    )
+    simulate_frames(lighting, camera, options.out, frames=options.frames or 0, truth_maps=options.truth, seed=options.seed)
+    click.echo(f"{options.out}: the frames, their lens.toml, and the truth in truth.jsonl")
 
 
 @click.group()
@@ -65,24 +60,24 @@ def calibrate() -> None:
 @calibrate.command()
 @click.argument("images", nargs=-1, required=True, type=PATH, metavar="IMAGE...")
 @click.option("--board", metavar="COLUMNSxROWS", required=True, callback=width_height, help="Inner corners, such as 8x6.")
-@click.option("--square", type=click.FloatRange(0, 10, min_open=True), required=True, help="Side of a square in metres.")
+@click.option("--square", "square_m", type=click.FloatRange(0, 10, min_open=True), required=True, help="Side of a square in metres.")
 @click.option("--dictionary", default="", help="ChArUco board: OpenCV's name of its markers, such as DICT_4X4_50.")
-@click.option("--marker", type=click.FloatRange(0, 10), default=0.0, help="ChArUco board: side of a marker in metres.")
-@click.option("--rim", type=click.FloatRange(0, 180), default=0.0, help="Degrees off the axis where the image ends; 0: found.")
+@click.option("--marker", "marker_m", type=click.FloatRange(0, 10), default=0.0, help="ChArUco board: side of a marker in metres.")
+@click.option("--rim", "rim_deg", type=click.FloatRange(0, 180), default=0.0, help="Degrees off the axis where the image ends; 0: found.")
 @click.option("--accept", is_flag=True, help="Accept a lens that fits its corners badly.")
 @click.option("--picture", type=PATH, help="PNG of coverage and residuals; left out: beside the lens file.")
 @click.option("--out", type=PATH, required=True, help="LENS.toml")
-def lens(
-    images: tuple[Path, ...], board: tuple[int, int], square: float, dictionary: str, marker: float, rim: float, accept: bool,
-    picture: Path | None, out: Path,
-) -> None:  # fmt: skip
+@options_as(LensOptions)
+def lens(options: LensOptions) -> None:
     """Find the lens from photographs of a chessboard."""
     from vemlight.capture.calibration.boards import CalibrationBoard
     from vemlight.capture.calibration.lens_calibration import calibrate_lens, lens_summary
 
-    picture = picture or out.with_suffix(".png")
-    wanted = CalibrationBoard(board, square, dictionary, marker)
-    report = calibrate_lens(list(images), wanted, out, rim_deg=rim, accept=accept, picture=picture)
+    board = CalibrationBoard(options.board, options.square_m, options.dictionary, options.marker_m)
+    picture = options.picture or options.out.with_suffix(".png")
+    report = calibrate_lens(
+        list(options.images), board, options.out, rim_deg=options.rim_deg, accept=options.accept, picture=picture
+    )
     click.echo(f"{lens_summary(report)}\nsee {picture}")
 
 
@@ -91,7 +86,7 @@ def lens(
 @click.option("--kind", type=click.Choice(["log", "companding", "linear", "srgb"]), default="log", show_default=True)
 @click.option("--bits", type=click.IntRange(1, 16), help="Of a code; left out: the fewest of 8, 10, 12, 14, 16 that hold them.")
 @click.option("--accept", is_flag=True, help="Accept an error above 5 % at a check patch.")
-@click.option("--white", type=click.FloatRange(0, min_open=True), help="PATCHES is a frame of a ColorChecker: cd/m2 of its white patch.")
+@click.option("--white", "white_cd_m2", type=click.FloatRange(0, min_open=True), help="PATCHES is a ColorChecker: its white in cd/m2.")
 @click.option(
     "--corners",
     metavar="X,Y,X,Y,X,Y,X,Y",
@@ -100,24 +95,25 @@ def lens(
 )
 @click.option("--picture", type=PATH, help="PNG of the fit; left out: beside the response file.")
 @click.option("--out", type=PATH, required=True, help="RESPONSE.toml")
-def response(
-    patches: Path, kind: "Kind", bits: int | None, accept: bool, white: float | None, corners: list[tuple[float, float]] | None,
-    picture: Path | None, out: Path,
-) -> None:  # fmt: skip
+@options_as(ResponseOptions)
+def response(options: ResponseOptions) -> None:
     """Find the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
     from vemlight.capture.calibration.colorchecker import chart_from_corners, find_chart
     from vemlight.capture.calibration.response_fit import calibrate_response, gray_patches, read_patches, response_summary
     from vemlight.light.images import read_codes
 
-    if corners and not white:
+    if options.corners and not options.white_cd_m2:
         raise UserError("--corners: needs --white, the luminance of the white patch")
-    if white:
-        codes = read_codes(patches)
-        read = gray_patches(codes, chart_from_corners(corners) if corners else find_chart(codes), white)
+    if options.white_cd_m2:
+        codes = read_codes(options.patches)
+        chart = chart_from_corners(options.corners) if options.corners else find_chart(codes)
+        patches = gray_patches(codes, chart, options.white_cd_m2)
     else:
-        read = read_patches(patches)
-    picture = picture or out.with_suffix(".png")
-    report = calibrate_response(read, out, kind=kind, bits=bits or 0, accept=accept, picture=picture)
+        patches = read_patches(options.patches)
+    picture = options.picture or options.out.with_suffix(".png")
+    report = calibrate_response(
+        patches, options.out, kind=options.kind, bits=options.bits or 0, accept=options.accept, picture=picture
+    )
     click.echo(f"{response_summary(report)}\nsee {picture}")
 
 

@@ -1,4 +1,4 @@
-"""The options of the commands that light and render files, as records: the command line builds them, offline.py reads them.
+"""The options of the commands that have many, as records: the command line builds them, and the commands read them.
 
 None stands for an option that was left out. Imports nothing heavy, so that `vemlight --help` answers at once; values are checked
 where they become settings.
@@ -7,9 +7,13 @@ where they become settings.
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
+
+if TYPE_CHECKING:
+    from vemlight.capture.calibration.response_fit import Kind
+    from vemlight.capture.frames import Mosaic
 
 Options = TypeVar("Options", bound=msgspec.Struct)
 
@@ -50,6 +54,54 @@ class RenderOptions(SamplingOptions, frozen=True, kw_only=True):
     background: str | None = None
     gloss_lights: int | None = None
     shadow_map: int | None = None  # texels on a side
+
+
+class SimulateOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """The options of `vemlight simulate`."""
+
+    maps: tuple[str, ...]
+    lens: Path
+    out: Path
+    response: Path | None
+    frames: int | None
+    fps: float
+    rotate_deg: float  # a frame, about the vertical
+    keyframes: Path | None
+    noise_codes: float
+    pattern_codes: float
+    mosaic: "Mosaic | None"
+    exposure_s: float
+    flicker_hz: float
+    dropouts: float  # fraction of frames
+    truth: bool
+    seed: int
+
+
+class LensOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """The options of `vemlight calibrate lens`."""
+
+    images: tuple[Path, ...]
+    out: Path
+    board: tuple[int, int]  # inner corners: columns, rows
+    square_m: float
+    dictionary: str
+    marker_m: float
+    rim_deg: float
+    accept: bool
+    picture: Path | None
+
+
+class ResponseOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """The options of `vemlight calibrate response`."""
+
+    patches: Path
+    out: Path
+    kind: "Kind"
+    bits: int | None
+    accept: bool
+    white_cd_m2: float | None
+    corners: list[tuple[float, float]] | None  # pixels x, y
+    picture: Path | None
 
 
 def options_as(kind: type[Options]) -> Callable[[Callable[[Options], None]], Callable[..., None]]:

@@ -53,12 +53,12 @@ def cpu_ms(parent: int) -> dict[str, float]:
     return used
 
 
-def pictures(ear: Any, seconds: float) -> list[tuple[wire.ImageMessage, float]]:
+def pictures(subscription: Any, seconds: float) -> list[tuple[wire.ImageMessage, float]]:
     """The headers that come within that time, each with the age in ms of its light when it came."""
     came, until_s = [], time.monotonic() + seconds
     while (left_s := until_s - time.monotonic()) > 0:
-        if ear.poll(int(left_s * 1e3) + 1):
-            header, _ = wire.unpack(ear.recv_multipart())
+        if subscription.poll(int(left_s * 1e3) + 1):
+            header, _ = wire.unpack(subscription.recv_multipart())
             if isinstance(header, wire.ImageMessage):
                 came.append((header, wire.age_ms(header.stamp)))
     return came
@@ -88,16 +88,16 @@ def measured(settings: Settings, watched: bool, seconds: float) -> str:
         run = started("vemlight", "run", str(file))
         transport, page = Transport(settings.wire), None
         try:
-            ear = transport.subscribe("renderer", "image")
+            subscription = transport.subscribe("renderer", "image")
             began_s = time.monotonic()
-            while not pictures(ear, 1.0):
+            while not pictures(subscription, 1.0):
                 if time.monotonic() > began_s + START_S:
                     raise RuntimeError("no picture came: does `vemlight run` work here?")
             if watched:
                 page = started("bench.live", "--watch", str(settings.viewer.port))
-            pictures(ear, WARM_UP_S)
+            pictures(subscription, WARM_UP_S)
             before, began_s = cpu_ms(run.pid), time.monotonic()
-            came = pictures(ear, seconds)
+            came = pictures(subscription, seconds)
             took_s, after = time.monotonic() - began_s, cpu_ms(run.pid)
         finally:
             for process in (page, run):

@@ -21,17 +21,17 @@ def scene(tmp_path):
     return str(tmp_path / "scene.toml")
 
 
-def corner(stage: RendererStage, said: list[wire.Message]) -> np.ndarray:
+def corner(stage: RendererStage, messages: list[wire.Message]) -> np.ndarray:
     """The sky pixel at the picture's upper left."""
     state, _ = stage.start_at(0)
-    for message in said:
+    for message in messages:
         state = stage.on_message(state, message)
     state, _ = stage.step(state, lights_message(0))
     assert state.picture is not None
     return state.picture[0, 0]
 
 
-def test_the_map_and_the_plate_are_what_is_seen_beside_the_scene(scene):
+def test_the_map_and_the_plate_are_seen_behind_the_scene(scene):
     size = Renderer(scene=scene, width=32, height=24, shadow_map=32, picture="linear16")
     header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="sphere")
     around = header, (np.full((4, 8, 3), 0.3, np.float32), *NO_BRIGHT_CELLS)

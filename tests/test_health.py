@@ -1,4 +1,4 @@
-"""The health check hears a service of its own, and nothing else."""
+"""The health check takes the status of the service that it asks about, and nothing else."""
 
 import threading
 from contextlib import contextmanager
@@ -18,11 +18,11 @@ def settings(tmp_path):
 
 
 @contextmanager
-def speaking(settings, *messages):
-    """A sampler's publisher that says these messages again and again."""
+def publishing(settings, *messages):
+    """A sampler's publisher that repeats these messages."""
     stop, ready = threading.Event(), threading.Event()
 
-    def speak():
+    def publish():
         transport = Transport(settings.wire)
         publisher = transport.bind("sampler", "publish")
         ready.set()
@@ -32,7 +32,7 @@ def speaking(settings, *messages):
                 publisher.send_multipart(parts, zmq.NOBLOCK)
         transport.close()
 
-    thread = threading.Thread(target=speak)
+    thread = threading.Thread(target=publish)
     thread.start()
     assert ready.wait(10)
     try:
@@ -43,21 +43,21 @@ def speaking(settings, *messages):
 
 
 def status(service):
-    said = ServiceStats(service, 0).status_if_due()
-    assert said
-    return wire.pack(said)
+    header = ServiceStats(service, 0).status_if_due()
+    assert header
+    return wire.pack(header)
 
 
 def test_a_status_is_health(settings, capsys):
-    with speaking(settings, status("sampler")):
+    with publishing(settings, status("sampler")):
         health.check_health(settings, "sampler")
     assert capsys.readouterr().out == "vemlight: sampler: no frame yet\n"
 
 
-@pytest.mark.parametrize("said", [(), (status("capture"),), ([b"status", b"\xff" * 40],)])
-def test_silence_another_service_and_random_bytes_are_none(said, settings, monkeypatch):
+@pytest.mark.parametrize("published", [(), (status("capture"),), ([b"status", b"\xff" * 40],)])
+def test_silence_another_service_and_random_bytes_are_none(published, settings, monkeypatch):
     monkeypatch.setattr(health, "STATUS_TIMEOUT_S", 0.4)
-    with speaking(settings, *said), pytest.raises(SystemExit, match="sampler: no status within"):
+    with publishing(settings, *published), pytest.raises(SystemExit, match="sampler: no status within"):
         health.check_health(settings, "sampler")
 
 

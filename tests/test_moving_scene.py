@@ -25,8 +25,8 @@ def send_control(port: int, **message) -> None:
         assert answer.status == 200
 
 
-def heard(ear: MessageListener, true: Callable[[wire.ImageMessage], object] = lambda image: True) -> wire.ImageMessage:
-    image = ear.next(wire.ImageMessage, true)
+def next_image(listener: MessageListener, true: Callable[[wire.ImageMessage], object] = lambda image: True) -> wire.ImageMessage:
+    image = listener.next(wire.ImageMessage, true)
     assert isinstance(image, wire.ImageMessage)
     return image
 
@@ -35,21 +35,21 @@ def test_poses_reach_the_picture_and_a_pause_refines_it(run, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(CAMERA + GROUND + '[[mesh]]\nshape = "box"\nscale = 0.4\nat = [0.0, 0.0, 0.4]\n')
     settings, process = run(renderer={"scene": str(scene), "picture": "linear16"})
-    ear = MessageListener(settings, "image")
+    listener = MessageListener(settings, "image")
     try:
-        image = heard(ear)
+        image = next_image(listener)
         assert image.linear
         assert [found.name for found in image.objects] == ["plane", "box"]
         there = {"name": "box", "position": [1.0, 0.0, 0.4], "rotation": [0.0, 0.0, 0.6, 0.8]}
         send_control(settings.viewer.port, poses=[there])
-        image = heard(ear, lambda image: image.objects[1].position == (1.0, 0.0, 0.4))
+        image = next_image(listener, lambda image: image.objects[1].position == (1.0, 0.0, 0.4))
         assert image.report.drawn_lights == 16
         send_control(settings.viewer.port, paused=True)
-        heard(ear, lambda image: image.report.drawn_lights > 200)  # some passes
+        next_image(listener, lambda image: image.report.drawn_lights > 200)  # some passes
         send_control(settings.viewer.port, paused=False, poses=None)
-        heard(ear, lambda image: image.report.drawn_lights == 16 and image.objects[1].position == (0.0, 0.0, 0.4))
+        next_image(listener, lambda image: image.report.drawn_lights == 16 and image.objects[1].position == (0.0, 0.0, 0.4))
     finally:
-        ear.close()
+        listener.close()
         process.send_signal(signal.SIGTERM)
     assert process.wait(timeout=10) == 0
 
@@ -63,10 +63,10 @@ def test_an_animated_run_is_the_same_though_its_renderer_is_killed(run, tmp_path
     def frames(out: Path, kill: bool) -> list[np.ndarray]:
         settings, process = run("--frames", "8", "--out", str(out), **sections)
         if kill:
-            ear = MessageListener(settings, "image")
-            heard(ear, lambda image: image.stamp.sequence >= 2)
+            listener = MessageListener(settings, "image")
+            next_image(listener, lambda image: image.stamp.sequence >= 2)
             os.kill(children(process.pid)["renderer"], signal.SIGKILL)
-            ear.close()
+            listener.close()
         _, errors = process.communicate(timeout=LOADED_S)
         assert process.returncode == 0, errors.decode()
         return [read_radiance(out / f"frame_{k:04d}.exr")[0] for k in range(8)]

@@ -94,17 +94,17 @@ def test_renderer_alone(sequence, small, services):
     settings, path = small(sequence)
     transport = Transport(settings.wire)
     supply = Supply(transport.bind("sampler", "serve"), ServiceStats("sampler", 0))
-    ear = transport.subscribe("renderer", "image", "status")
+    listener = transport.subscribe("renderer", "image", "status")
     process = services.start("vemlight.renderer", str(path))
-    assert ear.poll(LOADED_S * 1e3)  # it speaks: the subscription stands before the first picture is asked for
+    assert listener.poll(LOADED_S * 1e3)  # it publishes: the subscription is in place before the first picture is asked for
     lights = references.recorded(sequence, "lights")
     seen = []
     until = time.monotonic() + LOADED_S
     while len(seen) < references.FRAMES and time.monotonic() < until:
         supply.earliest_requested()
         supply.send(lambda k: lights[k] if k < len(lights) else None, end=len(lights))
-        if ear.poll(5, zmq.POLLIN):
-            message = wire.unpack(ear.recv_multipart())
+        if listener.poll(5, zmq.POLLIN):
+            message = wire.unpack(listener.recv_multipart())
             seen += [message] if isinstance(message[0], wire.ImageMessage) else []
     assert process.wait(timeout=LOADED_S) == 0  # the last service ends with the last frame
     transport.close()

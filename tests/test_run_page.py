@@ -15,20 +15,20 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this ma
 
 def test_the_page_of_a_run(run, browser):
     settings, process = run(renderer={"frame_ms": 0})  # as many lights as are wished, however busy the machine
-    ear = MessageListener(settings, "lights", "image")
+    listener = MessageListener(settings, "lights", "image")
     page = browser.new_page()
     page.set_default_timeout(LOADED_S * 1e3)
     try:
-        ear.next(wire.ImageMessage)
+        listener.next(wire.ImageMessage)
         page.goto(f"http://127.0.0.1:{settings.viewer.port}")
         page.locator("#picture[data-shown]").wait_for(state="attached")
         page.locator("#disc[data-shown]").wait_for(state="attached")
-        ear.next(wire.LightsMessage, lambda lights: lights.count == 16)
+        listener.next(wire.LightsMessage, lambda lights: lights.count == 16)
 
         page.locator("#count-number").fill("33")
         page.locator("#count-number").press("Enter")
-        ear.next(wire.LightsMessage, lambda lights: lights.count == 33)
-        ear.next(wire.ImageMessage, lambda image: image.report.drawn_lights == 33)
+        listener.next(wire.LightsMessage, lambda lights: lights.count == 33)
+        listener.next(wire.ImageMessage, lambda image: image.report.drawn_lights == 33)
 
         renderer = children(process.pid)["renderer"]
         os.kill(renderer, signal.SIGSTOP)
@@ -39,9 +39,9 @@ def test_the_page_of_a_run(run, browser):
             """() => [...document.querySelectorAll("article")].some(card => card.querySelector("h3").textContent === "renderer"
                 && /restarts\\s*1/.test(card.textContent.replace(/\\s+/g, " ")) && /live/.test(card.textContent))"""
         )
-        ear.next(wire.ImageMessage, lambda image: image.report.drawn_lights == 33)  # the wish outlives the renderer
+        listener.next(wire.ImageMessage, lambda image: image.report.drawn_lights == 33)  # the choice outlives the renderer
     finally:
         page.close()
-        ear.close()
+        listener.close()
         process.send_signal(signal.SIGTERM)
     assert process.wait(timeout=10) == 0

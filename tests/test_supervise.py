@@ -36,19 +36,19 @@ def test_a_run_with_an_end_writes_everything_and_leaves_nothing(run, tmp_path):
 
 def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run):
     settings, process = run()
-    ear = MessageListener(settings, "lights", "image", "status")
+    listener = MessageListener(settings, "lights", "image", "status")
     try:
-        ear.next(wire.ImageMessage)
+        listener.next(wire.ImageMessage)
         before = children(process.pid)
         assert before.keys() == {"capture", "sampler", "renderer", "viewer"}
         for service, kind in (("sampler", wire.LightsMessage), ("renderer", wire.ImageMessage)):
             os.kill(before[service], signal.SIGKILL)
-            ear.next(wire.StatusMessage, lambda status, service=service: status.service == service and status.restarts == 1)
-            ear.next(kind)
+            listener.next(wire.StatusMessage, lambda status, service=service: status.service == service and status.restarts == 1)
+            listener.next(kind)
         after = children(process.pid)
         assert {name for name in after if after[name] != before[name]} == {"sampler", "renderer"}
     finally:
-        ear.close()
+        listener.close()
     process.send_signal(signal.SIGTERM)
     _, errors = process.communicate(timeout=10)
     assert process.returncode == 0
@@ -59,11 +59,11 @@ def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run
 
 def test_no_orphan_when_the_supervisor_itself_is_killed(run):
     settings, process = run()
-    ear = MessageListener(settings, "status")
+    listener = MessageListener(settings, "status")
     try:
-        ear.next(wire.StatusMessage)
+        listener.next(wire.StatusMessage)
     finally:
-        ear.close()
+        listener.close()
     started = children(process.pid)
     process.kill()
     process.wait()
@@ -74,7 +74,7 @@ def test_what_a_service_cannot_use_ends_the_run_with_its_line(run):
     _, process = run(renderer={"scene": "nowhere.toml"})
     _, errors = process.communicate(timeout=LOADED_S)
     assert process.returncode == 2
-    (line,) = (line for line in errors.decode().splitlines() if "starting;" not in line)  # which is said where all is slow
+    (line,) = (line for line in errors.decode().splitlines() if "starting;" not in line)  # printed where the start is slow
     assert "nowhere.toml" in line
 
 

@@ -40,7 +40,7 @@ def simulated(folder: Path) -> Iterator[SimulatedServices]:
 def viewer(folder: Path, simulated: SimulatedServices) -> Iterator[ViewerProcess]:
     viewer = ViewerProcess(folder)
     assert f"{viewer.url} (for this machine only)" in viewer.first_line()
-    eventually(lambda: viewer.get("/healthz")[0] == 200, "all services heard")
+    eventually(lambda: viewer.get("/healthz")[0] == 200, "all services seen")
     yield viewer
     viewer.end()
 
@@ -100,6 +100,16 @@ def test_a_bad_choice_is_refused_in_one_line(viewer, body):
     assert viewer.health()["control"] == before
 
 
+def test_a_control_may_move_as_many_objects_as_a_message_holds(viewer):
+    third = 1 / 3  # with all its digits
+    poses = [
+        {"name": f"an object with number {k}", "position": 3 * [-third], "rotation": [0.0, 0.0, -0.6000000000000001, 0.8000000000000002]}
+        for k in range(wire.MAX_POSES)
+    ]
+    assert viewer.choose(poses=poses)[0] == 200
+    assert viewer.choose(poses=None)[0] == 200
+
+
 def test_what_is_too_large_or_not_json_is_refused(viewer):
     assert viewer.get("/control", b" " * (MAX_BODY + 1), Content_Type="application/json")[0] == 413
     assert viewer.get("/control", b"{}", Content_Type="text/plain")[0] == 415
@@ -129,12 +139,12 @@ def test_every_answer_keeps_the_page_to_itself(viewer):
 
 
 def test_health_names_who_stalls_and_comes_back(viewer, simulated):
-    simulated.speaking -= {"sampler", "renderer"}
+    simulated.publishing -= {"sampler", "renderer"}
     eventually(lambda: viewer.state("sampler") == "stalled", "the sampler shown as stalled")
     assert viewer.get("/healthz")[0] == 503
     assert (viewer.state("capture"), viewer.state("renderer")) == ("live", "waiting")
     eventually(lambda: viewer.state("sampler") == viewer.state("renderer") == "silent", "both shown as silent")
-    simulated.speaking |= {"sampler", "renderer"}
+    simulated.publishing |= {"sampler", "renderer"}
     eventually(lambda: viewer.get("/healthz")[0] == 200, "health again")
 
 
@@ -277,10 +287,10 @@ def test_a_taken_port_is_one_line_and_status_2(tmp_path):
     tmp_path.chmod(0o700)
     with socket.create_server(("127.0.0.1", 0)) as holder:
         viewer = ViewerProcess(tmp_path, port=holder.getsockname()[1])
-        _, said = viewer.process.communicate(timeout=PATIENCE_S)
+        _, errors = viewer.process.communicate(timeout=PATIENCE_S)
     assert viewer.process.returncode == 2
-    assert said.count("\n") == 1
-    assert f"127.0.0.1:{viewer.port}: the viewer cannot listen there" in said
+    assert errors.count("\n") == 1
+    assert f"127.0.0.1:{viewer.port}: the viewer cannot listen there" in errors
 
 
 def test_in_lossless_mode_controls_have_no_effect(tmp_path):
@@ -301,5 +311,5 @@ def test_a_signal_ends_it_with_pages_open(tmp_path, number):
     stream.request("GET", "/stream.mjpg")
     assert stream.getresponse().status == 200
     viewer.process.send_signal(number)
-    _, said = viewer.process.communicate(timeout=PATIENCE_S)
-    assert (viewer.process.returncode, said) == (0, "")
+    _, errors = viewer.process.communicate(timeout=PATIENCE_S)
+    assert (viewer.process.returncode, errors) == (0, "")

@@ -26,7 +26,7 @@ def folder(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def simulated(folder: Path) -> Iterator[SimulatedServices]:
     simulated = SimulatedServices(Wire(folder=str(folder)))
-    simulated.speaking = set()
+    simulated.publishing = set()
     simulated.start()
     yield simulated
     simulated.end()
@@ -34,7 +34,7 @@ def simulated(folder: Path) -> Iterator[SimulatedServices]:
 
 @pytest.fixture(scope="module")
 def page(folder: Path, simulated: SimulatedServices, browser) -> Iterator:
-    """The page before anything was heard; then the services speak."""
+    """The page before anything was received; then the services publish."""
     viewer = ViewerProcess(folder)
     viewer.first_line()
     page = browser.new_page(viewport={"width": 1280, "height": 800})
@@ -47,7 +47,7 @@ def page(folder: Path, simulated: SimulatedServices, browser) -> Iterator:
     page.goto(viewer.url)
     page.get_by_text("waiting for capture …").wait_for()
     page.get_by_text("waiting for renderer …").wait_for()
-    simulated.speaking = {"capture", "sampler", "renderer"}
+    simulated.publishing = {"capture", "sampler", "renderer"}
     page.locator("#overall[data-state=live]").wait_for()
     eventually(lambda: simulated.controls, "a first control, without choices")
     yield page
@@ -157,12 +157,12 @@ def test_two_pages_show_the_same(page, browser, simulated):
 
 
 def test_a_killed_renderer_shows_as_such_and_comes_back(page, simulated):
-    simulated.speaking.discard("renderer")
+    simulated.publishing.discard("renderer")
     page.locator("#card-renderer[data-state=silent]").get_by_text("silent for").wait_for()
     page.locator("#scene-cover").get_by_text("renderer: silent").wait_for()
     assert page.locator("#overall").inner_text() == "renderer silent"
     assert page.locator("#card-capture").get_attribute("data-state") == "live"
-    simulated.speaking.add("renderer")
+    simulated.publishing.add("renderer")
     page.locator("#card-renderer[data-state=live]").wait_for()
     assert page.locator("#scene-cover").is_hidden()
 

@@ -96,7 +96,7 @@ def test_jpeg_shows_a_smooth_sky_without_blocks_in_few_bytes():
     error = decoded(data) - sky
     assert np.sqrt(np.mean(error**2)) < 1.0  # less than a code: no blocks are seen
     noise = np.random.default_rng(3).integers(0, 256, (256, 256, 3), np.uint8)
-    assert len(jpeg(noise)) < 0.62 * noise.size  # of the worst picture; at a quality of 95 it would be 0.8
+    assert len(jpeg(noise)) < 0.33 * noise.size  # of the worst picture: qualities of 70 to 92
 
 
 def test_codes_are_the_standard_curve():

@@ -296,7 +296,7 @@ def _run_source_live(source: Source, transport: Transport, publisher: Any, stats
 
 
 def _is_paused(controls: Any, stats: ServiceStats, before: bool) -> bool:
-    """What the newest control that waits says about it, or what was said before."""
+    """Whether the newest control that waits says so, or else as before."""
     for header, _ in receive_all(controls, stats):
         before = header.paused if isinstance(header, wire.ControlMessage) else before
     return before

@@ -64,7 +64,7 @@ def endpoint(settings: Wire, service: Service, role: Role) -> str:
 
 
 class Keys(NamedTuple):
-    """The CURVE key pair that all services of an installation share."""
+    """The CURVE key pair of all services of an installation."""
 
     public: bytes
     secret: bytes

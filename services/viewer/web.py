@@ -27,9 +27,9 @@ FILES = {
     "/objects.js": ("objects.js", "text/javascript"),
     "/persisted_controls.js": ("persisted_controls.js", "text/javascript"),
 }
-MAX_PAGES = 64  # sockets and streams at once; each costs a task and at most one encoded frame on its way
-MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of wire.MAX_POSES objects about 20,000
-MAX_FEED_NAME = 64  # bytes of a page's message: the name of a feed
+MAX_PAGES = 64  # sockets and streams at once; each costs a task and one encoded frame on its way. 32 to 256 would do
+MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of wire.MAX_POSES objects about 24,000. Up to 128 kB would do
+MAX_FEED_NAME = 64  # bytes of a page's message: the name of a feed; any value in 8..1024 does
 HEARTBEAT_S = 10.0  # a page that does not answer within half of it is disconnected; any value in 5..60 does
 STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so long; any value in 5..60 does
 BINARY_FEEDS = {"disc": 1, "picture": 2}  # first byte of a binary message; a JPEG follows
@@ -37,7 +37,7 @@ RETRY = {"Retry-After": "1"}
 
 
 def constants_js() -> str:
-    """The constants that the page shares with the services, as a JavaScript module."""
+    """The constants that the page has in common with the services, as a JavaScript module."""
     constants = {"LUMINANCE_WEIGHTS": LUMINANCE_WEIGHTS.tolist(), "BINARY_FEEDS": BINARY_FEEDS}
     return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in constants.items())
 

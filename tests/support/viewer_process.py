@@ -68,14 +68,14 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
 
 
 class SimulatedServices(threading.Thread):
-    """Capture, sampler and renderer in one thread: each publishes frames and statuses while it is in `speaking`. Receives the controls."""
+    """Capture, sampler and renderer in one thread: each publishes frames and statuses while in `publishing`. Receives the controls."""
 
     def __init__(self, settings: Wire, frames=frames_of) -> None:
         super().__init__(daemon=True)
-        self.speaking: set[Service] = set(MAKERS)
+        self.publishing: set[Service] = set(MAKERS)
         self.controls: list[wire.ControlMessage] = []
         self.viewers: list[wire.StatusMessage] = []
-        self.noise: list[list[bytes]] = []  # sent once by the renderer
+        self.noise: list[list[bytes]] = []  # published once by the renderer
         self._settings, self._frames, self._stop_asked = settings, frames, threading.Event()
 
     def run(self) -> None:
@@ -90,7 +90,7 @@ class SimulatedServices(threading.Thread):
             sequence += 1
             for service in MAKERS:
                 accept_subscriptions(publishers[service])
-                if service in self.speaking:
+                if service in self.publishing:
                     stats[service].on_finished(made[service], 0.004)
                     publishers[service].send_multipart(wire.pack(*made[service]))
                     if status := stats[service].status_if_due():

@@ -55,19 +55,18 @@ def as_dict(settings: Renderer) -> dict:
     return {name: getattr(settings, name) for name in settings.__struct_fields__}
 
 
-def test_in_a_run_each_picture_stands_before_its_own_frame(make_settings, services, scene, tmp_path):
+def test_in_a_run_each_picture_stands_before_its_own_frame(run, scene, tmp_path):
     films = tmp_path / "film"
     films.mkdir()
     for k in range(3):
         cv2.imwrite(str(films / f"{k}.png"), np.full((4, 6, 3), 60 * (k + 1), np.uint8))
     out = tmp_path / "out"
     drawing = {"scene": scene, "width": 32, "height": 24, "shadow_map": 32}
-    _, path = make_settings(
+    _, process = run(
         mode="lossless", out=str(out), capture={"frames": 5}, renderer=drawing, plate={"source": str(films)}, sampler={"count": 2}
     )
-    run = services.start("vemlight", "run", str(path))
-    _, errors = run.communicate(timeout=LOADED_S)
-    assert run.returncode == 0, errors.decode()
+    _, errors = process.communicate(timeout=LOADED_S)
+    assert process.returncode == 0, errors.decode()
     seen = [read_radiance(out / f"frame_{k:04d}.exr")[0][0, 0, 0] for k in range(5)]
     codes = np.array([60, 120, 180, 60, 120]) / 255  # the film begins again
     np.testing.assert_allclose(seen, ((codes + 0.055) / 1.055) ** 2.4, rtol=1e-2)  # a code more at 60 is 4 % more light

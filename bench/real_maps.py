@@ -10,12 +10,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import tomli_w
 
 from vemlight.capture.source import open_source
 from vemlight.light.images import read_radiance, write_exr
-from vemlight.light.light_set import read_lights
+from vemlight.light.light_set import LightsRow
 from vemlight.light.sphere import latlong_solid_angles, map_irradiance
 from vemlight.settings import Capture
 
@@ -93,14 +94,14 @@ def played(source: Path, scene: Path, out: Path, frames: int) -> dict[str, float
     }
     settings.write_text(tomli_w.dumps(content))
     vemlight("run", settings, "--out", out, "--frames", frames)
-    rows = read_lights(out / "lights.jsonl")
+    rows = [msgspec.json.decode(line, type=LightsRow) for line in (out / "lights.jsonl").read_bytes().splitlines()]
     assert [row.sequence for row in rows] == list(range(frames)), "not every frame's lights are there, once and in order"
     assert len(list(out.glob("frame_*.png"))) == frames, "pictures are missing"
     maps = open_source(Capture(source=str(source)))
     worst = 0.0
     for k in range(0, frames, 7):
         expected = map_irradiance(maps.frame(k).radiance, "hemisphere")
-        found = rows[k].arrays().irradiance.sum(axis=0, dtype=float)
+        found = np.array([light.irradiance for light in rows[k].lights], np.float32).sum(axis=0, dtype=float)
         worst = max(worst, float(np.abs(found / expected - 1).max()))
     return {"energy_error": worst, "irradiance": float(map_irradiance(maps.frame(0).radiance, "hemisphere")[1])}
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from tests.support.lights_files import light_set_from_row, read_lights
 from tests.support.processes import vemlight
 from vemlight.commands.capture_commands import calibrate
 from vemlight.commands.cli import main
 from vemlight.commands.options import LensOptions, LightsOptions, RenderOptions, ResponseOptions, SimulateOptions
 from vemlight.light.images import write_exr
-from vemlight.light.light_set import read_lights
 from vemlight.light.sphere import latlong_directions
 
 LENS = """
@@ -176,7 +176,7 @@ def test_lights_of_one_lit_pixel_point_at_it(tmp_path):
     done = invoked("lights", tmp_path / "spot.exr", "--count", 1, "--out", tmp_path / "l.json")
     assert done.exit_code == 0, done.stderr
     (row,) = read_lights(tmp_path / "l.json")
-    lights = row.arrays()
+    lights = light_set_from_row(row)
     towards = latlong_directions(64, 128)[13, 90]
     assert np.degrees(np.arccos(np.clip(lights.directions[0] @ towards, -1, 1))) < 180 / 64
 
@@ -217,8 +217,8 @@ def test_a_recording_plays_back_the_same_and_lights_are_scored(folder, monkeypat
         assert done.exit_code == 0, done.stderr
         assert "error" in done.stdout
         assert "flicker" in done.stdout
-    assert [row.arrays().directions.tolist() for row in read_lights(folder / "a.jsonl")] == [
-        row.arrays().directions.tolist() for row in read_lights(folder / "b.jsonl")
+    assert [light_set_from_row(row).directions.tolist() for row in read_lights(folder / "a.jsonl")] == [
+        light_set_from_row(row).directions.tolist() for row in read_lights(folder / "b.jsonl")
     ]
 
 
@@ -233,7 +233,7 @@ def test_mains_flicker_is_removed_from_a_recording_on_request(method, tmp_path):
         common = ("--method", method, "--filter", "none", "--count", 8, "--fps", 21, "--out", tmp_path / "l.jsonl")
         done = invoked("lights", tmp_path / "in", *common, *options)
         assert done.exit_code == 0, done.stderr
-        power = [row.arrays().irradiance.sum() for row in read_lights(tmp_path / "l.jsonl")[64:]]
+        power = [light_set_from_row(row).irradiance.sum() for row in read_lights(tmp_path / "l.jsonl")[64:]]
         swing[len(options)] = np.ptp(power) / np.mean(power)
     assert swing[0] > 0.5
     assert swing[1] < 0.02

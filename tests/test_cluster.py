@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import angle_between
+from vemlight.light.sphere import angle_between, direction_from_angles
 from vemlight.sampler import cluster
 from vemlight.sampler.cluster import clustered
 
@@ -113,3 +113,19 @@ def test_a_lone_pole_far_from_all_others_is_not_lost():
     given_lights = LightSet.of(np.arange(51), np.vstack([near, [[1.0, 0, 0]]]), np.ones((51, 3)))
     _, merged = clustered(given_lights, 4, "hemisphere", cluster.NO_CLUSTERS)
     assert np.degrees(angle_between(merged.directions.astype(float), np.array([1.0, 0, 0]))).min() < 0.1
+
+
+@pytest.mark.parametrize(("factor", "stays"), [(1.05, True), (1.13, True), (1.17, False), (1.3, False)])
+def test_a_light_stays_with_its_seed_up_to_a_seventh_beyond_the_angle(factor, stays):
+    angle = np.radians(10.0)
+    directions = np.array([[0.0, 0.0, 1.0], [np.sin(factor * angle), 0.0, np.cos(factor * angle)]])
+    labels, _ = cluster._labels(directions, np.array([0, 0]), angle, 2)
+    assert (labels[1] == 0) == stays
+
+
+def test_lights_within_a_degree_are_one_however_many_are_allowed():
+    # 30 pairs of lights 0.7 degrees apart, 2 degrees from each other: fewer than 0.85 of the 40 allowed, and yet no pair is parted.
+    phi = np.radians(2.0 * np.arange(30))
+    pairs = np.concatenate([[direction_from_angles(np.pi / 2, p), direction_from_angles(np.pi / 2 - np.radians(0.7), p)] for p in phi])
+    _, merged = clustered(LightSet.of(np.arange(60), pairs, np.ones((60, 3))), 40, "hemisphere", cluster.NO_CLUSTERS)
+    assert len(merged.ids) == 30

@@ -1,4 +1,5 @@
 from functools import partial
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 from scipy.signal import remez
 
-from vemlight.sampler.temporal.filters import PAPER_WEIGHTS, equiripple, weights_from_settings
+from vemlight.sampler.temporal.filters import FILTERS, PAPER_WEIGHTS, equiripple, weights_from_settings
 from vemlight.settings import Sampler as Settings
 
 Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
@@ -59,3 +60,15 @@ def test_the_band_is_kept_and_the_rest_removed():
 
 def test_an_unknown_rate_filters_nothing():
     assert weights_from_settings(Sampler(filter="fir"), 0.0).tolist() == [1.0]
+
+
+def test_at_a_low_rate_the_bands_lie_below_half_of_it():
+    # At 6 frames a second nothing above 3 Hz is seen: the stop band begins at 2.7 Hz and what is below 1.9 Hz is kept.
+    weights = equiripple(16, 3.0, 6.0, 6.0)
+    assert gain(weights, 1.5, 6.0) > 0.8
+    assert gain(weights, 2.8, 6.0) < 0.2
+
+
+def test_the_table_has_the_filters_of_the_settings():
+    names = set(get_args(get_type_hints(Settings)["filter"]))
+    assert set(FILTERS) == names - {"auto", "adaptive"}  # the paper's by another name, and the tracked method's own smoothing

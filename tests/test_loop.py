@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from tests.support.lights_files import read_lights
 from tests.support.processes import LOADED_S, wait_until
-from vemlight.light.light_set import read_lights
 
 CHAIN = ("capture", "sampler", "renderer")
 

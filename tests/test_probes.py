@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from vemlight.light.sphere import cell_directions, cell_solid_angles
-from vemlight.sampler.probes import SOFTNESS, irradiance_of_lights, irradiance_of_map, irradiance_of_unit_light, probes
+from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, irradiance_of_unit_light, probes
 
 
 @pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
@@ -23,7 +23,7 @@ def test_a_light_is_seen_by_its_cosine_and_beside_the_occluder():
     assert irradiance_of_unit_light(-up, up, low) == 0
     across = np.array([-0.5, 0, np.sqrt(1 - 0.25)])  # at a right angle to the light: in the middle of the soft edge
     assert irradiance_of_unit_light(up, across, low) == pytest.approx(0.25)
-    tilted = across + SOFTNESS / 2 * low
+    tilted = across + np.sin(np.radians(2.0)) / 2 * low  # halfway up the edge, which is two degrees wide to either side
     assert irradiance_of_unit_light(up, tilted, low) == pytest.approx(0.375)
 
 

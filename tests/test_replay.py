@@ -10,8 +10,8 @@ import tomli_w
 import zmq
 
 from tests import references
+from tests.support.lights_files import light_set_from_row, read_lights
 from tests.support.processes import LOADED_S
-from vemlight.light.light_set import read_lights
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Pull, Supply
 from vemlight.runtime.service_stats import ServiceStats
@@ -120,7 +120,7 @@ def test_all_together(sequence, small, services, tmp_path):
     rows = read_lights(out / "lights.jsonl")
     assert [row.sequence for row in rows] == list(range(references.FRAMES))
     for row, (_, (ids, directions, irradiance, *_)) in zip(rows, references.recorded(sequence, "lights"), strict=True):
-        lights = row.arrays()
+        lights = light_set_from_row(row)
         assert lights.ids.tolist() == ids.tolist()
         np.testing.assert_allclose(lights.directions, directions, atol=1e-5)
         np.testing.assert_allclose(lights.irradiance, irradiance, rtol=1e-4, atol=1e-5 * irradiance.max())

@@ -24,9 +24,12 @@ def compiled():
 
 stage = SamplerStage(Settings(sampler=Sampler(method=sys.argv[1])))
 ready = compiled()
-header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=6, cols=24, coverage="hemisphere", bright_samples=1)
-arrays = np.ones((6, 24, 3), np.float32), np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32), np.ones(1, np.float32)
-stage.step(stage.start_at(0)[0], wire.unpack(wire.pack(header, arrays)))
+state, _ = stage.start_at(0)
+for k in range(30):  # light that flickers with the mains, until the search for it has begun
+    header = wire.MapMessage(stamp=wire.stamp(k, k / 21), rows=6, cols=24, coverage="hemisphere", bright_samples=1)
+    radiance = np.full((6, 24, 3), 1 + 0.3 * np.sin(200 * np.pi * k / 21), np.float32)
+    arrays = radiance, np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32), np.ones(1, np.float32)
+    state, _ = stage.step(state, wire.unpack(wire.pack(header, arrays)))
 assert ready and compiled() == ready, compiled() - ready
 """
 

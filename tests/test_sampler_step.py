@@ -1,5 +1,6 @@
 import pickle
 from functools import partial
+from typing import get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -9,6 +10,8 @@ from hypothesis import settings as limits
 from hypothesis import strategies as st
 
 from vemlight.light.sphere import Coverage, angle_between, direction_from_angles, map_irradiance
+from vemlight.sampler import step as step_module
+from vemlight.sampler import warp_method
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
@@ -239,3 +242,14 @@ def test_memory_is_flat():
         if k % 1000 == 999:
             sizes.append(len(pickle.dumps(state)))
     assert sizes[0] == sizes[1] == sizes[2]
+
+
+def test_the_table_has_the_methods_of_the_settings():
+    assert set(step_module.METHODS) == set(get_args(get_type_hints(Settings)["method"]))
+
+
+def test_the_offset_of_the_warp_follows_the_light_within_three_frames(monkeypatch):
+    gains, steadied = [], warp_method.steadied
+    monkeypatch.setattr(warp_method, "steadied", lambda warp, anchor, gain: gains.append(gain) or steadied(warp, anchor, gain))
+    run(Sampler(filter="none"), [scene()] * 2)
+    assert gains == pytest.approx([1.0, 1 - np.exp(-0.04 / 0.12)])

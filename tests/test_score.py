@@ -69,3 +69,8 @@ def test_the_text_fits_one_screen():
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 100
     assert lines[0].split() == ["frames", "2"]
+
+
+@pytest.mark.parametrize(("degrees", "jumps"), [(7.0, 0), (9.5, 0), (10.5, 1), (15.0, 1)])
+def test_a_move_of_more_than_ten_degrees_is_a_jump(degrees, jumps):
+    assert score([(radiance(), one(30.0)), (radiance(), one(30.0 + degrees))]).jumps == jumps

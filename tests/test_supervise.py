@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.lights_files import read_lights
 from tests.support.processes import LOADED_S, MessageListener, children, is_running, wait_until
-from vemlight.light.light_set import read_lights
 from vemlight.runtime import supervise, wire
 from vemlight.runtime.supervise import MAX_DEATHS, RUN_FOLDER
 from vemlight.settings import Settings, Viewer, read_settings

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from tests.support.lights_files import light_set_from_row
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
 from vemlight.light.light_set import LightsRow
 from vemlight.runtime import wire
@@ -68,7 +69,7 @@ def test_pictures_for_other_programs(viewer):
 
 def test_lights_are_the_file_form(viewer):
     row = msgspec.json.decode(viewer.get("/lights")[1], type=LightsRow)
-    assert np.allclose(np.linalg.norm(row.arrays().directions, axis=1), 1, atol=1e-6)
+    assert np.allclose(np.linalg.norm(light_set_from_row(row).directions, axis=1), 1, atol=1e-6)
 
 
 def test_choices_are_published_whole_and_again(viewer, simulated):

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.lights_files import light_set_from_row, read_lights
 from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
 from vemlight.capture.source import open_source
 from vemlight.commands.offline import write_lights_file, write_pictures
 from vemlight.commands.options import LightsOptions, RenderOptions
 from vemlight.light.images import read_radiance, write_exr
-from vemlight.light.light_set import read_lights
 from vemlight.light.sphere import angle_between, cell_from_direction, direction_from_angles, latlong_from_direction, map_irradiance
 from vemlight.settings import Capture
 
@@ -66,7 +66,7 @@ def test_one_lit_pixel_gives_its_direction_and_the_shadow_on_the_other_side(make
     theta, phi = np.radians(towards)
     source, width = make(tmp_path, direction_from_angles(theta, phi))
     write_lights_file(LightsOptions(source=source, out=tmp_path / "lights.json", count=1))
-    direction = read_lights(tmp_path / "lights.json")[0].arrays().directions[0].astype(float)
+    direction = light_set_from_row(read_lights(tmp_path / "lights.json")[0]).directions[0].astype(float)
     assert angle_between(direction, direction_from_angles(theta, phi)) < width
 
     out, scene = tmp_path / "picture.exr", pole_scene(tmp_path)
@@ -91,7 +91,7 @@ def test_frames_that_no_camera_should_give(tmp_path):
     for k, (name, image) in enumerate(frames.items()):
         write_exr(tmp_path / f"{k}_{name}.exr", image)
     write_lights_file(LightsOptions(source=tmp_path, out=tmp_path / "lights.jsonl", count=32, filter="none"))
-    lights = [row.arrays() for row in read_lights(tmp_path / "lights.jsonl")]
+    lights = [light_set_from_row(row) for row in read_lights(tmp_path / "lights.jsonl")]
     source = open_source(Capture(source=str(tmp_path)))
     for k, found in enumerate(lights):
         radiance = source.frame(k).radiance

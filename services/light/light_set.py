@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import decoded_json, written_whole
+from vemlight.files import written_whole
 from vemlight.light.sphere import Coverage
 
 
@@ -49,14 +49,6 @@ class LightsRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     coverage: Coverage
     lights: list[LightRow]
 
-    def arrays(self) -> LightSet:
-        n = len(self.lights)
-        return LightSet.of(
-            np.array([light.id for light in self.lights], np.int64),
-            np.array([light.direction for light in self.lights], np.float32).reshape(n, 3),
-            np.array([light.irradiance for light in self.lights], np.float32).reshape(n, 3),
-        )
-
 
 def lights_row(lights: LightSet, sequence: int, time_s: float, coverage: Coverage) -> LightsRow:
     """The frame's record; float32 values are written with the digits that bring them back exactly."""
@@ -70,21 +62,6 @@ def lights_row(lights: LightSet, sequence: int, time_s: float, coverage: Coverag
 def lights_json(row: LightsRow) -> bytes:
     """The record as one line of JSON with the schema's name in it."""
     return msgspec.json.encode({"schema": row.schema, **msgspec.structs.asdict(row)})
-
-
-def read_lights(path: Path) -> list[LightsRow]:
-    """All frames of a .json (one frame) or .jsonl file. Raises UserError naming the file and the line."""
-    rows = []
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    for number, line in enumerate(text.splitlines() if path.suffix == ".jsonl" else [text], 1):
-        try:
-            rows.append(decoded_json(line, LightsRow))
-        except ValueError as error:
-            raise UserError(f"{path}: line {number}: {error}; write it again with `vemlight lights`") from error
-    return rows
 
 
 def check_lights_path(path: Path, frames: int) -> None:

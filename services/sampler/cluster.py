@@ -15,7 +15,7 @@ from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 
-FIRST_ANGLE_FACTOR = 1.85  # the paper's c, where the search begins; any value in 1..4 ends at as good clusters
+FIRST_ANGLE_FACTOR = 1.85  # the paper's c, where the search begins; elsewhere it takes more steps
 STAY = 1.15  # a light stays with its seed, and a seed a seed, up to this factor on the angle: .04 % of lights change a frame, not .41 %
 FILL = 0.85  # of the limit, below which the angle is changed
 MIN_ANGLE_RAD = float(np.radians(1.0))  # lights closer than this are one to any shadow map, so no search goes below

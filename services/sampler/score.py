@@ -11,7 +11,7 @@ from vemlight.light.sphere import Coverage, angle_between
 from vemlight.sampler.light_map import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 
-SCORE_PROBES = 512  # the error's own uncertainty is 1 / sqrt(2 x 512) = 3 %
+SCORE_PROBES = 512  # the error's own uncertainty is 1 / sqrt(2 x 512) = 3 %; any larger value does
 JUMP_DEG = 10.0  # between two frames: seen as one light that goes and another that comes
 
 

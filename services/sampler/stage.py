@@ -15,7 +15,8 @@ from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import SamplerState, initial_state
 from vemlight.sampler.step import step
 
-WARM_FRAMES = 64  # the search for flicker begins after MIN_FIT_FRAMES, and finds some only later; any larger value does
+WARM_FRAMES = 64  # more than the 24 after which the search for flicker begins; any larger value does
+WARM_FPS = 21.0  # at which lamps of 100 Hz are seen to flicker
 
 
 class StageState(NamedTuple):
@@ -92,8 +93,8 @@ def warm(settings: settings.Sampler) -> None:
     """Compiles everything that a frame may need, on a small map whose light flickers, so that no frame of a run waits for the compiler."""
     state = initial_state()
     for k in range(WARM_FRAMES):
-        radiance = np.full((6, 24, 3), 1.5 + np.sin(2 * np.pi * k / 4), np.float32)
+        radiance = np.full((6, 24, 3), 1.5 + 0.5 * np.sin(200 * np.pi * k / WARM_FPS), np.float32)
         radiance[2, k % 24] = 100
         radiance.flags.writeable = False  # as arrays off the wire are: numba compiles a version for each
         bright = BrightCells(np.array([2 * 24 + k % 24]), np.array([[0, 0, 1]], np.float32), np.ones(1, np.float32))
-        state, _, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25, bright))
+        state, _, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / WARM_FPS, bright))

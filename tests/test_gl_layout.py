@@ -8,7 +8,7 @@ import pytest
 
 from vemlight.renderer.gl import buffers
 from vemlight.renderer.gl.buffers import SCENE_VERTEX, SURFACE_DIFFUSE
-from vemlight.renderer.gl.constants import GUTTER, MaterialKind, constants_glsl
+from vemlight.renderer.gl.constants import GUTTER, MATERIAL_KINDS, MaterialKind, constants_glsl
 from vemlight.renderer.gl.layout import BufferStruct, Member, TexelRecord, buffer_struct, texel_record
 from vemlight.renderer.gl.programs import headless_context
 
@@ -155,3 +155,8 @@ def test_constants_are_the_same_in_glsl(context):
     program.run()
     wanted = np.array([GUTTER, MaterialKind.GGX, MaterialKind.SHADOW_CATCHER, -1, 12.92, 0.7152, 2], np.float32)
     assert np.array_equal(np.frombuffer(found.read(), np.float32), wanted)
+
+
+def test_kinds_of_material_are_numbered_from_0_without_gaps():
+    """Classes of pixels are made of them: kind + MATERIAL_KINDS x region."""
+    assert sorted(MaterialKind) == list(range(MATERIAL_KINDS))

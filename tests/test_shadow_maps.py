@@ -132,3 +132,25 @@ def test_a_plane_does_not_shadow_itself_under_grazing_light(tmp_path, cosine):
     image = renderer.picture(lights_from(direction))[..., 0]
     renderer.release()
     assert np.allclose(image, cosine / np.pi, rtol=1e-3)
+
+
+def test_a_ground_beyond_the_box_that_fills_its_map_is_lit(tmp_path):
+    """A light from straight above a cube: its map holds the cube's top up to the empty rim, and the ground beyond looks up that rim."""
+    text = """
+[camera]
+from = [0.0, 0.0, 40.0]
+at = [0.0, 0.0, 0.0]
+fov_y = 8.0
+[[mesh]]
+shape = "plane"
+scale = 6.0
+[[mesh]]
+shape = "box"
+scale = 0.4
+at = [0.0, 0.0, 0.4]
+"""
+    (tmp_path / "scene.toml").write_text(text)
+    renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=64, shadow_map=64))
+    picture = renderer.picture(lights_from(np.array([[0.0, 0.0, 1.0]])))[..., 0]
+    renderer.release()
+    assert picture.min() > 0.99 * picture[0, 0] > 0

@@ -20,11 +20,14 @@ MUTANTS = [
         ("coarsened later", "COARSEN_ABOVE, REFINE_BELOW = 2.0, 0.125", "COARSEN_ABOVE, REFINE_BELOW = 4.0, 0.125"),
         ("refined sooner", "COARSEN_ABOVE, REFINE_BELOW = 2.0, 0.125", "COARSEN_ABOVE, REFINE_BELOW = 2.0, 1.0"),
     ]),
-    *mutants_of(RENDERER + "gl/constants.py", "tests/test_gl_layout.py tests/test_shadow_maps.py", [
+    *mutants_of(RENDERER + "gl/constants.py", "tests/test_gl_layout.py tests/test_shadow_maps.py tests/test_renderer_truth.py", [
         ("GUTTER none", "GUTTER = 2 ", "GUTTER = 0 "),
         ("shadow bias doubled", "SHADOW_BIAS_TEXELS = 1.0", "SHADOW_BIAS_TEXELS = 4.0"),
         ("shadow bias none", "SHADOW_BIAS_TEXELS = 1.0", "SHADOW_BIAS_TEXELS = 0.1"),
         ("number of a material", "GGX = 2", "GGX = 4"),
+    ]),
+    *mutants_of(PASSES + "shadow_maps/light_frames.comp", "tests/test_shadow_maps.py", [
+        ("GUTTER in one language only", "vec3(0.5 * resolution - GUTTER, 0.5", "vec3(0.5 * resolution, 0.5"),
     ]),
     *mutants_of(PASSES + "shadow_maps/shadow_map_cache.py", "tests/test_shadow_map_cache.py", [
         ("served within a texel", "<= texel_rad(", "<= 2 * texel_rad("),

@@ -190,3 +190,14 @@ def test_the_wheels_of_a_real_truck_turn_once(tmp_path):
             assert np.allclose(matrix[:3, :3] @ middle + matrix[:3, 3], middle, atol=2e-2)  # about its own axle, but for its pattern
         half = wheel.motion.world_from_rest(0.625)
         assert np.trace(half[:3, :3]) == pytest.approx(-1, abs=0.05)  # half a turn
+
+
+def test_long_animations_short_quaternions_and_small_nodes_are_read(tmp_path):
+    """Ten minutes at 30 keyframes a second; a rotation of length 1/2, as of coarse numbers; a node at a hundredth of its size."""
+    times = np.arange(18_000) / 30
+    long = AnimatedTriangle().move(1, "translation", times, np.stack([times, 0 * times, 0 * times], axis=-1).astype(np.float32))
+    assert corners(long, tmp_path, 300.0)[0, 0] == pytest.approx(TRIANGLE[0, 0] + 300)
+    short = AnimatedTriangle().move(1, "rotation", [0, 1], [[0, 0, 0, 0.5], [0, 0, 0.5 * HALF, 0.5 * HALF]])
+    assert np.allclose(corners(short, tmp_path, 1 - 1e-6), TRIANGLE @ rotation_xyz((0, 0, 90)).T, atol=1e-4)
+    small = AnimatedTriangle(scale=[0.01, 0.01, 0.01]).move(1, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]])
+    assert np.allclose(corners(small, tmp_path, 0.5), 0.01 * TRIANGLE + np.array([0.5, 0, 0]), atol=1e-6)

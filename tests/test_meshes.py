@@ -154,3 +154,10 @@ def test_a_comment_in_latin_1_is_no_obstacle(tmp_path, suffix):
     (part,) = read_meshes(tmp_path / f"mesh.{suffix}", "here").parts
     assert part.geometry.closed
     assert len(part.geometry.triangles) == 12
+
+
+def test_a_triangle_of_rounding_errors_has_no_area():
+    """Corners on one line but for 1e-15 of the mesh's size, which float64 makes of any three points of a line."""
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 1e-15, 0]])
+    geometry = clean_geometry(positions, np.array([[0, 1, 2], [0, 1, 3]], np.uint32), None)
+    assert len(geometry.triangles) == 1

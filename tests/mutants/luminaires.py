@@ -80,7 +80,7 @@ MUTANTS = [
     ]),
     *mutants_of("services/renderer/passes/luminaires/rasterised_luminaire.py", f"{T}illumination.py", [
         ("cells doubled", "MAX_CELLS = 2048", "MAX_CELLS = 4096"),
-        ("far plane of the maps", "FAR_MARGIN = 1.01", "FAR_MARGIN = 0.9"),
+        ("far plane of the maps", "FAR_MARGIN = 1.01", "FAR_MARGIN = 0.5"),
     ]),
     *mutants_of("services/renderer/passes/luminaires/luminaire_surface.glsl", f"{T}illumination.py", [
         ("map bias doubled", "MAP_BIAS = 0.5", "MAP_BIAS = 1.0"),

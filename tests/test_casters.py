@@ -105,7 +105,8 @@ def test_a_spike_of_few_points_is_kept_within_the_tolerance():
     # 0.3 % of a plate's area is folded up: more than the one point in 1000 that may depart farther, and far less than half of them.
     pytest.importorskip("fast_simplification")
     plate = trimesh.creation.box((1.0, 1.0, 0.02))
-    vertices, faces = trimesh.remesh.subdivide_to_size(np.asarray(plate.vertices), np.asarray(plate.faces), 0.04)
+    subdivided = trimesh.remesh.subdivide_to_size(np.asarray(plate.vertices), np.asarray(plate.faces), 0.04)
+    vertices, faces = subdivided[0], subdivided[1]
     near = np.hypot(*(vertices[:, :2] - [0.2, 0.1]).T) < 0.06
     vertices[near & (vertices[:, 2] > 0), 2] += 0.1
     (made,) = simplified(clean_geometry(vertices, faces, None), [0.02])

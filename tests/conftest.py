@@ -24,9 +24,9 @@ hypothesis_settings.load_profile("any machine")
 @pytest.fixture(scope="session", autouse=True)
 def simplified_once() -> Iterator[None]:
     """Measures the departure of each simplified mesh once a session: it takes most of the time to make a renderer."""
-    from vemlight.renderer.passes.shadow_maps import casters
+    from vemlight.renderer.passes.shadow_maps import simplification
 
-    measure, measured = casters._departure, {}
+    measure, measured = simplification._departure, {}
 
     def departure(old: np.ndarray, new: np.ndarray) -> float:
         key = hashlib.sha256(old.tobytes() + new.tobytes()).digest()
@@ -35,7 +35,7 @@ def simplified_once() -> Iterator[None]:
         return measured[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(casters, "_departure", departure)
+        patch.setattr(simplification, "_departure", departure)
         yield
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from vemlight.renderer.gl import buffers
 from vemlight.renderer.gl.buffers import SCENE_VERTEX, SURFACE_DIFFUSE
-from vemlight.renderer.gl.constants import GUTTER, MATERIAL_KINDS, MaterialKind, constants_glsl
+from vemlight.renderer.gl.constants import CLASSES, GUTTER, MATERIAL_KINDS, MaterialKind, constants_glsl
 from vemlight.renderer.gl.layout import BufferStruct, Member, TexelRecord, buffer_struct, texel_record
 from vemlight.renderer.gl.programs import headless_context
 
@@ -157,6 +157,10 @@ def test_constants_are_the_same_in_glsl(context):
     assert np.array_equal(np.frombuffer(found.read(), np.float32), wanted)
 
 
-def test_kinds_of_material_are_numbered_from_0_without_gaps():
-    """Classes of pixels are made of them: kind + MATERIAL_KINDS x region."""
-    assert sorted(MaterialKind) == list(range(MATERIAL_KINDS))
+def test_each_kind_of_material_in_each_region_has_a_class_of_its_own():
+    # The class MATERIAL_KINDS * region + kind is stored as a depth: (class + 1/2) / CLASSES, exact in 24 bits.
+    classes = np.array([MATERIAL_KINDS * region + kind for region in range(256) for kind in MaterialKind])
+    assert len(np.unique(classes)) == len(classes)
+    depths = np.rint((classes + 0.5) / CLASSES * 2**24)
+    assert np.array_equal(depths / 2**24, (classes + 0.5) / CLASSES)
+    assert 0 < depths.min() < depths.max() < 2**24

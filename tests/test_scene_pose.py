@@ -192,7 +192,7 @@ def test_the_maps_hold_what_casts_wherever_it_stands(box_on_ground, at, rotate, 
             points = run @ piece.world_from_rest[:3, :3].T + piece.world_from_rest[:3, 3]
             assert np.all(np.abs(points - placed.box_centre) <= placed.box_half + 1e-3)
             lowest = min(lowest, points[:, 2].min()) if any(piece is closed for closed in level.closed) else lowest
-        assert bool(placed.floor) == (lowest >= -casters.tolerance)
+        assert bool(placed.receiver_plane) == (lowest >= -casters.tolerance_m)
     assert last == pytest.approx(np.linalg.norm(np.subtract(at, then)), abs=1e-6)
 
 

@@ -15,7 +15,7 @@ from vemlight.renderer.frame_budget import FrameWork, MapDemand
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.pass_table import Pass
-from vemlight.renderer.passes.shadow_maps.casters import Placed
+from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch, MapCache, ShadowSetup
 from vemlight.renderer.scene.materials import Colour
 from vemlight.renderer.scene.scene import Scene
@@ -113,7 +113,7 @@ class FrameState(NamedTuple):
     of the surfaces for which lookups may be cached. luminaire_maps: where the scene stood when each luminaire's maps were drawn.
     """
 
-    placed: Placed
+    placed: PlacedCasters
     halvings: Mapping[int, int]
     coarsening: int
     demand: MapDemand

@@ -49,11 +49,14 @@ MUTANTS = [
         ("smallest maps doubled", "MIN_RESOLUTION = 16", "MIN_RESOLUTION = 32"),
     ]),
     *mutants_of(PASSES + "shadow_maps/casters.py", "tests/test_casters.py", [
-        ("casters' margin: the tenth of a box that grows", "more = 0.1 *", "more = 0.5 *"),
-        ("casters' margin: none", "more = 0.1 *", "more = 0.0 *"),
-        ("triangles worth a level doubled", "WORTH = 500", "WORTH = 5000"),
-        ("casters' quantile", "np.quantile(there, 0.999)", "np.quantile(there, 0.5)"),
-        ("tolerance of a pierced ground", "tolerance = 1e-4 *", "tolerance = 1e-1 *"),
+        ("casters' margin: the tenth of a box that grows", "MARGIN = 0.1", "MARGIN = 0.5"),
+        ("casters' margin: none", "MARGIN = 0.1", "MARGIN = 0.0"),
+        ("tolerance of a pierced ground", "SUNK = 1e-4", "SUNK = 1e-1"),
+    ]),
+    *mutants_of(PASSES + "shadow_maps/simplification.py", "tests/test_casters.py", [
+        ("triangles worth a level x 10", "MIN_TRIANGLES = 500", "MIN_TRIANGLES = 5000"),
+        ("triangles worth a level halved", "MIN_TRIANGLES = 500", "MIN_TRIANGLES = 250"),
+        ("casters' quantile", "QUANTILE = 0.999", "QUANTILE = 0.5"),
     ]),
     *mutants_of(PASSES + "shadow_maps/visibility.glsl", "tests/test_shadow_maps.py", [
         ("LIFTED (normal bias) doubled", "MAX_NORMAL_BIAS = 3.0", "MAX_NORMAL_BIAS = 12.0"),

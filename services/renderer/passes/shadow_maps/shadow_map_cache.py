@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.renderer.gl.constants import GUTTER
-from vemlight.renderer.passes.shadow_maps.casters import Placed
+from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 
 
 class Slots(NamedTuple):
@@ -21,7 +21,7 @@ class Slots(NamedTuple):
     directions: np.ndarray
     drift_rad: np.ndarray
     lookups: np.ndarray
-    casters: tuple[Placed | None, ...]
+    casters: tuple[PlacedCasters | None, ...]
 
     @staticmethod
     def empty(resolutions: np.ndarray) -> "Slots":
@@ -73,7 +73,7 @@ def match_lights(slots: Slots, directions: np.ndarray, strength: np.ndarray, res
 
 
 def update_cache(
-    slots: Slots, match: CacheMatch, directions: np.ndarray, resolutions: np.ndarray, budget: int, placed: Placed | None = None
+    slots: Slots, match: CacheMatch, directions: np.ndarray, resolutions: np.ndarray, budget: int, placed: PlacedCasters | None = None
 ) -> CacheUpdate:
     """Draws the maps of the first `budget` stale lights, at least one, each into a slot of its resolution that no light needs.
 

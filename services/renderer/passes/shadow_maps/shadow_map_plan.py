@@ -15,7 +15,7 @@ from vemlight.renderer.frame_budget import map_work
 from vemlight.renderer.gl.buffers import LIGHT_ENTRY
 from vemlight.renderer.gl.constants import MAX_LIGHTS
 from vemlight.renderer.passes.lights.light_regions import Regions, region_rows
-from vemlight.renderer.passes.shadow_maps.casters import Casters, Placed, moved_by_m
+from vemlight.renderer.passes.shadow_maps.casters import Casters, PlacedCasters, moved_by_m
 from vemlight.renderer.passes.shadow_maps.shadow_map_cache import CacheMatch, Slots, match_lights, update_cache
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MapResolutions, Packing, map_halvings, packed
 
@@ -43,7 +43,7 @@ class LightRow(NamedTuple):
 class MapDraw(NamedTuple):
     """Maps that are drawn together: with which level of the casters, from which frame of `Batch.redrawn` on, how many.
 
-    from_below: how many of them, the last ones, into which the floor casts too, since their lights shine from below it.
+    from_below: how many of them, the last ones, into which the receiver plane casts too, since their lights shine from below it.
     """
 
     level: int
@@ -109,7 +109,7 @@ def max_atlas_side(max_texture_side: int) -> int:
     return min(MAX_ATLAS_SIDE, 1 << (max_texture_side.bit_length() - 1))
 
 
-def all_batches(setup: ShadowSetup, placed: Placed, lights: LightSet, resolution: int | None = None) -> tuple[Batch, ...]:
+def all_batches(setup: ShadowSetup, placed: PlacedCasters, lights: LightSet, resolution: int | None = None) -> tuple[Batch, ...]:
     """The lights that carry power, cut into batches that fit the atlas and draw all their maps; one empty batch where none does.
 
     resolution: of each map, in place of what the lights deserve.
@@ -156,7 +156,7 @@ def halvings_by_id(setup: ShadowSetup, lights: LightSet, coarsening: int, previo
 
 def cached_batch(
     setup: ShadowSetup,
-    placed: Placed,
+    placed: PlacedCasters,
     cache: MapCache | None,
     lights: LightSet,
     halvings: Mapping[int, int],
@@ -205,7 +205,7 @@ def _with_room(setup: ShadowSetup, cache: MapCache | None, halvings: np.ndarray)
 
 def _batch(
     setup: ShadowSetup,
-    placed: Placed,
+    placed: PlacedCasters,
     lights: LightSet,
     lit: np.ndarray,
     slot: np.ndarray,
@@ -215,7 +215,7 @@ def _batch(
 ) -> Batch:
     """The lights numbered `lit` with the slot that each reads, which of them are looked up in it, and which redraw it."""
     directions, resolutions = cache.slots.directions[slot], cache.slots.resolutions[slot]
-    below = directions @ placed.floor_normal < 0
+    below = directions @ placed.plane_normal < 0
     light = np.zeros(len(lit), LIGHT_ENTRY.dtype)
     light["direction"], light["irradiance"], light["map_direction"] = lights.directions[lit], lights.irradiance[lit], directions
     light["corner"], light["resolution"], light["map"] = cache.packing.corners[slot], resolutions, slot
@@ -253,15 +253,15 @@ def without_lookups(cache: MapCache) -> MapCache:
     return cache._replace(slots=cache.slots._replace(lookups=np.full_like(cache.slots.lookups, np.nan)))
 
 
-def with_moved_casters(setup: ShadowSetup, cache: MapCache, before: Placed, after: Placed) -> MapCache | None:
+def with_moved_casters(setup: ShadowSetup, cache: MapCache, before: PlacedCasters, after: PlacedCasters) -> MapCache | None:
     """The cache after its casters moved: its maps drift by as much; None where all maps have to be drawn for another box or floor."""
-    if not all(np.array_equal(getattr(before, name), getattr(after, name)) for name in ("box_centre", "box_half", "floor_normal")):
+    if not all(np.array_equal(getattr(before, name), getattr(after, name)) for name in ("box_centre", "box_half", "plane_normal")):
         return None
     drift_rad = moved_by_m(setup.casters, before.matrices, after.matrices) / (2 * float(after.box_half.max()))
     return cache._replace(slots=cache.slots._replace(drift_rad=cache.slots.drift_rad + drift_rad))
 
 
-def restoring_batches(setup: ShadowSetup, cache: MapCache) -> tuple[tuple[Placed, Batch], ...]:
+def restoring_batches(setup: ShadowSetup, cache: MapCache) -> tuple[tuple[PlacedCasters, Batch], ...]:
     """Batches that draw all maps of a cache again, as they were, each with its casters, and repeat the lookups that it holds."""
     made = []
     for casters in {id(placed): placed for placed in cache.slots.casters if placed}.values():

@@ -7,7 +7,7 @@ from vemlight.renderer.gl.buffers import CASTER_VERTEX, LIGHT_FRAME
 from vemlight.renderer.gl.constants import MAX_LIGHTS
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
-from vemlight.renderer.passes.shadow_maps.casters import Casters, Placed
+from vemlight.renderer.passes.shadow_maps.casters import Casters, PlacedCasters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch, LightRow
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import Packing
 from vemlight.renderer.scene.scene import Scene
@@ -22,7 +22,7 @@ class ShadowAtlas:
 
     def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, casters: Casters) -> None:
         self._context = context
-        # The floor has a program of its own: it reaches beyond the box, and so beyond the tile and nearer to a light from below.
+        # The receiver plane has a program of its own: it reaches beyond the box, and so beyond the tile and nearer to a light from below.
         self._programs = [programs.program("shadow.vert", "shadow.frag", ALPHA_TEST=0, RECEIVER_PLANE=own) for own in (0, 1)]
         self._alpha_tested = AlphaTestedMeshes(context, programs, scene, "shadow.vert", RECEIVER_PLANE=0)
         self._frames_program = programs.compute("light_frames.comp")
@@ -37,7 +37,7 @@ class ShadowAtlas:
         self.texture: moderngl.Texture | None = None
         self._frame: moderngl.Framebuffer | None = None
 
-    def draw(self, batch: Batch, placed: Placed) -> None:
+    def draw(self, batch: Batch, placed: PlacedCasters) -> None:
         """Uploads the batch's lights and draws the maps that it redraws, of casters that stand so."""
         self._fit(batch.packing)
         assert self._frame is not None
@@ -57,7 +57,7 @@ class ShadowAtlas:
             self._draw_alpha_tested(draw.first, draw.count, placed)
             for flag in CLIPPING:
                 self._context.enable_direct(flag)
-            self._instances(1, placed.floor, draw.first + draw.count - draw.from_below, draw.from_below)
+            self._instances(1, placed.receiver_plane, draw.first + draw.count - draw.from_below, draw.from_below)
             for flag in CLIPPING:
                 self._context.disable_direct(flag)
 
@@ -71,7 +71,7 @@ class ShadowAtlas:
         for (x, y), size in zip(redrawn["corner"].astype(int).tolist(), redrawn["resolution"].astype(int).tolist(), strict=True):
             self._frame.clear(depth=1.0, viewport=(x, y, size, size))
 
-    def _make_frames(self, batch: Batch, placed: Placed) -> None:
+    def _make_frames(self, batch: Batch, placed: PlacedCasters) -> None:
         """Has the GPU make the light frames of all rows from the lights' directions and the box around the casters."""
         for name in ("box_centre", "box_half"):
             self._frames_program[name] = tuple(getattr(placed, name).tolist())
@@ -106,7 +106,7 @@ class ShadowAtlas:
             if draw_range.indices.count:
                 self._arrays[program_number].render(vertices=draw_range.indices.count, first=draw_range.indices.first, instances=count)
 
-    def _draw_alpha_tested(self, first_light: int, count: int, placed: Placed) -> None:
+    def _draw_alpha_tested(self, first_light: int, count: int, placed: PlacedCasters) -> None:
         if self._alpha_tested.program:
             self._describe(self._alpha_tested.program)
             self._alpha_tested.program["first_light"] = first_light

@@ -33,7 +33,7 @@ vec3 widened_phong(SurfaceSpecular specular, float spread_squared, float mirrore
 #if HAS_GGX
 vec3 widened_ggx(SurfaceSpecular specular, float spread_squared, float mirrored, float cosine, float view_cosine) {
     float alpha = sqrt(specular.lobe * specular.lobe + 0.5 * DISC_VARIANCE * spread_squared);
-    vec2 lobe = ggx_lobe(alpha, cosine, view_cosine, 2.0 * view_cosine * cosine - mirrored);
+    vec2 lobe = ggx_lobe(cosine, view_cosine, 2.0 * view_cosine * cosine - mirrored, alpha);
     return mix(specular.reflectance, vec3(1.0), lobe.y) * lobe.x;
 }
 #endif

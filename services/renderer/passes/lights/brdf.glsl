@@ -12,7 +12,7 @@ float phong_lobe(float exponent, float mirrored) {
 
 // Trowbridge-Reitz with the height-correlated Smith term. x: without Schlick's Fresnel term; y: how far that goes from f0 to 1.
 // light, view: cosines of the normal with either; between: cosine of light and view.
-vec2 ggx_lobe(float alpha, float light, float view, float between) {
+vec2 ggx_lobe(float light, float view, float between, float alpha) {
     float size = sqrt(max(2.0 + 2.0 * between, 1e-12));  // of light + view, twice its cosine with either
     float n = min((light + view) / size, 1.0);
     float a2 = alpha * alpha;
@@ -32,7 +32,7 @@ struct Reflection {
 // The BRDF of a kind of material, with its lobe times lobe_weight. light, view, mirrored: as above; between: as ggx_lobe has it.
 vec3 brdf(int kind, Reflection surface, float light, float view, float mirrored, float between, float lobe_weight) {
     if (kind == MATERIAL_GGX) {
-        vec2 lobe = ggx_lobe(surface.lobe, light, view, between);
+        vec2 lobe = ggx_lobe(light, view, between, surface.lobe);
         vec3 fresnel = mix(surface.reflectance, vec3(1.0), lobe.y);
         return surface.lambert * (1.0 - fresnel) + fresnel * (lobe_weight * lobe.x);
     }

@@ -21,6 +21,7 @@ from trimesh.util import triangle_strips_to_faces
 DTYPE_OF_COMPONENT = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2.2
 COMPONENTS_OF_TYPE = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 MAX_ACCESSOR_ROWS = 50_000_000  # positions of as many vertices are 1.2 GB as float64
+MAX_ROWS_WITHOUT_DATA = 2**20  # zeros that no bytes stand for, for sparse values to replace; a few bytes must not ask for gigabytes
 TRIANGLES, TRIANGLE_STRIP = 4, 5  # modes of a primitive, section 5.24.4
 READ_EXTENSIONS = frozenset(
     {
@@ -49,6 +50,8 @@ class GltfFile:
         width, count = COMPONENTS_OF_TYPE[accessor["type"]], int(accessor["count"])
         if not 0 < count <= MAX_ACCESSOR_ROWS:
             raise ValueError(f"has {count} rows in accessor {number}")
+        if "bufferView" not in accessor and count > MAX_ROWS_WITHOUT_DATA:
+            raise ValueError(f"has {count} rows without data in accessor {number}")
         numbers = np.zeros((count, width))
         if "bufferView" in accessor:
             numbers[:] = self._strided(accessor, dtype, width, count)

@@ -34,7 +34,7 @@ from vemlight.light.sphere import rotation_xyz
 from vemlight.renderer import frame_plan
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
-from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE
+from vemlight.renderer.passes.lights.light_regions import SPHERE_REGIONS
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.sampler.sampler_input import SamplerInput
@@ -197,7 +197,7 @@ def curves_of(ours: Ours, traced: Any, world: Any, path: Path) -> dict[str, dict
         "lights, maps redrawn": {str(n): partial(ours.timed, lights(n)) for n in COUNTS},
         "lights, maps cached": {str(n): partial(ours.timed, lights(n), frame_ms=1e4) for n in COUNTS},
         "lights, maps of 256 x 256": {str(n): partial(ours.timed, lights(n), shadow_map=256) for n in COUNTS},
-        "lights, 24 regions": {str(n): partial(ours.timed, lights(n), light_regions=EVERY_SIDE) for n in COUNTS},
+        "lights, 24 regions": {str(n): partial(ours.timed, lights(n), light_regions=SPHERE_REGIONS) for n in COUNTS},
         "2005 lights": {str(n): partial(ours.timed, lights_of(path, n, "havran-azimuth")) for n in COUNTS},
         "2005 lights, 4 n merged to n": {
             str(n): partial(ours.timed, lights_of(path, 4 * n, "havran-azimuth", n)) for n in COUNTS

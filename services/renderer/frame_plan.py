@@ -32,7 +32,7 @@ from vemlight.renderer.frame_budget import (
 )
 from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.pass_table import Pass
-from vemlight.renderer.passes.lights.light_regions import EVERY_SIDE, light_regions
+from vemlight.renderer.passes.lights.light_regions import SPHERE_REGIONS, light_regions
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
 from vemlight.renderer.passes.shadow_maps.casters import placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
@@ -60,7 +60,7 @@ MAX_CACHE_BYTES = 2**29  # of cached visibility: 256 maps at 1920 x 1080; beyond
 def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_texture_side: int) -> FrameSetup:
     """The setup for `samples` of each pixel on a GL whose largest texture has so many texels a side."""
     resolutions = map_resolutions(settings.shadow_map)
-    regions = light_regions(EVERY_SIDE if settings.light_regions is None else settings.light_regions)
+    regions = light_regions(SPHERE_REGIONS if settings.light_regions is None else settings.light_regions)
     shadows = ShadowSetup(scene_casters(scene, resolutions.choices), regions, resolutions, max_atlas_side(max_texture_side))
     materials = [mesh.material for mesh in scene.meshes]
     return FrameSetup(

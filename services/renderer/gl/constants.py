@@ -28,6 +28,7 @@ GLOSSY_KINDS = frozenset({MaterialKind.PHONG, MaterialKind.GGX})
 MATERIAL_KINDS = len(MaterialKind)
 
 MAX_LIGHTS = 512  # of a batch: 112 bytes each, 56 kB of a uniform block; GL drivers in use allow 64 kB
+WORK_GROUP = 64  # lights that a work group of light_frames.comp makes; any multiple of 32 does
 CLASSES = 1024  # of pixels, by kind of material and light region: 4 x 256; (class + 1/2) / CLASSES is exact in 24 bits of depth
 GUTTER = 2  # texels at a shadow map's rim that stay empty, so that a filtered lookup of 2 x 2 texels sees no neighbouring map
 FARTHEST_DEPTH = 0.99  # where casters end, so that only an empty texel holds 1; any value in 0.9 to 0.999 does

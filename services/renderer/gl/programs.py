@@ -1,4 +1,4 @@
-"""The GL context and the shader programs, from the files beside the passes. A failure is one UserError line."""
+"""The GL context and the shader programs, made of the files in each pass's folder. Failures are UserErrors of one line."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -11,25 +11,25 @@ from vemlight.errors import FatalError, UserError
 from vemlight.files import group_hint, may_open
 from vemlight.renderer.gl.buffers import INCLUDES
 
-PASSES = Path(__file__).parents[1] / "passes"  # each pass has its shaders beside it; their names are unique
+PASSES = Path(__file__).parents[1] / "passes"  # each folder has its pass's shaders; their names are unique
 SHADERS = {path.name: path for path in sorted(PASSES.glob("*/*")) if path.suffix in (".glsl", ".vert", ".frag", ".comp")}
 GL_VERSION = 430  # uniform blocks, instancing, gathers and, for the speed of a software renderer, nothing newer
 
-MOST_DEVICES = 16  # a machine has one for each card and one for the processor
-NOT_THE_DEVICE = ("requested device index", "not loaded", "not found")  # glcontext's words where no further device can do better
-# Read by the GL libraries and by glcontext; each can lead to where nothing is.
+MAX_DEVICES = 16  # a machine has one for each card and one for the processor; any value from 8 on does
+NOT_THE_DEVICE = ("requested device index", "not loaded", "not found")  # glcontext's messages after which no other device can do better
+# Read by the GL libraries and by glcontext; each can name something that is not there.
 GL_VARIABLES = (
     "GLCONTEXT_DEVICE_INDEX", "GLCONTEXT_LINUX_LIBEGL", "GLCONTEXT_LINUX_LIBGL", "LIBGL_DRIVERS_PATH", "MESA_GL_VERSION_OVERRIDE",
     "__EGL_VENDOR_LIBRARY_DIRS", "__EGL_VENDOR_LIBRARY_FILENAMES",
 )  # fmt: skip
 
-QUIET = {"EGL_LOG_LEVEL": "fatal", "LIBGL_DEBUG": "quiet"}  # Mesa says in lines of its own what our one line says
+QUIET = {"EGL_LOG_LEVEL": "fatal", "LIBGL_DEBUG": "quiet"}  # Mesa would print in lines of its own what the one line of ours says
 
-Made = TypeVar("Made", moderngl.Program, moderngl.ComputeShader)
+AnyProgram = TypeVar("AnyProgram", moderngl.Program, moderngl.ComputeShader)
 
 
-class Opened(NamedTuple):
-    """A GL context, where it comes from, and what did not give one before: one reason each."""
+class OpenedContext(NamedTuple):
+    """A GL context, what gave it, and why what was tried before gave none."""
 
     context: moderngl.Context
     through: str
@@ -41,26 +41,26 @@ def headless_context() -> moderngl.Context:
     return open_context().context
 
 
-def open_context() -> Opened:
+def open_context() -> OpenedContext:
     """The context of the first of EGL's devices that gives one, else of the X server that DISPLAY names.
 
-    EGL needs no display and lists the graphics cards first, the processor last. Raises UserError with all reasons and how to mend them.
+    EGL needs no display and lists the graphics cards first, the processor last. Raises UserError with all reasons and a hint.
     """
     os.environ.update({name: level for name, level in QUIET.items() if name not in os.environ})
     refused: list[str] = []
     chosen = "GLCONTEXT_DEVICE_INDEX" in os.environ  # glcontext then takes that one whichever is asked for
-    for device in range(1 if chosen else MOST_DEVICES):
+    for device in range(1 if chosen else MAX_DEVICES):
         if context := _context(refused, f"EGL device {device}", backend="egl", device_index=device):
-            return Opened(context, "EGL", refused)
+            return OpenedContext(context, "EGL", refused)
         if any(words in refused[-1] for words in NOT_THE_DEVICE):
             last = refused.pop()
-            if not device:  # else that many there are, and all their reasons are known
+            if not device:  # else there are no more devices, and the reasons of all are known
                 refused.append(last.replace("EGL device 0", "EGL"))
             break
     display = os.environ.get("DISPLAY")
     if display and (context := _context(refused, f"X server {display}")):
-        return Opened(context, f"the X server {display}", refused)
-    raise UserError(f"no OpenGL 4.3 ({'; '.join(refused)}); {_mend(refused)}")
+        return OpenedContext(context, f"the X server {display}", refused)
+    raise UserError(f"no OpenGL 4.3 ({'; '.join(refused)}); {_hint(refused)}")
 
 
 def _context(refused: list[str], name: str, **settings: Any) -> moderngl.Context | None:
@@ -71,7 +71,7 @@ def _context(refused: list[str], name: str, **settings: Any) -> moderngl.Context
         return None
 
 
-def _mend(refused: list[str]) -> str:
+def _hint(refused: list[str]) -> str:
     if astray := [name for name in GL_VARIABLES if name in os.environ]:
         return f"unset {' '.join(astray)}, which the GL libraries follow"
     if closed := closed_cards():
@@ -102,11 +102,11 @@ def check_context(context: moderngl.Context) -> None:
 
 
 class Programs:
-    """Compiles programs once each and releases them together."""
+    """Compiles programs, and releases them together."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        self._made: list[moderngl.Program | moderngl.ComputeShader] = []
+        self._compiled_programs: list[moderngl.Program | moderngl.ComputeShader] = []
         context.includes.update(INCLUDES)
         context.includes.update({name: path.read_text() for name, path in SHADERS.items() if path.suffix == ".glsl"})
 
@@ -128,17 +128,17 @@ class Programs:
         defined = "".join(f"#define {constant} {value}\n" for constant, value in constants.items())
         return SHADERS[name].read_text().replace("\n", "\n" + defined, 1)
 
-    def _compiled(self, name: str, compiled: Callable[[], Made]) -> Made:
+    def _compiled(self, name: str, compiled: Callable[[], AnyProgram]) -> AnyProgram:
         try:
-            made = compiled()
+            program = compiled()
         except moderngl.Error as error:
             lines = [line for line in str(error).splitlines() if "error" in line.lower()] or [str(error)]
             raise UserError(f"{name}: {lines[-1].strip()[:200]} ({context_info(self._context)}); update the GL driver") from error
-        self._made.append(made)
-        return made
+        self._compiled_programs.append(program)
+        return program
 
     def release(self) -> None:
-        """Frees all programs made here."""
-        for program in self._made:
+        """Frees all programs that it compiled."""
+        for program in self._compiled_programs:
             program.release()
-        self._made.clear()
+        self._compiled_programs.clear()

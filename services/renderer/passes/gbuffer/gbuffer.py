@@ -156,7 +156,7 @@ class GBuffer:
         return self._textures[key]
 
     def _set_rays(self, program: moderngl.Program) -> None:
-        """Gives a program the way from a pixel to what is seen there, as far as it uses that."""
+        """Gives a program the eye and the rays through the pixels, as far as it uses them."""
         if "eye" in program:
             program["eye"] = self._scene.camera.position
         if "ray_from_pixel" in program:

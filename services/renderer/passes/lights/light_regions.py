@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 CUBE_SIDE = 32  # texels of a face: 2.8 degrees, small beside caps of 20 to 40 degrees
-EVERY_SIDE = 24  # regions for lights from all sides: a quarter less to sum; of a hemisphere a ground sees them all
-ROUNDING = 1e-3  # rad; a normal on the rim of a texel may be looked up in its neighbour
+SPHERE_REGIONS = 24  # for lights from all sides: a quarter less to sum; a ground sees all lights of a hemisphere
+ROUNDING = 1e-3  # rad; a normal on the rim of a texel may be looked up in its neighbour. Any value in 1e-5 to 1e-2 does
 
 
 class Regions(NamedTuple):

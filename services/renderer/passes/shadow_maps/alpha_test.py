@@ -86,5 +86,5 @@ class AlphaTestedMeshes:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for thing in (*self._made, *self._textures.values()):
-            thing.release()
+        for resource in (*self._made, *self._textures.values()):
+            resource.release()

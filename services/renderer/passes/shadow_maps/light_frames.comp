@@ -5,7 +5,7 @@
 #include "light_entry.glsl"
 #include "light_frame.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = WORK_GROUP) in;
 layout(std140, binding = 1) readonly buffer Entries { LightEntry entries[]; };
 layout(std140, binding = 2) writeonly buffer Frames { LightFrame frames[]; };
 

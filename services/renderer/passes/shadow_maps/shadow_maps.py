@@ -4,7 +4,7 @@ import moderngl
 import numpy as np
 
 from vemlight.renderer.gl.buffers import CASTER_VERTEX, LIGHT_FRAME
-from vemlight.renderer.gl.constants import MAX_LIGHTS
+from vemlight.renderer.gl.constants import MAX_LIGHTS, WORK_GROUP
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
 from vemlight.renderer.passes.shadow_maps.casters import Casters, PlacedCasters
@@ -31,7 +31,7 @@ class ShadowAtlas:
             context.vertex_array(program, [CASTER_VERTEX.content(self._buffers[0], program)], self._buffers[1], index_element_size=4)
             for program in self._programs
         ]
-        self._given = context.buffer(reserve=64, dynamic=True)
+        self._entries = context.buffer(reserve=64, dynamic=True)
         self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
         self._packing = Packing(np.zeros((0, 2), np.int64), 0, 0)
         self.texture: moderngl.Texture | None = None
@@ -76,14 +76,14 @@ class ShadowAtlas:
         for name in ("box_centre", "box_half"):
             self._frames_program[name] = tuple(getattr(placed, name).tolist())
         count = len(batch.entries)
-        if self._given.size < batch.entries.nbytes:
-            self._given.orphan(batch.entries.nbytes)
-            self._frames.orphan((count + MAX_LIGHTS) * FRAME_BYTES)  # a whole uniform block lies behind the last row's beginning
-        self._given.write(batch.entries.tobytes())
-        self._given.bind_to_storage_buffer(1)
+        if self._entries.size < batch.entries.nbytes:
+            self._entries.orphan(batch.entries.nbytes)
+            self._frames.orphan((count + MAX_LIGHTS) * FRAME_BYTES)  # a uniform block is bound whole, even from the last row on
+        self._entries.write(batch.entries.tobytes())
+        self._entries.bind_to_storage_buffer(1)
         self._frames.bind_to_storage_buffer(2)
         self._frames_program["light_count"] = count
-        self._frames_program.run(group_x=(count + 63) // 64)
+        self._frames_program.run(group_x=-(-count // WORK_GROUP))
         self._context.memory_barrier()
 
     def bind_row(self, row: LightRow) -> None:
@@ -95,11 +95,11 @@ class ShadowAtlas:
         assert self.texture is not None
         self.texture.use(unit)
         program["atlas"] = unit
-        self._describe(program)
+        self._set_texel(program)
 
     def _instances(self, program_number: int, draw_ranges: tuple[DrawRange, ...], first_light: int, count: int) -> None:
         program = self._programs[program_number]
-        self._describe(program)
+        self._set_texel(program)
         for draw_range in draw_ranges if count else ():
             program["first_light"] = first_light
             program["world_from_rest"] = tuple(draw_range.world_from_rest.T.reshape(-1))
@@ -108,15 +108,15 @@ class ShadowAtlas:
 
     def _draw_alpha_tested(self, first_light: int, count: int, placed: PlacedCasters) -> None:
         if self._alpha_tested.program:
-            self._describe(self._alpha_tested.program)
+            self._set_texel(self._alpha_tested.program)
             self._alpha_tested.program["first_light"] = first_light
             self._alpha_tested.draw("world_from_rest", np.eye(4), placed.matrices, count)
 
-    def _describe(self, program: moderngl.Program) -> None:
+    def _set_texel(self, program: moderngl.Program) -> None:
         program["atlas_texel"] = (1 / self._packing.width, 1 / self._packing.height)
 
     def _fit(self, packing: Packing) -> None:
-        """Makes the texture as large as the tiles need: how they lie, and so how they round, follows from the lights alone."""
+        """Makes the texture as large as the packing says: where maps lie, and so how they round, follows from the lights alone."""
         before, self._packing = self._packing, packing
         if self.texture is not None and (before.width, before.height) == (packing.width, packing.height):
             return
@@ -136,5 +136,5 @@ class ShadowAtlas:
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for resource in (*self._arrays, *self._buffers, self._given, self._frames, self._alpha_tested):
+        for resource in (*self._arrays, *self._buffers, self._entries, self._frames, self._alpha_tested):
             resource.release()

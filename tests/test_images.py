@@ -146,7 +146,7 @@ def test_a_damaged_file_is_an_image_or_one_line(tmp_path_factory, data):
 
 PRINT_WHILE_ANOTHER_THREAD_READS = """
 import os, sys, threading
-from vemlight.light.library_output import silent
+from vemlight.light.quiet import silent
 reading, printed = threading.Event(), threading.Event()
 def read():
     with silent():

@@ -15,8 +15,8 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.files import notice, one_line
 from vemlight.light.image_limits import LIMITS, ImageLimits
-from vemlight.light.library_output import silent
 from vemlight.light.primaries import REC709, rec709_from_primaries, xyz_from_primaries
+from vemlight.light.quiet import silent
 
 MAGIC = b"\x76\x2f\x31\x01"
 SINGLE_TILED, DEEP, MULTIPART = 0x200, 0x800, 0x1000  # flags in the version field

@@ -13,8 +13,8 @@ from vemlight.errors import UserError
 from vemlight.files import notice, one_line, written_whole
 from vemlight.light.exr import read_exr
 from vemlight.light.image_limits import LIMITS
-from vemlight.light.library_output import silent
 from vemlight.light.primaries import REC709
+from vemlight.light.quiet import silent
 from vemlight.light.radiance_hdr import read_radiance_hdr
 
 UPRIGHT = 1  # EXIF orientation of pixels that are stored as they are seen

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.light.library_output import silent
+from vemlight.light.quiet import silent
 from vemlight.runtime import wire
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")

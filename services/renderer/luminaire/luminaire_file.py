@@ -120,7 +120,7 @@ def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:
     import OpenEXR
 
     from vemlight.files import one_line
-    from vemlight.light.library_output import silent
+    from vemlight.light.quiet import silent
 
     if not path.is_file():
         raise UserError(f"{path}: there is no such file; check the path")

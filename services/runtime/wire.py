@@ -330,7 +330,7 @@ def _header(part: bytes) -> Header:
         if version != VERSION:
             raise VersionError(f"message of wire version {version}; this is version {VERSION}: install the same vemlight on both sides")
         return _decoder.decode(part)
-    except (RecursionError, OverflowError) as error:  # arrays nested a thousand deep, numbers beyond 64 bits
+    except (RecursionError, OverflowError, MemoryError) as error:  # arrays nested a thousand deep, numbers beyond 64 bits
         raise ValueError(f"a header that cannot be decoded: {error}") from error
 
 

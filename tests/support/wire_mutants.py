@@ -2,7 +2,8 @@
 
 `python -m tests.support.wire_mutants [--count N] [--seed S]` tries them by the million.
 
-Each is either a message or one ValueError; whatever else comes out is written down with the parts that did it, and the status is 1.
+Each is either a message or one ValueError; whatever else comes out, a warning too, is written down with the parts that did it, and the
+status is 1.
 """
 
 import argparse
@@ -10,6 +11,7 @@ import random
 import struct
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 
 from tests import golden
@@ -30,6 +32,8 @@ SCALARS = (
     b"\xd6\xff" + bytes(4),  # a time
 )
 DEPTHS = (1, 10, 100, 900, 999, 5000, 60_000)
+# Lists and maps of one item, inside one another.
+NESTED = tuple(level * depth + b"\xc0" for depth in DEPTHS for level in (b"\x91", b"\x81\xa1k", b"\xdd\x00\x00\x00\x01"))
 
 
 def flipped(parts: Parts, other: Parts, chance: random.Random) -> Parts:
@@ -58,8 +62,7 @@ def with_unknown_key(parts: Parts, other: Parts, chance: random.Random) -> Parts
     header = parts[1]
     if not 0x80 <= header[0] < 0x8F:
         return flipped(parts, other, chance)
-    depth = chance.choice(DEPTHS)
-    nested = chance.choice((b"\x91" * depth + b"\xc0", b"\x81\xa1k" * depth + b"\xc0", b"\xdd\x00\x00\x00\x01" * depth + b"\xc0"))
+    nested = chance.choice(NESTED)
     key = chance.choice((b"\xa7unknown", b"\xa4kind", b"\xa5stamp", b"\xa5count", chance.choice(SCALARS), nested))
     value = chance.choice((nested, chance.choice(SCALARS), chance.choice(LENGTHS)))
     return [parts[0], bytes([header[0] + 1]) + header[1:] + key + value, *parts[2:]]
@@ -108,6 +111,7 @@ def main() -> int:
     parser.add_argument("--count", type=lambda text: int(float(text)), default=1_000_000)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
+    warnings.simplefilter("error")
     began_s, read = time.monotonic(), 0
     for number, parts in enumerate(mutants(options.count, options.seed)):
         try:

@@ -1,5 +1,5 @@
 // How surfaces reflect, from cosines between unit vectors: Lambert, normalised Phong, and GGX as in glTF 2.0, appendix B.3; after
-// constants.glsl. The lobes are those of bench/renderer_truth.py.
+// constants.glsl. The lobes are those of tests/support/ray_casting.py.
 
 const float PI = 3.14159265358979;
 const float MIN_LOBE_COSINE = 1e-4;  // in place of smaller ones where a lobe divides by them; any value in 1e-6 to 1e-3 does

@@ -25,7 +25,7 @@ from vemlight.renderer.frame_plan import initial_state
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.materials import Phong
-from vemlight.renderer.scene.meshes import Geometry, bounds, clean_geometry, shape_geometry
+from vemlight.renderer.scene.meshes import Geometry, VertexAttributes, bounds, clean_geometry, shape_geometry
 from vemlight.renderer.scene.scene import Mesh, Scene, ViewCamera
 from vemlight.settings import Renderer as Settings
 
@@ -46,7 +46,7 @@ def tube_knot(steps: int, sides: int) -> Geometry:
     index = np.arange(steps * sides).reshape(steps, sides)
     right, up, both = np.roll(index, -1, 1), np.roll(index, -1, 0), np.roll(np.roll(index, -1, 0), -1, 1)
     quads = [np.stack([index, right, both], axis=-1), np.stack([index, both, up], axis=-1)]
-    return clean_geometry((path[:, None] + 0.09 * ring).reshape(-1, 3), np.concatenate([q.reshape(-1, 3) for q in quads]), None)
+    return clean_geometry(VertexAttributes((path[:, None] + 0.09 * ring).reshape(-1, 3)), np.concatenate([q.reshape(-1, 3) for q in quads]))
 
 
 def paper_scene(knot: Geometry | None = None) -> Scene:

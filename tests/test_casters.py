@@ -5,7 +5,7 @@ import trimesh
 from vemlight.renderer.passes.shadow_maps import simplification
 from vemlight.renderer.passes.shadow_maps.casters import Casters, placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.simplification import simplified
-from vemlight.renderer.scene.meshes import clean_geometry, shape_geometry
+from vemlight.renderer.scene.meshes import VertexAttributes, clean_geometry, shape_geometry
 from vemlight.renderer.scene.scene import load_scene
 
 
@@ -99,7 +99,7 @@ def test_a_single_plane_casts_for_itself(tmp_path):
 def test_only_meshes_whose_triangles_cost_more_than_a_clear_are_simplified(subdivisions, fewer):
     pytest.importorskip("fast_simplification")
     ball = trimesh.creation.icosphere(subdivisions)
-    geometry = clean_geometry(np.asarray(ball.vertices), np.asarray(ball.faces), None)
+    geometry = clean_geometry(VertexAttributes(np.asarray(ball.vertices)), np.asarray(ball.faces))
     (made,) = simplified(geometry, [0.5])
     assert (len(made.triangles) < len(geometry.triangles)) == fewer
 

@@ -6,7 +6,7 @@ from trimesh.visual import TextureVisuals
 
 from vemlight.errors import UserError
 from vemlight.renderer.scene.mesh_files import read_meshes
-from vemlight.renderer.scene.meshes import clean_geometry, shape_geometry
+from vemlight.renderer.scene.meshes import VertexAttributes, clean_geometry, shape_geometry
 from vemlight.renderer.scene.textures import Texture
 
 
@@ -41,7 +41,7 @@ def test_a_plane_faces_up_and_is_open():
 
 def test_normals_are_computed_smooth_where_round_and_sharp_at_edges():
     tube = trimesh.creation.cylinder(radius=1, height=2, sections=32)
-    geometry = clean_geometry(np.asarray(tube.vertices), np.asarray(tube.faces), None)
+    geometry = clean_geometry(VertexAttributes(np.asarray(tube.vertices)), np.asarray(tube.faces))
     corner = geometry.normals[geometry.triangles].reshape(-1, 3)
     place = geometry.positions[geometry.triangles].reshape(-1, 3)
     side = np.abs(np.repeat(face_normals(geometry), 3, axis=0)[:, 2]) < 0.5
@@ -61,14 +61,15 @@ def _tube(sections: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("sections", "is_round"), [(12, True), (10, True), (8, False), (6, False)])  # 30, 36, 45 and 60 degrees
 def test_coarse_round_forms_are_smooth_and_chamfers_sharp(sections, is_round):
-    geometry = clean_geometry(*_tube(sections), None)
+    positions, triangles = _tube(sections)
+    geometry = clean_geometry(VertexAttributes(positions), triangles)
     assert len(geometry.positions) == (2 if is_round else 4) * sections
 
 
 def test_an_unwelded_file_is_as_smooth_as_a_welded_one():
     ball = trimesh.creation.icosphere(subdivisions=3)
     corners = np.asarray(ball.vertices)[np.asarray(ball.faces)].reshape(-1, 3)
-    geometry = clean_geometry(corners, np.arange(len(corners)).reshape(-1, 3), None)
+    geometry = clean_geometry(VertexAttributes(corners), np.arange(len(corners)).reshape(-1, 3))
     assert len(geometry.positions) == len(ball.vertices)
     assert geometry.closed
     # the angle-weighted mean of facets 8 degrees wide departs from the true normal by a small part of a facet
@@ -78,11 +79,11 @@ def test_an_unwelded_file_is_as_smooth_as_a_welded_one():
 def test_inside_out_and_open_meshes_are_not_closed():
     ball = trimesh.creation.icosphere(subdivisions=2)
     vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    assert clean_geometry(vertices, faces, None).closed
-    assert not clean_geometry(vertices, faces[:, ::-1], None).closed
-    assert not clean_geometry(vertices, faces[1:], None).closed
+    assert clean_geometry(VertexAttributes(vertices), faces).closed
+    assert not clean_geometry(VertexAttributes(vertices), faces[:, ::-1]).closed
+    assert not clean_geometry(VertexAttributes(vertices), faces[1:]).closed
     both = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
-    assert not clean_geometry(np.concatenate([vertices, vertices * 0.5 + 5]), both, None).closed
+    assert not clean_geometry(VertexAttributes(np.concatenate([vertices, vertices * 0.5 + 5])), both).closed
 
 
 def test_normals_of_the_file_are_kept_and_bad_ones_replaced(tmp_path):
@@ -90,19 +91,19 @@ def test_normals_of_the_file_are_kept_and_bad_ones_replaced(tmp_path):
     (tmp_path / "good.obj").write_text(plane + "vn 0.6 0 0.8\nf 1//1 2//1 3//1\n")
     (good,) = read_meshes(tmp_path / "good.obj", "here").parts
     assert np.abs(good.geometry.normals - [0.6, 0, 0.8]).max() < 1e-6
-    bad = clean_geometry(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]]), np.zeros((3, 3)))
+    bad = clean_geometry(VertexAttributes(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), np.zeros((3, 3))), np.array([[0, 1, 2]]))
     assert np.abs(bad.normals - [0, 0, 1]).max() < 1e-6
 
 
 def test_triangles_without_area_are_left_out():
     positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0.0]])
-    geometry = clean_geometry(positions, np.array([[0, 1, 2], [0, 1, 3], [1, 1, 2]]), None)
+    geometry = clean_geometry(VertexAttributes(positions), np.array([[0, 1, 2], [0, 1, 3], [1, 1, 2]]))
     assert len(geometry.triangles) == 1
 
 
 def test_indices_out_of_range_are_refused():
     with pytest.raises(ValueError, match="does not have"):
-        clean_geometry(np.eye(3), np.array([[0, 1, 3]]), None)
+        clean_geometry(VertexAttributes(np.eye(3)), np.array([[0, 1, 3]]))
 
 
 def test_moving_keeps_normals_of_unit_length():
@@ -159,5 +160,5 @@ def test_a_comment_in_latin_1_is_no_obstacle(tmp_path, suffix):
 def test_a_triangle_of_rounding_errors_has_no_area():
     """Corners on one line but for 1e-15 of the mesh's size, which float64 makes of any three points of a line."""
     positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 1e-15, 0]])
-    geometry = clean_geometry(positions, np.array([[0, 1, 2], [0, 1, 3]], np.uint32), None)
+    geometry = clean_geometry(VertexAttributes(positions), np.array([[0, 1, 2], [0, 1, 3]], np.uint32))
     assert len(geometry.triangles) == 1

@@ -14,7 +14,7 @@ from vemlight.renderer.scene.gltf import TRIANGLE_STRIP, TRIANGLES, GltfFile
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
 from vemlight.renderer.scene.gltf_nodes import read_nodes
 from vemlight.renderer.scene.materials import Material, Phong
-from vemlight.renderer.scene.meshes import Geometry, clean_geometry
+from vemlight.renderer.scene.meshes import Geometry, VertexAttributes, clean_geometry
 from vemlight.renderer.scene.trimesh_materials import colours_from_visual, material_from_visual
 
 GLTF_SUFFIXES = (".glb", ".gltf")
@@ -36,16 +36,6 @@ class MeshFile(NamedTuple):
 
     parts: list[MeshPart]
     unsupported: list[str]
-
-
-class VertexAttributes(NamedTuple):
-    """What a file says of a mesh's vertices, (n, ...) each, as in Geometry; None where it says nothing."""
-
-    positions: np.ndarray
-    normals: np.ndarray | None
-    uvs: np.ndarray | None
-    colours: np.ndarray | None
-    second_uvs: np.ndarray | None = None
 
 
 class SourceMesh(NamedTuple):
@@ -145,4 +135,4 @@ def _in_file_axes(mesh: SourceMesh) -> Geometry:
     positions = vertices.positions @ linear.T + offset
     normals = None if vertices.normals is None else vertices.normals @ np.linalg.inv(linear)
     triangles = mesh.triangles if np.linalg.det(linear) > 0 else mesh.triangles[:, ::-1]
-    return clean_geometry(positions, triangles, normals, vertices.uvs, vertices.colours, vertices.second_uvs)
+    return clean_geometry(vertices._replace(positions=positions, normals=normals), triangles)

@@ -45,6 +45,16 @@ class Geometry(NamedTuple):
         return self._replace(positions=positions.astype(np.float32), normals=normals.astype(np.float32))
 
 
+class VertexAttributes(NamedTuple):
+    """What a file says of a mesh's vertices, (n, ...) each, as in Geometry; None where it says nothing."""
+
+    positions: np.ndarray
+    normals: np.ndarray | None = None
+    uvs: np.ndarray | None = None
+    colours: np.ndarray | None = None
+    second_uvs: np.ndarray | None = None
+
+
 def bounds(geometries: list[Geometry]) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and highest corner, (3,) float64 each, of the box around geometries."""
     low = np.min([g.positions.min(axis=0) for g in geometries], axis=0)
@@ -75,9 +85,9 @@ def shape_geometry(shape: Shape) -> Geometry:
         return _sphere(48, 96)
     if shape == "plane":
         positions = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
-        return clean_geometry(positions, np.array([[0, 1, 2], [0, 2, 3]]), None)
+        return clean_geometry(VertexAttributes(positions), np.array([[0, 1, 2], [0, 2, 3]]))
     box = trimesh.creation.box((2, 2, 2))
-    return clean_geometry(np.asarray(box.vertices), np.asarray(box.faces), None)
+    return clean_geometry(VertexAttributes(np.asarray(box.vertices)), np.asarray(box.faces))
 
 
 def _sphere(rows: int, cols: int) -> Geometry:
@@ -94,22 +104,16 @@ def _sphere(rows: int, cols: int) -> Geometry:
         a, b, c, d = 1 + i * cols + j, 1 + i * cols + k, 1 + (i + 1) * cols + j, 1 + (i + 1) * cols + k
         faces += [np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)]
     faces.append(np.stack([1 + (rows - 2) * cols + j, np.full_like(j, last), 1 + (rows - 2) * cols + k], axis=-1))
-    return clean_geometry(positions, np.concatenate(faces), positions)
+    return clean_geometry(VertexAttributes(positions, positions), np.concatenate(faces))
 
 
-def clean_geometry(
-    positions: np.ndarray,
-    triangles: np.ndarray,
-    normals: np.ndarray | None,
-    uvs: np.ndarray | None = None,
-    colours: np.ndarray | None = None,
-    second_uvs: np.ndarray | None = None,
-) -> Geometry:
-    """Geometry of positions (n, 3) and triangles (m, 3), without those of no area.
+def clean_geometry(vertices: VertexAttributes, triangles: np.ndarray) -> Geometry:
+    """Geometry of vertices and triangles (m, 3), without those of no area.
 
-    normals: (n, 3), replaced by our own where one of them is missing or has no length. The rest as in Geometry. Raises ValueError that
-    says what is wrong when nothing can be drawn: no triangles, nan or inf vertices, indices out of range, no area.
+    Normals are replaced by our own where one of them is missing or has no length. Raises ValueError that says what is wrong when nothing
+    can be drawn: no triangles, nan or inf vertices, indices out of range, no area.
     """
+    positions, normals, uvs, colours, second_uvs = vertices
     if len(triangles) == 0 or len(positions) == 0:
         raise ValueError("is empty")
     if triangles.min() < 0 or triangles.max() >= len(positions):

@@ -50,7 +50,7 @@ class AzimuthTables(NamedTuple):
 class RadiusTables(NamedTuple):
     """Of the radius-first order, unnormalised float64.
 
-    edges: as above. importance: (rows, cols). rings: (rows, cols + 1), integral over azimuth up to each column's left side.
+    edges: as above. importance: (rows, cols). rings: (cols + 1, rows), integral over azimuth up to each column's left side.
     moments: (rows,), integral of azimuth x importance. knots: (rows + 2,) area coordinates 0, the rings' centres, the rim;
     density: (rows + 2,) there. outward: (rows + 2,), integral over a up to each knot. radiance: (rows, cols, 3) float32.
     """
@@ -105,11 +105,11 @@ def _fill_azimuth(importance, edges, columns, turn):
 def radius_tables(light: LightMap) -> RadiusTables:
     """The tables of a map; the offset of the azimuth follows from them ring by ring."""
     rows, cols = light.importance.shape
-    edges, rings, moments = _ring_edges(rows, light.coverage), np.empty((rows, cols + 1)), np.empty(rows)
+    edges, rings, moments = _ring_edges(rows, light.coverage), np.empty((cols + 1, rows)), np.empty(rows)
     centres = 2 * np.sin((np.arange(rows) + 0.5) * (SPAN[light.coverage] / rows) / 2) ** 2
     knots = np.concatenate([[0.0], centres, edges[-1:]])
     _fill_radius(light.importance, rings, moments)
-    density = np.concatenate([rings[:1, -1], rings[:, -1], rings[-1:, -1]])
+    density = np.concatenate([rings[-1, :1], rings[-1], rings[-1, -1:]])
     outward = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(knots))])
     return RadiusTables(edges, light.importance, rings, moments, knots, density, outward, light.radiance)
 
@@ -120,11 +120,11 @@ def _fill_radius(importance, rings, moments):
     h = TURN / cols
     for i in range(rows):
         total, moment = 0.0, 0.0
-        rings[i, 0] = 0.0
+        rings[0, i] = 0.0
         for j in range(cols):
             total += importance[i, j] * h
             moment += importance[i, j] * (j + 0.5)
-            rings[i, j + 1] = total
+            rings[j + 1, i] = total
         moments[i] = moment * h * h
 
 
@@ -201,22 +201,22 @@ def azimuth_sample(tables, points, directions, radiance, density):
             w[k] = (t[k] + 0.5 + j[k]) / cols
         # Radius through the mixture of two columns.
         columns = Mixture(j, right, t)
-        _mixed_rows(tables.columns, columns, a, i, n)
+        _load_mixed(tables.columns, columns, a, i, n)
         _azimuth_store(tables, i, columns, a, radiance[first : first + n], density[first : first + n])
         store_directions(a, w, directions[first : first + n])
 
 
 @njit(cache=True)
-def _mixed_rows(table, columns, x, rows, n):
-    """Fills the first n of rows (BLOCK,) with the last row of the mixture (1 - t) table[:, j0] + t table[:, j1] that is <= x."""
-    j0, j1, t = columns
-    rows[:n] = 0
+def _load_mixed(table, mixture, x, cell, n):
+    """Fills the first n of cell (BLOCK,) with the last row of the mixture (1 - t) table[:, j0] + t table[:, j1] that is <= x."""
+    j0, j1, t = mixture
+    cell[:n] = 0
     left = np.uint64(table.shape[0] - 1)
     while left > 1:
         half = left >> np.uint64(1)
         for k in range(n):
-            at = rows[k] + half
-            rows[k] = at if (1 - t[k]) * table[at, j0[k]] + t[k] * table[at, j1[k]] <= x[k] else rows[k]
+            at = cell[k] + half
+            cell[k] = at if (1 - t[k]) * table[at, j0[k]] + t[k] * table[at, j1[k]] <= x[k] else cell[k]
         left -= half
 
 
@@ -298,28 +298,14 @@ def radius_sample(tables, points, directions, radiance, density):
         # The azimuth, turned by the offset of this radius, through the mixture of two rings.
         for k in range(n):
             h[k] = (1 - t[k]) * tables.moments[i[k]] + t[k] * tables.moments[upper[k]]
-            d0[k] = (1 - t[k]) * rings[i[k], cols] + t[k] * rings[upper[k], cols]
+            d0[k] = (1 - t[k]) * rings[cols, i[k]] + t[k] * rings[cols, upper[k]]
         for k in range(n):
             w[k] += 0.5 - h[k] / (TURN * d0[k])
             w[k] = (w[k] - np.floor(w[k])) * d0[k]
         rows_mixed = Mixture(i, upper, t)
-        _mixed_cols(rings, rows_mixed, w, j, n)
+        _load_mixed(rings, rows_mixed, w, j, n)
         _radius_store(tables, rows_mixed, j, w, radiance[first : first + n], density[first : first + n])
         store_directions(a, w, directions[first : first + n])
-
-
-@njit(cache=True)
-def _mixed_cols(table, rows, x, cols, n):
-    """Fills the first n of cols (BLOCK,) with the last column of the mixture (1 - t) table[i0] + t table[i1] that is <= x."""
-    i0, i1, t = rows
-    cols[:n] = 0
-    left = np.uint64(table.shape[1] - 1)
-    while left > 1:
-        half = left >> np.uint64(1)
-        for k in range(n):
-            at = cols[k] + half
-            cols[k] = at if (1 - t[k]) * table[i0[k], at] + t[k] * table[i1[k], at] <= x[k] else cols[k]
-        left -= half
 
 
 @njit(cache=True, error_model="numpy")
@@ -331,7 +317,7 @@ def _radius_store(tables, mixture, j, x, radiance, density):
     for k in range(density.size):
         i0, i1, col, mix = mixture.first[k], mixture.second[k], j[k], mixture.weight[k]
         f = (1 - mix) * importance[i0, col] + mix * importance[i1, col]
-        before = (1 - mix) * rings[i0, col] + mix * rings[i1, col]
+        before = (1 - mix) * rings[col, i0] + mix * rings[col, i1]
         x[k] = (col + min(max(x[k] - before, 0.0) / (f * h), 1.0)) / cols
         density[k] = f * per_total
         for c in range(3):
@@ -366,7 +352,7 @@ def radius_inverse(tables, directions, points):
         i, k, t = _ring_pair(s, y, knots, rows)
         a0 = (outward[s] + y * (d[s] + 0.5 * y * (d[s + 1] - d[s]) / length)) / outward[rows + 1]
         j = min(int(w * cols), cols - 1)
-        ring = (1 - t) * rings[i, cols] + t * rings[k, cols]
-        before = (1 - t) * rings[i, j] + t * rings[k, j] + (w * cols - j) * h * ((1 - t) * importance[i, j] + t * importance[k, j])
+        ring = (1 - t) * rings[cols, i] + t * rings[cols, k]
+        before = (1 - t) * rings[j, i] + t * rings[j, k] + (w * cols - j) * h * ((1 - t) * importance[i, j] + t * importance[k, j])
         w0 = before / ring - 0.5 + ((1 - t) * tables.moments[i] + t * tables.moments[k]) / (TURN * ring)
         points[n] = square_from_disc(min(a0, 1.0), w0 - np.floor(w0))

@@ -68,7 +68,7 @@ class Judged(NamedTuple):
 
 
 def source_from_latlong(image: np.ndarray, rows: int = 90, cols: int = 360) -> Source:
-    """The upper hemisphere of a lat-long image (height, width, 3); spoilt pixels are black."""
+    """The upper hemisphere of a lat-long image (height, width, 3); invalid pixels are black."""
     image = np.where(np.isfinite(image) & (image > 0), image, 0).astype(np.float32)
     height, width, _ = image.shape
     flux = image.astype(np.float64) * latlong_solid_angles(height, width)[:, None, None]

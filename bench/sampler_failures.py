@@ -72,9 +72,9 @@ def mains(fps: float) -> Sequence:
 
 def cases() -> dict[str, Sequence]:
     generator, base, black = np.random.default_rng(1), sky(), np.zeros((ROWS, COLS, 3), np.float32)
-    pixel, ring, spoilt = black.copy(), black.copy(), base.copy()
+    pixel, ring, damaged = black.copy(), black.copy(), base.copy()
     pixel[25, 100], ring[-1] = 1.0, 1.0
-    spoilt[10:20, 50:80] = np.nan
+    damaged[10:20, 50:80] = np.nan
     zenith = [(abs(30 - 60 * k / 47), 90 if k < 24 else 270) for k in range(FRAMES)]
     return {
         "black frames 20 to 22": even(lambda k: black if 20 <= k <= 22 else with_sun(40, 100, 3, base)),
@@ -87,7 +87,7 @@ def cases() -> dict[str, Sequence]:
         "light on the horizon alone": even(lambda k: ring),
         "noise of 5 %": even(lambda k: (base * (1 + 0.05 * generator.standard_normal((ROWS, COLS, 1)))).astype(np.float32)),
         "frames 20 to 22 and 30 lost": [x for x in even(lambda k: with_sun(40, 90 + k, 3, base)) if round(x[0] * FPS) not in LOST],
-        "nan in a window from 20 to 24": even(lambda k: spoilt if 20 <= k <= 24 else base),
+        "nan in a window from 20 to 24": even(lambda k: damaged if 20 <= k <= 24 else base),
         f"{MAINS} at 21 fps": mains(21.0),
         f"{MAINS} at 25 fps": mains(25.0),
         f"{MAINS} at 30 fps": mains(30.0),

@@ -1,7 +1,7 @@
-"""Moving light with a known truth: what a steady camera, a hand-held one, a sun, a lamp, a bad cable and the mains do to a map.
+"""Moving light with a known truth: steady and hand-held cameras, a sun, a lamp, damaged and lost frames, mains flicker.
 
 A world is a lat-long map whose brightest pixels are single directions; each frame turns it, adds what the sequence adds, and
-keeps two things: the source as it is (for the judge) and the polar map that a camera delivers (noise, spoilt pixels), which is
+keeps two things: the source as it is (for the judge) and the polar map that a camera delivers (noise, invalid pixels), which is
 all that the methods see.
 """
 
@@ -49,7 +49,7 @@ class Frame(NamedTuple):
 
 
 def world_from_latlong(image: np.ndarray) -> World:
-    """The world of a lat-long image (height, width, 3); spoilt pixels are black."""
+    """The world of a lat-long image (height, width, 3); invalid pixels are black."""
     image = np.where(np.isfinite(image) & (image > 0), image, 0).astype(np.float64)
     height, width, _ = image.shape
     flux = image * latlong_solid_angles(height, width)[:, None, None]
@@ -159,7 +159,7 @@ def lamp(world: World) -> Iterator[Frame]:
         yield Frame(k / FPS, source, source.polar)
 
 
-def spoilt(world: World) -> Iterator[Frame]:
+def damaged_frames(world: World) -> Iterator[Frame]:
     """Every fourth frame has 1 % nan pixels, or 1 % black ones, or a black block of 12 x 40 degrees round the brightest cell,
     or of nan.
     """
@@ -178,16 +178,16 @@ def spoilt(world: World) -> Iterator[Frame]:
         yield Frame(k / FPS, source, seen)
 
 
-def blackout(world: World) -> Iterator[Frame]:
+def black_frames(world: World) -> Iterator[Frame]:
     """A slow turn; every twelfth frame arrives black."""
     for k, frame in enumerate(rotation(world)):
         yield frame._replace(seen=np.zeros_like(frame.seen)) if k % 12 == 11 else frame
 
 
-def dropped(world: World) -> Iterator[Frame]:
+def lost_frames(world: World) -> Iterator[Frame]:
     """A sun at 45 degrees, half a degree a frame, and a third of the frames are lost on the way."""
-    kept = np.sort(np.random.default_rng(5).permutation(FRAMES * 3 // 2)[:FRAMES])
-    for k in kept:
+    received = np.sort(np.random.default_rng(5).permutation(FRAMES * 3 // 2)[:FRAMES])
+    for k in received:
         place = direction_from_angles(np.pi / 4, np.radians(60 + 0.5 * int(k)))
         source = turned(world, np.eye(3), disc(place, 0.53, SUN * world.power))
         yield Frame(int(k) / FPS, source, source.polar)
@@ -215,9 +215,9 @@ SEQUENCES: dict[str, Callable[[World], Iterator[Frame]]] = {
     "zenith": zenith,
     "seam": seam,
     "lamp": lamp,
-    "spoilt": spoilt,
-    "black frames": blackout,
-    "lost frames": dropped,
+    "damaged frames": damaged_frames,
+    "black frames": black_frames,
+    "lost frames": lost_frames,
     "mains 21 fps": mains(21.0),
     "mains 25 fps": mains(25.0),
     "mains 30 fps": mains(30.0),

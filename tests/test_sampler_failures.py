@@ -204,20 +204,20 @@ def test_mains_flicker_is_reported_and_taken_out_on_wish(fps, hertz, seen):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_spoilt_pixels_count_and_harm_only_themselves(method):
-    spoilt = lamp(40, 100, 500.0)
-    spoilt[3, 3], spoilt[4, 4], spoilt[5, 5] = np.nan, np.inf, -7.0
-    clean = spoilt.copy()
+def test_invalid_pixels_are_counted_and_affect_no_others(method):
+    damaged = lamp(40, 100, 500.0)
+    damaged[3, 3], damaged[4, 4], damaged[5, 5] = np.nan, np.inf, -7.0
+    clean = damaged.copy()
     clean[3, 3] = clean[4, 4] = clean[5, 5] = 0
     settings = Sampler(method=method)
-    lights, reports = run([spoilt], settings)
+    lights, reports = run([damaged], settings)
     expected, _ = run([clean], settings)
     assert reports[0].invalid_cells == 3
     for one, other in zip(lights[0], expected[0], strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_frame_spoilt_as_a_whole_is_a_black_frame():
+def test_a_frame_without_a_valid_pixel_is_a_black_frame():
     lights, reports = run([SKY] * 5 + [np.full_like(SKY, np.nan)], Sampler(filter="none"))
     assert reports[-1].invalid_cells == ROWS * COLS
     assert (lights[-1].irradiance == 0).all()

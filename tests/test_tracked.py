@@ -147,17 +147,17 @@ def test_a_first_frame_that_is_black_gives_even_directions():
     assert np.abs(lights.directions.mean(axis=0) - [0, 0, 0.5]).max() < 0.05
 
 
-def test_a_lost_picture_is_bridged_and_darkness_believed_after_two_frames():
+def test_a_single_black_frame_is_ignored_and_two_in_a_row_are_taken_as_darkness():
     black = np.zeros((ROWS, COLS, 3), np.float32)
     powers = [total(lights)[0] for lights, _ in run([scene(), scene(), black, scene(), black, black, black], smoothing=True)[0]]
     np.testing.assert_allclose(powers[:6], powers[0], rtol=1e-5)
     assert powers[6] == 0
 
 
-def test_spoilt_cells_show_what_they_showed_last():
-    spoilt = scene(sun=1e4)
-    spoilt[8:12, 58:62] = np.nan
-    out, _ = run([scene(sun=1e4)] * 4 + [spoilt], smoothing=True)
+def test_invalid_cells_hold_their_last_valid_value():
+    damaged = scene(sun=1e4)
+    damaged[8:12, 58:62] = np.nan
+    out, _ = run([scene(sun=1e4)] * 4 + [damaged], smoothing=True)
     assert out[4][1].invalid_cells == 16
     np.testing.assert_allclose(total(out[4][0]), total(out[3][0]), rtol=1e-5)
 
@@ -165,11 +165,11 @@ def test_spoilt_cells_show_what_they_showed_last():
 def test_step_is_a_pure_function_and_deterministic():
     _, state = run([scene(k) for k in range(3)], smoothing=True)
     radiance = scene(9, sun=1e3)
-    kept = radiance.copy()
+    before = radiance.copy()
     first = tracked_step(32, state, SamplerInput(radiance, "hemisphere", 0.2))
     tracked_step(32, first[0], SamplerInput(scene(10), "hemisphere", 0.24))
     again = tracked_step(32, state, SamplerInput(radiance, "hemisphere", 0.2))
-    np.testing.assert_array_equal(radiance, kept)
+    np.testing.assert_array_equal(radiance, before)
     for one, other in zip(first[1], again[1], strict=True):
         np.testing.assert_array_equal(one, other)
 

@@ -1,6 +1,6 @@
-"""Charts of accuracy, speed and steadiness: VEMLIGHT_DATA=FOLDER python -m bench.accuracy [--out docs/charts] [CHART ...]
+"""Charts of accuracy, stability and speed: VEMLIGHT_DATA=FOLDER python -m bench.accuracy [--out docs/charts] [CHART ...]
 
-Writes accuracy_NAME.png, .svg and .csv; of pace the numbers alone. FOLDER holds hdri/*.hdr and *.exr, lat-long.
+Writes accuracy_NAME.png, .svg and .csv; of frame_times the numbers alone. FOLDER holds hdri/*.hdr and *.exr, lat-long.
 """
 
 import argparse
@@ -9,16 +9,23 @@ from pathlib import Path
 from rich.progress import Progress
 
 from bench.accuracy.figure6 import figure6, pictures
+from bench.accuracy.frame_times import frame_times
 from bench.accuracy.moving import moving
-from bench.accuracy.need import need
-from bench.accuracy.pace import pace
+from bench.accuracy.requirement import requirement
 from bench.accuracy.still import still
 from bench.accuracy.tables import tables
 from bench.accuracy.times import times
 
 CHARTS = {
-    "still": still, "moving": moving, "need": need, "figure6": figure6, "pictures": pictures, "times": times, "pace": pace, "tables": tables
-}  # fmt: skip
+    "still": still,
+    "moving": moving,
+    "requirement": requirement,
+    "figure6": figure6,
+    "pictures": pictures,
+    "times": times,
+    "frame_times": frame_times,
+    "tables": tables,
+}
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from bench.accuracy.drawing import few_shades, leave_margin, save
 from bench.accuracy.maps import one
 from bench.judge import judge, points_of, points_of_lights, read_source, relative_rms
 from bench.methods import STILL, TRACKED, settled
-from vemlight.light.colour import LUMINANCE_WEIGHTS
+from vemlight.light.colour import LUMINANCE_WEIGHTS, srgb_from_linear
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
@@ -52,7 +52,7 @@ def figure6(out: Path, progress: Progress) -> None:
             _label(axis, count, error)
             progress.advance(task)
         line[0].set_ylabel(method.name, fontsize=9)
-    save(figure, rows, out, "figure6", f"{path.stem}: equal areas, circles as large as a light's share; error, hard edges.")
+    save(figure, rows, out, "figure6", f"{path.stem}, equal-area; circles grow with the light's power; error, hard edges.")
 
 
 def pictures(out: Path, progress: Progress) -> None:
@@ -68,7 +68,7 @@ def pictures(out: Path, progress: Progress) -> None:
                 picture = np.array(renderer.render(settled(method, count, source)[0]))[..., :3]
                 error = float(np.sqrt(np.mean(((picture - truth) @ LUMINANCE_WEIGHTS) ** 2)) / np.mean(truth @ LUMINANCE_WEIGHTS))
                 rows.append({"method": method.name, "lights": count, "difference": error})
-                axis.imshow(few_shades((picture / (picture + truth.mean())).clip(0, 1) ** (1 / 2.2), 140), interpolation="none")
+                axis.imshow(few_shades(srgb_from_linear((picture / (picture + truth.mean())).clip(0, 1)), 140), interpolation="none")
                 _label(axis, count, error)
                 progress.advance(task)
             line[0].set_ylabel(method.name, fontsize=9)
@@ -89,7 +89,7 @@ def _label(axis: Any, count: int, error: float) -> None:
 
 
 def _disc(polar: np.ndarray) -> np.ndarray:
-    """A polar map seen from below, equal areas, tone-mapped for the eye (DISC, DISC, 3)."""
+    """A polar map seen from below, equal areas, tone-mapped sRGB, (DISC, DISC, 3)."""
     rows, cols, _ = polar.shape
     x, y = np.meshgrid(np.linspace(-1, 1, DISC), np.linspace(-1, 1, DISC))
     theta = 2 * np.arcsin(np.minimum(np.sqrt((x**2 + y**2) / 2), np.sqrt(0.5)))
@@ -97,4 +97,4 @@ def _disc(polar: np.ndarray) -> np.ndarray:
     row, col = (theta / (np.pi / 2) * rows).astype(int), (phi / (2 * np.pi) * cols).astype(int)
     seen = polar[np.minimum(row, rows - 1), np.minimum(col, cols - 1)]
     seen = seen / (seen + 2 * np.median(seen))
-    return np.where((x**2 + y**2 <= 1)[..., None], seen.clip(0, 1) ** (1 / 2.2), 1.0)
+    return np.where((x**2 + y**2 <= 1)[..., None], srgb_from_linear(seen.clip(0, 1)), 1.0)

@@ -72,7 +72,7 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
 
 
 def _motion(lights: list[LightSet]) -> dict[str, float]:
-    """Per frame: mean way of a light by its id in degrees, lights that jump, ids that end."""
+    """Per frame: mean motion of a light by its id in degrees, lights that jump, ids that end."""
     way, jumps, deaths = [], 0, 0
     for before, after in itertools.pairwise(lights):
         shared, a, b = np.intersect1d(before.ids, after.ids, return_indices=True)
@@ -107,7 +107,7 @@ def _chart_motion(rows: list[dict[str, Any]], out: Path) -> None:
     figure, axes = plt.subplots(1, 3, figsize=(16, 5.4), layout="constrained")
     leave_margin(figure, 0.13)
     methods = [method for method in MOVING if method.steady]
-    labels = {"motion_deg": "mean way of a light, degrees", "jumps": "lights over 10 degrees", "deaths": "ids that end"}
+    labels = {"motion_deg": "mean motion of a light, degrees", "jumps": "lights over 10 degrees", "deaths": "ids that end"}
     for axis, (key, label) in zip(axes, labels.items(), strict=True):
         for k, method in enumerate(methods):
             width = 0.84 / len(methods)
@@ -120,7 +120,7 @@ def _chart_motion(rows: list[dict[str, Any]], out: Path) -> None:
         axis.grid(alpha=0.3, axis="y")
     legend(figure, axes[0])
     keep = ("map", "sequence", "method", "motion_deg", "jumps", "deaths")
-    save(figure, [{k: r[k] for k in keep} for r in rows], out, "moving_motion", f"N = {COUNT}; methods with identity only.")
+    save(figure, [{k: r[k] for k in keep} for r in rows], out, "moving_motion", f"N = {COUNT}; only methods whose lights keep their ids.")
 
 
 def _chart_events(curves: list[dict[str, Any]], out: Path) -> None:

@@ -19,7 +19,15 @@ Rows = list[dict[str, str]]
 
 def tables(out: Path, progress: Progress) -> None:
     """Writes the page's tables anew from the CSVs in `out`."""
-    made = {"still": _still, "maps": _maps, "moving": _moving, "steady": _steady, "promise": _promise, "times": _times, "pace": _pace}
+    made = {
+        "still": _still,
+        "maps": _maps,
+        "moving": _moving,
+        "targets": _targets,
+        "requirement": _requirement,
+        "times": _times,
+        "frame_times": _frame_times,
+    }
     page = PAGE.read_text()
     for name, table in progress.track(made.items(), description="tables"):
         text = _markdown(table(out))
@@ -48,7 +56,7 @@ def _short(value: float, digits: int = 3) -> str:
 
 
 def _two(value: float) -> str:
-    """To two digits."""
+    """With two significant digits."""
     return f"{float(f'{value:.2g}'):g}"
 
 
@@ -66,9 +74,9 @@ def _maps(out: Path) -> list[list[str]]:
     lines = [["", "16 lights", "64", "256", "64 in RGB", "256, soft edges"]]
     for name in [*dict.fromkeys(row["map"] for row in rows), None]:
         where = {"map": name} if name else {}
-        told = [_mean(rows, "error_hard", lights=count, **where) for count in (16, 64, 256)]
-        told += [_mean(rows, "error_rgb", lights=64, **where), _mean(rows, "error_soft", lights=256, **where)]
-        lines.append([name or "**mean**", *(_short(value, 4) for value in told)])
+        errors = [_mean(rows, "error_hard", lights=count, **where) for count in (16, 64, 256)]
+        errors += [_mean(rows, "error_rgb", lights=64, **where), _mean(rows, "error_soft", lights=256, **where)]
+        lines.append([name or "**mean**", *(_short(value, 4) for value in errors)])
     return [*lines, ["target", ".08", ".03", ".012", ".035", ""]]
 
 
@@ -82,40 +90,41 @@ def _moving(out: Path) -> list[list[str]]:
     return lines
 
 
-def _steady(out: Path) -> list[list[str]]:
-    """What was asked of the default method, and what it does."""
+def _targets(out: Path) -> list[list[str]]:
+    """The targets of the default method, and what it reaches."""
     rows = _read(out, "moving_flicker")
 
-    def told(sequence: str, key: str) -> float:
+    def measured(sequence: str, key: str) -> float:
         return _mean(rows, key, method=TRACKED, sequence=sequence)
 
-    lines = [["sequence", "asked", "has"]]
+    lines = [["sequence", "target", "measured"]]
     limits = ("rotation", None, ".02"), ("hand-held", ".035", ".04"), ("zenith", ".03", ".022"), ("seam", ".03", ".022")
     for name, error, flicker in limits:
-        asked = [f"error {error}"] * bool(error) + [f"flicker {flicker}"]
-        has = [f"error {_short(told(name, 'error'))}, flicker {_short(told(name, 'flicker'), 4)}"]
+        target = [f"error {error}"] * bool(error) + [f"flicker {flicker}"]
+        reached = [f"error {_short(measured(name, 'error'))}, flicker {_short(measured(name, 'flicker'), 4)}"]
         if name == "hand-held":
-            asked, has = [*asked, "under one light a frame jumping"], [*has, f"{told(name, 'jumps'):.2f} jumping"]
-        lines.append([name, ", ".join(asked), ", ".join(has)])
-    for name, worst in (("lamp", ".07"), ("spoilt", ".05"), ("black frames", ""), ("lost frames", "")):
-        lines.append([name, f"worst frame {worst}" if worst else "", f"worst frame {_short(told(name, 'error_worst'))}"])
-    mains = [f"{_short(told(f'mains {fps} fps', 'flicker'), 4)}" for fps in (21, 25, 30)]
+            target, reached = [*target, "under one jumping light a frame"], [*reached, f"{measured(name, 'jumps'):.2f} jumping lights"]
+        lines.append([name, ", ".join(target), ", ".join(reached)])
+    for name, worst in (("lamp", ".07"), ("damaged frames", ".05"), ("black frames", ""), ("lost frames", "")):
+        lines.append([name, f"worst frame {worst}" if worst else "", f"worst frame {_short(measured(name, 'error_worst'))}"])
+    mains = [f"{_short(measured(f'mains {fps} fps', 'flicker'), 4)}" for fps in (21, 25, 30)]
     lines.append(["mains, 21, 25, 30 fps", "residual flicker .03", ", ".join(mains)])
     still = [row for row in rows if row["sequence"] in ("zenith", "seam", "lamp") and row["method"] == "tracked, nothing smoothed"]
     return [*lines, ["power", "exact to 1e-4", f"{max(float(row['power_worst']) for row in still):.0e} where nothing is smoothed"]]
 
 
-def _promise(out: Path) -> list[list[str]]:
-    rows = _read(out, "need")
+def _requirement(out: Path) -> list[list[str]]:
+    rows = _read(out, "requirement")
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    lines = [["error asked for", *(f"{method}: {what}" for method in methods for what in ("lights", "kept", "mean", "worst"))]]
-    for promised in dict.fromkeys(row["promised"] for row in rows):
-        line = [f"{100 * float(promised):g} %"]
+    lines = [["error limit", *(f"{method}: {what}" for method in methods for what in ("lights", "within", "mean", "worst"))]]
+    for limit in dict.fromkeys(row["limit"] for row in rows):
+        line = [f"{100 * float(limit):g} %"]
         for method in methods:
-            own = [row for row in rows if row["method"] == method and row["promised"] == promised]
-            had = [100 * float(row["had"]) for row in own]
-            kept = sum(value <= 100 * float(promised) for value in had)
-            line += [f"{median(int(row['lights']) for row in own)}", f"{kept} of {len(had)}", f"{np.mean(had):.1f} %", f"{max(had):.1f} %"]
+            own = [row for row in rows if row["method"] == method and row["limit"] == limit]
+            errors = [100 * float(row["error"]) for row in own]
+            within = sum(value <= 100 * float(limit) for value in errors)
+            lights = median(int(row["lights"]) for row in own)
+            line += [f"{lights}", f"{within} of {len(errors)}", f"{np.mean(errors):.1f} %", f"{max(errors):.1f} %"]
         lines.append(line)
     return lines
 
@@ -125,9 +134,9 @@ def _times(out: Path) -> list[list[str]]:
     return [["ms", "the paper, 3 GHz Pentium 4", "here"], *([r["part"], r["paper_ms"], _two(float(r["ours_ms"]))] for r in rows)]
 
 
-def _pace(out: Path) -> list[list[str]]:
+def _frame_times(out: Path) -> list[list[str]]:
     """Over the maps: the median one, the slowest one, and the slowest frame of any."""
-    rows = _read(out, "pace")
+    rows = _read(out, "frame_times")
     counts = list(dict.fromkeys(row["lights"] for row in rows))
     lines = [["ms a frame", *(f"{count} lights: {what}" for count in counts for what in ("median map", "slowest map", "slowest frame"))]]
     for name in dict.fromkeys(row["sequence"] for row in rows):

@@ -32,7 +32,7 @@ ROUNDS = 200
 
 
 def times(out: Path, progress: Progress) -> None:
-    """Milliseconds a frame of each part, the paper's and ours."""
+    """Milliseconds of each part of a frame, the paper's and ours."""
     radiance = read_source(one("a sun")).polar
     parts = _parts(radiance)
     task = progress.add_task("times", total=len(parts))
@@ -43,12 +43,12 @@ def times(out: Path, progress: Progress) -> None:
     figure, axis = plt.subplots(figsize=(11, 5.2), layout="constrained")
     leave_margin(figure, 0.05)
     place = np.arange(len(rows))[::-1]
-    told = [(y, row["paper_ms"]) for y, row in zip(place, rows, strict=True) if row["paper_ms"]]
-    axis.barh([y + 0.2 for y, _ in told], [ms for _, ms in told], 0.38, color="0.7", label="the paper, 2005")
+    published = [(y, row["paper_ms"]) for y, row in zip(place, rows, strict=True) if row["paper_ms"]]
+    axis.barh([y + 0.2 for y, _ in published], [ms for _, ms in published], 0.38, color="0.7", label="the paper, 2005")
     axis.barh(place - 0.2, [row["ours_ms"] for row in rows], 0.38, color="C0", label="ours")
     for y, row in zip(place, rows, strict=True):
         axis.text(row["ours_ms"] * 1.05, y - 0.2, f"{row['ours_ms']:.2g}", va="center", fontsize=8)
-    for y, ms in told:
+    for y, ms in published:
         axis.text(ms * 1.05, y + 0.2, f"{ms:.2g}", va="center", fontsize=8)
     axis.set_yticks(place, [row["part"] for row in rows], fontsize=8)
     axis.set(xscale="log", xlabel="ms a frame")
@@ -90,12 +90,13 @@ def _parts(radiance: np.ndarray) -> list[tuple[str, float | None, Callable[[], o
 def _step(radiance: np.ndarray, **settings: object) -> Callable[[], object]:
     """A step on one map again and again, 40 ms apart."""
     wanted = Sampler(**settings)  # type: ignore[arg-type]
-    kept = [initial_state(), 0.0]
+    state, time_s = initial_state(), 0.0
     bright_cells = read_source(one("a sun")).bright_cells
 
     def run() -> None:
-        kept[0] = step(wanted, kept[0], SamplerInput(radiance, "hemisphere", kept[1], bright_cells))[0]  # type: ignore[arg-type]
-        kept[1] += 0.04  # type: ignore[operator]
+        nonlocal state, time_s
+        state, _, _ = step(wanted, state, SamplerInput(radiance, "hemisphere", time_s, bright_cells))
+        time_s += 0.04
 
     return run
 

@@ -19,7 +19,7 @@ class Cells(NamedTuple):
 
 
 def cells(radiance: np.ndarray, coverage: Coverage) -> Cells:
-    """The cells of a map (rows, cols, 3); spoilt values are 0."""
+    """The cells of a map (rows, cols, 3); invalid values are 0."""
     rows, cols, _ = radiance.shape
     solid_angles = cell_solid_angles(rows, cols, coverage)
     flux = np.where(np.isfinite(radiance) & (radiance > 0), radiance, 0).astype(np.float64) * solid_angles[:, None, None]

@@ -66,7 +66,7 @@ MUTANTS = [
         ("gain over mean", "GAIN_OVER_MEAN = 0.5", "GAIN_OVER_MEAN = 50.0"),
         ("two-means", "TWO_MEANS_STEPS = 4", "TWO_MEANS_STEPS = 1"),
     ]),
-    *mutants_of(SAMPLER + "tracking/tracked.py", "tests/test_tracked.py tests/test_tracked_need.py", [
+    *mutants_of(SAMPLER + "tracking/tracked.py", "tests/test_tracked.py tests/test_tracked_required_lights.py", [
         ("scene change doubled", "\nSCENE_CHANGE = 2.0", "\nSCENE_CHANGE = 4.0"),
         ("scene change halved", "\nSCENE_CHANGE = 2.0", "\nSCENE_CHANGE = 1.0"),
         ("PACE (of exchanges) doubled", "EXCHANGE_PERIOD = 8", "EXCHANGE_PERIOD = 16"),

@@ -1,4 +1,4 @@
-"""What a frame of tracked lights costs where nothing moves, where the camera turns and where a hand holds it, on every map."""
+"""The time of a frame of tracked lights on every map: at rest, turning, and held by hand."""
 
 import time
 from itertools import islice
@@ -18,22 +18,22 @@ from vemlight.settings import Sampler
 
 COUNTS = (64, 300)
 FRAMES = 24
-FIRST = 4  # frames that are not counted: lights are found in the first, and more Lloyd's steps taken
-RUNS = 5  # over the same frames: the least time of each frame is its own, the rest is the machine's other users'
+FIRST = 4  # frames that are not counted: lights are found in the first, with more Lloyd steps
+RUNS = 5  # over the same frames: the shortest time of each frame counts, what is longer is other load on the machine
 
 
-def pace(out: Path, progress: Progress) -> None:
+def frame_times(out: Path, progress: Progress) -> None:
     """Milliseconds a frame, median and slowest, of each sequence on each map."""
     rows, paths = [], maps()
-    task = progress.add_task("pace", total=len(paths))
+    task = progress.add_task("frame times", total=len(paths))
     for path in paths:
         for name, frames in _sequences(world_from_latlong(read_radiance(path)[0])).items():
             for count in COUNTS:
                 least = _least_ms(frames, count)
-                told = {"ms": float(np.median(least)), "worst_ms": float(least.max())}
-                rows.append({"map": path.stem, "sequence": name, "lights": count, **told})
+                times = {"ms": float(np.median(least)), "worst_ms": float(least.max())}
+                rows.append({"map": path.stem, "sequence": name, "lights": count, **times})
         progress.advance(task)
-    write_table(rows, out, "pace")
+    write_table(rows, out, "frame_times")
 
 
 def _sequences(world: World) -> dict[str, list[Frame]]:

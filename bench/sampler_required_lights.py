@@ -1,7 +1,7 @@
-"""What a scene needs: VEMLIGHT_DATA=FOLDER python -m bench.sampler_need. Writes docs/charts/sampler_need.csv and .png.
+"""Lights that scenes require: VEMLIGHT_DATA=FOLDER python -m bench.sampler_required_lights.
 
-For each map of FOLDER/hdri and the CIE's overcast sky: the number of lights that the controller chooses for promised errors of 5 to
-40 %, and the error it then has, measured apart: on 1024 probes it does not know, against every cell of the map.
+Writes docs/charts/sampler_required_lights.csv and .png. For each map of FOLDER/hdri and the CIE's overcast sky: the number of lights that
+the sampler chooses for error limits of 5 to 40 %, and their error on 1024 other probes, against every cell of the map.
 """
 
 import csv
@@ -24,23 +24,23 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 OUT = Path(__file__).parents[1] / "docs" / "charts"
-PROMISED = (0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4)
+LIMITS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4)
 MAX_COUNT = 1024
 
 
 def chosen(radiance: np.ndarray) -> list[tuple[float, int, float]]:
-    """(promised error, number of lights, error on other probes) for a map (rows, cols, 3)."""
+    """(error limit, number of lights, error on other probes) for a map (rows, cols, 3)."""
     light = light_map(radiance, "hemisphere")
     samples = warp_from_map(light, "havran-azimuth").sample(points(MAX_COUNT, "disc"))
     tint = samples.radiance / samples.density[:, None] / light.irradiance
     at = probes(1024, "hemisphere")
     truth, result = irradiance_of_map(at, light.radiance, "hemisphere"), []
-    for promised in PROMISED:
-        count = required_lights(light, samples.directions, tint, promised)
+    for limit in LIMITS:
+        count = required_lights(light, samples.directions, tint, limit)
         irradiance = tint[:count] / tint[:count].sum(axis=0) * light.irradiance
         got = irradiance_of_lights(at, samples.directions[:count], irradiance)
         error = np.sqrt((((got - truth) / (truth + DARK_PROBE * truth.mean())) ** 2).mean())
-        result.append((promised, count, float(error)))
+        result.append((limit, count, float(error)))
     return result
 
 
@@ -58,23 +58,23 @@ def main() -> None:
     results = {path.stem.removesuffix("_1k"): chosen(read_source(path).polar) for path in paths}
     results["overcast sky (CIE)"] = chosen(overcast())
     OUT.mkdir(parents=True, exist_ok=True)
-    with written_whole(OUT / "sampler_need.csv") as part, open(part, "w", newline="") as file:
+    with written_whole(OUT / "sampler_required_lights.csv") as part, open(part, "w", newline="") as file:
         table = csv.writer(file)
-        table.writerow(("map", "promised", "lights", "had"))
+        table.writerow(("map", "limit", "lights", "error"))
         table.writerows((name, p, n, f"{e:.4f}") for name, rows in results.items() for p, n, e in rows)
     figure, (left, right) = plt.subplots(1, 2, figsize=(13, 5))
     for k, (name, rows) in enumerate(sorted(results.items(), key=lambda item: -item[1][3][1])):
-        promised, count, had = np.array(rows).T
-        left.loglog(promised * 100, count, "o-", color=plt.get_cmap("turbo")(k / max(len(results) - 1, 1)), label=name)
-        right.loglog(promised * 100, had * 100, "o-", color=plt.get_cmap("turbo")(k / max(len(results) - 1, 1)))
+        limit, count, error = np.array(rows).T
+        left.loglog(limit * 100, count, "o-", color=plt.get_cmap("turbo")(k / max(len(results) - 1, 1)), label=name)
+        right.loglog(limit * 100, error * 100, "o-", color=plt.get_cmap("turbo")(k / max(len(results) - 1, 1)))
         print(f"{name:<28}", " ".join(f"{100 * p:4.1f} %: {n:4.0f} ({100 * e:4.1f} %)" for p, n, e in rows))
-    left.set(xlabel="promised error, %", ylabel="lights chosen", title="Lights that a scene needs")
+    left.set(xlabel="error limit, %", ylabel="lights chosen", title="Lights that a scene requires")
     left.legend(fontsize=7)
     right.plot([4, 50], [4, 50], color="gray", linestyle="--")
-    right.set(xlabel="promised error, %", ylabel="error on other probes, %", title="Promised and had")
-    figure.text(0.01, 0.01, "python -m bench.sampler_need; havran-azimuth, at most 1024 lights", fontsize=7)
+    right.set(xlabel="error limit, %", ylabel="error on other probes, %", title="Error and its limit")
+    figure.text(0.01, 0.01, "python -m bench.sampler_required_lights; havran-azimuth, at most 1024 lights", fontsize=7)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
-    figure.savefig(OUT / "sampler_need.png", dpi=110)
+    figure.savefig(OUT / "sampler_required_lights.png", dpi=110)
 
 
 if __name__ == "__main__":

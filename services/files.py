@@ -19,26 +19,73 @@ from vemlight.errors import UserError, printable_line
 MAX_TOML_BYTES = 2**20  # a scene of 1,000 meshes has 0.2 MB
 MAX_KEY_DOTS = 32  # the deepest key of ours has three parts; tomllib takes the square of their number, 8 s at 10^5
 MANY_DOTS = re.compile(rb"(?:\.[ \t]*[\w\"'-]+[ \t]*){%d}" % MAX_KEY_DOTS)
+ADDRESS = re.compile(r"\s*[A-Za-z][A-Za-z0-9+.-]+:", re.ASCII)  # http:, file: and all others of two letters or more (RFC 3986)
+MAX_SHOWN = 200  # characters of a reference in an error's line
 
 Record = TypeVar("Record")
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
     """The content of a regular file. Raises UserError for one that is missing, longer than `max_bytes`, or a device, pipe or folder."""
-    try:
-        file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # opening a pipe that nobody writes to would wait for ever
+    with _named_faults(path):
+        file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # opening a pipe that nobody writes to would wait for ever
         try:
-            status = os.fstat(file)
-            if not stat.S_ISREG(status.st_mode):
-                raise UserError(f"{path}: is not a regular file; name one")
-            if status.st_size > max_bytes:
-                raise UserError(f"{path}: has {status.st_size} bytes, at most {max_bytes} are read; is it the right file?")
+            _check_regular(path, os.fstat(file), max_bytes)
             with open(file, "rb", closefd=False) as opened:
                 return opened.read(max_bytes)
         finally:
             os.close(file)
+
+
+def check_regular(path: Path, max_bytes: int) -> None:
+    """Raises UserError as `read_file`, for a file that a library opens by its name."""
+    with _named_faults(path):
+        _check_regular(path, os.stat(path), max_bytes)
+
+
+@contextmanager
+def _named_faults(path: Path) -> Iterator[None]:
+    """Makes a UserError that names the file of what the system says about it."""
+    try:
+        yield
+    except UserError:
+        raise
+    except FileNotFoundError as error:
+        raise UserError(f"{path}: there is no such file; check the path") from error
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except ValueError as error:  # a NUL, or half a character
+        raise UserError(f"{path}: is no name of a file ({one_line(error)}); correct it") from error
+
+
+def _check_regular(path: Path, status: os.stat_result, max_bytes: int) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise UserError(f"{path}: is a folder; name a file")
+    if not stat.S_ISREG(status.st_mode):
+        raise UserError(f"{path}: is not a regular file; name one")
+    if status.st_size > max_bytes:
+        raise UserError(f"{path}: has {status.st_size} bytes, at most {max_bytes} are read; is it the right file?")
+
+
+def contained_path(folder: Path, reference: str, where: str) -> Path:
+    """Where the file lies that a file in `folder` refers to: in that folder or in one inside it.
+
+    Whoever wrote a downloaded scene or mesh must not choose what else on this machine is read. Raises UserError that begins with `where`
+    for an address, an absolute path, and one that leads out of the folder by `..` or by a link. Whether there is such a file is not asked.
+    """
+    shown = f"{where}: {reference[:MAX_SHOWN]}"
+    if ADDRESS.match(reference):
+        raise UserError(f"{shown} is an address, and none is opened; put the file beside the one that names it, and name it from there")
+    way_out = "put the file in the folder of the one that names it, and name it from there"
+    if os.path.isabs(reference) or ".." in Path(reference).parts:
+        raise UserError(f"{shown} leads out of its folder; {way_out}")
+    try:
+        inside = Path(os.path.realpath(folder / reference)).is_relative_to(os.path.realpath(folder))
+    except (ValueError, OSError) as error:  # a NUL, half a character, a name that is too long
+        raise UserError(f"{shown} is no name of a file; correct it") from error
+    if not inside:
+        raise UserError(f"{shown} is a link out of its folder; {way_out}")
+    return folder / reference
 
 
 def read_toml(path: Path, kind: type[Record]) -> Record:

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from vemlight.errors import UserError
-from vemlight.files import decoded_json, read_file, read_toml, written_whole
+from vemlight.files import contained_path, decoded_json, read_file, read_toml, written_whole
 
 
 class Thing(msgspec.Struct, forbid_unknown_fields=True):
@@ -47,7 +47,7 @@ def test_a_file_of_the_greatest_length_is_read(tmp_path):
 
 
 def test_files_that_are_not_there(tmp_path):
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(UserError, match="there is no such file"):
         read_toml(tmp_path / "absent.toml", Thing)
 
 
@@ -65,7 +65,7 @@ def test_only_regular_files_within_the_limit_are_read(tmp_path):
         read_file(tmp_path / "a", 3)
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):
-        with pytest.raises(UserError, match="regular file"):
+        with pytest.raises(UserError, match="regular file|is a folder"):
             read_file(path, 10)
 
 
@@ -107,3 +107,47 @@ def test_a_toml_file_has_up_to_a_megabyte_and_its_keys_up_to_32_parts(tmp_path, 
     else:
         with pytest.raises(UserError, match=said):
             read_toml(tmp_path / "t.toml", Thing)
+
+
+@pytest.mark.parametrize("name", ["a.obj", "parts/a.obj", "./a.obj", "a..obj", "inside", "missing.obj"])
+def test_a_reference_stays_inside_the_folder(tmp_path, name):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "inside").symlink_to("parts/a.obj")
+    assert contained_path(tmp_path, name, "scene.toml") == tmp_path / name
+
+
+@pytest.mark.parametrize(
+    "name, reason",
+    [
+        ("/etc/passwd", "leads out"),
+        ("../scene/a.obj", "leads out"),
+        ("parts/../../a.obj", "leads out"),
+        ("http://host/a.obj", "is an address"),
+        ("file:///etc/passwd", "is an address"),
+        (" FTP://host/a.obj", "is an address"),
+        ("outside", "is a link out"),
+        ("folder/a.obj", "is a link out"),
+        ("a\0.obj", "no name of a file"),
+    ],
+)
+def test_a_reference_out_of_the_folder_is_one_line_with_the_way_out(tmp_path, name, reason):
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "a.obj").touch()
+    (tmp_path / "scene" / "outside").symlink_to("../a.obj")
+    (tmp_path / "scene" / "folder").symlink_to(tmp_path)
+    with pytest.raises(UserError, match=f"^scene.toml: .*{reason}.*; (put|correct)") as caught:
+        contained_path(tmp_path / "scene", name, "scene.toml")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_folder_that_is_itself_a_link_holds_its_files(tmp_path):
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "link").symlink_to("scene")
+    assert contained_path(tmp_path / "link", "a.obj", "scene.toml") == tmp_path / "link" / "a.obj"
+
+
+@pytest.mark.parametrize("name", ["a\0", "\ud800", 300 * "a"])
+def test_what_is_no_name_of_a_file_is_one_line(tmp_path, name):
+    with pytest.raises(UserError, match="no name of a file|too long") as caught:
+        read_file(tmp_path / name, 10)
+    assert str(caught.value).isprintable()

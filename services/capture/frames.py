@@ -25,6 +25,7 @@ from vemlight.capture.polar import LatlongToPolar, latlong_bright_cells, latlong
 from vemlight.capture.response import Response, radiance_table, read_response
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
 from vemlight.errors import UserError
+from vemlight.files import contained_path
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
@@ -188,7 +189,7 @@ class FrameMaker:
             size = f"{self._lens.size[0]}x{self._lens.size[1]}"
             raise UserError(f"{name}: is {width}x{height} and the lens file is for {size}; give the lens file of this camera")
         lattices = [ALL_PIXELS] if mosaic in (None, "mono") else colour_lattices(mosaic)
-        s, flat_field = self._settings, _flat_field(self._lens, self._lens_path.parent)
+        s, flat_field = self._settings, _flat_field(self._lens, self._lens_path)
         self._fisheye = [fisheye_to_polar(self._lens, s.rows, s.cols, s.coverage, lattice, flat_field) for lattice in lattices]
         direction_from_pixel(np.zeros((1, 2)), self._lens)  # compiles it now, and not when the first bright cell appears
         spans = np.array([lit_spans(weights) for weights in self._fisheye])
@@ -212,11 +213,11 @@ def brightest_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
     return bright[np.argsort(-flux[bright], kind="stable")][:MAX_BRIGHT_CELLS].astype(np.int32)
 
 
-def _flat_field(lens: Lens, folder: Path) -> np.ndarray | None:
+def _flat_field(lens: Lens, lens_path: Path) -> np.ndarray | None:
     # the image of an evenly lit surface over its value at the axis, (height, width); None where the lens has none
     if not lens.flat_field:
         return None
-    path = folder / lens.flat_field
+    path = contained_path(lens_path.parent, lens.flat_field, f"{lens_path}: flat_field")
     image = read_radiance(path)[0].mean(axis=-1)
     if image.shape != (lens.size[1], lens.size[0]):
         raise UserError(f"{path}: is {image.shape[1]}x{image.shape[0]} and the lens file is for {lens.size[0]}x{lens.size[1]}")

@@ -1,6 +1,7 @@
 """A recorded sequence on disk: frames in one folder with manifest.jsonl, one JSON object a frame, because EXR has no checksum."""
 
 import hashlib
+import io
 import itertools
 import math
 import re
@@ -11,9 +12,11 @@ import msgspec
 from msgspec import Meta
 
 from vemlight.errors import UserError
-from vemlight.files import decoded_json, notice
+from vemlight.files import decoded_json, notice, read_file
+from vemlight.light.image_limits import MAX_IMAGE_BYTES
 
 MANIFEST = "manifest.jsonl"
+MAX_MANIFEST_BYTES = 2**26  # 67 MB: 250,000 lines of 250 bytes, 2.8 hours at 25 frames a second
 RADIANCE_SUFFIXES = (".exr", ".hdr", ".pic")
 CODES_SUFFIX = ".png"
 
@@ -43,12 +46,12 @@ def read_manifest(folder: Path) -> list[ManifestEntry]:
     Raises UserError for any other invalid line, and for frames that are missing.
     """
     path = folder / MANIFEST
-    entries, lines = [], path.read_bytes().splitlines(keepends=True)
+    entries, lines = [], io.BytesIO(read_file(path, MAX_MANIFEST_BYTES))
     for number, line in enumerate(lines, 1):
         try:
             entries.append(decoded_json(line, ManifestEntry))
         except ValueError as error:
-            if number == len(lines) and not line.endswith(b"\n"):
+            if not line.endswith(b"\n"):
                 break  # the recorder was stopped while writing it
             raise UserError(f"{path}: line {number}: {error}; copy the recording again") from error
     if not entries:
@@ -62,7 +65,7 @@ def read_manifest(folder: Path) -> list[ManifestEntry]:
 
 def check_digest(path: Path, sha256: str) -> None:
     """Raises UserError when the file at `path` is not what was recorded."""
-    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+    if hashlib.sha256(read_file(path, MAX_IMAGE_BYTES)).hexdigest() != sha256:
         raise UserError(f"{path}: is not what was recorded (sha256 differs from {MANIFEST}); copy it again")
 
 

@@ -7,19 +7,21 @@ sizes are checked before anything is allocated. Format: "OpenEXR File Layout", o
 import io
 import struct
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import notice, one_line
-from vemlight.light.image_limits import LIMITS, ImageLimits
+from vemlight.files import notice, one_line, read_file
+from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_primaries, xyz_from_primaries
 from vemlight.light.quiet import silent
 
 MAGIC = b"\x76\x2f\x31\x01"
 SINGLE_TILED, DEEP, MULTIPART = 0x200, 0x800, 0x1000  # flags in the version field
+HALF = 1  # the number of a channel's type; the other two take four bytes
 MAX_PARTS = 1024  # of a file; renderers write a part a layer, some dozens
 MAIN_LAYERS = ("", "rgba", "rgb", "beauty", "combined", "main", "color")  # names of what is the picture itself, in this order
 
@@ -51,30 +53,15 @@ def read_exr(path: Path, layer: str = "", limits: ImageLimits = LIMITS) -> tuple
     layer: such as "ViewLayer.Combined", or a part's name; empty: the picture itself, and a notice names what was taken where several are.
     Raises UserError, by its cause, for a file that is damaged, too large, deep, a cube map, or has no such layer.
     """
-    import OpenEXR
-
-    OpenEXR.setMaxImageSize(limits.side, limits.side)
-    try:
-        data = bytearray(path.read_bytes())
-        headers = list(_headers(data))
-        _check_sizes(path, data, headers, limits)
-        source = io.BytesIO(data) if _made_legible(data, headers) else str(path)
+    data, headers = _checked(path, limits)
+    with _one_line(path):
         plain = not layer and len(headers) == 1 and _is_plain_rgb(data, headers[0])
-        with silent():
-            parts = OpenEXR.File(source, separate_channels=not plain).parts
+        parts = _decoded(path, data, headers, separate_channels=not plain)
         found = PLAIN if plain else _layer(path, [(part.name() or "", tuple(part.channels)) for part in parts], layer)
         part = parts[found.part]
         attributes = dict(part.header)
         channels = {name.removeprefix(found.prefix): part.channels[name] for name in part.channels if name.startswith(found.prefix)}
         planes = {name: (channel.pixels, channel.xSampling, channel.ySampling) for name, channel in channels.items()}
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except (struct.error, IndexError, KeyError) as error:
-        raise UserError(f"{path}: its EXR header is cut off; copy it again") from error
-    except UserError:
-        raise
-    except (RuntimeError, ValueError, TypeError, MemoryError) as error:
-        raise UserError(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
     if str(attributes.get("envmap")).endswith("CUBE"):
         raise UserError(f"{path}: is a cube map by its header (envmap); make it lat-long first: exrenvmap -l")
     try:
@@ -85,6 +72,45 @@ def read_exr(path: Path, layer: str = "", limits: ImageLimits = LIMITS) -> tuple
     except (ValueError, TypeError) as error:  # TypeError: an attribute of that name and another type
         raise UserError(f"{path}: chromaticities in its header: {error}; write it again with the right ones") from error
     return _in_display_window(pixels, attributes), attributes
+
+
+def read_parts(path: Path, limits: ImageLimits = LIMITS) -> list[Any]:
+    """The parts of an EXR as OpenEXR gives them, R, G and B of a part as one channel RGB. Raises UserError as `read_exr`."""
+    data, headers = _checked(path, limits)
+    with _one_line(path):
+        return _decoded(path, data, headers, separate_channels=False)
+
+
+@contextmanager
+def _one_line(path: Path) -> Iterator[None]:
+    """Makes a UserError that names the file of whatever is raised over its content."""
+    try:
+        yield
+    except UserError:
+        raise
+    except (struct.error, IndexError, KeyError) as error:
+        raise UserError(f"{path}: its EXR header is cut off; copy it again") from error
+    except (RuntimeError, ValueError, TypeError, MemoryError, OSError, OverflowError) as error:
+        raise UserError(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
+
+
+def _checked(path: Path, limits: ImageLimits) -> tuple[bytearray, list[dict[str, ExrAttribute]]]:
+    """A file's bytes and the attributes of its parts, once the headers have shown that it is not too large."""
+    data = bytearray(read_file(path, MAX_IMAGE_BYTES))
+    with _one_line(path):
+        headers = list(_headers(data))
+        _check_sizes(path, data, headers, limits)
+    return data, headers
+
+
+def _decoded(path: Path, data: bytearray, headers: list[dict[str, ExrAttribute]], separate_channels: bool) -> list[Any]:
+    import OpenEXR
+
+    OpenEXR.setMaxImageSize(LIMITS.side, LIMITS.side)
+    OpenEXR.setMaxTileSize(LIMITS.side, LIMITS.side)
+    source = io.BytesIO(data) if _made_legible(data, headers) else str(path)
+    with silent():
+        return OpenEXR.File(source, separate_channels=separate_channels).parts
 
 
 def _headers(data: bytearray) -> Iterator[dict[str, ExrAttribute]]:
@@ -121,8 +147,8 @@ def _text(data: bytearray, at: int) -> tuple[str, int]:
 
 
 def _check_sizes(path: Path, data: bytearray, headers: list[dict[str, ExrAttribute]], limits: ImageLimits) -> None:
-    """Raises UserError for deep images and for more pixels than are allowed, in all parts together."""
-    pixels = 0
+    """Raises UserError for deep images and for more pixels than are allowed, in all parts and channels together."""
+    pixels = decoded_bytes = 0
     for attributes in headers:
         kind = attributes.get("type")
         if kind and bytes(data[kind.begin : kind.end]).startswith(b"deep"):
@@ -130,9 +156,25 @@ def _check_sizes(path: Path, data: bytearray, headers: list[dict[str, ExrAttribu
         for name in ("dataWindow", "displayWindow"):
             left, top, right, bottom = struct.unpack_from("<4i", data, attributes[name].begin)
             limits.check(path, right - left + 1, bottom - top + 1, len(data))
-            pixels += (right - left + 1) * (bottom - top + 1) if name == "dataWindow" else 0
+            if name == "dataWindow":
+                area = (right - left + 1) * (bottom - top + 1)
+                pixels += area
+                decoded_bytes += area * _bytes_per_pixel(data, attributes["channels"])
     if pixels > limits.pixels:
         raise UserError(f"{path}: has {pixels} pixels in its {len(headers)} parts, {limits.pixels} are read; keep the part that is needed")
+    if decoded_bytes > limits.most_bytes(len(data)):
+        raise UserError(f"{path}: its channels decode to {decoded_bytes} bytes from {len(data)}, which no picture does; copy it again")
+
+
+def _bytes_per_pixel(data: bytearray, channels: ExrAttribute) -> int:
+    """Of all channels together."""
+    _, at, end = channels
+    total = 0
+    while at < end - 1:
+        _, at = _text(data, at)
+        total += 2 if struct.unpack_from("<i", data, at) == (HALF,) else 4
+        at += 16  # type, linearity, sampling
+    return total
 
 
 def _is_plain_rgb(data: bytearray, attributes: dict[str, ExrAttribute]) -> bool:

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 from vemlight.errors import UserError
 
+MAX_IMAGE_BYTES = 2**31  # the largest image below, 2^27 pixels, uncompressed as float32 RGBA
+
 
 class ImageLimits(NamedTuple):
     """side, pixels: of the image. free_bytes: what any file may decode to; ratio: beyond that, bytes decoded for a byte stored.
@@ -17,12 +19,16 @@ class ImageLimits(NamedTuple):
     free_bytes: int = 64 * 2**20  # a 2048 x 2048 map of any colour, or of none
     ratio: int = 200
 
+    def most_bytes(self, stored_bytes: int) -> int:
+        """How much so many stored bytes may decode to."""
+        return max(self.free_bytes, self.ratio * stored_bytes)
+
     def check(self, path: Path, width: int, height: int, stored_bytes: int, pixel_bytes: int = 12) -> None:
         """Raises UserError for an image that is too large, in itself or for the bytes that it is stored in."""
         if not (0 < width <= self.side and 0 < height <= self.side and width * height <= self.pixels):
             limits = f"at most {self.side} on a side and {self.pixels} in all are read"
             raise UserError(f"{path}: has {width} x {height} pixels and {limits}; scale it down")
-        if width * height * pixel_bytes > max(self.free_bytes, self.ratio * stored_bytes):
+        if width * height * pixel_bytes > self.most_bytes(stored_bytes):
             raise UserError(f"{path}: has {width} x {height} pixels in {stored_bytes} bytes, which no picture has; copy it again")
 
 

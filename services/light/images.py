@@ -4,21 +4,23 @@ Every failure to read is one UserError naming the file, whatever the library bel
 renamed when it is complete.
 """
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import notice, one_line, written_whole
+from vemlight.files import notice, one_line, read_file, written_whole
 from vemlight.light.exr import read_exr
-from vemlight.light.image_limits import LIMITS
+from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
 from vemlight.light.primaries import REC709
 from vemlight.light.quiet import silent
 from vemlight.light.radiance_hdr import read_radiance_hdr
 
 UPRIGHT = 1  # EXIF orientation of pixels that are stored as they are seen
 EXIF_ORIENTATION = 0x0112
+FORMATS = ("PNG", "TIFF", "JPEG")  # Pillow knows forty more, some of which start other programs
 
 
 def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, Any]]:
@@ -27,8 +29,6 @@ def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, An
     Gray files are repeated in three channels; alpha is left out. nan, inf and negative pixels are preserved. layer: of an EXR with several.
     Raises UserError for a file that is missing, damaged, too large or of another kind.
     """
-    if not path.is_file():
-        raise UserError(f"{path}: there is no such file; check the path")
     if path.suffix.lower() == ".exr":
         return read_exr(path, layer)
     if path.suffix.lower() in (".hdr", ".pic"):
@@ -64,14 +64,13 @@ def _stored_pixels(path: Path, flags: int) -> np.ndarray:
     import cv2
     from PIL import Image
 
-    if not path.is_file():
-        raise UserError(f"{path}: there is no such file; check the path")
+    data = read_file(path, MAX_IMAGE_BYTES)
     try:
-        with silent(), Image.open(path) as image:
-            LIMITS.check(path, *image.size, path.stat().st_size, pixel_bytes=6)
+        with silent(), Image.open(io.BytesIO(data), formats=FORMATS) as image:
+            LIMITS.check(path, *image.size, len(data), pixel_bytes=6)
             orientation = image.getexif().get(EXIF_ORIENTATION, UPRIGHT)  # which reads a PNG to its end
         with silent():
-            pixels = cv2.imread(str(path), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except UserError:
         raise
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, cv2.error) as error:  # SyntaxError: PIL's, of a damaged PNG

@@ -12,7 +12,8 @@ import numba
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.light.image_limits import LIMITS, ImageLimits
+from vemlight.files import read_file
+from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_primaries, rec709_from_xyz
 
 MAX_HEADER_BYTES = 64 * 1024  # a history of thousands of commands fits; what is longer is another kind of file
@@ -42,10 +43,7 @@ def read_radiance_hdr(path: Path, limits: ImageLimits = LIMITS) -> np.ndarray:
 
     Raises UserError, by its cause, for a file that is cut off, damaged, larger than the limits or of another kind.
     """
-    try:
-        data = np.fromfile(path, np.uint8)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    data = np.frombuffer(read_file(path, MAX_IMAGE_BYTES), np.uint8)
     header = _header(path, data)
     scanlines, width = header.first[2], header.second[2]
     limits.check(path, width, scanlines, data.size)

@@ -5,6 +5,7 @@ a ColorChecker in a frame. The result maps codes to cd/m2. Patches marked check 
 """
 
 import csv
+import io
 import itertools
 import math
 from pathlib import Path
@@ -17,7 +18,9 @@ from scipy.optimize import least_squares
 from vemlight.capture.calibration.colorchecker import LIGHTNESS, gray_codes
 from vemlight.capture.response import Companding, Linear, Log, Response, Srgb, check_response, write_response
 from vemlight.errors import UserError
+from vemlight.files import read_file
 
+MAX_PATCHES_BYTES = 2**18  # 5,000 patches of 50 bytes; a chart has up to 140
 Kind = Literal["log", "linear", "companding", "srgb"]
 MAX_CHECK_ERROR = 0.05  # of a check patch's luminance: as much as luminance meters differ
 MIN_PATCHES: dict[Kind, int] = {"log": 4, "linear": 2, "companding": 2, "srgb": 1}  # to fit: the unknowns, and one more for log's c
@@ -48,11 +51,9 @@ class ResponseReport(NamedTuple):
 
 def read_patches(path: Path) -> list[Patch]:
     """Reads the patches in a CSV file. Raises UserError naming line and column."""
+    content = read_file(path, MAX_PATCHES_BYTES)
     try:
-        with open(path, encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file, skipinitialspace=True))
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+        rows = list(csv.DictReader(io.StringIO(content.decode(), newline=""), skipinitialspace=True))
     except (UnicodeDecodeError, csv.Error) as error:
         raise UserError(f"{path}: is no CSV file ({error}); export it as one") from error
     patches = []

@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import decoded_json, written_whole
+from vemlight.light.exr import read_parts
 from vemlight.light.image_limits import LIMITS
 from vemlight.light.primaries import REC709
 from vemlight.renderer.luminaire.bases import BasisKind
@@ -117,21 +118,8 @@ def read_luminaire(path: Path) -> LightField:
 
 def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:
     """(name, attributes, RGB pixels) of each part of an EXR."""
-    import OpenEXR
-
-    from vemlight.files import one_line
-    from vemlight.light.quiet import silent
-
-    if not path.is_file():
-        raise UserError(f"{path}: there is no such file; check the path")
-    OpenEXR.setMaxImageSize(LIMITS.side, LIMITS.side)
-    try:
-        with silent():
-            file = OpenEXR.File(str(path))
-            found = [(part.name(), dict(part.header), part.channels["RGB"].pixels if "RGB" in part.channels else np.zeros(0))
-                     for part in file.parts[:MAX_IMAGES]]
-    except (RuntimeError, ValueError, TypeError, MemoryError, IndexError) as error:
-        raise UserError(f"{path}: is not a readable EXR ({one_line(error)}); it may be truncated, copy it again") from error
+    found = [(part.name(), dict(part.header), part.channels["RGB"].pixels if "RGB" in part.channels else np.zeros(0))
+             for part in read_parts(path)[:MAX_IMAGES]]
     if not found:
         raise UserError(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
     return found

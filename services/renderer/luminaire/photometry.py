@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.files import read_file
 
 PHOTOMETRY_SUFFIXES = (".ldt", ".ies")
 FAR_FIELD_SIZES = 5.0  # times the largest dimension of the lamp: the rule of five
 MAX_ANGLES = 2000  # of either kind: 0.18 degrees apart; a corrupt file claims more
+MAX_BYTES = 2**22  # 721 x 361 angles of 12 characters have 3 MB; the numbers take ten times as much in memory
 MAX_LAMP_SETS = 20  # the format has room for as many
 MAX_FLUX_LM = 1e9  # a stadium has 10^7
 
@@ -60,10 +62,7 @@ def total_flux_lm(far: FarField) -> float:
 
 def read_photometry(path: Path) -> FarField:
     """The far field in a .ldt or .ies file. Raises UserError, naming file and fault, for anything else."""
-    try:
-        text = path.read_bytes().decode("latin-1")
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    text = read_file(path, MAX_BYTES).decode("latin-1")
     readers = {".ldt": _read_eulumdat, ".ies": _read_lm63}
     if path.suffix.lower() not in readers:
         raise UserError(f"{path}: photometry is read from .ldt and .ies; convert it")

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.files import read_file
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.renderer.luminaire.acquisition import Rays
 
@@ -23,6 +24,7 @@ POSITION, DIRECTION, RADIANT, WAVELENGTH, LUMINOUS, STOKES, TRISTIMULUS, SPECTRU
 # The items of a ray in the order of its row, with their number of floats; additional items follow.
 ITEMS = ((POSITION, 3), (DIRECTION, 3), (RADIANT, 1), (STOKES, 3), (WAVELENGTH, 1), (LUMINOUS, 1), (TRISTIMULUS, 2), (SPECTRUM, 1))
 MAX_RAYS = 2**28  # 7.5 GB; the largest published sets hold 10^8
+MAX_BYTES = 2**33  # so many rays of 7 floats and their texts
 MAX_ADDITIONAL_ITEMS = 1000  # of a ray; a corrupt header claims more
 DIRECTION_TOLERANCE = 1e-3  # of a unit vector's length: writers round to three decimals and more
 MAX_WAVELENGTHS = 10_000  # of a spectrum: 0.04 nm over the visible range; a corrupt file claims more
@@ -39,10 +41,7 @@ class RayFile(NamedTuple):
 
 def read_rays(path: Path) -> RayFile:
     """The rays of a TM-25 file. Raises UserError for a file that is missing, truncated, of another kind, or holds impossible values."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    data = read_file(path, MAX_BYTES)
     if len(data) < TM25_HEADER.itemsize or data[:4] != b"TM25":
         raise UserError(f"{path}: is no IES TM-25 ray file (it does not begin with TM25); export it as TM-25")
     header = np.frombuffer(data, TM25_HEADER, 1)[0]
@@ -81,8 +80,9 @@ def _rows(path: Path, data: bytes, header: np.void) -> tuple[np.ndarray, dict[in
 
 def _colour(data: bytes, header: np.void) -> np.ndarray:
     """Rec. 709 colour of luminance 1 of the file's one spectrum: n pairs of wavelength in nm and weight, after the texts."""
-    start = TM25_HEADER.itemsize + TEXTS * TEXT_BYTES + int(header["additional_text"]) * 4
-    if len(data) < start + 4:
+    additional_text = int(header["additional_text"])
+    start = TM25_HEADER.itemsize + TEXTS * TEXT_BYTES + additional_text * 4
+    if additional_text < 0 or len(data) < start + 4:
         return np.ones(3)
     n = int(np.frombuffer(data, "<i4", 1, start)[0])
     if not 0 < n <= MAX_WAVELENGTHS or len(data) < start + 4 + 8 * n:

@@ -6,7 +6,7 @@ SETTINGS ?=
 GL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
 .DEFAULT_GOAL := help
-.PHONY: help env gl run test mutants check charts golden settings-doc clean
+.PHONY: help env gl run test mutants check charts golden settings-doc wheel sbom clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -50,6 +50,13 @@ check: env  ## lint and check the types
 charts: gl  ## remake the charts in docs/charts (needs VEMLIGHT_DATA for real maps; under 30 minutes on 2 cores)
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock -r requirements-dev.lock -r requirements-bench.lock
 	$(BIN)/python -m bench.charts
+
+# The same bytes from the same commit: from a copy without old build files, whose times are the commit's and whose modes are the same anywhere.
+wheel: env  ## build the wheel in dist/, the same bytes each time
+	@rm -rf build/source dist/*.whl && mkdir -p build/source
+	@cp -R services replay_data vemlight pyproject.toml README.md LICENSE build/source && chmod -R u=rwX,go=rX build/source
+	umask 022 && SOURCE_DATE_EPOCH=$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)} \
+	  $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist build/source
 
 settings-doc: env  ## rewrite docs/settings.md from services/settings.py
 	$(BIN)/vemlight settings > docs/settings.md

@@ -1,53 +1,95 @@
-"""The wheel: the package `vemlight`, whole, and nothing else."""
+"""The wheel: the package `vemlight`, whole, with the bundled sequence and nothing else; the same bytes each time; it runs from anywhere."""
 
+import hashlib
+import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import zipfile
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
+from tests.support.processes import LOADED_S, free_port
+
 ROOT = Path(__file__).parents[1]
-OLDEST_SETUPTOOLS = 77  # as in pyproject.toml: the first that reads `license = "Apache-2.0"`
+OLDEST_SETUPTOOLS = 77  # the first that reads `license = "Apache-2.0"`
+NOT_INSTALLED = {"renderer/luminaire/lamps/torch.toml", "renderer/scene/scenes/headlights.toml"}  # a recipe and an example
+SMALL = "[capture]\nrows = 9\ncols = 36\n[sampler]\ncount = 8\n[renderer]\nwidth = 64\nheight = 48\nshadow_map = 16\n"
+
+
+def built(folder: Path, mask: int = 0o022) -> Path:
+    """The wheel that `make wheel` makes of a copy of the source in `folder`, whose files and folders have the modes that `mask` leaves."""
+    folder.mkdir(parents=True)
+    for name in ("services", "replay_data"):
+        shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE", "Makefile", "vemlight"):
+        shutil.copy(ROOT / name, folder / name, follow_symlinks=False)
+    for path in folder.rglob("*"):
+        if not path.is_symlink():
+            path.chmod((0o777 if path.is_dir() else 0o666) & ~mask)
+    command = ["make", "-s", "-o", "env", "wheel", f"BIN={Path(sys.executable).parent}"]  # -o env: this Python is the environment
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000", "PIP_NO_INDEX": "1", "MAKEFLAGS": ""}
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, umask=mask, timeout=LOADED_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (wheel,) = (folder / "dist").iterdir()
+    return wheel
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """Built from a copy, because a build leaves folders behind from which the next one would take old files."""
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     try:
         setuptools = metadata.version("setuptools")
     except metadata.PackageNotFoundError:
         setuptools = "0"
     if int(setuptools.split(".")[0]) < OLDEST_SETUPTOOLS:
         pytest.skip(f"setuptools {OLDEST_SETUPTOOLS} is not installed: the wheel cannot be built offline")
-    source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
-    shutil.copytree(ROOT / "services", source / "services", ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE", "vemlight"):
-        shutil.copy(ROOT / name, source / name, follow_symlinks=False)
-    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", str(out), str(source)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return zipfile.ZipFile(next(out.glob("vemlight-*.whl")))
+    return built(tmp_path_factory.mktemp("first") / "source")
 
 
-def test_only_the_package_is_installed_and_all_of_it(wheel):
-    installed = {name for name in wheel.namelist() if ".dist-info/" not in name}
-    here = {path.relative_to(ROOT / "services") for path in (ROOT / "services").rglob("*") if path.is_file()}
-    assert installed == {f"vemlight/{path}" for path in here if "__pycache__" not in path.parts}
-    kinds = {Path(name).suffix for name in installed}
-    assert kinds >= {".vert", ".frag", ".glsl", ".comp", ".npy", ".html", ".js", ".css", ".toml", ".obj", ".exr"}
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fresh environment that holds the wheel alone, and finds the packages it needs in this one."""
+    folder = tmp_path_factory.mktemp("fresh") / "environment"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True, timeout=LOADED_S)
+    python = folder / "bin" / "python"
+    (packages,) = folder.glob("lib/python*/site-packages")
+    install = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-deps", "--no-index", str(wheel)]
+    subprocess.run(install, check=True, timeout=LOADED_S)
+    assert {path.name.partition("-")[0] for path in packages.iterdir()} == {"vemlight"}
+    (packages / "needed.pth").write_text(sysconfig.get_path("purelib") + "\n")  # of which no .pth is read, so no editable vemlight
+    return folder
 
 
-def test_the_installed_package_runs_from_anywhere(wheel, tmp_path):
-    wheel.extractall(tmp_path / "installed")
-    environment = {"PYTHONPATH": str(tmp_path / "installed"), "PATH": "/usr/bin:/bin"}
-    done = subprocess.run(
-        [sys.executable, "-m", "vemlight", "--help"], capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=60
-    )
+def test_the_wheel_holds_the_package_and_the_bundled_sequence_and_nothing_else(wheel):
+    held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    code = {str(path.relative_to(ROOT / "services")) for path in (ROOT / "services").rglob("*") if path.is_file()}
+    code = {name for name in code if "__pycache__" not in name} - NOT_INSTALLED
+    bundled = {"lens.toml", "manifest.jsonl", *(f"sky_{k:04d}.exr" for k in range(48))}
+    assert held == {f"vemlight/{name}" for name in code} | {f"vemlight/capture/bundled/{name}" for name in bundled}
+    assert {Path(name).suffix for name in held} >= {".vert", ".frag", ".glsl", ".comp", ".npy", ".html", ".js", ".css", ".toml", ".obj"}
+
+
+def test_two_builds_are_the_same_bytes(wheel, tmp_path):
+    """Another folder, other times of the files, another umask."""
+    again = built(tmp_path / "another" / "place", mask=0o077)
+    assert again.name == wheel.name
+    assert hashlib.sha256(again.read_bytes()).hexdigest() == hashlib.sha256(wheel.read_bytes()).hexdigest()
+
+
+def test_the_installed_program_shows_the_bundled_sequence_from_any_folder(installed, tmp_path):
+    (tmp_path / "small.toml").write_text(f"{SMALL}[viewer]\nport = {free_port()}\n")
+    environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}  # compiling takes longer than such a small map
+    command = [installed / "bin" / "vemlight", "run", "small.toml", "--frames", "1", "--out", "out"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=LOADED_S)
     assert done.returncode == 0, done.stderr
-    assert "Usage: vemlight" in done.stdout
-    code = "import vemlight; from vemlight.renderer.scene.scene import load_scene; load_scene(None); print(*vemlight.__path__)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=60)
-    assert done.stdout.strip() == str(tmp_path / "installed" / "vemlight"), done.stderr
+    assert {"frame_0000.exr", "frame_0000.png", "lights.jsonl"} <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_the_package_is_a_program(installed, tmp_path):
+    command = [installed / "bin" / "python", "-m", "vemlight"]
+    environment = {"PATH": "/usr/bin:/bin"}
+    done = subprocess.run([*command, "--version"], capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=LOADED_S)
+    assert done.stdout == f"vemlight, version {metadata.version('vemlight')}\n", done.stderr

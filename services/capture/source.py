@@ -18,7 +18,7 @@ from vemlight.settings import Capture
 
 READ_AHEAD = 2  # frames made before they are asked for: one in hand and one in the making; any value from 1 to 8 does
 MAX_FPS = 1000  # of a header: as for the settings' fps
-BUNDLED = Path(__file__).parents[2] / "replay_data" / "outdoor"
+BUNDLED = Path(__file__).parent / "bundled"  # in the repository a link to replay_data/outdoor, in a wheel its files
 
 
 class FrameSource(Protocol):

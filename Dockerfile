@@ -1,5 +1,7 @@
 # One image for every service: `docker run IMAGE COMMAND`, where COMMAND is a command of `vemlight`.
-FROM python:3.11-slim-bookworm
+# The base is whatever the tag means today; a digest fixes it (docs/containers.md).
+ARG BASE=python:3.11-slim-bookworm
+FROM ${BASE}
 
 RUN apt-get update -qq \
  && apt-get install -y -qq --no-install-recommends libegl1 libgl1 libgl1-mesa-dri \
@@ -7,13 +9,13 @@ RUN apt-get update -qq \
 
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /vemlight
-COPY requirements.lock ./
+COPY requirements.lock requirements-build.lock ./
 # Without the packages' own tests, which have 65 MB.
-RUN pip install --quiet --only-binary :all: --require-hashes -r requirements.lock \
+RUN pip install --quiet --only-binary :all: --require-hashes -r requirements.lock -r requirements-build.lock \
  && find "$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" -type d -name tests -prune -exec rm -rf {} +
 
 COPY . ./
-RUN pip install --quiet --no-deps --editable . \
+RUN pip install --quiet --no-deps --no-build-isolation --editable . \
  && useradd --uid 10001 --no-create-home --shell /usr/sbin/nologin vemlight \
  && install -d -o vemlight -g vemlight -m 700 /keys
 

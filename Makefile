@@ -21,7 +21,7 @@ $(VENV)/.ready: requirements.lock requirements-dev.lock pyproject.toml
 	test -x $(BIN)/pip || $(PYTHON) -m venv $(VENV)
 	@echo "installing the Python packages of the lock in $(VENV): a minute or two"
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock -r requirements-dev.lock
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
 # Root installs the system's packages; anybody else gets the command to run.
@@ -57,6 +57,10 @@ wheel: env  ## build the wheel in dist/, the same bytes each time
 	@cp -R services replay_data vemlight pyproject.toml README.md LICENSE build/source && chmod -R u=rwX,go=rX build/source
 	umask 022 && SOURCE_DATE_EPOCH=$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)} \
 	  $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist build/source
+
+sbom: env  ## write dist/sbom.json: what an installation brings with it, with versions and hashes (CycloneDX)
+	@mkdir -p dist
+	$(BIN)/python -m cyclonedx_py requirements requirements.lock --pyproject pyproject.toml --output-reproducible --of JSON -o dist/sbom.json
 
 settings-doc: env  ## rewrite docs/settings.md from services/settings.py
 	$(BIN)/vemlight settings > docs/settings.md

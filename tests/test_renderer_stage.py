@@ -121,8 +121,8 @@ def test_a_target_that_cannot_be_met_is_reported_once(capsys):
     state, _ = stepped(patient, state, 8)
     missed, met = [*notices, *state.notices]
     assert missed.startswith("vemlight: renderer: [renderer] frame_ms: ")
-    assert missed.endswith(" ms a picture even with 8 lights, not 0.01; ask for fewer pixels")
-    assert met == "vemlight: renderer: pictures are in time again"
+    assert missed.endswith(" ms even with 8 lights, not 0.01; make width and height smaller")
+    assert met == "vemlight: renderer: the target frame time is met again"
     assert capsys.readouterr().err == ""  # a step has no effect
     patient.write(state, lights_message(8))
     assert capsys.readouterr().err == met + "\n"

@@ -256,7 +256,7 @@ def test_the_page_behind_a_token(tmp_path, browser):
     eventually(lambda: simulated.controls and simulated.controls[-1].exposure == -2, "the choice")
     viewer.end()
     again = ViewerProcess(tmp_path, port=viewer.port, more='token = "fedcba9876543210"')
-    page.get_by_text("The viewer asks for its new token").wait_for()
+    page.get_by_text("The viewer has a new token").wait_for()
     page.goto(f"{viewer.url}/?token=fedcba9876543210")
     page.locator("#overall[data-state=live]").wait_for()
     again.end()

@@ -219,9 +219,9 @@ class RendererStage:
         late = needed_ms > self._frame_ms * (1 if state.late else LATE)
         if late == state.late:
             return state
-        lights = f"{needed_ms:.0f} ms a picture even with {MIN_LIGHTS} lights"
-        missed = f"[renderer] frame_ms: {lights}, not {self._frame_ms:g}; ask for fewer pixels"
-        return state._replace(late=late, notices=(f"vemlight: renderer: {missed if late else 'pictures are in time again'}",))
+        found = f"a picture takes {needed_ms:.0f} ms even with {MIN_LIGHTS} lights"
+        missed = f"[renderer] frame_ms: {found}, not {self._frame_ms:g}; make width and height smaller"
+        return state._replace(late=late, notices=(f"vemlight: renderer: {missed if late else 'the target frame time is met again'}",))
 
     def on_message(self, state: RendererState, message: wire.Message) -> RendererState:
         header, arrays = message

@@ -90,8 +90,8 @@ class LightsReport(Report, frozen=True, tag="lights"):
     delay_frames: Annotated[Frames, Meta(title="filter delay", description="the same in frames, at the rate at which they arrive")] = 0.0
     required_lights: Annotated[Count, Meta(description="lights that the scene requires for the error allowed; 0: not estimated")] = 0
     light_budget: Annotated[Count, Meta(description="lights that the renderer can draw in its target frame time; 0: no limit")] = 0
-    flicker_hz: Annotated[Hertz, Meta(description="beat of the lamps' flicker with the frame rate; 0: none")] = 0.0
-    lamp_hz: Annotated[Hertz, Meta(description="the lamps' own flicker frequency, inferred from the beat; 0: none")] = 0.0
+    flicker_hz: Annotated[Hertz, Meta(title="flicker beat", description="beat of the lamps' flicker with the frame rate; 0: none")] = 0.0
+    lamp_hz: Annotated[Hertz, Meta(title="lamp frequency", description="at which the lamps themselves flicker; 0: no flicker")] = 0.0
     flicker_depth: Annotated[float, Meta(ge=0, le=1e9, description="amplitude of the flicker over its mean")] = 0.0
 
 
@@ -99,7 +99,7 @@ class ImageReport(Report, frozen=True, tag="image"):
     """Measured while a picture was drawn."""
 
     drawn_lights: Annotated[Count, Meta(description="lights in the newest picture")] = 0
-    render_ms: Annotated[Milliseconds, Meta(description="time to draw the newest picture")] = 0.0
+    render_ms: Annotated[Milliseconds, Meta(title="render time", description="time to draw the newest picture")] = 0.0
     light_budget: Annotated[
         Count, Meta(description="lights that can be drawn in the target frame time; 0: no target, or not yet known")
     ] = 0

@@ -114,10 +114,10 @@ export class Sky {
     this.draw();
   }
 
-  // Describes the light under the pointer, or the strongest.
+  // Describes the light under the pointer, or the strongest: its id, fraction of the power and direction.
   describe(disc) {
     if (!this.lights.length) {
-      this.facts.textContent = this.image ? "No lights yet." : "The sky from below. Point at a light for its values.";
+      this.facts.textContent = this.image ? "No lights yet." : "The sky from below. Point at a light for its power and direction.";
       return;
     }
     const scale = disc / devicePixelRatio;
@@ -128,7 +128,7 @@ export class Sky {
     }
     const light = best ?? this.lights.reduce((a, b) => (b.fraction > a.fraction ? b : a));
     const azimuth = ((light.phi * 180) / Math.PI + 360) % 360, elevation = 90 - (light.theta * 180) / Math.PI;
-    const name = best ? `Light ${light.id}` : `Strongest ${light.id}`;
+    const name = best ? `Light ${light.id}` : `Strongest light (${light.id})`;
     this.facts.textContent = `${name}: ${(100 * light.fraction).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°`;
   }
 }

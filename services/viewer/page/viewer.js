@@ -9,12 +9,12 @@ import { Sky } from "/sky.js";
 const RECONNECT_MS = 1000;
 const GREW_MS = 5000; // a count of losses is coloured while it grows, and for so long after
 const MEASURES = [ // of every service: those of wire.StatusMessage
-  { name: "age_ms", label: "age", unit: "ms", meaning: "of its newest frame: time since that light was seen" },
-  { name: "step_ms", label: "step", unit: "ms", meaning: "its own time for one frame, median" },
-  { name: "dropped", label: "dropped", unit: "", meaning: "frames published before it in the chain that never reached it", is_loss: true },
-  { name: "skipped", label: "skipped", unit: "", meaning: "frames passed over because it was slower than they came", is_loss: true },
-  { name: "restarts", label: "restarts", unit: "", meaning: "how often it had to be restarted", is_loss: true },
-  { name: "refused", label: "refused", unit: "", meaning: "messages that were not valid", is_loss: true },
+  { name: "age_ms", label: "age", unit: "ms", meaning: "of its newest frame when it was done: time since its light was seen" },
+  { name: "step_ms", label: "step", unit: "ms", meaning: "its own time for a frame, median" },
+  { name: "dropped", label: "dropped", unit: "", meaning: "frames that were published for it and never arrived", is_loss: true },
+  { name: "skipped", label: "skipped", unit: "", meaning: "frames passed over for newer ones, because it is slower than its input", is_loss: true },
+  { name: "restarts", label: "restarts", unit: "", meaning: "by the supervisor", is_loss: true },
+  { name: "refused", label: "refused", unit: "", meaning: "messages that are not valid", is_loss: true },
 ];
 const FORMATS = { ms: milliseconds, Hz: hertz, frames: fraction, "": whole };
 const grown = new Map(); // of a loss: its last value and when that rose
@@ -48,7 +48,7 @@ function connect() {
   socket.onclose = async () => {
     showState(at("overall"), "lost", "viewer lost");
     document.body.classList.add("dim");
-    notice("socket", (await tokenRefused()) ? "The viewer asks for its new token: open the address that it printed." : "The viewer does not answer; trying again …");
+    notice("socket", (await tokenRefused()) ? "The viewer has a new token: open the address that it printed." : "The viewer does not answer; trying again …");
     setTimeout(connect, RECONNECT_MS);
   };
 }
@@ -93,7 +93,7 @@ async function takePicture(bytes) {
   return "picture";
 }
 
-// How many have been shown, for tests.
+// How many frames have been shown, for tests.
 function count(id) {
   at(id).dataset.shown = Number(at(id).dataset.shown ?? 0) + 1;
 }

@@ -1,0 +1,53 @@
+"""The picture of the viewer's page in README.md: python -m bench.viewer_picture [--out docs/pictures/viewer.png]
+
+Plays the bundled sequence with all 72 lights in every picture and takes a screenshot of the page in Chromium, 1280 x 800.
+"""
+
+import argparse
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+from bench.live import free_port
+from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
+
+SIZE = {"width": 1280, "height": 800}
+START_MS = 180_000  # GL, and the first time compiled code
+SETTLE_MS = 25_000  # in which lights and exposure settle and the counters of the start are past
+
+
+def screenshot(url: str, out: Path) -> None:
+    """The page at `url` as PNG, once it shows pictures."""
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=BROWSER_OPTIONS)
+        page = browser.new_page(viewport=SIZE)
+        page.goto(url)
+        page.locator("#picture[data-shown]").wait_for(state="attached", timeout=START_MS)
+        page.wait_for_timeout(SETTLE_MS)
+        page.screenshot(path=out)
+        browser.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs" / "pictures" / "viewer.png")
+    asked, port = parser.parse_args(), free_port()
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Path(folder) / "vemlight.toml"
+        settings.write_text(f'[wire]\nfolder = "{folder}/sockets"\n[renderer]\nframe_ms = 0\n[viewer]\nport = {port}\n')
+        run = subprocess.Popen([sys.executable, "-m", "vemlight", "run", str(settings)], stdout=subprocess.PIPE, text=True)
+        try:
+            assert run.stdout
+            run.stdout.readline()  # its first line: the page can be opened
+            screenshot(f"http://127.0.0.1:{port}", asked.out)
+        finally:
+            run.send_signal(signal.SIGTERM)
+            run.wait()
+
+
+if __name__ == "__main__":
+    main()

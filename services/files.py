@@ -1,12 +1,10 @@
 """Files in and out: TOML into typed records, writing that never leaves half a file, devices that may be opened."""
 
-import codecs
 import grp
 import os
 import re
 import stat
 import sys
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,10 +13,9 @@ from typing import Any, TypeVar
 import msgspec
 
 from vemlight.errors import UserError, printable_line
+from vemlight.toml import record_from_toml
 
 MAX_TOML_BYTES = 2**20  # a scene of 1,000 meshes has 0.2 MB
-MAX_KEY_DOTS = 32  # the deepest key of ours has three parts; tomllib takes the square of their number, 8 s at 10^5
-MANY_DOTS = re.compile(rb"(?:\.[ \t]*[\w\"'-]+[ \t]*){%d}" % MAX_KEY_DOTS)
 ADDRESS = re.compile(r"\s*[A-Za-z][A-Za-z0-9+.-]+:", re.ASCII)  # http:, file: and all others of two letters or more (RFC 3986)
 MAX_SHOWN = 200  # characters of a reference in an error's line
 
@@ -91,19 +88,9 @@ def contained_path(folder: Path, reference: str, where: str) -> Path:
 def read_toml(path: Path, kind: type[Record]) -> Record:
     """The TOML file at `path` as a record of `kind` (a msgspec Struct). A byte order mark is passed over.
 
-    Raises UserError naming the file and the key when the file is missing, is not TOML or does not fit the record.
+    Raises UserError naming the file, the line and the key when the file is missing, is not TOML or does not fit the record.
     """
-    content = read_file(path, MAX_TOML_BYTES).removeprefix(codecs.BOM_UTF8)
-    if MANY_DOTS.search(content):
-        raise UserError(f"{path}: has a key of more than {MAX_KEY_DOTS} parts; name a settings or scene file")
-    try:
-        return msgspec.convert(tomllib.loads(content.decode()), kind)
-    except msgspec.ValidationError as error:
-        raise UserError(f"{path}: {error}; correct that key") from error
-    except RecursionError as error:
-        raise UserError(f"{path}: is nested too deeply; name a settings or scene file") from error
-    except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, and a number of thousands of digits
-        raise UserError(f"{path}: is not TOML ({one_line(error)}); correct that line") from error
+    return record_from_toml(path, read_file(path, MAX_TOML_BYTES), kind)
 
 
 def decoded_json(content: bytes | str, kind: Any) -> Any:

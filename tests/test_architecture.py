@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 SERVICES = ROOT / "services"
 # From below: a file imports only its own package and what stands on a lower floor.
 FLOORS = (
-    {"errors", "files"},
+    {"errors", "file_kinds", "toml", "files"},
     {"light"},
     {"settings", "runtime"},
     {"capture", "sampler", "renderer", "plate", "viewer"},
@@ -21,7 +21,7 @@ FLOORS = (
 # The same within the renderer; `renderer.py`, `stage.py` and what else lies loose there stands on top.
 RENDERER_FLOORS = ({"gl"}, {"luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"passes"})
 TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references"}  # what tests may import of tests/
-TOGETHER = ({"settings", "runtime"}, {"errors", "files"})  # the settings name the services, the runtime reads the settings
+TOGETHER = ({"settings", "runtime"}, {"errors", "file_kinds", "toml", "files"})  # the settings name the services, the runtime reads the settings
 
 
 def imported_modules(path: Path) -> set[str]:

@@ -7,10 +7,17 @@ RUNTIME = "services/runtime/"
 MUTANTS = [
     *mutants_of("services/files.py", "tests/test_files.py", [
         ("length of a TOML file doubled", "MAX_TOML_BYTES = 2**20", "MAX_TOML_BYTES = 2**21"),
-        ("parts of a key doubled", "MAX_KEY_DOTS = 32", "MAX_KEY_DOTS = 64"),
         ("devices read as files", "if not stat.S_ISREG(status.st_mode):", "if False:"),
-        ("a byte order mark", ".removeprefix(codecs.BOM_UTF8)", ""),
         ("half-written files", "        part.unlink(missing_ok=True)\n", "        pass\n"),
+    ]),
+    *mutants_of("services/toml.py", "tests/test_toml.py tests/test_files.py", [
+        ("parts of a key doubled", "MAX_KEY_DOTS = 32", "MAX_KEY_DOTS = 64"),
+        ("a byte order mark", ".removeprefix(codecs.BOM_UTF8)", ""),
+        ("nan and inf", "not math.isfinite(data)", "False"),
+        ("the line after", "return without + 1 if lines else 0", "return without + 2 if lines else 0"),
+        ("a line at any price", "len(text) < MAX_PARSED // 4", "True"),
+        ("no suggestion", "near = get_close_matches(key, here, 1)", "near = []"),
+        ("the nearest key before the right section", "if key in _fields(_plain(field))]", "if False]"),
     ]),
     *mutants_of("services/settings.py", "tests/test_settings.py", [
         ("relative video paths", '`out`; empty: none"), PATH]', '`out`; empty: none")]'),

@@ -1,0 +1,29 @@
+"""What a file is by its first bytes, to say so where another kind was expected."""
+
+BEGINNINGS = (
+    (b"\x89PNG\r\n\x1a\n", "a PNG picture"),
+    (b"\xff\xd8\xff", "a JPEG picture"),
+    (b"II*\x00", "a TIFF picture"),
+    (b"MM\x00*", "a TIFF picture"),
+    (b"BM", "a BMP picture"),
+    (b"GIF8", "a GIF picture"),
+    (b"\x76\x2f\x31\x01", "an OpenEXR picture"),
+    (b"#?R", "a Radiance picture"),  # RADIANCE, and RGBE of other writers
+    (b"glTF", "a glTF scene"),
+    (b"\x1aE\xdf\xa3", "a Matroska video"),
+    (b"PK\x03\x04", "a ZIP archive"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"%PDF", "a PDF document"),
+    (b"\x7fELF", "a program"),
+    (b"\xff\xfe", "text in UTF-16"),
+    (b"\xfe\xff", "text in UTF-16"),
+)
+BINARY_UNTIL = 4096  # bytes in which a NUL shows that a file is no text
+
+
+def file_kind(content: bytes) -> str:
+    """The kind of a file with that content, with its article; empty when it may be any text."""
+    if content[4:8] == b"ftyp":
+        return "an MP4 video"
+    named = next((name for beginning, name in BEGINNINGS if content.startswith(beginning)), "")
+    return named or ("a binary file" if b"\x00" in content[:BINARY_UNTIL] else "")

@@ -161,7 +161,7 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     assert np.array_equal(picture_of(state), live)
 
 
-def test_a_catcher_takes_the_maps_share_and_no_passes_own(tmp_path):
+def test_a_catcher_is_lit_by_the_whole_map_in_every_pass(tmp_path):
     camera = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\n"
     ground = '[[mesh]]\nshape = "plane"\nscale = 3.0\nmaterial = {catcher = true}\n'
     (tmp_path / "scene.toml").write_text(camera + ground + '[[mesh]]\nshape = "box"\nscale = 0.5\nat = [0.0, 0.0, 0.8]\n')

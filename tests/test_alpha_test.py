@@ -116,7 +116,7 @@ WIDE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, -0.5]\nfov_y = 16.0\n
 
 
 @pytest.mark.parametrize(("mode", "size", "alpha"), [("MASK", 2, 1.0), ("MASK", 64, 1.0), ("BLEND", 1, 0.3), ("BLEND", 64, 0.8)])
-def test_the_ground_gets_the_share_of_light_that_the_holes_have(tmp_path, mode, size, alpha):
+def test_the_ground_gets_the_fraction_of_light_that_the_holes_have(tmp_path, mode, size, alpha):
     sheet = sheet_of(mode, 1.0, board(size, alpha))
     light = LightSet.of(np.zeros(1), np.array([[0.0, 0.6, 0.8]]), np.full((1, 3), np.pi))
     renderer = renderer_of(tmp_path, sheet, WIDE, side=64)
@@ -192,7 +192,7 @@ def test_a_scene_of_nothing_but_holes_is_drawn(tmp_path):
     assert np.allclose(picture[..., 0], picture[..., 3], atol=1e-6)
 
 
-def test_files_of_a_scene_with_shares_have_more_samples(tmp_path):
+def test_files_of_a_scene_with_partial_coverage_have_more_samples(tmp_path):
     for mode, samples in (("BLEND", 16), ("MASK", 4), ("OPAQUE", 4)):
         sheet_of(mode, 0.5, board(2)).write(tmp_path / "sheet.gltf")
         (tmp_path / "scene.toml").write_text(ABOVE + '[[mesh]]\nfile = "sheet.gltf"\n')

@@ -45,7 +45,7 @@ def test_finer_maps_keep_more_triangles():
     assert [len(scene_casters(scene, (size,)).indices) - plane for size in (4096, 256, 32)] == sizes
 
 
-def test_sizes_that_show_the_same_share_their_triangles(tmp_path):
+def test_resolutions_that_show_the_same_share_their_triangles(tmp_path):
     (tmp_path / "scene.toml").write_text(
         '[camera]\nfrom = [0.0, -4.0, 2.0]\nat = [0.0, 0.0, 0.0]\n[[mesh]]\nshape = "plane"\n[[mesh]]\nshape = "box"\nat = [0, 0, 1]\n'
     )

@@ -23,7 +23,7 @@ def small_measurements(monkeypatch):
         monkeypatch.setattr(f"vemlight.commands.chart.{name}", value)
 
 
-def test_the_charts_of_a_map_tell_the_methods_apart(tmp_path, monkeypatch):
+def test_the_charts_of_a_map_distinguish_the_methods(tmp_path, monkeypatch):
     for name, value in {"COUNTS": (4, 32), "FRAMES": 18, "ERROR_LIMITS": (40.0, 20.0, 10.0)}.items():
         monkeypatch.setattr(f"vemlight.commands.chart.{name}", value)
     image = np.random.default_rng(0).lognormal(0, 1, (16, 32, 3)).astype(np.float32)
@@ -59,7 +59,7 @@ def test_charts_are_written_as_pictures_and_tables_even_of_a_black_map(tmp_path)
     assert machine() in caption
 
 
-def test_maps_of_one_name_are_told_apart(tmp_path, monkeypatch):
+def test_maps_of_the_same_name_get_names_of_their_own(tmp_path, monkeypatch):
     monkeypatch.setattr("vemlight.commands.chart.EVENT_FRAMES", {})
     for folder in ("one", "other"):
         (tmp_path / folder).mkdir()

@@ -96,7 +96,7 @@ def test_response_from_a_frame(tmp_path: Path) -> None:
     assert report.response.b == pytest.approx(LOG12.b, rel=0.1)  # the light is uneven by a tenth
 
 
-def test_a_patch_that_is_hidden_costs_nothing_else() -> None:
+def test_the_chart_is_found_with_a_patch_hidden() -> None:
     codes, truth = photographed(2, LOG12, 2.0)
     for place in ((0, 1), (1, 4), (2, 0)):
         cv2.circle(codes, truth[place].astype(int).tolist(), 24, 100, -1)  # a finger

@@ -39,7 +39,7 @@ def settings(tmp_path: Path) -> Settings:
     return read_settings(tmp_path / "vemlight.toml")
 
 
-def test_this_machine_can_run_it(settings):
+def test_all_checks_pass_on_this_machine(settings):
     findings = list(examine(settings))
     assert [finding for finding in findings if finding.grade == "fail" and finding.what != "camera"] == []
     assert all(bool(finding.hint) == (finding.grade != "pass") for finding in findings)
@@ -64,7 +64,7 @@ def test_gl_says_version_and_way(settings):
     assert "through EGL" in finding.found
 
 
-def test_no_gl_is_said_with_its_mend(settings, monkeypatch):
+def test_a_machine_without_gl_gets_a_hint(settings, monkeypatch):
     def refuse():
         raise UserError("no OpenGL 4.3 (EGL: libEGL.so.1 not loaded; X server :0: no display); install it: apt-get install libegl1")
 

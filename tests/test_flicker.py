@@ -48,7 +48,7 @@ def test_mains_and_clocks_may_be_a_little_off(offset):
     assert left.std() / left.mean() < 0.1 * 0.2 / np.sqrt(2)
 
 
-def test_what_is_taken_out_is_the_lamps_share_and_not_the_scenes():
+def test_correction_removes_the_lamps_flicker_and_not_the_scenes_changes():
     # A cloud over tubes at 21 fps, with a rectified sine's second harmonic and late frames: the cloud stays, the beat goes.
     generator = np.random.default_rng(1)
     times = np.arange(150) / 21 + generator.uniform(-1e-4, 1e-4, 150)
@@ -70,7 +70,7 @@ def test_noise_and_clouds_are_no_flicker(seed):
         assert np.mean([state.depth > 0 for state in watch(times, power)]) < 0.05
 
 
-def test_too_little_seen_black_and_gaps_say_nothing():
+def test_few_frames_black_frames_and_gaps_show_no_flicker():
     times = np.arange(MIN_FIT_FRAMES - 1) / 21
     assert all(state.depth == 0 for state in watch(times, lamp(times)))
     black = watch(np.arange(60) / 21, np.zeros(60))

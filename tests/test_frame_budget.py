@@ -55,7 +55,7 @@ def frame_ms(budget: Budget, work: np.ndarray, lights: int) -> float:
     return budget.fixed_ms + work.sum() * (costs.map_ms or 0) + lookups * costs.lookup_ms + lights * (costs.light_ms or 0)
 
 
-def test_nothing_is_promised_before_anything_is_measured():
+def test_without_measurements_there_is_no_budget():
     unknown = budget(40.0, CostModel())
     assert affordable_lights(unknown) is None
     assert affordable_maps(unknown, 7, np.ones(7)) == 7
@@ -76,7 +76,7 @@ def test_lights_that_stand_still_are_counted_without_their_maps():
     assert affordable_maps(still, 7, np.ones(7)) == 7
 
 
-def test_a_steady_machine_is_known_at_once_and_stays():
+def test_costs_of_a_steady_machine_are_exact_at_once():
     costs = UNKNOWN
     for _ in range(5):
         costs = updated_costs(costs, *frame(4.0, 10, 0.9, 10, 0.3, 72, 0.5))
@@ -119,7 +119,7 @@ def test_lights_looked_up_in_the_sum_cost_what_both_cost():
     st.booleans(),
     st.booleans(),
 )
-def test_what_is_promised_fits(fixed, map_ms, light_ms, lookup_ms, stale, target_ms, work, moved, gloss):
+def test_the_affordable_work_fits_the_target(fixed, map_ms, light_ms, lookup_ms, stale, target_ms, work, moved, gloss):
     costs, work, lights = CostModel(9, fixed, map_ms, light_ms, lookup_ms, 3.0), np.array(work), len(work)
     allowed = Budget(target_ms, costs, MapDemand(float(np.mean(work)), 1.0, stale), gloss, moved)
     fixed += 3.0 * gloss
@@ -185,7 +185,7 @@ def test_a_sun_whose_map_is_drawn_in_every_frame_makes_no_other_coarser():
     assert coarsening(demand, 0, 2) == 0
 
 
-def test_a_large_map_drawn_alone_makes_no_other_look_dear():
+def test_a_large_map_drawn_alone_does_not_raise_the_cost_of_others():
     sizes, costs = np.array([1024, *[64] * 20]), UNKNOWN
     for drawn in (sizes, sizes[:1], sizes[:1], sizes[1:5]):
         costs = updated_costs(costs, *frame(5.0, float(map_work(drawn).sum()), 0.05, 0, 0.0, 21, 0.0))
@@ -221,7 +221,7 @@ def test_the_gloss_set_stays_a_little_beyond_the_target_but_does_not_come(target
     assert (gloss_affordable(budget(target_ms, costs, gloss=True)), gloss_affordable(budget(target_ms, costs))) == (stays, comes)
 
 
-def test_the_gloss_set_does_not_come_and_go_while_its_cost_wavers():
+def test_the_gloss_set_does_not_come_and_go_while_its_cost_varies():
     rng, costs, gloss, drawn = np.random.default_rng(3), UNKNOWN, True, []
     for _ in range(200):
         fixed_ms, gloss_ms = np.array([5.0, 15.0]) * rng.uniform(0.95, 1.05, 2)
@@ -241,7 +241,7 @@ def test_a_target_too_short_is_missed_with_the_fewest_lights():
 @pytest.mark.parametrize("moving", [0.0, 0.1, 0.4, 1.0])
 @pytest.mark.parametrize("target_ms", [15.0, 40.0, 100.0])
 @pytest.mark.parametrize("moved", [False, True])
-def test_the_target_is_met_on_a_machine_that_wavers(moving, target_ms, moved):
+def test_the_target_is_met_on_a_machine_whose_costs_vary(moving, target_ms, moved):
     """Like the one that draws on two cores, each cost 10 % up or down, where that fraction of 300 lights moves a texel a frame."""
     rng, costs, demand, coarse, took, stale = np.random.default_rng(0), UNKNOWN, MapDemand(), 0, [], 300.0
     for _ in range(300):

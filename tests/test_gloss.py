@@ -151,7 +151,7 @@ def test_the_spread_of_an_even_sky_is_that_of_its_cells():
     assert not spread(sky(NEIGHBOURS).directions).any()
 
 
-def test_the_stage_draws_the_fine_lights_of_a_message(tmp_path):
+def test_the_stage_draws_the_gloss_set_of_a_message(tmp_path):
     (tmp_path / "scene.toml").write_text(CAMERA + SPHERE + METAL)
     wanted = Settings(scene=str(tmp_path / "scene.toml"), width=64, height=64, shadow_map=128, picture="linear16")
     stage = RendererStage(AllSettings(renderer=wanted))

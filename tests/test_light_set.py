@@ -32,7 +32,7 @@ def test_every_number_comes_back_as_it_was(tmp_path, directions, irradiance):
         np.testing.assert_array_equal(one, other)
 
 
-def test_the_file_is_the_json_that_the_documents_promise(tmp_path):
+def test_the_file_is_the_json_that_the_documents_describe(tmp_path):
     one = LightSet.of(np.zeros(1), np.array([[0, 0, 1]]), np.ones((1, 3)))
     write_lights(tmp_path / "l.json", [lights_row(one, 0, 0.0, "hemisphere")])
     assert json.loads((tmp_path / "l.json").read_text()) == {
@@ -52,12 +52,12 @@ def test_several_frames_are_lines_and_no_lights_are_a_frame_too(tmp_path):
     ("name", "frames", "words"),
     [("l.txt", 1, ".jsonl"), ("l.json", 2, ".jsonl"), ("l.json", 0, "one frame"), ("no/l.json", 1, "no such folder")],
 )
-def test_where_lights_cannot_be_written_is_said(tmp_path, name, frames, words):
+def test_a_path_where_lights_cannot_be_written_is_one_line(tmp_path, name, frames, words):
     with pytest.raises(UserError, match=words):
         check_lights_path(tmp_path / name, frames)
 
 
-def test_a_file_that_grows_forgets_what_a_killed_writer_left_half(tmp_path):
+def test_appending_removes_a_line_that_a_killed_writer_left_half_written(tmp_path):
     path = tmp_path / "new" / "l.jsonl"
     LightsFile(path).append(lights(), 0, 0.0, "hemisphere")
     with open(path, "ab") as file:

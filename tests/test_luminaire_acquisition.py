@@ -17,7 +17,7 @@ def rays() -> Rays:
     return lamp_rays(LAMP, 200_000, 2.6, 7)  # tan(theta) from the aperture's rim to the window's far side: 0.13 / 0.05
 
 
-def test_no_flux_is_lost_between_the_columns_of_the_ledger(rays):
+def test_the_flux_budget_adds_up_to_all_flux(rays):
     turned = rays._replace(directions=np.concatenate([-rays.directions[:50_000], rays.directions[50_000:]]))
     field, flux_budget = field_from_rays(turned, PLANES, 0.0, "photometric", "lamp")
     assert sum(flux_budget[1:]) == pytest.approx(flux_budget.total, rel=1e-9)
@@ -34,7 +34,7 @@ def test_rays_within_the_planes_keep_their_flux(rays):
     assert abs(flux_budget.filter_tails) < 2e-3 * flux_budget.total
 
 
-def test_rays_and_the_bench_measure_the_same_lamp(rays):
+def test_rays_and_the_virtual_goniophotometer_measure_the_same_lamp(rays):
     from_rays, _ = field_from_rays(rays, PLANES, 0.0, "photometric", "lamp")
     from_bench = measured_lamp(LAMP, PLANES, span_dual("bell"), per_spacing=8)
     # one ray in 40 leads back to the ball: 5,000 of very unequal flux, which stray by 4 %; on the axis fewer pass near a point

@@ -15,7 +15,6 @@ from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.frame import ToneRequest
 from vemlight.renderer.gl.programs import Programs, check_context, headless_context
-from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.passes.shadow_maps import shadow_map_plan
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.scene.view import clip_from_world, pixel_samples
@@ -209,7 +208,7 @@ def test_a_renderer_draws_the_same_picture_again(shadow_map):
     renderer.release()
 
 
-def test_maps_as_large_as_their_lights_deserve_show_what_large_ones_show():
+def test_resolution_by_power_gives_the_picture_of_large_maps():
     sky = uniform_lights(40, 0.0)
     lights = sky._replace(irradiance=sky.irradiance * np.where(np.arange(40) == 11, 40.0, 1.0)[:, None].astype(np.float32))
     scene, made = load_scene(None), {}
@@ -241,22 +240,8 @@ def test_the_middle_of_the_picture_is_what_the_camera_looks_at():
     assert above[1] < 0  # row 0 is on top and comes first in memory
 
 
-def test_tone_mapping_on_the_gpu_is_the_one_in_numpy():
-    renderer = SceneRenderer(load_scene(None), Settings(width=64, height=48, shadow_map=64), samples=4)
-    for power in (0.0, 1e-3, 1.0, 1e6):
-        image = renderer.picture(lights_from(direction_from_angles(0.7, 3.0), power)).copy()
-        state = adapt(None, image, 0.04)
-        for stops in (-2.0, 0.0, 3.0):
-            gpu = renderer.tone_mapped(image, state, stops).astype(int)
-            # both round the same curve, from float32 and from float64: they may differ where a value lies on the edge of a step
-            difference = np.abs(gpu - tone_mapped(image, state, stops))
-            assert difference.max() <= 1
-            assert np.mean(difference > 0) < 0.01
-    renderer.release()
-
-
 @pytest.mark.parametrize("frame_ms", [0.0, 20.0])
-def test_frames_leave_nothing_behind(frame_ms):
+def test_frames_leak_no_memory(frame_ms):
     renderer = SceneRenderer(load_scene(None), Settings(width=8, height=8, shadow_map=128, frame_ms=frame_ms))
     request = ToneRequest(None, 0.0, 0.04)
 
@@ -315,7 +300,7 @@ def test_a_context_that_fails_is_one_line(error, kind, words, monkeypatch):
     renderer.release()
 
 
-def test_gl_finds_no_fault_in_what_is_asked_of_it():
+def test_gl_reports_no_error():
     for frame_ms in (0.0, 1000.0):
         renderer = SceneRenderer(load_scene(None), Settings(width=8, height=6, shadow_map=16, frame_ms=frame_ms), samples=2)
         for count in (1, 3, 30):

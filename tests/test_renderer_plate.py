@@ -93,7 +93,7 @@ def test_shadows_on_the_plate_are_dark_in_the_colours_that_they_lack(tmp_path):
 
 
 @pytest.mark.parametrize(("shadows", "power"), [("maps", 1e-3), ("traced", 1e-3)])
-def test_a_lamp_brightens_the_plate_by_its_share_of_the_light(tmp_path, shadows, power):
+def test_a_lamp_brightens_the_plate_by_its_fraction_of_the_light(tmp_path, shadows, power):
     lamp = f'[[luminaire]]\nfile = "{TORCH}"\nat = [0.5, 0.0, 1.5]\nrotate = [180.0, 0.0, 0.0]\npower = {power}\nshadows = "{shadows}"\n'
     lights = some_lights(3)
     real, empty = drawn(tmp_path, REAL + BOX + lamp, lights), drawn(tmp_path, REAL, lights)

@@ -42,7 +42,7 @@ def stage(tmp_path: Path) -> RendererStage:
     return RendererStage(Settings(renderer=drawing))
 
 
-def test_an_image_tells_where_things_stand_and_a_pose_moves_them(stage):
+def test_an_image_lists_the_poses_of_objects_and_a_control_moves_them(stage):
     state, image = stepped(stage, stage.start_at(0)[0], 0)
     assert [(found.name, found.position, found.power) for found in image.objects] == [
         ("plane", (0, 0, 0), None), ("film", (-1, 0, 0), None), ("torch", (0, 0, 2), 1)
@@ -99,7 +99,7 @@ def test_a_picture_that_no_message_holds_is_refused_at_once(picture, width, fits
 @pytest.mark.parametrize(
     ("mode", "frame_ms", "target_ms"), [("live", None, 100.0), ("live", 40.0, 40.0), ("live", 0.0, 0.0), ("lossless", 40.0, 0.0)]
 )
-def test_live_pictures_come_ten_times_a_second_unless_said_otherwise(mode, frame_ms, target_ms):
+def test_the_live_target_is_ten_pictures_a_second_unless_set(mode, frame_ms, target_ms):
     """In lossless mode there is time: a picture follows from its lights alone."""
     stage = RendererStage(Settings(mode=mode, renderer=Renderer(width=8, height=8, frame_ms=frame_ms)))
     assert stage._renderer.setup.target_ms == target_ms

@@ -82,7 +82,7 @@ def test_a_skys_small_maps_agree_with_rays_over_the_whole_picture(tmp_path):
     assert abs(drawn[inside].mean() / truth[inside].mean() - 1) < 0.005
 
 
-def test_the_judge_sees_a_sphere_where_it_is(tmp_path):
+def test_the_ray_caster_sees_a_sphere_where_it_is(tmp_path):
     camera = "[camera]\nfrom = [0.0, 0.0, 5.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 40.0\n"
     (tmp_path / "scene.toml").write_text(camera + '[[mesh]]\nshape = "sphere"\n')
     scene = load_scene(tmp_path / "scene.toml")

@@ -24,7 +24,7 @@ def drawn(radiance, count):
 
 
 @pytest.mark.parametrize("sun", [0.0, 1e3, 1e5])
-def test_the_quick_error_is_the_error_of_each_cell_and_light(sun):
+def test_the_error_of_blocks_is_that_of_single_cells_to_3_per_cent(sun):
     # By hand, every cell of the map one by one; the quick form takes blocks of 3 degrees except for hot cells.
     light, directions, tint = drawn(sky(sun), 64)
     at = probes(96, "hemisphere")
@@ -52,12 +52,12 @@ def courtyard(sun):
     return np.repeat(gray[..., None], 3, axis=2).astype(np.float32)
 
 
-def test_an_overcast_sky_needs_far_fewer_lights_than_a_sunlit_courtyard():
+def test_an_overcast_sky_takes_far_fewer_lights_than_a_sunlit_courtyard():
     for error, times in ((0.2, 2.0), (0.15, 1.8), (0.1, 1.8)):
         assert required_lights(*drawn(courtyard(3e4), 1024), error) >= times * required_lights(*drawn(overcast(), 1024), error)
 
 
-def test_the_promise_is_kept_by_every_larger_prefix():
+def test_every_larger_prefix_is_within_the_error_limit():
     for seed in range(6):
         light, directions, tint = drawn(sky(300.0 * seed, seed), 512)
         count = required_lights(light, directions, tint, 0.15)
@@ -72,7 +72,7 @@ def test_the_promise_is_kept_by_every_larger_prefix():
         assert required_lights(light, directions, tint, 0.15, 512) == count
 
 
-def test_a_promise_out_of_reach_takes_all_and_black_takes_one():
+def test_an_unreachable_limit_takes_all_lights_and_a_black_map_takes_one():
     assert required_lights(*drawn(sky(1e4), 32), error=1e-4) == 32
     assert required_lights(*drawn(np.zeros((90, 360, 3), np.float32), 32), error=0.1) == 1
 

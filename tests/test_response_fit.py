@@ -43,7 +43,7 @@ def test_noise_of_half_a_code_stays_within_what_it_must_cost(tmp_path: Path) -> 
     assert np.median(worst) < 0.045
 
 
-def test_one_bad_patch_does_not_pull(tmp_path: Path) -> None:
+def test_one_outlier_does_not_bias_the_fit(tmp_path: Path) -> None:
     rows = patches(LOG, fit=[0.5, 2.0, 8.0, 60.0, 200.0, 500.0, 5e3, 3e4])
     rows[3] = rows[3]._replace(code=rows[3].code + 18)
     assert calibrate_response(rows, tmp_path / "r.toml").worst < 0.05

@@ -189,7 +189,7 @@ def test_dropped_frames_do_not_shake_a_slow_sun(filter):
 
 
 @pytest.mark.parametrize(("fps", "hertz", "seen"), [(21.0, 100.0, 5.0), (25.0, 100.0, 0.0), (30.0, 100.0, 10.0), (30.0, 120.0, 0.0)])
-def test_mains_flicker_is_reported_and_taken_out_on_wish(fps, hertz, seen):
+def test_mains_flicker_is_reported_and_removed_on_request(fps, hertz, seen):
     times = np.arange(110) / fps
     maps = [np.float32(1 + 0.3 * np.sin(2 * np.pi * hertz * t)) * SKY for t in times]
     swing = {}

@@ -154,7 +154,7 @@ def test_below_the_ground_no_light_from_above_arrives(tmp_path):
     renderer.release()
 
 
-def test_kept_maps_follow_what_moved_within_their_budget(tmp_path, monkeypatch):
+def test_cached_maps_follow_moving_casters_within_their_budget(tmp_path, monkeypatch):
     monkeypatch.setattr(frame_plan, "affordable_maps", lambda *_: 4)
     monkeypatch.setattr(frame_plan, "affordable_lights", lambda *_: None)
     scene = a_scene(tmp_path, GROUND + box("[-1.0, 0.0, 0.4]") + box("[1.5, 1.5, 0.4]"))
@@ -196,7 +196,7 @@ def test_the_maps_hold_what_casts_wherever_it_stands(box_on_ground, at, rotate, 
     assert last == pytest.approx(np.linalg.norm(np.subtract(at, then)), abs=1e-6)
 
 
-def test_what_moves_leaves_nothing_on_the_gpu(tmp_path):
+def test_moving_objects_leak_no_gpu_memory(tmp_path):
     lamp = "[[luminaire]]\nat = [0.0, 0.0, 2.5]\nrotate = [180.0, 0.0, 0.0]\nsamples = 4\nshadow_map = 32\n"
     renderer = renderer_of(a_scene(tmp_path, GROUND + box("[0.0, 0.0, 0.4]") + lamp), frame_ms=1000.0, width=16, height=12, shadow_map=32)
 

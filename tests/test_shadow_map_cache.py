@@ -59,7 +59,7 @@ def test_a_texel_of_a_coarse_map_is_larger():
     assert plan_of(slots, turned, 1.0, 2, sizes).redrawn.tolist() == [0]
 
 
-def test_a_light_whose_size_changes_gets_a_map_of_its_size():
+def test_a_light_whose_resolution_changes_gets_a_map_of_that_resolution():
     sizes = np.array([512, 64, 64])
     slots = plan_of(Slots.empty(np.array([512, 512, 64, 64, 64])), sky(3), 1.0, 3, sizes).slots
     assert len(plan_of(slots, sky(3), 1.0, 3, sizes).redrawn) == 0
@@ -71,7 +71,7 @@ def test_a_light_whose_size_changes_gets_a_map_of_its_size():
         assert np.array_equal(waiting.slots.directions[waiting.slot], sky(3))  # it reads its own map of another size
 
 
-def test_a_map_of_another_size_nearby_does_not_take_a_lights_own_away():
+def test_a_map_of_another_resolution_nearby_does_not_replace_a_lights_own():
     slots = Slots.empty(np.array([1024, 64]))._replace(directions=np.stack([sky(1)[0], sky(1, 0.5 / 60)[0]]))
     assert match_lights(slots, sky(1), np.ones(1), np.array([64])).slot.tolist() == [1]
 
@@ -202,7 +202,7 @@ def test_maps_that_were_not_drawn_anew_err_by_no_more_than_their_angle(monkeypat
     assert errors[12] < 0.015
 
 
-def test_a_share_that_wavers_draws_no_map_again():
+def test_power_that_varies_a_little_redraws_no_map():
     renderer = SceneRenderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
     drawn_maps = []
     for frame in range(8):

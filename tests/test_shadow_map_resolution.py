@@ -17,7 +17,7 @@ def apart(count: int) -> np.ndarray:
 
 
 @given(POWERS)
-def test_sizes_grow_with_power(power):
+def test_resolutions_grow_with_power(power):
     halvings = map_halvings(BY_POWER, apart(len(power)), power)
     assert halvings.min() >= 0
     assert halvings.max() <= MAX_HALVINGS
@@ -25,12 +25,12 @@ def test_sizes_grow_with_power(power):
 
 
 @pytest.mark.parametrize(("share", "texels"), [(0.999, 1024), (0.4, 1024), (0.16, 512), (0.063, 256), (0.025, 128), (0.01, 64), (1e-4, 64)])
-def test_a_size_is_the_power_to_three_quarters(share, texels):
+def test_a_resolution_grows_as_the_power_to_three_quarters(share, texels):
     power = np.array([share, *[(1 - share) / 59] * 59])
     assert MAX_RESOLUTION >> map_halvings(BY_POWER, apart(60), power)[0] == texels
 
 
-def test_what_one_sun_is_cut_into_gets_what_the_sun_deserves():
+def test_the_parts_of_one_sun_have_the_resolution_of_the_sun():
     sky, whole = apart(50), np.array([0.5, *[0.5 / 49] * 49])
     parts = np.concatenate([np.repeat(sky[:1], 8, axis=0), sky[1:]])
     cut = np.concatenate([np.full(8, 0.5 / 8), whole[1:]])
@@ -40,7 +40,7 @@ def test_what_one_sun_is_cut_into_gets_what_the_sun_deserves():
 
 
 @given(POWERS, st.integers(0, 2))
-def test_given_sizes_are_for_all_alike_until_time_is_short(power, halved):
+def test_a_given_resolution_is_for_all_lights_until_time_is_short(power, halved):
     given_ = map_resolutions(256)
     assert given_.choices == (256, 128, 64)
     halvings = map_halvings(given_, apart(len(power)), power, halved)
@@ -50,7 +50,7 @@ def test_given_sizes_are_for_all_alike_until_time_is_short(power, halved):
 
 
 @given(POWERS, st.integers(0, 1))
-def test_halving_spares_the_strongest(power, halved):
+def test_strong_lights_are_coarsened_last(power, halved):
     for how in (BY_POWER, map_resolutions(512)):
         before, after = (map_halvings(how, apart(len(power)), power, n) for n in (halved, halved + 1))
         assert np.all((after >= before) & (after <= before + 1))
@@ -59,7 +59,7 @@ def test_halving_spares_the_strongest(power, halved):
 
 
 @given(POWERS, st.lists(st.floats(0.9, 1.1), min_size=1, max_size=5), st.integers(0, 2))
-def test_power_that_wavers_changes_no_size(power, factors, halved):
+def test_power_that_varies_a_little_changes_no_resolution(power, factors, halved):
     directions = apart(len(power))
     halvings = map_halvings(BY_POWER, directions, power, halved)
     for factor in factors:
@@ -92,7 +92,7 @@ def test_lights_within_four_texels_cast_the_same_shadow(apart_texels, texels):
 
 
 @pytest.mark.parametrize(("fraction", "halvings"), [(0.13, 0), (0.125, 0), (0.05, 1), (0.03, 1)])
-def test_from_an_eighth_of_the_power_on_a_map_is_spared_the_first_coarsening(fraction, halvings):
+def test_from_an_eighth_of_the_power_on_a_map_skips_the_first_coarsening(fraction, halvings):
     assert map_halvings(map_resolutions(256), apart(60), sun_of(fraction), 1)[0] == halvings
 
 
@@ -102,7 +102,7 @@ def test_a_given_resolution_is_halved_twice_but_not_below_16(given_, choices):
     assert map_resolutions(given_).choices == choices
 
 
-def test_power_that_changes_changes_sizes():
+def test_power_that_changes_changes_resolutions():
     directions, weak = apart(60), np.ones(60)
     halvings = map_halvings(BY_POWER, directions, weak)
     strong = weak.copy()
@@ -131,7 +131,7 @@ def test_tiles_lie_in_the_texture_and_on_no_other(sizes):
 
 
 @pytest.mark.parametrize(("sizes", "fits"), [([64] * 4, True), ([64] * 5, False), ([128], True), ([64, 64, 128], False), ([129], False)])
-def test_what_does_not_fit_is_said(sizes, fits):
+def test_maps_that_do_not_fit_have_no_packing(sizes, fits):
     assert (packed(np.array(sizes), 128) is not None) == fits
 
 

@@ -128,7 +128,7 @@ def test_sphere(tmp_path: Path) -> None:
     np.testing.assert_allclose(map_irradiance(frame.radiance, "sphere"), truth, rtol=1e-6)
 
 
-def test_bad_pixels_are_seen(tmp_path: Path) -> None:
+def test_invalid_pixels_are_counted(tmp_path: Path) -> None:
     image = np.ones((64, 128, 3), np.float32)
     image[10, 10] = np.nan
     image[12, 60] = np.inf
@@ -186,7 +186,7 @@ def test_lens_of_another_size_is_refused(tmp_path: Path) -> None:
         open_source(capture(tmp_path / "f.exr")).frame(0)
 
 
-def test_raw_frames_want_their_files(tmp_path: Path) -> None:
+def test_raw_frames_require_lens_and_response(tmp_path: Path) -> None:
     write_exr(tmp_path / "f.exr", np.ones((128, 128, 3), np.float32), {"vemlight:kind": "codes"})
     with pytest.raises(UserError, match=r"lens\.toml is not there"):
         open_source(capture(tmp_path / "f.exr")).frame(0)

@@ -17,7 +17,7 @@ from vemlight.settings import Settings
         (FatalError("the card was reset; start again"), 1, ["vemlight: the card was reset; start again"]),
     ],
 )
-def test_how_it_ends(error, status, lines, capsys):
+def test_a_service_ends_with_a_status_for_its_cause(error, status, lines, capsys):
     def main(settings: Settings, restarts: int) -> None:
         if error:
             raise error
@@ -26,7 +26,7 @@ def test_how_it_ends(error, status, lines, capsys):
     assert capsys.readouterr().err.splitlines() == lines
 
 
-def test_our_own_fault_shows_where_it_is(capsys):
+def test_an_internal_error_shows_its_traceback(capsys):
     def main(settings: Settings, restarts: int) -> None:
         raise KeyError("ours")
 

@@ -56,7 +56,7 @@ def test_a_smaller_error_takes_more_lights_and_the_number_settles():
     assert len(set(many[-5:])) == 1
 
 
-def test_two_lamps_in_the_dark_need_a_few_lights():
+def test_two_lamps_in_the_dark_take_a_few_lights():
     """One light for two lamps is wrong by many times what the dark side receives; that is no reason for dozens."""
     for seed in range(12):
         generator, radiance = np.random.default_rng(seed), np.zeros((45, 180, 3), np.float32)

@@ -78,7 +78,7 @@ def test_a_few_sites_that_moved_change_the_nearest_two_as_a_search_anew_would(co
             np.testing.assert_array_equal(one, other)
 
 
-def test_a_map_is_cleaned_inpainted_and_darkness_believed_late():
+def test_invalid_cells_are_inpainted_and_darkness_is_accepted_late():
     before, now = sky(3), sky(4)
     now[0, :3] = [[np.nan, 1, 1], [1, np.inf, 1], [1, 1, -1]]
     now[5] = 0

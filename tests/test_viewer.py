@@ -149,7 +149,7 @@ def test_health_names_who_stalls_and_comes_back(viewer, simulated):
     eventually(lambda: viewer.get("/healthz")[0] == 200, "health again")
 
 
-def test_noise_is_counted_and_disturbs_nothing(viewer, simulated):
+def test_invalid_messages_are_counted_and_change_nothing(viewer, simulated):
     before = viewer.health()["services"][-1]
     random = np.random.default_rng(7)
     simulated.noise += [[topic, random.bytes(50)] for topic in (b"image", b"status", b"end") for _ in range(3)]
@@ -212,7 +212,7 @@ def guarded(tmp_path, simulated) -> Iterator[ViewerProcess]:
     viewer.end()
 
 
-def test_without_the_token_nothing_is_said(guarded):
+def test_requests_without_the_token_are_refused(guarded):
     with_cookie = {"Cookie": f"vemlight-{guarded.port}={TOKEN}"}
     for path in ("/", "/viewer.js", "/healthz", "/metrics", "/lights", "/snapshot.jpg", "/ws", "/nowhere", "/?action=stream"):
         for headers in ({}, {"Authorization": "Bearer wrong"}, {"Cookie": f"vemlight-{guarded.port + 1}={TOKEN}"}):
@@ -272,7 +272,7 @@ def test_a_viewer_that_starts_waits_for_the_pages_before_it_publishes_no_choices
     simulated.end()
 
 
-def test_before_anything_is_heard(tmp_path):
+def test_before_any_message_has_come(tmp_path):
     tmp_path.chmod(0o700)
     viewer = ViewerProcess(tmp_path)
     viewer.first_line()

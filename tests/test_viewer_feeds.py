@@ -42,12 +42,14 @@ def test_after_waits_for_a_later_frame_and_gives_the_newest():
     asyncio.run(run())
 
 
-def test_a_bell_is_heard_by_who_waits_later_for_an_earlier_call():
+def test_a_condition_notified_after_wait_was_called_ends_that_wait():
     async def run() -> None:
         condition = Condition()
         waiting = condition.wait()
         condition.notify()
-        await asyncio.wait_for(waiting, 5)
+        notified = asyncio.ensure_future(waiting)
+        await asyncio.wait({notified}, timeout=5)
+        assert notified.done()
 
     asyncio.run(run())
 

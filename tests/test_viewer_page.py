@@ -82,7 +82,7 @@ def test_frames_arrive(page):
     assert page.locator("#scene-cover").is_hidden()
 
 
-def test_the_slider_is_heard_on_the_channel(page, simulated):
+def test_the_slider_is_published(page, simulated):
     page.locator("#count").fill("100")  # the slider's own scale: 10 ** (100 / 100)
     eventually(lambda: simulated.controls[-1].count == 10, "the choice of 10 lights")
     page.get_by_text("10 lights").wait_for()
@@ -94,7 +94,7 @@ def test_the_slider_is_heard_on_the_channel(page, simulated):
     eventually(lambda: simulated.controls[-1].count == 72, "the choice of 72 lights, by its number")
 
 
-def test_the_other_controls_are_heard_together(page, simulated):
+def test_the_other_controls_are_published_together(page, simulated):
     page.locator("#exposure").fill("-1.5")
     page.locator("#filtered").click()
     page.get_by_role("button", name="Pause").click()
@@ -167,14 +167,14 @@ def test_a_killed_renderer_shows_as_such_and_comes_back(page, simulated):
     assert page.locator("#scene-cover").is_hidden()
 
 
-def test_a_light_can_be_read(page):
+def test_the_light_under_the_pointer_is_described(page):
     box = page.locator("#disc").bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)  # light 0 goes round the zenith, 11 pixels away
     eventually(lambda: re.match(r"Light \d+: .* azimuth", page.locator("#light-facts").inner_text()), "words for the light there")
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844), (768, 1024)])
-def test_nothing_sticks_out(page, width, height):
+def test_nothing_overflows_the_window(page, width, height):
     page.set_viewport_size({"width": width, "height": height})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     cut = page.evaluate(
@@ -186,7 +186,7 @@ def test_nothing_sticks_out(page, width, height):
     page.set_viewport_size({"width": 1280, "height": 800})
 
 
-def test_a_lost_viewer_is_said_and_found_again(tmp_path, browser):
+def test_a_lost_viewer_is_reported_and_found_again(tmp_path, browser):
     tmp_path.chmod(0o700)
     simulated = SimulatedServices(Wire(folder=str(tmp_path)))
     simulated.start()
@@ -277,6 +277,6 @@ def test_lossless_mode_says_why_nothing_can_be_changed(tmp_path, browser):
     viewer.end()
 
 
-def test_nobody_else_was_asked_and_nothing_complained(page):
+def test_the_page_asked_no_other_host_and_logged_no_error(page):
     assert all(url.startswith((page.viewer.url, page.viewer.url.replace("http", "ws"))) for url in page.asked)
     assert page.complaints == []

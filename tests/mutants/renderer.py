@@ -10,9 +10,9 @@ MUTANTS = [
         ("newest frame doubled", "NEWEST_WEIGHT = 0.2", "NEWEST_WEIGHT = 0.4"),
         ("least refresh doubled", "MIN_REFRESH = 1 / 24", "MIN_REFRESH = 1 / 12"),
         ("least refresh halved", "MIN_REFRESH = 1 / 24", "MIN_REFRESH = 1 / 48"),
-        ("MOST_RENEWED (most refresh) doubled", "MAX_REFRESH = 1 / 8", "MAX_REFRESH = 1 / 4"),
-        ("MOST_RENEWED (most refresh) halved", "MAX_REFRESH = 1 / 8", "MAX_REFRESH = 1 / 16"),
-        ("LOOKUP (fraction of a light's cost) halved", "LOOKUP_FRACTION = 2 / 3", "LOOKUP_FRACTION = 1 / 3"),
+        ("most refresh doubled", "MAX_REFRESH = 1 / 8", "MAX_REFRESH = 1 / 4"),
+        ("most refresh halved", "MAX_REFRESH = 1 / 8", "MAX_REFRESH = 1 / 16"),
+        ("fraction of a light's cost halved", "LOOKUP_FRACTION = 2 / 3", "LOOKUP_FRACTION = 1 / 3"),
         ("redrawn maps for the cache", "MAX_REDRAWN = 3 / 4", "MAX_REDRAWN = 3 / 8"),
         ("fewest lights doubled", "MIN_LIGHTS = 8", "MIN_LIGHTS = 16"),
         ("fewest lights halved", "MIN_LIGHTS = 8", "MIN_LIGHTS = 4"),
@@ -21,13 +21,13 @@ MUTANTS = [
         ("refined sooner", "COARSEN_ABOVE, REFINE_BELOW = 2.0, 0.125", "COARSEN_ABOVE, REFINE_BELOW = 2.0, 1.0"),
     ]),
     *mutants_of(RENDERER + "gl/constants.py", "tests/test_gl_layout.py tests/test_shadow_maps.py tests/test_renderer_truth.py", [
-        ("GUTTER none", "GUTTER = 2 ", "GUTTER = 0 "),
+        ("no gutter", "GUTTER = 2 ", "GUTTER = 0 "),
         ("shadow bias doubled", "SHADOW_BIAS_TEXELS = 1.0", "SHADOW_BIAS_TEXELS = 4.0"),
         ("shadow bias none", "SHADOW_BIAS_TEXELS = 1.0", "SHADOW_BIAS_TEXELS = 0.1"),
         ("number of a material", "GGX = 2", "GGX = 4"),
     ]),
     *mutants_of(PASSES + "shadow_maps/light_frames.comp", "tests/test_shadow_maps.py", [
-        ("GUTTER in one language only", "vec3(0.5 * resolution - GUTTER, 0.5", "vec3(0.5 * resolution, 0.5"),
+        ("gutter in one language only", "vec3(0.5 * resolution - GUTTER, 0.5", "vec3(0.5 * resolution, 0.5"),
     ]),
     *mutants_of(PASSES + "shadow_maps/shadow_map_cache.py", "tests/test_shadow_map_cache.py", [
         ("served within a texel", "<= texel_rad(", "<= 2 * texel_rad("),
@@ -35,17 +35,17 @@ MUTANTS = [
         ("errors by direction alone: resolution", "    error += np.abs(", "    error += 0 * np.abs("),
     ]),
     *mutants_of(PASSES + "shadow_maps/shadow_map_resolution.py", "tests/test_shadow_map_resolution.py", [
-        ("NEAR (lights with one shadow) doubled", "SAME_SHADOW_TEXELS = 4", "SAME_SHADOW_TEXELS = 8"),
-        ("NEAR (lights with one shadow) halved", "SAME_SHADOW_TEXELS = 4", "SAME_SHADOW_TEXELS = 2"),
-        ("SPARED (strong lights) doubled", "STRONG_FRACTION = 1 / 8", "STRONG_FRACTION = 1 / 4"),
-        ("SPARED (strong lights) halved", "STRONG_FRACTION = 1 / 8", "STRONG_FRACTION = 1 / 16"),
-        ("WAVER (hysteresis) doubled", "HYSTERESIS = 0.2", "HYSTERESIS = 0.4"),
-        ("WAVER (hysteresis) halved", "HYSTERESIS = 0.2", "HYSTERESIS = 0.1"),
+        ("lights with one shadow doubled", "SAME_SHADOW_TEXELS = 4", "SAME_SHADOW_TEXELS = 8"),
+        ("lights with one shadow halved", "SAME_SHADOW_TEXELS = 4", "SAME_SHADOW_TEXELS = 2"),
+        ("strong lights doubled", "STRONG_FRACTION = 1 / 8", "STRONG_FRACTION = 1 / 4"),
+        ("strong lights halved", "STRONG_FRACTION = 1 / 8", "STRONG_FRACTION = 1 / 16"),
+        ("hysteresis doubled", "HYSTERESIS = 0.2", "HYSTERESIS = 0.4"),
+        ("hysteresis halved", "HYSTERESIS = 0.2", "HYSTERESIS = 0.1"),
         ("largest maps doubled", "MAX_RESOLUTION = 1024", "MAX_RESOLUTION = 2048"),
         ("full resolution", "FULL_FRACTION = 0.4", "FULL_FRACTION = 0.8"),
         ("growth with power", "EXPONENT = 3 / 4", "EXPONENT = 3 / 8"),
         ("halvings", "MAX_HALVINGS = 4", "MAX_HALVINGS = 5"),
-        ("halvings for want of time", "MAX_COARSENING = 2", "MAX_COARSENING = 4"),
+        ("halvings for lack of time", "MAX_COARSENING = 2", "MAX_COARSENING = 4"),
         ("smallest maps doubled", "MIN_RESOLUTION = 16", "MIN_RESOLUTION = 32"),
     ]),
     *mutants_of(PASSES + "shadow_maps/casters.py", "tests/test_casters.py", [
@@ -59,8 +59,8 @@ MUTANTS = [
         ("casters' quantile", "QUANTILE = 0.999", "QUANTILE = 0.5"),
     ]),
     *mutants_of(PASSES + "shadow_maps/visibility.glsl", "tests/test_shadow_maps.py", [
-        ("LIFTED (normal bias) doubled", "MAX_NORMAL_BIAS = 3.0", "MAX_NORMAL_BIAS = 12.0"),
-        ("LIFTED (normal bias) to 1", "MAX_NORMAL_BIAS = 3.0", "MAX_NORMAL_BIAS = 1.0"),
+        ("normal bias doubled", "MAX_NORMAL_BIAS = 3.0", "MAX_NORMAL_BIAS = 12.0"),
+        ("normal bias to 1", "MAX_NORMAL_BIAS = 3.0", "MAX_NORMAL_BIAS = 1.0"),
         ("slope of the receiver", "MIN_SLOPE_COSINE = 0.03", "MIN_SLOPE_COSINE = 0.3"),
     ]),
     *mutants_of(PASSES + "gloss/gloss.frag", "tests/test_gloss.py", [
@@ -72,7 +72,7 @@ MUTANTS = [
         ("spread of a gloss light", "NEIGHBOURS = 4", "NEIGHBOURS = 32"),
     ]),
     *mutants_of(PASSES + "lights/light_regions.py", "tests/test_light_regions.py", [
-        ("ROUNDING none", "ROUNDING = 1e-3", "ROUNDING = -1e-1"),
+        ("rounding of regions: none", "ROUNDING = 1e-3", "ROUNDING = -1e-1"),
         ("sides of a cube's faces", "CUBE_SIDE = 32", "CUBE_SIDE = 2", "regions reach as far as their texels: slower, as exact"),
     ]),
     *mutants_of(RENDERER + "output/tonemap.py", "tests/test_tonemap.py", [
@@ -94,10 +94,10 @@ MUTANTS = [
         ("ticks of a second", "TICKS_PER_S = 90_000", "TICKS_PER_S = 1_000"),
     ]),
     *mutants_of(RENDERER + "scene/meshes.py", "tests/test_meshes.py", [
-        ("CREASE doubled", "np.radians(40.0)", "np.radians(80.0)"),
-        ("CREASE halved", "np.radians(40.0)", "np.radians(20.0)"),
-        ("DUST (area of a triangle) x 10^10", "MIN_RELATIVE_AREA = 1e-14", "MIN_RELATIVE_AREA = 1e-4"),
-        ("DUST (area of a triangle) / 10^10", "MIN_RELATIVE_AREA = 1e-14", "MIN_RELATIVE_AREA = 1e-24"),
+        ("crease angle doubled", "np.radians(40.0)", "np.radians(80.0)"),
+        ("crease angle halved", "np.radians(40.0)", "np.radians(20.0)"),
+        ("area of a triangle x 10^10", "MIN_RELATIVE_AREA = 1e-14", "MIN_RELATIVE_AREA = 1e-4"),
+        ("area of a triangle / 10^10", "MIN_RELATIVE_AREA = 1e-14", "MIN_RELATIVE_AREA = 1e-24"),
     ]),
     *mutants_of(RENDERER + "scene/animation.py", "tests/test_animation.py", [
         ("keyframes", "MAX_KEYFRAMES = 1_000_000", "MAX_KEYFRAMES = 100"),
@@ -109,7 +109,7 @@ MUTANTS = [
         ("distance from the origin doubled", "MAX_RELATIVE_OFFSET = 1000", "MAX_RELATIVE_OFFSET = 10000"),
         ("bends of a shadow catcher", "FLAT = 1e-3", "FLAT = 1e-1"),
     ]),
-    *mutants_of(RENDERER + "scene/textures.py", "tests/test_materials.py tests/test_gltf_materials.py", [
+    *mutants_of(RENDERER + "scene/textures.py", "tests/test_materials.py tests/test_gltf_textures.py", [
         ("side of a texture doubled", "MAX_TEXTURE_SIDE = 4096", "MAX_TEXTURE_SIDE = 8192"),
     ]),
 ]

@@ -14,15 +14,15 @@ MUTANTS = [
     *mutants_of(SAMPLER + "light_count.py", "tests/test_light_count.py", [
         ("hold doubled", "HOLD_S = 1.0", "HOLD_S = 2.0"),
         ("hold halved", "HOLD_S = 1.0", "HOLD_S = 0.5"),
-        ("LESSON_S (retry back-off) doubled", "RETRY_BACKOFF_S = 60.0", "RETRY_BACKOFF_S = 120.0"),
-        ("LESSON_S (retry back-off) halved", "RETRY_BACKOFF_S = 60.0", "RETRY_BACKOFF_S = 30.0"),
+        ("retry back-off doubled", "RETRY_BACKOFF_S = 60.0", "RETRY_BACKOFF_S = 120.0"),
+        ("retry back-off halved", "RETRY_BACKOFF_S = 60.0", "RETRY_BACKOFF_S = 30.0"),
         ("hysteresis of the number", "WELL_BELOW = 0.8", "WELL_BELOW = 1.0"),
         ("hysteresis of the number halved", "WELL_BELOW = 0.8", "WELL_BELOW = 0.4"),
         ("fade doubled", "FADE_S = 0.2", "FADE_S = 0.4"),
     ]),
     *mutants_of(SAMPLER + "required_lights.py", "tests/test_required_lights.py", [
-        ("MARGIN (of the error aimed at) to 1", "ERROR_MARGIN = 0.85", "ERROR_MARGIN = 1.0"),
-        ("MARGIN (of the error aimed at) halved", "ERROR_MARGIN = 0.85", "ERROR_MARGIN = 0.425"),
+        ("margin of the error aimed at to 1", "ERROR_MARGIN = 0.85", "ERROR_MARGIN = 1.0"),
+        ("margin of the error aimed at halved", "ERROR_MARGIN = 0.85", "ERROR_MARGIN = 0.425"),
         ("dark probes doubled", "DARK_PROBE = 0.05", "DARK_PROBE = 0.1"),
         ("dark probes halved", "DARK_PROBE = 0.05", "DARK_PROBE = 0.025"),
         ("hot cells as blocks", "HOT_CELL = 1 / 512", "HOT_CELL = 1 / 2"),
@@ -32,8 +32,8 @@ MUTANTS = [
         ("largest radiance", "MAX_RADIANCE = 1e30", "MAX_RADIANCE = 1e38"),
     ]),
     *mutants_of(SAMPLER + "temporal/filter.py", "tests/test_filter.py", [
-        ("DARK (frames) x 100", "DARK_FRAME = 1e-3", "DARK_FRAME = 1e-1"),
-        ("DARK (frames) / 100", "DARK_FRAME = 1e-3", "DARK_FRAME = 1e-5"),
+        ("dark frames x 100", "DARK_FRAME = 1e-3", "DARK_FRAME = 1e-1"),
+        ("dark frames / 100", "DARK_FRAME = 1e-3", "DARK_FRAME = 1e-5"),
         ("frames of the rate", "RATE_FRAMES = 9", "RATE_FRAMES = 3"),
         ("time constant", "np.sqrt(np.sqrt(2.0) - 1)", "np.sqrt(2.0)"),
     ]),
@@ -51,40 +51,40 @@ MUTANTS = [
         ("blocks corrected", "CORRECT_FULLY, CORRECT_NOT = 0.6, 0.3", "CORRECT_FULLY, CORRECT_NOT = 0.06, 0.03"),
         ("lamps of 60 Hz mains", "LAMPS_HZ = (100.0, 120.0)", "LAMPS_HZ = (100.0, 100.0)"),
     ]),
-    *mutants_of(SAMPLER + "tracking/cleaning.py", "tests/test_tracked_tiles.py tests/test_tracked.py", [
+    *mutants_of(SAMPLER + "tracking/cleaning.py", "tests/test_tracked_decisions.py tests/test_tracked_tiles.py tests/test_tracked.py", [
         ("inpainted frames doubled", "INPAINT_FRAMES = 2", "INPAINT_FRAMES = 4"),
         ("inpainted frames halved", "INPAINT_FRAMES = 2", "INPAINT_FRAMES = 1"),
         ("noise at once", "CLEAR_SIGMAS = 3.0", "CLEAR_SIGMAS = 0.5"),
         ("least gain doubled", "MIN_GAIN = np.float32(0.12)", "MIN_GAIN = np.float32(0.24)"),
     ]),
-    *mutants_of(SAMPLER + "tracking/noise.py", "tests/test_tracked_tiles.py tests/test_tracked.py", [
+    *mutants_of(SAMPLER + "tracking/noise.py", "tests/test_tracked_decisions.py tests/test_tracked_tiles.py tests/test_tracked.py", [
         ("mean of the noise", "MEAN_GAIN = 0.2", "MEAN_GAIN = 0.8"),
         ("changes of the scene", "MAX_CHANGE = np.float32(0.3)", "MAX_CHANGE = np.float32(3.0)"),
     ]),
-    *mutants_of(SAMPLER + "tracking/split_merge.py", "tests/test_tracked_split_merge.py", [
+    *mutants_of(SAMPLER + "tracking/split_merge.py", "tests/test_tracked_split_merge.py tests/test_tracked_decisions.py", [
         ("gain over cost", "GAIN_OVER_COST = 2.0", "GAIN_OVER_COST = 20.0"),
         ("gain over mean", "GAIN_OVER_MEAN = 0.5", "GAIN_OVER_MEAN = 50.0"),
         ("two-means", "TWO_MEANS_STEPS = 4", "TWO_MEANS_STEPS = 1"),
     ]),
-    *mutants_of(SAMPLER + "tracking/tracked.py", "tests/test_tracked.py tests/test_tracked_required_lights.py", [
+    *mutants_of(SAMPLER + "tracking/tracked.py", "tests/test_tracked_decisions.py tests/test_tracked.py tests/test_tracked_required_lights.py", [
         ("scene change doubled", "\nSCENE_CHANGE = 2.0", "\nSCENE_CHANGE = 4.0"),
         ("scene change halved", "\nSCENE_CHANGE = 2.0", "\nSCENE_CHANGE = 1.0"),
-        ("PACE (of exchanges) doubled", "EXCHANGE_PERIOD = 8", "EXCHANGE_PERIOD = 16"),
-        ("PACE (of exchanges) halved", "EXCHANGE_PERIOD = 8", "EXCHANGE_PERIOD = 4"),
-        ("USUAL (running mean) doubled", "MEAN_GAIN = 0.2", "MEAN_GAIN = 0.4"),
-        ("USUAL (running mean) halved", "MEAN_GAIN = 0.2", "MEAN_GAIN = 0.1"),
-        ("EASE_S (of a new light) doubled", "BIRTH_TIME_S = 0.12", "BIRTH_TIME_S = 0.24"),
-        ("EASE_S (of a new light) halved", "BIRTH_TIME_S = 0.12", "BIRTH_TIME_S = 0.06"),
+        ("period of exchanges doubled", "EXCHANGE_PERIOD = 8", "EXCHANGE_PERIOD = 16"),
+        ("period of exchanges halved", "EXCHANGE_PERIOD = 8", "EXCHANGE_PERIOD = 4"),
+        ("running mean doubled", "MEAN_GAIN = 0.2", "MEAN_GAIN = 0.4"),
+        ("running mean halved", "MEAN_GAIN = 0.2", "MEAN_GAIN = 0.1"),
+        ("birth of a light doubled", "BIRTH_TIME_S = 0.12", "BIRTH_TIME_S = 0.24"),
+        ("birth of a light halved", "BIRTH_TIME_S = 0.12", "BIRTH_TIME_S = 0.06"),
         ("growth in steady light", "STEADY_GROWTH = 16", "STEADY_GROWTH = 4"),
         ("error aimed at", "ERROR_AIM = 0.77", "ERROR_AIM = 1.2"),
         ("rise at once", "MAX_RISE = 2.0", "MAX_RISE = 8.0"),
         ("Lloyd updates", "\nLLOYD_STEPS = 2", "\nLLOYD_STEPS = 0"),
     ]),
-    *mutants_of(SAMPLER + "tracking/voronoi.py", "tests/test_tracked_tiles.py tests/test_tracked.py", [
-        ("ROUNDING below 1", "np.float32(1.00001)", "np.float32(0.9)"),
+    *mutants_of(SAMPLER + "tracking/voronoi.py", "tests/test_tracked_decisions.py tests/test_tracked_tiles.py tests/test_tracked.py", [
+        ("rounding of chords below 1", "np.float32(1.00001)", "np.float32(0.9)"),
         ("opposite directions", "MIN_LENGTH = 0.1", "MIN_LENGTH = 0.0"),
     ]),
-    *mutants_of(SAMPLER + "tracking/tiles.py", "tests/test_tracked_tiles.py", [
+    *mutants_of(SAMPLER + "tracking/tiles.py", "tests/test_tracked_tiles.py tests/test_tracked_decisions.py", [
         ("light of a tile doubled", "TILE_FRACTION = 0.25", "TILE_FRACTION = 0.5"),
         ("Lloyd weights", "WEIGHT_EXPONENT = 1.6", "WEIGHT_EXPONENT = 1.0"),
     ]),

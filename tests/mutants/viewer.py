@@ -19,7 +19,7 @@ MUTANTS = [
         ("white doubled", "WHITE = 6.0", "WHITE = 12.0"),
         ("adaptation doubled", "ADAPT = 0.15", "ADAPT = 0.30"),
         ("adaptation halved", "ADAPT = 0.15", "ADAPT = 0.075"),
-        ("DARK x 1000", "DARK = 1e-6", "DARK = 1e-3"),
+        ("darkest cells x 1000", "DARK = 1e-6", "DARK = 1e-3"),
         ("linear steps", "LINEAR_STEPS = 4096", "LINEAR_STEPS = 512"),
         ("quality halved", "QUALITY = 88", "QUALITY = 44"),
         ("quality near the top", "QUALITY = 88", "QUALITY = 97"),

@@ -1,4 +1,4 @@
-"""Where the GL context comes from, and what a machine that gives none is told."""
+"""Where the GL context comes from, and the message on a machine that provides none."""
 
 import os
 import shutil
@@ -76,7 +76,7 @@ def test_a_display_serves_where_egl_does_not(devices, machine):
     assert len(asked) <= len(devices[:2]) + 2
 
 
-def test_nothing_is_said_twice(machine):
+def test_a_cause_is_named_once(machine):
     machine(["libEGL.so.1\nnot loaded"] * 20)
     one_line("no OpenGL 4.3 (EGL: libEGL.so.1 not loaded); ", "apt-get install libegl1 libgl1 libgl1-mesa-dri")
     machine(["eglInitialize failed"], display=":7", x_server="cannot open display")

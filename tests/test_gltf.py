@@ -1,0 +1,90 @@
+"""Accessors, primitives and nodes of glTF files."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.support.gltf_files import CORNERS, TexturedSquare
+from vemlight.errors import UserError
+from vemlight.renderer.scene.gltf import GltfFile
+from vemlight.renderer.scene.mesh_files import read_meshes
+
+
+def test_sparse_places_replace_those_of_the_buffer(tmp_path):
+    sheet = TexturedSquare()
+    rows, values = sheet.accessor(np.array([[2]], np.uint16)), sheet.accessor(np.array([[1, 3, 0]], np.float32))
+    views = [sheet.document["accessors"][k]["bufferView"] for k in (rows, values)]
+    sheet.document["accessors"][0]["sparse"] = {
+        "count": 1, "indices": {"bufferView": views[0], "componentType": 5123}, "values": {"bufferView": views[1]},
+    }  # fmt: skip
+    (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert part.geometry.positions[:, 1].max() == 3
+
+
+def test_numbers_that_end_beyond_their_buffer_are_refused(tmp_path):
+    sheet = TexturedSquare()  # its texture coordinates come last
+    sheet.data = sheet.data[:-4]
+    with pytest.raises(UserError, match="outside their buffer"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
+@pytest.mark.parametrize(("count", "with_data", "refused"), [
+    (2**20, False, ""),
+    (2**20 + 1, False, "rows without data"),
+    (45_000_000, True, "outside their buffer"),
+    (55_000_000, True, "has 55000000 rows"),
+])  # fmt: skip
+def test_an_accessor_has_at_most_50_million_rows_and_a_million_without_data(tmp_path, count, with_data, refused):
+    sheet = TexturedSquare()
+    accessor = {"componentType": 5121, "type": "SCALAR", "count": count}
+    sheet.document["accessors"].append({**accessor, "bufferView": 0} if with_data else accessor)
+    file, number = GltfFile(sheet.write(tmp_path / "sheet.gltf")), len(sheet.document["accessors"]) - 1
+    if refused:
+        with pytest.raises(ValueError, match=refused):
+            file.array(number)
+    else:
+        assert not file.array(number).any()
+
+
+def test_files_of_gltf_1_are_refused(tmp_path):
+    sheet = TexturedSquare()
+    sheet.document["asset"]["version"] = "1.0"
+    with pytest.raises(UserError, match="is of another version than glTF 2"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
+def test_strips_and_vertices_without_indices_are_triangles(tmp_path):
+    sheet = TexturedSquare()
+    sheet.primitive.update(mode=5, indices=sheet.accessor(np.array([0, 1, 3, 2], np.uint32)[:, None]))
+    (strip,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert strip.geometry.positions[strip.geometry.triangles].tolist() == CORNERS[[[0, 1, 3], [2, 3, 1]]].tolist()
+    sheet = TexturedSquare(uv=None)
+    sheet.attribute("POSITION", CORNERS[[0, 1, 2, 0, 2, 3]])
+    del sheet.primitive["indices"]
+    (loose,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert len(loose.geometry.triangles) == 2
+
+
+def test_a_node_with_two_parents_is_refused(tmp_path):
+    sheet = TexturedSquare()
+    sheet.document.update(nodes=[{"children": [2]}, {"children": [2]}, {"mesh": 0}], scenes=[{"nodes": [0, 1]}])
+    with pytest.raises(UserError, match="has nodes with several parents"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
+def test_transforms_of_nested_nodes_apply_from_the_mesh_up(tmp_path):
+    sheet = TexturedSquare()
+    half = float(np.sqrt(0.5))
+    sheet.document["nodes"] = [{"translation": [5.0, 0.0, 0.0], "children": [1]}, {"mesh": 0, "rotation": [0.0, 0.0, half, half]}]
+    (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert np.allclose(part.geometry.positions, CORNERS @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + [5, 0, 0], atol=1e-6)
+
+
+def test_a_device_is_no_buffer(tmp_path):
+    sheet = TexturedSquare()
+    path = sheet.write(tmp_path / "sheet.gltf")
+    sheet.document["buffers"][0]["uri"] = "/dev/zero"
+    path.write_text(json.dumps(sheet.document))
+    with pytest.raises(UserError, match="there is no such file"):
+        read_meshes(path, "here")

@@ -1,6 +1,7 @@
 """Files in and out: TOML into typed records, writing that never leaves half a file, devices that may be opened."""
 
 import grp
+import hashlib
 import os
 import re
 import stat
@@ -112,7 +113,7 @@ def write_toml(path: Path, record: msgspec.Struct) -> None:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yields NAME.part to write to; afterwards it is flushed to the disk and renamed to `path`.
+    """Yields NAME.part to write to; afterwards it is flushed to the disk and renamed to `path`, which a power failure does not undo.
 
     When the body raises, the part is removed and `path` is untouched. The part keeps the suffix of `path` for libraries
     that choose a format by it.
@@ -125,6 +126,22 @@ def written_whole(path: Path) -> Iterator[Path]:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+    fsync_folder(path.parent)
+
+
+def fsync_folder(folder: Path) -> None:
+    """Flushes a folder's list of files to the disk: only then new and renamed files survive a power failure."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sha256_of(path: Path) -> str:
+    """The SHA-256 of a file's content in hexadecimal digits. Raises OSError when it cannot be read."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def may_open(device: Path) -> bool:

@@ -21,8 +21,9 @@ COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 @click.option("--frames", type=click.IntRange(1), help="Stop after so many frames.")
 @click.option("--out", type=PATH, help="Folder for the lights (.jsonl), the pictures (EXR and PNG) and a contact sheet.")
 @click.option("--mode", type=click.Choice(["live", "lossless"]), help="live: the newest frame wins; lossless (with --out): every frame.")
-def run(settings: Path | None, frames: int | None, out: Path | None, mode: "Mode | None") -> None:
-    """Start capture, sampler, renderer and viewer, and supervise them."""
+@click.option("--overwrite", is_flag=True, help="Remove what another run has left in that folder.")
+def run(settings: Path | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool) -> None:
+    """Start capture, sampler, renderer and viewer, and supervise them. With --out, a run that was cut off goes on where it ended."""
     import msgspec
 
     from vemlight.runtime.supervise import supervise
@@ -36,7 +37,7 @@ def run(settings: Path | None, frames: int | None, out: Path | None, mode: "Mode
     if mode:
         wanted = msgspec.structs.replace(wanted, mode=mode)
     check_settings(wanted, settings)
-    sys.exit(supervise(wanted))
+    sys.exit(supervise(wanted, overwrite))
 
 
 def _service(name: "Service", summary: str) -> click.Command:

@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import written_whole
+from vemlight.files import notice, written_whole
+from vemlight.journal import JOURNAL_START, Journal, JournalPoint
 from vemlight.light.sphere import Coverage
 
 
@@ -40,8 +41,8 @@ class LightRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     irradiance: tuple[float, float, float]
 
 
-class LightsRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One frame's lights as they stand in a file."""
+class LightsRow(msgspec.Struct, frozen=True, kw_only=True):
+    """One frame's lights as they stand in a file; readers pass over keys that they do not know."""
 
     schema: Literal["vemlight.lights/1"] = "vemlight.lights/1"
     sequence: int
@@ -82,22 +83,41 @@ def write_lights(path: Path, rows: list[LightsRow]) -> None:
 
 
 class LightsFile:
-    """A .jsonl file that grows by a frame at a time; a line that a killed writer left half is taken away on opening."""
+    """A .jsonl file that grows by a frame at a time, as a journal (services/journal.py): its lines have a key `chain` more.
 
-    def __init__(self, path: Path) -> None:
-        """Raises UserError when the file cannot be written or holds something else."""
+    `count`: frames in it. `end`: the point behind the last.
+    """
+
+    def __init__(self, path: Path, can_be_made_again: bool, checked_until: JournalPoint = JOURNAL_START) -> None:
+        """Opens it and removes what is not whole, with a notice where that is more than a crash leaves.
+
+        checked_until: a point, so that a long file need not be read again; one that is not in the file is ignored. Raises UserError when
+        the file cannot be written, holds something else, or is damaged and frames cannot be made again.
+        """
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = open(path, "a+b")  # noqa: SIM115, it stays open as long as its writer
+            self._journal = Journal(path)
+            if not self._journal.holds(checked_until):
+                checked_until = JOURNAL_START
+            end = checked_until
+            for _, end in self._journal.lines(checked_until):
+                pass
+            if self._journal.keep(end, can_be_made_again) > 1:
+                notice(f"{path}: line {end.lines + 1} is damaged; its lights and those that follow are made again")
         except OSError as error:
             raise UserError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error
-        self._file.seek(0)
-        lines = self._file.read().split(b"\n")
-        self._file.truncate(sum(len(line) + 1 for line in lines[:-1]))
-        self.count = len(lines) - 1  # frames in it
+
+    @property
+    def count(self) -> int:
+        return self._journal.end.lines
+
+    @property
+    def end(self) -> JournalPoint:
+        return self._journal.end
 
     def append(self, lights: LightSet, sequence: int, time_s: float, coverage: Coverage) -> None:
-        """Adds a frame; it is out of this process's hands when the call returns."""
-        self._file.write(lights_json(lights_row(lights, sequence, time_s, coverage)) + b"\n")
-        self._file.flush()
-        self.count += 1
+        """Adds a frame; it is on the disk when the call returns. Raises OSError when the disk refuses."""
+        self._journal.append(lights_json(lights_row(lights, sequence, time_s, coverage)))
+
+    def close(self) -> None:
+        self._journal.close()

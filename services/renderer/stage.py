@@ -110,7 +110,7 @@ class RendererStage:
             size = f"{settings.renderer.width} x {settings.renderer.height}"
             most = wire.MAX_PART // pixel_bytes
             raise UserError(f"[renderer] width, height: {size} is more than the {most} pixels that one message holds; make them smaller")
-        self._album = ImageSequenceWriter(Path(settings.out)) if settings.out else None
+        self._album = ImageSequenceWriter(settings) if settings.out else None
         self._video = Path(settings.renderer.video) if settings.renderer.video else None
         if self._video:
             check_video_path(self._video)
@@ -244,6 +244,4 @@ class RendererStage:
 
     def finish(self) -> None:
         if self._album:
-            self._album.write_contact_sheet()
-            if self._video and self._album.count:
-                self._album.write_video(self._video)
+            self._album.complete(self._video)

@@ -6,12 +6,16 @@ lossless: the last service requests each frame by number and every other one mak
 
 import signal
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Protocol, TypeVar
 
 import msgspec
 import numpy as np
 import zmq
 
+from vemlight.errors import UserError
+from vemlight.files import one_line
 from vemlight.runtime import wire
 from vemlight.runtime.channels import BACKPRESSURE_FROM, FRAMES, LAST, UPSTREAM, Service
 from vemlight.runtime.demand import Supply
@@ -46,7 +50,10 @@ class Stage(Protocol[State]):
         ...
 
     def start_at(self, target: int) -> tuple[State, int]:
-        """A state, and the first frame to step it on so that every frame from `target` on is the same as in an uninterrupted run."""
+        """A state, and the first frame to step it on so that every frame from `target` on is the same as in an uninterrupted run.
+
+        That frame is `target` or one shortly before it: what a restart costs does not grow with the number.
+        """
         ...
 
     def step(self, state: State, message: wire.Message) -> tuple[State, wire.Message]:
@@ -60,11 +67,14 @@ class Stage(Protocol[State]):
         ...
 
     def write(self, state: State, message: wire.Message) -> None:
-        """Writes what `step` has just made, when files are wanted, and prints notices that are in the state."""
+        """Writes what `step` has just made, when files are wanted, and prints notices that are in the state.
+
+        Raises OSError when the disk refuses; the files are then as if the frame had not been, and the next call tries anew.
+        """
         ...
 
     def finish(self) -> None:
-        """Called after the last frame, in the last stage only."""
+        """Called after the last frame, in the last stage only. Raises OSError when the disk refuses."""
         ...
 
 
@@ -160,10 +170,13 @@ def _run_live(stage: Stage[State], transport: Transport, publisher: Any, stats: 
         if newest := input_.newest():
             assert isinstance(newest[0], wire.FrameHeader)
             side_frames = nearest.frames_at(newest[0].stamp, stage.side_inputs(state), stats)
-            state, _ = _step(stage, state, newest, side_frames, publisher, stats)
+            state, _ = _step(stage, state, newest, side_frames, publisher, stats, _write_if_possible)
         if input_.end:
             if stage.service == LAST:
-                stage.finish()
+                try:
+                    stage.finish()
+                except OSError as error:
+                    stats.on_written(error)
                 return
             publish(publisher, (input_.end, ()))
             time.sleep(END_PERIOD_S)
@@ -211,18 +224,39 @@ def _step(
     side_frames: list[wire.Message],
     publisher: Any,
     stats: ServiceStats,
-    write_from: int = 0,
+    write: Callable[[Stage[State], State, wire.Message, ServiceStats], None],
 ) -> tuple[State, wire.Message]:
-    """Steps the stage on a frame, writes what it made when its number is at least `write_from`, publishes and counts it."""
+    """Steps the stage on a frame; writes, counts and publishes what it made."""
     started_s = time.monotonic()
     for side_frame in side_frames:
         state = stage.on_message(state, side_frame)
     state, made = stage.step(state, message)
-    if isinstance(made[0], wire.FrameHeader) and made[0].stamp.sequence >= write_from:
-        stage.write(state, made)
+    write(stage, state, made, stats)
     stats.on_finished(made, time.monotonic() - started_s)
     publish(publisher, made)
     return state, made
+
+
+def _write_if_possible(stage: Stage[State], state: State, made: wire.Message, stats: ServiceStats) -> None:
+    """live: what the disk refuses is counted and said, and the pictures go on."""
+    try:
+        stage.write(state, made)
+    except OSError as error:
+        stats.on_written(error)
+    else:
+        stats.on_written(None)
+
+
+@contextmanager
+def _disk_needed(what: str) -> Iterator[None]:
+    """lossless: what the disk refuses ends the run, which loses nothing by it. Raises UserError."""
+    try:
+        yield
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        reason = error.strerror or one_line(error)
+        hint = "make room and run the same command again, which goes on from there"
+        raise UserError(f"{where}{what} cannot be written ({reason}); {hint}") from error
 
 
 def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
@@ -231,9 +265,15 @@ def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, sta
     supply = Supply(transport.bind(stage.service, "serve"), stats)
     first_missing = stage.first_missing_frame()
     is_last = stage.service == LAST
-    state, due = stage.start_at(first_missing if is_last else 0)
+    state, due = stage.start_at(first_missing)
     inputs = Lockstep(transport, (upstream, *stage.side_inputs(state)), stats)
     made: dict[int, wire.Message] = {}
+
+    def write(stage: Stage[State], state: State, frame: wire.Message, stats: ServiceStats) -> None:
+        if due >= first_missing:
+            with _disk_needed(f"frame {due}"):
+                stage.write(state, frame)
+
     while not stop.received:
         zmq.select([*inputs.awaited(), supply.socket, publisher], [], [], POLL_MS / 1e3)
         accept_subscriptions(publisher)
@@ -245,12 +285,13 @@ def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, sta
             inputs.restart()
         if (is_last or (requested is not None and requested >= due)) and (frames := inputs.frames(due)):
             message, *side_frames = frames
-            state, made[due] = _step(stage, state, message, side_frames, publisher, stats, write_from=first_missing)
+            state, made[due] = _step(stage, state, message, side_frames, publisher, stats, write)
             first_missing, due = max(first_missing, due + 1), due + 1
             made.pop(due - CACHED_FRAMES, None)
         supply.send(made.get, end=inputs.end)
         if is_last and inputs.end is not None and due >= inputs.end:
-            stage.finish()
+            with _disk_needed("what belongs to the whole run"):
+                stage.finish()
             return
         publish_status(publisher, stats)
 

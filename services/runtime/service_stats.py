@@ -6,6 +6,7 @@ import time
 from collections import deque
 from statistics import median
 
+from vemlight.files import one_line
 from vemlight.runtime import wire
 from vemlight.runtime.channels import REPORT_PERIOD_S, Service
 
@@ -42,7 +43,7 @@ class ServiceStats:
 
     def __init__(self, service: Service, restarts: int) -> None:
         self.service, self.restarts = service, restarts
-        self.frames = self.skipped = self.dropped = self.refused = 0
+        self.frames = self.skipped = self.dropped = self.refused = self.unwritten = 0
         self._newest: wire.Stamp | None = None
         self._age_ms = 0.0
         self._finished_s: deque[float] = deque(maxlen=256)  # of 250 frames a second and more the rate is that of the last 256
@@ -52,6 +53,7 @@ class ServiceStats:
         self._report: wire.AnyReport | None = None
         self._due_s = 0.0
         self._refused_line_s = float("-inf")
+        self._unwritten_before: int | None = None  # since when the disk refuses: how many frames were unwritten then
 
     def on_finished(self, message: wire.Message, step_s: float) -> None:
         """Counts a frame that this service has made in `step_s`."""
@@ -73,6 +75,19 @@ class ServiceStats:
             reason = ascii(str(error))[1:-1][:300]  # parts of it come from the sender
             print(f"vemlight: {self.service}: refused a message: {reason}", file=sys.stderr, flush=True)
 
+    def on_written(self, error: OSError | None) -> None:
+        """Counts a frame whose files the disk has refused with `error`, or taken: a line when it begins to refuse, and when it takes again."""
+        if error:
+            if self._unwritten_before is None:
+                self._unwritten_before = self.unwritten
+                reason = error.strerror or one_line(error)
+                print(f"vemlight: {self.service}: nothing is written ({reason}); goes on, and writes again when it can", file=sys.stderr, flush=True)
+            self.unwritten += 1
+        elif self._unwritten_before is not None:
+            missing = self.unwritten - self._unwritten_before
+            self._unwritten_before = None
+            print(f"vemlight: {self.service}: writes again; {missing} frames were not written", file=sys.stderr, flush=True)
+
     def status_if_due(self) -> wire.StatusMessage | None:
         """The status, when it is time to publish it again."""
         now_s = time.monotonic()
@@ -92,6 +107,7 @@ class ServiceStats:
             dropped=self.dropped,
             refused=self.refused,
             restarts=self.restarts,
+            unwritten=self.unwritten,
             report=self._report,
         )
 

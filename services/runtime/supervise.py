@@ -9,15 +9,17 @@ import sys
 import tempfile
 import time
 from collections import deque
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import msgspec
 import tomli_w
 import zmq
 
-from vemlight.errors import UserError
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Service
+from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.token import with_token
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
@@ -33,6 +35,9 @@ PROGRESS_S = 2.0  # between two lines while files are written; any value in 1..1
 POLL_S = 0.1  # how late a death is noticed at most; any value in 0.02..0.3 does
 QUIET_BLAS = {"OPENBLAS_NUM_THREADS": "1"}  # matrices are small here, and its threads would spin on cores that the renderer draws with
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
+INTERRUPTED, TERMINATED = 128 + signal.SIGINT, 128 + signal.SIGTERM  # as shells count
+
+_prctl = ctypes.CDLL(None).prctl  # found here, because a child that was forked beside threads must not look for it
 
 
 class Child:
@@ -51,7 +56,7 @@ class Child:
             [sys.executable, "-m", f"vemlight.{self.service}", str(self._settings_file)],
             env={**QUIET_BLAS, **os.environ, "VEMLIGHT_RESTARTS": str(self.restarts)},
             process_group=0,
-            preexec_fn=_die_with_parent,
+            preexec_fn=partial(_die_with, os.getpid()),
         )
 
     def plan_restart(self, status: int) -> str | None:
@@ -73,22 +78,43 @@ class Child:
             self.start()
 
 
-def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+def _die_with(supervisor: int) -> None:
+    """In a child between fork and exec, where the fewest things are safe: killed when its parent ends, even while it is stopped."""
+    _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != supervisor:  # it ended before the line above
+        os._exit(1)
 
 
 def _ending(status: int) -> str:
     return f"was killed by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
 
 
-def supervise(settings: Settings) -> int:
-    """Runs all services until the last frame is done (0), a signal comes (0), or one of them cannot go on (its status).
+def supervise(settings: Settings, overwrite: bool = False) -> int:
+    """Runs all services until the last frame is done (0), one of them cannot go on (its status) or a signal comes.
 
-    Raises UserError for settings that cannot work before anything is started.
+    SIGINT gives 130. SIGTERM gives 143 where frames are missing from the output, 0 in live mode without one. What the same run has left in
+    its output folder is kept, unless `overwrite`. Raises UserError for settings or a folder that cannot be used before anything is started.
     """
-    if settings.out:
-        clear_output(Path(settings.out))
-    settings = with_token(settings)  # here, so that a restarted viewer asks for the same
+    with ExitStack() as open_:
+        if settings.out and open_.enter_context(claimed_output(settings, overwrite)):
+            return 0
+        status = _run(with_token(settings))  # a token made here, so that a restarted viewer asks for the same
+        return _with_result(settings, status) if settings.out else status
+
+
+def _with_result(settings: Settings, status: int) -> int:
+    """Says what is in the output folder, unless an error has ended the run and said so. The status to end with: 1 where 0 were untrue."""
+    pictures, complete = len(list(Path(settings.out).glob("frame_[0-9]*.exr"))), is_complete(Path(settings.out))
+    if status == 0 and complete:
+        print(f"vemlight: {settings.out}: {pictures} pictures and their lights", file=sys.stderr, flush=True)
+    elif status in (0, INTERRUPTED, TERMINATED):
+        wanted = f" of {settings.capture.frames}" if settings.capture.frames else ""
+        hint = "; the same command goes on from there" if settings.mode == "lossless" else ""
+        print(f"vemlight: stopped: {settings.out} is partial, {pictures}{wanted} pictures{hint}", file=sys.stderr, flush=True)
+    return status or int(not complete)
+
+
+def _run(settings: Settings) -> int:
     _remove_dead_runs()
     folder = Path(tempfile.gettempdir()) / f"{RUN_FOLDER}{os.getpid()}"
     folder.mkdir(mode=0o700)
@@ -97,11 +123,7 @@ def supervise(settings: Settings) -> int:
             settings = msgspec.structs.replace(settings, wire=msgspec.structs.replace(settings.wire, folder=str(folder)))
         file = folder / "vemlight.toml"
         file.write_text(tomli_w.dumps(msgspec.to_builtins(settings)))
-        status = Supervisor(settings, file).run()
-        if settings.out and status == 0:
-            pictures = len(list(Path(settings.out).glob("frame_[0-9]*.exr")))
-            print(f"vemlight: {settings.out}: {pictures} pictures and their lights", file=sys.stderr, flush=True)
-        return status
+        return Supervisor(settings, file).run()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -115,13 +137,14 @@ class Supervisor:
         self._transport = Transport(settings.wire)
         self._statuses = [self._transport.subscribe(service, "status") for service in settings.services]
         self._newest: dict[str, wire.StatusMessage] = {}
-        self._signals = 0
+        self._signals, self._interrupted = 0, False
         self._printed = 0  # pictures, in the last progress line
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
 
-    def _on_signal(self, *_: object) -> None:
+    def _on_signal(self, number: int, _: object) -> None:
         self._signals += 1
+        self._interrupted |= number == signal.SIGINT
 
     def run(self) -> int:
         try:
@@ -153,6 +176,8 @@ class Supervisor:
                 print("vemlight: starting; the first time, code is compiled, which takes up to a minute", file=sys.stderr, flush=True)
             for child in self._children.values():
                 if child.process and (ended := child.process.poll()) is not None:
+                    if self._signals:  # it was sent to the services, too
+                        break
                     if ended == 2 or (ended == 0 and child.service == LAST):
                         return ended
                     if reason := child.plan_restart(ended):
@@ -163,7 +188,9 @@ class Supervisor:
             if time.monotonic() - printed_s > PROGRESS_S:
                 printed_s = time.monotonic()
                 self._print_progress()
-        return 0
+        if self._interrupted:
+            return INTERRUPTED
+        return TERMINATED if self._settings.out else 0
 
     def _receive_statuses(self) -> None:
         zmq.select(self._statuses, [], [], timeout=POLL_S)
@@ -190,24 +217,13 @@ class Supervisor:
         processes = [child.process for child in self._children.values() if child.process]
         for process in processes:
             process.terminate()
+            process.send_signal(signal.SIGCONT)  # one that somebody has stopped would not hear it
         kill_at_s = time.monotonic() + STOP_TIMEOUT_S
         while any(process.poll() is None for process in processes):
             if time.monotonic() > kill_at_s or self._signals > max(signals, 1):
                 for process in processes:
                     process.kill()
             time.sleep(0.02)
-
-
-def clear_output(out: Path) -> None:
-    """Makes the folder and removes what an earlier run of ours left there, and nothing else. Raises UserError when it cannot."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for name in ("lights.jsonl", "manifest.jsonl", "contact.png"):
-            (out / name).unlink(missing_ok=True)
-        for picture in [*out.glob("frame_[0-9]*.exr"), *out.glob("frame_[0-9]*.png")]:
-            picture.unlink()
-    except OSError as error:
-        raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another --out") from error
 
 
 def _remove_dead_runs() -> None:

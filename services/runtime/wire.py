@@ -237,6 +237,7 @@ class StatusMessage(Header, frozen=True, tag="status"):
     dropped: Count  # published by the producer, by its own count, and never received here
     refused: Count  # messages that `unpack` refused
     restarts: Count  # how often the supervisor had to restart it
+    unwritten: Count = 0  # made, but not written to files because the disk refused
     # How many frames took up to each of STEP_BOUNDS_MS and more than the bound before, then how many took longer; and all their time.
     step_counts: Annotated[tuple[Count, ...], Meta(min_length=STEP_BINS, max_length=STEP_BINS)] = STEP_BINS * (0,)
     step_total_ms: Milliseconds = 0.0

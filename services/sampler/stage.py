@@ -7,11 +7,14 @@ import msgspec
 import numpy as np
 
 from vemlight import settings
+from vemlight.journal import JOURNAL_START
 from vemlight.light.bright_cells import BrightCells
 from vemlight.light.light_set import LightSet, LightsFile
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
+from vemlight.runtime.output_folder import LIGHTS, SNAPSHOTS
 from vemlight.sampler.sampler_input import SamplerInput
+from vemlight.sampler.snapshot import SNAPSHOT_FRAMES, Snapshot, Snapshots
 from vemlight.sampler.state import SamplerState, initial_state
 from vemlight.sampler.step import step
 
@@ -35,15 +38,19 @@ class SamplerStage:
     def __init__(self, settings: settings.Settings) -> None:
         """Raises UserError when the output folder cannot be written."""
         self._settings = settings.sampler
-        self._file = LightsFile(Path(settings.out) / "lights.jsonl") if settings.out else None
+        self._is_lossless = settings.mode == "lossless"
+        self._snapshots = Snapshots(Path(settings.out) / SNAPSHOTS) if settings.out and self._is_lossless else None
+        until = self._snapshots.newest_end if self._snapshots else JOURNAL_START
+        self._file = LightsFile(Path(settings.out) / LIGHTS, self._is_lossless, until) if settings.out else None
         warm(settings.sampler)
 
     def first_missing_frame(self) -> int:
         return self._file.count if self._file else 0
 
     def start_at(self, target: int) -> tuple[StageState, int]:
-        """From the first frame: the filters remember, and a replay of maps alone is quick."""
-        return StageState(self._settings, initial_state(), 0), 0
+        """From the newest snapshot before the target, or from the first frame: the filters remember."""
+        found = self._snapshots.before(target) if self._snapshots else None
+        return StageState(self._settings, found.state if found else initial_state(), 0), found.frames if found else 0
 
     def side_inputs(self, state: StageState) -> tuple[Service, ...]:
         return ()
@@ -84,6 +91,8 @@ class SamplerStage:
         header, arrays = message
         if self._file and isinstance(header, wire.LightsMessage):
             self._file.append(LightSet(*arrays[:3]), header.stamp.sequence, header.stamp.time_s, header.coverage)
+            if self._snapshots and self._file.count % SNAPSHOT_FRAMES == 0:
+                self._snapshots.add(Snapshot(self._file.end, state.sampler))
 
     def finish(self) -> None:
         pass

@@ -11,7 +11,7 @@ from vemlight.runtime import wire
 from vemlight.viewer.liveness import STATES
 from vemlight.viewer.report_fields import ReportField
 
-OUTCOMES = {"done": "frames", "skipped": "skipped", "dropped": "dropped", "refused": "refused"}
+OUTCOMES = {"done": "frames", "skipped": "skipped", "dropped": "dropped", "refused": "refused", "unwritten": "unwritten"}
 BASE_UNITS = {"ms": ("seconds", 1e-3), "Hz": ("hertz", 1.0), "frames": ("frames", 1.0), "": ("", 1.0)}  # of report_fields.UNITS
 
 

@@ -1,19 +1,18 @@
 """The pictures of a run as files: frame_0000.exr (linear) and .png (tone-mapped), a manifest, a contact sheet and a video of them."""
 
-import hashlib
 from pathlib import Path
 
 import cv2
-import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import decoded_json
 from vemlight.light.images import write_exr, write_png
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import BACKGROUND, over_background, video_writer
 from vemlight.runtime import wire
+from vemlight.runtime.output_folder import CONTACT_SHEET, RunManifest, WrittenPicture, run_start
 from vemlight.runtime.progress import counted
+from vemlight.settings import Settings
 
 CONTACT_SHEET_COLUMNS = 6
 CONTACT_SHEET_PICTURES = 24
@@ -21,73 +20,79 @@ THUMBNAIL_WIDTH = 320  # pixels; 6 of them make 1920
 DEFAULT_FPS = 25.0  # of a video of one picture, whose time steps say no rate
 
 
-class PictureEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A line of manifest.jsonl: a picture that is whole on the disk.
+class PictureEntry(WrittenPicture, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A line of manifest.jsonl. adaptation: the tone mapping's after this picture, from which a renderer that was killed goes on."""
 
-    sha256: of the EXR. adaptation: the tone mapping's after this picture, from which a renderer that was killed goes on.
-    """
-
-    name: str
-    sequence: int
-    time_s: float
-    sha256: str
     adaptation: Adaptation
 
 
 class ImageSequenceWriter:
-    """Writes numbered pictures to a folder, in order. Opening removes a half-written last line of the manifest."""
+    """Writes numbered pictures to a folder, in order, and goes on after those that a run with the same settings and inputs left there."""
 
-    def __init__(self, folder: Path) -> None:
-        """Raises UserError when the folder cannot be written or its manifest is not one of pictures."""
-        self._folder = folder
-        path = folder / "manifest.jsonl"
+    def __init__(self, settings: Settings) -> None:
+        """Raises UserError when the folder `settings.out` cannot be written, is in use, or holds the output of another run."""
+        self._folder = Path(settings.out)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._manifest = open(path, "a+b")  # noqa: SIM115, it stays open as long as its writer
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._manifest = RunManifest(self._folder, run_start(settings), PictureEntry)
         except OSError as error:
-            raise UserError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error
-        self._manifest.seek(0)
-        lines = self._manifest.read().split(b"\n")
-        self._manifest.truncate(sum(len(line) + 1 for line in lines[:-1]))
-        try:
-            self._entries = [decoded_json(line, PictureEntry) for line in lines[:-1]]
-        except ValueError as error:
-            raise UserError(f"{path}: is no manifest of pictures ({error}); choose another --out") from error
+            raise UserError(f"{error.filename or self._folder}: cannot be written ({error.strerror}); choose another --out") from error
+        self._renumbered = 0  # live: added to the numbers of a source that was restarted and counts from 0 again
 
     @property
     def count(self) -> int:
-        return len(self._entries)
+        return len(self._manifest.pictures)
 
     @property
     def last(self) -> PictureEntry | None:
-        return self._entries[-1] if self._entries else None
+        return self._manifest.pictures[-1] if self._manifest.pictures else None
 
     def add(self, picture: np.ndarray, pixels: np.ndarray, stamp: wire.Stamp, adaptation: Adaptation) -> None:
         """Writes one frame: `picture` (height, width, 4) float32, linear, and `pixels`, the same tone-mapped, uint8.
 
-        Raises OSError when the disk refuses.
+        The manifest names it once its files are on the disk. Raises OSError when the disk refuses; nothing of it is then there.
         """
-        stem = f"frame_{stamp.sequence:04d}"
-        exr = self._folder / f"{stem}.exr"
-        write_exr(exr, picture, {"imageCounter": stamp.sequence % 2**31, "vemlight:sequence": str(stamp.sequence)})
-        write_png(exr.with_suffix(".png"), pixels)
-        digest = hashlib.sha256(exr.read_bytes()).hexdigest()
-        entry = PictureEntry(exr.name, stamp.sequence, stamp.time_s, digest, adaptation)
-        self._manifest.write(msgspec.json.encode(entry) + b"\n")
-        self._manifest.flush()
-        self._entries.append(entry)
+        if self.last and stamp.sequence + self._renumbered <= self.last.sequence:
+            self._renumbered = self.last.sequence + 1 - stamp.sequence
+        sequence = stamp.sequence + self._renumbered
+        exr = self._folder / f"frame_{sequence:04d}.exr"
+        try:
+            write_exr(exr, picture, {"imageCounter": sequence % 2**31, "vemlight:sequence": str(sequence)})
+            write_png(exr.with_suffix(".png"), pixels)
+            sha256, png_sha256 = self._manifest.digests(exr.name)
+            self._manifest.add(
+                PictureEntry(
+                    name=exr.name,
+                    sequence=sequence,
+                    time_s=stamp.time_s,
+                    sha256=sha256,
+                    png_sha256=png_sha256,
+                    adaptation=adaptation,
+                )
+            )
+        except OSError:
+            exr.unlink(missing_ok=True)
+            exr.with_suffix(".png").unlink(missing_ok=True)
+            raise
+
+    def complete(self, video: Path | None = None) -> None:
+        """Writes the contact sheet and the video, if there is any picture, and closes the manifest. Raises OSError when the disk refuses."""
+        if self.count:
+            self.write_contact_sheet()
+            if video:
+                self.write_video(video)
+        self._manifest.complete()
 
     def write_contact_sheet(self) -> None:
-        """Writes contact.png of all pictures. Does nothing when there is none."""
-        if self._entries:
-            write_contact_sheet(self._folder / "contact.png", [self._folder / entry.name for entry in self._entries])
+        """Writes a contact sheet of all pictures."""
+        write_contact_sheet(self._folder / CONTACT_SHEET, [self._folder / entry.name for entry in self._manifest.pictures])
 
     def write_video(self, path: Path) -> None:
         """Writes all pictures as a video, read back from their files, so that restarts of the renderer do not show in it."""
-        steps_s = np.diff([entry.time_s for entry in self._entries])
+        steps_s = np.diff([entry.time_s for entry in self._manifest.pictures])
         steps_s = steps_s[steps_s > 0]
         with video_writer(path, 1 / float(np.median(steps_s)) if len(steps_s) else DEFAULT_FPS) as add:
-            for entry in counted(self._entries, path.name, len(self._entries)):
+            for entry in counted(self._manifest.pictures, path.name, self.count):
                 add(read_pixels(self._folder / entry.name), entry.time_s)
 
 

@@ -13,6 +13,7 @@ const MEASURES = [ // of every service: those of wire.StatusMessage
   { name: "step_ms", label: "step", unit: "ms", meaning: "its own time for a frame, median" },
   { name: "dropped", label: "dropped", unit: "", meaning: "frames that were published for it and never arrived", is_loss: true },
   { name: "skipped", label: "skipped", unit: "", meaning: "frames passed over for newer ones, because it is slower than its input", is_loss: true },
+  { name: "unwritten", label: "not written", unit: "", meaning: "frames that the disk refused, as a full one does", is_loss: true },
   { name: "restarts", label: "restarts", unit: "", meaning: "by the supervisor", is_loss: true },
   { name: "refused", label: "refused", unit: "", meaning: "messages that are not valid", is_loss: true },
 ];

@@ -39,7 +39,10 @@ def chained(content: bytes, before: str) -> bytes:
 
 
 def checked_lines(file: BinaryIO, after: JournalPoint = JOURNAL_START) -> Iterator[tuple[bytes, JournalPoint]]:
-    """The objects of the lines after a point, without their chains, and the point behind each; up to the first that is not what was written."""
+    """The lines after a point, as objects without their chains, and the point behind each.
+
+    Ends before the first line that is not what was written.
+    """
     file.seek(after.offset)
     while line := file.readline(MAX_LINE_BYTES):
         content = line[:-TAIL_BYTES] + b"}"

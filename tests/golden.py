@@ -36,6 +36,7 @@ def messages() -> dict[str, wire.Message]:
         skipped=1,
         dropped=2,
         refused=0,
+        unwritten=4,
         restarts=1,
         step_counts=(3, 4, 1, *10 * (0,)),
         step_total_ms=9.5,

@@ -12,6 +12,7 @@ SERVICES = ROOT / "services"
 # From below: a file imports only its own package and what stands on a lower floor.
 FLOORS = (
     {"errors", "file_kinds", "toml", "files"},
+    {"journal"},
     {"light"},
     {"settings", "runtime"},
     {"capture", "sampler", "renderer", "plate", "viewer"},

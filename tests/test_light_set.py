@@ -59,10 +59,12 @@ def test_a_path_where_lights_cannot_be_written_is_one_line(tmp_path, name, frame
 
 def test_appending_removes_a_line_that_a_killed_writer_left_half_written(tmp_path):
     path = tmp_path / "new" / "l.jsonl"
-    LightsFile(path).append(lights(), 0, 0.0, "hemisphere")
+    first = LightsFile(path, can_be_made_again=False)
+    first.append(lights(), 0, 0.0, "hemisphere")
+    first.close()
     with open(path, "ab") as file:
         file.write(b'{"schema": "vemlight')
-    again = LightsFile(path)
+    again = LightsFile(path, can_be_made_again=False)
     assert again.count == 1
     again.append(lights(2), 1, 0.04, "hemisphere")
     assert [len(row.lights) for row in read_lights(path)] == [3, 2]

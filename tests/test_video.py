@@ -112,10 +112,12 @@ def test_an_image_sequence_becomes_a_video_though_its_writer_was_started_again(t
         picture = np.full((36, 47, 4), sequence / 10, np.float32)
         writer.add(picture, flat(47, 36, (20 * sequence, 90, 200)), wire.stamp(sequence, sequence / 24), Adaptation())
 
-    writer = ImageSequenceWriter(tmp_path / "out")
+    wanted = Settings(mode="lossless", out=str(tmp_path / "out"))
+    writer = ImageSequenceWriter(wanted)
     for sequence in range(5):
         add(writer, sequence)
-    writer = ImageSequenceWriter(tmp_path / "out")
+    writer.close()
+    writer = ImageSequenceWriter(wanted)
     for sequence in range(writer.count, 9):
         add(writer, sequence)
     writer.write_video(tmp_path / "video.mp4")

@@ -1,5 +1,6 @@
 """A set of directional lights and its file form, `vemlight.lights/1`: one JSON object a frame, one a line in .jsonl."""
 
+from collections import deque
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -99,9 +100,8 @@ class LightsFile:
             self._journal = Journal(path)
             if not self._journal.holds(checked_until):
                 checked_until = JOURNAL_START
-            end = checked_until
-            for _, end in self._journal.lines(checked_until):
-                pass
+            whole = deque((point for _, point in self._journal.lines(checked_until)), maxlen=1)
+            end = whole[0] if whole else checked_until
             if self._journal.keep(end, can_be_made_again) > 1:
                 notice(f"{path}: line {end.lines + 1} is damaged; its lights and those that follow are made again")
         except OSError as error:

@@ -76,12 +76,13 @@ class ServiceStats:
             print(f"vemlight: {self.service}: refused a message: {reason}", file=sys.stderr, flush=True)
 
     def on_written(self, error: OSError | None) -> None:
-        """Counts a frame whose files the disk has refused with `error`, or taken: a line when it begins to refuse, and when it takes again."""
+        """Counts a frame that the disk has refused with `error`, if there is one; a line says when that begins and when it is over."""
         if error:
             if self._unwritten_before is None:
                 self._unwritten_before = self.unwritten
                 reason = error.strerror or one_line(error)
-                print(f"vemlight: {self.service}: nothing is written ({reason}); goes on, and writes again when it can", file=sys.stderr, flush=True)
+                text = f"nothing is written ({reason}); frames go on, and are written again when there is room"
+                print(f"vemlight: {self.service}: {text}", file=sys.stderr, flush=True)
             self.unwritten += 1
         elif self._unwritten_before is not None:
             missing = self.unwritten - self._unwritten_before

@@ -76,12 +76,19 @@ class ImageSequenceWriter:
             raise
 
     def complete(self, video: Path | None = None) -> None:
-        """Writes the contact sheet and the video, if there is any picture, and closes the manifest. Raises OSError when the disk refuses."""
+        """Writes the contact sheet and the video, if there is any picture, and the manifest's last line.
+
+        Raises OSError when the disk refuses.
+        """
         if self.count:
             self.write_contact_sheet()
             if video:
                 self.write_video(video)
         self._manifest.complete()
+
+    def close(self) -> None:
+        """Lets another process write there."""
+        self._manifest.close()
 
     def write_contact_sheet(self) -> None:
         """Writes a contact sheet of all pictures."""

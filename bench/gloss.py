@@ -18,7 +18,7 @@ from rich.progress import track
 
 from bench.accuracy.drawing import colour, leave_margin
 from bench.accuracy.maps import chosen
-from bench.judge import Source, points_of, read_source
+from bench.evaluation import Source, points_of, read_source
 from tests.support.ray_casting import Hits, first_hits, scene_tree
 from vemlight.commands.chart import machine
 from vemlight.files import written_whole
@@ -132,7 +132,7 @@ class Row(NamedTuple):
     lab: float
 
 
-def judged(kind: str, source: Source, folder: Path) -> tuple[list[Row], dict[str, np.ndarray]]:
+def measured(kind: str, source: Source, folder: Path) -> tuple[list[Row], dict[str, np.ndarray]]:
     """The errors under one map, and its strips of spheres by name, (SIDE, n SIDE, 4) uint8."""
     rows: list[Row] = []
     strips: dict[str, list[np.ndarray]] = {"the map itself": []}
@@ -191,7 +191,7 @@ def main() -> None:
     strips: dict[str, dict[str, np.ndarray]] = {}
     with TemporaryDirectory() as folder:
         for kind, path in track(chosen().items(), "maps"):
-            found, strips[kind] = judged(kind, read_source(path), Path(folder))
+            found, strips[kind] = measured(kind, read_source(path), Path(folder))
             rows += found
     kind = next(iter(strips))
     draw(rows, strips[kind], kind, out)

@@ -1,11 +1,11 @@
-"""Luminaires: error against samples, the 2003 approximation against the exact field, shadow maps against rays, and what it all costs.
+"""Luminaires: error against samples, the 2003 approximation against the exact field, shadow maps against rays, and times.
 
     python -m bench.luminaires [--out docs/luminaires] [--only NAME ...]
 
 Names: convergence, accuracy, approximation, shadows, search, speed, moving. Each writes luminaires_NAME.csv, and a chart
-where there is one. The lamp of the charts is a faceted headlight from the virtual bench, 7 x 9 images, about as the `bike`
-of Lu et al. 2015. On a machine with a GPU `--only speed moving` is what the papers measured; the first row names the GL that
-drew and how busy the processor was.
+where there is one. The lamp of the charts is a faceted headlight from the virtual goniophotometer, 7 x 9 images, similar to the `bike`
+of Lu et al. 2015. On a machine with a GPU `--only speed moving` measures what the papers did; the first row names the GL
+and the load of the processor.
 """
 
 import argparse

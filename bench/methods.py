@@ -1,4 +1,4 @@
-"""Every way to make lights of maps, behind one interface: a start, and a step from frame to frame."""
+"""All methods that make lights of maps, behind one interface: a start, and a step from frame to frame."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.judge import Source
+from bench.evaluation import Source
 from bench.rivals.kollig_keller import kollig_keller
 from bench.rivals.median_cut import median_cut, variance_minimisation
 from bench.rivals.penrose import penrose
@@ -20,7 +20,7 @@ from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
 from vemlight.settings import Sampler
 
-SETTLED = 8  # frames of a still map before it is judged and timed
+SETTLED = 8  # frames of a still map before it is evaluated and timed
 
 Step = Callable[[Any, SamplerInput], tuple[Any, LightSet]]
 Alone = Callable[[np.ndarray, Coverage, int], LightSet]

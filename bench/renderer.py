@@ -52,12 +52,12 @@ def tube_knot(steps: int, sides: int) -> Geometry:
 def paper_scene(knot: Geometry | None = None) -> Scene:
     """Ground, box, sphere and knot: 2 + 12 + 9,024 + 7,168 triangles unless another knot is given."""
     knot = knot or tube_knot(256, 14)
-    shine = (0.1, 0.1, 0.1)
+    specular = (0.1, 0.1, 0.1)
     parts = [
         Mesh("ground", shape_geometry("plane").moved(3 * np.eye(3), np.zeros(3)), Phong((0.6, 0.6, 0.6))),
         Mesh("box", shape_geometry("box").moved(0.4 * np.eye(3), np.array([-0.9, 0.2, 0.4])), Phong((0.2, 0.3, 0.5))),
-        Mesh("sphere", shape_geometry("sphere").moved(0.45 * np.eye(3), np.array([0.9, -0.3, 0.45])), Phong((0.5, 0.2, 0.1), shine, 80)),
-        Mesh("knot", knot.moved(np.eye(3), np.array([0.1, 0.9, 0.6])), Phong((0.6, 0.5, 0.2), shine, 40)),
+        Mesh("sphere", shape_geometry("sphere").moved(0.45 * np.eye(3), np.array([0.9, -0.3, 0.45])), Phong((0.5, 0.2, 0.1), specular, 80)),
+        Mesh("knot", knot.moved(np.eye(3), np.array([0.1, 0.9, 0.6])), Phong((0.6, 0.5, 0.2), specular, 40)),
     ]
     low, high = bounds([part.geometry for part in parts])
     return Scene(ViewCamera(position=(2.4, -4.0, 2.4), at=(0.0, 0.1, 0.45), fov_y=34.0), tuple(parts), (low + high) / 2, (high - low) / 2)

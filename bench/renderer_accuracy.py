@@ -23,7 +23,7 @@ from rich.progress import Progress
 
 from bench.accuracy.drawing import leave_margin
 from bench.accuracy.maps import chosen
-from bench.judge import read_source
+from bench.evaluation import read_source
 from bench.renderer import paper_scene
 from bench.rivals import mitsuba_picture
 from vemlight.commands.chart import machine

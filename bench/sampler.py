@@ -1,8 +1,8 @@
-"""How fast the sampler is: python -m bench.sampler [--frames 100000]. Writes docs/charts/sampler_speed.csv and .png, and prints the table.
+"""Speed of the sampler: python -m bench.sampler [--frames 100000]. Writes docs/charts/sampler_speed.csv and .png, and prints the table.
 
-Times are CPU times of the whole process, all its threads together, in the quietest of five batches: on a shared machine the rest measures
-its other users, who empty the caches. With mitsuba installed (extra `bench`; it needs libLLVM 15 or newer, DRJIT_LIBLLVM_PATH) its envmap
-is measured in the same run on the same pixels and points, held to one thread as we are, its kernels compiled before.
+Times are CPU times of the whole process, all its threads together, in the fastest of five batches: on a shared machine the others measure
+the load of its other users. With mitsuba installed (extra `bench`; it needs libLLVM 15 or newer, DRJIT_LIBLLVM_PATH) its envmap
+is measured in the same run on the same pixels and points, limited to one thread like ours, its kernels compiled before.
 """
 
 import argparse

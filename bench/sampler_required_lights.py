@@ -12,7 +12,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from bench.judge import read_source
+from bench.evaluation import read_source
 from vemlight.files import written_whole
 from vemlight.sampler.light_map import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes

@@ -1,7 +1,7 @@
 """Moving light with a known truth: steady and hand-held cameras, a sun, a lamp, damaged and lost frames, mains flicker.
 
 A world is a lat-long map whose brightest pixels are single directions; each frame turns it, adds what the sequence adds, and
-keeps two things: the source as it is (for the judge) and the polar map that a camera delivers (noise, invalid pixels), which is
+keeps two things: the source as it is (the reference) and the polar map that a camera delivers (noise, invalid pixels), which is
 all that the methods see.
 """
 
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from bench.judge import BRIGHTEST, Points, Source, with_brightest
+from bench.evaluation import BRIGHTEST, Points, Source, with_brightest
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import (
     cell_directions,

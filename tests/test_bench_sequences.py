@@ -1,11 +1,11 @@
-"""The moving light that methods are judged on: its truth must be true."""
+"""The moving light on which methods are evaluated: its ground truth and what the methods see."""
 
 from itertools import islice, pairwise
 
 import numpy as np
 import pytest
 
-from bench.judge import judge, points_of, points_of_lights
+from bench.evaluation import points_of, points_of_lights, probe_irradiance
 from bench.sequences import FRAMES, SEQUENCES, SUN, turned, world_from_latlong
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import (
@@ -78,6 +78,6 @@ def test_black_frames_are_black_only_to_the_methods(world):
 def test_lights_that_are_the_points_have_no_error(world):
     frame = next(SEQUENCES["zenith"](world))
     points = points_of(frame.source)
-    same = judge(points_of_lights(LightSet.of(np.arange(len(points.directions)), points.directions, points.irradiance)), 200)
-    truth = judge(points, 200)
+    same = probe_irradiance(points_of_lights(LightSet.of(np.arange(len(points.directions)), points.directions, points.irradiance)), 200)
+    truth = probe_irradiance(points, 200)
     np.testing.assert_allclose(same.soft, truth.soft, rtol=1e-4, atol=1e-5 * truth.soft.mean())

@@ -28,7 +28,7 @@ def test_the_beat_of_lamps_with_the_frame_rate_is_found(fps, hertz, beat):
         return
     assert found.beat_hz == pytest.approx(beat, abs=0.05)
     assert found.lamp_hz == pytest.approx(hertz, abs=0.05)
-    # At 30 fps the lamp's second harmonic, 200 Hz, beats at 10 Hz as well and cannot be told from the first.
+    # At 30 fps the lamp's second harmonic, 200 Hz, beats at 10 Hz as well and cannot be distinguished from the first.
     assert found.depth == pytest.approx(0.2, rel=0.1 if round(fps) == 30 else 0.02)
 
 

@@ -119,7 +119,7 @@ def opened_by_process(**environment: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     "environment",
     [{}, {"DISPLAY": ":7654"}, {"WAYLAND_DISPLAY": "wayland-7", "XDG_SESSION_TYPE": "wayland"}, {"EGL_PLATFORM": "x11"}],
-    ids=["headless", "no such X server", "wayland", "EGL told to use X"],
+    ids=["headless", "no such X server", "wayland", "EGL set to use X"],
 )
 def test_surroundings_that_change_nothing(environment):
     done = opened_by_process(**environment)

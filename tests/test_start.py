@@ -13,7 +13,7 @@ from vemlight.settings import Settings
     ("error", "status", "lines"),
     [
         (None, 0, []),
-        (UserError("here: is wrong; mend it"), 2, ["vemlight: here: is wrong; mend it"]),
+        (UserError("here: is wrong; fix it"), 2, ["vemlight: here: is wrong; fix it"]),
         (FatalError("the card was reset; start again"), 1, ["vemlight: the card was reset; start again"]),
     ],
 )

@@ -45,7 +45,7 @@ def error_elsewhere(radiance, lights):
 @pytest.mark.parametrize("limit", [30.0, 10.0])
 def test_the_error_limit_holds_on_other_probes(limit):
     errors = [error_elsewhere(sky(seed), lights_of(sky(seed), error_percent=limit)[0]) for seed in range(100, 106)]
-    # 96 probes estimate the error to 7 %, and lights are judged by other ones.
+    # 96 probes estimate the error to 7 %, and lights are evaluated on other ones.
     assert np.sqrt(np.mean(np.square(errors))) < limit / 100
     assert max(errors) < 1.6 * limit / 100
 

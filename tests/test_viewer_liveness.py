@@ -71,7 +71,7 @@ def test_a_slow_source_and_a_slow_step_are_no_stall():
     assert liveness.judge(15.9)["renderer"].state == "live"  # three times what a frame took
     assert liveness.judge(16.1)["renderer"].state == "silent"
     liveness = received_all(10)
-    liveness.last_received["renderer"].take(FRAMES["renderer"], 14)  # the pace of its last two frames counts as well
+    liveness.last_received["renderer"].take(FRAMES["renderer"], 14)  # the interval of its last two frames counts, too
     assert liveness.judge(20)["renderer"].state == "live"
     assert liveness.judge(27)["renderer"].state == "silent"
 

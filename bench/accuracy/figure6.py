@@ -1,4 +1,4 @@
-"""Chart 7: the paper's figure 6, as lights on the sky and as pictures under them, 4 to 128 of each method."""
+"""The paper's figure 6, as lights on the sky and as pictures under them, 4 to 128 of each method."""
 
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from bench.accuracy.drawing import few_shades, leave_margin, save
 from bench.accuracy.maps import one
-from bench.judge import judge, points_of, points_of_lights, read_source, relative_rms
+from bench.evaluation import points_of, points_of_lights, probe_irradiance, read_source, relative_rms
 from bench.methods import STILL, TRACKED, settled
 from vemlight.light.colour import LUMINANCE_WEIGHTS, srgb_from_linear
 from vemlight.renderer.frame_sequence import FrameSequence
@@ -30,14 +30,14 @@ def figure6(out: Path, progress: Progress) -> None:
     """The lights of each method on one sky, and the error they have."""
     path = one("an overcast sky")
     source = read_source(path)
-    truth, rows = judge(points_of(source)), []
+    truth, rows = probe_irradiance(points_of(source)), []
     figure, axes = _sheet((11, 9.6))
     task = progress.add_task("figure 6", total=axes.size)
     picture = few_shades(_disc(source.polar), DISC)
     for line, method in zip(axes, METHODS, strict=True):
         for axis, count in zip(line, COUNTS, strict=True):
             lights, _ = settled(method, count, source)
-            got = judge(points_of_lights(lights))
+            got = probe_irradiance(points_of_lights(lights))
             error = relative_rms(got.hard - truth.hard, truth.hard)
             rows.append({"method": method.name, "lights": count, "error_hard": error})
             axis.imshow(picture, extent=(-1, 1, -1, 1), origin="lower", interpolation="none")

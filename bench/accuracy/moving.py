@@ -1,4 +1,4 @@
-"""Charts 2, 3 and 5: error against flicker over moving sequences, motion and deaths of lights, and each event frame by frame."""
+"""Error against flicker over moving sequences, motion and deaths of lights, and each event frame by frame."""
 
 import itertools
 import time
@@ -11,7 +11,7 @@ from rich.progress import Progress
 
 from bench.accuracy.drawing import colour, grid, leave_margin, legend, save
 from bench.accuracy.maps import chosen
-from bench.judge import Judged, judge, points_of, points_of_lights
+from bench.evaluation import ProbeIrradiance, points_of, points_of_lights, probe_irradiance
 from bench.methods import MOVING
 from bench.sequences import FRAMES, SEQUENCES, world_from_latlong
 from vemlight.light.colour import luminance_from_rgb
@@ -42,10 +42,10 @@ def moving(out: Path, progress: Progress) -> None:
 
 def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
     """One row a method, and its error and flicker in each frame (frames, 2); of sequences that settle first, the last FRAMES."""
-    truths: list[Judged] = []
+    truths: list[ProbeIrradiance] = []
     for k, frame in enumerate(frames):
         steady = k > 0 and frame.source.brightest is frames[k - 1].source.brightest
-        truths.append(truths[-1] if steady else judge(points_of(frame.source)))
+        truths.append(truths[-1] if steady else probe_irradiance(points_of(frame.source)))
     mean = np.mean([luminance_from_rgb(truth.hard).mean() for truth in truths])
     made = []
     for method in MOVING:
@@ -54,7 +54,7 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
             begin = time.thread_time()
             state, now = method.step(state, SamplerInput(frame.seen, "hemisphere", frame.time_s, frame.source.bright_cells))
             ms.append(1e3 * (time.thread_time() - begin))
-            got = judge(points_of_lights(now))
+            got = probe_irradiance(points_of_lights(now))
             hard.append(np.sqrt(np.mean(luminance_from_rgb(got.hard - truth.hard) ** 2)) / mean)
             soft.append(luminance_from_rgb(got.soft - truth.soft) / mean)
             lights.append(now)

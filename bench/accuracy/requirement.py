@@ -1,4 +1,4 @@
-"""Chart 6: the number of lights that `error_percent` chooses, and the error that they have, beside the limit."""
+"""The number of lights that `error_percent` chooses, and the error that they have, beside the limit."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from rich.progress import Progress
 
 from bench.accuracy.drawing import colour, leave_margin, save
 from bench.accuracy.maps import maps
-from bench.judge import judge, points_of, points_of_lights, read_source
+from bench.evaluation import points_of, points_of_lights, probe_irradiance, read_source
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import initial_state
@@ -26,7 +26,7 @@ def requirement(out: Path, progress: Progress) -> None:
     task = progress.add_task("required lights", total=len(paths) * len(LIMITS_PERCENT) * 2)
     for path in paths:
         source = read_source(path)
-        truth = judge(points_of(source)).soft[500:] @ LUMINANCE_WEIGHTS  # the choice uses the first ones of the same sequence
+        truth = probe_irradiance(points_of(source)).soft[500:] @ LUMINANCE_WEIGHTS  # the choice uses the first ones of the same sequence
         for method in ("tracked", "havran-azimuth"):
             for limit in LIMITS_PERCENT:
                 settings = Sampler(method=method, filter="none", count=1024, error_percent=limit)
@@ -34,7 +34,7 @@ def requirement(out: Path, progress: Progress) -> None:
                 for k in range(SETTLING_FRAMES):
                     state, lights, _ = step(settings, state, SamplerInput(source.polar, "hemisphere", k / 25, source.bright_cells))
                 assert lights is not None
-                got = judge(points_of_lights(lights)).soft[500:] @ LUMINANCE_WEIGHTS
+                got = probe_irradiance(points_of_lights(lights)).soft[500:] @ LUMINANCE_WEIGHTS
                 error = float(np.sqrt(np.mean(((got - truth) / (truth + DARKEST * truth.mean())) ** 2)))
                 rows.append({"map": path.stem, "method": method, "limit": limit / 100, "lights": len(lights.ids), "error": error})
                 progress.advance(task)

@@ -1,4 +1,4 @@
-"""Charts 1: error of still maps against time and against the number of lights, one curve a method."""
+"""Error of still maps against time and against the number of lights, one curve a method."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,18 @@ from rich.progress import Progress
 
 from bench.accuracy.drawing import colour, leave_margin, legend, save, write_table
 from bench.accuracy.maps import chosen, maps
-from bench.judge import CIRCLES, TURNS, Judged, Source, judge, points_of, points_of_lights, read_source, relative_rms, relative_rms_rgb
+from bench.evaluation import (
+    CIRCLES,
+    TURNS,
+    ProbeIrradiance,
+    Source,
+    points_of,
+    points_of_lights,
+    probe_irradiance,
+    read_source,
+    relative_rms,
+    relative_rms_rgb,
+)
 from bench.methods import STILL, TRACKED, Method, settled
 
 COUNTS = tuple(2**k for k in range(2, 11))
@@ -20,7 +31,7 @@ def still(out: Path, progress: Progress) -> None:
     task = progress.add_task("still maps", total=len(paths) * len(STILL) * len(COUNTS))
     for kind, path in paths.items():
         source = read_source(path)
-        truth = judge(points_of(source))
+        truth = probe_irradiance(points_of(source))
         for method in STILL:
             for count in COUNTS:
                 if count <= method.most:
@@ -51,14 +62,14 @@ def _all_maps() -> list[dict[str, Any]]:
     rows = []
     for path in maps():
         source = read_source(path)
-        truth = judge(points_of(source))
+        truth = probe_irradiance(points_of(source))
         rows += [_row(path.stem, STILL[0], count, source, truth) for count in (16, 64, 256)]
     return rows
 
 
-def _row(kind: str, method: Method, count: int, source: Source, truth: Judged) -> dict[str, Any]:
+def _row(kind: str, method: Method, count: int, source: Source, truth: ProbeIrradiance) -> dict[str, Any]:
     lights, ms = settled(method, count, source)
-    got = judge(points_of_lights(lights))
+    got = probe_irradiance(points_of_lights(lights))
     return {
         "map": kind, "method": method.name, "asked": count, "lights": len(lights.ids), "ms": ms,
         "error_hard": relative_rms(got.hard - truth.hard, truth.hard), "error_soft": relative_rms(got.soft - truth.soft, truth.soft),

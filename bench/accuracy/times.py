@@ -1,4 +1,4 @@
-"""Chart 7, the other half: the times that the paper gives for each part of its system, and ours.
+"""The times that the paper gives for each part of its system, and ours.
 
 Havran et al. 2005, section 5: a Pentium 4 of 3 GHz and a GeForce 6800 GT. What it gives as "below" is its upper end here.
 """
@@ -15,7 +15,7 @@ from rich.progress import Progress
 
 from bench.accuracy.drawing import leave_margin, save
 from bench.accuracy.maps import one
-from bench.judge import read_source
+from bench.evaluation import read_source
 from bench.real_maps import LENS, RESPONSE
 from vemlight.capture.frames import FrameMaker
 from vemlight.renderer.passes.lights.light_regions import light_regions, region_rows

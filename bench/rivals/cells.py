@@ -1,4 +1,4 @@
-"""What the rivals read of a polar map: each cell's flux, its place, and lights made of groups of cells."""
+"""What these methods read of a polar map: each cell's flux, its place, and lights made of groups of cells."""
 
 from typing import NamedTuple
 

@@ -47,7 +47,7 @@ def _by_blocks(power: np.ndarray) -> np.ndarray:
 def _relaxed(places, power, sites, rounds):
     """Moves the sites in place; returns the nearest site of each place and each site's moment: power x direction, power.
 
-    Of SIDE x SIDE places in a row those sites are searched that can be nearest to one of them, judged by the first.
+    Of SIDE x SIDE places in a row those sites are searched that can be nearest to one of them, as seen from the first.
     """
     nearest, moment = np.empty(power.size, np.int64), np.empty((sites.shape[0], 4))
     chords, near = np.empty(sites.shape[0]), np.empty(sites.shape[0], np.int64)

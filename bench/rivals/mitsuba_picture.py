@@ -1,4 +1,4 @@
-"""Mitsuba 3 as the renderer's rival and judge: our scenes in its form, lit by a lat-long map or by directional lights.
+"""Mitsuba 3 for comparison and as the reference of the renderer: our scenes in its form, lit by a lat-long map or by directional lights.
 
 Mitsuba's LLVM variant traces its rays with Embree on all cores. Surfaces are Lambert with normalised Phong, two-sided, as our shaders have
 them. The map keeps our registration: pixels are points at their centres, linear between them, nothing below the horizon.

@@ -64,7 +64,7 @@ def read_radiance_hdr(path: Path, limits: ImageLimits = LIMITS) -> np.ndarray:
         try:
             pixels = pixels @ rec709_from_primaries(header.primaries).T
         except ValueError as error:
-            raise UserError(f"{path}: its PRIMARIES: {error}; mend the header") from error
+            raise UserError(f"{path}: its PRIMARIES: {error}; correct the header") from error
     return np.ascontiguousarray(pixels, np.float32)
 
 
@@ -99,7 +99,7 @@ def _header(path: Path, data: np.ndarray) -> RadianceHeader:
                 stated = _numbers(path, line, 8)
                 primaries = tuple(stated.tolist()) if stated.any() else REC709  # some programs write eight zeros for "not known"
     if not (np.isfinite(scale).all() and (scale > 0).all()):
-        raise UserError(f"{path}: its EXPOSURE and COLORCORR make a factor of {scale.tolist()}; mend the header")
+        raise UserError(f"{path}: its EXPOSURE and COLORCORR make a factor of {scale.tolist()}; correct the header")
     end = text.find(b"\n", at)
     found = RESOLUTION.fullmatch(text[at : max(end, 0)])
     if found is None or found[2] == found[5]:
@@ -117,7 +117,7 @@ def _numbers(path: Path, line: bytes, count: int) -> np.ndarray:
         numbers = np.zeros(0)
     if len(numbers) != count or not np.isfinite(numbers).all():
         shown = line[:60].decode("ascii", "replace")
-        raise UserError(f"{path}: {shown}: needs {count} number{'s' if count > 1 else ''}; mend the header")
+        raise UserError(f"{path}: {shown}: needs {count} number{'s' if count > 1 else ''}; correct the header")
     return numbers
 
 

@@ -166,7 +166,7 @@ MUTANTS = [
         ("codes that fall", "CODE_TOLERANCE = 2.0", "CODE_TOLERANCE = 200.0"),
         ("patches of a log response", '"log": 4', '"log": 3'),
         ("clipped patches", "0 < p.code < 2**bits - 1", "0 <= p.code <= 2**bits - 1"),
-        ("patches that judge", "CHECK_PATCHES = (1, 4)", "CHECK_PATCHES = (0, 5)"),
+        ("patches that verify", "CHECK_PATCHES = (1, 4)", "CHECK_PATCHES = (0, 5)"),
     ]),
     *mutants_of(CAPTURE + "calibration/colorchecker.py", "tests/test_colorchecker.py", [
         ("patches that must be found", "MIN_PATCHES = 14", "MIN_PATCHES = 22"),

@@ -1,5 +1,5 @@
 // A light field between two planes, its summed-area tables, and what a point sees of each image: tables.py, in GLSL. Tables are float64, as
-// pairs of words, and only their differences become float32: a pixel 10^5 times the mean would drown its neighbours otherwise.
+// pairs of words, and only their differences become float32: a pixel 10^5 times the mean would cancel its neighbours otherwise.
 
 uniform usampler2DArray sums;
 uniform sampler2DArray images;

@@ -56,8 +56,8 @@ def map_halvings(
     if resolutions.by_power:  # the largest resolution deserved by the lights that cast the same shadow at it
         deserved = -EXPONENT * np.log2(near / FULL_FRACTION)
         exact = np.min(np.maximum(deserved, np.arange(len(near))[:, None]), axis=0)
-    spared = np.clip(1 + np.log2(near[-1] / STRONG_FRACTION), 0, 1)
-    exact = np.clip(exact + np.maximum(coarsening - spared, 0), 0, resolutions.halvings)
+    exempt = np.clip(1 + np.log2(near[-1] / STRONG_FRACTION), 0, 1)
+    exact = np.clip(exact + np.maximum(coarsening - exempt, 0), 0, resolutions.halvings)
     nearest = np.floor(exact + 0.5).astype(np.int64)
     if previous is None:
         return nearest

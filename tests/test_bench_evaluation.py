@@ -1,9 +1,9 @@
-"""The judge of the charts: what it says must follow from where light is, not from which occluders it happens to hold before it."""
+"""The measure of the charts: an error follows from where light is, not from the positions that the occluders happen to have."""
 
 import numpy as np
 import pytest
 
-from bench.judge import CIRCLES, PROBES, TURNS, Points, judge, relative_rms, relative_rms_rgb
+from bench.evaluation import CIRCLES, PROBES, TURNS, Points, probe_irradiance, relative_rms, relative_rms_rgb
 from vemlight.sampler.probes import probes
 
 GRAY = np.ones((1, 3))
@@ -17,7 +17,7 @@ def places(count: int, seed: int) -> np.ndarray:
 
 def test_half_of_the_turns_let_a_light_through():
     (place,) = places(1, 0)
-    hard = judge(Points(place[None], GRAY)).hard.reshape(CIRCLES, TURNS, 3)
+    hard = probe_irradiance(Points(place[None], GRAY)).hard.reshape(CIRCLES, TURNS, 3)
     cosine = np.maximum(probes(CIRCLES, "hemisphere").normals @ place, 0)
     lit = hard[..., 0] > 0
     assert (lit.sum(axis=1) == np.where(cosine > 0, TURNS // 2, 0)).all()
@@ -28,7 +28,7 @@ def test_half_of_the_turns_let_a_light_through():
 def test_the_turns_are_those_of_an_occluder():
     """Each turn's sum is that of the lights on one side of a plane through the axis."""
     at, lights = probes(CIRCLES, "hemisphere"), Points(places(40, 1), np.random.default_rng(1).random((40, 3)))
-    hard = judge(lights).hard.reshape(CIRCLES, TURNS, 3)
+    hard = probe_irradiance(lights).hard.reshape(CIRCLES, TURNS, 3)
     for k in range(0, CIRCLES, 9):
         across = np.linalg.svd(at.occluders[k][None])[2][1:]
         turn = np.linspace(0, 2 * np.pi, 8 * TURNS)
@@ -44,7 +44,7 @@ def test_a_sun_in_a_wrong_place_costs_the_same_wherever_it_is():
     for place in places(24, 2):
         side = np.linalg.svd(place[None])[2][1]
         moved = np.cos(angle) * place + np.sin(angle) * side
-        difference = judge(Points(place[None], GRAY)).hard - judge(Points(moved[None], GRAY)).hard
+        difference = probe_irradiance(Points(place[None], GRAY)).hard - probe_irradiance(Points(moved[None], GRAY)).hard
         expected = np.mean(np.maximum(normals @ place, 0) ** 2) * angle / np.pi
         ratios.append(np.sqrt(np.mean(difference[:, 0] ** 2) / expected))
     # 100 circles leave 8 % of uncertainty (60 places); 6000 free probes left 45 %.
@@ -54,14 +54,14 @@ def test_a_sun_in_a_wrong_place_costs_the_same_wherever_it_is():
 
 def test_light_adds_up_in_each_channel():
     a, b = Points(places(5, 3), np.random.default_rng(3).random((5, 3))), Points(places(7, 4), np.random.default_rng(4).random((7, 3)))
-    both = judge(Points(*(np.concatenate(pair) for pair in zip(a, b, strict=True))))
-    for one, other, whole in zip(judge(a), judge(b), both, strict=True):
+    both = probe_irradiance(Points(*(np.concatenate(pair) for pair in zip(a, b, strict=True))))
+    for one, other, whole in zip(probe_irradiance(a), probe_irradiance(b), both, strict=True):
         np.testing.assert_allclose(one + other, whole, atol=1e-5)
     assert both.soft.shape == (PROBES, 3)
 
 
 def test_no_light_is_no_irradiance():
-    dark = judge(Points(np.zeros((0, 3)), np.zeros((0, 3))))
+    dark = probe_irradiance(Points(np.zeros((0, 3)), np.zeros((0, 3))))
     assert not dark.hard.any()
     assert not dark.soft.any()
 

@@ -1,11 +1,11 @@
-"""What every method is judged by: the irradiance of surfaces, each with a large occluder before it, under the lights and under
+"""The measure of every method: the irradiance of surfaces, each with a large occluder before it, under the lights and under
 the source.
 
 A probe is a surface's normal n and the normal h of a half-space of free sky: E = sum of irradiance x max(0, n . d) x v(h . d). v
 is a step ("hard"), or the step softened over +-2 degrees ("soft": a shadow's edge on a map of 256 x 256 texels is no sharper).
-A hard edge is seldom near a small sun, and where it is all is wrong: of 1500 free probes five would decide the error. So each of CIRCLES
-surfaces has its occluder turned once round an axis, in TURNS steps; each light is seen in half of them, so one pass makes all the sums.
-The source keeps its brightest pixels apart from the polar grid that the methods see, so that a sun smeared over a grid cell
+An edge is seldom near a small sun, and the error there is large: of 1500 independent probes five would decide it. So each of CIRCLES
+surfaces has its occluder turned once round an axis, in TURNS steps; each light is visible in half of them, so one pass makes all the sums.
+The brightest pixels of the source are not resampled to the polar grid that the methods see, so a sun smeared over a grid cell
 is an error of the method.
 """
 
@@ -33,10 +33,10 @@ from vemlight.light.sphere import (
 )
 from vemlight.sampler.probes import SOFTNESS, probes
 
-BRIGHTEST = 4096  # source pixels that are kept apart
+BRIGHTEST = 4096  # source pixels that are not resampled to the grid
 PROBES = 1500  # with soft edges
-CIRCLES = 100  # with hard ones: what a misplaced sun costs is known to 8 % (tests/test_judge.py); 6000 free probes know it to 45 %
-TURNS = 1024  # a third of a degree, a pixel of the source; no circle has its steps where another has them
+CIRCLES = 100  # with hard ones: they know the error of a misplaced sun to 8 %, 6000 independent probes to 45 %
+TURNS = 1024  # a third of a degree, a pixel of the source; the steps of different circles do not coincide
 BLOCK = 512  # points at a time: 512 x 7 float64 stay in the first-level cache
 
 
@@ -50,7 +50,7 @@ class Points(NamedTuple):
 class Source(NamedTuple):
     """A map as it is and as a camera on a polar grid sees it.
 
-    brightest: pixels kept apart. rest: (rows, cols, 3) float32, radiance of the remaining ones on the grid. polar: both together,
+    brightest: pixels that are not resampled. rest: (rows, cols, 3) float32, radiance of the others on the grid. polar: both together,
     what the methods get. bright_cells: sub-cell samples, as the capture makes them.
     """
 
@@ -60,7 +60,7 @@ class Source(NamedTuple):
     bright_cells: BrightCells
 
 
-class Judged(NamedTuple):
+class ProbeIrradiance(NamedTuple):
     """Irradiance at the probes: hard (CIRCLES * TURNS, 3) float32 with hard edges, soft (k, 3) float64 with softened ones."""
 
     hard: np.ndarray
@@ -121,10 +121,10 @@ def points_of_lights(lights: LightSet) -> Points:
     return Points(lights.directions.astype(np.float64), lights.irradiance.astype(np.float64))
 
 
-def judge(points: Points, count: int = PROBES, coverage: Coverage = "hemisphere") -> Judged:
+def probe_irradiance(points: Points, count: int = PROBES, coverage: Coverage = "hemisphere") -> ProbeIrradiance:
     """The irradiance at a fixed set of probes, `count` of them with soft edges."""
     light = np.ascontiguousarray(np.concatenate([points.directions, points.irradiance], axis=1))
-    result = Judged(np.zeros((CIRCLES * TURNS, 3), np.float32), np.zeros((count, 3)))
+    result = ProbeIrradiance(np.zeros((CIRCLES * TURNS, 3), np.float32), np.zeros((count, 3)))
     _gather_hard(*probes(CIRCLES, coverage), light, result.hard.reshape(CIRCLES, TURNS, 3))
     if len(light):
         _gather_soft(*probes(count, coverage), np.ascontiguousarray(light.T), SOFTNESS, result.soft)

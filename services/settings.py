@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 import msgspec
 from msgspec import Meta
 
+from vemlight.choices import Background, Filter, Method, Mode, Tone
 from vemlight.errors import UserError
 from vemlight.files import read_toml
 from vemlight.light.sphere import Coverage
@@ -25,8 +26,6 @@ Rate = Annotated[float, Meta(gt=0, le=1000)]
 Frequency = Annotated[float, Meta(gt=0, le=500)]  # up to half of the highest frame rate
 Stops = Annotated[float, Meta(ge=-20, le=20)]  # a factor of a million either way
 Port = Annotated[int, Meta(ge=1, le=65_000)]  # the wire takes ten ports from its first
-Mode = Literal["live", "lossless"]
-Tone = Literal["reinhard", "exponential"]
 
 PATH = Meta(extra={"unit": "path"})
 FRAMES = Meta(extra={"unit": "frames"})
@@ -88,15 +87,12 @@ class Capture(SettingsSection, frozen=True):
 class Sampler(SettingsSection, frozen=True):
     """How lights are chosen from a map and kept steady."""
 
-    method: Annotated[Literal["tracked", "havran-azimuth", "havran-radius", "standard"], means("how lights are chosen")] = "tracked"
+    method: Annotated[Method, means("how lights are chosen")] = "tracked"
     points: Annotated[
         Literal["auto", "disc", "relaxed", "halton"], means("point set of all methods but tracked; auto: relaxed for standard, else disc")
     ] = "auto"
     count: Annotated[Count, means("lights a frame; the maximum where error_percent or the renderer's frame_ms chooses")] = 72
-    filter: Annotated[
-        Literal["auto", "adaptive", "fir2005", "fir", "binomial", "iir", "none"],
-        means("temporal filter; auto: adaptive for tracked, fir2005 for the others"),
-    ] = "auto"
+    filter: Annotated[Filter, means("temporal filter; auto: adaptive for tracked, fir2005 for the others")] = "auto"
     order: Annotated[int, Meta(ge=2, le=64, multiple_of=2), means("fir: frames it looks back; the delay is half of them"), FRAMES] = 8
     pass_hz: Annotated[Frequency, means("fir: end of the pass band; iir: half of the power passes here"), HZ] = 3.0
     stop_hz: Annotated[Frequency, means("fir: start of the stop band"), HZ] = 6.0
@@ -135,7 +131,7 @@ class Renderer(SettingsSection, frozen=True):
     ] = None  # fmt: skip
     exposure: Annotated[Stops, means("added to the tone mapping's own exposure"), STOPS] = 0.0
     tone: Annotated[Tone, means("curve of the tone mapping")] = "reinhard"
-    background: Annotated[Literal["clear", "map"], means("behind the scene: nothing, with alpha 0, or the environment map")] = "clear"
+    background: Annotated[Background, means("behind the scene: nothing, with alpha 0, or the environment map")] = "clear"
     video: Annotated[str, means("file to write all pictures to at the end, .mp4, .mov or .mkv; needs `out`; empty: none"), PATH] = ""
     picture: Annotated[Literal["srgb8", "linear16"], means("linear16: also send the picture before tone mapping, as half floats")] = "srgb8"
 

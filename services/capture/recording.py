@@ -54,8 +54,8 @@ def _record_files(settings: Capture, frames: int) -> Recorder:
     return recorder
 
 
-def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settings: Capture | None = None) -> None:
-    """Writes the polar map of one fisheye frame to the EXR `out`, in the settings' size and coverage (90 x 360 hemisphere).
+def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settings: Capture | None = None) -> Frame:
+    """Writes the polar map of one fisheye frame to the EXR `out`, in the settings' size and coverage (90 x 360 hemisphere); returns it.
 
     Raises UserError for a file that cannot be used, OSError when the disk refuses.
     """
@@ -64,6 +64,7 @@ def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settin
     )
     made = FileSource(settings, [FrameFile(frame, 0)], None).frame(0)
     write_exr(out, made.radiance, map_attributes(made, settings.fps))
+    return made
 
 
 def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:

@@ -1,11 +1,14 @@
 """The commands around a camera: simulate one, calibrate its lens and sensor, record it, unwrap one of its frames."""
 
+import sys
+import tempfile
 from pathlib import Path
 
 import click
 
 from vemlight.commands.options import LensOptions, ResponseOptions, SimulateOptions, options_as
-from vemlight.commands.parameters import PATH, eight_numbers, width_height
+from vemlight.commands.parameters import PATH, STANDARD_OUTPUT, Number, OutFile, OutFolder, eight_numbers, width_height
+from vemlight.commands.report import Report, reporting
 from vemlight.errors import UserError
 
 
@@ -13,17 +16,17 @@ from vemlight.errors import UserError
 @click.argument("maps", nargs=-1, required=True, metavar="MAP...")
 @click.option("--lens", type=PATH, required=True, help="Lens file of the camera to simulate.")
 @click.option("--response", type=PATH, help="Response file; left out: radiance instead of raw codes.")
-@click.option("--out", type=PATH, required=True, help="Folder for the frames and the ground truth.")
+@click.option("--out", type=OutFolder(), required=True, help="Folder for the frames and the ground truth.")
 @click.option("--frames", type=click.IntRange(1), help="How many; left out: one for each map.")
-@click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), default=25.0, show_default=True)
-@click.option("--rotate", "rotate_deg", type=float, default=0.0, show_default=True, help="Degrees a frame, about the vertical.")
+@click.option("--fps", type=Number(0, 1000, min_open=True), default=25.0, show_default=True)
+@click.option("--rotate", "rotate_deg", type=Number(-360, 360), default=0.0, show_default=True, help="Degrees a frame, about the vertical.")
 @click.option("--keyframes", type=PATH, help="Motion instead: TOML of [[key]] time_s, rotate_deg = [x, y, z].")
-@click.option("--noise", "noise_codes", type=click.FloatRange(0), default=0.0, show_default=True, help="Noise in code steps (sigma).")
-@click.option("--pattern", "pattern_codes", type=click.FloatRange(0), default=0.0, show_default=True, help="Fixed pattern noise (sigma).")
+@click.option("--noise", "noise_codes", type=Number(0), default=0.0, show_default=True, help="Noise in code steps (sigma).")
+@click.option("--pattern", "pattern_codes", type=Number(0), default=0.0, show_default=True, help="Fixed pattern noise (sigma).")
 @click.option("--mosaic", type=click.Choice(["mono", "RGGB", "GRBG", "GBRG", "BGGR"]), help="One value a pixel; left out: three.")
-@click.option("--exposure", "exposure_s", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds, for mains flicker.")
-@click.option("--flicker", "flicker_hz", type=click.FloatRange(0), default=0.0, show_default=True, help="Hz: 100 or 120 for mains.")
-@click.option("--dropouts", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Fraction of frames that get lost.")
+@click.option("--exposure", "exposure_s", type=Number(0), default=0.0, show_default=True, help="Seconds, for mains flicker.")
+@click.option("--flicker", "flicker_hz", type=Number(0), default=0.0, show_default=True, help="Hz: 100 or 120 for mains.")
+@click.option("--dropouts", type=Number(0, 1), default=0.0, show_default=True, help="Fraction of frames that get lost.")
 @click.option("--truth", is_flag=True, help="Write the true radiance of each frame, too.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @options_as(SimulateOptions)
@@ -60,13 +63,13 @@ def calibrate() -> None:
 @calibrate.command()
 @click.argument("images", nargs=-1, required=True, type=PATH, metavar="IMAGE...")
 @click.option("--board", metavar="COLUMNSxROWS", required=True, callback=width_height, help="Inner corners, such as 8x6.")
-@click.option("--square", "square_m", type=click.FloatRange(0, 10, min_open=True), required=True, help="Side of a square in metres.")
+@click.option("--square", "square_m", type=Number(0, 10, min_open=True), required=True, help="Side of a square in metres.")
 @click.option("--dictionary", default="", help="ChArUco board: OpenCV's name of its markers, such as DICT_4X4_50.")
-@click.option("--marker", "marker_m", type=click.FloatRange(0, 10), default=0.0, help="ChArUco board: side of a marker in metres.")
-@click.option("--rim", "rim_deg", type=click.FloatRange(0, 180), default=0.0, help="Degrees off the axis where the image ends; 0: found.")
+@click.option("--marker", "marker_m", type=Number(0, 10), default=0.0, help="ChArUco board: side of a marker in metres.")
+@click.option("--rim", "rim_deg", type=Number(0, 180), default=0.0, help="Degrees off the axis where the image ends; 0: found.")
 @click.option("--accept", is_flag=True, help="Accept a lens that fits its corners badly.")
-@click.option("--picture", type=PATH, help="PNG of coverage and residuals; left out: beside the lens file.")
-@click.option("--out", type=PATH, required=True, help="LENS.toml")
+@click.option("--picture", type=OutFile(".png"), help="PNG of coverage and residuals; left out: beside the lens file.")
+@click.option("--out", type=OutFile(".toml"), required=True, help="LENS.toml")
 @options_as(LensOptions)
 def lens(options: LensOptions) -> None:
     """Find the lens from photographs of a chessboard."""
@@ -86,15 +89,15 @@ def lens(options: LensOptions) -> None:
 @click.option("--kind", type=click.Choice(["log", "companding", "linear", "srgb"]), default="log", show_default=True)
 @click.option("--bits", type=click.IntRange(1, 16), help="Of a code; left out: the fewest of 8, 10, 12, 14, 16 that hold them.")
 @click.option("--accept", is_flag=True, help="Accept an error above 5 % at a check patch.")
-@click.option("--white", "white_cd_m2", type=click.FloatRange(0, min_open=True), help="PATCHES is a ColorChecker: its white in cd/m2.")
+@click.option("--white", "white_cd_m2", type=Number(0, min_open=True), help="PATCHES is a ColorChecker: its white in cd/m2.")
 @click.option(
     "--corners",
     metavar="X,Y,X,Y,X,Y,X,Y",
     callback=eight_numbers,
     help="Pixels of its dark skin, bluish green, black and white patch; left out: found.",
 )
-@click.option("--picture", type=PATH, help="PNG of the fit; left out: beside the response file.")
-@click.option("--out", type=PATH, required=True, help="RESPONSE.toml")
+@click.option("--picture", type=OutFile(".png"), help="PNG of the fit; left out: beside the response file.")
+@click.option("--out", type=OutFile(".toml"), required=True, help="RESPONSE.toml")
 @options_as(ResponseOptions)
 def response(options: ResponseOptions) -> None:
     """Find the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
@@ -121,8 +124,9 @@ def response(options: ResponseOptions) -> None:
 @click.argument("settings", type=PATH, required=False)
 @click.option("--source", help="Instead of the settings' source: a file, a folder, or /dev/videoN.")
 @click.option("--frames", type=click.IntRange(1), help="How many; left out: all that there are, or until Ctrl-C.")
-@click.option("--out", type=PATH, required=True, help="Folder for the recording.")
-def record(settings: Path | None, source: str | None, frames: int | None, out: Path) -> None:
+@click.option("--out", type=OutFolder(), required=True, help="Folder for the recording.")
+@reporting
+def record(settings: Path | None, source: str | None, frames: int | None, out: Path) -> Report:
     """Record a camera's raw frames, or a file source as polar maps, with all metadata in the headers."""
     import msgspec
 
@@ -133,21 +137,34 @@ def record(settings: Path | None, source: str | None, frames: int | None, out: P
     if source:
         wanted = msgspec.structs.replace(wanted, source=str(Path.cwd() / source))
     done = recording.record(wanted, frames or 0)
-    click.echo(f"{done.written} frames are in {out}; {done.dropped} dropped, {done.failed} refused by the disk")
     if done.last_error:
-        raise UserError(done.last_error)
+        raise UserError(f"{done.last_error}; {done.written} frames are in {out} and {done.failed} are lost: make room, or record elsewhere")
+    values = {"out": str(out), "written": done.written, "dropped": done.dropped, "failed": done.failed}
+    return Report(f"{done.written} frames are in {out}; {done.dropped} dropped, {done.failed} refused by the disk", values)
 
 
 @click.command()
 @click.argument("frame", type=PATH)
-@click.option("--lens", type=PATH, required=True)
+@click.option("--lens", type=PATH, required=True, help="Lens file of the camera.")
 @click.option("--response", type=PATH, help="Left out when the frame holds radiance.")
-@click.option("--out", type=PATH, required=True, help="MAP.exr")
-def polar(frame: Path, lens: Path, response: Path | None, out: Path) -> None:
+@click.option("--out", type=OutFile(".exr", dash=True), required=True, help="MAP.exr, or - for standard output.")
+@reporting
+def polar(frame: Path, lens: Path, response: Path | None, out: Path) -> Report:
     """Make the polar map of one fisheye frame."""
     from vemlight.capture.recording import polar_file
 
-    polar_file(frame, lens, response, out)
+    if out != STANDARD_OUTPUT:
+        made = polar_file(frame, lens, response, out)
+    elif sys.stdout.isatty():
+        raise UserError("--out -: a map is no text for a terminal; send it to a file or a program, or name a file")
+    else:
+        with tempfile.TemporaryDirectory() as folder:  # OpenEXR writes files only
+            made = polar_file(frame, lens, response, Path(folder) / "map.exr")
+            sys.stdout.buffer.write((Path(folder) / "map.exr").read_bytes())
+    rows, cols = made.radiance.shape[:2]
+    clipped = f"{made.black} values at the sensor's lowest code, {made.saturated} at its highest"
+    values = {"out": str(out), "coverage": made.coverage, "rows": rows, "cols": cols, "black": made.black, "saturated": made.saturated}
+    return Report(f"{out}: a {made.coverage} of {rows} x {cols} cells; {clipped}", values)
 
 
 COMMANDS = (simulate, calibrate, record, polar)

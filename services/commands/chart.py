@@ -56,8 +56,8 @@ class Moment(NamedTuple):
     bright_cells: BrightCells
 
 
-def chart(maps: list[Path], out: Path) -> None:
-    """Writes charts as .png and .svg and their numbers as .csv to the folder `out`.
+def chart(maps: list[Path], out: Path) -> list[Path]:
+    """Writes charts as .png and .svg and their numbers as .csv to the folder `out`; returns the files.
 
     error: of still maps, over milliseconds, 4 to 1024 lights. flicker and motion: of a sequence's first frames, or of a map turned by a
     column a frame. events: frame by frame, when a lamp goes out and on, frames are black, or cells are invalid. required_lights: the
@@ -77,7 +77,7 @@ def chart(maps: list[Path], out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
-    draw_charts(measured(maps), f"vemlight chart {' '.join(path.name for path in maps)}", out)
+    return draw_charts(measured(maps), f"vemlight chart {' '.join(path.name for path in maps)}", out)
 
 
 def measured(maps: list[Path]) -> Tables:

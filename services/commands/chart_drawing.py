@@ -30,8 +30,9 @@ class Chart(NamedTuple):
     down: int = 1
 
 
-def draw_charts(tables: Tables, command: str, out: Path) -> None:
-    """Writes each chart as .png, .svg and .csv to the folder `out`; `command` made them."""
+def draw_charts(tables: Tables, command: str, out: Path) -> list[Path]:
+    """Writes each chart as .png, .svg and .csv to the folder `out` and returns the files; `command` made the charts."""
+    written: list[Path] = []
     command = f"{command}   {machine()}"
     judged = f"{command}, one thread   error: RMS at {SCORE_PROBES} shadowed probes over their mean"
     counts, count, frames = measure.COUNTS, measure.MOVING_COUNT, measure.FRAMES
@@ -47,7 +48,8 @@ def draw_charts(tables: Tables, command: str, out: Path) -> None:
         Chart("events", tables["events"], _event_frames, events, judged, down=len(measure.EVENT_FRAMES)),
         Chart("required_lights", tables["required_lights"], _over("lights", "measured"), f"lights for an error of {limits}", unseen),
     ):
-        _save(chart, out)
+        written += _save(chart, out)
+    return written
 
 
 def _by_method(rows: list[Row]) -> Iterator[tuple[str, str, list[Row]]]:
@@ -97,8 +99,8 @@ def _event_frames(axes: Any, rows: list[Row]) -> None:
         axis.set(xlabel=f"frame: {event}", ylabel="error")
 
 
-def _save(chart: Chart, out: Path) -> None:
-    """Writes a chart with a column of axes for each map."""
+def _save(chart: Chart, out: Path) -> list[Path]:
+    """Writes a chart with a column of axes for each map; returns its files."""
     rows, down = chart.rows, chart.down
     maps = list(dict.fromkeys(row["map"] for row in rows))
     size = (1 + 4.5 * len(maps), 1.5 + 3 * down)
@@ -111,11 +113,13 @@ def _save(chart: Chart, out: Path) -> None:
     axes[0, 0].legend(fontsize=8)
     figure.suptitle(chart.title, fontsize=9)
     figure.supxlabel(chart.caption, fontsize=6, color="0.35")
-    for suffix in (".png", ".svg"):
-        with written_whole(out / f"{chart.name}{suffix}") as part:
+    files = [out / f"{chart.name}{suffix}" for suffix in (".png", ".svg", ".csv")]
+    for path in files[:-1]:
+        with written_whole(path) as part:
             figure.savefig(part, dpi=110)
     plt.close(figure)
-    with written_whole(out / f"{chart.name}.csv") as part, open(part, "w", newline="") as file:
+    with written_whole(files[-1]) as part, open(part, "w", newline="") as file:
         table = csv.DictWriter(file, ["map", *(key for key in rows[0] if key != "map")])
         table.writeheader()
         table.writerows({key: f"{value:.5g}" if isinstance(value, float) else value for key, value in row.items()} for row in rows)
+    return files

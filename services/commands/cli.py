@@ -1,20 +1,63 @@
 """The command `vemlight`. Each command loads what it needs when it runs, so that `vemlight --help` answers at once."""
 
+import errno
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import click
 
 from vemlight.commands import capture_commands, luminaire_commands, offline_commands, service_commands
-from vemlight.errors import FatalError, UserError
+from vemlight.commands.parameters import usage_line
+from vemlight.errors import FatalError, UserError, printable_line
+
+MENDS = {  # how to mend what the system refuses
+    errno.ENOENT: "check the path",
+    errno.EACCES: "choose a place that you may use",
+    errno.EPERM: "choose a place that you may use",
+    errno.EROFS: "choose a place that can be written",
+    errno.ENOSPC: "make room, or write elsewhere",
+    errno.EDQUOT: "make room, or write elsewhere",
+    errno.EFBIG: "make room, or write elsewhere",
+    errno.EEXIST: "choose another name, or remove what has it",
+    errno.ENOTDIR: "name a folder, not a file",
+    errno.EISDIR: "name a file, not a folder",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+
+
+class OneLine(click.ClickException):
+    """What ends a command, told on one line."""
+
+    exit_code = 2
+
+    def show(self, file: Any = None) -> None:
+        print(f"vemlight: {printable_line(self.message)}", file=file or sys.stderr)
+
+
+@contextmanager
+def one_line_for_usage() -> Iterator[None]:
+    """Makes one line of click's own usage errors; a group without a command shows its help."""
+    try:
+        yield
+    except click.exceptions.NoArgsIsHelpError:
+        raise
+    except click.UsageError as error:
+        raise OneLine(usage_line(error)) from error
 
 
 class CommandGroup(click.Group):
     """Reports what the user can fix as one line on stderr and status 2, what only a restart can fix as one line and status 1."""
 
+    def make_context(self, *arguments: Any, **options: Any) -> click.Context:
+        with one_line_for_usage():
+            return super().make_context(*arguments, **options)
+
     def invoke(self, context: click.Context) -> Any:
         try:
-            return super().invoke(context)
+            with one_line_for_usage():
+                return super().invoke(context)
         except UserError as error:
             print(f"vemlight: {error}", file=sys.stderr)
             context.exit(2)
@@ -24,7 +67,9 @@ class CommandGroup(click.Group):
         except BrokenPipeError:  # `| head` has read enough
             raise
         except OSError as error:
-            print(f"vemlight: {error.filename or ''}: {error.strerror or error}; check the path and the disk", file=sys.stderr)
+            where = f"{error.filename}: " if error.filename else ""
+            mend = MENDS.get(error.errno or 0, "check the path and the disk")
+            print(f"vemlight: {printable_line(f'{where}{error.strerror or error}; {mend}')}", file=sys.stderr)
             context.exit(2)
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vemlight.commands.parameters import PATH
+from vemlight.commands.parameters import PATH, Number, OutFile, OutFolder
 
 if TYPE_CHECKING:
     from vemlight.renderer.luminaire.bases import BasisKind
@@ -18,7 +18,7 @@ def luminaire() -> None:
 
 @luminaire.command()
 @click.argument("recipe", type=PATH)
-@click.option("--out", type=PATH, required=True, help="LAMP.exr")
+@click.option("--out", type=OutFile(".exr"), required=True, help="LAMP.exr")
 def measure(recipe: Path, out: Path) -> None:
     """Measure the lamp that RECIPE describes with the virtual goniophotometer."""
     from vemlight.renderer.luminaire import authoring
@@ -31,11 +31,11 @@ def measure(recipe: Path, out: Path) -> None:
 @click.option("--basis", type=click.Choice(["bell", "b-spline"]), default="bell", show_default=True)
 @click.option("--functions", type=click.IntRange(2, 32), default=9, show_default=True, help="Basis functions on a side.")
 @click.option("--pixels", type=click.IntRange(1, 1024), default=48, show_default=True, help="On a side of each image.")
-@click.option("--angle", type=click.FloatRange(1, 87), default=76.0, show_default=True, help="Degrees from the axis that the planes catch.")
-@click.option("--spacing", type=click.FloatRange(0, min_open=True), help="Metres between basis functions; left out: as the rays need.")
-@click.option("--distance", type=click.FloatRange(0, min_open=True), help="Metres between the planes; left out: ten spacings.")
-@click.option("--plane-z", type=float, help="Height of the sampling plane in the file's metres; left out: where the beam is narrowest.")
-@click.option("--out", type=PATH, required=True, help="LAMP.exr")
+@click.option("--angle", type=Number(1, 87), default=76.0, show_default=True, help="Degrees from the axis that the planes catch.")
+@click.option("--spacing", type=Number(0, min_open=True), help="Metres between basis functions; left out: as the rays need.")
+@click.option("--distance", type=Number(0, min_open=True), help="Metres between the planes; left out: ten spacings.")
+@click.option("--plane-z", type=Number(-1000, 1000), help="Height of the sampling plane in the file's metres; left out: where the beam is narrowest.")
+@click.option("--out", type=OutFile(".exr"), required=True, help="LAMP.exr")
 def from_rays(
     rays: Path, basis: "BasisKind", functions: int, pixels: int, angle: float, spacing: float | None, distance: float | None,
     plane_z: float | None, out: Path,
@@ -54,7 +54,7 @@ def from_rays(
 
 @luminaire.command()
 @click.argument("lamp", type=PATH)
-@click.option("--out", type=PATH, help="Folder for pictures: its images, flux by angle, a plane lit at three distances.")
+@click.option("--out", type=OutFolder(), help="Folder for pictures: its images, flux by angle, a plane lit at three distances.")
 def show(lamp: Path, out: Path | None) -> None:
     """Describe a lamp file (.exr, .ies, .ldt)."""
     from vemlight.renderer.luminaire import inspection

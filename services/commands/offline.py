@@ -1,5 +1,6 @@
 """`vemlight lights` and `vemlight render`: the services' own steps, one after the other in this process, on files."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,10 +12,12 @@ from vemlight import settings
 from vemlight.capture.frames import Frame
 from vemlight.capture.source import FrameSource, open_source
 from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
+from vemlight.commands.parameters import STANDARD_OUTPUT
+from vemlight.commands.report import Report
 from vemlight.errors import UserError
 from vemlight.files import notice
 from vemlight.light.images import write_exr, write_png
-from vemlight.light.light_set import LightSet, check_lights_path, lights_row, write_lights
+from vemlight.light.light_set import LightSet, check_lights_path, lights_json, lights_row, write_lights
 from vemlight.runtime.progress import counted
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score as scored
@@ -90,20 +93,29 @@ def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]
         notice(f"{invalid_cells} of {cells} cells of the map were nan, infinite or negative{where}, and count as dark")
 
 
-def write_lights_file(options: LightsOptions) -> str:
-    """Writes the lights of each frame and, if asked, prints their score. Returns a line about what was written.
+def write_lights_file(options: LightsOptions) -> Report:
+    """Writes the lights of each frame, to standard output for `-`. Returns what was written and, if asked, the lights' score.
 
     Raises UserError before any work for an `out` that cannot hold them.
     """
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), clusters=options.clusters, error_percent=options.error_percent)
     out = options.out
-    check_lights_path(out, len(frames))
+    if out != STANDARD_OUTPUT:
+        check_lights_path(out, len(frames))
     lit = list(counted(lit_frames(frames, sampling), "frames", len(frames)))
-    write_lights(out, [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights, _) in enumerate(lit)])
-    if options.score:
-        print(score_text(scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)))
-    return f"{out}: {len(lit[0].lights.ids)} lights" if len(lit) == 1 else f"{out}: the lights of {len(lit)} frames"
+    rows = [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights, _) in enumerate(lit)]
+    if out == STANDARD_OUTPUT:
+        sys.stdout.buffer.write(b"".join(lights_json(row) + b"\n" for row in rows))
+    else:
+        write_lights(out, rows)
+    counts = [len(lights.ids) for _, lights, _ in lit]
+    text = f"{out}: {counts[0]} lights" if len(lit) == 1 else f"{out}: the lights of {len(lit)} frames"
+    values = {"out": str(out), "frames": len(lit), "lights": {"fewest": min(counts), "most": max(counts)}}
+    if not options.score:
+        return Report(text, values)
+    score = scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)
+    return Report(f"{score_text(score)}\n{text}", values | {"score": score._asdict()})
 
 
 def write_pictures(options: RenderOptions) -> str:

@@ -6,16 +6,17 @@ from pathlib import Path
 import click
 
 from vemlight.commands.options import LightsOptions, RenderOptions, options_as
-from vemlight.commands.parameters import PATH, width_height
+from vemlight.commands.parameters import BACKGROUND, FILTER, METHOD, PATH, TONE, Number, OutFile, OutFolder, width_height
+from vemlight.commands.report import Report, reporting
 
 SAMPLING = (
     click.argument("source", type=PATH),
     click.option("--count", type=click.IntRange(1, 100_000), default=72, show_default=True, help="Lights a frame."),
-    click.option("--method", help="How lights are chosen."),
+    click.option("--method", type=METHOD, help="How lights are chosen; left out: tracked."),
     click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True),
-    click.option("--filter", help="Temporal filter, or none. A single map needs none."),
+    click.option("--filter", type=FILTER, help="Temporal filter; left out: the method's own, and none for a single map."),
     click.option("--deflicker", is_flag=True, help="Remove the mains flicker of lamps from the light."),
-    click.option("--fps", type=click.FloatRange(0, 1000, min_open=True), help="Frames a second, where the source does not say."),
+    click.option("--fps", type=Number(0, 1000, min_open=True), help="Frames a second, where the source does not say."),
     click.option("--lens", type=PATH, help="Lens file of fisheye frames."),
     click.option("--response", type=PATH, help="Response file of raw frames."),
     click.option("--layer", help="Of EXR files with several layers or parts; left out: the picture itself."),
@@ -32,28 +33,30 @@ def sampling(command: Callable[..., None]) -> Callable[..., None]:
 @click.command()
 @sampling
 @click.option("--clusters", type=click.IntRange(1, 100_000), help="Most lights after merging neighbours.")
-@click.option("--error", "error_percent", type=click.FloatRange(0, 100, min_open=True), help="Per cent: as few lights as stay within it.")
+@click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Per cent: as few lights as stay within it.")
 @click.option("--score", is_flag=True, help="Print the lights' error and flicker.")
-@click.option("--out", type=PATH, required=True, help="LIGHTS.json for one frame, LIGHTS.jsonl for any number.")
+@click.option("--out", type=OutFile(".json", ".jsonl", dash=True), required=True,
+              help="LIGHTS.json for one frame, LIGHTS.jsonl for any number; - for standard output.")  # fmt: skip
+@reporting
 @options_as(LightsOptions)
-def lights(options: LightsOptions) -> None:
+def lights(options: LightsOptions) -> Report:
     """Write the lights of a map or a sequence."""
     from vemlight.commands.offline import write_lights_file
 
-    click.echo(write_lights_file(options))
+    return write_lights_file(options)
 
 
 @click.command()
 @sampling
 @click.option("--scene", type=PATH, help="Scene file; left out: the bundled scene.")
 @click.option("--size", metavar="WIDTHxHEIGHT", default="640x480", show_default=True, callback=width_height, help="In pixels.")
-@click.option("--exposure", type=click.FloatRange(-20, 20), default=0.0, show_default=True, help="Stops, for the PNG.")
-@click.option("--tone", type=click.Choice(["reinhard", "exponential"]), default="reinhard", show_default=True, help="Curve of the PNG.")
-@click.option("--background", type=click.Choice(["clear", "map"]), default="clear", show_default=True, help="Behind the scene.")
+@click.option("--exposure", type=Number(-20, 20), default=0.0, show_default=True, help="Stops, for the PNG.")
+@click.option("--tone", type=TONE, default="reinhard", show_default=True, help="Curve of the PNG.")
+@click.option("--background", type=BACKGROUND, default="clear", show_default=True, help="Behind the scene.")
 @click.option("--gloss-lights", type=click.IntRange(0, 100_000), help="Lights in the set for glossy surfaces; left out: 512 for any.")
 @click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by the light's power.")
-@click.option("--video", type=PATH, help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
-@click.option("--out", type=PATH, help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
+@click.option("--video", type=OutFile(".mp4", ".mov", ".mkv"), help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
+@click.option("--out", type=OutFile(".exr", ".png"), help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
 @options_as(RenderOptions)
 def render(options: RenderOptions) -> None:
     """Render a scene under the light of a map or a sequence."""
@@ -64,12 +67,14 @@ def render(options: RenderOptions) -> None:
 
 @click.command()
 @click.argument("maps", nargs=-1, required=True, type=PATH, metavar="MAP...")
-@click.option("--out", type=PATH, required=True, help="Folder for the charts and their numbers.")
-def chart(maps: tuple[Path, ...], out: Path) -> None:
+@click.option("--out", type=OutFolder(), required=True, help="Folder for the charts and their numbers.")
+@reporting
+def chart(maps: tuple[Path, ...], out: Path) -> Report:
     """Chart error, flicker and time of each method on your own maps."""
     from vemlight.commands.chart import chart as draw
 
-    draw(list(maps), out)
+    written = [path.name for path in draw(list(maps), out)]
+    return Report(f"{out}: {', '.join(written)}", {"out": str(out), "files": written})
 
 
 COMMANDS = (lights, render, chart)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from vemlight.capture.frames import Mosaic
 
 Options = TypeVar("Options", bound=msgspec.Struct)
+Result = TypeVar("Result")
 
 
 class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -104,13 +105,13 @@ class ResponseOptions(msgspec.Struct, frozen=True, kw_only=True):
     picture: Path | None
 
 
-def options_as(kind: type[Options]) -> Callable[[Callable[[Options], None]], Callable[..., None]]:
+def options_as(kind: type[Options]) -> Callable[[Callable[[Options], Result]], Callable[..., Result]]:
     """Hands a click command its parameters as one record of `kind`, whose fields have the parameters' names."""
 
-    def decorate(command: Callable[[Options], None]) -> Callable[..., None]:
+    def decorate(command: Callable[[Options], Result]) -> Callable[..., Result]:
         @wraps(command)
-        def with_record(**values: object) -> None:
-            command(kind(**values))
+        def with_record(**values: object) -> Result:
+            return command(kind(**values))
 
         return with_record
 

@@ -1,12 +1,69 @@
-"""Parameters that several commands share, and how their texts are read."""
+"""Parameters that several commands share, how their texts are read, and what is wrong with them in one line."""
 
+import math
+import os
+import re
 from pathlib import Path
+from typing import Any, get_args
 
 import click
 
+from vemlight.choices import Background, Filter, Method, Mode, Tone
 from vemlight.errors import UserError
 
 PATH = click.Path(path_type=Path)
+STANDARD_OUTPUT = Path("-")
+MODE, TONE, BACKGROUND, METHOD, FILTER = (click.Choice(get_args(kind)) for kind in (Mode, Tone, Background, Method, Filter))
+
+
+class Number(click.FloatRange):
+    """A finite number in a range; nan lies in any range for click."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail("nan and inf are no numbers here; write a finite one", param, ctx)
+        return number
+
+
+class OutFile(click.Path):
+    """A file to be written: its suffix and its folder are looked at before any work. dash: "-" is allowed, for standard output."""
+
+    def __init__(self, *suffixes: str, dash: bool = False) -> None:
+        super().__init__(path_type=Path, allow_dash=dash)
+        self._suffixes, self._dash = suffixes, dash
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = super().convert(value, param, ctx)
+        if path == STANDARD_OUTPUT and self._dash:
+            return path
+        written = " or ".join(", ".join(self._suffixes).rsplit(", ", 1))
+        if path.suffix.lower() not in self._suffixes:
+            self.fail(f"{path} is to be written as {written}; change the suffix", param, ctx)
+        if path.is_dir():
+            self.fail(f"{path} is a folder; name a file in it, such as {path / ('name' + self._suffixes[0])}", param, ctx)
+        folder = path.resolve().parent
+        if not folder.is_dir():
+            self.fail(f"{path} cannot be written: there is no folder {path.parent}; make it first", param, ctx)
+        if not os.access(folder, os.W_OK):
+            self.fail(f"{path} cannot be written: you may not write in {folder}; choose another folder", param, ctx)
+        return path
+
+
+class OutFolder(click.Path):
+    """A folder to be written to, which is made when it is not there."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = super().convert(value, param, ctx)
+        nearest = next(one for one in (path.absolute(), *path.absolute().parents) if os.path.lexists(one))
+        if not nearest.is_dir():
+            self.fail(f"{path} cannot be a folder, because {nearest} is a file; choose another name", param, ctx)
+        if not os.access(nearest, os.W_OK):
+            self.fail(f"{path} cannot be written: you may not write in {nearest}; choose another folder", param, ctx)
+        return path
 
 
 def width_height(_context: click.Context, parameter: click.Parameter, text: str) -> tuple[int, int]:
@@ -14,7 +71,7 @@ def width_height(_context: click.Context, parameter: click.Parameter, text: str)
     first, _, second = text.partition("x")
     if not all(number.isdecimal() and len(number) < 6 for number in (first, second)):  # Python reads numbers of up to 4300 digits
         example = "8x6" if parameter.required else parameter.default
-        raise UserError(f"--{parameter.name} {text}: is not {parameter.metavar}; write it as {example}")
+        raise UserError(f"--{parameter.name} {text[:40]}: is not {parameter.metavar}; write it as {example}")
     return int(first), int(second)
 
 
@@ -26,6 +83,57 @@ def eight_numbers(_context: click.Context, parameter: click.Parameter, text: str
         numbers = [float(number) for number in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != 8:
-        raise UserError(f"--{parameter.name}: needs eight numbers, x,y,x,y,x,y,x,y")
+    if len(numbers) != 8 or not all(map(math.isfinite, numbers)):
+        raise UserError(f"--{parameter.name} {text[:40]}: needs eight numbers, x,y,x,y,x,y,x,y; write them with commas between")
     return list(zip(numbers[::2], numbers[1::2], strict=True))
+
+
+def usage_line(error: click.UsageError) -> str:
+    """What click found wrong with the words of a command, on one line: the option or argument, what is wrong with it, the way out."""
+    command = error.ctx.command_path if error.ctx else "vemlight"
+    help_ = f"see `{command} --help`"
+    text = error.message.rstrip(".")
+    if isinstance(error, click.MissingParameter):
+        return f"{_parameter_name(error)}: is missing; {_what_to_add(error) or help_}"
+    if isinstance(error, click.BadParameter):
+        return f"{_parameter_name(error)}: {_bad_value(error, help_)}"
+    if isinstance(error, click.BadOptionUsage) and "requires" in text:
+        return f"{error.option_name}: has no value; write one behind it"
+    if near := getattr(error, "possibilities", None):
+        return f"{text[:1].lower()}{text[1:]} in `{command}`; did you mean {' or '.join(near)}?"
+    return f"{text[:1].lower()}{text[1:]}; {help_}"
+
+
+def _parameter_name(error: click.BadParameter) -> str:
+    """As it is typed: --count, or SOURCE."""
+    if isinstance(error.param, click.Option):
+        return max(error.param.opts, key=len)
+    return error.param.human_readable_name if error.param else "an option"
+
+
+def _what_to_add(error: click.MissingParameter) -> str:
+    """How to give the parameter that is missing."""
+    parameter = error.param
+    if isinstance(parameter, click.Option) and parameter.help:
+        return f"add {max(parameter.opts, key=len)}: {parameter.help.rstrip('.')}"
+    if parameter and isinstance(parameter.type, click.Choice):
+        return f"choose from {', '.join(map(str, parameter.type.choices))}"
+    return ""
+
+
+def _bad_value(error: click.BadParameter, help_: str) -> str:
+    """What is wrong with the value, and what would be right."""
+    text = error.message.rstrip(".")
+    if error.param and isinstance(error.param.type, click.Choice):
+        from vemlight.toml import choice_hint
+
+        value = (re.match(r"(['\"])(.*)\1 is not one of", text, re.DOTALL) or ["", "", text])[2]
+        return f"{value[:40]} is no choice; {choice_hint(value, tuple(map(str, error.param.type.choices)))}"
+    if "; " in text:  # it has its way out
+        return text
+    if kind := re.search(r" is not a valid (integer|float)", text):
+        number = "whole number" if kind[1] == "integer" else "number"
+        return f"{text[: kind.start()][:40]} is no {number}; write one"
+    if " is not in the range " in text:
+        return f"{text}; choose a number in it"
+    return f"{text[:1].lower()}{text[1:]}; {help_}"

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from vemlight.commands.parameters import PATH
+from vemlight.commands.parameters import MODE, PATH, OutFolder
 from vemlight.runtime.channels import SERVICES
 
 if TYPE_CHECKING:
     from vemlight.runtime.channels import Service
-    from vemlight.settings import Mode
+    from vemlight.choices import Mode
 
 COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 
@@ -19,8 +19,8 @@ COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 @click.command()
 @click.argument("settings", type=PATH, required=False)
 @click.option("--frames", type=click.IntRange(1), help="Stop after so many frames.")
-@click.option("--out", type=PATH, help="Folder for the lights (.jsonl), the pictures (EXR and PNG) and a contact sheet.")
-@click.option("--mode", type=click.Choice(["live", "lossless"]), help="live: the newest frame wins; lossless (with --out): every frame.")
+@click.option("--out", type=OutFolder(), help="Folder for the lights (.jsonl), the pictures (EXR and PNG) and a contact sheet.")
+@click.option("--mode", type=MODE, help="live: the newest frame wins; lossless (with --out): every frame.")
 @click.option("--overwrite", is_flag=True, help="Remove what another run has left in that folder.")
 def run(settings: Path | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool) -> None:
     """Start capture, sampler, renderer and viewer, and supervise them. With --out, a run that was cut off goes on where it ended."""
@@ -84,7 +84,7 @@ def settings_() -> None:
 
 
 @click.command()
-@click.argument("folder", type=PATH)
+@click.argument("folder", type=OutFolder())
 def keys(folder: Path) -> None:
     """Make the keys that the services of one installation share between hosts."""
     from vemlight.runtime.transport import make_keys

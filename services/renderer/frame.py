@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.choices import Tone
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 from vemlight.renderer.accumulation import MapLights
@@ -21,7 +22,6 @@ from vemlight.renderer.scene.materials import Colour
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose
 from vemlight.renderer.scene.view import PixelSample
-from vemlight.settings import Tone
 
 
 class FrameSetup(NamedTuple):

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from vemlight.choices import Tone
 from vemlight.light.colour import luminance_from_rgb, srgb_from_linear
 from vemlight.renderer.gl.constants import MAX_RADIANCE
-from vemlight.settings import Tone
 
 TIME_CONSTANT_S = 0.4  # of the eye's slower receptors (Krawczyk et al. 2005); leaves 4 % of a 10 Hz flicker
 MAX_STEP_S = 0.25  # a longer gap, after dropped frames, counts as this, so that the first picture after it does not jump

@@ -1,0 +1,9 @@
+"""Values that both the settings and options of the command line choose from; nothing is imported, so that `vemlight --help` answers at once."""
+
+from typing import Literal
+
+Mode = Literal["live", "lossless"]
+Tone = Literal["reinhard", "exponential"]
+Background = Literal["clear", "map"]
+Method = Literal["tracked", "havran-azimuth", "havran-radius", "standard"]
+Filter = Literal["auto", "adaptive", "fir2005", "fir", "binomial", "iir", "none"]

@@ -5,9 +5,9 @@ A frame's plan (frame_plan.py) is a list of these; renderer.py runs them. docs/a
 
 from typing import NamedTuple
 
-# What a plan brings: nothing draws these.
+# What a plan provides: no pass writes these.
 INPUTS = ("lights", "gloss set", "pose", "background", "plate", "uploaded picture", "previous adaptation", "exposure")
-# What outlasts a frame on the GPU: frame_plan.FrameState describes it, so that a plan need not draw it again.
+# What stays on the GPU after a frame: frame.FrameState describes it, so that a plan need not draw it again.
 CACHED = ("luminaire maps", "shadow maps", "light frames", "G-buffer", "class depth", "cached visibility")
 
 

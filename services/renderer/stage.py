@@ -110,11 +110,11 @@ class RendererStage:
             size = f"{settings.renderer.width} x {settings.renderer.height}"
             most = wire.MAX_PART // pixel_bytes
             raise UserError(f"[renderer] width, height: {size} is more than the {most} pixels that one message holds; make them smaller")
-        self._album = ImageSequenceWriter(settings) if settings.out else None
+        self._images = ImageSequenceWriter(settings) if settings.out else None
         self._video = Path(settings.renderer.video) if settings.renderer.video else None
         if self._video:
             check_video_path(self._video)
-            if not self._album:
+            if not self._images:
                 raise UserError("[renderer] video: is made of the pictures in the folder out, which is not set; set it, or use --out")
         drawing = settings.renderer
         if settings.mode == "lossless":  # there is time, and a picture shall follow from its lights alone
@@ -123,15 +123,15 @@ class RendererStage:
             drawing = msgspec.structs.replace(drawing, frame_ms=LIVE_FRAME_MS)
         if drawing.light_regions is None and settings.capture.coverage == "hemisphere":
             drawing = msgspec.structs.replace(drawing, light_regions=0)
-        self._renderer = Renderer(scene, drawing, file_samples(scene) if self._album else LIVE_SAMPLES)
+        self._renderer = Renderer(scene, drawing, file_samples(scene) if self._images else LIVE_SAMPLES)
         self._frame_ms = drawing.frame_ms or 0.0
 
     def first_missing_frame(self) -> int:
-        return self._album.count if self._album else 0
+        return self._images.count if self._images else 0
 
     def start_at(self, target: int) -> tuple[RendererState, int]:
         """Starts at the target itself: the manifest has the adaptation after the picture before it."""
-        before = self._album.last if self._album and target else None
+        before = self._images.last if self._images and target else None
         frame = initial_state(self._renderer.setup)
         return RendererState(self._exposure, before and before.adaptation, before.time_s if before else 0.0, frame), target
 
@@ -156,7 +156,7 @@ class RendererStage:
             background=state.environment if self._shows_environment else None,
             plate=PlatePicture(state.plate, self._stops) if state.plate is not None else None,
             tone=ToneRequest(state.adaptation, state.exposure, dt_s),
-            linear=self._linear or self._album is not None,
+            linear=self._linear or self._images is not None,
         )
         if state.paused and state.environment:
             state, pixels, count = self._accumulate(state, shown, state.environment)
@@ -239,9 +239,9 @@ class RendererStage:
         for line in state.notices:
             print(line, file=sys.stderr, flush=True)
         header, (pixels, *_) = message
-        if self._album and state.picture is not None and state.adaptation is not None and isinstance(header, wire.ImageMessage):
-            self._album.add(state.picture, pixels, header.stamp, state.adaptation)
+        if self._images and state.picture is not None and state.adaptation is not None and isinstance(header, wire.ImageMessage):
+            self._images.add(state.picture, pixels, header.stamp, state.adaptation)
 
     def finish(self) -> None:
-        if self._album:
-            self._album.complete(self._video)
+        if self._images:
+            self._images.complete(self._video)

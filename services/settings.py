@@ -51,11 +51,11 @@ class Wire(SettingsSection, frozen=True):
     """How the services reach each other: sockets in a private folder of this machine, or TCP between hosts."""
 
     transport: Annotated[Literal["ipc", "tcp"], means("sockets in a folder of this machine, or TCP between hosts")] = "ipc"
-    folder: Annotated[str, means("of the ipc sockets; empty: a folder of this user's, made with mode 0700"), PATH] = ""
+    folder: Annotated[str, means("folder of the ipc sockets; empty: one of this user's, made with mode 0700"), PATH] = ""
     hosts: Annotated[dict[Service, str], means("tcp: the host on which each service runs; 127.0.0.1 when left out")] = {}
     port: Annotated[Port, means("tcp: the first of the ten ports in use")] = 5600
     keys: Annotated[str, means("tcp: folder with the CURVE keys of `vemlight keys`"), PATH] = ""
-    insecure: Annotated[bool, means("tcp: allow it without keys")] = False
+    insecure: Annotated[bool, means("tcp: allow connections without keys")] = False
 
 
 class Capture(SettingsSection, frozen=True):
@@ -67,7 +67,7 @@ class Capture(SettingsSection, frozen=True):
     lens: Annotated[str, means("fisheye frames: the lens file; empty: lens.toml beside them"), PATH] = ""
     response: Annotated[str, means("raw fisheye frames: the response file; empty: response.toml beside them"), PATH] = ""
     layer: Annotated[str, means("EXR files with several layers or parts: the name of the one to read; empty: the picture itself")] = ""
-    fps: Annotated[Rate, means("frame rate of sources whose files do not say theirs"), FPS] = 25.0
+    fps: Annotated[Rate, means("frame rate of sources whose files do not state one"), FPS] = 25.0
     rows: Annotated[int, Meta(ge=2, le=4096), means("rows of the polar map, equal in elevation"), PIXELS] = 90
     cols: Annotated[int, Meta(ge=4, le=8192), means("columns of the polar map, equal in azimuth"), PIXELS] = 360
     coverage: Annotated[Coverage, means("the part of the sphere of directions that the map covers")] = "hemisphere"
@@ -76,31 +76,31 @@ class Capture(SettingsSection, frozen=True):
     end: Annotated[int, Meta(ge=0), means("files: number of the frame to stop before; 0: play to the last")] = 0
     speed: Annotated[float, Meta(gt=0, le=100), means("files: playback rate, as a multiple of their own")] = 1.0
     format: Annotated[
-        str, means("cameras: the kernel's four letters, such as Y12 or RG10; empty: the deepest. PNG frames: their mosaic")
+        str, means("cameras: pixel format by the kernel's letters, such as Y12 or RG10; empty: the one with the most bits. PNG: its mosaic")
     ] = ""
     width: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame width to ask for; 0: the lens file's"), PIXELS] = 0
     height: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame height to ask for; 0: the lens file's"), PIXELS] = 0
     record: Annotated[str, means("folder to record to; empty: nothing is recorded"), PATH] = ""
-    threads: Annotated[int, Meta(ge=1, le=8), means("threads that unwrap a fisheye frame; more than 1 pays above 2 megapixels")] = 1
+    threads: Annotated[int, Meta(ge=1, le=8), means("threads that resample a fisheye frame; more than 1 pays off above 2 megapixels")] = 1
 
 
 class Sampler(SettingsSection, frozen=True):
     """How lights are chosen from a map and kept steady."""
 
-    method: Annotated[Method, means("how lights are chosen")] = "tracked"
+    method: Annotated[Method, means("sampling method")] = "tracked"
     points: Annotated[
         Literal["auto", "disc", "relaxed", "halton"], means("point set of all methods but tracked; auto: relaxed for standard, else disc")
     ] = "auto"
     count: Annotated[Count, means("lights a frame; the maximum where error_percent or the renderer's frame_ms chooses")] = 72
     filter: Annotated[Filter, means("temporal filter; auto: adaptive for tracked, fir2005 for the others")] = "auto"
-    order: Annotated[int, Meta(ge=2, le=64, multiple_of=2), means("fir: frames it looks back; the delay is half of them"), FRAMES] = 8
+    order: Annotated[int, Meta(ge=2, le=64, multiple_of=2), means("fir: earlier frames in the sum; the delay is half of them"), FRAMES] = 8
     pass_hz: Annotated[Frequency, means("fir: end of the pass band; iir: half of the power passes here"), HZ] = 3.0
     stop_hz: Annotated[Frequency, means("fir: start of the stop band"), HZ] = 6.0
-    deflicker: Annotated[bool, means("remove mains flicker from the total power")] = False
+    deflicker: Annotated[bool, means("remove mains flicker of lamps")] = False
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0
     gloss_lights: Annotated[Count0, means("lights of the gloss set, a second, larger set for glossy surfaces; 0: none")] = 0
     error_percent: Annotated[
-        float, Meta(ge=0, le=100), means("use as few lights as keep the irradiance within this of the map's; 0: always `count`"), PER_CENT
+        float, Meta(ge=0, le=100), means("use as few lights as keep the error of irradiance within this limit; 0: always `count`"), PER_CENT
     ] = 0.0
 
     def __post_init__(self) -> None:
@@ -112,8 +112,8 @@ class Renderer(SettingsSection, frozen=True):
     """What is drawn, and within which time."""
 
     scene: Annotated[str, means("scene file; empty: the bundled scene"), PATH] = ""
-    width: Annotated[Side, means("of the picture"), PIXELS] = 640
-    height: Annotated[Side, means("of the picture"), PIXELS] = 480
+    width: Annotated[Side, means("width of the picture"), PIXELS] = 640
+    height: Annotated[Side, means("height of the picture"), PIXELS] = 480
     shadow_map: Annotated[
         Annotated[int, Meta(ge=16, le=4096)] | None,
         means("side of each light's shadow map; left out: 64 to 1024, by the light's fraction of the power"),
@@ -129,10 +129,10 @@ class Renderer(SettingsSection, frozen=True):
         means("regions of the sphere of normals, each with a list of the lights above its horizon; 0: none; left out: 24 for light from "
               "all sides, none for a hemisphere"),
     ] = None  # fmt: skip
-    exposure: Annotated[Stops, means("added to the tone mapping's own exposure"), STOPS] = 0.0
+    exposure: Annotated[Stops, means("exposure, added to that of the tone mapping"), STOPS] = 0.0
     tone: Annotated[Tone, means("curve of the tone mapping")] = "reinhard"
     background: Annotated[Background, means("behind the scene: nothing, with alpha 0, or the environment map")] = "clear"
-    video: Annotated[str, means("file to write all pictures to at the end, .mp4, .mov or .mkv; needs `out`; empty: none"), PATH] = ""
+    video: Annotated[str, means("file to write all pictures to at the end, .mp4, .mov or .mkv; requires `out`; empty: none"), PATH] = ""
     picture: Annotated[Literal["srgb8", "linear16"], means("linear16: also send the picture before tone mapping, as half floats")] = "srgb8"
 
 
@@ -154,7 +154,7 @@ class Viewer(SettingsSection, frozen=True):
     token: Annotated[
         str,
         Meta(pattern="^([A-Za-z0-9_-]{16,128})?$"),
-        means("asked for when it is set; empty: none on this machine only, else a new one at each start, in the address that is printed"),
+        means("required to open the page when set; empty: none for this machine only, else a new one at each start, which is printed"),
     ] = ""
     insecure: Annotated[bool, means("let everyone who reaches the page see and control, without a token")] = False
     names: Annotated[

@@ -23,7 +23,7 @@ class ImageLimits(NamedTuple):
         """How much so many stored bytes may decode to."""
         return max(self.free_bytes, self.ratio * stored_bytes)
 
-    def check(self, path: Path, width: int, height: int, stored_bytes: int, pixel_bytes: int = 12) -> None:
+    def check(self, path: Path | str, width: int, height: int, stored_bytes: int, pixel_bytes: int = 12) -> None:
         """Raises UserError for an image that is too large, in itself or for the bytes that it is stored in."""
         if not (0 < width <= self.side and 0 < height <= self.side and width * height <= self.pixels):
             limits = f"at most {self.side} on a side and {self.pixels} in all are read"

@@ -4,7 +4,7 @@ One of a file's animations plays, or all of them together, and starts again afte
 rigid motion, are not read.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -12,7 +12,9 @@ import numpy as np
 from vemlight.renderer.scene.gltf import GltfFile, item
 from vemlight.renderer.scene.gltf_nodes import NodeTransform, NodeTree, node_transform, rest_matrix
 
-MAX_KEYFRAMES = 1_000_000  # of a track, nine hours at 30 a second; any value in 1e5 .. 1e8 does
+MAX_KEYFRAMES = 2**22  # of all tracks: 500 nodes of three tracks for 90 seconds at 30 a second; 170 MB
+MAX_MOVING_NODES = 768  # above all meshes that move: each takes 5 ms to find out how far it goes, and 30 microseconds a frame
+MAX_MOTION_KEYFRAMES = 2**24  # above all meshes that move, each sorted for each mesh: 1.5 s
 MIN_QUATERNION = 1e-6  # length of a keyframe's rotation; those of 8 bits are within 1 % of 1. Any value in 1e-9 .. 0.5 does
 MIN_DETERMINANT = 1e-18  # of a node's rest transform, which is inverted: a millionth along each axis. Any value in 1e-30 .. 1e-12 does
 ALL_ANIMATIONS = "*"  # in place of an animation's name
@@ -49,10 +51,18 @@ class RigidMotion(NamedTuple):
 
     def world_from_rest(self, time_s: float) -> np.ndarray:
         """The transform (4, 4) from where the file places the mesh without its animation to where it is at a time."""
-        matrix = self.world_from_file
-        for node in self.nodes:
-            matrix = matrix @ node_matrix(node, time_s % self.duration_s)
-        return matrix @ np.linalg.inv(self.world_from_file @ self.file_from_node())
+        return self.matrices([time_s])[0]
+
+    def matrices(self, times_s: Iterable[float]) -> np.ndarray:
+        """`world_from_rest` at each of n times, (n, 4, 4)."""
+        node_from_world = np.linalg.inv(self.world_from_file @ self.file_from_node())
+        found = []
+        for time_s in times_s:
+            matrix = self.world_from_file
+            for node in self.nodes:
+                matrix = matrix @ node_matrix(node, time_s % self.duration_s)
+            found.append(matrix @ node_from_world)
+        return np.stack(found)
 
     def file_from_node(self) -> np.ndarray:
         """The transform (4, 4) by which the file places the mesh's node without its animation."""
@@ -126,12 +136,16 @@ def read_motions(file: GltfFile, tree: NodeTree, name: str = "") -> list[RigidMo
     Raises as gltf.py says for a file that is not as the standard has it, and ValueError with the names for one that it does not have.
     """
     tracks: dict[int, dict[Target, KeyframeTrack]] = {}
+    keyframes = 0
     for animation in _chosen(file, name):
         for channel in animation["channels"]:
             number, target = channel["target"].get("node"), channel["target"]["path"]
             if number is not None and target in ("translation", "rotation", "scale") and target not in tracks.get(number, {}):
                 sampler = item(animation["samplers"], channel["sampler"], "samplers")
-                tracks.setdefault(number, {})[target] = _read_track(file, sampler, target)
+                track = tracks.setdefault(number, {})[target] = _read_track(file, sampler, target)
+                keyframes += len(track.times)
+                if keyframes > MAX_KEYFRAMES:
+                    raise ValueError(f"has animations of more than {MAX_KEYFRAMES} keyframes; leave some out")
     duration_s = max((float(track.times[-1]) for moved in tracks.values() for track in moved.values()), default=0.0)
     if duration_s <= 0:
         return [None] * len(tree.mesh_nodes)
@@ -144,10 +158,19 @@ def read_motions(file: GltfFile, tree: NodeTree, name: str = "") -> list[RigidMo
     for path in (tree.path(node.number) for node in tree.mesh_nodes):
         moves = not tracks.keys().isdisjoint(path)
         motions.append(RigidMotion(tuple(nodes[number] for number in path), duration_s, np.eye(4)) if moves else None)
+    _check_work([motion for motion in motions if motion is not None])
     for motion in motions:
         if motion is not None and not abs(np.linalg.det(motion.file_from_node())) > MIN_DETERMINANT:
             raise ValueError("has an animated node that is scaled to nothing where the file places it")
     return motions
+
+
+def _check_work(motions: list[RigidMotion]) -> None:
+    """Raises ValueError for motions that take too long to follow: their nodes and keyframes are those of each mesh anew."""
+    nodes = sum(len(motion.nodes) for motion in motions)
+    keyframes = sum(len(track.times) for motion in motions for node in motion.nodes for track in node.tracks.values())
+    if nodes > MAX_MOVING_NODES or keyframes > MAX_MOTION_KEYFRAMES:
+        raise ValueError(f"moves meshes by {nodes} nodes and {keyframes} keyframes, too many to follow; join the meshes")
 
 
 def animation_names(file: GltfFile) -> list[str]:
@@ -172,10 +195,10 @@ def _read_track(file: GltfFile, sampler: dict[str, Any], target: Target) -> Keyf
     times = file.array(sampler["input"]).reshape(-1)
     width = 4 if target == "rotation" else 3
     values = file.array(sampler["output"]).reshape(-1, 3 if interpolation == "CUBICSPLINE" else 1, width)
-    if not 0 < len(times) == len(values) <= MAX_KEYFRAMES or np.any(np.diff(times) <= 0) or times[0] < 0:
+    if not 0 < len(times) == len(values) or np.any(np.diff(times) <= 0) or times[0] < 0:
         raise ValueError("has an animation whose keyframes are not in order or not as many as its values")
     if not (np.isfinite(times).all() and np.isfinite(values).all()):
         raise ValueError("has an animation with nan or inf")
     if target == "rotation" and np.any(np.linalg.norm(values[:, values.shape[1] // 2], axis=-1) < MIN_QUATERNION):
         raise ValueError("has an animation with a rotation of length 0")
-    return KeyframeTrack(times, np.repeat(values, 3, axis=1) if values.shape[1] == 1 else values, interpolation)
+    return KeyframeTrack(times, np.broadcast_to(values, (len(times), 3, width)), interpolation)

@@ -3,12 +3,13 @@
 pygltflib takes 10 to 35 ms for the documents of small files, which json and the checks here read in 0.1 ms, and reads no accessors;
 trimesh reads neither sparse nor normalised accessors, nor animations, nor how textures are sampled.
 
-A faulty file raises ValueError, LookupError, TypeError, AttributeError, OverflowError, OSError or struct.error.
+A faulty file raises ValueError, LookupError, TypeError, AttributeError, OverflowError, OSError or struct.error; a reference out of its
+folder UserError. What would take much memory is counted before it is made.
 """
 
 import base64
 import binascii
-import json
+import codecs
 import struct
 from errno import ENOENT
 from pathlib import Path
@@ -18,10 +19,15 @@ from urllib.parse import unquote
 import numpy as np
 from trimesh.util import triangle_strips_to_faces
 
+from vemlight.files import contained_path, decoded_json, read_file
+
 DTYPE_OF_COMPONENT = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2.2
 COMPONENTS_OF_TYPE = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 MAX_ACCESSOR_ROWS = 50_000_000  # positions of as many vertices are 1.2 GB as float64
 MAX_ROWS_WITHOUT_DATA = 2**20  # zeros that no bytes stand for, for sparse values to replace; a few bytes must not ask for gigabytes
+MAX_BYTES = 2**30  # of a file and of all that it refers to: 10 million vertices of 48 bytes, and as much in textures
+MAX_JSON_VALUES = 2**21  # 100,000 nodes of 20 values; each takes 32 to 88 bytes
+FREE_NUMBERS = 2**24  # in all accessors: 134 MB as float64. More only from as many bytes: accessors may lie on top of each other
 TRIANGLES, TRIANGLE_STRIP = 4, 5  # modes of a primitive, section 5.24.4
 READ_EXTENSIONS = frozenset(
     {
@@ -32,19 +38,34 @@ READ_EXTENSIONS = frozenset(
 
 
 class GltfFile:
-    """A .gltf or .glb file. document: its JSON. Raises ValueError for one that requires an extension which is not read here."""
+    """A .gltf or .glb file.
 
-    def __init__(self, path: Path) -> None:
-        self.document, self._binary = _document(path)
-        self._folder = path.parent
+    document: its JSON. stored_bytes: of the file and the buffers read. where: for messages about references out of its folder. Raises
+    ValueError for one that requires an extension which is not read here.
+    """
+
+    def __init__(self, path: Path, where: str = "") -> None:
+        content = read_file(path, MAX_BYTES)
+        self.stored_bytes = len(content)
+        self.document, self._binary = _document(content)
+        self._folder, self._where = path.parent, where or str(path)
         self._read: dict[str, bytes] = {}
+        self._counted: set[Path] = set()
+        self._arrays: dict[int, np.ndarray] = {}
+        self._numbers = 0
         if not str(self.document["asset"]["version"]).startswith("2."):
             raise ValueError("is of another version than glTF 2")
         if missing := sorted(set(self.document.get("extensionsRequired", [])) - READ_EXTENSIONS):
             raise ValueError(f"needs the extension {str(missing[0])[:60]}, which is not read here")
 
     def array(self, number: int) -> np.ndarray:
-        """An accessor's numbers (section 3.6), (count, components) float64; normalised integers become fractions."""
+        """An accessor's numbers (section 3.6), (count, components) float64, read-only; normalised integers become fractions."""
+        if number not in self._arrays:
+            self._arrays[number] = self._array(number)
+            self._arrays[number].flags.writeable = False
+        return self._arrays[number]
+
+    def _array(self, number: int) -> np.ndarray:
         accessor = item(self.document["accessors"], number, "accessors")
         dtype = np.dtype(DTYPE_OF_COMPONENT[accessor["componentType"]])
         width, count = COMPONENTS_OF_TYPE[accessor["type"]], int(accessor["count"])
@@ -52,9 +73,11 @@ class GltfFile:
             raise ValueError(f"has {count} rows in accessor {number}")
         if "bufferView" not in accessor and count > MAX_ROWS_WITHOUT_DATA:
             raise ValueError(f"has {count} rows without data in accessor {number}")
-        numbers = np.zeros((count, width))
-        if "bufferView" in accessor:
-            numbers[:] = self._strided(accessor, dtype, width, count)
+        stored = self._strided(accessor, dtype, width, count) if "bufferView" in accessor else None
+        self._numbers += count * width
+        if self._numbers > max(FREE_NUMBERS, 2 * self.stored_bytes):
+            raise ValueError(f"has {self._numbers} numbers in accessors that lie on top of each other")
+        numbers = np.zeros((count, width)) if stored is None else stored.astype(np.float64)
         if sparse := accessor.get("sparse"):
             places, replaced = sparse["indices"], int(sparse["count"])
             if not 0 < replaced <= count:
@@ -84,9 +107,9 @@ class GltfFile:
     def _strided(self, where: dict[str, Any], dtype: np.dtype, width: int, count: int) -> np.ndarray:
         """`count` rows of `width` numbers in the buffer view that `where` names, from its offset there on."""
         view = item(self.document["bufferViews"], where["bufferView"], "buffer views")
+        data = self._buffer(int(view["buffer"]))
         first = int(view.get("byteOffset", 0)) + int(where.get("byteOffset", 0))
         stride = int(view.get("byteStride", width * dtype.itemsize))
-        data = self._buffer(int(view["buffer"]))
         if first < 0 or stride < width * dtype.itemsize or first + (count - 1) * stride + width * dtype.itemsize > len(data):
             raise ValueError("has numbers that lie outside their buffer")
         return np.ndarray((count, width), dtype, data, first, (stride, dtype.itemsize))
@@ -101,10 +124,14 @@ class GltfFile:
 
     def _resource(self, uri: str) -> bytes:
         if not uri.startswith("data:"):
-            path = self._folder / unquote(uri)
-            if not path.is_file():  # nor a device or a pipe, which may never end
+            path = contained_path(self._folder, unquote(uri), self._where)
+            if not path.exists():
                 raise FileNotFoundError(ENOENT, "there is no such file", str(path))
-            return path.read_bytes()
+            content = read_file(path, MAX_BYTES)
+            if path not in self._counted:
+                self._counted.add(path)
+                self.stored_bytes += len(content)
+            return content
         try:
             return base64.b64decode(uri.partition(",")[2], validate=True)
         except binascii.Error as error:
@@ -118,15 +145,17 @@ def item(rows: list[Any], number: int, what: str) -> Any:
     return rows[number]
 
 
-def _document(path: Path) -> tuple[dict[str, Any], bytes]:
+def _document(content: bytes) -> tuple[dict[str, Any], bytes]:
     """The JSON of a file and, of a .glb, the binary chunk (section 4)."""
-    data = path.read_bytes()
-    if data[:4] != b"glTF":
-        return json.loads(data, parse_constant=_refuse), b""
-    length, _ = struct.unpack_from("<II", data, 12)
-    document = json.loads(data[20 : 20 + length], parse_constant=_refuse)
-    return document, data[28 + length :][: struct.unpack_from("<I", data, 20 + length)[0]] if len(data) > 28 + length else b""
+    if content[:4] != b"glTF":
+        return _json(content.removeprefix(codecs.BOM_UTF8)), b""
+    length, _ = struct.unpack_from("<II", content, 12)
+    document = _json(content[20 : 20 + length])
+    binary = content[28 + length :]
+    return document, binary[: struct.unpack_from("<I", content, 20 + length)[0]] if binary else b""
 
 
-def _refuse(constant: str) -> float:
-    raise ValueError(f"has {constant} where a number must be")
+def _json(text: bytes) -> dict[str, Any]:
+    if sum(text.count(mark) for mark in (b",", b"[", b"{")) > MAX_JSON_VALUES:
+        raise ValueError(f"has more than {MAX_JSON_VALUES} values in its JSON; join its nodes")
+    return decoded_json(text, Any)

@@ -1,18 +1,31 @@
 """Materials of glTF files: factors, textures, texture coordinates and vertex colours (glTF 2.0, sections 3.7.2, 3.8 and 3.9)."""
 
-import io
 from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
 
+from vemlight.errors import UserError
 from vemlight.renderer.gl.constants import MAX_HALF
 from vemlight.renderer.scene.gltf import READ_EXTENSIONS, TRIANGLE_STRIP, TRIANGLES, GltfFile, item
 from vemlight.renderer.scene.materials import AlphaTest, Colour, Ggx, Material, SpecularGlossiness, Unlit
-from vemlight.renderer.scene.textures import LINEAR, LINEAR_MIPMAP_LINEAR, Texture, alpha_bled, texels_from_image
+from vemlight.renderer.scene.textures import (
+    BLED_PIXEL_BYTES,
+    HALF_RGBA_BYTES,
+    LINEAR,
+    LINEAR_MIPMAP_LINEAR,
+    MAX_TEXTURE_SIDE,
+    PIXEL_BYTES,
+    TEXTURE_LIMITS,
+    Texture,
+    alpha_bled,
+    open_picture,
+    texels_from_image,
+)
 
 REPEAT, CLAMP, MIRRORED = 10497, 33071, 33648  # section 5.26
 MAGNIFICATION_FILTERS, MINIFICATION_FILTERS = (9728, 9729), (9728, 9729, 9984, 9985, 9986, 9987)
+MAX_NOTES = 20  # lines about what is not drawn; who reads more of them?
 MAX_NUMBER = 1e6  # of factors and texture transforms; a larger one is taken for damage. Any value in 1e4 .. 1e9 does
 FLIP_V = np.array([[1.0, 0, 0], [0, -1, 1], [0, 0, 1]])  # from v upwards to glTF's, which is downwards, and back
 
@@ -59,6 +72,10 @@ class GltfMaterials:
     def __init__(self, file: GltfFile) -> None:
         self._file = file
         self._texels: dict[tuple[int | None, TextureEncoding], np.ndarray | None] = {}
+        self._scaled: dict[tuple[int, float], np.ndarray] = {}  # by the texels, which `_texels` keeps, and their scale
+        self._lowest: dict[int, float] = {}
+        self._stored_images: dict[int, int] = {}
+        self._texture_bytes = 0
         self.unsupported: list[str] = []
 
     def material(self, primitive: dict[str, Any]) -> Material | None:
@@ -113,10 +130,15 @@ class GltfMaterials:
             return self._texture(model, key, binding), None
         cutoff = float(_numbers([binding.document.get("alphaCutoff", 0.5)], 1, MAX_NUMBER)[0]) if mode == "MASK" else None
         texture, colours = self._texture(model, key, binding, ALPHA_TESTED_COLOUR), self.colours(binding.primitive)
-        lowest = alpha * (1.0 if texture is None else float(texture.texels[..., 3].min()))
+        lowest = alpha * (1.0 if texture is None else self._lowest_alpha(texture.texels))
         lowest *= 1.0 if colours is None else float(colours[:, 3].min())
         opaque = lowest >= (1.0 if cutoff is None else cutoff)
         return texture, None if opaque else AlphaTest(alpha, cutoff, texture)
+
+    def _lowest_alpha(self, texels: np.ndarray) -> float:
+        if id(texels) not in self._lowest:
+            self._lowest[id(texels)] = float(texels[..., 3].min())
+        return self._lowest[id(texels)]
 
     def _emission(self, binding: MaterialBinding) -> tuple[Colour, Texture | None]:
         strength = binding.extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
@@ -128,9 +150,13 @@ class GltfMaterials:
         texture = self._texture(binding.document, "normalTexture", binding, NORMALS)
         if texture is None or (scale := binding.document["normalTexture"].get("scale", 1.0)) == 1.0:
             return texture
-        normals = 2 * texture.texels.astype(np.float32) - 1
-        normals[..., :2] *= _finite([scale], 1)
-        return texture._replace(texels=((normals + 1) / 2).astype(np.float16))
+        key = id(texture.texels), float(_finite([scale], 1)[0])
+        if key not in self._scaled:
+            normals = 2 * texture.texels.astype(np.float32) - 1
+            normals[..., :2] *= key[1]
+            self._scaled[key] = ((normals + 1) / 2).astype(np.float16)
+            self._texture_bytes += self._scaled[key].nbytes
+        return texture._replace(texels=self._scaled[key])
 
     def _texture(self, where: dict[str, Any], key: str, binding: MaterialBinding, encoding: TextureEncoding = COLOUR) -> Texture | None:
         """The texture that `where` names by `key`; None, with a line in `unsupported`, where it cannot be drawn."""
@@ -177,22 +203,37 @@ class GltfMaterials:
             self._note(f"{what} is left out: it has no image of a kind that is read here")
             return None
         try:
-            with Image.open(io.BytesIO(self._file.image(number))) as image:
-                return texels_from_image(image, encoding.srgb, encoding.alpha)
+            content = self._file.image(number)
         except FileNotFoundError as error:
             self._note(f"{what} is left out: there is no {error.filename}")
+            return None
+        try:
+            with open_picture(content, f"image {number}", BLED_PIXEL_BYTES if encoding.bleed else PIXEL_BYTES) as image:
+                self._count_texels(number, len(content), image.size, encoding)
+                return texels_from_image(image, encoding.srgb, encoding.alpha)
         except Image.UnidentifiedImageError:
             self._note(f"{what} is left out: it is no image of a kind that is read here")
-        except Image.DecompressionBombError:
-            self._note(f"{what} is left out: it is larger than {2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels")
+        except (UserError, Image.DecompressionBombError) as error:
+            self._note(f"{what} is left out: {error}")
         return None
+
+    def _count_texels(self, number: int, stored_bytes: int, size: tuple[int, int], encoding: TextureEncoding) -> None:
+        """Raises ValueError before textures are made that take too much memory, all in all, for the images that they are made of."""
+        self._stored_images[number] = stored_bytes
+        width, height = (min(side, MAX_TEXTURE_SIDE) << mirrored for side, mirrored in zip(size, encoding.mirrored, strict=True))
+        self._texture_bytes += width * height * HALF_RGBA_BYTES
+        if self._texture_bytes > TEXTURE_LIMITS.most_bytes(sum(self._stored_images.values())):
+            raise ValueError(f"has textures of {self._texture_bytes} bytes in {len(self._stored_images)} small images; reduce them")
 
     def uvs(self, primitive: dict[str, Any]) -> list[np.ndarray | None]:
         """Both sets of texture coordinates, (n, 2) float32 each, v upwards; None where the primitive has none that are finite."""
         found = []
         for name in ("TEXCOORD_0", "TEXCOORD_1"):
             uv = self._file.array(primitive["attributes"][name])[:, :2] if name in primitive["attributes"] else None
-            found.append(None if uv is None or not np.all(np.isfinite(uv)) else (uv * [1, -1] + [0, 1]).astype(np.float32))
+            if uv is not None and not np.all(np.isfinite(uv)):
+                self._note(f"a mesh's {name} is left out: some are nan or inf")
+                uv = None
+            found.append(None if uv is None else (uv * [1, -1] + [0, 1]).astype(np.float32))
         return found
 
     def colours(self, primitive: dict[str, Any]) -> np.ndarray | None:
@@ -201,6 +242,7 @@ class GltfMaterials:
             return None
         found = self._file.array(primitive["attributes"]["COLOR_0"])
         if found.shape[1] not in (3, 4) or not np.all(np.isfinite(found)):
+            self._note("a mesh's COLOR_0 is left out: some are nan or inf, or not 3 or 4 numbers")
             return None
         colours = np.ones((len(found), 4), np.float32)
         colours[:, : found.shape[1]] = np.clip(found, 0, 1)
@@ -209,7 +251,7 @@ class GltfMaterials:
     def note_unsupported(self) -> None:
         """Adds to `unsupported` what the file has beyond textures: extensions, morph targets, skins, points, lines and fans."""
         document = self._file.document
-        for extension in sorted(set(document.get("extensionsUsed", [])) - READ_EXTENSIONS):
+        for extension in sorted(set(document.get("extensionsUsed", [])) - READ_EXTENSIONS)[:MAX_NOTES]:
             users = [m.get("name", k) for k, m in enumerate(document.get("materials", [])) if extension in m.get("extensions", {})]
             more = f" and {len(users) - 1} more" if users[1:] else ""
             self._note(f"{extension} is not drawn" + (f", of material {users[0]}{more}" if users else ""))
@@ -225,8 +267,8 @@ class GltfMaterials:
 
     def _note(self, line: str) -> None:
         line = " ".join(line.split())[:300]
-        if line not in self.unsupported:
-            self.unsupported.append(line)
+        if len(self.unsupported) < MAX_NOTES and line not in self.unsupported:
+            self.unsupported.append(line if len(self.unsupported) < MAX_NOTES - 1 else "has more that is not drawn")
 
 
 def _uv_transform(transform: dict[str, Any]) -> np.ndarray:

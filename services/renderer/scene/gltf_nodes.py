@@ -8,6 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from vemlight.renderer.scene.gltf import GltfFile, item
 
+MAX_NODES = 100_000  # 30 microseconds each
+MAX_DEPTH = 256  # of the hierarchy; rigs have some dozens
+
 
 class NodeTransform(NamedTuple):
     """Translation (3,), rotation as a quaternion x, y, z, w (4,) of any length above 0, and scale (3,) of a node, float64."""
@@ -56,15 +59,17 @@ def read_nodes(file: GltfFile) -> NodeTree:
     roots = item(scenes, document.get("scene", 0), "scenes").get("nodes", []) if scenes else []
     found: list[MeshNode] = []
     parents: dict[int, int | None] = {}
-    stack: list[tuple[int, int | None, np.ndarray]] = [(root, None, np.eye(4)) for root in roots]
+    stack: list[tuple[int, int | None, int, np.ndarray]] = [(root, None, 1, np.eye(4)) for root in roots]
     while stack:  # depth first, the last child before the first
-        number, parent, file_from_parent = stack.pop()
+        number, parent, depth, file_from_parent = stack.pop()
         if number in parents:
             raise ValueError("has nodes with several parents")
+        if len(parents) >= MAX_NODES or depth > MAX_DEPTH:
+            raise ValueError(f"has more than {MAX_NODES} nodes, or more than {MAX_DEPTH} inside one another; join them")
         parents[number] = parent
         node = item(nodes, number, "nodes")
         file_from_node = file_from_parent @ rest_matrix(node)
-        stack += [(child, number, file_from_node) for child in node.get("children", [])]
+        stack += [(child, number, depth + 1, file_from_node) for child in node.get("children", [])]
         if "mesh" in node:
             found.append(MeshNode(number, item(meshes, node["mesh"], "meshes"), file_from_node))
     return NodeTree(found, parents)

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Meta
 
 from vemlight.errors import UserError
+from vemlight.files import contained_path
 from vemlight.light.sphere import rotation_xyz
 from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
@@ -64,13 +65,27 @@ def world_from_lamp(position: Vector, degrees_xyz: Vector) -> np.ndarray:
     return matrix
 
 
-def load_luminaire(table: LuminaireTable, folder: Path, where: str) -> Luminaire:
-    """The luminaire of a scene file's table, whose paths are relative to `folder`. Raises UserError that begins with `where`."""
+class LuminaireFiles:
+    """The luminaire files of a scene, which name them from its `folder`, each read once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._read: dict[str, LightField | FarField] = {}
+
+    def read(self, file: str, where: str) -> LightField | FarField:
+        """The light of a file, or of the bundled lamp for "". Raises UserError that begins with `where`."""
+        if file not in self._read:
+            path = contained_path(self._folder, file, where) if file else BUNDLED_LAMP
+            try:
+                self._read[file] = read_photometry(path) if path.suffix.lower() in PHOTOMETRY_SUFFIXES else read_luminaire(path)
+            except UserError as error:
+                raise UserError(f"{where}: {error}") from error
+        return self._read[file]
+
+
+def load_luminaire(table: LuminaireTable, files: LuminaireFiles, where: str) -> Luminaire:
+    """The luminaire of a scene file's table. Raises UserError that begins with `where`."""
     if not np.all(np.isfinite([*table.at, *table.rotate])) or np.abs(table.at).max() > MAX_COORDINATE_M:
         raise UserError(f"{where}: at and rotate must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
-    path = folder / table.file if table.file else BUNDLED_LAMP
-    try:
-        source = read_photometry(path) if path.suffix.lower() in PHOTOMETRY_SUFFIXES else read_luminaire(path)
-    except UserError as error:
-        raise UserError(f"{where}: {error}") from error
+    source = files.read(table.file, where)
     return Luminaire(source, world_from_lamp(table.at, table.rotate), table.power, table)

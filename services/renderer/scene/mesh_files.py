@@ -1,6 +1,8 @@
 """Meshes from files: glTF, OBJ, PLY and STL, with the materials and the motion that the file gives them."""
 
+import io
 import struct
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,18 +10,23 @@ import numpy as np
 import trimesh
 
 from vemlight.errors import UserError
-from vemlight.files import one_line
+from vemlight.files import one_line, read_file
+from vemlight.light.quiet import silent
 from vemlight.renderer.scene.animation import ALL_ANIMATIONS, RigidMotion, animation_names, read_motions
 from vemlight.renderer.scene.gltf import TRIANGLE_STRIP, TRIANGLES, GltfFile
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
 from vemlight.renderer.scene.gltf_nodes import read_nodes
 from vemlight.renderer.scene.materials import Material, Phong
 from vemlight.renderer.scene.meshes import Geometry, VertexAttributes, clean_geometry
+from vemlight.renderer.scene.scene_limits import MAX_MESHES, SceneLimits
+from vemlight.renderer.scene.trimesh_files import MAX_BYTES, FilesBeside, check_obj
 from vemlight.renderer.scene.trimesh_materials import colours_from_visual, material_from_visual
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 MESH_SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl")
 FAULTS = (ValueError, LookupError, TypeError, AttributeError, OverflowError, OSError, struct.error, SyntaxError)  # the last: PIL's, of PNG
+MIN_SCALE = 1e-6  # of an instance, along each axis; any value in 1e-12 .. 1e-3 does
+SIMILARITY = 1e-5  # by which normals may be off in length: matrices of a file have float32's 1e-7; any value in 1e-6 .. 1e-3 does
 
 
 class MeshPart(NamedTuple):
@@ -48,35 +55,52 @@ class SourceMesh(NamedTuple):
     motion: RigidMotion | None = None
 
 
-def read_meshes(path: Path, where: str, animation: str = "", materials: bool = True) -> MeshFile:
+def read_meshes(path: Path, where: str, animation: str = "", materials: bool = True, limits: SceneLimits | None = None) -> MeshFile:
     """Each mesh in a glTF, OBJ, PLY or STL file.
 
-    animation: which of several, as in animation.py. materials: whether glTF's own are read. Raises UserError that begins with `where` for a
-    file that cannot be read or requires what is not read here, and for a mesh that is empty, holds nan or has no area.
+    animation: which of several, as in animation.py. materials: whether glTF's own are read. limits: of the scene that the file is part of.
+    Raises UserError that begins with `where` for a file that cannot be read, requires what is not read here or refers to a file outside
+    its folder, and for a mesh that is empty, holds nan or has no area.
     """
-    is_gltf = path.suffix.lower() in GLTF_SUFFIXES
+    limits = limits or SceneLimits()
     try:
-        file = GltfFile(path) if is_gltf else None
-        file_materials = GltfMaterials(file) if file else None
-        meshes = _gltf_meshes(file, file_materials, animation, materials) if file and file_materials else _trimesh_meshes(path)
-        unsupported = _unsupported(file, file_materials, animation) if file and file_materials else []
+        with np.errstate(all="ignore"):  # of numbers that are found to be none afterwards
+            if path.suffix.lower() in GLTF_SUFFIXES:
+                file = GltfFile(path)
+                file_materials = GltfMaterials(file)
+                meshes = _gltf_meshes(file, file_materials, limits, animation, materials)
+                unsupported = _unsupported(file, file_materials, animation)
+            else:
+                meshes, unsupported = _trimesh_meshes(path, limits)
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from error
     except Exception as error:  # a hostile file raises whatever the parsers trip over
         raise UserError(f"{where}: {path} is not a readable mesh ({one_line(error)}); export it again") from error
     if not meshes:
         raise UserError(f"{where}: {path} has no triangles; export it again")
+    return MeshFile(_placed(meshes, path, where, limits), [f"{path.name}: {line}" for line in unsupported])
+
+
+def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimits) -> list[MeshPart]:
+    """Clean meshes in their file's axes. One that several nodes have is cleaned once, if no node stretches it."""
+    nodes = Counter(id(mesh.triangles) for mesh in meshes)
+    cleaned: dict[int, Geometry] = {}
     parts = []
     for number, mesh in enumerate(meshes, 1):
         name = path.name if len(meshes) == 1 else f"{path.name} part {number}"
         try:
-            geometry = _in_file_axes(mesh)
+            with np.errstate(all="ignore"):
+                geometry = _in_file_axes(mesh, cleaned if nodes[id(mesh.triangles)] > 1 else None, limits)
         except FAULTS as error:
             raise UserError(f"{where}: {name} {one_line(error)}; export it again") from error
         coloured = mesh.material is None and mesh.vertices.colours is not None
         parts.append(MeshPart(name, geometry, Phong((1.0, 1.0, 1.0)) if coloured else mesh.material, mesh.motion))
-    return MeshFile(parts, [f"{path.name}: {line}" for line in unsupported])
+    return parts
 
 
-def _gltf_meshes(file: GltfFile, file_materials: GltfMaterials, animation: str, materials: bool) -> list[SourceMesh]:
+def _gltf_meshes(
+    file: GltfFile, file_materials: GltfMaterials, limits: SceneLimits, animation: str, materials: bool
+) -> list[SourceMesh]:
     """The primitives of triangles and strips of each node. One that several nodes have is read once."""
     tree = read_nodes(file)
     read: dict[int, tuple[VertexAttributes, np.ndarray, Material | None]] = {}
@@ -84,13 +108,26 @@ def _gltf_meshes(file: GltfFile, file_materials: GltfMaterials, animation: str, 
     for node, motion in zip(tree.mesh_nodes, read_motions(file, tree, animation), strict=True):
         for primitive in node.mesh["primitives"]:
             if primitive.get("mode", TRIANGLES) in (TRIANGLES, TRIANGLE_STRIP):
+                if len(meshes) >= MAX_MESHES:
+                    raise ValueError(f"draws more than {MAX_MESHES} meshes; join them")
                 if id(primitive) not in read:
                     vertices = _gltf_vertices(file, file_materials, primitive)
                     triangles = file.triangles(primitive, len(vertices.positions))
-                    read[id(primitive)] = vertices, triangles, file_materials.material(primitive) if materials else None
+                    material = file_materials.material(primitive) if materials else None
+                    read[id(primitive)] = *_used(vertices, triangles), material
                 vertices, triangles, material = read[id(primitive)]
                 meshes.append(SourceMesh(vertices, triangles, node.file_from_mesh, material, motion))
+    limits.on_stored(file.stored_bytes)
     return meshes
+
+
+def _used(vertices: VertexAttributes, triangles: np.ndarray) -> tuple[VertexAttributes, np.ndarray]:
+    """The vertices that triangles use, where many others are in the same arrays: exporters share them among primitives."""
+    count = len(vertices.positions)
+    if count <= triangles.size or triangles.size == 0 or triangles.min() < 0 or triangles.max() >= count:
+        return vertices, triangles
+    used, numbers = np.unique(triangles, return_inverse=True)
+    return VertexAttributes(*(None if rows is None else rows[used] for rows in vertices)), numbers.reshape(triangles.shape)
 
 
 def _gltf_vertices(file: GltfFile, file_materials: GltfMaterials, primitive: dict[str, Any]) -> VertexAttributes:
@@ -103,20 +140,31 @@ def _gltf_vertices(file: GltfFile, file_materials: GltfMaterials, primitive: dic
     return vertices
 
 
-def _trimesh_meshes(path: Path) -> list[SourceMesh]:
-    """The meshes of an OBJ, PLY or STL file."""
-    scene = trimesh.load_scene(path, process=False, maintain_order=True)
-    meshes = []
+def _trimesh_meshes(path: Path, limits: SceneLimits) -> tuple[list[SourceMesh], list[str]]:
+    """The meshes of an OBJ, PLY or STL file, and a line for each thing that is left out."""
+    content, kind = read_file(path, MAX_BYTES), path.suffix.lower().removeprefix(".")
+    limits.on_stored(len(content))
+    if kind == "obj":
+        check_obj(content)
+    beside = FilesBeside(path.parent, str(path))
+    with silent():  # trimesh logs, and numpy warns of what it computes with nan
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=beside, process=False, maintain_order=True)
+    if beside.refused:
+        raise beside.refused
+    meshes, left_out = [], beside.left_out
+    texels: dict[str, np.ndarray] = {}
     for node in scene.graph.nodes_geometry:
         matrix, key = scene.graph[node]
         mesh = scene.geometry[key]
         if isinstance(mesh, trimesh.Trimesh):
-            material, uvs = material_from_visual(mesh.visual)
+            material, uvs = material_from_visual(mesh.visual, texels)
             # Those that the file has: trimesh's property would compute its own.
             normals = np.asarray(mesh.vertex_normals) if "vertex_normals" in mesh._cache.cache else None
             vertices = VertexAttributes(np.asarray(mesh.vertices), normals, uvs, colours_from_visual(mesh.visual))
             meshes.append(SourceMesh(vertices, np.asarray(mesh.faces), np.asarray(matrix, np.float64), material))
-    return meshes
+            if uvs is None and (stored := getattr(mesh.visual, "uv", None)) is not None and not np.isfinite(stored).all():
+                left_out.append("its texture coordinates are left out: some are nan or inf")
+    return meshes, list(dict.fromkeys(left_out))
 
 
 def _unsupported(file: GltfFile, file_materials: GltfMaterials, animation: str) -> list[str]:
@@ -128,11 +176,30 @@ def _unsupported(file: GltfFile, file_materials: GltfMaterials, animation: str) 
     return [*file_materials.unsupported, f"of its {len(names)} animations the first plays: {others}"]
 
 
-def _in_file_axes(mesh: SourceMesh) -> Geometry:
-    """Clean geometry of a mesh in its file's axes."""
+def _in_file_axes(mesh: SourceMesh, cleaned: dict[int, Geometry] | None, limits: SceneLimits) -> Geometry:
+    """Clean geometry of a mesh in its file's axes. cleaned: in their own axes, those that several nodes have, by their triangles."""
     linear, offset = mesh.file_from_mesh[:3, :3], mesh.file_from_mesh[:3, 3]
+    if cleaned is not None and _is_similarity(linear):
+        if id(mesh.triangles) not in cleaned:
+            limits.on_cleaned(len(mesh.triangles))
+            cleaned[id(mesh.triangles)] = clean_geometry(mesh.vertices, mesh.triangles)
+        geometry = cleaned[id(mesh.triangles)]
+        limits.on_placed(len(geometry.positions))
+        geometry = geometry.moved(linear, offset)
+        if not np.isfinite(geometry.positions).all():
+            raise ValueError("has vertices that are nan or inf")
+        return geometry
     vertices = mesh.vertices
     positions = vertices.positions @ linear.T + offset
     normals = None if vertices.normals is None else vertices.normals @ np.linalg.inv(linear)
     triangles = mesh.triangles if np.linalg.det(linear) > 0 else mesh.triangles[:, ::-1]
-    return clean_geometry(vertices._replace(positions=positions, normals=normals), triangles)
+    limits.on_cleaned(len(triangles))
+    geometry = clean_geometry(vertices._replace(positions=positions, normals=normals), triangles)
+    limits.on_placed(len(geometry.positions))
+    return geometry
+
+
+def _is_similarity(linear: np.ndarray) -> bool:
+    """Whether a transform (3, 3) is a rotation with uniform scale, as `Geometry.moved` takes it."""
+    scale = np.cbrt(np.linalg.det(linear))
+    return bool(scale > MIN_SCALE and np.allclose(linear @ linear.T, scale**2 * np.eye(3), rtol=0, atol=SIMILARITY * scale**2))

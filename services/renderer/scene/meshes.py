@@ -72,7 +72,7 @@ def swept_bounds(geometry: Geometry, motion: RigidMotion | None) -> tuple[np.nda
     """As `bounds`, of the box around a geometry's box wherever a motion brings it."""
     if motion is None:
         return bounds([geometry])
-    matrices = np.stack([motion.world_from_rest(time_s) for time_s in motion.sample_times_s(MAX_SWEEP_TIMES)])
+    matrices = motion.matrices(motion.sample_times_s(MAX_SWEEP_TIMES))
     swept = np.einsum("tij,cj->tci", matrices[:, :3, :3], box_corners(geometry)) + matrices[:, None, :3, 3]
     low, high = swept.min(axis=(0, 1)), swept.max(axis=(0, 1))
     margin = SWEEP_MARGIN * (high - low)

@@ -9,9 +9,10 @@ from msgspec import Meta
 from PIL import Image
 
 from vemlight.errors import UserError
-from vemlight.files import one_line
+from vemlight.files import contained_path, one_line, read_file
+from vemlight.light.image_limits import MAX_IMAGE_BYTES
 from vemlight.light.images import read_radiance
-from vemlight.renderer.scene.textures import texels_from_image
+from vemlight.renderer.scene.textures import open_picture, texels_from_image
 
 MAX_PLATE_RADIANCE = 6e4  # half floats end at 65,504; any value in 32768 .. 65504 does
 
@@ -28,14 +29,16 @@ def load_plate(table: PlateTable, folder: Path, where: str) -> np.ndarray:
 
     nan becomes 0. Raises UserError that begins with `where` when there is no such picture, or it cannot be read.
     """
-    path = folder / table.file
+    path = contained_path(folder, table.file, where)
     if path.suffix.lower() in (".exr", ".hdr"):
         return _half_floats(np.nan_to_num(read_radiance(path)[0]), table.stops)
     if path.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise UserError(f"{where}: {path} is none of .exr, .hdr, .png, .jpg; convert it")
     try:
-        with Image.open(path) as image:
+        with open_picture(read_file(path, MAX_IMAGE_BYTES), path) as image:
             pixels = texels_from_image(image)[::-1]
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from error
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:  # PIL raises SyntaxError for a damaged PNG
         raise UserError(f"{where}: {path} is not a readable picture ({one_line(error)}); check the path") from error
     return _half_floats(pixels.astype(np.float32), table.stops)

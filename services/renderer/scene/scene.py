@@ -12,11 +12,19 @@ import numpy as np
 from msgspec import Meta
 
 from vemlight.errors import UserError
-from vemlight.files import read_toml
+from vemlight.files import contained_path, read_toml
 from vemlight.light.sphere import quaternion_xyz, rotation_xyz
 from vemlight.renderer.gl.constants import GLOSSY_KINDS
 from vemlight.renderer.scene.animation import RigidMotion
-from vemlight.renderer.scene.luminaire_table import BUNDLED_LAMP, MAX_COORDINATE_M, Luminaire, LuminaireTable, Vector, load_luminaire
+from vemlight.renderer.scene.luminaire_table import (
+    BUNDLED_LAMP,
+    MAX_COORDINATE_M,
+    Luminaire,
+    LuminaireFiles,
+    LuminaireTable,
+    Vector,
+    load_luminaire,
+)
 from vemlight.renderer.scene.materials import (
     Material,
     MaterialTable,
@@ -29,6 +37,7 @@ from vemlight.renderer.scene.materials import (
 from vemlight.renderer.scene.mesh_files import GLTF_SUFFIXES, MESH_SUFFIXES, MeshFile, MeshPart, read_meshes
 from vemlight.renderer.scene.meshes import Geometry, Shape, bounds, shape_geometry, swept_bounds
 from vemlight.renderer.scene.plate_table import PlateTable, load_plate
+from vemlight.renderer.scene.scene_limits import MAX_LUMINAIRES, SceneLimits
 from vemlight.runtime import wire
 
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
@@ -134,13 +143,17 @@ def load_scene(path: Path | None) -> Scene:
     points = np.array([camera.position, camera.at])
     if not np.all(np.isfinite(points)) or np.abs(points[0] - points[1]).max() <= MIN_VIEW_M:
         raise UserError(f"{path}: [camera] from and at must be two different finite points; correct them")
+    files = _MeshFiles(path.parent)
     meshes = [
         mesh._replace(object_index=number - 1)
         for number, row in enumerate(table.mesh, 1)
-        for mesh in _meshes(row, path, f"{path}: [[mesh]] {number}")
+        for mesh in _meshes(row, files, f"{path}: [[mesh]] {number}")
     ]
     _check_shadow_catchers(meshes, path)
-    lamps = [load_luminaire(row, path.parent, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
+    if len(table.luminaire) > MAX_LUMINAIRES:
+        raise UserError(f"{path}: has {len(table.luminaire)} [[luminaire]], at most {MAX_LUMINAIRES} are drawn; leave some out")
+    sources = LuminaireFiles(path.parent)
+    lamps = [load_luminaire(row, sources, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
     plate = load_plate(table.plate, path.parent, f"{path}: [plate]") if table.plate else None
     boxes = [swept_bounds(mesh.geometry, mesh.motion) for mesh in meshes] + [bounds([mesh.geometry for mesh in meshes])]
     low, high = np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
@@ -182,13 +195,37 @@ def _check_shadow_catchers(meshes: list[Mesh], path: Path) -> None:
         raise UserError(f"{path}: {catchers[0].name} with catcher = true is not flat; use shape = \"plane\"")
 
 
-def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
-    """The meshes of a `[[mesh]]` of the file `scene`, in world axes. Raises UserError that begins with `where`."""
+class _MeshFiles:
+    """The mesh files of a scene, each read once, and what they become in all."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._read: dict[tuple[str, str, bool], MeshFile] = {}
+        self.limits = SceneLimits()
+
+    def read(self, row: MeshTable, where: str, materials: bool) -> MeshFile:
+        """The meshes of a `[[mesh]]` in their own axes. Raises UserError that begins with `where`."""
+        key = row.shape or row.file, row.animation, materials
+        if key not in self._read:
+            if row.shape:
+                self._read[key] = MeshFile([MeshPart(row.shape, shape_geometry(row.shape), None)], [])
+            else:
+                path = contained_path(self._folder, row.file, where)
+                if not path.exists():
+                    raise UserError(f"{where}: there is no mesh file {path}; correct the path (it is relative to the scene file)")
+                self._read[key] = read_meshes(path, where, row.animation, materials, self.limits)
+        return self._read[key]
+
+
+def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> list[Mesh]:
+    """The meshes of a `[[mesh]]` in world axes. Raises UserError that begins with `where`."""
     try:
         material = material_from_table(row.material) if row.material else None
     except ValueError as error:
         raise UserError(f"{where}: {error}") from error
-    file, y_up = _mesh_file(row, scene, where, materials=material is None)
+    _check_table(row, where)
+    file = files.read(row, where, materials=material is None)
+    y_up = Path(row.file).suffix.lower() in GLTF_SUFFIXES if row.y_up is None else row.y_up
     rotation = rotation_xyz(row.rotate) @ (Z_UP_FROM_Y_UP if y_up else np.eye(3))
     world_from_file = np.eye(4)
     world_from_file[:3, :3], world_from_file[:3, 3] = rotation * row.scale, row.at
@@ -196,6 +233,10 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
         print(f"vemlight: {where}: {line}", file=sys.stderr, flush=True)
     meshes = []
     for part in file.parts:
+        try:
+            files.limits.on_placed(len(part.geometry.positions))
+        except ValueError as error:
+            raise UserError(f"{where}: the scene {error}") from error
         geometry = part.geometry.moved(rotation * row.scale, np.array(row.at))
         made_of = part.material if material is None else material
         if material is not None:  # nor do the file's vertex colours change it
@@ -205,20 +246,14 @@ def _meshes(row: MeshTable, scene: Path, where: str) -> list[Mesh]:
     return meshes
 
 
-def _mesh_file(row: MeshTable, scene: Path, where: str, materials: bool) -> tuple[MeshFile, bool]:
-    """The meshes of a `[[mesh]]` in their own axes, and whether those are y-up."""
+def _check_table(row: MeshTable, where: str) -> None:
+    """Raises UserError that begins with `where` for keys of a `[[mesh]]` that cannot be, whatever its file holds."""
     if bool(row.file) == bool(row.shape):
         raise UserError(f'{where}: needs either file = "..." or shape = "sphere", "plane" or "box"')
     if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_COORDINATE_M:
         raise UserError(f"{where}: scale, rotate and at must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
-    is_gltf = Path(row.file).suffix.lower() in GLTF_SUFFIXES
-    if row.animation and not is_gltf:
+    suffix = Path(row.file).suffix.lower()
+    if row.animation and suffix not in GLTF_SUFFIXES:
         raise UserError(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")
-    if row.shape:
-        return MeshFile([MeshPart(row.shape, shape_geometry(row.shape), None)], []), bool(row.y_up)
-    path = scene.parent / row.file
-    if path.suffix.lower() not in MESH_SUFFIXES:
-        raise UserError(f"{where}: {path} is none of {', '.join(MESH_SUFFIXES)}; convert it")
-    if not path.is_file():
-        raise UserError(f"{where}: there is no mesh file {path}; correct the path (it is relative to the scene file)")
-    return read_meshes(path, where, row.animation, materials), is_gltf if row.y_up is None else row.y_up
+    if row.file and suffix not in MESH_SUFFIXES:
+        raise UserError(f"{where}: {row.file} is none of {', '.join(MESH_SUFFIXES)}; convert it")

@@ -1,5 +1,7 @@
 """Images on surfaces: their texels in linear light, how they are filtered and how texture coordinates address them."""
 
+import io
+from pathlib import Path
 from typing import NamedTuple
 
 import cv2
@@ -7,9 +9,17 @@ import numpy as np
 from PIL import Image
 
 from vemlight.light.colour import linear_from_srgb
+from vemlight.light.image_limits import ImageLimits
+from vemlight.light.quiet import silent
 
 LINEAR, LINEAR_MIPMAP_LINEAR = 0x2601, 0x2703  # OpenGL's GL_LINEAR and GL_LINEAR_MIPMAP_LINEAR
 MAX_TEXTURE_SIDE = 4096  # texels; larger images are reduced. Pictures are seldom larger, and OpenGL 4.3 promises 16384
+PICTURE_FORMATS = ("PNG", "JPEG", "WEBP", "TGA", "BMP", "TIFF")  # Pillow knows forty more, some of which start other programs
+HALF_RGBA_BYTES = 8
+PIXEL_BYTES = 4 + HALF_RGBA_BYTES  # while a texture is made
+BLED_PIXEL_BYTES = 40  # the same with the float32 copies of `alpha_bled`
+# Up to 4096 x 4096 always, since textures of one colour are stored in next to nothing; larger ones at 400 times their file.
+TEXTURE_LIMITS = ImageLimits(free_bytes=2**28, ratio=400)
 
 
 class Texture(NamedTuple):
@@ -27,12 +37,24 @@ class Texture(NamedTuple):
     uv_transform: np.ndarray | None = None
 
 
+def open_picture(content: bytes, where: Path | str, pixel_bytes: int = PIXEL_BYTES) -> Image.Image:
+    """An image whose header has been read and found to be within TEXTURE_LIMITS; where: begins the UserError of one that is not.
+
+    Raises OSError, ValueError or SyntaxError for what Pillow cannot read.
+    """
+    with silent():
+        image = Image.open(io.BytesIO(content), formats=PICTURE_FORMATS)
+    TEXTURE_LIMITS.check(where, *image.size, len(content), pixel_bytes)
+    return image
+
+
 def texels_from_image(image: Image.Image, srgb: bool = True, alpha: bool = False) -> np.ndarray:
     """An image's texels, (h, w, 3) float16 or, with `alpha`, (h, w, 4), the first row at the bottom as OpenGL has it.
 
     srgb: whether its colours are sRGB-coded, to be made linear; alpha never is. A side longer than MAX_TEXTURE_SIDE is reduced to it.
     """
-    image = image.convert("RGBA" if alpha else "RGB")
+    with silent():
+        image = image.convert("RGBA" if alpha else "RGB")
     if max(image.size) > MAX_TEXTURE_SIDE:
         image.thumbnail((MAX_TEXTURE_SIDE, MAX_TEXTURE_SIDE))
     codes, fractions = np.asarray(image)[::-1], (np.arange(256) / 255).astype(np.float16)

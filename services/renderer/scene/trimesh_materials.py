@@ -9,10 +9,10 @@ from vemlight.renderer.scene.materials import Colour, Material, Phong
 from vemlight.renderer.scene.textures import Texture, texels_from_image
 
 
-def material_from_visual(visual: Any) -> tuple[Material | None, np.ndarray | None]:
+def material_from_visual(visual: Any, texels: dict[str, np.ndarray]) -> tuple[Material | None, np.ndarray | None]:
     """A mesh's material and its texture coordinates (n, 2) float32, v upwards; None for what the file does not say.
 
-    An image replaces the diffuse colour.
+    An image replaces the diffuse colour. texels: those made already, by the names of their files, to which this one's are added.
     """
     found, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
     uv = None if uv is None or len(uv) == 0 or not np.all(np.isfinite(uv)) else np.asarray(uv, np.float32)
@@ -20,7 +20,10 @@ def material_from_visual(visual: Any) -> tuple[Material | None, np.ndarray | Non
     if found is None or _is_placeholder(image):
         return None, None
     if image is not None:
-        return Phong((1.0, 1.0, 1.0), colour_map=Texture(texels_from_image(image))), uv
+        name = str(image.info.get("file_path", id(image)))
+        if name not in texels:
+            texels[name] = texels_from_image(image)
+        return Phong((1.0, 1.0, 1.0), colour_map=Texture(texels[name])), uv
     return Phong(_colour(getattr(found, "diffuse", None))), uv
 
 

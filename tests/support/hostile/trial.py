@@ -1,0 +1,181 @@
+"""Reading hostile files in child processes.
+
+A server with all libraries loaded forks the children. A child makes and reads one file after the other, until one ends it or costs it
+too much: that file is a fault, and the next child goes on behind it.
+"""
+
+import mmap
+import os
+import resource
+import select
+import shutil
+import signal
+import struct
+import tempfile
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.support.hostile.format import Format
+from tests.support.hostile.formats import FORMATS
+from tests.support.hostile.mutation import mutant
+
+MAX_S = 5.0  # of processor time, which other work on the machine does not stretch
+MAX_BYTES = 512 * 2**20  # of a child, all in all: the libraries take 150 to 250 MB of it
+POLL_S = 0.2
+FORGET = 1000  # files after which a child forgets which notices it has printed
+
+
+class Fault(NamedTuple):
+    """What a file did that it may not: the file is kept at `path`."""
+
+    format: str
+    name: str
+    reason: str
+
+
+class Trial(NamedTuple):
+    """What is read: file `number` of `count`, named and made when its turn comes, in a folder of its own."""
+
+    format: Format
+    folder: Path
+    count: int
+    content: Callable[[int], bytes]
+    name: Callable[[int], str]
+
+    def path(self) -> Path:
+        return self.folder / ("manifest.jsonl" if self.format.suffix == ".jsonl" else f"file{self.format.suffix}")
+
+
+def examine(name: str, count: int, seed: int, keep: Path) -> list[Fault]:
+    """All sound files, bombs and `count` mutants of a format; the faulty ones are kept in `keep`."""
+    format = FORMATS[name]
+    folder = Path(tempfile.mkdtemp(prefix="vemlight-hostile-"))
+    try:
+        whole = _sound(format, folder)
+        bombs = list(format.bombs().items())
+        faults = _try(name, Trial(format, folder, len(whole), whole.__getitem__, lambda k: f"sound file {k}"), keep)
+        for bomb, content in bombs:  # each in its own child: memory is the child's
+            faults += _try(name, Trial(format, folder, 1, lambda _, content=content: content, lambda _, bomb=bomb: f"bomb {bomb}"), keep)
+        mutants = Trial(format, folder, count, lambda k: mutant(whole, f"{name} {seed} {k}"), lambda k: f"mutant {k} of seed {seed}")
+        return faults + _try(name, mutants, keep)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _sound(format: Format, folder: Path) -> list[bytes]:
+    """The sound files, read once in this process, so that its children have all that reading takes, without threads that they lack."""
+    import cv2
+    import OpenEXR
+
+    cv2.setNumThreads(0)
+    OpenEXR.set_global_thread_count(0)
+    contents = [path.read_bytes() for path in format.whole(folder)]
+    path = Trial(format, folder, 0, contents.__getitem__, str).path()
+    for content in contents:
+        path.write_bytes(content)
+        format.read(path)
+    return contents
+
+
+def _try(name: str, trial: Trial, keep: Path) -> list[Fault]:
+    """The faults of all files, in as many children as it takes: one that ends or hangs costs its file and nothing else."""
+    faults: list[Fault] = []
+    first = 0
+    while first < trial.count:
+        done, reasons = _run_child(trial, first)
+        for number, reason in reasons:
+            keep.mkdir(parents=True, exist_ok=True)
+            path = keep / f"{name}-{len(list(keep.iterdir()))}{trial.format.suffix}"
+            path.write_bytes(trial.content(number))
+            faults.append(Fault(name, f"{trial.name(number)} ({path})", reason))
+        first = done
+    return faults
+
+
+def _run_child(trial: Trial, first: int) -> tuple[int, list[tuple[int, str]]]:
+    """Reads files from `first` on in a child; the number of the first that it has not read, and the faults."""
+    progress, (reader, report) = mmap.mmap(-1, 8), os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.close(reader)
+            _read_all(trial, first, progress, report)
+        finally:
+            os._exit(0)
+    os.close(report)
+    text, number, since_s, hung = b"", -1, 0.0, False
+    while True:
+        ready, _, _ = select.select([reader], [], [], POLL_S)
+        if ready:
+            data = os.read(reader, 65536)
+            text += data
+            if not data:
+                break
+            continue
+        now, used_s = struct.unpack("<q", progress[:])[0], _processor_s(child)
+        if now != number:
+            number, since_s = now, used_s
+        elif used_s - since_s > MAX_S:
+            hung = True
+            os.kill(child, signal.SIGKILL)
+    os.close(reader)
+    _, status = os.waitpid(child, 0)
+    reasons = [(int(number), reason) for number, _, reason in (line.partition("\t") for line in text.decode(errors="replace").splitlines())]
+    done = struct.unpack("<q", progress[:])[0]
+    if hung or os.WIFSIGNALED(status):
+        reasons.append((done, f"more than {MAX_S:g} s" if hung else f"killed by {signal.Signals(os.WTERMSIG(status)).name}"))
+        done += 1
+    elif done < trial.count and not reasons:
+        reasons.append((done, "the child ended"))
+        done += 1
+    return done, reasons
+
+
+def _processor_s(child: int) -> float:
+    fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _read_all(trial: Trial, first: int, progress: mmap.mmap, report: int) -> None:
+    """In the child: reads the files from `first` on, says which it is at, and reports the faults; ends when it has grown too large."""
+    words = os.open(trial.folder / "words", os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+    os.dup2(words, 1)
+    os.dup2(words, 2)
+    from vemlight import files
+
+    path = trial.path()
+    for number in range(first, trial.count):
+        progress[:] = struct.pack("<q", number)
+        path.write_bytes(trial.content(number))
+        fault = _fault(trial.format, path, words)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+        fault = fault or (f"{peak / 2**20:.0f} MB" if peak > MAX_BYTES else "")
+        progress[:] = struct.pack("<q", number + 1)
+        if fault:
+            os.write(report, f"{number}\t{fault}\n".encode(errors="replace"))
+        if peak > MAX_BYTES:
+            return
+        if number % FORGET == 0:
+            files._noticed.clear()
+
+
+def _fault(format: Format, path: Path, words: int) -> str:
+    """Reads a file; what it did that it may not, or nothing."""
+    from vemlight.errors import UserError
+
+    fault = ""
+    before = os.fstat(words).st_size
+    try:
+        format.read(path)
+    except UserError as error:
+        fault = "" if "\n" not in str(error) and str(error) else f"its line is {str(error)!r}"
+    except BaseException as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        fault = f"{type(error).__name__}: {' '.join(str(error).split())[:200]} at {Path(where.filename).name}:{where.lineno}"
+    if not fault and os.fstat(words).st_size != before:
+        os.lseek(words, before, os.SEEK_SET)
+        said = [line for line in os.read(words, 4096).splitlines() if not line.startswith(b"vemlight: ")]
+        fault = f"a library said {said[0][:200]!r}" if said else ""
+    return fault

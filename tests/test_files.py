@@ -65,7 +65,7 @@ def test_only_regular_files_within_the_limit_are_read(tmp_path):
         read_file(tmp_path / "a", 3)
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):
-        with pytest.raises(UserError, match="regular file|is a folder"):
+        with pytest.raises(UserError, match=r"regular file|is a folder"):
             read_file(path, 10)
 
 
@@ -117,7 +117,7 @@ def test_a_reference_stays_inside_the_folder(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    "name, reason",
+    ("name", "reason"),
     [
         ("/etc/passwd", "leads out"),
         ("../scene/a.obj", "leads out"),
@@ -135,7 +135,7 @@ def test_a_reference_out_of_the_folder_is_one_line_with_the_way_out(tmp_path, na
     (tmp_path / "a.obj").touch()
     (tmp_path / "scene" / "outside").symlink_to("../a.obj")
     (tmp_path / "scene" / "folder").symlink_to(tmp_path)
-    with pytest.raises(UserError, match=f"^scene.toml: .*{reason}.*; (put|correct)") as caught:
+    with pytest.raises(UserError, match=rf"^scene.toml: .*{reason}.*; (put|correct)") as caught:
         contained_path(tmp_path / "scene", name, "scene.toml")
     assert len(str(caught.value).splitlines()) == 1
 
@@ -148,6 +148,6 @@ def test_a_folder_that_is_itself_a_link_holds_its_files(tmp_path):
 
 @pytest.mark.parametrize("name", ["a\0", "\ud800", 300 * "a"])
 def test_what_is_no_name_of_a_file_is_one_line(tmp_path, name):
-    with pytest.raises(UserError, match="no name of a file|too long") as caught:
+    with pytest.raises(UserError, match=r"no name of a file|too long") as caught:
         read_file(tmp_path / name, 10)
     assert str(caught.value).isprintable()

@@ -86,5 +86,5 @@ def test_a_device_is_no_buffer(tmp_path):
     path = sheet.write(tmp_path / "sheet.gltf")
     sheet.document["buffers"][0]["uri"] = "/dev/zero"
     path.write_text(json.dumps(sheet.document))
-    with pytest.raises(UserError, match="^here: .*/dev/zero leads out of its folder"):
+    with pytest.raises(UserError, match=r"^here: .*/dev/zero leads out of its folder"):
         read_meshes(path, "here")

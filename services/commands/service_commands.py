@@ -10,8 +10,8 @@ from vemlight.commands.parameters import MODE, PATH, OutFolder
 from vemlight.runtime.channels import SERVICES
 
 if TYPE_CHECKING:
-    from vemlight.runtime.channels import Service
     from vemlight.choices import Mode
+    from vemlight.runtime.channels import Service
 
 COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 

@@ -130,7 +130,7 @@ k4 = 0.0
 rim_deg = 93.0
 vignetting = [-0.04]
 """
-RESPONSE = b'kind = "linear"\nbits = 12\nblack = 64.0\ngain = 1000.0\n'
+RESPONSE = b'kind = "linear"\nbits = 12\na = 64.0\nb = 1000.0\n'
 PATCHES = b"code,luminance,use\n100,1.5,fit\n300,10,fit\n500,80,check\n700,500,fit\n900,3000,fit\n"
 LINE = b'{"name":"a.exr","sequence":0,"time_s":0.0,"sha256":"' + b"0" * 64 + b'"}\n'
 JSON_BOMBS = {

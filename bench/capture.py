@@ -19,10 +19,11 @@ from numba import njit
 from vemlight.capture.fisheye import fisheye_to_polar
 from vemlight.capture.frames import FrameMaker
 from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
+from vemlight.capture.manifest import read_manifest
 from vemlight.capture.polar import latlong_to_polar, polar_from_latlong
 from vemlight.capture.response import Log, code_from_radiance, radiance_table, write_response
 from vemlight.capture.scatter import Threads, polar_from_codes
-from vemlight.capture.sequence import FrameFile, read_manifest
+from vemlight.capture.sequence import FrameFile
 from vemlight.capture.simulation.environment import Environment, SunDisc
 from vemlight.capture.simulation.optics import fisheye_radiance
 from vemlight.capture.simulation.sensor import VirtualCamera, exposed

@@ -13,6 +13,10 @@ class UserError(ValueError):
         super().__init__(printable_line(text))
 
 
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C where something has been written already. Its text says what there is of the result."""
+
+
 class FatalError(RuntimeError):
     """A failure that only a restart can fix, such as a device that is gone. Its text is one line."""
 

@@ -1,5 +1,6 @@
 """Files in and out: TOML into typed records, writing that never leaves half a file, devices that may be opened."""
 
+import errno
 import grp
 import hashlib
 import os
@@ -140,7 +141,9 @@ def fsync_folder(folder: Path) -> None:
 
 def sha256_of(path: Path) -> str:
     """The SHA-256 of a file's content in hexadecimal digits. Raises OSError when it cannot be read."""
-    with open(path, "rb") as file:
+    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:  # opening a pipe that nobody writes to would wait for ever
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "is not a regular file", str(path))
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from vemlight.capture import recorder as module
 from vemlight.capture.lens import Lens, write_lens
+from vemlight.capture.manifest import MANIFEST, read_manifest
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.recording import record
 from vemlight.capture.response import Log, write_response
-from vemlight.capture.sequence import MANIFEST, read_manifest
 from vemlight.capture.source import open_source
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
@@ -108,28 +108,26 @@ def test_a_full_disk_is_reported_and_what_was_written_stays(tmp_path: Path, monk
     assert [source.frame(k).time_s for k in range(len(source))] == [0.0, 0.1, 0.2, 0.6, 0.7]
 
 
-def test_half_a_manifest_line_is_taken_back(tmp_path: Path) -> None:
+def test_a_frame_that_the_manifest_cannot_list_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder = Recorder(tmp_path / "out")
-    recorder.put(np.ones((16, 32, 3), np.float32), {}, 0, 0.0)
-    recorder.close()
-    before = (tmp_path / "out" / MANIFEST).read_bytes()
-    again = Recorder.__new__(Recorder)
-    again.folder, again._name = tmp_path / "out", "frame"
+    recorder.put_waiting(np.ones((16, 32, 3), np.float32), {}, 0, 0.0)
+    while recorder.written == 0:
+        pass
 
-    class Full:
-        def __init__(self) -> None:
-            self.file = open(tmp_path / "out" / MANIFEST, "ab", buffering=0)  # noqa: SIM115
-            self.seek, self.truncate = self.file.seek, self.file.truncate
+    def full(*_) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-        def write(self, data: bytes) -> int:
-            return self.file.write(data[:10])
-
-    again._manifest = Full()  # type: ignore[assignment]
-    with pytest.raises(OSError, match="full"):
-        again._write(module.QueuedFrame(np.ones((16, 32, 3), np.float32), {}, 1, 0.0))
-    assert [e.sequence for e in read_manifest(tmp_path / "out")] == [0]
-    assert (tmp_path / "out" / MANIFEST).read_bytes() == before
+    with monkeypatch.context() as patch:
+        patch.setattr("vemlight.journal.os.pwrite", full)
+        recorder.put_waiting(np.ones((16, 32, 3), np.float32), {}, 1, 0.1)
+        while recorder.failed == 0:
+            pass
+    assert recorder.refusing
     assert not (tmp_path / "out" / "frame_000001.exr").exists()
+    recorder.put_waiting(np.ones((16, 32, 3), np.float32), {}, 2, 0.2)
+    recorder.close()
+    assert not recorder.refusing
+    assert [entry.sequence for entry in read_manifest(tmp_path / "out")] == [0, 2]
 
 
 def test_recordings_are_not_mixed(tmp_path: Path, sequence: Path) -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from vemlight.capture.lens import Lens
+from vemlight.capture.manifest import read_manifest
 from vemlight.capture.response import Companding, Log, radiance_table
-from vemlight.capture.sequence import read_manifest
 from vemlight.capture.simulation.sensor import VirtualCamera, exposed, fixed_pattern, through_mosaic
 from vemlight.capture.simulation.simulate import Lighting, simulate
 from vemlight.capture.source import open_source

@@ -5,7 +5,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from vemlight.capture.sequence import MANIFEST, check_digest, frame_files, manifest_entry, read_manifest
+from vemlight.capture.manifest import MANIFEST, check_digest, manifest_entry, read_manifest
+from vemlight.capture.sequence import frame_files
 from vemlight.errors import UserError
 
 

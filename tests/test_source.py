@@ -10,9 +10,9 @@ import pytest
 
 from vemlight.capture.camera_source import raw_attributes
 from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
+from vemlight.capture.manifest import MANIFEST, manifest_entry
 from vemlight.capture.recording import polar_file
 from vemlight.capture.response import Log, Srgb, code_from_radiance, write_response
-from vemlight.capture.sequence import MANIFEST, manifest_entry
 from vemlight.capture.source import open_source, recorded_fps
 from vemlight.capture.v4l2 import RawFrame
 from vemlight.errors import UserError

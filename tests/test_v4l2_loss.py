@@ -12,8 +12,8 @@ import pytest
 from vemlight.capture import v4l2 as module
 from vemlight.capture.camera_source import CameraSource
 from vemlight.capture.lens import Lens, write_lens
+from vemlight.capture.manifest import read_manifest
 from vemlight.capture.response import Linear, write_response
-from vemlight.capture.sequence import read_manifest
 from vemlight.capture.v4l2 import V4l2Camera
 from vemlight.errors import UserError
 from vemlight.settings import Capture

@@ -39,7 +39,12 @@ class CameraSource:
     @property
     def state(self) -> str:
         """For a log: what the camera sends, that it is gone, or why nothing is recorded."""
-        return self.recorder.last_error if self.recorder and self.recorder.last_error else self._camera.state
+        return self.recorder.last_error if self.recorder and self.recorder.refusing else self._camera.state
+
+    @property
+    def unrecorded(self) -> int:
+        """Frames that were to be recorded and are not, because the disk was full or too slow."""
+        return self.recorder.failed + self.recorder.dropped if self.recorder else 0
 
     def next(self, wait_s: float) -> Frame | None:
         """The next frame, or None when none came within `wait_s`; `state` then says why.

@@ -1,6 +1,5 @@
 """Frames written to disk as they arrive, without delaying the source: a bounded queue, and a thread that writes EXR files and manifest."""
 
-import os
 import queue
 import shutil
 import threading
@@ -10,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vemlight.capture.sequence import MANIFEST, manifest_line
+from vemlight.capture.manifest import MANIFEST, ManifestWriter
 from vemlight.errors import UserError
+from vemlight.files import one_line, written_whole
 from vemlight.light.images import write_exr
 
 QUEUE_FRAMES = 8  # that wait for the disk: a third of a second at 25 a second, 100 MB at 1024 x 1024 RGB
@@ -29,7 +29,8 @@ class QueuedFrame(NamedTuple):
 class Recorder:
     """Writes frames to a folder as NAME_000000.exr, numbered by their sequence, and lists each in manifest.jsonl once it is complete.
 
-    `written`, `dropped` (the queue was full) and `failed` (the disk refused) count frames; `last_error` says why the last one failed.
+    `written`, `dropped` (the queue was full) and `failed` (the disk refused) count frames; `last_error` says why the last one failed, and
+    `refusing` whether that was the newest.
     """
 
     def __init__(self, folder: Path, name: str = "frame", calibration: tuple[Path, ...] = ()):
@@ -37,15 +38,16 @@ class Recorder:
 
         Raises UserError when the folder cannot be made or holds a recording.
         """
-        self.folder, self.written, self.dropped, self.failed, self.last_error = folder, 0, 0, 0, ""
+        self.folder, self.written, self.dropped, self.failed, self.last_error, self.refusing = folder, 0, 0, 0, "", False
         self._name = name
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if (folder / MANIFEST).exists():
                 raise UserError(f"{folder}: holds a recording already; name another folder, or remove it")
             for path in calibration:
-                shutil.copyfile(path, folder / path.name)
-            self._manifest = open(folder / MANIFEST, "ab", buffering=0)  # noqa: SIM115
+                with written_whole(folder / path.name) as part:
+                    shutil.copyfile(path, part)
+            self._manifest = ManifestWriter(folder, [folder / path.name for path in calibration])
         except OSError as error:
             raise UserError(f"{folder}: cannot be recorded to ({error.strerror}); name a folder that can be written") from error
         self._queue: queue.Queue[QueuedFrame | None] = queue.Queue(QUEUE_FRAMES)
@@ -66,10 +68,13 @@ class Recorder:
         self._queue.put(QueuedFrame(pixels, attributes, sequence, time_s))
 
     def close(self) -> None:
-        """Writes the frames in the queue and ends the thread."""
+        """Writes the frames in the queue and the manifest's last line, and ends the thread."""
         self._queue.put(None)
         self._thread.join()
-        self._manifest.close()
+        try:
+            self._manifest.close()
+        except OSError as error:
+            self.last_error = f"{self.folder}: the recording could not be closed ({error.strerror}); it counts as cut off"
 
     def _write_all(self) -> None:
         while (frame := self._queue.get()) is not None:
@@ -77,9 +82,12 @@ class Recorder:
                 self._write(frame)
             except OSError as error:
                 self.failed += 1
-                self.last_error = f"{self.folder}: frame {frame.sequence} was not recorded ({error.strerror or error}); free some space"
+                reason = error.strerror or one_line(error)
+                self.last_error = f"{self.folder}: frames are not recorded ({reason}) until there is room"
+                self.refusing = True
             else:
                 self.written += 1
+                self.refusing = False
 
     def _write(self, frame: QueuedFrame) -> None:
         path = self.folder / f"{self._name}_{frame.sequence:06d}.exr"
@@ -87,13 +95,8 @@ class Recorder:
         attributes = {"imageCounter": frame.sequence % 2**31, "vemlight:time_s": repr(frame.time_s), **frame.attributes}
         pixels = frame.pixels if frame.pixels.dtype in (np.float16, np.float32) else frame.pixels.astype(np.float32)
         write_exr(path, pixels, attributes)
-        end = self._manifest.seek(0, os.SEEK_END)
-        line = manifest_line(path, frame.sequence, frame.time_s)
         try:
-            if self._manifest.write(line) != len(line):
-                raise OSError(f"{MANIFEST}: the disk is full")
-        except OSError:
-            # half a line would make the manifest invalid, and a frame that it does not list would be no part of the recording
-            self._manifest.truncate(end)
+            self._manifest.add(path, frame.sequence, frame.time_s)
+        except OSError:  # a frame that the manifest does not list is no part of the recording
             path.unlink(missing_ok=True)
             raise

@@ -1,72 +1,16 @@
-"""A recorded sequence on disk: frames in one folder with manifest.jsonl, one JSON object a frame, because EXR has no checksum."""
+"""A sequence on disk without a manifest: which files of a folder are its frames, and in which order."""
 
-import hashlib
-import io
 import itertools
 import math
 import re
 from pathlib import Path
-from typing import Annotated, NamedTuple
-
-import msgspec
-from msgspec import Meta
+from typing import NamedTuple
 
 from vemlight.errors import UserError
-from vemlight.files import decoded_json, notice, read_file
-from vemlight.light.image_limits import MAX_IMAGE_BYTES
+from vemlight.files import notice
 
-MANIFEST = "manifest.jsonl"
-MAX_MANIFEST_BYTES = 2**26  # 67 MB: 250,000 lines of 250 bytes, 2.8 hours at 25 frames a second
 RADIANCE_SUFFIXES = (".exr", ".hdr", ".pic")
 CODES_SUFFIX = ".png"
-
-
-class ManifestEntry(msgspec.Struct, frozen=True):
-    """One frame of a recording, as a line of its manifest."""
-
-    name: Annotated[str, Meta(pattern=r"^[^/\\\x00]+$")]  # of the file, in the manifest's own folder
-    sequence: Annotated[int, Meta(ge=0)]  # numbers of frames that the recorder had to drop are missing
-    time_s: Annotated[float, Meta(ge=-1e12, le=1e12)]  # 30,000 years; only nan, inf and nonsense lie outside
-    sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
-
-
-def manifest_entry(path: Path, sequence: int, time_s: float) -> ManifestEntry:
-    """The manifest's entry for the frame at `path`."""
-    return ManifestEntry(path.name, sequence, time_s, hashlib.sha256(path.read_bytes()).hexdigest())
-
-
-def manifest_line(path: Path, sequence: int, time_s: float) -> bytes:
-    """The line of the manifest for the frame at `path`."""
-    return msgspec.json.encode(manifest_entry(path, sequence, time_s)) + b"\n"
-
-
-def read_manifest(folder: Path) -> list[ManifestEntry]:
-    """The entries of the manifest in `folder`, in its order. A last line that was cut off while it was written is left out.
-
-    Raises UserError for any other invalid line, and for frames that are missing.
-    """
-    path = folder / MANIFEST
-    entries, lines = [], io.BytesIO(read_file(path, MAX_MANIFEST_BYTES))
-    for number, line in enumerate(lines, 1):
-        try:
-            entries.append(decoded_json(line, ManifestEntry))
-        except ValueError as error:
-            if not line.endswith(b"\n"):
-                break  # the recorder was stopped while writing it
-            raise UserError(f"{path}: line {number}: {error}; copy the recording again") from error
-    if not entries:
-        raise UserError(f"{path}: lists no frames; record again")
-    present = {p.name for p in folder.iterdir()}
-    for entry in entries:
-        if entry.name not in present:
-            raise UserError(f"{folder}: frame {entry.name} is missing and in {MANIFEST}; copy the recording again")
-    return entries
-
-
-def check_digest(path: Path, sha256: str) -> None:
-    """Raises UserError when the file at `path` is not what was recorded."""
-    if hashlib.sha256(read_file(path, MAX_IMAGE_BYTES)).hexdigest() != sha256:
-        raise UserError(f"{path}: is not what was recorded (sha256 differs from {MANIFEST}); copy it again")
 
 
 class FrameFile(NamedTuple):

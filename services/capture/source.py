@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from vemlight.capture.frames import Frame, FrameMaker, Mosaic
+from vemlight.capture.manifest import MANIFEST, ManifestEntry, check_digest, read_manifest
 from vemlight.capture.pixel_formats import mosaic_of
-from vemlight.capture.sequence import CODES_SUFFIX, MANIFEST, FrameFile, ManifestEntry, check_digest, frame_files, read_manifest
+from vemlight.capture.sequence import CODES_SUFFIX, FrameFile, frame_files
 from vemlight.errors import UserError
 from vemlight.light.images import read_codes, read_radiance
 from vemlight.settings import Capture

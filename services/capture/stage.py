@@ -68,6 +68,10 @@ class CaptureCamera:
             )
         return map_message(frame, stamp), frame.lost
 
+    @property
+    def unwritten(self) -> int:
+        return self._source.unrecorded
+
     def close(self) -> None:
         self._source.close()
 

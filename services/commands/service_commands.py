@@ -104,6 +104,20 @@ def health(service: "Service", settings: Path | None) -> None:
     check_health(read_settings(settings), service)
 
 
+@click.command("verify")
+@click.argument("folder", type=PATH)
+def verify_(folder: Path) -> None:
+    """Check that a recording or the output of a run is what was written: SHA-256 of the files, chain of the manifest."""
+    from vemlight.commands.verify import verify
+
+    findings, summary = verify(folder)
+    for line in findings:
+        click.echo(f"vemlight: {line}", err=True)
+    if findings:
+        sys.exit(2)
+    click.echo(f"{folder}: whole: {summary}")
+
+
 COMMANDS = (
     run,
     _service("capture", "frames of a recording or a camera become polar maps."),
@@ -115,4 +129,5 @@ COMMANDS = (
     settings_,
     keys,
     health,
+    verify_,
 )

@@ -41,6 +41,7 @@ class PlateCamera:
 
     service: Service = "plate"
     limit: int | None = None
+    unwritten = 0
 
     def __init__(self, settings: settings.Plate) -> None:
         """Raises UserError for a camera that cannot be opened."""

@@ -100,6 +100,11 @@ class Camera(Protocol):
     service: Service
     limit: int | None  # frames to be sent in all; None: no end
 
+    @property
+    def unwritten(self) -> int:
+        """Frames that were to be recorded and are not."""
+        ...
+
     def message(self, wait_s: float) -> tuple[CameraMessage | None, int]:
         """The next frame, if one came within `wait_s`, and how many were lost before it."""
         ...
@@ -390,6 +395,7 @@ def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
                 started_s = time.monotonic()
                 message, lost = camera.message(POLL_MS / 1e3)
                 stats.dropped += lost
+                stats.unwritten = camera.unwritten
                 if message and last and paused:
                     message = msgspec.structs.replace(last[0], stamp=message[0].stamp), last[1]
                 if message:

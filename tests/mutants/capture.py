@@ -48,13 +48,15 @@ MUTANTS = [
         ("middle of a cell", "theta = (np.arange(rows) + 0.5) * (SPAN", "theta = np.arange(rows) * (SPAN"),
     ]),
     *mutants_of(CAPTURE + "sequence.py", "tests/test_sequence.py", [
-        ("a half-written line of the manifest", 'if number == len(lines) and not line.endswith(b"\\n"):', "if False:"),
-        ("any line of the manifest", 'if number == len(lines) and not line.endswith(b"\\n"):', "if number == len(lines):"),
-        ("digests", "if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:", "if False:"),
         ("order of numbers", "numbered.sort(key=lambda row: row[1])", "numbered.sort(key=lambda row: str(row[1]))"),
     ]),
+    *mutants_of(CAPTURE + "manifest.py", "tests/test_sequence.py tests/test_verify.py", [
+        ("a half-written line of the manifest", 'or lines[-1].endswith(b"\\n")):', "or True):"),
+        ("any line of the manifest", '(manifest.damaged_line < len(lines) or lines[-1].endswith(b"\\n"))', "False"),
+        ("digests", "if hashlib.sha256(read_file(path, MAX_IMAGE_BYTES)).hexdigest() != sha256:", "if False:"),
+        ("the last line", "RecordingEnd(frames=self._frames, files=files)", "RecordingEnd(frames=self._frames)"),
+    ]),
     *mutants_of(CAPTURE + "recorder.py", "tests/test_recorder.py", [
-        ("a half-written line of the manifest kept", "            self._manifest.truncate(end)\n", ""),
         ("an image that the manifest does not list", "            path.unlink(missing_ok=True)\n            raise", "            raise"),
         ("queue doubled", "QUEUE_FRAMES = 8", "QUEUE_FRAMES = 16"),
         ("a recording overwritten", "if (folder / MANIFEST).exists():", "if False:"),

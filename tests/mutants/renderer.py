@@ -89,6 +89,8 @@ MUTANTS = [
     *mutants_of(RENDERER + "output/image_sequence.py", "tests/test_image_sequence.py", [
         ("columns of a contact sheet", "CONTACT_SHEET_COLUMNS = 6", "CONTACT_SHEET_COLUMNS = 4"),
         ("pictures of a contact sheet", "CONTACT_SHEET_PICTURES = 24", "CONTACT_SHEET_PICTURES = 12"),
+        ("half of a picture left", '            exr.unlink(missing_ok=True)\n', ""),
+        ("pictures of a restarted source", "if self.last and stamp.sequence + self._renumbered <= self.last.sequence:", "if False:"),
     ]),
     *mutants_of(RENDERER + "output/video.py", "tests/test_video.py", [
         ("ticks of a second", "TICKS_PER_S = 90_000", "TICKS_PER_S = 1_000"),

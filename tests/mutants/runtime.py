@@ -19,6 +19,15 @@ MUTANTS = [
         ("no suggestion", "near = get_close_matches(key, here, 1)", "near = []"),
         ("the nearest key before the right section", "if key in _fields(_plain(field))]", "if False]"),
     ]),
+    *mutants_of("services/journal.py", "tests/test_journal.py", [
+        ("a chain of each line alone", "hashlib.sha256(before.encode() + content)", "hashlib.sha256(content)"),
+        ("somebody else's file emptied", 'if end == JOURNAL_START and b"\\n" in rest:', "if False:"),
+        ("damage that cannot be mended", "if lines > 1 and not can_be_made_again:", "if False:"),
+        ("lines in memory alone", "            os.fsync(descriptor)\n        except", "        except"),
+        ("half a line left", "                os.ftruncate(descriptor, self.end.offset)\n            raise", "                pass\n            raise"),
+        ("two writers", "LOCK_EX | fcntl.LOCK_NB)", "LOCK_SH | fcntl.LOCK_NB)"),
+        ("a point of another file", "== point.chain.encode() if point.offset", "!= b\"\" if point.offset"),
+    ]),
     *mutants_of("services/settings.py", "tests/test_settings.py", [
         ("relative video paths", '`out`; empty: none"), PATH]', '`out`; empty: none")]'),
         ("relative paths", "elif value and PATH in get_args(hint):", "elif False:"),

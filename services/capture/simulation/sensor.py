@@ -9,8 +9,8 @@ import numpy as np
 
 from vemlight.capture.frames import Mosaic
 from vemlight.capture.lens import Lens, pixel_angles, vignetting_from_angle, write_lens
+from vemlight.capture.manifest import MANIFEST, ManifestWriter
 from vemlight.capture.response import Response, code_from_signal, write_response
-from vemlight.capture.sequence import MANIFEST, manifest_line
 from vemlight.light.images import write_exr
 
 MAX_HALF = 65504.0  # the largest half float
@@ -93,7 +93,8 @@ class SequenceWriter:
             self._attributes["colorInteropID"] = "data"  # codes are no colours
         if camera.mosaic is not None:
             self._attributes["vemlight:mosaic"] = camera.mosaic
-        (folder / MANIFEST).write_bytes(b"")
+        (folder / MANIFEST).unlink(missing_ok=True)
+        self._manifest = ManifestWriter(folder, [folder / name for name in ("lens.toml", "response.toml") if (folder / name).exists()])
 
     def name(self, k: int) -> str:
         """File name of frame `k`."""
@@ -103,5 +104,8 @@ class SequenceWriter:
         """Writes frame `k` and its line of the manifest."""
         path = self._folder / self.name(k)
         write_exr(path, pixels, {**self._attributes, "imageCounter": k, "vemlight:time_s": repr(time_s)})
-        with open(self._folder / MANIFEST, "ab") as manifest:
-            manifest.write(manifest_line(path, k, time_s))
+        self._manifest.add(path, k, time_s)
+
+    def close(self, *beside: Path) -> None:
+        """Ends the manifest, with `beside`, other files of the folder that belong to the sequence."""
+        self._manifest.close(beside)

@@ -74,6 +74,9 @@ def simulate(
                 truth_writer.write(k, time_s, radiance.astype(np.float32))
             row = {"name": writer.name(k), "time_s": time_s, **_ground_truth(environment, world_from_map)}
             truth.write(json.dumps(row) + "\n")
+    writer.close(*(path for path in (out / "truth.jsonl", out / "recipe.toml") if path.exists()))
+    if truth_writer:
+        truth_writer.close()
 
 
 def _flickering(environment: Environment, flicker_hz: float, time_s: float, exposure_s: float) -> Environment:

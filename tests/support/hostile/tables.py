@@ -107,7 +107,7 @@ def _patches(path: Path) -> object:
 
 
 def _manifest(path: Path) -> object:
-    from vemlight.capture.sequence import read_manifest
+    from vemlight.capture.manifest import read_manifest
 
     return read_manifest(path.parent)
 

@@ -2,7 +2,7 @@
 
 Each line ends with `chain`, the SHA-256 of the chain of the line before (nothing for the first) and of this line without its own. So a
 line that was changed, exchanged or taken out is found, the last one too. Whether lines are missing at the end, only a last line of
-another kind can tell: that is the owner's.
+another kind can show: that is for the owner of the file.
 """
 
 import contextlib

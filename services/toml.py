@@ -1,4 +1,4 @@
-"""TOML into typed records, and what is wrong with it in one line: the line's number, the key, its value and how to mend it."""
+"""TOML into typed records, and errors of one line: the line's number, the key, its value and how to fix it."""
 
 import codecs
 import math
@@ -35,8 +35,8 @@ def record_from_toml(path: str | PathLike[str], content: bytes, kind: type[Recor
     if MANY_DOTS.search(content):
         raise UserError(f"{path}: has a key of more than {MAX_KEY_DOTS} parts; name a settings or scene file")
     if found := file_kind(content):
-        mend = "save it as UTF-8" if "UTF-16" in found else "name a file of TOML text"
-        raise UserError(f"{path}: is {found}, and not TOML in UTF-8; {mend}")
+        hint = "save it as UTF-8" if "UTF-16" in found else "name a file of TOML text"
+        raise UserError(f"{path}: is {found}, and not TOML in UTF-8; {hint}")
     try:
         text = content.decode()
         data = tomllib.loads(text)
@@ -157,9 +157,9 @@ def _at(data: Any, keys: Keys) -> Any:
 
 
 def line_of(text: str, keys: Keys) -> int:
-    """The number, from 1, of the line where the value begins that the keys lead to; 0 when it cannot be told, or not soon.
+    """The number, from 1, of the line where the value begins that the keys lead to; 0 when it cannot be found, or not in time.
 
-    tomllib tells no lines, but the beginning of a TOML file is a TOML file wherever no value is cut: the shortest one that has the keys
+    tomllib reports no lines, but the beginning of a TOML file is a TOML file wherever no value is cut: the shortest one that has the keys
     ends with their value. It is found by halving.
     """
     lines = text.split("\n") if keys and len(text) < MAX_PARSED // 4 else []
@@ -190,7 +190,7 @@ def _type_at(kind: Any, data: Any, keys: Keys) -> inspect.Type:
     found = _plain(inspect.type_info(kind), data)
     for number, key in enumerate(keys, 1):
         match found:
-            case inspect.UnionType():  # of tables that a key tells apart, whose value is none of theirs
+            case inspect.UnionType():  # of tables that a key distinguishes, whose value is none of theirs
                 tags = tuple(str(each.tag) for each in found.types if isinstance(each, inspect.StructType))
                 return inspect.LiteralType(tags)
             case inspect.StructType():

@@ -129,7 +129,7 @@ def _chained_manifest(data: bytes) -> RecordingManifest:
 def read_manifest(folder: Path) -> list[ManifestEntry]:
     """The entries of the manifest in `folder`, in its order.
 
-    Of a recording that was cut off, a notice tells so and a last line that is not whole is left out. Raises UserError for any other line
+    Of a recording that was cut off, a notice says so and a last line that is not whole is left out. Raises UserError for any other line
     that is damaged, and for frames that are missing.
     """
     path, manifest = folder / MANIFEST, parsed_manifest(folder)

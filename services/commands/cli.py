@@ -12,7 +12,7 @@ from vemlight.commands import capture_commands, luminaire_commands, offline_comm
 from vemlight.commands.parameters import usage_line
 from vemlight.errors import FatalError, UserError, printable_line
 
-MENDS = {  # how to mend what the system refuses
+HINTS = {  # how to fix what the system refuses
     errno.ENOENT: "check the path",
     errno.EACCES: "choose a place that you may use",
     errno.EPERM: "choose a place that you may use",
@@ -28,7 +28,7 @@ MENDS = {  # how to mend what the system refuses
 
 
 class OneLine(click.ClickException):
-    """What ends a command, told on one line."""
+    """Reports on one line what ends a command."""
 
     exit_code = 2
 
@@ -68,8 +68,8 @@ class CommandGroup(click.Group):
             raise
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
-            mend = MENDS.get(error.errno or 0, "check the path and the disk")
-            print(f"vemlight: {printable_line(f'{where}{error.strerror or error}; {mend}')}", file=sys.stderr)
+            hint = HINTS.get(error.errno or 0, "check the path and the disk")
+            print(f"vemlight: {printable_line(f'{where}{error.strerror or error}; {hint}')}", file=sys.stderr)
             context.exit(2)
 
 

@@ -59,7 +59,7 @@ def read_photograph(path: Path) -> np.ndarray:
 def _stored_pixels(path: Path, flags: int) -> np.ndarray:
     """What OpenCV reads with `flags`, once the header has shown that it is not too large.
 
-    Pixels are where the sensor has them, whatever a camera's EXIF orientation says of how they should be shown; a notice tells so.
+    Pixels are where the sensor has them, whatever a camera's EXIF orientation says of how they should be shown; a notice says so.
     """
     import cv2
     from PIL import Image

@@ -64,7 +64,7 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
             raise ValueError("rotation is not a unit quaternion")
 
 
-LOSS = Meta(extra={"is_loss": True})  # a value of a report that tells of losses when it grows
+LOSS = Meta(extra={"is_loss": True})  # a value of a report that counts losses
 
 
 class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):

@@ -43,7 +43,7 @@ GLOSS_SPAN = buffer_struct("GlossSpan", {"first": Member("int", "group"), "count
 GLOSS_GROUP = buffer_struct(
     "GlossGroup",
     {
-        "shadowing": Member("int", "number of the shadowed light whose map tells what of the group's light arrives"),
+        "shadowing": Member("int", "number of the shadowed light whose map shadows the group"),
         "first": Member("int", "light"),
         "count": Member("int", "of lights"),
     },

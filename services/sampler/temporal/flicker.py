@@ -1,7 +1,7 @@
 """Mains flicker, as the camera sees it through the beat with its frame rate: detected in the total power, reported, removed on request.
 
 Lamps flicker at twice the mains frequency, 100 or 120 Hz, far above half any frame rate here, so 21 frames a second see 100 Hz as
-5 Hz. A filter of the lights cannot tell this 5 Hz from the scene's; the time stamps can: sines of 100 and 120 Hz are fitted
+5 Hz. A filter of the lights cannot distinguish this 5 Hz from the scene's; the time stamps can: sines of 100 and 120 Hz are fitted
 to the power at the frames' own times. A rate that divides the frequency (25 or 50 frames a second under 100 Hz) sees no flicker.
 It is removed from each block of the map by itself: tubes near a window must not make the window flicker the other way.
 """
@@ -18,7 +18,7 @@ from vemlight.sampler.warps.square import cosine_and_sine
 
 LAMPS_HZ = (100.0, 120.0)
 FIT_FRAMES = 64  # in the fit: 2.6 s at 25 frames a second, which resolves frequencies to 0.4 Hz
-MIN_FIT_FRAMES = 24  # seven unknowns, and enough left over to tell flicker from chance
+MIN_FIT_FRAMES = 24  # seven unknowns, and enough left over to distinguish flicker from chance
 DRIFT_HZ = 0.4  # mains +-0.2 Hz and as much for clocks of cameras, searched in steps of DRIFT_STEP_HZ
 DRIFT_STEP_HZ = 0.1  # a fourth of what the fit resolves
 DRIFT_STEPS = 9  # 2 DRIFT_HZ / DRIFT_STEP_HZ + 1

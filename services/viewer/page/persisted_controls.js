@@ -22,7 +22,7 @@ export class PersistedControls {
   read() {
     try {
       return localStorage.getItem(KEY) ?? "null";
-    } catch { // browsers can be told to store nothing: then only this page remembers
+    } catch { // browsers may be set to store nothing: then only this page remembers
       return this.text;
     }
   }

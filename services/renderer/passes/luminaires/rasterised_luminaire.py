@@ -148,7 +148,7 @@ def sampling_textures(
 def far_inputs(context: moderngl.Context, far: FarField) -> ShaderInputs:
     """What the shader of a far field reads: candela, C along x and gamma along y, both ends on texel centres."""
     gamma, c = np.radians(np.arange(FAR_ROWS)), np.radians(np.arange(FAR_COLS))
-    # 359.999: the last column is the end of the circle, which a direction alone cannot tell from its beginning
+    # 359.999: the last column is the end of the circle, which a direction alone cannot distinguish from its beginning
     table = intensity(far, direction_from_angles(gamma[:, None], np.minimum(c, np.radians(359.999))[None, :])).astype(np.float32)
     texture = context.texture((FAR_COLS, FAR_ROWS), 1, np.ascontiguousarray(table).tobytes(), alignment=1, dtype="f4")
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)

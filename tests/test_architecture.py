@@ -21,7 +21,7 @@ FLOORS = (
 )
 # The same within the renderer; `renderer.py`, `stage.py` and what else lies loose there stands on top.
 RENDERER_FLOORS = ({"gl"}, {"luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"passes"})
-TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references"}  # what tests may import of tests/
+TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references", "tests.mutants"}  # what tests may import of tests/
 TOGETHER = ({"settings", "runtime"}, {"errors", "file_kinds", "toml", "files"})  # the settings name the services, the runtime reads the settings
 
 

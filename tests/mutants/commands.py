@@ -18,7 +18,7 @@ MUTANTS = [
         ("a camera in lossless mode", 'if settings.mode == "lossless" and is_camera(source):', "if False:"),
         ("files in memory are cameras", ' and not source.startswith("/dev/shm/")', ""),
         ("relative paths stay", 'changes[key] = str(folder / value)', "changes[key] = value"),
-        ("video paths stay", 'needs `out`; empty: none"), PATH]', 'needs `out`; empty: none")]'),
+        ("video paths stay", 'requires `out`; empty: none"), PATH]', 'requires `out`; empty: none")]'),
         ("options as in Python", "key.replace('_', '-')", "key"),
     ]),
     *mutants_of(COMMANDS + "doctor.py", "tests/test_doctor.py", [
@@ -40,7 +40,7 @@ MUTANTS = [
         ("pictures without pixels", "1 <= side <= settings.MAX_PICTURE_SIDE", "side <= settings.MAX_PICTURE_SIDE"),
     ]),
     *mutants_of(COMMANDS + "parameters.py", "tests/test_cli.py", [
-        ("six numbers of four points", "if len(numbers) != 8:", "if len(numbers) < 6:"),
+        ("six numbers of four points", "if len(numbers) != 8 or", "if len(numbers) < 6 or"),
         ("digits of a size", " and len(number) < 6", ""),
     ]),
     *mutants_of(COMMANDS + "cli.py", "tests/test_cli.py", [

@@ -31,7 +31,6 @@ MUTANTS = [
     *mutants_of("services/settings.py", "tests/test_settings.py", [
         ("relative video paths", '`out`; empty: none"), PATH]', '`out`; empty: none")]'),
         ("relative paths", "elif value and PATH in get_args(hint):", "elif False:"),
-        ("a camera in lossless mode", 'if settings.mode == "lossless" and is_camera(source):', "if False:"),
     ]),
     *mutants_of(RUNTIME + "transport.py", "tests/test_transport.py", [
         ("socket folder's permissions", "found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077",

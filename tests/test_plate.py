@@ -1,5 +1,7 @@
 """The second camera: pictures of a video or a folder, in any order, paired with the lights of the same time."""
 
+import os
+
 import cv2
 import msgspec
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 from tests.support.processes import wait_until
 from vemlight.errors import UserError
 from vemlight.plate.stage import PlateSource
-from vemlight.plate.video_source import checked_rgb, open_video_source
+from vemlight.plate.video_source import checked_size, open_video_source
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Supply
 from vemlight.runtime.service_stats import ServiceStats
@@ -69,10 +71,10 @@ def test_what_is_no_video_is_one_clear_line(tmp_path, video_file):
 def test_a_picture_larger_than_a_message_is_refused(height, width, fits):
     pixels = np.broadcast_to(np.uint8(7), (height, width, 3))  # a side is 8192 pixels at most, all bytes 2^26
     if fits:
-        assert checked_rgb(pixels, "here").shape == (height, width, 3)
+        assert checked_size(pixels, "here").shape == (height, width, 3)
     else:
         with pytest.raises(UserError, match=f"^here: has {width} x {height} pixels"):
-            checked_rgb(pixels, "here")
+            checked_size(pixels, "here")
 
 
 def test_after_its_end_a_video_starts_again(video_file):
@@ -161,3 +163,16 @@ def test_without_a_second_camera_none_runs(make_settings):
 def test_a_camera_cannot_be_replayed(make_settings):
     with pytest.raises(UserError, match="/dev/video1 is a camera"):
         make_settings(mode="lossless", plate={"source": "/dev/video1"})
+
+
+@pytest.mark.parametrize("name", ["list.mp4", "list.m3u8"])
+def test_a_list_of_other_files_is_no_video(tmp_path, video_file, name):
+    (tmp_path / name).write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\n{video_file}\n#EXT-X-ENDLIST\n")
+    with pytest.raises(UserError, match="is no video that can be played"):
+        open_video_source(tmp_path / name, 25.0)
+
+
+def test_a_pipe_is_no_video(tmp_path):
+    os.mkfifo(tmp_path / "pipe.mp4")
+    with pytest.raises(UserError, match="is not a regular file"):
+        open_video_source(tmp_path / "pipe.mp4", 25.0)

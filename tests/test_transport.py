@@ -1,5 +1,6 @@
 """Sockets: who may use their folder and their keys, and the limits that each gets."""
 
+import re
 import stat
 
 import pytest
@@ -100,3 +101,35 @@ def test_each_service_has_two_ports_of_its_own():
     addresses = [endpoint(Wire(transport="tcp", insecure=True), service, role)
                  for service in ("capture", "sampler", "renderer", "viewer", "plate") for role in ("publish", "serve")]
     assert addresses == [f"tcp://127.0.0.1:{port}" for port in range(5600, 5610)]
+
+
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (lambda text: b"", "holds no key"),
+        (lambda text: text[:-30], "no secret key"),
+        (lambda text: text.replace(b'public-key = "', b"public-key "), "holds no key"),
+        (lambda text: text.replace(b'secret-key = "', b'secret-key = "#'), "no secret key"),
+        (lambda text: text.replace(b'secret-key = "', b"secret-key = \"\xff\xff"), "no secret key"),
+        (lambda text: re.sub(rb'(public-key = ").', rb"\1#", text), "do not fit"),
+        (lambda text: re.sub(rb'(secret-key = ").{40}', rb"\1" + b"#" * 40, text), "do not fit"),
+        (lambda text: text + b"\n" * 4096, "at most 4096"),
+    ],
+)
+def test_a_damaged_key_file_is_one_line_that_names_it(tmp_path, damage, reason):
+    make_keys(tmp_path / "keys")
+    secret = tmp_path / "keys" / "vemlight.key_secret"
+    secret.write_bytes(damage(secret.read_bytes()))
+    with pytest.raises(UserError, match=rf"vemlight\.key_secret: .*{reason}"):
+        read_keys(tmp_path / "keys")
+
+
+def test_a_damaged_key_of_a_peer_is_found_before_anybody_connects(tmp_path):
+    make_keys(tmp_path / "keys")
+    (tmp_path / "keys" / "friend.key").write_text("public-key\n")
+    transport = Transport(Wire(transport="tcp", keys=str(tmp_path / "keys")))
+    try:
+        with pytest.raises(UserError, match=r"friend\.key: holds no key"):
+            transport.bind("capture", "publish")
+    finally:
+        transport.close()

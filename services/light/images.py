@@ -56,10 +56,18 @@ def read_photograph(path: Path) -> np.ndarray:
     return _stored_pixels(path, cv2.IMREAD_GRAYSCALE)
 
 
-def _stored_pixels(path: Path, flags: int) -> np.ndarray:
+def read_picture(path: Path) -> np.ndarray:
+    """Reads a picture to be seen, upright, (height, width, 3) uint8 RGB: PNG, TIFF, JPEG. Raises UserError as `read_codes`."""
+    import cv2
+
+    return np.ascontiguousarray(_stored_pixels(path, cv2.IMREAD_COLOR, upright=True)[..., ::-1])
+
+
+def _stored_pixels(path: Path, flags: int, upright: bool = False) -> np.ndarray:
     """What OpenCV reads with `flags`, once the header has shown that it is not too large.
 
-    Pixels are where the sensor has them, whatever a camera's EXIF orientation says of how they should be shown; a notice says so.
+    Unless `upright`, pixels are where the sensor has them, whatever a camera's EXIF orientation says of how they should be shown; a notice
+    says so.
     """
     import cv2
     from PIL import Image
@@ -70,14 +78,14 @@ def _stored_pixels(path: Path, flags: int) -> np.ndarray:
             LIMITS.check(path, *image.size, len(data), pixel_bytes=6)
             orientation = image.getexif().get(EXIF_ORIENTATION, UPRIGHT)  # which reads a PNG to its end
         with silent():
-            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION))
     except UserError:
         raise
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, cv2.error) as error:  # SyntaxError: PIL's, of a damaged PNG
         raise UserError(f"{path}: is not a readable image ({one_line(error)}); give PNG, TIFF, JPEG or EXR") from error
     if pixels is None:
         raise UserError(f"{path}: is not a readable image; give PNG, TIFF, JPEG or EXR")
-    if orientation != UPRIGHT:
+    if orientation != UPRIGHT and not upright:
         notice(f"{path}: its EXIF orientation ({orientation}) is ignored: pixels stay where the sensor has them")
     return pixels
 

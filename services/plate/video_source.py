@@ -7,10 +7,17 @@ import cv2
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.files import check_regular
+from vemlight.light.images import read_picture
 from vemlight.light.quiet import silent
 from vemlight.runtime import wire
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+MAX_VIDEO_BYTES = 2**40  # a day at 100 Mbit/s
+# What videos begin with: Matroska and WebM, AVI, Ogg, MPEG program streams. FFmpeg also plays lists of other files and addresses, whatever
+# they are called, which must not be chosen by who made the file.
+SIGNATURES = (b"\x1a\x45\xdf\xa3", b"RIFF", b"OggS", b"\0\0\1\xba", b"FLV", b"YUV4MPEG2", b"\x47")  # the last: transport streams
+QUICKTIME_ATOMS = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")  # .mp4 and .mov
 MAX_FPS = 1000.0  # in a video's header; a higher rate is taken for damage. Any value in 300 .. 10,000 does
 
 
@@ -41,26 +48,27 @@ class PictureFolder:
 
     def picture(self, index: int) -> np.ndarray:
         """See VideoSource."""
-        try:
-            with silent():
-                pixels = cv2.imread(str(self._paths[index]), cv2.IMREAD_COLOR)
-        except cv2.error:  # for one too large for it
-            pixels = None
-        return checked_rgb(pixels, str(self._paths[index]))
+        return checked_size(read_picture(self._paths[index]), str(self._paths[index]))
 
 
 class VideoFile:
     """A video's pictures, fast one after the other, slower in any order."""
 
     def __init__(self, path: Path) -> None:
-        """Raises UserError for a file that is no video, or whose end is missing."""
+        """Raises UserError for a file that is no video, whose pictures are too large, or whose end is missing."""
         self._path, self._next_index = path, 0
+        check_regular(path, MAX_VIDEO_BYTES)
+        with open(path, "rb") as file:
+            head = file.read(12)
+        if not head.startswith(SIGNATURES) and head[4:8] not in QUICKTIME_ATOMS:
+            raise UserError(f"{path}: is no video that can be played; convert it to .mp4, or name a folder of pictures")
         with silent():
             self._capture = cv2.VideoCapture(str(path))
         self.fps = self._capture.get(cv2.CAP_PROP_FPS)
         self._count = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if not self._capture.isOpened() or self._count < 1 or not 0 < self.fps <= MAX_FPS:
             raise UserError(f"{path}: is no video that can be played; convert it to .mp4, or name a folder of pictures")
+        self._check_side(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH), self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if self._read(self._count - 1) is None:
             raise UserError(f"{path}: its last picture, of {self._count}, cannot be read; copy or convert it again")
 
@@ -69,7 +77,14 @@ class VideoFile:
 
     def picture(self, index: int) -> np.ndarray:
         """See VideoSource."""
-        return checked_rgb(self._read(index), f"{self._path}: picture {index}")
+        pixels = self._read(index)
+        if pixels is None:
+            raise UserError(f"{self._path}: picture {index} is damaged; convert it again")
+        return checked_size(np.ascontiguousarray(pixels[..., ::-1]), f"{self._path}: picture {index}")
+
+    def _check_side(self, width: float, height: float) -> None:
+        if not (0 < width <= wire.MAX_SIDE and 0 < height <= wire.MAX_SIDE):
+            raise UserError(f"{self._path}: has {width:.0f} x {height:.0f} pixels, too many for a plate; make it smaller")
 
     def _read(self, index: int) -> np.ndarray | None:
         with silent():
@@ -80,13 +95,11 @@ class VideoFile:
         return pixels if came else None
 
 
-def checked_rgb(pixels: np.ndarray | None, where: str) -> np.ndarray:
-    """RGB of OpenCV's BGR. Raises UserError for None, and for a picture that is too large for a message."""
-    if pixels is None:
-        raise UserError(f"{where}: is damaged or no picture; convert it again")
+def checked_size(pixels: np.ndarray, where: str) -> np.ndarray:
+    """The picture. Raises UserError for one that is too large for a message."""
     if max(pixels.shape[:2]) > wire.MAX_SIDE or pixels.nbytes > wire.MAX_PART:
         raise UserError(f"{where}: has {pixels.shape[1]} x {pixels.shape[0]} pixels, too many for a plate; make it smaller")
-    return np.ascontiguousarray(pixels[..., ::-1])
+    return pixels
 
 
 def open_video_source(path: Path, fps: float) -> VideoSource:

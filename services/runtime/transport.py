@@ -6,6 +6,7 @@ request, lossless mode).
 
 import fcntl
 import os
+import re
 import socket as network
 import stat
 import tempfile
@@ -17,6 +18,7 @@ import zmq.auth
 from zmq.auth.thread import ThreadAuthenticator
 
 from vemlight.errors import UserError
+from vemlight.files import read_file
 from vemlight.runtime import wire
 from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Service
 from vemlight.settings import Wire
@@ -32,6 +34,9 @@ KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3
 RECONNECT_MS, MAX_RECONNECT_MS = 50, 500  # a restarted service is found within half a second
 ZAP_DOMAIN = "vemlight"  # the same on both sides: with a wildcard everyone is refused
 KEY_NAME = "vemlight"
+MAX_KEY_BYTES = 4096  # `vemlight keys` writes 800
+Z85 = rb"[0-9A-Za-z.:+=^!/*?&<>()\[\]{}@%$#-]"  # ZeroMQ's 85 digits
+KEY_LINE = re.compile(rb"^[ \t]*(public|secret)-key[ \t]*=[ \t]*[\"'](" + Z85 + rb"{40})[\"'][ \t\r]*$", re.MULTILINE)
 _TOPICS = {kind.encode() for kind in BY_KIND}
 
 
@@ -174,6 +179,8 @@ class Transport:
     def _authenticate(self) -> None:
         """From now on only peers whose public key lies in the keys' folder can connect."""
         if self._authenticator is None:
+            for path in sorted(Path(self.settings.keys).glob("*.key")):
+                _keys_in(path, path.parent)  # a damaged one would end the authenticator's thread
             self._authenticator = ThreadAuthenticator(self.context)
             self._authenticator.start()
             self._authenticator.configure_curve(domain=ZAP_DOMAIN, location=self.settings.keys)
@@ -220,17 +227,28 @@ def make_keys(folder: Path) -> None:
 
 
 def read_keys(folder: Path) -> Keys:
-    """The key pair in a folder. Raises UserError when it is missing or others may read the secret one."""
+    """The key pair in a folder. Raises UserError when it is missing, damaged, or others may read the secret one."""
     secret = folder / f"{KEY_NAME}.key_secret"
-    try:
-        mode = stat.S_IMODE(secret.stat().st_mode)
-        public, private = zmq.auth.load_certificate(secret)
-    except OSError as error:
-        raise UserError(f"{secret}: cannot be read ({error.strerror}); make keys with `vemlight keys {folder}`") from error
-    except ValueError as error:
-        raise UserError(f"{secret}: holds no key; make new ones with `vemlight keys`") from error
+    found = _keys_in(secret, folder)
+    public, private = found.get("public", b""), found.get("secret")
     if private is None:
         raise UserError(f"{secret}: holds no secret key; make new ones with `vemlight keys`")
-    if mode & 0o077:
+    try:
+        fit = zmq.curve_public(private) == public
+    except zmq.ZMQError:
+        fit = False
+    if not fit:
+        raise UserError(f"{secret}: its two keys do not fit together; make new ones with `vemlight keys`, or copy the file again")
+    if stat.S_IMODE(secret.stat().st_mode) & 0o077:
         raise UserError(f"{secret}: others may read this key; run `chmod 600 {secret}`")
     return Keys(public, private)
+
+
+def _keys_in(path: Path, folder: Path) -> dict[str, bytes]:
+    """What a key file of CZMQ's form holds: "public" and perhaps "secret", 40 characters each. Raises UserError where there is no key."""
+    if not path.exists():
+        raise UserError(f"{path}: there is no such file; make keys with `vemlight keys {folder}`")
+    found = {name.decode(): key for name, key in KEY_LINE.findall(read_file(path, MAX_KEY_BYTES))}
+    if "public" not in found:
+        raise UserError(f"{path}: holds no key; make new ones with `vemlight keys`, or take the file away")
+    return found

@@ -21,7 +21,7 @@ MUTANTS = [
     ]),
     *mutants_of("services/light/images.py", "tests/test_images.py", [
         ("order of channels", "np.ascontiguousarray(pixels[..., ::-1])", "np.ascontiguousarray(pixels)"),
-        ("turned by EXIF", "flags | cv2.IMREAD_IGNORE_ORIENTATION", "flags"),
+        ("turned by EXIF", "(0 if upright else cv2.IMREAD_IGNORE_ORIENTATION)", "0"),
     ]),
     *mutants_of("services/light/radiance_hdr.py", "tests/test_radiance_hdr.py", [
         ("half step", "np.float32(0.5)) * unit", "np.float32(0.0)) * unit"),

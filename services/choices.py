@@ -1,4 +1,4 @@
-"""Values that both the settings and options of the command line choose from; nothing is imported, so that `vemlight --help` answers at once."""
+"""Values that settings and options of the command line choose from. Nothing is imported, so that `vemlight --help` answers at once."""
 
 from typing import Literal
 

@@ -1,5 +1,8 @@
 """The two ways in which work ends early: by what the user has to change, and by what only a restart can fix."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 def printable_line(text: str) -> str:
     """The text on one line: line ends and all that a terminal would obey rather than show become spaces, whatever an input held."""
@@ -11,6 +14,15 @@ class UserError(ValueError):
 
     def __init__(self, text: str) -> None:
         super().__init__(printable_line(text))
+
+
+@contextmanager
+def of_setting(where: str) -> Iterator[None]:
+    """Puts before the text of a UserError which setting or option named what is wrong, such as "[capture] source"."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from error
 
 
 class Interrupted(KeyboardInterrupt):

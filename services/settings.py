@@ -12,9 +12,11 @@ from msgspec import Meta
 
 from vemlight.choices import Background, Filter, Method, Mode, Tone
 from vemlight.errors import UserError
+from vemlight.file_kinds import BINARY_UNTIL, file_kind
 from vemlight.files import read_toml
 from vemlight.light.sphere import Coverage
 from vemlight.runtime.channels import SERVICES, Service
+from vemlight.runtime.wire import MAX_PART
 
 # Limits keep a mistyped number from taking all memory. A map of 4096 x 8192 takes 402 MB, a picture of 8192 x 8192 in float32 RGBA
 # 1.1 GB, and 100,000 lights are a thousand times what a frame needs; other powers of two would do as well.
@@ -189,10 +191,26 @@ Section = TypeVar("Section", bound=SettingsSection)
 
 def read_settings(path: Path | None) -> Settings:
     """The settings at `path` with absolute paths, or the defaults. Raises UserError naming file and key."""
+    if path:
+        _check_kind(path)
     settings = read_toml(path, Settings) if path else Settings()
     settings = _with_absolute_paths(settings, path.resolve().parent if path else Path.cwd())
     check_settings(settings, path)
     return settings
+
+
+def _check_kind(path: Path) -> None:
+    """Raises UserError for a source of light where the settings are expected, which is the likeliest mistake."""
+    if path.is_dir() or is_camera(str(path)):
+        found = "a folder" if path.is_dir() else "a camera"
+    elif path.is_file() and path.suffix.lower() != ".toml":
+        with open(path, "rb") as file:
+            found = file_kind(file.read(BINARY_UNTIL))
+    else:
+        return
+    if found:
+        expected = 'a settings file (TOML) is expected here; write [capture] source = "' + str(path) + '" in one'
+        raise UserError(f"{path}: is {found}, and {expected}, or play it with `vemlight run --source {path}`")
 
 
 def _with_absolute_paths(section: Section, folder: Path) -> Section:
@@ -212,6 +230,10 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
     where = path or "settings"
     if settings.wire.transport == "tcp" and not settings.wire.keys and not settings.wire.insecure:
         raise UserError(f"{where}: [wire] transport = \"tcp\" needs keys = FOLDER (made by `vemlight keys`) or insecure = true")
+    drawn, pixel_bytes = settings.renderer, 8 if settings.renderer.picture == "linear16" else 4
+    if drawn.width * drawn.height * pixel_bytes > MAX_PART:
+        most = f"more than the {MAX_PART // pixel_bytes} pixels that one message holds"
+        raise UserError(f"{where}: [renderer] width, height: {drawn.width} x {drawn.height} is {most}; make them smaller")
     for source in (settings.capture.source, settings.plate.source):
         if settings.mode == "lossless" and is_camera(source):
             raise UserError(f"{where}: mode = \"lossless\" replays files and {source} is a camera; use mode = \"live\"")

@@ -41,7 +41,7 @@ def record_from_toml(path: str | PathLike[str], content: bytes, kind: type[Recor
         text = content.decode()
         data = tomllib.loads(text)
         if (keys := next(_not_finite(data), None)) is not None:
-            raise UserError(f"{path}: {_line(text, keys)}{_name(keys)}{_value(data, keys)}: nan and inf are no numbers here; write a finite one")
+            raise UserError(f"{path}: {_line(text, keys)}{_name(keys)}{_value(data, keys)}: nan and inf are refused; write a finite number")
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         raise UserError(f"{path}: {_fault(text, data, kind, str(error))}") from error

@@ -8,7 +8,6 @@ import pytest
 
 from tests.support.gltf_files import AnimatedTriangle
 from tests.support.renderer_steps import controlled, lights_message, picture_of, stepped
-from vemlight.errors import UserError
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import CostModel
@@ -83,17 +82,6 @@ def test_linear_pictures_travel_as_half_floats(tmp_path):
     _, (_, again) = wire.unpack(wire.pack(image, (pixels, linear)))
     # 11 bits of a half float; what is beyond its largest number becomes that
     assert np.allclose(again, np.minimum(picture_of(state), 65504), rtol=2**-11, atol=1e-7)
-
-
-@pytest.mark.parametrize(("picture", "width", "fits"), [("srgb8", 4096, True), ("srgb8", 4097, False), ("linear16", 2049, False)])
-def test_a_picture_that_no_message_holds_is_refused_at_once(picture, width, fits, monkeypatch):
-    monkeypatch.setattr("vemlight.renderer.stage.Renderer", lambda *_: None)
-    wanted = Settings(renderer=Renderer(width=width, height=4096, picture=picture))
-    if fits:
-        RendererStage(wanted)
-    else:
-        with pytest.raises(UserError, match=r"\[renderer\] width, height: .* make them smaller"):
-            RendererStage(wanted)
 
 
 @pytest.mark.parametrize(

@@ -106,6 +106,16 @@ def test_the_services_that_run():
     assert "plate" in msgspec.structs.replace(Settings(), plate=msgspec.convert({"source": "film.mp4"}, SECTIONS["plate"])).services
 
 
+@pytest.mark.parametrize(("picture", "width", "fits"), [("srgb8", 4096, True), ("srgb8", 4097, False), ("linear16", 2049, False)])
+def test_a_picture_that_no_message_holds_is_refused(picture, width, fits):
+    wanted = Settings(renderer=Renderer(width=width, height=4096, picture=picture))
+    if fits:
+        check_settings(wanted)
+    else:
+        with pytest.raises(UserError, match=r"\[renderer\] width, height: .* make them smaller"):
+            check_settings(wanted)
+
+
 def test_options_of_a_command_line_are_named_as_there():
     assert section_from_options(Sampler, {"count": 5, "method": None}) == Sampler(count=5)
     for kind, values, words in (

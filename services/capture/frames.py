@@ -92,9 +92,7 @@ class FrameMaker:
 
         Raises UserError for an image of another kind, size or map than expected.
         """
-        kind = attributes.get("vemlight:kind")
-        if kind is None:
-            kind = "latlong" if self._lens is None else "fisheye" if self._response is None else "codes"
+        kind = self._kind(attributes)
         self._check_size(name, image)
         if kind == "codes":
             mosaic = attributes.get("vemlight:mosaic")
@@ -108,7 +106,7 @@ class FrameMaker:
         elif kind == "fisheye":
             radiance, bright_cells = self._from_fisheye(name, image)
         else:
-            raise UserError(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
+            raise _unknown_kind(name, kind)
         black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
         scale = scale_from_attributes(attributes)
         return Frame(radiance, self._settings.coverage, time_s, scale, black, saturated, bright_cells)
@@ -139,19 +137,52 @@ class FrameMaker:
         black, saturated = (int(sum(count[n] for count in counts)) for n in (0, 1))
         return Frame(radiance, self._settings.coverage, time_s, response.luminance_scale, black, saturated, bright)
 
-    def _from_polar(self, name: str, image: np.ndarray, attributes: dict[str, Any]) -> tuple[np.ndarray, BrightCells]:
+    def check(self, name: str, shape: tuple[int, ...], attributes: dict[str, Any]) -> None:
+        """Raises UserError for an image of a kind and size that `frame` refuses, without making its map."""
+        match kind := self._kind(attributes):
+            case "codes":
+                self.check_codes(name, shape)
+            case "polar":
+                self._check_polar(name, shape, attributes)
+            case "latlong":
+                self._check_latlong(name, shape)
+            case "fisheye":
+                self._check_lens(name, shape)
+            case _:
+                raise _unknown_kind(name, kind)
+
+    def check_codes(self, name: str, shape: tuple[int, ...]) -> None:
+        """Raises UserError for raw codes without lens or response, or of another size than the lens."""
+        self._check_lens(name, shape)
+        self._check_response(name)
+
+    def _kind(self, attributes: dict[str, Any]) -> Any:
+        unsaid = "latlong" if self._lens is None else "fisheye" if self._response is None else "codes"
+        return attributes.get("vemlight:kind", unsaid)
+
+    def _check_polar(self, name: str, shape: tuple[int, ...], attributes: dict[str, Any]) -> None:
         s, coverage = self._settings, attributes.get("vemlight:coverage")
-        if (*image.shape[:2], coverage) != (s.rows, s.cols, s.coverage):
-            found = f"a {coverage} of {image.shape[0]} x {image.shape[1]} cells"
-            raise UserError(f"{name}: is {found} and [capture] asks for a {s.coverage} of {s.rows} x {s.cols}; set rows, cols and coverage")
+        if (*shape[:2], coverage) != (s.rows, s.cols, s.coverage):
+            wanted = f"a {s.coverage} of {s.rows} x {s.cols} is asked for"
+            mend = "ask for its own: --coverage, or [capture] rows, cols and coverage"
+            raise UserError(f"{name}: is a {coverage} of {shape[0]} x {shape[1]} cells and {wanted}; {mend}")
+
+    def _from_polar(self, name: str, image: np.ndarray, attributes: dict[str, Any]) -> tuple[np.ndarray, BrightCells]:
+        self._check_polar(name, image.shape, attributes)
+        s = self._settings
         return image, bright_cells_from_attributes(name, attributes, s.rows * s.cols)
+
+    @staticmethod
+    def _check_latlong(name: str, shape: tuple[int, ...]) -> None:
+        height, width = shape[:2]
+        if abs(width - 2 * height) > MAX_LATLONG_EXCESS:
+            fisheye = "a fisheye frame needs lens.toml beside it, or its lens by --lens or [capture] lens"
+            raise UserError(f"{name}: is {width}x{height} and a lat-long map of the whole sphere is twice as wide as high; {fisheye}")
 
     def _from_latlong(self, name: str, image: np.ndarray) -> tuple[np.ndarray, BrightCells]:
         s = self._settings
         height, width, _ = image.shape
-        if abs(width - 2 * height) > MAX_LATLONG_EXCESS:
-            fisheye = "a fisheye frame needs lens.toml beside it, or [capture] lens"
-            raise UserError(f"{name}: is {width}x{height} and a lat-long map of the whole sphere is twice as wide as high; {fisheye}")
+        self._check_latlong(name, image.shape)
         weights = self._latlong = self._latlong or latlong_to_polar(height, width, s.rows, s.cols, s.coverage)
         radiance = polar_from_latlong(image, weights)
         return radiance, latlong_bright_cells(image, weights, brightest_cells(radiance, s.coverage), s.coverage)
@@ -161,14 +192,19 @@ class FrameMaker:
         radiance, flat = polar_from_fisheye(image, self._fisheye[0], self._threads), image.reshape(-1, 3)
         return radiance, self._bright_cells(radiance, lambda pixel: luminance_from_rgb(flat[pixel]))
 
+    def _check_response(self, name: str) -> Response:
+        if self._response is None:
+            where = "name it by --response or [capture] response"
+            raise UserError(f"{name}: holds raw codes, which need a response file, and {self._response_path} is not there; {where}")
+        return self._response
+
     def _calibrated(self, name: str) -> tuple[Response, np.ndarray]:
         # the response, and its radiance of each of ALL_CODES; those above its range repeat the highest
-        if self._response is None:
-            raise UserError(f"{name}: holds raw codes and {self._response_path} is not there; name their [capture] response")
+        response = self._check_response(name)
         if self._table is None:
-            known = radiance_table(self._response)
+            known = radiance_table(response)
             self._table = np.concatenate([known, np.full(ALL_CODES - len(known), known[-1], np.float32)])
-        return self._response, self._table
+        return response, self._table
 
     def _check_size(self, name: str, image: np.ndarray) -> None:
         height, width = image.shape[:2]
@@ -178,20 +214,25 @@ class FrameMaker:
             size = f"{self._shape[1]}x{self._shape[0]}"
             raise UserError(f"{name}: is {width}x{height} and the frames before it {size}; a sequence has one size")
 
+    def _check_lens(self, name: str, shape: tuple[int, ...]) -> Lens:
+        height, width = shape[:2]
+        if self._lens is None:
+            where = "name it by --lens or [capture] lens"
+            raise UserError(f"{name}: is a fisheye frame, which needs a lens file, and {self._lens_path} is not there; {where}")
+        if self._lens.size != (width, height):
+            size = f"{self._lens.size[0]}x{self._lens.size[1]}"
+            raise UserError(f"{name}: is {width}x{height} and the lens file is for {size}; give the lens file of this camera")
+        return self._lens
+
     def _prepare(self, name: str, image: np.ndarray, mosaic: Mosaic | None) -> None:
         # computes the weights for images like this one
         if self._fisheye:
             return
-        height, width = image.shape[:2]
-        if self._lens is None:
-            raise UserError(f"{name}: is a fisheye frame and {self._lens_path} is not there; name its [capture] lens")
-        if self._lens.size != (width, height):
-            size = f"{self._lens.size[0]}x{self._lens.size[1]}"
-            raise UserError(f"{name}: is {width}x{height} and the lens file is for {size}; give the lens file of this camera")
+        lens = self._check_lens(name, image.shape)
         lattices = [ALL_PIXELS] if mosaic in (None, "mono") else colour_lattices(mosaic)
-        s, flat_field = self._settings, _flat_field(self._lens, self._lens_path)
-        self._fisheye = [fisheye_to_polar(self._lens, s.rows, s.cols, s.coverage, lattice, flat_field) for lattice in lattices]
-        direction_from_pixel(np.zeros((1, 2)), self._lens)  # compiles it now, and not when the first bright cell appears
+        s, flat_field = self._settings, _flat_field(lens, self._lens_path)
+        self._fisheye = [fisheye_to_polar(lens, s.rows, s.cols, s.coverage, lattice, flat_field) for lattice in lattices]
+        direction_from_pixel(np.zeros((1, 2)), lens)  # compiles it now, and not when the first bright cell appears
         spans = np.array([lit_spans(weights) for weights in self._fisheye])
         self._spans = np.column_stack([spans[..., 0].min(0), spans[..., 1].max(0)])
 
@@ -236,3 +277,7 @@ def _whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndar
     if not np.array_equal(codes, image):
         raise UserError(f"{name}: holds values that are no whole codes; leave the response out if it is radiance")
     return codes
+
+
+def _unknown_kind(name: str, kind: Any) -> UserError:
+    return UserError(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")

@@ -56,6 +56,15 @@ class FileSource:
     def __len__(self) -> int:
         return len(self._files)
 
+    def check(self) -> None:
+        """Raises UserError for a first frame from which no map can be made, without making one."""
+        path = self._files[0].path
+        if path.suffix.lower() == CODES_SUFFIX:
+            self._maker.check_codes(str(path), read_codes(path).shape)
+        else:
+            image, attributes = read_radiance(path, self._layer)
+            self._maker.check(str(path), image.shape, attributes)
+
     def frame(self, k: int) -> Frame:
         """Frame k of 0 .. len - 1. Raises UserError for a file that is damaged, changed or of another size than the first one read."""
         path, offset = self._files[k]
@@ -106,17 +115,20 @@ class ReadAheadSource:
 
 def open_source(settings: Capture) -> FrameSource:
     """The files that the settings name, read ahead. Raises UserError when they are missing or incomplete."""
+    source = open_files(settings)
+    return ReadAheadSource(source) if len(source) > 1 else source
+
+
+def open_files(settings: Capture) -> FileSource:
+    """The files that the settings name. Raises UserError when they are missing or incomplete."""
     if settings.record:
         raise UserError("[capture] record is for cameras; `vemlight record` records files")
     path = Path(settings.source) if settings.source else BUNDLED
     if not path.exists():
-        if not settings.source:
-            raise UserError("[capture] source: is empty and the bundled sequence is not installed here; name a file or folder")
-        raise UserError(f"{path}: there is no such file or folder; check [capture] source")
+        raise UserError(f"{path}: there is no such file or folder; check the path")
     if not path.is_dir():
         return FileSource(settings, [FrameFile(path, 0)], None)
     if (path / MANIFEST).exists():
         entries = read_manifest(path)
-        return ReadAheadSource(FileSource(settings, [FrameFile(path / entry.name, k) for k, entry in enumerate(entries)], entries))
-    return ReadAheadSource(FileSource(settings, frame_files(path), None))
-
+        return FileSource(settings, [FrameFile(path / entry.name, k) for k, entry in enumerate(entries)], entries)
+    return FileSource(settings, frame_files(path), None)

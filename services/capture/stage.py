@@ -9,6 +9,7 @@ from vemlight import settings
 from vemlight.capture.camera_source import CameraSource
 from vemlight.capture.frames import Frame
 from vemlight.capture.source import open_source
+from vemlight.errors import of_setting
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 
@@ -22,7 +23,8 @@ class CaptureSource:
 
     def __init__(self, settings: settings.Settings) -> None:
         """Raises UserError when the source is missing or incomplete."""
-        self._source = open_source(settings.capture)
+        with of_setting("[capture] source"):
+            self._source = open_source(settings.capture)
         self.fps = self._source.fps
         limit = settings.capture.frames or None
         self.limit = min(len(self), limit or len(self)) if settings.mode == "lossless" else limit

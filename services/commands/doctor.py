@@ -4,7 +4,6 @@ import os
 import platform
 import re
 import shutil
-import socket
 import tempfile
 from collections.abc import Iterator
 from importlib import metadata
@@ -13,6 +12,7 @@ from typing import Literal
 
 import msgspec
 
+from vemlight.commands.run_checks import port_taken
 from vemlight.errors import UserError
 from vemlight.files import group_hint, may_open
 from vemlight.runtime.channels import SERVICES
@@ -169,15 +169,7 @@ def _ports(settings: Settings) -> Iterator[Finding]:
 
 
 def _port(what: str, host: str, ports: list[int], key: str) -> Finding:
-    taken = []
-    for port in ports:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        with socket.socket(family) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind((host, port))
-            except OSError as error:
-                taken.append(f"{host}:{port}: {error.strerror}")
+    taken = [f"{host}:{port}: {reason}" for port in ports if (reason := port_taken(host, port))]
     if taken:
         return Finding("fail", what, ", ".join(taken), f"stop the program that uses it, or change {key}")
     return Finding("pass", what, f"{host}:{', '.join(map(str, ports))} free")

@@ -34,7 +34,7 @@ def measure(recipe: Path, out: Path) -> None:
 @click.option("--angle", type=Number(1, 87), default=76.0, show_default=True, help="Degrees from the axis that the planes catch.")
 @click.option("--spacing", type=Number(0, min_open=True), help="Metres between basis functions; left out: as the rays need.")
 @click.option("--distance", type=Number(0, min_open=True), help="Metres between the planes; left out: ten spacings.")
-@click.option("--plane-z", type=Number(-1000, 1000), help="Height of the sampling plane in the file's metres; left out: where the beam is narrowest.")
+@click.option("--plane-z", type=Number(-1000, 1000), help="Of the sampling plane, in metres; left out: where the beam is narrowest.")
 @click.option("--out", type=OutFile(".exr"), required=True, help="LAMP.exr")
 def from_rays(
     rays: Path, basis: "BasisKind", functions: int, pixels: int, angle: float, spacing: float | None, distance: float | None,

@@ -22,7 +22,7 @@ class Number(click.FloatRange):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail("nan and inf are no numbers here; write a finite one", param, ctx)
+            self.fail("nan and inf are refused; write a finite number", param, ctx)
         return number
 
 

@@ -18,25 +18,28 @@ COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 @click.command()
 @click.argument("settings", type=PATH, required=False)
+@click.option("--source", help="Instead of the settings' source: a lat-long map, a folder, a recording, or /dev/videoN.")
 @click.option("--frames", type=click.IntRange(1), help="Stop after so many frames.")
 @click.option("--out", type=OutFolder(), help="Folder for the lights (.jsonl), the pictures (EXR and PNG) and a contact sheet.")
 @click.option("--mode", type=MODE, help="live: the newest frame wins; lossless (with --out): every frame.")
 @click.option("--overwrite", is_flag=True, help="Remove what another run has left in that folder.")
-def run(settings: Path | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool) -> None:
+def run(settings: Path | None, source: str | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool) -> None:
     """Start capture, sampler, renderer and viewer, and supervise them. With --out, a run that was cut off goes on where it ended."""
     import msgspec
 
+    from vemlight.commands.run_checks import check_run
     from vemlight.runtime.supervise import supervise
-    from vemlight.settings import check_settings, read_settings
+    from vemlight.settings import read_settings
 
     wanted = read_settings(settings)
-    if frames:
-        wanted = msgspec.structs.replace(wanted, capture=msgspec.structs.replace(wanted.capture, frames=frames))
+    changes = {"source": source and str(Path.cwd() / source), "frames": frames}
+    capture = msgspec.structs.replace(wanted.capture, **{key: value for key, value in changes.items() if value})
+    wanted = msgspec.structs.replace(wanted, capture=capture)
     if out:
         wanted = msgspec.structs.replace(wanted, out=str(out.resolve()), mode="lossless")
     if mode:
         wanted = msgspec.structs.replace(wanted, mode=mode)
-    check_settings(wanted, settings)
+    check_run(wanted, settings, source_option=bool(source))
     sys.exit(supervise(wanted, overwrite))
 
 

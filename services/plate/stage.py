@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from vemlight import settings
-from vemlight.errors import UserError
+from vemlight.errors import UserError, of_setting
 from vemlight.plate.video_source import VideoSource, open_video_source
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
@@ -25,7 +25,8 @@ class PlateSource:
 
     def __init__(self, settings: settings.Plate) -> None:
         """Raises UserError when there is nothing to see."""
-        self._video: VideoSource = open_video_source(Path(settings.source), settings.fps)
+        with of_setting("[plate] source"):
+            self._video: VideoSource = open_video_source(Path(settings.source), settings.fps)
         self.fps = self._video.fps
 
     def __len__(self) -> int:

@@ -41,7 +41,7 @@ class PictureFolder:
         self._paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
         self.fps = fps
         if not self._paths:
-            raise UserError(f"{folder}: holds no {', '.join(PICTURE_SUFFIXES)}; name another folder as [plate] source")
+            raise UserError(f"{folder}: holds no {', '.join(PICTURE_SUFFIXES)}; name a folder of pictures, or a video")
 
     def __len__(self) -> int:
         return len(self._paths)
@@ -105,5 +105,5 @@ def checked_size(pixels: np.ndarray, where: str) -> np.ndarray:
 def open_video_source(path: Path, fps: float) -> VideoSource:
     """The video file or folder at `path`; fps: of a folder's pictures. Raises UserError when there is nothing to see."""
     if not path.exists():
-        raise UserError(f"{path}: there is no such video or folder; check [plate] source")
+        raise UserError(f"{path}: there is no such video or folder; check the path")
     return PictureFolder(path, fps) if path.is_dir() else VideoFile(path)

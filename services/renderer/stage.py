@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from vemlight import settings
-from vemlight.errors import UserError
+from vemlight.errors import of_setting
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import Accumulation, MapLights
 from vemlight.renderer.frame import AccumulationPass, BackgroundMap, FrameInput, FrameState, PlatePicture, ToneRequest
@@ -27,7 +27,7 @@ from vemlight.renderer.frame_plan import budget_of, initial_state, plan, plan_up
 from vemlight.renderer.gl.constants import MAX_HALF
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.renderer.output.video import check_video_path
+from vemlight.renderer.output.video import check_video_settings
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
@@ -100,22 +100,15 @@ class RendererStage:
 
     def __init__(self, settings: settings.Settings) -> None:
         """Raises UserError for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
-        scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
+        check_video_settings(settings)
+        with of_setting("[renderer] scene"):
+            scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
         self._plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
         self._shows_environment, self._stops = settings.renderer.background == "map", settings.plate.stops
         self._exposure = settings.renderer.exposure
         self._linear = settings.renderer.picture == "linear16"
-        pixel_bytes = 8 if self._linear else 4
-        if settings.renderer.width * settings.renderer.height * pixel_bytes > wire.MAX_PART:
-            size = f"{settings.renderer.width} x {settings.renderer.height}"
-            most = wire.MAX_PART // pixel_bytes
-            raise UserError(f"[renderer] width, height: {size} is more than the {most} pixels that one message holds; make them smaller")
         self._images = ImageSequenceWriter(settings) if settings.out else None
         self._video = Path(settings.renderer.video) if settings.renderer.video else None
-        if self._video:
-            check_video_path(self._video)
-            if not self._images:
-                raise UserError("[renderer] video: is made of the pictures in the folder out, which is not set; set it, or use --out")
         drawing = settings.renderer
         if settings.mode == "lossless":  # there is time, and a picture shall follow from its lights alone
             drawing = msgspec.structs.replace(drawing, frame_ms=0.0)

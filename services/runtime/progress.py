@@ -14,7 +14,8 @@ hidden = False  # --quiet
 
 def counted(items: Iterable[Item], description: str, total: int) -> Iterable[Item]:
     """The items, with a bar that shows how many of them are done; no bar for a single one."""
-    return track(items, description=description, total=total, console=Console(stderr=True), disable=hidden or total == 1 or not sys.stderr.isatty())
+    unseen = hidden or total == 1 or not sys.stderr.isatty()
+    return track(items, description=description, total=total, console=Console(stderr=True), disable=unseen)
 
 
 def awaited(description: str) -> AbstractContextManager[Any]:

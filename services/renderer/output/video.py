@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from vemlight.errors import UserError
+from vemlight.errors import UserError, of_setting
 from vemlight.files import written_whole
+from vemlight.settings import Settings
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
 TICKS_PER_S = 90_000  # divisible by 24, 25, 30, 50 and 60 frames a second, and 3003 ticks are a frame of 30000/1001
@@ -27,6 +28,15 @@ def check_video_path(path: Path) -> None:
         raise UserError(f"{path}: videos are written as {', '.join(VIDEO_SUFFIXES)}; change the suffix")
     if not path.resolve().parent.is_dir():
         raise UserError(f"{path}: there is no such folder; make it first")
+
+
+def check_video_settings(settings: Settings) -> None:
+    """Raises UserError for a video that no run with these settings can write."""
+    if settings.renderer.video:
+        with of_setting("[renderer] video"):
+            check_video_path(Path(settings.renderer.video))
+        if not settings.out:
+            raise UserError("[renderer] video: is made of the pictures in the folder out, which is not set; set it, or use --out")
 
 
 @contextmanager

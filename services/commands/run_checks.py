@@ -1,0 +1,106 @@
+"""What would keep a run from working, found before anything is started: in its settings, source, scene, plate and the page's address."""
+
+import os
+import socket
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from vemlight.errors import UserError, of_setting
+from vemlight.files import group_hint, may_open
+from vemlight.settings import Capture, Plate, Settings, check_settings, is_camera
+
+MEMORY_DEVICES = 1  # major number of /dev/null, /dev/zero and their like (Linux, admin-guide/devices.txt)
+MAPS = ("fps", "rows", "cols", "coverage", "frames", "speed", "threads")  # keys under which the bundled sequence plays, whatever they are
+
+
+def check_run(settings: Settings, file: Path | None, source_option: bool) -> None:
+    """Raises UserError that names the settings' `file`, or with `source_option` --source, and the key, the file it names, and the way out.
+
+    What the package brings with it is not looked at: it is right, and reading it takes a second.
+    """
+    check_settings(settings, file)
+    for key, read in (("lens", _read_lens), ("response", _read_response)):
+        if name := getattr(settings.capture, key):
+            with _named(file, f"[capture] {key}"):
+                read(Path(name))
+    with _named(None if source_option else file, "--source" if source_option else "[capture] source"):
+        _check_source(settings.capture)
+    with _named(file, "[plate] source"):
+        _check_plate(settings.plate)
+    if settings.renderer.scene:
+        from vemlight.renderer.scene.scene import load_scene
+
+        with _named(file, "[renderer] scene"):
+            load_scene(Path(settings.renderer.scene))
+    if settings.renderer.video:
+        from vemlight.renderer.output.video import check_video_settings
+
+        with _named(file, ""):
+            check_video_settings(settings)
+    if reason := port_taken(settings.viewer.host, settings.viewer.port):
+        address = f"{settings.viewer.host}:{settings.viewer.port}"
+        with _named(file, "[viewer] host, port"):
+            raise UserError(f"the viewer cannot listen at {address} ({reason}); stop what holds it, or choose another")
+
+
+@contextmanager
+def _named(file: Path | None, key: str) -> Iterator[None]:
+    """Puts the settings' file, if there is one, and the key before the text of a UserError."""
+    with of_setting(": ".join(filter(None, (str(file or ""), key)))):
+        yield
+
+
+def _read_lens(path: Path) -> None:
+    from vemlight.capture.lens import read_lens
+
+    read_lens(path)
+
+
+def _read_response(path: Path) -> None:
+    from vemlight.capture.response import read_response
+
+    read_response(path)
+
+
+def _check_source(capture: Capture) -> None:
+    if is_camera(capture.source):
+        _check_camera(Path(capture.source))
+    elif msgspec.structs.replace(capture, **{key: getattr(Capture(), key) for key in MAPS}) != Capture():
+        from vemlight.capture.source import open_files
+
+        open_files(capture).check()
+
+
+def _check_plate(plate: Plate) -> None:
+    if is_camera(plate.source):
+        _check_camera(Path(plate.source))
+    elif plate.source:
+        from vemlight.plate.video_source import open_video_source
+
+        open_video_source(Path(plate.source), plate.fps).picture(0)
+
+
+def _check_camera(device: Path) -> None:
+    if not device.exists():
+        raise UserError(f"{device}: there is no such camera; plug it in, or see `vemlight doctor`")
+    status = device.stat()
+    if not stat.S_ISCHR(status.st_mode) or os.major(status.st_rdev) == MEMORY_DEVICES:
+        raise UserError(f"{device}: is no camera; name a file, a folder or /dev/videoN")
+    if not may_open(device):
+        raise UserError(f"{device}: may not be opened by this user; {group_hint(device)}")
+
+
+def port_taken(host: str, port: int) -> str:
+    """Why nothing can listen at a TCP port; empty when it can."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            return error.strerror or str(error)
+    return ""

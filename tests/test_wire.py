@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests import golden
-from tests.support.wire_mutants import mutants
+from tests.support.damaged_messages import damaged_messages
 from vemlight.runtime import wire
 from vemlight.runtime.channels import CHANNELS
 
@@ -67,9 +67,9 @@ def test_pack_refuses_arrays_of_another_shape():
 
 
 def test_damaged_messages_are_messages_or_a_value_error():
-    """The same by the million: `python -m tests.support.wire_mutants`."""
+    """The same by the million: `python -m tests.support.damaged_messages`."""
     read = 0
-    for parts in mutants(count=20_000, seed=1):
+    for parts in damaged_messages(count=20_000, seed=1):
         with contextlib.suppress(ValueError):
             header, arrays = wire.unpack(parts)
             assert wire.unpack(wire.pack(header, arrays))[0] == header

@@ -1,6 +1,6 @@
 """Damaged messages, made from the golden ones with an eye for their structure.
 
-`python -m tests.support.wire_mutants [--count N] [--seed S]` tries them by the million.
+`python -m tests.support.damaged_messages [--count N] [--seed S]` tries them by the million.
 
 Each is either a message or one ValueError; whatever else comes out, a warning too, is written down with the parts that did it, and the
 status is 1.
@@ -98,7 +98,7 @@ KINDS: tuple[Callable[[Parts, Parts, random.Random], Parts], ...] = (
 )  # fmt: skip
 
 
-def mutants(count: int, seed: int) -> Iterator[Parts]:
+def damaged_messages(count: int, seed: int) -> Iterator[Parts]:
     """`count` damaged messages, the same ones for the same seed."""
     chance = random.Random(seed)
     whole = [wire.pack(*message) for message in golden.messages().values()]
@@ -113,16 +113,16 @@ def main() -> int:
     options = parser.parse_args()
     warnings.simplefilter("error")
     began_s, read = time.monotonic(), 0
-    for number, parts in enumerate(mutants(options.count, options.seed)):
+    for number, parts in enumerate(damaged_messages(options.count, options.seed)):
         try:
             wire.unpack(parts)
             read += 1
         except ValueError:
             pass
         except BaseException as error:
-            print(f"mutant {number} of seed {options.seed}: {type(error).__name__}: {error}: {[part[:200].hex() for part in parts]}")
+            print(f"message {number} of seed {options.seed}: {type(error).__name__}: {error}: {[part[:200].hex() for part in parts]}")
             return 1
-    print(f"{options.count} mutants, {read} of them messages, no other error, {options.count / (time.monotonic() - began_s):.0f} a second")
+    print(f"{options.count} damaged messages, {read} of them legal, no other error, {options.count / (time.monotonic() - began_s):.0f} a second")
     return 0
 
 

@@ -35,7 +35,7 @@ MUTANTS = [
     *mutants_of(RUNTIME + "transport.py", "tests/test_transport.py", [
         ("socket folder's permissions", "found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077",
          "found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o007"),
-        ("key file's permissions", "if mode & 0o077", "if mode & 0o007"),
+        ("key file's permissions", "secret.stat().st_mode) & 0o077", "secret.stat().st_mode) & 0o007"),
         ("mode of a new folder", "mode=0o700, parents=True, exist_ok=True)\n        found", "parents=True, exist_ok=True)\n        found"),
         ("length of a socket's path", "MAX_SOCKET_PATH = 107", "MAX_SOCKET_PATH = 108"),
         ("largest part accepted", "socket.maxmsgsize = wire.MAX_PART", "socket.maxmsgsize = -1"),

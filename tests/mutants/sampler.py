@@ -3,6 +3,7 @@
 from tests.mutants.mutant import mutants_of
 
 SAMPLER = "services/sampler/"
+TRACKED = "tests/test_tracked_decisions.py tests/test_tracked.py"
 
 MUTANTS = [
     *mutants_of(SAMPLER + "cluster.py", "tests/test_cluster.py", [
@@ -51,13 +52,13 @@ MUTANTS = [
         ("blocks corrected", "CORRECT_FULLY, CORRECT_NOT = 0.6, 0.3", "CORRECT_FULLY, CORRECT_NOT = 0.06, 0.03"),
         ("lamps of 60 Hz mains", "LAMPS_HZ = (100.0, 120.0)", "LAMPS_HZ = (100.0, 100.0)"),
     ]),
-    *mutants_of(SAMPLER + "tracking/cleaning.py", "tests/test_tracked_decisions.py tests/test_tracked_tiles.py tests/test_tracked.py", [
+    *mutants_of(SAMPLER + "tracking/cleaning.py", TRACKED + " tests/test_tracked_tiles.py", [
         ("inpainted frames doubled", "INPAINT_FRAMES = 2", "INPAINT_FRAMES = 4"),
         ("inpainted frames halved", "INPAINT_FRAMES = 2", "INPAINT_FRAMES = 1"),
         ("noise at once", "CLEAR_SIGMAS = 3.0", "CLEAR_SIGMAS = 0.5"),
         ("least gain doubled", "MIN_GAIN = np.float32(0.12)", "MIN_GAIN = np.float32(0.24)"),
     ]),
-    *mutants_of(SAMPLER + "tracking/noise.py", "tests/test_tracked_decisions.py tests/test_tracked_tiles.py tests/test_tracked.py", [
+    *mutants_of(SAMPLER + "tracking/noise.py", TRACKED + " tests/test_tracked_tiles.py", [
         ("mean of the noise", "MEAN_GAIN = 0.2", "MEAN_GAIN = 0.8"),
         ("changes of the scene", "MAX_CHANGE = np.float32(0.3)", "MAX_CHANGE = np.float32(3.0)"),
     ]),
@@ -66,7 +67,7 @@ MUTANTS = [
         ("gain over mean", "GAIN_OVER_MEAN = 0.5", "GAIN_OVER_MEAN = 50.0"),
         ("two-means", "TWO_MEANS_STEPS = 4", "TWO_MEANS_STEPS = 1"),
     ]),
-    *mutants_of(SAMPLER + "tracking/tracked.py", "tests/test_tracked_decisions.py tests/test_tracked.py tests/test_tracked_required_lights.py", [
+    *mutants_of(SAMPLER + "tracking/tracked.py", TRACKED + " tests/test_tracked_required_lights.py", [
         ("scene change doubled", "\nSCENE_CHANGE = 2.0", "\nSCENE_CHANGE = 4.0"),
         ("scene change halved", "\nSCENE_CHANGE = 2.0", "\nSCENE_CHANGE = 1.0"),
         ("period of exchanges doubled", "EXCHANGE_PERIOD = 8", "EXCHANGE_PERIOD = 16"),
@@ -80,7 +81,7 @@ MUTANTS = [
         ("rise at once", "MAX_RISE = 2.0", "MAX_RISE = 8.0"),
         ("Lloyd updates", "\nLLOYD_STEPS = 2", "\nLLOYD_STEPS = 0"),
     ]),
-    *mutants_of(SAMPLER + "tracking/voronoi.py", "tests/test_tracked_decisions.py tests/test_tracked_tiles.py tests/test_tracked.py", [
+    *mutants_of(SAMPLER + "tracking/voronoi.py", TRACKED + " tests/test_tracked_tiles.py", [
         ("rounding of chords below 1", "np.float32(1.00001)", "np.float32(0.9)"),
         ("opposite directions", "MIN_LENGTH = 0.1", "MIN_LENGTH = 0.0"),
     ]),

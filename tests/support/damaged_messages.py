@@ -122,7 +122,8 @@ def main() -> int:
         except BaseException as error:
             print(f"message {number} of seed {options.seed}: {type(error).__name__}: {error}: {[part[:200].hex() for part in parts]}")
             return 1
-    print(f"{options.count} damaged messages, {read} of them legal, no other error, {options.count / (time.monotonic() - began_s):.0f} a second")
+    per_s = options.count / (time.monotonic() - began_s)
+    print(f"{options.count} damaged messages, {read} of them legal, no other error, {per_s:.0f} a second")
     return 0
 
 

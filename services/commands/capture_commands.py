@@ -26,7 +26,7 @@ from vemlight.errors import UserError
 @click.option("--mosaic", type=click.Choice(["mono", "RGGB", "GRBG", "GBRG", "BGGR"]), help="One value a pixel; left out: three.")
 @click.option("--exposure", "exposure_s", type=Number(0), default=0.0, show_default=True, help="Seconds, for mains flicker.")
 @click.option("--flicker", "flicker_hz", type=Number(0), default=0.0, show_default=True, help="Hz: 100 or 120 for mains.")
-@click.option("--dropouts", type=Number(0, 1), default=0.0, show_default=True, help="Fraction of frames that get lost.")
+@click.option("--dropouts", type=Number(0, 1), default=0.0, show_default=True, help="Fraction of frames that are lost.")
 @click.option("--truth", is_flag=True, help="Write the true radiance of each frame, too.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @options_as(SimulateOptions)
@@ -57,7 +57,7 @@ def simulate(options: SimulateOptions) -> None:
 
 @click.group()
 def calibrate() -> None:
-    """Find what your camera's lens and sensor do."""
+    """Calibrate a camera: its lens and its sensor's response."""
 
 
 @calibrate.command()
@@ -66,13 +66,13 @@ def calibrate() -> None:
 @click.option("--square", "square_m", type=Number(0, 10, min_open=True), required=True, help="Side of a square in metres.")
 @click.option("--dictionary", default="", help="ChArUco board: OpenCV's name of its markers, such as DICT_4X4_50.")
 @click.option("--marker", "marker_m", type=Number(0, 10), default=0.0, help="ChArUco board: side of a marker in metres.")
-@click.option("--rim", "rim_deg", type=Number(0, 180), default=0.0, help="Degrees off the axis where the image ends; 0: found.")
+@click.option("--rim", "rim_deg", type=Number(0, 180), default=0.0, help="Degrees off the axis where the image circle ends; 0: detected.")
 @click.option("--accept", is_flag=True, help="Accept a lens that fits its corners badly.")
 @click.option("--picture", type=OutFile(".png"), help="PNG of coverage and residuals; left out: beside the lens file.")
 @click.option("--out", type=OutFile(".toml"), required=True, help="LENS.toml")
 @options_as(LensOptions)
 def lens(options: LensOptions) -> None:
-    """Find the lens from photographs of a chessboard."""
+    """Calibrate the lens from photographs of a chessboard."""
     from vemlight.capture.calibration.boards import CalibrationBoard
     from vemlight.capture.calibration.lens_calibration import calibrate_lens, lens_summary
 
@@ -87,20 +87,20 @@ def lens(options: LensOptions) -> None:
 @calibrate.command()
 @click.argument("patches", type=PATH)
 @click.option("--kind", type=click.Choice(["log", "companding", "linear", "srgb"]), default="log", show_default=True)
-@click.option("--bits", type=click.IntRange(1, 16), help="Of a code; left out: the fewest of 8, 10, 12, 14, 16 that hold them.")
+@click.option("--bits", type=click.IntRange(1, 16), help="Bits of a code; left out: the fewest of 8, 10, 12, 14, 16 that hold all codes.")
 @click.option("--accept", is_flag=True, help="Accept an error above 5 % at a check patch.")
 @click.option("--white", "white_cd_m2", type=Number(0, min_open=True), help="PATCHES is a ColorChecker: its white in cd/m2.")
 @click.option(
     "--corners",
     metavar="X,Y,X,Y,X,Y,X,Y",
     callback=eight_numbers,
-    help="Pixels of its dark skin, bluish green, black and white patch; left out: found.",
+    help="Pixels of its dark skin, bluish green, black and white patch; left out: detected.",
 )
 @click.option("--picture", type=OutFile(".png"), help="PNG of the fit; left out: beside the response file.")
 @click.option("--out", type=OutFile(".toml"), required=True, help="RESPONSE.toml")
 @options_as(ResponseOptions)
 def response(options: ResponseOptions) -> None:
-    """Find the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
+    """Calibrate the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
     from vemlight.capture.calibration.colorchecker import chart_from_corners, find_chart
     from vemlight.capture.calibration.response_fit import calibrate_response, gray_patches, read_patches, response_summary
     from vemlight.light.images import read_codes
@@ -123,7 +123,7 @@ def response(options: ResponseOptions) -> None:
 @click.command()
 @click.argument("settings", type=PATH, required=False)
 @click.option("--source", help="Instead of the settings' source: a file, a folder, or /dev/videoN.")
-@click.option("--frames", type=click.IntRange(1), help="How many; left out: all that there are, or until Ctrl-C.")
+@click.option("--frames", type=click.IntRange(1), help="Number of frames; left out: all, or until Ctrl-C.")
 @click.option("--out", type=OutFolder(), required=True, help="Folder for the recording.")
 @reporting
 def record(settings: Path | None, source: str | None, frames: int | None, out: Path) -> Report:

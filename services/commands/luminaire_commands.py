@@ -32,7 +32,7 @@ def measure(recipe: Path, out: Path) -> None:
 @click.option("--functions", type=click.IntRange(2, 32), default=9, show_default=True, help="Basis functions on a side.")
 @click.option("--pixels", type=click.IntRange(1, 1024), default=48, show_default=True, help="On a side of each image.")
 @click.option("--angle", type=Number(1, 87), default=76.0, show_default=True, help="Degrees from the axis that the planes catch.")
-@click.option("--spacing", type=Number(0, min_open=True), help="Metres between basis functions; left out: as the rays need.")
+@click.option("--spacing", type=Number(0, min_open=True), help="Metres between basis functions; left out: wide enough for the rays.")
 @click.option("--distance", type=Number(0, min_open=True), help="Metres between the planes; left out: ten spacings.")
 @click.option("--plane-z", type=Number(-1000, 1000), help="Of the sampling plane, in metres; left out: where the beam is narrowest.")
 @click.option("--out", type=OutFile(".exr"), required=True, help="LAMP.exr")

@@ -32,8 +32,8 @@ def sampling(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.command()
 @sampling
-@click.option("--clusters", type=click.IntRange(1, 100_000), help="Most lights after merging neighbours.")
-@click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Per cent: as few lights as stay within it.")
+@click.option("--clusters", type=click.IntRange(1, 100_000), help="Maximum number of lights after merging neighbours.")
+@click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Error limit in per cent, kept with as few lights as possible.")
 @click.option("--score", is_flag=True, help="Print the lights' error and flicker.")
 @click.option("--out", type=OutFile(".json", ".jsonl", dash=True), required=True,
               help="LIGHTS.json for one frame, LIGHTS.jsonl for any number; - for standard output.")  # fmt: skip
@@ -49,11 +49,11 @@ def lights(options: LightsOptions) -> Report:
 @click.command()
 @sampling
 @click.option("--scene", type=PATH, help="Scene file; left out: the bundled scene.")
-@click.option("--size", metavar="WIDTHxHEIGHT", default="640x480", show_default=True, callback=width_height, help="In pixels.")
-@click.option("--exposure", type=Number(-20, 20), default=0.0, show_default=True, help="Stops, for the PNG.")
-@click.option("--tone", type=TONE, default="reinhard", show_default=True, help="Curve of the PNG.")
-@click.option("--background", type=BACKGROUND, default="clear", show_default=True, help="Behind the scene.")
-@click.option("--gloss-lights", type=click.IntRange(0, 100_000), help="Lights in the set for glossy surfaces; left out: 512 for any.")
+@click.option("--size", metavar="WIDTHxHEIGHT", default="640x480", show_default=True, callback=width_height, help="Size of the picture in pixels.")
+@click.option("--exposure", type=Number(-20, 20), default=0.0, show_default=True, help="Exposure of PNG and video, in stops.")
+@click.option("--tone", type=TONE, default="reinhard", show_default=True, help="Tone mapping of PNG and video.")
+@click.option("--background", type=BACKGROUND, default="clear", show_default=True, help="What is behind the scene: nothing, or the map.")
+@click.option("--gloss-lights", type=click.IntRange(0, 100_000), help="Lights of the gloss set; left out: 512 where surfaces are glossy.")
 @click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by the light's power.")
 @click.option("--video", type=OutFile(".mp4", ".mov", ".mkv"), help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
 @click.option("--out", type=OutFile(".exr", ".png"), help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")

@@ -33,7 +33,7 @@ def sampling(command: Callable[..., None]) -> Callable[..., None]:
 @click.command()
 @sampling
 @click.option("--clusters", type=click.IntRange(1, 100_000), help="Maximum number of lights after merging neighbours.")
-@click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Error limit in per cent, kept with as few lights as possible.")
+@click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Error limit, %; as few lights as keep it are used.")
 @click.option("--score", is_flag=True, help="Print the lights' error and flicker.")
 @click.option("--out", type=OutFile(".json", ".jsonl", dash=True), required=True,
               help="LIGHTS.json for one frame, LIGHTS.jsonl for any number; - for standard output.")  # fmt: skip
@@ -49,7 +49,7 @@ def lights(options: LightsOptions) -> Report:
 @click.command()
 @sampling
 @click.option("--scene", type=PATH, help="Scene file; left out: the bundled scene.")
-@click.option("--size", metavar="WIDTHxHEIGHT", default="640x480", show_default=True, callback=width_height, help="Size of the picture in pixels.")
+@click.option("--size", metavar="WIDTHxHEIGHT", default="640x480", show_default=True, callback=width_height, help="Of the picture, in pixels.")
 @click.option("--exposure", type=Number(-20, 20), default=0.0, show_default=True, help="Exposure of PNG and video, in stops.")
 @click.option("--tone", type=TONE, default="reinhard", show_default=True, help="Tone mapping of PNG and video.")
 @click.option("--background", type=BACKGROUND, default="clear", show_default=True, help="What is behind the scene: nothing, or the map.")

@@ -9,7 +9,7 @@ import pytest
 
 from vemlight.capture import recorder as module
 from vemlight.capture.lens import Lens, write_lens
-from vemlight.capture.manifest import MANIFEST, read_manifest
+from vemlight.capture.manifest import read_manifest
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.recording import record
 from vemlight.capture.response import Log, write_response

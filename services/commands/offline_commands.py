@@ -49,7 +49,7 @@ def lights(options: LightsOptions) -> Report:
 @click.command()
 @sampling
 @click.option("--scene", type=PATH, help="Scene file; left out: the bundled scene.")
-@click.option("--size", metavar="WIDTHxHEIGHT", default="640x480", show_default=True, callback=width_height, help="Of the picture, in pixels.")
+@click.option("--size", metavar="WIDTHxHEIGHT", default="640x480", show_default=True, callback=width_height, help="Picture size in pixels.")
 @click.option("--exposure", type=Number(-20, 20), default=0.0, show_default=True, help="Exposure of PNG and video, in stops.")
 @click.option("--tone", type=TONE, default="reinhard", show_default=True, help="Tone mapping of PNG and video.")
 @click.option("--background", type=BACKGROUND, default="clear", show_default=True, help="What is behind the scene: nothing, or the map.")

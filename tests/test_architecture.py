@@ -22,7 +22,8 @@ FLOORS = (
 # The same within the renderer; `renderer.py`, `stage.py` and what else lies loose there stands on top.
 RENDERER_FLOORS = ({"gl"}, {"luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"passes"})
 TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references", "tests.mutants"}  # what tests may import of tests/
-TOGETHER = ({"settings", "runtime"}, {"errors", "file_kinds", "toml", "files"})  # the settings name the services, the runtime reads the settings
+# The settings name the services, and the runtime reads the settings.
+TOGETHER = ({"settings", "runtime"}, {"errors", "file_kinds", "toml", "files"})
 
 
 def imported_modules(path: Path) -> set[str]:

@@ -23,6 +23,20 @@ def test_links_lead_somewhere(page):
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
+def anchors(page: Path) -> set[str]:
+    """Of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_to_headings(page):
+    links = re.findall(r"\]\(([^)#\s]*)#([^)]+)\)", page.read_text())
+    own = [(page.parent / link if link else page, anchor) for link, anchor in links if "://" not in link]
+    wrong = [f"{target.name}#{anchor}" for target, anchor in own if anchor not in anchors(target)]
+    assert wrong == []
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name != "CHANGELOG.md"], ids=lambda page: page.name)
 def test_named_files_exist(page):
     assert [name for name in NAMED_FILE.findall(page.read_text()) if not any(ROOT.glob(name.rstrip("/")))] == []

@@ -1,5 +1,9 @@
 """What a file is by its first bytes, to say so where another kind was expected."""
 
+from pathlib import Path
+
+from vemlight.errors import UserError
+
 BEGINNINGS = (
     (b"\x89PNG\r\n\x1a\n", "a PNG picture"),
     (b"\xff\xd8\xff", "a JPEG picture"),
@@ -18,6 +22,7 @@ BEGINNINGS = (
     (b"\xff\xfe", "text in UTF-16"),
     (b"\xfe\xff", "text in UTF-16"),
 )
+BINARY = "a binary file"
 BINARY_UNTIL = 4096  # bytes in which a NUL shows that a file is no text
 
 
@@ -26,4 +31,10 @@ def file_kind(content: bytes) -> str:
     if content[4:8] == b"ftyp":
         return "an MP4 video"
     named = next((name for beginning, name in BEGINNINGS if content.startswith(beginning)), "")
-    return named or ("a binary file" if b"\x00" in content[:BINARY_UNTIL] else "")
+    return named or (BINARY if b"\x00" in content[:BINARY_UNTIL] else "")
+
+
+def check_kind(path: Path, content: bytes, wanted: str) -> None:
+    """Raises UserError for the content of a file that is of another known kind than the one that its suffix says, `wanted`."""
+    if (found := file_kind(content[:BINARY_UNTIL])) not in ("", BINARY, wanted):
+        raise UserError(f"{path}: is {found} and is named {path.suffix}; rename it, or convert it to {wanted}")

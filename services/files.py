@@ -117,7 +117,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     """Yields NAME.part to write to; afterwards it is flushed to the disk and renamed to `path`, which a power failure does not undo.
 
     When the body raises, the part is removed and `path` is untouched. The part keeps the suffix of `path` for libraries
-    that choose a format by it.
+    that choose a format by it. An OSError about the part names `path`, because nobody else knows of the part.
     """
     part = path.with_name(f"{path.stem}.part{path.suffix}")
     try:
@@ -125,6 +125,12 @@ def written_whole(path: Path) -> Iterator[Path]:
         with open(part, "rb") as file:
             os.fsync(file.fileno())
         os.replace(part, path)
+    except OSError as error:
+        if error.errno is None or error.strerror is None:
+            raise OSError(str(error).replace(part.name, path.name)) from error
+        if error.filename is not None and os.fsdecode(error.filename) != str(part):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         part.unlink(missing_ok=True)
     fsync_folder(path.parent)

@@ -4,7 +4,7 @@ import codecs
 import math
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from os import PathLike
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from vemlight.file_kinds import file_kind
 
 MAX_KEY_DOTS = 32  # the deepest key of ours has three parts; tomllib takes the square of their number, 8 s at 10^5
 MANY_DOTS = re.compile(rb"(?:\.[ \t]*[\w\"'-]+[ \t]*){%d}" % MAX_KEY_DOTS)
+MAX_CHOICES = 12  # listed where one of them is near; any value in 8 .. 20 does
 MAX_SHOWN = 60  # characters of a value in a line
 MAX_PARSED = 2**20  # characters parsed to find a line: half a second; 2**18 .. 2**22 would do
 TYPES = {"int": "a whole number", "float": "a number", "str": "text in quotes", "bool": "true or false", "array": "a list in [ ]",
@@ -99,10 +100,14 @@ def _wanted(what: str) -> str:
     return wanted + (f", not {found}" if found else "")
 
 
-def choice_hint(value: str, choices: tuple[str, ...]) -> str:
+def choice_hint(value: str, choices: Sequence[str]) -> str:
     """What to write instead of a value that is none of the choices."""
-    near = get_close_matches(value.lower(), choices, 1)
-    return f"choose from {', '.join(choices)}" + (f"; did you mean {near[0]}?" if near else "")
+    by_small_letters = {choice.lower(): choice for choice in choices}
+    near = get_close_matches(value.lower(), by_small_letters, 1)
+    meant = f"did you mean {by_small_letters[near[0]]}?" if near else ""
+    if near and len(choices) > MAX_CHOICES:
+        return meant
+    return "; ".join(filter(None, (f"choose from {', '.join(choices)}", meant)))
 
 
 def _right_key(kind: Any, data: Any, keys: Keys) -> str:
@@ -115,7 +120,7 @@ def _right_key(kind: Any, data: Any, keys: Keys) -> str:
         return "it belongs at the top, before all sections"
     here = _fields(_type_at(kind, data, keys[:-1]))
     near = get_close_matches(key, here, 1)
-    return f"did you mean {near[0]}?" if near else f"there are {', '.join(here)}"
+    return f"did you mean {near[0]}?" if near else f"the keys here are {', '.join(here)}"
 
 
 def _line(text: str, keys: Keys) -> str:

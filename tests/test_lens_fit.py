@@ -216,7 +216,7 @@ def write_blurred(folder: Path, count: int, size: int = 240) -> list[Path]:
 
 
 def test_no_board_in_any_image(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="no board of 8x6 inner corners was found in 2 images"):
+    with pytest.raises(UserError, match=r"and 1 more: no board of 8x6 inner corners was found"):
         calibrate_lens(write_blurred(tmp_path, 2), BOARD, tmp_path / "lens.toml")
     assert not (tmp_path / "lens.toml").exists()
 
@@ -269,13 +269,13 @@ def test_file_that_is_no_image(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("board", "word"),
     [
-        (CalibrationBoard((2, 6), 0.03), "2x6 inner corners cannot be found"),
-        (CalibrationBoard((8, 101), 0.03), "8x101 inner corners cannot be found"),
+        (CalibrationBoard((2, 6), 0.03), "--board 2x6: no such board"),
+        (CalibrationBoard((8, 101), 0.03), "--board 8x101: no such board"),
         (CalibrationBoard((8, 6), 0.0), "squares"),
         (CalibrationBoard((8, 6), 0.9e-4), "squares"),
         (CalibrationBoard((8, 6), 101.0), "squares"),
         (CalibrationBoard((8, 6), 0.03, "DICT_9", 0.02), "DICT_9"),
-        (CalibrationBoard((8, 6), 0.03, "DICT_4X4_50", 0.04), "markers"),
+        (CalibrationBoard((8, 6), 0.03, "DICT_4X4_50", 0.04), "--marker 0.04"),
     ],
 )
 def test_impossible_boards(tmp_path: Path, board: CalibrationBoard, word: str) -> None:
@@ -303,5 +303,5 @@ def test_real_photographs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("board", [CalibrationBoard((3, 100), 1e-4), CalibrationBoard((100, 3), 100.0)])
 def test_boards_at_the_limits_are_looked_for(tmp_path: Path, board: CalibrationBoard) -> None:
-    with pytest.raises(UserError, match="was found in 1 images"):  # the board itself is not refused
+    with pytest.raises(UserError, match="no board of .* was found"):  # the board itself is not refused
         calibrate_lens(write_blurred(tmp_path, 1), board, tmp_path / "lens.toml")

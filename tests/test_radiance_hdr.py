@@ -182,7 +182,7 @@ def test_a_picture_cut_anywhere_is_refused(tmp_path, codes, coding):
 
 def test_other_files_are_refused_as_such(tmp_path):
     png, mesh = b"\x89PNG\r\n\x1a\n" + bytes(100), b"v 1 2 3\n"
-    for content, cause in ((b"", "is empty"), (png, "no Radiance picture"), (mesh, "no Radiance picture")):
+    for content, cause in ((b"", "is empty"), (png, "is a PNG picture and is named .hdr"), (mesh, "no Radiance picture")):
         (tmp_path / "a.hdr").write_bytes(content)
         with pytest.raises(UserError, match=cause):
             read_radiance_hdr(tmp_path / "a.hdr")

@@ -45,7 +45,7 @@ def refusal(text: str | bytes) -> str:
     ("[table]\nlesg = 3", "line 2: [table] lesg: there is no such key; did you mean legs?"),
     ("\n\nlegs = 3", "line 3: legs: there is no such key; it belongs into [table]"),
     ("[table]\nname = ''", "line 2: [table] name: there is no such key; it belongs at the top, before all sections"),
-    ("[table]\ncolour = 3", "line 2: [table] colour: there is no such key; there are legs, height"),
+    ("[table]\ncolour = 3", "line 2: [table] colour: there is no such key; the keys here are legs, height"),
     ("[tabel]\nlegs = 3", "line 1: tabel: there is no such key; did you mean table?"),
     ("[table]\n# of wood\nlegs = 2\n", "line 3: [table] legs = 2: must be a whole number >= 3; correct it"),
     ("[table]\nlegs = 3.5", "line 2: [table] legs = 3.5: must be a whole number, not a fraction; correct it"),

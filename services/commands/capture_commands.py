@@ -9,7 +9,7 @@ import click
 from vemlight.commands.options import LensOptions, ResponseOptions, SimulateOptions, options_as
 from vemlight.commands.parameters import PATH, STANDARD_OUTPUT, Number, OutFile, OutFolder, eight_numbers, width_height
 from vemlight.commands.report import Report, reporting
-from vemlight.errors import UserError
+from vemlight.errors import UserError, of_setting
 
 
 @click.command()
@@ -114,9 +114,10 @@ def response(options: ResponseOptions) -> None:
     else:
         patches = read_patches(options.patches)
     picture = options.picture or options.out.with_suffix(".png")
-    report = calibrate_response(
-        patches, options.out, kind=options.kind, bits=options.bits or 0, accept=options.accept, picture=picture
-    )
+    with of_setting(str(options.patches)):
+        report = calibrate_response(
+            patches, options.out, kind=options.kind, bits=options.bits or 0, accept=options.accept, picture=picture
+        )
     click.echo(f"{response_summary(report)}\nsee {picture}")
 
 

@@ -73,11 +73,12 @@ def chart(maps: list[Path], out: Path) -> list[Path]:
     matplotlib.use("Agg")
     from vemlight.commands.chart_drawing import draw_charts
 
+    tables = measured(maps)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
-    return draw_charts(measured(maps), f"vemlight chart {' '.join(path.name for path in maps)}", out)
+    return draw_charts(tables, f"vemlight chart {' '.join(path.name for path in maps)}", out)
 
 
 def measured(maps: list[Path]) -> Tables:

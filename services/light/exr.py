@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.file_kinds import BINARY_UNTIL, check_kind
 from vemlight.files import notice, one_line, read_file
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_primaries, xyz_from_primaries
@@ -97,6 +98,7 @@ def _one_line(path: Path) -> Iterator[None]:
 def _checked(path: Path, limits: ImageLimits) -> tuple[bytearray, list[dict[str, ExrAttribute]]]:
     """A file's bytes and the attributes of its parts, once the headers have shown that it is not too large."""
     data = bytearray(read_file(path, MAX_IMAGE_BYTES))
+    check_kind(path, bytes(data[:BINARY_UNTIL]), "an OpenEXR picture")
     with _one_line(path):
         headers = list(_headers(data))
         _check_sizes(path, data, headers, limits)

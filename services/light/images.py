@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import notice, one_line, read_file, written_whole
+from vemlight.files import check_regular, notice, one_line, read_file, written_whole
 from vemlight.light.exr import read_exr
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
 from vemlight.light.primaries import REC709
@@ -33,6 +33,7 @@ def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, An
         return read_exr(path, layer)
     if path.suffix.lower() in (".hdr", ".pic"):
         return read_radiance_hdr(path), {}
+    check_regular(path, MAX_IMAGE_BYTES)
     raise UserError(f"{path}: radiance is read from .exr and .hdr, not {path.suffix or 'a file without suffix'}; convert it")
 
 

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.file_kinds import check_kind
 from vemlight.files import read_file
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_primaries, rec709_from_xyz
@@ -74,6 +75,7 @@ def _header(path: Path, data: np.ndarray) -> RadianceHeader:
     scale, is_xyz, primaries, at = np.ones(3), False, REC709, 0
     if not text:
         raise UserError(f"{path}: is empty; copy it again")
+    check_kind(path, text, "a Radiance picture")
     known = text.startswith(b"#?")
     while True:
         end = text.find(b"\n", at)

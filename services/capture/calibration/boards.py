@@ -9,6 +9,7 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.light.images import read_photograph
 from vemlight.runtime.progress import counted
+from vemlight.toml import choice_hint
 
 QUICK = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
 THOROUGH = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -73,7 +74,8 @@ def read_views(paths: list[Path], board: CalibrationBoard) -> BoardViews:
             without_board.append(path.name)
     if not views or brightest is None:
         size = "x".join(map(str, board.corners))
-        raise UserError(f"no board of {size} inner corners was found in {len(paths)} images; check --board, and that they are sharp")
+        where = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
+        raise UserError(f"{where}: no board of {size} inner corners was found; check --board, and that the photographs are sharp")
     return BoardViews(views, without_board, brightest)
 
 
@@ -81,13 +83,15 @@ def check_board(board: CalibrationBoard) -> None:
     """Raises UserError for an impossible board."""
     if min(board.corners) < MIN_CORNERS or max(board.corners) > MAX_CORNERS:
         size = f"{board.corners[0]}x{board.corners[1]}"
-        raise UserError(f"a board of {size} inner corners cannot be found; it needs {MIN_CORNERS} to {MAX_CORNERS} a side")
+        raise UserError(f"--board {size}: no such board can be found; give its inner corners, {MIN_CORNERS} to {MAX_CORNERS} a side")
     if not MIN_SQUARE_M <= board.square_m <= MAX_SQUARE_M:
-        raise UserError(f"squares of {board.square_m:g} m are not likely; give their side in metres")
-    if board.dictionary and not hasattr(cv2.aruco, board.dictionary):
-        raise UserError(f"{board.dictionary}: OpenCV has no such marker dictionary; use one such as DICT_4X4_50")
+        raise UserError(f"--square {board.square_m:g}: squares of that many metres are not likely; give their side in metres")
+    names = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
+    if board.dictionary and board.dictionary not in names:
+        raise UserError(f"--dictionary {board.dictionary}: OpenCV has none of that name; {choice_hint(board.dictionary, names)}")
     if board.dictionary and not 0 < board.marker_m < board.square_m:
-        raise UserError(f"markers of {board.marker_m:g} m do not fit into squares of {board.square_m:g} m")
+        limit = f"above 0 and below the --square of {board.square_m:g}"
+        raise UserError(f"--marker {board.marker_m:g}: does not fit into the squares; give the side of a marker in metres, {limit}")
 
 
 def find_board(name: str, image: np.ndarray, board: CalibrationBoard) -> BoardView | None:

@@ -11,6 +11,7 @@ from vemlight.capture.calibration.boards import CalibrationBoard, read_views
 from vemlight.capture.calibration.lens_fit import PARAMETERS, LensReport, fit_lens
 from vemlight.capture.lens import Lens, angle_from_radius, check_lens, radius_from_angle, write_lens
 from vemlight.errors import UserError
+from vemlight.light.images import write_png
 from vemlight.runtime.progress import awaited
 
 # RMS by the image's longer side, half a degree across 180: a board of another size than stated leaves 20e-3, a good set 0.5e-3, so any
@@ -42,7 +43,7 @@ def calibrate_lens(
     write_lens(out, lens)
     report = report._replace(lens=lens)
     if picture:
-        cv2.imwrite(str(picture), coverage_picture(report, found.brightest))
+        write_png(picture, coverage_picture(report, found.brightest)[..., ::-1])
     return report
 
 

@@ -18,7 +18,9 @@ from scipy.optimize import least_squares
 from vemlight.capture.calibration.colorchecker import LIGHTNESS, gray_codes
 from vemlight.capture.response import Companding, Linear, Log, Response, Srgb, check_response, write_response
 from vemlight.errors import UserError
+from vemlight.file_kinds import file_kind
 from vemlight.files import read_file
+from vemlight.light.images import write_png
 
 MAX_PATCHES_BYTES = 2**18  # 5,000 patches of 50 bytes; a chart has up to 140
 Kind = Literal["log", "linear", "companding", "srgb"]
@@ -52,8 +54,10 @@ class ResponseReport(NamedTuple):
 def read_patches(path: Path) -> list[Patch]:
     """Reads the patches in a CSV file. Raises UserError naming line and column."""
     content = read_file(path, MAX_PATCHES_BYTES)
+    if found := file_kind(content):
+        raise UserError(f"{path}: is {found}, and patches come as CSV in UTF-8; export it as that")
     try:
-        rows = list(csv.DictReader(io.StringIO(content.decode(), newline=""), skipinitialspace=True))
+        rows = list(csv.DictReader(io.StringIO(content.decode("utf-8-sig"), newline=""), skipinitialspace=True))  # sig: a byte order mark
     except (UnicodeDecodeError, csv.Error) as error:
         raise UserError(f"{path}: is no CSV file ({error}); export it as one") from error
     patches = []
@@ -62,14 +66,14 @@ def read_patches(path: Path) -> list[Patch]:
         try:
             code, luminance, weight = float(row["code"]), float(row["luminance"]), float(row.get("weight") or 1.0)
         except KeyError as error:
-            raise UserError(f"{path}: has no column {error}; it needs code, luminance and use") from error
+            raise UserError(f"{path}: has no column {error}; name the columns code, luminance and use in its first line") from error
         except (TypeError, ValueError) as error:
             raise UserError(f"{where}: code, luminance and weight must be numbers ({error}); correct it") from error
         use = (row.get("use") or "").strip()
         if use not in ("fit", "check"):
-            raise UserError(f"{where}: use = {use[:20]!r} must be fit or check")
+            raise UserError(f"{where}: use = {use[:20]!r} must be fit or check; correct it")
         if not (math.isfinite(code) and 0 < luminance < math.inf and 0 < weight < math.inf):
-            raise UserError(f"{where}: luminance and weight must be above 0, and all of them finite")
+            raise UserError(f"{where}: luminance and weight must be above 0, and all of them finite; correct it")
         patches.append(Patch(code, luminance, use == "check", weight))
     return patches
 
@@ -97,7 +101,7 @@ def calibrate_response(
     errors = [(p, float(response.radiance(np.array(p.code)) * scale / p.luminance - 1)) for p in check]
     worst = max(abs(error) for _, error in errors)
     if picture:
-        cv2.imwrite(str(picture), fit_picture(response, patches))
+        write_png(picture, fit_picture(response, patches)[..., ::-1])
     if worst > MAX_CHECK_ERROR and not accept:
         at = max(errors, key=lambda pair: abs(pair[1]))
         detail = f"the check patch of {at[0].luminance:g} cd/m2 comes out {at[1]:+.1%}"

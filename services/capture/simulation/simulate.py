@@ -39,7 +39,9 @@ def open_scene(maps: tuple[str, ...], seed: int) -> LightScene:
     for name in maps:
         if not Path(name).is_file():
             raise UserError(f"{name}: there is no such file, and scenes are {', '.join(SCENES)}; check the path")
-    return MapScene([Path(name) for name in maps])
+    scene = MapScene([Path(name) for name in maps])
+    scene.environment(0, 0.0, 0.0)  # so that a map that cannot be read is refused before anything is written
+    return scene
 
 
 def simulate(

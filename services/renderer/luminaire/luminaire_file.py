@@ -81,6 +81,8 @@ def read_luminaire(path: Path) -> LightField:
     Raises UserError, naming file and fault, for anything else: no EXR, no header, unknown keys, an empty window, a missing part, parts of
     different sizes, too many pixels, nan or inf.
     """
+    if path.suffix.lower() != ".exr":
+        raise UserError(f"{path}: lamps are read from .exr, .ies and .ldt; name one of these")
     parts = _parts(path)
     header = parts[0][1].get(HEADER_ATTRIBUTE)
     if not isinstance(header, str):

@@ -87,7 +87,7 @@ class LightsReport(Report, frozen=True, tag="lights"):
     """Measured while lights were sampled and filtered."""
 
     delay_ms: Annotated[Milliseconds, Meta(title="filter delay", description="by how much the temporal filter delays the lights")] = 0.0
-    delay_frames: Annotated[Frames, Meta(title="delay in frames", description="the same in frames, at the rate at which they arrive")] = 0.0
+    delay_frames: Annotated[Frames, Meta(title="delay in frames", description="of the filter, at the rate at which frames arrive")] = 0.0
     required_lights: Annotated[Count, Meta(description="lights that the scene requires for the error allowed; 0: not estimated")] = 0
     light_budget: Annotated[Count, Meta(description="lights that the renderer can draw in its target frame time; 0: no limit")] = 0
     flicker_hz: Annotated[Hertz, Meta(title="flicker beat", description="beat of the lamps' flicker with the frame rate; 0: none")] = 0.0

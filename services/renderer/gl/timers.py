@@ -10,7 +10,7 @@ SOFTWARE = ("llvmpipe", "softpipe", "SwiftShader")  # GL_RENDERER of those that 
 
 
 class Timers:
-    """Costs of passes since `begin`, by timer. While off they ask nothing of the GPU.
+    """Costs of passes since `begin`, by timer. While off, the GPU is not queried.
 
     A timer query of llvmpipe counts the last tile that it drew and not all of them (24 draws of 298 ms read 91 ms), so there a pass is
     timed by the clock, between two moments at which all commands are finished.

@@ -32,7 +32,7 @@ def _placed(luminaire: Luminaire, rest: wire.Pose, pose: wire.Pose) -> Luminaire
 
 
 def stale_luminaire_maps(scene: Scene, drawn: Sequence[ScenePose | None], pose: ScenePose) -> tuple[bool, ...]:
-    """Whether each luminaire's maps, drawn when the scene stood so, are to be drawn again; False for luminaires without maps.
+    """Whether each luminaire's maps, drawn for that pose of the scene, must be redrawn; False for luminaires without maps.
 
     They are if the luminaire moved, or a mesh that is not wholly behind it, before and after.
     """

@@ -5,6 +5,8 @@ renamed when it is complete.
 """
 
 import io
+import errno
+import os
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +115,8 @@ def write_exr(path: Path, pixels: np.ndarray, attributes: dict[str, Any] | None 
             with OpenEXR.File(header, {name: np.ascontiguousarray(pixels, dtype)}) as file:
                 file.write(str(part))
         except RuntimeError as error:
+            if os.strerror(errno.ENOSPC) in str(error):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
             raise OSError(f"{path}: {one_line(error)}") from error
 
 

@@ -144,8 +144,10 @@ def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
     try:
         stats = ServiceStats(stage.service, restarts)
         publisher = transport.bind(stage.service, "publish")
-        run = _run_lossless if settings.mode == "lossless" else _run_live
-        run(stage, transport, publisher, stats, StopSignal())
+        if settings.mode == "lossless":
+            _run_lossless(stage, transport, publisher, stats, StopSignal(), settings.out)
+        else:
+            _run_live(stage, transport, publisher, stats, StopSignal())
     finally:
         transport.close()
 
@@ -253,18 +255,17 @@ def _write_if_possible(stage: Stage[State], state: State, made: wire.Message, st
 
 
 @contextmanager
-def _disk_needed(what: str) -> Iterator[None]:
-    """lossless: what the disk refuses ends the run, which loses nothing by it. Raises UserError."""
+def _disk_needed(out: str, what: str) -> Iterator[None]:
+    """lossless: what the disk refuses to write to the folder `out` ends the run, which loses nothing by it. Raises UserError."""
     try:
         yield
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
         reason = error.strerror or one_line(error)
         hint = "make room and run the same command again, which goes on from there"
-        raise UserError(f"{where}{what} cannot be written ({reason}); {hint}") from error
+        raise UserError(f"{out}: {what} cannot be written ({reason}); {hint}") from error
 
 
-def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
+def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal, out: str) -> None:
     upstream = UPSTREAM[stage.service]
     assert upstream
     supply = Supply(transport.bind(stage.service, "serve"), stats)
@@ -276,7 +277,7 @@ def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, sta
 
     def write(stage: Stage[State], state: State, frame: wire.Message, stats: ServiceStats) -> None:
         if due >= first_missing:
-            with _disk_needed(f"frame {due}"):
+            with _disk_needed(out, f"frame {due}"):
                 stage.write(state, frame)
 
     while not stop.received:
@@ -295,7 +296,7 @@ def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, sta
             made.pop(due - CACHED_FRAMES, None)
         supply.send(made.get, end=inputs.end)
         if is_last and inputs.end is not None and due >= inputs.end:
-            with _disk_needed("what belongs to the whole run"):
+            with _disk_needed(out, "what belongs to the whole run"):
                 stage.finish()
             return
         publish_status(publisher, stats)

@@ -53,7 +53,8 @@ class ServiceStats:
         self._report: wire.AnyReport | None = None
         self._due_s = 0.0
         self._refused_line_s = float("-inf")
-        self._unwritten_before: int | None = None  # since when the disk refuses: how many frames were unwritten then
+        self._unwritten_before: int | None = None  # how many frames were unwritten when a line said that the disk refuses; None: it takes
+        self._unwritten_line_s = float("-inf")
 
     def on_finished(self, message: wire.Message, step_s: float) -> None:
         """Counts a frame that this service has made in `step_s`."""
@@ -76,10 +77,13 @@ class ServiceStats:
             print(f"vemlight: {self.service}: refused a message: {reason}", file=sys.stderr, flush=True)
 
     def on_written(self, error: OSError | None) -> None:
-        """Counts a frame that the disk has refused with `error`, if there is one; a line says when that begins and when it is over."""
+        """Counts a frame that the disk has refused with `error`, if there is one.
+
+        A line says when that begins and when it is over; a disk that takes some and refuses others shall not fill the log.
+        """
         if error:
-            if self._unwritten_before is None:
-                self._unwritten_before = self.unwritten
+            if self._unwritten_before is None and time.monotonic() - self._unwritten_line_s > REFUSED_LINE_S:
+                self._unwritten_before, self._unwritten_line_s = self.unwritten, time.monotonic()
                 reason = error.strerror or one_line(error)
                 text = f"nothing is written ({reason}); frames go on, and are written again when there is room"
                 print(f"vemlight: {self.service}: {text}", file=sys.stderr, flush=True)

@@ -1,5 +1,7 @@
 """The commands `vemlight record` and `vemlight polar`: sources written to files."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,8 @@ from vemlight.capture.frames import Frame
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.sequence import FrameFile
 from vemlight.capture.source import FileSource, open_source
-from vemlight.errors import UserError
+from vemlight.errors import Interrupted, UserError
+from vemlight.files import notice
 from vemlight.light.images import write_exr
 from vemlight.settings import Capture, is_camera
 
@@ -32,25 +35,39 @@ def record(settings: Capture, frames: int) -> Recorder:
 
 def _record_camera(settings: Capture, frames: int) -> Recorder:
     source = CameraSource(settings)
-    try:
+    assert source.recorder is not None
+    with _closed_in_the_end(source.recorder, source.close):
         received = 0
         while received < frames or not frames:
             received += source.next(CAMERA_WAIT_S) is not None
-    finally:
-        source.close()
-    assert source.recorder is not None
     return source.recorder
+
+
+@contextmanager
+def _closed_in_the_end(recorder: Recorder, close: Callable[[], None]) -> Iterator[None]:
+    """Closes a recording, however its source ended. Ctrl-C becomes Interrupted, which says how many frames there are."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        close()
+        raise Interrupted(f"the recording ends here: {recorder.written} frames are in {recorder.folder}") from error
+    except BaseException:
+        close()
+        raise
+    close()
 
 
 def _record_files(settings: Capture, frames: int) -> Recorder:
     source = open_source(msgspec.structs.replace(settings, record=""))
     recorder = Recorder(Path(settings.record))
-    try:
+    if frames > len(source):
+        notice(f"{settings.source or 'the bundled sequence'}: has {len(source)} frames, not {frames}; all of them are recorded")
+    with _closed_in_the_end(recorder, recorder.close):
         for k in range(min(frames or len(source), len(source))):
             frame = source.frame(k)
             recorder.put_waiting(frame.radiance, map_attributes(frame, source.fps), k, frame.time_s)
-    finally:
-        recorder.close()
+            if recorder.refusing:  # with holes it would be of no use
+                break
     return recorder
 
 

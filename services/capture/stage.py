@@ -10,6 +10,7 @@ from vemlight.capture.camera_source import CameraSource
 from vemlight.capture.frames import Frame
 from vemlight.capture.source import open_source
 from vemlight.errors import of_setting
+from vemlight.files import notice
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 
@@ -27,6 +28,9 @@ class CaptureSource:
             self._source = open_source(settings.capture)
         self.fps = self._source.fps
         limit = settings.capture.frames or None
+        if limit and limit > len(self):
+            then = "all of them are played" if settings.mode == "lossless" else "they are played again from the first"
+            notice(f"{settings.capture.source or 'the bundled sequence'}: has {len(self)} frames, not {limit}; {then}")
         self.limit = min(len(self), limit or len(self)) if settings.mode == "lossless" else limit
         self._source.frame(0)  # computes the weights and compiles the loops before the first frame is due
 

@@ -1,6 +1,7 @@
 """The command `vemlight`. Each command loads what it needs when it runs, so that `vemlight --help` answers at once."""
 
 import errno
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ import click
 from vemlight.commands import capture_commands, luminaire_commands, offline_commands, service_commands
 from vemlight.commands.parameters import usage_line
 from vemlight.errors import FatalError, UserError, printable_line
+from vemlight.runtime.interrupt import INTERRUPTED, interruption
 
 HINTS = {  # how to fix what the system refuses
     errno.ENOENT: "check the path",
@@ -48,13 +50,32 @@ def one_line_for_usage() -> Iterator[None]:
 
 
 class CommandGroup(click.Group):
-    """Reports what the user can fix as one line on stderr and status 2, what only a restart can fix as one line and status 1."""
+    """Reports what the user can fix as one line on stderr and status 2, what only a restart can fix as one line and status 1.
+
+    Ctrl-C gives a line about what there is of the result, and status 130.
+    """
 
     def make_context(self, *arguments: Any, **options: Any) -> click.Context:
         with one_line_for_usage():
             return super().make_context(*arguments, **options)
 
     def invoke(self, context: click.Context) -> Any:
+        try:
+            with interruption.heeded():
+                return self._invoke(context)
+        except KeyboardInterrupt as error:
+            result = str(error)
+        except Exception:
+            if not interruption.came:  # in the middle of an import it becomes any other error
+                raise
+            result = ""
+        result = result or "what was written so far, if anything, is partial"
+        # Here all that the command held is closed. What its threads still do, reading ahead or compiling, is not waited for.
+        print(f"vemlight: interrupted: {printable_line(result)}", file=sys.stderr, flush=True)
+        sys.stdout.flush()
+        os._exit(INTERRUPTED)
+
+    def _invoke(self, context: click.Context) -> Any:
         try:
             with one_line_for_usage():
                 return super().invoke(context)

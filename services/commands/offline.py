@@ -14,10 +14,11 @@ from vemlight.capture.source import FrameSource, open_source
 from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
 from vemlight.commands.parameters import STANDARD_OUTPUT
 from vemlight.commands.report import Report
-from vemlight.errors import UserError
+from vemlight.errors import Interrupted, UserError
 from vemlight.files import notice
 from vemlight.light.images import write_exr, write_png
 from vemlight.light.light_set import LightSet, check_lights_path, lights_json, lights_row, write_lights
+from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score as scored
@@ -83,6 +84,7 @@ def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]
     """The lights of every frame, in order; a notice counts invalid cells. Raises UserError for a frame that cannot be read."""
     state, cells, invalid_cells, invalid_frames = initial_state(), 0, 0, 0
     for k in range(len(frames)):
+        interruption.check()
         frame = frames.frame(k)
         invalid = np.count_nonzero(~(np.isfinite(frame.radiance) & (frame.radiance >= 0)).all(axis=-1))
         cells, invalid_cells, invalid_frames = cells + frame.radiance[..., 0].size, invalid_cells + invalid, invalid_frames + (invalid > 0)
@@ -139,7 +141,7 @@ def write_pictures(options: RenderOptions) -> str:
     gloss_lights = GLOSS_LIGHTS if options.gloss_lights is None and scene.glossy else options.gloss_lights
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), gloss_lights=gloss_lights)
-    with ExitStack() as open_:
+    with interruption.deferred(), ExitStack() as open_:
         add = open_.enter_context(video_writer(to_video, frames.fps)) if to_video else None
         sequence = FrameSequence(Renderer(scene, wanted, file_samples(scene)))
         open_.callback(sequence.release)
@@ -154,11 +156,19 @@ def write_pictures(options: RenderOptions) -> str:
                 _write(_numbered(out, k, len(frames)), picture, pixels)
             if add:
                 add(pixels, frame.time_s)
+            if interruption.came and k + 1 < len(frames):
+                raise Interrupted(_partial(out, to_video, k + 1, len(frames)))
     written = [str(to_video)] if to_video else []
     if out:
         last = "" if len(frames) == 1 else f" to {_numbered(out, len(frames) - 1, len(frames)).name}"
         written.insert(0, f"{_numbered(out, 0, len(frames))}{last}")
     return ", ".join(written)
+
+
+def _partial(out: Path | None, to_video: Path | None, done: int, count: int) -> str:
+    """What there is of a rendering that was interrupted."""
+    pictures = [f"{out} is partial, {done} of {count} pictures"] if out else []
+    return "; ".join([*pictures, *([f"there is no {to_video}"] if to_video else [])])
 
 
 def _check_outputs(out: Path | None, to_video: Path | None) -> None:

@@ -19,6 +19,7 @@ import zmq
 
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Service
+from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.token import with_token
 from vemlight.runtime.transport import Transport
@@ -35,7 +36,7 @@ PROGRESS_S = 2.0  # between two lines while files are written; any value in 1..1
 POLL_S = 0.1  # how late a death is noticed at most; any value in 0.02..0.3 does
 QUIET_BLAS = {"OPENBLAS_NUM_THREADS": "1"}  # matrices are small here, and its threads would spin on cores that the renderer draws with
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
-INTERRUPTED, TERMINATED = 128 + signal.SIGINT, 128 + signal.SIGTERM  # as shells count
+TERMINATED = 128 + signal.SIGTERM  # as shells count
 
 _prctl = ctypes.CDLL(None).prctl  # found here, because a child that was forked beside threads must not look for it
 

@@ -303,5 +303,5 @@ def test_real_photographs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("board", [CalibrationBoard((3, 100), 1e-4), CalibrationBoard((100, 3), 100.0)])
 def test_boards_at_the_limits_are_looked_for(tmp_path: Path, board: CalibrationBoard) -> None:
-    with pytest.raises(UserError, match="no board of .* was found"):  # the board itself is not refused
+    with pytest.raises(UserError, match=r"no board of .* was found"):  # the board itself is not refused
         calibrate_lens(write_blurred(tmp_path, 1), board, tmp_path / "lens.toml")

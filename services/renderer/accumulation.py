@@ -1,4 +1,4 @@
-"""A picture of what stands still that gets better with every pass: other lights of the same map, another sample of each pixel.
+"""Progressive refinement of a still scene: each pass has other lights of the same map and another sample of each pixel.
 
 Each pass is a whole picture under PASS_LIGHTS lights drawn from the map by its luminance, none of which another pass has, with all their
 shadow maps; the mean of the passes converges to the map's exact integral over each pixel's area.

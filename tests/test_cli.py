@@ -17,6 +17,7 @@ from vemlight.commands.cli import main
 from vemlight.commands.options import LensOptions, LightsOptions, RenderOptions, ResponseOptions, SimulateOptions
 from vemlight.light.images import write_exr
 from vemlight.light.sphere import latlong_directions
+from vemlight.renderer.output.video import chosen_encoder
 
 LENS = """
 size = [32, 16]
@@ -195,12 +196,13 @@ def test_a_command_says_what_it_has_written(folder, monkeypatch):
     monkeypatch.chdir(folder)
     (folder / "camera.toml").write_text(LENS)
     drawn = ("--count", 8, "--fps", 25, "--size", "16x12", "--shadow-map", 16)
+    encoder = chosen_encoder(".mp4", 16, 12).shown
     taken = "taken: the frames, their lens.toml, and the truth in truth.jsonl"
     for arguments, line in (
         (("lights", "f_0000.exr", "--count", 8, "--out", "l.json"), "l.json: 8 lights"),
         (("lights", ".", "--count", 8, "--fps", 25, "--out", "l.jsonl"), "l.jsonl: the lights of 3 frames"),
         (("render", "f_0000.exr", *drawn, "--out", "p.png"), "p.png"),
-        (("render", ".", *drawn, "--out", "p.exr", "--video", "v.mp4"), "p_0000.exr to p_0002.exr, v.mp4"),
+        (("render", ".", *drawn, "--out", "p.exr", "--video", "v.mp4"), f"p_0000.exr to p_0002.exr, v.mp4 as {encoder}"),
         (("simulate", "f_0000.exr", "--lens", "camera.toml", "--out", "taken"), taken),
     ):
         done = invoked(*arguments)

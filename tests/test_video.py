@@ -5,6 +5,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from av.codec import codecs_available
 
 from tests.support.gltf_files import AnimatedTriangle
 from vemlight.commands.offline import write_pictures
@@ -12,17 +13,17 @@ from vemlight.commands.options import RenderOptions
 from vemlight.errors import UserError
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.renderer.output.video import BACKGROUND, over_background, video_writer
+from vemlight.renderer.output.video import BACKGROUND, ENCODERS, chosen_encoder, over_background, video_writer
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.settings import Renderer, Settings
 
 
-def decoded(path: Path) -> tuple[list[np.ndarray], list[float], float]:
+def decoded(path: Path, codec: str = "h264") -> tuple[list[np.ndarray], list[float], float]:
     """Pictures (h, w, 3) uint8, their times, and the rate in the header."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
-        assert stream.codec_context.name == "h264"
+        assert stream.codec_context.name == codec
         assert stream.codec_context.pix_fmt == "yuv420p"
         frames = list(container.decode(video=0))
         assert stream.average_rate is not None
@@ -40,9 +41,9 @@ COLOURS = [(200, 60, 30), (20, 180, 90), (128, 128, 128), (0, 0, 0), (255, 255, 
 @pytest.mark.parametrize(("width", "height"), [(64, 48), (63, 47), (1, 1), (64, 47)])
 @pytest.mark.parametrize("suffix", ["mp4", "mkv"])
 def test_all_pictures_come_back_in_their_colours(tmp_path, width, height, suffix):
-    with video_writer(tmp_path / f"video.{suffix}", 25.0) as add:
+    with video_writer(tmp_path / f"video.{suffix}", 25.0) as video:
         for k, colour in enumerate(COLOURS):
-            add(flat(width, height, colour), k / 25)
+            video.add(flat(width, height, colour), k / 25)
     pictures, times, rate = decoded(tmp_path / f"video.{suffix}")
     assert [picture.shape for picture in pictures] == len(COLOURS) * [(height + height % 2, width + width % 2, 3)]
     assert times == pytest.approx([k / 25 for k in range(len(COLOURS))], abs=1e-3)  # Matroska counts milliseconds
@@ -53,9 +54,9 @@ def test_all_pictures_come_back_in_their_colours(tmp_path, width, height, suffix
 
 def test_frames_keep_their_own_times(tmp_path):
     shown_s = [7.0, 7.04, 7.2, 7.2, 7.1, 9.0]  # a gap, one twice, one back
-    with video_writer(tmp_path / "video.mp4", 25.0) as add:
+    with video_writer(tmp_path / "video.mp4", 25.0) as video:
         for time_s in shown_s:
-            add(flat(32, 32, (50, 100, 150)), time_s)
+            video.add(flat(32, 32, (50, 100, 150)), time_s)
     _, times, _ = decoded(tmp_path / "video.mp4")
     assert times == pytest.approx([0, 0.04, 0.2, 0.2, 0.2, 2.0], abs=1e-4)
     assert np.all(np.diff(times) > 0)
@@ -63,9 +64,9 @@ def test_frames_keep_their_own_times(tmp_path):
 
 def test_odd_rates_last_to_the_frame(tmp_path):
     fps = 30000 / 1001
-    with video_writer(tmp_path / "video.mp4", fps) as add:
+    with video_writer(tmp_path / "video.mp4", fps) as video:
         for k in range(90):
-            add(flat(16, 16, (k, 100, 150)), k / fps)
+            video.add(flat(16, 16, (k, 100, 150)), k / fps)
     pictures, times, rate = decoded(tmp_path / "video.mp4")
     assert len(pictures) == 90
     assert rate == pytest.approx(fps, rel=1e-3)
@@ -73,8 +74,8 @@ def test_odd_rates_last_to_the_frame(tmp_path):
 
 
 def test_what_shows_nothing_is_the_backgrounds_gray(tmp_path):
-    with video_writer(tmp_path / "video.mp4", 25.0) as add:
-        add(flat(32, 32, (255, 0, 0), alpha=0), 0.0)
+    with video_writer(tmp_path / "video.mp4", 25.0) as video:
+        video.add(flat(32, 32, (255, 0, 0), alpha=0), 0.0)
     assert np.abs(decoded(tmp_path / "video.mp4")[0][0].astype(int) - BACKGROUND).max() <= 3
 
 
@@ -85,8 +86,8 @@ def test_half_transparent_colours_are_rounded_over_the_background():
 
 def test_a_video_that_was_not_finished_is_not_there(tmp_path):
     def interrupted():
-        with video_writer(tmp_path / "video.mp4", 25.0) as add:
-            add(flat(32, 32, (9, 9, 9)), 0.0)
+        with video_writer(tmp_path / "video.mp4", 25.0) as video:
+            video.add(flat(32, 32, (9, 9, 9)), 0.0)
             raise RuntimeError("stopped")
 
     with pytest.raises(RuntimeError, match="stopped"):
@@ -98,6 +99,60 @@ def test_no_picture_no_video(tmp_path):
     with pytest.raises(UserError, match="needs at least one picture"), video_writer(tmp_path / "video.mp4", 25.0):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("encoder", "codec", "suffix"),
+    [("libvpx-vp9", "vp9", "mp4"), ("libvpx-vp9", "vp9", "mkv"), *(("mpeg4", "mpeg4", suffix) for suffix in ("mp4", "mov", "mkv"))],
+)
+def test_without_x264_a_freely_licensed_encoder_keeps_colours_and_times(tmp_path, monkeypatch, encoder, codec, suffix):
+    """What an FFmpeg under the LGPL has; VP9 is no part of .mov."""
+    missing = {one.name for one in ENCODERS[: [one.name for one in ENCODERS].index(encoder)]}
+    monkeypatch.setattr("av.codec.codecs_available", codecs_available - missing)
+    fps = 30000 / 1001
+    with video_writer(tmp_path / f"video.{suffix}", fps) as video:
+        for k, colour in enumerate(COLOURS):
+            video.add(flat(63, 47, colour), k / fps)
+    assert video.encoder is not None
+    assert video.encoder.name == encoder
+    pictures, times, _ = decoded(tmp_path / f"video.{suffix}", codec)
+    assert times == pytest.approx([k / fps for k in range(len(COLOURS))], abs=1e-3)  # Matroska counts milliseconds
+    for picture, colour in zip(pictures, COLOURS, strict=True):
+        assert picture.shape == (48, 64, 3)
+        assert np.abs(picture.astype(int) - colour).max() <= 6
+
+
+@pytest.mark.parametrize("encoder", [one.name for one in ENCODERS if one.name in codecs_available])
+def test_every_encoder_shows_no_loss(tmp_path, monkeypatch, encoder):
+    """Fine detail, 32 levels of contrast over a smooth sky, comes back at 40 dB or better."""
+    monkeypatch.setattr("vemlight.renderer.output.video.ENCODERS", [one for one in ENCODERS if one.name == encoder])
+    y, x = np.mgrid[:96, :128]
+    gray = 120 + 60 * np.sin(x / 40) + 16 * np.sign(np.sin(x / 3) * np.sin(y / 3))
+    picture = np.concatenate([np.repeat(gray[..., None], 3, axis=-1), np.full((96, 128, 1), 255)], axis=-1).round().astype(np.uint8)
+    with video_writer(tmp_path / "video.mp4", 25.0) as video:
+        for k in range(5):
+            video.add(np.roll(picture, k, axis=1), k / 25)
+    with av.open(str(tmp_path / "video.mp4")) as container:
+        shown = [frame.reformat(format="rgb24", src_colorspace="ITU709").to_ndarray() for frame in container.decode(video=0)]
+    errors = [np.mean((one.astype(float) - np.roll(picture[..., :3], k, axis=1)) ** 2) for k, one in enumerate(shown)]
+    assert 10 * np.log10(255**2 / max(errors)) > 40
+
+
+def test_h264_comes_first_and_of_two_that_write_it_the_freer(monkeypatch):
+    there: set[str] = set()
+    monkeypatch.setattr("vemlight.renderer.output.video._opens", lambda encoder, *_: encoder.name in there)
+    with pytest.raises(UserError, match=r"no \.mov: it has none of libopenh264, libx264, mpeg4; install"):
+        chosen_encoder(".mov", 64, 48)
+    for better in ("mpeg4", "libvpx-vp9", "libx264", "libopenh264"):
+        there.add(better)
+        assert chosen_encoder(".mp4", 64, 48).name == better
+
+
+def test_an_encoder_that_does_not_open_is_passed_over():
+    """libx264 takes no picture without pixels, and none of the others does."""
+    assert chosen_encoder(".mp4", 64, 48).name in ("libopenh264", "libx264")
+    with pytest.raises(UserError, match="none of"):
+        chosen_encoder(".mp4", 0, 0)
 
 
 @pytest.mark.parametrize("name", ["video.avi", "video", "nowhere/video.mp4"])

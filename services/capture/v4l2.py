@@ -106,7 +106,7 @@ class V4l2Camera:
             raise
         except OSError as error:
             self._close()
-            raise UserError(f"{path}: cannot be opened as a camera ({error.strerror}); check the path, or end the program that has it") from error
+            raise UserError(f"{path}: cannot be opened as a camera ({error.strerror}); check the path, or free it") from error
 
     def _open(self) -> None:
         from linuxpy.video import device as v4l2

@@ -122,13 +122,14 @@ def _gl() -> Finding:
 def _encoder() -> Finding:
     try:
         import av
-        from av.codec import Codec
 
-        Codec("libx264", "w")
-    except Exception as error:  # a missing package, a library that does not load, an encoder that was left out
+        from vemlight.renderer.output.video import chosen_encoder
+
+        encoder = chosen_encoder(".mp4", 640, 480)
+    except Exception as error:  # a missing package, a library that does not load, encoders that were left out
         reason = " ".join(str(error).split())[:120]
-        return Finding("fail", "videos", f"PyAV cannot write H.264 ({reason})", "install PyAV from its wheel: make env")
-    return Finding("pass", "videos", f"H.264 by PyAV {av.__version__}")
+        return Finding("fail", "videos", f"PyAV cannot write them ({reason})", "install PyAV from its wheel: make env")
+    return Finding("pass", "videos", f"{encoder.shown}, PyAV {av.__version__}")
 
 
 def _charts() -> Finding:

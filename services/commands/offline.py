@@ -142,7 +142,7 @@ def write_pictures(options: RenderOptions) -> str:
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), gloss_lights=gloss_lights)
     with interruption.deferred(), ExitStack() as open_:
-        add = open_.enter_context(video_writer(to_video, frames.fps)) if to_video else None
+        video = open_.enter_context(video_writer(to_video, frames.fps)) if to_video else None
         sequence = FrameSequence(Renderer(scene, wanted, file_samples(scene)))
         open_.callback(sequence.release)
         adaptation, before_s = None, 0.0
@@ -154,11 +154,11 @@ def write_pictures(options: RenderOptions) -> str:
             pixels = tone_mapped(picture, adaptation, wanted.exposure, wanted.tone)
             if out:
                 _write(_numbered(out, k, len(frames)), picture, pixels)
-            if add:
-                add(pixels, frame.time_s)
+            if video:
+                video.add(pixels, frame.time_s)
             if interruption.came and k + 1 < len(frames):
                 raise Interrupted(_partial(out, to_video, k + 1, len(frames)))
-    written = [str(to_video)] if to_video else []
+    written = [f"{to_video} as {video.encoder.shown}"] if video and video.encoder else []
     if out:
         last = "" if len(frames) == 1 else f" to {_numbered(out, len(frames) - 1, len(frames)).name}"
         written.insert(0, f"{_numbered(out, 0, len(frames))}{last}")

@@ -93,7 +93,12 @@ MUTANTS = [
         ("pictures of a restarted source", "if self.last and stamp.sequence + self._renumbered <= self.last.sequence:", "if False:"),
     ]),
     *mutants_of(RENDERER + "output/video.py", "tests/test_video.py", [
-        ("ticks of a second", "TICKS_PER_S = 90_000", "TICKS_PER_S = 1_000"),
+        ("ticks of a second", "\nTICKS_PER_S = 90_000", "\nTICKS_PER_S = 1_000"),
+        ("ticks beyond MPEG-4's", "MPEG4_TICKS_PER_S = 60_000", "MPEG4_TICKS_PER_S = 90_000"),
+        ("visible loss of x264", '{"crf": "18"}', '{"crf": "40"}'),
+        ("visible loss of VP9", '"crf": "20"', '"crf": "60"'),
+        ("visible loss of MPEG-4", "str(2 * 118)", "str(31 * 118)"),
+        ("decoders taken for encoders", "except (FFmpegError, ValueError):", "except FFmpegError:"),
     ]),
     *mutants_of(RENDERER + "scene/meshes.py", "tests/test_meshes.py", [
         ("crease angle doubled", "np.radians(40.0)", "np.radians(80.0)"),

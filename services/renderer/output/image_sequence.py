@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.files import notice
 from vemlight.light.images import write_exr, write_png
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import BACKGROUND, over_background, video_writer
@@ -98,9 +99,11 @@ class ImageSequenceWriter:
         """Writes all pictures as a video, read back from their files, so that restarts of the renderer do not show in it."""
         steps_s = np.diff([entry.time_s for entry in self._manifest.pictures])
         steps_s = steps_s[steps_s > 0]
-        with video_writer(path, 1 / float(np.median(steps_s)) if len(steps_s) else DEFAULT_FPS) as add:
+        with video_writer(path, 1 / float(np.median(steps_s)) if len(steps_s) else DEFAULT_FPS) as video:
             for entry in counted(self._manifest.pictures, path.name, self.count):
-                add(read_pixels(self._folder / entry.name), entry.time_s)
+                video.add(read_pixels(self._folder / entry.name), entry.time_s)
+        if video.encoder:
+            notice(f"{path}: {video.encoder.shown}")
 
 
 def read_pixels(exr: Path) -> np.ndarray:

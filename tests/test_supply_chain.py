@@ -103,3 +103,16 @@ def test_the_bill_of_materials_lists_the_lock_with_its_hashes_and_nothing_below_
     for row in bill["components"]:
         assert all(hash_["alg"] == "SHA-256" for reference in row["externalReferences"] for hash_ in reference["hashes"])
         assert release(row["version"]) >= release(FLOORS.get(name_of(row["name"]), {"floor": "0"})["floor"])
+
+
+def test_the_page_of_licences_names_each_library_in_the_wheel_of_the_video_encoder():
+    """Above all those under the GPL. FFmpeg's own libraries stand there as FFmpeg."""
+    folder = next((path / "av.libs" for path in map(Path, sys.path) if (path / "av.libs").is_dir()), None)
+    if folder is None:
+        pytest.skip("PyAV is not from a wheel")
+    libraries = {name for path in folder.iterdir() for name in re.findall(r"^lib([A-Za-z]+\d*)", path.name)}
+    of_another = {"sharpyuv": "webp", "webpmux": "webp", "hogweed": "nettle", "SvtAv1": "svt-av1", "dav1": "dav1d"}
+    row = next(line for line in (ROOT / "docs" / "licences.md").read_text().splitlines() if "`av`" in line).lower()
+    for library in libraries - {"avcodec", "avdevice", "avfilter", "avformat", "avutil", "swresample", "swscale"}:
+        assert of_another.get(library, library).lower() in row, library
+    assert ("libx264 and libx265 (gpl" in row) == ("x264" in libraries)

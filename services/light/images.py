@@ -4,8 +4,8 @@ Every failure to read is one UserError naming the file, whatever the library bel
 renamed when it is complete.
 """
 
-import io
 import errno
+import io
 import os
 from pathlib import Path
 from typing import Any

@@ -49,6 +49,6 @@ MUTANTS = [
     ]),
     *mutants_of("services/files.py", "tests/test_files.py", [
         ("half a file left", "part.unlink(missing_ok=True)", "pass"),
-        ("half a file under its name", "os.replace(part, path)\n    finally", "pass\n    finally"),
+        ("a file that never gets its name", "        os.replace(part, path)\n", "        pass\n"),
     ]),
 ]  # fmt: skip

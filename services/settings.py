@@ -229,7 +229,7 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
     """Raises UserError for values that each are legal but not together."""
     where = path or "settings"
     if settings.wire.transport == "tcp" and not settings.wire.keys and not settings.wire.insecure:
-        raise UserError(f"{where}: [wire] transport = \"tcp\" needs keys = FOLDER (made by `vemlight keys`) or insecure = true")
+        raise UserError(f"{where}: [wire] transport = \"tcp\" has no keys; set keys = FOLDER (made by `vemlight keys`) or insecure = true")
     drawn, pixel_bytes = settings.renderer, 8 if settings.renderer.picture == "linear16" else 4
     if drawn.width * drawn.height * pixel_bytes > MAX_PART:
         most = f"more than the {MAX_PART // pixel_bytes} pixels that one message holds"

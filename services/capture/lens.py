@@ -103,9 +103,9 @@ def check_lens(lens: Lens) -> None:
     if not np.all(np.isfinite(numbers)):
         raise UserError("a number is nan or inf; replace it")
     if min(lens.f) <= 0:
-        raise UserError(f"f = {list(lens.f)} must be above 0 pixels")
+        raise UserError(f"f = {list(lens.f)} must be above 0 pixels; correct it")
     if not 0 < lens.rim_deg <= 180:
-        raise UserError(f"rim_deg = {lens.rim_deg:g} must be above 0 and at most 180")
+        raise UserError(f"rim_deg = {lens.rim_deg:g} must be above 0 and at most 180; correct it")
     theta = np.linspace(0, lens.rim, SLOPE_SAMPLES)
     slope = slope_from_angle(theta, lens)
     if slope.min() <= 0:

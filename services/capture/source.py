@@ -41,7 +41,8 @@ class FileSource:
         """Raises UserError when start and end leave nothing, or the first file is damaged."""
         end = min(settings.end or len(files), len(files))
         if settings.start >= end:
-            raise UserError(f"{files[0].path.parent}: has frames 0 to {len(files) - 1}; [capture] start and end leave none of them")
+            frames = f"frames 0 to {len(files) - 1}, of which [capture] start and end leave none"
+            raise UserError(f"{files[0].path.parent}: has {frames}; correct them")
         self._files = files[settings.start : end]
         self._entries = entries[settings.start : end] if entries else None
         self._maker = FrameMaker(settings, files[0].path.parent)

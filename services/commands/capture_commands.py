@@ -106,7 +106,7 @@ def response(options: ResponseOptions) -> None:
     from vemlight.light.images import read_codes
 
     if options.corners and not options.white_cd_m2:
-        raise UserError("--corners: needs --white, the luminance of the white patch")
+        raise UserError("--corners: needs --white as well; add the luminance of the white patch")
     if options.white_cd_m2:
         codes = read_codes(options.patches)
         chart = chart_from_corners(options.corners) if options.corners else find_chart(codes)

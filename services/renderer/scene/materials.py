@@ -135,7 +135,7 @@ def material_from_table(table: MaterialTable) -> Material:
     if table.base_color is not None and not phong:
         return Ggx(table.base_color, **ggx)
     if table.base_color is not None or ggx:
-        raise ValueError("material has either diffuse, specular and exponent, or base_color, metallic and roughness")
+        raise ValueError("material has either diffuse, specular and exponent, or base_color, metallic and roughness; leave one kind out")
     made = Phong(**phong)
     total = max(np.add(made.diffuse, made.specular))
     if total > 1:  # decimal fractions that add up to 1 do so as floats, too: all of up to six digits were tried

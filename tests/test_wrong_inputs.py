@@ -1,0 +1,91 @@
+"""Wrong inputs of every kind: status 2, one line that names what is wrong and the way out, and nothing left behind."""
+
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from tests.support.processes import vemlight
+from tests.support.wrong_inputs import SCENES, SETTINGS, WRONG, Wrong, write_wrong_inputs
+from vemlight.commands.cli import main
+from vemlight.commands.parameters import Number
+
+ROOT = Path(__file__).parents[1]
+INTERNAL = re.compile(r"Errno|Traceback|msgspec|Expected `|\$\.|cv2|OpenCV\(|\.part\b|error_percent|\bNone\b|starting")
+WAY_OUT = re.compile(r"; [a-z`-]|: choose from |\?$")
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wrong") / "here"
+    folder.mkdir()
+    write_wrong_inputs(folder)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """Services take SIGINT and SIGTERM."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def present(folder: Path) -> dict[str, int]:
+    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+
+def check_line(wrong: Wrong, stderr: str) -> None:
+    (line,) = stderr.splitlines()
+    assert line.startswith("vemlight: ")
+    for word in wrong.words:
+        assert word in line, line
+    assert not INTERNAL.search(line), line
+    assert WAY_OUT.search(line), line
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: wrong.command)
+def test_a_wrong_input_is_one_line_and_leaves_nothing(wrong, given, monkeypatch):
+    monkeypatch.chdir(given)
+    monkeypatch.setattr("vemlight.runtime.supervise.supervise", lambda *_: pytest.fail("services were started"))
+    before = present(given.parent)
+    done = CliRunner().invoke(main, wrong.command.split(), prog_name="vemlight")
+    assert done.exit_code == 2, done.output
+    assert done.stdout == ""
+    check_line(wrong, done.stderr)
+    assert present(given.parent) == before
+
+
+@pytest.mark.parametrize("command", ["run source.toml", "lights png.hdr --out out.json", "lights good.exr --coutn 3 --out out.json"])
+def test_so_it_is_in_a_process(command, given):
+    wrong = next(wrong for wrong in WRONG if wrong.command == command)
+    done = vemlight(*command.split(), cwd=given, environment={"PYTHONPATH": str(ROOT)})
+    assert (done.returncode, done.stdout) == (2, "")
+    check_line(wrong, done.stderr)
+
+
+def test_there_are_more_than_a_hundred_and_each_file_is_used():
+    assert len({wrong.command for wrong in WRONG}) == len(WRONG) > 100
+    words = {word for wrong in WRONG for word in wrong.command.split()}
+    assert {f"{name}.toml" for name in SETTINGS} | {f"{name}.scene.toml" for name in SCENES} <= words
+
+
+def parameters(command: click.Command) -> Iterator[click.Parameter]:
+    yield from command.params
+    for inside in command.commands.values() if isinstance(command, click.Group) else ():
+        yield from parameters(inside)
+
+
+def test_no_number_of_any_command_may_be_nan_or_inf():
+    numbers = [one for one in parameters(main) if isinstance(one.type, click.types.FloatParamType | click.FloatRange)]
+    assert len(numbers) > 15
+    for parameter in numbers:
+        assert isinstance(parameter.type, Number), parameter.name
+        for value in ("nan", "inf", "-inf"):
+            with pytest.raises(click.BadParameter):
+                parameter.type.convert(value, parameter, None)

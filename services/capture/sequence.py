@@ -33,7 +33,7 @@ def frame_files(folder: Path) -> list[FrameFile]:
         paths = [p for p in complete if p.suffix.lower() == CODES_SUFFIX and not p.with_suffix(".toml").exists()]
     if not paths:
         raise UserError(f"{folder}: holds no {', '.join(RADIANCE_SUFFIXES)} or {CODES_SUFFIX} files; name a folder of frames")
-    numbered = [(match[1], int(match[2]), p) for p in paths if (match := re.fullmatch(r"(.*?)(\d+)", p.stem))]
+    numbered = [(match[1], int(match[2]), p) for p in paths if (match := re.fullmatch(r"(.*?)(\d{1,15})", p.stem))]
     if len(numbered) < len(paths) or len({(prefix, number) for prefix, number, _ in numbered}) < len(paths):
         return [FrameFile(path, k) for k, path in enumerate(paths)]
     if len({prefix for prefix, _, _ in numbered}) > 1:

@@ -24,6 +24,7 @@ MAGIC = b"\x76\x2f\x31\x01"
 SINGLE_TILED, DEEP, MULTIPART = 0x200, 0x800, 0x1000  # flags in the version field
 HALF = 1  # the number of a channel's type; the other two take four bytes
 MAX_PARTS = 1024  # of a file; renderers write a part a layer, some dozens
+MAX_CHANNELS = 1024  # of a part; renderers write some hundreds
 MAIN_LAYERS = ("", "rgba", "rgb", "beauty", "combined", "main", "color")  # names of what is the picture itself, in this order
 
 
@@ -173,6 +174,8 @@ def _bytes_per_pixel(data: bytearray, channels: ExrAttribute) -> int:
     _, at, end = channels
     total = 0
     while at < end - 1:
+        if total > 4 * MAX_CHANNELS:
+            raise ValueError(f"more than {MAX_CHANNELS} channels")
         _, at = _text(data, at)
         total += 2 if struct.unpack_from("<i", data, at) == (HALF,) else 4
         at += 16  # type, linearity, sampling

@@ -31,10 +31,11 @@ def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, An
     Gray files are repeated in three channels; alpha is left out. nan, inf and negative pixels are preserved. layer: of an EXR with several.
     Raises UserError for a file that is missing, damaged, too large or of another kind.
     """
-    if path.suffix.lower() == ".exr":
-        return read_exr(path, layer)
-    if path.suffix.lower() in (".hdr", ".pic"):
-        return read_radiance_hdr(path), {}
+    with np.errstate(all="ignore"):  # products of pixels and header that are beyond float32 are inf or nan, as pixels of a file may be
+        if path.suffix.lower() == ".exr":
+            return read_exr(path, layer)
+        if path.suffix.lower() in (".hdr", ".pic"):
+            return read_radiance_hdr(path), {}
     check_regular(path, MAX_IMAGE_BYTES)
     raise UserError(f"{path}: radiance is read from .exr and .hdr, not {path.suffix or 'a file without suffix'}; convert it")
 

@@ -24,10 +24,9 @@ def main() -> int:
     found = 0
     for name in options.formats or FORMATS:
         began_s = time.monotonic()
-        faults = examine(name, options.count, options.seed, options.keep)
+        bombs, faults = examine(name, options.count, options.seed, options.keep)
         found += len(faults)
         took_s = time.monotonic() - began_s
-        bombs = len(FORMATS[name].bombs())
         print(f"{name}: {options.count} mutants, {bombs} bombs, {len(faults)} faults, {took_s:.0f} s", flush=True)
         for kind in dict.fromkeys(fault.reason for fault in faults):
             some = [fault for fault in faults if fault.reason == kind]

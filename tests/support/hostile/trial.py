@@ -48,8 +48,15 @@ class Trial(NamedTuple):
         return self.folder / ("manifest.jsonl" if self.format.suffix == ".jsonl" else f"file{self.format.suffix}")
 
 
-def examine(name: str, count: int, seed: int, keep: Path) -> list[Fault]:
-    """All sound files, bombs and `count` mutants of a format; the faulty ones are kept in `keep`."""
+class Examination(NamedTuple):
+    """What came of a format."""
+
+    bombs: int
+    faults: list[Fault]
+
+
+def examine(name: str, count: int, seed: int, keep: Path) -> Examination:
+    """Reads all sound files, bombs and `count` mutants of a format; the faulty ones are kept in `keep`."""
     format = FORMATS[name]
     folder = Path(tempfile.mkdtemp(prefix="vemlight-hostile-"))
     try:
@@ -59,7 +66,7 @@ def examine(name: str, count: int, seed: int, keep: Path) -> list[Fault]:
         for bomb, content in bombs:  # each in its own child: memory is the child's
             faults += _try(name, Trial(format, folder, 1, lambda _, content=content: content, lambda _, bomb=bomb: f"bomb {bomb}"), keep)
         mutants = Trial(format, folder, count, lambda k: mutant(whole, f"{name} {seed} {k}"), lambda k: f"mutant {k} of seed {seed}")
-        return faults + _try(name, mutants, keep)
+        return Examination(len(bombs), faults + _try(name, mutants, keep))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

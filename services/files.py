@@ -153,6 +153,17 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+@contextmanager
+def writing_to(path: Path) -> Iterator[None]:
+    """Names `path` in an OSError that names no file, as a full disk's does not."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
 def may_open(device: Path) -> bool:
     """Whether this user may read and write it."""
     return os.access(device, os.R_OK | os.W_OK)

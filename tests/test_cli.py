@@ -1,9 +1,12 @@
 """The command line: what it writes, and bad input as status 2 and one line that says what, where and how to fix it."""
 
+import json
+import shutil
 import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import moderngl
 import numpy as np
@@ -12,6 +15,7 @@ from click.testing import CliRunner, Result
 
 from tests.support.lights_files import light_set_from_row, read_lights
 from tests.support.processes import vemlight
+from vemlight.choices import Filter, Method
 from vemlight.commands.capture_commands import calibrate
 from vemlight.commands.cli import main
 from vemlight.commands.options import LensOptions, LightsOptions, RenderOptions, ResponseOptions, SimulateOptions
@@ -207,6 +211,54 @@ def test_a_command_says_what_it_has_written(folder, monkeypatch):
     ):
         done = invoked(*arguments)
         assert (done.exit_code, done.stdout, done.stderr) == (0, f"{line}\n", "")
+
+
+def test_a_report_comes_as_a_line_as_json_or_not_at_all(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "camera.toml").write_text(LENS)
+    made = {  # the map last: it would be one of the frames of "."
+        ("lights", ".", "--count", 8, "--fps", 25, "--out", "l.jsonl"): {"out": "l.jsonl", "frames": 3, "lights": {"fewest": 8, "most": 8}},
+        ("record", "--source", ".", "--out", "rec"): {"out": "rec", "written": 3, "dropped": 0, "failed": 0},
+        ("polar", "f_0000.exr", "--lens", "camera.toml", "--out", "m.exr"): {
+            "out": "m.exr", "coverage": "hemisphere", "rows": 90, "cols": 360, "black": 0, "saturated": 0,
+        },
+    }  # fmt: skip
+    for arguments, values in made.items():
+        shutil.rmtree(folder / "rec", ignore_errors=True)
+        done = invoked(*arguments, "--json")
+        assert (done.exit_code, done.stderr) == (0, "")
+        assert json.loads(done.stdout) == values
+        shutil.rmtree(folder / "rec", ignore_errors=True)
+        done = invoked(*arguments, "--quiet")
+        assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_the_score_is_part_of_the_report(folder):
+    done = invoked("lights", folder / "f_0000.exr", "--count", 8, "--score", "--json", "--out", folder / "l.json")
+    assert 0 <= json.loads(done.stdout)["score"]["error"] < 0.2
+
+
+def test_lights_and_maps_go_to_standard_output(folder, monkeypatch):
+    """The same bytes as into a file, and nothing between them."""
+    monkeypatch.chdir(folder)
+    (folder / "camera.toml").write_text(LENS)
+    lights = ("lights", ".", "--count", 8, "--fps", 25)
+    polar = ("polar", "f_0000.exr", "--lens", "camera.toml")
+    for arguments, name in ((lights, "l.jsonl"), (polar, "m.exr")):
+        assert invoked(*arguments, "--out", name).exit_code == 0
+        done = invoked(*arguments, "--out", "-")
+        assert (done.exit_code, done.stdout_bytes) == (0, (folder / name).read_bytes())
+        assert done.stderr.startswith("-: ")
+        assert invoked(*arguments, "--out", "-", "--quiet").stderr == ""
+
+
+def test_methods_and_filters_are_listed_and_completed():
+    page = invoked("lights", "--help").stdout
+    assert f"[{'|'.join(get_args(Method))}]" in page
+    assert f"[{'|'.join(get_args(Filter))}]" in page
+    words = {"_VEMLIGHT_COMPLETE": "bash_complete", "COMP_WORDS": "vemlight lights --method ", "COMP_CWORD": "3"}
+    done = CliRunner().invoke(main, [], prog_name="vemlight", env=words)
+    assert done.stdout.split() == [f"plain,{method}" for method in get_args(Method)]
 
 
 def test_a_recording_plays_back_the_same_and_lights_are_scored(folder, monkeypatch):

@@ -1,5 +1,6 @@
 """Files: TOML into records, and never half a file."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import msgspec
 import pytest
 
 from vemlight.errors import UserError
-from vemlight.files import contained_path, decoded_json, read_file, read_toml, written_whole
+from vemlight.files import contained_path, decoded_json, read_file, read_toml, writing_to, written_whole
 
 
 class Thing(msgspec.Struct, forbid_unknown_fields=True):
@@ -151,3 +152,26 @@ def test_what_is_no_name_of_a_file_is_one_line(tmp_path, name):
     with pytest.raises(UserError, match=r"no name of a file|too long") as caught:
         read_file(tmp_path / name, 10)
     assert str(caught.value).isprintable()
+
+
+def test_a_full_disk_is_told_by_the_name_that_was_asked_for(tmp_path, monkeypatch):
+    """Neither by the name of the part, which nobody else knows of, nor by none."""
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def refused_library() -> None:
+        raise OSError("cannot write a.part.exr")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left") as caught, written_whole(tmp_path / "a.exr") as part:
+        part.write_text("one")
+    assert caught.value.filename == str(tmp_path / "a.exr")
+    with pytest.raises(OSError, match=r"cannot write a\.exr"), written_whole(tmp_path / "a.exr"):
+        refused_library()
+    with pytest.raises(OSError, match="other") as caught, written_whole(tmp_path / "a.exr"):
+        (tmp_path / "other").read_text()
+    assert caught.value.filename == str(tmp_path / "other")
+    with pytest.raises(OSError, match="No space left") as caught, writing_to(tmp_path):
+        full(0)
+    assert caught.value.filename == str(tmp_path)
+    assert list(tmp_path.iterdir()) == []

@@ -10,6 +10,7 @@ from vemlight.commands.options import LensOptions, ResponseOptions, SimulateOpti
 from vemlight.commands.parameters import PATH, STANDARD_OUTPUT, Number, OutFile, OutFolder, eight_numbers, width_height
 from vemlight.commands.report import Report, reporting
 from vemlight.errors import UserError, of_setting
+from vemlight.files import writing_to
 
 
 @click.command()
@@ -51,7 +52,8 @@ def simulate(options: SimulateOptions) -> None:
         pattern_codes=options.pattern_codes,
         dropouts=options.dropouts,
     )
-    simulate_frames(lighting, camera, options.out, frames=options.frames or 0, truth_maps=options.truth, seed=options.seed)
+    with writing_to(options.out):
+        simulate_frames(lighting, camera, options.out, frames=options.frames or 0, truth_maps=options.truth, seed=options.seed)
     click.echo(f"{options.out}: the frames, their lens.toml, and the truth in truth.jsonl")
 
 
@@ -139,7 +141,7 @@ def record(settings: Path | None, source: str | None, frames: int | None, out: P
         wanted = msgspec.structs.replace(wanted, source=str(Path.cwd() / source))
     done = recording.record(wanted, frames or 0)
     if done.last_error:
-        raise UserError(f"{done.last_error}; {done.written} frames are in {out} and {done.failed} are lost: make room, or record elsewhere")
+        raise UserError(f"{done.last_error}: {done.written} are written and {done.failed} lost; make room, or record elsewhere")
     values = {"out": str(out), "written": done.written, "dropped": done.dropped, "failed": done.failed}
     return Report(f"{done.written} frames are in {out}; {done.dropped} dropped, {done.failed} refused by the disk", values)
 

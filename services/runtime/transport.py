@@ -18,7 +18,7 @@ import zmq.auth
 from zmq.auth.thread import ThreadAuthenticator
 
 from vemlight.errors import UserError
-from vemlight.files import read_file
+from vemlight.files import read_file, writing_to
 from vemlight.runtime import wire
 from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Service
 from vemlight.settings import Wire
@@ -221,7 +221,9 @@ def make_keys(folder: Path) -> None:
         raise UserError(f"{secret}: there are keys already; remove them first if they are to be replaced")
     before = os.umask(0o077)
     try:
-        zmq.auth.create_certificates(folder, KEY_NAME)
+        with tempfile.TemporaryDirectory(dir=folder) as made, writing_to(folder):  # a full disk leaves no half of a key
+            for path in map(Path, zmq.auth.create_certificates(made, KEY_NAME)):
+                os.replace(path, folder / path.name)
     finally:
         os.umask(before)
 

@@ -9,6 +9,7 @@ import contextlib
 import fcntl
 import hashlib
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -18,6 +19,7 @@ from vemlight.files import fsync_folder
 
 KEY = b',"chain":"'
 TAIL_BYTES = len(KEY) + 64 + len(b'"}\n')  # the chain in hexadecimal digits, and what ends a line
+DYING_S = 1.0  # what a killed process may take to end on a busy machine: 0.1 s were seen; any value in 0.5 .. 5 does
 MAX_LINE_BYTES = 2**26  # a frame of 100,000 lights has 20 MB
 
 
@@ -52,6 +54,19 @@ def checked_lines(file: BinaryIO, after: JournalPoint = JOURNAL_START) -> Iterat
         yield content, after
 
 
+def claimed(descriptor: int) -> bool:
+    """Locks a file or folder for this process until it is closed. False where another one has it, which may be about to end."""
+    until_s = time.monotonic() + DYING_S
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except OSError:
+            if time.monotonic() > until_s:
+                return False
+        time.sleep(DYING_S / 20)
+
+
 class Journal:
     """A file of chained lines, open for this process alone. `end`: the point up to which it is kept."""
 
@@ -60,11 +75,9 @@ class Journal:
         is_new = not path.exists()
         self.path, self.end = path, JOURNAL_START
         self._file = open(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666), "r+b", buffering=0)  # noqa: SIM115, until `close`
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        if not claimed(self._file.fileno()):
             self._file.close()
-            raise UserError(f"{path}: another run writes there; wait for its end, or choose another --out") from error
+            raise UserError(f"{path}: another run writes there; wait for its end, or choose another --out")
         if is_new:
             fsync_folder(path.parent)
 

@@ -3,6 +3,7 @@
 import os
 import socket
 import stat
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,7 @@ import msgspec
 
 from vemlight.errors import UserError, of_setting
 from vemlight.files import group_hint, may_open
+from vemlight.journal import DYING_S
 from vemlight.settings import Capture, Plate, Settings, check_settings, is_camera
 
 MEMORY_DEVICES = 1  # major number of /dev/null, /dev/zero and their like (Linux, admin-guide/devices.txt)
@@ -41,7 +43,7 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
 
         with _named(file, ""):
             check_video_settings(settings)
-    if reason := port_taken(settings.viewer.host, settings.viewer.port):
+    if reason := _port_kept(settings.viewer.host, settings.viewer.port):
         address = f"{settings.viewer.host}:{settings.viewer.port}"
         with _named(file, "[viewer] host, port"):
             raise UserError(f"the viewer cannot listen at {address} ({reason}); stop what holds it, or choose another")
@@ -92,6 +94,14 @@ def _check_camera(device: Path) -> None:
         raise UserError(f"{device}: is no camera; name a file, a folder or /dev/videoN")
     if not may_open(device):
         raise UserError(f"{device}: may not be opened by this user; {group_hint(device)}")
+
+
+def _port_kept(host: str, port: int) -> str:
+    """Why nothing can listen at a TCP port for DYING_S: the viewer of a run that was just killed may have it a moment longer."""
+    until_s = time.monotonic() + DYING_S
+    while (reason := port_taken(host, port)) and time.monotonic() < until_s:
+        time.sleep(DYING_S / 20)
+    return reason
 
 
 def port_taken(host: str, port: int) -> str:

@@ -4,7 +4,6 @@ manifest.jsonl (a journal, services/journal.py) begins with the run's settings a
 the disk, and ends with a line that counts them and names the other files. lights.jsonl is a journal, too.
 """
 
-import fcntl
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import decoded_json, notice, sha256_of
-from vemlight.journal import JOURNAL_START, Journal
+from vemlight.journal import JOURNAL_START, Journal, claimed
 from vemlight.light.light_set import LightsFile
 from vemlight.runtime.run_inputs import input_digests
 from vemlight.settings import Settings
@@ -209,10 +208,8 @@ def claimed_output(settings: Settings, overwrite: bool) -> Iterator[bool]:
     except OSError as error:
         raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another --out") from error
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise UserError(f"{out}: another run writes there; wait for its end, or choose another --out") from error
+        if not claimed(lock):
+            raise UserError(f"{out}: another run writes there; wait for its end, or choose another --out")
         try:
             if overwrite:
                 _clear(out)

@@ -1,0 +1,8 @@
+"""A run whose services and supervisor are killed and stopped gives the same bytes as one that nobody disturbed."""
+
+from tests.support.nemesis import compare
+
+
+def test_whatever_is_killed_or_stopped_the_output_is_the_same(tmp_path):
+    done = compare(tmp_path, frames=48, pictures=12, seed=5)
+    assert sum(count for what, count in done.items() if "killed" in what) >= 1, done

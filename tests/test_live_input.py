@@ -2,28 +2,26 @@
 
 import numpy as np
 import pytest
-import zmq
 
+from tests.support.sockets import FakeSocket
 from vemlight.runtime import loop, wire
 from vemlight.runtime.service_stats import ServiceStats
 
 
-class StubSocket:
+class StubSocket(FakeSocket):
     """A socket at which batches of messages wait: the first at once, each other after a poll. Remembers how long it was polled."""
 
     def __init__(self, *batches: list[wire.Message]) -> None:
+        super().__init__()
         self._batches = [[wire.pack(*message) for message in batch] for batch in batches]
+        self.inbox.extend(self._batches.pop(0))
         self.polled_ms: list[int] = []
-
-    def recv_multipart(self, _flags: int) -> list[bytes]:
-        if not self._batches or not self._batches[0]:
-            raise zmq.Again
-        return self._batches[0].pop(0)
 
     def poll(self, timeout_ms: int) -> bool:
         self.polled_ms.append(timeout_ms)
-        self._batches = self._batches[1:]
-        return bool(self._batches)
+        self.inbox.clear()
+        self.inbox.extend(self._batches.pop(0) if self._batches else [])
+        return bool(self.inbox)
 
 
 def frame(sequence: int) -> wire.Message:

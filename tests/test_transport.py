@@ -56,8 +56,10 @@ def test_a_secret_key_that_others_may_read_is_refused(tmp_path):
 def test_each_socket_has_limits_against_hostile_peers(tmp_path):
     transport = Transport(Wire(folder=str(tmp_path / "s")))
     sockets = [transport.bind("capture", "publish"), transport.bind("capture", "serve"), transport.subscribe("sampler", "lights")]
+    assert [socket.maxmsgsize for socket in sockets] == [1024, 1024, wire.MAX_PART]  # requests and subscriptions are small
+    assert transport.subscribe("sampler", "status").maxmsgsize < 2 * wire.MAX_HEADER
     for socket in sockets:
-        assert socket.maxmsgsize == wire.MAX_PART
+        assert 5000 <= socket.getsockopt(zmq.TCP_MAXRT) <= 30000
         assert socket.sndhwm == socket.rcvhwm == QUEUE_FRAMES == 4
         assert 1000 <= socket.handshake_ivl <= 3000  # a handshake takes 100 ms on a busy machine, and silent peers shall not pile up
         assert socket.linger == 0

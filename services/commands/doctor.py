@@ -16,6 +16,7 @@ from vemlight.commands.run_checks import port_taken
 from vemlight.errors import UserError
 from vemlight.files import group_hint, may_open
 from vemlight.runtime.channels import SERVICES
+from vemlight.runtime.open_files import FEW_FILES, file_limit, hard_file_limit, peer_limit
 from vemlight.runtime.token import is_loopback
 from vemlight.runtime.transport import ROLES, read_keys, runtime_folder
 from vemlight.settings import Settings
@@ -54,6 +55,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
     yield _sequence(settings)
     yield _scene(settings)
     yield _disk(settings)
+    yield _open_files()
 
 
 def _processor() -> Finding:
@@ -229,3 +231,12 @@ def _disk(settings: Settings) -> Finding:
     if shutil.disk_usage(folder).free < MIN_FREE_BYTES:
         return Finding("warn", "disk", found, "make room before writing pictures")
     return Finding("pass", "disk", found)
+
+
+def _open_files() -> Finding:
+    hard, peers = hard_file_limit(), peer_limit(hard_file_limit())
+    found = f"{file_limit()}, which each service raises to {hard}: up to {peers} peers of each"
+    if hard < FEW_FILES:
+        hint = f"raise the hard limit to {FEW_FILES} or more: ulimit -Hn, systemd's LimitNOFILE=, docker's --ulimit nofile="
+        return Finding("warn", "open files", found, hint)
+    return Finding("pass", "open files", found)

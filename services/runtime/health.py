@@ -5,6 +5,7 @@ import time
 
 from vemlight.runtime import wire
 from vemlight.runtime.channels import REPORT_PERIOD_S, STATUS, Service
+from vemlight.runtime.peers import receive
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
 
@@ -21,7 +22,7 @@ def next_status(settings: Settings, service: Service, timeout_s: float) -> wire.
             if not socket.poll(left_s * 1e3):
                 return None
             try:
-                header, _ = wire.unpack(socket.recv_multipart())
+                header, _ = wire.unpack(receive(socket).parts)
             except wire.VersionError as error:
                 sys.exit(f"vemlight: {service}: {error}")
             except ValueError:

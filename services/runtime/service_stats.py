@@ -9,10 +9,11 @@ from statistics import median
 from vemlight.files import one_line
 from vemlight.runtime import wire
 from vemlight.runtime.channels import REPORT_PERIOD_S, Service
+from vemlight.runtime.log_lines import LINE_PERIOD_S, LogLines
+from vemlight.runtime.peers import Peer
 
 RATE_WINDOW_S = 2.0  # a quarter of it to four times as much serves: long enough that one late frame does not show, short enough to follow
 STEP_WINDOW = 32  # frames in the median of step times: any value in 8..128 serves
-REFUSED_LINE_S = 60.0  # between two lines about refused messages: whoever sends them shall not fill the log
 
 
 class LossCounter:
@@ -52,7 +53,7 @@ class ServiceStats:
         self._step_total_ms = 0.0
         self._report: wire.AnyReport | None = None
         self._due_s = 0.0
-        self._refused_line_s = float("-inf")
+        self._lines = LogLines()
         self._unwritten_before: int | None = None  # how many frames were unwritten when a line said that the disk refuses; None: it takes
         self._unwritten_line_s = float("-inf")
 
@@ -68,13 +69,12 @@ class ServiceStats:
         self._step_total_ms += step_s * 1e3
         self._report = getattr(header, "report", None)  # a plate has none
 
-    def on_refused(self, error: ValueError) -> None:
-        """Counts a message that cannot be decoded; now and then a line says why."""
+    def on_refused(self, error: ValueError, sender: Peer | None = None) -> None:
+        """Counts a message that cannot be decoded, also against its sender; now and then a line says why."""
         self.refused += 1
-        if time.monotonic() - self._refused_line_s > REFUSED_LINE_S:
-            self._refused_line_s = time.monotonic()
-            reason = ascii(str(error))[1:-1][:300]  # parts of it come from the sender
-            print(f"vemlight: {self.service}: refused a message: {reason}", file=sys.stderr, flush=True)
+        if sender:
+            sender.on_refused()
+        self._lines.say("refused", f"{self.service}: refused a message: {error}")
 
     def on_written(self, error: OSError | None) -> None:
         """Counts a frame that the disk has refused with `error`, if there is one.
@@ -82,7 +82,7 @@ class ServiceStats:
         A line says when that begins and when it is over; a disk that takes some and refuses others shall not fill the log.
         """
         if error:
-            if self._unwritten_before is None and time.monotonic() - self._unwritten_line_s > REFUSED_LINE_S:
+            if self._unwritten_before is None and time.monotonic() - self._unwritten_line_s > LINE_PERIOD_S:
                 self._unwritten_before, self._unwritten_line_s = self.unwritten, time.monotonic()
                 reason = error.strerror or one_line(error)
                 text = f"nothing is written ({reason}); frames go on, and are written again when there is room"

@@ -21,6 +21,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Service
 from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
+from vemlight.runtime.peers import receive
 from vemlight.runtime.token import with_token
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
@@ -198,7 +199,7 @@ class Supervisor:
         for socket in self._statuses:
             while socket.poll(0):
                 try:
-                    header, _ = wire.unpack(socket.recv_multipart(zmq.NOBLOCK))
+                    header, _ = wire.unpack(receive(socket).parts)
                 except (ValueError, zmq.Again):
                     continue
                 if isinstance(header, wire.StatusMessage):

@@ -12,9 +12,11 @@ import zmq
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, Service
 from vemlight.runtime.demand import Pull
+from vemlight.runtime.peers import receive
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport
 
+MAX_TAKEN = 64  # messages at once: many times what the queues at both ends hold, and a flood keeps nobody from its work
 LAST_FRAMES = 16  # 0.6 s at 25 a second: more than lights are behind their map, 4 to 8 frames
 
 
@@ -92,15 +94,16 @@ class Lockstep:
             pull.restart()
 
 
-def receive_all(socket: Any, stats: ServiceStats) -> list[wire.Message]:
-    """All messages that wait at a socket, oldest first; what `unpack` refuses is counted."""
+def receive_all(socket: Any, stats: ServiceStats, most: int = MAX_TAKEN) -> list[wire.Message]:
+    """All messages that wait at a socket, oldest first, up to `most`; what `unpack` refuses is counted."""
     messages = []
-    while True:
+    for _ in range(most):
         try:
-            parts = socket.recv_multipart(zmq.NOBLOCK)
+            parts, sender = receive(socket)
         except zmq.Again:
-            return messages
+            break
         try:
             messages.append(wire.unpack(parts))
         except ValueError as error:
-            stats.on_refused(error)
+            stats.on_refused(error, sender)
+    return messages

@@ -21,6 +21,7 @@ from vemlight.errors import UserError
 from vemlight.files import read_file, writing_to
 from vemlight.runtime import wire
 from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Service
+from vemlight.runtime.peers import PeerGuard, receive
 from vemlight.settings import Wire
 
 Role = Literal["publish", "serve"]
@@ -31,6 +32,14 @@ HANDSHAKE_MS = 2000
 # tcp: a host or container that vanished sends no FIN. After a second of silence its kernel is probed once a second, and the third
 # probe in a row without an answer ends the connection: 4 s in all.
 KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3
+# tcp: a peer that takes nothing of what waits for it for so long is disconnected, and connects again when it goes on: with keys each
+# holds a copy of a frame. 5 to 30 s would do
+TAKES_NOTHING_MS = 10_000
+# bytes of a part to a socket that services bind. A request has 60, a subscription 9, the keys' handshake up to 600; 700 to 4096 would do
+MAX_ASKED = 1024
+KEYS_OVERHEAD = 64  # bytes that encryption adds to a part: 33; 33 and more would do
+BACKLOG = 16  # peers that wait to be accepted; others try again. 8 to 64 would do
+MAX_TAKEN = 256  # subscriptions at once, so that a flood of them does not keep a service from its work; 64 to 1024 would do
 RECONNECT_MS, MAX_RECONNECT_MS = 50, 500  # a restarted service is found within half a second
 ZAP_DOMAIN = "vemlight"  # the same on both sides: with a wildcard everyone is refused
 KEY_NAME = "vemlight"
@@ -92,6 +101,7 @@ class Transport:
         self.context = context or zmq.Context()
         self._keys: Keys | None = None
         self._authenticator: ThreadAuthenticator | None = None
+        self._guard: PeerGuard | None = None
         self._claimed: list[_ClaimedSocket] = []
         if settings.transport == "tcp" and settings.keys:
             self._keys = read_keys(Path(settings.keys))
@@ -100,43 +110,47 @@ class Transport:
         """The socket that `service` binds: XPUB or ROUTER. Raises UserError when the address is taken."""
         self._claim(service, role)
         if role == "publish":
-            socket = self._socket(zmq.XPUB, QUEUE_FRAMES)
+            socket = self._socket(zmq.XPUB, QUEUE_FRAMES, MAX_ASKED)
             socket.setsockopt(zmq.XPUB_MANUAL, 1)  # see `accept_subscriptions`
         else:
-            socket = self._socket(zmq.ROUTER, QUEUE_FRAMES)
+            socket = self._socket(zmq.ROUTER, QUEUE_FRAMES, MAX_ASKED)
             socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # a consumer that died raises instead of swallowing frames
         if self._keys:
             self._authenticate()
             socket.curve_server = True
             socket.zap_domain = ZAP_DOMAIN.encode()
         address = endpoint(self.settings, service, role)
+        door = Path(address.removeprefix("ipc://")) if self.settings.transport == "ipc" else None
+        self._guard_of_peers().watch(socket, service, accepts=True, takes_frames=False, door=door)
         try:
             socket.bind(_numeric(address))
         except (zmq.ZMQError, OSError) as error:
             socket.close()
-            raise UserError(
-                f"{address}: {service} cannot listen there ({error.strerror}); stop what holds it or change [wire]"
-            ) from error
+            raise UserError(f"{address}: {service} cannot listen there ({error.strerror}); stop what holds it or change [wire]") from error
         return socket
 
     def subscribe(self, service: Service, *kinds: str) -> Any:
         """A SUB socket that receives these kinds of message from `service`; it may be made before the other is there."""
-        socket = self._socket(zmq.SUB, max(BY_KIND[kind].queue for kind in kinds))
+        takes_frames = any(wire.KINDS[kind].ARRAYS for kind in kinds)
+        max_part = wire.MAX_PART if takes_frames else wire.MAX_HEADER + KEYS_OVERHEAD
+        socket = self._socket(zmq.SUB, max(BY_KIND[kind].queue for kind in kinds), max_part)
         for kind in kinds:
             socket.subscribe(kind.encode())
-        self._connect(socket, service, "publish")
+        self._connect(socket, service, "publish", takes_frames)
         return socket
 
     def request_from(self, service: Service) -> Any:
         """A DEALER socket that requests frames from `service`."""
-        socket = self._socket(zmq.DEALER, QUEUE_FRAMES)
-        self._connect(socket, service, "serve")
+        socket = self._socket(zmq.DEALER, QUEUE_FRAMES, wire.MAX_PART)
+        self._connect(socket, service, "serve", takes_frames=True)
         return socket
 
     def close(self) -> None:
         """Closes every socket and removes the files of the ipc sockets."""
         if self._authenticator:
             self._authenticator.stop()
+        if self._guard:
+            self._guard.stop()
         self.context.destroy(linger=0)
         for claimed in self._claimed:
             claimed.path.unlink(missing_ok=True)
@@ -157,24 +171,31 @@ class Transport:
             raise UserError(f"{path}: another {service} runs there; stop it or set [wire] folder to another one") from error
         self._claimed.append(_ClaimedSocket(path, lock_path, lock))
 
-    def _socket(self, kind: int, queue: int) -> Any:
-        """A socket of that kind with its limits, whose queue holds that many messages a peer."""
+    def _socket(self, kind: int, queue: int, max_part: int) -> Any:
+        """A socket of that kind with its limits, whose queue holds that many messages a peer, of parts up to `max_part` bytes."""
         socket: Any = self.context.socket(kind)
-        socket.linger = 0
-        socket.maxmsgsize = wire.MAX_PART
+        socket.linger, socket.backlog = 0, BACKLOG
+        socket.maxmsgsize = max_part
         socket.handshake_ivl = HANDSHAKE_MS
         socket.sndhwm = socket.rcvhwm = queue
         socket.reconnect_ivl, socket.reconnect_ivl_max = RECONNECT_MS, MAX_RECONNECT_MS
         socket.tcp_keepalive, socket.tcp_keepalive_cnt = 1, KEEPALIVE_PROBES
         socket.tcp_keepalive_idle = socket.tcp_keepalive_intvl = KEEPALIVE_S
+        socket.setsockopt(zmq.TCP_MAXRT, TAKES_NOTHING_MS)
         if self._keys:
             socket.curve_publickey, socket.curve_secretkey = self._keys
         return socket
 
-    def _connect(self, socket: Any, service: Service, role: Role) -> None:
+    def _connect(self, socket: Any, service: Service, role: Role, takes_frames: bool) -> None:
         if self._keys:
             socket.curve_serverkey = self._keys.public
+        self._guard_of_peers().watch(socket, service, accepts=False, takes_frames=takes_frames)
         socket.connect(endpoint(self.settings, service, role))
+
+    def _guard_of_peers(self) -> PeerGuard:
+        if self._guard is None:
+            self._guard = PeerGuard(zmq.Context.shadow(self.context))
+        return self._guard
 
     def _authenticate(self) -> None:
         """From now on only peers whose public key lies in the keys' folder can connect."""
@@ -188,14 +209,22 @@ class Transport:
 
 def accept_subscriptions(publisher: Any) -> None:
     """Takes the subscriptions that wait at a publisher, and only those to our channels: an XPUB keeps each one, 10 kB apiece."""
-    while publisher.poll(0, zmq.POLLIN):
-        _accept(publisher, publisher.recv(zmq.NOBLOCK))
+    for _ in range(MAX_TAKEN):
+        try:
+            subscription, sender = receive(publisher)
+        except zmq.Again:
+            return
+        if sender:
+            sender.on_subscription()
+        _accept(publisher, b"".join(subscription))
 
 
 async def keep_accepting_subscriptions(publisher: Any) -> None:
     """`accept_subscriptions` for a publisher of zmq.asyncio, until it is cancelled."""
+    waiting = zmq.Socket.shadow(publisher)
     while True:
-        _accept(publisher, await publisher.recv())
+        await publisher.poll()
+        accept_subscriptions(waiting)
 
 
 def _accept(publisher: Any, subscription: bytes) -> None:

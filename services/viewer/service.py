@@ -5,7 +5,6 @@ import contextlib
 import signal
 import socket
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import zmq
@@ -15,7 +14,7 @@ from aiohttp import web
 from vemlight.errors import UserError
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, REPORT_PERIOD_S, Service
-from vemlight.runtime.service_stats import ServiceStats
+from vemlight.runtime.sync import receive_all
 from vemlight.runtime.token import is_loopback, with_token
 from vemlight.runtime.transport import Transport, keep_accepting_subscriptions
 from vemlight.settings import Settings, Viewer
@@ -92,20 +91,10 @@ def _own_address(everywhere: str) -> str:
 async def receive(transport: Transport, service: Service, state: ViewerState) -> None:
     """Takes all that waits from one service, and then again."""
     socket = transport.subscribe(service, FRAMES[service].kind, "status", "end")
+    waiting = zmq.Socket.shadow(socket)
     while True:
-        waiting = [await socket.recv_multipart()]
-        with contextlib.suppress(zmq.Again):
-            while len(waiting) < MAX_TAKEN:
-                waiting.append(await socket.recv_multipart(zmq.NOBLOCK))
-        state.take(service, list(_unpacked(waiting, state.stats)))
-
-
-def _unpacked(waiting: list[list[bytes]], stats: ServiceStats) -> Iterator[wire.Message]:
-    for parts in waiting:
-        try:
-            yield wire.unpack(parts)
-        except ValueError as error:
-            stats.on_refused(error)
+        await socket.poll()
+        state.take(service, receive_all(waiting, state.stats, MAX_TAKEN))
 
 
 async def publish(publisher: Any, state: ViewerState) -> None:

@@ -1,0 +1,383 @@
+"""Disconnects peers that would take a service's memory or files, which libzmq does not do itself.
+
+libzmq limits one part (ZMQ_MAXMSGSIZE) and counts whole messages in its queues (ZMQ_RCVHWM): the parts of a message that never ends are
+kept in memory and never delivered. It accepts connections as long as there are files. So a thread looks at the connections that libzmq's
+monitors report, several times a second, and shuts down those past a limit: libzmq then frees all that the peer has sent. proto/README.md
+has the limits in words.
+"""
+
+import contextlib
+import ctypes
+import fcntl
+import itertools
+import math
+import os
+import socket as network
+import struct
+import termios
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import zmq
+from zmq.utils.monitor import recv_monitor_message
+
+from vemlight.runtime import wire
+from vemlight.runtime.allowance import Allowance
+from vemlight.runtime.channels import QUEUE_FRAMES
+from vemlight.runtime.log_lines import LogLines
+from vemlight.runtime.open_files import file_limit, peer_limit
+
+# Between two looks at memory and at a few peers: at the 6 GB/s of ipc memory grows by 120 MB meanwhile. 0.01 to 0.03 s would do
+PERIOD_S = 0.02
+LOOKED_AT = 8  # peers at each look: 10 us each, so 400 a second are 0.4 % of a core
+CALM_S = 30.0  # memory that has been in use for so long is a service's own; 10 to 100 s would do
+# Bytes without a whole message, to a socket that takes requests (100 bytes) and subscriptions (8); 8 to 256 kB would do ...
+MAX_UNASKED = 64 * 1024
+# ... and to one that takes frames: a queue of the largest arrays, and one on its way in.
+MAX_UNFINISHED = (QUEUE_FRAMES + 1) * wire.MAX_PART
+# ipc has no count of bytes received: a peer whose bytes wait again and again, none of whose messages ends, while memory grows by so much.
+MAX_GROWTH_UNASKED, MAX_GROWTH = 64 * 2**20, 192 * 2**20  # bytes; the second: a queue of pictures of 4096 x 2160 (35 MB) and one more
+LOOKS, LOOK_S = 30, 0.0003
+# In how many of the looks more bytes wait than a few requests have. libzmq reads requests at once; a frame's bytes wait for a few looks.
+BUSY_BYTES = 512
+BUSY_LOOKS_UNASKED, BUSY_LOOKS = 2, 8
+SEARCH_PERIOD_S = 0.1  # between two such searches: memory grows by a service's own work, too
+MANY_PARTS = 1000  # of a message: then its sender is disconnected, and the rest is dropped fast. Any value over wire.MAX_PARTS does
+CROWD = 16  # peers who come at once: the others are let in a moment later, lest libzmq use up the files meanwhile. 8 to 64 would do
+STRIDE = 64  # parts dropped at once, which may be a few of the next message, too; 16 to 1000 would do
+TRIM_S = 0.1  # by when libzmq has freed what a peer that was disconnected had sent; 0.05 to 1 s would do
+HOLD_S = 2.0  # a disconnected peer's address (ipc: process) is refused for so long, then tried again; 1 to 10 s would do
+MAX_HELD = 1024  # such addresses; more are forgotten
+REFUSED_BURST, REFUSED_PER_S = 32, 0.5  # unreadable messages of a peer: a few come from another version or a fault; 8 to 100 would do
+SUBSCRIPTIONS_BURST, SUBSCRIPTIONS_PER_S = 64, 8  # of a peer: there are 8 topics
+SO_COOKIE = 57  # asm-generic/socket.h: a number of this socket alone, while the number of its file is used again
+TCP_BYTES_RECEIVED = 128  # offset of tcpi_bytes_received in struct tcp_info (linux/tcp.h)
+EVENTS = zmq.EVENT_ACCEPTED | zmq.EVENT_CONNECTED | zmq.EVENT_DISCONNECTED | zmq.EVENT_MONITOR_STOPPED
+_numbers = itertools.count()
+
+
+class Peer:
+    """One connection. The loops note what they took from it; the guard's thread judges it."""
+
+    def __init__(self, file: int, monitor: "_Monitor") -> None:
+        """Raises OSError when the connection is gone already."""
+        self.file, self.monitor = file, monitor
+        self.since_s = time.monotonic()
+        self.took = False  # one of its messages was taken since the last look
+        self.offence = ""  # what it did beyond all limits
+        self.refused = Allowance(REFUSED_BURST, REFUSED_PER_S)
+        self.subscriptions = Allowance(SUBSCRIPTIONS_BURST, SUBSCRIPTIONS_PER_S)
+        self.mark = 0  # bytes received at its last message
+        with _Borrowed(file) as connection:
+            self.cookie = connection.getsockopt(network.SOL_SOCKET, SO_COOKIE, 8)
+            self.is_tcp = connection.family != network.AF_UNIX
+            if self.is_tcp:
+                self.name = connection.getpeername()[0]
+            else:
+                pid, _, _ = struct.unpack("3i", connection.getsockopt(network.SOL_SOCKET, network.SO_PEERCRED, 12))
+                self.name = f"process {pid}"
+
+    def on_message(self) -> None:
+        self.took = True
+
+    def on_refused(self) -> None:
+        """One of its messages could not be read."""
+        if not self.refused.take():
+            self.offence = f"more than {REFUSED_BURST} messages that cannot be read"
+
+    def on_subscription(self) -> None:
+        if not self.subscriptions.take():
+            self.offence = f"more than {SUBSCRIPTIONS_BURST} subscriptions"
+
+    def look(self) -> tuple[int, int]:
+        """How many bytes it has sent and libzmq has read (tcp), and how many wait. Raises OSError when the connection is gone."""
+        with _Borrowed(self.file) as connection:
+            if connection.getsockopt(network.SOL_SOCKET, SO_COOKIE, 8) != self.cookie:
+                raise OSError("another connection's file")
+            waiting = struct.unpack("i", fcntl.ioctl(self.file, termios.FIONREAD, bytes(4)))[0]
+            received = 0
+            if self.is_tcp:
+                info = connection.getsockopt(network.IPPROTO_TCP, network.TCP_INFO, TCP_BYTES_RECEIVED + 8)
+                received = struct.unpack_from("Q", info, TCP_BYTES_RECEIVED)[0] - waiting
+            return received, waiting
+
+    def shut_down(self) -> None:
+        """Ends the connection, of which libzmq hears at once."""
+        with _Borrowed(self.file) as connection:
+            if connection.getsockopt(network.SOL_SOCKET, SO_COOKIE, 8) == self.cookie:
+                connection.shutdown(network.SHUT_RDWR)
+
+
+class _Borrowed:
+    """A socket object for libzmq's file, which stays open."""
+
+    def __init__(self, file: int) -> None:
+        self._socket = network.socket(fileno=file)
+
+    def __enter__(self) -> network.socket:
+        return self._socket
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.detach()
+
+
+class _Monitor(NamedTuple):
+    """A watched socket: where its events come, what it is called, whether peers connect to it, and how much it may be sent unfinished."""
+
+    events: Any
+    service: str
+    accepts: bool
+    max_unfinished: int
+    max_growth: int
+    busy_looks: int
+
+
+_peers: dict[int, Peer] = {}  # by file, which names a connection in the whole process: a message tells the file it came through
+
+
+class Received(NamedTuple):
+    """A message's parts, of too many only the first ones, and who sent it when that is known."""
+
+    parts: list[bytes]
+    sender: Peer | None
+
+
+def receive(socket: Any) -> Received:
+    """The next message that waits. Raises zmq.Again when there is none."""
+    frame = socket.recv(zmq.NOBLOCK, copy=False)
+    sender = _sender(frame)
+    parts, more, count = [frame.bytes], frame.more, 1
+    while more and count < MANY_PARTS:
+        part = socket.recv(zmq.NOBLOCK)
+        if count <= wire.MAX_PARTS + 1:  # one for the name of a consumer, and one too many
+            parts.append(part)
+        more, count = socket.getsockopt(zmq.RCVMORE), count + 1
+    if more:
+        if sender:
+            sender.offence = f"sent a message of over {MANY_PARTS} parts"
+        _drop_rest(socket)
+    if sender:
+        sender.on_message()
+    return Received(parts, sender)
+
+
+def _drop_rest(socket: Any) -> None:
+    """Drops the rest of a message that may have millions of parts."""
+    with contextlib.suppress(zmq.Again):
+        while socket.getsockopt(zmq.RCVMORE):
+            for _ in range(STRIDE):
+                socket.recv(zmq.NOBLOCK)
+
+
+def _sender(frame: Any) -> Peer | None:
+    try:
+        return _peers.get(frame.get(zmq.SRCFD))
+    except zmq.ZMQError:  # within this process
+        return None
+
+
+class PeerGuard(threading.Thread):
+    """Watches the sockets of one service."""
+
+    def __init__(self, context: zmq.Context[Any]) -> None:
+        super().__init__(name="peers", daemon=True)
+        self._context = context
+        self._new: deque[_Monitor] = deque()
+        self._monitors: list[_Monitor] = []
+        self._own: dict[int, Peer] = {}
+        self._held_until_s: dict[str, float] = {}
+        self._lines = LogLines()
+        self._doors: list[Path] = []
+        self._calm_memory, self._search_s = float(_memory()), 0.0
+        self._trim_s = math.inf
+        self._stopped = False
+        address = f"inproc://peers-{next(_numbers)}"
+        self._wakes, self._wake = context.socket(zmq.PAIR), context.socket(zmq.PAIR)
+        self._wakes.linger = self._wake.linger = 0
+        self._wakes.bind(address)
+        self._wake.connect(address)
+        self.start()
+
+    def watch(self, socket: Any, service: str, accepts: bool, takes_frames: bool, door: Path | None = None) -> None:
+        """Watches a socket from before it is bound or connected, until it is closed. `door`: the file that peers open to connect to it."""
+        if door:
+            self._doors.append(door)
+        address = f"inproc://peers-{next(_numbers)}"
+        socket.monitor(address, EVENTS)
+        events = self._context.socket(zmq.PAIR)
+        events.linger = 0
+        events.connect(address)
+        limits = (MAX_UNFINISHED, MAX_GROWTH, BUSY_LOOKS) if takes_frames else (MAX_UNASKED, MAX_GROWTH_UNASKED, BUSY_LOOKS_UNASKED)
+        self._new.append(_Monitor(events, service, accepts, *limits))
+        self._wake.send(b"")
+
+    def stop(self) -> None:
+        """Ends the thread; nothing is watched any more."""
+        self._stopped = True
+        self._wake.send(b"")
+        self.join()
+        self._wake.close()
+
+    def run(self) -> None:
+        due_s = 0.0
+        while not self._stopped:
+            waiting = [self._wakes, *(monitor.events for monitor in self._monitors)]
+            found, _, _ = zmq.select(waiting, [], [], max(0.0, due_s - time.monotonic()) if self._own else None)
+            if self._wakes in found:
+                self._wakes.recv()
+            while self._new:
+                self._monitors.append(self._new.popleft())
+            for monitor in [monitor for monitor in self._monitors if monitor.events in found]:
+                self._take_events(monitor)
+            if time.monotonic() >= due_s:
+                self._look()
+                due_s = time.monotonic() + PERIOD_S
+        for peer in list(self._own.values()):
+            self._forget(peer)
+        for monitor in self._monitors:
+            monitor.events.close()
+        self._wakes.close()
+        self._open_doors()
+
+    def _take_events(self, monitor: _Monitor) -> None:
+        """Notes who came and went. Of a crowd those who are too many are disconnected first, while libzmq goes on to accept."""
+        came: list[int] = []
+        limit = peer_limit() - sum(peer.monitor.accepts for peer in self._own.values())
+        while monitor.events.poll(0):
+            event = recv_monitor_message(monitor.events, zmq.NOBLOCK)
+            match event["event"]:
+                case zmq.EVENT_ACCEPTED | zmq.EVENT_CONNECTED:
+                    came.append(event["value"])
+                    if monitor.accepts and len(came) == CROWD:
+                        self._close_doors()
+                    if monitor.accepts and len(came) > limit:
+                        self._refuse(came.pop(), monitor)
+                case zmq.EVENT_DISCONNECTED:
+                    peer = self._own.get(event["value"])
+                    if event["value"] in came:
+                        came.remove(event["value"])
+                    elif peer and peer.monitor is monitor:
+                        self._forget(peer)
+                case zmq.EVENT_MONITOR_STOPPED:
+                    self._monitors.remove(monitor)
+                    for peer in [peer for peer in self._own.values() if peer.monitor is monitor]:
+                        self._forget(peer)
+                    monitor.events.close()
+                    return
+        for file in came:
+            self._add(file, monitor)
+
+    def _refuse(self, file: int, monitor: _Monitor) -> None:
+        """Disconnects a peer that is one too many."""
+        with contextlib.suppress(OSError), _Borrowed(file) as connection:
+            connection.shutdown(network.SHUT_RDWR)
+        self._lines.say(
+            "surplus",
+            f"{monitor.service}: refused a peer: {peer_limit()} are connected, as many as a limit of {file_limit()} open files allows; "
+            "raise it (ulimit -n, LimitNOFILE=)",
+        )
+
+    def _close_doors(self) -> None:
+        """Lets nobody else in until the next look."""
+        for door in self._doors:
+            with contextlib.suppress(OSError):
+                door.rename(_closed(door))
+
+    def _open_doors(self) -> None:
+        for door in self._doors:
+            if _closed(door).exists():
+                _closed(door).rename(door)
+
+    def _add(self, file: int, monitor: _Monitor) -> None:
+        try:
+            peer = Peer(file, monitor)
+        except OSError:
+            return
+        _peers[file] = self._own[file] = peer
+        if monitor.accepts and self._held_until_s.get(peer.name, 0.0) > peer.since_s:
+            self._shut_down(peer)
+
+    def _forget(self, peer: Peer) -> None:
+        self._own.pop(peer.file, None)
+        if _peers.get(peer.file) is peer:
+            del _peers[peer.file]
+
+    def _look(self) -> None:
+        """Judges a few peers, or all when memory has grown."""
+        memory, now_s = _memory(), time.monotonic()
+        self._calm_memory = min(float(memory), self._calm_memory + (memory - self._calm_memory) * PERIOD_S / CALM_S)
+        grown = memory - self._calm_memory > MAX_GROWTH_UNASKED
+        self._open_doors()
+        for peer in list(self._own.values())[: None if grown else LOOKED_AT]:
+            self._own[peer.file] = self._own.pop(peer.file)  # to the end of the row
+            self._judge(peer)
+        if grown and now_s > self._search_s:
+            self._search(memory - self._calm_memory)
+        if now_s > self._trim_s:
+            self._trim_s = math.inf
+            _return_memory()
+
+    def _judge(self, peer: Peer) -> None:
+        """By what it has sent."""
+        try:
+            received, waiting = peer.look()
+        except OSError:
+            self._forget(peer)
+            return
+        if peer.took:
+            peer.took, peer.mark = False, received
+        limit = peer.monitor.max_unfinished
+        if peer.offence:
+            self._end(peer, peer.offence)
+        elif received - peer.mark > limit or (peer.monitor.accepts and waiting > limit):
+            self._end(peer, f"sent over {limit} bytes of one message")
+
+    def _search(self, growth: float) -> None:
+        """Judges by the growth of memory, in bytes, those who send without end."""
+        suspects = [peer for peer in self._own.values() if not peer.is_tcp and not peer.took and growth > peer.monitor.max_growth]
+        if not suspects:
+            return
+        self._search_s = time.monotonic() + SEARCH_PERIOD_S
+        busy = dict.fromkeys(suspects, 0)
+        for _ in range(LOOKS):
+            for peer in suspects:
+                with contextlib.suppress(OSError):
+                    busy[peer] += peer.look()[1] > BUSY_BYTES
+                if busy[peer] == peer.monitor.busy_looks and not peer.took:
+                    self._end(peer, f"sent over {peer.monitor.max_growth} bytes of one message")
+            time.sleep(LOOK_S)
+
+    def _end(self, peer: Peer, reason: str) -> None:
+        """Disconnects a peer and holds its address."""
+        self._lines.say(reason, f"{peer.monitor.service}: disconnected {peer.name}: {reason}")
+        if len(self._held_until_s) >= MAX_HELD:
+            self._held_until_s.clear()
+        self._held_until_s[peer.name] = time.monotonic() + HOLD_S
+        self._trim_s = time.monotonic() + TRIM_S
+        self._shut_down(peer)
+
+    def _shut_down(self, peer: Peer) -> None:
+        with contextlib.suppress(OSError):
+            peer.shut_down()
+        self._forget(peer)
+
+
+def _closed(door: Path) -> Path:
+    """What a door is called while nobody may enter."""
+    return door.with_name(f"{door.name}.full")
+
+
+def _return_memory() -> None:
+    """Gives memory that is free back to the system, where the C library can: it would count as in use."""
+    with contextlib.suppress(AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+def _memory() -> int:
+    """Bytes of memory of this process's own."""
+    with open("/proc/self/statm") as statm:
+        _, resident, shared = statm.read().split()[:3]
+    return (int(resident) - int(shared)) * os.sysconf("SC_PAGE_SIZE")

@@ -20,6 +20,7 @@ import time
 from collections import deque
 from pathlib import Path
 from typing import Any, NamedTuple
+from weakref import WeakSet
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
@@ -185,6 +186,7 @@ class PeerGuard(threading.Thread):
     def __init__(self, context: zmq.Context[Any]) -> None:
         super().__init__(name="peers", daemon=True)
         self._context = context
+        self._watched: WeakSet[Any] = WeakSet()
         self._new: deque[_Monitor] = deque()
         self._monitors: list[_Monitor] = []
         self._own: dict[int, Peer] = {}
@@ -207,17 +209,25 @@ class PeerGuard(threading.Thread):
             self._doors.append(door)
         address = f"inproc://peers-{next(_numbers)}"
         socket.monitor(address, EVENTS)
+        self._watched.add(socket)
         events = self._context.socket(zmq.PAIR)
         events.linger = 0
         events.connect(address)
         limits = (MAX_UNFINISHED, MAX_GROWTH, BUSY_LOOKS) if takes_frames else (MAX_UNASKED, MAX_GROWTH_UNASKED, BUSY_LOOKS_UNASKED)
         self._new.append(_Monitor(events, service, accepts, *limits))
-        self._wake.send(b"")
+        self._rouse()
+
+    def _rouse(self) -> None:
+        with contextlib.suppress(zmq.Again):  # the thread has ended, or is roused already
+            self._wake.send(b"", zmq.NOBLOCK)
 
     def stop(self) -> None:
         """Ends the thread; nothing is watched any more."""
+        for socket in self._watched:  # first: libzmq waits for whoever reads its events
+            with contextlib.suppress(zmq.ZMQError):  # closed
+                socket.disable_monitor()
         self._stopped = True
-        self._wake.send(b"")
+        self._rouse()
         self.join()
         self._wake.close()
 
@@ -237,7 +247,7 @@ class PeerGuard(threading.Thread):
                 due_s = time.monotonic() + PERIOD_S
         for peer in list(self._own.values()):
             self._forget(peer)
-        for monitor in self._monitors:
+        for monitor in [*self._monitors, *self._new]:
             monitor.events.close()
         self._wakes.close()
         self._open_doors()

@@ -5,7 +5,7 @@ the disk, and ends with a line that counts them and names the other files. light
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
@@ -76,19 +76,24 @@ def difference(found: RunStart, wanted: RunStart) -> str:
     """What another run was made with, in a few words; empty where there is no difference."""
     if found.version != wanted.version:
         return f"vemlight is {wanted.version} and was {found.version}"
-    before, now = _flat(found.settings), _flat(wanted.settings)
-    for key in sorted(before.keys() | now.keys()):
-        if before.get(key) != now.get(key):
-            return f"{key} is {now.get(key, 'the default')} and was {before.get(key, 'the default')}"
+    before, now = _by_key(found), _by_key(wanted)
+    for key, value in now.items():
+        if before[key] != value:
+            return f"{key} is {value} and was {before[key]}"
     changed = [key for key in wanted.inputs if found.inputs.get(key) != wanted.inputs[key]]
     return f"the files of {changed[0]} have changed since" if changed else ""
 
 
-def _flat(settings: Mapping[str, Any], section: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in settings.items():
-        flat |= _flat(value, key) if isinstance(value, dict) else {f"[{section}] {key}" if section else key: value}
-    return flat
+def _by_key(start: RunStart) -> dict[str, Any]:
+    """All settings, defaults included, by their keys as a person writes them."""
+    settings, found = msgspec.convert(start.settings, Settings), {}
+    for name in settings.__struct_fields__:
+        value = getattr(settings, name)
+        if isinstance(value, msgspec.Struct):
+            found |= {f"[{name}] {key}": of_section for key, of_section in msgspec.structs.asdict(value).items()}
+        else:
+            found[name] = value
+    return found
 
 
 class RunManifest(Generic[Picture]):
@@ -143,6 +148,7 @@ class RunManifest(Generic[Picture]):
         hint = "choose another --out, or --overwrite to replace it"
         try:
             found = decoded_json(line, RunStart)
+            msgspec.convert(found.settings, Settings)
         except ValueError as error:
             raise UserError(f"{self.folder / MANIFEST}: is no manifest of a run ({error}); choose another --out") from error
         if differs := difference(found, wanted):

@@ -6,6 +6,7 @@ epsilon = c asin(sqrt(2 / Q)) with c = 1.8 to 1.9 neither bounds the number of c
 (half of Q is usual); here the angle is searched for, and changed only when the count leaves [FILL Q, Q].
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +52,7 @@ def _first_guess(max_count: int, coverage: Coverage) -> float:
 def _searched(directions: np.ndarray, old: np.ndarray, max_count: int, angle: float) -> Clusters:
     labels, seeds = _labels(directions, old, angle, max_count)
     while seeds > max_count:
-        angle = min(angle * max(1.02, np.sqrt(seeds / max_count)), 4.0)  # beyond pi / STAY everything joins the first light
+        angle = min(angle * max(1.02, math.sqrt(seeds / max_count)), 4.0)  # beyond pi / STAY everything joins the first light
         labels, seeds = _labels(directions, old, angle, max_count)
     if seeds >= FILL * max_count or angle <= MIN_ANGLE_RAD:
         return Clusters(labels, angle)

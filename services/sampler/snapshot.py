@@ -6,10 +6,11 @@ is its type, shape and bytes. What is damaged or of another version counts as ab
 
 import hashlib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from vemlight.files import written_whole
 from vemlight.journal import JOURNAL_START, JournalPoint
@@ -75,7 +76,7 @@ def decoded(data: bytes) -> tuple[Snapshot, ...]:
 
 class _ArrayHeader(msgspec.Struct, array_like=True):
     dtype: str
-    shape: tuple[int, ...]
+    shape: tuple[Annotated[int, Meta(ge=0)], ...]
     data: bytes
 
 

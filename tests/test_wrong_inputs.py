@@ -15,7 +15,7 @@ from vemlight.commands.cli import main
 from vemlight.commands.parameters import Number
 
 ROOT = Path(__file__).parents[1]
-INTERNAL = re.compile(r"Errno|Traceback|msgspec|Expected `|\$\.|cv2|OpenCV\(|\.part\b|error_percent|\bNone\b|starting")
+INTERNAL = re.compile(r"Errno|object at 0x|Traceback|msgspec|Expected `|\$\.|cv2|OpenCV\(|\.part\b|error_percent|\bNone\b|starting")
 WAY_OUT = re.compile(r"; [a-z`-]|: choose from |\?$")
 
 

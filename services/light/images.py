@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.file_kinds import BINARY, BINARY_UNTIL, file_kind
 from vemlight.files import check_regular, notice, one_line, read_file, written_whole
 from vemlight.light.exr import read_exr
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
@@ -85,13 +86,21 @@ def _stored_pixels(path: Path, flags: int, upright: bool = False) -> np.ndarray:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION))
     except UserError:
         raise
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, cv2.error) as error:  # SyntaxError: PIL's, of a damaged PNG
-        raise UserError(f"{path}: is not a readable image ({one_line(error)}); give PNG, TIFF, JPEG or EXR") from error
+    except (Image.UnidentifiedImageError, cv2.error) as error:  # whose texts are about Python objects and OpenCV's source
+        raise UserError(f"{path}: is not a readable image{_but(data)}; give PNG, TIFF or JPEG") from error
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:  # SyntaxError: PIL's, of a damaged PNG
+        raise UserError(f"{path}: is not a readable image ({one_line(error)}); give PNG, TIFF or JPEG") from error
     if pixels is None:
-        raise UserError(f"{path}: is not a readable image; give PNG, TIFF, JPEG or EXR")
+        raise UserError(f"{path}: is not a readable image; give PNG, TIFF or JPEG")
     if orientation != UPRIGHT and not upright:
         notice(f"{path}: its EXIF orientation ({orientation}) is ignored: pixels stay where the sensor has them")
     return pixels
+
+
+def _but(data: bytes) -> str:
+    """" but a PDF document": what a file is instead of an image, where its first bytes say so."""
+    found = file_kind(data[:BINARY_UNTIL])
+    return f" but {found}" if found and found != BINARY else ""
 
 
 def write_exr(path: Path, pixels: np.ndarray, attributes: dict[str, Any] | None = None) -> None:

@@ -206,6 +206,7 @@ WRONG = [
         ("calibrate lens photo.png --board 8x6 --square 0.03 --dictionary Board --out out.toml", "--dictionary Board | DICT_4X4_50"),
         ("calibrate lens photo.png --board 8x6 --square 0.03 --dictionary DICT_4X4_50 --out out.toml", "--marker 0 | --square"),
         ("calibrate lens text.txt --board 8x6 --square 0.03 --out out.toml", "text.txt: is not a readable image"),
+        ("calibrate lens good.exr --board 8x6 --square 0.03 --out out.toml", "good.exr: is not a readable image but an OpenEXR picture"),
         ("calibrate response nowhere.csv --out out.toml", "nowhere.csv: there is no such file"),
         ("calibrate response falling.csv --out out.toml", "falling.csv: | rise"),
         ("calibrate response column.csv --out out.toml", "column.csv: has no column 'luminance'"),

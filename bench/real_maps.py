@@ -6,6 +6,7 @@ contact sheets and figures.csv to OUT: order of the frames, energy of the lights
 
 import csv
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -48,14 +49,14 @@ fov_y = 28.0
 [[mesh]]
 shape = "plane"
 scale = 4.0
-material = {{diffuse = [0.5, 0.5, 0.5]}}
+material = {diffuse = [0.5, 0.5, 0.5]}
 [[mesh]]
-file = "{suzi}"
+file = "suzi.glb"
 y_up = true
 scale = 0.6
 rotate = [0.0, 0.0, 20.0]
 at = [0.0, 0.0, 0.402]
-material = {{diffuse = [0.6, 0.5, 0.4], specular = [0.04, 0.04, 0.04], exponent = 40.0}}
+material = {diffuse = [0.6, 0.5, 0.4], specular = [0.04, 0.04, 0.04], exponent = 40.0}
 """
 
 
@@ -110,7 +111,8 @@ def main(out: Path, frames: int) -> None:
     data = Path(os.environ["VEMLIGHT_DATA"])
     out.mkdir(parents=True, exist_ok=True)
     scene = out / "scene.toml"
-    scene.write_text(SCENE.format(suzi=(data / "models" / "suzi.glb").resolve()))
+    shutil.copyfile(data / "models" / "suzi.glb", scene.with_name("suzi.glb"))
+    scene.write_text(SCENE)
     with open(out / "figures.csv", "w", newline="") as file:
         table = csv.writer(file)
         table.writerow(["map", "way", "worst energy error, lights against map", "map against source"])

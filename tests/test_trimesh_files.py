@@ -77,8 +77,10 @@ def test_texture_coordinates_that_are_nan_are_left_out_with_a_line(tmp_path, cap
         (b"v 0 0 0\n" * 9 + b"f 1 2 10\n", True),
         (b"v 0 0 0\n" * 9 + b"f 1/1 2/1 \\\n-10/1\n", True),
         (b"v 0 0 0\n" * 10 + b"f 1 2 99\n", False),  # found when it is read: arrays of 99 rows do no harm
-        (b"v 0 0 0\n" * 3000 + b"".join(b"usemtl %d\n" % k for k in range(2500)), False),
-        (b"v 0 0 0\n" * 3000 + b"".join(b"usemtl %d\n" % k for k in range(3000)), True),
+        (b"v 0 0 0\n" * 3000 + b"".join(b"usemtl %d\n" % k for k in range(2048)), False),
+        (b"v 0 0 0\n" * 3000 + b"".join(b"usemtl %d\n" % k for k in range(2049)), True),
+        (b"v 0 0 0\n" * 4090 + b"".join(b"usemtl %d\n" % k for k in range(2048)), False),
+        (b"v 0 0 0\n" * 4100 + b"".join(b"usemtl %d\n" % k for k in range(2048)), True),
         (b"v 0 0 0\n" * 3000 + b"usemtl a\n" * 3000, False),
     ],
 )

@@ -11,15 +11,17 @@ from vemlight.renderer.scene.gltf import READ_EXTENSIONS, TRIANGLE_STRIP, TRIANG
 from vemlight.renderer.scene.materials import AlphaTest, Colour, Ggx, Material, SpecularGlossiness, Unlit
 from vemlight.renderer.scene.textures import (
     BLED_PIXEL_BYTES,
-    HALF_RGBA_BYTES,
+    FREE_TEXTURE_BYTES,
+    HALF_BYTES,
     LINEAR,
     LINEAR_MIPMAP_LINEAR,
     MAX_TEXTURE_SIDE,
     PIXEL_BYTES,
-    TEXTURE_LIMITS,
+    TEXTURE_RATIO,
     Texture,
     alpha_bled,
     open_picture,
+    row_blocks,
     texels_from_image,
 )
 
@@ -152,10 +154,16 @@ class GltfMaterials:
             return texture
         key = id(texture.texels), float(_finite([scale], 1)[0])
         if key not in self._scaled:
-            normals = 2 * texture.texels.astype(np.float32) - 1
-            normals[..., :2] *= key[1]
-            self._scaled[key] = ((normals + 1) / 2).astype(np.float16)
-            self._texture_bytes += self._scaled[key].nbytes
+            try:
+                self._count_texels(texture.texels.size // 3, 3)
+            except UserError as error:
+                self._note(f"{binding.name}: the scale of its normalTexture is left out: {error}")
+                return texture
+            scaled = self._scaled[key] = np.empty(texture.texels.shape, np.float16)
+            for rows in row_blocks(scaled):
+                normals = 2 * texture.texels[rows].astype(np.float32) - 1
+                normals[..., :2] *= key[1]
+                scaled[rows] = ((normals + 1) / 2).astype(np.float16)
         return texture._replace(texels=self._scaled[key])
 
     def _texture(self, where: dict[str, Any], key: str, binding: MaterialBinding, encoding: TextureEncoding = COLOUR) -> Texture | None:
@@ -209,7 +217,9 @@ class GltfMaterials:
             return None
         try:
             with open_picture(content, f"image {number}", BLED_PIXEL_BYTES if encoding.bleed else PIXEL_BYTES) as image:
-                self._count_texels(number, len(content), image.size, encoding)
+                self._stored_images[number] = len(content)
+                width, height = (min(side, MAX_TEXTURE_SIDE) for side in image.size)
+                self._count_texels(width * height << sum(encoding.mirrored), 4 if encoding.alpha else 3)
                 return texels_from_image(image, encoding.srgb, encoding.alpha)
         except Image.UnidentifiedImageError:
             self._note(f"{what} is left out: it is no image of a kind that is read here")
@@ -217,13 +227,13 @@ class GltfMaterials:
             self._note(f"{what} is left out: {error}")
         return None
 
-    def _count_texels(self, number: int, stored_bytes: int, size: tuple[int, int], encoding: TextureEncoding) -> None:
-        """Raises ValueError before textures are made that take too much memory, all in all, for the images that they are made of."""
-        self._stored_images[number] = stored_bytes
-        width, height = (min(side, MAX_TEXTURE_SIDE) << mirrored for side, mirrored in zip(size, encoding.mirrored, strict=True))
-        self._texture_bytes += width * height * HALF_RGBA_BYTES
-        if self._texture_bytes > TEXTURE_LIMITS.most_bytes(sum(self._stored_images.values())):
-            raise ValueError(f"has textures of {self._texture_bytes} bytes in {len(self._stored_images)} small images; reduce them")
+    def _count_texels(self, count: int, channels: int) -> None:
+        """Raises UserError before textures are made that take too much memory, all in all, for the images that they are made of."""
+        self._texture_bytes += count * channels * HALF_BYTES
+        stored_bytes = sum(self._stored_images.values())
+        if self._texture_bytes > max(FREE_TEXTURE_BYTES, TEXTURE_RATIO * stored_bytes):
+            self._texture_bytes -= count * channels * HALF_BYTES
+            raise UserError(f"with the file's other textures it takes far more memory than the {stored_bytes} bytes stored")
 
     def uvs(self, primitive: dict[str, Any]) -> list[np.ndarray | None]:
         """Both sets of texture coordinates, (n, 2) float32 each, v upwards; None where the primitive has none that are finite."""

@@ -18,8 +18,8 @@ from vemlight.renderer.scene.gltf_materials import GltfMaterials
 from vemlight.renderer.scene.gltf_nodes import read_nodes
 from vemlight.renderer.scene.materials import Material, Phong
 from vemlight.renderer.scene.meshes import Geometry, VertexAttributes, clean_geometry
-from vemlight.renderer.scene.scene_limits import MAX_MESHES, SceneLimits
-from vemlight.renderer.scene.trimesh_files import MAX_BYTES, FilesBeside, check_obj
+from vemlight.renderer.scene.scene_limits import FREE_CORNERS, MAX_MESHES, SceneLimits
+from vemlight.renderer.scene.trimesh_files import MAX_BYTES, FilesBeside, check_obj, check_stl
 from vemlight.renderer.scene.trimesh_materials import colours_from_visual, material_from_visual
 
 GLTF_SUFFIXES = (".glb", ".gltf")
@@ -104,13 +104,16 @@ def _gltf_meshes(
     """The primitives of triangles and strips of each node. One that several nodes have is read once."""
     tree = read_nodes(file)
     read: dict[int, tuple[VertexAttributes, np.ndarray, Material | None]] = {}
-    meshes = []
+    meshes, numbers = [], 0
     for node, motion in zip(tree.mesh_nodes, read_motions(file, tree, animation), strict=True):
         for primitive in node.mesh["primitives"]:
             if primitive.get("mode", TRIANGLES) in (TRIANGLES, TRIANGLE_STRIP):
                 if len(meshes) >= MAX_MESHES:
                     raise ValueError(f"draws more than {MAX_MESHES} meshes; join them")
                 if id(primitive) not in read:
+                    numbers += _numbers_of(file, primitive)
+                    if numbers > max(FREE_CORNERS, file.stored_bytes):
+                        raise ValueError(f"has {numbers} vertices and corners in {file.stored_bytes} bytes; repeat fewer of them")
                     vertices = _gltf_vertices(file, file_materials, primitive)
                     triangles = file.triangles(primitive, len(vertices.positions))
                     material = file_materials.material(primitive) if materials else None
@@ -119,6 +122,11 @@ def _gltf_meshes(
                 meshes.append(SourceMesh(vertices, triangles, node.file_from_mesh, material, motion))
     limits.on_stored(file.stored_bytes)
     return meshes
+
+
+def _numbers_of(file: GltfFile, primitive: dict[str, Any]) -> int:
+    """How many vertices and corners of triangles a primitive has, of which copies are made."""
+    return len(file.array(primitive["attributes"]["POSITION"])) + (len(file.array(primitive["indices"])) if "indices" in primitive else 0)
 
 
 def _used(vertices: VertexAttributes, triangles: np.ndarray) -> tuple[VertexAttributes, np.ndarray]:
@@ -144,8 +152,8 @@ def _trimesh_meshes(path: Path, limits: SceneLimits) -> tuple[list[SourceMesh], 
     """The meshes of an OBJ, PLY or STL file, and a line for each thing that is left out."""
     content, kind = read_file(path, MAX_BYTES), path.suffix.lower().removeprefix(".")
     limits.on_stored(len(content))
-    if kind == "obj":
-        check_obj(content)
+    if kind in ("obj", "stl"):
+        (check_obj if kind == "obj" else check_stl)(content)
     beside = FilesBeside(path.parent, str(path))
     with silent():  # trimesh logs, and numpy warns of what it computes with nan
         scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=beside, process=False, maintain_order=True)

@@ -15,11 +15,15 @@ from vemlight.light.quiet import silent
 LINEAR, LINEAR_MIPMAP_LINEAR = 0x2601, 0x2703  # OpenGL's GL_LINEAR and GL_LINEAR_MIPMAP_LINEAR
 MAX_TEXTURE_SIDE = 4096  # texels; larger images are reduced. Pictures are seldom larger, and OpenGL 4.3 promises 16384
 PICTURE_FORMATS = ("PNG", "JPEG", "WEBP", "TGA", "BMP", "TIFF")  # Pillow knows forty more, some of which start other programs
-HALF_RGBA_BYTES = 8
-PIXEL_BYTES = 4 + HALF_RGBA_BYTES  # while a texture is made
+BLOCK_ROWS = 64  # of 4096 texels of 4 channels: 8 MB as 64-bit numbers; any value in 8 .. 512 does
+HALF_BYTES = 2
+PIXEL_BYTES = 4 + 4 * HALF_BYTES  # while a texture is made
 BLED_PIXEL_BYTES = 40  # the same with the float32 copies of `alpha_bled`
 # Up to 4096 x 4096 always, since textures of one colour are stored in next to nothing; larger ones at 400 times their file.
 TEXTURE_LIMITS = ImageLimits(free_bytes=2**28, ratio=400)
+# Of a file's textures together: one of 4096 x 4096 with alpha, and 160 times what is stored: JPEG and WebP of photographs take a thirtieth
+# to a hundredth of this.
+FREE_TEXTURE_BYTES, TEXTURE_RATIO = 2**27, 160
 
 
 class Texture(NamedTuple):
@@ -54,14 +58,23 @@ def texels_from_image(image: Image.Image, srgb: bool = True, alpha: bool = False
     srgb: whether its colours are sRGB-coded, to be made linear; alpha never is. A side longer than MAX_TEXTURE_SIDE is reduced to it.
     """
     with silent():
-        image = image.convert("RGBA" if alpha else "RGB")
+        mode = "RGBA" if alpha else "RGB"
+        image = image if image.mode == mode else image.convert(mode)
     if max(image.size) > MAX_TEXTURE_SIDE:
         image.thumbnail((MAX_TEXTURE_SIDE, MAX_TEXTURE_SIDE))
     codes, fractions = np.asarray(image)[::-1], (np.arange(256) / 255).astype(np.float16)
-    found = (linear_from_srgb(np.arange(256) / 255).astype(np.float16) if srgb else fractions)[codes]
-    if alpha:
-        found[..., 3] = fractions[codes[..., 3]]
-    return np.ascontiguousarray(found)
+    colours = linear_from_srgb(np.arange(256) / 255).astype(np.float16) if srgb else fractions
+    found = np.empty(codes.shape, np.float16)
+    for rows in row_blocks(codes):  # numpy looks up by 64-bit numbers
+        found[rows] = colours[codes[rows]]
+        if alpha:
+            found[rows, :, 3] = fractions[codes[rows, :, 3]]
+    return found
+
+
+def row_blocks(image: np.ndarray) -> list[slice]:
+    """The rows of an image in blocks, for what takes many bytes a texel meanwhile."""
+    return [slice(row, row + BLOCK_ROWS) for row in range(0, len(image), BLOCK_ROWS)]
 
 
 def alpha_bled(image: np.ndarray) -> np.ndarray:

@@ -11,10 +11,11 @@ from PIL import Image
 from vemlight.errors import UserError
 from vemlight.files import MAX_SHOWN, contained_path, one_line, read_file
 from vemlight.light.image_limits import MAX_IMAGE_BYTES
-from vemlight.renderer.scene.scene_limits import FREE_COPIES, MAX_MESHES
-from vemlight.renderer.scene.textures import HALF_RGBA_BYTES, MAX_TEXTURE_SIDE, TEXTURE_LIMITS, open_picture
+from vemlight.renderer.scene.scene_limits import FREE_COPIES
+from vemlight.renderer.scene.textures import FREE_TEXTURE_BYTES, HALF_BYTES, MAX_TEXTURE_SIDE, TEXTURE_RATIO, open_picture
 
 MAX_BYTES = 2**29  # 5 million triangles with normals and texture coordinates in text
+MAX_PARTS = 2048  # materials of an OBJ, solids of an STL: each is a mesh, and trimesh takes the square of their number, 4 s
 MAX_LINES = 20  # about what is left out; who reads more of them?
 MAX_LIBRARY_BYTES = 2**22  # 20,000 materials
 
@@ -50,9 +51,10 @@ class FilesBeside:
         try:
             with open_picture(content, name[:MAX_SHOWN]) as image:
                 width, height = image.size
-            self._texture_bytes += min(width, MAX_TEXTURE_SIDE) * min(height, MAX_TEXTURE_SIDE) * HALF_RGBA_BYTES
-            if self._texture_bytes > TEXTURE_LIMITS.most_bytes(sum(len(stored) for stored in self._images.values() if stored)):
-                raise ValueError("one small image too many")
+            self._texture_bytes += min(width, MAX_TEXTURE_SIDE) * min(height, MAX_TEXTURE_SIDE) * 3 * HALF_BYTES
+            stored_bytes = len(content) + sum(len(stored) for stored in self._images.values() if stored)
+            if self._texture_bytes > max(FREE_TEXTURE_BYTES, TEXTURE_RATIO * stored_bytes):
+                raise ValueError(f"with the others it takes far more memory than the {stored_bytes} bytes that they are stored in")
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             self._leave_out(name, one_line(error))
             return None
@@ -74,6 +76,12 @@ class FilesBeside:
             self.left_out.append(f"{name[:MAX_SHOWN]} is left out: {reason}")
 
 
+def check_stl(content: bytes) -> None:
+    """Raises ValueError for a text STL of too many solids."""
+    if (solids := content.count(b"endsolid")) > MAX_PARTS:
+        raise ValueError(f"has {solids} solids, more than {MAX_PARTS}; join them")
+
+
 def check_obj(content: bytes) -> None:
     """Raises ValueError for an OBJ that would take much memory for its size: trimesh makes arrays as long as the largest number of a
     vertex that a face names, and copies all vertices for each material.
@@ -83,7 +91,7 @@ def check_obj(content: bytes) -> None:
     if re.search(rb"^f[^\n]*\d{%d}" % (len(str(vertices)) + 1), content, re.MULTILINE):
         raise ValueError("has triangles with vertices that it does not have")
     materials = content.count(b"usemtl")
-    if materials * vertices > max(FREE_COPIES, len(content)):
+    if materials > MAX_PARTS or materials * vertices > max(FREE_COPIES, len(content)):
         names = len(set(re.findall(rb"^[ \t]*usemtl[^\n]*", content, re.MULTILINE)))
-        if names > MAX_MESHES or names * vertices > max(FREE_COPIES, len(content)):
+        if names > MAX_PARTS or names * vertices > max(FREE_COPIES, len(content)):
             raise ValueError(f"has {names} materials on {vertices} vertices; split it or join its materials")

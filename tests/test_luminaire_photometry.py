@@ -139,3 +139,11 @@ def test_limits_of_an_eulumdat(tmp_path, line, value, said):
             read_photometry(tmp_path / "a.ldt")
     else:
         assert read_photometry(tmp_path / "a.ldt").lamp_flux_lm == value
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path):
+    text = eulumdat(0, symmetric(0, stored(0))).encode()
+    (tmp_path / "plain.ldt").write_bytes(text)
+    (tmp_path / "marked.ldt").write_bytes(b"\xef\xbb\xbf" + text)
+    plain, marked = (read_photometry(tmp_path / f"{name}.ldt") for name in ("plain", "marked"))
+    assert marked.candela.tobytes() == plain.candela.tobytes()

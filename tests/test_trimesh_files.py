@@ -30,6 +30,19 @@ def test_the_image_of_a_material_is_read(tmp_path):
     assert file.unsupported == []
 
 
+def test_a_byte_order_mark_is_passed_over(tmp_path):
+    """It would make the first vertex, and the first material, no words that OBJ knows."""
+    path = obj(tmp_path)
+    plain = read_meshes(path, "here").parts[0]
+    path.write_bytes(b"\xef\xbb\xbf" + f"{CORNERS}mtllib a.mtl\n{FACE}".encode())
+    (tmp_path / "a.mtl").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "a.mtl").read_bytes())
+    marked = read_meshes(path, "here").parts[0]
+    assert marked.geometry.positions.tolist() == plain.geometry.positions.tolist()
+    assert isinstance(marked.material, Phong)
+    assert isinstance(plain.material, Phong)
+    assert marked.material.diffuse == plain.material.diffuse
+
+
 def outside(folder):
     (folder / "link").symlink_to("/etc/passwd")
     return "link"

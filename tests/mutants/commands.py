@@ -43,6 +43,28 @@ MUTANTS = [
         ("six numbers of four points", "if len(numbers) != 8 or", "if len(numbers) < 6 or"),
         ("digits of a size", " and len(number) < 6", ""),
     ]),
+    *mutants_of(COMMANDS + "parameters.py", "tests/test_wrong_inputs.py", [
+        ("nan among the options", "if not math.isfinite(number):", "if False:"),
+        ("any suffix", "if path.suffix.lower() not in self._suffixes:", "if False:"),
+        ("folders for files", "if path.is_dir():\n            self.fail(", "if False:\n            self.fail("),
+        ("files for folders", "if not nearest.is_dir():", "if False:"),
+        ("nan among the corners", "or not all(map(math.isfinite, numbers))", ""),
+        ("no near option", "did you mean {' or '.join(near)}?", "see its help"),
+    ]),
+    *mutants_of(COMMANDS + "run_checks.py", "tests/test_wrong_inputs.py", [
+        ("any source", "        open_files(capture).check()\n", "        pass\n"),
+        ("sources by their names only", "open_files(capture).check()", "open_files(capture)"),
+        ("any scene", "    if settings.renderer.scene:", "    if False:"),
+        ("any plate", "    elif plate.source:", "    elif False:"),
+        ("devices are cameras", "os.major(status.st_rdev) == MEMORY_DEVICES", "False"),
+        ("any video", "    if settings.renderer.video:", "    if False:"),
+        ("a lens that is not named", 'for key, read in (("lens", _read_lens), ', "for key, read in ("),
+    ]),
+    *mutants_of(COMMANDS + "report.py", "tests/test_cli.py tests/test_wrong_inputs.py", [
+        ("quiet prints", "elif not quiet:", "else:"),
+        ("a line among the lights", "err=to_standard_output", "err=False"),
+        ("JSON among the lights", "if as_json and (quiet or to_standard_output):", "if as_json and quiet:"),
+    ]),
     *mutants_of(COMMANDS + "cli.py", "tests/test_cli.py", [
         ("status of a user's mistake", "context.exit(2)\n        except FatalError", "context.exit(0)\n        except FatalError"),
         ("status of a failure", "context.exit(1)", "context.exit(0)"),

@@ -4,6 +4,7 @@ A lamp seen from afar is a point with an intensity, an approximation for distanc
 In the luminaire's frame light travels towards +z: gamma is the angle from +z (the photometric nadir), C the angle from +x towards +y.
 """
 
+import codecs
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,7 +63,7 @@ def total_flux_lm(far: FarField) -> float:
 
 def read_photometry(path: Path) -> FarField:
     """The far field in a .ldt or .ies file. Raises UserError, naming file and fault, for anything else."""
-    text = read_file(path, MAX_BYTES).decode("latin-1")
+    text = read_file(path, MAX_BYTES).removeprefix(codecs.BOM_UTF8).decode("latin-1")
     readers = {".ldt": _read_eulumdat, ".ies": _read_lm63}
     if path.suffix.lower() not in readers:
         raise UserError(f"{path}: photometry is read from .ldt and .ies; convert it")

@@ -1,5 +1,6 @@
 """Meshes from files: glTF, OBJ, PLY and STL, with the materials and the motion that the file gives them."""
 
+import codecs
 import io
 import struct
 from collections import Counter
@@ -150,7 +151,7 @@ def _gltf_vertices(file: GltfFile, file_materials: GltfMaterials, primitive: dic
 
 def _trimesh_meshes(path: Path, limits: SceneLimits) -> tuple[list[SourceMesh], list[str]]:
     """The meshes of an OBJ, PLY or STL file, and a line for each thing that is left out."""
-    content, kind = read_file(path, MAX_BYTES), path.suffix.lower().removeprefix(".")
+    content, kind = read_file(path, MAX_BYTES).removeprefix(codecs.BOM_UTF8), path.suffix.lower().removeprefix(".")
     limits.on_stored(len(content))
     if kind in ("obj", "stl"):
         (check_obj if kind == "obj" else check_stl)(content)

@@ -3,6 +3,7 @@
 trimesh passes over every fault of a material library or an image; here they are found first.
 """
 
+import codecs
 import re
 from pathlib import Path
 
@@ -34,7 +35,7 @@ class FilesBeside:
         self.left_out: list[str] = []
 
     def __getitem__(self, name: str) -> bytes:
-        return self._content(name, MAX_LIBRARY_BYTES)
+        return self._content(name, MAX_LIBRARY_BYTES).removeprefix(codecs.BOM_UTF8)
 
     def get(self, name: str) -> bytes:
         """An image that can be decoded. Each material asks for its own anew."""

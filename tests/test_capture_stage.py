@@ -5,11 +5,12 @@ import time
 import numpy as np
 import pytest
 
+from vemlight import files
 from vemlight.capture import stage
 from vemlight.capture.frames import Frame
-from vemlight.capture.stage import CaptureCamera
+from vemlight.capture.stage import CaptureCamera, CaptureSource
 from vemlight.runtime import wire
-from vemlight.settings import Capture
+from vemlight.settings import Capture, Settings
 
 
 class ListedFrames:
@@ -73,3 +74,19 @@ def test_invalid_pixels_are_counted_and_black() -> None:
     invalid = ~(np.isfinite(radiance) & (radiance >= 0))
     assert np.all(sent[invalid] == 0)
     assert np.all(sent[~invalid] == 1)
+
+
+@pytest.mark.parametrize(
+    ("mode", "frames", "limit", "said"),
+    [
+        ("lossless", 20, 16, "has 16 frames, not 20; all of them are played"),
+        ("live", 20, 20, "has 16 frames, not 20; they are played again from the first"),
+        ("lossless", 16, 16, ""),
+        ("live", 0, None, ""),
+    ],
+)
+def test_more_frames_than_there_are_is_said(sequence, capsys, monkeypatch, mode, frames, limit, said) -> None:
+    monkeypatch.setattr(files, "_noticed", set())
+    source = CaptureSource(Settings(mode=mode, capture=Capture(source=str(sequence), frames=frames, rows=4, cols=8)))
+    assert source.limit == limit
+    assert said in capsys.readouterr().err

@@ -9,12 +9,12 @@ import pytest
 
 from vemlight.capture import recorder as module
 from vemlight.capture.lens import Lens, write_lens
-from vemlight.capture.manifest import read_manifest
+from vemlight.capture.manifest import RecordingEnd, parsed_manifest, read_manifest
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.recording import record
 from vemlight.capture.response import Log, write_response
 from vemlight.capture.source import open_source
-from vemlight.errors import UserError
+from vemlight.errors import Interrupted, UserError
 from vemlight.light.images import write_exr
 from vemlight.settings import Capture
 
@@ -165,3 +165,23 @@ def test_frames_out_of_order_are_right(sequence: Path) -> None:
     truth = [source.frame(k).radiance.tobytes() for k in range(len(source))]
     order = np.random.default_rng(0).integers(0, len(source), 20)
     assert [source.frame(int(k)).radiance.tobytes() for k in order] == [truth[k] for k in order]
+
+
+def test_more_frames_than_there_are_to_record_is_said(tmp_path: Path, sequence: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    done = record(Capture(source=str(sequence), rows=4, cols=8, record=str(tmp_path / "out")), frames=20)
+    assert done.written == 16
+    assert "has 16 frames, not 20" in capsys.readouterr().err
+
+
+def test_an_interrupted_recording_is_closed_and_says_how_many_frames_there_are(tmp_path: Path, sequence: Path, monkeypatch) -> None:
+    put = Recorder.put_waiting
+
+    def interrupted(recorder: Recorder, pixels: np.ndarray, attributes: dict, sequence: int, time_s: float) -> None:
+        if sequence == 3:
+            raise KeyboardInterrupt
+        put(recorder, pixels, attributes, sequence, time_s)
+
+    monkeypatch.setattr(Recorder, "put_waiting", interrupted)
+    with pytest.raises(Interrupted, match="3 frames are in"):
+        record(Capture(source=str(sequence), rows=4, cols=8, record=str(tmp_path / "out")), frames=0)
+    assert parsed_manifest(tmp_path / "out").end == RecordingEnd(frames=3)

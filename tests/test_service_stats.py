@@ -1,5 +1,7 @@
 """What a service counts and times of its own frames, and of those that it lost."""
 
+import errno
+
 import numpy as np
 import pytest
 
@@ -64,3 +66,25 @@ def test_frames_that_a_producer_counted_and_that_never_came_are_dropped():
         losses.on_frame()
     losses.on_status(6)
     assert losses.dropped == 3
+
+
+def test_a_full_disk_is_said_when_it_begins_and_when_it_is_over(clock, capsys):
+    stats = ServiceStats("renderer", 0)
+    full = OSError(errno.ENOSPC, "No space left on device")
+    for error in (None, full, full, full, None, None):
+        stats.on_written(error)
+    begins, over = capsys.readouterr().err.splitlines()
+    assert begins.startswith("vemlight: renderer: nothing is written (No space left on device)")
+    assert over == "vemlight: renderer: writes again; 3 frames were not written"
+    status = stats.status_if_due()
+    assert status
+    assert status.unwritten == 3
+
+
+def test_a_disk_that_takes_every_second_frame_does_not_fill_the_log(clock, capsys):
+    stats = ServiceStats("renderer", 0)
+    for k in range(200):
+        stats.on_written(OSError(errno.ENOSPC, "No space left on device") if k % 2 else None)
+        clock[0] += 0.5
+    assert stats.unwritten == 100
+    assert len(capsys.readouterr().err.splitlines()) == 4  # two lines a minute

@@ -65,9 +65,28 @@ def test_no_orphan_when_the_supervisor_itself_is_killed(run):
     finally:
         listener.close()
     started = children(process.pid)
+    os.kill(started["sampler"], signal.SIGSTOP)  # hears no other signal than SIGKILL
     process.kill()
     process.wait()
-    wait_until(lambda: not any(is_running(pid) for pid in started.values()), "the end of the services", 10)
+    wait_until(lambda: not any(is_running(pid) for pid in started.values()), "the end of the services", 1)
+
+
+def test_ctrl_c_gives_130_and_the_same_command_goes_on(run, tmp_path):
+    out = tmp_path / "out"
+    _, process = run("--out", str(out))
+    wait_until(lambda: len(list(out.glob("*.png"))) > 2, "some pictures")
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "is partial" in errors.decode()
+    assert "the same command goes on from there" in errors.decode()
+    first = (out / "frame_0000.exr").stat().st_mtime_ns
+    _, process = run("--out", str(out))
+    _, errors = process.communicate(timeout=LOADED_S)
+    assert process.returncode == 0, errors.decode()
+    assert "going on from picture" in errors.decode()
+    assert (out / "frame_0000.exr").stat().st_mtime_ns == first
+    assert len(list(out.glob("*.exr"))) == 16
 
 
 def test_what_a_service_cannot_use_ends_the_run_with_its_line(run):

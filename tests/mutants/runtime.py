@@ -81,6 +81,7 @@ MUTANTS = [
         ("rate over a longer time", "RATE_WINDOW_S = 2.0", "RATE_WINDOW_S = 20.0"),
         ("a producer that starts again", "or frames < self._first + self._received:", "or False:"),
         ("dropped frames", "frames - self._first - self._received", "frames - self._first"),
+        ("a disk that refuses now and then", "and time.monotonic() - self._unwritten_line_s > LINE_PERIOD_S:", "and True:"),
         ("lines about refused messages", "REFUSED_LINE_S = 60.0", "REFUSED_LINE_S = 10.0"),
         ("control characters of a sender", 'ascii(str(error))[1:-1][:300]', 'str(error)'),
         ("intervals of a rate", "return (len(recent) - 1) /", "return len(recent) /"),
@@ -96,6 +97,24 @@ MUTANTS = [
         ("deaths before giving up halved", "MAX_DEATHS = 5", "MAX_DEATHS = 3"),
         ("time of deaths doubled", "GIVE_UP_S = 60.0", "GIVE_UP_S = 120.0"),
         ("time of deaths halved", "GIVE_UP_S = 60.0", "GIVE_UP_S = 30.0"),
+    ]),
+    *mutants_of(RUNTIME + "output_folder.py", "tests/test_output_folder.py tests/test_image_sequence.py", [
+        ("pictures of another version of the settings", "if before[key] != value:", "if False:"),
+        ("another source", "if found.inputs.get(key) != wanted.inputs[key]]", "if False]"),
+        ("pictures read again", "NEWEST = 64", "NEWEST = 0"),
+        ("pictures that are gone", "if not {picture.name, png} <= present:", "if False:"),
+        ("a live run continued", "if not lossless and (pictures or lights.count):", "if False:"),
+        ("files beside the pictures", "if whole < len(self.pictures) or not self._others_whole():", "if whole < len(self.pictures):"),
+        ("somebody else's pictures", "    if strangers:", "    if False:"),
+    ]),
+    *mutants_of(RUNTIME + "run_inputs.py", "tests/test_output_folder.py", [
+        ("times of files", "{status.st_size}\\0{status.st_mtime_ns}", "{status.st_size}"),
+        ("what a scene names", "            waiting += [file.parent / name for name in _names(file)]\n", ""),
+    ]),
+    *mutants_of(RUNTIME + "interrupt.py", "tests/test_interrupt.py", [
+        ("raised while OpenGL draws", "if not self._deferred:", "if True:"),
+        ("forgotten", "        self.came = True\n", ""),
+        ("pressed twice", "        if self.came:\n            os._exit(INTERRUPTED)\n", ""),
     ]),
     *mutants_of(RUNTIME + "loop.py", "tests/test_live_input.py", [
         ("stale doubled", "STALE_MS = 60", "STALE_MS = 120"),

@@ -6,6 +6,12 @@ SAMPLER = "services/sampler/"
 TRACKED = "tests/test_tracked_decisions.py tests/test_tracked.py"
 
 MUTANTS = [
+    *mutants_of("services/sampler/snapshot.py", "tests/test_sampler_snapshot.py", [
+        ("a snapshot after the frame", "if snapshot.frames <= target), None)", "if snapshot.frames <= target + 16), None)"),
+        ("only the newest", "*(kept for kept in self._newest[-1:] if", "*(kept for kept in self._newest[:0] if"),
+        ("damage", "if hashlib.sha256(content).digest() != digest:", "if False:"),
+        ("any type of number", "if header.dtype not in DTYPES:", "if False:"),
+    ]),
     *mutants_of(SAMPLER + "cluster.py", "tests/test_cluster.py", [
         ("lights stay longer", "STAY = 1.15", "STAY = 2.3"),
         ("lights do not stay", "STAY = 1.15", "STAY = 1.0"),

@@ -133,8 +133,8 @@ def read_manifest(folder: Path) -> list[ManifestEntry]:
     that is damaged, and for frames that are missing.
     """
     path, manifest = folder / MANIFEST, parsed_manifest(folder)
-    lines = read_file(path, MAX_MANIFEST_BYTES).splitlines(keepends=True)
-    if manifest.damaged_line and (manifest.damaged_line < len(lines) or lines[-1].endswith(b"\n")):
+    data = read_file(path, MAX_MANIFEST_BYTES) if manifest.damaged_line else b""
+    if manifest.damaged_line and (manifest.damaged_line <= data.count(b"\n") or data.endswith(b"\n")):
         raise UserError(f"{path}: line {manifest.damaged_line}: {manifest.reason}; copy the recording again")
     if not manifest.entries:
         raise UserError(f"{path}: lists no frames; record again")

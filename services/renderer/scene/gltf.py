@@ -10,6 +10,7 @@ folder UserError. What would take much memory is counted before it is made.
 import base64
 import binascii
 import codecs
+import os
 import struct
 from errno import ENOENT
 from pathlib import Path
@@ -125,7 +126,7 @@ class GltfFile:
     def _resource(self, uri: str) -> bytes:
         if not uri.startswith("data:"):
             path = contained_path(self._folder, unquote(uri), self._where)
-            if not path.exists():
+            if not os.path.exists(path):
                 raise FileNotFoundError(ENOENT, "there is no such file", str(path))
             content = read_file(path, MAX_BYTES)
             if path not in self._counted:

@@ -3,6 +3,7 @@
 A scene file is TOML. Paths are relative to it, angles are in degrees, lengths in metres, +Z is up.
 """
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -211,7 +212,7 @@ class _MeshFiles:
                 self._read[key] = MeshFile([MeshPart(row.shape, shape_geometry(row.shape), None)], [])
             else:
                 path = contained_path(self._folder, row.file, where)
-                if not path.exists():
+                if not os.path.exists(path):
                     raise UserError(f"{where}: there is no mesh file {path}; correct the path (it is relative to the scene file)")
                 self._read[key] = read_meshes(path, where, row.animation, materials, self.limits)
         return self._read[key]

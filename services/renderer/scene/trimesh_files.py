@@ -4,6 +4,7 @@ trimesh passes over every fault of a material library or an image; here they are
 """
 
 import codecs
+import os
 import re
 from pathlib import Path
 
@@ -64,7 +65,7 @@ class FilesBeside:
     def _content(self, name: str, max_bytes: int) -> bytes:
         try:
             path = contained_path(self._folder, name, self._where)
-            if not path.exists():
+            if not os.path.exists(path):
                 self._leave_out(name, "there is no such file beside it")
                 raise FileNotFoundError(name)
             return read_file(path, max_bytes)

@@ -12,3 +12,7 @@ class Format(NamedTuple):
     whole: Callable[[Path], list[Path]]
     read: Callable[[Path], object]
     bombs: Callable[[], dict[str, bytes]]
+
+    def path(self, folder: Path) -> Path:
+        """Where a file of the format is put to be read."""
+        return folder / ("manifest.jsonl" if self.suffix == ".jsonl" else f"file{self.suffix}")

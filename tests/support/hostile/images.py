@@ -47,8 +47,10 @@ def _exr_bombs() -> dict[str, bytes]:
     bombs["many attributes"] = _exr_header(4, 4, b"".join(b"a%d\0int\0\4\0\0\0\0\0\0\0" % k for k in range(100_000)))
     bombs["long attribute"] = _exr_header(4, 4, b"a\0string\0" + struct.pack("<i", 2**31 - 1))
     bombs["empty"], bombs["magic"] = b"", b"\x76\x2f\x31\x01"
-    bombs |= {f"{count} channels {side}": _exr_chain(count, side, side) + bytes(4096)
-              for count, side in ((1000, 1024), (1000, 2048), (10_000, 512), (100_000, 16), (4, 2048), (40, 1024))}  # fmt: skip
+    bombs |= {
+        f"{count} channels {side}": _exr_chain(count, side, side) + bytes(4096)
+        for count, side in ((1000, 1024), (1000, 2048), (10_000, 512), (100_000, 16), (4, 2048), (40, 1024))
+    }
     tiled = bytearray(_exr_header(2048, 2048, b"tiles\0tiledesc\0" + struct.pack("<iIIB", 9, 2**31 - 1, 2**31 - 1, 0)))
     tiled[5] = 2  # the flag for tiles
     bombs["huge tiles"] = bytes(tiled) + bytes(4096)
@@ -88,8 +90,10 @@ def _hdr_bombs() -> dict[str, bytes]:
     more = ((16384, 16384), (16385, 1), (1, 16385), (0, 9), (10**18, 1), (4096, 4096), (16384, 4), (4, 16384), (8, 10**7), (7, 10**7))
     bombs |= {f"{x}x{y}": head(y, x) + bytes(4 * 16384) for x, y in more}
     row = bytes([2, 2, 64, 0]) + 4 * (128 * bytes([255, 130]) + bytes([130, 1]))
-    bombs |= {f"runs {x}x{y}": head(y, x) + bytes([2, 2, x >> 8, x & 255]) + 4 * (x // 127) * bytes([255, 9])
-              for x, y in ((16384, 8192), (16384, 1024), (8192, 4096), (127, 16384))}  # fmt: skip
+    bombs |= {
+        f"runs {x}x{y}": head(y, x) + bytes([2, 2, x >> 8, x & 255]) + 4 * (x // 127) * bytes([255, 9])
+        for x, y in ((16384, 8192), (16384, 1024), (8192, 4096), (127, 16384))
+    }
     bombs["rows cut"] = head(8192, 16384) + row * 8000
     bombs["exposures"] = b"#?RADIANCE\n" + b"EXPOSURE=1e30\n" * 4000 + b"\n-Y 4 +X 4\n" + bytes(64)
     bombs["primaries"] = b"#?RADIANCE\nPRIMARIES=1 1 1 1 1 1 1 1\n\n-Y 4 +X 4\n" + bytes(64)
@@ -140,8 +144,11 @@ def _png_bombs() -> dict[str, bytes]:
             b"\x89PNG\r\n\x1a\n" + _png_chunk(b"IHDR", head) + _png_chunk(b"IDAT", zlib.compress(bytes(10**7), 9))
         )
     small = png(4, 4)
-    bombs |= {f"{kind.decode()} of {size}": small[:33] + struct.pack(">I", size) + kind + bytes(100) + small[33:]
-              for kind in (b"tEXt", b"iCCP", b"PLTE", b"eXIf") for size in (2**31 - 1, 2**32 - 1, 100)}  # fmt: skip
+    bombs |= {
+        f"{kind.decode()} of {size}": small[:33] + struct.pack(">I", size) + kind + bytes(100) + small[33:]
+        for kind in (b"tEXt", b"iCCP", b"PLTE", b"eXIf")
+        for size in (2**31 - 1, 2**32 - 1, 100)
+    }
     for kind, start in ((b"iCCP", b"a\0\0"), (b"iTXt", b"a\0\1\0\0\0")):
         bombs[f"{kind.decode()} bomb"] = small[:33] + _png_chunk(kind, start + zlib.compress(bytes(10**8), 9)) + small[33:]
     bombs["many chunks"] = small[:33] + _png_chunk(b"tEXt", b"a\0b") * 300_000 + small[33:]
@@ -259,8 +266,11 @@ def _video_bombs() -> dict[str, bytes]:
     head = b"\0\0\0\x20ftypisom\0\0\2\0isomiso2avc1mp41"
     avi = b"RIFF\xff\xff\xff\x7fAVI LIST\xff\xff\xff\x7fhdrlavih8\0\0\0"
     bombs = {f"AVI {side}": avi + struct.pack("<14I", 1, 0, 0, 0, 2**31, 0, 1, 0, side, side, 0, 0, 0, 0) for side in (16384, 2**31)}
-    bombs |= {f"{atom.decode()} of {size}": head + struct.pack(">I", size) + atom + bytes(64)
-              for atom in (b"moov", b"mdat", b"free", b"trak") for size in (1, 8, 2**31 - 1, 2**32 - 1)}  # fmt: skip
+    bombs |= {
+        f"{atom.decode()} of {size}": head + struct.pack(">I", size) + atom + bytes(64)
+        for atom in (b"moov", b"mdat", b"free", b"trak")
+        for size in (1, 8, 2**31 - 1, 2**32 - 1)
+    }
     playlist = b"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\n%s\n#EXT-X-ENDLIST\n"
     for name in (b"file:///etc/passwd", b"http://127.0.0.1:9/a.ts", b"/dev/zero", b"concat:/etc/passwd|/etc/hosts"):
         bombs[f"playlist of {name.decode()}"] = playlist % name

@@ -109,8 +109,10 @@ def _gltf_references() -> dict[str, bytes]:
 
 def _textured_gltf(images: list[dict[str, object]], **material: object) -> bytes:
     textures = [{"source": k} for k in range(len(images))]
-    materials = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": k}}, "normalTexture": {"index": k, "scale": 0.5 + k}, **material}
-                 for k in range(len(images))]  # fmt: skip
+    materials = [
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": k}}, "normalTexture": {"index": k, "scale": 0.5 + k}, **material}
+        for k in range(len(images))
+    ]
     primitives = [{"attributes": {"POSITION": 0, "TEXCOORD_0": 0}, "material": k} for k in range(len(images))]
     return _gltf(**{**SOUND, "images": images, "textures": textures, "materials": materials, "meshes": [{"primitives": primitives}]})
 
@@ -317,10 +319,20 @@ def _stl_bombs() -> dict[str, bytes]:
     }
     bombs["the same triangle 20,000 times"] = bytes(80) + struct.pack("<I", 20_000) + one * 20_000
     bombs["ascii"] = b"solid a\n" + b"facet normal 0 0 1\nouter loop\n" * 300_000
-    bombs |= {f"ascii with {name}": facets(1, *numbers) for name, numbers in {
-        "nan": (b"nan nan nan",) * 3, "text": (b"a b c",) * 3, "no corners": (), "one corner": (b"0 0 0",), "five corners": (b"0 0 0",) * 5,
-        "digits": (b"1" * 10**6 + b" 0 0", b"0 1 0", b"0 0 1"), "huge": (b"1e308 0 0", b"0 1e308 0", b"0 0 1e308"),
-        "few numbers": (b"0", b"1", b"2"), "many numbers": (b"0 " * 10**5,) * 3}.items()}  # fmt: skip
+    bombs |= {
+        f"ascii with {name}": facets(1, *numbers)
+        for name, numbers in {
+            "nan": (b"nan nan nan",) * 3,
+            "text": (b"a b c",) * 3,
+            "no corners": (),
+            "one corner": (b"0 0 0",),
+            "five corners": (b"0 0 0",) * 5,
+            "digits": (b"1" * 10**6 + b" 0 0", b"0 1 0", b"0 0 1"),
+            "huge": (b"1e308 0 0", b"0 1e308 0", b"0 0 1e308"),
+            "few numbers": (b"0", b"1", b"2"),
+            "many numbers": (b"0 " * 10**5,) * 3,
+        }.items()
+    }
     bombs["ascii, the same triangle 20,000 times"] = facets(20_000, b"0 0 0", b"1 0 0", b"0 1 0")
     bombs["many solids"] = facets(1, b"0 0 0", b"1 0 0", b"0 1 0") * 5000
     bombs["long name"] = b"solid " + b"x" * 10**7

@@ -41,14 +41,9 @@ def _ray_bombs() -> dict[str, bytes]:
     from vemlight.renderer.luminaire.rayfile import TM25_HEADER
 
     bombs = {}
-    for key, value in (
-        ("rays", 2**28),
-        ("rays", 2**63),
-        ("spectra", 2**31 - 1),
-        ("spectra", -1),
-        ("additional_text", 2**31 - 1),
-        ("additional_text", -1),
-    ):
+    large = (2**31 - 1, -1, -(2**31), 10**6, 1, 9000)
+    fields = [(key, value) for key in ("spectra", "additional_text", "additional_items", "version", "start") for value in large]
+    for key, value in (*((("rays", count)) for count in (2**28, 2**63, 2**32, 0)), *fields):
         header = np.zeros(1, TM25_HEADER)
         header["magic"], header["version"], header["rays"], header["flags"] = b"TM25", 2013, 1, [1, 1, 0, 0, 1, 0, 0, 0]
         header[key] = value
@@ -68,12 +63,70 @@ def _read_rays(path: Path) -> object:
     return read_rays(path)
 
 
-TOML_BOMBS = {
-    "arrays": b"a = " + b"[" * 100_000, "tables": b"a = " + b"{a=" * 100_000, "dots": b"a" + b".a" * 50_000 + b" = 1\n",
-    "dotted table": b"[a" + b".a" * 50_000 + b"]\n", "digits": b"a = " + b"9" * 10**6, "text": b'a = "' + b"x" * 10**7,
-    "BOM": b"\xef\xbb\xbfa = 1\n",
-    "latin-1": b'a = "\xfc"\n', "NUL": b"a = 1\0\n", "lines": b"[x]\n" * 300_000, "empty": b"",
-}  # fmt: skip
+def _text_bombs(sound: bytes) -> dict[str, bytes]:
+    """What may stand in place of any text."""
+    return {
+        "empty": b"",
+        "NUL": bytes(4096),
+        "10 MB of NUL": bytes(10**7),
+        "10 MB of spaces": b" " * 10**7,
+        "10 MB of lines": b"\n" * 10**7,
+        "10 MB of quotes": b'"' * 10**7,
+        "10 MB of digits": b"9" * 10**7,
+        "a long line": sound + b"x" * 10**7,
+        "BOM": b"\xef\xbb\xbf" + sound,
+        "UTF-16": sound.decode("latin-1").encode("utf-16"),
+        "latin-1": sound + b"\xfc",
+        "carriage returns": sound.replace(b"\n", b"\r"),
+        "itself 10,000 times": sound * 10_000,
+        "a cut character": sound + b"\xe2\x82",
+        "brackets": b"[" * 10**6,
+        "controls": bytes(range(32)) * 1000,
+    }
+
+
+def _toml_bombs(sound: bytes) -> dict[str, bytes]:
+    bombs = {
+        "arrays": b"a = " + b"[" * 100_000,
+        "closed arrays": b"a = " + b"[" * 400 + b"]" * 400,
+        "tables": b"a = " + b"{a=" * 100_000,
+        "dots": b"a" + b".a" * 50_000 + b" = 1\n",
+        "dotted table": b"[a" + b".a" * 50_000 + b"]\n",
+        "dotted tables": b"[[a" + b".a" * 50_000 + b"]]\n",
+        "quoted dots": b'"a"' + b' . "a"' * 50_000 + b" = 1\n",
+        "31 dots": b"a" + b".a" * 31 + b" = 1\n",
+        "digits": b"a = " + b"9" * 10**6,
+        "hexadecimal": b"a = 0x" + b"f" * 10**6,
+        "exponent": b"a = 1e999999999\n",
+        "text": b'a = "' + b"x" * 10**7,
+        "text in lines": b'a = """' + b"x\n" * 500_000,
+        "escapes": b'a = "' + b"\\u0000" * 100_000 + b'"\n',
+        "NUL in a name": b'file = "a\\u0000b"\n',
+        "lines": b"[x]\n" * 300_000,
+        "keys": b"".join(b"k%d = 1\n" % k for k in range(80_000)),
+        "array of tables": b"[[mesh]]\n" * 100_000,
+        "dates": b"a = [" + b"1979-05-27T07:32:00Z," * 40_000 + b"]\n",
+        "nan": b"a = nan\n",
+        "all sections": sound + b"[a.b.c.d]\n" * 1000,
+    }
+    return {**_text_bombs(sound), **bombs}
+
+
+def _scene_bombs() -> dict[str, bytes]:
+    from tests.support.hostile.meshes import REFERENCES
+
+    camera = SCENE[: SCENE.index(b"[[mesh]]")]
+    names = (*REFERENCES, "pipe", ".", "", "x" * 5000)
+    bombs = {f"mesh {name[:40]}": camera + f'[[mesh]]\nfile = "{name}.obj"\n'.encode() for name in names}
+    bombs |= {f"luminaire {name[:40]}": SCENE + f'[[luminaire]]\nfile = "{name}"\n'.encode() for name in names}
+    bombs |= {f"plate {name[:40]}": SCENE + f'[plate]\nfile = "{name}"\n'.encode() for name in names}
+    bombs |= {
+        f"{count} {shape}": camera + f'[[mesh]]\nshape = "{shape}"\n'.encode() * count
+        for count, shape in ((900, "sphere"), (30_000, "sphere"), (4000, "box"), (30_000, "plane"))
+    }
+    bombs |= {f"{count} lamps": SCENE + b"[[luminaire]]\n" * count for count in (256, 257, 60_000)}
+    bombs["named lamps"] = SCENE + b"".join(b'[[luminaire]]\nname = "%d"\n' % k for k in range(20_000))
+    return {**_toml_bombs(SCENE), **bombs}
 
 
 def _settings(path: Path) -> object:
@@ -133,39 +186,103 @@ vignetting = [-0.04]
 RESPONSE = b'kind = "linear"\nbits = 12\na = 64.0\nb = 1000.0\n'
 PATCHES = b"code,luminance,use\n100,1.5,fit\n300,10,fit\n500,80,check\n700,500,fit\n900,3000,fit\n"
 LINE = b'{"name":"a.exr","sequence":0,"time_s":0.0,"sha256":"' + b"0" * 64 + b'"}\n'
-JSON_BOMBS = {
-    "arrays": b"[" * 100_000, "objects": b'{"a":' * 100_000, "lines": LINE * 100_000, "digits": LINE.replace(b"0.0", b"9" * 10**6),
-    "path": LINE.replace(b"a.exr", b"../a.exr"), "empty": b"", "NUL": bytes(4096),
-}  # fmt: skip
-CSV_BOMBS = {
-    "quotes": b'"' * 10**6,
-    "columns": b"code,luminance,use\n" + b"," * 10**6,
-    "rows": PATCHES + b"1,1,fit\n" * 10**6,
-    "NUL": bytes(1000),
-    "empty": b"",
-}
+KEYS = b'curve\n    public-key = "3@^1=Cxw-HO1>GJ9VZ.*N=h-pkjz&C/.loJ1qZV8"\n    secret-key = "YMv<4.GGIV*CQ)x&:Sil@&)CZ-a0oFAi9uivXQLw"\n'
+NUMBERS = (b"-1", b"0", b"1e308", b"nan", b"inf", b"999999999", b"99999999999999999999", b"2.5", b"x", b"1" * 10**6)
 
 
+def _photometry_bombs(sound: bytes, places: tuple[bytes, ...]) -> dict[str, bytes]:
+    """Other numbers in some of a file's places."""
+    bombs = {
+        f"{number[:20]!r} for {place!r}": sound.replace(place, place.replace(place.strip(), number), 1)
+        for place in places
+        for number in NUMBERS
+    }
+    return {**_text_bombs(sound), **bombs}
+
+
+def _json_bombs() -> dict[str, bytes]:
+    bombs = {
+        "arrays": b"[" * 100_000,
+        "objects": b'{"a":' * 100_000,
+        "lines": LINE * 100_000,
+        "700,000 lines": LINE * 700_000,
+        "1,500,000 lines": LINE * 1_500_000,
+        "digits": LINE.replace(b"0.0", b"9" * 10**6),
+        "exponent": LINE.replace(b"0.0", b"1e999999"),
+        "sequence": LINE.replace(b":0,", b":%s," % (b"9" * 4000)),
+        "a line of 10^7 keys": b"{" + b'"a":1,' * 10**7 + b'"b":1}\n',
+        "unknown keys": LINE.replace(b"{", b'{"x":' + b"[" * 900 + b"]" * 900 + b","),
+        "long name": LINE.replace(b"a.exr", b"a" * 10**7),
+        "surrogates": LINE.replace(b"a.exr", b"\\ud800"),
+        "NUL in the name": LINE.replace(b"a.exr", b"a\\u0000"),
+        "no line end": LINE[:-1],
+    }
+    for name in (b"../a.exr", b"/etc/passwd", b"..", b".", b"", b"a/b", b"missing.exr"):
+        bombs[f"name {name.decode()}"] = LINE.replace(b"a.exr", name)
+    return {**_text_bombs(LINE), **bombs}
+
+
+def _csv_bombs() -> dict[str, bytes]:
+    head = b"code,luminance,use\n"
+    return {
+        **_text_bombs(PATCHES),
+        "quotes": b'"' * 10**5,
+        "open quote": PATCHES + b'"' + b"x" * 200_000,
+        "columns": head + b"," * 10**6,
+        "many columns": b"a," * 100_000 + head,
+        "rows": PATCHES + b"1,1,fit\n" * 10**6,
+        "30,000 rows": PATCHES + b"1,1,fit\n" * 30_000,
+        "blank rows": head + b"\n" * 200_000,
+        "nan": PATCHES + b"nan,nan,fit\n",
+        "digits": PATCHES + b"9" * 100_000 + b",1,fit\n",
+        "exponent": PATCHES + b"1e999,1,fit\n",
+        "use": PATCHES + b"1,1," + b"x" * 100_000 + b"\n",
+        "no head": b"1,2,fit\n" * 100,
+        "the same column twice": b"code,code,use\n1,1,fit\n",
+    }
+
+
+def _manifest_files(folder: Path) -> list[Path]:
+    (folder / "a.exr").touch()
+    (folder / "b.jsonl").write_bytes(LINE * 3)
+    return [folder / "b.jsonl"]
+
+
+def _keys_bombs() -> dict[str, bytes]:
+    bombs = {f"{size} long": KEYS.replace(b'public-key = "', b'public-key = "' + b"a" * size) for size in (0, 3, 5, 100, 10**6)}
+    bombs |= {f"all {digit.decode()}": KEYS[:-42] + digit * 40 + KEYS[-2:] for digit in (b"#", b"0", b"-", b"a")}
+    return {
+        **_text_bombs(KEYS),
+        **bombs,
+        "no =": KEYS.replace(b"=", b""),
+        "many": KEYS * 100_000,
+        "equals": b"=" * 10**6,
+        "public alone": KEYS[: KEYS.index(b"    secret")],
+        "secret alone": KEYS[KEYS.index(b"    secret") :],
+    }
+
+
+def _keys(path: Path) -> object:
+    from vemlight.runtime.transport import read_keys
+
+    secret = path.parent / "vemlight.key_secret"
+    path.replace(secret)
+    secret.chmod(0o600)
+    return read_keys(path.parent)
+
+
+SETTINGS = b'mode = "live"\n[capture]\nfps = 20.0\n[sampler]\ncount = 9\n'
 FORMATS = {
-    "ies": Format(
-        ".ies",
-        _text_files(a__ies=IES),
-        _read_photometry,
-        lambda: {"angles": IES.replace(b" 7 1 1", b" 999999999 999999999 1"), "empty": b""},
-    ),
+    "ies": Format(".ies", _text_files(a__ies=IES), _read_photometry, lambda: _photometry_bombs(IES, (b" 7 1 1", b"1000.5", b"\n0 15"))),
     "ldt": Format(
-        ".ldt",
-        _text_files(a__ldt=LDT_LINES),
-        _read_photometry,
-        lambda: {"planes": LDT_LINES.replace(b"\n7\n", b"\n999999999\n"), "empty": b""},
+        ".ldt", _text_files(a__ldt=LDT_LINES), _read_photometry, lambda: _photometry_bombs(LDT_LINES, (b"\n7\n", b"\n1000\n", b"\n0\n"))
     ),
     "tm25": Format(".tm25ray", _ray_files, _read_rays, _ray_bombs),
-    "settings": Format(
-        ".toml", _text_files(a__toml=b'mode = "live"\n[capture]\nfps = 20.0\n[sampler]\ncount = 9\n'), _settings, lambda: TOML_BOMBS
-    ),
-    "scene": Format(".toml", _text_files(a__toml=SCENE), _scene, lambda: TOML_BOMBS),
-    "lens": Format(".toml", _text_files(a__toml=LENS), _lens, lambda: TOML_BOMBS),
-    "response": Format(".toml", _text_files(a__toml=RESPONSE), _response, lambda: TOML_BOMBS),
-    "patches": Format(".csv", _text_files(a__csv=PATCHES), _patches, lambda: CSV_BOMBS),
-    "manifest": Format(".jsonl", _text_files(manifest__jsonl=LINE * 3), _manifest, lambda: JSON_BOMBS),
+    "settings": Format(".toml", _text_files(a__toml=SETTINGS), _settings, lambda: _toml_bombs(SETTINGS)),
+    "scene": Format(".toml", _text_files(a__toml=SCENE), _scene, _scene_bombs),
+    "lens": Format(".toml", _text_files(a__toml=LENS), _lens, lambda: _toml_bombs(LENS)),
+    "response": Format(".toml", _text_files(a__toml=RESPONSE), _response, lambda: _toml_bombs(RESPONSE)),
+    "patches": Format(".csv", _text_files(a__csv=PATCHES), _patches, _csv_bombs),
+    "manifest": Format(".jsonl", _manifest_files, _manifest, _json_bombs),
+    "keys": Format(".key", _text_files(a__key=KEYS), _keys, _keys_bombs),
 }

@@ -12,6 +12,7 @@ import shutil
 import signal
 import struct
 import tempfile
+import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,7 @@ from tests.support.hostile.formats import FORMATS
 from tests.support.hostile.mutation import mutant
 
 MAX_S = 5.0  # of processor time, which other work on the machine does not stretch
+MAX_WAIT_S = 100.0  # for one that waits for what never comes: the slowest file, on a machine with twenty times the work
 MAX_BYTES = 512 * 2**20  # of a child, all in all: the libraries take 150 to 250 MB of it
 POLL_S = 0.2
 FORGET = 1000  # files after which a child forgets which notices it has printed
@@ -36,16 +38,13 @@ class Fault(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What is read: file `number` of `count`, named and made when its turn comes, in a folder of its own."""
+    """What is read: file `number` of `count`, named and written when its turn comes, in a folder of its own."""
 
     format: Format
     folder: Path
     count: int
-    content: Callable[[int], bytes]
+    write: Callable[[int, Path], object]
     name: Callable[[int], str]
-
-    def path(self) -> Path:
-        return self.folder / ("manifest.jsonl" if self.format.suffix == ".jsonl" else f"file{self.format.suffix}")
 
 
 class Examination(NamedTuple):
@@ -61,14 +60,34 @@ def examine(name: str, count: int, seed: int, keep: Path) -> Examination:
     folder = Path(tempfile.mkdtemp(prefix="vemlight-hostile-"))
     try:
         whole = _sound(format, folder)
-        bombs = list(format.bombs().items())
-        faults = _try(name, Trial(format, folder, len(whole), whole.__getitem__, lambda k: f"sound file {k}"), keep)
-        for bomb, content in bombs:  # each in its own child: memory is the child's
-            faults += _try(name, Trial(format, folder, 1, lambda _, content=content: content, lambda _, bomb=bomb: f"bomb {bomb}"), keep)
-        mutants = Trial(format, folder, count, lambda k: mutant(whole, f"{name} {seed} {k}"), lambda k: f"mutant {k} of seed {seed}")
+        bombs = _stored(format.bombs(), folder)
+        sound = Trial(format, folder, len(whole), lambda k, path: path.write_bytes(whole[k]), lambda k: f"sound file {k}")
+        faults = _try(name, sound, keep)
+        for bomb, stored in bombs.items():  # each in its own child: memory is the child's
+            trial = Trial(
+                format, folder, 1, lambda _, path, stored=stored: shutil.copyfile(stored, path), lambda _, bomb=bomb: f"bomb {bomb}"
+            )
+            faults += _try(name, trial, keep)
+        mutants = Trial(
+            format,
+            folder,
+            count,
+            lambda k, path: path.write_bytes(mutant(whole, f"{name} {seed} {k}")),
+            lambda k: f"mutant {k} of seed {seed}",
+        )
         return Examination(len(bombs), faults + _try(name, mutants, keep))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _stored(bombs: dict[str, bytes], folder: Path) -> dict[str, Path]:
+    """The bombs on disk: in memory they would count as their readers'."""
+    stored = {}
+    (folder / "bombs").mkdir()
+    for number, name in enumerate(list(bombs)):
+        stored[name] = folder / "bombs" / str(number)
+        stored[name].write_bytes(bombs.pop(name))
+    return stored
 
 
 def _sound(format: Format, folder: Path) -> list[bytes]:
@@ -79,8 +98,8 @@ def _sound(format: Format, folder: Path) -> list[bytes]:
     cv2.setNumThreads(0)
     OpenEXR.set_global_thread_count(0)
     contents = [path.read_bytes() for path in format.whole(folder)]
-    path = Trial(format, folder, 0, contents.__getitem__, str).path()
     for content in contents:
+        path = format.path(folder)
         path.write_bytes(content)
         format.read(path)
     return contents
@@ -95,7 +114,7 @@ def _try(name: str, trial: Trial, keep: Path) -> list[Fault]:
         for number, reason in reasons:
             keep.mkdir(parents=True, exist_ok=True)
             path = keep / f"{name}-{len(list(keep.iterdir()))}{trial.format.suffix}"
-            path.write_bytes(trial.content(number))
+            trial.write(number, path)
             faults.append(Fault(name, f"{trial.name(number)} ({path})", reason))
         first = done
     return faults
@@ -112,7 +131,7 @@ def _run_child(trial: Trial, first: int) -> tuple[int, list[tuple[int, str]]]:
         finally:
             os._exit(0)
     os.close(report)
-    text, number, since_s, hung = b"", -1, 0.0, False
+    text, number, since_s, moved_s, hung = b"", -1, 0.0, time.monotonic(), False
     while True:
         ready, _, _ = select.select([reader], [], [], POLL_S)
         if ready:
@@ -123,8 +142,8 @@ def _run_child(trial: Trial, first: int) -> tuple[int, list[tuple[int, str]]]:
             continue
         now, used_s = struct.unpack("<q", progress[:])[0], _processor_s(child)
         if now != number:
-            number, since_s = now, used_s
-        elif used_s - since_s > MAX_S:
+            number, since_s, moved_s = now, used_s, time.monotonic()
+        elif used_s - since_s > MAX_S or time.monotonic() - moved_s > MAX_WAIT_S:
             hung = True
             os.kill(child, signal.SIGKILL)
     os.close(reader)
@@ -152,10 +171,10 @@ def _read_all(trial: Trial, first: int, progress: mmap.mmap, report: int) -> Non
     os.dup2(words, 2)
     from vemlight import files
 
-    path = trial.path()
+    path = trial.format.path(trial.folder)
     for number in range(first, trial.count):
         progress[:] = struct.pack("<q", number)
-        path.write_bytes(trial.content(number))
+        trial.write(number, path)
         fault = _fault(trial.format, path, words)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         fault = fault or (f"{peak / 2**20:.0f} MB" if peak > MAX_BYTES else "")

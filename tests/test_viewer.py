@@ -19,6 +19,7 @@ from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerPr
 from vemlight.light.light_set import LightsRow
 from vemlight.runtime import wire
 from vemlight.settings import Wire
+from vemlight.viewer.authentication import cookie_of
 from vemlight.viewer.web import MAX_BODY, MAX_PAGES
 
 
@@ -213,9 +214,9 @@ def guarded(tmp_path, simulated) -> Iterator[ViewerProcess]:
 
 
 def test_requests_without_the_token_are_refused(guarded):
-    with_cookie = {"Cookie": f"vemlight-{guarded.port}={TOKEN}"}
+    with_cookie = {"Cookie": f"vemlight-{guarded.port}={cookie_of(TOKEN)}"}
     for path in ("/", "/viewer.js", "/healthz", "/metrics", "/lights", "/snapshot.jpg", "/ws", "/nowhere", "/?action=stream"):
-        for headers in ({}, {"Authorization": "Bearer wrong"}, {"Cookie": f"vemlight-{guarded.port + 1}={TOKEN}"}):
+        for headers in ({}, {"Authorization": "Bearer wrong"}, {"Cookie": f"vemlight-{guarded.port + 1}={cookie_of(TOKEN)}"}):
             status, line = guarded.get(path, **headers)
             assert (status, line.count(b"\n"), TOKEN.encode() in line) == (401, 1, False)
         assert guarded.get(f"{path}{'&' if '?' in path else '?'}token={TOKEN[:-1]}")[0] == 401

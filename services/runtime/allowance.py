@@ -12,11 +12,15 @@ class Allowance:
 
     def take(self, amount: float = 1.0) -> bool:
         """Takes `amount` from it; whether there was as much."""
-        self._refill()
-        if amount > self._left:
+        if not self.has(amount):
             return False
         self._left -= amount
         return True
+
+    def has(self, amount: float = 1.0) -> bool:
+        """Whether as much is left."""
+        self._refill()
+        return amount <= self._left
 
     @property
     def is_full(self) -> bool:

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 import signal
 import socket
 import time
@@ -14,16 +15,20 @@ from aiohttp import web
 from vemlight.errors import UserError
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, REPORT_PERIOD_S, Service
+from vemlight.runtime.log_lines import LogLines
 from vemlight.runtime.sync import receive_all
 from vemlight.runtime.token import is_loopback, with_token
 from vemlight.runtime.transport import Transport, keep_accepting_subscriptions
 from vemlight.settings import Settings, Viewer
+from vemlight.viewer.connections import Connections, LineHandler
 from vemlight.viewer.viewer_state import ViewerState
 from vemlight.viewer.web import Site
 
 SUMMARY_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them; any value in 0.1..0.5 does
 MAX_TAKEN = 4 * QUEUE_FRAMES  # messages at once: more than the queues at both ends hold, and a flood cannot fill memory
 RECONNECT_S = 3.0  # pages try to reconnect each second (page/viewer.js), and a busy browser late; 2..5 s would do
+BACKLOG = 64  # connections that wait to be accepted, which is how many come at once; 16 to 128 would do
+LINGER_S = 2.0  # to take the rest of a request that was refused, so that its sender can read why; 0.5 to 5 s would do
 SHUTDOWN_S = 0.1  # aiohttp waits for open streams so long twice, and they would go on for ever; any value below 1 s does
 
 
@@ -35,11 +40,15 @@ async def view(settings: Settings, restarts: int) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     transport = Transport(settings.wire, zmq.asyncio.Context())
     state = ViewerState(settings, restarts)
-    runner = web.AppRunner(Site(state).app(), access_log=None, shutdown_timeout=SHUTDOWN_S)
+    lines = LogLines()
+    for name in ("asyncio", "aiohttp"):
+        logging.getLogger(name).addHandler(LineHandler(lines))
+    runner = web.AppRunner(Site(state).app(), access_log=None, shutdown_timeout=SHUTDOWN_S, lingering_time=LINGER_S)
     tasks: list[asyncio.Task[Any]] = []
+    listener: asyncio.Server | None = None
     try:
         publisher = transport.bind("viewer", "publish")
-        await _listen(runner, settings.viewer)
+        listener = await _listen(runner, settings.viewer, lines)
         for service in state.liveness.last_received:
             tasks.append(asyncio.create_task(receive(transport, service, state)))
         tasks.append(asyncio.create_task(keep_accepting_subscriptions(publisher)))
@@ -53,14 +62,18 @@ async def view(settings: Settings, restarts: int) -> None:
     finally:
         for task in tasks:
             task.cancel()
+        if listener:
+            listener.close()
         await runner.cleanup()
         transport.close()
 
 
-async def _listen(runner: web.AppRunner, settings: Viewer) -> None:
+async def _listen(runner: web.AppRunner, settings: Viewer, lines: LogLines) -> asyncio.Server:
     await runner.setup()
+    assert runner.server
     try:
-        await web.TCPSite(runner, settings.host, settings.port).start()
+        connections = Connections(runner.server, lines)
+        return await asyncio.get_running_loop().create_server(connections, settings.host, settings.port, backlog=BACKLOG)
     except OSError as error:
         where = f"{settings.host}:{settings.port}"
         reason = error.strerror or error

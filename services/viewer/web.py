@@ -3,7 +3,7 @@
 import asyncio
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import msgspec
@@ -12,7 +12,9 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from vemlight.errors import UserError
 from vemlight.light.colour import LUMINANCE_WEIGHTS
+from vemlight.runtime.allowance import Allowance
 from vemlight.viewer.authentication import add_headers, authentication_middleware
+from vemlight.viewer.connections import busy_middleware, connection_of
 from vemlight.viewer.feeds import Feed
 from vemlight.viewer.metrics import registry
 from vemlight.viewer.viewer_state import ViewerState
@@ -32,6 +34,8 @@ MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of w
 MAX_FEED_NAME = 64  # bytes of a page's message: the name of a feed; any value in 8..1024 does
 HEARTBEAT_S = 10.0  # a page that does not answer within half of it is disconnected; any value in 5..60 does
 STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so long; any value in 5..60 does
+BODY_S = 5.0  # for a control to come; 2 to 20 s would do
+MESSAGES_BURST, MESSAGES_PER_S = 1000, 500  # of a page: it names each of four feeds once for each picture; 250 to 2000 a second would do
 BINARY_FEEDS = {"disc": 1, "picture": 2}  # first byte of a binary message; a JPEG follows
 RETRY = {"Retry-After": "1"}
 
@@ -53,7 +57,8 @@ class Site:
         self._sockets: set[web.WebSocketResponse] = set()
 
     def app(self) -> web.Application:
-        app = web.Application(middlewares=[authentication_middleware(self._state.settings.viewer)], client_max_size=MAX_BODY)
+        middlewares = [busy_middleware, authentication_middleware(self._state.settings.viewer)]
+        app = web.Application(middlewares=middlewares, client_max_size=MAX_BODY)
         app.on_response_prepare.append(add_headers)
         app.on_shutdown.append(self._close_sockets)
         app.add_routes(
@@ -115,7 +120,13 @@ class Site:
         if request.content_type != "application/json":  # what a form on another page cannot send unasked
             raise web.HTTPUnsupportedMediaType(text="control: send Content-Type: application/json\n")
         try:
-            self._state.set_control(await request.read())
+            connection = connection_of(request)
+            with connection.waiting() if connection else nullcontext():
+                async with asyncio.timeout(BODY_S):
+                    body = await request.read()
+            self._state.set_control(body)
+        except TimeoutError as error:
+            raise web.HTTPRequestTimeout(text=f"control: did not come within {BODY_S:g} s\n", headers={"Connection": "close"}) from error
         except UserError as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from error
         return web.Response(body=msgspec.json.encode(self._state.control), content_type="application/json")
@@ -133,6 +144,7 @@ class Site:
                 try:  # the boundary goes with the picture: browsers show a part when they see its end
                     await asyncio.wait_for(response.write(head + jpeg + b"\r\n--frame\r\n"), STREAM_TIMEOUT_S)
                 except (TimeoutError, ConnectionError):
+                    _abort(request)
                     return response
 
     async def socket(self, request: web.Request) -> web.WebSocketResponse:
@@ -141,15 +153,24 @@ class Site:
         Of each feed one message at most is on its way: the page names the feed when it has shown it, and only then the newest follows.
         """
         with self._counted():
-            socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_FEED_NAME, compress=False)
+            socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_FEED_NAME, compress=False, autoping=False)
             await socket.prepare(request)
             state = self._state
             feeds = {"summary": state.summaries, "lights": state.lights, "disc": state.disc, "picture": state.picture}
             shown, taken = set(feeds), asyncio.Event()
-            sender = asyncio.create_task(self._send(socket, feeds, shown, taken))
+            sender = asyncio.create_task(self._send(request, socket, feeds, shown, taken))
+            messages = Allowance(MESSAGES_BURST, MESSAGES_PER_S)
             self._sockets.add(socket)
             try:
                 async for message in socket:
+                    if not messages.take():
+                        _abort(request)
+                        break
+                    if message.type is WSMsgType.PING:
+                        await socket.pong(message.data)
+                        continue
+                    if message.type is WSMsgType.PONG:
+                        continue
                     if message.type is not WSMsgType.TEXT or message.data not in feeds:
                         await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"send the name of a feed")
                         break
@@ -160,7 +181,9 @@ class Site:
                 sender.cancel()
             return socket
 
-    async def _send(self, socket: web.WebSocketResponse, feeds: dict[str, Feed], shown: set[str], taken: asyncio.Event) -> None:
+    async def _send(
+        self, request: web.Request, socket: web.WebSocketResponse, feeds: dict[str, Feed], shown: set[str], taken: asyncio.Event
+    ) -> None:
         sent = dict.fromkeys(feeds, 0)
         try:
             while True:
@@ -171,12 +194,13 @@ class Site:
                 for name in ready:
                     shown.discard(name)
                     sent[name], data = await feeds[name].newest()
-                    if name in BINARY_FEEDS:
-                        await socket.send_bytes(bytes([BINARY_FEEDS[name]]) + data)
-                    else:
-                        await socket.send_str(data.decode())
-        except ConnectionError:
-            pass  # the page is gone
+                    async with asyncio.timeout(STREAM_TIMEOUT_S):
+                        if name in BINARY_FEEDS:
+                            await socket.send_bytes(bytes([BINARY_FEEDS[name]]) + data)
+                        else:
+                            await socket.send_str(data.decode())
+        except (ConnectionError, TimeoutError):
+            _abort(request)  # the page is gone, or takes nothing
 
     @contextmanager
     def _counted(self) -> Iterator[None]:
@@ -193,6 +217,12 @@ class Site:
     async def _close_sockets(self, _: web.Application) -> None:
         for socket in list(self._sockets):
             await socket.close(code=WSCloseCode.GOING_AWAY)
+
+
+def _abort(request: web.Request) -> None:
+    """Ends a connection without waiting for what was written to it."""
+    if request.transport:
+        request.transport.abort()
 
 
 async def _first_of(*awaitables) -> None:

@@ -7,6 +7,8 @@ the longest time between two frames at a subscriber that behaves, or when the fi
 """
 
 import argparse
+import contextlib
+import http.client
 import itertools
 import json
 import resource
@@ -17,18 +19,22 @@ import threading
 import time
 from pathlib import Path
 from typing import NamedTuple
+from urllib.request import Request, urlopen
 
 import tomli_w
 import zmq
 
+from tests.support.hostile_peers.page_attacks import PAGE_ATTACKS
 from tests.support.hostile_peers.wire_attacks import ATTACKS, Attack
 from tests.support.processes import free_port
+from tests.support.viewer_process import SimulatedServices
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.demand import Pull
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport, make_keys
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import Settings, Wire, read_settings
+from vemlight.viewer.authentication import cookie_of
 
 START_S = 20.0
 AFTER_S = 5.0  # for frames to come again after an attack
@@ -63,13 +69,14 @@ class Target:
     """The service that is attacked, its memory, and its lines."""
 
     def __init__(self, file: Path, service: Service, files: int) -> None:
-        command = [sys.executable, "-m", "tests.support.hostile_peers.targets", str(file), service]
+        module = ["vemlight.viewer", str(file)] if service == "viewer" else ["tests.support.hostile_peers.targets", str(file), service]
 
         def limit() -> None:
             if files:
                 resource.setrlimit(resource.RLIMIT_NOFILE, (files, files))
 
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, preexec_fn=limit)
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115, closed with this object
+        self.process = subprocess.Popen([sys.executable, "-m", *module], stderr=self._log, stdout=subprocess.DEVNULL, preexec_fn=limit)
         self.most = 0
         self._said: bytes | None = None
         self._watching = threading.Thread(target=self._watch, daemon=True)
@@ -93,7 +100,9 @@ class Target:
         if self._said is None:
             if self.process.poll() is None:
                 self.process.terminate()
-            self._said = self.process.communicate()[1]
+            self.process.wait()
+            self._log.seek(0)
+            self._said = self._log.read()
         return self._said
 
 
@@ -184,25 +193,82 @@ def _cost(name: str, attack: Attack, file: Path, target: Target, honest: HonestP
     return Cost((most - before) / 1e6, lived, cut_s, gap, len(lines), len(times) - 2)
 
 
+class HonestPage(threading.Thread):
+    """Asks for the viewer's health again and again, each time by a new connection."""
+
+    def __init__(self, port: int, token: str) -> None:
+        super().__init__(daemon=True)
+        self.came_s: list[float] = []
+        self._url, self._ended = f"http://127.0.0.1:{port}/metrics", False
+        self._headers = {"Cookie": f"vemlight-{port}={cookie_of(token)}"} if token else {}
+
+    def run(self) -> None:
+        while not self._ended:
+            with contextlib.suppress(OSError, http.client.HTTPException), urlopen(Request(self._url, headers=self._headers), timeout=2.0):
+                self.came_s.append(time.monotonic())
+            time.sleep(0.05)
+
+    def end(self) -> None:
+        self._ended = True
+        self.join()
+
+
+def page_cost_of(name: str) -> Cost:
+    """Runs one attack on the page of a viewer that may have 1,024 files open."""
+    token = "a-token-of-letters" if name == "wrong tokens" else ""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o700)
+        file, port = Path(folder) / "vemlight.toml", free_port()
+        file.write_text(tomli_w.dumps({"wire": {"folder": folder}, "viewer": {"port": port, "token": token}}))
+        services = SimulatedServices(Wire(folder=folder))
+        services.start()
+        target, honest = Target(file, "viewer", 1024), HonestPage(port, token)
+        honest.start()
+        until_s = time.monotonic() + START_S
+        while len(honest.came_s) < 5 and time.monotonic() < until_s:
+            time.sleep(0.05)
+        before, target.most, began_s = target.memory(), 0, time.monotonic()
+        command = [sys.executable, "-m", __spec__.name, "--page-attack", name, str(port)]
+        attacker = subprocess.run(command, stdout=subprocess.PIPE, check=False)
+        time.sleep(1.0)
+        honest.end()
+        lived, most = target.process.poll() is None, target.most
+        times = [began_s, *(t for t in honest.came_s if t > began_s), time.monotonic()]
+        services.end()
+        lines = target.end().decode().splitlines()
+    for line in lines[:4]:
+        print(f"    {line[:200]}")
+    gap_s = max(b - a for a, b in itertools.pairwise(times))
+    return Cost((most - before) / 1e6, lived, json.loads(attacker.stdout or b"null"), gap_s, len(lines), len(times) - 2)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--transport", choices=("ipc", "tcp", "curve"), default="ipc")
     parser.add_argument("--attack", nargs=2, metavar=("NAME", "SETTINGS"), help=argparse.SUPPRESS)
-    parser.add_argument("names", nargs="*", choices=[*ATTACKS, []])
+    parser.add_argument("--page-attack", nargs=2, metavar=("NAME", "PORT"), help=argparse.SUPPRESS)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="; ".join([*ATTACKS, *PAGE_ATTACKS]))
     given = parser.parse_args()
+    if given.page_attack:
+        print(json.dumps(PAGE_ATTACKS[given.page_attack[0]](int(given.page_attack[1]))))
+        return
     if given.attack:
         print(json.dumps(ATTACKS[given.attack[0]].run(read_settings(Path(given.attack[1])))))
         return
-    for name in given.names or ATTACKS:
-        if given.transport == "curve" and not ATTACKS[name].with_keys:
-            continue
-        cost = cost_of(name, given.transport)
-        cut = "not cut" if cost.cut_s is None else f"cut after {cost.cut_s:.2f} s"
-        print(
-            f"{given.transport:5} {name:38} {cost.memory_mb:7.0f} MB  {'lived' if cost.lived else 'DIED':5}  {cut:18} "
-            f"longest gap {cost.longest_gap_s:5.2f} s  {cost.frames:4} frames  {cost.lines} lines",
-            flush=True,
-        )
+    for name in given.names or [*ATTACKS, *PAGE_ATTACKS]:
+        if name in PAGE_ATTACKS:
+            _print("page", name, page_cost_of(name))
+        elif given.transport != "curve" or ATTACKS[name].with_keys:
+            _print(given.transport, name, cost_of(name, given.transport))
+
+
+def _print(where: str, name: str, cost: Cost) -> None:
+    cut = "not cut" if cost.cut_s is None else f"cut after {cost.cut_s:.2f} s"
+    print(
+        f"{where:5} {name:38} {cost.memory_mb:7.0f} MB  {'lived' if cost.lived else 'DIED':5}  {cut:18} "
+        f"longest gap {cost.longest_gap_s:5.2f} s  {cost.frames:4} frames  {cost.lines} lines",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from vemlight.capture.manifest import parsed_manifest
 from vemlight.errors import UserError, printable_line
 from vemlight.files import decoded_json, sha256_of
 from vemlight.journal import checked_lines
-from vemlight.runtime.output_folder import LIGHTS, MANIFEST, RunEnd, RunStart, WrittenPicture
+from vemlight.runtime.output_folder import END, LIGHTS, MANIFEST, RunEnd, RunStart, WrittenPicture
 from vemlight.runtime.progress import counted
 
 RUN = b'{"run":'  # the beginning of the manifest of a run's output; all others are of recordings
@@ -64,7 +64,7 @@ def _verified_run(folder: Path) -> Verified:
             try:
                 if lines == 0:
                     decoded_json(content, RunStart)
-                elif content.startswith(b'{"pictures":'):
+                elif content.startswith(END):
                     end = decoded_json(content, RunEnd)
                 else:
                     pictures.append(decoded_json(content, WrittenPicture))

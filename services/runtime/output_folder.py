@@ -24,6 +24,7 @@ from vemlight.settings import Settings
 MANIFEST, LIGHTS, CONTACT_SHEET, SNAPSHOTS = "manifest.jsonl", "lights.jsonl", "contact.png", "sampler.snapshot"
 ELSEWHERE = ("out", "wire", "viewer")  # settings that change no byte of the output
 NEWEST = 64  # pictures whose content a restarted service reads again: more than a crash can harm, and no more in a long run
+END = b'{"pictures":'  # the beginning of a manifest's last line
 MAX_END_BYTES = 4096  # of a manifest's last line, which has 0.3 kB
 
 FileName = Annotated[str, Meta(pattern=r"^[^/\\\x00]+$")]
@@ -137,12 +138,12 @@ class RunManifest(Generic[Picture]):
 
     def _take(self, content: bytes, kind: type[Picture]) -> None:
         try:
-            self.end = decoded_json(content, RunEnd)
-        except ValueError:
-            try:
+            if content.startswith(END):
+                self.end = decoded_json(content, RunEnd)
+            else:
                 self.pictures.append(decoded_json(content, kind))
-            except ValueError as error:
-                raise UserError(f"{self.folder / MANIFEST}: is no manifest of a run ({error}); choose another --out") from error
+        except ValueError as error:
+            raise UserError(f"{self.folder / MANIFEST}: is no manifest of a run ({error}); choose another --out") from error
 
     def _check_start(self, line: bytes, wanted: RunStart) -> None:
         hint = "choose another --out, or --overwrite to replace it"
@@ -197,7 +198,7 @@ def is_complete(out: Path) -> bool:
     """Whether the manifest there has its last line. That the files are whole is not looked at."""
     with open(out / MANIFEST, "rb") as file:
         file.seek(max(0, os.fstat(file.fileno()).st_size - MAX_END_BYTES))
-        return b'\n{"pictures":' in file.read()
+        return b"\n" + END in file.read()
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from vemlight.renderer.scene.gltf import TRIANGLE_STRIP, TRIANGLES, GltfFile
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
 from vemlight.renderer.scene.gltf_nodes import read_nodes
 from vemlight.renderer.scene.materials import Material, Phong
-from vemlight.renderer.scene.meshes import Geometry, VertexAttributes, clean_geometry
+from vemlight.renderer.scene.meshes import MAX_SIZE_M, Geometry, VertexAttributes, clean_geometry
 from vemlight.renderer.scene.scene_limits import FREE_CORNERS, MAX_MESHES, SceneLimits
 from vemlight.renderer.scene.trimesh_files import MAX_BYTES, FilesBeside, check_obj, check_stl
 from vemlight.renderer.scene.trimesh_materials import colours_from_visual, material_from_visual
@@ -85,17 +85,22 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
 def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimits) -> list[MeshPart]:
     """Clean meshes in their file's axes. One that several nodes have is cleaned once, if no node stretches it."""
     nodes = Counter(id(mesh.triangles) for mesh in meshes)
+    shared = [nodes[id(mesh.triangles)] > 1 and _is_similarity(mesh.file_from_mesh[:3, :3]) for mesh in meshes]
+    once = {id(mesh.triangles): len(mesh.triangles) for mesh, is_shared in zip(meshes, shared, strict=True) if is_shared}
+    each = sum(len(mesh.triangles) for mesh, is_shared in zip(meshes, shared, strict=True) if not is_shared)
     cleaned: dict[int, Geometry] = {}
-    parts = []
-    for number, mesh in enumerate(meshes, 1):
-        name = path.name if len(meshes) == 1 else f"{path.name} part {number}"
-        try:
+    parts: list[MeshPart] = []
+    name = path.name
+    try:
+        limits.on_cleaned(each + sum(once.values()))
+        for number, (mesh, is_shared) in enumerate(zip(meshes, shared, strict=True), 1):
+            name = path.name if len(meshes) == 1 else f"{path.name} part {number}"
             with np.errstate(all="ignore"):
-                geometry = _in_file_axes(mesh, cleaned if nodes[id(mesh.triangles)] > 1 else None, limits)
-        except FAULTS as error:
-            raise UserError(f"{where}: {name} {one_line(error)}; export it again") from error
-        coloured = mesh.material is None and mesh.vertices.colours is not None
-        parts.append(MeshPart(name, geometry, Phong((1.0, 1.0, 1.0)) if coloured else mesh.material, mesh.motion))
+                geometry = _moved(mesh, cleaned, limits) if is_shared else _in_file_axes(mesh, limits)
+            coloured = mesh.material is None and mesh.vertices.colours is not None
+            parts.append(MeshPart(name, geometry, Phong((1.0, 1.0, 1.0)) if coloured else mesh.material, mesh.motion))
+    except FAULTS as error:
+        raise UserError(f"{where}: {name} {one_line(error)}; export it again") from error
     return parts
 
 
@@ -185,26 +190,27 @@ def _unsupported(file: GltfFile, file_materials: GltfMaterials, animation: str) 
     return [*file_materials.unsupported, f"of its {len(names)} animations the first plays: {others}"]
 
 
-def _in_file_axes(mesh: SourceMesh, cleaned: dict[int, Geometry] | None, limits: SceneLimits) -> Geometry:
-    """Clean geometry of a mesh in its file's axes. cleaned: in their own axes, those that several nodes have, by their triangles."""
+def _in_file_axes(mesh: SourceMesh, limits: SceneLimits) -> Geometry:
+    """Clean geometry of a mesh in its file's axes."""
     linear, offset = mesh.file_from_mesh[:3, :3], mesh.file_from_mesh[:3, 3]
-    if cleaned is not None and _is_similarity(linear):
-        if id(mesh.triangles) not in cleaned:
-            limits.on_cleaned(len(mesh.triangles))
-            cleaned[id(mesh.triangles)] = clean_geometry(mesh.vertices, mesh.triangles)
-        geometry = cleaned[id(mesh.triangles)]
-        limits.on_placed(len(geometry.positions))
-        geometry = geometry.moved(linear, offset)
-        if not np.isfinite(geometry.positions).all():
-            raise ValueError("has vertices that are nan or inf")
-        return geometry
     vertices = mesh.vertices
     positions = vertices.positions @ linear.T + offset
     normals = None if vertices.normals is None else vertices.normals @ np.linalg.inv(linear)
     triangles = mesh.triangles if np.linalg.det(linear) > 0 else mesh.triangles[:, ::-1]
-    limits.on_cleaned(len(triangles))
     geometry = clean_geometry(vertices._replace(positions=positions, normals=normals), triangles)
     limits.on_placed(len(geometry.positions))
+    return geometry
+
+
+def _moved(mesh: SourceMesh, cleaned: dict[int, Geometry], limits: SceneLimits) -> Geometry:
+    """The same of a mesh that other nodes have, too. cleaned: geometry in the meshes' own axes, by their triangles."""
+    if id(mesh.triangles) not in cleaned:
+        cleaned[id(mesh.triangles)] = clean_geometry(mesh.vertices, mesh.triangles)
+    geometry = cleaned[id(mesh.triangles)]
+    limits.on_placed(len(geometry.positions))
+    geometry = geometry.moved(mesh.file_from_mesh[:3, :3], mesh.file_from_mesh[:3, 3])
+    if not np.abs(geometry.positions).max() < MAX_SIZE_M:
+        raise ValueError(f"lies farther than {MAX_SIZE_M:.0e} m from its file's origin")
     return geometry
 
 

@@ -237,7 +237,7 @@ def _mtl_files(folder: Path) -> list[Path]:
     from tests.support.hostile.images import png
 
     (folder / "file.png").write_bytes(png(64, 64))
-    (folder / "big.png").write_bytes(png(20_000, 20_000))
+    (folder / "big.png").write_bytes(png(16_385, 16))
     (folder / "wide.png").write_bytes(png(4096, 4096))
     os.mkfifo(folder / "pipe")
     (folder / "a.mtl").write_bytes(MTL)

@@ -18,9 +18,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.support.hostile.damage import damaged
 from tests.support.hostile.format import Format
 from tests.support.hostile.formats import FORMATS
-from tests.support.hostile.mutation import mutant
 
 MAX_S = 5.0  # of processor time, which other work on the machine does not stretch
 MAX_WAIT_S = 100.0  # for one that waits for what never comes: the slowest file, on a machine with twenty times the work
@@ -54,13 +54,13 @@ class Examination(NamedTuple):
     faults: list[Fault]
 
 
-def examine(name: str, count: int, seed: int, keep: Path) -> Examination:
-    """Reads all sound files, bombs and `count` mutants of a format; the faulty ones are kept in `keep`."""
+def examine(name: str, count: int, seed: int, keep: Path, with_bombs: bool = True) -> Examination:
+    """Reads all sound files, `count` damaged ones and, if asked for, the bombs of a format; the faulty ones are kept in `keep`."""
     format = FORMATS[name]
     folder = Path(tempfile.mkdtemp(prefix="vemlight-hostile-"))
     try:
         whole = _sound(format, folder)
-        bombs = _stored(format.bombs(), folder)
+        bombs = _stored(format.bombs() if with_bombs else {}, folder)
         sound = Trial(format, folder, len(whole), lambda k, path: path.write_bytes(whole[k]), lambda k: f"sound file {k}")
         faults = _try(name, sound, keep)
         for bomb, stored in bombs.items():  # each in its own child: memory is the child's
@@ -68,14 +68,14 @@ def examine(name: str, count: int, seed: int, keep: Path) -> Examination:
                 format, folder, 1, lambda _, path, stored=stored: shutil.copyfile(stored, path), lambda _, bomb=bomb: f"bomb {bomb}"
             )
             faults += _try(name, trial, keep)
-        mutants = Trial(
+        trial = Trial(
             format,
             folder,
             count,
-            lambda k, path: path.write_bytes(mutant(whole, f"{name} {seed} {k}")),
-            lambda k: f"mutant {k} of seed {seed}",
+            lambda k, path: path.write_bytes(damaged(whole, f"{name} {seed} {k}")),
+            lambda k: f"damaged file {k} of seed {seed}",
         )
-        return Examination(len(bombs), faults + _try(name, mutants, keep))
+        return Examination(len(bombs), faults + _try(name, trial, keep))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -20,7 +20,7 @@ WORDS = (
 )
 
 
-def mutant(whole: list[bytes], seed: str) -> bytes:
+def damaged(whole: list[bytes], seed: str) -> bytes:
     """One of the files with bytes changed, cut, doubled, spliced with another's, or numbers replaced by others that a reader may trip
     over; the same one for the same seed.
     """

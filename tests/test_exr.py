@@ -217,6 +217,26 @@ def test_sizes_are_checked_before_anything_is_read(tmp_path, picture):
             read_exr(path, limits=limits)
 
 
+@pytest.mark.parametrize(("channels", "refused"), [(1024, False), (1025, True)])
+def test_a_part_has_channels_up_to_a_limit(tmp_path, picture, channels, refused):
+    more = {f"z.{k}": picture[..., 0] for k in range(channels - 3)}
+    path = write(tmp_path / "a.exr", rgb(picture) | more)
+    if refused:
+        with pytest.raises(UserError, match="more than 1024 channels"):
+            read(path)
+    else:
+        assert read(path).shape == picture.shape
+
+
+def test_all_channels_together_are_limited_by_the_bytes_that_they_are_stored_in(tmp_path):
+    black = np.zeros((512, 512), np.float32)
+    path = write(tmp_path / "a.exr", {name: black for name in "RGB"} | {f"z.{k}": black for k in range(61)})  # 64 MB decoded
+    assert read(path).shape == (512, 512, 3)
+    path = write(tmp_path / "a.exr", {name: black for name in "RGB"} | {f"z.{k}": black for k in range(62)})
+    with pytest.raises(UserError, match="decode to 68157440 bytes"):
+        read(path)
+
+
 def test_all_parts_together_are_limited(tmp_path, picture):
     path = write_parts(tmp_path / "a.exr", {f"part{k}": rgb(picture) for k in range(4)})
     with pytest.raises(UserError, match="in its 4 parts"):

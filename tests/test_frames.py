@@ -203,3 +203,11 @@ def test_a_cell_with_a_five_hundredth_of_the_power_is_bright(fraction: float, co
     solid = 2 * np.pi / 360 * -np.diff(np.cos(np.arange(91) * np.pi / 180))
     radiance[45, 7] = fraction / (1 - fraction) * (2 * np.pi - solid[45]) / solid[45]
     assert len(brightest_cells(radiance, "hemisphere")) == count
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../flat.exr", "http://host/flat.exr"])
+def test_the_flat_field_lies_beside_its_lens(tmp_path: Path, name: str) -> None:
+    write_lens(tmp_path / "lens.toml", msgspec.structs.replace(LENS, flat_field=name))
+    maker = FrameMaker(Capture(lens=str(tmp_path / "lens.toml")), tmp_path)
+    with pytest.raises(UserError, match=r"lens\.toml: flat_field: .*(leads out|is an address)"):
+        maker.frame("a.exr", np.ones((LENS.size[1], LENS.size[0], 3), np.float32), {}, 0.0)

@@ -172,9 +172,10 @@ def _check_sizes(path: Path, data: bytearray, headers: list[dict[str, ExrAttribu
 def _bytes_per_pixel(data: bytearray, channels: ExrAttribute) -> int:
     """Of all channels together."""
     _, at, end = channels
-    total = 0
+    total = count = 0
     while at < end - 1:
-        if total > 4 * MAX_CHANNELS:
+        count += 1
+        if count > MAX_CHANNELS:
             raise ValueError(f"more than {MAX_CHANNELS} channels")
         _, at = _text(data, at)
         total += 2 if struct.unpack_from("<i", data, at) == (HALF,) else 4

@@ -36,6 +36,8 @@ MUTANTS = [
         ("chromaticities ignored", "REC709, atol=1e-3", "REC709, atol=1e3"),
         ("any layer", "len(MAIN_LAYERS) and sum(", "-1 and sum("),
         ("parts' limit", "MAX_PARTS = 1024", "MAX_PARTS = 10**6"),
+        ("channels doubled", "MAX_CHANNELS = 1024", "MAX_CHANNELS = 2048"),
+        ("channels not counted", "area * _bytes_per_pixel(data, attributes[\"channels\"])", "area"),
     ]),
     *mutants_of("services/light/colour.py", "tests/test_colour.py", [
         ("luminance of red", "[0.2126, 0.7152, 0.0722]", "[0.2226, 0.7052, 0.0722]"),

@@ -106,7 +106,29 @@ MUTANTS = [
         ("area of a triangle x 10^10", "MIN_RELATIVE_AREA = 1e-14", "MIN_RELATIVE_AREA = 1e-4"),
         ("area of a triangle / 10^10", "MIN_RELATIVE_AREA = 1e-14", "MIN_RELATIVE_AREA = 1e-24"),
     ]),
-    *mutants_of(RENDERER + "scene/animation.py", "tests/test_animation.py", [
+    *mutants_of(RENDERER + "scene/scene_limits.py", "tests/test_scene_limits.py tests/test_trimesh_files.py", [
+        ("meshes doubled", "MAX_MESHES = 4096", "MAX_MESHES = 8192"),
+        ("luminaires doubled", "MAX_LUMINAIRES = 256", "MAX_LUMINAIRES = 512"),
+        ("corners doubled", "FREE_CORNERS = 2**20", "FREE_CORNERS = 2**21"),
+        ("vertices doubled", "FREE_VERTICES = 2**22", "FREE_VERTICES = 2**23"),
+        ("copies doubled", "FREE_COPIES = 2**23", "FREE_COPIES = 2**24"),
+    ]),
+    *mutants_of(RENDERER + "scene/trimesh_files.py", "tests/test_trimesh_files.py", [
+        ("materials doubled", "MAX_PARTS = 2048", "MAX_PARTS = 4096"),
+        ("digits of a face", "(len(str(vertices)) + 1)", "(len(str(vertices)) + 2)"),
+        ("references followed in silence", "self.refused = self.refused or error", "pass"),
+    ]),
+    *mutants_of(RENDERER + "scene/mesh_files.py", "tests/test_scene_limits.py", [
+        ("stretched instances cleaned once", "> 1 and _is_similarity(mesh.file_from_mesh[:3, :3])", "> 1"),
+    ]),
+    *mutants_of(RENDERER + "scene/gltf_nodes.py", "tests/test_scene_limits.py", [
+        ("depth doubled", "MAX_DEPTH = 256", "MAX_DEPTH = 512"),
+    ]),
+    *mutants_of(RENDERER + "scene/gltf_materials.py", "tests/test_scene_limits.py", [
+        ("notes doubled", "MAX_NOTES = 20", "MAX_NOTES = 40"),
+    ]),
+    *mutants_of(RENDERER + "scene/animation.py", "tests/test_animation.py tests/test_scene_limits.py", [
+        ("moving nodes doubled", "MAX_MOVING_NODES = 768", "MAX_MOVING_NODES = 1536"),
         ("keyframes", "MAX_KEYFRAMES = 2**22", "MAX_KEYFRAMES = 100"),
         ("animation keys cut to the first", "chosen = keys[np.unique(", "chosen = keys[:1][0 * np.unique("),
         ("length of a rotation", "MIN_QUATERNION = 1e-6", "MIN_QUATERNION = 0.99"),

@@ -8,6 +8,9 @@ MUTANTS = [
     *mutants_of("services/files.py", "tests/test_files.py", [
         ("length of a TOML file doubled", "MAX_TOML_BYTES = 2**20", "MAX_TOML_BYTES = 2**21"),
         ("devices read as files", "if not stat.S_ISREG(status.st_mode):", "if False:"),
+        ("addresses opened", "if ADDRESS.match(reference):", "if False:"),
+        ("upwards out of the folder", 'or ".." in Path(reference).parts', ""),
+        ("links out of the folder", "    if not inside:", "    if False:"),
         ("half-written files", "        part.unlink(missing_ok=True)\n", "        pass\n"),
     ]),
     *mutants_of("services/toml.py", "tests/test_toml.py tests/test_files.py", [

@@ -186,6 +186,7 @@ class Settings(SettingsSection, frozen=True):
         return tuple(service for service in SERVICES if service != "plate" or self.plate.source)
 
 
+OPTIONS = {"error_percent": "--error"}  # of the command line, for keys whose option has another name
 Section = TypeVar("Section", bound=SettingsSection)
 
 
@@ -259,4 +260,5 @@ def section_from_options(kind: type[Section], values: dict[str, Any]) -> Section
         key = where.rstrip("`")
         type_ = get_type_hints(kind).get(key)
         hint = f"choose from {', '.join(get_args(type_))}" if get_origin(type_) is Literal else "change that option"
-        raise UserError(f"--{key.replace('_', '-')}: {text[:1].lower()}{text[1:]}; {hint}") from error
+        option = OPTIONS.get(key, f"--{key.replace('_', '-')}")
+        raise UserError(f"{option}: {text[:1].lower()}{text[1:]}; {hint}") from error

@@ -1,8 +1,11 @@
 import csv
+import json
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from vemlight.commands.cli import main
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
 
@@ -49,7 +52,9 @@ def test_the_charts_of_a_map_distinguish_the_methods(tmp_path, monkeypatch):
 @pytest.mark.filterwarnings("error::UserWarning")
 def test_charts_are_written_as_pictures_and_tables_even_of_a_black_map(tmp_path):
     write_exr(tmp_path / "night.exr", np.zeros((16, 32, 3), np.float32))
-    chart([tmp_path / "night.exr"], tmp_path / "charts")
+    done = CliRunner().invoke(main, ["chart", str(tmp_path / "night.exr"), "--out", str(tmp_path / "charts"), "--json"])
+    assert done.exit_code == 0, done.output
+    assert set(json.loads(done.stdout)["files"]) == {path.name for path in (tmp_path / "charts").iterdir()}
     assert {path.name for path in (tmp_path / "charts").iterdir()} == {f"{n}{s}" for n in NAMES for s in (".png", ".svg", ".csv")}
     rows = list(csv.DictReader((tmp_path / "charts" / "error.csv").open()))
     assert [row["method"] for row in rows] == list(METHODS)
@@ -97,3 +102,4 @@ def test_what_is_no_map_is_named(tmp_path):
     (tmp_path / "sky.exr").write_bytes(b"no image")
     with pytest.raises(UserError, match=r"sky\.exr"):
         chart([tmp_path / "sky.exr"], tmp_path / "charts")
+    assert not (tmp_path / "charts").exists()

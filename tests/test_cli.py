@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import get_args
 
+import click
 import moderngl
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from vemlight.commands.options import LensOptions, LightsOptions, RenderOptions,
 from vemlight.light.images import write_exr
 from vemlight.light.sphere import latlong_directions
 from vemlight.renderer.output.video import chosen_encoder
+from vemlight.settings import OPTIONS, Capture, Renderer, Sampler
 
 LENS = """
 size = [32, 16]
@@ -303,6 +305,14 @@ def test_mains_flicker_is_removed_from_a_recording_on_request(method, tmp_path):
 def test_the_options_of_a_command_are_the_fields_of_its_record(command, kind):
     of_the_report = {"help", "as_json", "quiet"}
     assert {parameter.name for parameter in command.params} - of_the_report == set(kind.__struct_fields__)
+
+
+def test_options_are_called_in_errors_as_they_are_typed():
+    keys = {key for kind in (Capture, Sampler, Renderer) for key in kind.__struct_fields__}
+    for command in ("lights", "render"):
+        for option in main.commands[command].params:
+            if isinstance(option, click.Option) and option.name in keys:
+                assert OPTIONS.get(option.name, f"--{option.name.replace('_', '-')}") in option.opts
 
 
 def test_help_loads_neither_numba_nor_cv2():

@@ -122,6 +122,7 @@ def test_options_of_a_command_line_are_named_as_there():
         (Sampler, {"method": "best"}, ("--method", "tracked", "standard")),
         (Capture, {"fps": -1.0}, ("--fps",)),
         (Renderer, {"shadow_map": 1}, ("--shadow-map", "16")),
+        (Sampler, {"error_percent": 200.0}, ("--error:", "100")),
         (Sampler, {"method": "tracked", "filter": "fir"}, ("filter fir", "filter auto")),
     ):
         with pytest.raises(UserError) as caught:

@@ -17,6 +17,7 @@ from vemlight.light.bright_cells import BrightCells
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_directions
+from vemlight.runtime.progress import counted
 from vemlight.sampler.light_map import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
 from vemlight.sampler.required_lights import DARK_PROBE, REQUIRED_PROBES
@@ -83,13 +84,11 @@ def chart(maps: list[Path], out: Path) -> list[Path]:
 
 def measured(maps: list[Path]) -> Tables:
     """The tables of the charts: error, moving, events, required_lights. Raises UserError for maps that cannot be read."""
-    from rich.progress import track
-
     sources = {path: open_source(settings.Capture(source=str(path.resolve()), rows=ROWS, cols=COLS)) for path in maps}
     firsts = {path: _moment(source.frame(0)) for path, source in sources.items()}
     ambiguous = len({path.stem for path in maps}) < len(maps)
     tables: Tables = {"error": [], "moving": [], "events": [], "required_lights": []}
-    for path, source in track(sources.items(), description="maps"):
+    for path, source in counted(sources.items(), "maps", len(sources)):
         name, first = {"map": str(path) if ambiguous else path.stem}, firsts[path]
         moving = [_moment(source.frame(k)) for k in range(min(len(source), FRAMES))] if len(source) > 1 else _turning(first)
         for method in (*METHODS, UNFILTERED):

@@ -230,9 +230,9 @@ def test_a_part_has_channels_up_to_a_limit(tmp_path, picture, channels, refused)
 
 def test_all_channels_together_are_limited_by_the_bytes_that_they_are_stored_in(tmp_path):
     black = np.zeros((512, 512), np.float32)
-    path = write(tmp_path / "a.exr", {name: black for name in "RGB"} | {f"z.{k}": black for k in range(61)})  # 64 MB decoded
+    path = write(tmp_path / "a.exr", dict.fromkeys("RGB", black) | {f"z.{k}": black for k in range(61)})  # 64 MB decoded
     assert read(path).shape == (512, 512, 3)
-    path = write(tmp_path / "a.exr", {name: black for name in "RGB"} | {f"z.{k}": black for k in range(62)})
+    path = write(tmp_path / "a.exr", dict.fromkeys("RGB", black) | {f"z.{k}": black for k in range(62)})
     with pytest.raises(UserError, match="decode to 68157440 bytes"):
         read(path)
 

@@ -53,8 +53,8 @@ MUTANTS = [
         ("order of numbers", "numbered.sort(key=lambda row: row[1])", "numbered.sort(key=lambda row: str(row[1]))"),
     ]),
     *mutants_of(CAPTURE + "manifest.py", "tests/test_sequence.py tests/test_verify.py", [
-        ("a half-written line of the manifest", 'or lines[-1].endswith(b"\\n")):', "or True):"),
-        ("any line of the manifest", '(manifest.damaged_line < len(lines) or lines[-1].endswith(b"\\n"))', "False"),
+        ("a half-written line of the manifest", 'or data.endswith(b"\\n")):', "or True):"),
+        ("any line of the manifest", '(manifest.damaged_line <= data.count(b"\\n") or data.endswith(b"\\n"))', "False"),
         ("digests", "if hashlib.sha256(read_file(path, MAX_IMAGE_BYTES)).hexdigest() != sha256:", "if False:"),
         ("the last line", "RecordingEnd(frames=self._frames, files=files)", "RecordingEnd(frames=self._frames)"),
     ]),

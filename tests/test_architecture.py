@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 SERVICES = ROOT / "services"
 # From below: a file imports only its own package and what stands on a lower floor.
 FLOORS = (
-    {"choices", "errors", "file_kinds", "toml", "files"},
+    {"choices", "errors", "file_kinds", "toml", "files", "kernels"},
     {"journal"},
     {"light"},
     {"settings", "runtime"},

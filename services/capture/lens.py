@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numba import njit
 
 from vemlight.errors import UserError
 from vemlight.files import read_toml, write_toml
+from vemlight.kernels import kernel, subroutine
 
 Row = tuple[float, float, float]
 IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -136,20 +136,20 @@ def slope_from_angle(theta: np.ndarray, lens: Lens) -> np.ndarray:
     return np.polynomial.polynomial.polyval(np.square(theta), np.concatenate([[1], lens.k * (3, 5, 7, 9)]))
 
 
-@njit(cache=True)
+@subroutine
 def _theta_d(theta, lens):
     # the polynomial itself, without the tangent beyond the rim
     s = theta * theta
     return theta * (1 + s * (lens.k1 + s * (lens.k2 + s * (lens.k3 + s * lens.k4))))
 
 
-@njit(cache=True)
+@subroutine
 def _slope(theta, lens):
     s = theta * theta
     return 1 + s * (3 * lens.k1 + s * (5 * lens.k2 + s * (7 * lens.k3 + s * 9 * lens.k4)))
 
 
-@njit(cache=True)
+@kernel
 def radius_from_angle(theta: float, lens: Intrinsics) -> float:
     """theta_d of the angle `theta` in rad; along the tangent beyond the rim."""
     radius = _theta_d(min(theta, lens.rim), lens)
@@ -158,7 +158,7 @@ def radius_from_angle(theta: float, lens: Intrinsics) -> float:
     return radius
 
 
-@njit(cache=True)
+@kernel
 def angle_from_radius(radius: float, lens: Intrinsics) -> float:
     """The angle in rad whose theta_d is `radius`, by Newton's method with a bracket that each step narrows."""
     low, high = 0.0, lens.rim
@@ -181,7 +181,7 @@ def angle_from_radius(radius: float, lens: Intrinsics) -> float:
     return theta
 
 
-@njit(cache=True)
+@kernel
 def _pixels(directions, lens):
     pixels = np.empty((len(directions), 2))
     for i in range(len(directions)):
@@ -195,7 +195,7 @@ def _pixels(directions, lens):
     return pixels
 
 
-@njit(cache=True)
+@kernel
 def _directions(pixels, lens):
     directions = np.empty((len(pixels), 3))
     for i in range(len(pixels)):
@@ -226,7 +226,7 @@ def pixel_angles(lens: Lens) -> np.ndarray:
     return angles_from_radii(np.hypot(x, y).ravel(), lens.intrinsics).reshape(height, width)
 
 
-@njit(cache=True)
+@kernel
 def angles_from_radii(radii, lens):
     """`angle_from_radius` of each of `radii` (n,), (n,) float64."""
     angles = np.empty_like(radii)

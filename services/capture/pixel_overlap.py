@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from vemlight.capture.lens import Intrinsics, Lens, angles_from_radii, radius_from_angle
+from vemlight.kernels import kernel, subroutine
 
 RADIUS_TABLE_SIZE = 4096  # angles over the radius; linear interpolation is off by (3 / 4096)^2 / 8 = 7e-8 rad at most; 1024 to 16384 do
 MIN_SUBPIXELS = 8  # on a side, where a pixel crosses a cell's edge: an edge along a line of them moves by 1/16 of the pixel
@@ -70,7 +70,7 @@ def ray_table(lens: Lens) -> RayTable:
     return RayTable(lens.intrinsics, angles, max_radius, lens.rotation)
 
 
-@njit(cache=True)
+@kernel
 def pixel_overlaps(solid, rays, grid, lattice):
     """Pixel, cell and common solid angle of the pixels of a lattice, pixel by pixel: int32, int32 and float64, all (n,).
 
@@ -106,15 +106,16 @@ def pixel_overlaps(solid, rays, grid, lattice):
     return pixel[:m].copy(), cell[:m].copy(), overlap[:m].copy()
 
 
-@njit(cache=True)
+@subroutine
 def _doubled(array):
     # numpy's own `append` takes seconds to compile
     longer = np.empty(2 * len(array), array.dtype)
-    longer[: len(array)] = array
+    for k in range(len(array)):
+        longer[k] = array[k]
     return longer
 
 
-@njit(cache=True)
+@subroutine
 def _fill_corners(corners, y, rays, grid, lattice):
     # x, y, z in the world, and row and column of the map, of a row of pixel corners, (n, 5)
     lens, rotation = rays.lens, rays.world_from_camera
@@ -131,7 +132,7 @@ def _fill_corners(corners, y, rays, grid, lattice):
         corners[n, 3], corners[n, 4] = _row_and_column(corners[n, 0], corners[n, 1], corners[n, 2], grid)
 
 
-@njit(cache=True)
+@subroutine
 def _row_and_column(x, y, z, grid):
     # continuous row and column of the map
     phi = math.atan2(y, x)
@@ -139,7 +140,7 @@ def _row_and_column(x, y, z, grid):
     return row, (phi if phi >= 0 else phi + 2 * math.pi) / (2 * math.pi) * grid.cols
 
 
-@njit(cache=True)
+@subroutine
 def _count_cells(counts, above, below, n, side, grid):
     # fills `counts` with the cells that pixel `n` between two rows of corners overlaps; returns its subpixels and the cells' number
     a, b, c, d = above[n], above[n + 1], below[n], below[n + 1]
@@ -162,7 +163,7 @@ def _count_cells(counts, above, below, n, side, grid):
     return _count_quadrants(counts, above, below, n, CellBlock(int(top), int(bottom), int(left), int(right)), grid)
 
 
-@njit(cache=True)
+@subroutine
 def _count_quadrants(counts, above, below, n, block, grid):
     # a pixel that at most one edge between rows and one between columns crosses; the distance from either is bilinear over the pixel
     theta, phi = block.bottom * grid.span / grid.rows, block.right * 2 * math.pi / grid.cols
@@ -196,7 +197,7 @@ def _count_quadrants(counts, above, below, n, block, grid):
     return total, count
 
 
-@njit(cache=True)
+@subroutine
 def _count_subpixels(counts, above, below, n, side, grid):
     # any pixel, also on the zenith: subpixel by subpixel
     a, b, c, d = above[n], above[n + 1], below[n], below[n + 1]
@@ -219,7 +220,7 @@ def _count_subpixels(counts, above, below, n, side, grid):
     return across * across, count
 
 
-@njit(cache=True)
+@kernel
 def balance(pixel, cell, overlap, solid_by_cell):
     """Scales the overlaps (n,) in place so that those of each cell add up to its solid angle and those of each pixel to what they did.
 

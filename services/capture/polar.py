@@ -9,8 +9,8 @@ Values are not cleaned: nan and inf reach the cells that their pixel overlaps an
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells, bright_cells_from_light
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import SPAN, Coverage, direction_from_angles, ring_edges
@@ -67,7 +67,7 @@ def polar_from_latlong(image: np.ndarray, weights: LatlongToPolar) -> np.ndarray
     return _separable(image, weights.rows, weights.cols)
 
 
-@njit(cache=True)
+@kernel
 def _separable(image, by_row, by_col):
     # columns first, in the rows of the image that the map needs
     rows, cols = len(by_row.start) - 1, len(by_col.start) - 1

@@ -10,9 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import wait as all_of
 
 import numpy as np
-from numba import njit
 
 from vemlight.capture.fisheye import MAP_PARTS, FisheyeToPolar
+from vemlight.kernels import kernel
 
 
 class Threads:
@@ -48,7 +48,7 @@ def polar_from_fisheye(image: np.ndarray, weights: FisheyeToPolar, threads: Thre
     return polar.reshape(weights.rows, weights.cols, 3)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _add_radiance(polar, image, pixel, cell, weight):
     for m in range(len(pixel)):
         w, p, at = weight[m], pixel[m], cell[m]
@@ -71,13 +71,13 @@ def polar_from_codes(codes: np.ndarray, weights: FisheyeToPolar, table: np.ndarr
     return polar.reshape(weights.rows, weights.cols)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _add_codes(polar, codes, pixel, cell, weight, table):
     for m in range(len(pixel)):
         polar[cell[m]] += weight[m] * table[codes[pixel[m]]]
 
 
-@njit(cache=True)
+@kernel
 def clipped_counts(codes, spans, top):
     """Number of black and of saturated codes, and the highest code, of codes (height, width) inside `spans`.
 

@@ -8,12 +8,12 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from vemlight.errors import UserError
 from vemlight.file_kinds import check_kind
 from vemlight.files import read_file
+from vemlight.kernels import kernel
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_primaries, rec709_from_xyz
 
@@ -132,7 +132,7 @@ def _decode(data: np.ndarray, scanlines: int, width: int) -> tuple[np.ndarray, i
     return codes, _decode_rows(data, codes, width in RUN_WIDTHS)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _decode_rows(data: np.ndarray, codes: np.ndarray, may_be_by_channel: bool) -> int:
     """Fills `codes` (scanlines, width, 4) and returns how many scanlines were whole.
 
@@ -158,12 +158,14 @@ def _decode_rows(data: np.ndarray, codes: np.ndarray, may_be_by_channel: bool) -
                         count -= 128
                         if x + count > width:
                             return y
-                        row[x : x + count, channel] = data[at]
+                        for k in range(count):
+                            row[x + k, channel] = data[at]
                         at += 1
                     else:
                         if count == 0 or x + count > width or at + count > data.size:
                             return y
-                        row[x : x + count, channel] = data[at : at + count]
+                        for k in range(count):
+                            row[x + k, channel] = data[at + k]
                         at += count
                     x += count
             continue
@@ -175,13 +177,16 @@ def _decode_rows(data: np.ndarray, codes: np.ndarray, may_be_by_channel: bool) -
                 count = np.int64(data[at + 3]) << shift
                 if x == 0 or x + count > width:
                     return y
-                row[x : x + count] = row[x - 1]
+                for k in range(x, x + count):
+                    for channel in range(4):
+                        row[k, channel] = row[x - 1, channel]
                 x += count
                 shift += 8
                 if shift > 24:
                     return y
             else:
-                row[x] = data[at : at + 4]
+                for channel in range(4):
+                    row[x, channel] = data[at + channel]
                 x += 1
                 shift = 0
             at += 4

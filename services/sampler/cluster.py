@@ -10,8 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
@@ -69,7 +69,7 @@ def _searched(directions: np.ndarray, old: np.ndarray, max_count: int, angle: fl
     return Clusters(labels, high)
 
 
-@njit(cache=True)
+@kernel
 def _labels(directions, old, angle, max_count):
     """(labels, number of seeds) for an angle; gives up, with max_count + 1 seeds, once there are too many."""
     count = directions.shape[0]
@@ -100,7 +100,7 @@ def _merged(lights: LightSet, directions: np.ndarray, clusters: Clusters, seeds:
     return LightSet.of(*_merge(lights, directions, clusters.labels, seeds))
 
 
-@njit(cache=True)
+@kernel
 def _merge(lights, directions, labels, seeds):
     """(ids (seeds,), directions (seeds, 3), irradiance (seeds, 3)) of the clusters. directions: of the lights, float64."""
     ids, mean, irradiance = np.empty(seeds, np.int64), np.empty((seeds, 3)), np.empty((seeds, 3))

@@ -4,8 +4,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED, LUMINANCE_WEIGHTS
 from vemlight.light.sphere import Coverage, cell_solid_angles
 
@@ -53,7 +53,7 @@ def light_map(radiance: np.ndarray, coverage: Coverage) -> LightMap:
 _solid_angles = lru_cache(maxsize=8)(cell_solid_angles)
 
 
-@njit(cache=True)
+@kernel
 def _clear_invalid(radiance):
     """Sets invalid values to 0; returns the number of cells that had one."""
     invalid_cells = 0
@@ -67,7 +67,7 @@ def _clear_invalid(radiance):
     return invalid_cells
 
 
-@njit(cache=True, fastmath={"reassoc"})  # sums may be reordered, so that several are formed at a time
+@kernel(fastmath={"reassoc"})  # sums may be reordered, so that several are formed at a time
 def _measure(radiance, values, solid_angles, luminance, irradiance):
     """Fills the luminance (rows, cols) and the integral (3,) of the radiance; returns whether all values are in [0, MAX_RADIANCE].
 
@@ -89,7 +89,7 @@ def _measure(radiance, values, solid_angles, luminance, irradiance):
     return invalid == 0
 
 
-@njit(cache=True)
+@kernel
 def _raise_floor(luminance, mean):
     rows, cols = luminance.shape
     base = FLOOR * mean if mean > 0 else 1.0  # a black map is sampled evenly

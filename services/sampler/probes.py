@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles
 
@@ -54,7 +54,7 @@ def irradiance_of_map(at: Probes, radiance: np.ndarray, coverage: Coverage) -> n
     return result
 
 
-@njit(cache=True)
+@kernel
 def irradiance_of_unit_light(normal, occluder, direction):
     """Irradiance of the probe (normal, occluder) under a light of irradiance 1 in `direction`."""
     cosine = normal[0] * direction[0] + normal[1] * direction[1] + normal[2] * direction[2]
@@ -64,7 +64,7 @@ def irradiance_of_unit_light(normal, occluder, direction):
     return cosine * min(max(0.5 + 0.5 * height / SOFTNESS, 0.0), 1.0)
 
 
-@njit(cache=True)
+@kernel
 def _gather(normals, occluders, directions, strength, result):
     for k in range(normals.shape[0]):
         total = 0.0

@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED, LUMINANCE_WEIGHTS
 from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles
 from vemlight.sampler.light_map import LightMap
@@ -84,7 +84,7 @@ def _map_blocks(rows: int, cols: int, coverage: Coverage) -> MapBlocks:
     return blocks._replace(responses=blocks.responses / area[:, None])
 
 
-@njit(cache=True)
+@kernel
 def _fill_responses(blocks: MapBlocks, at: Probes, area):
     """Adds solid angle x response of each cell to blocks.responses (blocks, probes), and its solid angle to area (blocks,)."""
     across = blocks.block_col[-1] + 1
@@ -97,7 +97,7 @@ def _fill_responses(blocks: MapBlocks, at: Probes, area):
                 blocks.responses[block, k] += blocks.solid_angles[i] * response
 
 
-@njit(cache=True)
+@kernel
 def _gather_map(radiance, blocks: MapBlocks, hot_power, at: Probes, block_power, truth):
     """Adds each cell's power to block_power (blocks,), or when it is hot the irradiance from it to truth (probes,)."""
     across = blocks.block_col[-1] + 1
@@ -112,7 +112,7 @@ def _gather_map(radiance, blocks: MapBlocks, hot_power, at: Probes, block_power,
                     truth[k] += power * irradiance_of_unit_light(at.normals[k], at.occluders[k], blocks.directions[i, j])
 
 
-@njit(cache=True)
+@kernel
 def _prefix_errors(directions, power, total, at: Probes, truth, sizes):
     """Errors (sizes,) of the first lights, scaled to the `total` power, against the irradiance `truth` (probes,)."""
     irradiance, used, last = np.zeros(truth.size), 0.0, 0

@@ -1,8 +1,8 @@
 """The methods of Havran et al. 2005 and the standard inversion: a warp of the unit square onto the sky, filtered over time, clustered."""
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 from vemlight.sampler.cluster import NO_CLUSTERS, clustered
@@ -71,7 +71,7 @@ def _drawn(settings: Sampler, state: SamplerState, light: LightMap, time_s: floa
     return drawn, anchor
 
 
-@njit(cache=True)
+@kernel
 def _fill_drawn(directions, radiance, density, irradiance, drawn):
     for n in range(density.size):
         for c in range(3):

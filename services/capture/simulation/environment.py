@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
 from vemlight.light.sphere import direction_from_angles, latlong_directions, latlong_solid_angles
@@ -98,7 +98,7 @@ def hemisphere_irradiance(environment: Environment, world_from_map: np.ndarray) 
     return total
 
 
-@njit(cache=True)
+@kernel
 def _upper_flux(image, rotation):
     # pixels near the horizon count by the fraction of their points above it, others by their centre
     height, width, _ = image.shape
@@ -123,7 +123,7 @@ def _upper_flux(image, rotation):
     return total
 
 
-@njit(cache=True)
+@subroutine
 def _height_above_horizon(z, phi, rotation):
     # z in the world of the map's direction with height z and azimuth phi
     s = math.sqrt(1 - z * z)

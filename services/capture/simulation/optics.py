@@ -8,10 +8,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from vemlight.capture.lens import Intrinsics, Lens, angle_from_radius, pixel_solid_angles, radius_from_angle
 from vemlight.capture.simulation.environment import DISC_POINTS, Environment, disc_points
+from vemlight.kernels import kernel, subroutine
 
 RAYS = 4  # on a side of a pixel; 3 to 8 do
 BRIGHT = 16.0  # times the image's mean: light above is scattered by flux. Below, a missed ray costs a pixel its mean at most (1/16 of 16)
@@ -43,7 +43,7 @@ def fisheye_radiance(environment: Environment, world_from_map: np.ndarray, lens:
     return taken.image
 
 
-@njit(cache=True)
+@kernel
 def _gather(source, level, taken, rotation):
     # adds the mean of the source, up to `level`, over each pixel's rays
     rows, cols, _ = source.shape
@@ -69,7 +69,7 @@ def _gather(source, level, taken, rotation):
                     taken.image[y, x, q] += min(source[row, col, q], level[q]) / (RAYS * RAYS)
 
 
-@njit(cache=True)
+@subroutine
 def _scatter(dx, dy, dz, flux, taken):
     # adds `flux` to the pixel in the camera's direction dx, dy, dz
     across = math.hypot(dx, dy)
@@ -85,14 +85,14 @@ def _scatter(dx, dy, dz, flux, taken):
             taken.image[y, x, q] += flux[q] / solid[y, x]
 
 
-@njit(cache=True)
+@kernel
 def _scatter_points(points, flux, taken, rotation):
     for n in range(len(points)):
         d = rotation @ points[n]
         _scatter(d[0], d[1], d[2], flux, taken)
 
 
-@njit(cache=True)
+@kernel
 def _scatter_bright_pixels(source, level, points_per_side, taken, rotation):
     # what exceeds `level` in a pixel of the source, from points_per_side x points_per_side points of equal solid angle
     rows, cols, _ = source.shape

@@ -8,9 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from vemlight.capture.simulation.environment import Environment, SunDisc
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.sphere import direction_from_angles
 
 HEIGHT, WIDTH = 256, 512  # of the lat-long image, which does not contain the sun
@@ -57,7 +57,7 @@ def sun_at(time_s: float) -> np.ndarray:
     return direction_from_angles(math.pi / 2 - elevation, math.radians(AZIMUTH_DEG + AZIMUTH_DEG_PER_S * time_s))
 
 
-@njit(cache=True)
+@subroutine
 def _lattice(ix, iy, seed):
     # a pseudorandom number in [0, 1) for each point of a lattice: 32-bit mixing by odd constants and shifts
     h = np.uint32(ix * 374761393 + iy * 668265263) ^ seed
@@ -65,7 +65,7 @@ def _lattice(ix, iy, seed):
     return float(np.uint32(h ^ np.uint32(h >> np.uint32(16)))) / 4294967296.0
 
 
-@njit(cache=True)
+@subroutine
 def _noise(x, y, seed):
     # value noise (Perlin's smoothstep between lattice points), 0 .. 1
     ix, iy = math.floor(x), math.floor(y)
@@ -77,7 +77,7 @@ def _noise(x, y, seed):
     return low * (1 - v) + high * v
 
 
-@njit(cache=True)
+@kernel
 def _cloud_cover(x, y, z, time_s, seed):
     # cloud in a direction, 0 .. 1; the layer is a plane at height 1, curved down towards the horizon
     if z <= 0:
@@ -91,7 +91,7 @@ def _cloud_cover(x, y, z, time_s, seed):
     return dense * dense * (3 - 2 * dense)
 
 
-@njit(cache=True)
+@kernel
 def _image(state):
     # radiance (HEIGHT, WIDTH, 3) without the sun's disc
     image, sun = np.empty((HEIGHT, WIDTH, 3)), state.sun

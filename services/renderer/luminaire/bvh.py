@@ -3,7 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from vemlight.kernels import kernel, subroutine
 
 MAX_LEAF_TRIANGLES = 4  # any value in 1..16 does: it changes speed alone
 STACK_DEPTH = 64  # boxes still to be visited; halving 2^32 triangles needs 32
@@ -55,7 +56,7 @@ def hierarchy_from_triangles(corners: np.ndarray) -> TriangleHierarchy:
     return TriangleHierarchy(corners[order], np.array(boxes, np.float64).reshape(-1, 6), np.array(nodes, np.int32).reshape(-1, 2))
 
 
-@njit(cache=True)
+@kernel
 def occluded(hierarchy, ray, near, far):
     """True when a triangle lies between the parameters near and far of a `Ray`."""
     if len(hierarchy.nodes) == 0:
@@ -88,7 +89,7 @@ def occluded(hierarchy, ray, near, far):
     return False
 
 
-@njit(cache=True)
+@subroutine
 def triangle_distance(c, ray):
     """The ray's parameter where it meets the triangle with corners c (3, 3), inf where it misses (Moeller and Trumbore 1997)."""
     e1x, e1y, e1z = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]

@@ -18,8 +18,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.renderer.luminaire.bvh import Ray, TriangleHierarchy, hierarchy_from_triangles, occluded
 from vemlight.renderer.luminaire.tables import AxisBox, PixelAxis, SummedAreaTables, axis_box, mean_importance, sample_box
 
@@ -123,7 +123,7 @@ def shade(tables: SummedAreaTables, receivers: Receivers, shifts: np.ndarray, sa
     return out
 
 
-@njit(cache=True)
+@subroutine
 def basis_value(cells, x):
     """phi of bases.basis, for compiled code: the support's width in cells names the basis."""
     a = abs(x)
@@ -132,7 +132,7 @@ def basis_value(cells, x):
     return 0.75 - a * a if a <= 0.5 else (0.5 * (1.5 - a) * (1.5 - a) if a < 1.5 else 0.0)
 
 
-@njit(cache=True)
+@subroutine
 def image_boxes(tables, m, p):
     """The AxisBoxes along u and v that point p sees of image m."""
     ratio = tables.distance / p[2]
@@ -142,7 +142,7 @@ def image_boxes(tables, m, p):
     return u, axis_box(low[1], high[1], p[1], ratio, PixelAxis(origin[1], size[1], height))
 
 
-@njit(cache=True)
+@subroutine
 def image_weight(tables, m, u, v):
     """The integral of importance over the part of U behind the boxes u and v of image m, 0 where nothing is seen."""
     if u.x1 < u.x0 or v.x1 < v.x0:
@@ -150,7 +150,7 @@ def image_weight(tables, m, u, v):
     return mean_importance(tables.sums[m], tables.importance[m], u, v) * abs((u.u1 - u.u0) * (v.u1 - v.u0))
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _shade(tables, receivers, shifts, points, limits, occluders, out):
     """Adds the reflected radiance of each receiver to out (n, 3). limits: samples in all, and of one image."""
     weights = np.empty(len(tables.sums))
@@ -186,7 +186,7 @@ def _shade(tables, receivers, shifts, points, limits, occluders, out):
                 drawn += count
 
 
-@njit(cache=True)
+@subroutine
 def _add_samples(tables, samples, receiver, occluders, out):
     """Adds what the samples of one image reflect at a Receiver to out (3,)."""
     m, u, v, shift, p = samples.m, samples.u, samples.v, samples.shift, receiver.position
@@ -220,7 +220,7 @@ def _add_samples(tables, samples, receiver, occluders, out):
             out[c] += value * pixels[drawn.row, drawn.column, c] * (receiver.diffuse[c] / math.pi * transmitted + fresnel * lobe)
 
 
-@njit(cache=True)
+@subroutine
 def _world_ray(matrix, p, dx, dy, dz):
     """The Ray in the world from a point p (3,) in a direction of the luminaire's frame."""
     return Ray(
@@ -233,7 +233,7 @@ def _world_ray(matrix, p, dx, dy, dz):
     )
 
 
-@njit(cache=True)
+@subroutine
 def _lobe(receiver, cosine, dx, dy, dz):
     """(specular lobe, Schlick's weight of grazing angles) towards a direction whose cosine with the normal is given."""
     normal, mirrored = receiver.normal, receiver.mirrored
@@ -244,7 +244,7 @@ def _lobe(receiver, cosine, dx, dy, dz):
     return (receiver.shape + 2) / (2 * math.pi) * max(towards_mirrored, 1e-6) ** receiver.shape, 0.0
 
 
-@njit(cache=True)
+@kernel
 def ggx_lobe(light, view, between, alpha):
     """(distribution x visibility, Schlick's (1 - v.h)^5) of glTF 2.0, appendix B.3: brdf.glsl's ggx_lobe.
 

@@ -10,8 +10,8 @@ from typing import Annotated, NamedTuple
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.renderer.luminaire.acquisition import AcquisitionPlanes, Quantisation, Rays, field_from_radiance
 from vemlight.renderer.luminaire.bases import Dual
 from vemlight.renderer.luminaire.lightfield import LightField, Unit
@@ -67,7 +67,7 @@ def lamp_radiance(lamp: ReflectorLamp, u: np.ndarray, s: np.ndarray, distance_m:
     return table[bounces]  # -1, no hit, is the last row
 
 
-@njit(cache=True)
+@kernel
 def _trace(u, s, distance, optics, bounces):
     """bounces[k]: reflections before ray k, followed backwards, meets the ball; -1 when it never does."""
     for k in range(len(u)):
@@ -89,13 +89,13 @@ def _trace(u, s, distance, optics, bounces):
             d = _reflected(d, _mirror_normal(optics, o))
 
 
-@njit(cache=True)
+@subroutine
 def _unit(x, y, z):
     n = math.sqrt(x * x + y * y + z * z)
     return (x / n, y / n, z / n)
 
 
-@njit(cache=True)
+@subroutine
 def _ball_distance(optics, o, d):
     """Along the ray o + t d to the ball; -1 where it misses."""
     bx, by, bz = o[0] - optics.ball[0], o[1] - optics.ball[1], o[2] - optics.ball[2]
@@ -104,7 +104,7 @@ def _ball_distance(optics, o, d):
     return -b - math.sqrt(root) if root >= 0 else -1.0
 
 
-@njit(cache=True)
+@subroutine
 def _mirror_distance(optics, o, d):
     """Along the ray o + t d to the paraboloid x^2 + y^2 = 4 focal (z + depth): the farther root of a t^2 + 2 h t + c = 0 lies ahead."""
     a = d[0] * d[0] + d[1] * d[1]
@@ -116,7 +116,7 @@ def _mirror_distance(optics, o, d):
     return (-h + math.sqrt(inside)) / a if inside >= 0 else -1.0
 
 
-@njit(cache=True)
+@subroutine
 def _mirror_normal(optics, o):
     """The normal, of any length, at a point of the mirror; ribs lean it round the axis, in an even sweep over each rib."""
     x, y, z = -o[0], -o[1], 2 * optics.focal
@@ -128,7 +128,7 @@ def _mirror_normal(optics, o):
     return (x - o[1] / r * lean, y + o[0] / r * lean, z)
 
 
-@njit(cache=True)
+@subroutine
 def _reflected(d, normal):
     n = math.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
     across = 2 * (d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]) / (n * n)

@@ -8,8 +8,8 @@ sampling plane, which is the default here because it errs less against traced ra
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.renderer.gl.buffers import SHADOW_VIEW
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
@@ -60,7 +60,7 @@ def _median_positions(field: LightField, rows: int, cols: int) -> np.ndarray:
     return np.where(count > 0, sums / np.maximum(count, 1), middle).reshape(-1, 2)
 
 
-@njit(cache=True)
+@kernel
 def median_pixel(image):
     """(s, t, lit) in pixels: the median of an image (height, width, 3) along s, and along t in that column; lit is False where all is dark.
 
@@ -77,12 +77,12 @@ def median_pixel(image):
     return s, median(rows), columns.sum() > 0
 
 
-@njit(cache=True)
+@subroutine
 def _importance(pixel):
     return LUMINANCE_RED * abs(pixel[0]) + LUMINANCE_GREEN * abs(pixel[1]) + LUMINANCE_BLUE * abs(pixel[2])
 
 
-@njit(cache=True)
+@kernel
 def median(weights):
     """The position in [0, n] below which half the weight of n unit intervals lies."""
     rest, k = weights.sum() / 2, 0

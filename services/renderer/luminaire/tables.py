@@ -13,8 +13,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
 from vemlight.renderer.luminaire.lightfield import LightField
@@ -87,7 +87,7 @@ def summed_area_tables(field: LightField) -> SummedAreaTables:
                             float(field.distance_m), float(field.spacing_m), SUPPORT_CELLS[field.basis_kind])
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _sum(pixels, importance, sums):
     """Fills an image's importance and its summed-area table in one pass over the pixels."""
     for j in range(importance.shape[0]):
@@ -100,7 +100,7 @@ def _sum(pixels, importance, sums):
             sums[j + 1, i + 1] = sums[j, i + 1] + row
 
 
-@njit(cache=True)
+@kernel
 def axis_box(low, high, p, ratio, pixels):
     """The AxisBox of the support [low, high] that a point at p sees on a PixelAxis; ratio = distance / z_p.
 
@@ -117,7 +117,7 @@ def axis_box(low, high, p, ratio, pixels):
     return AxisBox(x0, x1, low, high)
 
 
-@njit(cache=True)
+@kernel
 def table_at(sums, y, x):
     """Importance below y and left of x, bilinear: exact for pixels that are even inside."""
     j, i = min(int(y), sums.shape[0] - 2), min(int(x), sums.shape[1] - 2)
@@ -125,21 +125,21 @@ def table_at(sums, y, x):
     return (1 - g) * ((1 - f) * sums[j, i] + f * sums[j, i + 1]) + g * ((1 - f) * sums[j + 1, i] + f * sums[j + 1, i + 1])
 
 
-@njit(cache=True)
+@kernel
 def column_at(sums, i, y):
     """Importance of column i below y."""
     j = min(int(y), sums.shape[0] - 2)
     return (1 - (y - j)) * (sums[j, i + 1] - sums[j, i]) + (y - j) * (sums[j + 1, i + 1] - sums[j + 1, i])
 
 
-@njit(cache=True)
+@subroutine
 def pixel_pair(box, count):
     """The PixelPair of an AxisBox in an image of `count` pixels along the axis."""
     first, last = min(int(box.x0), count - 1), min(int(box.x1), count - 1)
     return PixelPair(first, last, (first + 1 - box.x0) / (box.x1 - box.x0) if last > first else 1.0)
 
 
-@njit(cache=True)
+@kernel
 def mean_importance(sums, importance, u, v):
     """Mean importance over the box of AxisBoxes u (columns) and v (rows)."""
     height, width = importance.shape
@@ -154,7 +154,7 @@ def mean_importance(sums, importance, u, v):
     return max(total, 0.0) / ((u.x1 - u.x0) * (v.x1 - v.x0))
 
 
-@njit(cache=True)
+@kernel
 def sample_box(sums, importance, u, v, a, b):
     """The BoxSample that uniform numbers a and b choose, with density in proportion to importance."""
     height, width = importance.shape
@@ -166,7 +166,7 @@ def sample_box(sums, importance, u, v, a, b):
     return BoxSample((x - u.x0) / (u.x1 - u.x0), (y - v.x0) / (v.x1 - v.x0), row, column)
 
 
-@njit(cache=True)
+@subroutine
 def _sample_four_pixels(importance, i, j, a, b):
     """The BoxSample of a box within two columns i and two rows j."""
     left = i.weight * (j.weight * importance[j.first, i.first] + (1 - j.weight) * importance[j.last, i.first])
@@ -183,7 +183,7 @@ def _sample_four_pixels(importance, i, j, a, b):
     return BoxSample(x, j.weight + (1 - j.weight) * min((target - low) / high, 1.0), j.last, column)
 
 
-@njit(cache=True)
+@subroutine
 def _sample_column(sums, i, u, v, a):
     """(column, x): the box's marginal along s, four sums at a whole column, searched for uniform number a."""
     height = sums.shape[0] - 1
@@ -205,7 +205,7 @@ def _sample_column(sums, i, u, v, a):
     return column, left + (right - left) * fraction
 
 
-@njit(cache=True)
+@subroutine
 def _sample_row(sums, j, column, v, b):
     """(row, y): the conditional along t in a column, searched for uniform number b."""
     below, above = column_at(sums, column, v.x0), column_at(sums, column, v.x1)

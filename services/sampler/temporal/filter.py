@@ -9,8 +9,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.sampler.sampler_input import MAX_GAP_S
 from vemlight.sampler.temporal.filters import filter_from_settings, weights_from_settings
@@ -111,7 +111,7 @@ def _needed(frames: tuple[FilterFrame, ...], frame_weights: np.ndarray, count: i
     return frames[first:]
 
 
-@njit(cache=True)
+@kernel
 def _frame_weights(times, weights, period):
     """The weight of each frame when x(t - k period) is interpolated linearly between the frames, and constant before the first."""
     frame_weights = np.zeros(times.size)
@@ -161,14 +161,14 @@ def _low_passed(
     return (after[0], after[1]._replace(lights=result)), float(2 * period * steady_decay / (1 - steady_decay)) if period else 0.0
 
 
-@njit(cache=True)
+@kernel
 def _add(total, weight, lights):
     for n in range(lights.shape[0]):
         for c in range(lights.shape[1]):
             total[n, c] += weight * lights[n, c]
 
 
-@njit(cache=True)
+@kernel
 def _make_safe(lights, centre, lowest_z):
     """Makes directions unit vectors (a mean shorter than 1/2 is first pulled to `centre`, to be above 0.24 long) and tints >= 0."""
     for n in range(lights.shape[0]):

@@ -9,8 +9,8 @@ It is removed from each block of the map by itself: tubes near a window must not
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.light.sphere import cell_solid_angles
 from vemlight.sampler.light_map import LightMap
@@ -94,7 +94,7 @@ def without_flicker(light: LightMap, now: Flicker) -> np.ndarray:
     return light.radiance / excess[down[:, None], across[None, :], None]
 
 
-@njit(cache=True)
+@kernel
 def _add_blocks(radiance, solid_angles, powers):
     rows, cols, _ = radiance.shape
     for i in range(rows):
@@ -104,13 +104,13 @@ def _add_blocks(radiance, solid_angles, powers):
             powers[down, j * powers.shape[1] // cols] += light * solid_angles[i]
 
 
-@njit(cache=True)
+@kernel
 def _beat(frequency, rate):
     """The frequency as frames at `rate` see it, at most half the rate."""
     return abs(frequency - np.round(frequency / rate) * rate)
 
 
-@njit(cache=True)
+@kernel
 def _regressors(times, frequency, rate):
     """(7, n): what the scene does, a parabola, and what the lamp does, sines of the frequency and of its double.
 
@@ -129,22 +129,55 @@ def _regressors(times, frequency, rate):
     return columns
 
 
-@njit(cache=True)
+# Sums may be reordered, so that several are formed at a time.
+@kernel(fastmath={"reassoc"})
 def _least_squares(columns, target):
-    """Fit of target (n, k) by columns (c, n): (weights (c, k), squared residuals (k,))."""
+    """Fit of target (n, k) by columns (c, n): (weights (c, k), squared residuals (k,)).
+
+    The normal equations by Cholesky's decomposition, written out: numba takes 8 s to compile its calls of LAPACK.
+    """
     count, n = columns.shape
-    normal = columns @ columns.T
+    factor, weights = np.zeros((count, count)), np.zeros((count, target.shape[1]))
     for c in range(count):
-        normal[c, c] += 1e-9 * n  # a column that is left out, or sine and cosine at half the frame rate, keep the system solvable
-    weights = np.linalg.solve(normal, columns @ target)
-    residuals, squares = target - columns.T @ weights, np.zeros(target.shape[1])
+        for d in range(c + 1):
+            for i in range(n):
+                factor[c, d] += columns[c, i] * columns[d, i]
+        factor[c, c] += 1e-9 * n  # a column that is left out, or sine and cosine at half the frame rate, keep the system solvable
+        for i in range(n):
+            for k in range(target.shape[1]):
+                weights[c, k] += columns[c, i] * target[i, k]
+    _solve(factor, weights)
+    residuals, squares = target.copy(), np.zeros(target.shape[1])
     for i in range(n):
+        for c in range(count):
+            for k in range(squares.size):
+                residuals[i, k] -= columns[c, i] * weights[c, k]
         for k in range(squares.size):
             squares[k] += residuals[i, k] * residuals[i, k]
     return weights, squares
 
 
-@njit(cache=True)
+@subroutine
+def _solve(factor, rows):
+    """Solves a symmetric, positive definite system (c, c), of which the lower half is read and overwritten, for rows (c, k), in place."""
+    count, width = rows.shape
+    for c in range(count):
+        for d in range(c + 1):
+            for e in range(d):
+                factor[c, d] -= factor[c, e] * factor[d, e]
+            factor[c, d] = np.sqrt(factor[c, c]) if c == d else factor[c, d] / factor[d, d]
+        for k in range(width):
+            for d in range(c):
+                rows[c, k] -= factor[c, d] * rows[d, k]
+            rows[c, k] /= factor[c, c]
+    for c in range(count - 1, -1, -1):
+        for k in range(width):
+            for d in range(c + 1, count):
+                rows[c, k] -= factor[d, c] * rows[d, k]
+            rows[c, k] /= factor[c, c]
+
+
+@kernel
 def _explained(about, residuals, n):
     """Fraction (k,) of the squares `about` the parabola that the sines explain, given squared residuals (k,) over n frames."""
     explained = np.zeros(about.size)
@@ -153,7 +186,7 @@ def _explained(about, residuals, n):
     return explained
 
 
-@njit(cache=True)
+@kernel
 def _search(times, target, nominal, rate):
     """(fraction of variance explained, frequency, depth) of the best fit to the logarithm of the power near the nominal frequency."""
     explained, single, n = np.empty(DRIFT_STEPS), target.reshape(-1, 1), times.size

@@ -1,8 +1,8 @@
 """The map as it came, cleaned: invalid cells inpainted from the frame before, noise taken out over time."""
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.sampler.light_map import MAX_RADIANCE
 
@@ -26,7 +26,7 @@ def cleaned(
     return clean, ages, _clean(clean, previous is not None, clean if previous is None else previous, variance, ages)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _clean(clean, inpainting, previous, variance, ages):
     """Cleans a map in place; returns how many cells were invalid."""
     rows, cols, _ = clean.shape
@@ -42,7 +42,7 @@ def _clean(clean, inpainting, previous, variance, ages):
     return invalid
 
 
-@njit(cache=True)
+@subroutine
 def _all_valid_and_lit(row):
     """Whether all cells of a row (3 cols,) are lit and none is invalid."""
     others = 0
@@ -53,7 +53,7 @@ def _all_valid_and_lit(row):
     return others == 0
 
 
-@njit(cache=True)
+@subroutine
 def _inpaint(row, inpainting, old, ages):
     """Cleans or inpaints the cells of a row (3 cols,) that are invalid or black; returns how many are invalid."""
     invalid = 0
@@ -66,14 +66,14 @@ def _inpaint(row, inpainting, old, ages):
             ages[j] = 0
         elif inpainting and (not valid or ages[j] < INPAINT_FRAMES):
             ages[j] += valid
-            cell[:] = was
+            cell[0], cell[1], cell[2] = was[0], was[1], was[2]
         else:
             for c in range(3):
                 cell[c] = cell[c] if 0 <= cell[c] <= MAX_RADIANCE else 0
     return invalid
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _smooth(row, old, per_clear_change, gain):
     """Moves each cell of a row (3 cols,) only part of the way from the `old` row where its change may be noise.
 

@@ -7,8 +7,8 @@ that moves does not step back. Where a scene moves too much for an estimate the 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 
 STRIDE = 4  # one column in so many is looked at: 8,100 cells of 90 x 360 give the variance to 2 % a frame
@@ -39,7 +39,7 @@ def noise_after(before: Noise, radiance: np.ndarray) -> Noise:
 
 
 # Sums may be reordered, so that several are formed at a time.
-@njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@kernel(fastmath={"reassoc"})
 def _covariance(last, last_change, radiance, luminance, change):
     """Fills luminance and relative change (rows, cols / STRIDE); returns the mean product of this change and the last."""
     total, count, light = 0.0, 0, np.empty(radiance.shape[1], np.float32)
@@ -48,8 +48,8 @@ def _covariance(last, last_change, radiance, luminance, change):
         row = radiance[i].reshape(3 * light.size)
         for j in range(light.size):
             light[j] = _RED * row[3 * j] + _GREEN * row[3 * j + 1] + _BLUE * row[3 * j + 2]
-        luminance[i] = light[::STRIDE]
         for j in range(luminance.shape[1]):
+            luminance[i, j] = light[STRIDE * j]
             both = last[i, j] + luminance[i, j]
             d = np.float32(2) * (luminance[i, j] - last[i, j]) / both if both > 0 else np.float32(0)
             change[i, j] = d

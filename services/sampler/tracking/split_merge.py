@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.sampler.tracking.tiles import Tiles
-from vemlight.sampler.tracking.voronoi import assign, cells_from_assignment, centroid, centroids, lloyd_update, root
+from vemlight.sampler.tracking.voronoi import Cells, assign, cells_from_assignment, centroid, centroids, lloyd_update, root
 
 TWO_MEANS_STEPS = 4  # inside a cell that is split: enough to part two lamps, and the Lloyd updates of later frames do the rest
 GAIN_OVER_COST = 2.0  # a split must gain this many times what the merge costs that makes room for it,
@@ -26,15 +26,15 @@ class Sites(NamedTuple):
     next_id: int
 
 
-@njit(cache=True, error_model="numpy")
-def split_and_merge(tiles: Tiles, sites: Sites, cells, max_count, scene_change):
+def split_and_merge(tiles: Tiles, sites: Sites, cells: Cells, max_count: int, scene_change: bool) -> tuple[int, Sites, Cells]:
     """(count, sites, cells) after at most `max_count` exchanges, each the split of one cell paid by the merge of two others.
 
     The new light takes the merged one's place in the list. It begins at its parent's direction, except after a scene change. The
     assignment in `cells` is overwritten.
     """
     ids, directions, offsets, parent = sites.ids.copy(), sites.directions.copy(), sites.offsets.copy(), np.empty(3)
-    for count in range(max_count):
+    count = 0
+    while count < max_count:
         gains, chosen, halves = best_splits(tiles, directions, cells, 1, scene_change)
         spare = gains[0] - GAIN_OVER_MEAN * (cells.root_energy**2).mean() if gains.size else 0.0
         if spare <= 0:
@@ -43,18 +43,17 @@ def split_and_merge(tiles: Tiles, sites: Sites, cells, max_count, scene_change):
         if cell in (larger, smaller) or spare < GAIN_OVER_COST * cost:
             break
         centroid(cells.moment[cell], directions[cell], parent)
-        lloyd_update((cells.site_moment[larger] + cells.site_moment[smaller]).reshape(1, 3), directions[larger : larger + 1])
+        lloyd_update((cells.site_moment[larger] + cells.site_moment[smaller])[None], directions[larger : larger + 1])
         directions[cell], directions[smaller] = halves[0, 0], halves[0, 1]
         ids[smaller] = sites.next_id + count
-        offsets[smaller] = np.zeros(3) if scene_change else parent - halves[0, 1]
+        offsets[smaller] = 0.0 if scene_change else parent - halves[0, 1]
         assign(tiles, directions, np.array([cell, larger, smaller]), cells.assignment)
         cells = cells_from_assignment(tiles, directions, cells.assignment)
-    else:
-        count = max_count
+        count += 1
     return count, Sites(ids, directions, offsets, sites.next_id + count), cells
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def best_splits(tiles: Tiles, directions, cells, max_count, scene_change):
     """(gains (k,), chosen cells (k,), halves (k, 2, 3)) of the splits, at most `max_count`, that lower the energy most, best first.
 
@@ -73,14 +72,23 @@ def best_splits(tiles: Tiles, directions, cells, max_count, scene_change):
             continue
         k = count if count < max_count else max_count - 1
         while k > 0 and gains[k - 1] < gain:
-            gains[k], chosen[k], halves[k] = gains[k - 1], chosen[k - 1], halves[k - 1]
+            gains[k], chosen[k] = gains[k - 1], chosen[k - 1]
+            _copy_halves(halves[k - 1], halves[k])
             k -= 1
-        gains[k], chosen[k], halves[k] = gain, cell, two
+        gains[k], chosen[k] = gain, cell
+        _copy_halves(two, halves[k])
         count = min(count + 1, max_count)
     return gains[:count], chosen[:count], halves[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
+def _copy_halves(halves, goal):
+    for s in range(2):
+        for c in range(3):
+            goal[s, c] = halves[s, c]
+
+
+@kernel
 def cheapest_pair(directions, cells):
     """(cost, larger, smaller): the two neighbours whose union adds the least energy; larger has more power. A dark cell costs nothing.
 
@@ -109,7 +117,7 @@ def cheapest_pair(directions, cells):
     return cost, larger, smaller
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def split(tiles: Tiles, nearest, cell, centre, scene_change, halves):
     """The energy saved by cutting `cell` in two, or 0 when it is one tile. nearest: (tiles,), the cell of each tile.
 
@@ -125,15 +133,15 @@ def split(tiles: Tiles, nearest, cell, centre, scene_change, halves):
         t = members[k]
         own[0, k], own[1, k], own[2, k] = tiles.direction[0, t], tiles.direction[1, t], tiles.direction[2, t]
         own[3, k], own[4, k] = tiles.power[t], tiles.weight[t]
-    own, moment, whole = own[:, :count], np.zeros((3, 4)), np.empty(3)
+    moment, whole = np.zeros((3, 4)), np.empty(3)
     for k in range(count):
         _add(own, k, moment[2])
     length = np.sqrt(moment[2, 0] ** 2 + moment[2, 1] ** 2 + moment[2, 2] ** 2)
     if count < 2 or length <= 1e-9 * moment[2, 3]:
         return 0.0
     centroid(moment[2], centre, whole)
-    _two_means(own, whole, halves, moment)
-    nearer = ((halves[0] - centre) ** 2).sum() <= ((halves[1] - centre) ** 2).sum()
+    _two_means(own, count, whole, halves, moment)
+    nearer = _squared(halves[0], centre) <= _squared(halves[1], centre)
     if not nearer if scene_change else moment[0, 3] < moment[1, 3]:
         for c in range(3):
             halves[0, c], halves[1, c] = halves[1, c], halves[0, c]
@@ -150,22 +158,22 @@ def split(tiles: Tiles, nearest, cell, centre, scene_change, halves):
     return root_energy[2] ** 2 - root_energy[0] ** 2 - root_energy[1] ** 2
 
 
-@njit(cache=True, error_model="numpy")
-def _two_means(own, whole, halves, moment):
-    """Two-means of a cell's tiles: fills the sites halves (2, 3) and their power moments, moment[:2].
+@subroutine
+def _two_means(own, count, whole, halves, moment):
+    """Two-means of a cell's `count` tiles: fills the sites halves (2, 3) and their power moments, moment[:2].
 
     It begins with the centroid and the tile with the largest power x root(chord) from it.
     """
-    far, site_moment = -1.0, np.empty((2, 3))
-    for k in range(own.shape[1]):
+    far, farthest, site_moment = -1.0, 0, np.empty((2, 3))
+    for k in range(count):
         d = root(np.sqrt(_chord(own, k, whole))) * own[3, k]
         if d > far:
-            far = d
-            halves[1] = own[:3, k]
-    halves[0] = whole
+            far, farthest = d, k
+    for c in range(3):
+        halves[0, c], halves[1, c] = whole[c], own[c, farthest]
     for _ in range(TWO_MEANS_STEPS):
         moment[:2], site_moment[:] = 0.0, 0.0
-        for k in range(own.shape[1]):
+        for k in range(count):
             s = 0 if _chord(own, k, halves[0]) <= _chord(own, k, halves[1]) else 1
             _add(own, k, moment[s])
             for c in range(3):
@@ -173,14 +181,20 @@ def _two_means(own, whole, halves, moment):
         lloyd_update(site_moment, halves)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@subroutine
+def _squared(a, b):
+    """Squared distance."""
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
+@subroutine(inline="always")
 def _add(own, k, moment):
     for c in range(3):
         moment[c] += own[3, k] * own[c, k]
     moment[3] += own[3, k]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@subroutine(inline="always")
 def _chord(own, k, site):
     """Squared chord."""
     return (own[0, k] - site[0]) ** 2 + (own[1, k] - site[1]) ** 2 + (own[2, k] - site[2]) ** 2

@@ -9,8 +9,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.bright_cells import SUBCELLS, BrightCells
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.light.sphere import SPAN, Coverage, cell_solid_angles, ring_edges
@@ -102,7 +102,7 @@ def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, bright_
     return Tiles(table[0:3], table[3], table[4:7], table[7], table[8])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _fill(radiance, of, count, cells, directions, weights):
     """The table (9, tiles): flux, power, direction, weight, radius."""
     rows, cols, _ = radiance.shape
@@ -114,7 +114,7 @@ def _fill(radiance, of, count, cells, directions, weights):
     total = np.minimum(density, MAX_LIGHTS / max(count, MAX_LIGHTS) * total).sum()
     limit = TILE_FRACTION / count * total
 
-    table, n = np.empty((9, rows * cols + cells.size)), 0
+    table, n = np.empty((9, rows * cols + cells.size)), np.int64(0)
     stack, sums = np.empty((STACK, 4), np.int64), np.zeros((BASE + 1, BASE + 1))
     for k in range(density.size):
         base = of.corners[k, 0] // BASE * across + of.corners[k, 1] // BASE
@@ -127,7 +127,7 @@ def _fill(radiance, of, count, cells, directions, weights):
     return table[:, :n].copy()
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _bases(radiance, of, light):
     """(table (9, bases), density (bases,)) of the base tiles, row by row; fills light (rows, cols), the cells' luminance."""
     rows, cols, _ = radiance.shape
@@ -156,13 +156,13 @@ def _bases(radiance, of, light):
     return table, density
 
 
-@njit(cache=True)
+@subroutine
 def _add_row(row, weight, sums):
     for k in range(sums.size):
         sums[k] += weight * row[k]
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _tile(of, span, flux, moment, table, n):
     """Fills column n of the table with the tile of these cells, of this flux and moment; returns its solid angle."""
     i0, i1, j0, j1 = span
@@ -174,7 +174,7 @@ def _tile(of, span, flux, moment, table, n):
     return area
 
 
-@njit(cache=True)
+@subroutine
 def _cell_samples(bright, count):
     """The sub-cell samples of a map of `count` cells, with the weights of each cell normalised."""
     first, weights, k = np.full(count, -1, np.int32), bright.weights.astype(np.float64), 0
@@ -183,11 +183,12 @@ def _cell_samples(bright, count):
         while k < weights.size and bright.cells[k] == bright.cells[begin]:
             whole, k = whole + weights[k], k + 1
         first[bright.cells[begin]] = begin
-        weights[begin:k] /= whole
+        for sample in range(begin, k):
+            weights[sample] /= whole
     return CellSamples(first, bright.cells, bright.directions, weights)
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _halve(radiance, luminance, of, samples, limit, corner, stack, sums, table, n):
     """Appends the tiles of one base tile to the table and returns its new length. limit: of the density, to the power of 5.
 
@@ -230,7 +231,7 @@ def _halve(radiance, luminance, of, samples, limit, corner, stack, sums, table, 
     return n
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _measure(radiance, luminance, of, span, table, n):
     """Fills column n of the table from these cells."""
     i0, i1, j0, j1 = span
@@ -246,27 +247,29 @@ def _measure(radiance, luminance, of, span, table, n):
     _tile(of, span, (red, green, blue), (x, y, z), table, n)
 
 
-@njit(cache=True, inline="always")
+@subroutine(inline="always")
 def _push(stack, depth, i0, i1, j0, j1):
     stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3] = i0, i1, j0, j1
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _subdivide(samples, k, area, whole, table, n):
     """Cuts the bright cell in the table's column n, whose samples begin at `k`, into one tile a sample; returns the table's new length.
 
     With `whole` it stays one tile, and its direction becomes the mean of its samples.
     """
     cell, tile, small = samples.cells[k], table[:, n].copy(), area / (SUBCELLS * SUBCELLS)
-    table[4:7, n] = 0.0
+    table[4, n] = table[5, n] = table[6, n] = 0.0
     while k < samples.cells.size and samples.cells[k] == cell:
         weight = samples.weights[k]
         if whole:
             for c in range(3):
                 table[4 + c, n] += weight * samples.directions[k, c]
         else:
-            table[:4, n] = weight * tile[:4]
-            table[4:7, n] = samples.directions[k]
+            for c in range(4):
+                table[c, n] = weight * tile[c]
+            for c in range(3):
+                table[4 + c, n] = samples.directions[k, c]
             table[7, n], table[8, n] = small * (tile[3] * weight / small) ** WEIGHT_EXPONENT, tile[8] / SUBCELLS
             n += 1
         k += 1

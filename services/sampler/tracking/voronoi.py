@@ -7,8 +7,8 @@ why. Sites and centroids are unit vectors, distances are chords, mostly squared.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.sampler.tracking.tiles import Tiles
 
 EDGE = 0.0175  # rad, 1 degree, a cell of the map: directions closer than that share nearly all of their shadow edges
@@ -45,7 +45,7 @@ class Cells(NamedTuple):
     assignment: Assignment
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def assign(tiles: Tiles, sites, moved, assignment: Assignment):
     """Fills the assignment of the tiles to the sites (n, 3).
 
@@ -75,7 +75,7 @@ def assign(tiles: Tiles, sites, moved, assignment: Assignment):
             overlap[t] = _overlap(tiles.radius[t], sites, nearest[t], second[t], best[0, t - begin], best[1, t - begin])
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _touched(tiles: Tiles, begin, end, sites, moved, assignment):
     """Whether one of the sites `moved` was or comes among the nearest two of one of these tiles."""
     for t in range(begin, end):
@@ -86,7 +86,7 @@ def _touched(tiles: Tiles, begin, end, sites, moved, assignment):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _near(of, places, n, chords, near, names):
     """Fills near (3, found) and names with the sites that can be the nearest or the next of a run of tiles; returns how many.
 
@@ -122,7 +122,7 @@ def _near(of, places, n, chords, near, names):
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _nearest_two(of, near, found, best):
     """Fills best (4, RUN) for a run of tiles: squared chords to the nearest and the next of `found` sites, and which these are.
 
@@ -141,7 +141,7 @@ def _nearest_two(of, near, found, best):
             best[0, t] = chord if closest else one
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@subroutine(inline="always")
 def _overlap(radius, sites, a, b, da, db):
     """The fraction of a tile, a disc of that radius, on the far side of the border between its nearest site `a` and its next one `b`.
 
@@ -157,7 +157,7 @@ def _overlap(radius, sites, a, b, da, db):
     return max(0.5 - (db - da) / (4 * apart * min(radius, 0.25 * apart)), 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cells_from_sites(tiles: Tiles, sites):
     """The cells of sites (n, 3)."""
     assignment = _unassigned(tiles.power.size)
@@ -165,12 +165,12 @@ def cells_from_sites(tiles: Tiles, sites):
     return cells_from_assignment(tiles, sites, assignment)
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _unassigned(count):
     return Assignment(np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cells_from_assignment(tiles: Tiles, sites, assignment):
     """The cells of sites (n, 3) whose tiles are known."""
     nearest, second, overlap = assignment.nearest, assignment.second, assignment.overlap
@@ -185,14 +185,14 @@ def cells_from_assignment(tiles: Tiles, sites, assignment):
     return Cells(moment, site_moment, root_energy, assignment)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@subroutine(inline="always")
 def _add(tiles, t, power, moment):
     for c in range(3):
         moment[c] += power * tiles.direction[c, t]
     moment[3] += power
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _add_site_moments(tiles: Tiles, nearest, site_moment):
     """Adds to site_moment (n, 3) the Lloyd weight x direction of each cell's tiles."""
     for t in range(nearest.size):
@@ -200,7 +200,7 @@ def _add_site_moments(tiles: Tiles, nearest, site_moment):
             site_moment[nearest[t], c] += tiles.weight[t] * tiles.direction[c, t]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def relax(tiles: Tiles, sites, site_moment, steps):
     """(sites, cells) after so many Lloyd updates. site_moment: of the cells before the first one."""
     sites, assignment = sites.copy(), _unassigned(tiles.power.size)
@@ -214,13 +214,13 @@ def relax(tiles: Tiles, sites, site_moment, steps):
     return sites, cells_from_sites(tiles, sites)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def root(chord):
     """Square root of d^2 / (d + EDGE), the fraction of all shadow edges that lie between two directions a chord d apart and matter."""
     return chord / np.sqrt(chord + EDGE)
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _add_root_energies(tiles: Tiles, assignment, moment, sites, root_energy):
     """Adds to root_energy (n,) the sum of power x root(chord to the flux centroid) of each cell."""
     nearest, second, overlap = assignment.nearest, assignment.second, assignment.overlap
@@ -231,7 +231,7 @@ def _add_root_energies(tiles: Tiles, assignment, moment, sites, root_energy):
             root_energy[second[t]] += overlap[t] * tiles.power[t] * root(np.sqrt(_chord(tiles, t, centre[second[t]])))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def centroid(moment, site, direction):
     """Fills the unit vector to a cell's flux centroid, or to its site where the light cancels out or there is none."""
     length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
@@ -239,7 +239,7 @@ def centroid(moment, site, direction):
         direction[c] = moment[c] / length if length > 1e-9 * moment[3] else site[c]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def centroids(moment, sites):
     """Flux centroids (n, 3) of all cells."""
     directions = np.empty((moment.shape[0], 3))
@@ -248,7 +248,7 @@ def centroids(moment, sites):
     return directions
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lights_from_cells(tiles: Tiles, moment, assignment: Assignment, sites, offset):
     """(directions, irradiance), (n, 3) float32, of the cells' lights: at their flux centroids plus `offset` (n, 3)."""
     nearest, second, overlap = assignment.nearest, assignment.second, assignment.overlap
@@ -267,7 +267,7 @@ def lights_from_cells(tiles: Tiles, moment, assignment: Assignment, sites, offse
     return shown, flux.astype(np.float32)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lloyd_update(site_moment, sites):
     """Moves every site with light to the weighted centroid of its cell."""
     for s in range(sites.shape[0]):
@@ -277,7 +277,7 @@ def lloyd_update(site_moment, sites):
                 sites[s, c] = site_moment[s, c] / length
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@subroutine(inline="always")
 def _chord(tiles, t, site):
     """Squared chord."""
     return (tiles.direction[0, t] - site[0]) ** 2 + (tiles.direction[1, t] - site[1]) ** 2 + (tiles.direction[2, t] - site[2]) ** 2

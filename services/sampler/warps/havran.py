@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.sphere import SPAN, ring_edges
 from vemlight.sampler.light_map import LightMap
 from vemlight.sampler.warps.square import (
@@ -85,7 +85,7 @@ def azimuth_tables(light: LightMap) -> AzimuthTables:
     return AzimuthTables(edges, light.importance, columns, turn, offset, light.radiance)
 
 
-@njit(cache=True)
+@kernel
 def _fill_azimuth(importance, edges, columns, turn):
     rows, cols = importance.shape
     columns[0] = 0.0
@@ -114,7 +114,7 @@ def radius_tables(light: LightMap) -> RadiusTables:
     return RadiusTables(edges, light.importance, rings, moments, knots, density, outward, light.radiance)
 
 
-@njit(cache=True)
+@kernel
 def _fill_radius(importance, rings, moments):
     rows, cols = importance.shape
     h = TURN / cols
@@ -139,7 +139,7 @@ def dimmest_azimuth(tables: AzimuthTables) -> float:
     return _dimmest_azimuth(tables.turn)
 
 
-@njit(cache=True)
+@kernel
 def _dimmest_azimuth(turn):
     cols = turn.size - 1
     wide, best, least = max(cols // 4, 1), 0, np.inf
@@ -151,14 +151,14 @@ def _dimmest_azimuth(turn):
     return (best + 0.5 * wide + 0.5) % cols * TURN / cols
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _step_inverse(d0, d1, h, x):
     """How far into a segment of length h, with density > 0 linear from d0 to d1, the integral reaches x (stable for d0 = d1)."""
     root = d0 + np.sqrt(max(d0 * d0 + (d1 - d0) * x * (2 / h), 0.0))
     return min(max(2 * x / root, 0.0), h)
 
 
-@njit(cache=True)
+@kernel
 def _turn_at(turn, density, j, y):
     """Integral over azimuth from the centre of column 0 to `y` rad past the centre of column j."""
     cols = turn.size - 1
@@ -166,7 +166,7 @@ def _turn_at(turn, density, j, y):
     return turn[j] + y * (d0 + 0.5 * y * (d1 - d0) * cols / TURN)
 
 
-@njit(cache=True)
+@kernel
 def _segment(w, cols):
     """(j, y, t): the column whose centre precedes the azimuth of w turns, the distance past it in rad and as a fraction of a column."""
     psi = w * cols - 0.5
@@ -177,7 +177,7 @@ def _segment(w, cols):
     return j, t * TURN / cols, t
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def azimuth_sample(tables, points, directions, radiance, density):
     """Fills directions (n, 3), the map's radiance there (n, 3) and the density per sr (n,) for points (n, 2); all float64."""
     rows, cols = tables.importance.shape
@@ -206,7 +206,7 @@ def azimuth_sample(tables, points, directions, radiance, density):
         store_directions(a, w, directions[first : first + n])
 
 
-@njit(cache=True)
+@subroutine
 def _load_mixed(table, mixture, x, cell, n):
     """Fills the first n of cell (BLOCK,) with the last row of the mixture (1 - t) table[:, j0] + t table[:, j1] that is <= x."""
     j0, j1, t = mixture
@@ -220,7 +220,7 @@ def _load_mixed(table, mixture, x, cell, n):
         left -= half
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _azimuth_store(tables, i, mixture, x, radiance, density):
     """Fills radiance and density in the cells found and puts the area coordinate in the place of x (BLOCK,)."""
     edges, importance, columns, total = tables.edges, tables.importance, tables.columns, tables.turn[-1]
@@ -234,7 +234,7 @@ def _azimuth_store(tables, i, mixture, x, radiance, density):
             radiance[k, c] = (1 - mix) * tables.radiance[row, j0, c] + mix * tables.radiance[row, j1, c]
 
 
-@njit(cache=True)
+@kernel
 def azimuth_density(tables, directions, density):
     """Fills the density per sr (n,) of unit directions (n, 3); 0 outside the map."""
     edges, importance = tables.edges, tables.importance
@@ -247,7 +247,7 @@ def azimuth_density(tables, directions, density):
         density[n] = ((1 - t) * importance[i, j] + t * importance[i, (j + 1) % cols]) / tables.turn[cols] if inside else 0.0
 
 
-@njit(cache=True)
+@kernel
 def azimuth_inverse(tables, directions, points):
     """Fills the points (n, 2) that `azimuth_sample` sends to the unit directions (n, 3); directions below the map go to its rim."""
     edges, importance, columns = tables.edges, tables.importance, tables.columns
@@ -264,7 +264,7 @@ def azimuth_inverse(tables, directions, points):
         points[n] = square_from_disc(min(before / ((1 - t) * marginal[j] + t * marginal[k]), 1.0), w0 - np.floor(w0))
 
 
-@njit(cache=True)
+@subroutine
 def _ring_pair(s, y, knots, rows):
     """(ring below, ring above, weight of the upper one) at the distance y into the segment s between knots."""
     if s == 0 or s == rows:
@@ -273,7 +273,7 @@ def _ring_pair(s, y, knots, rows):
     return s - 1, s, y / (knots[s + 1] - knots[s])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def radius_sample(tables, points, directions, radiance, density):
     """As `azimuth_sample`, radius first."""
     rings, knots, d, outward = tables.rings, tables.knots, tables.density, tables.outward
@@ -308,7 +308,7 @@ def radius_sample(tables, points, directions, radiance, density):
         store_directions(a, w, directions[first : first + n])
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _radius_store(tables, mixture, j, x, radiance, density):
     """Fills radiance and density in the cells found and puts the azimuth in turns in the place of x (BLOCK,)."""
     importance, rings = tables.importance, tables.rings
@@ -324,7 +324,7 @@ def _radius_store(tables, mixture, j, x, radiance, density):
             radiance[k, c] = (1 - mix) * tables.radiance[i0, col, c] + mix * tables.radiance[i1, col, c]
 
 
-@njit(cache=True)
+@kernel
 def radius_density(tables, directions, density):
     """As `azimuth_density`, radius first."""
     importance, knots = tables.importance, tables.knots
@@ -338,7 +338,7 @@ def radius_density(tables, directions, density):
         density[n] = ((1 - t) * importance[i, j] + t * importance[k, j]) / tables.outward[rows + 1] if inside else 0.0
 
 
-@njit(cache=True)
+@kernel
 def radius_inverse(tables, directions, points):
     """As `azimuth_inverse`, radius first."""
     importance, rings, knots, d, outward = tables.importance, tables.rings, tables.knots, tables.density, tables.outward

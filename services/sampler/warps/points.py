@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel
 from vemlight.sampler.warps.square import square_from_disc
 
 RELAXED = 512  # points in the stored table, which bench/relaxed_points.py makes; those beyond it are plain Halton points
@@ -38,7 +38,7 @@ def disc_halton(count: int) -> np.ndarray:
     return result
 
 
-@njit(cache=True)
+@kernel
 def _fill_square(halton, points):
     for k in range(points.shape[0]):
         points[k, 0], points[k, 1] = square_from_disc(halton[k, 1], halton[k, 0])

@@ -11,7 +11,8 @@ about a third each the searches, the loads of radiance and density in the cells 
 from math import factorial
 
 import numpy as np
-from numba import njit
+
+from vemlight.kernels import kernel, subroutine
 
 BLOCK = 64  # samples; 16 to 256 do equally well: the loops' overhead no longer counts, and all of it stays in the first-level cache
 # Taylor's series of sine and cosine, enough for an eighth of a turn: the first terms left out are 5e-17 and 2e-18 there.
@@ -19,7 +20,7 @@ _S = tuple((-1) ** k / factorial(2 * k + 1) for k in range(8))
 _C = tuple((-1) ** k / factorial(2 * k) for k in range(9))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def disc_from_square(u, v):
     """(a, w) of the point (u, v) in [0, 1]^2."""
     x, y = 2 * u - 1, 2 * v - 1
@@ -31,7 +32,7 @@ def disc_from_square(u, v):
     return major * major, (0.0 if w >= 1 or major == 0 else w)  # -1e-17 + 1 rounds to 1
 
 
-@njit(cache=True)
+@kernel
 def square_from_disc(a, w):
     """(u, v) in [0, 1]^2 of the disc's point (a, w): the inverse of `disc_from_square`."""
     r = np.sqrt(a)
@@ -49,7 +50,7 @@ def square_from_disc(a, w):
     return 0.5 * (x + 1), 0.5 * (y + 1)
 
 
-@njit(cache=True)
+@kernel
 def cosine_and_sine(w):
     """Of the angle of w turns."""
     quarter = np.rint(4 * w)
@@ -62,7 +63,7 @@ def cosine_and_sine(w):
     return (-x if (q + 1) & 2 else x), (-y if q & 2 else y)
 
 
-@njit(cache=True)
+@kernel
 def direction_from_area(a, w):
     """Unit vector with area coordinate a = 1 - cos(theta) in [0, 2] and azimuth of w turns: exact near the zenith."""
     s = np.sqrt(max(a * (2 - a), 0.0))
@@ -70,7 +71,7 @@ def direction_from_area(a, w):
     return s * cosine, s * sine, 1 - a
 
 
-@njit(cache=True)
+@kernel
 def area_from_direction(x, y, z):
     """(a, w) of a unit vector, a = 1 - cos(theta) without cancellation near the zenith, w in [0, 1) turns."""
     s2 = x * x + y * y
@@ -81,7 +82,7 @@ def area_from_direction(x, y, z):
     return a, (0.0 if w >= 1 else w)
 
 
-@njit(cache=True)
+@kernel
 def last_at_most(table, x):
     """The last i < len(table) - 1 with table[i] <= x (0 when x is below all): the cell of x in a cumulative table."""
     low, left = 0, table.size - 1
@@ -92,7 +93,7 @@ def last_at_most(table, x):
     return low
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def load_disc(points, a, w):
     """Fills a, w (BLOCK,) with `disc_from_square` of up to BLOCK points (n, 2)."""
     for k in range(points.shape[0]):
@@ -101,7 +102,7 @@ def load_disc(points, a, w):
         a[k], w[k] = disc_from_square(a[k], w[k])
 
 
-@njit(cache=True)
+@kernel
 def load_cells(table, x, cells, n):
     """Fills the first n of cells (BLOCK,) uint64 with `last_at_most` of x (BLOCK,)."""
     cells[:n] = 0
@@ -114,7 +115,7 @@ def load_cells(table, x, cells, n):
         left -= half
 
 
-@njit(cache=True)
+@subroutine
 def store_directions(a, w, directions):
     """Fills directions (n, 3) with `direction_from_area` of the first n of a, w (BLOCK,), which it overwrites."""
     for k in range(directions.shape[0]):

@@ -7,8 +7,8 @@ neighbours on the sky: lights jump at the borders of rows.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.sphere import ring_edges
 from vemlight.sampler.light_map import LightMap
 from vemlight.sampler.warps.square import BLOCK, area_from_direction, last_at_most, load_cells, store_directions
@@ -38,7 +38,7 @@ def standard_tables(light: LightMap) -> StandardTables:
     return StandardTables(edges, light.importance, rings, outward, light.radiance)
 
 
-@njit(cache=True)
+@kernel
 def _fill(importance, edges, rings, outward):
     rows, cols = importance.shape
     outward[0] = 0.0
@@ -51,7 +51,7 @@ def _fill(importance, edges, rings, outward):
         outward[i + 1] = outward[i] + total * (edges[i + 1] - edges[i])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def standard_sample(tables, points, directions, radiance, density):
     """Fills directions (n, 3), the map's radiance there (n, 3) and the density per sr (n,) for points (n, 2); all float64."""
     edges, importance, rings, outward = tables.edges, tables.importance, tables.rings, tables.outward
@@ -78,7 +78,7 @@ def standard_sample(tables, points, directions, radiance, density):
         store_directions(a, w, directions[first : first + n])
 
 
-@njit(cache=True)
+@subroutine
 def _load_cols(table, rows, x, cols, n):
     """Fills the first n of cols (BLOCK,) with the last column of each sample's row of the table that is <= x."""
     cols[:n] = 0
@@ -91,7 +91,7 @@ def _load_cols(table, rows, x, cols, n):
         left -= half
 
 
-@njit(cache=True)
+@kernel
 def standard_density(tables, directions, density):
     """Fills the density per sr (n,) of unit directions (n, 3); 0 outside the map."""
     edges, importance = tables.edges, tables.importance
@@ -102,7 +102,7 @@ def standard_density(tables, directions, density):
         density[n] = importance[last_at_most(edges, a), j] / tables.outward[rows] if a <= edges[rows] else 0.0
 
 
-@njit(cache=True)
+@kernel
 def standard_inverse(tables, directions, points):
     """Fills the points (n, 2) that `standard_sample` sends to the unit directions (n, 3); directions below the map go to its rim."""
     edges, importance, rings, outward = tables.edges, tables.importance, tables.rings, tables.outward

@@ -1,0 +1,37 @@
+"""Loops that are too slow in Python, compiled by numba.
+
+A service waits for the compiler at its first start, so a kernel is compiled for what it is called with and no more: assigning one slice to
+another makes numba compile the text of an error message, 2 s, calls of LAPACK take 5 s, each further version of a function as long again.
+"""
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+# numba imports scipy.linalg to see whether there is BLAS, .2 s of each start. No kernel calls BLAS, so numba finds none.
+BLAS = "scipy.linalg.cython_blas"
+_loaded = sys.modules.get(BLAS)
+sys.modules[BLAS] = None  # type: ignore[assignment]
+try:
+    import numba
+    import numba.np.arraymath
+finally:
+    del sys.modules[BLAS]
+    if _loaded:
+        sys.modules[BLAS] = _loaded
+
+
+def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """A decorator: compiles a function when it is first called and keeps the machine code in numba's cache.
+
+    A division by zero gives inf or nan, as in numpy. options: of numba.njit. Machine code that calls a kernel of another file holds a copy
+    of it, and numba looks only at the time of a function's own file: after a change delete the cache, as `make clean` does.
+    """
+    compiled = numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)
+    return compiled if function is None else compiled(function)
+
+
+def subroutine(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """As `kernel`, for what only kernels call: without the code by which Python calls it, which is a seventh of all."""
+    compiled = numba.njit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)
+    return compiled if function is None else compiled(function)

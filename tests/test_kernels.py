@@ -1,0 +1,73 @@
+"""Which functions are kernels, which Python may call, and subroutines, which it must not: the call would end the process."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vemlight.kernels import kernel
+
+ROOT = Path(__file__).parents[1]
+COMPILED = ("kernel", "subroutine", "njit")
+
+
+def decorator_of(function: ast.AST) -> str | None:
+    """One of COMPILED, or None."""
+    for decorator in function.decorator_list if isinstance(function, ast.FunctionDef) else ():
+        name = decorator.func if isinstance(decorator, ast.Call) else decorator
+        if isinstance(name, ast.Name) and name.id in COMPILED:
+            return name.id
+    return None
+
+
+def subroutines() -> dict[str, set[str]]:
+    """The names of each module's subroutines."""
+    found = {}
+    for path in (ROOT / "services").rglob("*.py"):
+        names = {node.name for node in ast.parse(path.read_text()).body if decorator_of(node) == "subroutine"}  # type: ignore[attr-defined]
+        if names:
+            found["vemlight." + ".".join(path.relative_to(ROOT / "services").with_suffix("").parts)] = names
+    return found
+
+
+def nodes_outside_kernels(node: ast.AST) -> Iterator[ast.AST]:
+    """What a file has in Python, not in its compiled functions."""
+    if not decorator_of(node):
+        yield node
+        for child in ast.iter_child_nodes(node):
+            yield from nodes_outside_kernels(child)
+
+
+SUBROUTINES = subroutines()
+
+
+@pytest.mark.parametrize("folder", ["services", "tests", "bench"])
+def test_python_calls_no_subroutine(folder):
+    for path in (ROOT / folder).rglob("*.py"):
+        tree = ast.parse(path.read_text())
+        own = "vemlight." + ".".join(path.relative_to(ROOT / folder).with_suffix("").parts) if folder == "services" else ""
+        names, of_modules = set(SUBROUTINES.get(own, ())), set()
+        for node in ast.walk(tree):
+            for alias in node.names if isinstance(node, ast.ImportFrom) else ():
+                names |= {alias.name} & SUBROUTINES.get(node.module, set())
+                of_modules |= SUBROUTINES.get(f"{node.module}.{alias.name}", set())
+        outside = list(nodes_outside_kernels(tree))
+        called = names & {node.id for node in outside if isinstance(node, ast.Name)}
+        called |= of_modules & {node.attr for node in outside if isinstance(node, ast.Attribute)}
+        assert not called, f"{path}: {called} are subroutines; make them kernels"
+
+
+def test_there_are_subroutines_to_look_for():
+    assert "_two_means" in SUBROUTINES["vemlight.sampler.tracking.split_merge"]
+
+
+@kernel
+def quotient(a, b):
+    return a / b
+
+
+def test_a_kernel_divides_as_numpy_does():
+    assert quotient(1.0, 0.0) == np.inf
+    assert np.isnan(quotient(0.0, 0.0))

@@ -1,7 +1,9 @@
 """Wrong inputs of every kind: status 2, one line that names what is wrong and the way out, and nothing left behind."""
 
 import re
+import shutil
 import signal
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,8 +11,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from tests.support.processes import vemlight
-from tests.support.wrong_inputs import SCENES, SETTINGS, WRONG, Wrong, write_wrong_inputs
+from tests.support.processes import free_port, vemlight
+from tests.support.wrong_inputs import CAMERA, SCENES, SETTINGS, WRONG, Wrong, write_wrong_inputs
 from vemlight.commands.cli import main
 from vemlight.commands.parameters import Number
 
@@ -59,6 +61,40 @@ def test_a_wrong_input_is_one_line_and_leaves_nothing(wrong, given, monkeypatch)
     assert done.stdout == ""
     check_line(wrong, done.stderr)
     assert present(given.parent) == before
+
+
+def test_a_page_whose_port_is_taken_is_told_before_a_run_starts(tmp_path, monkeypatch):
+    monkeypatch.setattr("vemlight.runtime.supervise.supervise", lambda *_: pytest.fail("services were started"))
+    monkeypatch.setattr("vemlight.commands.run_checks.DYING_S", 0.1)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        (tmp_path / "taken.toml").write_text(f"[viewer]\nport = {port}\n")
+        done = CliRunner().invoke(main, ["run", str(tmp_path / "taken.toml"), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 2
+    check_line(Wrong("", ("taken.toml: [viewer] host, port: ", f"127.0.0.1:{port}")), done.stderr)
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_can_run_is_run(given, monkeypatch):
+    """Each check has a counterpart that passes: source, lens and response, scene, and the bundled ones; notices are the services' own."""
+    monkeypatch.chdir(given)
+    started = []
+    monkeypatch.setattr("vemlight.runtime.supervise.supervise", lambda wanted, _: started.append(wanted) or 0)
+    (given.parent / "gap").mkdir()
+    for number in (5, 7, 8):
+        shutil.copy(given / "good.exr", given.parent / "gap" / f"f_{number:04d}.exr")
+    (given.parent / "good.scene.toml").write_text(f'{CAMERA}[[mesh]]\nshape = "box"\n')
+    (given.parent / "good.toml").write_text(
+        '[capture]\nsource = "here/codes.png"\nlens = "here/camera.toml"\nresponse = "here/sensor.toml"\n'
+        f'[renderer]\nscene = "good.scene.toml"\n[viewer]\nport = {free_port()}\n'
+    )
+    (given.parent / "plain.toml").write_text(f"[viewer]\nport = {free_port()}\n")
+    for words in ("../good.toml", "../plain.toml", "../plain.toml --source sequence", "../plain.toml --source ../gap"):
+        done = CliRunner().invoke(main, ["run", *words.split()])
+        assert (done.exit_code, done.stderr) == (0, "")
+    assert [Path(wanted.capture.source).name for wanted in started] == ["codes.png", "", "sequence", "gap"]
 
 
 @pytest.mark.parametrize("command", ["run source.toml", "lights png.hdr --out out.json", "lights good.exr --coutn 3 --out out.json"])

@@ -1,11 +1,12 @@
 """What would keep a run from working, found before anything is started: in its settings, source, scene, plate and the page's address."""
 
+import io
 import os
 import socket
 import stat
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 
 import msgspec
@@ -43,6 +44,11 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
 
         with _named(file, ""):
             check_video_settings(settings)
+    if settings.wire.keys:
+        from vemlight.runtime.transport import read_keys
+
+        with _named(file, "[wire] keys"):
+            read_keys(Path(settings.wire.keys))
     if reason := _port_kept(settings.viewer.host, settings.viewer.port):
         address = f"{settings.viewer.host}:{settings.viewer.port}"
         with _named(file, "[viewer] host, port"):
@@ -52,7 +58,7 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
 @contextmanager
 def _named(file: Path | None, key: str) -> Iterator[None]:
     """Puts the settings' file, if there is one, and the key before the text of a UserError."""
-    with of_setting(": ".join(filter(None, (str(file or ""), key)))):
+    with of_setting(": ".join(filter(None, (str(file or ""), key)))), redirect_stderr(io.StringIO()):  # notices are the services
         yield
 
 

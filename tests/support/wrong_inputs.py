@@ -280,6 +280,7 @@ WRONG = [
             ("no_out", "[renderer] video: | --out"),
             ("plate", "[plate] source: | nowhere: there is no such"),
             ("film", "[plate] source: | broken.mp4: is no video"),
+            ("keys", "[wire] keys: | nowhere"),
         )),
         ("run good.hdr", "good.hdr: is a Radiance picture | settings | --source good.hdr"),
         ("run sequence", "sequence: is a folder | settings | --source sequence"),

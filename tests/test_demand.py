@@ -64,6 +64,37 @@ def test_64_consumers_are_served_and_no_more():
     assert len(supply.socket.sent) == 64
 
 
+def test_a_consumer_that_takes_nothing_gives_way_and_is_cut(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(demand.time, "monotonic", lambda: now[0])
+    stats = ServiceStats("capture", 0)
+    supply = Supply(FakeSocket(), stats)
+    supply.socket.inbox += [request(b"%d" % k, k, 1) for k in range(64)]
+    supply.earliest_requested()
+    supply.socket.is_full = True
+    supply.send(frame, end=None)  # from now on all queues are full
+    supply.socket.inbox.append(request(b"new", 7, 1))
+    supply.earliest_requested()
+    assert stats.refused == 0  # the one that is full for longest made way
+    now[0] += 1.9
+    supply.send(frame, end=None)
+    supply.socket.inbox.append(request(b"63", 63, 1))
+    assert supply.earliest_requested() == 1
+    now[0] += 0.2
+    supply.send(frame, end=None)
+    assert supply.earliest_requested() == 7  # "new" is full for 0.2 s only
+
+
+def test_consumers_share_a_frames_memory(supply, monkeypatch):
+    packed = []
+    monkeypatch.setattr(demand.wire, "pack", lambda *message: packed.append(message) or [b"map", b""])
+    message = frame(0)
+    supply._requests.update({b"%d" % k: demand._Request(0, 1, float("inf"), None) for k in range(10)})
+    supply.send(lambda _: message, end=None)
+    assert len(supply.socket.sent) == 10
+    assert len(packed) == 1
+
+
 def requests(socket: FakeSocket) -> list[tuple[int, int]]:
     headers = [wire.unpack(parts)[0] for parts in socket.sent]
     return [(header.first, header.count) for header in headers if isinstance(header, wire.RequestMessage)]

@@ -46,7 +46,7 @@ def test_all_checks_pass_on_this_machine(settings):
     assert all("\n" not in finding.found + finding.hint for finding in findings)
     named = {finding.what for finding in findings}
     assert {"system", "processor", "libraries", "libzmq", "OpenGL", "videos", "port of the viewer", "page", "sockets", "source"} <= named
-    assert {"scene", "disk", "charts", "camera"} <= named
+    assert {"scene", "disk", "charts", "camera", "open files"} <= named
 
 
 def test_the_command_says_the_same_to_people_and_programs(settings, tmp_path):
@@ -171,3 +171,12 @@ def test_the_disk_is_the_one_written_to(settings, tmp_path, monkeypatch):
         assert one(out, "disk").grade == grade
     monkeypatch.setattr(os, "access", lambda path, _: Path(path) != tmp_path)
     assert one(out, "disk").grade == "fail"
+
+
+@pytest.mark.parametrize(("hard", "grade", "peers"), [(256, "warn", 64), (1023, "warn", 319), (1024, "pass", 320), (2**20, "pass", 2048)])
+def test_open_files_and_the_peers_that_they_allow(settings, monkeypatch, hard, grade, peers):
+    monkeypatch.setattr(doctor, "hard_file_limit", lambda: hard)
+    finding = one(settings, "open files")
+    assert finding.grade == grade
+    assert f"raises to {hard}: up to {peers} peers" in finding.found
+    assert ("LimitNOFILE" in finding.hint) == (grade == "warn")

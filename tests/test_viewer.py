@@ -19,8 +19,8 @@ from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerPr
 from vemlight.light.light_set import LightsRow
 from vemlight.runtime import wire
 from vemlight.settings import Wire
-from vemlight.viewer.authentication import cookie_of
-from vemlight.viewer.web import MAX_BODY, MAX_PAGES
+from vemlight.viewer.authentication import GUESSES_BURST, cookie_of
+from vemlight.viewer.web import MAX_BODY, MAX_PAGES, MESSAGES_BURST
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +128,11 @@ def test_foreign_names_and_pages_are_refused(viewer):
     for path, body in (("/control", b"{}"), ("/ws", None)):
         assert viewer.get(path, body, Content_Type="application/json", Origin="http://attacker.example")[0] == 403
     assert viewer.get("/control", b"{}", Content_Type="application/json", Origin=viewer.url)[0] == 200
+    for origin in (viewer.url.replace("http:", "https:"), f"http://127.0.0.1:{viewer.port + 1}", "null"):
+        assert viewer.get("/control", b"{}", Content_Type="application/json", Origin=origin)[0] == 403
+    behind_tls = {"Host": "localhost", "X-Forwarded-Proto": "https", "Content-Type": "application/json"}
+    assert viewer.get("/control", b"{}", **behind_tls, Origin="https://localhost")[0] == 200
+    assert viewer.get("/control", b"{}", **behind_tls, Origin="http://localhost")[0] == 403
 
 
 def test_every_answer_keeps_the_page_to_itself(viewer):
@@ -137,6 +142,7 @@ def test_every_answer_keeps_the_page_to_itself(viewer):
         headers = connection.getresponse().headers
         assert headers["Content-Security-Policy"].startswith("default-src 'self';")
         assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
         connection.close()
 
 
@@ -239,6 +245,29 @@ def test_the_address_gives_the_browser_its_cookie(guarded):
     connection.request("GET", "/", headers={"Cookie": cookie})
     assert connection.getresponse().status == 200
     connection.close()
+
+
+def test_wrong_tokens_are_limited_and_the_cookie_is_not(guarded):
+    with_cookie = {"Cookie": f"vemlight-{guarded.port}={cookie_of(TOKEN)}"}
+    statuses = [guarded.get(f"/metrics?token=wrong-number-{k}")[0] for k in range(GUESSES_BURST + 5)]
+    assert statuses[:GUESSES_BURST] == GUESSES_BURST * [401]
+    assert statuses[-1] == 429
+    assert guarded.get(f"/metrics?token={TOKEN}")[0] == 429  # not even compared
+    assert guarded.get("/metrics")[0] == 401
+    assert guarded.get("/metrics", **with_cookie)[0] == 200
+    assert guarded.get("/metrics", Cookie=f"vemlight-{guarded.port}={TOKEN}")[0] == 401  # the token is no cookie
+
+
+def test_a_page_that_sends_without_a_pause_is_cut(viewer):
+    async def page(ping: bool) -> None:
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"{viewer.url}/ws") as socket:
+            for _ in range(100 * MESSAGES_BURST):
+                await (socket.ping() if ping else socket.send_str("disc"))
+
+    for ping in (False, True):
+        with pytest.raises(ConnectionError):
+            asyncio.run(page(ping))
+    assert viewer.get("/healthz")[0] == 200
 
 
 @pytest.mark.parametrize(("more", "words"), [("", "everyone on the network who has this address"), ("insecure = true", "EVERYONE")])

@@ -8,7 +8,7 @@ import pytest
 
 from vemlight.runtime.token import is_loopback, with_token
 from vemlight.settings import Settings, Viewer
-from vemlight.viewer.authentication import is_token, known_host
+from vemlight.viewer.authentication import is_origin, is_token, known_host
 from vemlight.viewer.service import address
 
 NAMES = {"localhost", "stage.example"}
@@ -26,6 +26,24 @@ def test_numbers_and_known_names_pass(host):
 )  # fmt: skip
 def test_others_do_not(host):
     assert not known_host(host, NAMES)
+
+
+@pytest.mark.parametrize(
+    ("origin", "scheme", "host"),
+    [("http://127.0.0.1:8080", "http", "127.0.0.1:8080"), ("https://stage.example", "https", "stage.example:443"),
+     ("http://LOCALHOST", "http", "localhost:80"), ("http://[::1]:8080", "http", "[::1]:8080")],
+)  # fmt: skip
+def test_the_page_itself_is_its_scheme_name_and_port(origin, scheme, host):
+    assert is_origin(origin, scheme, host)
+
+
+@pytest.mark.parametrize(
+    "origin",
+    ["http://127.0.0.1", "http://127.0.0.1:8081", "https://127.0.0.1:8080", "http://localhost:8080", "null", "", "127.0.0.1:8080", "http://",
+     "http://127.0.0.1:http", "file://127.0.0.1:8080", "ws://127.0.0.1:8080"],
+)  # fmt: skip
+def test_another_scheme_name_or_port_is_another_page(origin):
+    assert not is_origin(origin, "http", "127.0.0.1:8080")
 
 
 def test_who_reaches_an_address():

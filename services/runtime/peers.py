@@ -106,10 +106,18 @@ class Peer:
             return received, waiting
 
     def shut_down(self) -> None:
-        """Ends the connection, of which libzmq hears at once."""
+        """Ends the connection, of which libzmq hears at once. Raises OSError when it is gone already."""
         with _Borrowed(self.file) as connection:
             if connection.getsockopt(network.SOL_SOCKET, SO_COOKIE, 8) == self.cookie:
-                connection.shutdown(network.SHUT_RDWR)
+                _reset(connection)
+
+
+def _reset(connection: network.socket) -> None:
+    """Ends a connection at both sides. After a shutdown alone the kernel would go on to take what a tcp peer sends."""
+    if connection.family == network.AF_UNIX:
+        connection.shutdown(network.SHUT_RDWR)
+    else:
+        ctypes.CDLL(None).connect(connection.fileno(), bytes(16), 16)  # to AF_UNSPEC, which connect(2) says dissolves it
 
 
 class _Borrowed:
@@ -283,7 +291,7 @@ class PeerGuard(threading.Thread):
     def _refuse(self, file: int, monitor: _Monitor) -> None:
         """Disconnects a peer that is one too many."""
         with contextlib.suppress(OSError), _Borrowed(file) as connection:
-            connection.shutdown(network.SHUT_RDWR)
+            _reset(connection)
         self._lines.say(
             "surplus",
             f"{monitor.service}: refused a peer: {peer_limit()} are connected, as many as a limit of {file_limit()} open files allows; "

@@ -28,17 +28,30 @@ MUTANTS = [
         ("equation 4", "(1 + y * to_key / WHITE**2)", "(1 + y * to_key / WHITE)"),
     ]),
     *mutants_of(VIEWER + "authentication.py", "tests/test_viewer_authentication.py tests/test_viewer.py", [
-        ("foreign pages", "if origin is not None and", "if False and"),
-        ("foreign names", 'if not known_host(request.headers.get("Host", ""), names):', "if False:"),
+        ("foreign pages", "if any(not is_origin(origin, scheme, hosts[0])", "if any(False"),
+        ("a page's port", "return parts.scheme, parts.hostname, parts.port or PORTS[parts.scheme]", "return parts.scheme, parts.hostname, 0"),
+        ("foreign names", "if len(hosts) != 1 or not known_host(hosts[0], names):", "if False:"),
+        ("wrong tokens", "if not allowance.has():", "if False:"),
+        ("the token as a cookie", "self.cookie = cookie_of(token) if token", "self.cookie = token if token"),
         ("any token", "return hmac.compare_digest(given.encode(errors=\"replace\"), token.encode())", "return bool(given)"),
         ("the cookie for scripts", "httponly=True", "httponly=False"),
         ("machines' names", "return name in names", "return True"),
+    ]),
+    *mutants_of(VIEWER + "connections.py", "tests/test_viewer_connections.py", [
+        ("connections of an address", "if len(of_address) >", "if False and len(of_address) >"),
+        ("all connections", "elif len(self._open) > limit:", "elif False:"),
+        ("busy connections", "if not connection.is_busy), new)", "if True), new)"),
+        ("bytes", "if self._bytes.take(len(data)):", "if True:"),
+        ("headers that do not come", "self._expect_request(HEADER_S)", "pass"),
+        ("the next request", "self._expect_request(IDLE_S)", "pass"),
+        ("neighbours in a network", "IPV6_PREFIX = 64", "IPV6_PREFIX = 128"),
     ]),
     *mutants_of(VIEWER + "feeds.py", "tests/test_viewer_feeds.py", [
         ("frames encoded once", "if self._encoded != self.number:", "if True:"),
         ("waiting for a later frame", "while self.number <= number:", "while self.number < number:"),
     ]),
     *mutants_of(VIEWER + "web.py", "tests/test_viewer.py", [
+        ("messages without a pause", "if not messages.take():", "if False:"),
         ("forms of other pages", 'if request.content_type != "application/json":', "if False:"),
     ]),
 ]

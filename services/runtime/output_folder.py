@@ -189,6 +189,7 @@ class RunManifest(Generic[Picture]):
             self._journal.append(msgspec.json.encode(end))
             self.end = end
         (self.folder / SNAPSHOTS).unlink(missing_ok=True)
+        _remove_parts(self.folder)
 
     def close(self) -> None:
         self._journal.close()
@@ -238,13 +239,22 @@ def _checked(out: Path, settings: Settings) -> bool:
     lossless, pictures = settings.mode == "lossless", len(manifest.pictures)
     lights = LightsFile(out / LIGHTS, can_be_made_again=lossless)
     lights.close()
+    _remove_parts(out)
     if not lossless and (pictures or lights.count):
         raise UserError(f"{out}: holds the output of a live run, which cannot be continued; choose another --out, or --overwrite")
     if manifest.end:
+        (out / SNAPSHOTS).unlink(missing_ok=True)
         notice(f"{out}: is complete: {pictures} pictures and their lights; --overwrite makes them again")
     elif pictures or lights.count:
         notice(f"{out}: the same run began here; going on from picture {pictures}")
     return manifest.end is not None
+
+
+def _remove_parts(out: Path) -> None:
+    """Removes half-written files, whose writer was killed (vemlight.files.written_whole)."""
+    for pattern in ("frame_[0-9]*.part.exr", "frame_[0-9]*.part.png", "contact.part.png", "sampler.part.snapshot"):
+        for path in out.glob(pattern):
+            path.unlink()
 
 
 def _outputs(out: Path) -> list[Path]:

@@ -261,7 +261,8 @@ def _flat_field(lens: Lens, lens_path: Path) -> np.ndarray | None:
     path = contained_path(lens_path.parent, lens.flat_field, f"{lens_path}: flat_field")
     image = read_radiance(path)[0].mean(axis=-1)
     if image.shape != (lens.size[1], lens.size[0]):
-        raise UserError(f"{path}: is {image.shape[1]}x{image.shape[0]} and the lens file is for {lens.size[0]}x{lens.size[1]}")
+        sizes = f"is {image.shape[1]}x{image.shape[0]} and the lens file is for {lens.size[0]}x{lens.size[1]}"
+        raise UserError(f"{path}: {sizes}; name the flat field of this lens")
     y, x = np.ogrid[: image.shape[0], : image.shape[1]]
     centre = image[np.hypot(x - lens.c[0], y - lens.c[1]) < max(2, min(lens.size) * FLAT_FIELD_CENTRE)].mean()
     if not (np.all(np.isfinite(image)) and centre > 0):

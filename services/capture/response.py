@@ -111,11 +111,11 @@ def check_response(response: Response) -> None:
     if not all(np.all(np.isfinite(value)) for value in numbers):
         raise UserError("a number is nan or inf; replace it")
     if isinstance(response, Log | Linear) and response.b <= 0:
-        raise UserError(f"b = {response.b:g} must be above 0, so that codes rise with radiance")
+        raise UserError(f"b = {response.b:g} must be above 0, so that codes rise with radiance; correct it")
     if isinstance(response, Log) and response.c <= 0:
-        raise UserError(f"c = {response.c:g} must be above 0: a log response without it has no code for darkness")
+        raise UserError(f"c = {response.c:g} must be above 0: a log response without it has no code for darkness; correct it")
     if isinstance(response, Companding) and (len(response.knees) < 2 or np.min(np.diff(response.knees, axis=0)) <= 0):
-        raise UserError("knees must be two or more pairs [radiance, code], both rising from one to the next")
+        raise UserError("knees must be two or more pairs [radiance, code], both rising from one to the next; correct them")
     if response.luminance_scale is not None and response.luminance_scale <= 0:
         raise UserError(f"luminance_scale = {response.luminance_scale:g} must be above 0 cd/m2; leave it out when it is unknown")
 

@@ -57,8 +57,8 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
 
 @contextmanager
 def _named(file: Path | None, key: str) -> Iterator[None]:
-    """Puts the settings' file, if there is one, and the key before the text of a UserError."""
-    with of_setting(": ".join(filter(None, (str(file or ""), key)))), redirect_stderr(io.StringIO()):  # notices are the services
+    """Puts the settings' file, if there is one, and the key before the text of a UserError; notices are left to the services."""
+    with of_setting(": ".join(filter(None, (str(file or ""), key)))), redirect_stderr(io.StringIO()):
         yield
 
 

@@ -37,7 +37,7 @@ def calibrate_lens(
     limit = MAX_RMS_FRACTION * max(found.size)
     if report.rms_px > limit and not accept:
         fits = f"the lens fits the corners to {report.rms_px:.1f} px only, {limit:.1f} or less is expected"
-        raise UserError(f"{fits}: see whether the board has {board.corners[0]} x {board.corners[1]} inner corners, or --accept it")
+        raise UserError(f"{fits}; see whether the board has {board.corners[0]} x {board.corners[1]} inner corners, or --accept it")
     rim = rim_deg or rim_from_brightness(report.lens, found.brightest)
     lens = _with_rim(report.lens, max(rim, report.reach_deg), required=bool(rim_deg))
     write_lens(out, lens)

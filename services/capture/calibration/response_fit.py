@@ -105,7 +105,7 @@ def calibrate_response(
     if worst > MAX_CHECK_ERROR and not accept:
         at = max(errors, key=lambda pair: abs(pair[1]))
         detail = f"the check patch of {at[0].luminance:g} cd/m2 comes out {at[1]:+.1%}"
-        raise UserError(f"{detail}, beyond {MAX_CHECK_ERROR:.0%}: measure again, fit another kind, or accept it")
+        raise UserError(f"{detail}, beyond {MAX_CHECK_ERROR:.0%}; measure again, fit another kind, or accept it")
     write_response(out, response)
     return ResponseReport(response, errors, worst)
 

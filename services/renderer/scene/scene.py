@@ -250,7 +250,7 @@ def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> list[Mesh]:
 def _check_table(row: MeshTable, where: str) -> None:
     """Raises UserError that begins with `where` for keys of a `[[mesh]]` that cannot be, whatever its file holds."""
     if bool(row.file) == bool(row.shape):
-        raise UserError(f'{where}: needs either file = "..." or shape = "sphere", "plane" or "box"')
+        raise UserError(f'{where}: has not one of file and shape; write either file = "..." or shape = "sphere", "plane" or "box"')
     if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_COORDINATE_M:
         raise UserError(f"{where}: scale, rotate and at must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
     suffix = Path(row.file).suffix.lower()

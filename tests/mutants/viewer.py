@@ -29,7 +29,7 @@ MUTANTS = [
     ]),
     *mutants_of(VIEWER + "authentication.py", "tests/test_viewer_authentication.py tests/test_viewer.py", [
         ("foreign pages", "if any(not is_origin(origin, scheme, hosts[0])", "if any(False"),
-        ("a page's port", "return parts.scheme, parts.hostname, parts.port or PORTS[parts.scheme]", "return parts.scheme, parts.hostname, 0"),
+        ("a page's port", "parts.hostname, parts.port or PORTS[parts.scheme]", "parts.hostname, 0"),
         ("foreign names", "if len(hosts) != 1 or not known_host(hosts[0], names):", "if False:"),
         ("wrong tokens", "if not allowance.has():", "if False:"),
         ("the token as a cookie", "self.cookie = cookie_of(token) if token", "self.cookie = token if token"),

@@ -62,6 +62,12 @@ def _exr_bombs() -> dict[str, bytes]:
         for count in (100, 1000, 20_000):
             parts = bytearray(b"\x76\x2f\x31\x01" + struct.pack("<I", 2 | 0x1000) + part * count + b"\0")
             bombs[f"{count} parts of {side}"] = bytes(parts) + bytes(4096)
+    bombs["negative window"] = _exr_header(-5, -5)
+    bombs["no channels"] = _exr_chain(0, 16, 16) + bytes(4096)
+    bombs["unknown compression"] = _exr_header(16, 16).replace(
+        b"compression\0compression\0\1\0\0\0\3", b"compression\0compression\0\1\0\0\0\x63"
+    )
+    bombs["an attribute of an endless name"] = _exr_header(16, 16)[:-1] + b"x" * 10**6
     for place in (2**31 - 1, -(2**31)):
         box = b"displayWindow\0box2i\0" + struct.pack("<5i", 16, place - 8 if place > 0 else place, 0, place if place > 0 else place + 8, 9)
         bombs[f"display window at {place}"] = (
@@ -98,6 +104,8 @@ def _hdr_bombs() -> dict[str, bytes]:
     bombs["exposures"] = b"#?RADIANCE\n" + b"EXPOSURE=1e30\n" * 4000 + b"\n-Y 4 +X 4\n" + bytes(64)
     bombs["primaries"] = b"#?RADIANCE\nPRIMARIES=1 1 1 1 1 1 1 1\n\n-Y 4 +X 4\n" + bytes(64)
     bombs["digits"] = b"#?RADIANCE\n\n-Y " + b"9" * 60_000 + b" +X 4\n"
+    bombs["numbers"] = b"#?RADIANCE\nEXPOSURE=" + b"1" * 60_000 + b"\n\n-Y 4 +X 4\n" + bytes(64)
+    bombs["tiny exposure"] = b"#?RADIANCE\nEXPOSURE=1e-300\n\n-Y 4 +X 4\n" + bytes(range(64))
     bombs["empty"], bombs["NUL"] = b"", bytes(10**6)
     bombs["no end"] = b"#?RADIANCE\n" + b"x" * 10**7
     bombs["many lines"] = b"#?RADIANCE\n" + b"EXPOSURE=1.0001\n" * 10**6
@@ -279,6 +287,7 @@ def _video_bombs() -> dict[str, bytes]:
     bombs["Matroska"] = b"\x1a\x45\xdf\xa3\x01" + b"\xff" * 7 + bytes(1000)
     bombs["Matroska of nested masters"] = b"\x1a\x45\xdf\xa3\x80" + b"\x18\x53\x80\x67\x01\xff\xff\xff\xff\xff\xff\xff" * 10_000
     bombs["YUV"] = b"YUV4MPEG2 W100000 H100000 F25:1\nFRAME\n" + bytes(1000)
+    bombs["transport stream"] = b"\x47" + b"\xff" * 187 * 100
     bombs["YUV of 16384"] = b"YUV4MPEG2 W16384 H16384 F25:1\nFRAME\n" + bytes(1000)
     bombs["empty"] = b""
     return bombs

@@ -262,6 +262,7 @@ def _mtl_bombs() -> dict[str, bytes]:
         b"".join(b"newmtl %d\nmap_Kd wide.png\n" % k for k in range(20_000)) + b"newmtl a\nmap_Kd wide.png\n"
     )
     bombs["200,000 materials"] = b"".join(b"newmtl %d\nKd 1 1 1\n" % k for k in range(200_000))
+    bombs["10^6 blank lines"] = b"\n" * 10**6 + MTL
     bombs["images before materials"] = b"map_Kd file.png\n" * 20_000
     bombs["numbers"] = b"newmtl a\nKd" + b" 1" * 10**6 + b"\n"
     bombs["nan"] = b"newmtl a\nKd nan nan nan\n"

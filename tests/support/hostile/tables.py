@@ -238,6 +238,8 @@ def _csv_bombs() -> dict[str, bytes]:
         "exponent": PATCHES + b"1e999,1,fit\n",
         "use": PATCHES + b"1,1," + b"x" * 100_000 + b"\n",
         "no head": b"1,2,fit\n" * 100,
+        "a column of dictionaries": head + b"{},[],()\n",
+        "tabs": PATCHES.replace(b",", b"\t"),
         "the same column twice": b"code,code,use\n1,1,fit\n",
     }
 

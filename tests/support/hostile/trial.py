@@ -23,7 +23,7 @@ from tests.support.hostile.format import Format
 from tests.support.hostile.formats import FORMATS
 
 MAX_S = 5.0  # of processor time, which other work on the machine does not stretch
-MAX_WAIT_S = 100.0  # for one that waits for what never comes: the slowest file, on a machine with twenty times the work
+MAX_WAIT_S = 30.0  # without any processor time; on a machine with fifty times the work a child still has some each second
 MAX_BYTES = 512 * 2**20  # of a child, all in all: the libraries take 150 to 250 MB of it
 POLL_S = 0.2
 FORGET = 1000  # files after which a child forgets which notices it has printed
@@ -131,7 +131,7 @@ def _run_child(trial: Trial, first: int) -> tuple[int, list[tuple[int, str]]]:
         finally:
             os._exit(0)
     os.close(report)
-    text, number, since_s, moved_s, hung = b"", -1, 0.0, time.monotonic(), False
+    text, hung, watch = b"", "", _Watch()
     while True:
         ready, _, _ = select.select([reader], [], [], POLL_S)
         if ready:
@@ -140,23 +140,38 @@ def _run_child(trial: Trial, first: int) -> tuple[int, list[tuple[int, str]]]:
             if not data:
                 break
             continue
-        now, used_s = struct.unpack("<q", progress[:])[0], _processor_s(child)
-        if now != number:
-            number, since_s, moved_s = now, used_s, time.monotonic()
-        elif used_s - since_s > MAX_S or time.monotonic() - moved_s > MAX_WAIT_S:
-            hung = True
+        hung = hung or watch.fault(struct.unpack("<q", progress[:])[0], _processor_s(child))
+        if hung:
             os.kill(child, signal.SIGKILL)
     os.close(reader)
     _, status = os.waitpid(child, 0)
     reasons = [(int(number), reason) for number, _, reason in (line.partition("\t") for line in text.decode(errors="replace").splitlines())]
     done = struct.unpack("<q", progress[:])[0]
     if hung or os.WIFSIGNALED(status):
-        reasons.append((done, f"more than {MAX_S:g} s" if hung else f"killed by {signal.Signals(os.WTERMSIG(status)).name}"))
+        reasons.append((done, hung or f"killed by {signal.Signals(os.WTERMSIG(status)).name}"))
         done += 1
     elif done < trial.count and not reasons:
         reasons.append((done, "the child ended"))
         done += 1
     return done, reasons
+
+
+class _Watch:
+    """Whether a child computes for too long over one file, or waits."""
+
+    def __init__(self) -> None:
+        self._number, self._began_s = -1, 0.0
+        self._used_s, self._moved_s = 0.0, time.monotonic()
+
+    def fault(self, number: int, used_s: float) -> str:
+        """number: of the file that it is at. used_s: processor time that it has had."""
+        if number != self._number:
+            self._number, self._began_s = number, used_s
+        if used_s != self._used_s:
+            self._used_s, self._moved_s = used_s, time.monotonic()
+        if used_s - self._began_s > MAX_S:
+            return f"more than {MAX_S:g} s"
+        return f"waits for more than {MAX_WAIT_S:g} s" if time.monotonic() - self._moved_s > MAX_WAIT_S else ""
 
 
 def _processor_s(child: int) -> float:

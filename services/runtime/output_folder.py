@@ -18,6 +18,7 @@ from vemlight.errors import UserError
 from vemlight.files import decoded_json, notice, sha256_of
 from vemlight.journal import JOURNAL_START, Journal, claimed
 from vemlight.light.light_set import LightsFile
+from vemlight.runtime.progress import counted
 from vemlight.runtime.run_inputs import input_digests
 from vemlight.settings import Settings
 
@@ -106,7 +107,9 @@ class RunManifest(Generic[Picture]):
         newest: of how many pictures, counted from the last, the content is read again; None: of all. Raises UserError for the output of a
         run with other settings or inputs, which stays as it is, and OSError when the folder cannot be written.
         """
-        self.folder, self.pictures, self.end = folder, list[Picture](), None
+        self.folder = folder
+        self.pictures: list[Picture] = []
+        self.end: RunEnd | None = None
         self._journal = Journal(folder / MANIFEST)
         try:
             self._open(wanted, kind, newest)
@@ -159,7 +162,8 @@ class RunManifest(Generic[Picture]):
         """How many pictures, from the first, have their files."""
         present = {entry.name for entry in os.scandir(self.folder)}
         first_read = 0 if newest is None else len(self.pictures) - newest
-        for k, picture in enumerate(self.pictures):
+        shown = self.pictures if newest else counted(self.pictures, "pictures", len(self.pictures))
+        for k, picture in enumerate(shown):
             png = Path(picture.name).with_suffix(".png").name
             if not {picture.name, png} <= present:
                 return k

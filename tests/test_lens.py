@@ -164,3 +164,9 @@ def test_a_lens_at_the_limits_is_read(tmp_path: Path, changes: dict) -> None:
     lens = msgspec.structs.replace(make_lens(), **changes)
     write_lens(tmp_path / "lens.toml", lens)
     assert read_lens(tmp_path / "lens.toml") == lens
+
+
+@pytest.mark.parametrize("changes", [{"k1": 1e308, "k2": -1e308}, {"vignetting": (1e308, -1e308)}, {"k4": 1e308}])
+def test_numbers_beyond_all_lenses_are_refused_without_a_warning(changes):
+    with pytest.raises(UserError, match=r"turn back|falls to 0"):
+        check_lens(make_lens(**changes))

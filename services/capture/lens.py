@@ -107,15 +107,18 @@ def check_lens(lens: Lens) -> None:
     if not 0 < lens.rim_deg <= 180:
         raise UserError(f"rim_deg = {lens.rim_deg:g} must be above 0 and at most 180; correct it")
     theta = np.linspace(0, lens.rim, SLOPE_SAMPLES)
-    slope = slope_from_angle(theta, lens)
-    if slope.min() <= 0:
-        at = math.degrees(theta[int(np.argmax(slope <= 0))])
+    with np.errstate(all="ignore"):  # of numbers so large that what they make is inf or nan
+        slope, response = slope_from_angle(theta, lens), vignetting_from_angle(theta, lens)
+    rises = (slope > 0) & (slope < np.inf)
+    if not rises.all():
+        at = math.degrees(theta[int(np.argmin(rises))])
         raise UserError(f"k1..k4 turn back at {at:.1f} degrees, before rim_deg = {lens.rim_deg:g}; calibrate again or lower rim_deg")
-    if vignetting_from_angle(theta, lens).min() <= 0:
+    if not ((response > 0) & (response < np.inf)).all():
         raise UserError(f"vignetting falls to 0 before rim_deg = {lens.rim_deg:g}; correct it or lower rim_deg")
     if lens.flat_field and lens.vignetting:
         raise UserError("flat_field contains the vignetting already; leave one of the two out")
-    orthonormal = np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), rtol=0, atol=ROTATION_TOLERANCE)
+    with np.errstate(all="ignore"):
+        orthonormal = np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), rtol=0, atol=ROTATION_TOLERANCE)
     if not orthonormal or np.linalg.det(lens.rotation) < 0:
         raise UserError("world_from_camera is no rotation; its rows must be unit vectors at right angles, right-handed")
 

@@ -18,6 +18,7 @@ FAR_FIELD_SIZES = 5.0  # times the largest dimension of the lamp: the rule of fi
 MAX_ANGLES = 2000  # of either kind: 0.18 degrees apart; a corrupt file claims more
 MAX_BYTES = 2**22  # 721 x 361 angles of 12 characters have 3 MB; the numbers take ten times as much in memory
 MAX_LAMP_SETS = 20  # the format has room for as many
+MAX_CANDELA = 1e12  # a lighthouse has 10^7; products with it stay finite in float32
 MAX_FLUX_LM = 1e9  # a stadium has 10^7
 
 
@@ -68,11 +69,12 @@ def read_photometry(path: Path) -> FarField:
     if path.suffix.lower() not in readers:
         raise UserError(f"{path}: photometry is read from .ldt and .ies; convert it")
     try:
-        far = readers[path.suffix.lower()](text)
+        with np.errstate(all="ignore"):  # of numbers so large that what they make is inf or nan
+            far = readers[path.suffix.lower()](text)
     except (ValueError, IndexError, OverflowError) as error:
         raise UserError(f"{path}: is no valid photometry ({' '.join(str(error).split())[:120]}); export it again") from error
-    if not (np.all(np.isfinite(far.candela)) and far.candela.min() >= 0 and np.all(np.isfinite(far.size_m))):
-        raise UserError(f"{path}: has intensities or dimensions that are negative, nan or inf; export it again")
+    if not (far.candela.min() >= 0 and far.candela.max() <= MAX_CANDELA and np.all(np.isfinite(far.size_m))):
+        raise UserError(f"{path}: has intensities or dimensions that are negative, nan, inf or above {MAX_CANDELA:.0e} cd; export it again")
     return far._replace(name=far.name or path.stem)
 
 

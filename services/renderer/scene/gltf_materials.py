@@ -233,7 +233,7 @@ class GltfMaterials:
         stored_bytes = sum(self._stored_images.values())
         if self._texture_bytes > max(FREE_TEXTURE_BYTES, TEXTURE_RATIO * stored_bytes):
             self._texture_bytes -= count * channels * HALF_BYTES
-            raise UserError(f"with the file's other textures it takes far more memory than the {stored_bytes} bytes stored; make it smaller")
+            raise UserError(f"with the other textures it takes far more memory than the {stored_bytes} bytes stored; make it smaller")
 
     def uvs(self, primitive: dict[str, Any]) -> list[np.ndarray | None]:
         """Both sets of texture coordinates, (n, 2) float32 each, v upwards; None where the primitive has none that are finite."""

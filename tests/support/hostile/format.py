@@ -6,12 +6,16 @@ from typing import NamedTuple
 
 
 class Format(NamedTuple):
-    """suffix: of its files. whole: writes sound ones to a folder and returns them. read: what is tried. bombs: name -> content."""
+    """suffix: of its files. whole: writes sound ones to a folder and returns them. read: what is tried. bombs: name -> content.
+
+    mended: sets right what a reader checks first, such as checksums, in half of the damaged files.
+    """
 
     suffix: str
     whole: Callable[[Path], list[Path]]
     read: Callable[[Path], object]
     bombs: Callable[[], dict[str, bytes]]
+    mended: Callable[[bytes], bytes] = bytes
 
     def path(self, folder: Path) -> Path:
         """Where a file of the format is put to be read."""

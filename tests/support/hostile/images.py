@@ -300,6 +300,18 @@ def _read_video(path: Path) -> object:
     return video.picture(0), video.picture(len(video) - 1)
 
 
+def _with_checksums(content: bytes) -> bytes:
+    """A PNG whose chunks have the right checksums."""
+    data, at = bytearray(content), 8
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        if at + 12 + length > len(data):
+            break
+        struct.pack_into(">I", data, at + 8 + length, zlib.crc32(data[at + 4 : at + 8 + length]))
+        at += 12 + length
+    return bytes(data)
+
+
 def _read_radiance(path: Path) -> object:
     from vemlight.light.images import read_radiance
 
@@ -316,7 +328,7 @@ FORMATS = {
     "exr": Format(".exr", _exr_files, _read_radiance, _exr_bombs),
     "hdr": Format(".hdr", _hdr_files, _read_radiance, _hdr_bombs),
     "luminaire": Format(".exr", _luminaire_files, _read_luminaire, _luminaire_bombs),
-    "png": Format(".png", _png_files, _read_codes, _png_bombs),
+    "png": Format(".png", _png_files, _read_codes, _png_bombs, _with_checksums),
     "photo": Format(".jpg", _photo_files, _read_codes, _photo_bombs),
     "video": Format(".mp4", _video_files, _read_video, _video_bombs),
 }

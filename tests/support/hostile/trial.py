@@ -68,16 +68,17 @@ def examine(name: str, count: int, seed: int, keep: Path, with_bombs: bool = Tru
                 format, folder, 1, lambda _, path, stored=stored: shutil.copyfile(stored, path), lambda _, bomb=bomb: f"bomb {bomb}"
             )
             faults += _try(name, trial, keep)
-        trial = Trial(
-            format,
-            folder,
-            count,
-            lambda k, path: path.write_bytes(damaged(whole, f"{name} {seed} {k}")),
-            lambda k: f"damaged file {k} of seed {seed}",
-        )
-        return Examination(len(bombs), faults + _try(name, trial, keep))
+        return Examination(len(bombs), faults + _try(name, _damaged(name, format, folder, count, seed, whole), keep))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _damaged(name: str, format: Format, folder: Path, count: int, seed: int, whole: list[bytes]) -> Trial:
+    def write(number: int, path: Path) -> None:
+        content = damaged(whole, f"{name} {seed} {number}")
+        path.write_bytes(format.mended(content) if number % 2 else content)
+
+    return Trial(format, folder, count, write, lambda number: f"damaged file {number} of seed {seed}")
 
 
 def _stored(bombs: dict[str, bytes], folder: Path) -> dict[str, Path]:

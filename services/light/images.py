@@ -19,7 +19,6 @@ from vemlight.light.exr import read_exr
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
 from vemlight.light.primaries import REC709
 from vemlight.light.quiet import silent
-from vemlight.light.radiance_hdr import read_radiance_hdr
 
 UPRIGHT = 1  # EXIF orientation of pixels that are stored as they are seen
 EXIF_ORIENTATION = 0x0112
@@ -36,6 +35,8 @@ def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, An
         if path.suffix.lower() == ".exr":
             return read_exr(path, layer)
         if path.suffix.lower() in (".hdr", ".pic"):
+            from vemlight.light.radiance_hdr import read_radiance_hdr  # here, since its kernels load numba
+
             return read_radiance_hdr(path), {}
     check_regular(path, MAX_IMAGE_BYTES)
     raise UserError(f"{path}: radiance is read from .exr and .hdr, not {path.suffix or 'a file without suffix'}; convert it")

@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import zmq
-import zmq.auth
-from zmq.auth.thread import ThreadAuthenticator
 
 from vemlight.errors import UserError
 from vemlight.files import read_file, writing_to
@@ -100,7 +98,7 @@ class Transport:
         self.settings = settings
         self.context = context or zmq.Context()
         self._keys: Keys | None = None
-        self._authenticator: ThreadAuthenticator | None = None
+        self._authenticator: Any = None  # a ThreadAuthenticator, with keys
         self._guard: PeerGuard | None = None
         self._claimed: list[_ClaimedSocket] = []
         if settings.transport == "tcp" and settings.keys:
@@ -202,6 +200,8 @@ class Transport:
         if self._authenticator is None:
             for path in sorted(Path(self.settings.keys).glob("*.key")):
                 _keys_in(path, path.parent)  # a damaged one would end the authenticator's thread
+            from zmq.auth.thread import ThreadAuthenticator  # here, since it loads asyncio
+
             self._authenticator = ThreadAuthenticator(self.context)
             self._authenticator.start()
             self._authenticator.configure_curve(domain=ZAP_DOMAIN, location=self.settings.keys)
@@ -248,6 +248,8 @@ def make_keys(folder: Path) -> None:
     secret = folder / f"{KEY_NAME}.key_secret"
     if secret.exists():
         raise UserError(f"{secret}: there are keys already; remove them first if they are to be replaced")
+    import zmq.auth
+
     before = os.umask(0o077)
     try:
         with tempfile.TemporaryDirectory(dir=folder) as made, writing_to(folder):  # a full disk leaves no half of a key

@@ -5,10 +5,10 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
-from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from vemlight.errors import UserError
 from vemlight.light.colour import LUMINANCE_WEIGHTS
@@ -16,7 +16,6 @@ from vemlight.runtime.allowance import Allowance
 from vemlight.viewer.authentication import add_headers, authentication_middleware
 from vemlight.viewer.connections import busy_middleware, connection_of
 from vemlight.viewer.feeds import Feed
-from vemlight.viewer.metrics import registry
 from vemlight.viewer.viewer_state import ViewerState
 
 PAGE = Path(__file__).parent / "page"
@@ -53,7 +52,7 @@ class Site:
         self._state = state
         self._files = {path: ((PAGE / name).read_bytes(), content_type) for path, (name, content_type) in FILES.items()}
         self._files["/constants.js"] = constants_js().encode(), "text/javascript"
-        self._metrics = registry(state.summary)
+        self._metrics: Any = None  # a CollectorRegistry, made when it is first asked for
         self._sockets: set[web.WebSocketResponse] = set()
 
     def app(self) -> web.Application:
@@ -113,6 +112,11 @@ class Site:
         return web.Response(status=status, body=msgspec.json.encode(summary), content_type="application/json")
 
     async def metrics(self, _: web.Request) -> web.Response:
+        from prometheus_client import CONTENT_TYPE_LATEST, generate_latest  # here, since few ask for metrics
+
+        from vemlight.viewer.metrics import registry
+
+        self._metrics = self._metrics or registry(self._state.summary)
         return web.Response(body=generate_latest(self._metrics), headers={"Content-Type": CONTENT_TYPE_LATEST})
 
     async def control(self, request: web.Request) -> web.Response:

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from vemlight.errors import UserError
@@ -108,6 +107,8 @@ class ImageSequenceWriter:
 
 def read_pixels(exr: Path) -> np.ndarray:
     """The tone-mapped picture beside an EXR, (height, width, 4) uint8. Raises UserError when it is missing or no such picture."""
+    import cv2  # here, since it takes a tenth of a second to load
+
     path = exr.with_suffix(".png")
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None or image.shape[2:] != (4,):
@@ -117,6 +118,8 @@ def read_pixels(exr: Path) -> np.ndarray:
 
 def write_contact_sheet(path: Path, pictures: list[Path]) -> None:
     """Writes a sheet of thumbnails of the pictures' .png, in rows: all of up to CONTACT_SHEET_PICTURES, else that many, evenly chosen."""
+    import cv2
+
     chosen = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, CONTACT_SHEET_PICTURES).round().astype(int))]
     thumbnails = []
     for name in chosen:

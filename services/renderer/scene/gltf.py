@@ -18,7 +18,6 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from trimesh.util import triangle_strips_to_faces
 
 from vemlight.files import contained_path, decoded_json, read_file
 
@@ -91,6 +90,8 @@ class GltfFile:
         """The vertex numbers (m, 3) int64 of a primitive of triangles or a strip; vertices in their order where it has no indices."""
         indices = self.array(primitive["indices"]).astype(np.int64).reshape(-1) if "indices" in primitive else np.arange(vertex_count)
         if primitive.get("mode", TRIANGLES) == TRIANGLE_STRIP:
+            from trimesh.util import triangle_strips_to_faces  # here, since trimesh takes half a second to load
+
             return triangle_strips_to_faces([indices])
         if len(indices) % 3:
             raise ValueError(f"has {len(indices)} indices, which is no number of triangles")

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vemlight.renderer.scene.gltf import GltfFile, item
 
@@ -21,6 +20,8 @@ class NodeTransform(NamedTuple):
 
     def matrix(self) -> np.ndarray:
         """The transform (4, 4) that scales, rotates and translates, in this order."""
+        from scipy.spatial.transform import Rotation  # here, since it takes a third of a second to load
+
         matrix = np.eye(4)
         matrix[:3, :3] = Rotation.from_quat(self.rotation).as_matrix() * self.scale
         matrix[:3, 3] = self.translation

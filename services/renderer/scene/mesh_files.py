@@ -2,13 +2,13 @@
 
 import codecs
 import io
+import re
 import struct
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import trimesh
 
 from vemlight.errors import UserError
 from vemlight.files import one_line, read_file
@@ -24,6 +24,9 @@ from vemlight.renderer.scene.trimesh_files import MAX_BYTES, FilesBeside, check_
 from vemlight.renderer.scene.trimesh_materials import colours_from_visual, material_from_visual
 
 GLTF_SUFFIXES = (".glb", ".gltf")
+# Read here, so that the bundled scene does not wait for trimesh.
+PLAIN_OBJ = re.compile(rb"(?:(?:#[^\r\n]*|v(?: +-?\d{1,9}(?:\.\d{1,17})?){3} *|f(?: +\d{1,9}){3} *)?\r?\n)*")
+MAX_PLAIN_BYTES = 2**20  # trimesh reads larger ones sooner, and takes longer than its loading
 MESH_SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl")
 FAULTS = (ValueError, LookupError, TypeError, AttributeError, OverflowError, OSError, struct.error, SyntaxError)  # the last: PIL's, of PNG
 MIN_SCALE = 1e-6  # of an instance, along each axis; any value in 1e-12 .. 1e-3 does
@@ -154,12 +157,26 @@ def _gltf_vertices(file: GltfFile, file_materials: GltfMaterials, primitive: dic
     return vertices
 
 
+def _plain_obj(content: bytes) -> SourceMesh | None:
+    """The mesh of a small OBJ of nothing but positions and triangles; None for any other."""
+    if len(content) > MAX_PLAIN_BYTES or not PLAIN_OBJ.fullmatch(content):
+        return None
+    rows = [line.split() for line in content.splitlines()]
+    positions = np.array([row[1:] for row in rows if row[:1] == [b"v"]], np.float64)
+    triangles = np.array([row[1:] for row in rows if row[:1] == [b"f"]], np.int64) - 1
+    return SourceMesh(VertexAttributes(positions), triangles, np.eye(4), None) if len(positions) and len(triangles) else None
+
+
 def _trimesh_meshes(path: Path, limits: SceneLimits) -> tuple[list[SourceMesh], list[str]]:
     """The meshes of an OBJ, PLY or STL file, and a line for each thing that is left out."""
     content, kind = read_file(path, MAX_BYTES).removeprefix(codecs.BOM_UTF8), path.suffix.lower().removeprefix(".")
     limits.on_stored(len(content))
     if kind in ("obj", "stl"):
         (check_obj if kind == "obj" else check_stl)(content)
+    if kind == "obj" and (plain := _plain_obj(content)):
+        return [plain], []
+    import trimesh  # here, since it takes half a second to load
+
     beside = FilesBeside(path.parent, str(path))
     with silent():  # trimesh logs, and numpy warns of what it computes with nan
         scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=beside, process=False, maintain_order=True)

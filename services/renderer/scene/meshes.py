@@ -7,9 +7,6 @@ sharp, so that a bunny is round and a box has flat sides.
 from typing import Literal, NamedTuple
 
 import numpy as np
-import trimesh
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from vemlight.renderer.scene.animation import RigidMotion
 
@@ -19,6 +16,9 @@ SWEEP_MARGIN = 0.02  # half a turn in ten steps leaves its chords by 1 - cos(pi 
 CREASE_RAD = np.radians(40.0)  # above the facets of a coarse round form (a 12-sided tube: 30 degrees), below a chamfer (45 degrees)
 MAX_SIZE_M = 1e9  # of a mesh in its file's unit; any value in 1e7 .. 1e12 does
 MIN_RELATIVE_AREA = 1e-14  # of a triangle, to its mesh's size squared; float64 rounds at 1e-16 of that. Any value in 1e-15 .. 1e-12 does
+# Of a box whose vertices count in binary, x first: two triangles a side, wound outwards.
+BOX_TRIANGLES = np.array([[1, 3, 0], [4, 1, 0], [0, 3, 2], [2, 4, 0], [1, 7, 3], [5, 1, 4], [5, 7, 1], [3, 7, 2], [6, 4, 2], [2, 7, 6]])
+BOX_TRIANGLES = np.concatenate([BOX_TRIANGLES, [[6, 5, 4], [7, 5, 6]]])
 MIN_NORMAL = 1e-6  # length; shorter ones have no direction. Any value in 1e-12 .. 1e-2 does
 
 
@@ -86,8 +86,7 @@ def shape_geometry(shape: Shape) -> Geometry:
     if shape == "plane":
         positions = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
         return clean_geometry(VertexAttributes(positions), np.array([[0, 1, 2], [0, 2, 3]]))
-    box = trimesh.creation.box((2, 2, 2))
-    return clean_geometry(VertexAttributes(np.asarray(box.vertices)), np.asarray(box.faces))
+    return clean_geometry(VertexAttributes(np.indices((2, 2, 2)).reshape(3, 8).T * 2.0 - 1.0), BOX_TRIANGLES)
 
 
 def _sphere(rows: int, cols: int) -> Geometry:
@@ -166,10 +165,23 @@ def is_closed(welded: np.ndarray, corners: np.ndarray) -> bool:
     forward, backward = np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0])
     if not np.array_equal(forward, backward) or np.any(forward[1:] == forward[:-1]):
         return False
-    links = coo_array((np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    part = connected_components(links, directed=False)[1][welded[:, 0]]
+    part = _connected(edges[:, 0], edges[:, 1], n)[1][welded[:, 0]]
     volumes = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
     return bool(np.all(np.bincount(part, volumes)[np.unique(part)] > 0))
+
+
+def _connected(left: np.ndarray, right: np.ndarray, count: int) -> tuple[int, np.ndarray]:
+    """How many connected parts `count` nodes with links between `left` and `right` have, and the part of each node."""
+    part = np.arange(count)  # the lowest node that each is known to be connected with
+    while len(left):
+        a, b = part[left], part[right]
+        np.minimum.at(part, np.maximum(a, b), np.minimum(a, b))
+        while not np.array_equal(part, lower := part[part]):
+            part = lower
+        apart = part[left] != part[right]
+        left, right = left[apart], right[apart]
+    first, part = np.unique(part, return_inverse=True)
+    return len(first), part
 
 
 def _smoothed(
@@ -200,8 +212,7 @@ def _smoothed(
     a, b = corner(second, 0), corner(second, 1)
     left = np.concatenate([corner(first, 0), corner(first, 1)])
     right = np.concatenate([np.where(flipped, a, b), np.where(flipped, b, a)])
-    links = coo_array((np.ones(len(left), np.int8), (left, right)), shape=(3 * count, 3 * count))
-    groups, group = connected_components(links, directed=False)
+    groups, group = _connected(left, right, 3 * count)
     points = positions[triangles].astype(np.float64)
     angles = np.stack([_corner_angle(points[:, k], points[:, (k + 1) % 3], points[:, (k + 2) % 3]) for k in range(3)], axis=-1)
     weighted = (facing[:, None, :] * angles[..., None]).reshape(-1, 3)

@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene
@@ -27,6 +26,8 @@ class ScenePose(NamedTuple):
 
 def world_from_object(pose: wire.Pose) -> np.ndarray:
     """The rigid transform (4, 4) from an object's own axes."""
+    from scipy.spatial.transform import Rotation  # here, since it takes a third of a second to load
+
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(pose.rotation).as_matrix(), pose.position
     return matrix

@@ -4,7 +4,6 @@ import io
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from PIL import Image
 
@@ -83,6 +82,8 @@ def alpha_bled(image: np.ndarray) -> np.ndarray:
     Filters then mix in no colour that the image hides. Pull and push (Gortler et al. 1996): means over halved images, weighted with
     alpha, fill the finer ones. Returns the image itself where all of its texels are visible, or none.
     """
+    import cv2  # here, since it takes a tenth of a second to load
+
     visible = image[..., 3] > 0
     if visible.all() or not visible.any():
         return image

@@ -21,11 +21,18 @@ class PixelSample(NamedTuple):
 
 def pixel_samples(samples: int) -> list[PixelSample]:
     """Evenly spread samples of a pixel: Hammersley points, shifted by half a step so that a single one lies in the middle."""
-    from scipy.stats.qmc import Halton  # here, since scipy.stats takes half a second to load
-
-    radical_inverse = Halton(1, scramble=False).random(samples)[:, 0]
-    places = np.stack([(np.arange(samples) + 0.5) / samples, (radical_inverse + 0.5 / samples) % 1.0], axis=-1)
+    numbers = np.arange(samples)
+    places = np.stack([(numbers + 0.5) / samples, (_radical_inverse(numbers) + 0.5 / samples) % 1.0], axis=-1)
     return [PixelSample(x, y, number) for number, (x, y) in enumerate(places.tolist())]
+
+
+def _radical_inverse(numbers: np.ndarray) -> np.ndarray:
+    """Whole numbers (n,) with their binary digits mirrored at the point (van der Corput 1935), float64."""
+    mirrored, digit = np.zeros(len(numbers)), 0.5
+    while numbers.any():
+        mirrored += digit * (numbers % 2)
+        numbers, digit = numbers // 2, digit / 2
+    return mirrored
 
 
 def view_from_world(camera: ViewCamera) -> np.ndarray:

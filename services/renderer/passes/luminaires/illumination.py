@@ -1,5 +1,7 @@
 """The light of a scene's luminaires, added to a picture after its surfaces: a draw call each, and shadow maps for those that moved."""
 
+from typing import TYPE_CHECKING
+
 import moderngl
 import numpy as np
 
@@ -8,12 +10,14 @@ from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.luminaire.photometry import FarField
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import placed_luminaires
-from vemlight.renderer.passes.luminaires.occluders import scene_occluders, traced_triangles
-from vemlight.renderer.passes.luminaires.rasterised_luminaire import RasterisedLuminaire
-from vemlight.renderer.passes.luminaires.traced_luminaire import TracedLuminaire
-from vemlight.renderer.scene.luminaire_table import Vector
+from vemlight.renderer.passes.luminaires.occluders import SceneOccluders, scene_occluders, traced_triangles
+from vemlight.renderer.scene.luminaire_table import Luminaire, Vector
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
+
+if TYPE_CHECKING:
+    from vemlight.renderer.passes.luminaires.rasterised_luminaire import RasterisedLuminaire
+    from vemlight.renderer.passes.luminaires.traced_luminaire import TracedLuminaire
 
 
 class Illumination:
@@ -21,16 +25,10 @@ class Illumination:
 
     def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, size: tuple[int, int]) -> None:
         """Raises UserError for a luminaire beyond what this GL holds, or a far field with traced shadows."""
-        self.luminaires: list[RasterisedLuminaire | TracedLuminaire] = []
         self._scene = scene
-        self._occluders = occluders = scene_occluders(context, scene, scene_pose(scene, 0.0))
-        for luminaire in scene.luminaires:
-            if luminaire.table.shadows != "traced":
-                self.luminaires.append(RasterisedLuminaire(context, programs, occluders, scene, luminaire))
-            elif isinstance(luminaire.source, FarField):
-                raise UserError(f"luminaire {luminaire.source.name}: a far field has shadows = \"maps\" or \"none\"; choose one")
-            else:
-                self.luminaires.append(TracedLuminaire(context, programs, occluders, luminaire, size))
+        self._occluders = scene_occluders(context, scene, scene_pose(scene, 0.0))
+        drawn = (_drawn(context, programs, self._occluders, scene, luminaire, size) for luminaire in scene.luminaires)
+        self.luminaires: list[RasterisedLuminaire | TracedLuminaire] = list(drawn)
 
     def place(self, now: ScenePose) -> None:
         """Moves the luminaires and what casts shadows in their light."""
@@ -53,3 +51,17 @@ class Illumination:
         """Frees what the luminaires hold on the GPU."""
         for resource in (*self.luminaires, self._occluders.positions, self._occluders.indices):
             resource.release()
+
+
+def _drawn(
+    context: moderngl.Context, programs: Programs, occluders: SceneOccluders, scene: Scene, luminaire: Luminaire, size: tuple[int, int]
+) -> "RasterisedLuminaire | TracedLuminaire":
+    # Imported here, since most scenes have no luminaires and these load numba.
+    from vemlight.renderer.passes.luminaires.rasterised_luminaire import RasterisedLuminaire
+    from vemlight.renderer.passes.luminaires.traced_luminaire import TracedLuminaire
+
+    if luminaire.table.shadows != "traced":
+        return RasterisedLuminaire(context, programs, occluders, scene, luminaire)
+    if isinstance(luminaire.source, FarField):
+        raise UserError(f"luminaire {luminaire.source.name}: a far field has shadows = \"maps\" or \"none\"; choose one")
+    return TracedLuminaire(context, programs, occluders, luminaire, size)

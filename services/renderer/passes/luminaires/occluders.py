@@ -1,28 +1,30 @@
 """What casts shadows in the light of luminaires: the scene's triangles on the GPU, and as a hierarchy for traced rays."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import moderngl
 import numpy as np
 
-from vemlight.renderer.luminaire.bvh import TriangleHierarchy, hierarchy_from_triangles
 from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose
 from vemlight.renderer.scene.vertex_buffers import IndexRange
 
+if TYPE_CHECKING:
+    from vemlight.renderer.luminaire.bvh import TriangleHierarchy
+
 
 class SceneOccluders(NamedTuple):
     """positions: (n, 3) float32 a vertex, at rest. mesh_ranges: the indices of each mesh, empty for alpha-tested ones.
 
-    pose: where the meshes are. triangles: in the world, for traced shadows; empty where no luminaire asks for them.
+    pose: where the meshes are. triangles: in the world, for traced shadows; None where no luminaire asks for them.
     """
 
     positions: moderngl.Buffer
     indices: moderngl.Buffer
     mesh_ranges: tuple[IndexRange, ...]
     pose: ScenePose
-    triangles: TriangleHierarchy
+    triangles: "TriangleHierarchy | None"
 
 
 def scene_occluders(context: moderngl.Context, scene: Scene, pose: ScenePose) -> SceneOccluders:
@@ -39,10 +41,12 @@ def scene_occluders(context: moderngl.Context, scene: Scene, pose: ScenePose) ->
     return SceneOccluders(*buffers, mesh_ranges, pose, traced_triangles(scene, pose))
 
 
-def traced_triangles(scene: Scene, pose: ScenePose) -> TriangleHierarchy:
-    """The scene's triangles in the world; none where no luminaire traces its shadows."""
+def traced_triangles(scene: Scene, pose: ScenePose) -> "TriangleHierarchy | None":
+    """The scene's triangles in the world; None where no luminaire traces its shadows."""
     if all(luminaire.table.shadows != "traced" for luminaire in scene.luminaires):
-        return hierarchy_from_triangles(np.zeros((0, 3, 3)))
+        return None
+    from vemlight.renderer.luminaire.bvh import hierarchy_from_triangles  # here, since most scenes do without its kernels
+
     corners = [
         (mesh.geometry.positions @ matrix[:3, :3].T + matrix[:3, 3])[mesh.geometry.triangles]
         for mesh, matrix in zip(scene.meshes, pose.matrices, strict=True)

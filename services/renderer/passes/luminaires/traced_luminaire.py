@@ -46,6 +46,7 @@ class TracedLuminaire:
         if catchers:
             receivers = irradiance_receivers(receivers.positions, receivers.normals)._replace(flat_normals=receivers.flat_normals)
         picture = np.zeros((len(chosen), 3), np.float32)
+        assert self._occluders.triangles is not None
         occluders = Occluders(self._occluders.triangles, matrix)
         picture[chosen] = shade(self._tables, receivers, self._shifts[chosen], table.samples, table.max_per_image, occluders)
         self._texture.write(picture.tobytes(), alignment=1)

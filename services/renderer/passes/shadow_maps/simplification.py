@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from vemlight.renderer.scene.meshes import Geometry, is_closed
 
@@ -79,6 +78,8 @@ def _distances(probes: np.ndarray, points: np.ndarray, triangles: np.ndarray, ga
 
     Beside that triangle, up to `gap` metres along its plane, the surface goes on: such a probe counts by its height.
     """
+    from scipy.spatial import KDTree  # here, since it takes a third of a second to load
+
     near = triangles[KDTree(points).query(probes, NEAREST)[1]]
     p = probes[:, None]
     a, b, c = near[:, :, 0], near[:, :, 1], near[:, :, 2]

@@ -94,6 +94,8 @@ def test_bad_scenes_end_in_one_line_that_says_where(tmp_path, mesh, words):
     [
         ("at", "[0.9e6, 0.0, 0.0]", "[1.1e6, 0.0, 0.0]"),
         ("at", "[0.0, 0.0, -0.9e6]", "[0.0, 0.0, -1.1e6]"),
+        ("scale", "1e9", "1.1e9"),
+        ("scale", "1e-9", "0.9e-9"),
         ("name", f'"{64 * "a"}"', f'"{65 * "a"}"'),
         ("material", "{exponent = 1e5}", "{exponent = 1.1e5}"),
         ("material", "{diffuse = [0.7, 0.7, 0.7], specular = [0.3, 0.3, 0.3]}", "{diffuse = [0.7, 0.7, 0.7], specular = [0.31, 0.3, 0.3]}"),
@@ -103,6 +105,16 @@ def test_the_limits_of_a_mesh(tmp_path, key, good, bad):
     load_scene(scene_file(tmp_path, f'[[mesh]]\nshape = "box"\n{key} = {good}'))
     with pytest.raises(UserError):
         load_scene(scene_file(tmp_path, f'[[mesh]]\nshape = "box"\n{key} = {bad}'))
+
+
+@pytest.mark.parametrize(("place", "refused"), [("0.9e6", False), ("1.1e6", True), ("1e308", True)])
+def test_the_camera_stands_within_1000_km(tmp_path, place, refused):
+    path = scene_file(tmp_path, '[[mesh]]\nshape = "box"\n', camera=f"[camera]\nfrom = [{place}, 0.0, 0.0]\nat = [0.0, 0.0, 0.0]\n")
+    if refused:
+        with pytest.raises(UserError, match=r"two different points within 1000000 m"):
+            load_scene(path)
+    else:
+        load_scene(path)
 
 
 def test_a_name_made_of_a_long_file_name_has_room_for_its_number(tmp_path):

@@ -113,6 +113,10 @@ MUTANTS = [
         ("vertices doubled", "FREE_VERTICES = 2**22", "FREE_VERTICES = 2**23"),
         ("copies doubled", "FREE_COPIES = 2**23", "FREE_COPIES = 2**24"),
     ]),
+    *mutants_of(RENDERER + "scene/scene.py", "tests/test_scene.py", [
+        ("scale beyond its limit", "MAX_SCALE = 1e9 ", "MAX_SCALE = 2e9 "),
+        ("cameras anywhere", "if not np.abs(points).max() <= MAX_COORDINATE_M or", "if"),
+    ]),
     *mutants_of(RENDERER + "scene/trimesh_files.py", "tests/test_trimesh_files.py", [
         ("materials doubled", "MAX_PARTS = 2048", "MAX_PARTS = 4096"),
         ("digits of a face", "(len(str(vertices)) + 1)", "(len(str(vertices)) + 2)"),

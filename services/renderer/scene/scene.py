@@ -43,6 +43,7 @@ from vemlight.runtime import wire
 
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
 MAX_RELATIVE_OFFSET = 1000  # scene sizes from the origin: there float32 is 6e-5 of the size, a tenth of a texel of the largest shadow map
+MAX_SCALE = 1e9  # nanometres as metres; its cube is finite in float64, as is its inverse's. Any value in 1e7 .. 1e12 does
 MIN_VIEW_M = 1e-9  # between the camera and what it looks at; any value in 1e-12 .. 1e-6 does
 FLAT = 1e-3  # by how much normals of a shadow catcher may differ: 0.06 degrees, far above float32 and far below a bend that is meant
 Z_UP_FROM_Y_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
@@ -142,8 +143,8 @@ def load_scene(path: Path | None) -> Scene:
         raise UserError(f"{path}: has no [[mesh]]; add one")
     camera = table.camera
     points = np.array([camera.position, camera.at])
-    if not np.all(np.isfinite(points)) or np.abs(points[0] - points[1]).max() <= MIN_VIEW_M:
-        raise UserError(f"{path}: [camera] from and at must be two different finite points; correct them")
+    if not np.abs(points).max() <= MAX_COORDINATE_M or np.abs(points[0] - points[1]).max() <= MIN_VIEW_M:
+        raise UserError(f"{path}: [camera] from and at must be two different points within {MAX_COORDINATE_M:.0f} m; correct them")
     files = _MeshFiles(path.parent)
     meshes = [
         mesh._replace(object_index=number - 1)
@@ -238,7 +239,10 @@ def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> list[Mesh]:
             files.limits.on_placed(len(part.geometry.positions))
         except ValueError as error:
             raise UserError(f"{where}: the scene {error}") from error
-        geometry = part.geometry.moved(rotation * row.scale, np.array(row.at))
+        with np.errstate(all="ignore"):
+            geometry = part.geometry.moved(rotation * row.scale, np.array(row.at))
+        if not np.isfinite(geometry.positions).all():
+            raise UserError(f"{where}: {part.name} reaches farther than any number; correct its scale")
         made_of = part.material if material is None else material
         if material is not None:  # nor do the file's vertex colours change it
             geometry = geometry._replace(colours=None)
@@ -253,6 +257,8 @@ def _check_table(row: MeshTable, where: str) -> None:
         raise UserError(f'{where}: has not one of file and shape; write either file = "..." or shape = "sphere", "plane" or "box"')
     if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_COORDINATE_M:
         raise UserError(f"{where}: scale, rotate and at must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
+    if not 1 / MAX_SCALE <= row.scale <= MAX_SCALE:
+        raise UserError(f"{where}: scale = {row.scale:g} must be from {1 / MAX_SCALE:g} to {MAX_SCALE:g}; correct it")
     suffix = Path(row.file).suffix.lower()
     if row.animation and suffix not in GLTF_SUFFIXES:
         raise UserError(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")

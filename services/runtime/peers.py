@@ -31,15 +31,17 @@ from vemlight.runtime.channels import QUEUE_FRAMES
 from vemlight.runtime.log_lines import LogLines
 from vemlight.runtime.open_files import file_limit, peer_limit
 
-# Between two looks at memory and at a few peers: at the 6 GB/s of ipc memory grows by 120 MB meanwhile. 0.01 to 0.03 s would do
+# Between two looks at memory: at the 6 GB/s of ipc it grows by 120 MB meanwhile. 0.01 to 0.03 s would do
 PERIOD_S = 0.02
-LOOKED_AT = 8  # peers at each look: 10 us each, so 400 a second are 0.4 % of a core
+# Between two looks at some peers, 10 us each; when memory has grown by so many bytes since, the next is due at once.
+JUDGE_PERIOD_S, LOOKED_AT, SUDDEN_GROWTH = 0.2, 32, 8 * 2**20
 CALM_S = 30.0  # memory that has been in use for so long is a service's own; 10 to 100 s would do
 # Bytes without a whole message, to a socket that takes requests (100 bytes) and subscriptions (8); 8 to 256 kB would do ...
 MAX_UNASKED = 64 * 1024
 # ... and to one that takes frames: a queue of the largest arrays, and one on its way in.
 MAX_UNFINISHED = (QUEUE_FRAMES + 1) * wire.MAX_PART
-# ipc has no count of bytes received: a peer whose bytes wait again and again, none of whose messages ends, while memory grows by so much.
+# ipc has no count of bytes received, and an empty part of 2 bytes takes 64 bytes of memory: so a peer is cut, too, whose bytes wait again
+# and again, none of whose messages ends, while memory grows by so much.
 MAX_GROWTH_UNASKED, MAX_GROWTH = 64 * 2**20, 192 * 2**20  # bytes; the second: a queue of pictures of 4096 x 2160 (35 MB) and one more
 LOOKS, LOOK_S = 30, 0.0003
 # In how many of the looks more bytes wait than a few requests have. libzmq reads requests at once; a frame's bytes wait for a few looks.
@@ -56,6 +58,7 @@ REFUSED_BURST, REFUSED_PER_S = 32, 0.5  # unreadable messages of a peer: a few c
 SUBSCRIPTIONS_BURST, SUBSCRIPTIONS_PER_S = 64, 8  # of a peer: there are 8 topics
 SO_COOKIE = 57  # asm-generic/socket.h: a number of this socket alone, while the number of its file is used again
 TCP_BYTES_RECEIVED = 128  # offset of tcpi_bytes_received in struct tcp_info (linux/tcp.h)
+PAGE = os.sysconf("SC_PAGE_SIZE")
 EVENTS = zmq.EVENT_ACCEPTED | zmq.EVENT_CONNECTED | zmq.EVENT_DISCONNECTED | zmq.EVENT_MONITOR_STOPPED
 _numbers = itertools.count()
 
@@ -196,18 +199,22 @@ class PeerGuard(threading.Thread):
         self._context = context
         self._watched: WeakSet[Any] = WeakSet()
         self._new: deque[_Monitor] = deque()
-        self._monitors: list[_Monitor] = []
+        self._monitors: dict[Any, _Monitor] = {}  # by where its events come
         self._own: dict[int, Peer] = {}
         self._held_until_s: dict[str, float] = {}
         self._lines = LogLines()
         self._doors: list[Path] = []
-        self._calm_memory, self._search_s = float(_memory()), 0.0
-        self._trim_s = math.inf
+        self._memory = _memory()  # when peers were judged last
+        self._calm_memory, self._search_s = float(self._memory), 0.0
+        self._trim_s, self._judge_s = math.inf, 0.0
+        self._closed_doors = False
         self._stopped = False
         address = f"inproc://peers-{next(_numbers)}"
         self._wakes, self._wake = context.socket(zmq.PAIR), context.socket(zmq.PAIR)
         self._wakes.linger = self._wake.linger = 0
         self._wakes.bind(address)
+        self._poller = zmq.Poller()
+        self._poller.register(self._wakes, zmq.POLLIN)
         self._wake.connect(address)
         self.start()
 
@@ -242,22 +249,23 @@ class PeerGuard(threading.Thread):
     def run(self) -> None:
         due_s = 0.0
         while not self._stopped:
-            waiting = [self._wakes, *(monitor.events for monitor in self._monitors)]
-            found, _, _ = zmq.select(waiting, [], [], max(0.0, due_s - time.monotonic()) if self._own else None)
-            if self._wakes in found:
-                self._wakes.recv()
+            found = self._poller.poll(math.ceil(max(0.0, due_s - time.monotonic()) * 1e3) if self._own else None)
+            for events, _ in found:
+                if events is self._wakes:
+                    self._wakes.recv()
+                else:
+                    self._take_events(self._monitors[events])
             while self._new:
-                self._monitors.append(self._new.popleft())
-            for monitor in [monitor for monitor in self._monitors if monitor.events in found]:
-                self._take_events(monitor)
+                new = self._new.popleft()
+                self._monitors[new.events] = new
+                self._poller.register(new.events, zmq.POLLIN)
             if time.monotonic() >= due_s:
                 self._look()
                 due_s = time.monotonic() + PERIOD_S
         for peer in list(self._own.values()):
             self._forget(peer)
-        for monitor in [*self._monitors, *self._new]:
-            monitor.events.close()
-        self._wakes.close()
+        for events in [*self._monitors, *(new.events for new in self._new), self._wakes]:
+            events.close()
         self._open_doors()
 
     def _take_events(self, monitor: _Monitor) -> None:
@@ -280,7 +288,8 @@ class PeerGuard(threading.Thread):
                     elif peer and peer.monitor is monitor:
                         self._forget(peer)
                 case zmq.EVENT_MONITOR_STOPPED:
-                    self._monitors.remove(monitor)
+                    del self._monitors[monitor.events]
+                    self._poller.unregister(monitor.events)
                     for peer in [peer for peer in self._own.values() if peer.monitor is monitor]:
                         self._forget(peer)
                     monitor.events.close()
@@ -300,11 +309,13 @@ class PeerGuard(threading.Thread):
 
     def _close_doors(self) -> None:
         """Lets nobody else in until the next look."""
+        self._closed_doors = True
         for door in self._doors:
             with contextlib.suppress(OSError):
                 door.rename(_closed(door))
 
     def _open_doors(self) -> None:
+        self._closed_doors = False
         for door in self._doors:
             if _closed(door).exists():
                 _closed(door).rename(door)
@@ -324,15 +335,19 @@ class PeerGuard(threading.Thread):
             del _peers[peer.file]
 
     def _look(self) -> None:
-        """Judges a few peers, or all when memory has grown."""
+        """Judges all peers when memory has grown, or else a few now and then."""
         memory, now_s = _memory(), time.monotonic()
         self._calm_memory = min(float(memory), self._calm_memory + (memory - self._calm_memory) * PERIOD_S / CALM_S)
-        grown = memory - self._calm_memory > MAX_GROWTH_UNASKED
-        self._open_doors()
-        for peer in list(self._own.values())[: None if grown else LOOKED_AT]:
-            self._own[peer.file] = self._own.pop(peer.file)  # to the end of the row
-            self._judge(peer)
-        if grown and now_s > self._search_s:
+        grown = memory - self._calm_memory > MAX_GROWTH_UNASKED and now_s > self._search_s
+        self._memory = min(self._memory, memory)
+        if self._closed_doors:
+            self._open_doors()
+        if grown or memory - self._memory > SUDDEN_GROWTH or now_s > self._judge_s:
+            self._judge_s, self._memory = now_s + JUDGE_PERIOD_S, memory
+            for peer in list(self._own.values())[: None if grown else LOOKED_AT]:
+                self._own[peer.file] = self._own.pop(peer.file)  # to the end of the row
+                self._judge(peer)
+        if grown:
             self._search(memory - self._calm_memory)
         if now_s > self._trim_s:
             self._trim_s = math.inf
@@ -355,7 +370,7 @@ class PeerGuard(threading.Thread):
 
     def _search(self, growth: float) -> None:
         """Judges by the growth of memory, in bytes, those who send without end."""
-        suspects = [peer for peer in self._own.values() if not peer.is_tcp and not peer.took and growth > peer.monitor.max_growth]
+        suspects = [peer for peer in self._own.values() if not peer.took and growth > peer.monitor.max_growth]
         if not suspects:
             return
         self._search_s = time.monotonic() + SEARCH_PERIOD_S
@@ -396,6 +411,6 @@ def _return_memory() -> None:
 
 def _memory() -> int:
     """Bytes of memory of this process's own."""
-    with open("/proc/self/statm") as statm:
-        _, resident, shared = statm.read().split()[:3]
-    return (int(resident) - int(shared)) * os.sysconf("SC_PAGE_SIZE")
+    with open("/proc/self/statm", "rb", buffering=0) as statm:
+        _, resident, shared, *_ = statm.read().split()
+    return (int(resident) - int(shared)) * PAGE

@@ -8,8 +8,8 @@ import zmq
 
 from tests.support.hostile_peers import zmtp
 from tests.support.processes import free_port, wait_until
-from vemlight.runtime import peers, wire
-from vemlight.runtime.peers import MANY_PARTS, REFUSED_BURST, SUBSCRIPTIONS_BURST, receive
+from vemlight.runtime import peer_guard, wire
+from vemlight.runtime.peers import MANY_PARTS, PEERS, REFUSED_BURST, SUBSCRIPTIONS_BURST, receive
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.sync import receive_all
 from vemlight.runtime.transport import MAX_ASKED, Transport, accept_subscriptions, endpoint
@@ -56,9 +56,9 @@ def test_a_message_without_end_is_cut(transport, settings, part, capsys):
 
 
 def test_a_publisher_of_frames_without_end_is_cut(settings, client, monkeypatch):
-    monkeypatch.setattr(peers, "MAX_UNFINISHED", 2**20)
-    monkeypatch.setattr(peers, "MAX_GROWTH", 2**25)
-    monkeypatch.setattr(peers, "MAX_GROWTH_UNASKED", 2**25)
+    monkeypatch.setattr(peer_guard, "MAX_UNFINISHED", 2**20)
+    monkeypatch.setattr(peer_guard, "MAX_GROWTH", 2**25)
+    monkeypatch.setattr(peer_guard, "MAX_GROWTH_UNASKED", 2**25)
     with zmtp.listening(endpoint(settings, "capture", "publish")) as listener:
         subscriber = client.subscribe("capture", "map")
         connection, _ = listener.accept()
@@ -72,7 +72,7 @@ def test_whole_requests_are_no_message_without_end_however_many_come(transport, 
     router, dealer = transport.bind("capture", "serve"), client.request_from("capture")
     request = wire.pack(wire.RequestMessage(first=0, count=1))
     senders = set()
-    for _ in range(3 * peers.MAX_UNASKED // len(request[1]) // 3):
+    for _ in range(3 * peer_guard.MAX_UNASKED // len(request[1]) // 3):
         for _ in range(3):
             dealer.send_multipart(request)
         for _ in range(3):
@@ -82,7 +82,7 @@ def test_whole_requests_are_no_message_without_end_however_many_come(transport, 
     (peer,) = senders
     assert peer
     assert not peer.offence
-    assert peer in peers._peers.values()  # still connected
+    assert peer in PEERS.values()  # still connected
 
 
 def test_who_sends_unreadable_messages_is_cut_after_a_few(transport, client, settings):
@@ -105,7 +105,7 @@ def test_who_sends_unreadable_messages_is_cut_after_a_few(transport, client, set
     assert not sender.offence
     take(4)  # in a second or two, one is forgiven
     assert "cannot be read" in sender.offence
-    wait_until(lambda: sender not in peers._peers.values(), "the peer gone")
+    wait_until(lambda: sender not in PEERS.values(), "the peer gone")
 
 
 def test_a_peer_may_subscribe_to_every_kind_and_not_without_end(transport, settings):
@@ -154,7 +154,7 @@ def test_of_a_message_of_many_parts_a_few_are_kept_and_the_next_message_is_whole
 
 
 def test_one_peer_too_many_is_refused_and_let_in_when_another_leaves(transport, settings, monkeypatch, capsys):
-    monkeypatch.setattr(peers, "peer_limit", lambda: 2)
+    monkeypatch.setattr(peer_guard, "peer_limit", lambda: 2)
     publisher = transport.bind("capture", "publish")
     clients = [Transport(settings) for _ in range(3)]
 
@@ -180,7 +180,7 @@ def test_one_peer_too_many_is_refused_and_let_in_when_another_leaves(transport, 
 
 
 def test_the_address_of_a_hostile_peer_is_held_for_a_while_and_then_free(transport, settings, monkeypatch):
-    monkeypatch.setattr(peers, "HOLD_S", 0.5)
+    monkeypatch.setattr(peer_guard, "HOLD_S", 0.5)
     bound = transport.bind("capture", "serve")
     with greeted(settings, "serve", b"DEALER") as connection:
         assert zmtp.send_until_cut(connection, 1000 * zmtp.frame(bytes(100), zmtp.MORE), PATIENCE_S) is not None

@@ -19,7 +19,8 @@ from vemlight.errors import UserError
 from vemlight.files import read_file, writing_to
 from vemlight.runtime import wire
 from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Service
-from vemlight.runtime.peers import PeerGuard, receive
+from vemlight.runtime.peer_guard import PeerGuard
+from vemlight.runtime.peers import receive
 from vemlight.settings import Wire
 
 Role = Literal["publish", "serve"]

@@ -72,12 +72,14 @@ MUTANTS = [
     ]),
     *mutants_of(RUNTIME + "peers.py", "tests/test_peers.py", [
         ("a tcp peer past its limit only shut down", "if connection.family == network.AF_UNIX:", "if True:"),
-        ("unfinished bytes of tcp", "received - peer.mark > limit or", "False or"),
-        ("whole messages", "            peer.took, peer.mark = False, received\n", "            peer.took = False\n"),
         ("unreadable messages without end", "REFUSED_BURST, REFUSED_PER_S = 32, 0.5", "REFUSED_BURST, REFUSED_PER_S = 32, 500"),
         ("subscriptions without end", "SUBSCRIPTIONS_PER_S = 64, 8", "SUBSCRIPTIONS_PER_S = 64, 8000"),
         ("many parts", "        if sender:\n            sender.offence", "        if False:\n            sender.offence"),
         ("parts kept", "if count <= wire.MAX_PARTS + 1:", "if True:"),
+    ]),
+    *mutants_of(RUNTIME + "peer_guard.py", "tests/test_peers.py", [
+        ("unfinished bytes of tcp", "received - peer.mark > limit or", "False or"),
+        ("whole messages", "            peer.took, peer.mark = False, received\n", "            peer.took = False\n"),
         ("one peer too many", "if monitor.accepts and len(came) > limit:", "if False:"),
         ("a held address", "self._held_until_s.get(peer.name, 0.0) > peer.since_s", "False"),
         ("an address held for ever", "time.monotonic() + HOLD_S", "time.monotonic() + 1e9"),

@@ -50,6 +50,18 @@ def _gltf_files(folder: Path) -> list[Path]:
     return [file.write(folder / "a.gltf"), file.write(folder / "b.glb"), *_exported(".glb")(folder)]
 
 
+def _with_lengths(content: bytes) -> bytes:
+    """A .glb whose header and chunks have the right lengths."""
+    binary = content.rfind(b"BIN\0")
+    if content[:4] != b"glTF" or binary < 28:
+        return content
+    data = bytearray(content)
+    struct.pack_into("<I", data, 8, len(data))
+    struct.pack_into("<I", data, 12, binary - 4 - 20)
+    struct.pack_into("<I", data, binary - 4, len(data) - binary - 4)
+    return bytes(data)
+
+
 def _gltf(**document: object) -> bytes:
     head = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}
     return json.dumps({**head, **document}).encode()
@@ -352,7 +364,7 @@ def _read_mesh(path: Path) -> object:
 
 
 FORMATS = {
-    "gltf": Format(".gltf", _gltf_files, _read_mesh, _gltf_bombs),
+    "gltf": Format(".gltf", _gltf_files, _read_mesh, _gltf_bombs, _with_lengths),
     "obj": Format(".obj", _exported(".obj"), _read_mesh, _obj_bombs),
     "mtl": Format(".mtl", _mtl_files, _read_mtl, _mtl_bombs),
     "ply": Format(".ply", _exported(".ply"), _read_mesh, _ply_bombs),

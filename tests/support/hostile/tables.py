@@ -247,7 +247,28 @@ def _csv_bombs() -> dict[str, bytes]:
 def _manifest_files(folder: Path) -> list[Path]:
     (folder / "a.exr").touch()
     (folder / "b.jsonl").write_bytes(LINE * 3)
-    return [folder / "b.jsonl"]
+    from vemlight.capture.manifest import ManifestWriter
+
+    (folder / "lens.toml").write_bytes(LENS)
+    writer = ManifestWriter(folder, [folder / "lens.toml"])
+    for k in range(3):
+        writer.add(folder / "a.exr", k, k / 25)
+    writer.close((folder / "lens.toml",))
+    (folder / "manifest.jsonl").rename(folder / "c.jsonl")
+    return [folder / "b.jsonl", folder / "c.jsonl"]
+
+
+def _with_chains(content: bytes) -> bytes:
+    """A manifest each of whose lines follows the one before."""
+    from vemlight.journal import KEY, TAIL_BYTES, chained
+
+    lines, chain = [], ""
+    for line in content.splitlines():
+        if KEY not in line:
+            return content
+        lines.append(chained(line[: -TAIL_BYTES + 1] + b"}", chain))
+        chain = lines[-1][-67:-3].decode()
+    return b"".join(lines)
 
 
 def _keys_bombs() -> dict[str, bytes]:
@@ -285,6 +306,6 @@ FORMATS = {
     "lens": Format(".toml", _text_files(a__toml=LENS), _lens, lambda: _toml_bombs(LENS)),
     "response": Format(".toml", _text_files(a__toml=RESPONSE), _response, lambda: _toml_bombs(RESPONSE)),
     "patches": Format(".csv", _text_files(a__csv=PATCHES), _patches, _csv_bombs),
-    "manifest": Format(".jsonl", _manifest_files, _manifest, _json_bombs),
+    "manifest": Format(".jsonl", _manifest_files, _manifest, _json_bombs, _with_chains),
     "keys": Format(".key", _text_files(a__key=KEYS), _keys, _keys_bombs),
 }

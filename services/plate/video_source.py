@@ -19,8 +19,8 @@ MAX_VIDEO_BYTES = 2**40  # a day at 100 Mbit/s
 # they are called, which must not be chosen by who made the file.
 SIGNATURES = (b"\x1a\x45\xdf\xa3", b"RIFF", b"OggS", b"\0\0\1\xba", b"FLV", b"YUV4MPEG2", b"\x47")  # the last: transport streams
 QUICKTIME_ATOMS = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")  # .mp4 and .mov
-FFMPEG_QUIET = "-8"  # AV_LOG_QUIET
 MAX_FPS = 1000.0  # in a video's header; a higher rate is taken for damage. Any value in 300 .. 10,000 does
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # AV_LOG_QUIET: FFmpeg's threads speak when `silent` has ended
 
 
 class VideoSource(Protocol):
@@ -64,7 +64,6 @@ class VideoFile:
             head = file.read(12)
         if not head.startswith(SIGNATURES) and head[4:8] not in QUICKTIME_ATOMS:
             raise UserError(f"{path}: is no video that can be played; convert it to .mp4, or name a folder of pictures")
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", FFMPEG_QUIET)  # its threads speak when `silent` has ended
         with silent():
             self._capture = cv2.VideoCapture(str(path))
         self.fps = self._capture.get(cv2.CAP_PROP_FPS)

@@ -260,6 +260,8 @@ def _read_luminaire(path: Path) -> object:
 def _video_files(folder: Path) -> list[Path]:
     import cv2
 
+    import vemlight.plate.video_source  # noqa: F401, keeps FFmpeg quiet from its first use on
+
     paths = []
     for name, code in (("a.avi", "MJPG"), ("b.mp4", "mp4v")):
         paths.append(folder / name)

@@ -9,6 +9,7 @@ import pytest
 
 from tests.support.light_sets import lights_from
 from vemlight.capture.lens import Lens, write_lens
+from vemlight.capture.manifest import ManifestWriter
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.response import Log, write_response
 from vemlight.commands.verify import verify
@@ -105,6 +106,18 @@ def test_a_folder_that_was_cut_off_is_called_incomplete(folder):
     (finding,) = verify(folder).findings
     assert "is incomplete" in finding
     assert "4 " in finding
+
+
+def test_what_was_written_beside_the_frames_is_checked_too(tmp_path):
+    frame, truth = tmp_path / "f.exr", tmp_path / "truth.jsonl"
+    frame.write_text("pixels")
+    truth.write_text("truth")
+    writer = ManifestWriter(tmp_path, [])
+    writer.add(frame, 0, 0.0)
+    writer.close((truth,))
+    assert not found(tmp_path)
+    truth.write_text("truce")
+    assert found(tmp_path)
 
 
 def test_a_pipe_in_place_of_a_frame_is_found_at_once(folder):

@@ -17,23 +17,27 @@ class LightSet(NamedTuple):
     """Directional lights of one frame, brightest meaning first only where a method says so.
 
     ids: (n,) int64, stable while a light lives. directions: (n, 3) float32 unit vectors from the scene to the light.
-    irradiance: (n, 3) float32, RGB on a plane that faces the light.
+    irradiance: (n, 3) float32, RGB on a plane that faces the light. covariances: (n, 6) float32, xx xy xz yy yz zz of the directions of a
+    light's light about their mean sqrt(1 - xx - yy - zz) x direction, weighted by luminance; None: all lights are points.
     """
 
     ids: np.ndarray
     directions: np.ndarray
     irradiance: np.ndarray
+    covariances: np.ndarray | None = None
 
     @staticmethod
     def none() -> "LightSet":
         return LightSet.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
     @staticmethod
-    def of(ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray) -> "LightSet":
+    def of(ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, covariances: np.ndarray | None = None) -> "LightSet":
         """The arrays in their fixed types."""
+        extents = None if covariances is None else np.ascontiguousarray(covariances, np.float32)
         return LightSet(
-            np.ascontiguousarray(ids, np.int64), np.ascontiguousarray(directions, np.float32), np.ascontiguousarray(irradiance, np.float32)
-        )
+            np.ascontiguousarray(ids, np.int64), np.ascontiguousarray(directions, np.float32), np.ascontiguousarray(irradiance, np.float32),
+            extents,
+        )  # fmt: skip
 
 
 class LightRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

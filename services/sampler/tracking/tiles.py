@@ -46,7 +46,7 @@ class Tiles(NamedTuple):
     """The n lit tiles, base tile by base tile, float64.
 
     flux: (3, n), RGB irradiance. power: (n,), its luminance. direction: (3, n), flux centroid, not normalised. weight: (n,), for the
-    Lloyd update. radius: (n,), half the diagonal, rad.
+    Lloyd update. radius: (n,), half the diagonal, rad. area: (n,), solid angle, sr.
     """
 
     flux: np.ndarray
@@ -54,6 +54,7 @@ class Tiles(NamedTuple):
     direction: np.ndarray
     weight: np.ndarray
     radius: np.ndarray
+    area: np.ndarray
 
 
 class Span(NamedTuple):
@@ -99,12 +100,12 @@ def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, bright_
     # Copied, since numba compiles a second version of a function for arrays that are read-only, as those off the wire are.
     cells, directions, weights = (np.array(array) for array in bright_cells)
     table = _fill(radiance, grid(rows, cols, coverage), count, cells, directions, weights)
-    return Tiles(table[0:3], table[3], table[4:7], table[7], table[8])
+    return Tiles(table[0:3], table[3], table[4:7], table[7], table[8], table[9])
 
 
 @kernel
 def _fill(radiance, of, count, cells, directions, weights):
-    """The table (9, tiles): flux, power, direction, weight, radius."""
+    """The table (10, tiles): flux, power, direction, weight, radius, area."""
     rows, cols, _ = radiance.shape
     samples = _cell_samples(BrightCells(cells, directions, weights), rows * cols)
     # Base tiles first, for the sum of the density, power^0.8 area^0.2; those of bright sources count for MAX_LIGHTS.
@@ -114,14 +115,14 @@ def _fill(radiance, of, count, cells, directions, weights):
     total = np.minimum(density, MAX_LIGHTS / max(count, MAX_LIGHTS) * total).sum()
     limit = TILE_FRACTION / count * total
 
-    table, n = np.empty((9, rows * cols + cells.size)), np.int64(0)
+    table, n = np.empty((10, rows * cols + cells.size)), np.int64(0)
     stack, sums = np.empty((STACK, 4), np.int64), np.zeros((BASE + 1, BASE + 1))
     for k in range(density.size):
         base = of.corners[k, 0] // BASE * across + of.corners[k, 1] // BASE
         if density[base] > limit:
             n = _halve(radiance, luminance, of, samples, limit**5, of.corners[k], stack, sums, table, n)
         elif density[base] > 0:
-            for c in range(9):
+            for c in range(10):
                 table[c, n] = bases[c, base]
             n += 1
     return table[:, :n].copy()
@@ -129,10 +130,10 @@ def _fill(radiance, of, count, cells, directions, weights):
 
 @subroutine
 def _bases(radiance, of, light):
-    """(table (9, bases), density (bases,)) of the base tiles, row by row; fills light (rows, cols), the cells' luminance."""
+    """(table (10, bases), density (bases,)) of the base tiles, row by row; fills light (rows, cols), the cells' luminance."""
     rows, cols, _ = radiance.shape
     across, count = -(-cols // BASE), -(-rows // BASE) * -(-cols // BASE)
-    table, density = np.empty((9, count)), np.empty(count)
+    table, density = np.empty((10, count)), np.empty(count)
     cells, flux, moment = radiance.reshape(rows, 3 * cols), np.empty(3 * cols), np.empty((2, cols))
     red, green, blue = np.float32(LUMINANCE_RED), np.float32(LUMINANCE_GREEN), np.float32(LUMINANCE_BLUE)
     for base in range(count):
@@ -171,6 +172,7 @@ def _tile(of, span, flux, moment, table, n):
     table[0, n], table[1, n], table[2, n], table[3, n] = flux[0], flux[1], flux[2], power
     table[4, n], table[5, n], table[6, n] = moment[0] / power, moment[1] / power, moment[2] / power
     table[7, n], table[8, n] = area * (power / area) ** WEIGHT_EXPONENT, 0.5 * np.sqrt(height * height + width * width)
+    table[9, n] = area
     return area
 
 
@@ -271,6 +273,7 @@ def _subdivide(samples, k, area, whole, table, n):
             for c in range(3):
                 table[4 + c, n] = samples.directions[k, c]
             table[7, n], table[8, n] = small * (tile[3] * weight / small) ** WEIGHT_EXPONENT, tile[8] / SUBCELLS
+            table[9, n] = small
             n += 1
         k += 1
     return n + 1 if whole else n

@@ -16,11 +16,14 @@ from vemlight.sampler.light_map import LightMap
 from vemlight.sampler.required_lights import prefix_errors
 from vemlight.sampler.sampler_input import MAX_GAP_S, SamplerInput
 from vemlight.sampler.tracking.cleaning import cleaned
+from vemlight.sampler.tracking.extents import soft_lights
 from vemlight.sampler.tracking.noise import NO_NOISE, Noise, noise_after
+from vemlight.sampler.tracking.sources import NO_SOURCES, SOURCE_RAD, Limits, Sources, peaks_of, source_lights, sources_after
 from vemlight.sampler.tracking.split_merge import Sites, best_splits, cheapest_pair, split_and_merge
 from vemlight.sampler.tracking.tiles import Tiles, tiles_from_map
 from vemlight.sampler.tracking.voronoi import Cells, cells_from_sites, centroids, lights_from_cells, lloyd_update, relax
 
+MIN_TILE_COUNT = 64  # of lights that tiles are made for: fine enough to find compact sources
 FIRST_LLOYD_STEPS = 12  # in the first frame; any value in 3..24 comes within 1 % of the energy that 40 more frames reach
 LLOYD_STEPS = 2  # in every other frame; any value in 1..4 does, within 3 % of the error on the bundled sequence
 SCENE_CHANGE = 2.0  # times the running mean of the energy: light has changed faster than sites move
@@ -29,6 +32,8 @@ MEAN_GAIN = 0.2  # of the running mean of the energy: an average over about five
 STEADY_GROWTH = 16  # one light in so many, and at least one, is added in a frame when more are wanted,
 CHANGE_GROWTH = 4  # and in a round of the first frame, or of one with a scene change
 MAX_EXCHANGES = 6  # splits paid by merges in a frame with a scene change: each costs as much time as two Lloyd updates
+POINT_RAD = np.radians(0.5)  # spread of a source that is one point: its shadow's edge is as wide as a cell of the map
+MIN_REST = 1e-9  # of the power, outside the sources, that is not rounding
 EXCHANGE_PERIOD = 8  # frames between such exchanges in steady light
 ERROR_ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_still_lights.csv
 ERROR_AIM = 0.77  # of the error asked for: three times the 7 % to which 96 probes know it, below it
@@ -48,6 +53,7 @@ class TrackedState(NamedTuple):
     coverage: Coverage
     time_s: float
     sites: Sites
+    sources: Sources
     mean_energy: float
     split_credit: float
     clean: np.ndarray | None
@@ -67,11 +73,11 @@ class TrackedReport(NamedTuple):
 def initial_tracked() -> TrackedState:
     """The state before the first frame."""
     sites = Sites(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0)
-    return TrackedState("hemisphere", 0.0, sites, 0.0, 0.0, None, np.zeros((0, 0), np.uint8), NO_NOISE)
+    return TrackedState("hemisphere", 0.0, sites, NO_SOURCES, 0.0, 0.0, None, np.zeros((0, 0), np.uint8), NO_NOISE)
 
 
 def tracked_step(
-    count: int, state: TrackedState, frame: SamplerInput, smoothing: bool = True
+    count: int, state: TrackedState, frame: SamplerInput, smoothing: bool = True, soft: bool = False
 ) -> tuple[TrackedState, LightSet, TrackedReport]:
     """The lights, at most `count`, of a frame. Pure: an old state stays valid.
 
@@ -87,7 +93,7 @@ def tracked_step(
     noise = noise_after(state.noise, radiance) if smoothing else NO_NOISE
     previous = state.clean if smoothing and 0 < time_s - state.time_s < MAX_GAP_S else None
     clean, black_frames, invalid_cells = cleaned(radiance, previous, state.black_frames, noise.variance)
-    tiles = tiles_from_map(clean, coverage, count, frame.bright_cells)
+    tiles = tiles_from_map(clean, coverage, max(count, MIN_TILE_COUNT), frame.bright_cells)
     irradiance = tiles.flux.sum(axis=1)
     power = float(irradiance @ LUMINANCE_WEIGHTS)
     report = TrackedReport(invalid_cells, irradiance)
@@ -96,13 +102,27 @@ def tracked_step(
     if power <= 0:
         return state, _dark_lights(state.sites, count, coverage), report
 
-    # Sites that follow the light, and new lights a little nearer to their own directions.
-    state, cells = _tracked_sites(state, tiles, count, power)
+    # Compact sources, each a light of its own.
+    peaks = peaks_of(tiles)
+    limits = Limits(count // 2, SOURCE_RAD if soft else POINT_RAD)
+    sources, lit = sources_after(state.sources, peaks, time_s, state.sites.next_id, limits)
+    source_tiles, flux, rest = source_lights(tiles, peaks, lit)
+    sites = state.sites._replace(next_id=max(state.sites.next_id, int(sources.ids.max(initial=-1)) + 1))
+    state, ids, rest_power = state._replace(sites=sites, sources=sources), sources.ids[: len(lit)], float(rest.power.sum())
+    lights = LightSet.of(ids, source_tiles.directions, flux)
+    if rest_power <= MIN_REST * power:
+        return state, lights, report
+
+    # Sites that follow the other light, and new lights a little nearer to their own directions.
+    state, cells = _tracked_sites(state, rest, count - len(lit), rest_power)
     sites = state.sites
+    if soft:
+        return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles), report
     decay = float(np.exp(-max(passed_s, 0.0) / BIRTH_TIME_S)) if smoothing else 0.0
     sites = sites._replace(offsets=sites.offsets * decay)
-    directions, flux = lights_from_cells(tiles, cells.moment, cells.assignment, sites.directions, sites.offsets)
-    return state._replace(sites=sites), LightSet(sites.ids, directions, flux), report
+    directions, flux = lights_from_cells(rest, cells.moment, cells.assignment, sites.directions, sites.offsets)
+    lights = LightSet(np.append(ids, sites.ids), np.concatenate([lights.directions, directions]), np.concatenate([lights.irradiance, flux]))
+    return state._replace(sites=sites), lights, report
 
 
 def required_tracked_lights(light: LightMap, lights: LightSet, error: float, max_count: int) -> int:

@@ -1,0 +1,220 @@
+"""Compact sources: a sun, a lamp or a small window, each kept as one light under one id.
+
+A source is what stands out, within SOURCE_RAD, of the ring around it, while it holds a few per cent of the power. Its light is taken out of
+the tiles, so that no cell cuts it in parts; an id waits WAIT_S for a source that a cloud hides.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from vemlight.sampler.tracking.tiles import WEIGHT_EXPONENT, Tiles
+
+SOURCE_RAD = np.radians(3.0)  # a lamp of 5 degrees with its blur; a larger one has a shape that one direction does not stand for
+RING_RAD = np.radians(5.0)  # the ring from SOURCE_RAD to here shows what lies behind a source
+ENTER_POWER, STAY_POWER = 0.03, 0.01  # of the map: twice the mean of 64 lights, and less than it
+ENTER_RING, STAY_RING = 0.5, 0.7  # light of the ring over the source's own, below which it is compact
+MATCH_RAD = np.radians(12.0)  # that a source moves from frame to frame: a camera turned by 300 degrees a second at 25 fps
+WAIT_S = 1.0  # an id outlives its source for so long
+MAX_PEAKS = 64  # looked at; peaks lie SOURCE_RAD apart, and no more than 1 / STAY_POWER of them hold STAY_POWER
+STAY_SPREAD = 1.5  # of the limit for a new one
+SHIFTS = 3  # from a peak to the middle of its source: each step is a mean over SOURCE_RAD
+
+
+class Sources(NamedTuple):
+    """ids: (s,) int64. directions: (s, 3), where each was last. seen_s: (s,), when."""
+
+    ids: np.ndarray
+    directions: np.ndarray
+    seen_s: np.ndarray
+
+
+class Peaks(NamedTuple):
+    """What stands out of a map.
+
+    directions: (k, 3), centroids. power: (k,), fraction of the map's. ring: (k,), light of the ring over its own. spread: (k,), rad, from
+    the centroid, in which half of its light lies. owner: (tiles,) int64, the peak that a tile belongs to, -1: none. part: (tiles,), the
+    fraction of its light that does.
+    """
+
+    directions: np.ndarray
+    power: np.ndarray
+    ring: np.ndarray
+    spread: np.ndarray
+    owner: np.ndarray
+    part: np.ndarray
+
+
+class SourceTiles(NamedTuple):
+    """The light of s sources. directions: (s, 3). owner: (tiles,) int64, the source that a tile belongs to. part: (tiles,), the fraction of
+    its light that does.
+    """
+
+    directions: np.ndarray
+    owner: np.ndarray
+    part: np.ndarray
+
+
+class Limits(NamedTuple):
+    """count: of lit sources. spread_rad: of a new one."""
+
+    count: int
+    spread_rad: float
+
+
+NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0))
+
+
+def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, limits: Limits) -> tuple[Sources, np.ndarray]:
+    """The sources known after a frame, and the peak (s,) int64 of each of those that are lit, which come first.
+
+    A peak takes the id of the nearest source that was there in the frame before or waits; a new one must stand out more clearly.
+    """
+    waiting = (time_s - before.seen_s <= WAIT_S) | (before.seen_s >= before.seen_s.max(initial=-np.inf))
+    known, cosines = before.ids[waiting], peaks.directions @ before.directions[waiting].T
+    ids = np.full(len(peaks.power), -1)
+    for flat in np.argsort(-cosines, axis=None, kind="stable"):
+        peak, source = divmod(int(flat), len(known))
+        if cosines[peak, source] < np.cos(MATCH_RAD):
+            break
+        if ids[peak] < 0 and known[source] not in ids:
+            ids[peak] = known[source]
+    stands_out = (peaks.power >= ENTER_POWER) & (peaks.ring <= ENTER_RING) & (peaks.spread <= limits.spread_rad)
+    lit = np.flatnonzero(stands_out | ((ids >= 0) & (peaks.spread <= STAY_SPREAD * limits.spread_rad)))
+    lit = np.sort(lit[np.argsort(-peaks.power[lit], kind="stable")[: limits.count]])
+    new = lit[ids[lit] < 0]
+    ids[new] = next_id + np.arange(len(new))
+    hidden = ~np.isin(before.ids, ids[lit]) & (time_s - before.seen_s <= WAIT_S)
+    after = Sources(
+        np.concatenate([ids[lit], before.ids[hidden]]),
+        np.concatenate([peaks.directions[lit], before.directions[hidden]]),
+        np.concatenate([np.full(len(lit), time_s), before.seen_s[hidden]]),
+    )
+    return after, lit
+
+
+@njit(cache=True, error_model="numpy")
+def source_lights(tiles: Tiles, peaks, lit):
+    """(sources, flux (s, 3), the tiles with the rest of the light) of the peaks `lit` (s,)."""
+    n, place = tiles.power.size, np.full(peaks.power.size, -1)
+    for k in range(lit.size):
+        place[lit[k]] = k
+    owner, part, flux, moment = np.zeros(n, np.int64), np.zeros(n), np.zeros((lit.size, 3)), np.zeros((lit.size, 3))
+    rest = Tiles(tiles.flux.copy(), tiles.power.copy(), tiles.direction, tiles.weight.copy(), tiles.radius, tiles.area)
+    for t in range(n):
+        if peaks.owner[t] >= 0 and place[peaks.owner[t]] >= 0:
+            owner[t], part[t] = place[peaks.owner[t]], peaks.part[t]
+            left = 1 - part[t]
+            for c in range(3):
+                flux[owner[t], c] += part[t] * tiles.flux[c, t]
+                moment[owner[t], c] += part[t] * tiles.power[t] * tiles.direction[c, t]
+                rest.flux[c, t] *= left
+            rest.power[t], rest.weight[t] = left * rest.power[t], left**WEIGHT_EXPONENT * rest.weight[t]
+    for k in range(lit.size):
+        moment[k] /= np.sqrt((moment[k] ** 2).sum())
+    return SourceTiles(moment, owner, part), flux, rest
+
+
+@njit(cache=True, error_model="numpy")
+def peaks_of(tiles: Tiles):
+    """The compact peaks of the tiles that hold STAY_POWER, from the brightest tile down."""
+    n, total, radiance = tiles.power.size, tiles.power.sum(), tiles.power / tiles.area
+    made = Peaks(np.empty((MAX_PEAKS, 3)), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.full(n, -1), np.zeros(n))
+    faintest = STAY_POWER * total / (np.pi * SOURCE_RAD**2)  # of which even SOURCE_RAD full holds too little
+    bright = np.flatnonzero(radiance >= faintest)
+    order, seen, count, looked = bright[np.argsort(-radiance[bright])], np.zeros(n, np.bool_), 0, 0
+    inside, centre = np.empty(n, np.int64), np.empty(3)
+    for peak in order:
+        if count == MAX_PEAKS or looked == MAX_PEAKS:
+            break
+        if seen[peak]:
+            continue
+        looked += 1
+        for c in range(3):
+            centre[c] = tiles.direction[c, peak]
+        found = _within(tiles, made.owner, centre, inside)
+        if tiles.power[inside[:found]].sum() >= STAY_POWER * total:
+            behind, _ = _ring(tiles, made.owner, radiance, centre)
+            for _ in range(SHIFTS):
+                _shift(tiles, inside[:found], behind, centre)
+                found = _within(tiles, made.owner, centre, inside)
+            behind, around = _ring(tiles, made.owner, radiance, centre)
+            own = _shift(tiles, inside[:found], behind, centre)
+            if own >= STAY_POWER * total and around <= STAY_RING * own:
+                made.directions[count], made.power[count], made.ring[count] = centre, own / total, around / own
+                made.spread[count] = _spread(tiles, inside[:found], behind, centre, own)
+                for t in inside[:found]:
+                    above = 1 - behind / radiance[t]
+                    if above > 0:
+                        made.owner[t], made.part[t] = count, above
+                count += 1
+        seen[peak] = True
+        for t in inside[:found]:
+            seen[t] = True
+    return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.spread[:count], made.owner, made.part)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _chord(tiles, t, centre):
+    """Squared chord."""
+    return (tiles.direction[0, t] - centre[0]) ** 2 + (tiles.direction[1, t] - centre[1]) ** 2 + (tiles.direction[2, t] - centre[2]) ** 2
+
+
+@njit(cache=True, error_model="numpy")
+def _within(tiles, owner, centre, inside):
+    """Fills inside with the tiles of no owner whose middle lies within SOURCE_RAD of the centre; returns how many."""
+    limit, found = SOURCE_RAD**2, 0
+    for t in range(owner.size):
+        inside[found] = t
+        found += _chord(tiles, t, centre) <= limit and owner[t] < 0
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _ring(tiles, owner, radiance, centre):
+    """(median radiance, flux) of the ring around a centre, by the tiles that reach into it."""
+    near, count = np.empty(owner.size, np.int64), 0
+    power = area = 0.0
+    for t in range(owner.size):
+        chord = _chord(tiles, t, centre)
+        if chord > SOURCE_RAD**2 and chord < (RING_RAD + tiles.radius[t]) ** 2 and owner[t] < 0:
+            near[count], count = t, count + 1
+            power, area = power + tiles.power[t], area + tiles.area[t]
+    if count == 0:
+        return 0.0, 0.0
+    order = near[:count][np.argsort(radiance[near[:count]])]
+    k, half = 0, tiles.area[order[0]]
+    while half < 0.5 * area:
+        k += 1
+        half += tiles.area[order[k]]
+    return radiance[order[k]], power / area * np.pi * (RING_RAD**2 - SOURCE_RAD**2)
+
+
+@njit(cache=True, error_model="numpy")
+def _shift(tiles, inside, behind, centre):
+    """Moves the centre to the centroid of the light above `behind` in the tiles inside; returns its power."""
+    x = y = z = own = 0.0
+    for t in inside:
+        above = tiles.power[t] - behind * tiles.area[t]
+        if above > 0:
+            x, y, z = x + above * tiles.direction[0, t], y + above * tiles.direction[1, t], z + above * tiles.direction[2, t]
+            own += above
+    length = np.sqrt(x * x + y * y + z * z)
+    if length > 0:
+        centre[0], centre[1], centre[2] = x / length, y / length, z / length
+    return own
+
+
+@njit(cache=True, error_model="numpy")
+def _spread(tiles, inside, behind, centre, own):
+    """The distance from the centre within which half of the light above `behind` lies."""
+    chords = np.empty(inside.size)
+    for k in range(inside.size):
+        chords[k] = _chord(tiles, inside[k], centre)
+    reached = 0.0
+    for k in np.argsort(chords):
+        reached += max(tiles.power[inside[k]] - behind * tiles.area[inside[k]], 0.0)
+        if reached >= 0.5 * own:
+            return np.sqrt(chords[k])
+    return SOURCE_RAD

@@ -5,8 +5,8 @@ around it part by themselves. A tile's weights sum to 1, so the lights hold its 
 """
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.light.light_set import LightSet
 from vemlight.sampler.tracking.sources import SourceTiles
 from vemlight.sampler.tracking.tiles import Tiles
@@ -39,7 +39,7 @@ def soft_lights(tiles: Tiles, ids: np.ndarray, sites: np.ndarray, assignment: As
     return LightSet.of(ids, directions, sums[:, FLUX:FIRST], covariances)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _sums(tiles: Tiles, places, assignment: Assignment, sources: SourceTiles):
     """The sums (s + n, SUMS) of the lights at the places of the s sources and n sites."""
     s = sources.directions.shape[0]
@@ -71,7 +71,7 @@ def _sums(tiles: Tiles, places, assignment: Assignment, sources: SourceTiles):
     return sums
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _gather(gaussians, around, near):
     """Fills near (n, TERMS, k) with the Gaussians of the sites around each site, term by term, so that they are computed side by side."""
     for s in range(around.shape[0]):
@@ -81,7 +81,7 @@ def _gather(gaussians, around, near):
 
 
 # Comparisons in place of max() and sums in any order, so that the loops compute several at a time.
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@subroutine(fastmath={"reassoc", "contract", "nsz"})
 def _exponentials(logs):
     """Puts exp(log - largest) in the place of each log, 0 below LEAST_WEIGHT; returns their sum.
 
@@ -100,7 +100,7 @@ def _exponentials(logs):
     return total
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@subroutine(inline="always")
 def _add(tiles, t, weight, sums, k):
     x, y, z = tiles.direction[0, t], tiles.direction[1, t], tiles.direction[2, t]
     power, spread = weight * tiles.power[t], _tile_spread(tiles, t)
@@ -120,7 +120,7 @@ def _add(tiles, t, weight, sums, k):
     sums[k, 12] += across * z * z + flat
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _nearest_sites(sites):
     """(n, k) int64: the sites nearest to each site, itself first."""
     n = sites.shape[0]
@@ -139,7 +139,7 @@ def _nearest_sites(sites):
     return around
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _gaussians(sums, places):
     """(n, TERMS): centre (3), two axes across (3 each), inverse covariance there (3), log of power / area, half the inverse's trace."""
     made = np.zeros((sums.shape[0], TERMS))
@@ -169,7 +169,7 @@ def _gaussians(sums, places):
     return made
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _log_likelihoods(tiles, t, near, s, logs):
     """Fills logs (k or more,) with SHARPNESS x the log likelihood of a tile under the Gaussians near[s] (TERMS, k)."""
     x, y, z = np.float32(tiles.direction[0, t]), np.float32(tiles.direction[1, t]), np.float32(tiles.direction[2, t])
@@ -182,7 +182,7 @@ def _log_likelihoods(tiles, t, near, s, logs):
         logs[k] = SHARPNESS * (near[s, 12, k] - form / height - near[s, 13, k] * spread)  # Lambert's square: 2 form / height
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _log_likelihood(tiles, t, gaussian):
     """The same for one Gaussian (TERMS,)."""
     log = np.empty(1, np.float32)
@@ -190,7 +190,7 @@ def _log_likelihood(tiles, t, gaussian):
     return log[0]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@subroutine(inline="always")
 def _tile_spread(tiles, t):
     """Mean square of a tile's own extent along an axis of its tangent plane: its mean direction is shorter than 1 by that."""
     return 0.5 * max(1 - tiles.direction[0, t] ** 2 - tiles.direction[1, t] ** 2 - tiles.direction[2, t] ** 2, 0.0)

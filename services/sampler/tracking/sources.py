@@ -7,8 +7,8 @@ the tiles, so that no cell cuts it in parts; an id waits WAIT_S for a source tha
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from vemlight.kernels import kernel, subroutine
 from vemlight.sampler.tracking.tiles import WEIGHT_EXPONENT, Tiles
 
 SOURCE_RAD = np.radians(3.0)  # a lamp of 5 degrees with its blur; a larger one has a shape that one direction does not stand for
@@ -94,7 +94,7 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, li
     return after, lit
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def source_lights(tiles: Tiles, peaks, lit):
     """(sources, flux (s, 3), the tiles with the rest of the light) of the peaks `lit` (s,)."""
     n, place = tiles.power.size, np.full(peaks.power.size, -1)
@@ -116,7 +116,7 @@ def source_lights(tiles: Tiles, peaks, lit):
     return SourceTiles(moment, owner, part), flux, rest
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def peaks_of(tiles: Tiles):
     """The compact peaks of the tiles that hold STAY_POWER, from the brightest tile down."""
     n, total, radiance = tiles.power.size, tiles.power.sum(), tiles.power / tiles.area
@@ -155,13 +155,13 @@ def peaks_of(tiles: Tiles):
     return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.spread[:count], made.owner, made.part)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@subroutine(inline="always")
 def _chord(tiles, t, centre):
     """Squared chord."""
     return (tiles.direction[0, t] - centre[0]) ** 2 + (tiles.direction[1, t] - centre[1]) ** 2 + (tiles.direction[2, t] - centre[2]) ** 2
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _within(tiles, owner, centre, inside):
     """Fills inside with the tiles of no owner whose middle lies within SOURCE_RAD of the centre; returns how many."""
     limit, found = SOURCE_RAD**2, 0
@@ -171,7 +171,7 @@ def _within(tiles, owner, centre, inside):
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _ring(tiles, owner, radiance, centre):
     """(median radiance, flux) of the ring around a centre, by the tiles that reach into it."""
     near, count = np.empty(owner.size, np.int64), 0
@@ -191,7 +191,7 @@ def _ring(tiles, owner, radiance, centre):
     return radiance[order[k]], power / area * np.pi * (RING_RAD**2 - SOURCE_RAD**2)
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _shift(tiles, inside, behind, centre):
     """Moves the centre to the centroid of the light above `behind` in the tiles inside; returns its power."""
     x = y = z = own = 0.0
@@ -206,7 +206,7 @@ def _shift(tiles, inside, behind, centre):
     return own
 
 
-@njit(cache=True, error_model="numpy")
+@subroutine
 def _spread(tiles, inside, behind, centre, own):
     """The distance from the centre within which half of the light above `behind` lies."""
     chords = np.empty(inside.size)

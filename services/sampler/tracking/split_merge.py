@@ -8,6 +8,8 @@ from vemlight.kernels import kernel, subroutine
 from vemlight.sampler.tracking.tiles import Tiles
 from vemlight.sampler.tracking.voronoi import Cells, assign, cells_from_assignment, centroid, centroids, lloyd_update, root
 
+MAX_EXCHANGES = 6  # in a frame: each costs as much time as two Lloyd updates
+URGENT = 0.02  # of the energy: five exchanges that save so much are 5 % of the error
 TWO_MEANS_STEPS = 4  # inside a cell that is split: enough to part two lamps, and the Lloyd updates of later frames do the rest
 GAIN_OVER_COST = 2.0  # a split must gain this many times what the merge costs that makes room for it,
 GAIN_OVER_MEAN = 0.5  # and this many times the mean energy of a cell
@@ -26,21 +28,21 @@ class Sites(NamedTuple):
     next_id: int
 
 
-def split_and_merge(tiles: Tiles, sites: Sites, cells: Cells, max_count: int, scene_change: bool) -> tuple[int, Sites, Cells]:
-    """(count, sites, cells) after at most `max_count` exchanges, each the split of one cell paid by the merge of two others.
+def split_and_merge(tiles: Tiles, sites: Sites, cells: Cells, spare: int, scene_change: bool) -> tuple[int, Sites, Cells]:
+    """(count, sites, cells) after at most MAX_EXCHANGES exchanges, each the split of one cell paid by the merge of two others.
 
-    The new light takes the merged one's place in the list. It begins at its parent's direction, except after a scene change. The
-    assignment in `cells` is overwritten.
+    Those that save less than URGENT of the energy: at most `spare`. The new light takes the merged one's place in the list. It begins at
+    its parent's direction, except after a scene change. The assignment in `cells` is overwritten.
     """
-    ids, directions, offsets, parent = sites.ids.copy(), sites.directions.copy(), sites.offsets.copy(), np.empty(3)
-    count = 0
-    while count < max_count:
+    ids, directions, offsets, parent, count = sites.ids.copy(), sites.directions.copy(), sites.offsets.copy(), np.empty(3), 0
+    for _ in range(MAX_EXCHANGES):
         gains, chosen, halves = best_splits(tiles, directions, cells, 1, scene_change)
-        spare = gains[0] - GAIN_OVER_MEAN * (cells.root_energy**2).mean() if gains.size else 0.0
-        if spare <= 0:
+        energy = (cells.root_energy**2).sum()
+        if not gains.size or gains[0] <= GAIN_OVER_MEAN * energy / ids.size or (gains[0] < URGENT * energy and count >= spare):
             break
         cell, (cost, larger, smaller) = chosen[0], cheapest_pair(directions, cells)
-        if cell in (larger, smaller) or spare < GAIN_OVER_COST * cost:
+        saved = gains[0] - GAIN_OVER_MEAN * energy / ids.size - GAIN_OVER_COST * cost
+        if cell in (larger, smaller) or saved < 0 or (saved < URGENT * energy and count >= spare):
             break
         centroid(cells.moment[cell], directions[cell], parent)
         lloyd_update((cells.site_moment[larger] + cells.site_moment[smaller])[None], directions[larger : larger + 1])
@@ -48,8 +50,7 @@ def split_and_merge(tiles: Tiles, sites: Sites, cells: Cells, max_count: int, sc
         ids[smaller] = sites.next_id + count
         offsets[smaller] = 0.0 if scene_change else parent - halves[0, 1]
         assign(tiles, directions, np.array([cell, larger, smaller]), cells.assignment)
-        cells = cells_from_assignment(tiles, directions, cells.assignment)
-        count += 1
+        cells, count = cells_from_assignment(tiles, directions, cells.assignment), count + 1
     return count, Sites(ids, directions, offsets, sites.next_id + count), cells
 
 

@@ -19,7 +19,7 @@ from vemlight.sampler.tracking.cleaning import cleaned
 from vemlight.sampler.tracking.extents import soft_lights
 from vemlight.sampler.tracking.noise import NO_NOISE, Noise, noise_after
 from vemlight.sampler.tracking.sources import NO_SOURCES, SOURCE_RAD, Limits, Sources, peaks_of, source_lights, sources_after
-from vemlight.sampler.tracking.split_merge import Sites, best_splits, cheapest_pair, split_and_merge
+from vemlight.sampler.tracking.split_merge import MAX_EXCHANGES, Sites, best_splits, cheapest_pair, split_and_merge
 from vemlight.sampler.tracking.tiles import Tiles, tiles_from_map
 from vemlight.sampler.tracking.voronoi import Cells, cells_from_sites, centroids, lights_from_cells, lloyd_update, relax
 
@@ -29,12 +29,12 @@ LLOYD_STEPS = 2  # in every other frame; any value in 1..4 does, within 3 % of t
 SCENE_CHANGE = 2.0  # times the running mean of the energy: light has changed faster than sites move
 MIN_SCENE_CHANGE = 0.02**2  # relative energy below which nothing is urgent: its root is about the error of the irradiance
 MEAN_GAIN = 0.2  # of the running mean of the energy: an average over about five frames
-STEADY_GROWTH = 16  # one light in so many, and at least one, is added in a frame when more are wanted,
-CHANGE_GROWTH = 4  # and in a round of the first frame, or of one with a scene change
-MAX_EXCHANGES = 6  # splits paid by merges in a frame with a scene change: each costs as much time as two Lloyd updates
+GROWTH = 4  # one light in so many, and at least one, is added in a round when more are wanted,
+MAX_GROWTH = 4  # until there are so many times as before the frame: from 8 to 300 in three frames
+MIN_MEAN_DIRECTION = 0.1  # length, below which light is so even round the sphere that it has no centroid to split at
 POINT_RAD = np.radians(0.5)  # spread of a source that is one point: its shadow's edge is as wide as a cell of the map
 MIN_REST = 1e-9  # of the power, outside the sources, that is not rounding
-EXCHANGE_PERIOD = 8  # frames between such exchanges in steady light
+EXCHANGE_PERIOD = 8  # frames between exchanges, splits paid by merges, that are not urgent
 ERROR_ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_still_lights.csv
 ERROR_AIM = 0.77  # of the error asked for: three times the 7 % to which 96 probes know it, below it
 MAX_RISE = 2.0  # by which the number is multiplied at once: too few lights for the lamps there are say how bad it is, not how many it takes
@@ -152,9 +152,8 @@ def _golden_spiral(count: int, coverage: Coverage) -> np.ndarray:
 
 def _tracked_sites(state: TrackedState, tiles: Tiles, count: int, power: float) -> tuple[TrackedState, Cells]:
     """The state with sites that fit the tiles, and their cells."""
-    sites, first = state.sites, not len(state.sites.ids)
-    if first:
-        sites = Sites(np.zeros(1, np.int64), np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 3)), 1)
+    first = not len(state.sites.ids)
+    sites = _first_sites(tiles, count, state.sites.next_id) if first else state.sites
     cells = cells_from_sites(tiles, sites.directions)
     changed = first or _energy(cells) > max(SCENE_CHANGE * state.mean_energy, MIN_SCENE_CHANGE) * power**2
 
@@ -162,19 +161,16 @@ def _tracked_sites(state: TrackedState, tiles: Tiles, count: int, power: float) 
     before = len(sites.ids)
     while len(sites.ids) > count:
         sites, cells = _merged(sites, tiles, cells)
-    growing = len(sites.ids) < count
-    while growing:
-        present = len(sites.ids)
-        more = min(count - present, max(1, present // (CHANGE_GROWTH if changed else STEADY_GROWTH)))
-        sites, cells = _split(sites, tiles, cells, more, changed)
-        growing = changed and present < len(sites.ids) < count
+    wanted, grown = count if first else min(count, MAX_GROWTH * before), 0
+    while grown < len(sites.ids) < wanted:
+        grown = len(sites.ids)
+        sites, cells = _split(sites, tiles, cells, min(wanted - grown, max(1, grown // GROWTH)), changed)
 
-    # Splits paid by merges: several after a scene change, else one now and then.
+    # Splits paid by merges: several when much can be saved, else one now and then.
     credit = min(state.split_credit + 1 / EXCHANGE_PERIOD, 1.0)
-    max_exchanges = 0 if first or len(sites.ids) < 2 else MAX_EXCHANGES if changed else int(credit)
-    if max_exchanges:
-        exchanges, sites, cells = split_and_merge(tiles, sites, cells, max_exchanges, changed)
-        credit -= 0 if changed else exchanges
+    if not first and len(sites.ids) >= 2:
+        exchanges, sites, cells = split_and_merge(tiles, sites, cells, MAX_EXCHANGES if changed else int(credit), changed)
+        credit -= 1 if exchanges and credit >= 1 and not changed else 0
 
     # Lloyd updates; none where the number changed, so that the other lights stay.
     if first or len(sites.ids) == before:
@@ -183,6 +179,13 @@ def _tracked_sites(state: TrackedState, tiles: Tiles, count: int, power: float) 
     energy = _energy(cells) / power**2
     mean_energy = energy if first else state.mean_energy + MEAN_GAIN * (energy - state.mean_energy)
     return state._replace(sites=sites, mean_energy=mean_energy, split_credit=credit), cells
+
+
+def _first_sites(tiles: Tiles, count: int, next_id: int) -> Sites:
+    """One site to be split, or several where light is so even round the sphere that it has no centroid."""
+    even = np.linalg.norm(tiles.direction @ tiles.power) < MIN_MEAN_DIRECTION * tiles.power.sum()
+    directions = _golden_spiral(min(count, 4), "sphere") if even else np.array([[0.0, 0.0, 1.0]])
+    return Sites(next_id + np.arange(len(directions)), directions, np.zeros_like(directions), next_id + len(directions))
 
 
 def _energy(cells: Cells) -> float:

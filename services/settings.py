@@ -98,6 +98,9 @@ class Sampler(SettingsSection, frozen=True):
     order: Annotated[int, Meta(ge=2, le=64, multiple_of=2), means("fir: earlier frames in the sum; the delay is half of them"), FRAMES] = 8
     pass_hz: Annotated[Frequency, means("fir: end of the pass band; iir: half of the power passes here"), HZ] = 3.0
     stop_hz: Annotated[Frequency, means("fir: start of the stop band"), HZ] = 6.0
+    soft: Annotated[
+        bool, means("tracked lights carry the extent of their light, for programs that draw it; the renderer draws points and warns")
+    ] = False
     deflicker: Annotated[bool, means("remove mains flicker of lamps")] = False
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0
     gloss_lights: Annotated[Count0, means("lights of the gloss set, a second, larger set for glossy surfaces; 0: none")] = 0
@@ -108,6 +111,10 @@ class Sampler(SettingsSection, frozen=True):
     def __post_init__(self) -> None:
         if self.filter not in ("auto", "none") and (self.method == "tracked") != (self.filter == "adaptive"):
             raise ValueError(f"filter {self.filter} does not go with method {self.method}; name another method, or filter auto")
+        if self.soft and self.method != "tracked":
+            raise ValueError(f"soft lights are made by method tracked, not {self.method}; leave out soft or name method tracked")
+        if self.soft and self.error_percent:
+            raise ValueError("error_percent estimates the error of points; leave out soft or error_percent")
 
 
 class Renderer(SettingsSection, frozen=True):

@@ -101,7 +101,8 @@ def write_lights_file(options: LightsOptions) -> Report:
     Raises UserError before any work for an `out` that cannot hold them.
     """
     frames = open_frames(options)
-    sampling = sampler_settings(options, len(frames), clusters=options.clusters, error_percent=options.error_percent)
+    sampling = sampler_settings(options, len(frames), clusters=options.clusters, error_percent=options.error_percent,
+                                soft=options.soft or None)  # fmt: skip
     out = options.out
     if out != STANDARD_OUTPUT:
         check_lights_path(out, len(frames))

@@ -1,4 +1,7 @@
-"""A set of directional lights and its file form, `vemlight.lights/1`: one JSON object a frame, one a line in .jsonl."""
+"""A set of directional lights and its file form: one JSON object a frame, one a line in .jsonl.
+
+`vemlight.lights/1` holds points; in `vemlight.lights/2` a light may have a covariance.
+"""
 
 from collections import deque
 from pathlib import Path
@@ -11,6 +14,8 @@ from vemlight.errors import UserError
 from vemlight.files import notice, written_whole
 from vemlight.journal import JOURNAL_START, Journal, JournalPoint
 from vemlight.light.sphere import Coverage
+
+MAX_ROUNDING = 1e-6  # of a covariance: ten roundings of float32
 
 
 class LightSet(NamedTuple):
@@ -40,16 +45,26 @@ class LightSet(NamedTuple):
         )  # fmt: skip
 
 
-class LightRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+def are_covariances(covariances: np.ndarray) -> bool:
+    """Whether directions can vary so: (n, 6) finite, no eigenvalue below 0 and no trace above 1 by more than MAX_ROUNDING."""
+    full = covariances.astype(np.float64)[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    if not np.isfinite(full).all():
+        return False
+    values = np.linalg.eigvalsh(full)
+    return bool((values.min(initial=0.0) >= -MAX_ROUNDING) and (values.sum(axis=1).max(initial=0.0) <= 1 + MAX_ROUNDING))
+
+
+class LightRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     id: int
     direction: tuple[float, float, float]
     irradiance: tuple[float, float, float]
+    covariance: tuple[float, float, float, float, float, float] | None = None  # left out: a point
 
 
 class LightsRow(msgspec.Struct, frozen=True, kw_only=True):
     """One frame's lights as they stand in a file; readers pass over keys that they do not know."""
 
-    schema: Literal["vemlight.lights/1"] = "vemlight.lights/1"
+    schema: Literal["vemlight.lights/1", "vemlight.lights/2"] = "vemlight.lights/1"
     sequence: int
     time_s: float
     coverage: Coverage
@@ -58,11 +73,14 @@ class LightsRow(msgspec.Struct, frozen=True, kw_only=True):
 
 def lights_row(lights: LightSet, sequence: int, time_s: float, coverage: Coverage) -> LightsRow:
     """The frame's record; float32 values are written with the digits that bring them back exactly."""
+    soft = lights.covariances is not None
+    extents = [tuple(c) for c in lights.covariances.tolist()] if lights.covariances is not None else [None] * len(lights.ids)
     rows = [
-        LightRow(i, (d[0], d[1], d[2]), (e[0], e[1], e[2]))
-        for i, d, e in zip(lights.ids.tolist(), lights.directions.tolist(), lights.irradiance.tolist(), strict=True)
+        LightRow(i, (d[0], d[1], d[2]), (e[0], e[1], e[2]), c)
+        for i, d, e, c in zip(lights.ids.tolist(), lights.directions.tolist(), lights.irradiance.tolist(), extents, strict=True)
     ]
-    return LightsRow(sequence=sequence, time_s=time_s, coverage=coverage, lights=rows)
+    schema = "vemlight.lights/2" if soft else "vemlight.lights/1"
+    return LightsRow(schema=schema, sequence=sequence, time_s=time_s, coverage=coverage, lights=rows)
 
 
 def lights_json(row: LightsRow) -> bytes:

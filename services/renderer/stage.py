@@ -145,7 +145,7 @@ class RendererStage:
         shown = FrameInput(
             lights=LightSet(*arrays[:3]),
             pose=scene_pose(self._renderer.setup.scene, time_s - paused_s, state.poses),
-            gloss=LightSet.of(np.arange(header.gloss_count), *arrays[3:5]),
+            gloss=LightSet.of(np.arange(header.gloss_count), *arrays[-2:]),
             background=state.environment if self._shows_environment else None,
             plate=PlatePicture(state.plate, self._stops) if state.plate is not None else None,
             tone=ToneRequest(state.adaptation, state.exposure, dt_s),

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from vemlight.light.light_set import are_covariances
 from vemlight.light.sphere import Coverage
 
 VERSION = 2  # of the protocol; a message without one is of version 1, which had none
@@ -178,18 +179,22 @@ class LightsMessage(FrameHeader, frozen=True, tag="lights"):
         Array("ids", "<i8", ("count",), "the same as long as the light exists"),
         Array("directions", "<f4", ("count", 3), "unit vectors from the scene towards the light"),
         Array("irradiance", "<f4", ("count", 3), "RGB on a plane facing the light, never negative"),
+        Array("covariances", "<f4", ("count", 6), "of the directions of a light's light: xx xy xz yy yz zz", only_if="soft"),
         Array("gloss_directions", "<f4", ("gloss_count", 3), "of the gloss set"),
         Array("gloss_irradiance", "<f4", ("gloss_count", 3), "of the gloss set"),
     )
     count: Annotated[int, Meta(ge=0, le=100_000)]
     coverage: Coverage
+    soft: bool = False  # the lights of the first set have extents
     gloss_count: Annotated[int, Meta(ge=0, le=100_000)] = 0
     report: LightsReport = LightsReport()
 
     def check(self, arrays: Sequence[np.ndarray]) -> None:
-        for directions, irradiance in (arrays[1:3], arrays[3:5]):
+        for directions, irradiance in (arrays[1:3], arrays[-2:]):
             if not (np.abs(np.einsum("ij,ij->i", directions, directions) - 1) < UNIT).all() or (irradiance < 0).any():
                 raise ValueError("lights: a direction that is not a unit vector, or negative irradiance")
+        if self.soft and not are_covariances(arrays[3]):
+            raise ValueError("lights: a covariance that no light can have")
 
 
 class ImageMessage(FrameHeader, frozen=True, tag="image"):

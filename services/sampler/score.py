@@ -1,17 +1,21 @@
 """Scores a sequence of lights: how close it is to its maps, and how steady. For `vemlight lights --score`, the charts and the tests."""
 
+from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
-from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.colour import LUMINANCE_WEIGHTS, luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, angle_between
 from vemlight.sampler.light_map import light_map
-from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.probes import SOFTNESS, Probes, irradiance_of_lights, irradiance_of_map, probes
 
+MIN_SPREAD_RAD = float(np.radians(0.06))  # across a light: a shadow's edge is never sharper than a tenth of a cell
 SCORE_PROBES = 512  # the error's own uncertainty is 1 / sqrt(2 x 512) = 3 %; any larger value does
+KNOWN_FRAMES = 25  # a second: a light that was away for less comes back, a longer one is new
 JUMP_DEG = 10.0  # between two frames: seen as one light that goes and another that comes
 
 
@@ -20,7 +24,8 @@ class Score(NamedTuple):
 
     error: lights against map, mean over the frames; error_worst: of the worst frame. flicker: change of that difference from frame to
     frame; change: of the lights' own irradiance. motion_deg, motion_worst_deg: angle by which a light moves from frame to frame, by id,
-    mean and largest. births, deaths, jumps: ids that come, that go, and moves of more than JUMP_DEG, per frame. power_error: total
+    mean and largest. births, deaths, jumps: ids that come, that go, and moves of more than JUMP_DEG, per frame. born_power: fraction of
+    the power under ids that were not there in the last KNOWN_FRAMES frames, mean over the frames but the first. power_error: total
     irradiance of the lights against the map's, worst frame and channel; power_drift: over the whole sequence.
     """
 
@@ -37,6 +42,7 @@ class Score(NamedTuple):
     births: float
     deaths: float
     jumps: float
+    born_power: float
     power_error: float
     power_drift: float
 
@@ -48,12 +54,13 @@ def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = 
     """
     at = probes(SCORE_PROBES, coverage)
     errors, irradiance, totals, moves, counts = [], [], [], [], []
-    births = deaths = 0
+    births, deaths, born = 0, 0, []
+    known: deque[set[int]] = deque(maxlen=KNOWN_FRAMES)
     previous: LightSet | None = None
     for radiance, lights in sequence:
         light = light_map(radiance, coverage)
         truth = irradiance_of_map(at, light.radiance, coverage)
-        irradiance.append((truth, irradiance_of_lights(at, lights.directions, lights.irradiance)))
+        irradiance.append((truth, _irradiance(at, lights)))
         errors.append(_rms(irradiance[-1][1] - truth))
         totals.append((light.irradiance, lights.irradiance.sum(axis=0, dtype=np.float64)))
         counts.append(len(lights.ids))
@@ -61,8 +68,11 @@ def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = 
             _, now, before = np.intersect1d(lights.ids, previous.ids, return_indices=True)
             pair = lights.directions[now].astype(np.float64), previous.directions[before].astype(np.float64)
             moves.append(np.degrees(angle_between(*pair)))
+            power = luminance_from_rgb(lights.irradiance.astype(np.float64))
+            born.append(float(power[~np.isin(lights.ids, list(set().union(*known)))].sum() / (power.sum() or 1.0)))
             births, deaths = births + len(lights.ids) - len(now), deaths + len(previous.ids) - len(now)
         previous = lights
+        known.append(set(lights.ids.tolist()))
     if not counts:
         raise ValueError("a score needs at least one frame")
     truth, got = np.moveaxis(np.array(irradiance), 1, 0)
@@ -84,10 +94,31 @@ def score(sequence: Iterable[tuple[np.ndarray, LightSet]], coverage: Coverage = 
         motion_worst_deg=float(moved.max()) if moved.size else 0.0,
         births=births / steps,
         deaths=deaths / steps,
+        born_power=float(np.mean(born)) if born else 0.0,
         jumps=float((moved > JUMP_DEG).sum() / steps),
         power_error=float((np.abs(made - given).max(axis=0) / np.maximum(given.mean(axis=0), 1e-30)).max()),
         power_drift=float(emitted / (received or 1.0) - 1) if given.any() else 0.0,
     )
+
+
+def _irradiance(at: Probes, lights: LightSet) -> np.ndarray:
+    if lights.covariances is None:
+        return irradiance_of_lights(at, lights.directions, lights.irradiance)
+    return irradiance_of_soft_lights(at, lights.directions, lights.irradiance @ LUMINANCE_WEIGHTS, lights.covariances)
+
+
+def irradiance_of_soft_lights(at: Probes, directions: np.ndarray, strength: np.ndarray, covariances: np.ndarray) -> np.ndarray:
+    """Irradiance (k,) at the probes of lights with extent: directions (n, 3), strength (n,), covariances (n, 6) as in LightSet.
+
+    For a normal n, an occluder h, a mean m and a covariance C, with a = n.m, u^2 = n.C n, s = h.m and v^2 = h.C h:
+    E (a Phi(a / u) + u phi(a / u)) Phi(s / v). v^2 also holds a third of SOFTNESS^2, the mean square of the probe's own soft edge.
+    """
+    full = covariances.astype(np.float64)[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    means = np.sqrt(np.maximum(1 - np.trace(full, axis1=1, axis2=2), 0))[:, None] * directions
+    u2, v2 = (np.maximum(np.einsum("ki,nij,kj->kn", axis, full, axis), MIN_SPREAD_RAD**2) for axis in at)
+    a, s, u = at.normals @ means.T, at.occluders @ means.T, np.sqrt(u2)
+    facing = a * ndtr(a / u) + u * np.exp(-0.5 * (a / u) ** 2) / np.sqrt(2 * np.pi)
+    return (facing * ndtr(s / np.sqrt(v2 + SOFTNESS**2 / 3))) @ strength
 
 
 def _rms(values: np.ndarray) -> float:
@@ -103,6 +134,7 @@ def score_text(score: Score) -> str:
         ("flicker", f"{100 * score.flicker:.2f} % a frame (the lights' own change {100 * score.change:.2f} %)"),
         ("motion", f"{score.motion_deg:.2f} degrees a frame and light (largest {score.motion_worst_deg:.1f})"),
         ("come and go", f"{score.births:.2f} born, {score.deaths:.2f} dead, {score.jumps:.2f} jumping over {JUMP_DEG:g} degrees a frame"),
+        ("new lights", f"{100 * score.born_power:.2f} % of the power a frame"),
         ("power", f"{100 * score.power_error:.4f} % off in the worst frame, {100 * score.power_drift:+.4f} % over the sequence"),
     ]
     return "\n".join(f"{name:<12} {value}" for name, value in rows)

@@ -66,6 +66,7 @@ class SamplerStage:
             count=len(lights.ids),
             gloss_count=len(gloss.ids),
             coverage=header.coverage,
+            soft=lights.covariances is not None,
             report=wire.LightsReport(
                 delay_ms=report.delay_s * 1e3,
                 delay_frames=report.delay_frames,
@@ -76,7 +77,8 @@ class SamplerStage:
                 flicker_depth=report.flicker_depth,
             ),
         )
-        return state._replace(sampler=sampler), (lights_header, (*lights, gloss.directions, gloss.irradiance))
+        arrays = (*(array for array in lights if array is not None), gloss.directions, gloss.irradiance)
+        return state._replace(sampler=sampler), (lights_header, arrays)
 
     def on_message(self, state: StageState, message: wire.Message) -> StageState:
         header, _ = message
@@ -90,7 +92,7 @@ class SamplerStage:
     def write(self, state: StageState, message: wire.Message) -> None:
         header, arrays = message
         if self._file and isinstance(header, wire.LightsMessage):
-            self._file.append(LightSet(*arrays[:3]), header.stamp.sequence, header.stamp.time_s, header.coverage)
+            self._file.append(LightSet(*arrays[:-2]), header.stamp.sequence, header.stamp.time_s, header.coverage)
             if self._snapshots and self._file.count % SNAPSHOT_FRAMES == 0:
                 self._snapshots.add(Snapshot(self._file.end, state.sampler))
 

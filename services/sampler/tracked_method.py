@@ -28,7 +28,7 @@ def tracked_method(settings: Sampler, state: SamplerState, frame: SamplerInput) 
     if settings.error_percent:
         tracked, lights, report, count, light_count = _within_error(settings, state, frame, max_count)
     else:
-        tracked, lights, report = tracked_step(max_count, state.tracked, frame, smoothing)
+        tracked, lights, report = tracked_step(max_count, state.tracked, frame, smoothing, settings.soft)
         count, light_count = max_count, state.light_count
     tracked_gloss, gloss = state.tracked_gloss, None
     if settings.gloss_lights:

@@ -59,7 +59,7 @@ class ViewerState:
                 self.disc.put(header, arrays[0])
             case wire.LightsMessage():
                 self._light_count = header.count
-                self.lights.put(header, *arrays[:3])
+                self.lights.put(header, *arrays[:-2])
             case wire.ImageMessage():
                 self.picture.put(arrays[0])
                 self._objects = header.objects
@@ -144,6 +144,6 @@ def service_row(service: Service, judgement: Judgement, last: LastReceived) -> d
     return {**status, "service": service, "publishes": FRAMES[service].meaning, "state": judgement.state, "text": judgement.text}
 
 
-def _lights_line(header: wire.LightsMessage, ids: np.ndarray, directions: np.ndarray, irradiance: np.ndarray) -> bytes:
-    row = lights_row(LightSet(ids, directions, irradiance), header.stamp.sequence, header.stamp.time_s, header.coverage)
+def _lights_line(header: wire.LightsMessage, *lights: np.ndarray) -> bytes:
+    row = lights_row(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage)
     return lights_json(row)

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as arrays
 
 from tests.support.lights_files import light_set_from_row, read_lights
 from vemlight.errors import UserError
-from vemlight.light.light_set import LightSet, LightsFile, check_lights_path, lights_row, write_lights
+from vemlight.light.light_set import LightSet, LightsFile, are_covariances, check_lights_path, lights_row, write_lights
 
 FLOATS = arrays.arrays(np.float32, (3, 3), elements=st.floats(allow_nan=False, allow_infinity=False, width=32))
 
@@ -27,9 +27,29 @@ def test_every_number_comes_back_as_it_was(tmp_path, directions, irradiance):
     write_lights(tmp_path / "l.json", [lights_row(given_lights, 5, 0.2, "sphere")])
     (row,) = read_lights(tmp_path / "l.json")
     assert (row.sequence, row.time_s, row.coverage) == (5, 0.2, "sphere")
-    for one, other in zip(light_set_from_row(row), given_lights, strict=True):
+    for one, other in zip(light_set_from_row(row)[:3], given_lights[:3], strict=True):
         assert one.dtype == other.dtype
         np.testing.assert_array_equal(one, other)
+
+
+def test_extents_come_back_and_make_version_two_of_the_file(tmp_path):
+    covariances = np.array([[0.1, 0.01, 0, 0.2, 0, 1e-9], [0] * 6], np.float32)
+    soft = LightSet.of(np.arange(2), np.array([[0, 0, 1], [1, 0, 0]]), np.ones((2, 3)), covariances)
+    write_lights(tmp_path / "l.json", [lights_row(soft, 0, 0.0, "hemisphere")])
+    (row,) = read_lights(tmp_path / "l.json")
+    assert row.schema == "vemlight.lights/2"
+    np.testing.assert_array_equal(light_set_from_row(row).covariances, covariances)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "can_be"),
+    [
+        ([0] * 6, True), ([0.4, 0, 0, 0.3, 0, 0.3], True), ([-5e-7, 0, 0, 0, 0, 0], True), ([-2e-6, 0, 0, 0, 0, 0], False),
+        ([0.5, 0, 0, 0.5, 0, 1e-5], False), ([0.1, 0.2, 0, 0.1, 0, 0], False), ([np.nan, 0, 0, 0, 0, 0], False),
+    ],
+)  # fmt: skip
+def test_a_covariance_of_directions_has_no_negative_eigenvalue_and_a_trace_up_to_one(covariance, can_be):
+    assert are_covariances(np.array([covariance], np.float32)) == can_be
 
 
 def test_the_file_is_the_json_that_the_documents_describe(tmp_path):

@@ -53,7 +53,7 @@ def test_motion_jumps_births_and_deaths_are_counted_by_id():
 def test_black_frames_count_without_dividing_by_zero():
     black = np.zeros((12, 24, 3), np.float32)
     result = score([(black, one(power=0.0))] * 3)
-    assert result == Score(3, 1, 1.0, 1, *[0.0] * 11)
+    assert result == Score(3, 1, 1.0, 1, *[0.0] * 12)
     result = score([(radiance(), all_cells(radiance())), (black, one(power=0.0))])
     assert result.error < 1e-6
     assert np.isfinite(result).all()

@@ -190,13 +190,12 @@ def test_one_light_more_or_less_moves_one_other_light(before, after):
     assert (moved > 3).sum() <= 2  # degrees; lights are 20 apart
 
 
-def test_many_lights_are_added_over_several_frames_and_removed_at_once():
+def test_twice_as_many_lights_are_there_at_once_and_half_as_many_too():
     state, counts = settled(32), []
     for k, wanted in enumerate([64] * 20 + [16]):
         state, lights, _ = tracked_step(wanted, state, SamplerInput(scene(sun=500.0), "hemisphere", 2 + k / 25))
         counts.append(len(lights.ids))
-    assert counts[0] == 34
-    assert counts[19] == 64
+    assert counts[:20] == [64] * 20
     assert counts[20] == 16
 
 

@@ -41,13 +41,13 @@ def settled(count, frames=12, radiance=None):
 
 def relative_energy(count, state, radiance):
     """The energy of the cells with which a frame begins, over squared power."""
-    tiles = tiles_from_map(radiance, "hemisphere", count, NO_BRIGHT_CELLS)
+    tiles = tiles_from_map(radiance, "hemisphere", max(count, 128), NO_BRIGHT_CELLS)
     energy = (cells_from_sites(tiles, state.sites.directions).root_energy ** 2).sum()
     return energy / float(tiles.flux.sum(axis=1) @ LUMINANCE_WEIGHTS) ** 2
 
 
-@pytest.mark.parametrize(("count", "first"), [(32, 34), (8, 9), (160, 170)])
-def test_in_steady_light_one_light_in_sixteen_is_added_a_frame(count, first):
+@pytest.mark.parametrize(("count", "first"), [(8, 32), (32, 128), (160, 400)])
+def test_when_more_lights_are_wanted_a_frame_has_up_to_four_times_as_many(count, first):
     state, time_s = settled(count)
     _, lights, _ = tracked_step(400, state, SamplerInput(sky(), "hemisphere", time_s))
     assert len(lights.ids) == first
@@ -68,8 +68,8 @@ def test_light_that_has_twice_its_usual_energy_is_a_scene_change(times_mean, cha
     energy = relative_energy(64, state, sky(lamp=300.0))
     assert energy > 1e-3
     state = state._replace(mean_energy=energy / times_mean)
-    _, lights, _ = tracked_step(64, state, SamplerInput(sky(lamp=300.0), "hemisphere", time_s))
-    assert (len(lights.ids) == 64) == changed  # a scene change adds all lights at once
+    after, _, _ = tracked_step(32, state, SamplerInput(sky(lamp=300.0), "hemisphere", time_s))
+    assert after.sites.offsets.any() == (not changed)  # after a scene change new lights are where their light is at once
 
 
 def test_an_energy_below_two_per_cent_of_the_power_is_no_scene_change():
@@ -77,8 +77,8 @@ def test_an_energy_below_two_per_cent_of_the_power_is_no_scene_change():
     for count in range(16, 200, 12):
         state, time_s = settled(count, 6)
         energy = relative_energy(2 * count, state, sky())
-        _, lights, _ = tracked_step(2 * count, state._replace(mean_energy=0.0), SamplerInput(sky(), "hemisphere", time_s))
-        assert (len(lights.ids) == 2 * count) == (energy > 0.02**2)
+        after, _, _ = tracked_step(2 * count, state._replace(mean_energy=0.0), SamplerInput(sky(), "hemisphere", time_s))
+        assert after.sites.offsets.any() == (energy <= 0.02**2)
         seen.append(energy / 0.02**2)
     assert any(0.6 < ratio < 1 for ratio in seen)
     assert any(1 < ratio < 1.7 for ratio in seen)
@@ -102,10 +102,11 @@ def test_a_scene_change_is_met_by_six_exchanges_a_frame():
 
 
 def test_in_slow_light_exchanges_come_eight_frames_apart():
+    # 200 lights: an exchange saves half of a mean cell's energy or more, but less than the two per cent that are urgent.
     state, births = initial_tracked(), []
     for k in range(200):
         known = set(state.sites.ids)
-        state, _, _ = tracked_step(32, state, SamplerInput(sky(k / 2, lamp=40.0), "hemisphere", k / 25))
+        state, _, _ = tracked_step(200, state, SamplerInput(sky(k / 2), "hemisphere", k / 25))
         births += [k] * (k > 0) * len(set(state.sites.ids) - known)
     gaps = np.diff(births)
     assert len(births) >= 4
@@ -156,7 +157,7 @@ def test_an_exchange_gains_twice_its_cost_and_half_a_mean_cell():
         cost, larger, smaller = cheapest_pair(sites.directions, cells)
         mean = (cells.root_energy**2).mean()
         exchanges, _, _ = split_and_merge(tiles, sites, cells, 1, False)
-        assert exchanges == (gain >= 2 * cost + 0.5 * mean and cell not in (larger, smaller))
+        assert (exchanges > 0) == (gain >= 2 * cost + 0.5 * mean and cell not in (larger, smaller))
         gains_over_cost.append((gain - 0.5 * mean) / cost)
         gains_over_mean.append((gain - 2 * cost) / mean)
     # Some lie where half or twice either number would decide otherwise.

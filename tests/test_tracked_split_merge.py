@@ -4,19 +4,19 @@ import pytest
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.sampler.tracking.split_merge import Sites, best_splits, cheapest_pair, split, split_and_merge
 from vemlight.sampler.tracking.tiles import tiles_from_map
-from vemlight.sampler.tracking.voronoi import cells_from_sites, root
+from vemlight.sampler.tracking.voronoi import cells_from_sites, relax, root
 
 COUNT = 24
 
 
-def sky_cells(lamp=0.0):
+def sky_cells(lamp=0.0, count=COUNT):
     """Tiles of a sky with a lamp, sites that do not depend on the light, and their cells."""
     generator = np.random.default_rng(0)
     radiance = generator.lognormal(0, 1, (36, 90, 3)).astype(np.float32)
     radiance[10:14, 30:34] += lamp
-    sites = generator.normal(size=(COUNT, 3)) * [1, 1, 0.5] + [0, 0, 1]
+    sites = generator.normal(size=(count, 3)) * [1, 1, 0.5] + [0, 0, 1]
     sites /= np.linalg.norm(sites, axis=1, keepdims=True)
-    tiles = tiles_from_map(radiance, "hemisphere", COUNT, NO_BRIGHT_CELLS)
+    tiles = tiles_from_map(radiance, "hemisphere", count, NO_BRIGHT_CELLS)
     return tiles, sites, cells_from_sites(tiles, sites)
 
 
@@ -72,7 +72,7 @@ def test_exchanges_lower_the_energy_and_leave_the_others(scene_change):
     tiles, directions, cells = sky_cells(50.0)
     before, old, energy = Sites(np.arange(COUNT), directions, np.zeros((COUNT, 3)), 100), directions.copy(), (cells.root_energy**2).sum()
     count, sites, after = split_and_merge(tiles, before, cells, 4, scene_change)
-    assert 1 <= count <= 4
+    assert 1 <= count <= 6
     assert sites.next_id == 100 + count
     np.testing.assert_array_equal(directions, old)
     assert (before.ids < 100).all()
@@ -87,3 +87,17 @@ def test_exchanges_lower_the_energy_and_leave_the_others(scene_change):
     again = cells_from_sites(tiles, sites.directions)
     for one, other in zip((*after[:3], *after.assignment), (*again[:3], *again.assignment), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_urgent_exchanges_save_two_per_cent_each_and_others_are_counted():
+    seen = []
+    for spare in (0, 1, 6):
+        tiles, directions, cells = sky_cells(5.0, 120)
+        directions, cells = relax(tiles, directions, cells.site_moment, 30)
+        energy = (cells.root_energy**2).sum()
+        count, _, after = split_and_merge(tiles, Sites(np.arange(120), directions, np.zeros((120, 3)), 200), cells, spare, False)
+        if spare == 0:
+            assert (after.root_energy**2).sum() < energy * (1 - 0.02) ** count
+        seen.append(count)
+    assert seen == sorted(seen)
+    assert seen[0] < seen[2] <= 6

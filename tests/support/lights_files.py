@@ -16,8 +16,10 @@ def read_lights(path: Path) -> list[LightsRow]:
 
 def light_set_from_row(row: LightsRow) -> LightSet:
     n = len(row.lights)
+    extents = [light.covariance or (0.0,) * 6 for light in row.lights]
     return LightSet.of(
         np.array([light.id for light in row.lights], np.int64),
         np.array([light.direction for light in row.lights], np.float32).reshape(n, 3),
         np.array([light.irradiance for light in row.lights], np.float32).reshape(n, 3),
+        np.array(extents, np.float32).reshape(n, 6) if row.schema == "vemlight.lights/2" else None,
     )

@@ -17,7 +17,7 @@ ENTER_POWER, STAY_POWER = 0.03, 0.01  # of the map: twice the mean of 64 lights,
 ENTER_RING, STAY_RING = 0.5, 0.7  # light of the ring over the source's own, below which it is compact
 MATCH_RAD = np.radians(12.0)  # that a source moves from frame to frame: a camera turned by 300 degrees a second at 25 fps
 WAIT_S = 1.0  # an id outlives its source for so long
-MAX_PEAKS = 64  # looked at; peaks lie SOURCE_RAD apart, and no more than 1 / STAY_POWER of them hold STAY_POWER
+MAX_PEAKS = 64  # looked at: a map with as many places that hold STAY_POWER has no source above twice that
 STAY_SPREAD = 1.5  # of the limit for a new one
 SHIFTS = 3  # from a peak to the middle of its source: each step is a mean over SOURCE_RAD
 
@@ -33,7 +33,8 @@ class Sources(NamedTuple):
 class Peaks(NamedTuple):
     """What stands out of a map.
 
-    directions: (k, 3), centroids. power: (k,), fraction of the map's. ring: (k,), light of the ring over its own. spread: (k,), rad, from
+    directions: (k, 3), centroids. power: (k,), fraction of the map's. ring: (k,), light of the ring over its own, the ring taken to be as
+    bright as its upper quartile: a wide light fills more than a quarter of it. spread: (k,), rad, from
     the centroid, in which half of its light lies. owner: (tiles,) int64, the peak that a tile belongs to, -1: none. part: (tiles,), the
     fraction of its light that does.
     """
@@ -135,13 +136,14 @@ def peaks_of(tiles: Tiles):
             centre[c] = tiles.direction[c, peak]
         found = _within(tiles, made.owner, centre, inside)
         if tiles.power[inside[:found]].sum() >= STAY_POWER * total:
-            behind, _ = _ring(tiles, made.owner, radiance, centre)
+            behind, _ = _ring(tiles, radiance, centre)
             for _ in range(SHIFTS):
                 _shift(tiles, inside[:found], behind, centre)
                 found = _within(tiles, made.owner, centre, inside)
-            behind, around = _ring(tiles, made.owner, radiance, centre)
+            behind, quartile = _ring(tiles, radiance, centre)
             own = _shift(tiles, inside[:found], behind, centre)
-            if own >= STAY_POWER * total and around <= STAY_RING * own:
+            around = quartile * np.pi * (RING_RAD**2 - SOURCE_RAD**2)
+            if own >= STAY_POWER * total and around <= STAY_RING * own and _is_apart(made.directions[:count], centre):
                 made.directions[count], made.power[count], made.ring[count] = centre, own / total, around / own
                 made.spread[count] = _spread(tiles, inside[:found], behind, centre, own)
                 for t in inside[:found]:
@@ -153,6 +155,15 @@ def peaks_of(tiles: Tiles):
         for t in inside[:found]:
             seen[t] = True
     return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.spread[:count], made.owner, made.part)
+
+
+@subroutine
+def _is_apart(others, centre):
+    """Whether a centre lies RING_RAD from all others: nearer light is what a source that is wider than SOURCE_RAD leaves."""
+    for k in range(others.shape[0]):
+        if (others[k, 0] - centre[0]) ** 2 + (others[k, 1] - centre[1]) ** 2 + (others[k, 2] - centre[2]) ** 2 < RING_RAD**2:
+            return False
+    return True
 
 
 @subroutine(inline="always")
@@ -172,23 +183,24 @@ def _within(tiles, owner, centre, inside):
 
 
 @subroutine
-def _ring(tiles, owner, radiance, centre):
-    """(median radiance, flux) of the ring around a centre, by the tiles that reach into it."""
-    near, count = np.empty(owner.size, np.int64), 0
-    power = area = 0.0
-    for t in range(owner.size):
+def _ring(tiles, radiance, centre):
+    """(median radiance, upper quartile) of the ring around a centre, of the tiles that reach into it by the area that can lie in it."""
+    near, areas, count, area = np.empty(radiance.size, np.int64), np.empty(radiance.size), 0, 0.0
+    for t in range(radiance.size):
         chord = _chord(tiles, t, centre)
-        if chord > SOURCE_RAD**2 and chord < (RING_RAD + tiles.radius[t]) ** 2 and owner[t] < 0:
-            near[count], count = t, count + 1
-            power, area = power + tiles.power[t], area + tiles.area[t]
+        if chord > SOURCE_RAD**2 and chord < (RING_RAD + tiles.radius[t]) ** 2:
+            near[count], areas[count] = t, min(tiles.area[t], np.sqrt(2) * tiles.radius[t] * (RING_RAD - SOURCE_RAD))
+            area, count = area + areas[count], count + 1
     if count == 0:
         return 0.0, 0.0
-    order = near[:count][np.argsort(radiance[near[:count]])]
-    k, half = 0, tiles.area[order[0]]
-    while half < 0.5 * area:
+    order = np.argsort(radiance[near[:count]])
+    reached, median, k = areas[order[0]], -1.0, 0
+    while reached < 0.75 * area:
+        median = radiance[near[order[k]]] if median < 0 and reached >= 0.5 * area else median
         k += 1
-        half += tiles.area[order[k]]
-    return radiance[order[k]], power / area * np.pi * (RING_RAD**2 - SOURCE_RAD**2)
+        reached += areas[order[k]]
+    quartile = radiance[near[order[k]]]
+    return quartile if median < 0 else median, quartile
 
 
 @subroutine

@@ -23,7 +23,7 @@ from vemlight.sampler.tracking.split_merge import MAX_EXCHANGES, Sites, best_spl
 from vemlight.sampler.tracking.tiles import Tiles, tiles_from_map
 from vemlight.sampler.tracking.voronoi import Cells, cells_from_sites, centroids, lights_from_cells, lloyd_update, relax
 
-MIN_TILE_COUNT = 64  # of lights that tiles are made for: fine enough to find compact sources
+MIN_TILE_COUNT = 128  # of lights that tiles are made for: a source of 1 % of the power has five tiles or more
 FIRST_LLOYD_STEPS = 12  # in the first frame; any value in 3..24 comes within 1 % of the energy that 40 more frames reach
 LLOYD_STEPS = 2  # in every other frame; any value in 1..4 does, within 3 % of the error on the bundled sequence
 SCENE_CHANGE = 2.0  # times the running mean of the energy: light has changed faster than sites move
@@ -31,6 +31,7 @@ MIN_SCENE_CHANGE = 0.02**2  # relative energy below which nothing is urgent: its
 MEAN_GAIN = 0.2  # of the running mean of the energy: an average over about five frames
 GROWTH = 4  # one light in so many, and at least one, is added in a round when more are wanted,
 MAX_GROWTH = 4  # until there are so many times as before the frame: from 8 to 300 in three frames
+EVEN_SITES = 4  # with which such light begins: the fewest whose cells all have a centroid
 MIN_MEAN_DIRECTION = 0.1  # length, below which light is so even round the sphere that it has no centroid to split at
 POINT_RAD = np.radians(0.5)  # spread of a source that is one point: its shadow's edge is as wide as a cell of the map
 MIN_REST = 1e-9  # of the power, outside the sources, that is not rounding
@@ -100,7 +101,7 @@ def tracked_step(
     passed_s = time_s - state.time_s
     state = state._replace(time_s=time_s, clean=clean, black_frames=black_frames, noise=noise)
     if power <= 0:
-        return state, _dark_lights(state.sites, count, coverage), report
+        return state, _with_extents(_dark_lights(state, count, coverage), soft), report
 
     # Compact sources, each a light of its own.
     peaks = peaks_of(tiles)
@@ -111,7 +112,7 @@ def tracked_step(
     state, ids, rest_power = state._replace(sites=sites, sources=sources), sources.ids[: len(lit)], float(rest.power.sum())
     lights = LightSet.of(ids, source_tiles.directions, flux)
     if rest_power <= MIN_REST * power:
-        return state, lights, report
+        return state, _with_extents(lights, soft), report
 
     # Sites that follow the other light, and new lights a little nearer to their own directions.
     state, cells = _tracked_sites(state, rest, count - len(lit), rest_power)
@@ -135,10 +136,15 @@ def required_tracked_lights(light: LightMap, lights: LightSet, error: float, max
     return int(np.clip(np.ceil(wanted), 1, max_count))
 
 
-def _dark_lights(sites: Sites, count: int, coverage: Coverage) -> LightSet:
+def _with_extents(points: LightSet, soft: bool) -> LightSet:
+    return points._replace(covariances=np.zeros((len(points.ids), 6), np.float32)) if soft else points
+
+
+def _dark_lights(state: TrackedState, count: int, coverage: Coverage) -> LightSet:
     """The lights of a black map: where they were, or spread evenly before the first light."""
-    if len(sites.ids):
-        return LightSet.of(sites.ids, sites.directions, np.zeros((len(sites.ids), 3)))
+    ids = np.append(state.sources.ids, state.sites.ids)
+    if len(ids):
+        return LightSet.of(ids, np.concatenate([state.sources.directions, state.sites.directions]), np.zeros((len(ids), 3)))
     return LightSet.of(np.arange(count), _golden_spiral(count, coverage), np.zeros((count, 3)))
 
 
@@ -184,7 +190,10 @@ def _tracked_sites(state: TrackedState, tiles: Tiles, count: int, power: float) 
 def _first_sites(tiles: Tiles, count: int, next_id: int) -> Sites:
     """One site to be split, or several where light is so even round the sphere that it has no centroid."""
     even = np.linalg.norm(tiles.direction @ tiles.power) < MIN_MEAN_DIRECTION * tiles.power.sum()
-    directions = _golden_spiral(min(count, 4), "sphere") if even else np.array([[0.0, 0.0, 1.0]])
+    directions = np.array([[0.0, 0.0, 1.0]])
+    if even:
+        nearest = np.unique((_golden_spiral(min(count, EVEN_SITES), "sphere") @ tiles.direction).argmax(axis=1))
+        directions = np.ascontiguousarray((tiles.direction / np.linalg.norm(tiles.direction, axis=0))[:, nearest].T)
     return Sites(next_id + np.arange(len(directions)), directions, np.zeros_like(directions), next_id + len(directions))
 
 

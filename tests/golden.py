@@ -25,6 +25,7 @@ def messages() -> dict[str, wire.Message]:
     box = wire.Pose(name="box", position=(0.5, -1.0, 0.25), rotation=(0.0, 0.0, 0.6, 0.8))
     lamp = wire.Pose(name="lamp", position=(0.0, 0.0, 2.0), power=0.5)
     drawn = wire.ImageReport(drawn_lights=72, render_ms=12.5, light_budget=144)
+    covariances = np.array([[0.1, 0, 0.01, 0.02, 0, 0.001], 6 * [0]], np.float32)
     pixels = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4)
     status = wire.StatusMessage(
         service="sampler",
@@ -65,6 +66,10 @@ def messages() -> dict[str, wire.Message]:
             ),
             (np.array([0, 2**40], np.int64), directions, irradiance, directions[:1], irradiance[:1] / 2),
         ),
+        "lights_soft": (
+            wire.LightsMessage(stamp=STAMP, count=2, coverage="hemisphere", soft=True),
+            (np.array([0, 7], np.int64), directions, irradiance, covariances, directions[:0], irradiance[:0]),
+        ),
         "lights_none": (
             wire.LightsMessage(stamp=STAMP, count=0, coverage="sphere"),
             (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
@@ -87,7 +92,7 @@ def refused() -> dict[str, list[bytes]]:
     whole = {name: wire.pack(*message) for name, message in messages().items()}
     end = {"kind": "end", "version": 2, "sequence": 1}
     topic, header, radiance, *bright = whole["map"]
-    lights = whole["lights"]
+    lights, soft = whole["lights"], whole["lights_soft"]
     directions = np.frombuffer(lights[3], "<f4")
     damaged = np.frombuffer(radiance, "<f4").copy()
     damaged[5] = np.nan
@@ -110,6 +115,8 @@ def refused() -> dict[str, list[bytes]]:
         "bright_unordered": [topic, header, radiance, np.array([5, 4], "<i8").tobytes(), *bright[1:]],
         "bright_weight_zero": [topic, header, radiance, *bright[:2], np.array([1, 0], "<f4").tobytes()],
         "lights_not_unit": [*lights[:3], (2 * directions).tobytes(), *lights[4:]],
+        "lights_covariance_negative": [*soft[:5], (-np.frombuffer(soft[5], "<f4")).tobytes(), *soft[6:]],
+        "lights_covariance_large": [*soft[:5], (20 * np.frombuffer(soft[5], "<f4")).tobytes(), *soft[6:]],
         "lights_negative": [*lights[:4], (-np.frombuffer(lights[4], "<f4")).tobytes(), *lights[5:]],
         "rotation_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "poses": [not_unit]})],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon", "version": 2})],

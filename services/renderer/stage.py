@@ -10,6 +10,7 @@ import numpy as np
 
 from vemlight import settings
 from vemlight.errors import of_setting
+from vemlight.files import notice
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import Accumulation, MapLights
 from vemlight.renderer.frame import AccumulationPass, BackgroundMap, FrameInput, FrameState, PlatePicture, ToneRequest
@@ -118,6 +119,8 @@ class RendererStage:
             drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, file_samples(scene) if self._images else LIVE_SAMPLES)
         self._frame_ms = drawing.frame_ms or 0.0
+        if settings.sampler.soft:
+            notice("[sampler] soft: the renderer draws lights as points, which soft ones are not; its pictures are better without soft")
 
     def first_missing_frame(self) -> int:
         return self._images.count if self._images else 0

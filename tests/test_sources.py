@@ -1,0 +1,142 @@
+"""Compact sources keep one light and one id: what enters, what stays, what waits, and what is no source."""
+
+import numpy as np
+import pytest
+
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
+from vemlight.light.sphere import cell_directions, cell_solid_angles, direction_from_angles
+from vemlight.sampler.sampler_input import SamplerInput
+from vemlight.sampler.tracking.sources import NO_SOURCES, SOURCE_RAD, Limits, Sources, peaks_of, source_lights, sources_after
+from vemlight.sampler.tracking.tiles import tiles_from_map
+from vemlight.sampler.tracking.tracked import initial_tracked, tracked_step
+
+ROWS, COLS = 90, 360
+DIRECTIONS = cell_directions(ROWS, COLS, "hemisphere")
+SOLID_ANGLES = cell_solid_angles(ROWS, COLS, "hemisphere")[:, None]
+LIMITS = Limits(8, SOURCE_RAD)
+
+
+def place(theta, phi):
+    return direction_from_angles(np.radians(theta), np.radians(phi))
+
+
+def lit(*lamps, sky=1.0):
+    """A sky of power 2 pi with lamps: (theta, phi, diameter in degrees, fraction of the whole power)."""
+    gray, whole = np.full((ROWS, COLS), sky), 2 * np.pi * sky / (1 - sum(lamp[3] for lamp in lamps))
+    for theta, phi, diameter, fraction in lamps:
+        inside = np.cos(np.radians(diameter / 2)) <= DIRECTIONS @ place(theta, phi)
+        gray = gray + inside * fraction * whole / (inside * SOLID_ANGLES).sum()
+    return np.repeat(gray[..., None], 3, axis=-1).astype(np.float32)
+
+
+def peaks(radiance, count=128):
+    return peaks_of(tiles_from_map(radiance, "hemisphere", count, NO_BRIGHT_CELLS))
+
+
+def test_a_lamp_is_found_with_its_place_power_and_spread():
+    found = peaks(lit((40, 120, 4, 0.3), (60, 300, 2, 0.1)))
+    assert len(found.power) == 2
+    order = np.argsort(-found.power)
+    np.testing.assert_allclose(found.power[order], [0.3, 0.1], rtol=0.02)
+    for direction, at in zip(found.directions[order], (place(40, 120), place(60, 300)), strict=True):
+        assert direction @ at > np.cos(np.radians(0.3))
+    assert np.degrees(found.spread[order[0]]) == pytest.approx(2 / np.sqrt(2), rel=0.25)  # half of a disc lies within r / sqrt(2)
+
+
+@pytest.mark.parametrize(("fraction", "found"), [(0.008, 0), (0.012, 1), (0.025, 1)])
+def test_what_holds_one_per_cent_of_the_power_can_stay(fraction, found):
+    assert len(peaks(lit((40, 120, 3, fraction))).power) == found
+
+
+@pytest.mark.parametrize(("fraction", "enters"), [(0.02, 0), (0.028, 0), (0.032, 1), (0.2, 1)])
+def test_what_holds_three_per_cent_of_the_power_enters(fraction, enters):
+    sources, now = sources_after(NO_SOURCES, peaks(lit((40, 120, 3, fraction))), 0.0, 5, LIMITS)
+    assert len(now) == len(sources.ids) == enters
+    assert set(sources.ids) <= {5}
+
+
+@pytest.mark.parametrize("diameter", [6.0, 7.0, 8.0])
+def test_what_a_source_leaves_around_it_is_no_other_source(diameter):
+    assert len(peaks(lit((40, 120, diameter, 0.5))).power) == 1
+
+
+@pytest.mark.parametrize("diameter", [9.0, 12.0, 30.0])
+def test_a_wide_light_is_no_source(diameter):
+    assert len(peaks(lit((40, 120, diameter, 0.5))).power) == 0
+
+
+def test_an_even_sky_and_a_ramp_have_no_source():
+    assert len(peaks(lit()).power) == 0
+    assert len(peaks((DIRECTIONS[..., [2]] ** 4 + np.zeros(3)).astype(np.float32)).power) == 0
+
+
+def known(direction, seen_s=0.0, source=7):
+    return Sources(np.array([source]), np.asarray(direction, float)[None], np.array([seen_s]))
+
+
+@pytest.mark.parametrize(("degrees", "same"), [(0.5, True), (11.0, True), (13.5, False)])
+def test_a_source_that_moved_by_twelve_degrees_keeps_its_id(degrees, same):
+    sources, _ = sources_after(known(place(40 + degrees, 120)), peaks(lit((40, 120, 3, 0.2))), 0.04, 50, LIMITS)
+    assert (sources.ids[0] == 7) == same
+    assert same or sources.ids[0] == 50
+
+
+@pytest.mark.parametrize(("gap_s", "same"), [(0.5, True), (0.99, True), (1.5, False)])
+def test_an_id_waits_a_second_for_its_source(gap_s, same):
+    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(70, 300)]), np.array([0.0, gap_s - 0.04]))
+    sources, now = sources_after(before, peaks(lit((40, 120, 3, 0.2))), gap_s, 50, LIMITS)
+    assert len(now) == 1
+    assert (sources.ids[0] == 7) == same
+
+
+def test_a_source_of_the_frame_before_keeps_its_id_over_a_gap_of_any_length():
+    sources, _ = sources_after(known(place(41, 120)), peaks(lit((40, 120, 3, 0.2))), 60.0, 50, LIMITS)
+    assert sources.ids[0] == 7
+
+
+def test_each_of_two_sources_keeps_its_own_id_when_they_come_close():
+    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(40, 140)]), np.zeros(2))
+    sources, _ = sources_after(before, peaks(lit((40, 124, 2, 0.2), (40, 136, 2, 0.2))), 0.04, 50, LIMITS)
+    nearer_to_first = sources.directions @ (place(40, 124) - place(40, 136)) > 0
+    assert dict(zip(sources.ids.tolist(), nearer_to_first.tolist(), strict=True)) == {7: True, 8: False}
+
+
+def test_no_more_sources_than_the_limit_and_the_brightest_first():
+    found = peaks(lit((40, 0, 3, 0.1), (40, 120, 3, 0.3), (40, 240, 3, 0.2)))
+    _, now = sources_after(NO_SOURCES, found, 0.0, 0, Limits(2, SOURCE_RAD))
+    np.testing.assert_allclose(np.sort(found.power[now]), [0.2, 0.3], rtol=0.03)
+
+
+@pytest.mark.parametrize(("limit_deg", "seen", "new"), [(0.5, False, False), (1.2, True, False), (2.0, True, True)])
+def test_a_source_wider_than_a_limit_is_none_and_one_that_was_has_half_as_much_room_again(limit_deg, seen, new):
+    found, limits = peaks(lit((40, 120, 4, 0.3))), Limits(8, np.radians(limit_deg))  # spread 1.4 degrees
+    assert len(sources_after(NO_SOURCES, found, 0.0, 0, limits)[1]) == new
+    assert len(sources_after(known(place(40, 120)), found, 0.04, 0, limits)[1]) == seen
+
+
+def test_a_sources_light_and_the_rest_are_the_whole():
+    tiles = tiles_from_map(lit((40, 120, 4, 0.3)), "hemisphere", 64, NO_BRIGHT_CELLS)
+    found = peaks_of(tiles)
+    sources, flux, rest = source_lights(tiles, found, np.arange(1))
+    np.testing.assert_allclose(flux.sum(axis=0) + rest.flux.sum(axis=1), tiles.flux.sum(axis=1), rtol=1e-12)
+    assert rest.power.sum() / tiles.power.sum() == pytest.approx(0.7, rel=0.01)
+    # What is left where the lamp was is the sky behind it.
+    behind = sources.part > 0
+    np.testing.assert_allclose(rest.power[behind] / rest.area[behind], 1.0, rtol=0.02)
+
+
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("count", [8, 64])
+def test_a_sun_that_moves_and_hides_is_one_light_with_one_id(count, soft):
+    state, names, fractions = initial_tracked(), [], []
+    for k in range(40):
+        hidden = 10 <= k < 25  # 0.6 s
+        radiance = lit((40.5, 100.5 + k, 1.0, 0.002 if hidden else 0.6))
+        state, lights, _ = tracked_step(count, state, SamplerInput(radiance, "hemisphere", k / 25, NO_BRIGHT_CELLS), soft=soft)
+        near = lights.directions @ place(40.5, 100.5 + k) > np.cos(np.radians(2))
+        if not hidden:
+            brightest = np.flatnonzero(near)[lights.irradiance[near, 1].argmax()]
+            names.append(int(lights.ids[brightest]))
+            fractions.append(lights.irradiance[brightest, 1] / lights.irradiance[:, 1].sum(dtype=float))
+    assert len(set(names)) == 1
+    np.testing.assert_allclose(fractions, 0.6, rtol=0.03)

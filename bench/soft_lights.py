@@ -145,7 +145,10 @@ def _from_frames(name: str):
     return moments
 
 
-MOVING = {"day": day, "clouds": clouds, "opposite lamps": opposite_lamps, **{name: _from_frames(name) for name in ("rotation", "hand-held")}}
+MOVING = {
+    "day": day, "clouds": clouds, "opposite lamps": opposite_lamps,
+    "rotation": _from_frames("rotation"), "hand-held": _from_frames("hand-held"),
+}  # fmt: skip
 
 
 def moving(path: Path, name: str, count: int, soft: bool) -> dict[str, object]:

@@ -101,6 +101,14 @@ def test_a_scene_change_is_met_by_six_exchanges_a_frame():
     assert len(set(after.sites.ids) - set(state.sites.ids)) == 6
 
 
+def test_sites_follow_a_sky_that_turns():
+    state = initial_tracked()
+    for k in range(40):
+        state, _, _ = tracked_step(16, state, SamplerInput(sky(k), "hemisphere", k / 25))
+    anew, _, _ = tracked_step(16, initial_tracked(), SamplerInput(sky(39), "hemisphere", 0.0))
+    assert relative_energy(16, state, sky(39)) < 1.15 * relative_energy(16, anew, sky(39))
+
+
 def test_in_slow_light_exchanges_come_eight_frames_apart():
     # 200 lights: an exchange saves half of a mean cell's energy or more, but less than the two per cent that are urgent.
     state, births = initial_tracked(), []

@@ -4,6 +4,7 @@ PNG files hold raw codes: gray ones of a monochrome sensor, or of the mosaic tha
 lens.toml and response.toml are looked for beside the frames when the settings name none.
 """
 
+import os
 from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
@@ -125,7 +126,7 @@ def open_files(settings: Capture) -> FileSource:
     if settings.record:
         raise UserError("[capture] record is for cameras; `vemlight record` records files")
     path = Path(settings.source) if settings.source else BUNDLED
-    if not path.exists():
+    if not os.path.exists(path):  # False for a name that is none, too
         raise UserError(f"{path}: there is no such file or folder; check the path")
     if not path.is_dir():
         return FileSource(settings, [FrameFile(path, 0)], None)

@@ -60,8 +60,11 @@ class VideoFile:
         """Raises UserError for a file that is no video, whose pictures are too large, or whose end is missing."""
         self._path, self._next_index = path, 0
         check_regular(path, MAX_VIDEO_BYTES)
-        with open(path, "rb") as file:
-            head = file.read(12)
+        try:
+            with open(path, "rb") as file:
+                head = file.read(12)
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
         if not head.startswith(SIGNATURES) and head[4:8] not in QUICKTIME_ATOMS:
             raise UserError(f"{path}: is no video that can be played; convert it to .mp4, or name a folder of pictures")
         with silent():
@@ -106,6 +109,6 @@ def checked_size(pixels: np.ndarray, where: str) -> np.ndarray:
 
 def open_video_source(path: Path, fps: float) -> VideoSource:
     """The video file or folder at `path`; fps: of a folder's pictures. Raises UserError when there is nothing to see."""
-    if not path.exists():
+    if not os.path.exists(path):  # False for a name that is none, too
         raise UserError(f"{path}: there is no such video or folder; check the path")
     return PictureFolder(path, fps) if path.is_dir() else VideoFile(path)

@@ -179,7 +179,8 @@ def _trimesh_meshes(path: Path, limits: SceneLimits) -> tuple[list[SourceMesh], 
 
     beside = FilesBeside(path.parent, str(path))
     with silent():  # trimesh logs, and numpy warns of what it computes with nan
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=beside, process=False, maintain_order=True)
+        stream = io.BytesIO(content)
+        scene = trimesh.load_scene(stream, file_type=kind, resolver=beside, process=False, maintain_order=True)  # type: ignore[arg-type]
     if beside.refused:
         raise beside.refused
     meshes, left_out = [], beside.left_out

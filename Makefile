@@ -22,6 +22,8 @@ $(VENV)/.ready: requirements.lock requirements-dev.lock pyproject.toml
 	@echo "installing the Python packages of the lock in $(VENV): a minute or two"
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock -r requirements-dev.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@find services -name '*.nb[ic]' -delete  # numba sees no change of a kernel that others in other files call
+	$(BIN)/python -m vemlight.commands.precompile
 	@touch $@
 
 # Root installs the system's packages; anybody else gets the command to run.

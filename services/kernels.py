@@ -5,6 +5,7 @@ another makes numba compile the text of an error message, 2 s, calls of LAPACK t
 """
 
 import sys
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -15,10 +16,39 @@ sys.modules[BLAS] = None  # type: ignore[assignment]
 try:
     import numba
     import numba.np.arraymath
+    from numba.core import event
 finally:
     del sys.modules[BLAS]
     if _loaded:
         sys.modules[BLAS] = _loaded
+
+
+SAY_AFTER_S = 2.0  # of compiling, and again after as long: somebody wonders. 1 to 5 s would do
+
+
+class CompilerNotice(event.Listener):
+    """Says at a terminal what is compiled and for how long by now."""
+
+    def __init__(self) -> None:
+        self._depth, self._spent_s, self._said_s, self._started_s = 0, 0.0, 0.0, 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        if self._depth == 0:
+            self._started_s = time.monotonic()
+        self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        self._depth -= 1
+        spent_s = self._spent_s + time.monotonic() - self._started_s
+        if self._depth == 0:
+            self._spent_s = spent_s
+        if spent_s > self._said_s + SAY_AFTER_S and event.data and sys.stderr.isatty():
+            self._said_s = spent_s
+            package = event.data["dispatcher"].py_func.__module__.removeprefix("vemlight.").partition(".")[0]
+            print(f"vemlight: compiling the {package}'s kernels, at the first start: {spent_s:.0f} s so far", file=sys.stderr, flush=True)
+
+
+event.register("numba:compile", CompilerNotice())
 
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:

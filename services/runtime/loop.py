@@ -4,6 +4,7 @@ live: a service takes the newest frame and passes over those that came while it 
 lossless: the last service requests each frame by number and every other one makes what is requested (services/runtime/demand.py).
 """
 
+import os
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +18,7 @@ import zmq
 from vemlight.errors import UserError
 from vemlight.files import one_line
 from vemlight.runtime import wire
-from vemlight.runtime.channels import BACKPRESSURE_FROM, FRAMES, LAST, UPSTREAM, Service
+from vemlight.runtime.channels import BACKPRESSURE_FROM, FRAMES, LAST, SERVICES, UPSTREAM, Service
 from vemlight.runtime.demand import Supply
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.sync import Lockstep, NearestInTime, receive_all
@@ -27,6 +28,8 @@ from vemlight.settings import Settings
 State = TypeVar("State")
 CameraMessage = tuple[wire.MapMessage | wire.PlateMessage, tuple[np.ndarray, ...]]
 POLL_MS = 100  # how late a stop is noticed at most when nothing arrives: any value in 10..500 does
+LISTENERS = "VEMLIGHT_LISTENERS"  # in the environment: the services that a source waits for before it plays, as names with spaces between
+LISTENERS_S = 90.0  # then it plays in any case: three times what compiling takes on a slow machine; 60 to 300 s would do
 STALE_MS = 60  # live: a frame older than this has waited in a queue while one and a half newer ones came, at 25 a second
 END_PERIOD_S = 0.2  # live: the end is published again and again, for who was not listening: any value in 0.05..1 does
 CACHED_FRAMES = 64  # lossless: finished frames that a service keeps for one that requests them again; more than any window of requests
@@ -308,10 +311,25 @@ def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
     try:
         stats = ServiceStats(source.service, restarts)
         publisher = transport.bind(source.service, "publish")
-        run = _run_source_lossless if settings.mode == "lossless" else _run_source_live
-        run(source, transport, publisher, stats, StopSignal())
+        stop = StopSignal()
+        if settings.mode == "lossless":
+            _run_source_lossless(source, transport, publisher, stats, stop)
+        else:
+            _await_listeners(transport, publisher, stats, stop)
+            _run_source_live(source, transport, publisher, stats, stop)
     finally:
         transport.close()
+
+
+def _await_listeners(transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
+    """Waits until each of the services that LISTENERS names has published a status, so that no frame is played to nobody."""
+    awaited = {service: transport.subscribe(service, "status") for service in SERVICES if service in os.environ.get(LISTENERS, "").split()}
+    give_up_s = time.monotonic() + LISTENERS_S
+    while awaited and not stop.received and time.monotonic() < give_up_s:
+        zmq.select([*awaited.values(), publisher], [], [], POLL_MS / 1e3)
+        accept_subscriptions(publisher)
+        publish_status(publisher, stats)
+        awaited = {service: socket for service, socket in awaited.items() if not any(True for _ in receive_all(socket, stats))}
 
 
 def _run_source_live(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:

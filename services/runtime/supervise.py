@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections import deque
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ import zmq
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Service
 from vemlight.runtime.interrupt import INTERRUPTED
+from vemlight.runtime.loop import LISTENERS
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
 from vemlight.runtime.token import with_token
@@ -27,8 +29,7 @@ from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
 
 RUN_FOLDER = "vemlight-run-"
-READY_TIMEOUT_S = 90.0  # capture then starts in any case: twice what compiling takes on a slow machine; 60 to 300 s would do
-SLOW_START_S = 8.0  # after so long a line says why: a start with compiled code takes 2 s. 4 to 15 s would do
+SLOW_START_S = 8.0  # after so long, again and again, a line says why: a start with compiled code takes 2 s. 4 to 15 s would do
 RESTART_DELAY_S = (0.0, 0.5, 1.0, 2.0)  # by how often the service died within GIVE_UP_S; the last also for every later death
 MAX_DEATHS = 5  # of one service within GIVE_UP_S: it dies of itself, and restarting does not help
 GIVE_UP_S = 60.0  # five deaths with their delays take about 10 s when a service cannot even start
@@ -45,8 +46,9 @@ _prctl = ctypes.CDLL(None).prctl  # found here, because a child that was forked 
 class Child:
     """One service's process, and when it died."""
 
-    def __init__(self, service: Service, settings_file: Path) -> None:
-        self.service, self._settings_file = service, settings_file
+    def __init__(self, service: Service, settings_file: Path, listeners: Sequence[Service] = ()) -> None:
+        """`listeners`: services that the first process waits for before it plays frames, if it is a source."""
+        self.service, self._settings_file, self._listeners = service, settings_file, " ".join(listeners)
         self.restarts = 0
         self._deaths_s: deque[float] = deque(maxlen=MAX_DEATHS)
         self._start_at_s = 0.0
@@ -56,7 +58,7 @@ class Child:
         # Its own process group: Ctrl-C reaches the supervisor alone, which then stops the services in good order.
         self.process = subprocess.Popen(
             [sys.executable, "-m", f"vemlight.{self.service}", str(self._settings_file)],
-            env={**QUIET_BLAS, **os.environ, "VEMLIGHT_RESTARTS": str(self.restarts)},
+            env={**QUIET_BLAS, **os.environ, "VEMLIGHT_RESTARTS": str(self.restarts), LISTENERS: "" if self.restarts else self._listeners},
             process_group=0,
             preexec_fn=partial(_die_with, os.getpid()),
         )
@@ -135,7 +137,8 @@ class Supervisor:
 
     def __init__(self, settings: Settings, settings_file: Path) -> None:
         self._settings = settings
-        self._children = {service: Child(service, settings_file) for service in settings.services}
+        names = settings.services
+        self._children = {name: Child(name, settings_file, [other for other in names if other != name]) for name in names}
         self._transport = Transport(settings.wire)
         self._statuses = [self._transport.subscribe(service, "status") for service in settings.services]
         self._newest: dict[str, wire.StatusMessage] = {}
@@ -150,32 +153,23 @@ class Supervisor:
 
     def run(self) -> int:
         try:
-            for service, child in self._children.items():
-                if service != "capture":
-                    child.start()
-            status = self._wait(until_ready=True)
-            if status is None:
-                self._children["capture"].start()
-                status = self._wait()
-            return status or 0
+            for child in self._children.values():
+                child.start()
+            return self._wait()
         finally:
             self._stop()
             self._transport.close()
 
-    def _wait(self, until_ready: bool = False) -> int | None:
-        """Restarts services that die until one cannot go on, all is done or a signal comes: the status to end with.
-
-        `until_ready`: or until all but capture have published a status, which is None.
-        """
-        started_s = printed_s = time.monotonic()
-        slow_start = False
+    def _wait(self) -> int:
+        """Restarts services that die until one cannot go on, all is done or a signal comes: the status to end with."""
+        started_s = said_s = printed_s = time.monotonic()
         while not self._signals:
             self._receive_statuses()
-            if until_ready and (len(self._newest) == len(self._children) - 1 or time.monotonic() > started_s + READY_TIMEOUT_S):
-                return None
-            if until_ready and not slow_start and time.monotonic() > started_s + SLOW_START_S:
-                slow_start = True
-                print("vemlight: starting; the first time, code is compiled, which takes up to a minute", file=sys.stderr, flush=True)
+            missing = [service for service in self._children if service not in self._newest]
+            if missing and time.monotonic() > said_s + SLOW_START_S:
+                said_s = time.monotonic()
+                text = f"waiting for {', '.join(missing)}: at the first start code is compiled, {said_s - started_s:.0f} s so far"
+                print(f"vemlight: {text}", file=sys.stderr, flush=True)
             for child in self._children.values():
                 if child.process and (ended := child.process.poll()) is not None:
                     if self._signals:  # it was sent to the services, too
@@ -185,8 +179,7 @@ class Supervisor:
                     if reason := child.plan_restart(ended):
                         print(f"vemlight: {reason}", file=sys.stderr, flush=True)
                         return 1
-                if not until_ready or child.service != "capture":
-                    child.start_when_due()
+                child.start_when_due()
             if time.monotonic() - printed_s > PROGRESS_S:
                 printed_s = time.monotonic()
                 self._print_progress()

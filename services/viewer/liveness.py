@@ -73,7 +73,7 @@ class Liveness:
         if last.ended:
             return Judgement("finished", "the stream has ended")
         if last.status is None and last.stamp is None:
-            return Judgement("not seen", "nothing received yet")
+            return Judgement("not seen", "nothing received yet; at the first start its code is compiled")
         slow_s = SLOW_STEPS * max(last.interval_s, (last.status.step_ms or 0.0) / 1e3 if last.status else 0.0)
         silent_s = now_s - max(last.status_s, last.frame_s)
         if silent_s > max(STATUS.timeout_s(self._fps), slow_s):  # a service publishes between two steps, never within one

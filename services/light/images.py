@@ -89,7 +89,7 @@ def _stored_pixels(path: Path, flags: int, upright: bool = False) -> np.ndarray:
         raise
     except (Image.UnidentifiedImageError, cv2.error) as error:  # whose texts are about Python objects and OpenCV's source
         raise UserError(f"{path}: is not a readable image{_but(data)}; give PNG, TIFF or JPEG") from error
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:  # SyntaxError: PIL's, of a damaged PNG
+    except Exception as error:  # a hostile file raises whatever Pillow trips over: SyntaxError, struct.error, zlib.error and more
         raise UserError(f"{path}: is not a readable image ({one_line(error)}); give PNG, TIFF or JPEG") from error
     if pixels is None:
         raise UserError(f"{path}: is not a readable image; give PNG, TIFF or JPEG")

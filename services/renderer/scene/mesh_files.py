@@ -3,7 +3,6 @@
 import codecs
 import io
 import re
-import struct
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +27,6 @@ GLTF_SUFFIXES = (".glb", ".gltf")
 PLAIN_OBJ = re.compile(rb"(?:(?:#[^\r\n]*|v(?: +-?\d{1,9}(?:\.\d{1,17})?){3} *|f(?: +\d{1,9}){3} *)?\r?\n)*")
 MAX_PLAIN_BYTES = 2**20  # trimesh reads larger ones sooner, and takes longer than its loading
 MESH_SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl")
-FAULTS = (ValueError, LookupError, TypeError, AttributeError, OverflowError, OSError, struct.error, SyntaxError)  # the last: PIL's, of PNG
 MIN_SCALE = 1e-6  # of an instance, along each axis; any value in 1e-12 .. 1e-3 does
 SIMILARITY = 1e-5  # by which normals may be off in length: matrices of a file have float32's 1e-7; any value in 1e-6 .. 1e-3 does
 
@@ -102,7 +100,7 @@ def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimit
                 geometry = _moved(mesh, cleaned, limits) if is_shared else _in_file_axes(mesh, limits)
             coloured = mesh.material is None and mesh.vertices.colours is not None
             parts.append(MeshPart(name, geometry, Phong((1.0, 1.0, 1.0)) if coloured else mesh.material, mesh.motion))
-    except FAULTS as error:
+    except Exception as error:  # as above
         raise UserError(f"{where}: {name} {one_line(error)}; export it again") from error
     return parts
 

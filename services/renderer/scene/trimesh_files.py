@@ -8,8 +8,6 @@ import os
 import re
 from pathlib import Path
 
-from PIL import Image
-
 from vemlight.errors import UserError
 from vemlight.files import MAX_SHOWN, contained_path, one_line, read_file
 from vemlight.light.image_limits import MAX_IMAGE_BYTES
@@ -57,7 +55,7 @@ class FilesBeside:
             stored_bytes = len(content) + sum(len(stored) for stored in self._images.values() if stored)
             if self._texture_bytes > max(FREE_TEXTURE_BYTES, TEXTURE_RATIO * stored_bytes):
                 raise ValueError(f"with the others it takes far more memory than the {stored_bytes} bytes that they are stored in")
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        except Exception as error:  # a hostile file raises whatever Pillow trips over
             self._leave_out(name, one_line(error))
             return None
         return content

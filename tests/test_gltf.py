@@ -1,6 +1,7 @@
 """Accessors, primitives and nodes of glTF files."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -88,3 +89,32 @@ def test_a_device_is_no_buffer(tmp_path):
     path.write_text(json.dumps(sheet.document))
     with pytest.raises(UserError, match=r"^here: .*/dev/zero leads out of its folder"):
         read_meshes(path, "here")
+
+
+def test_a_file_and_what_it_refers_to_have_a_gigabyte_together(tmp_path):
+    sheet = TexturedSquare()
+    path = sheet.write(tmp_path / "sheet.gltf")
+    sheet.document["buffers"][0]["uri"] = "sparse.bin"
+    path.write_text(json.dumps(sheet.document))
+    (tmp_path / "sparse.bin").touch()
+    os.truncate(tmp_path / "sparse.bin", 2**30 - path.stat().st_size + 1)
+    with pytest.raises(UserError, match=r"sparse\.bin: has \d+ bytes, at most \d+ are read"):
+        read_meshes(path, "here")
+
+
+def test_an_accessor_is_read_once(tmp_path):
+    file = GltfFile(TexturedSquare().write(tmp_path / "sheet.gltf"))
+    assert file.array(0) is file.array(0)
+    with pytest.raises(ValueError, match="read-only"):
+        file.array(0)[:] = 0
+
+
+def test_accessors_on_top_of_each_other_are_counted(tmp_path):
+    sheet = TexturedSquare()
+    bytes_view = sheet.accessor(np.zeros((2**20, 1), np.uint8))
+    sheet.document["accessors"] += [dict(sheet.document["accessors"][bytes_view]) for _ in range(16)]
+    file = GltfFile(sheet.write(tmp_path / "sheet.gltf"))
+    for number in range(bytes_view, bytes_view + 16):  # 2^24 numbers, with those before none is left
+        file.array(number)
+    with pytest.raises(ValueError, match="on top of each other"):
+        file.array(bytes_view + 16)

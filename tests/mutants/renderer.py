@@ -125,6 +125,10 @@ MUTANTS = [
     *mutants_of(RENDERER + "scene/mesh_files.py", "tests/test_scene_limits.py", [
         ("stretched instances cleaned once", "> 1 and _is_similarity(mesh.file_from_mesh[:3, :3])", "> 1"),
     ]),
+    *mutants_of(RENDERER + "scene/gltf.py", "tests/test_gltf.py", [
+        ("bytes of a glTF doubled", "MAX_BYTES = 2**30", "MAX_BYTES = 2**31"),
+        ("numbers on top of each other doubled", "FREE_NUMBERS = 2**24", "FREE_NUMBERS = 2**25"),
+    ]),
     *mutants_of(RENDERER + "scene/gltf_nodes.py", "tests/test_scene_limits.py", [
         ("depth doubled", "MAX_DEPTH = 256", "MAX_DEPTH = 512"),
     ]),

@@ -129,10 +129,11 @@ class GltfFile:
             path = contained_path(self._folder, unquote(uri), self._where)
             if not os.path.exists(path):
                 raise FileNotFoundError(ENOENT, "there is no such file", str(path))
-            content = read_file(path, MAX_BYTES)
-            if path not in self._counted:
-                self._counted.add(path)
-                self.stored_bytes += len(content)
+            if path in self._counted:
+                return read_file(path, MAX_BYTES)
+            content = read_file(path, MAX_BYTES - self.stored_bytes)
+            self._counted.add(path)
+            self.stored_bytes += len(content)
             return content
         try:
             return base64.b64decode(uri.partition(",")[2], validate=True)

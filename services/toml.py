@@ -167,7 +167,7 @@ def line_of(text: str, keys: Keys) -> int:
     tomllib reports no lines, but the beginning of a TOML file is a TOML file wherever no value is cut: the shortest one that has the keys
     ends with their value. It is found by halving.
     """
-    lines = text.split("\n") if keys and len(text) < MAX_PARSED // 4 else []
+    lines = text.split("\n") if keys else []
     without, end, parsed = 0, len(lines) + 1, 0  # the first so many lines lack the keys; no fewer than `end` are known to have them
     while without + 1 < end:
         middle = (without + end) // 2

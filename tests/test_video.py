@@ -13,7 +13,7 @@ from vemlight.commands.options import RenderOptions
 from vemlight.errors import UserError
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.renderer.output.video import BACKGROUND, ENCODERS, chosen_encoder, over_background, video_writer
+from vemlight.renderer.output.video import BACKGROUND, ENCODERS, VideoEncoder, chosen_encoder, over_background, video_writer
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.settings import Renderer, Settings
@@ -148,11 +148,14 @@ def test_h264_comes_first_and_of_two_that_write_it_the_freer(monkeypatch):
         assert chosen_encoder(".mp4", 64, 48).name == better
 
 
-def test_an_encoder_that_does_not_open_is_passed_over():
-    """libx264 takes no picture without pixels, and none of the others does."""
+def test_an_encoder_that_does_not_open_is_passed_over(monkeypatch):
+    """None takes a picture without pixels, and FFmpeg only reads VC-1."""
     assert chosen_encoder(".mp4", 64, 48).name in ("libopenh264", "libx264")
     with pytest.raises(UserError, match="none of"):
         chosen_encoder(".mp4", 0, 0)
+    assert "vc1" in codecs_available
+    monkeypatch.setattr("vemlight.renderer.output.video.ENCODERS", (VideoEncoder("vc1", "VC-1", {}), ENCODERS[-1]))
+    assert chosen_encoder(".mp4", 64, 48) == ENCODERS[-1]
 
 
 @pytest.mark.parametrize("name", ["video.avi", "video", "nowhere/video.mp4"])

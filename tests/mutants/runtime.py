@@ -18,7 +18,7 @@ MUTANTS = [
         ("a byte order mark", ".removeprefix(codecs.BOM_UTF8)", ""),
         ("nan and inf", "not math.isfinite(data)", "False"),
         ("the line after", "return without + 1 if lines else 0", "return without + 2 if lines else 0"),
-        ("a line at any price", "len(text) < MAX_PARSED // 4", "True"),
+        ("a line at any price", "if parsed > MAX_PARSED:", "if False:"),
         ("no suggestion", "near = get_close_matches(key, here, 1)", "near = []"),
         ("the nearest key before the right section", "if key in _fields(_plain(field))]", "if False]"),
     ]),

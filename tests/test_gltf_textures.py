@@ -1,9 +1,15 @@
 """Textures of glTF files as they are drawn: samplers, transforms and texture coordinates."""
 
+import base64
+import io
+
 import numpy as np
+import pytest
+from PIL import Image
 
 from tests.support.gltf_files import UPRIGHT, TexturedSquare
 from tests.support.gltf_squares import BLUE, FOUR_COLOURS, GREEN, RED, WHITE, corners, drawn, emissive
+from vemlight.renderer.scene import gltf_materials
 from vemlight.renderer.scene.materials import Ggx
 from vemlight.renderer.scene.mesh_files import read_meshes
 
@@ -68,3 +74,23 @@ def test_an_image_is_read_once_for_all_materials(tmp_path):
     assert one.emission_map is not None
     assert other.emission_map is not None
     assert one.emission_map.texels is other.emission_map.texels
+
+
+@pytest.mark.parametrize(("free_bytes", "left_out"), [(2 * 64 * 64 * 3 * 2, 0), (2 * 64 * 64 * 3 * 2 - 1, 1)])
+def test_a_files_textures_together_are_limited_by_the_bytes_that_they_are_stored_in(tmp_path, monkeypatch, free_bytes, left_out):
+    monkeypatch.setattr(gltf_materials, "FREE_TEXTURE_BYTES", free_bytes)
+    monkeypatch.setattr(gltf_materials, "TEXTURE_RATIO", 0)
+    sheet = emissive(pixels=np.zeros((64, 64, 3), np.uint8))
+    sheet.material["pbrMetallicRoughness"] = {"baseColorTexture": sheet.image(np.ones((64, 64, 3), np.uint8))}
+    file = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+    assert len(file.unsupported) == left_out
+    assert all("is left out: with the other textures it takes far more memory" in line for line in file.unsupported)
+
+
+def test_an_image_too_large_for_its_bytes_is_left_out_with_a_line(tmp_path):
+    sheet = emissive()
+    image = io.BytesIO()
+    Image.new("1", (9000, 9000)).save(image, "PNG")  # 81 million pixels in 10 kB
+    sheet.document["images"][0]["uri"] = "data:image/png;base64," + base64.b64encode(image.getvalue()).decode()
+    (line,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").unsupported
+    assert "is left out: image 0: has 9000 x 9000 pixels in" in line

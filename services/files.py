@@ -137,10 +137,19 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def fsync_folder(folder: Path) -> None:
-    """Flushes a folder's list of files to the disk: only then new and renamed files survive a power failure."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    """Flushes a folder's list of files to the disk: only then new and renamed files survive a power failure.
+
+    Does nothing where the folder may not be read or its file system cannot do that. Raises OSError when the disk refuses.
+    """
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except PermissionError:
+        return
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
     finally:
         os.close(descriptor)
 

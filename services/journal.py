@@ -61,9 +61,11 @@ def claimed(descriptor: int) -> bool:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return True
-        except OSError:
+        except BlockingIOError:
             if time.monotonic() > until_s:
                 return False
+        except OSError:  # a file system without locks: whoever writes there from two places must know
+            return True
         time.sleep(DYING_S / 20)
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from vemlight import journal as module
 from vemlight.errors import UserError
+from vemlight.files import fsync_folder
 from vemlight.journal import JOURNAL_START, Journal, checked_lines
 
 CONTENTS = [b'{"number":%d}' % k for k in range(20)]
@@ -122,6 +123,28 @@ def test_a_file_is_open_in_one_process_alone(path):
         Journal(path)
     journal.close()
     Journal(path).close()
+
+
+def test_a_file_system_without_locks_is_written_to(path, monkeypatch):
+    def without(*_) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(module.fcntl, "flock", without)
+    reopened(path).append(b'{"number":20}')
+    assert len(whole_lines(path)) == 21
+
+
+@pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOTSUP])
+def test_a_file_system_that_cannot_flush_folders_is_written_to(tmp_path, monkeypatch, number):
+    def refused(descriptor: int) -> None:
+        raise OSError(number, "refused")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("vemlight.files.os.fsync", refused)
+        fsync_folder(tmp_path)
+        number = errno.EIO
+        with pytest.raises(OSError, match="refused"):
+            fsync_folder(tmp_path)
 
 
 def test_only_what_follows_a_point_is_read(path):

@@ -206,7 +206,7 @@ def _directions(pixels, lens):
         radius = math.hypot(x, y)
         theta = min(angle_from_radius(radius, lens), math.pi)
         across = math.sin(theta) / radius if radius > 0 else 0.0
-        directions[i] = x * across, y * across, math.cos(theta)
+        directions[i, 0], directions[i, 1], directions[i, 2] = x * across, y * across, math.cos(theta)
     return directions
 
 

@@ -147,7 +147,7 @@ def _gaussians(sums, places):
         g, p = made[s], sums[s, 0]
         length = np.sqrt(sums[s, 4] ** 2 + sums[s, 5] ** 2 + sums[s, 6] ** 2) / p if p > 0 else 0.0
         if length <= 0:
-            g[0:3], g[12] = places[s], -np.inf
+            g[0], g[1], g[2], g[12] = places[s, 0], places[s, 1], places[s, 2], -np.inf
             continue
         mx, my, mz = sums[s, 4] / p, sums[s, 5] / p, sums[s, 6] / p
         # Two axes across the third (Duff et al. 2017).

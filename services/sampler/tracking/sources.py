@@ -144,7 +144,9 @@ def peaks_of(tiles: Tiles):
             own = _shift(tiles, inside[:found], behind, centre)
             around = quartile * np.pi * (RING_RAD**2 - SOURCE_RAD**2)
             if own >= STAY_POWER * total and around <= STAY_RING * own and _is_apart(made.directions[:count], centre):
-                made.directions[count], made.power[count], made.ring[count] = centre, own / total, around / own
+                for c in range(3):
+                    made.directions[count, c] = centre[c]
+                made.power[count], made.ring[count] = own / total, around / own
                 made.spread[count] = _spread(tiles, inside[:found], behind, centre, own)
                 for t in inside[:found]:
                     above = 1 - behind / radiance[t]

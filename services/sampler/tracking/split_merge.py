@@ -125,7 +125,7 @@ def split(tiles: Tiles, nearest, cell, centre, scene_change, halves):
     Fills halves (2, 3) with the two sites. The first is the one with more power; after a scene change the one nearer to the old
     `centre` (3,), since the power may be what is new.
     """
-    own, count = np.empty((5, nearest.size)), 0  # direction, power and weight of the cell's tiles
+    own, count = np.empty((5, nearest.size)), np.int64(0)  # direction, power and weight of the cell's tiles
     members = np.empty(nearest.size + 1, np.int64)
     for t in range(nearest.size):
         members[count] = t

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.accuracy.maps import maps
-from bench.evaluation import CIRCLES, TURNS, Points, Source, judge, points_of, points_of_lights, read_source, relative_rms
+from bench.evaluation import CIRCLES, TURNS, Points, Source, points_of, points_of_lights, probe_irradiance, read_source, relative_rms
 from bench.sequences import SEQUENCES, SUN, World, disc, turned, world_from_latlong
 from vemlight.kernels import kernel
 from vemlight.light.colour import luminance_from_rgb
@@ -46,7 +46,7 @@ class Moment(NamedTuple):
 def judged_hard(lights: LightSet) -> np.ndarray:
     """Irradiance (CIRCLES * TURNS, 3) of the surfaces of `bench.evaluation` under lights, with extent or without."""
     if lights.covariances is None:
-        return judge(points_of_lights(lights), 1).hard.astype(float)
+        return probe_irradiance(points_of_lights(lights), 1).hard.astype(float)
     covariances = lights.covariances.astype(float)
     means = np.sqrt(np.maximum(1 - covariances[:, [0, 3, 5]].sum(axis=1, keepdims=True), 0)) * lights.directions
     hard = np.zeros((CIRCLES, TURNS, 3))
@@ -91,7 +91,7 @@ def still() -> list[dict[str, object]]:
     rows = []
     for path in maps():
         source = read_source(path)
-        truth = judge(points_of(source), 1).hard.astype(float)
+        truth = probe_irradiance(points_of(source), 1).hard.astype(float)
         for count in COUNTS:
             row: dict[str, object] = {"map": path.stem, "lights": count}
             for soft in (False, True):
@@ -156,7 +156,7 @@ def moving(path: Path, name: str, count: int, soft: bool) -> dict[str, object]:
     state, errors, anew, born, times, carried = initial_tracked(), [], [], [], [], []
     known, last, changes = deque(maxlen=KNOWN_FRAMES), {}, 0
     for moment in MOVING[name](world_from_latlong(read_radiance(path)[0])):
-        truth = judge(points_of(moment.source), 1).hard.astype(float)
+        truth = probe_irradiance(points_of(moment.source), 1).hard.astype(float)
         begin = time.thread_time()
         state, lights = step(count, soft, state, moment)
         times.append(time.thread_time() - begin)

@@ -18,6 +18,8 @@ ENTER_RING, STAY_RING = 0.5, 0.7  # light of the ring over the source's own, bel
 MATCH_RAD = np.radians(12.0)  # that a source moves from frame to frame: a camera turned by 300 degrees a second at 25 fps
 WAIT_S = 1.0  # an id outlives its source for so long
 MAX_PEAKS = 64  # looked at: a map with as many places that hold STAY_POWER has no source above twice that
+CORE_SPREADS = 2.0  # to a source's edge: all of an even disc, whose half lies within 0.71 of its radius; a halo is left to the sky
+MIN_CORE_RAD = np.radians(0.5)  # a cell of the map
 STAY_SPREAD = 1.5  # of the limit for a new one
 SHIFTS = 3  # from a peak to the middle of its source: each step is a mean over SOURCE_RAD
 
@@ -35,7 +37,7 @@ class Peaks(NamedTuple):
 
     directions: (k, 3), centroids. power: (k,), fraction of the map's. ring: (k,), light of the ring over its own, the ring taken to be as
     bright as its upper quartile: a wide light fills more than a quarter of it. spread: (k,), rad, from
-    the centroid, in which half of its light lies. owner: (tiles,) int64, the peak that a tile belongs to, -1: none. part: (tiles,), the
+    the centroid, in which half of its light lies. owner: (tiles,) int64, the peak whose core a tile belongs to, -1: none. part: (tiles,), the
     fraction of its light that does.
     """
 
@@ -148,9 +150,10 @@ def peaks_of(tiles: Tiles):
                     made.directions[count, c] = centre[c]
                 made.power[count], made.ring[count] = own / total, around / own
                 made.spread[count] = _spread(tiles, inside[:found], behind, centre, own)
+                core = max(CORE_SPREADS * made.spread[count], MIN_CORE_RAD)
                 for t in inside[:found]:
                     above = 1 - behind / radiance[t]
-                    if above > 0:
+                    if above > 0 and _chord(tiles, t, centre) <= core**2:
                         made.owner[t], made.part[t] = count, above
                 count += 1
         seen[peak] = True

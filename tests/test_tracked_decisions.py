@@ -41,7 +41,7 @@ def settled(count, frames=12, radiance=None):
 
 def relative_energy(count, state, radiance):
     """The energy of the cells with which a frame begins, over squared power."""
-    tiles = tiles_from_map(radiance, "hemisphere", max(count, 128), NO_BRIGHT_CELLS)
+    tiles = tiles_from_map(radiance, "hemisphere", count, NO_BRIGHT_CELLS)
     energy = (cells_from_sites(tiles, state.sites.directions).root_energy ** 2).sum()
     return energy / float(tiles.flux.sum(axis=1) @ LUMINANCE_WEIGHTS) ** 2
 

@@ -20,7 +20,6 @@ WAIT_S = 1.0  # an id outlives its source for so long
 MAX_PEAKS = 64  # looked at: a map with as many places that hold STAY_POWER has no source above twice that
 CORE_SPREADS = 2.0  # to a source's edge: all of an even disc, whose half lies within 0.71 of its radius; a halo is left to the sky
 MIN_CORE_RAD = np.radians(0.5)  # a cell of the map
-STAY_SPREAD = 1.5  # of the limit for a new one
 SHIFTS = 3  # from a peak to the middle of its source: each step is a mean over SOURCE_RAD
 
 
@@ -36,15 +35,13 @@ class Peaks(NamedTuple):
     """What stands out of a map.
 
     directions: (k, 3), centroids. power: (k,), fraction of the map's. ring: (k,), light of the ring over its own, the ring taken to be as
-    bright as its upper quartile: a wide light fills more than a quarter of it. spread: (k,), rad, from
-    the centroid, in which half of its light lies. owner: (tiles,) int64, the peak whose core a tile belongs to, -1: none. part: (tiles,), the
-    fraction of its light that does.
+    bright as its upper quartile: a wide light fills more than a quarter of it. owner: (tiles,) int64,
+    the peak whose core a tile belongs to, -1: none. part: (tiles,), the fraction of its light that does.
     """
 
     directions: np.ndarray
     power: np.ndarray
     ring: np.ndarray
-    spread: np.ndarray
     owner: np.ndarray
     part: np.ndarray
 
@@ -59,17 +56,10 @@ class SourceTiles(NamedTuple):
     part: np.ndarray
 
 
-class Limits(NamedTuple):
-    """count: of lit sources. spread_rad: of a new one."""
-
-    count: int
-    spread_rad: float
-
-
 NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0))
 
 
-def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, limits: Limits) -> tuple[Sources, np.ndarray]:
+def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, max_count: int) -> tuple[Sources, np.ndarray]:
     """The sources known after a frame, and the peak (s,) int64 of each of those that are lit, which come first.
 
     A peak takes the id of the nearest source that was there in the frame before or waits; a new one must stand out more clearly.
@@ -83,9 +73,9 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, li
             break
         if ids[peak] < 0 and known[source] not in ids:
             ids[peak] = known[source]
-    stands_out = (peaks.power >= ENTER_POWER) & (peaks.ring <= ENTER_RING) & (peaks.spread <= limits.spread_rad)
-    lit = np.flatnonzero(stands_out | ((ids >= 0) & (peaks.spread <= STAY_SPREAD * limits.spread_rad)))
-    lit = np.sort(lit[np.argsort(-peaks.power[lit], kind="stable")[: limits.count]])
+    stands_out = (peaks.power >= ENTER_POWER) & (peaks.ring <= ENTER_RING)
+    lit = np.flatnonzero(stands_out | (ids >= 0))
+    lit = np.sort(lit[np.argsort(-peaks.power[lit], kind="stable")[:max_count]])
     new = lit[ids[lit] < 0]
     ids[new] = next_id + np.arange(len(new))
     hidden = ~np.isin(before.ids, ids[lit]) & (time_s - before.seen_s <= WAIT_S)
@@ -123,7 +113,7 @@ def source_lights(tiles: Tiles, peaks, lit):
 def peaks_of(tiles: Tiles):
     """The compact peaks of the tiles that hold STAY_POWER, from the brightest tile down."""
     n, total, radiance = tiles.power.size, tiles.power.sum(), tiles.power / tiles.area
-    made = Peaks(np.empty((MAX_PEAKS, 3)), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.full(n, -1), np.zeros(n))
+    made = Peaks(np.empty((MAX_PEAKS, 3)), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.full(n, -1), np.zeros(n))
     faintest = STAY_POWER * total / (np.pi * SOURCE_RAD**2)  # of which even SOURCE_RAD full holds too little
     bright = np.flatnonzero(radiance >= faintest)
     order, seen, count, looked = bright[np.argsort(-radiance[bright])], np.zeros(n, np.bool_), 0, 0
@@ -149,8 +139,7 @@ def peaks_of(tiles: Tiles):
                 for c in range(3):
                     made.directions[count, c] = centre[c]
                 made.power[count], made.ring[count] = own / total, around / own
-                made.spread[count] = _spread(tiles, inside[:found], behind, centre, own)
-                core = max(CORE_SPREADS * made.spread[count], MIN_CORE_RAD)
+                core = max(CORE_SPREADS * _spread(tiles, inside[:found], behind, centre, own), MIN_CORE_RAD)
                 for t in inside[:found]:
                     above = 1 - behind / radiance[t]
                     if above > 0 and _chord(tiles, t, centre) <= core**2:
@@ -159,7 +148,7 @@ def peaks_of(tiles: Tiles):
         seen[peak] = True
         for t in inside[:found]:
             seen[t] = True
-    return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.spread[:count], made.owner, made.part)
+    return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.owner, made.part)
 
 
 @subroutine

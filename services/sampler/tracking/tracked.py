@@ -18,7 +18,7 @@ from vemlight.sampler.sampler_input import MAX_GAP_S, SamplerInput
 from vemlight.sampler.tracking.cleaning import cleaned
 from vemlight.sampler.tracking.extents import soft_lights
 from vemlight.sampler.tracking.noise import NO_NOISE, Noise, noise_after
-from vemlight.sampler.tracking.sources import NO_SOURCES, SOURCE_RAD, Limits, Sources, peaks_of, source_lights, sources_after
+from vemlight.sampler.tracking.sources import NO_SOURCES, Sources, peaks_of, source_lights, sources_after
 from vemlight.sampler.tracking.split_merge import MAX_EXCHANGES, Sites, best_splits, cheapest_pair, split_and_merge
 from vemlight.sampler.tracking.tiles import Tiles, tiles_from_map
 from vemlight.sampler.tracking.voronoi import Cells, cells_from_sites, centroids, lights_from_cells, lloyd_update, relax
@@ -33,7 +33,6 @@ GROWTH = 4  # one light in so many, and at least one, is added in a round when m
 MAX_GROWTH = 4  # until there are so many times as before the frame: from 8 to 300 in three frames
 EVEN_SITES = 4  # with which such light begins: the fewest whose cells all have a centroid
 MIN_MEAN_DIRECTION = 0.1  # length, below which light is so even round the sphere that it has no centroid to split at
-POINT_RAD = np.radians(0.5)  # spread of a source that is one point: its shadow's edge is as wide as a cell of the map
 MIN_REST = 1e-9  # of the power, outside the sources, that is not rounding
 EXCHANGE_PERIOD = 8  # frames between exchanges, splits paid by merges, that are not urgent
 ERROR_ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_still_lights.csv
@@ -82,6 +81,8 @@ def tracked_step(
 ) -> tuple[TrackedState, LightSet, TrackedReport]:
     """The lights, at most `count`, of a frame. Pure: an old state stays valid.
 
+    soft: they have extents, and a compact source is one of them.
+
     Without smoothing the lights sum to the map's integral in every channel. With it, invalid cells show what they showed last, noise is
     taken out and new lights leave their parents' directions gradually; the sum is then the smoothed map's. A map with fewer lit cells than
     lights has that many; the lights of a black one stay where they are, with irradiance 0.
@@ -94,36 +95,39 @@ def tracked_step(
     noise = noise_after(state.noise, radiance) if smoothing else NO_NOISE
     previous = state.clean if smoothing and 0 < time_s - state.time_s < MAX_GAP_S else None
     clean, black_frames, invalid_cells = cleaned(radiance, previous, state.black_frames, noise.variance)
-    tiles = tiles_from_map(clean, coverage, max(count, MIN_TILE_COUNT), frame.bright_cells)
+    tiles = tiles_from_map(clean, coverage, max(count, MIN_TILE_COUNT if soft else 1), frame.bright_cells)
     irradiance = tiles.flux.sum(axis=1)
     power = float(irradiance @ LUMINANCE_WEIGHTS)
     report = TrackedReport(invalid_cells, irradiance)
     passed_s = time_s - state.time_s
     state = state._replace(time_s=time_s, clean=clean, black_frames=black_frames, noise=noise)
     if power <= 0:
-        return state, _with_extents(_dark_lights(state, count, coverage), soft), report
+        dark = _dark_lights(state, count, coverage)
+        return state, dark._replace(covariances=np.zeros((len(dark.ids), 6), np.float32)) if soft else dark, report
 
-    # Compact sources, each a light of its own.
+    if soft:
+        return (*_soft_lights(state, tiles, count), report)
+
+    # Sites that follow the light, and new lights a little nearer to their own directions.
+    state, cells = _tracked_sites(state, tiles, count, power)
+    decay = float(np.exp(-max(passed_s, 0.0) / BIRTH_TIME_S)) if smoothing else 0.0
+    sites = state.sites._replace(offsets=state.sites.offsets * decay)
+    directions, flux = lights_from_cells(tiles, cells.moment, cells.assignment, sites.directions, sites.offsets)
+    return state._replace(sites=sites), LightSet(sites.ids, directions, flux), report
+
+
+def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[TrackedState, LightSet]:
+    """Compact sources, each a light of its own, and lights with extent that follow the rest."""
     peaks = peaks_of(tiles)
-    limits = Limits(count // 2, SOURCE_RAD if soft else POINT_RAD)
-    sources, lit = sources_after(state.sources, peaks, time_s, state.sites.next_id, limits)
+    sources, lit = sources_after(state.sources, peaks, state.time_s, state.sites.next_id, count // 2)
     source_tiles, flux, rest = source_lights(tiles, peaks, lit)
     sites = state.sites._replace(next_id=max(state.sites.next_id, int(sources.ids.max(initial=-1)) + 1))
-    state, ids, rest_power = state._replace(sites=sites, sources=sources), sources.ids[: len(lit)], float(rest.power.sum())
-    lights = LightSet.of(ids, source_tiles.directions, flux)
-    if rest_power <= MIN_REST * power:
-        return state, _with_extents(lights, soft), report
-
-    # Sites that follow the other light, and new lights a little nearer to their own directions.
-    state, cells = _tracked_sites(state, rest, count - len(lit), rest_power)
+    state, ids, power = state._replace(sites=sites, sources=sources), sources.ids[: len(lit)], float(rest.power.sum())
+    if power <= MIN_REST * float(tiles.power.sum()):
+        return state, LightSet.of(ids, source_tiles.directions, flux, np.zeros((len(ids), 6)))
+    state, cells = _tracked_sites(state, rest, count - len(lit), power)
     sites = state.sites
-    if soft:
-        return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles), report
-    decay = float(np.exp(-max(passed_s, 0.0) / BIRTH_TIME_S)) if smoothing else 0.0
-    sites = sites._replace(offsets=sites.offsets * decay)
-    directions, flux = lights_from_cells(rest, cells.moment, cells.assignment, sites.directions, sites.offsets)
-    lights = LightSet(np.append(ids, sites.ids), np.concatenate([lights.directions, directions]), np.concatenate([lights.irradiance, flux]))
-    return state._replace(sites=sites), lights, report
+    return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
 
 
 def required_tracked_lights(light: LightMap, lights: LightSet, error: float, max_count: int) -> int:
@@ -134,10 +138,6 @@ def required_tracked_lights(light: LightMap, lights: LightSet, error: float, max
     present = float(prefix_errors(light, lights.directions.astype(np.float64), tint)[-1])
     wanted = len(lights.ids) * min((present / (ERROR_AIM * error)) ** (1 / ERROR_ORDER), MAX_RISE)
     return int(np.clip(np.ceil(wanted), 1, max_count))
-
-
-def _with_extents(points: LightSet, soft: bool) -> LightSet:
-    return points._replace(covariances=np.zeros((len(points.ids), 6), np.float32)) if soft else points
 
 
 def _dark_lights(state: TrackedState, count: int, coverage: Coverage) -> LightSet:

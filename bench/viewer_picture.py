@@ -15,7 +15,7 @@ from playwright.sync_api import sync_playwright
 from bench.live import free_port
 from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
 
-SIZE = {"width": 1280, "height": 800}
+WIDTH, HEIGHT = 1280, 800  # pixels
 START_MS = 180_000  # GL, and the first time compiled code
 SETTLE_MS = 25_000  # in which lights and exposure settle and the counters of the start are past
 
@@ -24,7 +24,7 @@ def screenshot(url: str, out: Path) -> None:
     """The page at `url` as PNG, once it shows pictures."""
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=BROWSER_OPTIONS)
-        page = browser.new_page(viewport=SIZE)
+        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         page.goto(url)
         page.locator("#picture[data-shown]").wait_for(state="attached", timeout=START_MS)
         page.wait_for_timeout(SETTLE_MS)

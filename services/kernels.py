@@ -57,11 +57,11 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     A division by zero gives inf or nan, as in numpy. options: of numba.njit. Machine code that calls a kernel of another file holds a copy
     of it, and numba looks only at the time of a function's own file: after a change delete the cache, as `make clean` does.
     """
-    compiled = numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)
+    compiled: Any = numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)  # pyright: ignore[reportCallIssue]
     return compiled if function is None else compiled(function)
 
 
 def subroutine(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """As `kernel`, for what only kernels call: without the code by which Python calls it, which is a seventh of all."""
-    compiled = numba.njit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)
+    compiled: Any = numba.njit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)  # pyright: ignore[reportCallIssue]
     return compiled if function is None else compiled(function)

@@ -93,7 +93,7 @@ def test_the_error_falls_with_every_doubling_to_less_than_one_per_cent(monkeypat
     parts = MapLights(light.radiance.repeat(6, axis=0).repeat(6, axis=1), "hemisphere").cells()
     row, col = np.divmod(parts.ids, 720)
     sun, rest = (row // 6 == 7) & (col // 6 == 30), cells.ids != 7 * 120 + 30
-    joined = [np.concatenate([whole[rest], fine[sun]]) for whole, fine in zip(cells, parts, strict=True)]
+    joined = [np.concatenate([whole[rest], fine[sun]]) for whole, fine in zip(cells[:3], parts[:3], strict=True)]
     exact = renderer.picture(LightSet(*joined)).copy()
     refined, errors = Accumulation.empty(), []
     while not refined.converged:

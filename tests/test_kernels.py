@@ -50,9 +50,10 @@ def test_python_calls_no_subroutine(folder):
         own = "vemlight." + ".".join(path.relative_to(ROOT / folder).with_suffix("").parts) if folder == "services" else ""
         names, of_modules = set(SUBROUTINES.get(own, ())), set()
         for node in ast.walk(tree):
-            for alias in node.names if isinstance(node, ast.ImportFrom) else ():
-                names |= {alias.name} & SUBROUTINES.get(node.module, set())
-                of_modules |= SUBROUTINES.get(f"{node.module}.{alias.name}", set())
+            if isinstance(node, ast.ImportFrom):
+                for alias in node.names:
+                    names |= {alias.name} & SUBROUTINES.get(str(node.module), set())
+                    of_modules |= SUBROUTINES.get(f"{node.module}.{alias.name}", set())
         outside = list(nodes_outside_kernels(tree))
         called = names & {node.id for node in outside if isinstance(node, ast.Name)}
         called |= of_modules & {node.attr for node in outside if isinstance(node, ast.Attribute)}

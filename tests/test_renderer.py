@@ -101,7 +101,7 @@ def test_the_picture_is_linear_in_the_lights_power(tmp_path):
 def test_pictures_of_lights_add_up():
     scene = load_scene(None)
     both = uniform_lights(8, 0.0)
-    half = [LightSet(*(rows[part] for rows in both)) for part in (slice(0, 5), slice(5, 8))]
+    half = [LightSet(*(rows[part] for rows in both[:3])) for part in (slice(0, 5), slice(5, 8))]
     total = sum(picture(scene, lights)[..., :3] for lights in half)
     assert np.allclose(total, picture(scene, both)[..., :3], rtol=1e-5, atol=1e-6)
 

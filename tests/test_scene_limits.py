@@ -62,7 +62,7 @@ def test_instances_are_cleaned_once_and_lie_where_their_nodes_are(tmp_path):
     # the last child comes first
     parts = read_meshes(instances(tmp_path / "a.glb", 200, rotation=[0.0, 0.0, 0.6, 0.8]), "here").parts  # 400,000 triangles
     (alone,) = read_meshes(instances(tmp_path / "b.glb", 1, rotation=[0.0, 0.0, 0.6, 0.8]), "here").parts
-    assert np.allclose(parts[-8].geometry.positions, alone.geometry.positions + np.float32([7, 0, 0]), atol=1e-5)
+    assert np.allclose(parts[-8].geometry.positions, alone.geometry.positions + np.array([7, 0, 0], np.float32), atol=1e-5)
     assert np.allclose(parts[-8].geometry.normals, alone.geometry.normals, atol=1e-5)
     assert parts[-8].geometry.triangles is parts[0].geometry.triangles
 

@@ -92,7 +92,7 @@ def test_each_light_region_holds_the_lights_that_reach_it():
 def test_an_eighth_more_lights_find_empty_slots(more, redrawn):
     """80 lights have 90 slots: ten more are drawn beside them, and for eleven all are drawn anew."""
     first = cached(sky(80))
-    grown = LightSet(*(np.concatenate(pair) for pair in zip(sky(80), sky(more, 1.0), strict=True)))
+    grown = LightSet(*(np.concatenate(pair) for pair in zip(sky(80)[:3], sky(more, 1.0)[:3], strict=True)))
     grown = grown._replace(ids=np.arange(80 + more))
     assert first.batch.slots == 90
     assert cached(grown, first.cache).batch.redrawn.count == redrawn

@@ -114,5 +114,5 @@ def test_the_page_of_licences_names_each_library_in_the_wheel_of_the_video_encod
     of_another = {"sharpyuv": "webp", "webpmux": "webp", "hogweed": "nettle", "SvtAv1": "svt-av1", "dav1": "dav1d"}
     row = next(line for line in (ROOT / "docs" / "licences.md").read_text().splitlines() if "`av`" in line).lower()
     for library in libraries - {"avcodec", "avdevice", "avfilter", "avformat", "avutil", "swresample", "swscale"}:
-        assert of_another.get(library, library).lower() in row, library
+        assert str(of_another.get(library, library)).lower() in row, library
     assert ("libx264 and libx265 (gpl" in row) == ("x264" in libraries)

@@ -51,7 +51,7 @@ def outside(folder):
 @pytest.mark.parametrize("key", ["library", "image"])
 @pytest.mark.parametrize("name", ["/dev/zero", "../a.png", "http://host/a.png", "file:///etc/passwd", outside])
 def test_a_reference_out_of_the_folder_is_refused(tmp_path, key, name):
-    name = name(tmp_path) if callable(name) else name
+    name = str(name(tmp_path)) if callable(name) else name
     with pytest.raises(UserError, match=rf"^here: .*a\.obj: {name} (leads|is an|is a link) .*; put the file") as caught:
         read_meshes(obj(tmp_path, **{key: name}), "here")
     assert len(str(caught.value).splitlines()) == 1

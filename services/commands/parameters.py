@@ -34,7 +34,7 @@ class OutFile(click.Path):
         self._suffixes, self._dash = suffixes, dash
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        path = super().convert(value, param, ctx)
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if path == STANDARD_OUTPUT and self._dash:
             return path
         written = " or ".join(", ".join(self._suffixes).rsplit(", ", 1))
@@ -57,7 +57,7 @@ class OutFolder(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        path = super().convert(value, param, ctx)
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         nearest = next(one for one in (path.absolute(), *path.absolute().parents) if os.path.lexists(one))
         if not nearest.is_dir():
             self.fail(f"{path} cannot be a folder, because {nearest} is a file; choose another name", param, ctx)

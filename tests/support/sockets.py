@@ -40,7 +40,7 @@ class FakeSocket:
     def send_multipart(self, parts: Sequence[bytes | zmq.Frame], _flags: int = 0, copy: bool = True) -> None:
         if self.is_full:
             raise zmq.Again
-        self.sent.append([bytes(part) for part in parts])
+        self.sent.append([part if isinstance(part, bytes) else part.bytes for part in parts])
 
     def close(self) -> None:
         """Does nothing."""

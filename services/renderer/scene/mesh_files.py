@@ -142,7 +142,8 @@ def _used(vertices: VertexAttributes, triangles: np.ndarray) -> tuple[VertexAttr
     if count <= triangles.size or triangles.size == 0 or triangles.min() < 0 or triangles.max() >= count:
         return vertices, triangles
     used, numbers = np.unique(triangles, return_inverse=True)
-    return VertexAttributes(*(None if rows is None else rows[used] for rows in vertices)), numbers.reshape(triangles.shape)
+    others = (None if rows is None else rows[used] for rows in vertices[1:])
+    return VertexAttributes(vertices.positions[used], *others), numbers.reshape(triangles.shape)
 
 
 def _gltf_vertices(file: GltfFile, file_materials: GltfMaterials, primitive: dict[str, Any]) -> VertexAttributes:

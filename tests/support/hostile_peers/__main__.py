@@ -112,7 +112,8 @@ class HonestPeer(threading.Thread):
     def __init__(self, settings: Settings, service: Service) -> None:
         super().__init__(daemon=True)
         self.came_s: list[float] = []
-        self._settings, self._service, self._ended = settings, service, False
+        self._settings, self._ended = settings, False
+        self._service: Service = service
 
     def run(self) -> None:
         transport = Transport(self._settings.wire)

@@ -16,7 +16,7 @@ class MadeUpSource:
 
     service: Service = "capture"
     fps = 25.0
-    limit = None
+    limit: int | None = None
 
     def __len__(self) -> int:
         return 1000

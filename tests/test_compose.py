@@ -87,4 +87,5 @@ def test_the_image_is_unprivileged_and_its_packages_are_those_of_the_lock():
     assert last_root < user < next(k for k, line in enumerate(lines) if line.startswith("ENTRYPOINT"))
     assert any("--require-hashes -r requirements.lock" in line for line in lines)
     allowed = [line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")]
-    assert allowed == ["services", "vemlight", "replay_data", "pyproject.toml", "requirements.lock", "README.md", "LICENSE"]
+    locks = ["requirements.lock", "requirements-build.lock"]
+    assert allowed == ["services", "vemlight", "replay_data", "pyproject.toml", *locks, "README.md", "LICENSE"]

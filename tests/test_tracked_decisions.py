@@ -14,7 +14,7 @@ from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
 from vemlight.sampler.tracking.cleaning import cleaned
 from vemlight.sampler.tracking.noise import Noise, noise_after
-from vemlight.sampler.tracking.split_merge import Sites, best_splits, cheapest_pair, split_and_merge
+from vemlight.sampler.tracking.split_merge import URGENT, Sites, best_splits, cheapest_pair, split_and_merge
 from vemlight.sampler.tracking.tiles import tiles_from_map
 from vemlight.sampler.tracking.tracked import initial_tracked, required_tracked_lights, tracked_step
 from vemlight.sampler.tracking.voronoi import cells_from_sites, lights_from_cells, root
@@ -110,11 +110,10 @@ def test_sites_follow_a_sky_that_turns():
 
 
 def test_in_slow_light_exchanges_come_eight_frames_apart():
-    # 200 lights: an exchange saves half of a mean cell's energy or more, but less than the two per cent that are urgent.
     state, births = initial_tracked(), []
     for k in range(200):
         known = set(state.sites.ids)
-        state, _, _ = tracked_step(200, state, SamplerInput(sky(k / 2), "hemisphere", k / 25))
+        state, _, _ = tracked_step(32, state, SamplerInput(sky(k / 2, lamp=40.0), "hemisphere", k / 25))
         births += [k] * (k > 0) * len(set(state.sites.ids) - known)
     gaps = np.diff(births)
     assert len(births) >= 4
@@ -164,7 +163,7 @@ def test_an_exchange_gains_twice_its_cost_and_half_a_mean_cell():
         (gain,), (cell,), _ = best_splits(tiles, sites.directions, cells, 1, False)
         cost, larger, smaller = cheapest_pair(sites.directions, cells)
         mean = (cells.root_energy**2).mean()
-        exchanges, _, _ = split_and_merge(tiles, sites, cells, 1, False)
+        exchanges, _, _ = split_and_merge(tiles, sites, cells, 1, URGENT, False)
         assert (exchanges > 0) == (gain >= 2 * cost + 0.5 * mean and cell not in (larger, smaller))
         gains_over_cost.append((gain - 0.5 * mean) / cost)
         gains_over_mean.append((gain - 2 * cost) / mean)
@@ -262,6 +261,6 @@ def test_what_was_seen_over_a_second_ago_fills_no_gap(gap_s, bridged):
 def test_of_two_cells_none_is_split_since_both_would_be_merged():
     sites = Sites(np.arange(2), np.eye(3)[:2], np.zeros((2, 3)), 2)
     tiles = tiles_from_map(sky(), "hemisphere", 2, NO_BRIGHT_CELLS)
-    count, after, _ = split_and_merge(tiles, sites, cells_from_sites(tiles, sites.directions), 4, True)
+    count, after, _ = split_and_merge(tiles, sites, cells_from_sites(tiles, sites.directions), 4, URGENT, True)
     assert count == 0
     np.testing.assert_array_equal(after.ids, sites.ids)

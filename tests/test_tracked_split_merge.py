@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
-from vemlight.sampler.tracking.split_merge import Sites, best_splits, cheapest_pair, split, split_and_merge
+from vemlight.sampler.tracking.split_merge import URGENT, Sites, best_splits, cheapest_pair, split, split_and_merge
 from vemlight.sampler.tracking.tiles import tiles_from_map
 from vemlight.sampler.tracking.voronoi import cells_from_sites, relax, root
 
@@ -71,7 +71,7 @@ def test_a_dark_cell_is_given_up_first():
 def test_exchanges_lower_the_energy_and_leave_the_others(scene_change):
     tiles, directions, cells = sky_cells(50.0)
     before, old, energy = Sites(np.arange(COUNT), directions, np.zeros((COUNT, 3)), 100), directions.copy(), (cells.root_energy**2).sum()
-    count, sites, after = split_and_merge(tiles, before, cells, 4, scene_change)
+    count, sites, after = split_and_merge(tiles, before, cells, 4, URGENT, scene_change)
     assert 1 <= count <= 6
     assert sites.next_id == 100 + count
     np.testing.assert_array_equal(directions, old)
@@ -95,7 +95,7 @@ def test_urgent_exchanges_save_two_per_cent_each_and_others_are_counted():
         tiles, directions, cells = sky_cells(5.0, 120)
         directions, cells = relax(tiles, directions, cells.site_moment, 30)
         energy = (cells.root_energy**2).sum()
-        count, _, after = split_and_merge(tiles, Sites(np.arange(120), directions, np.zeros((120, 3)), 200), cells, spare, False)
+        count, _, after = split_and_merge(tiles, Sites(np.arange(120), directions, np.zeros((120, 3)), 200), cells, spare, URGENT, False)
         if spare == 0:
             assert (after.root_energy**2).sum() < energy * (1 - 0.02) ** count
         seen.append(count)

@@ -122,7 +122,7 @@ def _headers(data: bytearray) -> Iterator[dict[str, ExrAttribute]]:
         raise ValueError("it does not begin as one")
     (version,) = struct.unpack_from("<I", data, 4)
     at = 8
-    for _ in range(MAX_PARTS):
+    for _ in range(MAX_PARTS + 1):  # and the empty header that ends them
         attributes: dict[str, ExrAttribute] = {}
         while data[at]:
             name, at = _text(data, at)

@@ -28,21 +28,23 @@ class Sites(NamedTuple):
     next_id: int
 
 
-def split_and_merge(tiles: Tiles, sites: Sites, cells: Cells, spare: int, scene_change: bool) -> tuple[int, Sites, Cells]:
+def split_and_merge(
+    tiles: Tiles, sites: Sites, cells: Cells, spare: int, urgent: float, scene_change: bool
+) -> tuple[int, Sites, Cells]:
     """(count, sites, cells) after at most MAX_EXCHANGES exchanges, each the split of one cell paid by the merge of two others.
 
-    Those that save less than URGENT of the energy: at most `spare`. The new light takes the merged one's place in the list. It begins at
-    its parent's direction, except after a scene change. The assignment in `cells` is overwritten.
+    Of those that save less than the fraction `urgent` of the energy at most `spare`. The new light takes the merged one's place in the list.
+    It begins at its parent's direction, except after a scene change. The assignment in `cells` is overwritten.
     """
     ids, directions, offsets, parent, count = sites.ids.copy(), sites.directions.copy(), sites.offsets.copy(), np.empty(3), 0
     for _ in range(MAX_EXCHANGES):
         gains, chosen, halves = best_splits(tiles, directions, cells, 1, scene_change)
         energy = (cells.root_energy**2).sum()
-        if not gains.size or gains[0] <= GAIN_OVER_MEAN * energy / ids.size or (gains[0] < URGENT * energy and count >= spare):
+        if not gains.size or gains[0] <= GAIN_OVER_MEAN * energy / ids.size or (gains[0] < urgent * energy and count >= spare):
             break
         cell, (cost, larger, smaller) = chosen[0], cheapest_pair(directions, cells)
         saved = gains[0] - GAIN_OVER_MEAN * energy / ids.size - GAIN_OVER_COST * cost
-        if cell in (larger, smaller) or saved < 0 or (saved < URGENT * energy and count >= spare):
+        if cell in (larger, smaller) or saved < 0 or (saved < urgent * energy and count >= spare):
             break
         centroid(cells.moment[cell], directions[cell], parent)
         lloyd_update((cells.site_moment[larger] + cells.site_moment[smaller])[None], directions[larger : larger + 1])

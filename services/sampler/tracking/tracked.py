@@ -19,7 +19,7 @@ from vemlight.sampler.tracking.cleaning import cleaned
 from vemlight.sampler.tracking.extents import soft_lights
 from vemlight.sampler.tracking.noise import NO_NOISE, Noise, noise_after
 from vemlight.sampler.tracking.sources import NO_SOURCES, Sources, peaks_of, source_lights, sources_after
-from vemlight.sampler.tracking.split_merge import MAX_EXCHANGES, Sites, best_splits, cheapest_pair, split_and_merge
+from vemlight.sampler.tracking.split_merge import MAX_EXCHANGES, URGENT, Sites, best_splits, cheapest_pair, split_and_merge
 from vemlight.sampler.tracking.tiles import Tiles, tiles_from_map
 from vemlight.sampler.tracking.voronoi import Cells, cells_from_sites, centroids, lights_from_cells, lloyd_update, relax
 
@@ -34,6 +34,7 @@ MAX_GROWTH = 4  # until there are so many times as before the frame: from 8 to 3
 EVEN_SITES = 4  # with which such light begins: the fewest whose cells all have a centroid
 MIN_MEAN_DIRECTION = 0.1  # length, below which light is so even round the sphere that it has no centroid to split at
 MIN_REST = 1e-9  # of the power, outside the sources, that is not rounding
+NEVER_URGENT = np.inf  # for points: each exchange is seen as a light that goes and another that comes, where soft ones overlap
 EXCHANGE_PERIOD = 8  # frames between exchanges, splits paid by merges, that are not urgent
 ERROR_ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_still_lights.csv
 ERROR_AIM = 0.77  # of the error asked for: three times the 7 % to which 96 probes know it, below it
@@ -109,7 +110,7 @@ def tracked_step(
         return (*_soft_lights(state, tiles, count), report)
 
     # Sites that follow the light, and new lights a little nearer to their own directions.
-    state, cells = _tracked_sites(state, tiles, count, power)
+    state, cells = _tracked_sites(state, tiles, count, power, NEVER_URGENT)
     decay = float(np.exp(-max(passed_s, 0.0) / BIRTH_TIME_S)) if smoothing else 0.0
     sites = state.sites._replace(offsets=state.sites.offsets * decay)
     directions, flux = lights_from_cells(tiles, cells.moment, cells.assignment, sites.directions, sites.offsets)
@@ -125,7 +126,7 @@ def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[Tracked
     state, ids, power = state._replace(sites=sites, sources=sources), sources.ids[: len(lit)], float(rest.power.sum())
     if power <= MIN_REST * float(tiles.power.sum()):
         return state, LightSet.of(ids, source_tiles.directions, flux, np.zeros((len(ids), 6)))
-    state, cells = _tracked_sites(state, rest, count - len(lit), power)
+    state, cells = _tracked_sites(state, rest, count - len(lit), power, URGENT)
     sites = state.sites
     return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
 
@@ -156,8 +157,8 @@ def _golden_spiral(count: int, coverage: Coverage) -> np.ndarray:
     return np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=-1)
 
 
-def _tracked_sites(state: TrackedState, tiles: Tiles, count: int, power: float) -> tuple[TrackedState, Cells]:
-    """The state with sites that fit the tiles, and their cells."""
+def _tracked_sites(state: TrackedState, tiles: Tiles, count: int, power: float, urgent: float) -> tuple[TrackedState, Cells]:
+    """The state with sites that fit the tiles, and their cells. urgent: of the energy, above which an exchange does not wait."""
     first = not len(state.sites.ids)
     sites = _first_sites(tiles, count, state.sites.next_id) if first else state.sites
     cells = cells_from_sites(tiles, sites.directions)
@@ -174,8 +175,9 @@ def _tracked_sites(state: TrackedState, tiles: Tiles, count: int, power: float) 
 
     # Splits paid by merges: several when much can be saved, else one now and then.
     credit = min(state.split_credit + 1 / EXCHANGE_PERIOD, 1.0)
-    if not first and len(sites.ids) >= 2:
-        exchanges, sites, cells = split_and_merge(tiles, sites, cells, MAX_EXCHANGES if changed else int(credit), changed)
+    spare = MAX_EXCHANGES if changed else int(credit)
+    if not first and len(sites.ids) >= 2 and (spare or urgent < 1):
+        exchanges, sites, cells = split_and_merge(tiles, sites, cells, spare, urgent, changed)
         credit -= 1 if exchanges and credit >= 1 and not changed else 0
 
     # Lloyd updates; none where the number changed, so that the other lights stay.

@@ -33,8 +33,8 @@ def split_and_merge(
 ) -> tuple[int, Sites, Cells]:
     """(count, sites, cells) after at most MAX_EXCHANGES exchanges, each the split of one cell paid by the merge of two others.
 
-    Of those that save less than the fraction `urgent` of the energy at most `spare`. The new light takes the merged one's place in the list.
-    It begins at its parent's direction, except after a scene change. The assignment in `cells` is overwritten.
+    Of those that save less than the fraction `urgent` of the energy at most `spare`. The new light takes the merged one's place in the
+    list. It begins at its parent's direction, except after a scene change. The assignment in `cells` is overwritten.
     """
     ids, directions, offsets, parent, count = sites.ids.copy(), sites.directions.copy(), sites.offsets.copy(), np.empty(3), 0
     for _ in range(MAX_EXCHANGES):

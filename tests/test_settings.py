@@ -124,6 +124,8 @@ def test_options_of_a_command_line_are_named_as_there():
         (Renderer, {"shadow_map": 1}, ("--shadow-map", "16")),
         (Sampler, {"error_percent": 200.0}, ("--error:", "100")),
         (Sampler, {"method": "tracked", "filter": "fir"}, ("filter fir", "filter auto")),
+        (Sampler, {"soft": True, "method": "standard"}, ("soft", "method tracked, not standard")),
+        (Sampler, {"soft": True, "error_percent": 5.0}, ("leave out soft or error_percent",)),
     ):
         with pytest.raises(UserError) as caught:
             section_from_options(kind, values)

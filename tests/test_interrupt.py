@@ -24,6 +24,8 @@ def no_exit(monkeypatch):
 
     monkeypatch.setattr(cli.os, "_exit", ended)
     monkeypatch.setattr(interrupt.os, "_exit", ended)
+    yield
+    interruption.came = False  # or the next command in this process would count as interrupted
 
 
 def press() -> None:

@@ -3,7 +3,7 @@
 import sys
 
 from vemlight.capture.stage import CaptureCamera, CaptureSource
-from vemlight.runtime.loop import run_camera, run_source
+from vemlight.runtime.source_loop import run_camera, run_source
 from vemlight.runtime.start import start
 from vemlight.settings import Settings, is_camera
 

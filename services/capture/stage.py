@@ -18,7 +18,7 @@ MapMessage = tuple[wire.MapMessage, tuple[np.ndarray, ...]]
 
 
 class CaptureSource:
-    """Frames of files; see `vemlight.runtime.loop.Source`."""
+    """Frames of files; see `vemlight.runtime.source_loop.Source`."""
 
     service: Service = "capture"
 
@@ -43,7 +43,7 @@ class CaptureSource:
 
 
 class CaptureCamera:
-    """A camera's frames as they arrive; see `vemlight.runtime.loop.Camera`."""
+    """A camera's frames as they arrive; see `vemlight.runtime.source_loop.Camera`."""
 
     service: Service = "capture"
 

@@ -4,7 +4,7 @@ import sys
 
 from vemlight.errors import UserError
 from vemlight.plate.stage import PlateCamera, PlateSource
-from vemlight.runtime.loop import run_camera, run_source
+from vemlight.runtime.source_loop import run_camera, run_source
 from vemlight.runtime.start import start
 from vemlight.settings import Settings, is_camera
 

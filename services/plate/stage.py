@@ -18,7 +18,7 @@ PlateFrame = tuple[wire.PlateMessage, tuple[np.ndarray, ...]]
 
 
 class PlateSource:
-    """A video file or a folder of pictures, played again from the start after its end; see `vemlight.runtime.loop.Source`."""
+    """A video file or a folder of pictures, played again from the start after its end; see `vemlight.runtime.source_loop.Source`."""
 
     service: Service = "plate"
     limit: int | None = None
@@ -38,7 +38,7 @@ class PlateSource:
 
 
 class PlateCamera:
-    """A camera's pictures as they come; see `vemlight.runtime.loop.Camera`. A camera that disappears is opened again when it is back."""
+    """A camera's pictures as they come; see `vemlight.runtime.source_loop.Camera`. One that disappears is opened again when it is back."""
 
     service: Service = "plate"
     limit: int | None = None

@@ -21,9 +21,9 @@ import zmq
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Service
 from vemlight.runtime.interrupt import INTERRUPTED
-from vemlight.runtime.loop import LISTENERS
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
+from vemlight.runtime.source_loop import LISTENERS
 from vemlight.runtime.token import with_token
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings

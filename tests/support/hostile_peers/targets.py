@@ -6,7 +6,8 @@ from pathlib import Path
 from tests.support.viewer_process import frames_of
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
-from vemlight.runtime.loop import run_source, run_stage
+from vemlight.runtime.loop import run_stage
+from vemlight.runtime.source_loop import run_source
 from vemlight.runtime.start import start
 from vemlight.settings import Settings
 

@@ -1,0 +1,178 @@
+"""The loops of the services that frames come from: files played by the clock or on request, and cameras."""
+
+import os
+import time
+from typing import Any, Protocol
+
+import msgspec
+import numpy as np
+import zmq
+
+from vemlight.runtime import wire
+from vemlight.runtime.channels import SERVICES, Service
+from vemlight.runtime.demand import Supply
+from vemlight.runtime.loop import CACHED_FRAMES, END_PERIOD_S, POLL_MS, StopSignal, publish, publish_status
+from vemlight.runtime.service_stats import ServiceStats
+from vemlight.runtime.sync import receive_all
+from vemlight.runtime.transport import Transport, accept_subscriptions
+from vemlight.settings import Settings
+
+CameraMessage = tuple[wire.MapMessage | wire.PlateMessage, tuple[np.ndarray, ...]]
+LISTENERS = "VEMLIGHT_LISTENERS"  # in the environment: the services that a source waits for before it plays, as names with spaces between
+LISTENERS_S = 90.0  # then it plays in any case: three times what compiling takes on a slow machine; 60 to 300 s would do
+
+
+class Source(Protocol):
+    """Where frames come from."""
+
+    service: Service
+    fps: float
+    limit: int | None  # frames to be sent in all; None: no end, from the first again after the last
+
+    def __len__(self) -> int:
+        """How many frames there are."""
+        ...
+
+    def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
+        """Frame `index` of the source as number `sequence`, seen at `time_s`."""
+        ...
+
+
+class Camera(Protocol):
+    """Where frames come from by themselves."""
+
+    service: Service
+    limit: int | None  # frames to be sent in all; None: no end
+
+    @property
+    def unwritten(self) -> int:
+        """Frames that were to be recorded and are not."""
+        ...
+
+    def message(self, wait_s: float) -> tuple[CameraMessage | None, int]:
+        """The next frame, if one came within `wait_s`, and how many were lost before it."""
+        ...
+
+    def close(self) -> None: ...
+
+
+def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
+    """Runs a source: by the clock in live mode, on request in lossless mode. Raises UserError for addresses that are taken."""
+    transport = Transport(settings.wire)
+    try:
+        stats = ServiceStats(source.service, restarts)
+        publisher = transport.bind(source.service, "publish")
+        stop = StopSignal()
+        if settings.mode == "lossless":
+            _run_source_lossless(source, transport, publisher, stats, stop)
+        else:
+            _await_listeners(transport, publisher, stats, stop)
+            _run_source_live(source, transport, publisher, stats, stop)
+    finally:
+        transport.close()
+
+
+def _await_listeners(transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
+    """Waits until each of the services that LISTENERS names has published a status, so that no frame is played to nobody."""
+    awaited = {service: transport.subscribe(service, "status") for service in SERVICES if service in os.environ.get(LISTENERS, "").split()}
+    give_up_s = time.monotonic() + LISTENERS_S
+    while awaited and not stop.received and time.monotonic() < give_up_s:
+        zmq.select([*awaited.values(), publisher], [], [], POLL_MS / 1e3)
+        accept_subscriptions(publisher)
+        publish_status(publisher, stats)
+        awaited = {service: socket for service, socket in awaited.items() if not list(receive_all(socket, stats))}
+
+
+def _run_source_live(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
+    """Frame n is due at n / fps; a frame whose time has passed is dropped and counted. Paused, the frame shown is sent again."""
+    controls = transport.subscribe("viewer", "control")
+    poller = zmq.Poller()
+    poller.register(controls, zmq.POLLIN)
+    poller.register(publisher, zmq.POLLIN)
+    started_s, sequence, index, paused = time.monotonic(), 0, 0, False
+    while not stop.received:
+        ended = source.limit is not None and sequence >= source.limit
+        wait_s = END_PERIOD_S if ended else started_s + sequence / source.fps - time.monotonic()
+        poller.poll(max(0, min(POLL_MS, round(wait_s * 1e3))))
+        accept_subscriptions(publisher)
+        paused = _is_paused(controls, stats, paused)
+        if ended:
+            publish(publisher, (wire.EndMessage(sequence=sequence), ()))
+            time.sleep(END_PERIOD_S)
+        elif (late_s := time.monotonic() - started_s - sequence / source.fps) >= 0:
+            missed = int(late_s * source.fps)
+            stats.dropped += missed
+            sequence, index = sequence + missed, index + (0 if paused else missed)
+            step_began_s = time.monotonic()
+            message = source.message(sequence, index % len(source), sequence / source.fps)
+            publish(publisher, message)
+            stats.on_finished(message, time.monotonic() - step_began_s)
+            sequence, index = sequence + 1, index + (0 if paused else 1)
+        publish_status(publisher, stats)
+
+
+def _is_paused(controls: Any, stats: ServiceStats, before: bool) -> bool:
+    """Whether the newest control that waits says so, or else as before."""
+    for header, _ in receive_all(controls, stats):
+        before = header.paused if isinstance(header, wire.ControlMessage) else before
+    return before
+
+
+def _run_source_lossless(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
+    supply = Supply(transport.bind(source.service, "serve"), stats)
+    poller = zmq.Poller()
+    poller.register(supply.socket, zmq.POLLIN)
+    poller.register(publisher, zmq.POLLIN)
+    made: dict[int, wire.Message] = {}
+
+    def frame(sequence: int) -> wire.Message:
+        if sequence not in made:
+            started_s = time.monotonic()
+            made[sequence] = source.message(sequence, sequence % len(source), sequence / source.fps)
+            publish(publisher, made[sequence])
+            stats.on_finished(made[sequence], time.monotonic() - started_s)
+            if len(made) > CACHED_FRAMES:
+                del made[next(iter(made))]
+        return made[sequence]
+
+    while not stop.received:
+        poller.poll(POLL_MS)
+        accept_subscriptions(publisher)
+        supply.earliest_requested()
+        supply.send(frame, end=source.limit)
+        publish_status(publisher, stats)
+
+
+def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
+    """Runs a camera, in live mode. Paused, the last frame's light is sent again with each new frame's number and stamp.
+
+    Raises UserError for addresses that are taken and for a camera that cannot go on.
+    """
+    transport = Transport(settings.wire)
+    stop = StopSignal()
+    try:
+        stats = ServiceStats(camera.service, restarts)
+        publisher, controls = transport.bind(camera.service, "publish"), transport.subscribe("viewer", "control")
+        paused = False
+        last: CameraMessage | None = None
+        while not stop.received:
+            accept_subscriptions(publisher)
+            paused = _is_paused(controls, stats, paused)
+            if camera.limit is not None and stats.frames >= camera.limit:
+                publish(publisher, (wire.EndMessage(sequence=wire.MAX_SEQUENCE), ()))
+                time.sleep(END_PERIOD_S)
+            else:
+                started_s = time.monotonic()
+                message, lost = camera.message(POLL_MS / 1e3)
+                stats.dropped += lost
+                stats.unwritten = camera.unwritten
+                if message and last and paused:
+                    message = msgspec.structs.replace(last[0], stamp=message[0].stamp), last[1]
+                if message:
+                    last = message
+                    publish(publisher, message)
+                    stats.on_finished(message, time.monotonic() - started_s)
+            publish_status(publisher, stats)
+    finally:
+        camera.close()
+        transport.close()

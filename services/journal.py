@@ -12,11 +12,15 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Annotated, BinaryIO, NamedTuple
+
+from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import fsync_folder
 
+FileName = Annotated[str, Meta(pattern=r"^[^/\\\x00]+$")]  # in the folder of the file that names it
+Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 KEY = b',"chain":"'
 TAIL_BYTES = len(KEY) + 64 + len(b'"}\n')  # the chain in hexadecimal digits, and what ends a line
 DYING_S = 1.0  # what a killed process may take to end on a busy machine: 0.1 s were seen; any value in 0.5 .. 5 does

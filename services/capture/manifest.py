@@ -14,15 +14,12 @@ from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import decoded_json, notice, read_file, sha256_of
-from vemlight.journal import JOURNAL_START, KEY, Journal, checked_lines
+from vemlight.journal import JOURNAL_START, KEY, FileName, Journal, Sha256, checked_lines
 from vemlight.light.image_limits import MAX_IMAGE_BYTES
 
 MANIFEST = "manifest.jsonl"
 MAX_MANIFEST_BYTES = 2**27  # 134 MB: 400,000 lines of 330 bytes, 4.4 hours at 25 frames a second
 MARK = b'{"recording":'  # the beginning of a manifest with chain
-
-FileName = Annotated[str, Meta(pattern=r"^[^/\\\x00]+$")]  # in the manifest's own folder
-Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 
 
 class RecordingStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -9,14 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import msgspec
-from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import decoded_json, notice, sha256_of
-from vemlight.journal import JOURNAL_START, Journal, claimed
+from vemlight.journal import JOURNAL_START, FileName, Journal, Sha256, claimed
 from vemlight.light.light_set import LightsFile
 from vemlight.runtime.progress import counted
 from vemlight.runtime.run_inputs import input_digests
@@ -27,9 +26,6 @@ ELSEWHERE = ("out", "wire", "viewer")  # settings that change no byte of the out
 NEWEST = 64  # pictures whose content a restarted service reads again: more than a crash can harm, and no more in a long run
 END = b'{"pictures":'  # the beginning of a manifest's last line
 MAX_END_BYTES = 4096  # of a manifest's last line, which has 0.3 kB
-
-FileName = Annotated[str, Meta(pattern=r"^[^/\\\x00]+$")]
-Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 
 
 class RunStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

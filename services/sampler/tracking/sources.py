@@ -35,8 +35,8 @@ class Peaks(NamedTuple):
     """What stands out of a map.
 
     directions: (k, 3), centroids. power: (k,), fraction of the map's. ring: (k,), light of the ring over its own, the ring taken to be as
-    bright as its upper quartile: a wide light fills more than a quarter of it. owner: (tiles,) int64,
-    the peak whose core a tile belongs to, -1: none. part: (tiles,), the fraction of its light that does.
+    bright as its upper quartile: a wide light fills more than a quarter of it. owner: (tiles,) int64, the peak whose core a tile belongs
+    to, -1: none. part: (tiles,), the fraction of its light that does.
     """
 
     directions: np.ndarray

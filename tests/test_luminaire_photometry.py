@@ -6,7 +6,8 @@ import pytest
 
 from vemlight.errors import UserError
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.luminaire.photometry import FarField, intensity, read_photometry, total_flux_lm
+from vemlight.renderer.luminaire.far_field import FarField, intensity, total_flux_lm
+from vemlight.renderer.luminaire.photometry import read_photometry
 
 GAMMA = np.arange(0, 181, 5.0)
 
@@ -44,7 +45,7 @@ def test_eulumdat_symmetries_unfold_to_the_whole_turn(tmp_path, symmetry):
     far = read_photometry(tmp_path / "a.ldt")
     assert far.c_deg == pytest.approx(np.arange(25) * 15.0)
     assert far.candela == pytest.approx(symmetric(symmetry, far.c_deg), rel=1e-4)
-    assert far.size_m == (0.25, 0.2, 0.04)
+    assert far.size_m == (0.25, 0.25, 0.04)  # a width of 0: round
     assert far.valid_from_m == 1.25
     assert far.name == "a lamp"
 
@@ -54,7 +55,7 @@ def test_lm63_symmetries_unfold_to_the_whole_turn(tmp_path, last, count):
     c = np.linspace(0, last, count)
     symmetry = {90: 4, 180: 2, 360: 0, 0: 4}[last]
     table = symmetric(symmetry, c)
-    numbers = [1, 2000, 2.0, len(GAMMA), count, 1, 1, 0.5, 1.0, 0.1, 1.0, 0.5, 20, *GAMMA, *c, *table.reshape(-1)]
+    numbers = [1, 2000, 2.0, len(GAMMA), count, 1, 1, 0.5, 1.0, 0.1, 0.5, 1.0, 20, *GAMMA, *c, *table.reshape(-1)]
     text = "IESNA:LM-63-2002\n[LUMCAT] a lamp\nTILT=NONE\n" + "\n".join(f"{n:.6g}" for n in numbers)
     (tmp_path / "a.ies").write_text(text)
     far = read_photometry(tmp_path / "a.ies")
@@ -119,7 +120,7 @@ def test_real_files_carry_the_flux_they_state():
     assert total_flux_lm(far) / far.lamp_flux_lm == pytest.approx(0.913, abs=1e-3)  # a T8 luminaire of 91 % efficiency
 
 
-@pytest.mark.parametrize(("planes", "said"), [(2000, "index out of range"), (2001, "C planes")])
+@pytest.mark.parametrize(("planes", "said"), [(2000, "cut off"), (2001, "C planes")])
 def test_an_eulumdat_has_up_to_2000_planes(tmp_path, planes, said):
     text = eulumdat(0, symmetric(0, stored(0))).split("\r\n")
     (tmp_path / "bad.ldt").write_text("\r\n".join([*text[:3], str(planes), *text[4:]]))
@@ -128,7 +129,7 @@ def test_an_eulumdat_has_up_to_2000_planes(tmp_path, planes, said):
 
 
 @pytest.mark.parametrize(("line", "value", "said"), [
-    (25, 20, "list index"), (25, 21, "sets of lamps"), (28, 0.9e9, ""), (28, 1.1e9, "a flux of"),
+    (25, 20, "cut off"), (25, 21, "sets of lamps"), (28, 0.9e9, ""), (28, 1.1e9, "a flux of"),
 ])
 def test_limits_of_an_eulumdat(tmp_path, line, value, said):
     text = eulumdat(0, symmetric(0, stored(0))).split("\r\n")
@@ -147,3 +148,99 @@ def test_a_byte_order_mark_is_passed_over(tmp_path):
     (tmp_path / "marked.ldt").write_bytes(b"\xef\xbb\xbf" + text)
     plain, marked = (read_photometry(tmp_path / f"{name}.ldt") for name in ("plain", "marked"))
     assert marked.candela.tobytes() == plain.candela.tobytes()
+
+
+LM63 = "IESNA:LM-63-2002\n[LUMCAT] a\nTILT=NONE\n1 1000 1 7 1 1 2 0 0 0\n1 1 10\n0 15 30 45 60 75 90\n0\n{}\n"
+LM63_CANDELA = "1000.5 966.4 866.5 707.6 500.5 259.3 0.5"
+LM63 = LM63.format(LM63_CANDELA)
+
+
+@pytest.mark.parametrize("change", [
+    lambda t: t, lambda t: t.replace("[LUMCAT] a", "[LUMINAIRE] with TILT=NONE of course"),
+    lambda t: t.replace("TILT=", "  tilt = "),
+    lambda t: t.replace("\n", "\r"), lambda t: t.replace("\n", "\r\r\n"), lambda t: t + "\x1a\0\0",
+    lambda t: t.replace("=NONE", "=INCLUDE\n1\n2\n0 90\n1 1"),
+    lambda t: t.replace(LM63_CANDELA, LM63_CANDELA.replace(".", ",")), lambda t: t.replace(LM63_CANDELA, LM63_CANDELA.replace(" ", ",")),
+    lambda t: t.replace(LM63_CANDELA, LM63_CANDELA.replace(" ", ", ")), lambda t: t.replace("IESNA:LM-63-2002\n", ""),
+    lambda t: t.replace("IESNA:LM-63-2002", "IES:LM-63-2019").replace("1 1 10\n", "1 1.10000 10\n"),
+    lambda t: t.replace("1 1 10\n", "1 7 10\n"), lambda t: t.replace("IESNA:LM-63-2002", "IESNA91").replace("1 1 10\n", "0.5 2 10\n"),
+    lambda t: t.replace("259.3 0.5", "259.3 -0.1"),
+])  # fmt: skip
+def test_ways_to_write_one_lm63(tmp_path, change):
+    (tmp_path / "plain.ies").write_text(LM63)
+    (tmp_path / "odd.ies").write_text(change(LM63), newline="")
+    plain, odd = (read_photometry(tmp_path / f"{name}.ies") for name in ("plain", "odd"))
+    assert odd.candela[:, :-1] == pytest.approx(plain.candela[:, :-1], rel=1e-12)
+    assert odd.candela.min() >= 0
+    assert total_flux_lm(odd) == pytest.approx(3126.6, rel=1e-3)
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda t: t + "1 2 3", "31 are there"), (lambda t: t.replace(" 0.5", ""), "27 are there"),
+    (lambda t: t.replace("1000.5", "1_000.5"), "no number"),
+    (lambda t: t.replace("TILT=NONE", "TILT=lamp.tlt"), "another file"), (lambda t: t.replace("1 1000 1 7", "1 1000 0 7"), "no light"),
+    (lambda t: t.replace("\n1 1 10\n", "\n0 1 10\n"), "no light"), (lambda t: t.replace("7 1 1 2", "7 1 2 2"), "type A or B"),
+    (lambda t: t.replace("7 1 1 2", "7 1 1 3"), "unit 3"), (lambda t: t.replace("0 15 30", "0 30 15"), "do not rise"),
+    (lambda t: t.replace("75 90", "75 190"), "outside 0 to 180"), (lambda t: t.replace("259.3 0.5", "259.3 -20"), "negative"),
+    (lambda t: t.replace(LM63_CANDELA, "0 0 0 0 0 0 0"), "above 0 cd"),
+    (lambda t: t.replace("7 1 1 2", "7 2 1 2").replace("\n0\n", "\n0 45\n") + LM63_CANDELA, "close no circle"),
+])  # fmt: skip
+def test_an_lm63_that_contradicts_itself_is_refused(tmp_path, change, said):
+    (tmp_path / "bad.ies").write_text(change(LM63))
+    with pytest.raises(UserError, match=said):
+        read_photometry(tmp_path / "bad.ies")
+
+
+def test_a_factor_of_1986_multiplies(tmp_path):
+    (tmp_path / "old.ies").write_text(LM63.replace("IESNA:LM-63-2002\n", "").replace("\n1 1 10\n", "\n1 0.9 10\n"))
+    assert total_flux_lm(read_photometry(tmp_path / "old.ies")) == pytest.approx(0.9 * 3126.6, rel=1e-3)
+
+
+def changed_line(text, changes):
+    lines = text.split("\r\n")
+    for number, value in changes.items():
+        lines[number - 1] = value
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({24: "0"}, "line 24"), ({24: "-1"}, "line 24"), ({29: ""}, "line 29"), ({30: "4000\n9"}, "follow what its header promises"),
+    ({4: "24 "}, ""), ({13: "", 14: "", 15: "", 18: "", 24: ""}, ""), ({24: "1,0"}, ""), ({26: ""}, ""),
+])
+def test_blank_and_odd_lines_of_an_eulumdat(tmp_path, changes, said):
+    text = eulumdat(1, symmetric(1, stored(1)))
+    (tmp_path / "a.ldt").write_text(text)
+    (tmp_path / "b.ldt").write_text(changed_line(text, changes))
+    if said:
+        with pytest.raises(UserError, match=said):
+            read_photometry(tmp_path / "b.ldt")
+    else:
+        assert read_photometry(tmp_path / "b.ldt").candela.tobytes() == read_photometry(tmp_path / "a.ldt").candela.tobytes()
+
+
+def test_lamp_sets_are_alternatives(tmp_path, capsys):
+    first = eulumdat(1, symmetric(1, stored(1)), flux=1000.0)
+    two = changed_line(first, {26: "2", 32: "20\n1\nLED\n3000\n4000\n80\n40"})
+    (tmp_path / "one.ldt").write_text(first)
+    (tmp_path / "two.ldt").write_text(two)
+    flux = total_flux_lm(read_photometry(tmp_path / "one.ldt"))
+    assert total_flux_lm(read_photometry(tmp_path / "two.ldt")) == pytest.approx(flux)
+    assert "2 alternative lamp sets (1000, 3000 lm)" in capsys.readouterr().err
+    assert total_flux_lm(read_photometry(tmp_path / "two.ldt", 2)) == pytest.approx(3 * flux)
+    assert capsys.readouterr().err == ""
+    with pytest.raises(UserError, match="has 2 lamp sets"):
+        read_photometry(tmp_path / "two.ldt", 3)
+
+
+@pytest.mark.parametrize("symmetry", [0, 1, 2, 3, 4])
+def test_one_plane_is_symmetric_about_the_axis(tmp_path, symmetry):
+    (tmp_path / "a.ldt").write_text(eulumdat(symmetry, lobe(np.zeros(1), GAMMA), planes=1))
+    assert read_photometry(tmp_path / "a.ldt").candela == pytest.approx(np.repeat(lobe(np.zeros(1), GAMMA), 2, axis=0), rel=1e-4)
+
+
+def test_a_flat_area_has_no_height(tmp_path):
+    flat = {18: "0", 19: "0", 20: "0", 21: "0"}
+    (tmp_path / "a.ldt").write_text(changed_line(eulumdat(1, symmetric(1, stored(1))), flat))
+    assert read_photometry(tmp_path / "a.ldt").size_m == (0.25, 0.25, 0.0)
+    (tmp_path / "b.ldt").write_text(changed_line(eulumdat(1, symmetric(1, stored(1))), {16: "0", **flat}))
+    assert read_photometry(tmp_path / "b.ldt").size_m == (0.3, 0.2, 0.05)  # no area: the housing

@@ -54,14 +54,15 @@ def from_rays(
 
 @luminaire.command()
 @click.argument("lamp", type=PATH)
+@click.option("--lamp-set", type=click.IntRange(1), help="Of a .ldt with alternative lamps: which, from 1; left out: the first.")
 @click.option("--out", type=OutFolder(), help="Folder for pictures: its images, flux by angle, a plane lit at three distances.")
-def show(lamp: Path, out: Path | None) -> None:
+def show(lamp: Path, lamp_set: int | None, out: Path | None) -> None:
     """Describe a lamp file (.exr, .ies, .ldt)."""
     from vemlight.renderer.luminaire import inspection
 
-    click.echo("\n".join(inspection.describe(lamp)))
+    click.echo("\n".join(inspection.describe(lamp, lamp_set or 0)))
     if out:
-        inspection.write_pictures(lamp, out)
+        inspection.write_pictures(lamp, out, lamp_set or 0)
 
 
 COMMANDS = (luminaire,)

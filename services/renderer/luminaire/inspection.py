@@ -8,9 +8,10 @@ from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import write_png
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.luminaire.estimator import interleaved_shifts, irradiance_receivers, shade
+from vemlight.renderer.luminaire.far_field import FarField, intensity, total_flux_lm
 from vemlight.renderer.luminaire.lightfield import LightField, far_intensity, flux
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
-from vemlight.renderer.luminaire.photometry import PHOTOMETRY_SUFFIXES, FarField, intensity, read_photometry, total_flux_lm
+from vemlight.renderer.luminaire.photometry import PHOTOMETRY_SUFFIXES, read_photometry
 from vemlight.renderer.luminaire.shift_invariant import MAX_RELATIVE_ERROR, error_bound
 from vemlight.renderer.luminaire.tables import summed_area_tables
 
@@ -20,10 +21,10 @@ WHITE_QUANTILE = 0.999  # of the pixels' magnitudes, white in a contact sheet; a
 GRID_LEVEL = 60  # of 255: the lines between the images of a contact sheet; any value in 20..120 does
 
 
-def describe(path: Path) -> list[str]:
+def describe(path: Path, lamp_set: int = 0) -> list[str]:
     """`vemlight luminaire show LAMP`: lines about a light field (.exr) or a far field (.ldt, .ies)."""
     if path.suffix.lower() in PHOTOMETRY_SUFFIXES:
-        far = read_photometry(path)
+        far = read_photometry(path, lamp_set)
         return [f"{far.name}: far field, {len(far.c_deg)} C planes x {len(far.gamma_deg)} angles, {far.candela.max():.4g} cd at most",
                 f"flux {total_flux_lm(far):.5g} lm of {far.lamp_flux_lm:.5g} lm of the lamps",
                 f"luminous area {' x '.join(f'{side:.3g}' for side in far.size_m)} m: a point from {far.valid_from_m:.3g} m on"]
@@ -87,10 +88,10 @@ def intensity_by_angle(source: LightField | FarField, step_deg: float = 1.0) -> 
     return theta, luminance_from_rgb(far_intensity(source, directions.reshape(-1, 3))).reshape(len(theta), -1).mean(axis=1)
 
 
-def write_pictures(path: Path, folder: Path) -> list[Path]:
+def write_pictures(path: Path, folder: Path, lamp_set: int = 0) -> list[Path]:
     """`vemlight luminaire show LAMP --out FOLDER`: writes NAME_intensity.csv and, of a light field, NAME_images.png and NAME_planes.png."""
     folder.mkdir(parents=True, exist_ok=True)
-    source = read_photometry(path) if path.suffix.lower() in PHOTOMETRY_SUFFIXES else read_luminaire(path)
+    source = read_photometry(path, lamp_set) if path.suffix.lower() in PHOTOMETRY_SUFFIXES else read_luminaire(path)
     written = [folder / f"{path.stem}_intensity.csv"]
     rows = zip(*intensity_by_angle(source), strict=True)
     written[0].write_text("angle_deg,intensity\n" + "".join(f"{a:g},{i:.6g}\n" for a, i in rows))

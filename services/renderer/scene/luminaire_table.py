@@ -10,9 +10,11 @@ from msgspec import Meta
 from vemlight.errors import UserError
 from vemlight.files import contained_path
 from vemlight.light.sphere import rotation_xyz
+from vemlight.renderer.luminaire.eulumdat import MAX_LAMP_SETS
+from vemlight.renderer.luminaire.far_field import FarField
 from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
-from vemlight.renderer.luminaire.photometry import PHOTOMETRY_SUFFIXES, FarField, read_photometry
+from vemlight.renderer.luminaire.photometry import PHOTOMETRY_SUFFIXES, read_photometry
 from vemlight.renderer.luminaire.shift_invariant import is_shift_invariant
 
 Vector = tuple[float, float, float]
@@ -30,6 +32,7 @@ class LuminaireTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """
 
     file: str = ""
+    lamp_set: Annotated[int, Meta(ge=0, le=MAX_LAMP_SETS)] = 0  # of a .ldt with alternatives, from 1; 0: the first
     name: Annotated[str, Meta(max_length=64)] = ""  # left out: the file's
     at: Vector = (0.0, 0.0, 0.0)
     rotate: Vector = (0.0, 0.0, 0.0)
@@ -70,22 +73,28 @@ class LuminaireFiles:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._read: dict[str, LightField | FarField] = {}
+        self._read: dict[tuple[str, int], LightField | FarField] = {}
 
-    def read(self, file: str, where: str) -> LightField | FarField:
+    def read(self, file: str, lamp_set: int, where: str) -> LightField | FarField:
         """The light of a file, or of the bundled lamp for "". Raises UserError that begins with `where`."""
-        if file not in self._read:
+        key = file, lamp_set
+        if key not in self._read:
             path = contained_path(self._folder, file, where) if file else BUNDLED_LAMP
             try:
-                self._read[file] = read_photometry(path) if path.suffix.lower() in PHOTOMETRY_SUFFIXES else read_luminaire(path)
+                if path.suffix.lower() in PHOTOMETRY_SUFFIXES:
+                    self._read[key] = read_photometry(path, lamp_set)
+                elif lamp_set:
+                    raise UserError(f"{path}: lamp_set chooses among the lamps of a .ldt file; leave it out")
+                else:
+                    self._read[key] = read_luminaire(path)
             except UserError as error:
                 raise UserError(f"{where}: {error}") from error
-        return self._read[file]
+        return self._read[key]
 
 
 def load_luminaire(table: LuminaireTable, files: LuminaireFiles, where: str) -> Luminaire:
     """The luminaire of a scene file's table. Raises UserError that begins with `where`."""
     if not np.all(np.isfinite([*table.at, *table.rotate])) or np.abs(table.at).max() > MAX_COORDINATE_M:
         raise UserError(f"{where}: at and rotate must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
-    source = files.read(table.file, where)
+    source = files.read(table.file, table.lamp_set, where)
     return Luminaire(source, world_from_lamp(table.at, table.rotate), table.power, table)

@@ -43,7 +43,7 @@ main(["lights", sys.argv[1], "--count", "4", "--out", sys.argv[2]], standalone_m
 """
     modules = loaded_by(statements, str(tmp_path / "map.exr"), str(tmp_path / "lights.json"))
     assert "numba" in modules
-    assert not modules & (HEAVY | {"scipy.linalg", "cv2", "moderngl", "aiohttp", "zmq.auth"})
+    assert not modules & (HEAVY | {"scipy.linalg", "scipy.special", "cv2", "moderngl", "aiohttp", "zmq.auth"})
 
 
 def test_the_bundled_scene_is_read_without_trimesh_and_scipy():

@@ -10,6 +10,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from vemlight.capture.frames import Frame, FrameMaker, Mosaic
 from vemlight.capture.manifest import MANIFEST, ManifestEntry, check_digest, read_manifest
 from vemlight.capture.pixel_formats import mosaic_of
@@ -52,8 +54,10 @@ class FileSource:
         self._mosaic: Mosaic | None = mosaic_of(settings.format)
         self.fps = settings.fps * settings.speed
         self._layer = settings.layer
+        self._opened: tuple[np.ndarray, dict[str, Any]] | None = None  # the first image, until it is asked for
         if self._files[0].path.suffix.lower() != CODES_SUFFIX:
-            self.fps = recorded_fps(read_radiance(self._files[0].path, self._layer)[1], settings.fps) * settings.speed
+            self._opened = read_radiance(self._files[0].path, self._layer)
+            self.fps = recorded_fps(self._opened[1], settings.fps) * settings.speed
 
     def __len__(self) -> int:
         return len(self._files)
@@ -64,7 +68,7 @@ class FileSource:
         if path.suffix.lower() == CODES_SUFFIX:
             self._maker.check_codes(str(path), read_codes(path).shape)
         else:
-            image, attributes = read_radiance(path, self._layer)
+            image, attributes = self._image(0)
             self._maker.check(str(path), image.shape, attributes)
 
     def frame(self, k: int) -> Frame:
@@ -79,8 +83,12 @@ class FileSource:
             if codes.ndim == 3 and self._mosaic:
                 raise UserError(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
             return self._maker.frame_from_codes(str(path), codes, None if codes.ndim == 3 else self._mosaic or "mono", time_s)
-        image, attributes = read_radiance(path, self._layer)
-        return self._maker.frame(str(path), image, attributes, time_s)
+        return self._maker.frame(str(path), *self._image(k), time_s)
+
+    def _image(self, k: int) -> tuple[np.ndarray, dict[str, Any]]:
+        """Image k with its attributes; what was read on opening is not read again."""
+        opened, self._opened = self._opened, None
+        return opened if opened and k == 0 else read_radiance(self._files[k].path, self._layer)
 
 
 def recorded_fps(attributes: dict[str, Any], default: float) -> float:

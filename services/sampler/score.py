@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
 
 from vemlight.light.colour import LUMINANCE_WEIGHTS, luminance_from_rgb
 from vemlight.light.light_set import LightSet
@@ -113,6 +112,8 @@ def irradiance_of_soft_lights(at: Probes, directions: np.ndarray, strength: np.n
     For a normal n, an occluder h, a mean m and a covariance C, with a = n.m, u^2 = n.C n, s = h.m and v^2 = h.C h:
     E (a Phi(a / u) + u phi(a / u)) Phi(s / v). v^2 also holds a third of SOFTNESS^2, the mean square of the probe's own soft edge.
     """
+    from scipy.special import ndtr  # here, since it takes a sixth of a second to load
+
     full = covariances.astype(np.float64)[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     means = np.sqrt(np.maximum(1 - np.trace(full, axis1=1, axis2=2), 0))[:, None] * directions
     u2, v2 = (np.maximum(np.einsum("ki,nij,kj->kn", axis, full, axis), MIN_SPREAD_RAD**2) for axis in at)

@@ -41,11 +41,15 @@ class World(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """time_s: of the capture. source: the truth, its `polar` still clean. seen: (rows, cols, 3) float32, what the methods get."""
+    """time_s: of the capture. source: the truth, its `polar` still clean. seen: (rows, cols, 3) float32, what the methods get.
+
+    added: place (unit vector) and light of each compact source that the sequence adds.
+    """
 
     time_s: float
     source: Source
     seen: np.ndarray
+    added: tuple[tuple[np.ndarray, Points], ...] = ()
 
 
 def world_from_latlong(image: np.ndarray) -> World:
@@ -128,8 +132,10 @@ def hand_held(world: World) -> Iterator[Frame]:
 
 def _sun(world: World, path: Callable[[float], np.ndarray]) -> Iterator[Frame]:
     for k in range(FRAMES):
-        source = turned(world, np.eye(3), disc(path((k - FRAMES / 2 + 0.3) * 0.5), 0.53, SUN * world.power))
-        yield Frame(k / FPS, source, source.polar)
+        place = path((k - FRAMES / 2 + 0.3) * 0.5)
+        sun = disc(place, 0.53, SUN * world.power)
+        source = turned(world, np.eye(3), sun)
+        yield Frame(k / FPS, source, source.polar, ((place, sun),))
 
 
 def zenith(world: World) -> Iterator[Frame]:
@@ -155,8 +161,9 @@ def lamp(world: World) -> Iterator[Frame]:
     """A lamp of 4 degrees with half of all light goes out and on again."""
     for k in range(FRAMES):
         on = not LAMP_OFF <= k < LAMP_ON
-        source = turned(world, np.eye(3), disc(LAMP_AT, 4.0, LAMP * world.power) if on else None)
-        yield Frame(k / FPS, source, source.polar)
+        light = disc(LAMP_AT, 4.0, LAMP * world.power)
+        source = turned(world, np.eye(3), light if on else None)
+        yield Frame(k / FPS, source, source.polar, ((LAMP_AT, light),) if on else ())
 
 
 def damaged_frames(world: World) -> Iterator[Frame]:
@@ -189,8 +196,9 @@ def lost_frames(world: World) -> Iterator[Frame]:
     received = np.sort(np.random.default_rng(5).permutation(FRAMES * 3 // 2)[:FRAMES])
     for k in received:
         place = direction_from_angles(np.pi / 4, np.radians(60 + 0.5 * int(k)))
-        source = turned(world, np.eye(3), disc(place, 0.53, SUN * world.power))
-        yield Frame(int(k) / FPS, source, source.polar)
+        sun = disc(place, 0.53, SUN * world.power)
+        source = turned(world, np.eye(3), sun)
+        yield Frame(int(k) / FPS, source, source.polar, ((place, sun),))
 
 
 def mains(fps: float) -> Callable[[World], Iterator[Frame]]:

@@ -9,10 +9,14 @@ from bench.rivals.kollig_keller import kollig_keller
 from bench.rivals.median_cut import median_cut, variance_minimisation
 from bench.rivals.penrose import penrose
 from bench.rivals.q2tree import DEPTH, q2tree, quadrilaterals
+from bench.rivals.sequential import begun, sequential
+from bench.rivals.spatiotemporal import spatiotemporal
 from bench.rivals.structured import structured
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, angle_between, cell_solid_angles, direction_from_angles, map_irradiance
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.sampler_input import SamplerInput
 
 Method = Callable[[np.ndarray, Coverage, int], LightSet]
 METHODS: list[Method] = [median_cut, variance_minimisation, kollig_keller, structured, q2tree, penrose]
@@ -133,3 +137,59 @@ def test_of_equal_light_a_small_part_gets_the_fewer_lights():
     lights = structured(radiance, "hemisphere", 7)
     small = lights.directions[:, 1] > 0
     assert small.sum() < 3.5 < (~small).sum()
+
+
+def followed(maps: list[np.ndarray], count: int) -> list[LightSet]:
+    """The lights of sequential sampling for each of the maps in turn."""
+    population, made = begun(count), []
+    for k, radiance in enumerate(maps):
+        population, lights = sequential(population, SamplerInput(radiance, "hemisphere", k / 25))
+        made.append(lights)
+    return made
+
+
+def stratified(maps: list[np.ndarray], count: int) -> list[LightSet]:
+    return spatiotemporal(count, [SamplerInput(radiance, "hemisphere", k / 25) for k, radiance in enumerate(maps)])
+
+
+@pytest.mark.parametrize("method", [followed, stratified])
+def test_methods_of_sequences_keep_the_power_of_each_frame(method):
+    maps = [sky(seed) * (1 + seed) for seed in range(6)]
+    for radiance, lights in zip(maps, method(maps, 40), strict=True):
+        power = luminance_from_rgb(lights.irradiance.sum(axis=0, dtype=float))
+        np.testing.assert_allclose(power, luminance_from_rgb(map_irradiance(radiance, "hemisphere")), rtol=1e-5)
+        np.testing.assert_allclose(np.linalg.norm(lights.directions, axis=1), 1, atol=1e-5)
+        assert len(np.unique(lights.ids)) == len(lights.ids) > 0
+
+
+@pytest.mark.parametrize("method", [followed, stratified])
+def test_methods_of_sequences_give_black_frames_no_light(method):
+    lit, black, again = method([sky(1), np.zeros_like(sky(1)), sky(1)], 40)
+    assert black.irradiance.sum() == 0
+    assert lit.irradiance.sum() == pytest.approx(again.irradiance.sum(), rel=0.2)  # exact in luminance
+
+
+def test_a_population_of_a_still_map_keeps_most_of_its_ids():
+    before, after = followed([sky(1)] * 2, 200)
+    assert len(np.intersect1d(before.ids, after.ids)) == len(before.ids)
+
+
+def test_a_population_whose_weight_is_in_few_samples_is_drawn_anew_from_them():
+    before, after = sky(1), sky(1)
+    after[:, :30] *= 1e4  # a quarter of the sky: less than half of the samples carry all weight
+    old, new = followed([before, after], 200)
+    quarter = (new.directions[:, 1] > 0) & (new.directions[:, 0] > 0)
+    assert quarter.mean() > 0.95
+    assert len(np.intersect1d(old.ids, new.ids)) < 100
+
+
+def test_strata_last_as_long_as_the_light_does_not_change():
+    still = stratified([sky(1)] * 8, 40)
+    assert all(np.array_equal(lights.ids, still[0].ids) for lights in still)
+    assert sum(len(lights.ids) for lights in still) <= 8 * 40
+    brighter = sky(1)
+    brighter[:, :60] *= 50
+    switched = stratified([sky(1)] * 4 + [brighter] * 4, 40)
+    assert np.array_equal(switched[0].ids, switched[3].ids)
+    assert not np.array_equal(switched[3].ids, switched[4].ids)
+    assert len(switched[4].ids) > len(switched[3].ids)  # the number of lights follows the importance

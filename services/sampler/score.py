@@ -109,17 +109,23 @@ def _irradiance(at: Probes, lights: LightSet) -> np.ndarray:
 def irradiance_of_soft_lights(at: Probes, directions: np.ndarray, strength: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     """Irradiance (k,) at the probes of lights with extent: directions (n, 3), strength (n,), covariances (n, 6) as in LightSet.
 
-    For a normal n, an occluder h, a mean m and a covariance C, with a = n.m, u^2 = n.C n, s = h.m and v^2 = h.C h:
-    E (a Phi(a / u) + u phi(a / u)) Phi(s / v). v^2 also holds a third of SOFTNESS^2, the mean square of the probe's own soft edge.
+    For a normal n, an occluder h, a mean m and a covariance C, with a = n.m, u^2 = n.C n, s = h.m and v^2 = h.C h: E f(a, u) g, where
+    f(a, u) = a Phi(a / u) + u phi(a / u) is the mean of a normal variable's positive part, and g = (f(s + w, v) - f(s - w, v)) / (2 w) that
+    of the probe's own edge, a ramp of w = SOFTNESS either way.
     """
-    from scipy.special import ndtr  # here, since it takes a sixth of a second to load
-
     full = covariances.astype(np.float64)[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     means = np.sqrt(np.maximum(1 - np.trace(full, axis1=1, axis2=2), 0))[:, None] * directions
     u2, v2 = (np.maximum(np.einsum("ki,nij,kj->kn", axis, full, axis), MIN_SPREAD_RAD**2) for axis in at)
-    a, s, u = at.normals @ means.T, at.occluders @ means.T, np.sqrt(u2)
-    facing = a * ndtr(a / u) + u * np.exp(-0.5 * (a / u) ** 2) / np.sqrt(2 * np.pi)
-    return (facing * ndtr(s / np.sqrt(v2 + SOFTNESS**2 / 3))) @ strength
+    s, v = at.occluders @ means.T, np.sqrt(v2)
+    open_ = (_positive_part(s + SOFTNESS, v) - _positive_part(s - SOFTNESS, v)) / (2 * SOFTNESS)
+    return (_positive_part(at.normals @ means.T, np.sqrt(u2)) * open_) @ strength
+
+
+def _positive_part(mean: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """The mean of max(0, x) of normal variables x."""
+    from scipy.special import ndtr  # here, since it takes a sixth of a second to load
+
+    return mean * ndtr(mean / spread) + spread * np.exp(-0.5 * (mean / spread) ** 2) / np.sqrt(2 * np.pi)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -59,12 +59,77 @@ def test_strips_and_vertices_without_indices_are_triangles(tmp_path):
     sheet = TexturedSquare()
     sheet.primitive.update(mode=5, indices=sheet.accessor(np.array([0, 1, 3, 2], np.uint32)[:, None]))
     (strip,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
-    assert strip.geometry.positions[strip.geometry.triangles].tolist() == CORNERS[[[0, 1, 3], [2, 3, 1]]].tolist()
+    assert strip.geometry.positions[strip.geometry.triangles].tolist() == CORNERS[[[0, 1, 3], [1, 2, 3]]].tolist()
     sheet = TexturedSquare(uv=None)
     sheet.attribute("POSITION", CORNERS[[0, 1, 2, 0, 2, 3]])
     del sheet.primitive["indices"]
     (loose,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
     assert len(loose.geometry.triangles) == 2
+
+
+def test_fans_are_triangles(tmp_path):
+    sheet = TexturedSquare()
+    sheet.primitive.update(mode=6, indices=sheet.accessor(np.array([0, 1, 2, 3], np.uint32)[:, None]))
+    (fan,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert fan.geometry.positions[fan.geometry.triangles].tolist() == CORNERS[[[0, 1, 2], [0, 2, 3]]].tolist()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "said"),
+    [
+        ({"mesh": 0, "scale": [0, 0, 0], "name": "a"}, "node a is left out: its scale is 0"),
+        ({"scale": [0, 0, 0], "children": [2]}, "node 2 is left out: its scale is 0"),
+        ({"mesh": 0, "scale": [0, 0, 1]}, "node 1 is left out: its scale is 0"),
+        ({"mesh": 1}, "part 1 has no size and is left out"),
+        ({"mesh": 2}, "a mesh of node 1 is left out: it is empty"),
+        ({"mesh": 3}, "a mesh of node 1 is left out: it is empty"),
+    ],
+)
+def test_what_cannot_be_seen_spoils_nothing(tmp_path, hidden, said):
+    sheet = TexturedSquare()
+    point = sheet.accessor(np.zeros((3, 3), np.float32))
+    empty = sheet.accessor(np.zeros((0, 3), np.float32))
+    primitives = [{"attributes": {"POSITION": point}}, {"attributes": {"POSITION": empty}}, {"attributes": {}}]
+    sheet.document["meshes"] += [{"primitives": [primitive]} for primitive in primitives]
+    sheet.document.update(nodes=[{"mesh": 0}, hidden, {"mesh": 0}], scenes=[{"nodes": [0, 1]}])
+    file = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+    assert len(file.parts) == 1
+    assert file.unsupported == [f"sheet.gltf: {said}"]
+
+
+def test_a_node_that_is_pressed_flat_is_drawn(tmp_path):
+    sheet = TexturedSquare()
+    sheet.attribute("NORMAL", np.tile(np.array([0, 0, 1], np.float32), (4, 1)))
+    sheet.document["nodes"][0].update(scale=[1, 1, 0])
+    (part,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts
+    assert np.abs(part.geometry.normals) == pytest.approx(np.tile([0, 0, 1], (4, 1)))
+
+
+def test_instances_of_a_mesh_are_placed_in_their_node(tmp_path):
+    sheet = TexturedSquare()
+    places = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0]], np.float32)
+    half = np.sqrt(0.5)
+    turns = np.array([[0, 0, 0, 1], [half, 0, 0, half], [0, 0, 0, 1]], np.float32)
+    scales = np.array([[1, 1, 1], [1, 1, 1], [2, 0.5, 1]], np.float32)
+    attributes = {"TRANSLATION": sheet.accessor(places), "ROTATION": sheet.accessor(turns), "SCALE": sheet.accessor(scales)}
+    sheet.document.update(extensionsUsed=["EXT_mesh_gpu_instancing"], extensionsRequired=["EXT_mesh_gpu_instancing"])
+    sheet.document["nodes"][0].update(translation=[0, 0, 5], extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}})
+    file = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+    assert file.unsupported == []
+    middles = [part.geometry.positions.mean(axis=0) for part in file.parts]
+    assert middles == [pytest.approx(place + [0, 0, 5], abs=1e-5) for place in places]
+    sides = [np.ptp(part.geometry.positions, axis=0) for part in file.parts]
+    assert sides == [pytest.approx(side, abs=1e-5) for side in ([2, 2, 0], [2, 0, 2], [4, 1, 0])]
+    attributes["SCALE"] = sheet.accessor(scales[:2])
+    with pytest.raises(UserError, match="not as many as each other"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
+def test_lights_of_a_file_are_refused_with_a_line(tmp_path):
+    sheet = TexturedSquare()
+    sheet.document.update(extensionsUsed=["KHR_lights_punctual"], extensions={"KHR_lights_punctual": {"lights": [{"type": "point"}]}})
+    (line,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").unsupported
+    assert line == "sheet.gltf: its lights (KHR_lights_punctual) are not drawn; give the scene a [[luminaire]]"
 
 
 def test_a_node_with_two_parents_is_refused(tmp_path):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_terminal = threading.RLock()  # reentrant: trimesh reads a mesh in silence, and opens its images in silence
+_terminal = threading.RLock()  # reentrant: what reads in silence may open an image in silence
 
 
 class _OtherThreads:

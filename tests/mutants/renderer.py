@@ -106,21 +106,30 @@ MUTANTS = [
         ("area of a triangle x 10^10", "MIN_RELATIVE_AREA = 1e-14", "MIN_RELATIVE_AREA = 1e-4"),
         ("area of a triangle / 10^10", "MIN_RELATIVE_AREA = 1e-14", "MIN_RELATIVE_AREA = 1e-24"),
     ]),
-    *mutants_of(RENDERER + "scene/scene_limits.py", "tests/test_scene_limits.py tests/test_trimesh_files.py", [
+    *mutants_of(RENDERER + "scene/scene_limits.py", "tests/test_scene_limits.py tests/test_obj_files.py", [
         ("meshes doubled", "MAX_MESHES = 4096", "MAX_MESHES = 8192"),
         ("luminaires doubled", "MAX_LUMINAIRES = 256", "MAX_LUMINAIRES = 512"),
         ("corners doubled", "FREE_CORNERS = 2**20", "FREE_CORNERS = 2**21"),
         ("vertices doubled", "FREE_VERTICES = 2**22", "FREE_VERTICES = 2**23"),
-        ("copies doubled", "FREE_COPIES = 2**23", "FREE_COPIES = 2**24"),
     ]),
     *mutants_of(RENDERER + "scene/scene.py", "tests/test_scene.py", [
         ("scale beyond its limit", "MAX_SCALE = 1e9 ", "MAX_SCALE = 2e9 "),
         ("cameras anywhere", "if not np.abs(points).max() <= MAX_COORDINATE_M or", "if"),
     ]),
-    *mutants_of(RENDERER + "scene/trimesh_files.py", "tests/test_trimesh_files.py", [
-        ("materials doubled", "MAX_PARTS = 2048", "MAX_PARTS = 4096"),
-        ("digits of a face", "(len(str(vertices)) + 1)", "(len(str(vertices)) + 2)"),
-        ("references followed in silence", "self.refused = self.refused or error", "pass"),
+    *mutants_of(RENDERER + "scene/polygons.py", "tests/test_obj_files.py", [
+        ("fans for all faces", "np.flatnonzero(~_fans_fill(points))", "np.flatnonzero(~_fans_fill(points))[:0]"),
+        ("fans that go round twice", "(turned < 2 * np.pi)", "(turned < 20 * np.pi)", "such faces cross themselves and come as fans"),
+    ]),
+    *mutants_of(RENDERER + "scene/polygon_ears.py", "tests/test_obj_files.py", [
+        ("ears of hollow corners", "turn > 0 if pass_by == STRICT else turn >= 0", "True"),
+        ("corners at one place", "if x[p] == x[q] and y[p] == y[q]:", "if False:"),
+    ]),
+    *mutants_of(RENDERER + "scene/obj_files.py", "tests/test_obj_files.py", [
+        ("negative numbers from the file's end", "np.repeat(before, counts)", "size"),
+    ]),
+    *mutants_of(RENDERER + "scene/stl_files.py", "tests/test_ply_files.py", [
+        ("no bytes behind a binary STL", "if 0 < count <= (len(content) - HEADER_BYTES) // TRIANGLE.itemsize:",
+         "if 0 < count == (len(content) - HEADER_BYTES) / TRIANGLE.itemsize:"),
     ]),
     *mutants_of(RENDERER + "scene/mesh_files.py", "tests/test_scene_limits.py", [
         ("stretched instances cleaned once", "> 1 and _is_similarity(mesh.file_from_mesh[:3, :3])", "> 1"),

@@ -71,6 +71,11 @@ class RigidMotion(NamedTuple):
             matrix = matrix @ node.rest_matrix
         return matrix
 
+    @property
+    def begins_flat(self) -> bool:
+        """Whether the file places the node without extent along some axis, such as by a scale of 0, from where no motion can be told."""
+        return not abs(np.linalg.det(self.file_from_node())) > MIN_DETERMINANT
+
     def sample_times_s(self, count: int) -> np.ndarray:
         """Times that show where the mesh goes: at most `count` of its keyframes, evenly chosen with the first and the last, and
         `count` evenly spaced ones; all before the animation's end."""
@@ -159,9 +164,6 @@ def read_motions(file: GltfFile, tree: NodeTree, name: str = "") -> list[RigidMo
         moves = not tracks.keys().isdisjoint(path)
         motions.append(RigidMotion(tuple(nodes[number] for number in path), duration_s, np.eye(4)) if moves else None)
     _check_work([motion for motion in motions if motion is not None])
-    for motion in motions:
-        if motion is not None and not abs(np.linalg.det(motion.file_from_node())) > MIN_DETERMINANT:
-            raise ValueError("has an animated node that is scaled to nothing where the file places it")
     return motions
 
 

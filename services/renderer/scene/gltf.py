@@ -1,7 +1,7 @@
 """glTF 2.0 files: the JSON document, and the numbers, triangles and bytes that it refers to. What they mean is read elsewhere.
 
 pygltflib takes 10 to 35 ms for the documents of small files, which json and the checks here read in 0.1 ms, and reads no accessors;
-trimesh reads neither sparse nor normalised accessors, nor animations, nor how textures are sampled.
+trimesh, which reads all that there is, knows neither sparse nor normalised accessors, nor animations, nor how textures are sampled.
 
 A faulty file raises ValueError, LookupError, TypeError, AttributeError, OverflowError, OSError or struct.error; a reference out of its
 folder UserError. What would take much memory is counted before it is made.
@@ -20,6 +20,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from vemlight.files import contained_path, decoded_json, read_file
+from vemlight.renderer.scene.polygons import strip_triangles
 
 DTYPE_OF_COMPONENT = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2.2
 COMPONENTS_OF_TYPE = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -28,10 +29,11 @@ MAX_ROWS_WITHOUT_DATA = 2**20  # zeros that no bytes stand for, for sparse value
 MAX_BYTES = 2**30  # of a file and of all that it refers to: 10 million vertices of 48 bytes, and as much in textures
 MAX_JSON_VALUES = 2**21  # 100,000 nodes of 20 values; each takes 32 to 88 bytes
 FREE_NUMBERS = 2**24  # in all accessors: 134 MB as float64. More only from as many bytes: accessors may lie on top of each other
-TRIANGLES, TRIANGLE_STRIP = 4, 5  # modes of a primitive, section 5.24.4
+TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = MODES = 4, 5, 6  # of a primitive's triangles, section 5.24.4
 READ_EXTENSIONS = frozenset(
     {
-        "EXT_texture_webp", "KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_pbrSpecularGlossiness",
+        "EXT_mesh_gpu_instancing", "EXT_texture_webp", "KHR_materials_emissive_strength", "KHR_materials_ior",
+        "KHR_materials_pbrSpecularGlossiness",
         "KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform",
     }
 )  # fmt: skip
@@ -86,13 +88,19 @@ class GltfFile:
             numbers[rows] = self._strided(sparse["values"], dtype, width, replaced)
         return np.maximum(numbers / np.iinfo(dtype).max, -1) if accessor.get("normalized") and dtype.kind in "iu" else numbers
 
-    def triangles(self, primitive: dict[str, Any], vertex_count: int) -> np.ndarray:
-        """The vertex numbers (m, 3) int64 of a primitive of triangles or a strip; vertices in their order where it has no indices."""
-        indices = self.array(primitive["indices"]).astype(np.int64).reshape(-1) if "indices" in primitive else np.arange(vertex_count)
-        if primitive.get("mode", TRIANGLES) == TRIANGLE_STRIP:
-            from trimesh.util import triangle_strips_to_faces  # here, since trimesh takes half a second to load
+    def is_empty(self, primitive: dict[str, Any]) -> bool:
+        """Whether a primitive names no positions, or arrays without rows, which the standard forbids and exporters write."""
+        numbers = [primitive["attributes"].get("POSITION"), primitive.get("indices", primitive["attributes"].get("POSITION"))]
+        return any(number is None or item(self.document["accessors"], number, "accessors")["count"] == 0 for number in numbers)
 
-            return triangle_strips_to_faces([indices])
+    def triangles(self, primitive: dict[str, Any], vertex_count: int) -> np.ndarray:
+        """The vertex numbers (m, 3) int64 of a primitive of one of MODES; vertices in their order where it has no indices."""
+        indices = self.array(primitive["indices"]).astype(np.int64).reshape(-1) if "indices" in primitive else np.arange(vertex_count)
+        mode = primitive.get("mode", TRIANGLES)
+        if mode == TRIANGLE_STRIP:
+            return strip_triangles(indices)
+        if mode == TRIANGLE_FAN:
+            return np.column_stack([np.full(max(len(indices) - 2, 0), indices[0]), indices[1:-1], indices[2:]])
         if len(indices) % 3:
             raise ValueError(f"has {len(indices)} indices, which is no number of triangles")
         return indices.reshape(-1, 3)

@@ -7,7 +7,7 @@ from PIL import Image
 
 from vemlight.errors import UserError
 from vemlight.renderer.gl.constants import MAX_HALF
-from vemlight.renderer.scene.gltf import READ_EXTENSIONS, TRIANGLE_STRIP, TRIANGLES, GltfFile, item
+from vemlight.renderer.scene.gltf import MODES, READ_EXTENSIONS, TRIANGLES, GltfFile, item
 from vemlight.renderer.scene.materials import AlphaTest, Colour, Ggx, Material, SpecularGlossiness, Unlit
 from vemlight.renderer.scene.textures import (
     BLED_PIXEL_BYTES,
@@ -259,18 +259,21 @@ class GltfMaterials:
         return colours
 
     def note_unsupported(self) -> None:
-        """Adds to `unsupported` what the file has beyond textures: extensions, morph targets, skins, points, lines and fans."""
+        """Adds to `unsupported` what the file has beyond textures: extensions, morph targets, skins, points and lines."""
         document = self._file.document
         for extension in sorted(set(document.get("extensionsUsed", [])) - READ_EXTENSIONS)[:MAX_NOTES]:
             users = [m.get("name", k) for k, m in enumerate(document.get("materials", [])) if extension in m.get("extensions", {})]
             more = f" and {len(users) - 1} more" if users[1:] else ""
+            if extension == "KHR_lights_punctual":
+                self._note("its lights (KHR_lights_punctual) are not drawn; give the scene a [[luminaire]]")
+                continue
             self._note(f"{extension} is not drawn" + (f", of material {users[0]}{more}" if users else ""))
         for number, mesh in enumerate(document.get("meshes", [])):
             name = f"mesh {mesh.get('name', number)}"
             if any("targets" in primitive for primitive in mesh["primitives"]):
                 self._note(f"{name}: its morph targets are left out; it keeps its first form")
-            if any(primitive.get("mode", TRIANGLES) not in (TRIANGLES, TRIANGLE_STRIP) for primitive in mesh["primitives"]):
-                self._note(f"{name}: its points, lines or fans are left out; triangles and strips are drawn")
+            if any(primitive.get("mode", TRIANGLES) not in MODES for primitive in mesh["primitives"]):
+                self._note(f"{name}: its points or lines are left out; triangles are drawn")
         for number, node in enumerate(document.get("nodes", [])):
             if "skin" in node:
                 self._note(f"node {node.get('name', number)}: its skin is left out; it keeps its first form")

@@ -29,7 +29,7 @@ class NodeTransform(NamedTuple):
 
 
 class MeshNode(NamedTuple):
-    """A node with a mesh. mesh: as the document has it. file_from_mesh: (4, 4), without animation."""
+    """A node with a mesh, or one of its instances. mesh: as the document has it. file_from_mesh: (4, 4), without animation."""
 
     number: int
     mesh: Mapping[str, Any]
@@ -72,8 +72,27 @@ def read_nodes(file: GltfFile) -> NodeTree:
         file_from_node = file_from_parent @ rest_matrix(node)
         stack += [(child, number, depth + 1, file_from_node) for child in node.get("children", [])]
         if "mesh" in node:
-            found.append(MeshNode(number, item(meshes, node["mesh"], "meshes"), file_from_node))
+            mesh = item(meshes, node["mesh"], "meshes")
+            found += [MeshNode(number, mesh, file_from_node @ placed) for placed in _instances(file, node)]
+            if len(found) > MAX_NODES:
+                raise ValueError(f"has more than {MAX_NODES} meshes and instances; join them")
     return NodeTree(found, parents)
+
+
+def _instances(file: GltfFile, node: Mapping[str, Any]) -> list[np.ndarray]:
+    """The transforms (4, 4) of a node's mesh within the node: its instances (EXT_mesh_gpu_instancing), or one that changes nothing."""
+    extension = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")
+    if extension is None:
+        return [np.eye(4)]
+    rows = {
+        key: file.array(extension["attributes"][name]).reshape(-1, width)
+        for name, key, width in (("TRANSLATION", "translation", 3), ("ROTATION", "rotation", 4), ("SCALE", "scale", 3))
+        if name in extension["attributes"]
+    }
+    counts = {len(values) for values in rows.values()}
+    if len(counts) != 1 or max(counts) > MAX_NODES:
+        raise ValueError(f"has instances whose places, rotations and scales are not as many as each other, or more than {MAX_NODES}")
+    return [node_transform({key: values[k] for key, values in rows.items()}).matrix() for k in range(max(counts))]
 
 
 def node_transform(node: Mapping[str, Any]) -> NodeTransform:

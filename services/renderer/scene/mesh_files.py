@@ -1,8 +1,6 @@
 """Meshes from files: glTF, OBJ, PLY and STL, with the materials and the motion that the file gives them."""
 
 import codecs
-import io
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,22 +9,23 @@ import numpy as np
 
 from vemlight.errors import UserError
 from vemlight.files import one_line, read_file
-from vemlight.light.quiet import silent
 from vemlight.renderer.scene.animation import ALL_ANIMATIONS, RigidMotion, animation_names, read_motions
-from vemlight.renderer.scene.gltf import TRIANGLE_STRIP, TRIANGLES, GltfFile
+from vemlight.renderer.scene.files_beside import MAX_LINES, FilesBeside
+from vemlight.renderer.scene.gltf import MODES, TRIANGLES, GltfFile
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
 from vemlight.renderer.scene.gltf_nodes import read_nodes
 from vemlight.renderer.scene.materials import Material, Phong
-from vemlight.renderer.scene.meshes import MAX_SIZE_M, Geometry, VertexAttributes, clean_geometry
+from vemlight.renderer.scene.meshes import MAX_SIZE_M, Geometry, NothingToDraw, VertexAttributes, clean_geometry
+from vemlight.renderer.scene.obj_files import read_obj
+from vemlight.renderer.scene.ply_files import read_ply
 from vemlight.renderer.scene.scene_limits import FREE_CORNERS, MAX_MESHES, SceneLimits
-from vemlight.renderer.scene.trimesh_files import MAX_BYTES, FilesBeside, check_obj, check_stl
-from vemlight.renderer.scene.trimesh_materials import colours_from_visual, material_from_visual
+from vemlight.renderer.scene.source_mesh import FileMeshes, SourceMesh, used_vertices
+from vemlight.renderer.scene.stl_files import read_stl
 
 GLTF_SUFFIXES = (".glb", ".gltf")
-# Read here, so that the bundled scene does not wait for trimesh.
-PLAIN_OBJ = re.compile(rb"(?:(?:#[^\r\n]*|v(?: +-?\d{1,9}(?:\.\d{1,17})?){3} *|f(?: +\d{1,9}){3} *)?\r?\n)*")
-MAX_PLAIN_BYTES = 2**20  # trimesh reads larger ones sooner, and takes longer than its loading
+MAX_BYTES = 2**29  # of an OBJ, PLY or STL: 5 million triangles with normals and texture coordinates in text
 MESH_SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl")
+FLATTENED = 1e-12  # of a transform's largest scale, so much along another axis is none; any value in 1e-14 .. 1e-9 does
 MIN_SCALE = 1e-6  # of an instance, along each axis; any value in 1e-12 .. 1e-3 does
 SIMILARITY = 1e-5  # by which normals may be off in length: matrices of a file have float32's 1e-7; any value in 1e-6 .. 1e-3 does
 
@@ -47,16 +46,6 @@ class MeshFile(NamedTuple):
     unsupported: list[str]
 
 
-class SourceMesh(NamedTuple):
-    """A mesh as its file has it. triangles: (m, 3). file_from_mesh: (4, 4)."""
-
-    vertices: VertexAttributes
-    triangles: np.ndarray
-    file_from_mesh: np.ndarray
-    material: Material | None
-    motion: RigidMotion | None = None
-
-
 def read_meshes(path: Path, where: str, animation: str = "", materials: bool = True, limits: SceneLimits | None = None) -> MeshFile:
     """Each mesh in a glTF, OBJ, PLY or STL file.
 
@@ -70,80 +59,101 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
             if path.suffix.lower() in GLTF_SUFFIXES:
                 file = GltfFile(path)
                 file_materials = GltfMaterials(file)
-                meshes = _gltf_meshes(file, file_materials, limits, animation, materials)
-                unsupported = _unsupported(file, file_materials, animation)
+                meshes, left_out = _gltf_meshes(file, file_materials, limits, animation, materials)
+                left_out += _unsupported(file, file_materials, animation)
             else:
-                meshes, unsupported = _trimesh_meshes(path, limits)
+                meshes, left_out = _meshes_of_other_files(path, limits)
     except UserError as error:
         raise UserError(f"{where}: {error}") from error
     except Exception as error:  # a hostile file raises whatever the parsers trip over
         raise UserError(f"{where}: {path} is not a readable mesh ({one_line(error)}); export it again") from error
     if not meshes:
-        raise UserError(f"{where}: {path} has no triangles; export it again")
-    return MeshFile(_placed(meshes, path, where, limits), [f"{path.name}: {line}" for line in unsupported])
+        detail = f" that can be drawn ({left_out[0]})" if left_out else ""
+        raise UserError(f"{where}: {path} has no triangles{detail}; export it again")
+    return MeshFile(_placed(meshes, path, where, limits, left_out), [f"{path.name}: {line}" for line in left_out])
 
 
-def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimits) -> list[MeshPart]:
-    """Clean meshes in their file's axes. One that several nodes have is cleaned once, if no node stretches it."""
+def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimits, left_out: list[str]) -> list[MeshPart]:
+    """Clean meshes in their file's axes. One that several nodes have is cleaned once, if no node stretches it.
+
+    left_out: gets a line for each mesh without area. Raises UserError where none has any.
+    """
     nodes = Counter(id(mesh.triangles) for mesh in meshes)
     shared = [nodes[id(mesh.triangles)] > 1 and _is_similarity(mesh.file_from_mesh[:3, :3]) for mesh in meshes]
     once = {id(mesh.triangles): len(mesh.triangles) for mesh, is_shared in zip(meshes, shared, strict=True) if is_shared}
     each = sum(len(mesh.triangles) for mesh, is_shared in zip(meshes, shared, strict=True) if not is_shared)
     cleaned: dict[int, Geometry] = {}
     parts: list[MeshPart] = []
+    empty: list[str] = []
     name = path.name
     try:
         limits.on_cleaned(each + sum(once.values()))
         for number, (mesh, is_shared) in enumerate(zip(meshes, shared, strict=True), 1):
             name = path.name if len(meshes) == 1 else f"{path.name} part {number}"
-            with np.errstate(all="ignore"):
-                geometry = _moved(mesh, cleaned, limits) if is_shared else _in_file_axes(mesh, limits)
+            try:
+                with np.errstate(all="ignore"):
+                    geometry = _moved(mesh, cleaned, limits) if is_shared else _in_file_axes(mesh, limits)
+            except NothingToDraw as error:
+                empty.append(f"{name.removeprefix(path.name).strip()} {error}")
+                continue
             coloured = mesh.material is None and mesh.vertices.colours is not None
             parts.append(MeshPart(name, geometry, Phong((1.0, 1.0, 1.0)) if coloured else mesh.material, mesh.motion))
     except Exception as error:  # as above
         raise UserError(f"{where}: {name} {one_line(error)}; export it again") from error
+    if not parts:
+        raise UserError(f"{where}: {path.name} {empty[0].strip()}; export it again")
+    left_out += [f"{line} and is left out" for line in empty[:MAX_LINES]]
     return parts
 
 
 def _gltf_meshes(
     file: GltfFile, file_materials: GltfMaterials, limits: SceneLimits, animation: str, materials: bool
-) -> list[SourceMesh]:
-    """The primitives of triangles and strips of each node. One that several nodes have is read once."""
+) -> tuple[list[SourceMesh], list[str]]:
+    """The primitives of triangles, strips and fans of each node, and a line for each thing that is left out.
+
+    A primitive that several nodes have is read once.
+    """
     tree = read_nodes(file)
     read: dict[int, tuple[VertexAttributes, np.ndarray, Material | None]] = {}
-    meshes, numbers = [], 0
+    meshes, numbers, left_out = [], 0, dict[str, None]()
     for node, motion in zip(tree.mesh_nodes, read_motions(file, tree, animation), strict=True):
+        name = str(file.document["nodes"][node.number].get("name", node.number))[:60]
+        if _is_hidden(node.file_from_mesh[:3, :3]) or (motion and motion.begins_flat):
+            left_out[f"node {name} is left out: its scale is 0{' where its animation begins' if motion else ''}"] = None
+            continue
         for primitive in node.mesh["primitives"]:
-            if primitive.get("mode", TRIANGLES) in (TRIANGLES, TRIANGLE_STRIP):
-                if len(meshes) >= MAX_MESHES:
-                    raise ValueError(f"draws more than {MAX_MESHES} meshes; join them")
-                if id(primitive) not in read:
-                    numbers += _numbers_of(file, primitive)
-                    if numbers > max(FREE_CORNERS, file.stored_bytes):
-                        raise ValueError(f"has {numbers} vertices and corners in {file.stored_bytes} bytes; repeat fewer of them")
-                    vertices = _gltf_vertices(file, file_materials, primitive)
-                    triangles = file.triangles(primitive, len(vertices.positions))
-                    material = file_materials.material(primitive) if materials else None
-                    read[id(primitive)] = *_used(vertices, triangles), material
-                vertices, triangles, material = read[id(primitive)]
-                meshes.append(SourceMesh(vertices, triangles, node.file_from_mesh, material, motion))
+            if primitive.get("mode", TRIANGLES) not in MODES:
+                continue
+            if file.is_empty(primitive):
+                left_out[f"a mesh of node {name} is left out: it is empty"] = None
+                continue
+            if len(meshes) >= MAX_MESHES:
+                raise ValueError(f"draws more than {MAX_MESHES} meshes; join them")
+            if id(primitive) not in read:
+                numbers += _numbers_of(file, primitive)
+                if numbers > max(FREE_CORNERS, file.stored_bytes):
+                    raise ValueError(f"has {numbers} vertices and corners in {file.stored_bytes} bytes; repeat fewer of them")
+                vertices = _gltf_vertices(file, file_materials, primitive)
+                triangles = file.triangles(primitive, len(vertices.positions))
+                material = file_materials.material(primitive) if materials else None
+                read[id(primitive)] = *used_vertices(vertices, triangles), material
+            vertices, triangles, material = read[id(primitive)]
+            meshes.append(SourceMesh(vertices, triangles, node.file_from_mesh, material, motion))
     limits.on_stored(file.stored_bytes)
-    return meshes
+    return meshes, list(left_out)[:MAX_LINES]
+
+
+def _is_hidden(linear: np.ndarray) -> bool:
+    """Whether a transform (3, 3) makes a line or a point of everything, as a scale of 0 does by which tools hide a node."""
+    if not np.isfinite(linear).all():
+        return False
+    sizes = np.linalg.svd(linear, compute_uv=False)
+    return bool(sizes[1] <= FLATTENED * sizes[0])
 
 
 def _numbers_of(file: GltfFile, primitive: dict[str, Any]) -> int:
     """How many vertices and corners of triangles a primitive has, of which copies are made."""
     return len(file.array(primitive["attributes"]["POSITION"])) + (len(file.array(primitive["indices"])) if "indices" in primitive else 0)
-
-
-def _used(vertices: VertexAttributes, triangles: np.ndarray) -> tuple[VertexAttributes, np.ndarray]:
-    """The vertices that triangles use, where many others are in the same arrays: exporters share them among primitives."""
-    count = len(vertices.positions)
-    if count <= triangles.size or triangles.size == 0 or triangles.min() < 0 or triangles.max() >= count:
-        return vertices, triangles
-    used, numbers = np.unique(triangles, return_inverse=True)
-    others = (None if rows is None else rows[used] for rows in vertices[1:])
-    return VertexAttributes(vertices.positions[used], *others), numbers.reshape(triangles.shape)
 
 
 def _gltf_vertices(file: GltfFile, file_materials: GltfMaterials, primitive: dict[str, Any]) -> VertexAttributes:
@@ -156,46 +166,14 @@ def _gltf_vertices(file: GltfFile, file_materials: GltfMaterials, primitive: dic
     return vertices
 
 
-def _plain_obj(content: bytes) -> SourceMesh | None:
-    """The mesh of a small OBJ of nothing but positions and triangles; None for any other."""
-    if len(content) > MAX_PLAIN_BYTES or not PLAIN_OBJ.fullmatch(content):
-        return None
-    rows = [line.split() for line in content.splitlines()]
-    positions = np.array([row[1:] for row in rows if row[:1] == [b"v"]], np.float64)
-    triangles = np.array([row[1:] for row in rows if row[:1] == [b"f"]], np.int64) - 1
-    return SourceMesh(VertexAttributes(positions), triangles, np.eye(4), None) if len(positions) and len(triangles) else None
-
-
-def _trimesh_meshes(path: Path, limits: SceneLimits) -> tuple[list[SourceMesh], list[str]]:
+def _meshes_of_other_files(path: Path, limits: SceneLimits) -> FileMeshes:
     """The meshes of an OBJ, PLY or STL file, and a line for each thing that is left out."""
-    content, kind = read_file(path, MAX_BYTES).removeprefix(codecs.BOM_UTF8), path.suffix.lower().removeprefix(".")
+    content, kind = read_file(path, MAX_BYTES).removeprefix(codecs.BOM_UTF8), path.suffix.lower()
     limits.on_stored(len(content))
-    if kind in ("obj", "stl"):
-        (check_obj if kind == "obj" else check_stl)(content)
-    if kind == "obj" and (plain := _plain_obj(content)):
-        return [plain], []
-    import trimesh  # here, since it takes half a second to load
-
+    if kind == ".stl":
+        return read_stl(content)
     beside = FilesBeside(path.parent, str(path))
-    with silent():  # trimesh logs, and numpy warns of what it computes with nan
-        stream = io.BytesIO(content)
-        scene = trimesh.load_scene(stream, file_type=kind, resolver=beside, process=False, maintain_order=True)  # type: ignore[arg-type]
-    if beside.refused:
-        raise beside.refused
-    meshes, left_out = [], beside.left_out
-    texels: dict[str, np.ndarray] = {}
-    for node in scene.graph.nodes_geometry:
-        matrix, key = scene.graph[node]
-        mesh = scene.geometry[key]
-        if isinstance(mesh, trimesh.Trimesh):
-            material, uvs = material_from_visual(mesh.visual, texels)
-            # Those that the file has: trimesh's property would compute its own.
-            normals = np.asarray(mesh.vertex_normals) if "vertex_normals" in mesh._cache.cache else None
-            vertices = VertexAttributes(np.asarray(mesh.vertices), normals, uvs, colours_from_visual(mesh.visual))
-            meshes.append(SourceMesh(vertices, np.asarray(mesh.faces), np.asarray(matrix, np.float64), material))
-            if uvs is None and (stored := getattr(mesh.visual, "uv", None)) is not None and not np.isfinite(stored).all():
-                left_out.append("its texture coordinates are left out: some are nan or inf")
-    return meshes, list(dict.fromkeys(left_out))
+    return read_obj(content, beside) if kind == ".obj" else read_ply(content, beside)
 
 
 def _unsupported(file: GltfFile, file_materials: GltfMaterials, animation: str) -> list[str]:
@@ -212,7 +190,8 @@ def _in_file_axes(mesh: SourceMesh, limits: SceneLimits) -> Geometry:
     linear, offset = mesh.file_from_mesh[:3, :3], mesh.file_from_mesh[:3, 3]
     vertices = mesh.vertices
     positions = vertices.positions @ linear.T + offset
-    normals = None if vertices.normals is None else vertices.normals @ np.linalg.inv(linear)
+    flat = abs(np.linalg.det(linear)) <= FLATTENED * np.linalg.norm(linear) ** 3  # its normals have no direction left
+    normals = None if vertices.normals is None or flat else vertices.normals @ np.linalg.inv(linear)
     triangles = mesh.triangles if np.linalg.det(linear) > 0 else mesh.triangles[:, ::-1]
     geometry = clean_geometry(vertices._replace(positions=positions, normals=normals), triangles)
     limits.on_placed(len(geometry.positions))

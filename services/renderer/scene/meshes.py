@@ -22,6 +22,10 @@ BOX_TRIANGLES = np.concatenate([BOX_TRIANGLES, [[6, 5, 4], [7, 5, 6]]])
 MIN_NORMAL = 1e-6  # length; shorter ones have no direction. Any value in 1e-12 .. 1e-2 does
 
 
+class NothingToDraw(ValueError):
+    """A mesh without triangles, size or area."""
+
+
 class Geometry(NamedTuple):
     """A triangle mesh.
 
@@ -109,26 +113,28 @@ def _sphere(rows: int, cols: int) -> Geometry:
 def clean_geometry(vertices: VertexAttributes, triangles: np.ndarray) -> Geometry:
     """Geometry of vertices and triangles (m, 3), without those of no area.
 
-    Normals are replaced by our own where one of them is missing or has no length. Raises ValueError that says what is wrong when nothing
-    can be drawn: no triangles, nan or inf vertices, indices out of range, no area.
+    Normals are replaced by our own where one of them is missing or has no length. Raises ValueError that says what is wrong: nan or inf
+    vertices, indices out of range; NothingToDraw for no triangles, no size and no area.
     """
     positions, normals, uvs, colours, second_uvs = vertices
     if len(triangles) == 0 or len(positions) == 0:
-        raise ValueError("is empty")
+        raise NothingToDraw("is empty")
     if triangles.min() < 0 or triangles.max() >= len(positions):
         raise ValueError("has triangles with vertices that it does not have")
     used = np.unique(triangles)
     if not np.all(np.isfinite(positions[used])):
         raise ValueError("has vertices that are nan or inf")
     size = np.ptp(positions[used], axis=0).max()
-    if not 0 < size < MAX_SIZE_M:
-        raise ValueError("has no size" if size <= 0 else f"is larger than {MAX_SIZE_M:.0e} m")
+    if size <= 0:
+        raise NothingToDraw("has no size")
+    if not size < MAX_SIZE_M:
+        raise ValueError(f"is larger than {MAX_SIZE_M:.0e} m")
     corners = positions[triangles].astype(np.float64)
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(facing, axis=-1)
     good = area > MIN_RELATIVE_AREA * size**2
     if not good.any():
-        raise ValueError("has no area")
+        raise NothingToDraw("has no area")
     triangles, facing = triangles[good], facing[good] / area[good, None]
     welded = _welded(positions, triangles)
     if normals is None or normals.shape != positions.shape or not np.all(np.linalg.norm(normals[used], axis=-1) > MIN_NORMAL):

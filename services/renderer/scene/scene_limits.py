@@ -7,7 +7,6 @@ MAX_MESHES = 4096  # drawn one by one: each takes about 1 ms to prepare, and a d
 MAX_LUMINAIRES = 256  # each has maps of its own
 FREE_CORNERS = 2**20  # of triangles: 350,000 of them take 1.5 s and 270 MB to clean
 FREE_VERTICES = 2**22  # of meshes in place: with position, normal and texture coordinates 130 MB
-FREE_COPIES = 2**23  # vertices that trimesh copies for the materials of an OBJ, all of them for each: 200 MB
 
 
 class SceneLimits:

@@ -32,6 +32,7 @@ from vemlight.light.sphere import (
     latlong_solid_angles,
 )
 from vemlight.sampler.probes import SOFTNESS, probes
+from vemlight.sampler.score import MIN_SPREAD_RAD
 
 BRIGHTEST = 4096  # source pixels that are not resampled to the grid
 PROBES = 1500  # with soft edges
@@ -129,6 +130,43 @@ def probe_irradiance(points: Points, count: int = PROBES, coverage: Coverage = "
     if len(light):
         _gather_soft(*probes(count, coverage), np.ascontiguousarray(light.T), SOFTNESS, result.soft)
     return result
+
+
+def judged_hard(lights: LightSet) -> np.ndarray:
+    """Irradiance (CIRCLES * TURNS, 3) of all surfaces under lights, with extent or without."""
+    if lights.covariances is None:
+        return probe_irradiance(points_of_lights(lights), 1).hard.astype(float)
+    covariances = lights.covariances.astype(float)
+    means = np.sqrt(np.maximum(1 - covariances[:, [0, 3, 5]].sum(axis=1, keepdims=True), 0)) * lights.directions
+    hard = np.zeros((CIRCLES, TURNS, 3))
+    _gather_soft_lights(*probes(CIRCLES, "hemisphere"), means, covariances, lights.irradiance.astype(float), hard)
+    return hard.reshape(-1, 3)
+
+
+@njit(cache=True)
+def _gather_soft_lights(normals, axes, means, covariances, flux, hard):
+    """Adds every light's irradiance to hard (circles, turns, 3), by the formula of `score.irradiance_of_soft_lights`."""
+    circles, turns, _ = hard.shape
+    for k in range(circles):
+        nx, ny, nz = normals[k]
+        # Two axes across the third (Duff et al. 2017).
+        x, y, z = axes[k]
+        sign = 1.0 if z >= 0 else -1.0
+        a, b = -1.0 / (sign + z), -x * y / (sign + z)
+        across = np.array([[1 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]])
+        for light in range(means.shape[0]):
+            xx, xy, xz, yy, yz, zz = covariances[light]
+            c = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            height = nx * means[light, 0] + ny * means[light, 1] + nz * means[light, 2]
+            u = math.sqrt(max(normals[k] @ c @ normals[k], 1e-12))
+            facing = 0.5 * height * math.erfc(-height / u / math.sqrt(2)) + u / math.sqrt(2 * math.pi) * math.exp(-0.5 * (height / u) ** 2)
+            middle, spread = across @ means[light], across @ c @ across.T
+            for t in range(turns):
+                p, q = math.cos(2 * math.pi * t / turns), math.sin(2 * math.pi * t / turns)
+                v = math.sqrt(max(p * p * spread[0, 0] + 2 * p * q * spread[0, 1] + q * q * spread[1, 1], MIN_SPREAD_RAD**2))
+                open_ = 0.5 * math.erfc(-(p * middle[0] + q * middle[1]) / v / math.sqrt(2))
+                for channel in range(3):
+                    hard[k, t, channel] += flux[light, channel] * facing * open_
 
 
 @njit(cache=True)

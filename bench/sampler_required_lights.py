@@ -1,7 +1,7 @@
 """Lights that scenes require: VEMLIGHT_DATA=FOLDER python -m bench.sampler_required_lights.
 
 Writes docs/charts/sampler_required_lights.csv and .png. For each map of FOLDER/hdri and the CIE's overcast sky: the number of lights that
-the sampler chooses for error limits of 5 to 40 %, and their error on 1024 other probes, against every cell of the map.
+the sampler chooses for error limits of 5 to 40 %, and their error at 2048 other probes, against every cell of the map.
 """
 
 import csv
@@ -12,13 +12,15 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from bench.evaluation import read_source
+from bench.evaluation import Source, read_source
 from vemlight.files import written_whole
-from vemlight.sampler.light_map import light_map
-from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from vemlight.sampler.required_lights import DARK_PROBE, required_lights
-from vemlight.sampler.warps.points import points
-from vemlight.sampler.warps.warp import warp_from_map
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
+from vemlight.sampler.hard_probes import HARD_PROBES, hard_probes, relative_squares
+from vemlight.sampler.sampler_input import SamplerInput
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
+from vemlight.sampler.tracking.tiles import tiles_from_map
+from vemlight.settings import Sampler
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -26,21 +28,19 @@ from matplotlib import pyplot as plt
 OUT = Path(__file__).parents[1] / "docs" / "charts"
 LIMITS = (0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4)
 MAX_COUNT = 1024
+UNSEEN = (HARD_PROBES, 3 * HARD_PROBES)  # probes that the choice does not use
+SINGLE_CELLS = 100_000  # lights, for which a map's tiles are its cells
 
 
-def chosen(radiance: np.ndarray) -> list[tuple[float, int, float]]:
-    """(error limit, number of lights, error on other probes) for a map (rows, cols, 3)."""
-    light = light_map(radiance, "hemisphere")
-    samples = warp_from_map(light, "havran-azimuth").sample(points(MAX_COUNT, "disc"))
-    tint = samples.radiance / samples.density[:, None] / light.irradiance
-    at = probes(1024, "hemisphere")
-    truth, result = irradiance_of_map(at, light.radiance, "hemisphere"), []
+def chosen(source: Source | np.ndarray) -> list[tuple[float, int, float]]:
+    """(error limit, number of lights, error at other probes) for a source, or a polar map (90, 360, 3)."""
+    radiance, bright = (source, NO_BRIGHT_CELLS) if isinstance(source, np.ndarray) else (source.polar, source.bright_cells)
+    cells, result = tiles_from_map(radiance, "hemisphere", SINGLE_CELLS, bright), []
     for limit in LIMITS:
-        count = required_lights(light, samples.directions, tint, limit)
-        irradiance = tint[:count] / tint[:count].sum(axis=0) * light.irradiance
-        got = irradiance_of_lights(at, samples.directions[:count], irradiance)
-        error = np.sqrt((((got - truth) / (truth + DARK_PROBE * truth.mean())) ** 2).mean())
-        result.append((limit, count, float(error)))
+        wanted = Sampler(method="havran-azimuth", filter="none", count=MAX_COUNT, error_percent=100 * limit)
+        _, lights, _ = step(wanted, initial_state(), SamplerInput(radiance, "hemisphere", 0.0, bright))
+        error = np.sqrt(relative_squares(hard_probes("hemisphere", *UNSEEN), cells, lights).mean())
+        result.append((limit, len(lights.ids), float(error)))
     return result
 
 
@@ -55,7 +55,7 @@ def main() -> None:
     paths = sorted(path for path in folder.glob("*") if path.suffix in (".hdr", ".exr"))
     if not paths:
         sys.exit(f"{folder}: there are no .hdr or .exr maps; set VEMLIGHT_DATA to a folder with hdri/ in it")
-    results = {path.stem.removesuffix("_1k"): chosen(read_source(path).polar) for path in paths}
+    results = {path.stem.removesuffix("_1k"): chosen(read_source(path)) for path in paths}
     results["overcast sky (CIE)"] = chosen(overcast())
     OUT.mkdir(parents=True, exist_ok=True)
     with written_whole(OUT / "sampler_required_lights.csv") as part, open(part, "w", newline="") as file:

@@ -16,16 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.accuracy.maps import maps
-from bench.evaluation import CIRCLES, TURNS, Points, Source, points_of, points_of_lights, probe_irradiance, read_source, relative_rms
+from bench.evaluation import Points, Source, judged_hard, points_of, probe_irradiance, read_source, relative_rms
 from bench.sequences import SEQUENCES, SUN, World, disc, turned, world_from_latlong
-from vemlight.kernels import kernel
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
-from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles, rotation_xyz
-from vemlight.sampler.probes import probes
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.score import MIN_SPREAD_RAD
 from vemlight.sampler.tracking.tracked import initial_tracked, tracked_step
 
 OUT = Path(__file__).parents[1] / "docs" / "charts"
@@ -41,43 +37,6 @@ class Moment(NamedTuple):
     time_s: float
     source: Source
     sources: list[tuple[np.ndarray, float]]
-
-
-def judged_hard(lights: LightSet) -> np.ndarray:
-    """Irradiance (CIRCLES * TURNS, 3) of the surfaces of `bench.evaluation` under lights, with extent or without."""
-    if lights.covariances is None:
-        return probe_irradiance(points_of_lights(lights), 1).hard.astype(float)
-    covariances = lights.covariances.astype(float)
-    means = np.sqrt(np.maximum(1 - covariances[:, [0, 3, 5]].sum(axis=1, keepdims=True), 0)) * lights.directions
-    hard = np.zeros((CIRCLES, TURNS, 3))
-    _gather_soft_lights(*probes(CIRCLES, "hemisphere"), means, covariances, lights.irradiance.astype(float), hard)
-    return hard.reshape(-1, 3)
-
-
-@kernel
-def _gather_soft_lights(normals, axes, means, covariances, flux, hard):
-    """Adds every light's irradiance to hard (circles, turns, 3), by the formula of `score.irradiance_of_soft_lights`."""
-    circles, turns, _ = hard.shape
-    for k in range(circles):
-        nx, ny, nz = normals[k]
-        # Two axes across the third (Duff et al. 2017).
-        x, y, z = axes[k]
-        sign = 1.0 if z >= 0 else -1.0
-        a, b = -1.0 / (sign + z), -x * y / (sign + z)
-        across = np.array([[1 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]])
-        for light in range(means.shape[0]):
-            xx, xy, xz, yy, yz, zz = covariances[light]
-            c = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            height = nx * means[light, 0] + ny * means[light, 1] + nz * means[light, 2]
-            u = math.sqrt(max(normals[k] @ c @ normals[k], 1e-12))
-            facing = 0.5 * height * math.erfc(-height / u / math.sqrt(2)) + u / math.sqrt(2 * math.pi) * math.exp(-0.5 * (height / u) ** 2)
-            middle, spread = across @ means[light], across @ c @ across.T
-            for t in range(turns):
-                p, q = math.cos(2 * math.pi * t / turns), math.sin(2 * math.pi * t / turns)
-                v = math.sqrt(max(p * p * spread[0, 0] + 2 * p * q * spread[0, 1] + q * q * spread[1, 1], MIN_SPREAD_RAD**2))
-                open_ = 0.5 * math.erfc(-(p * middle[0] + q * middle[1]) / v / math.sqrt(2))
-                for channel in range(3):
-                    hard[k, t, channel] += flux[light, channel] * facing * open_
 
 
 def step(count: int, soft: bool, state, moment: Moment):

@@ -86,6 +86,11 @@ class Capture(SettingsSection, frozen=True):
     threads: Annotated[int, Meta(ge=1, le=8), means("threads that resample a fisheye frame; more than 1 pays off above 2 megapixels")] = 1
 
 
+FIXED_COUNT = 72  # the number of Havran et al. 2005
+ADAPTIVE_PERCENT = 5.0  # 20 to 80 soft lights: what one sees of fewer is in docs/accuracy.md
+ADAPTIVE_COUNT = 256  # three times what any of eleven maps takes for that; a limit of 3 % takes 130
+
+
 class Sampler(SettingsSection, frozen=True):
     """How lights are chosen from a map and kept steady."""
 
@@ -93,7 +98,11 @@ class Sampler(SettingsSection, frozen=True):
     points: Annotated[
         Literal["auto", "disc", "relaxed", "halton"], means("point set of all methods but tracked; auto: relaxed for standard, else disc")
     ] = "auto"
-    count: Annotated[Count, means("lights a frame; the maximum where error_percent or the renderer's frame_ms chooses")] = 72
+    count: Annotated[
+        Count | None,
+        means("lights a frame; the maximum where error_percent or the renderer's frame_ms chooses; left out: 256 under an error limit, "
+              "else 72"),
+    ] = None  # fmt: skip
     filter: Annotated[Filter, means("temporal filter; auto: adaptive for tracked, fir2005 for the others")] = "auto"
     order: Annotated[int, Meta(ge=2, le=64, multiple_of=2), means("fir: earlier frames in the sum; the delay is half of them"), FRAMES] = 8
     pass_hz: Annotated[Frequency, means("fir: end of the pass band; iir: half of the power passes here"), HZ] = 3.0
@@ -105,16 +114,28 @@ class Sampler(SettingsSection, frozen=True):
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0
     gloss_lights: Annotated[Count0, means("lights of the gloss set, a second, larger set for glossy surfaces; 0: none")] = 0
     error_percent: Annotated[
-        float, Meta(ge=0, le=100), means("use as few lights as keep the error of irradiance within this limit; 0: always `count`"), PER_CENT
-    ] = 0.0
+        Annotated[float, Meta(ge=0, le=100)] | None,
+        means("use as few lights as keep the error of irradiance within this limit; 0: always `count`; left out: 5 for soft lights without "
+              "`count`, else 0"),
+        PER_CENT,
+    ] = None  # fmt: skip
+
+    @property
+    def error_limit(self) -> float:
+        """Relative error that as few lights as possible keep within; 0: there are `max_count`."""
+        chosen = self.error_percent if self.error_percent is not None else ADAPTIVE_PERCENT if self.soft and self.count is None else 0.0
+        return chosen / 100
+
+    @property
+    def max_count(self) -> int:
+        """The most lights of a frame."""
+        return self.count or (ADAPTIVE_COUNT if self.error_limit else FIXED_COUNT)
 
     def __post_init__(self) -> None:
         if self.filter not in ("auto", "none") and (self.method == "tracked") != (self.filter == "adaptive"):
             raise ValueError(f"filter {self.filter} does not go with method {self.method}; name another method, or filter auto")
         if self.soft and self.method != "tracked":
             raise ValueError(f"soft lights are made by method tracked, not {self.method}; leave out soft or name method tracked")
-        if self.soft and self.error_percent:
-            raise ValueError("error_percent estimates the error of points; leave out soft or error_percent")
 
 
 class Renderer(SettingsSection, frozen=True):

@@ -30,7 +30,7 @@ def test_a_single_map_is_not_filtered_unless_asked(asked, frames, used):
 def test_options_become_settings_of_the_sampler():
     options = LightsOptions(source=HERE, out=HERE, count=5, method="standard", deflicker=True)
     found = sampler_settings(options, 2, clusters=3, error_percent=None)
-    assert (found.count, found.method, found.deflicker, found.clusters, found.error_percent) == (5, "standard", True, 3, 0.0)
+    assert (found.count, found.method, found.deflicker, found.clusters, found.error_percent) == (5, "standard", True, 3, None)
 
 
 def test_options_become_settings_of_the_renderer():

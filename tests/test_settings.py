@@ -125,8 +125,15 @@ def test_options_of_a_command_line_are_named_as_there():
         (Sampler, {"error_percent": 200.0}, ("--error:", "100")),
         (Sampler, {"method": "tracked", "filter": "fir"}, ("filter fir", "filter auto")),
         (Sampler, {"soft": True, "method": "standard"}, ("soft", "method tracked, not standard")),
-        (Sampler, {"soft": True, "error_percent": 5.0}, ("leave out soft or error_percent",)),
     ):
         with pytest.raises(UserError) as caught:
             section_from_options(kind, values)
         assert all(word in str(caught.value) for word in words)
+
+
+def test_what_the_settings_leave_out():
+    assert (Sampler().max_count, Sampler().error_limit) == (72, 0.0)
+    assert (Sampler(soft=True).max_count, Sampler(soft=True).error_limit) == (256, 0.05)
+    assert (Sampler(soft=True, count=40).max_count, Sampler(soft=True, count=40).error_limit) == (40, 0.0)
+    assert (Sampler(error_percent=7.0).max_count, Sampler(error_percent=7.0, count=9).max_count) == (256, 9)
+    assert (Sampler(soft=True, error_percent=0.0).max_count, Sampler(soft=True, error_percent=0.0).error_limit) == (72, 0.0)

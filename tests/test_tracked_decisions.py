@@ -6,9 +6,6 @@ import pytest
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.sphere import direction_from_angles
-from vemlight.sampler import tracked_method
-from vemlight.sampler.light_map import light_map
-from vemlight.sampler.required_lights import prefix_errors
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
@@ -16,7 +13,7 @@ from vemlight.sampler.tracking.cleaning import cleaned
 from vemlight.sampler.tracking.noise import Noise, noise_after
 from vemlight.sampler.tracking.split_merge import URGENT, Sites, best_splits, cheapest_pair, split_and_merge
 from vemlight.sampler.tracking.tiles import tiles_from_map
-from vemlight.sampler.tracking.tracked import initial_tracked, required_tracked_lights, tracked_step
+from vemlight.sampler.tracking.tracked import initial_tracked, tracked_step
 from vemlight.sampler.tracking.voronoi import cells_from_sites, lights_from_cells, root
 from vemlight.settings import Sampler
 
@@ -121,16 +118,6 @@ def test_in_slow_light_exchanges_come_eight_frames_apart():
     assert gaps.min() <= 12
 
 
-@pytest.mark.parametrize("error", [0.02, 0.1, 0.3])
-def test_the_required_number_follows_the_error_to_the_power_of_four_thirds(error):
-    light = light_map(sky(lamp=50.0), "hemisphere")
-    _, lights, _ = tracked_step(32, initial_tracked(), SamplerInput(sky(lamp=50.0), "hemisphere", 0.0))
-    tint = lights.irradiance / light.irradiance
-    present = prefix_errors(light, lights.directions.astype(float), tint)[-1]
-    expected = 32 * min((present / (0.77 * error)) ** (4 / 3), 2.0)  # three sigma of 7.2 % below the limit; at most twice as many
-    assert required_tracked_lights(light, lights, error, 10_000) == int(np.ceil(expected))
-
-
 def test_the_first_frame_finds_its_number_at_once():
     settings, radiance = Sampler(error_percent=10.0, count=600, filter="none"), sky(lamp=200.0)
     state, counts = initial_state(), []
@@ -138,18 +125,6 @@ def test_the_first_frame_finds_its_number_at_once():
         state, lights, _ = step(settings, state, SamplerInput(radiance, "hemisphere", k / 25))
         counts.append(len(lights.ids))
     assert counts[0] <= 1.25 * counts[-1]
-
-
-@pytest.mark.parametrize(("required", "used"), [(104, 100), (109, 100), (112, 112), (119, 119)])
-def test_an_estimate_a_tenth_above_the_number_in_use_changes_nothing(required, used, monkeypatch):
-    monkeypatch.setattr(tracked_method, "required_tracked_lights", lambda *_: required)
-    settings = Sampler(error_percent=10.0, count=600)
-    state, _, _ = step(settings, initial_state(), SamplerInput(sky(), "hemisphere", 0.0))
-    assert state.light_count
-    state = state._replace(light_count=state.light_count._replace(count=100))
-    state, _, _ = step(settings, state, SamplerInput(sky(), "hemisphere", 0.04))
-    assert state.light_count
-    assert state.light_count.count == used
 
 
 def test_an_exchange_gains_twice_its_cost_and_half_a_mean_cell():

@@ -28,6 +28,7 @@ UNITS = (
     "_depth",
     "_budget",
     "_pages",
+    "_ratio",
 )
 
 

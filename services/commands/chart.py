@@ -18,13 +18,14 @@ from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_directions
 from vemlight.runtime.progress import counted
+from vemlight.sampler.hard_probes import HARD_PROBES, hard_probes, relative_squares
 from vemlight.sampler.light_map import light_map
 from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
-from vemlight.sampler.required_lights import DARK_PROBE, REQUIRED_PROBES
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import SCORE_PROBES, score
 from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
+from vemlight.sampler.tracking.tiles import tiles_from_map
 from vemlight.settings import Sampler
 
 # What is measured: any other values give other charts, each as true.
@@ -41,7 +42,8 @@ LAMP_DEG = 10.0  # around the brightest cell: what goes out, or becomes invalid
 ERROR_LIMITS = (40.0, 20.0, 10.0)  # per cent
 SETTLING_FRAMES = 20  # in which the number of lights settles
 MAX_LIGHTS = 512
-UNSEEN = slice(REQUIRED_PROBES, 600)  # probes that the choice of the number does not look at
+UNSEEN = (HARD_PROBES, 3 * HARD_PROBES)  # probes that the choice of the number does not look at
+SINGLE_CELLS = 100_000  # lights, for which a map's tiles are its cells; any number above its cells does
 ROWS, COLS = 90, 360  # of the polar maps
 
 Row = dict[str, Any]
@@ -201,9 +203,6 @@ def _event(method: str, event: str, first: Moment) -> list[Row]:
 def _within_limit(method: str, limit: float, first: Moment) -> Row:
     moments = [first._replace(time_s=k / FPS) for k in range(SETTLING_FRAMES)]
     *_, (lights, _) = _sampled(_sampler(method, count=MAX_LIGHTS, filter="none", error_percent=limit), moments)
-    at = probes(UNSEEN.stop, "hemisphere")
-    truth = irradiance_of_map(at, light_map(first.truth, "hemisphere").radiance, "hemisphere")[UNSEEN]
-    irradiance = irradiance_of_lights(at, lights.directions, lights.irradiance)[UNSEEN]
-    dark = DARK_PROBE * truth.mean() or 1.0
-    error = float(np.sqrt(np.mean(((irradiance - truth) / (truth + dark)) ** 2)))
+    cells = tiles_from_map(light_map(first.truth, "hemisphere").radiance, "hemisphere", SINGLE_CELLS, first.bright_cells)
+    error = float(np.sqrt(relative_squares(hard_probes("hemisphere", *UNSEEN), cells, lights).mean()))
     return {"method": method, "limit": limit / 100, "lights": len(lights.ids), "measured": error}

@@ -17,9 +17,10 @@ from vemlight.commands.report import Report
 from vemlight.errors import Interrupted, UserError
 from vemlight.files import notice
 from vemlight.light.images import write_exr, write_png
-from vemlight.light.light_set import LightSet, check_lights_path, lights_json, lights_row, write_lights
+from vemlight.light.light_set import ErrorOfLights, LightSet, check_lights_path, lights_json, lights_row, write_lights
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted
+from vemlight.sampler.error_limit import capped_text, is_capped
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score as scored
 from vemlight.sampler.score import score_text
@@ -31,11 +32,12 @@ GLOSS_LIGHTS = 512  # of a glossy scene; twice as many gain little (docs/looks.m
 
 
 class Lit(NamedTuple):
-    """One frame, its lights and its gloss set, None when none is asked for."""
+    """One frame, its lights, its gloss set, None when none is asked for, and the lights' error, None without a limit."""
 
     frame: Frame
     lights: LightSet
     gloss: LightSet | None
+    error: ErrorOfLights | None
 
 
 def open_frames(options: SamplingOptions) -> FrameSource:
@@ -82,14 +84,19 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
 
 def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]:
     """The lights of every frame, in order; a notice counts invalid cells. Raises UserError for a frame that cannot be read."""
-    state, cells, invalid_cells, invalid_frames = initial_state(), 0, 0, 0
+    state, cells, invalid_cells, invalid_frames, worst = initial_state(), 0, 0, 0, (0, 0.0)
     for k in range(len(frames)):
         interruption.check()
         frame = frames.frame(k)
         invalid = np.count_nonzero(~(np.isfinite(frame.radiance) & (frame.radiance >= 0)).all(axis=-1))
         cells, invalid_cells, invalid_frames = cells + frame.radiance[..., 0].size, invalid_cells + invalid, invalid_frames + (invalid > 0)
         state, lights, report = step(sampling, state, SamplerInput(frame.radiance, frame.coverage, frame.time_s, frame.bright_cells))
-        yield Lit(frame, lights, report.gloss)
+        error, limit = 100 * report.error, 100 * sampling.error_limit
+        if is_capped(error, limit) and error > worst[1]:
+            worst = len(lights.ids), error
+        yield Lit(frame, lights, report.gloss, ErrorOfLights(error, limit) if limit else None)
+    if worst[1]:
+        notice(capped_text(*worst, 100 * sampling.error_limit))
     if invalid_cells:
         where = f" in {invalid_frames} of {len(frames)} frames" if len(frames) > 1 else ""
         notice(f"{invalid_cells} of {cells} cells of the map were nan, infinite or negative{where}, and count as dark")
@@ -107,17 +114,21 @@ def write_lights_file(options: LightsOptions) -> Report:
     if out != STANDARD_OUTPUT:
         check_lights_path(out, len(frames))
     lit = list(counted(lit_frames(frames, sampling), "frames", len(frames)))
-    rows = [lights_row(lights, k, frame.time_s, frame.coverage) for k, (frame, lights, _) in enumerate(lit)]
+    rows = [lights_row(lights, k, frame.time_s, frame.coverage, error) for k, (frame, lights, _, error) in enumerate(lit)]
     if out == STANDARD_OUTPUT:
         sys.stdout.buffer.write(b"".join(lights_json(row) + b"\n" for row in rows))
     else:
         write_lights(out, rows)
-    counts = [len(lights.ids) for _, lights, _ in lit]
+    counts = [len(lights.ids) for _, lights, *_ in lit]
     text = f"{out}: {counts[0]} lights" if len(lit) == 1 else f"{out}: the lights of {len(lit)} frames"
+    errors = [error for *_, error in lit if error]
+    if errors:
+        worst = max(error.estimate for error in errors)
+        text += f", {worst:.2g} % estimated error{' in the worst' if len(lit) > 1 else ''}, limit {errors[0].limit:g} %"
     values = {"out": str(out), "frames": len(lit), "lights": {"fewest": min(counts), "most": max(counts)}}
     if not options.score:
         return Report(text, values)
-    score = scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)
+    score = scored(((frame.radiance, lights) for frame, lights, *_ in lit), lit[0].frame.coverage)
     return Report(f"{score_text(score)}\n{text}", values | {"score": score._asdict()})
 
 
@@ -147,7 +158,7 @@ def write_pictures(options: RenderOptions) -> str:
         sequence = FrameSequence(Renderer(scene, wanted, file_samples(scene)))
         open_.callback(sequence.release)
         adaptation, before_s = None, 0.0
-        for k, (frame, lights, gloss) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
+        for k, (frame, lights, gloss, _) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
             background = BackgroundMap(frame.radiance, frame.coverage) if wanted.background == "map" else None
             picture = sequence.render(lights, gloss, scene_pose(scene, frame.time_s), background)
             adaptation = adapt(adaptation, subsampled(picture), max(0.0, frame.time_s - before_s))

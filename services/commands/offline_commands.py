@@ -11,7 +11,7 @@ from vemlight.commands.report import Report, reporting
 
 SAMPLING = (
     click.argument("source", type=PATH),
-    click.option("--count", type=click.IntRange(1, 100_000), default=72, show_default=True, help="Lights a frame."),
+    click.option("--count", type=click.IntRange(1, 100_000), help="Lights a frame; left out: 72. With --error their maximum: 256."),
     click.option("--method", type=METHOD, help="How lights are chosen; left out: tracked."),
     click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True),
     click.option("--filter", type=FILTER, help="Temporal filter; left out: the method's own, and none for a single map."),

@@ -23,7 +23,7 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     """A source and how to sample it: what `lights` and `render` have in common."""
 
     source: Path
-    count: int = 72
+    count: int | None = None
     method: str | None = None
     coverage: str = "hemisphere"
     filter: str | None = None  # None: the method's own for sequences, none for a single map

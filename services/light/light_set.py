@@ -54,6 +54,13 @@ def are_covariances(covariances: np.ndarray) -> bool:
     return bool((values.min(initial=0.0) >= -MAX_ROUNDING) and (values.sum(axis=1).max(initial=0.0) <= 1 + MAX_ROUNDING))
 
 
+class ErrorOfLights(msgspec.Struct, frozen=True):
+    """Per cent, at hard edges, relative to what each surface receives. estimate: of these lights. limit: what was asked for."""
+
+    estimate: float
+    limit: float
+
+
 class LightRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     id: int
     direction: tuple[float, float, float]
@@ -68,10 +75,11 @@ class LightsRow(msgspec.Struct, frozen=True, kw_only=True):
     sequence: int
     time_s: float
     coverage: Coverage
+    error_percent: ErrorOfLights | msgspec.UnsetType = msgspec.UNSET  # left out where the number of lights is fixed
     lights: list[LightRow]
 
 
-def lights_row(lights: LightSet, sequence: int, time_s: float, coverage: Coverage) -> LightsRow:
+def lights_row(lights: LightSet, sequence: int, time_s: float, coverage: Coverage, error: ErrorOfLights | None = None) -> LightsRow:
     """The frame's record; float32 values are written with the digits that bring them back exactly."""
     soft = lights.covariances is not None
     extents = [tuple(c) for c in lights.covariances.tolist()] if lights.covariances is not None else [None] * len(lights.ids)
@@ -80,12 +88,14 @@ def lights_row(lights: LightSet, sequence: int, time_s: float, coverage: Coverag
         for i, d, e, c in zip(lights.ids.tolist(), lights.directions.tolist(), lights.irradiance.tolist(), extents, strict=True)
     ]
     schema = "vemlight.lights/2" if soft else "vemlight.lights/1"
-    return LightsRow(schema=schema, sequence=sequence, time_s=time_s, coverage=coverage, lights=rows)
+    stated = msgspec.UNSET if error is None else error
+    return LightsRow(schema=schema, sequence=sequence, time_s=time_s, coverage=coverage, error_percent=stated, lights=rows)
 
 
 def lights_json(row: LightsRow) -> bytes:
     """The record as one line of JSON with the schema's name in it."""
-    return msgspec.json.encode({"schema": row.schema, **msgspec.structs.asdict(row)})
+    fields = {key: value for key, value in msgspec.structs.asdict(row).items() if value is not msgspec.UNSET}
+    return msgspec.json.encode({"schema": row.schema, **fields})
 
 
 def check_lights_path(path: Path, frames: int) -> None:
@@ -137,9 +147,11 @@ class LightsFile:
     def end(self) -> JournalPoint:
         return self._journal.end
 
-    def append(self, lights: LightSet, sequence: int, time_s: float, coverage: Coverage) -> None:
+    def append(
+        self, lights: LightSet, sequence: int, time_s: float, coverage: Coverage, error: ErrorOfLights | None = None
+    ) -> None:
         """Adds a frame; it is on the disk when the call returns. Raises OSError when the disk refuses."""
-        self._journal.append(lights_json(lights_row(lights, sequence, time_s, coverage)))
+        self._journal.append(lights_json(lights_row(lights, sequence, time_s, coverage, error)))
 
     def close(self) -> None:
         self._journal.close()

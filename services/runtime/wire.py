@@ -91,6 +91,10 @@ class LightsReport(Report, frozen=True, tag="lights"):
     delay_frames: Annotated[Frames, Meta(title="delay in frames", description="of the filter, at the rate at which frames arrive")] = 0.0
     required_lights: Annotated[Count, Meta(description="lights that the scene requires for the error allowed; 0: not estimated")] = 0
     light_budget: Annotated[Count, Meta(description="lights that the renderer can draw in its target frame time; 0: no limit")] = 0
+    error_ratio: Annotated[
+        float, Meta(ge=0, le=1e9, title="error", description="of these lights at hard edges, estimated, relative; 0: no limit is set")
+    ] = 0.0
+    error_limit_ratio: Annotated[float, Meta(ge=0, le=1, title="error limit", description="that the number of lights keeps; 0: none")] = 0.0
     flicker_hz: Annotated[Hertz, Meta(title="flicker beat", description="beat of the lamps' flicker with the frame rate; 0: none")] = 0.0
     lamp_hz: Annotated[Hertz, Meta(title="lamp frequency", description="at which the lamps themselves flicker; 0: no flicker")] = 0.0
     flicker_depth: Annotated[float, Meta(ge=0, le=1e9, description="amplitude of the flicker over its mean")] = 0.0

@@ -7,12 +7,14 @@ import msgspec
 import numpy as np
 
 from vemlight import settings
+from vemlight.files import notice
 from vemlight.journal import JOURNAL_START
 from vemlight.light.bright_cells import BrightCells
-from vemlight.light.light_set import LightSet, LightsFile
+from vemlight.light.light_set import ErrorOfLights, LightSet, LightsFile
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.output_folder import LIGHTS, SNAPSHOTS
+from vemlight.sampler.error_limit import capped_text, is_capped
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.snapshot import SNAPSHOT_FRAMES, Snapshot, Snapshots
 from vemlight.sampler.state import SamplerState, initial_state
@@ -42,6 +44,7 @@ class SamplerStage:
         self._snapshots = Snapshots(Path(settings.out) / SNAPSHOTS) if settings.out and self._is_lossless else None
         until = self._snapshots.newest_end if self._snapshots else JOURNAL_START
         self._file = LightsFile(Path(settings.out) / LIGHTS, self._is_lossless, until) if settings.out else None
+        self._warned = False
         warm(settings.sampler)
 
     def first_missing_frame(self) -> int:
@@ -72,6 +75,8 @@ class SamplerStage:
                 delay_frames=report.delay_frames,
                 required_lights=report.required_lights,
                 light_budget=report.light_budget,
+                error_ratio=report.error,
+                error_limit_ratio=state.settings.error_limit,
                 flicker_hz=report.flicker_hz,
                 lamp_hz=report.lamp_hz,
                 flicker_depth=report.flicker_depth,
@@ -91,8 +96,16 @@ class SamplerStage:
 
     def write(self, state: StageState, message: wire.Message) -> None:
         header, arrays = message
-        if self._file and isinstance(header, wire.LightsMessage):
-            self._file.append(LightSet(*arrays[:-2]), header.stamp.sequence, header.stamp.time_s, header.coverage)
+        assert isinstance(header, wire.LightsMessage)
+        error, limit = 100 * header.report.error_ratio, 100 * header.report.error_limit_ratio
+        if not self._warned and is_capped(error, limit):
+            notice(capped_text(header.count, error, limit))
+            self._warned = True
+        if self._file:
+            self._file.append(
+                LightSet(*arrays[:-2]), header.stamp.sequence, header.stamp.time_s, header.coverage,
+                ErrorOfLights(error, limit) if limit else None,
+            )  # fmt: skip
             if self._snapshots and self._file.count % SNAPSHOT_FRAMES == 0:
                 self._snapshots.add(Snapshot(self._file.end, state.sampler))
 

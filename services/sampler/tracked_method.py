@@ -4,15 +4,17 @@ import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.sampler.light_count import LightCount, count_after
+from vemlight.sampler.error_limit import estimate_after, estimate_of, extrapolated, smallest_within
+from vemlight.sampler.light_count import count_after
 from vemlight.sampler.light_map import light_map
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import SamplerReport, SamplerState
 from vemlight.sampler.temporal.flicker import block_powers, flicker_after, without_flicker
-from vemlight.sampler.tracking.tracked import COUNT_TRIALS, TrackedReport, TrackedState, required_tracked_lights, tracked_step
+from vemlight.sampler.tracking.tiles import Tiles
+from vemlight.sampler.tracking.tracked import TrackedReport, TrackedState, lights_of, observe, tracked_step
 from vemlight.settings import Sampler
 
-COUNT_SLACK = 1.1  # the requirement is an estimate that noise moves by so much; ERROR_AIM leaves four times as much room below the limit
+COUNT_TRIALS = 4  # numbers of lights that are tried when the scene has changed; each at most doubles the number
 
 
 def tracked_method(settings: Sampler, state: SamplerState, frame: SamplerInput) -> tuple[SamplerState, LightSet, SamplerReport]:
@@ -24,19 +26,21 @@ def tracked_method(settings: Sampler, state: SamplerState, frame: SamplerInput) 
         if flicker.depth > 0:
             frame = frame._replace(radiance=without_flicker(seen, flicker))
     smoothing = settings.filter != "none"
-    max_count = min(settings.count, settings.clusters or settings.count, state.light_budget or settings.count)
-    if settings.error_percent:
-        tracked, lights, report, count, light_count = _within_error(settings, state, frame, max_count)
+    most = settings.max_count
+    max_count = min(most, settings.clusters or most, state.light_budget or most)
+    if settings.error_limit:
+        state, lights, report, count = _within_error(settings, state, frame, max_count)
+        tracked = state.tracked
     else:
         tracked, lights, report = tracked_step(max_count, state.tracked, frame, smoothing, settings.soft)
-        count, light_count = max_count, state.light_count
+        count = max_count
     tracked_gloss, gloss = state.tracked_gloss, None
     if settings.gloss_lights:
         tracked_gloss, gloss, _ = tracked_step(settings.gloss_lights, tracked_gloss, frame, smoothing)
     if not settings.deflicker:
         flicker = flicker_after(flicker, frame.time_s, np.array([float(luminance_from_rgb(report.irradiance))]))
     state = state._replace(
-        time_s=frame.time_s, flicker=flicker, light_count=light_count, tracked=tracked, tracked_gloss=tracked_gloss
+        time_s=frame.time_s, flicker=flicker, tracked=tracked, tracked_gloss=tracked_gloss
     )
     published = SamplerReport(
         delay_frames=0.0,
@@ -44,7 +48,8 @@ def tracked_method(settings: Sampler, state: SamplerState, frame: SamplerInput) 
         invalid_cells=report.invalid_cells,
         irradiance=report.irradiance,
         count=count,
-        required_lights=light_count.count if light_count and settings.error_percent else 0,
+        required_lights=state.light_count.count if state.light_count and settings.error_limit else 0,
+        error=state.error_estimate.error if settings.error_limit else 0.0,
         light_budget=state.light_budget,
         flicker_hz=flicker.beat_hz,
         lamp_hz=flicker.lamp_hz,
@@ -56,17 +61,33 @@ def tracked_method(settings: Sampler, state: SamplerState, frame: SamplerInput) 
 
 def _within_error(
     settings: Sampler, state: SamplerState, frame: SamplerInput, max_count: int
-) -> tuple[TrackedState, LightSet, TrackedReport, int, LightCount]:
-    """The tracked lights, with as few of them as keep within the error limit: how many there are, and the number for the next frame."""
-    error, smoothing, light = settings.error_percent / 100, settings.filter != "none", light_map(frame.radiance, frame.coverage)
-    if state.light_count is None:
-        tracked, lights, report = tracked_step(max_count, state.tracked, frame, smoothing)
-        count = max_count
-        for _ in range(COUNT_TRIALS):
-            count = required_tracked_lights(light, lights, error, max_count)
-            tracked, lights, report = tracked_step(count, state.tracked, frame, smoothing)
-        return tracked, lights, report, count, count_after(None, count, frame.time_s)
-    count = min(max_count, state.light_count.count)
-    tracked, lights, report = tracked_step(count, state.tracked, frame, smoothing)
-    required = required_tracked_lights(light, lights, error, max_count)
-    return tracked, lights, report, count, count_after(state.light_count, required, frame.time_s, COUNT_SLACK)
+) -> tuple[SamplerState, LightSet, TrackedReport, int]:
+    """The tracked lights, as few as keep within the error limit, and how many were wanted."""
+    error, coverage, in_use = settings.error_limit, frame.coverage, state.light_count
+    before, observed = observe(state.tracked, frame, settings.filter != "none")
+
+    def lit(count: int) -> tuple[TrackedState, LightSet, Tiles]:
+        return lights_of(count, before, observed, settings.soft)
+
+    def error_of(count: int) -> float:
+        _, lights, tiles = lit(count)
+        return estimate_of(tiles, lights, coverage).error
+
+    count = min(in_use.count, max_count) if in_use else smallest_within(error, max_count, error_of)
+    tracked, lights, tiles = lit(count)
+    estimate = estimate_after(state.error_estimate, tiles, lights, coverage, error)
+    for _ in range(COUNT_TRIALS):
+        if count == max_count or estimate.keeps(error):
+            break
+        count = extrapolated(count, estimate.error, error, max_count)
+        tracked, lights, tiles = lit(count)
+        estimate = estimate_of(tiles, lights, coverage)
+    report = TrackedReport(observed.invalid_cells, tiles.flux.sum(axis=1))
+
+    # The next number: what was just verified when it rose, what fewer lights promise when they would do; nothing is learnt in the dark.
+    if report.irradiance.any():
+        rose = in_use is None or count > in_use.count
+        required = count if rose else extrapolated(count, estimate.error, error, max_count)
+        capped = in_use is not None and count < in_use.count
+        in_use = count_after(in_use, in_use.count if in_use and capped else required, frame.time_s)
+    return state._replace(tracked=tracked, light_count=in_use, error_estimate=estimate), lights, report, count

@@ -3,16 +3,19 @@
 import numpy as np
 
 from vemlight.kernels import kernel
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 from vemlight.sampler.cluster import NO_CLUSTERS, clustered
+from vemlight.sampler.error_limit import TILE_LIGHTS, estimate_of, ladder, smallest_within
+from vemlight.sampler.hard_probes import hard_probes, prefix_errors
 from vemlight.sampler.light_count import count_after, fade_weights_after
 from vemlight.sampler.light_map import LightMap, light_map
-from vemlight.sampler.required_lights import required_lights
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import SamplerReport, SamplerState
 from vemlight.sampler.temporal.filter import FilterFrame, filtered
 from vemlight.sampler.temporal.flicker import block_powers, flicker_after, without_flicker
+from vemlight.sampler.tracking.tiles import Tiles, tiles_from_map
 from vemlight.sampler.warps.points import points
 from vemlight.sampler.warps.warp import WARPS, Anchor, steadied, warp_from_map
 from vemlight.settings import Sampler
@@ -32,7 +35,8 @@ def warp_method(settings: Sampler, state: SamplerState, frame: SamplerInput) -> 
     # Lights of this frame, then over time.
     drawn, anchor = _drawn(settings, state, light, time_s)
     result = filtered(settings, state.filter, FilterFrame(time_s, light.irradiance, drawn), LOWEST_Z[coverage])
-    state, count = _counted(settings, state, light, drawn, time_s)
+    tiles = tiles_from_map(light.radiance, coverage, TILE_LIGHTS, frame.bright_cells) if settings.error_limit else None
+    state, count = _counted(settings, state, light, tiles, drawn, time_s)
     lights = _weighted(state.fade_weights, result.frame)
     clusters = NO_CLUSTERS
     if settings.clusters:
@@ -47,6 +51,7 @@ def warp_method(settings: Sampler, state: SamplerState, frame: SamplerInput) -> 
         count=count,
         required_lights=state.light_count.count if state.light_count else 0,
         light_budget=state.light_budget,
+        error=estimate_of(tiles, lights, coverage).error if tiles else 0.0,
         flicker_hz=flicker.beat_hz,
         lamp_hz=flicker.lamp_hz,
         flicker_depth=flicker.depth,
@@ -64,7 +69,7 @@ def _drawn(settings: Sampler, state: SamplerState, light: LightMap, time_s: floa
         anchor = state.anchor  # a black frame says nothing about where the light is
     # All lights that may be asked for, present or not, so that each has its history in the filter when it comes.
     kind = WARPS[settings.method].points if settings.points == "auto" else settings.points
-    samples = warp.sample(points(max(settings.count, settings.gloss_lights, len(state.fade_weights)), kind))
+    samples = warp.sample(points(max(settings.max_count, settings.gloss_lights, len(state.fade_weights)), kind))
     # Tint: what a light carries relative to the average light, in each channel: (radiance / density) / integral.
     drawn = np.empty((len(samples.density), 6))
     _fill_drawn(*samples, np.where(light.irradiance > 0, light.irradiance, 1.0), drawn)
@@ -79,18 +84,28 @@ def _fill_drawn(directions, radiance, density, irradiance, drawn):
             drawn[n, 3 + c] = radiance[n, c] / (density[n] * irradiance[c])
 
 
-def _counted(settings: Sampler, state: SamplerState, light: LightMap, drawn: np.ndarray, time_s: float) -> tuple[SamplerState, int]:
-    """The state with the number of lights updated, and the number wanted."""
-    count, light_count = settings.count, None
-    if settings.error_percent:
-        before = state.light_count.count if state.light_count else 0
-        required = required_lights(light, drawn[: settings.count, :3], drawn[: settings.count, 3:], settings.error_percent / 100, before)
-        light_count = count_after(state.light_count, required, time_s)
+def _counted(
+    settings: Sampler, state: SamplerState, light: LightMap, tiles: Tiles | None, drawn: np.ndarray, time_s: float
+) -> tuple[SamplerState, int]:
+    """The state with the number of lights updated, and the number wanted. tiles: of the map, where there is an error limit."""
+    count, light_count = settings.max_count, None
+    if tiles:
+        light_count = count_after(state.light_count, _required(settings, light, tiles, drawn), time_s)
         count = min(count, light_count.count)
     if state.light_budget and not settings.clusters:
         count = min(count, state.light_budget)
     passed_s = None if state.time_s is None else time_s - state.time_s
     return state._replace(fade_weights=fade_weights_after(state.fade_weights, count, passed_s), light_count=light_count), count
+
+
+def _required(settings: Sampler, light: LightMap, tiles: Tiles, drawn: np.ndarray) -> int:
+    """How many of this frame's lights before filtering keep within the error limit, at most `count`; 1 in the dark."""
+    if light.power <= 0:
+        return 1
+    power, sizes = (drawn[: settings.max_count, 3:] * light.irradiance) @ LUMINANCE_WEIGHTS, ladder(settings.max_count)
+    errors = prefix_errors(hard_probes(light.coverage), tiles, drawn[: settings.max_count, :3], power, sizes)
+    error_of = dict(zip(sizes.tolist(), errors.tolist(), strict=True))
+    return smallest_within(settings.error_limit, settings.max_count, error_of.__getitem__)
 
 
 def _weighted(weights: np.ndarray, frame: FilterFrame) -> LightSet:

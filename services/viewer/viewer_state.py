@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.light.light_set import LightSet, lights_json, lights_row
+from vemlight.light.light_set import ErrorOfLights, LightSet, lights_json, lights_row
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Service
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
@@ -116,7 +116,8 @@ class ViewerState:
             "why_no_controls": NO_CONTROLS if settings.mode == "lossless" else None,
             "control": chosen,
             "settings": {
-                "count": settings.sampler.count, "exposure": settings.renderer.exposure, "filtered": settings.sampler.filter != "none"
+                "count": self._light_count or settings.sampler.max_count if settings.sampler.error_limit else settings.sampler.max_count,
+                "exposure": settings.renderer.exposure, "filtered": settings.sampler.filter != "none"
             },
             "light_count": self._light_count,
             "objects": self._objects,
@@ -145,5 +146,7 @@ def service_row(service: Service, judgement: Judgement, last: LastReceived) -> d
 
 
 def _lights_line(header: wire.LightsMessage, *lights: np.ndarray) -> bytes:
-    row = lights_row(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage)
+    report = header.report
+    error = ErrorOfLights(100 * report.error_ratio, 100 * report.error_limit_ratio) if report.error_limit_ratio else None
+    row = lights_row(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage, error)
     return lights_json(row)

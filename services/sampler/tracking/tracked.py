@@ -9,11 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.light.colour import LUMINANCE_WEIGHTS
+from vemlight.light.bright_cells import BrightCells
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
-from vemlight.sampler.light_map import LightMap
-from vemlight.sampler.required_lights import prefix_errors
 from vemlight.sampler.sampler_input import MAX_GAP_S, SamplerInput
 from vemlight.sampler.tracking.cleaning import cleaned
 from vemlight.sampler.tracking.extents import soft_lights
@@ -36,10 +34,6 @@ MIN_MEAN_DIRECTION = 0.1  # length, below which light is so even round the spher
 MIN_REST = 1e-9  # of the power, outside the sources, that is not rounding
 NEVER_URGENT = np.inf  # for points: each exchange is seen as a light that goes and another that comes, where soft ones overlap
 EXCHANGE_PERIOD = 8  # frames between exchanges, splits paid by merges, that are not urgent
-ERROR_ORDER = 0.75  # the error falls with this power of the number of lights: the slope of docs/charts/accuracy_still_lights.csv
-ERROR_AIM = 0.77  # of the error asked for: three times the 7 % to which 96 probes know it, below it
-MAX_RISE = 2.0  # by which the number is multiplied at once: too few lights for the lamps there are say how bad it is, not how many it takes
-COUNT_TRIALS = 4  # numbers of lights that are tried on the first frame; 2 or more do
 BIRTH_TIME_S = 0.12  # time constant with which a new light leaves its parent's direction: three frames at 25 fps
 
 
@@ -71,6 +65,15 @@ class TrackedReport(NamedTuple):
     irradiance: np.ndarray
 
 
+class Observed(NamedTuple):
+    """A frame, cleaned. clean: (rows, cols, 3) float32. birth_decay: of the offsets of new lights, since the last frame."""
+
+    clean: np.ndarray
+    bright_cells: BrightCells
+    invalid_cells: int
+    birth_decay: float
+
+
 def initial_tracked() -> TrackedState:
     """The state before the first frame."""
     sites = Sites(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0)
@@ -88,33 +91,39 @@ def tracked_step(
     taken out and new lights leave their parents' directions gradually; the sum is then the smoothed map's. A map with fewer lit cells than
     lights has that many; the lights of a black one stay where they are, with irradiance 0.
     """
+    state, observed = observe(state, frame, smoothing)
+    state, lights, tiles = lights_of(count, state, observed, soft)
+    return state, lights, TrackedReport(observed.invalid_cells, tiles.flux.sum(axis=1))
+
+
+def observe(state: TrackedState, frame: SamplerInput, smoothing: bool) -> tuple[TrackedState, Observed]:
+    """The state with the clean map, noise and time of a frame, and what its lights are made from."""
     radiance, coverage, time_s = frame.radiance, frame.coverage, frame.time_s
     if state.clean is None or coverage != state.coverage or state.clean.shape != radiance.shape:
         state = initial_tracked()._replace(coverage=coverage, time_s=time_s)
-
-    # The clean map as tiles.
     noise = noise_after(state.noise, radiance) if smoothing else NO_NOISE
-    previous = state.clean if smoothing and 0 < time_s - state.time_s < MAX_GAP_S else None
-    clean, black_frames, invalid_cells = cleaned(radiance, previous, state.black_frames, noise.variance)
-    tiles = tiles_from_map(clean, coverage, max(count, MIN_TILE_COUNT if soft else 1), frame.bright_cells)
-    irradiance = tiles.flux.sum(axis=1)
-    power = float(irradiance @ LUMINANCE_WEIGHTS)
-    report = TrackedReport(invalid_cells, irradiance)
     passed_s = time_s - state.time_s
+    previous = state.clean if smoothing and 0 < passed_s < MAX_GAP_S else None
+    clean, black_frames, invalid_cells = cleaned(radiance, previous, state.black_frames, noise.variance)
+    birth_decay = float(np.exp(-max(passed_s, 0.0) / BIRTH_TIME_S)) if smoothing else 0.0
     state = state._replace(time_s=time_s, clean=clean, black_frames=black_frames, noise=noise)
+    return state, Observed(clean, frame.bright_cells, invalid_cells, birth_decay)
+
+
+def lights_of(count: int, state: TrackedState, observed: Observed, soft: bool) -> tuple[TrackedState, LightSet, Tiles]:
+    """The lights, at most `count`, of what was observed after a state, and the tiles that they were made from."""
+    tiles = tiles_from_map(observed.clean, state.coverage, max(count, MIN_TILE_COUNT if soft else 1), observed.bright_cells)
+    power = float(tiles.power.sum())
     if power <= 0:
-        dark = _dark_lights(state, count, coverage)
-        return state, dark._replace(covariances=np.zeros((len(dark.ids), 6), np.float32)) if soft else dark, report
-
+        dark = _dark_lights(state, count, state.coverage)
+        return state, dark._replace(covariances=np.zeros((len(dark.ids), 6), np.float32)) if soft else dark, tiles
     if soft:
-        return (*_soft_lights(state, tiles, count), report)
-
+        return (*_soft_lights(state, tiles, count), tiles)
     # Sites that follow the light, and new lights a little nearer to their own directions.
     state, cells = _tracked_sites(state, tiles, count, power, NEVER_URGENT)
-    decay = float(np.exp(-max(passed_s, 0.0) / BIRTH_TIME_S)) if smoothing else 0.0
-    sites = state.sites._replace(offsets=state.sites.offsets * decay)
+    sites = state.sites._replace(offsets=state.sites.offsets * observed.birth_decay)
     directions, flux = lights_from_cells(tiles, cells.moment, cells.assignment, sites.directions, sites.offsets)
-    return state._replace(sites=sites), LightSet(sites.ids, directions, flux), report
+    return state._replace(sites=sites), LightSet(sites.ids, directions, flux), tiles
 
 
 def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[TrackedState, LightSet]:
@@ -129,16 +138,6 @@ def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[Tracked
     state, cells = _tracked_sites(state, rest, count - len(lit), power, URGENT)
     sites = state.sites
     return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
-
-
-def required_tracked_lights(light: LightMap, lights: LightSet, error: float, max_count: int) -> int:
-    """How many lights, at most `max_count`, would keep the irradiance within `error` of the map's, extrapolated from these lights."""
-    tint = lights.irradiance / np.where(light.irradiance > 0, light.irradiance, 1.0)
-    if light.power <= 0:
-        return 1
-    present = float(prefix_errors(light, lights.directions.astype(np.float64), tint)[-1])
-    wanted = len(lights.ids) * min((present / (ERROR_AIM * error)) ** (1 / ERROR_ORDER), MAX_RISE)
-    return int(np.clip(np.ceil(wanted), 1, max_count))
 
 
 def _dark_lights(state: TrackedState, count: int, coverage: Coverage) -> LightSet:

@@ -65,3 +65,8 @@ def subroutine(function: Callable[..., Any] | None = None, **options: Any) -> An
     """As `kernel`, for what only kernels call: without the code by which Python calls it, which is a seventh of all."""
     compiled: Any = numba.njit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)  # pyright: ignore[reportCallIssue]
     return compiled if function is None else compiled(function)
+
+
+def callback(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """A decorator: compiles a function of this signature, when its module is imported, for a library to call at its `address`."""
+    return numba.cfunc(signature, cache=True)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 import msgspec
 from msgspec import Meta
 
-from vemlight.choices import Background, Filter, Method, Mode, Tone
+from vemlight.choices import Background, Filter, Method, Mode, Shadows, Tone
 from vemlight.errors import UserError
 from vemlight.file_kinds import BINARY_UNTIL, file_kind
 from vemlight.files import read_toml
@@ -154,6 +154,10 @@ class Renderer(SettingsSection, frozen=True):
         means("live: target of a frame, met by fewer and coarser shadow maps, then fewer lights; 0: no target; left out: 100"),
         MS,
     ] = None
+    shadows: Annotated[
+        Shadows,
+        means("by rays, exact, or by maps, fast on a GPU; auto: rays where the processor draws and `shadow_map` is left out"),
+    ] = "auto"
     light_regions: Annotated[
         Annotated[int, Meta(ge=0, le=256)] | None,
         means("regions of the sphere of normals, each with a list of the lights above its horizon; 0: none; left out: 24 for light from "
@@ -164,6 +168,10 @@ class Renderer(SettingsSection, frozen=True):
     background: Annotated[Background, means("behind the scene: nothing, with alpha 0, or the environment map")] = "clear"
     video: Annotated[str, means("file to write all pictures to at the end, .mp4, .mov or .mkv; requires `out`; empty: none"), PATH] = ""
     picture: Annotated[Literal["srgb8", "linear16"], means("linear16: also send the picture before tone mapping, as half floats")] = "srgb8"
+
+    def __post_init__(self) -> None:
+        if self.shadows == "rays" and self.shadow_map is not None:
+            raise ValueError("shadow_map is the resolution of maps, and shadows are by rays; leave one of them out")
 
 
 class Plate(SettingsSection, frozen=True):
@@ -258,14 +266,14 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
     """Raises UserError for values that each are legal but not together."""
     where = path or "settings"
     if settings.wire.transport == "tcp" and not settings.wire.keys and not settings.wire.insecure:
-        raise UserError(f"{where}: [wire] transport = \"tcp\" has no keys; set keys = FOLDER (made by `vemlight keys`) or insecure = true")
+        raise UserError(f'{where}: [wire] transport = "tcp" has no keys; set keys = FOLDER (made by `vemlight keys`) or insecure = true')
     drawn, pixel_bytes = settings.renderer, 8 if settings.renderer.picture == "linear16" else 4
     if drawn.width * drawn.height * pixel_bytes > MAX_PART:
         most = f"more than the {MAX_PART // pixel_bytes} pixels that one message holds"
         raise UserError(f"{where}: [renderer] width, height: {drawn.width} x {drawn.height} is {most}; make them smaller")
     for source in (settings.capture.source, settings.plate.source):
         if settings.mode == "lossless" and is_camera(source):
-            raise UserError(f"{where}: mode = \"lossless\" replays files and {source} is a camera; use mode = \"live\"")
+            raise UserError(f'{where}: mode = "lossless" replays files and {source} is a camera; use mode = "live"')
 
 
 def is_camera(source: str) -> bool:

@@ -20,7 +20,7 @@ FLOORS = (
     {"__main__"},
 )
 # The same within the renderer; `renderer.py`, `stage.py` and what else lies loose there stands on top.
-RENDERER_FLOORS = ({"gl"}, {"luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"passes"})
+RENDERER_FLOORS = ({"gl"}, {"luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"rays"}, {"passes"})
 TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references", "tests.mutants"}  # what tests may import of tests/
 # The settings name the services, and the runtime reads the settings.
 TOGETHER = ({"settings", "runtime"}, {"errors", "file_kinds", "toml", "files"})

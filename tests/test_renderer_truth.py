@@ -71,7 +71,7 @@ def test_a_skys_small_maps_agree_with_rays_over_the_whole_picture(tmp_path):
     for direction in directions:
         seen = visible(tree, hits, direction, float(np.linalg.norm(scene.half)))
         truth += unshadowed(scene, hits, direction, np.full(3, 1 / count)) * seen[..., None]
-    renderer = SceneRenderer(scene, Settings(width=width, height=height))
+    renderer = SceneRenderer(scene, Settings(width=width, height=height, shadows="maps"))
     drawn = renderer.picture(LightSet.of(np.arange(count), directions, np.full((count, 3), 1 / count)))[..., :3]
     assert set(renderer.plan.resolutions) == {64}
     renderer.release()

@@ -203,7 +203,7 @@ def test_maps_that_were_not_drawn_anew_err_by_no_more_than_their_angle(monkeypat
 
 
 def test_power_that_varies_a_little_redraws_no_map():
-    renderer = SceneRenderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
+    renderer = SceneRenderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4, shadows="maps"))
     drawn_maps = []
     for frame in range(8):
         power = np.full(80, 1.0)

@@ -81,7 +81,7 @@ at = [0.0, 0.3, 0.0]
 def frames_of(renderer: SceneRenderer) -> np.ndarray:
     """The light frames of the last picture, LIGHT_FRAME."""
     with renderer.renderer._context:
-        return np.frombuffer(renderer.renderer._atlas._frames.read(), LIGHT_FRAME.dtype)
+        return np.frombuffer(renderer.renderer._frames._frames.read(), LIGHT_FRAME.dtype)
 
 
 def test_the_bias_is_a_texels_width(tmp_path):

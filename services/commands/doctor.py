@@ -22,7 +22,7 @@ from vemlight.runtime.transport import ROLES, read_keys, runtime_folder
 from vemlight.settings import Settings
 
 Grade = Literal["pass", "warn", "fail"]
-SOFTWARE_GL = ("llvmpipe", "softpipe", "swrast", "swiftshader")
+OPTIONAL = ("embreex",)  # there is none for some processors; the line of the shadows says what is drawn without it
 MIN_LIBZMQ = (4, 3, 5)  # the release with the security fixes of its CURVE code
 MIN_FREE_BYTES = 2**30  # a run of 640 x 480 writes about 6 MB a frame: 1 GB is three minutes at one frame a second; 0.5 to 4 GB do
 MIN_MEMORY_BYTES = 2**30  # the services of the bundled scene take 0.5 GB together, and the system its own
@@ -45,7 +45,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
     yield from libraries
     if any(finding.grade == "fail" for finding in libraries):
         return
-    yield _gl()
+    yield from _gl(settings)
     yield _encoder()
     yield _charts()
     yield from _cameras()
@@ -79,7 +79,8 @@ def _libraries() -> Iterator[Finding]:
         try:
             version = metadata.version(name)
         except metadata.PackageNotFoundError:
-            old.append(f"{name} is missing")
+            if name not in OPTIONAL:
+                old.append(f"{name} is missing")
             continue
         versions.append(f"{name} {version}")
         if _numbers(version) < _numbers(floor):
@@ -102,23 +103,39 @@ def _numbers(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in version.split(".")[:3] if part.isdecimal())
 
 
-def _gl() -> Finding:
-    from vemlight.renderer.gl.programs import closed_cards, context_info, open_context
+def _gl(settings: Settings) -> Iterator[Finding]:
+    from vemlight.renderer.gl.programs import closed_cards, context_info, draws_on_processor, open_context
 
     try:
         opened = open_context()
     except UserError as error:
         found, _, hint = str(error).rpartition("; ")
-        return Finding("fail", "OpenGL", found, hint)
-    found = f"{context_info(opened.context)}, through {opened.through}"
+        yield Finding("fail", "OpenGL", found, hint)
+        return
+    found, on_processor = f"{context_info(opened.context)}, through {opened.through}", draws_on_processor(opened.context)
     opened.context.release()
-    if not any(name in found.lower() for name in SOFTWARE_GL):
-        return Finding("pass", "OpenGL", found)
-    found += f" (what came before it: {'; '.join(opened.refused)})" if opened.refused else ""
-    if closed := closed_cards():
-        return Finding("warn", "OpenGL", f"{found}: {closed[0]} may not be opened by this user", group_hint(closed[0]))
-    hint = "pictures are drawn by the processor, which is slow; install your GPU's driver, or give the container its device"
-    return Finding("warn", "OpenGL", found, hint)
+    if not on_processor:
+        yield Finding("pass", "OpenGL", found)
+    else:
+        found += f" (what came before it: {'; '.join(opened.refused)})" if opened.refused else ""
+        closed = closed_cards()
+        hint = "pictures are drawn by the processor, which is slow; install your GPU's driver, or give the container its device"
+        found += f": {closed[0]} may not be opened by this user" if closed else ""
+        yield Finding("warn", "OpenGL", found, group_hint(closed[0]) if closed else hint)
+    yield _shadows(settings, on_processor)
+
+
+def _shadows(settings: Settings, on_processor: bool) -> Finding:
+    from vemlight.renderer.rays.embree import library
+    from vemlight.renderer.shadows import shadows_of
+
+    wanted = settings.renderer
+    if kind := shadows_of(wanted.shadows, wanted.shadow_map, on_processor, library() is not None):
+        return Finding("pass", "shadows", {"rays": "by rays, traced by Embree", "maps": "by maps"}[kind])
+    hint = "install embreex: make env"
+    if wanted.shadows == "rays":
+        return Finding("fail", "shadows", '[renderer] shadows = "rays", and embreex is not installed', hint)
+    return Finding("warn", "shadows", "by maps, since embreex is not installed", hint)
 
 
 def _encoder() -> Finding:

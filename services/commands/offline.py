@@ -77,6 +77,7 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
         "tone": options.tone,
         "background": options.background,
         "shadow_map": options.shadow_map,
+        "shadows": options.shadows,
         "exposure": options.exposure,
     }
     return section_from_options(settings.Renderer, given)

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from vemlight.commands.options import LightsOptions, RenderOptions, options_as
-from vemlight.commands.parameters import BACKGROUND, FILTER, METHOD, PATH, TONE, Number, OutFile, OutFolder, width_height
+from vemlight.commands.parameters import BACKGROUND, FILTER, METHOD, PATH, SHADOWS, TONE, Number, OutFile, OutFolder, width_height
 from vemlight.commands.report import Report, reporting
 
 SAMPLING = (
@@ -55,6 +55,7 @@ def lights(options: LightsOptions) -> Report:
 @click.option("--tone", type=TONE, default="reinhard", show_default=True, help="Tone mapping of PNG and video.")
 @click.option("--background", type=BACKGROUND, default="clear", show_default=True, help="What is behind the scene: nothing, or the map.")
 @click.option("--gloss-lights", type=click.IntRange(0, 100_000), help="Lights of the gloss set; left out: 512 where surfaces are glossy.")
+@click.option("--shadows", type=SHADOWS, default="auto", show_default=True, help="By rays or by maps; auto: by rays without a GPU.")
 @click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by the light's power.")
 @click.option("--video", type=OutFile(".mp4", ".mov", ".mkv"), help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
 @click.option("--out", type=OutFile(".exr", ".png"), help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")

@@ -56,6 +56,7 @@ class RenderOptions(SamplingOptions, frozen=True, kw_only=True):
     background: str | None = None
     gloss_lights: int | None = None
     shadow_map: int | None = None  # texels on a side
+    shadows: str | None = None
 
 
 class SimulateOptions(msgspec.Struct, frozen=True, kw_only=True):

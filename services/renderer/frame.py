@@ -16,6 +16,7 @@ from vemlight.renderer.frame_budget import FrameWork, MapDemand
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.pass_table import Pass
+from vemlight.renderer.passes.lights.traced_lights import TracedLayers
 from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch, MapCache, ShadowSetup
 from vemlight.renderer.scene.materials import Colour
@@ -28,7 +29,7 @@ class FrameSetup(NamedTuple):
     """What all frames of a scene have in common. size: width, height in pixels. samples: of each pixel, which becomes their mean.
 
     target_ms: for a frame; 0: everything is drawn, however long it takes. kinds: of the scene's materials. rest: where the scene file
-    puts everything.
+    puts everything. traced: whether shadows are by rays, not by maps.
     """
 
     scene: Scene
@@ -40,6 +41,7 @@ class FrameSetup(NamedTuple):
     kinds: frozenset[MaterialKind]
     emissive: bool
     rest: ScenePose
+    traced: bool = False
 
     @property
     def glossy(self) -> bool:
@@ -48,7 +50,7 @@ class FrameSetup(NamedTuple):
     @property
     def caches_visibility(self) -> bool:
         """Lookups are cached for one sample in each pixel, and where that brings frames nearer to a target time."""
-        return self.target_ms > 0 and len(self.samples) == 1
+        return self.target_ms > 0 and len(self.samples) == 1 and not self.traced
 
 
 class ToneRequest(NamedTuple):
@@ -109,8 +111,9 @@ class FrameState(NamedTuple):
     """What a frame leaves to the next: choices with hysteresis, and what is cached on the GPU once the frame is drawn.
 
     placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short. gloss:
-    whether there is time for the gloss set. maps: cached shadow maps with their lookups; None where the next frame draws all. lookup_pose:
-    of the surfaces for which lookups may be cached. luminaire_maps: where the scene stood when each luminaire's maps were drawn.
+    whether there is time for the gloss set. maps: cached shadow maps with their lookups; None where the next frame draws all. layers: of
+    traced lights, likewise. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the scene
+    stood when each luminaire's maps were drawn.
     """
 
     placed: PlacedCasters
@@ -119,6 +122,7 @@ class FrameState(NamedTuple):
     demand: MapDemand
     gloss: bool
     maps: MapCache | None
+    layers: TracedLayers | None
     lookup_pose: ScenePose | None
     g_buffer: GBufferContents | None
     luminaire_maps: tuple[ScenePose | None, ...]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.light.light_set import LightSet
-from vemlight.renderer.pass_table import GLOSS, LIGHTS, SHADOW_MAPS, VISIBILITY_CACHE
+from vemlight.renderer.pass_table import GLOSS, LIGHTS, RAYS, SHADOW_MAPS, VISIBILITY_CACHE
 
 WARM_UP_FRAMES = 2  # not measured: GL drivers compile on the first and tune on the second
 NEWEST_WEIGHT = 0.2  # of the newest frame in a moving average: half of a change after 3 frames, and one odd frame counts for a fifth
@@ -26,7 +26,7 @@ TEXELS_PER_UNIT = 100**2  # of a map whose texels cost as much as its triangles 
 
 
 class CostModel(NamedTuple):
-    """What a frame costs on this machine, ms: whatever is lit, a unit of `map_work`, a light summed and a light looked up.
+    """What a frame costs on this machine, ms: whatever is lit, a unit of `map_work`, a light summed, and a light looked up or traced.
 
     None: not measured yet. gloss_ms: for the gloss set. frames: how many were measured.
     """
@@ -83,7 +83,7 @@ class Budget(NamedTuple):
 class FrameWork(NamedTuple):
     """What a frame planned to do, in the units in which its costs are measured.
 
-    maps: as `map_work` counts. lookups: into the visibility cache; None where lights are looked up in the sum itself.
+    maps: as `map_work` counts. lookups: into the visibility cache, or lights traced; None where lights are looked up in the sum itself.
     """
 
     maps: float
@@ -109,8 +109,9 @@ def updated_costs(costs: CostModel, work: FrameWork, timings: FrameTimings) -> C
     costs = costs._replace(frames=costs.frames + 1)
     if costs.frames <= WARM_UP_FRAMES:
         return costs
-    spent_ms = {each.timer: timings.timers_ms.get(each.timer, 0.0) for each in (SHADOW_MAPS, VISIBILITY_CACHE, LIGHTS, GLOSS)}
-    maps_ms, lookups_ms, lights_ms, gloss_ms = spent_ms.values()
+    spent_ms = {each.timer: timings.timers_ms.get(each.timer, 0.0) for each in (SHADOW_MAPS, VISIBILITY_CACHE, RAYS, LIGHTS, GLOSS)}
+    maps_ms, lookups_ms, rays_ms, lights_ms, gloss_ms = spent_ms.values()
+    lookups_ms += rays_ms  # a frame has one or the other
     gloss_ms = gloss_ms if work.gloss else 0.0
     fixed_ms = timings.frame_ms - maps_ms - lookups_ms - lights_ms - gloss_ms
     measured = costs.light_ms is not None
@@ -182,6 +183,18 @@ def affordable_maps(budget: Budget, lights: int, work: np.ndarray) -> int:
         cached = int(np.searchsorted(maps_ms + costs.lookup_ms * np.arange(1, len(work) + 1), left_ms, "right"))
         most = min(cached, int(MAX_REDRAWN * lights))
     return min(max(most, least), len(work))
+
+
+def affordable_traces(budget: Budget, lights: int, stale: int) -> int:
+    """How many of the stale lights are traced in the time that the sum over `lights` leaves; `refresh_fraction` at least.
+
+    All of them where surfaces moved: what arrived at another place is no substitute.
+    """
+    if budget.costs.light_ms is None or budget.surfaces_moved:
+        return stale
+    left_ms = budget.target_ms - budget.fixed_ms - lights * budget.costs.light_ms
+    least = int(np.ceil(lights * budget.demand.refresh_fraction))
+    return min(max(int(left_ms / max(budget.costs.lookup_ms, 1e-6)), least), stale)
 
 
 def coarsening(demand: MapDemand, previous: int, most: int) -> int:

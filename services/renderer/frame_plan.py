@@ -24,6 +24,7 @@ from vemlight.renderer.frame_budget import (
     MapDemand,
     affordable_lights,
     affordable_maps,
+    affordable_traces,
     coarsening,
     gloss_affordable,
     map_work,
@@ -33,6 +34,7 @@ from vemlight.renderer.frame_budget import (
 from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.pass_table import Pass
 from vemlight.renderer.passes.lights.light_regions import SPHERE_REGIONS, light_regions
+from vemlight.renderer.passes.lights.traced_lights import TracedLayers, traced_batch, traced_batches
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
 from vemlight.renderer.passes.shadow_maps.casters import placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
@@ -57,8 +59,8 @@ ACCUMULATED_RESOLUTION = 256  # of each map of a pass of accumulation, if by pow
 MAX_CACHE_BYTES = 2**29  # of cached visibility: 256 maps at 1920 x 1080; beyond that lights are looked up in the sum itself
 
 
-def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_texture_side: int) -> FrameSetup:
-    """The setup for `samples` of each pixel on a GL whose largest texture has so many texels a side."""
+def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_texture_side: int, traced: bool = False) -> FrameSetup:
+    """The setup for `samples` of each pixel on a GL whose largest texture has so many texels a side. traced: shadows are by rays."""
     resolutions = map_resolutions(settings.shadow_map)
     regions = light_regions(SPHERE_REGIONS if settings.light_regions is None else settings.light_regions)
     shadows = ShadowSetup(scene_casters(scene, resolutions.choices), regions, resolutions, max_atlas_side(max_texture_side))
@@ -73,6 +75,7 @@ def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_tex
         kinds=frozenset(material_kind(material) for material in materials),
         emissive=any(emits(material) for material in materials),
         rest=scene_pose(scene, 0.0),
+        traced=traced,
     )
 
 
@@ -87,6 +90,7 @@ def initial_state(setup: FrameSetup) -> FrameState:
         demand=MapDemand(),
         gloss=True,
         maps=None,
+        layers=None,
         lookup_pose=None,
         g_buffer=None,
         luminaire_maps=(None,) * len(setup.scene.luminaires),
@@ -158,38 +162,41 @@ def _with_pose(setup: FrameSetup, state: FrameState, pose: ScenePose) -> FrameSt
     return state._replace(placed=placed, maps=maps)
 
 
-def _whole(
-    setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, gloss: LightSet
-) -> tuple[FrameState, Lighting]:
-    """All lights with all their maps, drawn anew."""
-    batches = all_batches(setup.shadows, state.placed, lights)
+def _whole(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, gloss: LightSet) -> tuple[FrameState, Lighting]:
+    """All lights with all their maps drawn anew, or all traced."""
+    if setup.traced:
+        batches = traced_batches(setup.shadows, lights, _most_layers(setup.size))
+    else:
+        batches = all_batches(setup.shadows, state.placed, lights)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state._replace(maps=None), Lighting(lights, gloss, batches, setup.samples, unshadowed)
+    return state._replace(maps=None, layers=None), Lighting(lights, gloss, batches, setup.samples, unshadowed)
 
 
-def _accumulated(
-    setup: FrameSetup, state: FrameState, shown: FrameInput, wanted: AccumulationPass
-) -> tuple[FrameState, Lighting]:
+def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted: AccumulationPass) -> tuple[FrameState, Lighting]:
     """All lights of a pass, at one sample of each pixel that no other pass has."""
     lights = wanted.light.of_pass(wanted.number)
     ((x, y),) = spread_points(wanted.number, 1).tolist()
     resolution = ACCUMULATED_RESOLUTION if setup.shadows.resolutions.by_power else None
-    batches = all_batches(setup.shadows, state.placed, lights, resolution)
+    if setup.traced:
+        batches = traced_batches(setup.shadows, lights, _most_layers(setup.size))
+    else:
+        batches = all_batches(setup.shadows, state.placed, lights, resolution)
     # What a catcher would have without shadows is the same for all passes.
     whole = wanted.light.cells() if MaterialKind.SHADOW_CATCHER in setup.kinds else lights
     unshadowed = _catcher_irradiance(setup, shown.pose, whole)
-    return state._replace(maps=None), Lighting(lights, LightSet.none(), batches, (PixelSample(x, y, wanted.number),), unshadowed)
+    after = state._replace(maps=None, layers=None)
+    return after, Lighting(lights, LightSet.none(), batches, (PixelSample(x, y, wanted.number),), unshadowed)
 
 
-def _in_time(
-    setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, costs: CostModel
-) -> tuple[FrameState, Lighting]:
-    """As many lights, and as many redrawn maps, as the target time allows."""
+def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, costs: CostModel) -> tuple[FrameState, Lighting]:
+    """As many lights, and as many redrawn maps or traced lights, as the target time allows."""
     surfaces_moved = not same_places(state.lookup_pose, shown.pose)
     budget = Budget(setup.target_ms, costs, state.demand, state.gloss, surfaces_moved)
     budget = budget._replace(gloss=gloss_affordable(budget))
     gloss = shown.gloss if budget.gloss else LightSet.none()
     lights = strongest_lights(lights, affordable_lights(budget) or len(lights.ids))
+    if setup.traced:
+        return _traced_in_time(setup, state._replace(gloss=budget.gloss), shown, lights, gloss, budget)
     coarser = coarsening(state.demand, state.coarsening, MAX_COARSENING)
     demand = state.demand if coarser == state.coarsening else state.demand._replace(backlog=1.0)
     halvings = halvings_by_id(setup.shadows, lights, coarser, state.halvings)
@@ -211,9 +218,36 @@ def _in_time(
     return state, Lighting(lights, gloss, (batch,), setup.samples, unshadowed, caches_visibility, work)
 
 
+def _traced_in_time(
+    setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, gloss: LightSet, budget: Budget
+) -> tuple[FrameState, Lighting]:
+    """These lights, of which as many are traced anew as the target time allows; all of them where surfaces moved or are seen anew."""
+    seen_anew = budget.surfaces_moved or len(setup.samples) > 1
+    layers = state.layers
+    if layers and seen_anew:
+        layers = TracedLayers.empty(len(layers.directions))
+    affordable = partial(affordable_traces, budget._replace(surfaces_moved=seen_anew), len(lights.ids))
+    traced = traced_batch(setup.shadows, layers, lights, _most_layers(setup.size), affordable)
+    if traced is None:
+        return _whole(setup, state, shown, lights, gloss)
+    batch, demand = traced.batch, state.demand
+    if budget.costs.frames >= WARM_UP_FRAMES:
+        demand = updated_demand(demand, np.ones(batch.every.count), np.ones(traced.stale), batch.unknown.count)
+    work = FrameWork(0.0, batch.unknown.count, batch.every.count, budget.gloss)
+    kept = traced.layers if len(setup.samples) == 1 else None
+    state = state._replace(demand=demand, layers=kept, lookup_pose=shown.pose)
+    unshadowed = _catcher_irradiance(setup, shown.pose, lights)
+    return state, Lighting(lights, gloss, (batch,), setup.samples, unshadowed, work=work)
+
+
+def _most_layers(size: tuple[int, int]) -> int:
+    """How many layers of 8 bits a pixel fit the GPU's memory; one always does."""
+    return max(MAX_CACHE_BYTES // (size[0] * size[1]), 1)
+
+
 def _visibility_cache_pays(size: tuple[int, int], batch: Batch) -> bool:
     """Whether few enough maps are redrawn, and one layer of 8 bits a pixel for each map fits the GPU's memory."""
-    return batch.redrawn.count <= MAX_REDRAWN * batch.every.count and max(batch.slots, 1) * size[0] * size[1] <= MAX_CACHE_BYTES
+    return batch.redrawn.count <= MAX_REDRAWN * batch.every.count and max(batch.slots, 1) <= _most_layers(size)
 
 
 def _catcher_irradiance(setup: FrameSetup, pose: ScenePose, lights: LightSet) -> Colour:
@@ -233,7 +267,8 @@ def _passes(
     glossy = setup.glossy and lighting.batches[0].every.count > 0 and bool(lighting.gloss.irradiance.any())
     for number in range(len(lighting.batches)):
         first = number == 0  # what does not depend on the batch is drawn with the first
-        runs.append(PassRun(pass_table.SHADOW_MAPS, number))
+        if not setup.traced:
+            runs.append(PassRun(pass_table.SHADOW_MAPS, number))
         if glossy and first:
             runs.append(PassRun(pass_table.GLOSS_ROWS, number))
         for k, sample in enumerate(lighting.samples):
@@ -245,7 +280,9 @@ def _passes(
                 rows.append(pass_table.EMISSION)
             if first and setup.scene.luminaires:
                 rows.append(pass_table.LUMINAIRES)
-            if lighting.caches_visibility:
+            if setup.traced:
+                rows.append(pass_table.RAYS)
+            elif lighting.caches_visibility:
                 rows.append(pass_table.VISIBILITY_CACHE)
             rows.append(pass_table.LIGHTS)
             if glossy and first:

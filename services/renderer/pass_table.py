@@ -30,9 +30,7 @@ GLOSS_ROWS = Pass("gloss rows", "gloss", ("lights", "gloss set"), ("gloss rows",
 G_BUFFER = Pass("G-buffer", "G-buffer", ("pose",), ("G-buffer",), "passes/gbuffer/gbuffer.py")
 CLASSES = Pass("classes", "classes", ("G-buffer",), ("class depth",), "passes/lights/shading.py")
 EMISSION = Pass("emission", "emission", ("G-buffer",), ("picture",), "passes/emission/emission.py")
-LUMINAIRES = Pass(
-    "luminaires", "luminaires", ("G-buffer", "luminaire maps"), ("picture", "matte"), "passes/luminaires/illumination.py"
-)
+LUMINAIRES = Pass("luminaires", "luminaires", ("G-buffer", "luminaire maps"), ("picture", "matte"), "passes/luminaires/illumination.py")
 VISIBILITY_CACHE = Pass(
     "visibility cache",
     "visibility cache",
@@ -40,6 +38,7 @@ VISIBILITY_CACHE = Pass(
     ("cached visibility",),
     "passes/lights/visibility_cache.py",
 )
+RAYS = Pass("rays", "rays", ("lights", "pose", "G-buffer"), ("light frames", "cached visibility"), "passes/lights/traced_visibility.py")
 LIGHTS = Pass(
     "lights",
     "lights",
@@ -48,7 +47,11 @@ LIGHTS = Pass(
     "passes/lights/shading.py",
 )
 GLOSS = Pass(
-    "gloss", "gloss", ("G-buffer", "light frames", "shadow maps", "gloss rows"), ("picture",), "passes/gloss/gloss.py"
+    "gloss",
+    "gloss",
+    ("G-buffer", "light frames", "shadow maps", "cached visibility", "gloss rows"),
+    ("picture",),
+    "passes/gloss/gloss.py",
 )
 COMPOSITING = Pass(
     "compositing",
@@ -63,6 +66,6 @@ ADAPTATION = Pass("adaptation", "read-back", ("picture", "previous adaptation"),
 TONE_MAPPING = Pass("tone mapping", "tone mapping", ("picture", "adaptation", "exposure"), ("pixels",), "passes/present/present.py")
 
 PASSES = (
-    LUMINAIRE_MAPS, SHADOW_MAPS, GLOSS_ROWS, G_BUFFER, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, LIGHTS, GLOSS, COMPOSITING,
-    UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
+    LUMINAIRE_MAPS, SHADOW_MAPS, GLOSS_ROWS, G_BUFFER, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS, GLOSS,
+    COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

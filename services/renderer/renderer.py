@@ -1,7 +1,7 @@
 """Draws frames on the GPU, headless, as their plans describe them. It owns only GPU resources: frame_plan.py decides what a frame is."""
 
 import time
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from vemlight.renderer import pass_table
 from vemlight.renderer.frame import FramePlan, FrameState, PassRun, PlatePicture
 from vemlight.renderer.frame_budget import FrameTimings
 from vemlight.renderer.frame_plan import NO_LIGHT, frame_setup, same_places
-from vemlight.renderer.gl.programs import Programs, check_context, context_info, headless_context
+from vemlight.renderer.gl.programs import Programs, check_context, context_info, draws_on_processor, headless_context
 from vemlight.renderer.gl.timers import Timers
 from vemlight.renderer.output.tonemap import Adaptation, adapt, tone_curve
 from vemlight.renderer.passes.background.background import Background
@@ -20,13 +20,21 @@ from vemlight.renderer.passes.emission.emission import Emission
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.gloss.gloss import CONE, NO_CONE, GlossSet
 from vemlight.renderer.passes.lights.shading import Shading
+from vemlight.renderer.passes.lights.traced_lights import restoring_batches as retracing_batches
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
+from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.luminaires.illumination import Illumination
 from vemlight.renderer.passes.present.present import Present
+from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import restoring_batches
 from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose
+from vemlight.renderer.scene.view import PixelSample
+from vemlight.renderer.shadows import chosen_shadows
+
+if TYPE_CHECKING:
+    from vemlight.renderer.passes.lights.traced_visibility import TracedVisibility
 
 
 class DrawnFrame(NamedTuple):
@@ -55,19 +63,25 @@ class Renderer:
     def __init__(self, scene: Scene, settings: settings.Renderer, samples: int = 1, timed: bool = False) -> None:
         self._context = context = headless_context()
         self.info = context_info(context)
+        self.shadows = chosen_shadows(settings.shadows, settings.shadow_map, draws_on_processor(context))
         limit = context.info["GL_MAX_TEXTURE_SIZE"]
         if max(settings.width, settings.height) > limit:
             size = f"{settings.width} x {settings.height}"
             raise UserError(f"[renderer] width, height: {size} is beyond the {limit} pixels of this GL; make them smaller")
-        self.setup = setup = frame_setup(scene, settings, samples, limit)
+        traced = self.shadows == "rays"
+        self.setup = setup = frame_setup(scene, settings, samples, limit, traced)
         self._timers = Timers(context, on=timed or setup.target_ms > 0)
         self._programs = programs = Programs(context)
         kinds, size = set(setup.kinds), setup.size
-        self._atlas = ShadowAtlas(context, programs, scene, setup.shadows.casters)
+        self._frames = LightFrames(context, programs)
+        self._layers = VisibilityLayers(context, size)
+        self._rays = _traced_visibility(scene, size, self._layers) if traced else None
+        self._atlas = None if traced else ShadowAtlas(context, programs, scene, setup.shadows.casters, self._frames)
         self._g_buffer = GBuffer(context, programs, scene, size)
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
-        self._visibility_cache = VisibilityCache(context, programs, size, self._shading.class_depth) if setup.caches_visibility else None
-        self._gloss = GlossSet(context, programs, kinds) if setup.glossy else None
+        depth = self._shading.class_depth
+        self._visibility_cache = VisibilityCache(context, programs, self._layers, depth) if setup.caches_visibility else None
+        self._gloss = GlossSet(context, programs, kinds, traced) if setup.glossy else None
         self._illumination = Illumination(context, programs, scene, size)
         self._emission = Emission(context, programs) if setup.emissive else None
         self._plate = Plate(context, programs, size)
@@ -84,6 +98,7 @@ class Renderer:
             pass_table.EMISSION: self._add_emission,
             pass_table.LUMINAIRES: self._add_luminaires,
             pass_table.VISIBILITY_CACHE: self._look_up,
+            pass_table.RAYS: self._trace,
             pass_table.LIGHTS: self._add_lights,
             pass_table.GLOSS: self._add_gloss,
             pass_table.COMPOSITING: self._composite,
@@ -136,21 +151,27 @@ class Renderer:
         """Draws again what a state describes as cached, since the last frame left another state."""
         if state.g_buffer:
             self._place(state.g_buffer.pose)
-            self._g_buffer.draw(state.g_buffer.sample)
+            self._see(state.g_buffer.sample)
             self._shading.classify(self._g_buffer)
         for number, pose in enumerate(state.luminaire_maps):
             if pose:
                 self._illumination.place(pose)
                 self._illumination.draw_maps(number)
         for placed, batch in restoring_batches(self.setup.shadows, state.maps) if state.maps else ():
+            assert self._atlas
             self._atlas.draw(batch, placed)
             if self._visibility_cache and batch.unknown.count:
-                self._visibility_cache.look_up(self._g_buffer, self._atlas, batch)
+                self._visibility_cache.look_up(self._g_buffer, self._atlas, self._frames, batch)
+        for batch in retracing_batches(self.setup.shadows, state.layers) if state.layers else ():
+            assert self._rays
+            self._rays.trace(batch)
 
     def _place(self, pose: ScenePose) -> None:
         """Moves the surfaces and the luminaires there."""
         if not same_places(self._pose, pose):
             self._g_buffer.place(pose)
+            if self._rays:
+                self._rays.place(pose.matrices)
         self._illumination.place(pose)
         self._pose = pose
 
@@ -160,6 +181,7 @@ class Renderer:
                 self._illumination.draw_maps(number)
 
     def _draw_shadow_maps(self, plan: FramePlan, run: PassRun) -> None:
+        assert self._atlas
         self._atlas.draw(plan.batches[run.batch], plan.after.placed)
 
     def _upload_gloss_rows(self, plan: FramePlan, run: PassRun) -> None:
@@ -167,7 +189,13 @@ class Renderer:
         self._gloss.gather(plan.gloss, plan.batches[run.batch])
 
     def _draw_g_buffer(self, plan: FramePlan, run: PassRun) -> None:
-        self._g_buffer.draw(plan.samples[run.sample])
+        self._see(plan.samples[run.sample])
+
+    def _see(self, sample: PixelSample) -> None:
+        """Draws the surfaces at a sample of each pixel, and lets the rays begin there."""
+        self._g_buffer.draw(sample)
+        if self._rays:
+            self._rays.see(self._g_buffer)
 
     def _classify(self, _plan: FramePlan, _run: PassRun) -> None:
         self._shading.classify(self._g_buffer)
@@ -185,25 +213,38 @@ class Renderer:
 
     def _look_up(self, plan: FramePlan, run: PassRun) -> None:
         assert self._visibility_cache
-        self._visibility_cache.look_up(self._g_buffer, self._atlas, plan.batches[run.batch])
+        assert self._atlas
+        self._visibility_cache.look_up(self._g_buffer, self._atlas, self._frames, plan.batches[run.batch])
+
+    def _trace(self, plan: FramePlan, run: PassRun) -> None:
+        assert self._rays
+        self._frames.make(plan.batches[run.batch], plan.after.placed)
+        self._rays.trace(plan.batches[run.batch])
+
+    def _arriving(self, plan: FramePlan) -> "VisibilityLayers | ShadowAtlas":
+        """What says how much of each light arrives at each pixel."""
+        if self._atlas and not plan.runs(pass_table.VISIBILITY_CACHE):
+            return self._atlas
+        return self._layers
 
     def _add_lights(self, plan: FramePlan, run: PassRun) -> None:
         """Sums the lights of a batch on the surfaces; with the first batch also the pixels' alpha."""
         weight = 1 / len(plan.samples)
         self._shading.add(
             self._g_buffer,
-            self._atlas,
+            self._frames,
+            self._arriving(plan),
             plan.batches[run.batch],
             weight,
             weight if run.batch == 0 else 0.0,
             plan.unshadowed,
             CONE if plan.runs(pass_table.GLOSS) else NO_CONE,
-            self._visibility_cache if plan.runs(pass_table.VISIBILITY_CACHE) else None,
         )
 
     def _add_gloss(self, plan: FramePlan, run: PassRun) -> None:
         assert self._gloss
-        self._gloss.add(self._g_buffer, self._atlas, plan.batches[run.batch], self._shading.frame, 1 / len(plan.samples))
+        arriving = self._atlas or self._layers
+        self._gloss.add(self._g_buffer, self._frames, arriving, plan.batches[run.batch], self._shading.frame, 1 / len(plan.samples))
 
     def _composite(self, plan: FramePlan, _run: PassRun) -> None:
         scene_plate = self.setup.scene.plate
@@ -221,8 +262,15 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            drawing = (self._atlas, self._g_buffer, self._shading, self._visibility_cache, self._gloss, self._illumination, self._emission)
+            visibility = (self._frames, self._layers, self._rays, self._atlas, self._visibility_cache)
+            drawing = (*visibility, self._g_buffer, self._shading, self._gloss, self._illumination, self._emission)
             for part in (*drawing, self._plate, self._background, self._present, self._programs):
                 if part is not None:
                     part.release()
         self._context.release()
+
+
+def _traced_visibility(scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> "TracedVisibility":
+    from vemlight.renderer.passes.lights.traced_visibility import TracedVisibility  # here, since it loads numba, which maps do without
+
+    return TracedVisibility(scene, size, layers)

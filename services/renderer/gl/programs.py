@@ -23,6 +23,7 @@ GL_VARIABLES = (
     "__EGL_VENDOR_LIBRARY_DIRS", "__EGL_VENDOR_LIBRARY_FILENAMES",
 )  # fmt: skip
 
+SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader")  # in the GL_RENDERER of those that draw on the processor
 QUIET = {"EGL_LOG_LEVEL": "fatal", "LIBGL_DEBUG": "quiet"}  # Mesa would print in lines of its own what the one line of ours says
 
 AnyProgram = TypeVar("AnyProgram", moderngl.Program, moderngl.ComputeShader)
@@ -89,6 +90,11 @@ def closed_cards() -> list[Path]:
 def context_info(context: moderngl.Context) -> str:
     """GL renderer and version in one line."""
     return f"{context.info['GL_RENDERER']}, OpenGL {context.info['GL_VERSION']}"
+
+
+def draws_on_processor(context: moderngl.Context) -> bool:
+    """Whether this GL is a software renderer."""
+    return any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
 
 
 def check_context(context: moderngl.Context) -> None:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import moderngl
 
-SOFTWARE = ("llvmpipe", "softpipe", "SwiftShader")  # GL_RENDERER of those that draw on the processor
+from vemlight.renderer.gl.programs import draws_on_processor
 
 
 class Timers:
@@ -18,7 +18,7 @@ class Timers:
 
     def __init__(self, context: moderngl.Context, on: bool) -> None:
         self._context, self._on = context, on
-        self._software = any(name in context.info["GL_RENDERER"] for name in SOFTWARE)
+        self._software = draws_on_processor(context)
         self._queries: list[moderngl.Query] = []  # moderngl cannot free them: they are used again
         self._queried: list[str] = []  # the timer of each query of this frame
         self._spent_ms: dict[str, float] = {}

@@ -54,6 +54,16 @@ class GBufferPixels(NamedTuple):
     specular: np.ndarray
 
 
+class VisibleSurfaces(NamedTuple):
+    """depth: (height, width) float32 in lengths of the pixel's ray, 0 where there is no surface; row 0 on top. normal_codes: (height,
+    width, 4) uint16, of the octahedra of both normals, the flat one last. ray_from_pixel: (3, 3), eye: (3,) float64."""
+
+    depth: np.ndarray
+    normal_codes: np.ndarray
+    ray_from_pixel: np.ndarray
+    eye: np.ndarray
+
+
 class DrawItem(NamedTuple):
     """A mesh ready to draw: its vertex array, its MATERIAL, and its textures by unit."""
 
@@ -171,6 +181,13 @@ class GBuffer:
                 program[name] = unit
         return len(self._targets)
 
+    def read_surfaces(self) -> VisibleSurfaces:
+        """Where the surfaces are that were drawn last."""
+        width, height = self._size
+        depth = np.frombuffer(self._targets["surface_depth"].read(alignment=1), np.float32).reshape(height, width)
+        codes = np.frombuffer(self._targets["surface_normals"].read(alignment=1), np.uint16).reshape(height, width, 4)
+        return VisibleSurfaces(depth, codes, self._ray_from_pixel, np.array(self._scene.camera.position, np.float64))
+
     def read(self) -> GBufferPixels:
         """What was drawn last, row 0 on top."""
         width, height = self._size
@@ -181,9 +198,7 @@ class GBuffer:
         pixels = np.stack([*np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), np.ones((height, width))], axis=-1)
         rays = pixels.reshape(-1, 3) @ self._ray_from_pixel.T
         depth, normals = data["surface_depth"]["depth"], data["surface_normals"]
-        smooth, flat = (
-            direction_from_octahedron(octahedron_from_code(normals[name])) for name in ("smooth_octahedron", "flat_octahedron")
-        )
+        smooth, flat = (direction_from_octahedron(octahedron_from_code(normals[name])) for name in ("smooth_octahedron", "flat_octahedron"))
         positions = self._scene.camera.position + depth[:, None] * rays
         return GBufferPixels(depth > 0, positions, rays, smooth, flat, data["surface_diffuse"], data["surface_specular"])
 

@@ -5,7 +5,10 @@
 #include "constants.glsl"
 #include "light_frame.glsl"
 #include "lights.glsl"
+#if !CACHED_VISIBILITY
 #include "visibility.glsl"
+#endif
+#include "arriving.glsl"
 #include "normals.glsl"
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
@@ -74,8 +77,8 @@ void main() {
             part += gloss_lights[k].irradiance * lobe * (inside * cosine);
         }
         float facing = dot(flat_normal, lights[group.shadowing].direction);
-        // A map knows nothing of surfaces that face away from its light.
-        sum += part * (facing > 0.0 ? visibility(group.shadowing, position, flat_normal, facing) : 1.0);
+        // Nothing is known of surfaces that face away from a light.
+        sum += part * (facing > 0.0 ? arriving(group.shadowing, pixel, position, flat_normal, facing) : 1.0);
     }
     radiance = vec4(sum * (taken * weight), 0.0);
 }

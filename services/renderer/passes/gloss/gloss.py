@@ -16,6 +16,8 @@ from vemlight.renderer.gl.constants import GLOSSY_KINDS, MAX_LIGHTS, MaterialKin
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, light_regions
+from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
+from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 
@@ -31,10 +33,11 @@ NEIGHBOURS = 4  # of a light, whose distance gives its spread: those of a square
 class GlossSet:
     """Adds the gloss set to the lobes of surfaces of the `kinds` of material."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, kinds: set[MaterialKind]) -> None:
+    def __init__(self, context: moderngl.Context, programs: Programs, kinds: set[MaterialKind], traced: bool) -> None:
+        """traced: whether what arrives of a light is in a layer and not in its map."""
         self._context = context
         has = {f"HAS_{kind.name}": int(kind in kinds) for kind in GLOSSY_KINDS}
-        self._program = programs.program("screen.vert", "gloss.frag", **has)
+        self._program = programs.program("screen.vert", "gloss.frag", CACHED_VISIBILITY=int(traced), **has)
         self._array = context.vertex_array(self._program, [])
         self._regions = light_regions(REGIONS)
         self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, self._regions.cube.astype(np.float32).tobytes(), dtype="f4")
@@ -54,17 +57,25 @@ class GlossSet:
                 buffer.orphan(table.nbytes)
             buffer.write(table.tobytes())
 
-    def add(self, g_buffer: GBuffer, atlas: ShadowAtlas, batch: Batch, frame: moderngl.Framebuffer, weight: float) -> None:
-        """Adds the gloss set times `weight` to the picture in `frame`; the maps of the batch are in the atlas."""
+    def add(
+        self,
+        g_buffer: GBuffer,
+        frames: LightFrames,
+        arriving: ShadowAtlas | VisibilityLayers,
+        batch: Batch,
+        picture: moderngl.Framebuffer,
+        weight: float,
+    ) -> None:
+        """Adds the gloss set times `weight` to a picture. arriving: what says how much of each light of the batch arrives."""
         unit = g_buffer.bind(self._program)
-        atlas.bind(self._program, unit)
-        atlas.bind_row(batch.every)
+        arriving.bind(self._program, unit)
+        frames.bind_row(batch.every)
         self._cube.use(unit + 1)
         self._program["region_of_direction"] = unit + 1
         for binding, buffer in enumerate(self._buffers, 1):
             buffer.bind_to_storage_buffer(binding)
         self._program["weight"] = weight
-        frame.use()
+        picture.use()
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._array.render(moderngl.TRIANGLES, vertices=3)

@@ -1,16 +1,15 @@
 #version 430
-// Sums a row of lights for each surface of a class. KIND: its kind of material. CACHED_VISIBILITY: what of each light arrives was looked up
-// before. A shadow catcher's matte is what shadows take of its light, in each channel, its alpha the same in luminance.
+// Sums a row of lights for each surface of a class. KIND: its kind of material. A shadow catcher's matte is what shadows take of its light, in
+// each channel, its alpha the same in luminance.
 
 layout(early_fragment_tests) in;
 #include "constants.glsl"
 #include "light_frame.glsl"
 #include "lights.glsl"
-#if CACHED_VISIBILITY
-uniform sampler2DArray cached_visibility;  // one for each shadow map
-#else
+#if !CACHED_VISIBILITY
 #include "visibility.glsl"
 #endif
+#include "arriving.glsl"
 #include "normals.glsl"
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
@@ -30,14 +29,6 @@ uniform float alpha;  // that this pass adds to the picture's
 #define GLOSSY
 #include "gloss_cone.glsl"
 #endif
-
-float arriving(int i, ivec2 pixel, vec4 position, vec3 flat_normal, float cosine) {
-#if CACHED_VISIBILITY
-    return texelFetch(cached_visibility, ivec3(pixel, int(lights[i].map)), 0).r;
-#else
-    return visibility(i, position, flat_normal, cosine);
-#endif
-}
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);

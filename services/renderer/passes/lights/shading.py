@@ -13,7 +13,8 @@ from vemlight.renderer.gl.constants import CLASSES, GLOSSY_KINDS, MATERIAL_KINDS
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, Regions
-from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
+from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
+from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 from vemlight.renderer.scene.materials import Colour
@@ -63,27 +64,27 @@ class Shading:
     def add(
         self,
         g_buffer: GBuffer,
-        atlas: ShadowAtlas,
+        frames: LightFrames,
+        arriving: ShadowAtlas | VisibilityLayers,
         batch: Batch,
         weight: float,
         alpha: float,
         unshadowed: Colour,
         cone: tuple[float, float],
-        cache: VisibilityCache | None = None,
     ) -> None:
-        """Adds a batch of lights, whose maps are in the atlas, times `weight`, and `alpha` to the pixels that `classify` found.
+        """Adds a batch of lights times `weight`, and `alpha` to the pixels that `classify` found.
 
-        unshadowed: the irradiance of a catcher without shadows, by all lights of all batches, above 0. cone: in which the gloss set has the
-        lobes of glossy surfaces, as in gloss.py. cache: where the batch's lookups are, if not in the maps.
+        arriving: what says how much of each light arrives, its map or a layer. unshadowed: the irradiance of a catcher without shadows, by
+        all lights of all batches, above 0. cone: in which the gloss set has the lobes of glossy surfaces, as in gloss.py.
         """
         self.frame.use()
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._context.depth_func = "=="
-        for kind, array in zip(self._kinds, self._programs_of(cache is not None), strict=True):
+        for kind, array in zip(self._kinds, self._programs_of(isinstance(arriving, VisibilityLayers)), strict=True):
             program = array.program
             unit = g_buffer.bind(program)
-            (cache or atlas).bind(program, unit)
+            arriving.bind(program, unit)
             program["weight"] = weight
             if kind == MaterialKind.SHADOW_CATCHER:
                 program["unshadowed"], alpha = unshadowed, 0.0
@@ -95,7 +96,7 @@ class Shading:
                 program["alpha"] = alpha
             for region, row in enumerate(batch.rows):
                 if row.count or alpha > 0:
-                    atlas.bind_row(row)
+                    frames.bind_row(row)
                     program["light_count"] = row.count
                     program["depth"] = (MATERIAL_KINDS * region + kind + 0.5) / CLASSES
                     array.render(moderngl.TRIANGLES, vertices=3)

@@ -8,24 +8,19 @@ import numpy as np
 from vemlight.renderer.gl.buffers import ALPHA_TESTED_VERTEX
 from vemlight.renderer.gl.constants import HASHED_ALPHA
 from vemlight.renderer.gl.programs import Programs
+from vemlight.renderer.scene.alpha_vertices import WHITE, alpha_vertices
 from vemlight.renderer.scene.materials import AlphaTest, alpha_test_of
 from vemlight.renderer.scene.meshes import Geometry
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.textures import Texture
 from vemlight.renderer.scene.vertex_buffers import IndexRange
 
-WHITE = Texture(np.ones((1, 1, 4), np.float16))
-
 
 def alpha_tested_vertices(geometry: Geometry, alpha_test: AlphaTest) -> np.ndarray:
     """The mesh's vertices with where each lies in the texture, and its alpha without the texture: (n,) ALPHA_TESTED_VERTEX."""
-    image = alpha_test.image or WHITE
-    uvs = geometry.uvs if image.uv_set == 0 or geometry.second_uvs is None else geometry.second_uvs
-    uv_transform = np.eye(3)[:2] if image.uv_transform is None else image.uv_transform
-    rows = np.empty(len(uvs), ALPHA_TESTED_VERTEX.dtype)
+    rows = np.empty(len(geometry.positions), ALPHA_TESTED_VERTEX.dtype)
     rows["position"] = geometry.positions
-    rows["alpha_uv"] = uvs @ uv_transform[:, :2].T + uv_transform[:, 2]
-    rows["vertex_alpha"] = alpha_test.alpha * (1.0 if geometry.colours is None else geometry.colours[:, 3])
+    rows["alpha_uv"], rows["vertex_alpha"] = alpha_vertices(geometry, alpha_test)
     return rows
 
 

@@ -4,7 +4,7 @@ A batch is a set of lights whose maps fit the atlas together. Without a target f
 with one it is a single batch that redraws as many of its maps as there is time for and reads the others as they were drawn before.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -56,8 +56,8 @@ class Batch(NamedTuple):
     """Lights whose maps are in the atlas together. entries: (m,) LIGHT_ENTRY, row after row.
 
     rows: the lights of each light region. every: all of them in their order. unknown: one for each map in which lookups are not in the
-    visibility cache. redrawn: those whose maps are drawn now; draws: the same by resolution. packing: where the tiles lie.
-    clears_atlas: whether no map drawn before is read again.
+    visibility cache, or those that are traced. redrawn: those whose maps are drawn now; draws: the same by resolution. packing: where the
+    tiles lie; of traced lights, which have none, only how many layers there are. clears_atlas: whether no map drawn before is read again.
     """
 
     entries: np.ndarray
@@ -222,15 +222,7 @@ def _batch(
     choice = np.searchsorted(-np.array(setup.resolutions.choices), -resolutions).clip(0, setup.resolutions.halvings)
     level = np.array(setup.casters.levels)[choice]
     redrawn = redrawn[np.lexsort((below[redrawn], level[redrawn]))]
-    # The rows one after the other, each from a multiple of ALIGNED on.
-    parts = [*region_rows(setup.regions, lights.directions[lit]), np.arange(len(lit)), unknown, redrawn]
-    rows, padded, first = [], [], 0
-    for part in parts:
-        rows.append(LightRow(first, len(part)))
-        aligned_count = -(-len(part) // ALIGNED) * ALIGNED
-        padded.append(np.resize(part, aligned_count))
-        first += aligned_count
-    entries = light[np.concatenate(padded).astype(np.int64)]
+    entries, rows = light_rows(light, [*region_rows(setup.regions, lights.directions[lit]), np.arange(len(lit)), unknown, redrawn])
     draws = []
     for own in np.unique(level[redrawn]).tolist():
         members = np.flatnonzero(level[redrawn] == own)
@@ -238,6 +230,17 @@ def _batch(
     draws_all = len(redrawn) == len(cache.packing.corners)
     every, unknown_row, redrawn_row = rows[-3:]
     return Batch(entries, tuple(rows[:-3]), every, unknown_row, redrawn_row, tuple(draws), cache.packing, draws_all)
+
+
+def light_rows(entries: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, list[LightRow]]:
+    """The entries of each part, by number, one part after the other, each from a multiple of ALIGNED on."""
+    rows, padded, first = [], [], 0
+    for part in parts:
+        rows.append(LightRow(first, len(part)))
+        aligned_count = -(-len(part) // ALIGNED) * ALIGNED
+        padded.append(np.resize(part, aligned_count))
+        first += aligned_count
+    return entries[np.concatenate(padded).astype(np.int64)], rows
 
 
 def with_lookups(cached: CachedBatch) -> MapCache:

@@ -3,50 +3,46 @@
 import moderngl
 import numpy as np
 
-from vemlight.renderer.gl.buffers import CASTER_VERTEX, LIGHT_FRAME
-from vemlight.renderer.gl.constants import MAX_LIGHTS, WORK_GROUP
+from vemlight.renderer.gl.buffers import CASTER_VERTEX
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
 from vemlight.renderer.passes.shadow_maps.casters import Casters, PlacedCasters
-from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch, LightRow
+from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import Packing
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.vertex_buffers import DrawRange
 
-FRAME_BYTES = LIGHT_FRAME.dtype.itemsize
 CLIPPING = (0x864F, *range(0x3000, 0x3004))  # GL_DEPTH_CLAMP, GL_CLIP_DISTANCE0 to 3, for which moderngl has no name
 
 
 class ShadowAtlas:
     """One depth texture with a tile for each map of a batch, of its resolution."""
 
-    def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, casters: Casters) -> None:
-        self._context = context
+    def __init__(self, context: moderngl.Context, programs: Programs, scene: Scene, casters: Casters, frames: LightFrames) -> None:
+        self._context, self._light_frames = context, frames
         # The receiver plane has a program of its own: it reaches beyond the box, and so beyond the tile and nearer to a light from below.
         self._programs = [programs.program("shadow.vert", "shadow.frag", ALPHA_TEST=0, RECEIVER_PLANE=own) for own in (0, 1)]
         self._alpha_tested = AlphaTestedMeshes(context, programs, scene, "shadow.vert", RECEIVER_PLANE=0)
-        self._frames_program = programs.compute("light_frames.comp")
         self._buffers = (context.buffer(casters.positions.tobytes()), context.buffer(casters.indices.tobytes() or bytes(4)))
         self._arrays = [
             context.vertex_array(program, [CASTER_VERTEX.content(self._buffers[0], program)], self._buffers[1], index_element_size=4)
             for program in self._programs
         ]
-        self._entries = context.buffer(reserve=64, dynamic=True)
-        self._frames = context.buffer(reserve=MAX_LIGHTS * FRAME_BYTES)
         self._packing = Packing(np.zeros((0, 2), np.int64), 0, 0)
         self.texture: moderngl.Texture | None = None
         self._frame: moderngl.Framebuffer | None = None
 
     def draw(self, batch: Batch, placed: PlacedCasters) -> None:
-        """Uploads the batch's lights and draws the maps that it redraws, of casters that stand so."""
+        """Makes the batch's light frames and draws the maps that it redraws, of casters that stand so."""
         self._fit(batch.packing)
         assert self._frame is not None
-        self._make_frames(batch, placed)
+        self._light_frames.make(batch, placed)
         self._frame.use()
         self._clear(batch)
         if batch.redrawn.count == 0:
             return
-        self.bind_row(batch.redrawn)
+        self._light_frames.bind_row(batch.redrawn)
         self._context.depth_func = "<"
         for draw in batch.draws:
             level = placed.levels[draw.level]
@@ -70,25 +66,6 @@ class ShadowAtlas:
         redrawn = batch.of(batch.redrawn)
         for (x, y), size in zip(redrawn["corner"].astype(int).tolist(), redrawn["resolution"].astype(int).tolist(), strict=True):
             self._frame.clear(depth=1.0, viewport=(x, y, size, size))
-
-    def _make_frames(self, batch: Batch, placed: PlacedCasters) -> None:
-        """Has the GPU make the light frames of all rows from the lights' directions and the box around the casters."""
-        for name in ("box_centre", "box_half"):
-            self._frames_program[name] = tuple(getattr(placed, name).tolist())
-        count = len(batch.entries)
-        if self._entries.size < batch.entries.nbytes:
-            self._entries.orphan(batch.entries.nbytes)
-            self._frames.orphan((count + MAX_LIGHTS) * FRAME_BYTES)  # a uniform block is bound whole, even from the last row on
-        self._entries.write(batch.entries.tobytes())
-        self._entries.bind_to_storage_buffer(1)
-        self._frames.bind_to_storage_buffer(2)
-        self._frames_program["light_count"] = count
-        self._frames_program.run(group_x=-(-count // WORK_GROUP))
-        self._context.memory_barrier()
-
-    def bind_row(self, row: LightRow) -> None:
-        """Makes a row of the batch drawn last the `Lights` of the programs that follow."""
-        self._frames.bind_to_uniform_block(0, offset=row.first * FRAME_BYTES, size=MAX_LIGHTS * FRAME_BYTES)
 
     def bind(self, program: moderngl.Program, unit: int) -> None:
         """Gives a program the atlas on a texture unit and the uniforms of lights.glsl."""
@@ -136,5 +113,5 @@ class ShadowAtlas:
     def release(self) -> None:
         """Frees what the atlas holds on the GPU."""
         self._free()
-        for resource in (*self._arrays, *self._buffers, self._entries, self._frames, self._alpha_tested):
+        for resource in (*self._arrays, *self._buffers, self._alpha_tested):
             resource.release()

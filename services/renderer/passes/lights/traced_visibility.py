@@ -1,0 +1,46 @@
+"""The fraction of each light that reaches each pixel, by shadow rays on the processor, from the surfaces in the G-buffer.
+
+Exact at every distance and for every caster, where a map has texels. On a machine without a graphics card the rays of a light cost about
+as much as its map and the lookups in it; on one with a card maps are far cheaper. Which lights a frame traces, its plan says.
+"""
+
+import numpy as np
+
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
+from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
+from vemlight.renderer.rays.tracing import RayTracer
+from vemlight.renderer.scene.scene import Scene
+
+MAX_TRACED_BYTES = 2**26  # of layers traced together, before they are uploaded; any value from 2^24 to 2^28 does
+
+
+class TracedVisibility:
+    """Traces lights into layers for pictures of `size` pixels (width, height) of a scene."""
+
+    def __init__(self, scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> None:
+        self._tracer, self._size, self._layers = RayTracer(scene, size), size, layers
+
+    def place(self, matrices: np.ndarray) -> None:
+        """Moves the meshes: world_from_rest (n, 4, 4)."""
+        self._tracer.place(matrices)
+
+    def see(self, g_buffer: GBuffer) -> None:
+        """Takes the surfaces that were drawn last."""
+        self._tracer.see(*g_buffer.read_surfaces())
+
+    def trace(self, batch: Batch) -> None:
+        """Traces those lights of a batch that its plan says."""
+        texture = self._layers.make_room(max(batch.slots, 1))
+        traced = batch.of(batch.unknown)
+        directions, layers = np.ascontiguousarray(traced["direction"]), traced["map"].astype(int).tolist()
+        width, height = self._size
+        together = max(MAX_TRACED_BYTES // (width * height), 1)
+        for first in range(0, len(layers), together):
+            arriving = self._tracer.trace(directions[first : first + together])
+            for own, layer in zip(arriving, layers[first : first + together], strict=True):
+                texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
+
+    def release(self) -> None:
+        """Frees what the rays need."""
+        self._tracer.release()

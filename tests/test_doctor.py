@@ -17,6 +17,7 @@ from vemlight.commands import doctor
 from vemlight.commands.doctor import Finding, examine
 from vemlight.errors import UserError
 from vemlight.renderer.gl import programs
+from vemlight.renderer.rays import embree
 from vemlight.runtime.channels import SERVICES
 from vemlight.settings import Settings, read_settings
 
@@ -46,7 +47,7 @@ def test_all_checks_pass_on_this_machine(settings):
     assert all("\n" not in finding.found + finding.hint for finding in findings)
     named = {finding.what for finding in findings}
     assert {"system", "processor", "libraries", "libzmq", "OpenGL", "videos", "port of the viewer", "page", "sockets", "source"} <= named
-    assert {"scene", "disk", "charts", "camera", "open files"} <= named
+    assert {"scene", "disk", "charts", "camera", "open files", "shadows"} <= named
 
 
 def test_the_command_says_the_same_to_people_and_programs(settings, tmp_path):
@@ -89,9 +90,32 @@ def test_a_card_that_may_not_be_opened_is_named(settings, monkeypatch, tmp_path)
     card.touch()
     monkeypatch.setattr(programs, "closed_cards", lambda: [card])
     finding = one(settings, "OpenGL")
-    if not any(name in finding.found for name in doctor.SOFTWARE_GL):
+    if not any(name in finding.found for name in programs.SOFTWARE):
         pytest.skip("a graphics card draws here")
     assert (finding.grade, str(card) in finding.found, "usermod" in finding.hint) == ("warn", True, True)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "there", "grade", "found"),
+    [("auto", 1, "pass", "by rays"), ("auto", 0, "warn", "by maps"), ("maps", 0, "pass", "by maps"), ("rays", 0, "fail", "rays")],
+)
+def test_how_shadows_are_drawn_is_named(settings, monkeypatch, wanted, there, grade, found):
+    if not any(name in one(settings, "OpenGL").found for name in programs.SOFTWARE):
+        pytest.skip("a graphics card draws here")
+    if not there:
+        monkeypatch.setattr(embree, "library", lambda: None)
+    finding = one(with_section(settings, "renderer", shadows=wanted), "shadows")
+    assert (finding.grade, found in finding.found, bool(finding.hint)) == (grade, True, grade != "pass")
+
+
+def test_without_embreex_the_libraries_pass(settings, monkeypatch):
+    monkeypatch.setattr(metadata, "requires", lambda _: ["embreex>=4.4; platform_machine == 'x86_64'"])
+    monkeypatch.setattr(metadata, "version", missing)
+    assert one(settings, "libraries").grade == "pass"
+
+
+def missing(name: str) -> str:
+    raise metadata.PackageNotFoundError(name)
 
 
 def test_missing_and_old_libraries(settings, monkeypatch):

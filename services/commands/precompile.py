@@ -30,10 +30,20 @@ def _capture() -> None:
         open_source(Capture(source=str(file))).frame(0)
 
 
+def _renderer() -> None:
+    from vemlight.renderer.rays.embree import library
+    from vemlight.renderer.scene.scene import load_scene
+
+    if library() is not None:
+        from vemlight.renderer.rays.tracing import RayTracer
+
+        RayTracer(load_scene(None), (8, 8)).warm()
+
+
 def precompile() -> None:
     """Compiles in a process for each service."""
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as processes:
-        for done in [processes.submit(job) for job in (_sampler, _capture)]:
+        for done in [processes.submit(job) for job in (_sampler, _capture, _renderer)]:
             done.result()
 
 

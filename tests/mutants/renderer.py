@@ -26,6 +26,26 @@ MUTANTS = [
         ("shadow bias none", "SHADOW_BIAS_TEXELS = 1.0", "SHADOW_BIAS_TEXELS = 0.1"),
         ("number of a material", "GGX = 2", "GGX = 4"),
     ]),
+    *mutants_of(RENDERER + "rays/tracing.py", "tests/test_rays.py", [
+        ("rays begin on their surface", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 0.0, 0.0"),
+        ("rays begin far off it", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-3, 5e-4"),
+        ("rays of pixels that face away", " * dz > 0", " * dz > -2"),
+    ]),
+    *mutants_of(RENDERER + "rays/embree.py", "tests/test_rays.py", [
+        ("moved meshes where they were", "            self._embree.rtcUpdateGeometryBuffer(", "            (lambda *_: None)("),
+    ]),
+    *mutants_of(RENDERER + "rays/holes.py", "tests/test_rays.py", [
+        ("masks without holes", "if alpha < cutoff:", "if alpha < 0:"),
+        ("coverage takes all", "context[ray] *= 1 - ", "context[ray] *= 0 * "),
+    ]),
+    *mutants_of(RENDERER + "shadows.py", "tests/test_rays.py", [
+        ("rays on a GPU", "(shadow_map is not None or not on_processor)", "(shadow_map is not None)"),
+        ("rays in spite of a resolution of maps", "(shadow_map is not None or not on_processor)", "not on_processor"),
+    ]),
+    *mutants_of(PASSES + "lights/traced_lights.py", "tests/test_rays.py", [
+        ("lights kept for twice the turn", "KEPT_RAD = np.radians(0.1)", "KEPT_RAD = np.radians(0.3)"),
+        ("lights traced for nothing", "KEPT_RAD = np.radians(0.1)", "KEPT_RAD = np.radians(0.03)"),
+    ]),
     *mutants_of(PASSES + "shadow_maps/light_frames.comp", "tests/test_shadow_maps.py", [
         ("gutter in one language only", "vec3(0.5 * resolution - GUTTER, 0.5", "vec3(0.5 * resolution, 0.5"),
     ]),

@@ -100,6 +100,12 @@ class RayTracer:
         own = Surfaces(self._surfaces.places[rows], self._surfaces.normals[rows])
         _trace(self._scene.address, _packet(), own, directions, arriving[:, rows])
 
+    def warm(self) -> None:
+        """Compiles, or loads, what a picture needs."""
+        width, height = self._size
+        self.see(np.zeros((height, width), np.float32), np.zeros((height, width, 4), np.uint16), np.eye(3), np.zeros(3))
+        self.trace(np.zeros((1, 3), np.float32))
+
     def release(self) -> None:
         """Ends its threads and frees the scene."""
         self._threads.shutdown()

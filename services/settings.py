@@ -4,13 +4,27 @@ Each key is declared here once: type, default, range, unit and meaning; docs/set
 to it; after `read_settings` they are absolute.
 """
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Meta
 
-from vemlight.choices import Background, Filter, Method, Mode, Shadows, Tone
+from vemlight.choices import (
+    Background,
+    Filter,
+    LightOf,
+    Matrix,
+    Method,
+    Mode,
+    Primaries,
+    Projection,
+    Range,
+    Shadows,
+    Stereo,
+    Tone,
+)
 from vemlight.errors import UserError
 from vemlight.file_kinds import BINARY_UNTIL, file_kind
 from vemlight.files import read_toml
@@ -35,6 +49,7 @@ FPS = Meta(extra={"unit": "frames/s"})
 HZ = Meta(extra={"unit": "Hz"})
 MS = Meta(extra={"unit": "ms"})
 PER_CENT = Meta(extra={"unit": "%"})
+CD_M2 = Meta(extra={"unit": "cd/m2"})
 PIXELS = Meta(extra={"unit": "pixels"})
 STOPS = Meta(extra={"unit": "stops"})
 TEXELS = Meta(extra={"unit": "texels"})
@@ -66,7 +81,9 @@ class Capture(SettingsSection, frozen=True):
     source: Annotated[
         str, means("lat-long .hdr or .exr, a folder of them, a recording, or /dev/videoN; empty: the bundled sequence"), PATH
     ] = ""
-    lens: Annotated[str, means("fisheye frames: the lens file; empty: lens.toml beside them"), PATH] = ""
+    lens: Annotated[
+        str | tuple[str, ...], means("fisheye frames: the lens file, or a list of several lenses'; empty: lens.toml beside them"), PATH
+    ] = ""
     response: Annotated[str, means("raw fisheye frames: the response file; empty: response.toml beside them"), PATH] = ""
     layer: Annotated[str, means("EXR files with several layers or parts: the name of the one to read; empty: the picture itself")] = ""
     fps: Annotated[Rate, means("frame rate of sources whose files do not state one"), FPS] = 25.0
@@ -82,8 +99,41 @@ class Capture(SettingsSection, frozen=True):
     ] = ""
     width: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame width to ask for; 0: the lens file's"), PIXELS] = 0
     height: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame height to ask for; 0: the lens file's"), PIXELS] = 0
+    transfer: Annotated[
+        str,
+        means("curve of films, cameras in colour, PNG, JPEG: srgb, bt709, bt1886, pq, hlg, linear, logc3, logc4, slog3, vlog, acescct, or "
+              "ocio:NAME; empty: as their tags say"),
+    ] = ""  # fmt: skip
+    primaries: Annotated[Primaries | None, means("primaries of their colours; left out: as the tags say, or the curve implies")] = None
+    matrix: Annotated[Matrix | None, means("matrix of their luma and chroma; left out: as the tags say")] = None
+    range: Annotated[Range | None, means("codes of black and white: 16 and 235 of 255, or 0 and 255; left out: as the tags say")] = None
+    light: Annotated[LightOf | None, means("hlg, bt709: light of the scene, or of the display; left out: the scene's")] = None
+    peak: Annotated[
+        Annotated[float, Meta(gt=0, le=100_000)] | None, means('hlg with light = "display": peak of the display; left out: 1000'), CD_M2
+    ] = None
+    projection: Annotated[
+        Projection | None, means("where pixels look; left out: fisheye with a lens, else equirect, which is then twice as wide as high")
+    ] = None
+    span: Annotated[
+        tuple[Annotated[float, Meta(gt=0, le=360)], Annotated[float, Meta(gt=0, le=180)]] | None,
+        means("equirect: degrees across and down that the image covers, the middle of the sphere; left out: 360, 180"),
+    ] = None
+    stereo: Annotated[Stereo | None, means("films for two eyes: how they lie; the first is taken; left out: as the film says")] = None
     record: Annotated[str, means("folder to record to; empty: nothing is recorded"), PATH] = ""
     threads: Annotated[int, Meta(ge=1, le=8), means("threads that resample a fisheye frame; more than 1 pays off above 2 megapixels")] = 1
+
+    @property
+    def lenses(self) -> tuple[str, ...]:
+        """The lens files that are named."""
+        return tuple(filter(None, (self.lens,))) if isinstance(self.lens, str) else self.lens
+
+    def __post_init__(self) -> None:
+        if self.lenses and self.projection in ("equirect", "cube3x2"):
+            raise ValueError(f"lens is for fisheye frames and projection is {self.projection}; leave one of them out")
+        if self.span and (self.projection in ("fisheye", "cube3x2") or self.lenses):
+            raise ValueError("span is for projection equirect; leave one of them out")
+        if self.stereo and len(self.lenses) > 1:
+            raise ValueError("stereo is of films for two eyes, and several lens files are for one view of all; leave one of them out")
 
 
 FIXED_COUNT = 72  # the number of Havran et al. 2005
@@ -222,6 +272,7 @@ class Settings(SettingsSection, frozen=True):
         return tuple(service for service in SERVICES if service != "plate" or self.plate.source)
 
 
+STREAMS = ("http://", "https://", "rtsp://", "rtsps://", "rtmp://", "rtmps://", "udp://", "tcp://", "rtp://")
 OPTIONS = {"error_percent": "--error"}  # of the command line, for keys whose option has another name
 Section = TypeVar("Section", bound=SettingsSection)
 
@@ -258,8 +309,13 @@ def _with_absolute_paths(section: Section, folder: Path) -> Section:
         if isinstance(value, SettingsSection):
             changes[key] = _with_absolute_paths(value, folder)
         elif value and PATH in get_args(hint):
-            changes[key] = str(folder / value)
+            changes[key] = _absolute(folder, value) if isinstance(value, str) else tuple(_absolute(folder, each) for each in value)
     return msgspec.structs.replace(section, **changes)
+
+
+def _absolute(folder: Path, value: str) -> str:
+    """A path from `folder` on; the address of a stream as it is."""
+    return value if is_stream(value) else str(folder / value)
 
 
 def check_settings(settings: Settings, path: Path | None = None) -> None:
@@ -272,8 +328,9 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
         most = f"more than the {MAX_PART // pixel_bytes} pixels that one message holds"
         raise UserError(f"{where}: [renderer] width, height: {drawn.width} x {drawn.height} is {most}; make them smaller")
     for source in (settings.capture.source, settings.plate.source):
-        if settings.mode == "lossless" and is_camera(source):
-            raise UserError(f'{where}: mode = "lossless" replays files and {source} is a camera; use mode = "live"')
+        if settings.mode == "lossless" and is_live(source):
+            kind = "camera" if is_camera(source) else "stream"
+            raise UserError(f'{where}: mode = "lossless" replays files and {shown_source(source)} is a {kind}; use mode = "live"')
 
 
 def is_camera(source: str) -> bool:
@@ -282,6 +339,25 @@ def is_camera(source: str) -> bool:
     /dev/videoN and the lasting names under /dev/v4l are cameras; /dev/shm is a folder in memory.
     """
     return source.startswith("/dev/") and not source.startswith("/dev/shm/")
+
+
+def is_stream(source: str) -> bool:
+    """Whether a source is the address of a stream of a network, whose frames come as they are sent."""
+    return source.lower().startswith(STREAMS)
+
+
+def is_live(source: str) -> bool:
+    """Whether frames come by themselves, once, and are not replayed."""
+    return is_camera(source) or is_stream(source)
+
+
+def shown_source(source: str) -> str:
+    """A source as it may be printed: an address without its user and password, and without what follows a question mark."""
+    if not is_stream(source):
+        return source
+    scheme, _, rest = source.partition("://")
+    host, slash, path = re.split("[?#]", rest, maxsplit=1)[0].partition("/")
+    return f"{scheme}://{host.rpartition('@')[2]}{slash}{path}"
 
 
 def section_from_options(kind: type[Section], values: dict[str, Any]) -> Section:

@@ -95,12 +95,15 @@ def test_a_file_is_whole_or_as_it_was(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
 
 
-@pytest.mark.parametrize(("content", "said"), [
-    (b"size = 3" + b" " * (2**20 - 8), None),
-    (b"size = 3" + b" " * (2**20 - 7), "at most 1048576"),
-    (b"a" + b".a" * 31 + b" = 1", "there is no such key"),
-    (b"a" + b".a" * 32 + b" = 1", "more than 32 parts"),
-])
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"size = 3" + b" " * (2**20 - 8), None),
+        (b"size = 3" + b" " * (2**20 - 7), "at most 1048576"),
+        (b"a" + b".a" * 31 + b" = 1", "there is no such key"),
+        (b"a" + b".a" * 32 + b" = 1", "more than 32 parts"),
+    ],
+)
 def test_a_toml_file_has_up_to_a_megabyte_and_its_keys_up_to_32_parts(tmp_path, content, said):
     (tmp_path / "t.toml").write_bytes(content)
     if said is None:
@@ -156,6 +159,7 @@ def test_what_is_no_name_of_a_file_is_one_line(tmp_path, name):
 
 def test_a_full_disk_is_told_by_the_name_that_was_asked_for(tmp_path, monkeypatch):
     """Neither by the name of the part, which nobody else knows of, nor by none."""
+
     def full(_: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

@@ -5,11 +5,11 @@ import sys
 from vemlight.capture.stage import CaptureCamera, CaptureSource
 from vemlight.runtime.source_loop import run_camera, run_source
 from vemlight.runtime.start import start
-from vemlight.settings import Settings, is_camera
+from vemlight.settings import Settings, is_live
 
 
 def main(settings: Settings, restarts: int = 0) -> None:
-    if is_camera(settings.capture.source):
+    if is_live(settings.capture.source):
         run_camera(settings, CaptureCamera(settings.capture), restarts)
     else:
         run_source(settings, CaptureSource(settings), restarts)

@@ -13,7 +13,6 @@ import numpy as np
 
 from vemlight.capture.lens import (
     Lens,
-    direction_from_pixel,
     pixel_angles,
     pixel_from_direction,
     pixel_solid_angles,
@@ -57,6 +56,14 @@ def colour_lattices(pattern: BayerPattern) -> tuple[tuple[Lattice, ...], tuple[L
     return red, green, blue
 
 
+class Contributions(NamedTuple):
+    """What pixels give to cells, in any order: weight[m] times the value of pixel[m] goes to cell[m]."""
+
+    pixel: np.ndarray  # (m,) index into the flat image
+    cell: np.ndarray  # (m,) index into the flat map
+    weight: np.ndarray  # (m,) float, common solid angle over the cell's, divided by the pixel's sensitivity
+
+
 def fisheye_to_polar(
     lens: Lens,
     rows: int,
@@ -69,18 +76,31 @@ def fisheye_to_polar(
 
     `flat_field` (height, width): each pixel's response to even light relative to the axis, instead of the lens file's vignetting.
     """
+    contributions = fisheye_contributions(lens, rows, cols, coverage, lattices, flat_field)
+    return weights_from_contributions((lens.size[1], lens.size[0]), rows, cols, contributions)
+
+
+def fisheye_contributions(
+    lens: Lens, rows: int, cols: int, coverage: Coverage, lattices: tuple[Lattice, ...], flat_field: np.ndarray | None
+) -> Contributions:
+    """What the pixels of one lens give to the map; see `fisheye_to_polar`."""
     solid, rays, grid = pixel_solid_angles(lens), ray_table(lens), MapGrid(rows, cols, float(SPAN[coverage]))
     of_lattices = [pixel_overlaps(solid, rays, grid, lattice) for lattice in lattices]
     pixel, cell, overlap = map(np.concatenate, zip(*of_lattices, strict=True))
     cell_solid = np.repeat(cell_solid_angles(rows, cols, coverage), cols)
     balance(pixel, cell, overlap, np.where(_seen_whole(lens, rows, cols, coverage).ravel(), cell_solid, 0.0))
     sensitivity = vignetting_from_angle(np.minimum(pixel_angles(lens), lens.rim), lens) if flat_field is None else flat_field
-    weight = (overlap / cell_solid[cell] / sensitivity.ravel()[pixel]).astype(np.float32)
+    return Contributions(pixel, cell, (overlap / cell_solid[cell] / sensitivity.ravel()[pixel]).astype(np.float32))
+
+
+def weights_from_contributions(shape: tuple[int, int], rows: int, cols: int, contributions: Contributions) -> FisheyeToPolar:
+    """The contributions in the order in which the loops add them; shape: height, width of the image."""
+    pixel, cell, weight = contributions
     order, ends = _interleaved(cell, rows * cols)
     cell = cell[order].astype(np.uint16 if rows * cols <= 2**16 else np.uint32)  # memory bandwidth limits the loop over them
     by_cell = np.argsort(cell, kind="stable").astype(np.int32)
     start = np.searchsorted(cell[by_cell], np.arange(rows * cols + 1)).astype(np.int32)
-    return FisheyeToPolar(solid.shape, rows, cols, pixel[order].astype(np.uint32), cell, weight[order], ends, by_cell, start)
+    return FisheyeToPolar(shape, rows, cols, pixel[order].astype(np.uint32), cell, weight[order].astype(np.float32), ends, by_cell, start)
 
 
 def _interleaved(cell: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
@@ -117,11 +137,16 @@ def lit_spans(weights: FisheyeToPolar) -> np.ndarray:
 
 
 def fisheye_bright_cells(
-    brightness: Callable[[np.ndarray], np.ndarray], weights: FisheyeToPolar, lens: Lens, cells: np.ndarray, coverage: Coverage
+    brightness: Callable[[np.ndarray], np.ndarray],
+    weights: FisheyeToPolar,
+    directions: Callable[[np.ndarray], np.ndarray],
+    cells: np.ndarray,
+    coverage: Coverage,
 ) -> BrightCells:
     """Where light lies inside each of the map's `cells` (n,), flat indices.
 
-    `brightness`: luminance of the image's pixels (m,) int64, flat indices; each cell needs some that are lit.
+    `brightness`: luminance of the image's pixels (m,) int64, flat indices; each cell needs some that are lit. `directions`: unit vectors
+    (m, 3), in the world, of pixel coordinates (m, 2).
     """
     if not len(cells):
         return NO_BRIGHT_CELLS
@@ -131,5 +156,4 @@ def fisheye_bright_cells(
     flux = (weights.weight[joined] * brightness(pixel)).astype(np.float64)
     position = np.column_stack([pixel % weights.shape[1], pixel // weights.shape[1]])
     owner = np.repeat(cells.astype(np.int64), [len(entry) for entry in entries])
-    directions = direction_from_pixel(position, lens) @ lens.rotation.T
-    return bright_cells_from_light(owner, directions, flux, weights.rows, weights.cols, coverage)
+    return bright_cells_from_light(owner, directions(position), flux, weights.rows, weights.cols, coverage)

@@ -1,29 +1,26 @@
 """One image made into one frame: the polar map of its radiance, the counts of clipped codes, and the samples of bright cells.
 
-The kind of an image is in its EXR header as `vemlight:kind` (latlong, fisheye, codes or polar). Without it, a lens file makes it fisheye
-and a response file raw codes.
+The kind of an image is in its EXR header as `vemlight:kind` (latlong, fisheye, cube3x2, codes or polar). Without it the settings'
+projection says it; without that, a lens file makes it fisheye and a response file raw codes.
 """
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from vemlight.capture.colour_coding import ColourCoding
+from vemlight.capture.cube import cube_directions, cube_to_polar, is_cube
 from vemlight.capture.exr_header import bright_cells_from_attributes, count_from_attributes, scale_from_attributes
-from vemlight.capture.fisheye import (
-    ALL_PIXELS,
-    BayerPattern,
-    FisheyeToPolar,
-    colour_lattices,
-    fisheye_bright_cells,
-    fisheye_to_polar,
-    lit_spans,
-)
-from vemlight.capture.lens import Lens, direction_from_pixel, read_lens
-from vemlight.capture.polar import LatlongToPolar, latlong_bright_cells, latlong_to_polar, polar_from_latlong
+from vemlight.capture.fisheye import ALL_PIXELS, BayerPattern, FisheyeToPolar, colour_lattices, fisheye_bright_cells, lit_spans
+from vemlight.capture.lens import Lens, read_lens
+from vemlight.capture.planes import Planes, linear_from_planes
+from vemlight.capture.polar import WHOLE_SPHERE, LatlongToPolar, latlong_bright_cells, latlong_to_polar, polar_from_latlong, used_rows
 from vemlight.capture.response import Response, radiance_table, read_response
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
+from vemlight.capture.several_lenses import check_lenses, directions_of, lenses_to_polar
 from vemlight.errors import UserError
 from vemlight.files import contained_path
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
@@ -62,30 +59,48 @@ class FrameMaker:
     def __init__(self, settings: Capture, folder: Path):
         """Looks for lens.toml and response.toml in `folder` when the settings name none. Raises UserError for invalid ones."""
         self._settings = settings
-        self._lens_path = Path(settings.lens) if settings.lens else folder / "lens.toml"
+        beside = folder / "lens.toml"
+        flat = settings.projection in ("equirect", "cube3x2")
+        self._lens_paths = tuple(map(Path, settings.lenses)) or (() if flat or not beside.exists() else (beside,))
+        self._lens_path = beside
         self._response_path = Path(settings.response) if settings.response else folder / "response.toml"
-        self._lens: Lens | None = read_lens(self._lens_path) if settings.lens or self._lens_path.exists() else None
-        self._response: Response | None = (
-            read_response(self._response_path) if settings.response or self._response_path.exists() else None
-        )
+        self._lenses: tuple[Lens, ...] = tuple(map(read_lens, self._lens_paths))
+        self._check_projection()
+        self._response: Response | None = read_response(self._response_path) if settings.response or self._response_path.exists() else None
         self._threads = Threads(settings.threads)
         self._table: np.ndarray | None = None
         self._shape: tuple[int, int] | None = None
         self._latlong: LatlongToPolar | None = None
         self._fisheye: list[FisheyeToPolar] = []
+        self._directions: Callable[[np.ndarray], np.ndarray] = partial(directions_of, self._lenses)
         self._spans = np.empty((0, 2), np.int64)
+
+    def _check_projection(self) -> None:
+        """Raises UserError for a fisheye without lens file, and for several lenses that are not for one frame."""
+        if self._settings.projection == "fisheye" and not self._lenses:
+            where = "name it by --lens or [capture] lens"
+            raise UserError(f"--projection fisheye: needs a lens file, and {self._lens_path} is not there; {where}")
+        for path, lens in zip(self._lens_paths, self._lenses, strict=True):
+            if lens.size != self._lenses[0].size:
+                width, height = self._lenses[0].size
+                sizes = f"is for {lens.size[0]}x{lens.size[1]} and {self._lens_paths[0]} for {width}x{height}"
+                raise UserError(f"{path}: {sizes}; each has the size of the whole frame, and its own c in it")
+        check_lenses([str(path) for path in self._lens_paths], self._lenses, self._settings.coverage)
 
     @property
     def lens(self) -> Lens | None:
-        """The lens, if there is one."""
-        return self._lens
+        """The lens, or the first of several, if there is one."""
+        return self._lenses[0] if self._lenses else None
+
+    @property
+    def response(self) -> Response | None:
+        """The sensor's response, if there is one."""
+        return self._response
 
     @property
     def files(self) -> tuple[Path, ...]:
         """The lens and response files in use."""
-        return tuple(
-            path for path, used in ((self._lens_path, self._lens), (self._response_path, self._response)) if used is not None
-        )
+        return (*self._lens_paths, *((self._response_path,) if self._response else ()))
 
     def frame(self, name: str, image: np.ndarray, attributes: dict[str, Any], time_s: float) -> Frame:
         """The frame of a file's `image` (height, width, 3) float32 with the file's `attributes`; `name` is for errors.
@@ -93,7 +108,7 @@ class FrameMaker:
         Raises UserError for an image of another kind, size or map than expected.
         """
         kind = self._kind(attributes)
-        self._check_size(name, image)
+        self._check_shape(name, image.shape)
         if kind == "codes":
             mosaic = attributes.get("vemlight:mosaic")
             if mosaic not in (None, *MOSAICS):
@@ -103,21 +118,43 @@ class FrameMaker:
             radiance, bright_cells = self._from_polar(name, image, attributes)
         elif kind == "latlong":
             radiance, bright_cells = self._from_latlong(name, image)
-        elif kind == "fisheye":
-            radiance, bright_cells = self._from_fisheye(name, image)
+        elif kind in ("fisheye", "cube3x2"):
+            self._prepare(name, image.shape, None, kind)
+            radiance, bright_cells = self._from_pixels(image)
         else:
             raise _unknown_kind(name, kind)
         black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
         scale = scale_from_attributes(attributes)
         return Frame(radiance, self._settings.coverage, time_s, scale, black, saturated, bright_cells)
 
+    def frame_from_planes(self, name: str, planes: Planes, coding: ColourCoding, time_s: float) -> Frame:
+        """The frame of a film's or a camera's picture in colour: its planes, and how their codes become light.
+
+        Colours outside Rec. 709 count as 0 where a cell's mean has a component below 0. Raises UserError as `frame`.
+        """
+        kind, shape = self._kind({}), (planes.height, planes.width)
+        self._check_shape(name, shape)
+        if kind == "latlong":
+            spans = np.zeros((planes.height, 2), np.int64)
+            spans[: used_rows(self._latlong_weights(name, shape)), 1] = planes.width
+        else:
+            self._prepare(name, shape, None, "fisheye" if kind == "codes" else kind)
+            spans = self._spans
+        picture = linear_from_planes(planes, coding, spans, self._threads)
+        if kind == "latlong":
+            radiance, bright_cells = self._from_latlong(name, picture.pixels)
+        else:
+            radiance, bright_cells = self._from_pixels(picture.pixels)
+        radiance = np.maximum(radiance, 0)
+        return Frame(radiance, self._settings.coverage, time_s, coding.luminance_scale, 0, picture.saturated, bright_cells)
+
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
         """The frame of raw `codes` uint8 or uint16: (height, width) of a `mosaic`, or (height, width, 3) without one.
 
         Raises UserError without lens or response, and for codes above those of the response.
         """
-        self._check_size(name, codes)
-        self._prepare(name, codes, mosaic)
+        self._check_shape(name, codes.shape)
+        self._prepare(name, codes.shape, mosaic)
         response, table = self._calibrated(name)
         channels = [codes] * 3 if codes.ndim == 2 else [np.ascontiguousarray(codes[..., n]) for n in range(3)]
         distinct = channels[:1] if codes.ndim == 2 else channels
@@ -148,6 +185,8 @@ class FrameMaker:
                 self._check_latlong(name, shape)
             case "fisheye":
                 self._check_lens(name, shape)
+            case "cube3x2":
+                self._check_cube(name, shape)
             case _:
                 raise _unknown_kind(name, kind)
 
@@ -157,8 +196,9 @@ class FrameMaker:
         self._check_response(name)
 
     def _kind(self, attributes: dict[str, Any]) -> Any:
-        unsaid = "latlong" if self._lens is None else "fisheye" if self._response is None else "codes"
-        return attributes.get("vemlight:kind", unsaid)
+        of_lens = "latlong" if not self._lenses else "fisheye" if self._response is None else "codes"
+        said = {"equirect": "latlong", "cube3x2": "cube3x2"}.get(self._settings.projection or "", of_lens)
+        return attributes.get("vemlight:kind", said)
 
     def _check_polar(self, name: str, shape: tuple[int, ...], attributes: dict[str, Any]) -> None:
         s, coverage = self._settings, attributes.get("vemlight:coverage")
@@ -172,23 +212,34 @@ class FrameMaker:
         s = self._settings
         return image, bright_cells_from_attributes(name, attributes, s.rows * s.cols)
 
-    @staticmethod
-    def _check_latlong(name: str, shape: tuple[int, ...]) -> None:
+    def _check_latlong(self, name: str, shape: tuple[int, ...]) -> None:
         height, width = shape[:2]
-        if abs(width - 2 * height) > MAX_LATLONG_EXCESS:
+        if abs(width - 2 * height) > MAX_LATLONG_EXCESS and not (self._settings.projection or self._settings.span):
             fisheye = "a fisheye frame needs lens.toml beside it, or its lens by --lens or [capture] lens"
-            raise UserError(f"{name}: is {width}x{height} and a lat-long map of the whole sphere is twice as wide as high; {fisheye}")
+            others = "say --projection equirect, with --span where it is a part of the sphere, or cube3x2"
+            raise UserError(
+                f"{name}: is {width}x{height} and a lat-long map of the whole sphere is twice as wide as high; {fisheye}; else {others}"
+            )
+
+    @staticmethod
+    def _check_cube(name: str, shape: tuple[int, ...]) -> None:
+        height, width = shape[:2]
+        if not is_cube(width, height):
+            raise UserError(f"{name}: is {width}x{height} and cube3x2 has three square faces by two; choose another --projection")
+
+    def _latlong_weights(self, name: str, shape: tuple[int, ...]) -> LatlongToPolar:
+        s = self._settings
+        self._check_latlong(name, shape)
+        if self._latlong is None:
+            self._latlong = latlong_to_polar(shape[0], shape[1], s.rows, s.cols, s.coverage, s.span or WHOLE_SPHERE)
+        return self._latlong
 
     def _from_latlong(self, name: str, image: np.ndarray) -> tuple[np.ndarray, BrightCells]:
-        s = self._settings
-        height, width, _ = image.shape
-        self._check_latlong(name, image.shape)
-        weights = self._latlong = self._latlong or latlong_to_polar(height, width, s.rows, s.cols, s.coverage)
+        weights, coverage = self._latlong_weights(name, image.shape), self._settings.coverage
         radiance = polar_from_latlong(image, weights)
-        return radiance, latlong_bright_cells(image, weights, brightest_cells(radiance, s.coverage), s.coverage)
+        return radiance, latlong_bright_cells(image, weights, brightest_cells(radiance, coverage), coverage)
 
-    def _from_fisheye(self, name: str, image: np.ndarray) -> tuple[np.ndarray, BrightCells]:
-        self._prepare(name, image, None)
+    def _from_pixels(self, image: np.ndarray) -> tuple[np.ndarray, BrightCells]:
         radiance, flat = polar_from_fisheye(image, self._fisheye[0], self._threads), image.reshape(-1, 3)
         return radiance, self._bright_cells(radiance, lambda pixel: luminance_from_rgb(flat[pixel]))
 
@@ -206,40 +257,46 @@ class FrameMaker:
             self._table = np.concatenate([known, np.full(ALL_CODES - len(known), known[-1], np.float32)])
         return response, self._table
 
-    def _check_size(self, name: str, image: np.ndarray) -> None:
-        height, width = image.shape[:2]
+    def _check_shape(self, name: str, shape: tuple[int, ...]) -> None:
+        height, width = shape[:2]
         if self._shape is None:
             self._shape = height, width
         if self._shape != (height, width):
             size = f"{self._shape[1]}x{self._shape[0]}"
             raise UserError(f"{name}: is {width}x{height} and the frames before it {size}; a sequence has one size")
 
-    def _check_lens(self, name: str, shape: tuple[int, ...]) -> Lens:
+    def _check_lens(self, name: str, shape: tuple[int, ...]) -> None:
         height, width = shape[:2]
-        if self._lens is None:
+        if not self._lenses:
             where = "name it by --lens or [capture] lens"
             raise UserError(f"{name}: is a fisheye frame, which needs a lens file, and {self._lens_path} is not there; {where}")
-        if self._lens.size != (width, height):
-            size = f"{self._lens.size[0]}x{self._lens.size[1]}"
-            raise UserError(f"{name}: is {width}x{height} and the lens file is for {size}; give the lens file of this camera")
-        return self._lens
+        if self._lenses[0].size != (width, height):
+            size = f"{self._lenses[0].size[0]}x{self._lenses[0].size[1]}"
+            which = "the lens file is" if len(self._lenses) == 1 else f"the lens files, {self._lens_paths[0]} first, are"
+            raise UserError(f"{name}: is {width}x{height} and {which} for {size}; give the lens file of this camera")
 
-    def _prepare(self, name: str, image: np.ndarray, mosaic: Mosaic | None) -> None:
+    def _prepare(self, name: str, shape: tuple[int, ...], mosaic: Mosaic | None, kind: str = "fisheye") -> None:
         # computes the weights for images like this one
         if self._fisheye:
             return
-        lens = self._check_lens(name, image.shape)
-        lattices = [ALL_PIXELS] if mosaic in (None, "mono") else colour_lattices(mosaic)
-        s, flat_field = self._settings, _flat_field(lens, self._lens_path)
-        self._fisheye = [fisheye_to_polar(lens, s.rows, s.cols, s.coverage, lattice, flat_field) for lattice in lattices]
-        direction_from_pixel(np.zeros((1, 2)), lens)  # compiles it now, and not when the first bright cell appears
+        s = self._settings
+        if kind == "cube3x2":
+            self._check_cube(name, shape)
+            side = shape[0] // 2
+            self._fisheye, self._directions = [cube_to_polar(side, s.rows, s.cols, s.coverage)], partial(cube_directions, side=side)
+        else:
+            self._check_lens(name, shape)
+            lattices = [ALL_PIXELS] if mosaic in (None, "mono") else colour_lattices(mosaic)
+            flat_fields = [_flat_field(lens, path) for lens, path in zip(self._lenses, self._lens_paths, strict=True)]
+            self._fisheye = [lenses_to_polar(self._lenses, s.rows, s.cols, s.coverage, lattice, flat_fields) for lattice in lattices]
+            self._directions = partial(directions_of, self._lenses)
+            self._directions(np.zeros((1, 2)))  # compiles it now, and not when the first bright cell appears
         spans = np.array([lit_spans(weights) for weights in self._fisheye])
         self._spans = np.column_stack([spans[..., 0].min(0), spans[..., 1].max(0)])
 
     def _bright_cells(self, radiance: np.ndarray, brightness: Callable[[np.ndarray], np.ndarray]) -> BrightCells:
-        lens, weights, coverage = self._lens, self._fisheye[1 if len(self._fisheye) == 3 else 0], self._settings.coverage
-        assert lens is not None
-        return fisheye_bright_cells(brightness, weights, lens, brightest_cells(radiance, coverage), coverage)
+        weights, coverage = self._fisheye[1 if len(self._fisheye) == 3 else 0], self._settings.coverage
+        return fisheye_bright_cells(brightness, weights, self._directions, brightest_cells(radiance, coverage), coverage)
 
 
 def brightest_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
@@ -281,4 +338,4 @@ def _whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndar
 
 
 def _unknown_kind(name: str, kind: Any) -> UserError:
-    return UserError(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, codes or polar")
+    return UserError(f"{name}: vemlight:kind = {str(kind)[:40]!r} is not known; it is latlong, fisheye, cube3x2, codes or polar")

@@ -28,11 +28,15 @@ class Overlaps(NamedTuple):
     weight: np.ndarray  # (entries,) float64, adding up to 1 for each target
 
 
+WHOLE_SPHERE = (360.0, 180.0)
+
+
 class LatlongToPolar(NamedTuple):
-    """Weights from a lat-long image to a polar map."""
+    """Weights from a lat-long image to a polar map. span: degrees across and down that it covers, the middle of the sphere."""
 
     height: int
     width: int
+    span: tuple[float, float]
     rows: Overlaps
     cols: Overlaps
 
@@ -51,15 +55,38 @@ def overlaps(low: np.ndarray, high: np.ndarray, edges: np.ndarray) -> Overlaps:
     return Overlaps(np.array(start), np.concatenate(index), np.concatenate(weight))
 
 
-def latlong_to_polar(height: int, width: int, rows: int, cols: int, coverage: Coverage) -> LatlongToPolar:
-    """Weights from a lat-long image (height, width) to a polar map (rows, cols)."""
+def latlong_to_polar(
+    height: int, width: int, rows: int, cols: int, coverage: Coverage, span: tuple[float, float] = WHOLE_SPHERE
+) -> LatlongToPolar:
+    """Weights from a lat-long image (height, width) to a polar map (rows, cols). What a narrower `span` leaves out is dark."""
     rings = ring_edges(rows, coverage)
-    by_row = overlaps(rings[:-1], rings[1:], ring_edges(height, "sphere"))
+    by_row = overlaps(rings[:-1], rings[1:], _row_edges(height, span[1]))
     # columns run against phi and the image's centre is phi = 0; negative columns lie at the image's right
-    ends = width / 2 - np.arange(cols + 1) * (width / cols)
-    by_col = overlaps(ends[1:], ends[:-1], np.arange(-(width // 2) - 1, width - width // 2 + 1, dtype=np.float64))
-    columns = (by_col.index - (width // 2) - 1) % width
-    return LatlongToPolar(height, width, by_row, by_col._replace(index=columns))
+    around = width * WHOLE_SPHERE[0] / span[0]
+    ends = width / 2 - np.arange(cols + 1) * (around / cols)
+    if span[0] == WHOLE_SPHERE[0]:
+        by_col = overlaps(ends[1:], ends[:-1], np.arange(-(width // 2) - 1, width - width // 2 + 1, dtype=np.float64))
+        columns = (by_col.index - (width // 2) - 1) % width
+        return LatlongToPolar(height, width, span, by_row, by_col._replace(index=columns))
+    # the image, once more a turn to the left, and the gap between the two, which has the index `width`
+    pixels = np.arange(width + 1, dtype=np.float64)
+    by_col = overlaps(ends[1:], ends[:-1], np.concatenate([pixels - around, pixels]))
+    in_image = by_col.index != width
+    start = np.concatenate([[0], np.cumsum(in_image)])[by_col.start]
+    columns = by_col.index[in_image] % (width + 1)
+    return LatlongToPolar(height, width, span, by_row, Overlaps(start, columns, by_col.weight[in_image]))
+
+
+def _row_edges(height: int, span_deg: float) -> np.ndarray:
+    """Area coordinates of the edges between an image's rows, (height + 1,); see `ring_edges`."""
+    if span_deg == WHOLE_SPHERE[1]:
+        return ring_edges(height, "sphere")
+    return 2 * np.sin(np.radians(90 - span_deg / 2 + np.arange(height + 1) * (span_deg / height)) / 2) ** 2
+
+
+def used_rows(weights: LatlongToPolar) -> int:
+    """How many of an image's rows, from the top, the map needs."""
+    return int(weights.rows.index.max()) + 1
 
 
 def polar_from_latlong(image: np.ndarray, weights: LatlongToPolar) -> np.ndarray:
@@ -71,7 +98,7 @@ def polar_from_latlong(image: np.ndarray, weights: LatlongToPolar) -> np.ndarray
 def _separable(image, by_row, by_col):
     # columns first, in the rows of the image that the map needs
     rows, cols = len(by_row.start) - 1, len(by_col.start) - 1
-    used = by_row.index.max() + 1
+    used = by_row.index.max() + 1  # see `used_rows`
     narrow = np.empty((used, cols, 3), np.float32)
     for y in range(used):
         for j in range(cols):
@@ -105,6 +132,8 @@ def latlong_bright_cells(image: np.ndarray, weights: LatlongToPolar, cells: np.n
     A pixel's light counts from the middle of the area that pixel and cell have in common.
     """
     rows, cols = len(weights.rows.start) - 1, len(weights.cols.start) - 1
+    half, high = np.radians(weights.span[0]) / 2, np.radians(weights.span[1])
+    top = np.pi / 2 - high / 2
     owner, directions, flux = [], [], []
     for cell in cells.tolist():
         i, j = divmod(cell, cols)
@@ -113,10 +142,10 @@ def latlong_bright_cells(image: np.ndarray, weights: LatlongToPolar, cells: np.n
         weight = weights.rows.weight[weights.rows.start[i] : weights.rows.start[i + 1], None]
         weight = weight * weights.cols.weight[weights.cols.start[j] : weights.cols.start[j + 1]]
         cell_theta, cell_phi = SPAN[coverage] / rows, 2 * np.pi / cols
-        theta = _overlap_middles(y * np.pi / weights.height, np.pi / weights.height, i * cell_theta, cell_theta)
+        theta = _overlap_middles(top + y * high / weights.height, high / weights.height, i * cell_theta, cell_theta)
         # phi of a pixel's lower edge, brought next to the cell's across the seam
-        low = (np.pi - (x + 1) * 2 * np.pi / weights.width - j * cell_phi + np.pi) % (2 * np.pi) - np.pi + j * cell_phi
-        phi = _overlap_middles(low, 2 * np.pi / weights.width, j * cell_phi, cell_phi)
+        low = (half - (x + 1) * 2 * half / weights.width - j * cell_phi + np.pi) % (2 * np.pi) - np.pi + j * cell_phi
+        phi = _overlap_middles(low, 2 * half / weights.width, j * cell_phi, cell_phi)
         owner.append(np.full(weight.size, cell))
         directions.append(direction_from_angles(theta[:, None], phi[None, :]).reshape(-1, 3))
         flux.append((weight * luminance_from_rgb(image[np.ix_(y, x)])).ravel())

@@ -2,22 +2,19 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
-from vemlight.capture.camera_source import CameraSource
-from vemlight.capture.exr_header import BRIGHT_CELLS, bright_cells_text
 from vemlight.capture.frames import Frame
+from vemlight.capture.live_frames import open_live
 from vemlight.capture.recorder import Recorder
-from vemlight.capture.sequence import FrameFile
-from vemlight.capture.source import FileSource, open_source
+from vemlight.capture.recording_attributes import map_attributes
+from vemlight.capture.source import open_files, open_source
 from vemlight.errors import Interrupted, UserError
 from vemlight.files import notice
 from vemlight.light.images import write_exr
-from vemlight.settings import Capture, is_camera
+from vemlight.settings import Capture, is_live
 
 CAMERA_WAIT_S = 0.5  # for a camera's next frame, before Ctrl-C is looked for; any value from 0.01 to 5 does
 
@@ -25,16 +22,16 @@ CAMERA_WAIT_S = 0.5  # for a camera's next frame, before Ctrl-C is looked for; a
 def record(settings: Capture, frames: int) -> Recorder:
     """Records `frames` frames of the settings' source to the folder [capture] record; returns the closed recorder with its counts.
 
-    0 frames: all that files have, and a camera's until Ctrl-C. Cameras are recorded as raw codes, files as polar maps.
+    0 frames: all that files have, and a camera's until Ctrl-C. Cameras are recorded as raw codes, files and streams as polar maps.
     Raises UserError for a source or folder that cannot be used.
     """
     if not settings.record:
         raise UserError("[capture] record names no folder; name one to record to")
-    return _record_camera(settings, frames) if is_camera(settings.source) else _record_files(settings, frames)
+    return _record_live(settings, frames) if is_live(settings.source) else _record_files(settings, frames)
 
 
-def _record_camera(settings: Capture, frames: int) -> Recorder:
-    source = CameraSource(settings)
+def _record_live(settings: Capture, frames: int) -> Recorder:
+    source = open_live(settings)
     assert source.recorder is not None
     with _closed_in_the_end(source.recorder, source.close):
         received = 0
@@ -71,29 +68,12 @@ def _record_files(settings: Capture, frames: int) -> Recorder:
     return recorder
 
 
-def polar_file(frame: Path, lens: Path, response: Path | None, out: Path, settings: Capture | None = None) -> Frame:
-    """Writes the polar map of one fisheye frame to the EXR `out`, in the settings' size and coverage (90 x 360 hemisphere); returns it.
+def polar_file(settings: Capture, out: Path) -> Frame:
+    """Writes the polar map of the first frame of the settings' source to the EXR `out`, in their size and coverage; returns it.
 
     Raises UserError for a file that cannot be used, OSError when the disk refuses.
     """
-    settings = msgspec.structs.replace(
-        settings or Capture(), source=str(frame), lens=str(lens), response=str(response) if response else ""
-    )
-    made = FileSource(settings, [FrameFile(frame, 0)], None).frame(0)
-    write_exr(out, made.radiance, map_attributes(made, settings.fps))
+    source = open_files(settings)
+    made = source.frame(0)
+    write_exr(out, made.radiance, map_attributes(made, source.fps))
     return made
-
-
-def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
-    """The EXR attributes of a polar map."""
-    attributes: dict[str, Any] = {
-        "vemlight:kind": "polar",
-        "vemlight:coverage": frame.coverage,
-        BRIGHT_CELLS: bright_cells_text(frame.bright_cells),
-        "vemlight:black": frame.black,
-        "vemlight:saturated": frame.saturated,
-        "framesPerSecond": Fraction(fps).limit_denominator(1001),
-    }
-    if frame.luminance_scale is not None:
-        attributes |= {"whiteLuminance": frame.luminance_scale, "vemlight:luminance_scale": repr(frame.luminance_scale)}
-    return attributes

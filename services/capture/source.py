@@ -12,11 +12,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vemlight.capture.film_source import FilmSource
 from vemlight.capture.frames import Frame, FrameMaker, Mosaic
 from vemlight.capture.manifest import MANIFEST, ManifestEntry, check_digest, read_manifest
 from vemlight.capture.pixel_formats import mosaic_of
 from vemlight.capture.sequence import CODES_SUFFIX, FrameFile, frame_files
 from vemlight.errors import UserError
+from vemlight.light.film_file import FILM_SUFFIXES
 from vemlight.light.images import read_codes, read_radiance
 from vemlight.settings import Capture
 
@@ -129,13 +131,15 @@ def open_source(settings: Capture) -> FrameSource:
     return ReadAheadSource(source) if len(source) > 1 else source
 
 
-def open_files(settings: Capture) -> FileSource:
+def open_files(settings: Capture) -> FileSource | FilmSource:
     """The files that the settings name. Raises UserError when they are missing or incomplete."""
     if settings.record:
         raise UserError("[capture] record is for cameras; `vemlight record` records files")
     path = Path(settings.source) if settings.source else BUNDLED
     if not os.path.exists(path):  # False for a name that is none, too
         raise UserError(f"{path}: there is no such file or folder; check the path")
+    if not path.is_dir() and path.suffix.lower() in FILM_SUFFIXES:
+        return FilmSource(settings, path)
     if not path.is_dir():
         return FileSource(settings, [FrameFile(path, 0)], None)
     if (path / MANIFEST).exists():

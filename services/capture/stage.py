@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 
 from vemlight import settings
-from vemlight.capture.camera_source import CameraSource
 from vemlight.capture.frames import Frame
+from vemlight.capture.live_frames import open_live
 from vemlight.capture.source import open_source
 from vemlight.errors import of_setting
 from vemlight.files import notice
@@ -43,13 +43,13 @@ class CaptureSource:
 
 
 class CaptureCamera:
-    """A camera's frames as they arrive; see `vemlight.runtime.source_loop.Camera`."""
+    """The frames of a camera or stream as they arrive; see `vemlight.runtime.source_loop.Camera`."""
 
     service: Service = "capture"
 
     def __init__(self, settings: settings.Capture) -> None:
         """Raises UserError for a camera, lens or response that cannot be used."""
-        self._source = CameraSource(settings)
+        self._source = open_live(settings)
         self.limit = settings.frames or None
         self._logged = ""
         self._sequence = -1

@@ -9,6 +9,7 @@ import click
 from vemlight.commands.options import LensOptions, ResponseOptions, SimulateOptions, options_as
 from vemlight.commands.parameters import PATH, STANDARD_OUTPUT, Number, OutFile, OutFolder, eight_numbers, width_height
 from vemlight.commands.report import Report, reporting
+from vemlight.commands.source_options import capture_settings, source_options
 from vemlight.errors import UserError, of_setting
 from vemlight.files import writing_to
 
@@ -125,20 +126,17 @@ def response(options: ResponseOptions) -> None:
 
 @click.command()
 @click.argument("settings", type=PATH, required=False)
-@click.option("--source", help="Instead of the settings' source: a file, a folder, or /dev/videoN.")
+@click.option("--source", help="Instead of the settings' source: a file, a folder, a stream, or /dev/videoN.")
 @click.option("--frames", type=click.IntRange(1), help="Number of frames; left out: all, or until Ctrl-C.")
 @click.option("--out", type=OutFolder(), required=True, help="Folder for the recording.")
+@source_options
 @reporting
-def record(settings: Path | None, source: str | None, frames: int | None, out: Path) -> Report:
-    """Record a camera's raw frames, or a file source as polar maps, with all metadata in the headers."""
-    import msgspec
-
+def record(settings: Path | None, source: str | None, frames: int | None, out: Path, **reading: object) -> Report:
+    """Record a camera's raw frames, or a file or stream as polar maps, with all metadata in the headers."""
     from vemlight.capture import recording
     from vemlight.settings import read_settings
 
-    wanted = msgspec.structs.replace(read_settings(settings).capture, record=str(out))
-    if source:
-        wanted = msgspec.structs.replace(wanted, source=str(Path.cwd() / source))
+    wanted = capture_settings(read_settings(settings).capture, source, {"record": str(out), **reading})
     done = recording.record(wanted, frames or 0)
     if done.last_error:
         raise UserError(f"{done.last_error}: {done.written} are written and {done.failed} lost; make room, or record elsewhere")
@@ -148,21 +146,22 @@ def record(settings: Path | None, source: str | None, frames: int | None, out: P
 
 @click.command()
 @click.argument("frame", type=PATH)
-@click.option("--lens", type=PATH, required=True, help="Lens file of the camera.")
-@click.option("--response", type=PATH, help="Left out when the frame holds radiance.")
 @click.option("--out", type=OutFile(".exr", dash=True), required=True, help="MAP.exr, or - for standard output.")
+@source_options
 @reporting
-def polar(frame: Path, lens: Path, response: Path | None, out: Path) -> Report:
-    """Make the polar map of one fisheye frame."""
+def polar(frame: Path, out: Path, **reading: object) -> Report:
+    """Make the polar map of one fisheye frame, of another image, or of a film's first picture."""
     from vemlight.capture.recording import polar_file
+    from vemlight.settings import Capture
 
+    wanted = capture_settings(Capture(), str(frame), reading)
     if out != STANDARD_OUTPUT:
-        made = polar_file(frame, lens, response, out)
+        made = polar_file(wanted, out)
     elif sys.stdout.isatty():
         raise UserError("--out -: a map is no text for a terminal; send it to a file or a program, or name a file")
     else:
         with tempfile.TemporaryDirectory() as folder:  # OpenEXR writes files only
-            made = polar_file(frame, lens, response, Path(folder) / "map.exr")
+            made = polar_file(wanted, Path(folder) / "map.exr")
             sys.stdout.buffer.write((Path(folder) / "map.exr").read_bytes())
     rows, cols = made.radiance.shape[:2]
     clipped = f"{made.black} values at the sensor's lowest code, {made.saturated} at its highest"

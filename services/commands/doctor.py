@@ -19,7 +19,7 @@ from vemlight.runtime.channels import SERVICES
 from vemlight.runtime.open_files import FEW_FILES, file_limit, hard_file_limit, peer_limit
 from vemlight.runtime.token import is_loopback
 from vemlight.runtime.transport import ROLES, read_keys, runtime_folder
-from vemlight.settings import Settings
+from vemlight.settings import Settings, is_live, shown_source
 
 Grade = Literal["pass", "warn", "fail"]
 OPTIONAL = ("embreex",)  # there is none for some processors; the line of the shadows says what is drawn without it
@@ -220,6 +220,8 @@ def _sockets(settings: Settings) -> Finding:
 def _sequence(settings: Settings) -> Finding:
     from vemlight.capture.source import open_source
 
+    if is_live(settings.capture.source):
+        return Finding("pass", "source", f"{shown_source(settings.capture.source)}: a live one, which is opened by a run alone")
     try:
         source = open_source(settings.capture)
     except UserError as error:

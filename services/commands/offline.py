@@ -1,11 +1,13 @@
 """`vemlight lights` and `vemlight render`: the services' own steps, one after the other in this process, on files."""
 
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from vemlight import settings
@@ -14,6 +16,7 @@ from vemlight.capture.source import FrameSource, open_source
 from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
 from vemlight.commands.parameters import STANDARD_OUTPUT
 from vemlight.commands.report import Report
+from vemlight.commands.source_options import CAPTURE_KEYS, capture_settings, frames_of_live
 from vemlight.errors import Interrupted, UserError
 from vemlight.files import notice
 from vemlight.light.images import write_exr, write_png
@@ -41,17 +44,20 @@ class Lit(NamedTuple):
 
 
 def open_frames(options: SamplingOptions) -> FrameSource:
-    """The frames of the source. Raises UserError for options or files that cannot be used."""
-    given = {
-        "source": options.source.resolve(),
-        "rows": 180 if options.coverage == "sphere" else None,  # one degree of elevation a row, as the 90 of a hemisphere
-        "coverage": options.coverage,
-        "fps": options.fps,
-        "lens": options.lens,
-        "response": options.response,
-        "layer": options.layer,
-    }
-    return open_source(section_from_options(settings.Capture, given))
+    """The frames of the source; a camera or stream is taken as many frames of as are asked for. Raises UserError."""
+    given = {key: getattr(options, key) for key in (*CAPTURE_KEYS, "lenses", "response", "coverage", "fps", "layer", "frames")}
+    given["rows"] = 180 if options.coverage == "sphere" else None  # one degree of elevation a row, as the 90 of a hemisphere
+    capture = capture_settings(settings.Capture(), os.fspath(options.source), given)
+    if settings.is_live(capture.source):
+        from vemlight.capture.live_frames import LiveFrames
+
+        return LiveFrames(capture, frames_of_live(options.frames, capture.source))
+    return open_source(limited_to(capture, options.frames))
+
+
+def limited_to(capture: settings.Capture, frames: int | None) -> settings.Capture:
+    """The settings, with `end` after so many frames."""
+    return msgspec.structs.replace(capture, frames=0, end=capture.start + frames) if frames else capture
 
 
 def sampler_settings(options: SamplingOptions, frames: int, **given: float | None) -> settings.Sampler:

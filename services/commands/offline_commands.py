@@ -8,23 +8,24 @@ import click
 from vemlight.commands.options import LightsOptions, RenderOptions, options_as
 from vemlight.commands.parameters import BACKGROUND, FILTER, METHOD, PATH, SHADOWS, TONE, Number, OutFile, OutFolder, width_height
 from vemlight.commands.report import Report, reporting
+from vemlight.commands.source_options import source_options
 
 SAMPLING = (
-    click.argument("source", type=PATH),
+    click.argument("source"),
     click.option("--count", type=click.IntRange(1, 100_000), help="Lights a frame; left out: 72. With --error their maximum: 256."),
     click.option("--method", type=METHOD, help="How lights are chosen; left out: tracked."),
     click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True),
     click.option("--filter", type=FILTER, help="Temporal filter; left out: the method's own, and none for a single map."),
     click.option("--deflicker", is_flag=True, help="Remove the mains flicker of lamps from the light."),
     click.option("--fps", type=Number(0, 1000, min_open=True), help="Frames a second, where the source does not say."),
-    click.option("--lens", type=PATH, help="Lens file of fisheye frames."),
-    click.option("--response", type=PATH, help="Response file of raw frames."),
+    click.option("--frames", type=click.IntRange(1), help="Number of frames; left out: all. A camera or a stream needs it."),
     click.option("--layer", help="Of EXR files with several layers or parts; left out: the picture itself."),
 )
 
 
 def sampling(command: Callable[..., None]) -> Callable[..., None]:
     """Adds the parameters of SamplingOptions to a command."""
+    command = source_options(command)
     for parameter in reversed(SAMPLING):
         command = parameter(command)
     return command

@@ -22,16 +22,26 @@ Result = TypeVar("Result")
 class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     """A source and how to sample it: what `lights` and `render` have in common."""
 
-    source: Path
+    source: str | Path  # a path, or the address of a stream
     count: int | None = None
     method: str | None = None
     coverage: str = "hemisphere"
     filter: str | None = None  # None: the method's own for sequences, none for a single map
     deflicker: bool = False
     fps: float | None = None
-    lens: Path | None = None
-    response: Path | None = None
+    frames: int | None = None
     layer: str | None = None
+    lenses: tuple[Path, ...] = ()
+    response: Path | None = None
+    transfer: str | None = None
+    primaries: str | None = None
+    matrix: str | None = None
+    range: str | None = None
+    light: str | None = None
+    peak: float | None = None
+    projection: str | None = None
+    span: tuple[float, float] | None = None
+    stereo: str | None = None
 
 
 class LightsOptions(SamplingOptions, frozen=True, kw_only=True):

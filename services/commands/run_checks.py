@@ -14,7 +14,7 @@ import msgspec
 from vemlight.errors import UserError, of_setting
 from vemlight.files import group_hint, may_open
 from vemlight.journal import DYING_S
-from vemlight.settings import Capture, Plate, Settings, check_settings, is_camera
+from vemlight.settings import Capture, Plate, Settings, check_settings, is_camera, is_stream
 
 MEMORY_DEVICES = 1  # major number of /dev/null, /dev/zero and their like (Linux, admin-guide/devices.txt)
 MAPS = ("fps", "rows", "cols", "coverage", "frames", "speed", "threads")  # keys under which the bundled sequence plays, whatever they are
@@ -26,10 +26,12 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
     What the package brings with it is not looked at: it is right, and reading it takes a second.
     """
     check_settings(settings, file)
-    for key, read in (("lens", _read_lens), ("response", _read_response)):
-        if name := getattr(settings.capture, key):
-            with _named(file, f"[capture] {key}"):
-                read(Path(name))
+    for name in settings.capture.lenses:
+        with _named(file, "[capture] lens"):
+            _read_lens(Path(name))
+    if settings.capture.response:
+        with _named(file, "[capture] response"):
+            _read_response(Path(settings.capture.response))
     with _named(None if source_option else file, "--source" if source_option else "[capture] source"):
         _check_source(settings.capture)
     with _named(file, "[plate] source"):
@@ -75,6 +77,8 @@ def _read_response(path: Path) -> None:
 
 
 def _check_source(capture: Capture) -> None:
+    if is_stream(capture.source):
+        return  # a server that is asked twice may refuse the second: capture itself says what is wrong
     if is_camera(capture.source):
         _check_camera(Path(capture.source))
     elif msgspec.structs.replace(capture, **{key: getattr(Capture(), key) for key in MAPS}) != Capture():

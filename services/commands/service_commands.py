@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from vemlight.commands.parameters import MODE, PATH, OutFolder
+from vemlight.commands.source_options import capture_settings, source_options
 from vemlight.runtime.channels import SERVICES
 
 if TYPE_CHECKING:
@@ -18,12 +19,15 @@ COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 @click.command()
 @click.argument("settings", type=PATH, required=False)
-@click.option("--source", help="Instead of the settings' source: a lat-long map, a folder, a recording, or /dev/videoN.")
+@click.option("--source", help="Instead of the settings' source: a lat-long map, a folder, a recording, a film, a stream, or /dev/videoN.")
 @click.option("--frames", type=click.IntRange(1), help="Stop after so many frames.")
 @click.option("--out", type=OutFolder(), help="Folder for the lights (.jsonl), the pictures (EXR and PNG) and a contact sheet.")
 @click.option("--mode", type=MODE, help="live: the newest frame wins; lossless (with --out): every frame.")
 @click.option("--overwrite", is_flag=True, help="Remove what another run has left in that folder.")
-def run(settings: Path | None, source: str | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool) -> None:
+@source_options
+def run(
+    settings: Path | None, source: str | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool, **reading: object
+) -> None:
     """Start capture, sampler, renderer and viewer, and supervise them. With --out, a run that was cut off goes on where it ended."""
     import msgspec
 
@@ -32,9 +36,7 @@ def run(settings: Path | None, source: str | None, frames: int | None, out: Path
     from vemlight.settings import read_settings
 
     wanted = read_settings(settings)
-    changes = {"source": source and str(Path.cwd() / source), "frames": frames}
-    capture = msgspec.structs.replace(wanted.capture, **{key: value for key, value in changes.items() if value})
-    wanted = msgspec.structs.replace(wanted, capture=capture)
+    wanted = msgspec.structs.replace(wanted, capture=capture_settings(wanted.capture, source, {"frames": frames, **reading}))
     if out:
         wanted = msgspec.structs.replace(wanted, out=str(out.resolve()), mode="lossless")
     if mode:

@@ -43,9 +43,10 @@ def _row(field: inspect.Field) -> tuple[str, ...]:
         meaning = (kind.extra_json_schema or {}).get("description", meaning)
         unit = (kind.extra or {}).get("unit", unit)
         kind = kind.type
-    if isinstance(kind, inspect.UnionType):  # a type or None, which stands for a key that is left out
-        (kind,) = (each for each in kind.types if not isinstance(each, inspect.NoneType))
-    return f"`{field.name}`", _type(kind), _default(field), unit, _range(kind), meaning
+    kinds = [kind]
+    if isinstance(kind, inspect.UnionType):  # of a type and None, which stands for a key that is left out, or of a text and a list
+        kinds = [each for each in kind.types if not isinstance(each, inspect.NoneType)]
+    return f"`{field.name}`", " or ".join(map(_type, kinds)), _default(field), unit, _range(kinds[0]), meaning
 
 
 def _type(kind: inspect.Type) -> str:
@@ -57,6 +58,7 @@ def _type(kind: inspect.Type) -> str:
         inspect.FloatType: "number",
         inspect.BoolType: "`true` or `false`",
         inspect.VarTupleType: "list of texts",
+        inspect.TupleType: "list of two numbers",
         inspect.DictType: "table: service = text",
     }
     return names[type(kind)]

@@ -1,6 +1,8 @@
 """Primaries of linear RGB, and the matrices that bring them to Rec. 709 with the white of daylight, D65.
 
-x, y are CIE 1931 chromaticities. Where the white differs it is adapted by Bradford's cone responses (Lam 1985; ICC.1:2022, annex E).
+x, y are CIE 1931 chromaticities: ITU-R BT.709-6, BT.2020-2, BT.601-7, SMPTE EG 432-1 and RP 431-2 (P3), Academy S-2008-001 and
+S-2014-004 (AP0, AP1), and papers of ARRI, Sony and Panasonic on their logs. Where the white differs it is adapted by Bradford's cone
+responses (Lam 1985; ICC.1:2022, annex E).
 """
 
 from collections.abc import Sequence
@@ -9,6 +11,22 @@ from functools import cache
 import numpy as np
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of red, green, blue, white (D65)
+D65 = REC709[6:]
+PRIMARIES = {  # x, y of red, green, blue, white; p3dci, bt470bg and smpte170m occur as tags alone, the last five are cameras'
+    "bt709": REC709,
+    "bt2020": (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, *D65),
+    "p3d65": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, *D65),
+    "p3dci": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.314, 0.351),
+    "bt470bg": (0.640, 0.330, 0.290, 0.600, 0.150, 0.060, *D65),
+    "smpte170m": (0.630, 0.340, 0.310, 0.595, 0.155, 0.070, *D65),
+    "ap0": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
+    "ap1": (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767),
+    "awg3": (0.6840, 0.3130, 0.2210, 0.8480, 0.0861, -0.1020, *D65),
+    "awg4": (0.7347, 0.2653, 0.1424, 0.8576, 0.0991, -0.0308, *D65),
+    "sgamut3": (0.730, 0.280, 0.140, 0.855, 0.100, -0.050, *D65),
+    "sgamut3cine": (0.766, 0.275, 0.225, 0.800, 0.089, -0.087, *D65),
+    "vgamut": (0.730, 0.280, 0.165, 0.840, 0.100, -0.030, *D65),
+}
 XYZ = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0)  # red, green and blue of files whose channels hold CIE X, Y and Z
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 

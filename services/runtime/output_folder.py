@@ -19,7 +19,7 @@ from vemlight.journal import JOURNAL_START, FileName, Journal, Sha256, claimed
 from vemlight.light.light_set import LightsFile
 from vemlight.runtime.progress import counted
 from vemlight.runtime.run_inputs import input_digests
-from vemlight.settings import Settings
+from vemlight.settings import Settings, shown_source
 
 MANIFEST, LIGHTS, CONTACT_SHEET, SNAPSHOTS = "manifest.jsonl", "lights.jsonl", "contact.png", "sampler.snapshot"
 ELSEWHERE = ("out", "wire", "viewer")  # settings that change no byte of the output
@@ -67,7 +67,9 @@ def run_start(settings: Settings) -> RunStart:
 
 
 def _relevant(settings: Settings) -> dict[str, Any]:
-    return {key: value for key, value in msgspec.to_builtins(settings).items() if key not in ELSEWHERE}
+    shown = msgspec.structs.replace(settings.capture, source=shown_source(settings.capture.source))  # without the password of a stream
+    built = msgspec.to_builtins(msgspec.structs.replace(settings, capture=shown))
+    return {key: value for key, value in built.items() if key not in ELSEWHERE}
 
 
 def difference(found: RunStart, wanted: RunStart) -> str:

@@ -21,7 +21,7 @@ def input_digests(settings: Settings) -> dict[str, str]:
     """For each path in the settings that is not empty, the SHA-256 of the names, sizes and times of the files behind it."""
     paths = {
         "[capture] source": settings.capture.source,
-        "[capture] lens": settings.capture.lens,
+        **{f"[capture] lens {n}" if n else "[capture] lens": name for n, name in enumerate(settings.capture.lenses)},
         "[capture] response": settings.capture.response,
         "[renderer] scene": settings.renderer.scene,
         "[plate] source": settings.plate.source,

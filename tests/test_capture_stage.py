@@ -32,7 +32,7 @@ def frame(monotonic_ns: int, lost: int = 0) -> Frame:
 
 @pytest.fixture
 def camera(monkeypatch: pytest.MonkeyPatch) -> tuple[CaptureCamera, list[Frame]]:
-    monkeypatch.setattr(stage, "CameraSource", ListedFrames)
+    monkeypatch.setattr(stage, "open_live", ListedFrames)
     made = CaptureCamera(Capture(source="/dev/video0"))
     return made, made._source.frames  # type: ignore[attr-defined]
 

@@ -147,8 +147,9 @@ def test_polar_file_is_a_source_of_the_same_map(tmp_path: Path) -> None:
     write_exr(tmp_path / "codes.exr", image)
     write_lens(tmp_path / "l.toml", LENS)
     write_response(tmp_path / "r.toml", RESPONSE)
-    polar_file(tmp_path / "codes.exr", tmp_path / "l.toml", tmp_path / "r.toml", tmp_path / "map.exr")
-    direct = open_source(capture(tmp_path / "codes.exr", lens=str(tmp_path / "l.toml"), response=str(tmp_path / "r.toml"))).frame(0)
+    settings = capture(tmp_path / "codes.exr", lens=str(tmp_path / "l.toml"), response=str(tmp_path / "r.toml"))
+    polar_file(settings, tmp_path / "map.exr")
+    direct = open_source(settings).frame(0)
     through = open_source(capture(tmp_path / "map.exr")).frame(0)
     assert through.radiance.tobytes() == direct.radiance.tobytes()
     assert through.luminance_scale == direct.luminance_scale == 179.0

@@ -123,7 +123,7 @@ def _parts(face, u, v, pixel_side, rows, cols, span):
     x, y, z = _direction(face, u, v)
     sine = math.hypot(x, y) / math.sqrt(x * x + y * y + z * z)
     narrowest = min(span / rows, 2 * math.pi / cols * max(sine - 1.5 * pixel_side, 1e-9))
-    return min(max(FEWEST_PARTS, int(math.ceil(PARTS_OF_CELL * pixel_side / narrowest))), MOST_PARTS)
+    return min(max(FEWEST_PARTS, math.ceil(PARTS_OF_CELL * pixel_side / narrowest)), MOST_PARTS)
 
 
 @subroutine

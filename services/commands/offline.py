@@ -50,8 +50,12 @@ def open_frames(options: SamplingOptions) -> FrameSource:
     capture = capture_settings(settings.Capture(), os.fspath(options.source), given)
     if settings.is_live(capture.source):
         from vemlight.capture.live_frames import LiveFrames
+        from vemlight.commands.run_checks import check_camera
 
-        return LiveFrames(capture, frames_of_live(options.frames, capture.source))
+        count = frames_of_live(options.frames, capture.source)
+        if settings.is_camera(capture.source):
+            check_camera(Path(capture.source))
+        return LiveFrames(capture, count)
     return open_source(limited_to(capture, options.frames))
 
 

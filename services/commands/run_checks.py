@@ -80,7 +80,7 @@ def _check_source(capture: Capture) -> None:
     if is_stream(capture.source):
         return  # a server that is asked twice may refuse the second: capture itself says what is wrong
     if is_camera(capture.source):
-        _check_camera(Path(capture.source))
+        check_camera(Path(capture.source))
     elif msgspec.structs.replace(capture, **{key: getattr(Capture(), key) for key in MAPS}) != Capture():
         from vemlight.capture.source import open_files
 
@@ -89,14 +89,15 @@ def _check_source(capture: Capture) -> None:
 
 def _check_plate(plate: Plate) -> None:
     if is_camera(plate.source):
-        _check_camera(Path(plate.source))
+        check_camera(Path(plate.source))
     elif plate.source:
         from vemlight.plate.video_source import open_video_source
 
         open_video_source(Path(plate.source), plate.fps).picture(0)
 
 
-def _check_camera(device: Path) -> None:
+def check_camera(device: Path) -> None:
+    """Raises UserError for what is no camera, is not there, or may not be opened."""
     if not device.exists():
         raise UserError(f"{device}: there is no such camera; plug it in, or see `vemlight doctor`")
     status = device.stat()

@@ -132,6 +132,34 @@ MUTANTS = [
     *mutants_of(CAPTURE + "camera_source.py", "tests/test_v4l2_loss.py", [
         ("numbers of lost frames", "self._count += raw.lost + 1", "self._count += 1"),
     ]),
+    *mutants_of("services/light/transfers.py", "tests/test_transfers.py", [
+        ("peak of PQ", "PQ_PEAK = 10_000.0", "PQ_PEAK = 1000.0"),
+        ("exposure index of LogC3", "0.247190, 0.385537", "0.256598, 0.391007"),
+        ("gamma of HLG displays", "if 400 <= peak_cd_m2 <= 2000:", "if True:"),
+    ]),
+    *mutants_of("services/light/film_file.py", "tests/test_film_file.py", [
+        ("cut films", "CUT_S = 0.5", "CUT_S = 50.0"),
+        ("any key", "if self._index.is_key[n]", "if True"),
+    ]),
+    *mutants_of(CAPTURE + "colour_coding.py", "tests/test_colour_coding.py", [
+        ("a coarse table", "ENTRIES = 5121", "ENTRIES = 513"),
+        ("video's range", 'VIDEO = ColourTags("bt709", "bt709", "bt709", "limited")', 'VIDEO = ColourTags("bt709", "bt709", "bt709", "full")'),
+        ("tags over settings", "    if setting:\n        return setting, []\n", ""),
+        ("any log's range", 'CODE_LOGS = ("slog3", "vlog")', 'CODE_LOGS = ("slog3", "vlog", "logc4")'),
+    ]),
+    *mutants_of(CAPTURE + "planes.py", "tests/test_planes.py", [
+        ("half a step of white", "(1 - 0.5 / ", "(1 - 1.5 / "),
+        ("gain of a display", "scene ** display[1]", "scene ** 0"),
+    ]),
+    *mutants_of(CAPTURE + "several_lenses.py", "tests/test_projections.py", [
+        ("weights of the lens alone", "np.divide(seen[n], total, out", "np.divide(total, total, out"),
+        ("circles on each other", "MOST_SHARED = 0.01", "MOST_SHARED = 1.01"),
+        ("outside the image", "np.where(inside, np.clip", "np.where(inside | True, np.clip", "only for circles that the frame cuts"),
+    ]),
+    *mutants_of(CAPTURE + "cube.py", "tests/test_projections.py", [
+        ("solid angle of a pixel", "** -1.5", "** -1.0"),
+        ("one part a pixel", "FEWEST_PARTS, MOST_PARTS = 4, 64", "FEWEST_PARTS, MOST_PARTS = 1, 1"),
+    ]),
     *mutants_of(CAPTURE + "scatter.py", "tests/test_scatter.py", [
         ("saturated codes", "row[x] >= top", "row[x] > top"),
         ("black codes", "row[x] == 0", "row[x] <= 1"),

@@ -163,7 +163,8 @@ WRONG = [
     # pictures and recordings
     *_rows(
         ("lights nowhere.hdr --out out.json", "nowhere.hdr: there is no such file | check the path"),
-        ("lights /dev/null --out out.json", "/dev/null: is not a regular file"),
+        ("lights /dev/null --frames 1 --out out.json", "/dev/null: is no camera"),
+        ("lights /dev/video9 --out out.json", "/dev/video9: has no last frame | --frames N"),
         ("lights text.txt --out out.json", "text.txt | .exr and .hdr, not .txt"),
         ("lights camera.toml --out out.json", "camera.toml | .exr and .hdr, not .toml"),
         ("lights png.hdr --out out.json", "png.hdr: is a PNG picture and is named .hdr"),

@@ -143,7 +143,7 @@ MUTANTS = [
     ]),
     *mutants_of(CAPTURE + "colour_coding.py", "tests/test_colour_coding.py", [
         ("a coarse table", "ENTRIES = 5121", "ENTRIES = 513"),
-        ("video's range", 'VIDEO = ColourTags("bt709", "bt709", "bt709", "limited")', 'VIDEO = ColourTags("bt709", "bt709", "bt709", "full")'),
+        ("video's range", 'ColourTags("bt709", "bt709", "bt709", "limited")', 'ColourTags("bt709", "bt709", "bt709", "full")'),
         ("tags over settings", "    if setting:\n        return setting, []\n", ""),
         ("any log's range", 'CODE_LOGS = ("slog3", "vlog")', 'CODE_LOGS = ("slog3", "vlog", "logc4")'),
     ]),

@@ -117,7 +117,7 @@ def test_instances_of_a_mesh_are_placed_in_their_node(tmp_path):
     file = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
     assert file.unsupported == []
     middles = [part.geometry.positions.mean(axis=0) for part in file.parts]
-    assert middles == [pytest.approx(place + [0, 0, 5], abs=1e-5) for place in places]
+    assert middles == [pytest.approx(place + np.array([0, 0, 5]), abs=1e-5) for place in places]
     sides = [np.ptp(part.geometry.positions, axis=0) for part in file.parts]
     assert sides == [pytest.approx(side, abs=1e-5) for side in ([2, 2, 0], [2, 0, 2], [4, 1, 0])]
     attributes["SCALE"] = sheet.accessor(scales[:2])

@@ -5,6 +5,7 @@ image, all without a word.
 """
 
 import re
+import warnings
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class _Statements:
             least = min(widths) + 1
             rows = [b" ".join(row.split(b" ", least)[:least]) for row in rows]
         columns = min(widths) + 1
-        return _floats(b" ".join(rows), len(rows) * columns).reshape(-1, columns)
+        return _numbers(b" ".join(rows), len(rows) * columns).reshape(-1, columns)
 
     def places(self, kind: bytes) -> np.ndarray:
         """The numbers of the lines of one kind: v, vt, vn or f."""
@@ -128,7 +129,7 @@ def _index_columns(text: bytes, corners: int) -> np.ndarray:
     found = np.zeros((corners, 3), np.int64)
     for columns, pattern in UNIFORM.items():
         if pattern.fullmatch(text):
-            numbers = _floats(text.replace(b"/", b" "), corners * sum(columns)).astype(np.int64)
+            numbers = _numbers(text.replace(b"/", b" "), corners * sum(columns), np.int64)
             found[:, np.flatnonzero(columns)] = numbers.reshape(corners, -1)
             return found
     for k, word in enumerate(text.split()):
@@ -200,9 +201,13 @@ def _colours(positions: np.ndarray) -> np.ndarray | None:
     return colours
 
 
-def _floats(text: bytes, count: int) -> np.ndarray:
-    """`count` numbers (count,) float64. Raises ValueError where there are more or fewer, or words."""
-    words = text.split()
-    if len(words) != count:
+def _numbers(text: bytes, count: int, dtype: type = np.float64) -> np.ndarray:
+    """`count` numbers (count,). Raises ValueError where there are more or fewer, or words."""
+    with warnings.catch_warnings():  # numpy stops at a word, with a warning
+        warnings.simplefilter("ignore")
+        found = np.fromstring(text, dtype, sep=" ") if text.strip() else np.zeros(0, dtype)
+    if len(found) != count:
+        words = text.split()
+        np.array(words, np.float64)  # which names a word that is no number
         raise ValueError(f"has {len(words)} numbers where {count} must be")
-    return np.array(words, np.float64) if words else np.zeros(0)
+    return found

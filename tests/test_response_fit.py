@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from vemlight.capture.calibration.colorchecker import chart_from_corners
-from vemlight.capture.calibration.response_fit import Kind, Patch, calibrate_response, gray_patches, read_patches, response_summary
+from vemlight.capture.calibration.patches import Patch, read_patches
+from vemlight.capture.calibration.response_fit import Kind, calibrate_response, gray_patches, response_summary
 from vemlight.capture.response import Companding, Linear, Log, Response, Srgb, read_response
 from vemlight.errors import UserError
 
@@ -126,6 +127,91 @@ def test_bad_csv(tmp_path: Path, text: str, word: str) -> None:
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(UserError, match=word):
         read_patches(tmp_path / "p.csv")
+
+
+PLAIN = "code,luminance,use\n1412.4,0.5,fit\n2141.0,20,check\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xef\xbb\xbf" + PLAIN.encode(), PLAIN.encode("utf-16"), b"\xfe\xff" + PLAIN.encode("utf-16-be"),
+        PLAIN.replace(",", ";").replace(".", ",").encode(), PLAIN.replace(",", "\t").encode(), PLAIN.replace(",", ";").encode(),
+        PLAIN.replace(",", "\t").replace(".", ",").encode("utf-16"), PLAIN.upper().encode(), PLAIN.replace("\n", "\r").encode(),
+        b"sep=;\r\n" + PLAIN.replace(",", ";").replace("\n", ";;\r\n").encode(), b"\n;;\n" + PLAIN.replace(",", " ; ").encode(),
+        b'"Code";"Luminance (cd/m\xb2)";"Use"\n"1412,4";"0,5";"fit"\n"2141,0";"20";"check"\n',
+        b'code,luminance,use\n"1412,4","0,5",fit\n"2141,0",20,check\n', b"use,name,luminance,code\nfit,a,0.5,1412.4\n\ncheck,b,20,2141\n",
+    ],
+)  # fmt: skip
+def test_csv_of_any_country(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "p.csv").write_bytes(content)
+    assert read_patches(tmp_path / "p.csv") == [Patch(1412.4, 0.5, False), Patch(2141.0, 20.0, True)]
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("code,luminance,use\n1412,4,0,5,fit\n", "line 2: has 5 fields and the first line 3; put ; or a tab"),
+        ("code;luminance;use\n1.412,4;0,5;fit\n", "same decimal sign"),
+        ("code;luminance;use\n1,412,4;0,5;fit\n", "line 2: code, luminance and weight must be numbers"),
+        ("code;luminance;use\n1412.5;0,5;fit\n", "same decimal sign"),
+        ("code,code,luminance,use\n1,1,1,fit\n", "several columns 'code'"),
+        ("code luminance use\n1 1 fit\n", "no column 'code'"),
+    ],
+)
+def test_csv_that_can_be_read_in_two_ways_is_refused(tmp_path: Path, text: str, word: str) -> None:
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(UserError, match=word):
+        read_patches(tmp_path / "p.csv")
+
+
+LOG12 = Log(bits=12, a=1549.0, b=197.6, c=0.001, luminance_scale=1.0)
+LINEAR12 = Linear(bits=12, a=64.0, b=1.6, luminance_scale=1.0)
+SRGB12 = Srgb(bits=12, luminance_scale=3000.0)
+
+
+@pytest.mark.parametrize(("kind", "response"), [("log", LOG12), ("linear", LINEAR12), ("srgb", SRGB12)])
+@pytest.mark.parametrize("off", [300.0, -300.0, 60.0])
+def test_one_wrong_patch_is_left_out_with_a_line_or_refused(
+    tmp_path: Path, kind: Kind, response: Response, off: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    levels = np.linspace(50, 2400, 8) if kind == "linear" else np.geomspace(2, 2400, 8)
+    probes = np.linspace(levels[0], levels[-1], 50)
+    outcomes = []
+    for wrong in range(8):
+        codes = response.signal(levels / (response.luminance_scale or 1.0)) + off * (np.arange(8) == wrong)
+        rows = [Patch(float(code), float(level), k in (2, 5)) for k, (code, level) in enumerate(zip(codes, levels, strict=True))]
+        try:
+            found = calibrate_response(rows, tmp_path / "r.toml", kind=kind, bits=12).response
+        except UserError:
+            outcomes.append("refused")
+            continue
+        outcomes.append("left out" if f"the patch of {levels[wrong]:g} cd/m2" in capsys.readouterr().err else "harmless")
+        read = found.radiance(response.signal(probes / (response.luminance_scale or 1.0))) * (found.luminance_scale or 1.0)
+        np.testing.assert_allclose(read, probes, rtol=0.01)
+    assert outcomes.count("left out") >= 4
+    assert outcomes.count("harmless") <= 3  # patches at the end of the codes, which are left out anyway, and one that only checks
+
+
+def test_noise_alone_is_no_outlier(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for seed in range(10):
+        calibrate_response(patches(LOG, 0.5, seed), tmp_path / "r.toml", bits=8, accept=True)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_companding_response_that_grows_steeper_is_refused(tmp_path: Path) -> None:
+    companding = Companding(bits=12, knees=((0, 64.0), (100.0, 1500.0), (2400.0, 3500.0)), luminance_scale=1.0)
+    rows = patches(companding, fit=[1.0, 10.0, 50.0, 100.0, 500.0, 1000.0, 1500.0])
+    rows[4] = rows[4]._replace(code=rows[4].code - 200)
+    with pytest.raises(UserError, match=r"grows steeper at 500 cd/m2|check patch"):
+        calibrate_response(rows, tmp_path / "r.toml", kind="companding", bits=12)
+
+
+def test_bits_that_nobody_stated_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    calibrate_response(patches(LOG12), tmp_path / "r.toml", accept=True)
+    assert "taken to have 12 bits" in capsys.readouterr().err
+    calibrate_response(patches(LOG12), tmp_path / "r.toml", bits=12, accept=True)
+    assert "bits" not in capsys.readouterr().err
 
 
 def test_gray_row_of_a_colorchecker() -> None:

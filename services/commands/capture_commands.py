@@ -105,7 +105,8 @@ def lens(options: LensOptions) -> None:
 def response(options: ResponseOptions) -> None:
     """Calibrate the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
     from vemlight.capture.calibration.colorchecker import chart_from_corners, find_chart
-    from vemlight.capture.calibration.response_fit import calibrate_response, gray_patches, read_patches, response_summary
+    from vemlight.capture.calibration.patches import read_patches
+    from vemlight.capture.calibration.response_fit import calibrate_response, gray_patches, response_summary
     from vemlight.light.images import read_codes
 
     if options.corners and not options.white_cd_m2:

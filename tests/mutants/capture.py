@@ -195,10 +195,17 @@ MUTANTS = [
     *mutants_of(CAPTURE + "calibration/response_fit.py", "tests/test_response_fit.py", [
         ("error of a check patch, doubled", "MAX_CHECK_ERROR = 0.05", "MAX_CHECK_ERROR = 0.10"),
         ("error of a check patch, halved", "MAX_CHECK_ERROR = 0.05", "MAX_CHECK_ERROR = 0.025"),
-        ("codes that fall", "CODE_TOLERANCE = 2.0", "CODE_TOLERANCE = 200.0"),
+        ("bits without a word", "; --bits says otherwise\")\n", "; --bits says otherwise\") if False else None\n"),
+        ("fitted patches that are off", "if not abs(error) <= MAX_CHECK_ERROR and abs(off) > CODE_TOLERANCE:", "if False:"),
         ("patches of a log response", '"log": 4', '"log": 3'),
         ("clipped patches", "0 < p.code < 2**bits - 1", "0 <= p.code <= 2**bits - 1"),
         ("patches that verify", "CHECK_PATCHES = (1, 4)", "CHECK_PATCHES = (0, 5)"),
+    ]),
+    *mutants_of(CAPTURE + "calibration/response_outliers.py", "tests/test_response_fit.py", [
+        ("codes that fall", "CODE_TOLERANCE = 2.0", "CODE_TOLERANCE = 200.0"),
+        ("outliers", "OUTLIER_RATIO = 5.0", "OUTLIER_RATIO = 500.0"),
+        ("outliers everywhere", "OUTLIER_RATIO = 5.0", "OUTLIER_RATIO = 0.5"),
+        ("most patches outliers", "MAX_OUTLIERS = 0.25", "MAX_OUTLIERS = 0.75"),
     ]),
     *mutants_of(CAPTURE + "calibration/colorchecker.py", "tests/test_colorchecker.py", [
         ("patches that must be found", "MIN_PATCHES = 14", "MIN_PATCHES = 22"),

@@ -1,11 +1,9 @@
 """`vemlight calibrate response`: the sensor's response from patches of known luminance.
 
-The patches come from a CSV file (columns code, luminance in cd/m2, use = fit or check, and optionally weight), or are the six gray ones of
-a ColorChecker in a frame. The result maps codes to cd/m2. Patches marked check are left out of the fit and judge it.
+The patches come from a CSV file, or are the six gray ones of a ColorChecker in a frame. The result maps codes to cd/m2. Patches marked
+check are left out of the fit and judge it. One that contradicts the others is left out with a line, and the others must fit.
 """
 
-import csv
-import io
 import itertools
 import math
 from pathlib import Path
@@ -16,31 +14,28 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vemlight.capture.calibration.colorchecker import LIGHTNESS, gray_codes
+from vemlight.capture.calibration.patches import Patch
+from vemlight.capture.calibration.response_outliers import (
+    CODE_TOLERANCE,
+    bends_up,
+    luminance_errors,
+    signal_errors,
+    without_outliers,
+)
 from vemlight.capture.response import Companding, Linear, Log, Response, Srgb, check_response, write_response
 from vemlight.errors import UserError
-from vemlight.file_kinds import file_kind
-from vemlight.files import read_file
+from vemlight.files import notice
 from vemlight.light.images import write_png
 
-MAX_PATCHES_BYTES = 2**18  # 5,000 patches of 50 bytes; a chart has up to 140
 Kind = Literal["log", "linear", "companding", "srgb"]
 MAX_CHECK_ERROR = 0.05  # of a check patch's luminance: as much as luminance meters differ
 MIN_PATCHES: dict[Kind, int] = {"log": 4, "linear": 2, "companding": 2, "srgb": 1}  # to fit: the unknowns, and one more for log's c
-CODE_TOLERANCE = 2.0  # codes by which a patch may lie below a darker one: noise of the patches' means; 1 to 5 do
+UNKNOWNS: dict[Kind, int] = {"log": 3, "linear": 2, "srgb": 1}
 LOSS_CODES = 2.0  # for log, whose noise is uniform in codes: patches farther off count linearly; 1 to 5 do
 LOG_OFFSETS = 120  # candidates for c over the patches' range and three decades below, a tenth of a decade or less apart; 60 or more do
 REWEIGHTINGS = 8  # of the least absolute errors: the candidates' order is settled after 4
 MIN_DEVIATION = 1e-3  # codes, below which an error has full weight; 1e-6 to 0.1 do
 CHECK_PATCHES = (1, 4)  # of the six gray patches: one bright, one dark, and neither at an end
-
-
-class Patch(NamedTuple):
-    """A surface of known luminance and the code it gave."""
-
-    code: float
-    luminance: float  # cd/m2
-    check: bool
-    weight: float = 1.0
 
 
 class ResponseReport(NamedTuple):
@@ -51,63 +46,73 @@ class ResponseReport(NamedTuple):
     worst: float  # the largest of these, without sign
 
 
-def read_patches(path: Path) -> list[Patch]:
-    """Reads the patches in a CSV file. Raises UserError naming line and column."""
-    content = read_file(path, MAX_PATCHES_BYTES)
-    if found := file_kind(content):
-        raise UserError(f"{path}: is {found}, and patches come as CSV in UTF-8; export it as that")
-    try:
-        rows = list(csv.DictReader(io.StringIO(content.decode("utf-8-sig"), newline=""), skipinitialspace=True))  # sig: a byte order mark
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise UserError(f"{path}: is no CSV file ({error}); export it as one") from error
-    patches = []
-    for number, row in enumerate(rows, 2):
-        where = f"{path}: line {number}"
-        try:
-            code, luminance, weight = float(row["code"]), float(row["luminance"]), float(row.get("weight") or 1.0)
-        except KeyError as error:
-            raise UserError(f"{path}: has no column {error}; name the columns code, luminance and use in its first line") from error
-        except (TypeError, ValueError) as error:
-            raise UserError(f"{where}: code, luminance and weight must be numbers ({error}); correct it") from error
-        use = (row.get("use") or "").strip()
-        if use not in ("fit", "check"):
-            raise UserError(f"{where}: use = {use[:20]!r} must be fit or check; correct it")
-        if not (math.isfinite(code) and 0 < luminance < math.inf and 0 < weight < math.inf):
-            raise UserError(f"{where}: luminance and weight must be above 0, and all of them finite; correct it")
-        patches.append(Patch(code, luminance, use == "check", weight))
-    return patches
-
-
 def calibrate_response(
     patches: list[Patch], out: Path, *, kind: Kind = "log", bits: int = 0, accept: bool = False, picture: Path | None = None
 ) -> ResponseReport:
     """Fits a response to the patches, writes the response file `out` and, if named, a PNG of the fit.
 
-    `bits` 0 takes the smallest of 8, 10, 12, 14 and 16 that holds the codes. Raises UserError for patches whose codes do not rise with
-    luminance, too few of them, none to check, and an error above 5 % at a check patch unless `accept` allows it.
+    `bits` 0 takes the smallest of 8, 10, 12, 14 and 16 that holds the codes, and a notice says so. Raises UserError for patches whose codes
+    do not rise with luminance, too few of them, none to check, and an error above 5 % at a check patch, or at one that was fitted and is
+    off by more than noise, unless `accept` allows it.
     """
-    highest = max((patch.code for patch in patches), default=0.0)
-    bits = bits or next((b for b in (8, 10, 12, 14, 16) if highest < 2**b), 16)
+    bits = bits or _bits_that_hold(patches)
     usable = [p for p in patches if 0 < p.code < 2**bits - 1]  # codes at the ends may have been clipped
+    if clipped := len(patches) - len(usable):
+        notice(f"{clipped} patches at the lowest or highest code are left out: they may have been clipped")
     fit = sorted((p for p in usable if not p.check), key=lambda p: p.luminance)
     check = [p for p in usable if p.check]
+    fit = _agreeing(fit, kind, bits)
     _check_patches(fit, check, kind)
     response = fit_response(fit, kind, bits)
     try:
         check_response(response)
     except UserError as error:
         raise UserError(f"the patches give no {kind} response ({error}); check them") from error
-    scale = response.luminance_scale or 1.0
-    errors = [(p, float(response.radiance(np.array(p.code)) * scale / p.luminance - 1)) for p in check]
+    errors = list(zip(check, luminance_errors(response, check).tolist(), strict=True))
     worst = max(abs(error) for _, error in errors)
     if picture:
         write_png(picture, fit_picture(response, patches)[..., ::-1])
-    if worst > MAX_CHECK_ERROR and not accept:
-        at = max(errors, key=lambda pair: abs(pair[1]))
-        detail = f"the check patch of {at[0].luminance:g} cd/m2 comes out {at[1]:+.1%}"
-        raise UserError(f"{detail}, beyond {MAX_CHECK_ERROR:.0%}; measure again, fit another kind, or accept it")
+    if not accept:
+        _check_errors(response, fit, errors, kind)
     write_response(out, response)
     return ResponseReport(response, errors, worst)
+
+
+def _bits_that_hold(patches: list[Patch]) -> int:
+    highest = max((patch.code for patch in patches), default=0.0)
+    bits = next((b for b in (8, 10, 12, 14, 16) if highest < 2**b), 16)
+    notice(f"codes are taken to have {bits} bits, the fewest that hold the brightest patch's {highest:g}; --bits says otherwise")
+    return bits
+
+
+def _agreeing(fit: list[Patch], kind: Kind, bits: int) -> list[Patch]:
+    """The patches to fit without those that contradict the others, of which a notice tells."""
+    if kind == "companding" or len(fit) < MIN_PATCHES[kind]:
+        return fit
+    agreeing, outliers = without_outliers(fit, lambda patches: fit_response(patches, kind, bits), UNKNOWNS[kind])
+    response = fit_response(agreeing, kind, bits) if outliers else None
+    for patch in outliers:
+        assert response is not None
+        off = float(signal_errors(response, [patch])[0])
+        notice(f"the patch of {patch.luminance:g} cd/m2 (code {patch.code:g}) is left out: {off:+.0f} codes off what the others say")
+    return agreeing
+
+
+def _check_errors(response: Response, fit: list[Patch], errors: list[tuple[Patch, float]], kind: Kind) -> None:
+    """Raises UserError for a patch whose luminance comes out wrong."""
+    patch, error = max(errors, key=lambda pair: abs(pair[1]))
+    mend = "measure again, fit another kind, or accept it"
+    if not abs(error) <= MAX_CHECK_ERROR:
+        raise UserError(f"the check patch of {patch.luminance:g} cd/m2 comes out {error:+.1%}, beyond {MAX_CHECK_ERROR:.0%}; {mend}")
+    if kind == "companding":
+        if bent := bends_up(fit):
+            where = f"{bent.luminance:g} cd/m2 (code {bent.code:g})"
+            raise UserError(f"the response grows steeper at {where}, which no companding sensor's does; {mend}")
+        return
+    for patch, error, off in zip(fit, luminance_errors(response, fit), signal_errors(response, fit), strict=True):
+        if not abs(error) <= MAX_CHECK_ERROR and abs(off) > CODE_TOLERANCE:
+            detail = f"the patch of {patch.luminance:g} cd/m2 (code {patch.code:g}) comes out {error:+.1%}, beyond {MAX_CHECK_ERROR:.0%}"
+            raise UserError(f"{detail}, with the fit that the others ask for; {mend}")
 
 
 def _check_patches(fit: list[Patch], check: list[Patch], kind: Kind) -> None:

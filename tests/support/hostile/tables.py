@@ -154,7 +154,7 @@ def _response(path: Path) -> object:
 
 
 def _patches(path: Path) -> object:
-    from vemlight.capture.calibration.response_fit import read_patches
+    from vemlight.capture.calibration.patches import read_patches
 
     return read_patches(path)
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 from vemlight.errors import UserError
 from vemlight.files import notice
+from vemlight.light.raw_photograph import RAW_SUFFIXES
 
-RADIANCE_SUFFIXES = (".exr", ".hdr", ".pic")
-CODES_SUFFIX = ".png"
+RADIANCE_SUFFIXES = (".exr", ".hdr", ".pic", ".pfm")
+STILL_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
 class FrameFile(NamedTuple):
@@ -23,16 +24,20 @@ class FrameFile(NamedTuple):
 def frame_files(folder: Path) -> list[FrameFile]:
     """The images in a `folder` without manifest, in order of their numbers, or of their names where some have none.
 
-    Files of radiance take precedence: a PNG beside them is a picture of them, and one beside a .toml of its name is that calibration's.
+    Files of radiance take precedence, then pictures, then raw photographs: a PNG beside radiance is a picture of it, and one beside a .toml
+    of its name is that calibration's.
     Names that begin with a dot are no frames: macOS writes such files beside the real ones. Numbers may go up in steps; those that are
     missing between them leave a gap in time, and a notice counts them. Raises UserError when there are no images.
     """
     complete = sorted(p for p in folder.iterdir() if not p.stem.endswith(".part") and not p.name.startswith("."))
     paths = [p for p in complete if p.suffix.lower() in RADIANCE_SUFFIXES]
     if not paths:
-        paths = [p for p in complete if p.suffix.lower() == CODES_SUFFIX and not p.with_suffix(".toml").exists()]
+        paths = [p for p in complete if p.suffix.lower() in STILL_SUFFIXES and not p.with_suffix(".toml").exists()]
     if not paths:
-        raise UserError(f"{folder}: holds no {', '.join(RADIANCE_SUFFIXES)} or {CODES_SUFFIX} files; name a folder of frames")
+        paths = [p for p in complete if p.suffix.lower() in RAW_SUFFIXES]
+    if not paths:
+        suffixes = ", ".join((*RADIANCE_SUFFIXES, *STILL_SUFFIXES, *RAW_SUFFIXES))
+        raise UserError(f"{folder}: holds none of {suffixes}; name a folder of frames, or a film")
     numbered = [(match[1], int(match[2]), p) for p in paths if (match := re.fullmatch(r"(.*?)(\d{1,15})", p.stem))]
     if len(numbered) < len(paths) or len({(prefix, number) for prefix, number, _ in numbered}) < len(paths):
         return [FrameFile(path, k) for k, path in enumerate(paths)]

@@ -1,7 +1,7 @@
 """Image files replayed by index, each made into a polar map of radiance.
 
-PNG files hold raw codes: gray ones of a monochrome sensor, or of the mosaic that the settings' `format` names, others three channels.
-lens.toml and response.toml are looked for beside the frames when the settings name none.
+PNG, JPEG and TIFF are pictures by their transfer or raw codes by a response file (`vemlight.capture.still_source`). lens.toml and
+response.toml are looked for beside the frames when the settings name none.
 """
 
 import os
@@ -13,13 +13,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from vemlight.capture.film_source import FilmSource
-from vemlight.capture.frames import Frame, FrameMaker, Mosaic
+from vemlight.capture.frames import Frame, FrameMaker
 from vemlight.capture.manifest import MANIFEST, ManifestEntry, check_digest, read_manifest
-from vemlight.capture.pixel_formats import mosaic_of
-from vemlight.capture.sequence import CODES_SUFFIX, FrameFile, frame_files
+from vemlight.capture.sequence import FrameFile, frame_files
+from vemlight.capture.still_source import StillReader, check_radiance_settings, is_still
 from vemlight.errors import UserError
 from vemlight.light.film_file import FILM_SUFFIXES
-from vemlight.light.images import read_codes, read_radiance
+from vemlight.light.images import read_radiance
+from vemlight.light.primaries import PRIMARIES, rec709_from_primaries
 from vemlight.settings import Capture
 
 READ_AHEAD = 2  # frames made before they are asked for: one in hand and one in the making; any value from 1 to 8 does
@@ -53,12 +54,13 @@ class FileSource:
         self._maker = FrameMaker(settings, files[0].path.parent)
         self._verified: set[int] = set()
         self._speed = settings.speed
-        self._mosaic: Mosaic | None = mosaic_of(settings.format)
+        self._stills = StillReader(settings, self._maker)
         self.fps = settings.fps * settings.speed
-        self._layer = settings.layer
+        self._layer, self._primaries = settings.layer, settings.primaries
         self._opened: tuple[np.ndarray, dict[str, Any]] | None = None  # the first image, until it is asked for
-        if self._files[0].path.suffix.lower() != CODES_SUFFIX:
-            self._opened = read_radiance(self._files[0].path, self._layer)
+        if not is_still(self._files[0].path):
+            check_radiance_settings(settings, self._files[0].path)
+            self._opened = self._read(self._files[0].path)
             self.fps = recorded_fps(self._opened[1], settings.fps) * settings.speed
 
     def __len__(self) -> int:
@@ -67,8 +69,8 @@ class FileSource:
     def check(self) -> None:
         """Raises UserError for a first frame from which no map can be made, without making one."""
         path = self._files[0].path
-        if path.suffix.lower() == CODES_SUFFIX:
-            self._maker.check_codes(str(path), read_codes(path).shape)
+        if is_still(path):
+            self._stills.check(path)
         else:
             image, attributes = self._image(0)
             self._maker.check(str(path), image.shape, attributes)
@@ -80,17 +82,21 @@ class FileSource:
             check_digest(path, self._entries[k].sha256)
             self._verified.add(k)
         time_s = self._entries[k].time_s / self._speed if self._entries else (offset - self._files[0].offset) / self.fps
-        if path.suffix.lower() == CODES_SUFFIX:
-            codes = read_codes(path)
-            if codes.ndim == 3 and self._mosaic:
-                raise UserError(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
-            return self._maker.frame_from_codes(str(path), codes, None if codes.ndim == 3 else self._mosaic or "mono", time_s)
+        if is_still(path):
+            return self._stills.frame(path, time_s)
         return self._maker.frame(str(path), *self._image(k), time_s)
+
+    def _read(self, path: Path) -> tuple[np.ndarray, dict[str, Any]]:
+        """An image of radiance in Rec. 709, by the settings' primaries where the file states none."""
+        image, attributes = read_radiance(path, self._layer)
+        if self._primaries and "chromaticities" not in attributes:
+            image = (image @ rec709_from_primaries(PRIMARIES[self._primaries]).T).astype(np.float32)
+        return image, attributes
 
     def _image(self, k: int) -> tuple[np.ndarray, dict[str, Any]]:
         """Image k with its attributes; what was read on opening is not read again."""
         opened, self._opened = self._opened, None
-        return opened if opened and k == 0 else read_radiance(self._files[k].path, self._layer)
+        return opened if opened and k == 0 else self._read(self._files[k].path)
 
 
 def recorded_fps(attributes: dict[str, Any], default: float) -> float:

@@ -17,6 +17,7 @@ from vemlight.file_kinds import BINARY, BINARY_UNTIL, file_kind
 from vemlight.files import check_regular, notice, one_line, read_file, written_whole
 from vemlight.light.exr import read_exr
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
+from vemlight.light.pfm import read_pfm
 from vemlight.light.primaries import REC709
 from vemlight.light.quiet import silent
 
@@ -26,7 +27,7 @@ FORMATS = ("PNG", "TIFF", "JPEG")  # Pillow knows forty more, some of which star
 
 
 def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, Any]]:
-    """Reads an image (height, width, 3) float32, linear Rec. 709, and the EXR's attributes (none for .hdr).
+    """Reads an image (height, width, 3) float32, linear Rec. 709, and the EXR's attributes (none for .hdr and .pfm).
 
     Gray files are repeated in three channels; alpha is left out. nan, inf and negative pixels are preserved. layer: of an EXR with several.
     Raises UserError for a file that is missing, damaged, too large or of another kind.
@@ -38,8 +39,10 @@ def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, An
             from vemlight.light.radiance_hdr import read_radiance_hdr  # here, since its kernels load numba
 
             return read_radiance_hdr(path), {}
+        if path.suffix.lower() == ".pfm":
+            return read_pfm(path), {}
     check_regular(path, MAX_IMAGE_BYTES)
-    raise UserError(f"{path}: radiance is read from .exr and .hdr, not {path.suffix or 'a file without suffix'}; convert it")
+    raise UserError(f"{path}: radiance is read from .exr, .hdr and .pfm, not {path.suffix or 'a file without suffix'}; convert it")
 
 
 def read_codes(path: Path) -> np.ndarray:

@@ -15,6 +15,7 @@ from vemlight.sampler.tracking.voronoi import Assignment
 STEPS = 3  # of expectation-maximisation; 2 leave suns a third more error, many more fit likelihood instead of shadows
 SHARPNESS = np.float32(3.0)  # a tile's weights are likelihoods to this power; any value in 2..3 does, 1 leaves a fifth more error
 NEIGHBOURS = 16  # sites near a tile's own that may hold some of it; 8 leave twice the error where lamps are few
+RADIUS_STEPS = 16  # of the bisection for them: to a thousandth; 12 or more do
 MIN_VARIANCE = np.radians(0.06) ** 2  # across, rad^2: a shadow's edge is never sharper than a tenth of a cell of the map
 LEAST_WEIGHT = np.float32(1e-4)  # of a tile's largest weight; smaller ones change nothing that is seen
 MIN_HEIGHT = np.float32(1e-6)  # 1 + cosine: of light behind a Gaussian's back
@@ -43,14 +44,14 @@ def soft_lights(tiles: Tiles, ids: np.ndarray, sites: np.ndarray, assignment: As
 def _sums(tiles: Tiles, places, assignment: Assignment, sources: SourceTiles):
     """The sums (s + n, SUMS) of the lights at the places of the s sources and n sites."""
     s = sources.directions.shape[0]
-    sums = np.zeros((places.shape[0], SUMS))
+    moments, sums = _moments(tiles), np.zeros((places.shape[0], SUMS))
     for t in range(tiles.power.size):
         part, overlap = sources.part[t], assignment.overlap[t]
         if part > 0:
-            _add(tiles, t, part, sums, sources.owner[t])
-        _add(tiles, t, (1 - part) * (1 - overlap), sums, s + assignment.nearest[t])
+            _add(moments, t, part, sums, sources.owner[t])
+        _add(moments, t, (1 - part) * (1 - overlap), sums, s + assignment.nearest[t])
         if overlap > 0:
-            _add(tiles, t, (1 - part) * overlap, sums, s + assignment.second[t])
+            _add(moments, t, (1 - part) * overlap, sums, s + assignment.second[t])
     around = _nearest_sites(places[s:])
     count = around.shape[1]
     weights, near = np.empty(count + 1, np.float32), np.empty((around.shape[0], TERMS, count), np.float32)
@@ -65,10 +66,32 @@ def _sums(tiles: Tiles, places, assignment: Assignment, sources: SourceTiles):
             total = _exponentials(weights)
             for k in range(count):
                 if weights[k] > 0:
-                    _add(tiles, t, weights[k] / total, sums, s + around[nearest, k])
+                    _add(moments, t, weights[k] / total, sums, s + around[nearest, k])
             if weights[count] > 0:
-                _add(tiles, t, weights[count] / total, sums, source)
+                _add(moments, t, weights[count] / total, sums, source)
     return sums
+
+
+@subroutine
+def _moments(tiles):
+    """(tiles, SUMS): what each tile adds to the sums of a light that has all of it."""
+    made = np.zeros((tiles.power.size, SUMS))
+    for t in range(tiles.power.size):
+        m, x, y, z = made[t], tiles.direction[0, t], tiles.direction[1, t], tiles.direction[2, t]
+        power, spread = tiles.power[t], _tile_spread(tiles, t)
+        across, flat = power * (1 - spread / (x * x + y * y + z * z)), power * spread
+        m[0], m[1], m[2], m[3], m[4], m[5], m[6] = (
+            power, tiles.flux[0, t], tiles.flux[1, t], tiles.flux[2, t], power * x, power * y, power * z,
+        )  # fmt: skip
+        m[7], m[8], m[9] = across * x * x + flat, across * x * y, across * x * z
+        m[10], m[11], m[12] = across * y * y + flat, across * y * z, across * z * z + flat
+    return made
+
+
+@subroutine(inline="always")
+def _add(moments, t, weight, sums, k):
+    for c in range(SUMS):
+        sums[k, c] += weight * moments[t, c]
 
 
 @subroutine
@@ -100,43 +123,43 @@ def _exponentials(logs):
     return total
 
 
-@subroutine(inline="always")
-def _add(tiles, t, weight, sums, k):
-    x, y, z = tiles.direction[0, t], tiles.direction[1, t], tiles.direction[2, t]
-    power, spread = weight * tiles.power[t], _tile_spread(tiles, t)
-    across, flat = power * (1 - spread / (x * x + y * y + z * z)), power * spread
-    sums[k, 0] += power
-    sums[k, 1] += weight * tiles.flux[0, t]
-    sums[k, 2] += weight * tiles.flux[1, t]
-    sums[k, 3] += weight * tiles.flux[2, t]
-    sums[k, 4] += power * x
-    sums[k, 5] += power * y
-    sums[k, 6] += power * z
-    sums[k, 7] += across * x * x + flat
-    sums[k, 8] += across * x * y
-    sums[k, 9] += across * x * z
-    sums[k, 10] += across * y * y + flat
-    sums[k, 11] += across * y * z
-    sums[k, 12] += across * z * z + flat
+@subroutine
+def _nearest_sites(sites):
+    """(n, k) int64: the sites nearest to each site, itself first, in no other order."""
+    n = sites.shape[0]
+    k = min(NEIGHBOURS, n)
+    around, chords = np.zeros((n, k), np.int64), np.empty(n, np.float32)
+    xs, ys, zs = sites[:, 0].astype(np.float32), sites[:, 1].astype(np.float32), sites[:, 2].astype(np.float32)
+    for s in range(n):
+        x, y, z = xs[s], ys[s], zs[s]
+        for other in range(n):
+            chords[other] = (xs[other] - x) ** 2 + (ys[other] - y) ** 2 + (zs[other] - z) ** 2
+        limit = _radius_of(chords, k)
+        around[s, 0], found = s, 1
+        for other in range(n):
+            if found < k and chords[other] <= limit and other != s:
+                around[s, found] = other
+                found += 1
+    return around
 
 
 @subroutine
-def _nearest_sites(sites):
-    """(n, k) int64: the sites nearest to each site, itself first."""
-    n = sites.shape[0]
-    k = min(NEIGHBOURS, n)
-    around, chords = np.zeros((n, k), np.int64), np.empty(k)
-    for s in range(n):
-        chords[:] = np.inf
-        for other in range(n):
-            chord = (sites[s, 0] - sites[other, 0]) ** 2 + (sites[s, 1] - sites[other, 1]) ** 2 + (sites[s, 2] - sites[other, 2]) ** 2
-            if chord < chords[k - 1]:
-                place = k - 1
-                while place > 0 and chords[place - 1] > chord:
-                    chords[place], around[s, place] = chords[place - 1], around[s, place - 1]
-                    place -= 1
-                chords[place], around[s, place] = chord, other
-    return around
+def _radius_of(chords, count):
+    """A squared chord within which `count` of these lie and few more: bisected by its logarithm."""
+    low, high = np.float32(-50), np.float32(3)  # of 2: no two directions of float32 are nearer, nor farther
+    limit = np.float32(2) ** high
+    for _ in range(RADIUS_STEPS):
+        middle = np.float32(0.5) * (low + high)
+        tried, within = np.float32(2) ** middle, np.int32(0)
+        for k in range(chords.size):
+            within += np.int32(1) if chords[k] <= tried else np.int32(0)
+        if within >= count:
+            high, limit = middle, tried
+        else:
+            low = middle
+        if within == count:
+            break
+    return limit
 
 
 @subroutine

@@ -65,12 +65,9 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, ma
     A peak takes the id of the nearest source that was there in the frame before or waits; a new one must stand out more clearly.
     """
     waiting = (time_s - before.seen_s <= WAIT_S) | (before.seen_s >= before.seen_s.max(initial=-np.inf))
-    known, cosines = before.ids[waiting], peaks.directions @ before.directions[waiting].T
-    ids = np.full(len(peaks.power), -1)
-    for flat in np.argsort(-cosines, axis=None, kind="stable"):
-        peak, source = divmod(int(flat), len(known))
-        if cosines[peak, source] < np.cos(MATCH_RAD):
-            break
+    known, cosines = before.ids[waiting].tolist(), peaks.directions @ before.directions[waiting].T
+    ids, near = np.full(len(peaks.power), -1), cosines >= np.cos(MATCH_RAD)
+    for _, peak, source in sorted(zip((-cosines[near]).tolist(), *(place.tolist() for place in near.nonzero()), strict=True)):
         if ids[peak] < 0 and known[source] not in ids:
             ids[peak] = known[source]
     stands_out = (peaks.power >= ENTER_POWER) & (peaks.ring <= ENTER_RING)
@@ -78,7 +75,8 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, ma
     lit = np.sort(lit[np.argsort(-peaks.power[lit], kind="stable")[:max_count]])
     new = lit[ids[lit] < 0]
     ids[new] = next_id + np.arange(len(new))
-    hidden = ~np.isin(before.ids, ids[lit]) & (time_s - before.seen_s <= WAIT_S)
+    found = set(ids[lit].tolist())
+    hidden = np.array([k not in found for k in before.ids.tolist()], bool) & (time_s - before.seen_s <= WAIT_S)
     after = Sources(
         np.concatenate([ids[lit], before.ids[hidden]]),
         np.concatenate([peaks.directions[lit], before.directions[hidden]]),

@@ -47,6 +47,38 @@ def test_pixel_and_direction_are_inverse_all_around(k1: float, k2: float, theta:
     assert angle_between(direction, back) < 1e-9  # rad; the slope of theta_d is above 0.2 here and float64 has 1e-16
 
 
+DECENTRED = {"p1": 0.012, "p2": -0.008, "p3": 0.1, "k1": 0.02, "f": (60.0, 61.0), "c": (98.2, 101.7)}
+
+
+@given(
+    p1=st.floats(-0.02, 0.02),
+    p2=st.floats(-0.02, 0.02),
+    p3=st.floats(-0.1, 0.1),
+    theta=st.floats(0, np.pi - 1e-6),
+    phi=st.floats(0, 2 * np.pi),
+)
+def test_pixel_and_direction_are_inverse_off_centre(p1: float, p2: float, p3: float, theta: float, phi: float) -> None:
+    lens = make_lens(rim_deg=110.0, **{**DECENTRED, "p1": p1, "p2": p2, "p3": p3})
+    check_lens(lens)
+    direction = direction_from_angles(theta, phi)
+    back = direction_from_pixel(pixel_from_direction(direction, lens), lens)
+    assert angle_between(direction, back) < 1e-9
+    near = direction_from_angles(np.array([lens.rim - 1e-9, lens.rim + 1e-9]), np.full(2, phi))  # and no step at the rim
+    assert np.linalg.norm(np.diff(pixel_from_direction(near, lens), axis=0)) < 1e-5
+
+
+def test_decentring_is_browns() -> None:
+    lens = make_lens(**DECENTRED, rim_deg=110.0)
+    theta, phi = 1.2, 0.7
+    radius = theta * (1 + 0.02 * theta**2)
+    u, v = radius * np.cos(phi), radius * np.sin(phi)
+    m = 1 + 0.1 * radius**2
+    du = (2 * 0.012 * u * v - 0.008 * (radius**2 + 2 * u**2)) * m
+    dv = (0.012 * (radius**2 + 2 * v**2) - 2 * 0.008 * u * v) * m
+    expected = [98.2 + 60 * (u + du), 101.7 + 61 * (v + dv)]
+    np.testing.assert_allclose(pixel_from_direction(direction_from_angles(theta, phi), lens), expected, rtol=1e-12)
+
+
 def test_known_projection() -> None:
     # equidistant: 90 degrees off the axis lies at f pi / 2 from the centre, 135 at f 3 pi / 4
     lens = make_lens(f=(30.0, 30.0), c=(100.0, 100.0), rim_deg=140.0)
@@ -77,8 +109,9 @@ def test_solid_angles_add_up_to_the_cap(k1: float) -> None:
     assert pixel_solid_angles(lens).sum() == pytest.approx(cap, rel=2e-4)
 
 
-def test_solid_angle_is_the_area_between_corner_rays() -> None:
-    lens = make_lens(100, 110.0, k1=0.03, k2=-0.002, f=(22.0, 23.0))
+@pytest.mark.parametrize("decentring", [{}, {"p1": -0.015, "p2": 0.01, "p3": 0.2}])
+def test_solid_angle_is_the_area_between_corner_rays(decentring: dict) -> None:
+    lens = make_lens(100, 110.0, k1=0.03, k2=-0.002, f=(22.0, 23.0), **decentring)
     for x, y in ((50, 50), (20, 40), (70, 85), (49, 3)):
         n = 40
         u, v = np.meshgrid(np.linspace(-0.5, 0.5, n + 1), np.linspace(-0.5, 0.5, n + 1))
@@ -125,6 +158,9 @@ def test_missing_key_is_named(tmp_path: Path, key: str) -> None:
     [
         ({"k1": -0.2}, "turn back"),
         ({"k2": -0.05}, "turn back"),
+        ({"p1": 0.2}, "p1..p3 bend"),
+        ({"p2": 0.01, "p3": 30.0}, "p1..p3 bend"),
+        ({"p1": float("inf")}, "p1 = inf"),
         ({"vignetting": (-0.5,)}, "vignetting"),
         ({"rim_deg": 0.0}, "rim_deg"),
         ({"f": (0.0, 1.0)}, "f ="),

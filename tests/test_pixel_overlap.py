@@ -11,6 +11,7 @@ from vemlight.light.sphere import cell_from_direction, rotation_xyz
 
 TILT = tuple(tuple(map(float, row)) for row in rotation_xyz((25, -10, 40)))
 UP = Lens(size=(120, 110), f=(32.0, 31.0), c=(59.3, 54.6), k1=-0.01, k2=0.001, k3=0.0, k4=0.0, rim_deg=95.0)
+DECENTRED = msgspec.structs.replace(UP, p1=0.02, p2=-0.01, world_from_camera=TILT)
 TILTED = msgspec.structs.replace(UP, world_from_camera=TILT)
 ROWS, COLS, SPAN = 90, 360, np.pi
 
@@ -19,7 +20,7 @@ def found(lens: Lens, lattice: Lattice) -> tuple[np.ndarray, np.ndarray, np.ndar
     return pixel_overlaps(pixel_solid_angles(lens), ray_table(lens), MapGrid(ROWS, COLS, SPAN), lattice)
 
 
-@pytest.mark.parametrize("lens", [UP, TILTED])
+@pytest.mark.parametrize("lens", [UP, TILTED, DECENTRED])
 @pytest.mark.parametrize("lattice", [*ALL_PIXELS, *colour_lattices("RGGB")[1]])
 def test_overlaps_of_a_pixel_add_up_to_it(lens: Lens, lattice: Lattice) -> None:
     pixel, _, overlap = found(lens, lattice)
@@ -30,7 +31,7 @@ def test_overlaps_of_a_pixel_add_up_to_it(lens: Lens, lattice: Lattice) -> None:
     np.testing.assert_allclose(total, np.where(seen, solid * lattice.size[0] * lattice.size[1], 0), rtol=1e-12)
 
 
-@pytest.mark.parametrize("lens", [UP, TILTED])
+@pytest.mark.parametrize("lens", [UP, TILTED, DECENTRED])
 @pytest.mark.parametrize("lattice", [*ALL_PIXELS, colour_lattices("RGGB")[0][0]])
 def test_overlaps_agree_with_many_rays(lens: Lens, lattice: Lattice) -> None:
     pixel, cell, overlap = found(lens, lattice)

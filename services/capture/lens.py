@@ -6,7 +6,13 @@ axis meets the sensor at the radius, in units of the focal length,
 
     theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
 
-Beyond the rim, where no light arrives, theta_d continues along its tangent, so that every direction has exactly one pixel.
+Its elements need not lie on one axis: with (u, v) the point at theta_d, decentring moves it to (Brown 1966, "Decentering Distortion of
+Lenses", applied to theta_d; A and B are his tangential terms)
+
+    (u + A m, v + B m),  A = 2 p1 u v + p2 (3 u^2 + v^2),  B = p1 (u^2 + 3 v^2) + 2 p2 u v,  m = 1 + p3 (u^2 + v^2)
+
+Beyond the rim, where no light arrives, theta_d and what decentring adds continue in a straight line, so that every direction has exactly
+one pixel.
 
 Camera axes: x right, y down, z along the optical axis. Pixel coordinates (x, y) put the centre of the first pixel at (0, 0), as
 OpenCV does.
@@ -28,6 +34,9 @@ IDENTITY: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1
 MAX_SIZE = 16384  # pixels on a side, as for all images; more would be a typing error
 SLOPE_SAMPLES = 1024  # between axis and rim: the slope, of degree 8 and even, has at most 4 turns there; any value from 100 on does
 MAX_NEWTON_STEPS = 60  # a real lens takes 4 to 6; bisection alone would need 53 for the last bit, so any value from 54 on does
+MAX_CENTRING_STEPS = 64  # of which each halves the error at least; 54 reach the last bit
+MAX_DECENTRING = 0.5  # of the derivatives of what decentring adds: the inverse then converges. Lenses have 0.02 to 0.1
+DECENTRING_SAMPLES = 64  # directions around the axis: it has three waves around; any value from 12 on does
 NEWTON_TOLERANCE = 1e-15  # rad, four units in the last place at 1 rad; any value below 1e-10 keeps directions within 1e-9
 ROTATION_TOLERANCE = 1e-5  # of an element of R R^T: files with six digits pass; scaled or skewed axes do not
 
@@ -43,6 +52,9 @@ class Intrinsics(NamedTuple):
     k2: float
     k3: float
     k4: float
+    p1: float
+    p2: float
+    p3: float
     rim: float  # rad
 
 
@@ -57,6 +69,9 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     k3: float
     k4: float
     rim_deg: float  # angle off the axis beyond which no light arrives
+    p1: float = 0.0  # decentring, of elements off the axis
+    p2: float = 0.0
+    p3: float = 0.0
     vignetting: tuple[float, ...] = ()  # relative response 1 + v1 theta^2 + v2 theta^4 + ...
     flat_field: str = ""  # image of an evenly lit surface, beside this file; replaces `vignetting`
     world_from_camera: tuple[Row, Row, Row] = IDENTITY  # the default looks up, with the image's right side towards +X
@@ -68,6 +83,11 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     def k(self) -> np.ndarray:
         """Coefficients k1 to k4, (4,) float64."""
         return np.array([self.k1, self.k2, self.k3, self.k4])
+
+    @property
+    def p(self) -> np.ndarray:
+        """Decentring p1 to p3, (3,) float64."""
+        return np.array([self.p1, self.p2, self.p3])
 
     @property
     def rim(self) -> float:
@@ -82,7 +102,8 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     @property
     def intrinsics(self) -> Intrinsics:
         """The projection for compiled loops."""
-        return Intrinsics(*map(float, (*self.f, *self.c, self.k1, self.k2, self.k3, self.k4, self.rim)))
+        numbers = (*self.f, *self.c, self.k1, self.k2, self.k3, self.k4, self.p1, self.p2, self.p3, self.rim)
+        return Intrinsics(*map(float, numbers))
 
 
 def read_lens(path: Path) -> Lens:
@@ -99,7 +120,7 @@ def check_lens(lens: Lens) -> None:
     """Raises UserError unless directions and pixels correspond one to one and radiance can be recovered everywhere."""
     if min(lens.size) < 1 or max(lens.size) > MAX_SIZE:
         raise UserError(f"size = {list(lens.size)} is no image size; give width and height in pixels")
-    numbers = [*lens.f, *lens.c, *lens.k, lens.rim_deg, *lens.vignetting, *lens.rotation.ravel()]
+    numbers = [*lens.f, *lens.c, *lens.k, lens.p1, lens.p2, lens.p3, lens.rim_deg, *lens.vignetting, *lens.rotation.ravel()]
     if not np.all(np.isfinite(numbers)):
         raise UserError("a number is nan or inf; replace it")
     if min(lens.f) <= 0:
@@ -113,6 +134,10 @@ def check_lens(lens: Lens) -> None:
     if not rises.all():
         at = math.degrees(theta[int(np.argmin(rises))])
         raise UserError(f"k1..k4 turn back at {at:.1f} degrees, before rim_deg = {lens.rim_deg:g}; calibrate again or lower rim_deg")
+    with np.errstate(all="ignore"):
+        largest = _largest_decentring(lens)
+    if not largest <= MAX_DECENTRING:
+        raise UserError(f"p1..p3 bend the image by {largest:.2g} of itself within rim_deg, more than {MAX_DECENTRING:g}; calibrate again")
     if not ((response > 0) & (response < np.inf)).all():
         raise UserError(f"vignetting falls to 0 before rim_deg = {lens.rim_deg:g}; correct it or lower rim_deg")
     if lens.flat_field and lens.vignetting:
@@ -121,6 +146,27 @@ def check_lens(lens: Lens) -> None:
         orthonormal = np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), rtol=0, atol=ROTATION_TOLERANCE)
     if not orthonormal or np.linalg.det(lens.rotation) < 0:
         raise UserError("world_from_camera is no rotation; its rows must be unit vectors at right angles, right-handed")
+
+
+def _largest_decentring(lens: Lens) -> float:
+    """The largest derivative of what decentring adds, within the rim."""
+    theta, phi = np.meshgrid(np.linspace(0, lens.rim, DECENTRING_SAMPLES), np.linspace(0, 2 * np.pi, DECENTRING_SAMPLES))
+    radius = theta * (1 + np.square(theta) * np.polynomial.polynomial.polyval(np.square(theta), lens.k))
+    derivatives = decentring_derivatives(radius * np.cos(phi), radius * np.sin(phi), lens)
+    return float(max(np.abs(values).max() for values in derivatives))
+
+
+def decentring_derivatives(u: np.ndarray, v: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives of what decentring adds within the rim, at points u, v in units of the focal length: of u by u and v, of v by u and v."""
+    p1, p2, p3 = lens.p1, lens.p2, lens.p3
+    a, b = 2 * p1 * u * v + p2 * (3 * u * u + v * v), p1 * (u * u + 3 * v * v) + 2 * p2 * u * v
+    m, across = 1 + p3 * (u * u + v * v), 2 * p1 * u + 2 * p2 * v
+    return (
+        (2 * p1 * v + 6 * p2 * u) * m + 2 * p3 * u * a,
+        across * m + 2 * p3 * v * a,
+        across * m + 2 * p3 * u * b,
+        (6 * p1 * v + 2 * p2 * u) * m + 2 * p3 * v * b,
+    )
 
 
 def write_lens(path: Path, lens: Lens) -> None:
@@ -184,6 +230,40 @@ def angle_from_radius(radius: float, lens: Intrinsics) -> float:
     return theta
 
 
+@subroutine
+def _decentring(u, v, lens):
+    # what decentring adds to a point; beyond the rim that at the rim, in proportion
+    radius, edge = math.hypot(u, v), _theta_d(lens.rim, lens)
+    beyond = max(radius / edge, 1.0)
+    u, v = u / beyond, v / beyond
+    m = (1 + lens.p3 * (u * u + v * v)) * beyond
+    return (2 * lens.p1 * u * v + lens.p2 * (3 * u * u + v * v)) * m, (lens.p1 * (u * u + 3 * v * v) + 2 * lens.p2 * u * v) * m
+
+
+@kernel
+def decentred(u: float, v: float, lens: Intrinsics) -> tuple[float, float]:
+    """Where decentring moves a point, in units of the focal length."""
+    if lens.p1 == 0 and lens.p2 == 0:
+        return u, v
+    du, dv = _decentring(u, v, lens)
+    return u + du, v + dv
+
+
+@kernel
+def centred(u: float, v: float, lens: Intrinsics) -> tuple[float, float]:
+    """The inverse of `decentred`, by fixed-point iteration."""
+    if lens.p1 == 0 and lens.p2 == 0:
+        return u, v
+    x, y = u, v
+    for _ in range(MAX_CENTRING_STEPS):
+        dx, dy = _decentring(x, y, lens)
+        moved = abs(u - dx - x) + abs(v - dy - y)
+        x, y = u - dx, v - dy
+        if moved <= NEWTON_TOLERANCE:
+            break
+    return x, y
+
+
 @kernel
 def _pixels(directions, lens):
     pixels = np.empty((len(directions), 2))
@@ -193,8 +273,9 @@ def _pixels(directions, lens):
         radius = radius_from_angle(math.atan2(across, z), lens)
         # on the axis every azimuth gives the same pixel; straight behind, +x represents them all
         ux, uy = (x / across, y / across) if across > 0 else (1.0, 0.0)
-        pixels[i, 0] = lens.cx + lens.fx * radius * ux
-        pixels[i, 1] = lens.cy + lens.fy * radius * uy
+        u, v = decentred(radius * ux, radius * uy, lens)
+        pixels[i, 0] = lens.cx + lens.fx * u
+        pixels[i, 1] = lens.cy + lens.fy * v
     return pixels
 
 
@@ -202,7 +283,7 @@ def _pixels(directions, lens):
 def _directions(pixels, lens):
     directions = np.empty((len(pixels), 3))
     for i in range(len(pixels)):
-        x, y = (pixels[i, 0] - lens.cx) / lens.fx, (pixels[i, 1] - lens.cy) / lens.fy
+        x, y = centred((pixels[i, 0] - lens.cx) / lens.fx, (pixels[i, 1] - lens.cy) / lens.fy, lens)
         radius = math.hypot(x, y)
         theta = min(angle_from_radius(radius, lens), math.pi)
         across = math.sin(theta) / radius if radius > 0 else 0.0
@@ -222,11 +303,25 @@ def direction_from_pixel(pixel: np.ndarray, lens: Lens) -> np.ndarray:
     return _directions(flat, lens.intrinsics).reshape(*np.shape(pixel)[:-1], 3)
 
 
+def centred_points(lens: Lens) -> tuple[np.ndarray, np.ndarray]:
+    """The points u, v of the centre of each pixel without decentring, in units of the focal length, (height, width) float64 each."""
+    width, height = lens.size
+    u, v = np.meshgrid((np.arange(width) - lens.c[0]) / lens.f[0], (np.arange(height) - lens.c[1]) / lens.f[1])
+    if lens.p1 or lens.p2:
+        _centre(u.reshape(-1), v.reshape(-1), lens.intrinsics)
+    return u, v
+
+
+@kernel
+def _centre(u, v, lens):
+    for i in range(len(u)):
+        u[i], v[i] = centred(u[i], v[i], lens)
+
+
 def pixel_angles(lens: Lens) -> np.ndarray:
     """Angle in rad between the optical axis and the centre of each pixel, (height, width) float64."""
-    width, height = lens.size
-    x, y = np.meshgrid((np.arange(width) - lens.c[0]) / lens.f[0], (np.arange(height) - lens.c[1]) / lens.f[1])
-    return angles_from_radii(np.hypot(x, y).ravel(), lens.intrinsics).reshape(height, width)
+    u, v = centred_points(lens)
+    return angles_from_radii(np.hypot(u, v).ravel(), lens.intrinsics).reshape(u.shape)
 
 
 @kernel
@@ -241,7 +336,8 @@ def angles_from_radii(radii, lens):
 def pixel_solid_angles(lens: Lens) -> np.ndarray:
     """Solid angle of each pixel in sr, (height, width) float64; 0 where the pixel's centre lies beyond the rim.
 
-    sin(theta) d theta d psi over the pixel's area theta_d d theta_d d psi f_x f_y, evaluated at the centre: with h the pixel's side in
+    sin(theta) d theta d psi over the pixel's area theta_d d theta_d d psi f_x f_y, and over the area that decentring makes of one, at the
+    centre: with h the pixel's side in
     rad the error is of the order of h^2 / 24, 1e-5 for a pixel of one degree.
     """
     theta = pixel_angles(lens)
@@ -249,4 +345,7 @@ def pixel_solid_angles(lens: Lens) -> np.ndarray:
     radius = inside * (1 + np.square(inside) * np.polynomial.polynomial.polyval(np.square(inside), lens.k))
     # sin(theta) / theta_d tends to 1 at the axis; below 1e-9 rad it is 1 to the last bit
     ratio = np.where(inside > 1e-9, np.sin(inside) / np.maximum(radius, 1e-12), 1.0)
+    if lens.p1 or lens.p2:
+        du_du, du_dv, dv_du, dv_dv = decentring_derivatives(*centred_points(lens), lens)
+        ratio = ratio / ((1 + du_du) * (1 + dv_dv) - du_dv * dv_du)
     return np.where(theta <= lens.rim, ratio / slope_from_angle(inside, lens) / (lens.f[0] * lens.f[1]), 0.0)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.capture.lens import Intrinsics, Lens, angles_from_radii, radius_from_angle
+from vemlight.capture.lens import Intrinsics, Lens, angles_from_radii, centred, radius_from_angle
 from vemlight.kernels import kernel, subroutine
 
 RADIUS_TABLE_SIZE = 4096  # angles over the radius; linear interpolation is off by (3 / 4096)^2 / 8 = 7e-8 rad at most; 1024 to 16384 do
@@ -120,7 +120,7 @@ def _fill_corners(corners, y, rays, grid, lattice):
     # x, y, z in the world, and row and column of the map, of a row of pixel corners, (n, 5)
     lens, rotation = rays.lens, rays.world_from_camera
     for n in range(len(corners)):
-        px, py = (lattice.first[0] + (n - 0.5) * lattice.size[0] - lens.cx) / lens.fx, (y - lens.cy) / lens.fy
+        px, py = centred((lattice.first[0] + (n - 0.5) * lattice.size[0] - lens.cx) / lens.fx, (y - lens.cy) / lens.fy, lens)
         radius = math.hypot(px, py)
         at = min(radius / rays.max_radius * (len(rays.angles) - 1), len(rays.angles) - 1.000001)
         i = int(at)

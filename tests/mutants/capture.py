@@ -108,6 +108,9 @@ MUTANTS = [
         ("rim beyond the back", "0 < lens.rim_deg <= 180", "0 < lens.rim_deg <= 360"),
         ("slope beyond the rim", "7 * lens.k3", "5 * lens.k3"),
         ("derivative of the polynomial", "(3, 5, 7, 9)", "(3, 5, 7, 7)"),
+        ("largest decentring", "MAX_DECENTRING = 0.5 ", "MAX_DECENTRING = 5.0 "),
+        ("decentring beyond the rim", "m = (1 + lens.p3 * (u * u + v * v)) * beyond", "m = 1 + lens.p3 * (u * u + v * v)"),
+        ("area of a decentred pixel", "ratio = ratio / ((1 + du_du)", "ratio = ratio * ((1 + du_du)"),
     ]),
     *mutants_of(CAPTURE + "pixel_overlap.py", "tests/test_pixel_overlap.py tests/test_fisheye.py", [
         ("subpixels halved", "MIN_SUBPIXELS = 8", "MIN_SUBPIXELS = 4"),
@@ -173,7 +176,7 @@ MUTANTS = [
         ("smallest square halved", "MIN_SQUARE_M, MAX_SQUARE_M = 1e-4, 100", "MIN_SQUARE_M, MAX_SQUARE_M = 5e-5, 100"),
         ("largest square doubled", "MIN_SQUARE_M, MAX_SQUARE_M = 1e-4, 100", "MIN_SQUARE_M, MAX_SQUARE_M = 1e-4, 200"),
     ]),
-    *mutants_of(CAPTURE + "calibration/lens_fit.py", "tests/test_lens_fit.py", [
+    *mutants_of(CAPTURE + "calibration/lens_fit.py", "tests/test_lens_fit.py tests/test_lens_fit_models.py", [
         ("two views", "MIN_VIEWS = 3", "MIN_VIEWS = 2"),
         ("bad views by the median, doubled", "BAD_VIEW_MEDIANS = 2.5", "BAD_VIEW_MEDIANS = 5.0"),
         ("bad views by the median, halved", "BAD_VIEW_MEDIANS = 2.5", "BAD_VIEW_MEDIANS = 1.25"),
@@ -186,6 +189,8 @@ MUTANTS = [
         ("no robust loss", "FIRST_LOSS_PX, LOSS_PX = 10.0, 1.0", "FIRST_LOSS_PX, LOSS_PX = 10.0, 10.0"),
         ("narrow loss from the start", "FIRST_LOSS_PX, LOSS_PX = 10.0, 1.0", "FIRST_LOSS_PX, LOSS_PX = 1.0, 1.0", "1 to 40 do"),
         ("no prior", "PRIOR_TERM = 0.3", "PRIOR_TERM = 1e6", "it matters only where corners determine nothing"),
+        ("no decentring", "for decentring in (0, 2):", "for decentring in (0, 0):", "the fit with p3 comes instead"),
+        ("decentring where there is none", "for decentring in (0, 2):", "for decentring in (2,):"),
         ("deviations", "* _rms(fit.errors) ** 2 / 2", "* _rms(fit.errors) ** 2 * 50"),
     ]),
     *mutants_of(CAPTURE + "calibration/lens_calibration.py", "tests/test_lens_fit.py", [

@@ -9,9 +9,10 @@ import numpy as np
 
 from vemlight.capture.calibration.boards import CalibrationBoard, read_views
 from vemlight.capture.calibration.lens_fit import PARAMETERS, LensReport, fit_lens
-from vemlight.capture.lens import Lens, angle_from_radius, check_lens, radius_from_angle, write_lens
+from vemlight.capture.lens import Lens, angle_from_radius, centred_points, check_lens, pixel_from_direction, write_lens
 from vemlight.errors import UserError
 from vemlight.light.images import write_png
+from vemlight.light.sphere import direction_from_angles
 from vemlight.runtime.progress import awaited
 
 # RMS by the image's longer side, half a degree across 180: a board of another size than stated leaves 20e-3, a good set 0.5e-3, so any
@@ -57,7 +58,7 @@ def lens_summary(report: LensReport) -> str:
     lines += [f"  {name}: no board found" for name in report.without_board]
     if report.outliers:
         lines.append(f"  {report.outliers} single corners left out")
-    values: dict[str, float] = dict(zip(map(str, PARAMETERS), (*lens.f, *lens.c, *lens.k), strict=True))
+    values: dict[str, float] = dict(zip(map(str, PARAMETERS), (*lens.f, *lens.c, *lens.k, *lens.p), strict=True))
     return "\n".join([*lines, *(f"{name} = {values[name]:.6g} +- {sigma:.2g}" for name, sigma in report.sigma.items())])
 
 
@@ -68,8 +69,7 @@ def rim_from_brightness(lens: Lens, brightest: np.ndarray) -> float:
     without such an edge, the farthest corner of the image.
     """
     height, width = brightest.shape
-    x, y = np.meshgrid((np.arange(width) - lens.c[0]) / lens.f[0], (np.arange(height) - lens.c[1]) / lens.f[1])
-    radius = np.hypot(x, y) * lens.f[0]
+    radius = np.hypot(*centred_points(lens)) * lens.f[0]
     ring = radius.astype(int)
     lit = brightest > np.median(brightest[radius < min(height, width) / 4]) * RIM_BRIGHTNESS
     lit_fraction = np.bincount(ring.ravel(), lit.ravel()) / np.maximum(np.bincount(ring.ravel()), 1)
@@ -99,10 +99,10 @@ def coverage_picture(report: LensReport, brightest: np.ndarray) -> np.ndarray:
     lens = report.lens
     middle = (round(lens.c[0]), round(lens.c[1]))
     for degrees in (*range(30, int(lens.rim_deg), 30), lens.rim_deg):
-        radius = radius_from_angle(math.radians(degrees), lens.intrinsics)
-        axes = (round(lens.f[0] * radius), round(lens.f[1] * radius))
-        cv2.ellipse(image, middle, axes, 0, 0, 360, (200, 160, 60), 1, cv2.LINE_AA)
-        cv2.putText(image, f"{degrees:.0f}", (middle[0] + 3, middle[1] - axes[1] + 14), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (200, 160, 60), 1)
+        circle = pixel_from_direction(direction_from_angles(math.radians(degrees), np.radians(np.arange(0, 360, 3))), lens)
+        cv2.polylines(image, [np.rint(circle).astype(np.int32)], True, (200, 160, 60), 1, cv2.LINE_AA)
+        top = (middle[0] + 3, round(circle[:, 1].min()) + 14)
+        cv2.putText(image, f"{degrees:.0f}", top, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (200, 160, 60), 1)
     for x, y, dx, dy in report.residuals:
         start, end = (round(x), round(y)), (round(x + ERROR_SCALE * dx), round(y + ERROR_SCALE * dy))
         cv2.line(image, start, end, (60, 200, 255), 1, cv2.LINE_AA)

@@ -31,7 +31,9 @@ OUTLIER_MEDIANS = 6.0  # corners farther off than so many medians are left out: 
 # Errors of photographs repeat from view to view and let a needless term gain 1 %; one that an equisolid lens needs gains 1.5 to 2 %.
 SIMPLER_FACTOR = 1.012
 HALF_VIEWS_DEG = np.arange(30.0, 130.0, 5.0)  # of the candidate lenses; twice the step finds the same valley
-PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "p3")
+# The same of decentring, by the share of the outermost corner's radius that it moves: p1 and p2, then p3. Lenses have 0.001 to 0.02.
+PRIOR_DECENTRING = (0.05, 0.05, 1.0)
 
 
 class LensReport(NamedTuple):
@@ -51,7 +53,8 @@ class LensReport(NamedTuple):
 class JointFit(NamedTuple):
     """Lens and poses that fit the corners of all views together."""
 
-    lens: np.ndarray  # (8,) float64, as PARAMETERS names them
+    lens: np.ndarray  # (11,) float64, as PARAMETERS names them
+    fitted: np.ndarray  # (11,) bool, which of them were fitted; the others are 0
     poses: np.ndarray  # (views, 6) float64
     jacobian: np.ndarray  # of the residuals by the fitted parameters, without the robust loss's weights
     errors: list[np.ndarray]  # of each view's corners in px, (n, 2)
@@ -63,9 +66,9 @@ def fit_lens(views: list[BoardView], size: tuple[int, int], without_board: list[
     corners = sum(len(view.pixels) for view in inliers)
     inliers = _without_outliers(inliers, fit.errors)
     outliers = corners - sum(len(view.pixels) for view in inliers)
-    fit = _simplest(inliers, _fit(inliers, fit.lens, fit.poses, 4))
+    fit = _simplest(inliers, _fit(inliers, fit.lens, fit.poses, Terms(4, 3)))
     reach = max(float(angle_off_axis(points_from_pose(fit.poses[n], view.points)).max()) for n, view in enumerate(inliers))
-    fx, fy, cx, cy, k1, k2, k3, k4 = map(float, fit.lens)
+    fx, fy, cx, cy, k1, k2, k3, k4, p1, p2, p3 = map(float, fit.lens)
     lens = Lens(
         size=size,
         f=(fx, fy),
@@ -74,6 +77,9 @@ def fit_lens(views: list[BoardView], size: tuple[int, int], without_board: list[
         k2=k2,
         k3=k3,
         k4=k4,
+        p1=p1,
+        p2=p2,
+        p3=p3,
         rim_deg=math.degrees(reach),
         views=len(inliers),
         rms_px=_rms(fit.errors),
@@ -92,7 +98,7 @@ def _without_bad_views(views: list[BoardView], size: tuple[int, int], without_bo
     inliers = list(views)
     lens, poses = _first_estimate(inliers, size)
     while True:
-        fit = _fit(inliers, lens, poses, 4)
+        fit = _fit(inliers, lens, poses, Terms(4, 2))
         rms = np.array([_rms([errors]) for errors in fit.errors])
         worst = int(rms.argmax())
         if rms[worst] <= max(BAD_VIEW_MEDIANS * np.median(rms), BAD_VIEW_PX):
@@ -109,12 +115,19 @@ def _without_outliers(views: list[BoardView], errors: list[np.ndarray]) -> list[
 
 
 def _simplest(views: list[BoardView], full: JointFit) -> JointFit:
-    # the fit with the fewest of k1..k4 that is about as good as the `full` one
-    for terms in (1, 2, 3):
-        fit = _fit(views, np.where(np.arange(8) < 4 + terms, full.lens, 0.0), full.poses, terms)
+    # the fit with the least decentring, then with the fewest of k1..k4, that is about as good as the one with more
+    best = full
+    for decentring in (0, 2):
+        fit = _fit(views, full.lens, full.poses, Terms(4, decentring))
         if _rms(fit.errors) <= SIMPLER_FACTOR * _rms(full.errors):
+            best = fit
+            break
+    decentring = int(best.fitted[8:].sum())
+    for radial in (1, 2, 3):
+        fit = _fit(views, best.lens, best.poses, Terms(radial, decentring))
+        if _rms(fit.errors) <= SIMPLER_FACTOR * _rms(best.errors):
             return fit
-    return full
+    return best
 
 
 def _deviations(fit: JointFit) -> dict[str, float]:
@@ -122,7 +135,7 @@ def _deviations(fit: JointFit) -> dict[str, float]:
     scale = np.linalg.norm(fit.jacobian, axis=0)
     covariance = np.linalg.pinv((fit.jacobian / scale).T @ (fit.jacobian / scale)) * _rms(fit.errors) ** 2 / 2
     deviation = np.sqrt(np.diag(covariance)) / scale
-    return {name: float(deviation[n]) for n, name in enumerate(PARAMETERS[: fit.jacobian.shape[1] - fit.poses.size])}
+    return {PARAMETERS[number]: float(deviation[n]) for n, number in enumerate(np.flatnonzero(fit.fitted))}
 
 
 def _rms(errors: list[np.ndarray]) -> float:
@@ -147,7 +160,7 @@ def _first_estimate(views: list[BoardView], size: tuple[int, int]) -> tuple[np.n
         poses, missed = zip(*(pose_from_rays(_equidistant_rays(view.pixels, f, centre), view.points) for view in views), strict=True)
         score = float(np.mean(np.minimum(np.concatenate(missed) * f, MAX_START_MISS_PX)))
         if score < best[0]:
-            best = score, np.array([f, f, *centre, 0, 0, 0, 0]), np.array(poses)
+            best = score, np.array([f, f, *centre, *np.zeros(7)]), np.array(poses)
     return best[1], best[2]
 
 
@@ -158,27 +171,48 @@ def _equidistant_rays(pixels: np.ndarray, f: float, centre: np.ndarray) -> np.nd
 
 
 def _project(seen: np.ndarray, lens: np.ndarray) -> np.ndarray:
-    # pixels (n, 2) of points (n, 3) in camera axes; the plain polynomial without the rim, smooth for the fit
+    # pixels (n, 2) of points (n, 3) in camera axes; the plain polynomials without the rim, smooth for the fit
     theta, across = angle_off_axis(seen), np.hypot(seen[:, 0], seen[:, 1])
     s = theta**2
     radius = theta * (1 + s * (lens[4] + s * (lens[5] + s * (lens[6] + s * lens[7]))))
-    return lens[2:4] + lens[:2] * seen[:, :2] * (radius / np.maximum(across, 1e-300))[:, None]
+    points = seen[:, :2] * (radius / np.maximum(across, 1e-300))[:, None]
+    p1, p2, p3 = lens[8:]
+    if p1 or p2:
+        u, v = points.T
+        added = np.stack([2 * p1 * u * v + p2 * (3 * u * u + v * v), p1 * (u * u + 3 * v * v) + 2 * p2 * u * v], axis=-1)
+        points = points + added * (1 + p3 * (u * u + v * v))[:, None]
+    return lens[2:4] + lens[:2] * points
+
+
+class Terms(NamedTuple):
+    """How many of k1..k4 and of p1..p3 are fitted; the others are 0."""
+
+    radial: int
+    decentring: int
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """Which of PARAMETERS, (11,) bool."""
+        number = np.arange(len(PARAMETERS))
+        return (number < 4 + self.radial) | ((number >= 8) & (number < 8 + self.decentring))
 
 
 class _JointProblem:
-    """Residuals of all corners, and of the prior on k1..k4, by the lens's parameters and all poses."""
+    """Residuals of all corners, and of the prior on k1..k4 and p1..p3, by the lens's parameters and all poses."""
 
-    def __init__(self, views: list[BoardView], poses: np.ndarray, terms: int):
-        """The first `terms` of k1..k4 are fitted, the others are 0."""
-        self.views, self.terms, self.lens_size = len(views), terms, 4 + terms
+    def __init__(self, views: list[BoardView], poses: np.ndarray, terms: Terms):
+        self.views, self.fitted, self.lens_size = len(views), terms.fitted, int(terms.fitted.sum())
         self.which = np.repeat(np.arange(len(views)), [len(view.pixels) for view in views])
         self.pixels, self.points = np.concatenate([v.pixels for v in views]), np.concatenate([v.points for v in views])
         reach = float(angle_off_axis(points_from_poses(poses, self.which, self.points)).max())
-        self.prior_weight = np.array([reach ** (2 * n) / PRIOR_TERM for n in range(1, terms + 1)])
+        radial = [reach ** (2 * n) / PRIOR_TERM for n in range(1, 5)]
+        decentring = [reach**power / prior for power, prior in zip((1, 1, 2), PRIOR_DECENTRING, strict=True)]
+        self.prior_weight = np.array([*radial, *decentring])[self.fitted[4:]]
 
     def split(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lens (8,) and poses (views, 6)."""
-        lens = np.concatenate([parameters[: self.lens_size], np.zeros(4 - self.terms)])
+        """Lens (11,) and poses (views, 6)."""
+        lens = np.zeros(len(PARAMETERS))
+        lens[self.fitted] = parameters[: self.lens_size]
         return lens, parameters[self.lens_size :].reshape(-1, 6)
 
     def residuals(self, parameters: np.ndarray) -> np.ndarray:
@@ -206,22 +240,23 @@ class _JointProblem:
         return full
 
 
-def _fit(views: list[BoardView], lens: np.ndarray, poses: np.ndarray, terms: int) -> JointFit:
-    # all views and the lens together, with the first `terms` of k1..k4 and 0 for the others
+def _fit(views: list[BoardView], lens: np.ndarray, poses: np.ndarray, terms: Terms) -> JointFit:
+    # all views and the lens together
     problem = _JointProblem(views, poses, terms)
-    parameters = np.concatenate([lens[: problem.lens_size], poses.ravel()])
+    parameters = np.concatenate([lens[problem.fitted], poses.ravel()])
     for loss_px in (FIRST_LOSS_PX, LOSS_PX):
         jacobian: Any = problem.jacobian  # scipy's types name only its own methods
         parameters = least_squares(problem.residuals, parameters, jac=jacobian, loss="soft_l1", f_scale=loss_px, x_scale="jac").x
     errors = problem.residuals(parameters)[: 2 * len(problem.pixels)].reshape(-1, 2)
     by_view = np.split(errors, np.cumsum([len(view.pixels) for view in views])[:-1])
-    return JointFit(*problem.split(parameters), problem.jacobian(parameters), by_view)
+    lens, poses = problem.split(parameters)
+    return JointFit(lens, problem.fitted, poses, problem.jacobian(parameters), by_view)
 
 
 def _view_rms(view: BoardView, lens: Lens) -> float:
     # RMS of a view with its own best pose under a given lens
     pose, _ = pose_from_rays(direction_from_pixel(view.pixels, lens), view.points)
-    parameters = np.array([*lens.f, *lens.c, *lens.k])
+    parameters = np.array([*lens.f, *lens.c, *lens.k, *lens.p])
 
     def residuals(pose: np.ndarray) -> np.ndarray:
         return (_project(points_from_pose(pose, view.points), parameters) - view.pixels).ravel()

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.capture.lens import Intrinsics, Lens, angle_from_radius, pixel_solid_angles, radius_from_angle
+from vemlight.capture.lens import Intrinsics, Lens, angle_from_radius, centred, decentred, pixel_solid_angles, radius_from_angle
 from vemlight.capture.simulation.environment import DISC_POINTS, Environment, disc_points
 from vemlight.kernels import kernel, subroutine
 
@@ -56,6 +56,7 @@ def _gather(source, level, taken, rotation):
             for n in range(RAYS * RAYS):
                 px = (x - 0.5 + (n % RAYS + 0.5) / RAYS - lens.cx) / lens.fx
                 py = (y - 0.5 + (n // RAYS + 0.5) / RAYS - lens.cy) / lens.fy
+                px, py = centred(px, py, lens)
                 radius = math.hypot(px, py)
                 theta = min(angle_from_radius(radius, lens), math.pi)
                 across = math.sin(theta) / radius if radius > 0 else 0.0
@@ -79,7 +80,8 @@ def _scatter(dx, dy, dz, flux, taken):
         return
     radius = radius_from_angle(theta, lens)
     scale = radius / across if across > 0 else 0.0
-    x, y = math.floor(lens.cx + lens.fx * dx * scale + 0.5), math.floor(lens.cy + lens.fy * dy * scale + 0.5)
+    u, v = decentred(dx * scale, dy * scale, lens)
+    x, y = math.floor(lens.cx + lens.fx * u + 0.5), math.floor(lens.cy + lens.fy * v + 0.5)
     if 0 <= x < solid.shape[1] and 0 <= y < solid.shape[0] and solid[y, x] > 0:
         for q in range(3):
             taken.image[y, x, q] += flux[q] / solid[y, x]

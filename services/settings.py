@@ -208,6 +208,10 @@ class Renderer(SettingsSection, frozen=True):
         Shadows,
         means("by rays, exact, or by maps, fast on a GPU; auto: rays where the processor draws and `shadow_map` is left out"),
     ] = "auto"
+    bounces: Annotated[
+        Annotated[int, Meta(ge=0, le=1)],
+        means("of light from surface to surface; drawn where shadows are by rays and, live, while the frame time allows"),
+    ] = 1
     light_regions: Annotated[
         Annotated[int, Meta(ge=0, le=256)] | None,
         means("regions of the sphere of normals, each with a list of the lights above its horizon; 0: none; left out: 24 for light from "

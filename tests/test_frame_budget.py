@@ -80,7 +80,7 @@ def test_costs_of_a_steady_machine_are_exact_at_once():
     costs = UNKNOWN
     for _ in range(5):
         costs = updated_costs(costs, *frame(4.0, 10, 0.9, 10, 0.3, 72, 0.5))
-    assert costs[1:] == pytest.approx((4.0, 0.9, 0.5, 0.3, 0.0))
+    assert costs[1:] == pytest.approx((4.0, 0.9, 0.5, 0.3, 0.0, 0.0))
     still = updated_costs(costs, *frame(4.0, 0, 0.9, 0, 0.3, 72, 0.5))
     assert still[1:] == pytest.approx(costs[1:])  # a frame without maps says nothing about maps, and none without lookups about them
 

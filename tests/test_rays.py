@@ -37,7 +37,8 @@ material = {diffuse = [0.5, 0.5, 0.5]}
 
 
 def renderer_of(scene: Scene, side: int = 64, frame_ms: float = 0.0, samples: int = 1, shadows: str = "rays") -> SceneRenderer:
-    return SceneRenderer(scene, Settings(width=side, height=side, shadows=shadows, frame_ms=frame_ms), samples)  # type: ignore[arg-type]
+    wanted = Settings(width=side, height=side, shadows=shadows, frame_ms=frame_ms, bounces=0)  # type: ignore[arg-type]
+    return SceneRenderer(scene, wanted, samples)
 
 
 def scene_of(folder: Path, text: str) -> Scene:

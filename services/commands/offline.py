@@ -88,6 +88,7 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
         "background": options.background,
         "shadow_map": options.shadow_map,
         "shadows": options.shadows,
+        "bounces": options.bounces,
         "exposure": options.exposure,
     }
     return section_from_options(settings.Renderer, given)

@@ -67,6 +67,7 @@ class RenderOptions(SamplingOptions, frozen=True, kw_only=True):
     gloss_lights: int | None = None
     shadow_map: int | None = None  # texels on a side
     shadows: str | None = None
+    bounces: int = 1
 
 
 class SimulateOptions(msgspec.Struct, frozen=True, kw_only=True):

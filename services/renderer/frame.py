@@ -29,7 +29,7 @@ class FrameSetup(NamedTuple):
     """What all frames of a scene have in common. size: width, height in pixels. samples: of each pixel, which becomes their mean.
 
     target_ms: for a frame; 0: everything is drawn, however long it takes. kinds: of the scene's materials. rest: where the scene file
-    puts everything. traced: whether shadows are by rays, not by maps.
+    puts everything. traced: whether shadows are by rays, not by maps. bounces: whether surfaces light each other.
     """
 
     scene: Scene
@@ -42,6 +42,7 @@ class FrameSetup(NamedTuple):
     emissive: bool
     rest: ScenePose
     traced: bool = False
+    bounces: bool = False
 
     @property
     def glossy(self) -> bool:
@@ -111,9 +112,9 @@ class FrameState(NamedTuple):
     """What a frame leaves to the next: choices with hysteresis, and what is cached on the GPU once the frame is drawn.
 
     placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short. gloss:
-    whether there is time for the gloss set. maps: cached shadow maps with their lookups; None where the next frame draws all. layers: of
-    traced lights, likewise. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the scene
-    stood when each luminaire's maps were drawn.
+    whether there is time for the gloss set; bounce: for the bounce. maps: cached shadow maps with their lookups; None where the next frame
+    draws all. layers: of traced lights, likewise. lookup_pose: of the surfaces for which lookups may be cached or lights traced.
+    luminaire_maps: where the scene stood when each luminaire's maps were drawn.
     """
 
     placed: PlacedCasters
@@ -121,6 +122,7 @@ class FrameState(NamedTuple):
     coarsening: int
     demand: MapDemand
     gloss: bool
+    bounce: bool
     maps: MapCache | None
     layers: TracedLayers | None
     lookup_pose: ScenePose | None

@@ -25,6 +25,7 @@ from vemlight.renderer.frame_budget import (
     affordable_lights,
     affordable_maps,
     affordable_traces,
+    bounce_affordable,
     coarsening,
     gloss_affordable,
     map_work,
@@ -76,6 +77,7 @@ def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_tex
         emissive=any(emits(material) for material in materials),
         rest=scene_pose(scene, 0.0),
         traced=traced,
+        bounces=traced and settings.bounces > 0,
     )
 
 
@@ -89,6 +91,7 @@ def initial_state(setup: FrameSetup) -> FrameState:
         coarsening=0,
         demand=MapDemand(),
         gloss=True,
+        bounce=True,
         maps=None,
         layers=None,
         lookup_pose=None,
@@ -98,7 +101,9 @@ def initial_state(setup: FrameSetup) -> FrameState:
 
 
 class Lighting(NamedTuple):
-    """How a frame sums its lights; fields as in FramePlan. caches_visibility: whether lookups go through the visibility cache."""
+    """How a frame sums its lights; fields as in FramePlan. caches_visibility: whether lookups go through the visibility cache. bounce:
+    whether surfaces light each other.
+    """
 
     lights: LightSet
     gloss: LightSet
@@ -107,6 +112,7 @@ class Lighting(NamedTuple):
     unshadowed: Colour
     caches_visibility: bool = False
     work: FrameWork | None = None
+    bounce: bool = False
 
 
 def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostModel) -> tuple[FramePlan, FrameState]:
@@ -145,7 +151,7 @@ def plan_upload(state: FrameState, picture: np.ndarray, shown: FrameInput) -> Fr
 
 def budget_of(setup: FrameSetup, state: FrameState, costs: CostModel) -> Budget:
     """What the next frame may take, and what it would take if no surface moved."""
-    return Budget(setup.target_ms, costs, state.demand, state.gloss)
+    return Budget(setup.target_ms, costs, state.demand, state.gloss, bounce=state.bounce and setup.bounces)
 
 
 def same_places(a: ScenePose | None, b: ScenePose) -> bool:
@@ -169,7 +175,7 @@ def _whole(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Ligh
     else:
         batches = all_batches(setup.shadows, state.placed, lights)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state._replace(maps=None, layers=None), Lighting(lights, gloss, batches, setup.samples, unshadowed)
+    return state._replace(maps=None, layers=None), Lighting(lights, gloss, batches, setup.samples, unshadowed, bounce=setup.bounces)
 
 
 def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted: AccumulationPass) -> tuple[FrameState, Lighting]:
@@ -185,18 +191,19 @@ def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted
     whole = wanted.light.cells() if MaterialKind.SHADOW_CATCHER in setup.kinds else lights
     unshadowed = _catcher_irradiance(setup, shown.pose, whole)
     after = state._replace(maps=None, layers=None)
-    return after, Lighting(lights, LightSet.none(), batches, (PixelSample(x, y, wanted.number),), unshadowed)
+    return after, Lighting(lights, LightSet.none(), batches, (PixelSample(x, y, wanted.number),), unshadowed, bounce=setup.bounces)
 
 
 def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, costs: CostModel) -> tuple[FrameState, Lighting]:
     """As many lights, and as many redrawn maps or traced lights, as the target time allows."""
     surfaces_moved = not same_places(state.lookup_pose, shown.pose)
-    budget = Budget(setup.target_ms, costs, state.demand, state.gloss, surfaces_moved)
+    budget = Budget(setup.target_ms, costs, state.demand, state.gloss, surfaces_moved, state.bounce and setup.bounces)
+    budget = budget._replace(bounce=setup.bounces and bounce_affordable(budget))
     budget = budget._replace(gloss=gloss_affordable(budget))
     gloss = shown.gloss if budget.gloss else LightSet.none()
     lights = strongest_lights(lights, affordable_lights(budget) or len(lights.ids))
     if setup.traced:
-        return _traced_in_time(setup, state._replace(gloss=budget.gloss), shown, lights, gloss, budget)
+        return _traced_in_time(setup, state._replace(gloss=budget.gloss, bounce=budget.bounce), shown, lights, gloss, budget)
     coarser = coarsening(state.demand, state.coarsening, MAX_COARSENING)
     demand = state.demand if coarser == state.coarsening else state.demand._replace(backlog=1.0)
     halvings = halvings_by_id(setup.shadows, lights, coarser, state.halvings)
@@ -233,11 +240,11 @@ def _traced_in_time(
     batch, demand = traced.batch, state.demand
     if budget.costs.frames >= WARM_UP_FRAMES:
         demand = updated_demand(demand, np.ones(batch.every.count), np.ones(traced.stale), batch.unknown.count)
-    work = FrameWork(0.0, batch.unknown.count, batch.every.count, budget.gloss)
+    work = FrameWork(0.0, batch.unknown.count, batch.every.count, budget.gloss, budget.bounce)
     kept = traced.layers if len(setup.samples) == 1 else None
     state = state._replace(demand=demand, layers=kept, lookup_pose=shown.pose)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state, Lighting(lights, gloss, (batch,), setup.samples, unshadowed, work=work)
+    return state, Lighting(lights, gloss, (batch,), setup.samples, unshadowed, work=work, bounce=budget.bounce)
 
 
 def _most_layers(size: tuple[int, int]) -> int:
@@ -287,6 +294,8 @@ def _passes(
             rows.append(pass_table.LIGHTS)
             if glossy and first:
                 rows.append(pass_table.GLOSS)
+            if lighting.bounce and first:
+                rows.append(pass_table.BOUNCE)
             runs += [PassRun(row, number, k) for row in rows]
     if shown.background or shown.plate or setup.scene.plate is not None:
         runs.append(PassRun(pass_table.COMPOSITING))

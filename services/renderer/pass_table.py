@@ -53,6 +53,7 @@ GLOSS = Pass(
     ("picture",),
     "passes/gloss/gloss.py",
 )
+BOUNCE = Pass("bounce", "bounce", ("lights", "pose", "G-buffer"), ("picture", "matte"), "passes/bounce/bounce.py")
 COMPOSITING = Pass(
     "compositing",
     "compositing",
@@ -66,6 +67,6 @@ ADAPTATION = Pass("adaptation", "read-back", ("picture", "previous adaptation"),
 TONE_MAPPING = Pass("tone mapping", "tone mapping", ("picture", "adaptation", "exposure"), ("pixels",), "passes/present/present.py")
 
 PASSES = (
-    LUMINAIRE_MAPS, SHADOW_MAPS, GLOSS_ROWS, G_BUFFER, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS, GLOSS,
+    LUMINAIRE_MAPS, SHADOW_MAPS, GLOSS_ROWS, G_BUFFER, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS, GLOSS, BOUNCE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -76,6 +76,7 @@ class Renderer:
         self._frames = LightFrames(context, programs)
         self._layers = VisibilityLayers(context, size)
         self._rays = _traced_visibility(scene, size, self._layers) if traced else None
+        self._bounce = self._rays.bounce(context, programs, scene, live=setup.target_ms > 0) if self._rays and setup.bounces else None
         self._atlas = None if traced else ShadowAtlas(context, programs, scene, setup.shadows.casters, self._frames)
         self._g_buffer = GBuffer(context, programs, scene, size)
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
@@ -101,6 +102,7 @@ class Renderer:
             pass_table.RAYS: self._trace,
             pass_table.LIGHTS: self._add_lights,
             pass_table.GLOSS: self._add_gloss,
+            pass_table.BOUNCE: self._add_bounce,
             pass_table.COMPOSITING: self._composite,
             pass_table.UPLOAD: self._upload,
         }
@@ -246,6 +248,17 @@ class Renderer:
         arriving = self._atlas or self._layers
         self._gloss.add(self._g_buffer, self._frames, arriving, plan.batches[run.batch], self._shading.frame, 1 / len(plan.samples))
 
+    def _add_bounce(self, plan: FramePlan, run: PassRun) -> None:
+        """Adds what surfaces send to each other; all samples of a pixel have what was gathered at the first."""
+        assert self._bounce
+        if run.sample == 0:
+            self._bounce.gather(plan.lights)
+        weight = 1 / len(plan.samples)
+        self._bounce.add(self._g_buffer, self._shading.frame, (weight, weight, weight))
+        if self._shading.matte_frame:  # it brightens what lies behind by its fraction of the light there
+            red, green, blue = (-weight / value if value > NO_LIGHT else 0.0 for value in plan.unshadowed)
+            self._bounce.add(self._g_buffer, self._shading.matte_frame, (red, green, blue), catchers=True)
+
     def _composite(self, plan: FramePlan, _run: PassRun) -> None:
         scene_plate = self.setup.scene.plate
         plate = plan.shown.plate or (PlatePicture(scene_plate) if scene_plate is not None else None)
@@ -262,7 +275,7 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            visibility = (self._frames, self._layers, self._rays, self._atlas, self._visibility_cache)
+            visibility = (self._frames, self._layers, self._bounce, self._rays, self._atlas, self._visibility_cache)
             drawing = (*visibility, self._g_buffer, self._shading, self._gloss, self._illumination, self._emission)
             for part in (*drawing, self._plate, self._background, self._present, self._programs):
                 if part is not None:

@@ -38,6 +38,18 @@ MUTANTS = [
         ("masks without holes", "if alpha < cutoff:", "if alpha < 0:"),
         ("coverage takes all", "context[ray] *= 1 - ", "context[ray] *= 0 * "),
     ]),
+    *mutants_of(RENDERER + "rays/bounce.py", "tests/test_bounce.py", [
+        ("chosen lights count once", "share += step / brought[i]", "share = np.float32(1.0)"),
+        ("albedo twice", "hits.albedo[row, column, ray, axis] / PI", "hits.albedo[row, column, ray, axis] / PI * hits.albedo[row, column, ray, axis]"),
+        ("light through roofs", "if query.rays[FAR, k] >= 0:", "if query.rays[FAR, k] >= -np.inf:"),
+        ("irradiance without pi", "+= PI / count *", "+= 1 / count *"),
+        ("mirrored away", "2 * height * nx - vx / length", "vx / length"),
+    ]),
+    *mutants_of(RENDERER + "rays/hits.py", "tests/test_bounce.py", [
+        ("directions uniform", "radius = np.sqrt(u)", "radius = u"),
+        ("unlit without its vertices", "emission * own if meshes.unlit[mesh] else emission", "emission"),
+        ("dielectrics without their reflectance", "min(reflectance + (1 - reflectance)", "min((1 - reflectance)"),
+    ]),
     *mutants_of(RENDERER + "shadows.py", "tests/test_rays.py", [
         ("rays on a GPU", "(shadow_map is not None or not on_processor)", "(shadow_map is not None)"),
         ("rays in spite of a resolution of maps", "(shadow_map is not None or not on_processor)", "not on_processor"),

@@ -1,6 +1,6 @@
 """A scene's triangles in Embree, Intel's library of ray kernels, which the package embreex brings along.
 
-Only what shadow rays need is declared here, by ctypes: embreex' own Python layer traces a sixth of the rays in the same time.
+Only what shadow rays and bounces need is declared here, by ctypes: embreex' own Python layer traces a sixth of the rays in the same time.
 """
 
 import ctypes
@@ -35,9 +35,11 @@ FUNCTIONS = {
     "rtcUpdateGeometryBuffer": (None, [POINTER, INT, UINT]),
     "rtcSetGeometryUserData": (None, [POINTER, POINTER]),
     "rtcSetGeometryOccludedFilterFunction": (None, [POINTER, POINTER]),
+    "rtcSetGeometryIntersectFilterFunction": (None, [POINTER, POINTER]),
     "rtcCommitGeometry": (None, [POINTER]),
     "rtcAttachGeometry": (UINT, [POINTER, POINTER]),
     "rtcOccluded16": (None, [POINTER, POINTER, POINTER, POINTER]),
+    "rtcIntersect16": (None, [POINTER, POINTER, POINTER, POINTER]),
 }
 
 
@@ -98,6 +100,7 @@ class RayScene:
             if filters and number in filters:
                 function, data = filters[number]
                 self._embree.rtcSetGeometryOccludedFilterFunction(geometry, function)
+                self._embree.rtcSetGeometryIntersectFilterFunction(geometry, function)
                 self._embree.rtcSetGeometryUserData(geometry, data)
             self._geometries.append(geometry)
         self.place(np.tile(np.eye(4), (len(scene.meshes), 1, 1)))

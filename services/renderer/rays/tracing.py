@@ -69,6 +69,23 @@ class RayTracer:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(cores, "rays")
         self._surfaces: Surfaces | None = None
+        self.normal_codes = np.zeros((*size[::-1], 4), np.uint16)  # of these surfaces
+
+    @property
+    def scene(self) -> RayScene:
+        """What it traces."""
+        return self._scene
+
+    @property
+    def reach_m(self) -> float:
+        """The farthest coordinate of the scene."""
+        return self._reach_m
+
+    @property
+    def surfaces(self) -> Surfaces:
+        """What `see` was given last."""
+        assert self._surfaces is not None
+        return self._surfaces
 
     def place(self, matrices: np.ndarray) -> None:
         """Moves the meshes: world_from_rest (n, 4, 4)."""
@@ -81,7 +98,7 @@ class RayTracer:
         surfaces = Surfaces(np.empty((height, width, 3), np.float32), np.empty((height, width, 3), np.float32))
         camera = np.concatenate([ray_from_pixel.T, [eye - self._scene.origin]])
         _decode(depth, normal_codes, camera, (LIFT_OF_DISTANCE, LIFT_OF_REACH * self._reach_m), surfaces)
-        self._surfaces = surfaces
+        self._surfaces, self.normal_codes = surfaces, normal_codes
 
     def trace(self, directions: np.ndarray) -> np.ndarray:
         """The fraction of each light that arrives at each pixel, (n, height, width) uint8, for directions (n, 3) float32 to the lights."""
@@ -113,16 +130,16 @@ class RayTracer:
 
 
 def _packet() -> Packet:
-    rays, words, context = _aligned(RAY_LINES * 16), _aligned(16), _aligned(PASSED + 16)
+    rays, words, context = aligned(RAY_LINES * 16), aligned(16), aligned(PASSED + 16)
     arguments = words.view(np.uint32)
     arguments[:2] = COHERENT, ALL_FEATURES
     arguments[2:4] = np.array([context.ctypes.data], np.uint64).view(np.uint32)
     words[8] = 1.0  # times the radius of curves, of which there are none
     context.view(np.uint32)[:PASSED] = 0xFFFFFFFF  # of the instances that a ray is in: none
-    return Packet(_aligned(16).view(np.int32), rays.reshape(RAY_LINES, 16), rays.view(np.uint32).reshape(RAY_LINES, 16), arguments, context)
+    return Packet(aligned(16).view(np.int32), rays.reshape(RAY_LINES, 16), rays.view(np.uint32).reshape(RAY_LINES, 16), arguments, context)
 
 
-def _aligned(count: int) -> np.ndarray:
+def aligned(count: int) -> np.ndarray:
     """Zeros (count,) float32 from a multiple of ALIGNMENT on."""
     block = np.zeros(4 * count + ALIGNMENT, np.uint8)
     first = -block.ctypes.data % ALIGNMENT

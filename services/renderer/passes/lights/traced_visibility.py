@@ -4,8 +4,11 @@ Exact at every distance and for every caster, where a map has texels. On a machi
 as much as its map and the lookups in it; on one with a card maps are far cheaper. Which lights a frame traces, its plan says.
 """
 
+import moderngl
 import numpy as np
 
+from vemlight.renderer.gl.programs import Programs
+from vemlight.renderer.passes.bounce.bounce import BounceLight
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
@@ -20,6 +23,10 @@ class TracedVisibility:
 
     def __init__(self, scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> None:
         self._tracer, self._size, self._layers = RayTracer(scene, size), size, layers
+
+    def bounce(self, context: moderngl.Context, programs: Programs, scene: Scene, live: bool) -> BounceLight:
+        """What gathers a bounce on the surfaces that this sees."""
+        return BounceLight(context, programs, scene, self._size, self._tracer, live)
 
     def place(self, matrices: np.ndarray) -> None:
         """Moves the meshes: world_from_rest (n, 4, 4)."""

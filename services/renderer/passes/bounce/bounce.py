@@ -1,0 +1,80 @@
+"""One bounce of light, added to a picture: gathered by rays on the processor for blocks of pixels, brought to all pixels here."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import moderngl
+import numpy as np
+
+from vemlight.light.light_set import LightSet
+from vemlight.renderer.gl.constants import NORMAL_CODES
+from vemlight.renderer.gl.programs import Programs
+from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
+from vemlight.renderer.passes.gbuffer.normals import direction_from_octahedron, octahedron_from_code
+from vemlight.renderer.rays.bounce import BLOCK, SAME_NORMAL, SAME_PLANE, Blocks, Bounce, block_pixels
+from vemlight.renderer.rays.reflecting import reflecting_meshes
+from vemlight.renderer.rays.tracing import RayTracer, Surfaces
+from vemlight.renderer.scene.scene import Scene
+
+LIVE_RAYS, LIVE_SHADOW_RAYS = 16, 4
+STILL_RAYS, STILL_SHADOW_RAYS = 64, 8  # for files: a quarter of the variance each
+
+
+class BounceLight:
+    """What surfaces send to each other in pictures of `size` pixels (width, height)."""
+
+    def __init__(
+        self, context: moderngl.Context, programs: Programs, scene: Scene, size: tuple[int, int], tracer: RayTracer, live: bool
+    ) -> None:
+        self._context, self._tracer = context, tracer
+        self._threads = ThreadPoolExecutor(os.cpu_count(), "bounce")
+        rays, shadow_rays = (LIVE_RAYS, LIVE_SHADOW_RAYS) if live else (STILL_RAYS, STILL_SHADOW_RAYS)
+        self._bounce = Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, self._threads, rays, shadow_rays)
+        self._eye = np.array(scene.camera.position, np.float64)
+        self._seen: Surfaces | None = None
+        blocks = -(-size[0] // BLOCK), -(-size[1] // BLOCK)
+        self._textures = {f"block_{name}": context.texture(blocks, 4, dtype="f4") for name in Blocks._fields}
+        for texture in self._textures.values():
+            texture.filter = moderngl.NEAREST, moderngl.NEAREST
+        self._programs = [programs.program("screen.vert", "bounce.frag", CATCHERS=catchers) for catchers in (0, 1)]
+        self._arrays = [context.vertex_array(program, []) for program in self._programs]
+
+    def gather(self, lights: LightSet) -> None:
+        """Gathers the light that the surfaces seen last send to each other under these lights."""
+        if self._seen is not self._tracer.surfaces:
+            self._seen = self._tracer.surfaces
+            self._bounce.see(self._of_blocks(self._seen), self._eye)
+        traces = np.zeros(len(lights.ids)) if lights.covariances is None else lights.covariances[:, [0, 3, 5]].sum(axis=1)
+        blocks = self._bounce.gather(lights.directions, lights.irradiance, np.sqrt(traces / 2))
+        there = np.any(blocks.normals, axis=-1, keepdims=True)
+        for texture, values in zip(self._textures.values(), blocks, strict=True):
+            texture.write(np.concatenate([values, there], axis=-1, dtype=np.float32).tobytes())
+
+    def _of_blocks(self, surfaces: Surfaces) -> Surfaces:
+        """The surfaces of the pixels that stand for blocks, with their normals for shading."""
+        rows, columns = block_pixels(surfaces.normals)
+        codes = self._tracer.normal_codes[rows, columns, :2].astype(np.float32) / np.float32(2 * NORMAL_CODES + 1)
+        there = surfaces.normals[rows, columns].any(axis=-1, keepdims=True)
+        normals = np.where(there, direction_from_octahedron(octahedron_from_code(codes)), 0.0)
+        return Surfaces(surfaces.places[rows, columns], normals.astype(np.float32))
+
+    def add(self, g_buffer: GBuffer, frame: moderngl.Framebuffer, scale: tuple[float, float, float], catchers: bool = False) -> None:
+        """Adds what was gathered last, times `scale`, to the surfaces in `frame`; with `catchers`, the irradiance of shadow catchers."""
+        program = self._programs[catchers]
+        unit = g_buffer.bind(program)
+        for k, (name, texture) in enumerate(self._textures.items()):
+            if name in program:
+                texture.use(unit + k)
+                program[name] = unit + k
+        program["origin"], program["block"], program["scale"] = tuple(self._tracer.scene.origin.tolist()), float(BLOCK), scale
+        program["same_normal"], program["same_plane"] = SAME_NORMAL, SAME_PLANE
+        frame.use()
+        self._context.enable_only(moderngl.BLEND)
+        self._context.blend_func = moderngl.ONE, moderngl.ONE
+        self._arrays[catchers].render(moderngl.TRIANGLES, vertices=3)
+
+    def release(self) -> None:
+        """Frees what this holds."""
+        self._threads.shutdown()
+        for resource in (*self._arrays, *self._textures.values()):
+            resource.release()

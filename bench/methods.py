@@ -99,7 +99,7 @@ STILL = [
     *_mitsuba(),
 ]
 MOVING = [
-    ours(TRACKED, method="tracked", deflicker=True),
+    ours(TRACKED, method="tracked"),
     ours("tracked, nothing smoothed", method="tracked", filter="none"),
     ours("Havran 2005: azimuth first, FIR", method="havran-azimuth", points="relaxed"),
     ours("Havran, azimuth first", method="havran-azimuth", filter="none"),

@@ -160,7 +160,7 @@ class Sampler(SettingsSection, frozen=True):
     soft: Annotated[
         bool, means("tracked lights carry the extent of their light, for programs that draw it; the renderer draws points and warns")
     ] = False
-    deflicker: Annotated[bool, means("remove mains flicker of lamps")] = False
+    deflicker: Annotated[bool, means("remove mains flicker of lamps where its beat is found beyond doubt")] = True
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0
     gloss_lights: Annotated[Count0, means("lights of the gloss set, a second, larger set for glossy surfaces; 0: none")] = 0
     error_percent: Annotated[

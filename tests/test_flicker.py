@@ -132,9 +132,9 @@ def test_a_depth_below_three_per_mille_is_not_reported(depth, found):
 
 
 @pytest.mark.parametrize(
-    ("explained", "before", "found"), [(0.35, 0.2, False), (0.5, 0.2, True), (0.5, 0.0, False), (0.7, 0.0, True), (0.85, 0.0, True)]
+    ("explained", "before", "found"), [(0.45, 0.2, False), (0.6, 0.2, True), (0.6, 0.0, False), (0.7, 0.0, False), (0.82, 0.0, True)]
 )
-def test_flicker_is_found_at_three_fifths_of_the_variance_and_lost_at_two(explained, before, found):
+def test_flicker_is_found_at_three_quarters_of_the_variance_and_lost_at_half(explained, before, found):
     # A lamp in noise that leaves it that fraction of the variance, made exactly so by fitting the noise out of its span.
     times = np.arange(64) / 21
     state = watch(times[:-1], lamp(times[:-1], depth=0.02))[-1]
@@ -146,7 +146,7 @@ def test_flicker_is_found_at_three_fifths_of_the_variance_and_lost_at_two(explai
     signal = sine - span[:3].T @ np.linalg.lstsq(span[:3].T, sine, rcond=None)[0]
     noise *= np.sqrt((signal @ signal) / (noise @ noise) * (1 - explained) / explained)
     power = np.exp(0.02 * (signal + noise))
-    state = state._replace(times_s=times[:-1], powers=power[:-1, None], depth=before)
+    state = state._replace(times_s=times[:-1], powers=power[:-1, None], lamps_hz=np.full(int(before > 0), 100.0))
     assert (flicker_after(state, float(times[-1]), power[-1:]).depth > 0) == found
 
 
@@ -172,3 +172,52 @@ def test_a_block_is_corrected_by_what_its_sines_explain(explained, part):
 def test_blocks_are_fifteen_degrees():
     even = light_map(np.ones((90, 360, 3), np.float32), "hemisphere")
     assert len(block_powers(even, True)) == 6 * 24
+
+
+FRAMES_A_SECOND = (21.0, 24.0, 25.0, 29.97, 30.0, 50.0, 60.0)
+
+
+def received(fps, count, generator, lost=0.2):
+    """Times of the frames that arrive, with the jitter of their stamps."""
+    times = np.arange(count) / fps
+    return times[generator.random(count) >= lost] + generator.uniform(-1e-4, 1e-4)
+
+
+def scene(kind, times, generator):
+    """A log power: still with a sensor's noise, a random walk, clouds of half a second, or slow waves."""
+    passed, n = np.diff(times, prepend=times[0]), len(times)
+    if kind == "still":
+        return 3e-3 * generator.standard_normal(n)
+    if kind == "walk":
+        return np.cumsum(0.02 * np.sqrt(25 * np.maximum(passed, 0) / 25) * generator.standard_normal(n))
+    if kind == "clouds":
+        power = np.zeros(n)
+        for k in range(1, n):
+            stays = np.exp(-passed[k] / 0.3)
+            power[k] = stays * power[k - 1] + 0.1 * np.sqrt(1 - stays**2) * generator.standard_normal()
+        return power
+    slow, phase = generator.uniform(0.05, 1.5, 6), generator.uniform(0, 2 * np.pi, 6)
+    return (0.06 / np.sqrt(slow) * np.sin(2 * np.pi * slow * times[:, None] + phase)).sum(axis=1) + 2e-4 * generator.standard_normal(n)
+
+
+@pytest.mark.parametrize("fps", FRAMES_A_SECOND)
+@pytest.mark.parametrize("kind", ["still", "walk", "clouds", "waves"])
+def test_no_sky_flickers_when_a_fifth_of_its_frames_is_lost(fps, kind):
+    for seed in range(4):
+        generator = np.random.default_rng(seed)
+        times = received(fps, 200, generator)
+        assert all(found.depth == 0 for found in watch(times, np.exp(scene(kind, times, generator))))
+
+
+@pytest.mark.parametrize("fps", FRAMES_A_SECOND)
+@pytest.mark.parametrize("lost", [0.0, 0.2])
+def test_lamps_of_both_mains_are_found_together_and_removed(fps, lost):
+    generator = np.random.default_rng(1)
+    times = received(fps, 200, generator, lost)
+    seen = [hertz for hertz in (100.0, 120.0) if abs(hertz - np.round(hertz / fps) * fps) > 1]
+    power = np.prod([lamp(times, hertz, 0.15, hertz) for hertz in seen], axis=0)
+    found = watch(times, power)[FIT_FRAMES:]
+    for state in found:
+        np.testing.assert_allclose(np.sort(state.lamps_hz), seen, atol=0.1)
+    left = np.array([p / state.excess[0] for p, state in zip(power[FIT_FRAMES:], found, strict=True)])
+    assert left.std() < 0.15 * power[FIT_FRAMES:].std()

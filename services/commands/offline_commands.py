@@ -16,7 +16,7 @@ SAMPLING = (
     click.option("--method", type=METHOD, help="How lights are chosen; left out: tracked."),
     click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True),
     click.option("--filter", type=FILTER, help="Temporal filter; left out: the method's own, and none for a single map."),
-    click.option("--deflicker", is_flag=True, help="Remove the mains flicker of lamps from the light."),
+    click.option("--deflicker/--no-deflicker", default=None, help="Remove the mains flicker of lamps where it is found; the default."),
     click.option("--fps", type=Number(0, 1000, min_open=True), help="Frames a second, where the source does not say."),
     click.option("--frames", type=click.IntRange(1), help="Number of frames; left out: all. A camera or a stream needs it."),
     click.option("--layer", help="Of EXR files with several layers or parts; left out: the picture itself."),

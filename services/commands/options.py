@@ -27,7 +27,7 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     method: str | None = None
     coverage: str = "hemisphere"
     filter: str | None = None  # None: the method's own for sequences, none for a single map
-    deflicker: bool = False
+    deflicker: bool | None = None
     fps: float | None = None
     frames: int | None = None
     layer: str | None = None

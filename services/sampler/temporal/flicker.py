@@ -22,8 +22,11 @@ MIN_FIT_FRAMES = 24  # seven unknowns, and enough left over to distinguish flick
 DRIFT_HZ = 0.4  # mains +-0.2 Hz and as much for clocks of cameras, searched in steps of DRIFT_STEP_HZ
 DRIFT_STEP_HZ = 0.1  # a fourth of what the fit resolves
 DRIFT_STEPS = 9  # 2 DRIFT_HZ / DRIFT_STEP_HZ + 1
-SLOWEST_BEAT_HZ = 1.0  # slower beats look like clouds; and at least two of them must fit in the time seen
-DETECTED, LOST = 0.6, 0.4  # fraction of the power's variance that the sines must explain to count as flicker, and to go on counting
+SLOWEST_BEAT_HZ = 1.0  # slower beats look like clouds
+MIN_BEATS = 2.0  # that must fit in the time seen
+MIN_APART = 1.0  # beats more than another lamp's in the time seen, by which two lamps are told apart
+SHORT_INTERVAL = 0.25  # quantile of the intervals between frames that no lost frame has lengthened
+DETECTED, LOST = 0.75, 0.5  # fraction of the variance that sines must explain to count as flicker, and to go on: 0.6 sees it in tremor
 BLACK_FRAME = 1e-3  # of the mean: no lamp dims so far, and the logarithm of such a frame would dominate the fit; up to 1e-2 does
 MIN_DEPTH = 3e-3  # below which flicker is not worth a report: half of the 0.5 % that eyes can see (Weber)
 CORRECT_FULLY, CORRECT_NOT = 0.6, 0.3  # fraction of a block's variance that the sines explain when it is corrected in full, and not at all
@@ -33,19 +36,26 @@ BLOCKS = (6, 24)  # rows and columns: 15 degrees on the hemisphere, about the di
 class Flicker(NamedTuple):
     """The flicker of the last frames.
 
-    times_s: (n,) of the last frames. powers: (n, blocks), luminance of each block of the map. beat_hz: as the camera sees it. lamp_hz: of
-    what flickers. depth: amplitude over mean; all 0 when none is found. excess: (blocks,), power now over power without flicker.
+    times_s: (n,) of the last frames. powers: (n, blocks), luminance of each block of the map. lamps_hz: (k,), at which lamps flicker, the
+    deepest first. beat_hz, depth: of that one, as the camera sees it, and its amplitude over mean; 0 when there is none. excess:
+    (blocks,), power now over power without flicker.
     """
 
     times_s: np.ndarray
     powers: np.ndarray
+    lamps_hz: np.ndarray
     beat_hz: float
-    lamp_hz: float
     depth: float
     excess: np.ndarray
 
+    @property
+    def lamp_hz(self) -> float:
+        """Of the deepest, 0 when there is none."""
+        return float(self.lamps_hz[0]) if len(self.lamps_hz) else 0.0
 
-NO_FLICKER = Flicker(np.zeros(0), np.zeros((0, 1)), 0.0, 0.0, 0.0, np.ones(1))
+
+NO_LAMPS = np.zeros(0)
+NO_FLICKER = Flicker(np.zeros(0), np.zeros((0, 1)), NO_LAMPS, 0.0, 0.0, np.ones(1))
 
 
 def flicker_after(before: Flicker, time_s: float, powers: np.ndarray) -> Flicker:
@@ -58,22 +68,44 @@ def flicker_after(before: Flicker, time_s: float, powers: np.ndarray) -> Flicker
         before = NO_FLICKER._replace(powers=np.zeros((0, len(powers))))
     times = np.append(before.times_s[1 - FIT_FRAMES :], time_s)
     history = np.concatenate([before.powers[1 - FIT_FRAMES :], powers[None]])
-    steady = Flicker(times, history, 0.0, 0.0, 0.0, np.ones(len(powers)))
-    seen_s, totals = times[-1] - times[0], history.sum(axis=1)
+    steady = Flicker(times, history, NO_LAMPS, 0.0, 0.0, np.ones(len(powers)))
+    totals = history.sum(axis=1)
     if len(times) < MIN_FIT_FRAMES or totals.min() <= BLACK_FRAME * totals.mean():
         return steady
-    rate, best = (len(times) - 1) / seen_s, LOST if before.depth > 0 else DETECTED
-    lamp_hz = depth = 0.0
-    for nominal in LAMPS_HZ:
-        if _beat(nominal, rate) < max(SLOWEST_BEAT_HZ, 2 / seen_s):
-            continue
-        explained, frequency, amplitude = _search(times - times[-1], np.log(totals), nominal, rate)
-        if explained > best and amplitude > MIN_DEPTH:
-            best, lamp_hz, depth = explained, frequency, amplitude
-    if not depth:
+    ages, rate = times - times[-1], _frame_rate(times)
+    found = sorted(_lamps(ages, np.log(totals), rate, before.lamps_hz), reverse=True)
+    if not found:
         return steady
-    excess = _excess(_regressors(times - times[-1], lamp_hz, rate), history)
-    return steady._replace(beat_hz=_beat(lamp_hz, rate), lamp_hz=lamp_hz, depth=depth, excess=excess)
+    lamps = np.array([frequency for _, frequency in found])
+    columns = np.concatenate([_trend(ages), *(_waves(ages, frequency, rate) for frequency in lamps)])
+    return steady._replace(
+        lamps_hz=lamps, beat_hz=_beat(lamps[0], rate), depth=found[0][0], excess=_excess(columns, history)
+    )
+
+
+def _frame_rate(times: np.ndarray) -> float:
+    """Frames a second of a camera of whose frames up to two thirds may be lost: all intervals are multiples of the shortest ones."""
+    intervals = np.diff(times)
+    period = np.quantile(intervals, SHORT_INTERVAL)
+    return float(np.maximum(np.rint(intervals / period), 1).sum() / intervals.sum())
+
+
+def _lamps(ages: np.ndarray, target: np.ndarray, rate: float, known: np.ndarray) -> list[tuple[float, float]]:
+    """(depth, frequency) of each lamp beyond doubt in target (n,), the logarithm of the power. known: (k,), frequencies found before."""
+    slowest = max(SLOWEST_BEAT_HZ, MIN_BEATS / -ages[0])
+    visible = [nominal for nominal in LAMPS_HZ if _beat(nominal, rate) >= slowest]
+    found = []
+    for nominal in visible:
+        # What other lamps may do is no doubt about this one, where the two can be told apart.
+        others = [other for other in visible if other != nominal and abs(_beat(other, rate) - _beat(nominal, rate)) * -ages[0] >= MIN_APART]
+        beside = np.concatenate([_trend(ages), *(_waves(ages, other, rate) for other in others)])
+        explained, frequency, amplitude = _search(ages, target, nominal, rate, beside)
+        is_known = np.abs(known - nominal).min(initial=np.inf) <= 2 * DRIFT_HZ
+        if explained > (LOST if is_known else DETECTED) and amplitude > MIN_DEPTH:
+            found.append((explained, amplitude, frequency, len(others)))
+    if len(found) > 1 and not found[0][3]:  # indistinguishable: the better one stands for both
+        found = [max(found)]
+    return [(amplitude, frequency) for _, amplitude, frequency, _ in found]
 
 
 def block_powers(light: LightMap, blocks: bool) -> np.ndarray:
@@ -111,21 +143,29 @@ def _beat(frequency, rate):
 
 
 @kernel
-def _regressors(times, frequency, rate):
-    """(7, n): what the scene does, a parabola, and what the lamp does, sines of the frequency and of its double.
-
-    The double is left out where the camera sees it as standing still or as the frequency itself. The last time is 0.
-    """
-    span, double = -times[0], _beat(2 * frequency, rate)
-    use_double = double > 1 / span and abs(double - _beat(frequency, rate)) > 1 / span
-    columns = np.zeros((7, times.size))
-    for i in range(times.size):
-        t = times[i] / span
-        cosine, sine = cosine_and_sine(frequency * times[i])
+def _trend(ages):
+    """(3, n): what the scene does, a parabola. ages: (n,), times before the last frame, <= 0."""
+    columns = np.empty((3, ages.size))
+    for i in range(ages.size):
+        t = ages[i] / -ages[0]
         columns[0, i], columns[1, i], columns[2, i] = 1.0, t, t * t
-        columns[3, i], columns[4, i] = cosine, sine
+    return columns
+
+
+@kernel
+def _waves(ages, frequency, rate):
+    """(4, n): what a lamp does, cosine and sine of the frequency and of its double.
+
+    The double is left out where the camera sees it as standing still or as the frequency itself.
+    """
+    span, double = -ages[0], _beat(2 * frequency, rate)
+    use_double = double > 1 / span and abs(double - _beat(frequency, rate)) > 1 / span
+    columns = np.zeros((4, ages.size))
+    for i in range(ages.size):
+        cosine, sine = cosine_and_sine(frequency * ages[i])
+        columns[0, i], columns[1, i] = cosine, sine
         if use_double:
-            columns[5, i], columns[6, i] = 2 * cosine * cosine - 1, 2 * sine * cosine
+            columns[2, i], columns[3, i] = 2 * cosine * cosine - 1, 2 * sine * cosine
     return columns
 
 
@@ -187,12 +227,17 @@ def _explained(about, residuals, n):
 
 
 @kernel
-def _search(times, target, nominal, rate):
-    """(fraction of variance explained, frequency, depth) of the best fit to the logarithm of the power near the nominal frequency."""
-    explained, single, n = np.empty(DRIFT_STEPS), target.reshape(-1, 1), times.size
-    about = _least_squares(_regressors(times, nominal, rate)[:3], single)[1]
+def _search(ages, target, nominal, rate, beside):
+    """(fraction of the rest that is explained, frequency, depth) of the best fit to target (n,) near the nominal frequency.
+
+    beside: (c, n), columns of all else, whose residual is the rest.
+    """
+    explained, single, n, c = np.empty(DRIFT_STEPS), target.reshape(-1, 1), ages.size, beside.shape[0]
+    columns = np.empty((c + 4, n))
+    columns[:c] = beside
+    about = _least_squares(beside, single)[1]
     for k in range(DRIFT_STEPS):
-        columns = _regressors(times, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate)
+        columns[c:] = _waves(ages, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate)
         explained[k] = _explained(about, _least_squares(columns, single)[1], n)[0]
     k = int(np.argmax(explained))
     offset = 0.0
@@ -200,10 +245,13 @@ def _search(times, target, nominal, rate):
         bend = explained[k - 1] - 2 * explained[k] + explained[k + 1]
         offset = 0.5 * (explained[k - 1] - explained[k + 1]) / bend if bend < 0 else 0.0
     frequency = nominal - DRIFT_HZ + (k + offset) * DRIFT_STEP_HZ
-    weights, residuals = _least_squares(_regressors(times, frequency, rate), single)
-    amplitude = np.sqrt(weights[3, 0] ** 2 + weights[4, 0] ** 2)
+    columns[c:] = _waves(ages, frequency, rate)
+    weights, residuals = _least_squares(columns, single)
+    amplitude = np.sqrt(weights[c, 0] ** 2 + weights[c + 1, 0] ** 2)
     # log(1 + d sin) has the amplitude a = 2 (1 - sqrt(1 - d^2)) / d, so d = a / (1 + a^2 / 4).
-    return _explained(about, residuals, n)[0], frequency, amplitude / (1 + 0.25 * amplitude**2)
+    # Of the variance, each over its degrees of freedom: few frames are explained by chance.
+    unexplained = residuals[0] / (n - c - 4) / (about[0] / (n - c)) if about[0] > 1e-12 * n else 1.0
+    return 1 - unexplained, frequency, amplitude / (1 + 0.25 * amplitude**2)
 
 
 def _excess(columns: np.ndarray, powers: np.ndarray) -> np.ndarray:

@@ -19,10 +19,16 @@ from trimesh.visual.material import PBRMaterial
 OUT = Path(__file__).parents[1] / "services" / "renderer" / "scene" / "scenes" / "terrace.glb"
 SEED = 2005
 SLAB_M, SLABS = 0.6, 8  # of the paving: a picture of 8 x 8 slabs is repeated to the horizon
-GROUND_M = 2000.0  # from the middle: its edge lies .04 degrees below the horizon, less than a pixel of 1280 x 720
+GROUND_M = 8000.0  # from the middle: its edge lies .013 degrees below the horizon, a third of a pixel of 1280 x 720
 TABLE_M, TABLE_R, CLOTH_M = 0.74, 0.5, 1.62  # height, radius, side of the cloth
 CLOTH_MM = 5.0  # above the table: a round rim, and no triangle of the table shows through
 CLOTH_SIDE, FRAMES, ROUNDS = 64, 300, 24  # threads each way; steps of a sixtieth of a second, rounds of constraints in each
+
+
+# Profiles: radius and height, from below.
+VASE = [(0, 0), (0.045, 0), (0.075, 0.05), (0.085, 0.11), (0.06, 0.18), (0.03, 0.23), (0.032, 0.27), (0.05, 0.3), (0.03, 0.28)]
+BOWL = [(0, 0), (0.05, 0), (0.055, 0.012), (0.1, 0.035), (0.135, 0.085), (0.13, 0.085), (0.095, 0.04), (0.04, 0.018), (0, 0.016)]
+POT = [(0, 0), (0.17, 0), (0.18, 0.02), (0.235, 0.4), (0.25, 0.42), (0.245, 0.45), (0.22, 0.45), (0.215, 0.4), (0, 0.39)]
 
 
 def material(name: str, colour: tuple[float, float, float], metallic: float, roughness: float, **more: object) -> PBRMaterial:
@@ -65,22 +71,22 @@ def tablecloth() -> trimesh.Trimesh:
     n = CLOTH_SIDE
     side = np.linspace(-CLOTH_M / 2, CLOTH_M / 2, n)
     x, y = np.meshgrid(side, side, indexing="ij")
-    turned = np.radians(31.0)
-    place = np.stack([np.cos(turned) * x - np.sin(turned) * y, np.sin(turned) * x + np.cos(turned) * y, np.full_like(x, TABLE_M + 0.02)], axis=-1)
+    c, s = np.cos(np.radians(31.0)), np.sin(np.radians(31.0))
+    place = np.stack([c * x - s * y, s * x + c * y, np.full_like(x, TABLE_M + 0.02)], axis=-1)
     place[..., 2] += 0.004 * np.random.default_rng(SEED).standard_normal((n, n))
     speed = np.zeros_like(place)
     thread = side[1] - side[0]
     # Pairs that keep their distance: along the threads, across a cell, and two threads away, which resists folds.
-    pairs = [((1, 0), 1.0, 0.9), ((0, 1), 1.0, 0.9), ((1, 1), np.sqrt(2), 0.5), ((1, -1), np.sqrt(2), 0.5), ((2, 0), 2.0, 0.12), ((0, 2), 2.0, 0.12)]
+    pairs = [((1, 0), 0.9), ((0, 1), 0.9), ((1, 1), 0.5), ((1, -1), 0.5), ((2, 0), 0.12), ((0, 2), 0.12)]
     for _ in range(FRAMES):
         speed[..., 2] -= 9.81 / 60
         speed *= 0.985
         before = place.copy()
         place = place + speed / 60
         for _ in range(ROUNDS):
-            for (i, j), length, stiff in pairs:
+            for (i, j), stiff in pairs:
                 for phase in range(2):
-                    _pull(place, i, j, length * thread, stiff, phase)
+                    _pull(place, i, j, np.hypot(i, j) * thread, stiff, phase)
             touching = _stand(place)
         speed = (place - before) * 60
         speed[touching] *= 0.2  # friction
@@ -157,7 +163,7 @@ def tree() -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
             around = turn + k * 2 * np.pi / 3 + generator.uniform(-0.4, 0.4)
             side, other = np.linalg.svd(way[None])[2][1:]
             next_way = np.cos(spread) * way + np.sin(spread) * (np.cos(around) * side + np.sin(around) * other)
-            next_way = next_way + [0, 0, 0.12]
+            next_way[2] += 0.12  # towards the light
             grow(end, next_way / np.linalg.norm(next_way), length * generator.uniform(0.62, 0.8), 0.62 * radius, depth - 1)
 
     grow(np.array([0.0, 0.0, 0.4]), np.array([0.03, 0.02, 1.0]) / np.linalg.norm([0.03, 0.02, 1.0]), 0.62, 0.032, 4)
@@ -177,7 +183,8 @@ def _limb(start: np.ndarray, end: np.ndarray, low: float, high: float) -> trimes
 def _leaf(at: np.ndarray, generator: np.random.Generator) -> trimesh.Trimesh:
     """A pointed leaf, folded along its rib."""
     length, width = generator.uniform(0.05, 0.075), generator.uniform(0.014, 0.02)
-    way = generator.standard_normal(3) + [0, 0, 0.3]
+    way = generator.standard_normal(3)
+    way[2] += 0.3
     way /= np.linalg.norm(way)
     side, up = np.linalg.svd(way[None])[2][1:]
     fold = 0.35 * width * up
@@ -191,7 +198,8 @@ def paving() -> Image.Image:
     slab = side // SLABS
     tone = 0.40 + 0.055 * generator.standard_normal((SLABS, SLABS))
     grain = generator.standard_normal((side, side))
-    coarse = np.asarray(Image.fromarray(generator.standard_normal((64, 64)).astype(np.float32)).resize((side, side), Image.Resampling.BICUBIC))
+    stains = Image.fromarray(generator.standard_normal((64, 64)).astype(np.float32))
+    coarse = np.asarray(stains.resize((side, side), Image.Resampling.BICUBIC))
     light = np.kron(tone, np.ones((slab, slab))) * (1 + 0.05 * grain + 0.07 * coarse)
     place = np.arange(side) % slab
     joint = np.minimum(place, slab - 1 - place) < 2
@@ -237,10 +245,8 @@ def terrace() -> trimesh.Scene:
 
     add("ground", ground())
     add("tablecloth", coloured(tablecloth(), material("linen", (0.72, 0.66, 0.55), 0.0, 0.95)))
-    vase = lathe([(0.0, 0.0), (0.045, 0.0), (0.075, 0.05), (0.085, 0.11), (0.06, 0.18), (0.03, 0.23), (0.032, 0.27), (0.05, 0.30), (0.046, 0.30), (0.028, 0.27), (0.026, 0.23)])
-    add("vase", coloured(vase, material("copper", (0.955, 0.54, 0.36), 1.0, 0.22)), (0.12, 0.14, TABLE_M + 0.006))
-    bowl = lathe([(0.0, 0.0), (0.05, 0.0), (0.055, 0.012), (0.10, 0.035), (0.135, 0.085), (0.13, 0.085), (0.095, 0.04), (0.04, 0.018), (0.0, 0.016)])
-    add("bowl", coloured(bowl, material("glaze", (0.06, 0.20, 0.33), 0.0, 0.18)), (-0.14, -0.12, TABLE_M + 0.006))
+    add("vase", coloured(lathe(VASE), material("copper", (0.955, 0.54, 0.36), 1.0, 0.22)), (0.12, 0.14, TABLE_M + 0.006))
+    add("bowl", coloured(lathe(BOWL), material("glaze", (0.06, 0.20, 0.33), 0.0, 0.18)), (-0.14, -0.12, TABLE_M + 0.006))
     for k, (x, y) in enumerate([(-0.17, -0.15), (-0.10, -0.12), (-0.15, -0.07)]):
         fruit = trimesh.creation.uv_sphere(0.036, count=[10, 16])
         add(f"orange {k + 1}", coloured(fruit, material("orange", (0.85, 0.31, 0.03), 0.0, 0.45)), (x, y, TABLE_M + 0.062))
@@ -250,8 +256,7 @@ def terrace() -> trimesh.Scene:
     wood, leaves = tree()
     add("trunk", coloured(wood, material("bark", (0.23, 0.18, 0.13), 0.0, 0.9)), (-1.45, 0.95, 0))
     add("leaves", coloured(leaves, material("leaf", (0.17, 0.25, 0.09), 0.0, 0.5, doubleSided=True)), (-1.45, 0.95, 0))
-    pot = lathe([(0.0, 0.0), (0.17, 0.0), (0.18, 0.02), (0.235, 0.40), (0.25, 0.42), (0.245, 0.45), (0.22, 0.45), (0.215, 0.40), (0.0, 0.39)])
-    add("pot", coloured(pot, material("terracotta", (0.52, 0.22, 0.12), 0.0, 0.8)), (-1.45, 0.95, 0))
+    add("pot", coloured(lathe(POT), material("terracotta", (0.52, 0.22, 0.12), 0.0, 0.8)), (-1.45, 0.95, 0))
     plinth = trimesh.creation.box((0.42, 0.42, 0.62))
     plinth.unmerge_vertices()
     add("plinth", coloured(plinth, material("limestone", (0.60, 0.58, 0.53), 0.0, 0.8)), (1.42, 0.25, 0.31), 24.0)

@@ -1,12 +1,13 @@
 """Fisheye images through their weights."""
 
 import itertools
+from typing import get_args
 
 import msgspec
 import numpy as np
 import pytest
 
-from vemlight.capture.fisheye import MAP_PARTS, colour_lattices, fisheye_to_polar, lit_spans
+from vemlight.capture.fisheye import MAP_PARTS, BayerPattern, colour_lattices, fisheye_to_polar, lit_runs, lit_spans
 from vemlight.capture.lens import Lens
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
 from vemlight.light.sphere import map_irradiance
@@ -64,20 +65,22 @@ def test_a_map_too_small_for_all_parts_is_whole() -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_clipped_codes_are_counted_in_the_spans_only(dtype: type) -> None:
+@pytest.mark.parametrize("mosaic", [None, *get_args(BayerPattern)])
+def test_clipped_codes_are_counted_where_the_lens_sees_only(dtype: type, mosaic: BayerPattern | None) -> None:
     top = int(np.iinfo(dtype).max)
     codes = np.random.default_rng(3).choice(np.array([0, 1, top - 1, top], dtype), (200, 220))
-    spans = lit_spans(WEIGHTS)
-    inside = np.zeros(codes.shape, bool)
-    for y, (first, last) in enumerate(spans):
-        inside[y, first:last] = True
-    seen = codes[inside]
-    assert tuple(map(int, clipped_counts(codes, spans, top))) == (np.sum(seen == 0), np.sum(seen == top), top)
+    lattices = colour_lattices(mosaic) if mosaic else ((),)
+    weights = [fisheye_to_polar(LENS, 45, 180, "sphere", lattice) if lattice else WEIGHTS for lattice in lattices]
+    seen = codes.ravel()[np.unique(np.concatenate([each.pixel for each in weights]))]
+    assert tuple(map(int, clipped_counts(codes, lit_runs(weights), top))) == (np.sum(seen == 0), np.sum(seen == top), top)
+    outside = np.ones(codes.shape, dtype)
+    outside.ravel()[np.setdiff1d(np.arange(outside.size), np.concatenate([each.pixel for each in weights]))] = 0
+    assert clipped_counts(outside, lit_runs(weights), top)[0] == 0
 
 
 def test_spans_hold_every_pixel_with_a_weight() -> None:
     y, x = np.divmod(WEIGHTS.pixel.astype(int), 220)
-    spans = lit_spans(WEIGHTS)
+    spans = lit_spans([WEIGHTS])
     for row in np.unique(y):
         assert tuple(spans[row]) == (x[y == row].min(), x[y == row].max() + 1)
     assert (spans[np.setdiff1d(np.arange(200), y)] == 0).all()

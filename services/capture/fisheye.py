@@ -6,7 +6,7 @@ A Bayer mosaic is not demosaiced: the pixels of each colour represent the area b
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -127,13 +127,27 @@ def _seen_whole(lens: Lens, rows: int, cols: int, coverage: Coverage) -> np.ndar
     return inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:] & inside[1:, 1:]
 
 
-def lit_spans(weights: FisheyeToPolar) -> np.ndarray:
+def _lit(weights: Sequence[FisheyeToPolar]) -> np.ndarray:
+    """Which pixels see part of the map with any of the weights, such as those of a mosaic's colours, (height, width) bool."""
+    lit = np.zeros(weights[0].shape, bool)
+    for each in weights:
+        lit.ravel()[each.pixel] = True
+    return lit
+
+
+def lit_spans(weights: Sequence[FisheyeToPolar]) -> np.ndarray:
     """(height, 2) int64: in each row of the image the first pixel that sees part of the map, and one past the last."""
-    lit = np.zeros(weights.shape, bool)
-    lit.ravel()[weights.pixel] = True
+    lit = _lit(weights)
     any_lit = lit.any(axis=1)
-    first, last = lit.argmax(axis=1), weights.shape[1] - lit[:, ::-1].argmax(axis=1)
+    first, last = lit.argmax(axis=1), lit.shape[1] - lit[:, ::-1].argmax(axis=1)
     return np.column_stack([np.where(any_lit, first, 0), np.where(any_lit, last, 0)])
+
+
+def lit_runs(weights: Sequence[FisheyeToPolar]) -> np.ndarray:
+    """(m, 3) int64: the pixels that see part of the map and no others: row, first column and one past the last of each run of them."""
+    edges = np.diff(np.pad(_lit(weights), ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    rows, first = np.nonzero(edges > 0)
+    return np.column_stack([rows, first, np.nonzero(edges < 0)[1]]).astype(np.int64)
 
 
 def fisheye_bright_cells(

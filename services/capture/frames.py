@@ -14,7 +14,7 @@ import numpy as np
 from vemlight.capture.colour_coding import ColourCoding
 from vemlight.capture.cube import cube_directions, cube_to_polar, is_cube
 from vemlight.capture.exr_header import bright_cells_from_attributes, count_from_attributes, scale_from_attributes
-from vemlight.capture.fisheye import ALL_PIXELS, BayerPattern, FisheyeToPolar, colour_lattices, fisheye_bright_cells, lit_spans
+from vemlight.capture.fisheye import ALL_PIXELS, BayerPattern, FisheyeToPolar, colour_lattices, fisheye_bright_cells, lit_runs, lit_spans
 from vemlight.capture.lens import Lens, read_lens
 from vemlight.capture.planes import Planes, linear_from_planes
 from vemlight.capture.polar import WHOLE_SPHERE, LatlongToPolar, latlong_bright_cells, latlong_to_polar, polar_from_latlong, used_rows
@@ -73,7 +73,7 @@ class FrameMaker:
         self._latlong: LatlongToPolar | None = None
         self._fisheye: list[FisheyeToPolar] = []
         self._directions: Callable[[np.ndarray], np.ndarray] = partial(directions_of, self._lenses)
-        self._spans = np.empty((0, 2), np.int64)
+        self._spans, self._runs = np.empty((0, 2), np.int64), np.empty((0, 3), np.int64)
 
     def _check_projection(self) -> None:
         """Raises UserError for a fisheye without lens file, and for several lenses that are not for one frame."""
@@ -158,7 +158,7 @@ class FrameMaker:
         response, table = self._calibrated(name)
         channels = [codes] * 3 if codes.ndim == 2 else [np.ascontiguousarray(codes[..., n]) for n in range(3)]
         distinct = channels[:1] if codes.ndim == 2 else channels
-        counts = [clipped_counts(channel, self._spans, response.top) for channel in distinct]
+        counts = [clipped_counts(channel, self._runs, response.top) for channel in distinct]
         if (highest := max(count[2] for count in counts)) > response.top:
             raise UserError(f"{name}: has code {highest} and the response {response.bits} bits; give the response of this sensor")
         if mosaic == "mono":
@@ -291,8 +291,7 @@ class FrameMaker:
             self._fisheye = [lenses_to_polar(self._lenses, s.rows, s.cols, s.coverage, lattice, flat_fields) for lattice in lattices]
             self._directions = partial(directions_of, self._lenses)
             self._directions(np.zeros((1, 2)))  # compiles it now, and not when the first bright cell appears
-        spans = np.array([lit_spans(weights) for weights in self._fisheye])
-        self._spans = np.column_stack([spans[..., 0].min(0), spans[..., 1].max(0)])
+        self._spans, self._runs = lit_spans(self._fisheye), lit_runs(self._fisheye)
 
     def _bright_cells(self, radiance: np.ndarray, brightness: Callable[[np.ndarray], np.ndarray]) -> BrightCells:
         weights, coverage = self._fisheye[1 if len(self._fisheye) == 3 else 0], self._settings.coverage

@@ -78,14 +78,14 @@ def _add_codes(polar, codes, pixel, cell, weight, table):
 
 
 @kernel
-def clipped_counts(codes, spans, top):
-    """Number of black and of saturated codes, and the highest code, of codes (height, width) inside `spans`.
+def clipped_counts(codes, runs, top):
+    """Number of black and of saturated codes, and the highest code, of codes (height, width) inside `runs`.
 
-    `spans` (height, 2): first column of each row and one past the last; codes from `top` on are saturated.
+    `runs` (m, 3): row, first column and one past the last; codes from `top` on are saturated.
     """
     black, saturated, highest = 0, 0, 0
-    for y in range(len(spans)):
-        row = codes[y, spans[y, 0] : spans[y, 1]]
+    for k in range(len(runs)):
+        row = codes[runs[k, 0], runs[k, 1] : runs[k, 2]]
         for x in range(len(row)):
             black += row[x] == 0
             saturated += row[x] >= top

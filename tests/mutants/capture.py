@@ -74,7 +74,7 @@ MUTANTS = [
     *mutants_of(CAPTURE + "fisheye.py", "tests/test_fisheye.py tests/test_scatter.py tests/test_frames.py", [
         ("Bayer weights by the wrong lattice", "(n % 2, n // 2) for n in range(4)", "(n // 2, n % 2) for n in range(4)"),
         ("area of a green pixel", '"G": (2, 1)', '"G": (2, 2)'),
-        ("end of a lit row", "weights.shape[1] - lit[:, ::-1].argmax(axis=1)", "weights.shape[1] - lit[:, ::-1].argmax(axis=1) - 1"),
+        ("end of a lit row", "lit.shape[1] - lit[:, ::-1].argmax(axis=1)", "lit.shape[1] - lit[:, ::-1].argmax(axis=1) - 1"),
         ("shape of a green pixel", '"G": (2, 1)', '"G": (1, 2)'),
     ]),
     *mutants_of(CAPTURE + "frames.py", "tests/test_frames.py", [
@@ -83,7 +83,7 @@ MUTANTS = [
         ("most bright cells doubled", "MAX_BRIGHT_CELLS = 64", "MAX_BRIGHT_CELLS = 128"),
         ("codes above the response", "> response.top:", "> 2 * response.top:"),
         ("bright cells of a mosaic by red", "self._fisheye[1 if len(self._fisheye) == 3 else 0]", "self._fisheye[0]"),
-        ("clipped codes of red alone", "spans[..., 0].min(0), spans[..., 1].max(0)", "spans[0, ..., 0], spans[0, ..., 1]"),
+        ("clipped codes of red alone", "lit_runs(self._fisheye)", "lit_runs(self._fisheye[:1])"),
     ]),
     *mutants_of(CAPTURE + "polar.py", "tests/test_polar.py", [
         ("thin overlaps", "MIN_OVERLAP = 1e-9", "MIN_OVERLAP = 1e-16"),

@@ -95,8 +95,13 @@ class Capture(SettingsSection, frozen=True):
     end: Annotated[int, Meta(ge=0), means("files: number of the frame to stop before; 0: play to the last")] = 0
     speed: Annotated[float, Meta(gt=0, le=100), means("files: playback rate, as a multiple of their own")] = 1.0
     format: Annotated[
-        str, means("cameras: pixel format by the kernel's letters, such as Y12 or RG10; empty: the one with the most bits. PNG: its mosaic")
-    ] = ""
+        str,
+        means("cameras: pixel format by the kernel's letters, such as Y12, RG10, YUYV, MJPG; empty: with a response file the one with the "
+              "most bits, else the best in colour. PNG: its mosaic"),
+    ] = ""  # fmt: skip
+    controls: Annotated[
+        dict[str, int], means("cameras: controls to set, such as gain = 50, by the names that `vemlight doctor` lists")
+    ] = {}
     width: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame width to ask for; 0: the lens file's"), PIXELS] = 0
     height: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame height to ask for; 0: the lens file's"), PIXELS] = 0
     transfer: Annotated[

@@ -145,11 +145,19 @@ def test_a_libzmq_without_its_security_fixes_fails(settings, monkeypatch, versio
 
 
 def test_cameras(settings, monkeypatch):
-    cameras = [v4l2.CameraInfo("/dev/video0", "Astro", ["Y12", "GREY"]), v4l2.CameraInfo("/dev/video1", "Webcam", [])]
+    cameras = [
+        v4l2.CameraInfo("/dev/video0", "Astro", ["Y12", "GREY"]),
+        v4l2.CameraInfo("/dev/video1", "Strange", [], ("H264",)),
+        v4l2.CameraInfo("/dev/video2", "Webcam", ["YUYV", "MJPG"], ("H264",), ("exposure_auto", "exposure_time_absolute", "gain")),
+    ]
     monkeypatch.setattr(v4l2, "list_cameras", lambda: cameras)
-    good, bad = found(settings, "camera")[:2]
-    assert (good.grade, good.found) == ("pass", "/dev/video0: Astro, Y12, GREY")
-    assert (bad.grade, "no raw format" in bad.found, "Y16" in bad.hint) == ("warn", True, True)
+    good, bad, webcam = found(settings, "camera")[:3]
+    assert (good.grade, good.found) == (
+        "pass", "/dev/video0: Astro, Y12, GREY; it has no control of its exposure; lock it at the camera"
+    )  # fmt: skip
+    assert (bad.grade, bad.found.endswith("no format that is read; not read: H264"), "Y16" in bad.hint) == ("warn", True, True)
+    locks = "--control exposure_time_absolute=N locks its exposure"
+    assert (webcam.grade, webcam.found) == ("pass", f"/dev/video2: Webcam, YUYV, MJPG; not read: H264; {locks}")
 
 
 def test_a_taken_port(settings):

@@ -6,9 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vemlight.capture.pixel_formats import FORMATS, PixelFormat, codes_from_bytes
+from vemlight.capture.colour_coding import colour_coding
+from vemlight.capture.pixel_formats import FORMATS, PICTURES, PixelFormat, codes_from_bytes
+from vemlight.capture.planes import linear_from_planes
+from vemlight.capture.scatter import ONE_THREAD
 from vemlight.capture.v4l2 import V4l2Camera, frames_between, list_cameras
 from vemlight.errors import UserError
+from vemlight.settings import Capture
 
 BY_NAME = {form.name: form for form in FORMATS.values()}
 
@@ -90,3 +94,53 @@ def test_200_frames_without_an_unreported_gap(name: str) -> None:
 def test_format_that_the_camera_lacks_is_refused() -> None:
     with pytest.raises(UserError, match="has no format Y10-BE but"):
         V4l2Camera("/dev/video0", form="Y10-BE")
+
+
+OSD_TEXT, NO_TEXT = 0x00F0F001, 2  # vivid's control of the clock that it writes into its picture
+
+
+def mean_light(name: str) -> np.ndarray:
+    """Mean linear light of vivid's still picture in the format `name`; skips where it is not offered."""
+    from linuxpy.video import device as v4l2
+
+    if not any(name in camera.formats for camera in list_cameras()):
+        pytest.skip(f"vivid offers no {name} here: VIVID='multiplanar=2' has the formats whose planes lie apart")
+    camera = V4l2Camera("/dev/video0", form=name, width=320, height=180, fps=15.0)
+    try:
+        v4l2.set_control(camera._device, OSD_TEXT, NO_TEXT)
+        raw = None
+        for _ in range(100):
+            raw = camera.read(1.0) or raw
+            if raw and raw.sequence > 3:
+                break
+        assert raw is not None
+        assert raw.planes is not None
+        coding = colour_coding(Capture(), camera.path, camera.tags, camera.unsaid)
+        spans = np.tile([0, 320], (180, 1))
+        return linear_from_planes(raw.planes, coding, spans, ONE_THREAD).pixels.mean(axis=(0, 1))
+    finally:
+        camera.close()
+
+
+@pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")
+@pytest.mark.parametrize("name", [name for name, *_ in PICTURES if name not in ("RGB3", "MJPG", "JPEG")])
+def test_pictures_in_colour_are_alike_in_every_format(name: str) -> None:
+    """Of 75 % colour bars; the edges of their colours differ, where colour is stored for two pixels."""
+    np.testing.assert_allclose(mean_light(name), mean_light("RGB3"), rtol=0.02)
+
+
+@pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")
+def test_automatic_gain_is_switched_off_and_restored() -> None:
+    from linuxpy.video import device as v4l2
+
+    watching = os.open("/dev/video0", os.O_RDWR | os.O_NONBLOCK)
+    try:
+        v4l2.set_control(watching, 0x00980912, 1)
+        camera = V4l2Camera("/dev/video0", form="YUYV", controls={"gain": 77})
+        assert camera.controls is not None
+        assert camera.controls.values["gain_automatic"] == 0
+        assert camera.controls.values["gain"] == 77
+        camera.close()
+        assert v4l2.get_control(watching, 0x00980912) == 1
+    finally:
+        os.close(watching)

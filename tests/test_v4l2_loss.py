@@ -82,7 +82,8 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Driver:
     simulated = Driver()
     monkeypatch.setattr(module.os, "open", simulated.open)
     monkeypatch.setattr(module, "_capabilities", lambda _: ("a simulated camera", True))
-    monkeypatch.setattr(module, "_offered", lambda _: [Y12])
+    monkeypatch.setattr(module, "_offered", lambda _: [simulated.code])
+    monkeypatch.setattr(module, "_is_multiplanar", lambda _: False)
     for name, call in {
         "get_raw_format": simulated.format, "dequeue_buffer": simulated.dequeue, "mmap_from_buffer": simulated.map,
         "set_format": simulated.set_format, "get_fps": lambda *_: 25.0,

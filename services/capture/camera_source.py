@@ -1,5 +1,6 @@
 """A camera's frames as they arrive, each made into a polar map of radiance, and recorded if the settings say so."""
 
+import json
 import time
 from fractions import Fraction
 from pathlib import Path
@@ -7,8 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from vemlight.capture.camera_controls import CameraControls
+from vemlight.capture.colour_coding import colour_coding
 from vemlight.capture.frames import Frame, FrameMaker
+from vemlight.capture.pixel_formats import MJPEG
+from vemlight.capture.planes import Planes, layout_of
 from vemlight.capture.recorder import Recorder
+from vemlight.capture.recording_attributes import map_attributes
 from vemlight.capture.v4l2 import RawFrame, V4l2Camera
 from vemlight.errors import UserError
 from vemlight.settings import Capture
@@ -22,13 +28,21 @@ class CameraSource:
         self._maker = FrameMaker(settings, Path.cwd())
         width, height = self._maker.lens.size if self._maker.lens else (0, 0)
         self._camera = V4l2Camera(
-            settings.source, form=settings.format, width=settings.width or width, height=settings.height or height, fps=settings.fps
+            settings.source,
+            form=settings.format,
+            width=settings.width or width,
+            height=settings.height or height,
+            fps=settings.fps,
+            in_colour=self._maker.response is None,
+            controls=settings.controls,
         )
-        self.fps = self._camera.fps
-        # a dark frame computes the weights before the stream begins, and refuses a lens of another size
-        dark = np.zeros((self._camera.height, self._camera.width), np.uint8 if self._camera.form.bits == 8 else np.uint16)
+        self.fps, self._coding = self._camera.fps, None
         try:
-            self._maker.frame_from_codes(settings.source, dark, self._camera.form.mosaic, 0.0)
+            if self._camera.form.mosaic is None:
+                camera = self._camera
+                self._coding = colour_coding(settings, camera.path, camera.tags, camera.unsaid, self._maker.response)
+            # a dark frame computes the weights before the stream begins, and refuses a lens of another size
+            self._made(self._dark(), 0.0)
         except UserError:
             self._camera.close()
             raise
@@ -57,10 +71,31 @@ class CameraSource:
         self._first_ns = raw.monotonic_ns if self._first_ns is None else self._first_ns
         time_s = (raw.monotonic_ns - self._first_ns) / 1e9
         self._count += raw.lost + 1
+        frame = self._made(raw, time_s)
         if self.recorder:
-            self.recorder.put(raw.codes, raw_attributes(raw, self.fps), self._count - 1, time_s)
-        frame = self._maker.frame_from_codes(self._camera.path, raw.codes, raw.mosaic, time_s)
+            attributes = raw_attributes(raw, self.fps, self._camera.controls)
+            if raw.codes is None:  # a picture in colour is recorded as its map
+                attributes |= map_attributes(frame, self.fps)
+            self.recorder.put(frame.radiance if raw.codes is None else raw.codes, attributes, self._count - 1, time_s)
         return frame._replace(lost=raw.lost, monotonic_ns=raw.monotonic_ns)
+
+    def _made(self, raw: RawFrame, time_s: float) -> Frame:
+        if raw.planes is not None:
+            assert self._coding is not None
+            return self._maker.frame_from_planes(self._camera.path, raw.planes, self._coding, time_s)
+        assert raw.codes is not None
+        return self._maker.frame_from_codes(self._camera.path, raw.codes, raw.mosaic, time_s)
+
+    def _dark(self) -> RawFrame:
+        """A frame of zeros, as the camera sends them; JPEG files are mostly decoded to 4:2:2."""
+        form, width, height = self._camera.form, self._camera.width, self._camera.height
+        if form.mosaic:
+            return RawFrame(np.zeros((height, width), np.uint8 if form.bits == 8 else np.uint16), form.mosaic, 0, 0, 0)
+        layout = layout_of("yuv422p" if form.layout == MJPEG else form.layout)
+        assert layout is not None
+        samples = width * max(component.step for component in layout.components)
+        plane = np.zeros((height, samples), np.uint8 if layout.item == 1 else np.uint16)
+        return RawFrame(None, None, 0, 0, 0, Planes((plane,) * 3, width, height, layout))
 
     def close(self) -> None:
         """Ends the stream and the recording."""
@@ -69,12 +104,16 @@ class CameraSource:
             self.recorder.close()
 
 
-def raw_attributes(raw: RawFrame, fps: float) -> dict[str, Any]:
+def raw_attributes(raw: RawFrame, fps: float, controls: CameraControls | None = None) -> dict[str, Any]:
     """The EXR attributes of a camera's frame; nanoseconds are text, because the format's integers have 32 bits."""
     captured_s = time.time() - (time.monotonic_ns() - raw.monotonic_ns) / 1e9
+    held: dict[str, Any] = {"vemlight:controls": json.dumps(controls.values)} if controls and controls.values else {}
+    if controls and controls.exposure_s is not None:
+        held["expTime"] = controls.exposure_s
     return {
+        **held,
         "vemlight:kind": "codes",
-        "vemlight:mosaic": raw.mosaic,
+        **({"vemlight:mosaic": raw.mosaic} if raw.mosaic else {}),
         "vemlight:monotonic_ns": str(raw.monotonic_ns),
         "vemlight:kernel_sequence": str(raw.sequence),
         "colorInteropID": "data",

@@ -72,6 +72,7 @@ class FrameMaker:
         self._shape: tuple[int, int] | None = None
         self._latlong: LatlongToPolar | None = None
         self._fisheye: list[FisheyeToPolar] = []
+        self._pixels: np.ndarray | None = None
         self._directions: Callable[[np.ndarray], np.ndarray] = partial(directions_of, self._lenses)
         self._spans, self._runs = np.empty((0, 2), np.int64), np.empty((0, 3), np.int64)
 
@@ -140,7 +141,8 @@ class FrameMaker:
         else:
             self._prepare(name, shape, None, "fisheye" if kind == "codes" else kind)
             spans = self._spans
-        picture = linear_from_planes(planes, coding, spans, self._threads)
+        picture = linear_from_planes(planes, coding, spans, self._threads, self._pixels)
+        self._pixels = picture.pixels  # memory that is new takes a fifth of the time
         if kind == "latlong":
             radiance, bright_cells = self._from_latlong(name, picture.pixels)
         else:

@@ -12,7 +12,7 @@ import numpy as np
 from vemlight.capture.colour_coding import ENTRIES, HIGHEST, LOWEST, REC2020_LUMINANCE, ColourCoding, signal_from_codes
 from vemlight.capture.scatter import MAP_PARTS, Threads
 from vemlight.errors import UserError
-from vemlight.kernels import kernel
+from vemlight.kernels import kernel, subroutine
 
 
 class Component(NamedTuple):
@@ -115,56 +115,72 @@ class LinearPicture(NamedTuple):
     saturated: int
 
 
-def linear_from_planes(planes: Planes, coding: ColourCoding, spans: np.ndarray, threads: Threads) -> LinearPicture:
+def linear_from_planes(
+    planes: Planes, coding: ColourCoding, spans: np.ndarray, threads: Threads, pixels: np.ndarray | None = None
+) -> LinearPicture:
     """Linear Rec. 709 of the pixels inside `spans` (height, 2): first column of each row and one past the last.
 
-    Colours outside Rec. 709 have components below 0.
+    Colours outside Rec. 709 have components below 0. pixels: of an earlier picture with the same spans, to be written again.
     """
     layout = planes.layout
-    signals = signal_from_codes(coding, layout.bits, layout.is_rgb)
-    to_index = signals * ((ENTRIES - 1) / (HIGHEST - LOWEST))
-    to_index[:, 3] += -LOWEST * (ENTRIES - 1) / (HIGHEST - LOWEST)
+    per_signal = (ENTRIES - 1) / (HIGHEST - LOWEST)
+    to_index = signal_from_codes(coding, layout.bits, layout.is_rgb) * per_signal
+    to_index[:, 3] -= LOWEST * per_signal
     # signal 1 itself, less half of the smallest step: a code above it is white
-    white = np.float32(((1 - 0.5 / (2**layout.bits - 1)) - LOWEST) * (ENTRIES - 1) / (HIGHEST - LOWEST))
-    pixels = np.zeros((planes.height, planes.width, 3), np.float32)
+    white = np.float32(((1 - 0.5 / (2**layout.bits - 1)) - LOWEST) * per_signal)
+    if pixels is None:
+        pixels = np.zeros((planes.height, planes.width, 3), np.float32)
     ends = np.linspace(0, planes.height, MAP_PARTS + 1).astype(int)
     counts = np.zeros(planes.height, np.int64)
     components = [planes.samples[component.plane] for component in layout.components]
-    places = np.array([component[1:] for component in layout.components])
+    places = tuple(component[1:] for component in layout.components)
+    numbers = (to_index.astype(np.float32), coding.rec709_from_light.astype(np.float32))
     display = np.array([coding.display_gain, coding.display_exponent, *REC2020_LUMINANCE], np.float32)
 
     def job(rows: slice) -> None:
-        _linear_rows(pixels, *components, places, layout.shift, spans, to_index.astype(np.float32), coding.table,
-                     coding.rec709_from_light.astype(np.float32), display, white, counts, rows.start, rows.stop)  # fmt: skip
+        begin, end = rows.start, rows.stop
+        _linear_rows(pixels, *components, places, layout.shift, spans, *numbers, coding.table, display, white, counts, begin, end)
 
     threads.run(job, ends)
     return LinearPicture(pixels, int(counts.sum()))
 
 
 @kernel(nogil=True)
-def _linear_rows(pixels, first, second, third, places, shift, spans, to_index, table, rec709, display, white, counts, begin, end):
-    last = np.float32(len(table) - 1.001)
+def _linear_rows(pixels, first, second, third, places, shift, spans, to_index, rec709, table, display, white, counts, begin, end):
+    # numbers of the loop are copied out of their arrays, which `pixels` might overlap for all that the compiler knows
+    (a_at, a_step, a_across, a_down), (b_at, b_step, b_across, b_down), (c_at, c_step, c_across, c_down) = places
+    (ra, rb, rc, r1), (ga, gb, gc, g1), (ba, bb, bc, b1) = _row4(to_index, 0), _row4(to_index, 1), _row4(to_index, 2)
+    (rr, rg, rb_), (gr, gg, gb_), (br, bg, bb_) = _row3(rec709, 0), _row3(rec709, 1), _row3(rec709, 2)
+    gain, exponent, of_red, of_green, of_blue = display[0], display[1], display[2], display[3], display[4]
+    last, none = np.float32(len(table) - 1.001), np.float32(0)
     for y in range(begin, end):
-        row0, row1, row2 = first[y >> places[0, 3]], second[y >> places[1, 3]], third[y >> places[2, 3]]
+        row_a, row_b, row_c, row = first[y >> a_down], second[y >> b_down], third[y >> c_down], pixels[y]
         saturated = 0
         for x in range(spans[y, 0], spans[y, 1]):
-            a = np.float32(row0[places[0, 0] + (x >> places[0, 2]) * places[0, 1]] >> shift)
-            b = np.float32(row1[places[1, 0] + (x >> places[1, 2]) * places[1, 1]] >> shift)
-            c = np.float32(row2[places[2, 0] + (x >> places[2, 2]) * places[2, 1]] >> shift)
-            r = to_index[0, 0] * a + to_index[0, 1] * b + to_index[0, 2] * c + to_index[0, 3]
-            g = to_index[1, 0] * a + to_index[1, 1] * b + to_index[1, 2] * c + to_index[1, 3]
-            b = to_index[2, 0] * a + to_index[2, 1] * b + to_index[2, 2] * c + to_index[2, 3]
+            a = np.float32(row_a[a_at + (x >> a_across) * a_step] >> shift)
+            b = np.float32(row_b[b_at + (x >> b_across) * b_step] >> shift)
+            c = np.float32(row_c[c_at + (x >> c_across) * c_step] >> shift)
+            r, g, b = ra * a + rb * b + rc * c + r1, ga * a + gb * b + gc * c + g1, ba * a + bb * b + bc * c + b1
             saturated += (r >= white) + (g >= white) + (b >= white)
-            r, g, b = min(max(r, np.float32(0)), last), min(max(g, np.float32(0)), last), min(max(b, np.float32(0)), last)
-            i, j, k = np.int32(r), np.int32(g), np.int32(b)
-            r = table[i] + (r - np.float32(i)) * (table[i + 1] - table[i])
-            g = table[j] + (g - np.float32(j)) * (table[j + 1] - table[j])
-            b = table[k] + (b - np.float32(k)) * (table[k + 1] - table[k])
-            if display[0] > 0:
-                scene = max(display[2] * r + display[3] * g + display[4] * b, np.float32(0))
-                gain = display[0] * scene ** display[1]
-                r, g, b = gain * r, gain * g, gain * b
-            pixels[y, x, 0] = rec709[0, 0] * r + rec709[0, 1] * g + rec709[0, 2] * b
-            pixels[y, x, 1] = rec709[1, 0] * r + rec709[1, 1] * g + rec709[1, 2] * b
-            pixels[y, x, 2] = rec709[2, 0] * r + rec709[2, 1] * g + rec709[2, 2] * b
+            r, g, b = min(max(r, none), last), min(max(g, none), last), min(max(b, none), last)
+            i, j, k = np.uint32(r), np.uint32(g), np.uint32(b)
+            r = table[i] + (r - np.float32(i)) * (table[i + np.uint32(1)] - table[i])
+            g = table[j] + (g - np.float32(j)) * (table[j + np.uint32(1)] - table[j])
+            b = table[k] + (b - np.float32(k)) * (table[k + np.uint32(1)] - table[k])
+            if gain > none:
+                shown = gain * max(of_red * r + of_green * g + of_blue * b, none) ** exponent
+                r, g, b = shown * r, shown * g, shown * b
+            row[x, 0] = rr * r + rg * g + rb_ * b
+            row[x, 1] = gr * r + gg * g + gb_ * b
+            row[x, 2] = br * r + bg * g + bb_ * b
         counts[y] = saturated
+
+
+@subroutine
+def _row3(matrix, n):
+    return matrix[n, 0], matrix[n, 1], matrix[n, 2]
+
+
+@subroutine
+def _row4(matrix, n):
+    return matrix[n, 0], matrix[n, 1], matrix[n, 2], matrix[n, 3]

@@ -166,11 +166,15 @@ def _cameras() -> Iterator[Finding]:
     stable_names = {os.path.realpath(link): link for link in sorted(Path("/dev/v4l/by-id").glob("*"))}
     for camera in cameras:
         name = str(stable_names.get(camera.path, camera.path))  # does not change with the order of plugging in
+        others = f"; not read: {', '.join(camera.others)}" if camera.others else ""
+        exposure = next((name for name in camera.controls if name.startswith("exposure") and "auto" not in name), None)
+        locks = f"--control {exposure}=N locks its exposure" if exposure else "it has no control of its exposure; lock it at the camera"
         if camera.formats:
-            yield Finding("pass", "camera", f"{name}: {camera.card}, {', '.join(camera.formats)}")
+            yield Finding("pass", "camera", f"{name}: {camera.card}, {', '.join(camera.formats)}{others}; {locks}")
         else:
             letters = ", ".join(sorted({form.name for form in FORMATS.values() if not form.name.endswith("-BE")}))
-            yield Finding("warn", "camera", f"{name}: {camera.card} has no raw format", f"use one that has any of {letters}")
+            found = f"{name}: {camera.card} has no format that is read{others}"
+            yield Finding("warn", "camera", found, f"use one that has any of {letters}")
     for path in sorted(Path("/dev").glob("video*")):
         if not may_open(path):
             yield Finding("fail", "camera", f"{path} may not be opened by this user", group_hint(path))

@@ -45,7 +45,7 @@ class Lit(NamedTuple):
 
 def open_frames(options: SamplingOptions) -> FrameSource:
     """The frames of the source; a camera or stream is taken as many frames of as are asked for. Raises UserError."""
-    given = {key: getattr(options, key) for key in (*CAPTURE_KEYS, "lenses", "response", "coverage", "fps", "layer", "frames")}
+    given = {key: getattr(options, key) for key in (*CAPTURE_KEYS, "lenses", "controls", "response", "coverage", "fps", "layer", "frames")}
     given["rows"] = 180 if options.coverage == "sphere" else None  # one degree of elevation a row, as the 90 of a hemisphere
     capture = capture_settings(settings.Capture(), os.fspath(options.source), given)
     if settings.is_live(capture.source):

@@ -42,6 +42,8 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     projection: str | None = None
     span: tuple[float, float] | None = None
     stereo: str | None = None
+    format: str | None = None
+    controls: tuple[tuple[str, int], ...] = ()
 
 
 class LightsOptions(SamplingOptions, frozen=True, kw_only=True):

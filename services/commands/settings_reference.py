@@ -59,7 +59,8 @@ def _type(kind: inspect.Type) -> str:
         inspect.BoolType: "`true` or `false`",
         inspect.VarTupleType: "list of texts",
         inspect.TupleType: "list of two numbers",
-        inspect.DictType: "table: service = text",
+        inspect.DictType: "table: service = text" if isinstance(kind, inspect.DictType) and isinstance(kind.value_type, inspect.StrType)
+        else "table: name = integer",
     }
     return names[type(kind)]
 

@@ -29,6 +29,18 @@ class Numbers(click.ParamType):
         return numbers
 
 
+class Assignment(click.ParamType):
+    """NAME=VALUE with a whole number."""
+
+    name = "assignment"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        name, _, number = value.partition("=")
+        if not (name and number.lstrip("-").isdecimal() and len(number) < 12):
+            self.fail(f"{value[:40]} is not NAME=VALUE with a whole number; write it as gain=50", param, ctx)
+        return name, int(number)
+
+
 def _choice(kind: Any) -> click.Choice:
     return click.Choice(get_args(kind))
 
@@ -46,9 +58,11 @@ SOURCE_OPTIONS = (
     click.option("--peak", type=Number(0, 100_000, min_open=True), help="Peak of an HLG display in cd/m2; left out: 1000."),
     click.option("--projection", type=_choice(Projection), help="Where pixels look; left out: fisheye with a lens, else equirect."),
     click.option("--span", type=Numbers(2), metavar="ACROSS,DOWN", help="equirect: degrees that the image covers; left out: 360,180."),
+    click.option("--control", "controls", type=Assignment(), multiple=True, help="Cameras: NAME=VALUE of a control; as often as needed."),
+    click.option("--format", help="Cameras: pixel format by the kernel's letters, such as YUYV or MJPG. PNG: its mosaic."),
     click.option("--stereo", type=_choice(Stereo), help="Films for two eyes: how they lie; the first is taken."),
 )
-CAPTURE_KEYS = ("transfer", "primaries", "matrix", "range", "light", "peak", "projection", "span", "stereo")
+CAPTURE_KEYS = ("transfer", "primaries", "matrix", "range", "light", "peak", "projection", "span", "stereo", "format")
 
 
 def source_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -74,6 +88,8 @@ def capture_settings(capture: Any, source: str | None, given: dict[str, Any]) ->
     if lenses:
         names = [str(Path.cwd() / lens) for lens in lenses]
         values["lens"] = names[0] if len(names) == 1 else tuple(names)
+    if controls := given.pop("controls", ()):
+        values["controls"] = {**values["controls"], **dict(controls)}
     if response:
         values["response"] = str(Path.cwd() / response)
     return section_from_options(Capture, values | {key: value for key, value in given.items() if value is not None})

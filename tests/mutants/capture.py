@@ -130,7 +130,16 @@ MUTANTS = [
         ("rate of a triggered camera", "DEFAULT_FPS = 25.0", "DEFAULT_FPS = 50.0"),
         ("numbers that go back", "lost >= 2**31", "lost >= 2**32"),
         ("large gaps", "lost >= 2**31", "lost >= 2**30"),
-        ("the shallowest format", "(FORMATS[code].bits, FORMATS[code].mosaic", "(-FORMATS[code].bits, FORMATS[code].mosaic"),
+        ("the shallowest format", "return (-form.bits, form.mosaic", "return (form.bits, form.mosaic"),
+        ("codes before pictures", "(bool(FORMATS[code].mosaic) == self._in_colour,", "("),
+    ]),
+    *mutants_of(CAPTURE + "v4l2_colour.py", "tests/test_v4l2_colour.py", [
+        ("default of the colorspace", "colorspace = colorspace or SRGB", "colorspace = colorspace or 3"),
+        ("range of RGB", "if is_rgb or is_jpeg or", "if is_jpeg or"),
+    ]),
+    *mutants_of(CAPTURE + "camera_controls.py", "tests/test_camera_controls.py", [
+        ("unit of the exposure", "EXPOSURE_UNIT_S = 1e-4", "EXPOSURE_UNIT_S = 1e-3"),
+        ("automatics first", "self._controls[row[0]].id in MANUAL", "self._controls[row[0]].id not in MANUAL"),
     ]),
     *mutants_of(CAPTURE + "camera_source.py", "tests/test_v4l2_loss.py", [
         ("numbers of lost frames", "self._count += raw.lost + 1", "self._count += 1"),
@@ -152,7 +161,7 @@ MUTANTS = [
     ]),
     *mutants_of(CAPTURE + "planes.py", "tests/test_planes.py", [
         ("half a step of white", "(1 - 0.5 / ", "(1 - 1.5 / "),
-        ("gain of a display", "scene ** display[1]", "scene ** 0"),
+        ("gain of a display", ", none) ** exponent", ", none) ** 0"),
     ]),
     *mutants_of(CAPTURE + "several_lenses.py", "tests/test_projections.py", [
         ("weights of the lens alone", "np.divide(seen[n], total, out", "np.divide(total, total, out"),

@@ -282,7 +282,7 @@ class Settings(SettingsSection, frozen=True):
 
 
 STREAMS = ("http://", "https://", "rtsp://", "rtsps://", "rtmp://", "rtmps://", "udp://", "tcp://", "rtp://")
-OPTIONS = {"error_percent": "--error"}  # of the command line, for keys whose option has another name
+OPTIONS = {"error_percent": "--error", "controls": "--control"}  # of the command line, for keys whose option has another name
 Section = TypeVar("Section", bound=SettingsSection)
 
 

@@ -189,6 +189,8 @@ class Sampler(SettingsSection, frozen=True):
     def __post_init__(self) -> None:
         if self.filter not in ("auto", "none") and (self.method == "tracked") != (self.filter == "adaptive"):
             raise ValueError(f"filter {self.filter} does not go with method {self.method}; name another method, or filter auto")
+        if self.filter == "fir" and self.pass_hz >= self.stop_hz:
+            raise ValueError(f"filter fir stops from {self.stop_hz:g} Hz on what passes to {self.pass_hz:g} Hz; set pass_hz below stop_hz")
         if self.soft and self.method != "tracked":
             raise ValueError(f"soft lights are made by method tracked, not {self.method}; leave out soft or name method tracked")
 

@@ -42,10 +42,10 @@ def test_what_is_no_sum_over_frames_has_one_weight(name):
     assert weights_from_settings(Sampler(filter=name), 25.0).tolist() == [1.0]
 
 
-@given(st.floats(1, 1000), st.integers(1, 16).map(lambda half: 2 * half), st.floats(0.1, 100), st.floats(0.1, 100))
+@given(st.floats(1, 1000), st.integers(1, 32).map(lambda half: 2 * half), st.floats(0.1, 100), st.floats(1.05, 5))
 @limits(max_examples=60)
-def test_any_rate_order_and_band_gives_a_filter(rate, order, pass_hz, stop_hz):
-    taps = weights_from_settings(Sampler(filter="fir", order=order, pass_hz=pass_hz, stop_hz=stop_hz), rate)
+def test_any_rate_order_and_band_gives_a_filter(rate, order, pass_hz, above):
+    taps = weights_from_settings(Sampler(filter="fir", order=order, pass_hz=pass_hz, stop_hz=pass_hz * above), rate)
     assert taps.shape == (order + 1,)
     assert taps.sum() == pytest.approx(1, abs=1e-12)
     assert np.abs(taps).sum() < 4  # remez that did not converge gives weights of any size
@@ -56,6 +56,23 @@ def test_the_band_is_kept_and_the_rest_removed():
         taps = equiripple(16, 3.0, 6.0, rate)
         assert [gain(taps, f, rate) for f in (1, 2, 3)] == pytest.approx([1, 1, 1], abs=0.08)
         assert max(gain(taps, f, rate) for f in (6, 8, rate / 2)) < 0.05
+
+
+@pytest.mark.parametrize(("passed", "stop"), [(7.0, 9.0), (7.0, 9.6), (3.0, 6.0), (2.0, 11.0)])
+def test_the_bands_are_those_that_were_asked_for(passed, stop, capsys):
+    # The equiripple design: the gain leaves what it has in the pass band just behind its end, and reaches the stop band's at its start.
+    taps = equiripple(24, passed, stop, 25.0)
+    ripple = max(abs(gain(taps, f, 25.0) - 1) for f in np.linspace(0, passed, 200))
+    left = max(gain(taps, f, 25.0) for f in np.linspace(stop, 12.5, 200))
+    assert 1 - gain(taps, passed + 0.15 * (stop - passed), 25.0) > ripple
+    assert gain(taps, stop - 0.15 * (stop - passed), 25.0) > left
+    assert not capsys.readouterr().err
+
+
+def test_bands_above_half_the_rate_are_moved_and_a_line_says_so(capsys):
+    equiripple.cache_clear()
+    equiripple(8, 7.0, 9.0, 16.0)
+    assert "ends at 5.04 Hz and what is stopped begins at 7.2 Hz, instead of 7 and 9 Hz" in capsys.readouterr().err
 
 
 def test_an_unknown_rate_filters_nothing():

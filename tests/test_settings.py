@@ -124,6 +124,7 @@ def test_options_of_a_command_line_are_named_as_there():
         (Renderer, {"shadow_map": 1}, ("--shadow-map", "16")),
         (Sampler, {"error_percent": 200.0}, ("--error:", "100")),
         (Sampler, {"method": "tracked", "filter": "fir"}, ("filter fir", "filter auto")),
+        (Sampler, {"method": "standard", "filter": "fir", "pass_hz": 9.0, "stop_hz": 7.0}, ("pass_hz below stop_hz",)),
         (Sampler, {"soft": True, "method": "standard"}, ("soft", "method tracked, not standard")),
     ):
         with pytest.raises(UserError) as caught:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.files import notice
 from vemlight.settings import Sampler
 
 # Havran et al. 2005, section 3.3, given there as a design for 21 Hz, 7 Hz pass, 9 Hz stop; in truth they are the equiripple
@@ -13,7 +14,7 @@ from vemlight.settings import Sampler
 PAPER_WEIGHTS = (0.06216, 0.01296, -0.13816, 0.28315, 0.65223, 0.28315, -0.13816, 0.01296, 0.06216)
 BINOMIAL_WEIGHTS = (1.0, 4.0, 6.0, 4.0, 1.0)  # no negative weight, so nothing overshoots; half the paper's delay and a softer edge
 MAX_STOP_OVER_NYQUIST = 0.9  # the stop band must have a width, and 0.9 of half the rate leaves the design some; any value in 0.8..0.95 does
-MAX_PASS_OVER_STOP = 0.7  # the transition band as well; any value in 0.6..0.8 does
+MAX_PASS_OVER_STOP = 0.7  # the transition band as well, where the stop band had to be moved; any value in 0.6..0.8 does
 
 
 class TemporalFilter(NamedTuple):
@@ -46,16 +47,27 @@ def _unit_sum(weights: tuple[float, ...]) -> np.ndarray:
 def equiripple(order: int, pass_hz: float, stop_hz: float, rate_hz: float) -> np.ndarray:
     """The low-pass of `order` + 1 weights whose largest error in both bands is smallest (Parks and McClellan 1972), with gain 1 at rest.
 
-    A rate too low for the bands has nothing above its half to remove: the bands are moved below it. pass_hz is at most 0.7 stop_hz.
+    A rate too low for the stop band has nothing above its half to remove: both bands are moved below it, and a line says so.
     """
-    from scipy.signal import remez  # here, since it takes most of a second to import and only this filter needs it
+    from scipy.signal import firls, remez  # here, since it takes most of a second to import and only this filter needs it
 
     half = rate_hz / 2
     if half <= 0:
         return _unit_sum((1.0,))
-    stop = min(stop_hz, MAX_STOP_OVER_NYQUIST * half)
-    passed = min(pass_hz, MAX_PASS_OVER_STOP * stop)
-    return _unit_sum(tuple(remez(order + 1, [0, passed, stop, half], [1, 0], fs=rate_hz).tolist()))
+    stop, passed = stop_hz, pass_hz
+    if stop_hz > MAX_STOP_OVER_NYQUIST * half:
+        stop = MAX_STOP_OVER_NYQUIST * half
+        passed = min(pass_hz, MAX_PASS_OVER_STOP * stop)
+        notice(
+            f"filter fir: {rate_hz:g} frames a second show nothing above {half:g} Hz, so what passes ends at {passed:.3g} Hz and what is "
+            f"stopped begins at {stop:.3g} Hz, instead of {pass_hz:g} and {stop_hz:g} Hz"
+        )
+    bands = [0, passed, stop, half]
+    try:
+        weights = remez(order + 1, bands, [1, 0], fs=rate_hz)
+    except ValueError:  # where no ripple is left to make equal, Remez's exchange does not converge
+        weights = firls(order + 1, bands, [1, 1, 0, 0], fs=rate_hz)
+    return _unit_sum(tuple(weights.tolist()))
 
 
 def _equiripple_from_settings(settings: Sampler, rate_hz: float) -> np.ndarray:

@@ -230,4 +230,5 @@ def strongest_lights(lights: LightSet, count: int) -> LightSet:
     total, irradiance = lights.irradiance.sum(axis=0, dtype=np.float64), lights.irradiance[chosen].astype(np.float64)
     part = irradiance.sum(axis=0)
     scaled = np.where(part > 0, irradiance * np.divide(total, part, out=np.zeros(3), where=part > 0), total / count)
-    return LightSet.of(lights.ids[chosen], lights.directions[chosen], scaled)
+    covariances = None if lights.covariances is None else lights.covariances[chosen]
+    return LightSet.of(lights.ids[chosen], lights.directions[chosen], scaled, covariances)

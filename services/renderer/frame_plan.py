@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight import settings
+from vemlight.light.extent import Extents, received
 from vemlight.light.light_set import LightSet
 from vemlight.renderer import pass_table
 from vemlight.renderer.accumulation import spread_points
@@ -262,7 +263,8 @@ def _catcher_irradiance(setup: FrameSetup, pose: ScenePose, lights: LightSet) ->
     normal = setup.scene.shadow_catcher_normal(pose.matrices)
     if normal is None:
         return (1.0, 1.0, 1.0)
-    red, green, blue = np.maximum(np.maximum(lights.directions @ normal, 0) @ lights.irradiance, NO_LIGHT).tolist()
+    fractions = received(lights.directions @ normal, Extents.of(lights))
+    red, green, blue = np.maximum(fractions @ lights.irradiance, NO_LIGHT).tolist()
     return (red, green, blue)
 
 

@@ -146,7 +146,7 @@ class RendererStage:
         paused_s = state.paused_s + dt_s if state.paused else state.paused_s
         state = state._replace(time_s=time_s, paused_s=paused_s, costs=costs, measured=None, notices=())
         shown = FrameInput(
-            lights=LightSet(*arrays[:3]),
+            lights=LightSet(*arrays[:-2]),
             pose=scene_pose(self._renderer.setup.scene, time_s - paused_s, state.poses),
             gloss=LightSet.of(np.arange(header.gloss_count), *arrays[-2:]),
             background=state.environment if self._shows_environment else None,

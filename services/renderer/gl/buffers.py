@@ -18,6 +18,8 @@ LIGHT_ENTRY = buffer_struct(
         "map": Member("float", "number of its shadow map"),
         "map_direction": Member("vec3", "unit, for which the shadow map was drawn"),
         "corner": Member("vec2", "first texel of the shadow map in the atlas"),
+        "spread": Member("float", "rad, standard deviation of its directions along an axis; 0: a point"),
+        "concentration": Member("float", "mean cosine of its directions with their middle; 1: a point"),
     },
 )
 
@@ -35,6 +37,8 @@ LIGHT_FRAME = buffer_struct(
         "corner": Member("vec2", "first texel of the shadow map in the atlas"),
         "slope": Member("vec2", "depth a texel of a plane with normal n: slope * dot(column or row, n) / dot(direction, n)"),
         "resolution": Member("float", "texels on a side of the shadow map"),
+        "spread": Member("float", "rad, standard deviation of its directions along an axis; 0: a point"),
+        "concentration": Member("float", "mean cosine of its directions with their middle; 1: a point"),
     },
 )
 

@@ -29,7 +29,7 @@ from vemlight.renderer.rays.hits import (
     set_ray,
 )
 from vemlight.renderer.rays.reflecting import ReflectingMeshes
-from vemlight.renderer.rays.tracing import FAR, LIFT_OF_REACH, OCCLUDED, PASSED, Surfaces
+from vemlight.renderer.rays.tracing import FAR, LIFT_OF_REACH, OCCLUDED, PASSED
 
 BLOCK = 4  # pixels on a side; a bounce changes slowly but at contacts, where rays are short and the direct light's shadows count more
 ROWS_PER_TASK = 4  # of blocks; as tracing.TILE_ROWS_PER_TASK
@@ -40,6 +40,14 @@ MIRROR_EXPONENT = 8  # of the lobe about the mirrored view: 30 degrees to half, 
 PI = np.pi
 
 _occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
+
+
+class BlockSurfaces(NamedTuple):
+    """The pixels that stand for blocks, (rows, columns, 3) float32 each: places as in Surfaces, normals for shading, zeros where there is no
+    surface."""
+
+    places: np.ndarray
+    normals: np.ndarray
 
 
 class Blocks(NamedTuple):
@@ -75,13 +83,13 @@ class Bounce:
         self._scene, self._meshes, self._threads = scene, meshes, threads
         self._lift_m, self._shadow_rays = LIFT_OF_REACH * reach_m, shadow_rays
         self._pattern, self._offsets = hemisphere_pattern(rays), disc_pattern()
-        self._surfaces: Surfaces | None = None
+        self._surfaces: BlockSurfaces | None = None
         self._eye = np.zeros(3, np.float32)
         self._hits: Hits | None = None
         llvmlite.binding.add_symbol(INTERSECT, function_address(INTERSECT))
         llvmlite.binding.add_symbol(OCCLUDED, function_address(OCCLUDED))
 
-    def see(self, surfaces: Surfaces, eye: np.ndarray) -> None:
+    def see(self, surfaces: BlockSurfaces, eye: np.ndarray) -> None:
         """Takes the surfaces of the pixels that stand for blocks, their normals for shading, and the eye (3,) in the world."""
         self._surfaces = surfaces
         self._eye = (eye - self._scene.origin).astype(np.float32)

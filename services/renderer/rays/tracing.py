@@ -4,6 +4,7 @@ Rays go in packets of 16, those of 4 x 4 pixels to one light, and the lights fol
 """
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -14,6 +15,8 @@ from numba import types
 from vemlight.kernels import kernel, subroutine
 from vemlight.renderer.gl.constants import NORMAL_CODES
 from vemlight.renderer.rays.embree import RayScene, function_address
+from vemlight.renderer.rays.soft_filter import DARK, LIT, UNKNOWN, filter_rows
+from vemlight.renderer.rays.soft_pattern import FEW, SoftPattern, soft_pattern
 from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.scene import Scene
 
@@ -29,17 +32,33 @@ ALIGNMENT = 64  # bytes, of what Embree reads in packets
 ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, NUMBER, FLAGS, RAY_LINES = 0, 3, 4, 7, 8, 9, 10, 11, 12
 PASSED = 16  # words into the query's context, behind what Embree keeps there: what fraction of each ray of a packet came through so far
 
-# Embree finds by this name what numba calls; compiled code with it can be kept in numba's cache.
+# Compiled code finds Embree by this name, and so can be kept in numba's cache.
 OCCLUDED = "rtcOccluded16"
 _occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
 
 
 class Surfaces(NamedTuple):
-    """What the pixels of a picture see, (height, width, 3) float32: places about the ray scene's origin, lifted off the surface, and flat
-    normals on the viewer's side, zeros where there is no surface."""
+    """What the pixels of a picture see, (height, width, 3) float32: places about the ray scene's origin, lifted off the surface, flat and
+    smooth normals on the viewer's side, zeros where there is no surface. distances: (height, width) float32, of the eye."""
 
     places: np.ndarray
-    normals: np.ndarray
+    flat_normals: np.ndarray
+    smooth_normals: np.ndarray
+    distances: np.ndarray
+
+    def of(self, rows: slice) -> "Surfaces":
+        """Those of some rows."""
+        return Surfaces(*(each[rows] for each in self))
+
+
+class TracedLights(NamedTuple):
+    """Lights to trace. directions: (n, 3) float32, unit, to the middle of each. axes: (n, 2, 3) float32, across it, each as long as the
+    standard deviation of the light's directions along it; zeros for points. rays: (n,) int64 of a pixel to a soft light, 1, FEW or STRATA;
+    what a single one finds is filtered over the pixel's neighbourhood."""
+
+    directions: np.ndarray
+    axes: np.ndarray
+    rays: np.ndarray
 
 
 class Packet(NamedTuple):
@@ -69,7 +88,6 @@ class RayTracer:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(cores, "rays")
         self._surfaces: Surfaces | None = None
-        self.normal_codes = np.zeros((*size[::-1], 4), np.uint16)  # of these surfaces
 
     @property
     def scene(self) -> RayScene:
@@ -95,33 +113,41 @@ class RayTracer:
         """Takes the surfaces of a G-buffer: depth (height, width) float32 in lengths of the pixel's ray, 0 where there is none; codes of
         normals (height, width, 4) uint16, the flat normal's last; the matrix (3, 3) from pixels to rays; the eye (3,), float64."""
         width, height = self._size
-        surfaces = Surfaces(np.empty((height, width, 3), np.float32), np.empty((height, width, 3), np.float32))
+        surfaces = Surfaces(*(np.zeros((height, width, 3), np.float32) for _ in range(3)), np.zeros((height, width), np.float32))
         camera = np.concatenate([ray_from_pixel.T, [eye - self._scene.origin]])
         _decode(depth, normal_codes, camera, (LIFT_OF_DISTANCE, LIFT_OF_REACH * self._reach_m), surfaces)
-        self._surfaces, self.normal_codes = surfaces, normal_codes
+        self._surfaces = surfaces
 
-    def trace(self, directions: np.ndarray) -> np.ndarray:
-        """The fraction of each light that arrives at each pixel, (n, height, width) uint8, for directions (n, 3) float32 to the lights."""
+    def trace(self, lights: TracedLights, pattern: SoftPattern) -> np.ndarray:
+        """The fraction of each light that arrives at each pixel, (n, height, width) uint8. pattern: where rays go on soft lights."""
         assert self._surfaces is not None
         width, height = self._size
-        arriving = np.empty((len(directions), height, width), np.uint8)
-        step = TILE * TILE_ROWS_PER_TASK
-        rows = [slice(first, min(first + step, height)) for first in range(0, height, step)]
-        tasks = [self._threads.submit(self._trace_rows, directions, own, arriving) for own in rows]
-        for task in tasks:
-            task.result()
+        arriving = np.empty((len(lights.directions), height, width), np.uint8)
+        filtered = np.flatnonzero((lights.rays == 1) & lights.axes.any(axis=(1, 2)))
+        found = np.empty((height, width, len(filtered)), np.uint16)
+        self._in_rows(lambda rows: self._trace_rows(lights, pattern, rows, arriving[:, rows], found[rows]))
+        if len(filtered):
+            surfaces = self._surfaces
+            self._in_rows(lambda rows: filter_rows(found, surfaces, rows.start, rows.stop, filtered, arriving))
         return arriving
 
-    def _trace_rows(self, directions: np.ndarray, rows: slice, arriving: np.ndarray) -> None:
+    def _in_rows(self, work: Callable[[slice], None]) -> None:
+        """Does some work on all rows of tiles, by all threads."""
+        height, step = self._size[1], TILE * TILE_ROWS_PER_TASK
+        tasks = [self._threads.submit(work, slice(first, min(first + step, height))) for first in range(0, height, step)]
+        for task in tasks:
+            task.result()
+
+    def _trace_rows(self, lights: TracedLights, pattern: SoftPattern, rows: slice, arriving: np.ndarray, found: np.ndarray) -> None:
         assert self._surfaces is not None
-        own = Surfaces(self._surfaces.places[rows], self._surfaces.normals[rows])
-        _trace(self._scene.address, _packet(), own, directions, arriving[:, rows])
+        _trace(self._scene.address, _packet(), self._surfaces.of(rows), lights, pattern, arriving, found)
 
     def warm(self) -> None:
         """Compiles, or loads, what a picture needs."""
         width, height = self._size
         self.see(np.zeros((height, width), np.float32), np.zeros((height, width, 4), np.uint16), np.eye(3), np.zeros(3))
-        self.trace(np.zeros((1, 3), np.float32))
+        lights = TracedLights(np.zeros((2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.array([1, FEW]))
+        self.trace(lights, soft_pattern(0, 1))
 
     def release(self) -> None:
         """Ends its threads and frees the scene."""
@@ -148,65 +174,129 @@ def aligned(count: int) -> np.ndarray:
 
 @kernel(nogil=True)
 def _decode(depth, codes, camera, lifts, surfaces):
-    """Fills Surfaces; camera: (4, 3), rows of ray_from_pixel's columns and the eye. lifts: a distance to the eye, and all."""
+    """Fills Surfaces, zeros so far; camera: (4, 3), rows of ray_from_pixel's columns and the eye. lifts: a distance to the eye, and all."""
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
-            surfaces.normals[y, x] = 0.0
-            surfaces.places[y, x] = 0.0
             if not depth[y, x] > 0:
                 continue
-            u, v = (codes[y, x, 2] - (NORMAL_CODES + 1.0)) / NORMAL_CODES, (codes[y, x, 3] - (NORMAL_CODES + 1.0)) / NORMAL_CODES
-            z = 1.0 - abs(u) - abs(v)
-            fold = max(-z, 0.0)
-            u, v = u - np.copysign(fold, u), v - np.copysign(fold, v)
-            length = np.sqrt(u * u + v * v + z * z)
-            rx = camera[0, 0] * (x + 0.5) + camera[1, 0] * (y + 0.5) + camera[2, 0]
-            ry = camera[0, 1] * (x + 0.5) + camera[1, 1] * (y + 0.5) + camera[2, 1]
-            rz = camera[0, 2] * (x + 0.5) + camera[1, 2] * (y + 0.5) + camera[2, 2]
-            d = float(depth[y, x])
-            off = (lifts[1] + lifts[0] * d * np.sqrt(rx * rx + ry * ry + rz * rz)) / length
-            surfaces.normals[y, x, 0], surfaces.normals[y, x, 1], surfaces.normals[y, x, 2] = u / length, v / length, z / length
-            surfaces.places[y, x, 0] = camera[3, 0] + d * rx + off * u
-            surfaces.places[y, x, 1] = camera[3, 1] + d * ry + off * v
-            surfaces.places[y, x, 2] = camera[3, 2] + d * rz + off * z
-
-
-@kernel(nogil=True)
-def _trace(scene, packet, surfaces, directions, arriving):
-    """Fills arriving (n, rows, columns) uint8 for the lights of directions (n, 3)."""
-    rows, columns = arriving.shape[1:]
-    normals = np.zeros((3, TILE * TILE), np.float32)
-    for top in range(0, rows, TILE):
-        for left in range(0, columns, TILE):
-            height, width = min(TILE, rows - top), min(TILE, columns - left)
-            _place_packet(packet, surfaces, top, left, height, width, normals)
-            for i in range(len(directions)):
-                dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
-                wanted = 0
-                for k in range(TILE * TILE):
-                    facing = normals[0, k] * dx + normals[1, k] * dy + normals[2, k] * dz > 0
-                    packet.wanted[k] = -1 if facing else 0
-                    wanted += facing
-                    packet.rays[DIRECTION, k], packet.rays[DIRECTION + 1, k], packet.rays[DIRECTION + 2, k] = dx, dy, dz
-                if wanted:
-                    _follow(scene, packet)
-                for y in range(height):
-                    for x in range(width):
-                        k = TILE * y + x
-                        open_ = packet.wanted[k] != 0 and packet.rays[FAR, k] >= 0
-                        arriving[i, top + y, left + x] = int(255 * packet.context[PASSED + k] + 0.5) if open_ else 0
+            flat = surfaces.flat_normals[y, x]
+            _unfold(codes[y, x, 0], codes[y, x, 1], surfaces.smooth_normals[y, x])
+            _unfold(codes[y, x, 2], codes[y, x, 3], flat)
+            d, square = float(depth[y, x]), 0.0
+            for axis in range(3):
+                along = d * (camera[0, axis] * (x + 0.5) + camera[1, axis] * (y + 0.5) + camera[2, axis])
+                square += along * along
+                surfaces.places[y, x, axis] = camera[3, axis] + along
+            surfaces.distances[y, x] = np.sqrt(square)
+            lift = lifts[1] + lifts[0] * surfaces.distances[y, x]
+            for axis in range(3):
+                surfaces.places[y, x, axis] += lift * flat[axis]
 
 
 @subroutine
-def _place_packet(packet, surfaces, top, left, height, width, normals):
-    """Has the rays of a packet begin at a tile's pixels; normals (3, 16) become theirs, zeros where there is no pixel."""
-    normals[:] = 0
+def _unfold(first, second, normal):
+    """The unit vector (3,) of an octahedron's 16-bit codes, as normals.py has it."""
+    u, v = (first - (NORMAL_CODES + 1.0)) / NORMAL_CODES, (second - (NORMAL_CODES + 1.0)) / NORMAL_CODES
+    z = 1.0 - abs(u) - abs(v)
+    fold = max(-z, 0.0)
+    u, v = u - np.copysign(fold, u), v - np.copysign(fold, v)
+    length = np.sqrt(u * u + v * v + z * z)
+    normal[0], normal[1], normal[2] = u / length, v / length, z / length
+
+
+@kernel(nogil=True)
+def _trace(scene, packet, surfaces, lights, pattern, arriving, found):
+    """Fills arriving (n, rows, columns) uint8, and found (rows, columns, m) with what the ray of each pixel met on its way to those lights
+    that are filtered: UNKNOWN, DARK or LIT."""
+    rows, columns = arriving.shape[1:]
+    flat, smooth = np.zeros((3, TILE * TILE), np.float32), np.zeros((3, TILE * TILE), np.float32)
+    received, sent = np.zeros(TILE * TILE, np.float32), np.zeros(TILE * TILE, np.float32)
+    for top in range(0, rows, TILE):
+        for left in range(0, columns, TILE):
+            height, width = min(TILE, rows - top), min(TILE, columns - left)
+            _place_packet(packet, surfaces, top, left, height, width, flat, smooth)
+            m = 0
+            for i in range(len(lights.directions)):
+                soft = _is_soft(lights.axes[i])
+                filtered = soft and lights.rays[i] == 1
+                if soft:
+                    offsets = pattern.one if filtered else pattern.few if lights.rays[i] == FEW else pattern.many
+                    _trace_soft(scene, packet, lights, i, offsets, flat, smooth, received, sent)
+                else:
+                    _trace_point(scene, packet, lights.directions[i], flat, received, sent)
+                for y in range(height):
+                    for x in range(width):
+                        k = TILE * y + x
+                        fraction = received[k] / sent[k] if sent[k] > 0 else np.float32(0)
+                        arriving[i, top + y, left + x] = int(255 * fraction + np.float32(0.5))
+                        if filtered:
+                            found[top + y, left + x, m] = UNKNOWN if sent[k] == 0 else DARK if fraction < 0.5 else LIT
+                m += filtered
+
+
+@subroutine
+def _is_soft(axes):
+    """Whether a light's axes (2, 3) have any length."""
+    return axes[0, 0] != 0 or axes[0, 1] != 0 or axes[0, 2] != 0 or axes[1, 0] != 0 or axes[1, 1] != 0 or axes[1, 2] != 0
+
+
+@subroutine
+def _trace_point(scene, packet, direction, flat, received, sent):
+    """Traces a tile's rays to a point."""
+    dx, dy, dz = direction[0], direction[1], direction[2]
+    wanted = 0
+    for k in range(TILE * TILE):
+        facing = flat[0, k] * dx + flat[1, k] * dy + flat[2, k] * dz > 0
+        packet.wanted[k] = -1 if facing else 0
+        wanted += facing
+        packet.rays[DIRECTION, k], packet.rays[DIRECTION + 1, k], packet.rays[DIRECTION + 2, k] = dx, dy, dz
+    if wanted:
+        _follow(scene, packet)
+    for k in range(TILE * TILE):
+        sent[k] = 1
+        received[k] = packet.context[PASSED + k] if packet.wanted[k] != 0 and packet.rays[FAR, k] >= 0 else 0
+
+
+@subroutine
+def _trace_soft(scene, packet, lights, i, offsets, flat, smooth, received, sent):
+    """Traces a tile's rays to places spread over light i, other ones in each pixel. sent, received: (16,), the rays above
+    the surface, weighted with their cosines, and what came through."""
+    received[:] = 0
+    sent[:] = 0
+    for turn in range(offsets.shape[1]):
+        wanted = 0
+        for k in range(TILE * TILE):
+            u, v = offsets[k, turn, 0], offsets[k, turn, 1]
+            dx = lights.directions[i, 0] + u * lights.axes[i, 0, 0] + v * lights.axes[i, 1, 0]
+            dy = lights.directions[i, 1] + u * lights.axes[i, 0, 1] + v * lights.axes[i, 1, 1]
+            dz = lights.directions[i, 2] + u * lights.axes[i, 0, 2] + v * lights.axes[i, 1, 2]
+            scale = 1 / np.sqrt(dx * dx + dy * dy + dz * dz)
+            cosine = (smooth[0, k] * dx + smooth[1, k] * dy + smooth[2, k] * dz) * scale
+            facing = cosine > 0 and flat[0, k] * dx + flat[1, k] * dy + flat[2, k] * dz > 0
+            sent[k] += max(cosine, np.float32(0))
+            packet.wanted[k] = -1 if facing else 0
+            wanted += facing
+            packet.rays[DIRECTION, k], packet.rays[DIRECTION + 1, k], packet.rays[DIRECTION + 2, k] = dx * scale, dy * scale, dz * scale
+            packet.rays[TIME, k] = cosine
+        if wanted:
+            _follow(scene, packet)
+        for k in range(TILE * TILE):
+            if packet.wanted[k] != 0 and packet.rays[FAR, k] >= 0:
+                received[k] += packet.context[PASSED + k] * packet.rays[TIME, k]
+
+
+@subroutine
+def _place_packet(packet, surfaces, top, left, height, width, flat, smooth):
+    """Has the rays of a packet begin at a tile's pixels; the normals (3, 16) become theirs, zeros where there is no pixel."""
+    flat[:] = 0
+    smooth[:] = 0
     for y in range(height):
         for x in range(width):
             k = TILE * y + x
             for axis in range(3):
                 packet.rays[ORIGIN + axis, k] = surfaces.places[top + y, left + x, axis]
-                normals[axis, k] = surfaces.normals[top + y, left + x, axis]
+                flat[axis, k] = surfaces.flat_normals[top + y, left + x, axis]
+                smooth[axis, k] = surfaces.smooth_normals[top + y, left + x, axis]
 
 
 @subroutine

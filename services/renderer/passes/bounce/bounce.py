@@ -7,11 +7,9 @@ import moderngl
 import numpy as np
 
 from vemlight.light.light_set import LightSet
-from vemlight.renderer.gl.constants import NORMAL_CODES
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
-from vemlight.renderer.passes.gbuffer.normals import direction_from_octahedron, octahedron_from_code
-from vemlight.renderer.rays.bounce import BLOCK, SAME_NORMAL, SAME_PLANE, Blocks, Bounce, block_pixels
+from vemlight.renderer.rays.bounce import BLOCK, SAME_NORMAL, SAME_PLANE, Blocks, BlockSurfaces, Bounce, block_pixels
 from vemlight.renderer.rays.reflecting import reflecting_meshes
 from vemlight.renderer.rays.tracing import RayTracer, Surfaces
 from vemlight.renderer.scene.scene import Scene
@@ -50,13 +48,10 @@ class BounceLight:
         for texture, values in zip(self._textures.values(), blocks, strict=True):
             texture.write(np.concatenate([values, there], axis=-1, dtype=np.float32).tobytes())
 
-    def _of_blocks(self, surfaces: Surfaces) -> Surfaces:
+    def _of_blocks(self, surfaces: Surfaces) -> BlockSurfaces:
         """The surfaces of the pixels that stand for blocks, with their normals for shading."""
-        rows, columns = block_pixels(surfaces.normals)
-        codes = self._tracer.normal_codes[rows, columns, :2].astype(np.float32) / np.float32(2 * NORMAL_CODES + 1)
-        there = surfaces.normals[rows, columns].any(axis=-1, keepdims=True)
-        normals = np.where(there, direction_from_octahedron(octahedron_from_code(codes)), 0.0)
-        return Surfaces(surfaces.places[rows, columns], normals.astype(np.float32))
+        rows, columns = block_pixels(surfaces.smooth_normals)
+        return BlockSurfaces(surfaces.places[rows, columns], surfaces.smooth_normals[rows, columns])
 
     def add(self, g_buffer: GBuffer, frame: moderngl.Framebuffer, scale: tuple[float, float, float], catchers: bool = False) -> None:
         """Adds what was gathered last, times `scale`, to the surfaces in `frame`; with `catchers`, the irradiance of shadow catchers."""

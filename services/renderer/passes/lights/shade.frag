@@ -10,6 +10,7 @@ layout(early_fragment_tests) in;
 #include "visibility.glsl"
 #endif
 #include "arriving.glsl"
+#include "received.glsl"
 #include "normals.glsl"
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
@@ -51,7 +52,7 @@ void main() {
     for (int i = 0; i < light_count; ++i) {
         vec3 d = lights[i].direction;
         float flat_cosine = dot(flat_normal, d);
-        float cosine = flat_cosine > 0.0 ? max(dot(smooth_normal, d), 0.0) : 0.0;
+        float cosine = received(i, dot(smooth_normal, d));
         float fraction = arriving(i, pixel, position, flat_normal, flat_cosine);
 #if KIND == MATERIAL_SHADOW_CATCHER
         sum += lights[i].irradiance * (cosine * (1.0 - fraction));

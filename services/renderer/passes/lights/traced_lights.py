@@ -9,24 +9,34 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.buffers import LIGHT_ENTRY
 from vemlight.renderer.gl.constants import MAX_LIGHTS
 from vemlight.renderer.passes.lights.light_regions import region_rows
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import SPARE_SLOTS, Batch, ShadowSetup, light_rows, lit_lights
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import Packing
+from vemlight.renderer.rays.soft_pattern import FEW, STRATA
 
+MANY_FROM = 4.0  # times the mean power, from which on a light has many rays live: a sun or a lamp
+NARROW_RAD = 0.02  # spread of lights whose penumbra is seldom wider than the filter
+KEPT_SPREAD = 1 / 8  # of a light's spread, by which it may turn or widen as well: its penumbra hides that
 KEPT_RAD = np.radians(0.1)  # by which a light may turn before it is traced again: at 10 m its shadows move by 17 mm, at 1 m by 1.7
 
 
 class TracedLayers(NamedTuple):
-    """directions: (m, 3) float32, of the light that each layer was traced for; nan in an empty one."""
+    """What each layer was traced for, and by how many rays: ids (m,) int64, directions (m, 3) and covariances (m, 6) float32, nan in an
+    empty one, rays (m,) int64."""
 
+    ids: np.ndarray
     directions: np.ndarray
+    covariances: np.ndarray
+    rays: np.ndarray
 
     @staticmethod
     def empty(count: int) -> "TracedLayers":
-        return TracedLayers(np.full((count, 3), np.nan, np.float32))
+        directions, covariances = np.full((count, 3), np.nan, np.float32), np.zeros((count, 6), np.float32)
+        return TracedLayers(np.zeros(count, np.int64), directions, covariances, np.zeros(count, np.int64))
 
     @property
     def filled(self) -> np.ndarray:
@@ -47,7 +57,8 @@ def traced_batches(setup: ShadowSetup, lights: LightSet, most: int) -> tuple[Bat
     lit, _ = lit_lights(lights)
     most = min(max(most, 1), MAX_LIGHTS)
     parts = [lit[first : first + most] for first in range(0, max(len(lit), 1), most)]
-    return tuple(_batch(setup, lights, own, np.arange(len(own)), np.arange(len(own)), len(own)) for own in parts)
+    many = np.full(len(lights.ids), STRATA)
+    return tuple(_batch(setup, lights, own, np.arange(len(own)), np.arange(len(own)), many[own], len(own)) for own in parts)
 
 
 def traced_batch(
@@ -60,28 +71,41 @@ def traced_batch(
     lit, power = lit_lights(lights)
     if len(lit) > min(most, MAX_LIGHTS):
         return None
-    if layers is None or len(layers.directions) < len(lit):
+    if layers is None or len(layers.ids) < len(lit):
         layers = TracedLayers.empty(min(len(lit) + int(np.ceil(SPARE_SLOTS * len(lit))), most))
-    directions = lights.directions[lit]
-    error = _errors(layers, directions)
-    layer = error.argmin(axis=1) if len(layers.directions) else np.zeros(len(lit), np.int64)
+    own = LightSet.of(lights.ids[lit], lights.directions[lit], lights.irradiance[lit], _covariances(lights)[lit])
+    error, spreads = _errors(layers, own), Extents.of(own).spreads
+    rays = live_rays(power, spreads)
+    layer = error.argmin(axis=1) if len(layers.ids) else np.zeros(len(lit), np.int64)
     least = np.min(error, axis=1, initial=np.inf)
-    stale = np.flatnonzero(least > KEPT_RAD)
+    stale = np.flatnonzero(least > np.maximum(KEPT_RAD, KEPT_SPREAD * spreads))
     stale = stale[np.argsort(-(power * np.minimum(least, np.pi))[stale], kind="stable")]  # no layer counts as one behind the light
     count = len(stale) if not layers.filled.any() else min(max(affordable(len(stale)), 1), len(stale))
     chosen, waiting = stale[:count], stale[count:]
-    needed, read = np.zeros(len(layers.directions), bool), np.zeros(len(layers.directions), bool)
+    needed, read = np.zeros(len(layers.ids), bool), np.zeros(len(layers.ids), bool)
     needed[np.delete(layer, stale)] = True
     read[layer[waiting]] = True
     free = np.flatnonzero(~needed)
     loss = np.where(layers.filled, 1 + read, 0)  # of overwriting a layer: nothing, a light, a light that another one reads
     layer[chosen] = free[np.argsort(loss[free], kind="stable")][: len(chosen)]
-    kept = layers.directions.copy()
-    kept[layer[chosen]] = directions[chosen]
-    layers = TracedLayers(kept)
+    layers = TracedLayers(*(each.copy() for each in layers))
+    for kept, new in zip(layers, (own.ids, own.directions, own.covariances, rays), strict=True):
+        kept[layer[chosen]] = new[chosen]
     if len(waiting):
-        layer[waiting] = _errors(layers, directions[waiting]).argmin(axis=1)
-    return TracedBatch(_batch(setup, lights, lit, layer, np.sort(chosen), len(kept)), layers, len(stale))
+        waits = LightSet(own.ids[waiting], own.directions[waiting], own.irradiance[waiting], _covariances(own)[waiting])
+        layer[waiting] = _errors(layers, waits).argmin(axis=1)
+    chosen = np.sort(chosen)
+    return TracedBatch(_batch(setup, lights, lit, layer, chosen, rays[chosen], len(layers.ids)), layers, len(stale))
+
+
+def live_rays(power: np.ndarray, spreads: np.ndarray) -> np.ndarray:
+    """How many rays of a pixel go to each light where time counts, (n,) int64; power: (n,). More to the strong, whose errors show most.
+
+    A single ray is filtered over 5 x 5 pixels. Narrow lights would lose the edges of their shadows by that.
+    """
+    if len(power) == 0:
+        return np.zeros(0, np.int64)
+    return np.where(power >= MANY_FROM * power.mean(), STRATA, np.where(spreads < NARROW_RAD, FEW, 1))
 
 
 def restoring_batches(setup: ShadowSetup, layers: TracedLayers) -> tuple[Batch, ...]:
@@ -90,26 +114,40 @@ def restoring_batches(setup: ShadowSetup, layers: TracedLayers) -> tuple[Batch, 
     made = []
     for first in range(0, len(filled), MAX_LIGHTS):
         own = filled[first : first + MAX_LIGHTS]
-        lights, every = LightSet.of(own, layers.directions[own], np.ones((len(own), 3))), np.arange(len(own))
-        made.append(_batch(setup, lights, every, own, every, len(layers.directions)))
+        every, light = np.arange(len(own)), np.ones((len(own), 3), np.float32)
+        lights = LightSet(layers.ids[own], layers.directions[own], light, layers.covariances[own])
+        made.append(_batch(setup, lights, every, own, every, layers.rays[own], len(layers.ids)))
     return tuple(made)
 
 
-def _batch(setup: ShadowSetup, lights: LightSet, lit: np.ndarray, layer: np.ndarray, traced: np.ndarray, layers: int) -> Batch:
-    """The lights numbered `lit`, the layer that each reads, of `layers`, and which of them are traced."""
+def _batch(
+    setup: ShadowSetup, lights: LightSet, lit: np.ndarray, layer: np.ndarray, traced: np.ndarray, rays: np.ndarray, layers: int
+) -> Batch:
+    """The lights numbered `lit`, the layer that each reads, of `layers`, and which of them are traced by how many rays."""
     light = np.zeros(len(lit), LIGHT_ENTRY.dtype)
     light["direction"] = light["map_direction"] = lights.directions[lit]
     light["irradiance"], light["map"], light["resolution"] = lights.irradiance[lit], layer, 1
+    extents = Extents.of(lights)
+    light["spread"], light["concentration"] = extents.spreads[lit], extents.concentrations[lit]
     regions = region_rows(setup.regions, lights.directions[lit])
     entries, rows = light_rows(light, [*regions, np.arange(len(lit)), traced, np.zeros(0, np.int64)])
     every, traced_row, drawn_row = rows[-3:]
-    return Batch(entries, tuple(rows[:-3]), every, traced_row, drawn_row, (), Packing(np.zeros((layers, 2), np.int64), 1, 1), False)
+    packing, own = Packing(np.zeros((layers, 2), np.int64), 1, 1), lit[traced]
+    own_lights = LightSet.of(lights.ids[own], lights.directions[own], lights.irradiance[own], _covariances(lights)[own])
+    return Batch(entries, tuple(rows[:-3]), every, traced_row, drawn_row, (), packing, False, own_lights, rays)
 
 
-def _errors(layers: TracedLayers, directions: np.ndarray) -> np.ndarray:
-    """How far each light is from that of each layer, (n, m) rad; inf from an empty one."""
-    light, traced = directions.astype(np.float64), layers.directions.astype(np.float64)
+def _covariances(lights: LightSet) -> np.ndarray:
+    """(n, 6) float32, zeros for points."""
+    return np.zeros((len(lights.ids), 6), np.float32) if lights.covariances is None else lights.covariances
+
+
+def _errors(layers: TracedLayers, lights: LightSet) -> np.ndarray:
+    """How far each light is from that of each layer, and how much wider or narrower, (n, m) rad; inf from an empty one."""
+    light, traced = lights.directions.astype(np.float64), layers.directions.astype(np.float64)
     error = np.sum(light**2, axis=1)[:, None] + np.sum(traced**2, axis=1) - 2 * light @ traced.T
     error = np.sqrt(np.maximum(error, 0, out=error), out=error)
+    held = Extents.of(LightSet(layers.ids, np.nan_to_num(layers.directions), layers.directions, layers.covariances))
+    error += np.abs(held.spreads - Extents.of(lights).spreads[:, None])
     error[:, ~layers.filled] = np.inf
     return error

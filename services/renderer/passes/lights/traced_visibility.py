@@ -7,14 +7,18 @@ as much as its map and the lookups in it; on one with a card maps are far cheape
 import moderngl
 import numpy as np
 
+from vemlight.light.extent import Extents
+from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.bounce.bounce import BounceLight
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
-from vemlight.renderer.rays.tracing import RayTracer
+from vemlight.renderer.rays.soft_pattern import soft_pattern
+from vemlight.renderer.rays.tracing import RayTracer, TracedLights
 from vemlight.renderer.scene.scene import Scene
 
+GOLDEN = (np.sqrt(5) - 1) / 2  # multiples of it are evenly spread around a turn
 MAX_TRACED_BYTES = 2**26  # of layers traced together, before they are uploaded; any value from 2^24 to 2^28 does
 
 
@@ -36,18 +40,28 @@ class TracedVisibility:
         """Takes the surfaces that were drawn last."""
         self._tracer.see(*g_buffer.read_surfaces())
 
-    def trace(self, batch: Batch) -> None:
-        """Traces those lights of a batch that its plan says."""
+    def trace(self, batch: Batch, sample: int, samples: int) -> None:
+        """Traces those lights of a batch that its plan says, from a sample of each pixel's `samples`."""
         texture = self._layers.make_room(max(batch.slots, 1))
-        traced = batch.of(batch.unknown)
-        directions, layers = np.ascontiguousarray(traced["direction"]), traced["map"].astype(int).tolist()
+        layers = batch.of(batch.unknown)["map"].astype(int).tolist()
+        lights, pattern = traced_lights(batch.traced, batch.rays), soft_pattern(sample, samples)
         width, height = self._size
         together = max(MAX_TRACED_BYTES // (width * height), 1)
         for first in range(0, len(layers), together):
-            arriving = self._tracer.trace(directions[first : first + together])
+            part = TracedLights(*(each[first : first + together] for each in lights))
+            arriving = self._tracer.trace(part, pattern)
             for own, layer in zip(arriving, layers[first : first + together], strict=True):
                 texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
 
     def release(self) -> None:
         """Frees what the rays need."""
         self._tracer.release()
+
+
+def traced_lights(lights: LightSet, rays: np.ndarray) -> TracedLights:
+    """Lights as rays see them. Each turns the pattern by its id, so that the lights' patterns average out."""
+    axes = Extents.of(lights).axes
+    turn = 2 * np.pi * (lights.ids * GOLDEN % 1.0)
+    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    turned = [cos * axes[:, 0] + sin * axes[:, 1], cos * axes[:, 1] - sin * axes[:, 0]]
+    return TracedLights(np.ascontiguousarray(lights.directions), np.stack(turned, axis=1).astype(np.float32), rays)

@@ -18,7 +18,8 @@ void main() {
     vec4 position = surface_position(pixel);
     vec3 flat_normal = surface_flat_normal(pixel);
     for (int i = 0; i < light_count; ++i) {
-        float arriving = visibility(i, position, flat_normal, dot(flat_normal, lights[i].direction));
+        float cosine = dot(flat_normal, lights[i].direction);
+        float arriving = cosine > 0.0 ? visibility(i, position, flat_normal, cosine) : 0.0;
         imageStore(cached_visibility, ivec3(pixel, int(lights[i].map)), vec4(arriving));
     }
 }

@@ -43,4 +43,6 @@ void main() {
     frames[i].corner = entries[i].corner;
     frames[i].slope = -scale.z / (scale.xy * scale.xy);
     frames[i].resolution = resolution;
+    frames[i].spread = entries[i].spread;
+    frames[i].concentration = entries[i].concentration;
 }

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.frame_budget import map_work
 from vemlight.renderer.gl.buffers import LIGHT_ENTRY
@@ -58,6 +59,7 @@ class Batch(NamedTuple):
     rows: the lights of each light region. every: all of them in their order. unknown: one for each map in which lookups are not in the
     visibility cache, or those that are traced. redrawn: those whose maps are drawn now; draws: the same by resolution. packing: where the
     tiles lie; of traced lights, which have none, only how many layers there are. clears_atlas: whether no map drawn before is read again.
+    traced: the lights that are traced, those of `unknown`; rays: (k,) int64, of a pixel to each.
     """
 
     entries: np.ndarray
@@ -68,6 +70,8 @@ class Batch(NamedTuple):
     draws: tuple[MapDraw, ...]
     packing: Packing
     clears_atlas: bool
+    traced: LightSet = LightSet.none()
+    rays: np.ndarray = np.zeros(0, np.int64)
 
     @property
     def resolutions(self) -> np.ndarray:
@@ -219,6 +223,8 @@ def _batch(
     light = np.zeros(len(lit), LIGHT_ENTRY.dtype)
     light["direction"], light["irradiance"], light["map_direction"] = lights.directions[lit], lights.irradiance[lit], directions
     light["corner"], light["resolution"], light["map"] = cache.packing.corners[slot], resolutions, slot
+    extents = Extents.of(lights)
+    light["spread"], light["concentration"] = extents.spreads[lit], extents.concentrations[lit]
     choice = np.searchsorted(-np.array(setup.resolutions.choices), -resolutions).clip(0, setup.resolutions.halvings)
     level = np.array(setup.casters.levels)[choice]
     redrawn = redrawn[np.lexsort((below[redrawn], level[redrawn]))]

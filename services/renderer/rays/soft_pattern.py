@@ -1,0 +1,59 @@
+"""Where rays go on a soft light: points of a Gaussian, another few of them in each of 4 x 4 pixels and at each sample of a pixel.
+
+Nothing is random and nothing changes from frame to frame, so a still picture is still.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+FEW = 4  # rays of a pixel to a light
+STRATA = 16  # of a light: the rays of a pixel over its samples, or of 4 x 4 pixels with one sample
+# The order in which 4 x 4 pixels take them (Bayer 1973): neighbours are far apart.
+PLACES = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
+
+
+class SoftPattern(NamedTuple):
+    """Offsets (16, k, 2) float32 in standard deviations along a light's axes, of each pixel of 4 x 4 row by row.
+
+    one: k = 1, and 4 x 4 pixels have all strata together. few: k = FEW, and 2 x 2 pixels have. many: a pixel has, with its other samples.
+    """
+
+    one: np.ndarray
+    few: np.ndarray
+    many: np.ndarray
+
+
+@cache
+def soft_pattern(sample: int, samples: int) -> SoftPattern:
+    """The pattern at a sample of each pixel's `samples`."""
+    place = PLACES.reshape(-1, 1)
+    return SoftPattern(_gaussian(place, np.full_like(place, STRATA // 2)), _shared(place % FEW, FEW), _shared(sample, samples))
+
+
+def _shared(part: np.ndarray | int, parts: int) -> np.ndarray:
+    """The offsets of a pixel that has one part of the strata."""
+    k = np.arange(-(-STRATA // parts))
+    stratum = (k * parts + (k + part) % parts) % STRATA
+    shape = (STRATA, len(k))
+    return _gaussian(np.broadcast_to(stratum, shape), np.broadcast_to(PLACES.reshape(-1, 1), shape))
+
+
+def _gaussian(stratum: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """A point (..., 2) float32 of each stratum, at one of 16 places in it: radius by the one, angle by the other's mirrored digits."""
+    radial = (stratum + (place + 0.5) / STRATA) / STRATA
+    angle = 2 * np.pi * (_mirrored(stratum) + _mirrored(place) / STRATA)
+    radius = np.sqrt(-2 * np.log(1 - radial)) / np.sqrt(_variance())
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).astype(np.float32)
+
+
+def _mirrored(numbers: np.ndarray) -> np.ndarray:
+    """The four binary digits of whole numbers mirrored at the point (van der Corput 1935)."""
+    return sum(((numbers >> bit) & 1) / 2 ** (bit + 1) for bit in range(4)) + 0.0
+
+
+def _variance() -> float:
+    """Of the points along an axis, in place of 1: the last stratum ends at its middle."""
+    radial = (np.arange(STRATA * STRATA) + 0.5) / STRATA**2
+    return float(np.mean(-np.log(1 - radial)))

@@ -43,8 +43,8 @@ _occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp
 
 
 class BlockSurfaces(NamedTuple):
-    """The pixels that stand for blocks, (rows, columns, 3) float32 each: places as in Surfaces, normals for shading, zeros where there is no
-    surface."""
+    """The pixels that stand for blocks, (rows, columns, 3) float32 each: places as in Surfaces, normals for shading, zeros where there
+    is no surface."""
 
     places: np.ndarray
     normals: np.ndarray

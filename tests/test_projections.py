@@ -5,7 +5,7 @@ import pytest
 
 from vemlight.capture.cube import cube_directions, cube_to_polar, is_cube
 from vemlight.capture.fisheye import ALL_PIXELS, fisheye_to_polar
-from vemlight.capture.lens import Lens, direction_from_pixel, pixel_angles, pixel_from_direction
+from vemlight.capture.lens import Lens, check_lens, direction_from_pixel, pixel_angles, pixel_from_direction
 from vemlight.capture.polar import latlong_bright_cells, latlong_to_polar, polar_from_latlong, used_rows
 from vemlight.capture.scatter import polar_from_fisheye
 from vemlight.capture.several_lenses import check_lenses, directions_of, lens_weights, lenses_to_polar
@@ -206,3 +206,31 @@ def test_a_part_that_is_the_whole_is_the_whole():
 def test_a_hemisphere_needs_the_upper_rows_alone():
     assert used_rows(latlong_to_polar(1024, 2048, 90, 360, "hemisphere")) == 512
     assert used_rows(latlong_to_polar(1024, 2048, 180, 360, "sphere")) == 1024
+
+
+@pytest.mark.parametrize("lamp", LAMPS[[0, 2, 3, 4, 6]], ids=str)
+def test_a_mirror_ball(lamp):
+    """The ball's own geometry: at x, y in radii the normal is (x, y, -sqrt(1 - x^2 - y^2)), and the view from afar is mirrored by it."""
+    side, world_from_camera = 384, ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # the camera looks along +Y
+    lens = Lens(size=(side, side), f=(side / 4,) * 2, c=((side - 1) / 2,) * 2, k1=0.0, k2=0.0, k3=0.0, k4=0.0, rim_deg=178.0,
+                model="mirrorball", reflectance=0.5, world_from_camera=world_from_camera)  # fmt: skip
+    check_lens(lens)
+    x, y = ((grid(side, side) - (side - 1) / 2) / (side / 2)).T
+    inside = np.hypot(x, y) < 1
+    normal = np.stack([x, y, -np.sqrt(np.maximum(1 - x**2 - y**2, 0))], axis=1)
+    view = np.array([0.0, 0.0, 1.0])
+    reflected = (view - 2 * (normal @ view)[:, None] * normal) @ np.array(world_from_camera).T
+    image = np.where(inside[:, None], 0.5 * lobe(reflected, lamp), 0).astype(np.float32).reshape(side, side, 3)
+    polar = polar_from_fisheye(image, fisheye_to_polar(lens, ROWS, COLS, "sphere"))
+    assert_is_lamp(polar, lamp, power=0.02, degrees=0.3)
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"k1": 0.1}, "are of a fisheye, and model is mirrorball"), ({"reflectance": 0.0}, "reflectance = 0"),
+    ({"reflectance": 1.5}, "reflectance"),
+    ({"model": "fisheye", "reflectance": 0.5}, "is of a mirror ball"),
+])  # fmt: skip
+def test_what_is_no_mirror_ball(changes, words):
+    values = {"size": (64, 64), "f": (16.0, 16.0), "c": (31.5, 31.5), "k1": 0.0, "k2": 0.0, "k3": 0.0, "k4": 0.0, "rim_deg": 178.0}
+    with pytest.raises(UserError, match=words):
+        check_lens(Lens(**values | {"model": "mirrorball"} | changes))

@@ -11,6 +11,9 @@ Lenses", applied to theta_d; A and B are his tangential terms)
 
     (u + A m, v + B m),  A = 2 p1 u v + p2 (3 u^2 + v^2),  B = p1 (u^2 + 3 v^2) + 2 p2 u v,  m = 1 + p3 (u^2 + v^2)
 
+A mirror ball, photographed from afar, is such a lens of 2 sin(theta / 2) = theta - theta^3 / 24 + .., with theta from the axis back to the
+camera, whose image is not turned about but mirrored: x and y stay, z changes its sign.
+
 Beyond the rim, where no light arrives, theta_d and what decentring adds continue in a straight line, so that every direction has exactly
 one pixel.
 
@@ -20,7 +23,7 @@ OpenCV does.
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -39,6 +42,10 @@ MAX_DECENTRING = 0.5  # of the derivatives of what decentring adds: the inverse 
 DECENTRING_SAMPLES = 64  # directions around the axis: it has three waves around; any value from 12 on does
 NEWTON_TOLERANCE = 1e-15  # rad, four units in the last place at 1 rad; any value below 1e-10 keeps directions within 1e-9
 ROTATION_TOLERANCE = 1e-5  # of an element of R R^T: files with six digits pass; scaled or skewed axes do not
+
+
+# Of 2 sin(theta / 2) in theta, as far as k4: right to 0.02 degrees up to 178.
+MIRROR_BALL_K = (-1 / 24, 1 / 1920, -1 / 322_560, 1 / 92_897_280)
 
 
 class Intrinsics(NamedTuple):
@@ -74,6 +81,8 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     p3: float = 0.0
     vignetting: tuple[float, ...] = ()  # relative response 1 + v1 theta^2 + v2 theta^4 + ...
     flat_field: str = ""  # image of an evenly lit surface, beside this file; replaces `vignetting`
+    model: Literal["fisheye", "mirrorball"] = "fisheye"  # mirrorball: f is half of its radius, rim_deg 178, k1 to k4 and p1 to p3 are 0
+    reflectance: float = 1.0  # of a mirror ball
     world_from_camera: tuple[Row, Row, Row] = IDENTITY  # the default looks up, with the image's right side towards +X
     views: int = 0  # photographs that the calibration used; 0: not calibrated from photographs
     rms_px: float = 0.0  # reprojection error of their corners
@@ -81,8 +90,8 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     @property
     def k(self) -> np.ndarray:
-        """Coefficients k1 to k4, (4,) float64."""
-        return np.array([self.k1, self.k2, self.k3, self.k4])
+        """Coefficients k1 to k4, (4,) float64; those of its curve for a mirror ball."""
+        return np.array(MIRROR_BALL_K if self.model == "mirrorball" else [self.k1, self.k2, self.k3, self.k4])
 
     @property
     def p(self) -> np.ndarray:
@@ -96,13 +105,14 @@ class Lens(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     @property
     def rotation(self) -> np.ndarray:
-        """world_from_camera as (3, 3) float64."""
-        return np.array(self.world_from_camera)
+        """(3, 3) float64: the world's axes from those in which the optical axis is z. A mirror ball's are mirrored, with determinant -1."""
+        rotation = np.array(self.world_from_camera)
+        return rotation * (1, 1, -1) if self.model == "mirrorball" else rotation
 
     @property
     def intrinsics(self) -> Intrinsics:
         """The projection for compiled loops."""
-        numbers = (*self.f, *self.c, self.k1, self.k2, self.k3, self.k4, self.p1, self.p2, self.p3, self.rim)
+        numbers = (*self.f, *self.c, *self.k, self.p1, self.p2, self.p3, self.rim)
         return Intrinsics(*map(float, numbers))
 
 
@@ -125,6 +135,10 @@ def check_lens(lens: Lens) -> None:
         raise UserError("a number is nan or inf; replace it")
     if min(lens.f) <= 0:
         raise UserError(f"f = {list(lens.f)} must be above 0 pixels; correct it")
+    if lens.model == "mirrorball" and any((lens.k1, lens.k2, lens.k3, lens.k4, lens.p1, lens.p2, lens.p3)):
+        raise UserError("k1..k4 and p1..p3 are of a fisheye, and model is mirrorball; set them to 0")
+    if not 0 < lens.reflectance <= 1 or (lens.reflectance != 1 and lens.model != "mirrorball"):
+        raise UserError(f"reflectance = {lens.reflectance:g} is of a mirror ball, above 0 and at most 1; correct it")
     if not 0 < lens.rim_deg <= 180:
         raise UserError(f"rim_deg = {lens.rim_deg:g} must be above 0 and at most 180; correct it")
     theta = np.linspace(0, lens.rim, SLOPE_SAMPLES)
@@ -144,7 +158,7 @@ def check_lens(lens: Lens) -> None:
         raise UserError("flat_field contains the vignetting already; leave one of the two out")
     with np.errstate(all="ignore"):
         orthonormal = np.allclose(lens.rotation @ lens.rotation.T, np.eye(3), rtol=0, atol=ROTATION_TOLERANCE)
-    if not orthonormal or np.linalg.det(lens.rotation) < 0:
+    if not orthonormal or np.linalg.det(np.array(lens.world_from_camera)) < 0:
         raise UserError("world_from_camera is no rotation; its rows must be unit vectors at right angles, right-handed")
 
 
@@ -175,9 +189,9 @@ def write_lens(path: Path, lens: Lens) -> None:
 
 
 def vignetting_from_angle(theta: np.ndarray, lens: Lens) -> np.ndarray:
-    """Response relative to the axis at angles `theta` in rad off it."""
+    """Response relative to the axis at angles `theta` in rad off it, times a mirror ball's reflectance."""
     square = np.square(theta)
-    return 1 + square * np.polynomial.polynomial.polyval(square, lens.vignetting or (0.0,))
+    return lens.reflectance + lens.reflectance * square * np.polynomial.polynomial.polyval(square, lens.vignetting or (0.0,))
 
 
 def slope_from_angle(theta: np.ndarray, lens: Lens) -> np.ndarray:

@@ -33,10 +33,14 @@ def _smooth_noise(seed: int, octaves: int, roughness: float) -> np.ndarray:
 
 def _disc(theta_deg: float, phi_deg: float, diameter_deg: float) -> np.ndarray:
     """The fraction of each pixel (HEIGHT, WIDTH) that a round source covers."""
-    fine = latlong_directions(FINER * HEIGHT, FINER * WIDTH)
-    centre = direction_from_angles(np.radians(theta_deg), np.radians(phi_deg))
-    inside = fine @ centre > np.cos(np.radians(diameter_deg / 2))
-    return inside.reshape(HEIGHT, FINER, WIDTH, FINER).mean(axis=(1, 3))
+    centre, radius = direction_from_angles(np.radians(theta_deg), np.radians(phi_deg)), np.radians(diameter_deg / 2)
+    covered = np.zeros((HEIGHT, WIDTH))
+    near = np.nonzero(latlong_directions(HEIGHT, WIDTH) @ centre > np.cos(radius + np.pi / HEIGHT))  # a pixel's diagonal beyond, and more
+    part = (np.arange(FINER) + 0.5) / FINER
+    rows, columns = near[0][:, None, None] + part[:, None], near[1][:, None, None] + part
+    fine = direction_from_angles(np.pi * rows / HEIGHT, np.pi - 2 * np.pi * columns / WIDTH)
+    covered[near] = (fine @ centre > np.cos(radius)).mean(axis=(1, 2))
+    return covered
 
 
 def _pane(theta_deg: tuple[float, float], phi_deg: tuple[float, float]) -> np.ndarray:
@@ -59,7 +63,7 @@ def clear() -> np.ndarray:
     """A blue sky, brighter towards the horizon, with a sun of half a degree that has about three quarters of the light."""
     height = np.clip(latlong_directions(HEIGHT, WIDTH)[..., 2:], 0, 1)
     sky = [0.25, 0.45, 0.9] * (1.0 + 1.5 * (1 - height) ** 4)
-    return _over_ground(sky + _disc(42.0, 70.0, 0.53)[..., None] * [4.0e4, 3.8e4, 3.4e4])
+    return _over_ground(sky + _disc(42.0, 70.0, 0.53)[..., None] * [1.6e5, 1.5e5, 1.35e5])
 
 
 def overcast() -> np.ndarray:

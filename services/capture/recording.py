@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 
 from vemlight.capture.frames import Frame
+from vemlight.capture.invalid_cells import InvalidCells
 from vemlight.capture.live_frames import open_live
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.recording_attributes import map_attributes
@@ -56,15 +57,17 @@ def _closed_in_the_end(recorder: Recorder, close: Callable[[], None]) -> Iterato
 
 def _record_files(settings: Capture, frames: int) -> Recorder:
     source = open_source(msgspec.structs.replace(settings, record=""))
-    recorder = Recorder(Path(settings.record))
+    recorder, invalid_cells = Recorder(Path(settings.record)), InvalidCells()
     if frames > len(source):
         notice(f"{settings.source or 'the bundled sequence'}: has {len(source)} frames, not {frames}; all of them are recorded")
     with _closed_in_the_end(recorder, recorder.close):
         for k in range(min(frames or len(source), len(source))):
             frame = source.frame(k)
+            invalid_cells.add(frame.radiance)
             recorder.put_waiting(frame.radiance, map_attributes(frame, source.fps), k, frame.time_s)
             if recorder.refusing:  # with holes it would be of no use
                 break
+    invalid_cells.say()
     return recorder
 
 
@@ -76,4 +79,7 @@ def polar_file(settings: Capture, out: Path) -> Frame:
     source = open_files(settings)
     made = source.frame(0)
     write_exr(out, made.radiance, map_attributes(made, source.fps))
+    invalid_cells = InvalidCells()
+    invalid_cells.add(made.radiance)
+    invalid_cells.say()
     return made

@@ -7,6 +7,7 @@ import numpy as np
 
 from vemlight import settings
 from vemlight.capture.frames import Frame
+from vemlight.capture.invalid_cells import valid_values
 from vemlight.capture.live_frames import open_live
 from vemlight.capture.source import open_source
 from vemlight.errors import of_setting
@@ -84,8 +85,11 @@ class CaptureCamera:
 
 def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
     """The frame as a message: pixels that are nan, infinite or negative are counted as invalid and set to 0."""
-    valid = np.isfinite(frame.radiance) & (frame.radiance >= 0)
+    valid = valid_values(frame.radiance)
     rows, cols, _ = frame.radiance.shape
+    invalid_cells = int(np.count_nonzero(~valid.all(axis=-1)))
+    if invalid_cells:
+        notice("the map has cells that are nan, infinite or negative and count as dark; the status counts those of the newest frame")
     header = wire.MapMessage(
         stamp=stamp,
         rows=rows,
@@ -94,7 +98,7 @@ def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
         bright_samples=len(frame.bright_cells.cells),
         luminance_scale=frame.luminance_scale,
         report=wire.MapReport(
-            invalid_cells=int(np.count_nonzero(~valid.all(axis=-1))), black_pixels=frame.black, saturated_pixels=frame.saturated
+            invalid_cells=invalid_cells, black_pixels=frame.black, saturated_pixels=frame.saturated
         ),
     )
     return header, (np.where(valid, frame.radiance, np.float32(0)), *frame.bright_cells)

@@ -12,6 +12,7 @@ import numpy as np
 
 from vemlight import settings
 from vemlight.capture.frames import Frame
+from vemlight.capture.invalid_cells import InvalidCells
 from vemlight.capture.source import FrameSource, open_source
 from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
 from vemlight.commands.parameters import STANDARD_OUTPUT
@@ -96,12 +97,11 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
 
 def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]:
     """The lights of every frame, in order; a notice counts invalid cells. Raises UserError for a frame that cannot be read."""
-    state, cells, invalid_cells, invalid_frames, worst = initial_state(), 0, 0, 0, (0, 0.0)
+    state, invalid_cells, worst = initial_state(), InvalidCells(), (0, 0.0)
     for k in range(len(frames)):
         interruption.check()
         frame = frames.frame(k)
-        invalid = np.count_nonzero(~(np.isfinite(frame.radiance) & (frame.radiance >= 0)).all(axis=-1))
-        cells, invalid_cells, invalid_frames = cells + frame.radiance[..., 0].size, invalid_cells + invalid, invalid_frames + (invalid > 0)
+        invalid_cells.add(frame.radiance)
         state, lights, report = step(sampling, state, SamplerInput(frame.radiance, frame.coverage, frame.time_s, frame.bright_cells))
         error, limit = 100 * report.error, 100 * sampling.error_limit
         if is_capped(error, limit) and error > worst[1]:
@@ -109,9 +109,7 @@ def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]
         yield Lit(frame, lights, report.gloss, ErrorOfLights(error, limit) if limit else None)
     if worst[1]:
         notice(capped_text(*worst, 100 * sampling.error_limit))
-    if invalid_cells:
-        where = f" in {invalid_frames} of {len(frames)} frames" if len(frames) > 1 else ""
-        notice(f"{invalid_cells} of {cells} cells of the map were nan, infinite or negative{where}, and count as dark")
+    invalid_cells.say()
 
 
 def write_lights_file(options: LightsOptions) -> Report:

@@ -1,0 +1,29 @@
+"""Cells of maps that are no light: counted, and said in one line."""
+
+import numpy as np
+
+from vemlight.files import notice
+
+
+def valid_values(radiance: np.ndarray) -> np.ndarray:
+    """Which values can be light: finite and not negative, bool of the same shape."""
+    return np.isfinite(radiance) & (radiance >= 0)
+
+
+class InvalidCells:
+    """The invalid cells of one frame after the other."""
+
+    def __init__(self) -> None:
+        self._cells = self._invalid = self._frames = self._frames_with = 0
+
+    def add(self, radiance: np.ndarray) -> None:
+        """Counts those of a map (rows, cols, 3)."""
+        invalid = int(np.count_nonzero(~valid_values(radiance).all(axis=-1)))
+        self._cells, self._frames = self._cells + radiance[..., 0].size, self._frames + 1
+        self._invalid, self._frames_with = self._invalid + invalid, self._frames_with + (invalid > 0)
+
+    def say(self) -> None:
+        """One line on stderr, if there are any."""
+        if self._invalid:
+            where = f" in {self._frames_with} of {self._frames} frames" if self._frames > 1 else ""
+            notice(f"{self._invalid} of {self._cells} cells of the map were nan, infinite or negative{where}, and count as dark")

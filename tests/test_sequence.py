@@ -20,9 +20,24 @@ def test_numbered_frames_come_by_number(tmp_path: Path) -> None:
     assert [file.path.name for file in frame_files(tmp_path)] == ["f9.exr", "f10.exr", "f11.exr"]
 
 
-def test_other_names_come_by_name(tmp_path: Path) -> None:
-    touch(tmp_path, "b_1.hdr", "a_7.hdr", "park.hdr")
-    assert [file.path.name for file in frame_files(tmp_path)] == ["a_7.hdr", "b_1.hdr", "park.hdr"]
+@pytest.mark.parametrize(
+    "names", [("a_7.hdr", "b_1.hdr", "park.hdr"), ("a_1.hdr", "b_1.hdr"), ("a1_1.hdr", "a2_2.hdr"), ("a_1 (1).hdr", "a_1.hdr")]
+)
+def test_other_names_come_by_name_with_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], names: tuple[str, ...]) -> None:
+    touch(tmp_path, *names[::-1])
+    assert [file.path.name for file in frame_files(tmp_path)] == list(names)
+    assert f"its {len(names)} frames come in the order of the names" in capsys.readouterr().err
+
+
+def test_the_number_may_stand_anywhere_in_the_name(tmp_path: Path) -> None:
+    touch(tmp_path, "cam2_v1.9_L.exr", "cam2_v1.10_L.exr", "cam2_v1.11_L.exr")
+    assert [file.path.name[8:] for file in frame_files(tmp_path)] == ["9_L.exr", "10_L.exr", "11_L.exr"]
+
+
+def test_a_frame_of_two_kinds_is_refused(tmp_path: Path) -> None:
+    touch(tmp_path, "f_1.exr", "f_2.exr", "f_2.hdr")
+    with pytest.raises(UserError, match=r"holds f_2 more than once \(\.exr, \.hdr\)"):
+        frame_files(tmp_path)
 
 
 def test_half_written_frames_are_left_out(tmp_path: Path) -> None:
@@ -38,7 +53,7 @@ def test_what_macos_writes_beside_files_is_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("numbers", "offsets", "words"), [
     ((7, 8, 10), [0, 1, 3], "1 frame is missing after f_0008.exr"),
     ((7, 8, 12, 13), [0, 1, 5, 6], "3 frames are missing, the first of them after f_0008.exr"),
-    ((2, 4, 6), [0, 1, 2], ""),
+    ((2, 4, 6), [0, 1, 2], "its numbers go up by 2; its 3 frames follow each other"),
     ((100, 110, 130), [0, 1, 3], "1 frame is missing after f_0110.exr"),
     ((5,), [0], ""),
 ])  # fmt: skip

@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,12 +23,12 @@ class FrameFile(NamedTuple):
 
 
 def frame_files(folder: Path) -> list[FrameFile]:
-    """The images in a `folder` without manifest, in order of their numbers, or of their names where some have none.
+    """The images in a `folder` without manifest, in order of their numbers, or of their names where those are not numbers of one sequence.
 
     Files of radiance take precedence, then pictures, then raw photographs: a PNG beside radiance is a picture of it, and one beside a .toml
-    of its name is that calibration's.
-    Names that begin with a dot are no frames: macOS writes such files beside the real ones. Numbers may go up in steps; those that are
-    missing between them leave a gap in time, and a notice counts them. Raises UserError when there are no images.
+    of its name is that calibration's. Names that begin with a dot are no frames: macOS writes such files beside the real ones. Numbers may
+    go up in steps; those that are missing between them leave a gap in time. A notice tells of steps, of gaps, and of other names. Raises
+    UserError when there are no images, and for frames that are there twice.
     """
     complete = sorted(p for p in folder.iterdir() if not p.stem.endswith(".part") and not p.name.startswith("."))
     paths = [p for p in complete if p.suffix.lower() in RADIANCE_SUFFIXES]
@@ -38,17 +39,37 @@ def frame_files(folder: Path) -> list[FrameFile]:
     if not paths:
         suffixes = ", ".join((*RADIANCE_SUFFIXES, *STILL_SUFFIXES, *RAW_SUFFIXES))
         raise UserError(f"{folder}: holds none of {suffixes}; name a folder of frames, or a film")
-    numbered = [(match[1], int(match[2]), p) for p in paths if (match := re.fullmatch(r"(.*?)(\d{1,15})", p.stem))]
-    if len(numbered) < len(paths) or len({(prefix, number) for prefix, number, _ in numbered}) < len(paths):
+    (stem, times), *_ = Counter(path.stem for path in paths).most_common(1)
+    if times > 1:
+        kinds = ", ".join(sorted({path.suffix for path in paths}))
+        raise UserError(f"{folder}: holds {stem} more than once ({kinds}); keep the frames of one kind")
+    numbers = _numbers([path.stem for path in paths])
+    if numbers is None:
+        notice(f"{folder}: its names are not numbers of one sequence; its {len(paths)} frames come in the order of the names")
         return [FrameFile(path, k) for k, path in enumerate(paths)]
-    if len({prefix for prefix, _, _ in numbered}) > 1:
-        return [FrameFile(path, k) for k, path in enumerate(paths)]
-    numbered.sort(key=lambda row: row[1])
-    numbers = [number for _, number, _ in numbered]
-    step = math.gcd(*(number - numbers[0] for number in numbers[1:])) or 1
-    files = [FrameFile(path, (number - numbers[0]) // step) for _, number, path in numbered]
+    numbered = sorted(zip(numbers, paths, strict=True))
+    first = numbered[0][0]
+    step = math.gcd(*(number - first for number, _ in numbered)) or 1
+    files = [FrameFile(path, (number - first) // step) for number, path in numbered]
+    if step > 1:
+        notice(f"{folder}: its numbers go up by {step}; its {len(files)} frames follow each other at the rate of the sequence")
     if missing := files[-1].offset + 1 - len(files):
         at = next(before for before, after in itertools.pairwise(files) if after.offset != before.offset + 1)
         frames = "1 frame is missing" if missing == 1 else f"{missing} frames are missing, the first of them"
         notice(f"{folder}: {frames} after {at.path.name}; the others keep their times")
     return files
+
+
+def _numbers(stems: list[str]) -> list[int] | None:
+    """The number of each of a sequence's names: the digits in which alone they differ.
+
+    None where names differ in letters, in several numbers or in none.
+    """
+    parts = [re.split(r"(\d{1,15})", stem) for stem in stems]
+    if len({tuple(part[::2]) for part in parts}) > 1:
+        return None
+    values = list(zip(*([int(digits) for digits in part[1::2]] for part in parts), strict=True))
+    if len(stems) == 1:
+        return list(values[-1]) if values else [0]
+    varying = [column for column in values if len(set(column)) > 1]
+    return list(varying[0]) if len(varying) == 1 and len(set(varying[0])) == len(stems) else None

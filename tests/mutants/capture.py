@@ -50,7 +50,7 @@ MUTANTS = [
         ("middle of a cell", "theta = (np.arange(rows) + 0.5) * (SPAN", "theta = np.arange(rows) * (SPAN"),
     ]),
     *mutants_of(CAPTURE + "sequence.py", "tests/test_sequence.py", [
-        ("order of numbers", "numbered.sort(key=lambda row: row[1])", "numbered.sort(key=lambda row: str(row[1]))"),
+        ("order of numbers", "numbered = sorted(zip(numbers, paths, strict=True))", "numbered = list(zip(numbers, paths, strict=True))"),
     ]),
     *mutants_of(CAPTURE + "manifest.py", "tests/test_sequence.py tests/test_verify.py", [
         ("a half-written line of the manifest", 'or data.endswith(b"\\n")):', "or True):"),
@@ -178,7 +178,9 @@ MUTANTS = [
     ]),
     *mutants_of(CAPTURE + "stage.py", "tests/test_capture_stage.py", [
         ("stamps in the future", "max(0, stamp.monotonic_ns - frame.monotonic_ns)", "stamp.monotonic_ns - frame.monotonic_ns"),
-        ("negative pixels", "(frame.radiance >= 0)", "(frame.radiance >= -1e9)"),
+    ]),
+    *mutants_of(CAPTURE + "invalid_cells.py", "tests/test_capture_stage.py tests/test_invalid_cells.py", [
+        ("negative pixels", "(radiance >= 0)", "(radiance >= -1e9)"),
     ]),
     *mutants_of(CAPTURE + "calibration/boards.py", "tests/test_lens_fit.py", [
         ("corners of a board doubled", "MIN_CORNERS, MAX_CORNERS = 3, 100", "MIN_CORNERS, MAX_CORNERS = 3, 200"),

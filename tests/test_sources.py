@@ -81,7 +81,7 @@ def test_an_even_sky_and_a_ramp_have_no_source():
 
 
 def known(direction, seen_s=0.0, source=7):
-    return Sources(np.array([source]), np.asarray(direction, float)[None], np.array([seen_s]))
+    return Sources(np.array([source]), np.asarray(direction, float)[None], np.zeros((1, 3)), np.array([seen_s]))
 
 
 @pytest.mark.parametrize(("degrees", "same"), [(0.5, True), (11.0, True), (13.5, False)])
@@ -93,7 +93,7 @@ def test_a_source_that_moved_by_twelve_degrees_keeps_its_id(degrees, same):
 
 @pytest.mark.parametrize(("gap_s", "same"), [(0.5, True), (0.99, True), (1.5, False)])
 def test_an_id_waits_a_second_for_its_source(gap_s, same):
-    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(70, 300)]), np.array([0.0, gap_s - 0.04]))
+    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(70, 300)]), np.zeros((2, 3)), np.array([0.0, gap_s - 0.04]))
     sources, now = sources_after(before, peaks(lit((40, 120, 3, 0.2))), gap_s, 50, MAX_COUNT)
     assert len(now) == 1
     assert (sources.ids[0] == 7) == same
@@ -105,7 +105,7 @@ def test_a_source_of_the_frame_before_keeps_its_id_over_a_gap_of_any_length():
 
 
 def test_each_of_two_sources_keeps_its_own_id_when_they_come_close():
-    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(40, 140)]), np.zeros(2))
+    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(40, 140)]), np.zeros((2, 3)), np.zeros(2))
     sources, _ = sources_after(before, peaks(lit((40, 124, 2, 0.2), (40, 136, 2, 0.2))), 0.04, 50, MAX_COUNT)
     nearer_to_first = sources.directions @ (place(40, 124) - place(40, 136)) > 0
     assert dict(zip(sources.ids.tolist(), nearer_to_first.tolist(), strict=True)) == {7: True, 8: False}
@@ -142,3 +142,33 @@ def test_a_sun_that_moves_and_hides_is_one_light_with_one_id(count):
             fractions.append(lights.irradiance[brightest, 1] / lights.irradiance[:, 1].sum(dtype=float))
     assert len(set(names)) == 1
     np.testing.assert_allclose(fractions, 0.6, rtol=0.03)
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_two_sources_that_pass_each_other_keep_their_ids(soft):
+    """One stands, the other comes by at half a degree in steps of eight: in the middle it is nearer to where the other was."""
+    state, standing, moving = initial_tracked(), [], []
+    for k in range(9):
+        places = place(40, 120), place(40.5, 120 + (k - 4) * 12.5)
+        lamps = [(40, 120, 1.5, 0.2), (40.5, 120 + (k - 4) * 12.5, 1.5, 0.5)]
+        if k == 4:  # one behind the other: a single source
+            continue
+        state, lights, _ = tracked_step(48, state, SamplerInput(lit(*lamps), "hemisphere", k / 25), False, soft)
+        power = lights.irradiance.sum(axis=1)
+        for at, ids in zip(places, (standing, moving), strict=True):
+            near = lights.directions @ at > np.cos(np.radians(3))
+            ids.append(int(lights.ids[np.where(near, power, -1).argmax()]))
+    assert len(set(standing)) == len(set(moving)) == 1
+
+
+def test_of_points_at_a_source_the_strongest_has_its_id():
+    """A sun is several points; the strongest of them is always the same light, and no two lights have one id."""
+    state, strongest = initial_tracked(), []
+    for k in range(40):
+        open_ = 1e-3 if 20 <= k < 30 else 0.6
+        state, lights, _ = tracked_step(48, state, SamplerInput(lit((40 + 0.3 * k, 120 + k, 4, open_)), "hemisphere", k / 25), False)
+        assert len(set(lights.ids.tolist())) == len(lights.ids)
+        near = lights.directions @ place(40 + 0.3 * k, 120 + k) > np.cos(np.radians(3))
+        if open_ > 0.1:
+            strongest.append(int(lights.ids[np.where(near, lights.irradiance.sum(axis=1), -1).argmax()]))
+    assert len(set(strongest)) == 1

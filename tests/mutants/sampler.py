@@ -111,6 +111,7 @@ MUTANTS = [
         ("forgotten over a gap", "| (before.seen_s >= before.seen_s.max(initial=-np.inf))", ""),
         ("light behind a source", "above = 1 - behind / radiance[t]", "above = 1.0"),
         ("faintest sources", "[:max_count]", ""),
+        ("no step further", "before.directions + before.steps", "before.directions + 0 * before.steps"),
     ]),
     *mutants_of(SAMPLER + "tracking/extents.py", "tests/test_extents.py", [
         ("no steps", "STEPS = 3", "STEPS = 0"),
@@ -118,7 +119,7 @@ MUTANTS = [
         ("no extent of a tile", "return 0.5 * max(1 - tiles", "return 0.0 * max(1 - tiles"),
         ("one site near", "NEIGHBOURS = 16", "NEIGHBOURS = 1"),
     ]),
-    *mutants_of(SAMPLER + "tracking/tracked.py", TRACKED, [
+    *mutants_of(SAMPLER + "tracking/tracked.py", TRACKED + " tests/test_sources.py", [
         ("scene change doubled", "\nSCENE_CHANGE = 2.0", "\nSCENE_CHANGE = 4.0"),
         ("scene change halved", "\nSCENE_CHANGE = 2.0", "\nSCENE_CHANGE = 1.0"),
         ("period of exchanges doubled", "EXCHANGE_PERIOD = 8", "EXCHANGE_PERIOD = 16"),
@@ -129,6 +130,7 @@ MUTANTS = [
         ("birth of a light halved", "BIRTH_TIME_S = 0.12", "BIRTH_TIME_S = 0.06"),
         ("growth in a frame", "MAX_GROWTH = 4", "MAX_GROWTH = 2"),
         ("no several first sites", "MIN_MEAN_DIRECTION = 0.1", "MIN_MEAN_DIRECTION = 0.0"),
+        ("an id of two lights", "ids[ids == own] = ids[strongest]", "pass"),
         ("no Lloyd updates", "if first or len(sites.ids) == before:", "if first:"),
     ]),
     *mutants_of(SAMPLER + "tracking/voronoi.py", TRACKED + " tests/test_tracked_tiles.py", [

@@ -24,10 +24,13 @@ SHIFTS = 3  # from a peak to the middle of its source: each step is a mean over 
 
 
 class Sources(NamedTuple):
-    """ids: (s,) int64. directions: (s, 3), where each was last. seen_s: (s,), when."""
+    """ids: (s,) int64. directions: (s, 3), where each was last. steps: (s, 3), by how much it had moved since the frame before; 0 when it
+    was not there. seen_s: (s,), when it was last there.
+    """
 
     ids: np.ndarray
     directions: np.ndarray
+    steps: np.ndarray
     seen_s: np.ndarray
 
 
@@ -56,16 +59,19 @@ class SourceTiles(NamedTuple):
     part: np.ndarray
 
 
-NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0))
+NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
 def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, max_count: int) -> tuple[Sources, np.ndarray]:
     """The sources known after a frame, and the peak (s,) int64 of each of those that are lit, which come first.
 
-    A peak takes the id of the nearest source that was there in the frame before or waits; a new one must stand out more clearly.
+    A peak takes the id of the source that is nearest, where it was last or one more step further, of those that were there in the frame
+    before or wait; a new one must stand out more clearly.
     """
     waiting = (time_s - before.seen_s <= WAIT_S) | (before.seen_s >= before.seen_s.max(initial=-np.inf))
-    known, cosines = before.ids[waiting].tolist(), peaks.directions @ before.directions[waiting].T
+    known, ahead = before.ids[waiting].tolist(), before.directions + before.steps
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    cosines = np.maximum(peaks.directions @ before.directions[waiting].T, peaks.directions @ ahead[waiting].T)
     ids, near = np.full(len(peaks.power), -1), cosines >= np.cos(MATCH_RAD)
     for _, peak, source in sorted(zip((-cosines[near]).tolist(), *(place.tolist() for place in near.nonzero()), strict=True)):
         if ids[peak] < 0 and known[source] not in ids:
@@ -77,9 +83,12 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, ma
     ids[new] = next_id + np.arange(len(new))
     found = set(ids[lit].tolist())
     hidden = np.array([k not in found for k in before.ids.tolist()], bool) & (time_s - before.seen_s <= WAIT_S)
+    was = dict(zip(before.ids.tolist(), before.directions, strict=True))
+    steps = [direction - was.get(k, direction) for k, direction in zip(ids[lit].tolist(), peaks.directions[lit], strict=True)]
     after = Sources(
         np.concatenate([ids[lit], before.ids[hidden]]),
         np.concatenate([peaks.directions[lit], before.directions[hidden]]),
+        np.concatenate([np.array(steps).reshape(-1, 3), np.zeros((int(hidden.sum()), 3))]),
         np.concatenate([np.full(len(lit), time_s), before.seen_s[hidden]]),
     )
     return after, lit

@@ -16,7 +16,7 @@ from vemlight.sampler.sampler_input import MAX_GAP_S, SamplerInput
 from vemlight.sampler.tracking.cleaning import cleaned
 from vemlight.sampler.tracking.extents import soft_lights
 from vemlight.sampler.tracking.noise import NO_NOISE, Noise, noise_after
-from vemlight.sampler.tracking.sources import NO_SOURCES, Sources, peaks_of, source_lights, sources_after
+from vemlight.sampler.tracking.sources import NO_SOURCES, SOURCE_RAD, Sources, peaks_of, source_lights, sources_after
 from vemlight.sampler.tracking.split_merge import MAX_EXCHANGES, URGENT, Sites, best_splits, cheapest_pair, split_and_merge
 from vemlight.sampler.tracking.tiles import Tiles, tiles_from_map
 from vemlight.sampler.tracking.voronoi import Cells, cells_from_sites, centroids, lights_from_cells, lloyd_update, relax
@@ -121,6 +121,7 @@ def lights_of(count: int, state: TrackedState, observed: Observed, soft: bool) -
         return (*_soft_lights(state, tiles, count), tiles)
     # Sites that follow the light, and new lights a little nearer to their own directions.
     state, cells = _tracked_sites(state, tiles, count, power, NEVER_URGENT)
+    state = _named_after_sources(state, tiles, cells)
     sites = state.sites._replace(offsets=state.sites.offsets * observed.birth_decay)
     directions, flux = lights_from_cells(tiles, cells.moment, cells.assignment, sites.directions, sites.offsets)
     return state._replace(sites=sites), LightSet(sites.ids, directions, flux), tiles
@@ -138,6 +139,27 @@ def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[Tracked
     state, cells = _tracked_sites(state, rest, count - len(lit), power, URGENT)
     sites = state.sites
     return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
+
+
+def _named_after_sources(state: TrackedState, tiles: Tiles, cells: Cells) -> TrackedState:
+    """The state in which the strongest cell at each compact source has the source's id, which it takes from the one that had it.
+
+    A new source takes the id of its strongest cell.
+    """
+    peaks, sites = peaks_of(tiles), state.sites
+    sources, lit = sources_after(state.sources, peaks, state.time_s, sites.next_id, len(sites.ids) // 2)
+    ids, directions, power = sites.ids.copy(), centroids(cells.moment, sites.directions), cells.moment[:, 3]
+    for n, source in enumerate(peaks.directions[lit]):
+        near, own = directions @ source > np.cos(SOURCE_RAD), sources.ids[n]
+        if near.any():
+            strongest = int(np.where(near, power, -1.0).argmax())
+            if own >= sites.next_id and ids[strongest] not in sources.ids:
+                sources.ids[n] = ids[strongest]
+            elif own != ids[strongest]:
+                ids[ids == own] = ids[strongest]
+                ids[strongest] = own
+    next_id = max(sites.next_id, int(sources.ids.max(initial=-1)) + 1)
+    return state._replace(sites=sites._replace(ids=ids, next_id=next_id), sources=sources)
 
 
 def _dark_lights(state: TrackedState, count: int, coverage: Coverage) -> LightSet:

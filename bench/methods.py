@@ -80,7 +80,7 @@ def _mitsuba() -> list[Method]:
     return [anew("Mitsuba 3 envmap", mitsuba_envmap)]
 
 
-TRACKED = "tracked (default)"
+TRACKED, SOFT = "tracked (default)", "tracked, soft lights"
 STILL = [
     ours(TRACKED, method="tracked", filter="none"),
     ours("Havran, azimuth first", method="havran-azimuth", filter="none"),
@@ -97,6 +97,7 @@ STILL = [
     anew("Q2-tree", q2tree, steady=True),
     anew("Penrose tiling", penrose, steady=True),
     *_mitsuba(),
+    ours(SOFT, method="tracked", filter="none", soft=True),
 ]
 MOVING = [
     ours(TRACKED, method="tracked"),

@@ -19,7 +19,7 @@ from vemlight.settings import Sampler
 LIMITS_PERCENT = (40.0, 30.0, 20.0, 15.0, 10.0, 7.0, 5.0, 3.0)
 METHODS = {"tracked, soft": True, "tracked": False, "havran-azimuth": False}  # soft or not
 LINES = {"tracked, soft": "o-", "tracked": "^--", "havran-azimuth": "x:"}
-SETTLING_FRAMES = 20  # in which the number of lights settles
+SETTLING_FRAMES = 2  # the number is chosen in the first
 
 
 def requirement(out: Path, progress: Progress) -> None:

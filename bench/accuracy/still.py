@@ -1,8 +1,10 @@
 """Error of still maps against time and against the number of lights, one curve a method."""
 
+import csv
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib import pyplot as plt
 from rich.progress import Progress
 
@@ -10,9 +12,11 @@ from bench.accuracy.drawing import colour, leave_margin, legend, save, write_tab
 from bench.accuracy.maps import chosen, maps
 from bench.evaluation import (
     CIRCLES,
+    PROBES,
     TURNS,
     ProbeIrradiance,
     Source,
+    judged_hard,
     points_of,
     points_of_lights,
     probe_irradiance,
@@ -20,9 +24,15 @@ from bench.evaluation import (
     relative_rms,
     relative_rms_rgb,
 )
-from bench.methods import STILL, TRACKED, Method, settled
+from bench.methods import SOFT, STILL, TRACKED, Method, settled
+from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.light_set import LightSet
+from vemlight.sampler.probes import probes
+from vemlight.sampler.score import irradiance_of_soft_lights
 
+BOUND = Path(__file__).parents[2] / "docs" / "charts" / "soft_bound.csv"
 COUNTS = tuple(2**k for k in range(2, 11))
+MAP_COUNTS = (8, 16, 64, 256)
 
 
 def still(out: Path, progress: Progress) -> None:
@@ -38,13 +48,20 @@ def still(out: Path, progress: Progress) -> None:
                     rows.append(_row(kind, method, count, source, truth))
                 progress.advance(task)
     write_table(_all_maps(), out, "still_maps")
+    _chart(rows, paths, out)
+
+
+def _chart(rows: list[dict[str, Any]], paths: dict[str, Path], out: Path) -> None:
     for against, label in (("ms", "ms per frame"), ("lights", "lights")):
         figure, axes = plt.subplots(1, len(paths), figsize=(17, 5.4), sharey=True, squeeze=False, layout="constrained")
         leave_margin(figure, 0.16)
         for axis, kind in zip(axes[0], paths, strict=True):
+            bound = _bound(paths[kind])
+            if against == "lights" and bound:
+                axis.loglog(*zip(*bound, strict=True), "--", color="black", lw=1.5, label="best soft lights found", zorder=4)
             for k, method in enumerate(STILL):
                 own = [r for r in rows if r["map"] == kind and r["method"] == method.name]
-                heavy = method.name == TRACKED
+                heavy = method.name in (TRACKED, SOFT)
                 axis.loglog([r[against] for r in own], [r["error_hard"] for r in own], "o-", color=colour(k), ms=3,
                             lw=2.4 if heavy else 1, label=method.name, zorder=3 if heavy else 2)
             if against == "ms":
@@ -58,23 +75,40 @@ def still(out: Path, progress: Progress) -> None:
 
 
 def _all_maps() -> list[dict[str, Any]]:
-    """The default method's error on every map there is."""
+    """The error of tracked lights, points and soft, on every map there is."""
     rows = []
     for path in maps():
         source = read_source(path)
         truth = probe_irradiance(points_of(source))
-        rows += [_row(path.stem, STILL[0], count, source, truth) for count in (16, 64, 256)]
+        both = [method for method in STILL if method.name in (TRACKED, SOFT)]
+        rows += [_row(path.stem, method, count, source, truth) for method in both for count in MAP_COUNTS]
     return rows
 
 
 def _row(kind: str, method: Method, count: int, source: Source, truth: ProbeIrradiance) -> dict[str, Any]:
     lights, ms = settled(method, count, source)
-    got = probe_irradiance(points_of_lights(lights))
+    hard = judged_hard(lights)
     return {
         "map": kind, "method": method.name, "asked": count, "lights": len(lights.ids), "ms": ms,
-        "error_hard": relative_rms(got.hard - truth.hard, truth.hard), "error_soft": relative_rms(got.soft - truth.soft, truth.soft),
-        "error_rgb": relative_rms_rgb(got.hard - truth.hard, truth.hard),
+        "error_hard": relative_rms(hard - truth.hard, truth.hard), "error_soft": _at_soft_edges(lights, truth),
+        "error_rgb": relative_rms_rgb(hard - truth.hard, truth.hard),
     }  # fmt: skip
+
+
+def _at_soft_edges(lights: LightSet, truth: ProbeIrradiance) -> float:
+    if lights.covariances is None:
+        return relative_rms(probe_irradiance(points_of_lights(lights)).soft - truth.soft, truth.soft)
+    at, expected = probes(PROBES, "hemisphere"), luminance_from_rgb(truth.soft)
+    got = irradiance_of_soft_lights(at, lights.directions, luminance_from_rgb(lights.irradiance.astype(float)), lights.covariances)
+    return float(np.sqrt(np.mean((got - expected) ** 2)) / expected.mean())
+
+
+def _bound(path: Path) -> list[tuple[float, float]]:
+    """(lights, error) of the best soft lights that `bench.soft_bound` found for a map; none where it has not been run."""
+    if not BOUND.exists():
+        return []
+    with open(BOUND, newline="") as file:
+        return [(float(row["lights"]), float(row["bound"])) for row in csv.DictReader(file) if row["map"] == path.stem]
 
 
 def _front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.progress import Progress
 
-from bench.methods import TRACKED
+from bench.methods import SOFT, TRACKED
 from vemlight.files import written_whole
 
 PAGE = Path(__file__).parents[2] / "docs" / "accuracy.md"
@@ -70,14 +70,19 @@ def _still(out: Path) -> list[list[str]]:
 
 
 def _maps(out: Path) -> list[list[str]]:
-    rows = _read(out, "still_maps")
-    lines = [["", "16 lights", "64", "256", "64 in RGB", "256, soft edges"]]
+    rows, counts = _read(out, "still_maps"), (8, 16, 64, 256)
+    with open(out / "soft_bound.csv", newline="") as file:
+        bound = list(csv.DictReader(file))
+    names = [f"points, {counts[0]} lights", *map(str, counts[1:]), "64 in RGB", f"soft, {counts[0]}", *map(str, counts[1:]), "64 in RGB"]
+    lines = [["", *names, f"best soft found, {counts[0]}", *map(str, counts[1:])]]
     for name in [*dict.fromkeys(row["map"] for row in rows), None]:
-        where = {"map": name} if name else {}
-        errors = [_mean(rows, "error_hard", lights=count, **where) for count in (16, 64, 256)]
-        errors += [_mean(rows, "error_rgb", lights=64, **where), _mean(rows, "error_soft", lights=256, **where)]
+        where, errors = {"map": name} if name else {}, []
+        for method in (TRACKED, SOFT):
+            errors += [_mean(rows, "error_hard", method=method, asked=count, **where) for count in counts]
+            errors.append(_mean(rows, "error_rgb", method=method, asked=64, **where))
+        errors += [_mean(bound, "bound", lights=count, **where) for count in counts]
         lines.append([name or "**mean**", *(_short(value, 4) for value in errors)])
-    return [*lines, ["target", ".08", ".03", ".012", ".035", ""]]
+    return [*lines, ["target", "", ".08", ".03", ".012", ".035", ".050", ".025", ".0095", ".0050", ".0105", "", "", "", ""]]
 
 
 def _moving(out: Path) -> list[list[str]]:

@@ -167,7 +167,9 @@ class Sampler(SettingsSection, frozen=True):
     ] = False
     deflicker: Annotated[bool, means("remove mains flicker of lamps where its beat is found beyond doubt")] = True
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0
-    gloss_lights: Annotated[Count0, means("lights of the gloss set, a second, larger set for glossy surfaces; 0: none")] = 0
+    gloss_lights: Annotated[
+        Count0, means("lights of a second, larger set for programs that draw gloss by lights; the renderer reflects the map; 0: none")
+    ] = 0
     error_percent: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
         means("use as few lights as keep the error of irradiance within this limit; 0: always `count`; left out: 5 for soft lights without "

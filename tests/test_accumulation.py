@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.renderer_steps import controlled, picture_of, stepped
 from tests.support.rendering import SceneRenderer
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_from_direction, map_irradiance
 from vemlight.renderer.accumulation import PASS_LIGHTS, PASSES, Accumulation, MapLights, spread_points
@@ -125,7 +126,6 @@ def test_pixels_become_means_over_their_area():
 def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     monkeypatch.setattr("vemlight.renderer.accumulation.PASSES", 4)
     stage = RendererStage(Settings(renderer=Size(width=48, height=36, shadow_map=64, frame_ms=0.0, picture="linear16")))
-    assert stage.side_inputs(stage.start_at(0)[0]) == ()
     assert stage.side_inputs(controlled(stage, stage.start_at(0)[0], paused=True)) == ("capture",)
     drawn = []
     draw = stage._renderer.draw
@@ -138,7 +138,7 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
 
     def shown(state, sequence, radiance, **wish):
         header = wire.MapMessage(stamp=wire.stamp(sequence, sequence / 10), rows=30, cols=120, coverage="hemisphere")
-        state = stage.on_message(controlled(stage, state, **wish), (header, (radiance,)))
+        state = stage.on_message(controlled(stage, state, **wish), (header, (radiance, *NO_BRIGHT_CELLS)))
         return stepped(stage, state, sequence)
 
     state, image = shown(stage.start_at(0)[0], 0, a_map())

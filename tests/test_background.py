@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.support.rendering import SceneRenderer
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, cell_directions, cell_from_direction
-from vemlight.renderer.frame import BackgroundMap
 from vemlight.renderer.scene.scene import ViewCamera, load_scene
 from vemlight.renderer.scene.view import clip_from_world, ray_from_pixel
 from vemlight.settings import Renderer as Settings
@@ -56,7 +56,7 @@ def test_the_background_is_the_map_along_each_ray(tmp_path, coverage, at):
     camera = CAMERA.replace("[0.0, 0.0, 1.5]", at)
     radiance = np.random.default_rng(1).uniform(0, 3, (18, 72, 3)).astype(np.float32)
     renderer = a_renderer(tmp_path, camera=camera)
-    renderer.background = BackgroundMap(radiance, coverage)
+    renderer.background = EnvironmentMap(radiance, coverage)
     picture = renderer.picture(NONE).copy()
     renderer.release()
     clear = a_renderer(tmp_path, camera=camera)
@@ -78,7 +78,7 @@ def test_one_lit_cell_is_seen_in_its_direction(tmp_path):
     radiance[80, 100] = 1.0  # 9.5 degrees high, azimuth 100.5
     direction = cell_directions(90, 360, "hemisphere")[80, 100]
     renderer = a_renderer(tmp_path)
-    renderer.background = BackgroundMap(radiance, "hemisphere")
+    renderer.background = EnvironmentMap(radiance, "hemisphere")
     picture = renderer.picture(NONE)
     row, col = np.unravel_index(np.argmax(picture[..., 0]), SIZE[::-1])
     seen = rays(load_scene(tmp_path / "scene.toml").camera)[row, col]
@@ -90,7 +90,7 @@ def test_surfaces_hide_the_background_by_their_alpha(tmp_path):
     renderer = a_renderer(tmp_path, samples=16)
     lights = LightSet.of(np.arange(1), np.array([[0.0, -0.6, 0.8]]), np.ones((1, 3)))
     alone = renderer.picture(lights).copy()
-    renderer.background = BackgroundMap(np.full((4, 8, 3), 0.7, np.float32), "sphere")
+    renderer.background = EnvironmentMap(np.full((4, 8, 3), 0.7, np.float32), "sphere")
     over = renderer.picture(lights)
     assert np.allclose(over[..., :3], alone[..., :3] + 0.7 * (1 - alone[..., 3:]), atol=1e-5)
     assert np.all(over[..., 3] == 1)
@@ -101,7 +101,7 @@ def test_catchers_dim_the_background(tmp_path):
     renderer = a_renderer(tmp_path, BALL + CATCHER)
     lights = LightSet.of(np.arange(1), np.array([[0.0, 0.6, 0.8]]), np.array([[1.0, 0.5, 0.25]]))
     alone = renderer.picture(lights).copy()
-    renderer.background = BackgroundMap(np.full((4, 8, 3), 0.7, np.float32), "sphere")
+    renderer.background = EnvironmentMap(np.full((4, 8, 3), 0.7, np.float32), "sphere")
     over = renderer.picture(lights)
     shadow = (alone[..., 3] == 1) & ~alone[..., :3].any(axis=-1)
     assert shadow.any()
@@ -114,7 +114,7 @@ def test_nan_infinite_and_negative_cells_leave_finite_pictures(tmp_path):
     radiance = np.ones((8, 16, 3), np.float32)
     radiance[2], radiance[3], radiance[4] = np.nan, np.inf, -1
     renderer = a_renderer(tmp_path)
-    renderer.background = BackgroundMap(radiance, "hemisphere")
+    renderer.background = EnvironmentMap(radiance, "hemisphere")
     picture = renderer.picture(NONE)
     assert np.all(np.isfinite(picture))
     assert picture.min() >= 0
@@ -124,6 +124,6 @@ def test_nan_infinite_and_negative_cells_leave_finite_pictures(tmp_path):
 def test_a_map_of_another_size_replaces_it(tmp_path):
     renderer = a_renderer(tmp_path)
     for value, shape in ((0.2, (4, 8, 3)), (0.4, (90, 360, 3)), (0.6, (90, 360, 3))):
-        renderer.background = BackgroundMap(np.full(shape, value, np.float32), "sphere")
+        renderer.background = EnvironmentMap(np.full(shape, value, np.float32), "sphere")
         assert renderer.picture(NONE)[0, 0] == pytest.approx([value, value, value, 1])
     renderer.release()

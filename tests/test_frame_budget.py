@@ -16,8 +16,8 @@ from vemlight.renderer.frame_budget import (
     MapDemand,
     affordable_lights,
     affordable_maps,
+    bounce_affordable,
     coarsening,
-    gloss_affordable,
     least_ms,
     map_work,
     strongest_lights,
@@ -35,13 +35,13 @@ def frame(
     lights_ms = lights * (light_ms if lookups is not None else light_ms + lookup_ms)
     lookups_ms = (lookups or 0) * lookup_ms
     timers_ms = {"shadow maps": maps * map_ms, "visibility cache": lookups_ms, "lights": lights_ms}
-    return FrameWork(maps, lookups, lights, False), FrameTimings(fixed_ms + sum(timers_ms.values()), timers_ms)
+    return FrameWork(maps, lookups, lights), FrameTimings(fixed_ms + sum(timers_ms.values()), timers_ms)
 
 
-def gloss_frame(fixed_ms: float, lights_ms: float, gloss_ms: float | None) -> tuple[FrameWork, FrameTimings]:
-    """A frame of 20 still lights, with the gloss set or without."""
-    timers_ms = {"lights": lights_ms, "gloss": gloss_ms or 0.0}
-    return FrameWork(0.0, 0, 20, gloss_ms is not None), FrameTimings(fixed_ms + lights_ms + (gloss_ms or 0.0), timers_ms)
+def bounce_frame(fixed_ms: float, lights_ms: float, bounce_ms: float | None) -> tuple[FrameWork, FrameTimings]:
+    """A frame of 20 still lights, with the bounce or without."""
+    timers_ms = {"lights": lights_ms, "bounce": bounce_ms or 0.0}
+    return FrameWork(0.0, 0, 20, bounce_ms is not None), FrameTimings(fixed_ms + lights_ms + (bounce_ms or 0.0), timers_ms)
 
 
 def budget(target_ms: float, costs: CostModel, stale_fraction: float = 0.0, **fields) -> Budget:
@@ -80,7 +80,7 @@ def test_costs_of_a_steady_machine_are_exact_at_once():
     costs = UNKNOWN
     for _ in range(5):
         costs = updated_costs(costs, *frame(4.0, 10, 0.9, 10, 0.3, 72, 0.5))
-    assert costs[1:] == pytest.approx((4.0, 0.9, 0.5, 0.3, 0.0, 0.0))
+    assert costs[1:] == pytest.approx((4.0, 0.9, 0.5, 0.3, 0.0))
     still = updated_costs(costs, *frame(4.0, 0, 0.9, 0, 0.3, 72, 0.5))
     assert still[1:] == pytest.approx(costs[1:])  # a frame without maps says nothing about maps, and none without lookups about them
 
@@ -119,10 +119,10 @@ def test_lights_looked_up_in_the_sum_cost_what_both_cost():
     st.booleans(),
     st.booleans(),
 )
-def test_the_affordable_work_fits_the_target(fixed, map_ms, light_ms, lookup_ms, stale, target_ms, work, moved, gloss):
+def test_the_affordable_work_fits_the_target(fixed, map_ms, light_ms, lookup_ms, stale, target_ms, work, moved, bounce):
     costs, work, lights = CostModel(9, fixed, map_ms, light_ms, lookup_ms, 3.0), np.array(work), len(work)
-    allowed = Budget(target_ms, costs, MapDemand(float(np.mean(work)), 1.0, stale), gloss, moved)
-    fixed += 3.0 * gloss
+    allowed = Budget(target_ms, costs, MapDemand(float(np.mean(work)), 1.0, stale), moved, bounce)
+    fixed += 3.0 * bounce
     most = affordable_lights(allowed)
     assert most is not None
     refresh = allowed.demand.refresh_fraction
@@ -200,34 +200,34 @@ def test_work_grows_with_the_texels():
     assert map_work(np.array([71, 100, 141])) == pytest.approx([1.5, 2.0, 3.0], rel=0.02)
 
 
-def test_the_gloss_set_is_left_out_before_a_sky_becomes_a_few_hard_shadows():
-    costs = updated_costs(UNKNOWN, *gloss_frame(5.0, 10.0, 15.0))
-    assert (costs.fixed_ms, costs.gloss_ms, costs.light_ms) == (5.0, 15.0, 0.5)
-    assert affordable_lights(budget(40.0, costs, gloss=True)) == 40
-    assert gloss_affordable(budget(25.0, costs, gloss=True))  # 5 + 15 + 8 * 0.5 ms
+def test_the_bounce_is_left_out_before_a_sky_becomes_a_few_hard_shadows():
+    costs = updated_costs(UNKNOWN, *bounce_frame(5.0, 10.0, 15.0))
+    assert (costs.fixed_ms, costs.bounce_ms, costs.light_ms) == (5.0, 15.0, 0.5)
+    assert affordable_lights(budget(40.0, costs, bounce=True)) == 40
+    assert bounce_affordable(budget(25.0, costs, bounce=True))  # 5 + 15 + 8 * 0.5 ms
     left_out = budget(20.0, costs)
-    assert not gloss_affordable(left_out)
+    assert not bounce_affordable(left_out)
     assert affordable_lights(left_out) == 30
-    without = updated_costs(costs, *gloss_frame(5.0, 10.0, None))
-    assert without.gloss_ms == 15.0  # what it would cost is not forgotten
+    without = updated_costs(costs, *bounce_frame(5.0, 10.0, None))
+    assert without.bounce_ms == 15.0  # what it would cost is not forgotten
 
 
 @pytest.mark.parametrize(
     ("target_ms", "stays", "comes"), [(24.5, True, True), (23.5, True, False), (21.2, True, False), (20.5, False, False)]
 )
-def test_the_gloss_set_stays_a_little_beyond_the_target_but_does_not_come(target_ms, stays, comes):
+def test_the_bounce_stays_a_little_beyond_the_target_but_does_not_come(target_ms, stays, comes):
     """A picture with it and the fewest lights takes 24 ms; single frames exceed a target that the median meets by 15 %."""
-    costs = updated_costs(UNKNOWN, *gloss_frame(5.0, 10.0, 15.0))
-    assert (gloss_affordable(budget(target_ms, costs, gloss=True)), gloss_affordable(budget(target_ms, costs))) == (stays, comes)
+    costs = updated_costs(UNKNOWN, *bounce_frame(5.0, 10.0, 15.0))
+    assert (bounce_affordable(budget(target_ms, costs, bounce=True)), bounce_affordable(budget(target_ms, costs))) == (stays, comes)
 
 
-def test_the_gloss_set_does_not_come_and_go_while_its_cost_varies():
-    rng, costs, gloss, drawn = np.random.default_rng(3), UNKNOWN, True, []
+def test_the_bounce_does_not_come_and_go_while_its_cost_varies():
+    rng, costs, bounce, drawn = np.random.default_rng(3), UNKNOWN, True, []
     for _ in range(200):
-        fixed_ms, gloss_ms = np.array([5.0, 15.0]) * rng.uniform(0.95, 1.05, 2)
-        costs = updated_costs(costs, *gloss_frame(fixed_ms, 10.0, gloss_ms if gloss else None))
-        gloss = gloss_affordable(budget(24.0, costs, gloss=gloss))
-        drawn.append(gloss)
+        fixed_ms, bounce_ms = np.array([5.0, 15.0]) * rng.uniform(0.95, 1.05, 2)
+        costs = updated_costs(costs, *bounce_frame(fixed_ms, 10.0, bounce_ms if bounce else None))
+        bounce = bounce_affordable(budget(24.0, costs, bounce=bounce))
+        drawn.append(bounce)
     assert sum(a != b for a, b in pairwise(drawn)) <= 1
 
 
@@ -245,13 +245,13 @@ def test_the_target_is_met_on_a_machine_whose_costs_vary(moving, target_ms, move
     """Like the one that draws on two cores, each cost 10 % up or down, where that fraction of 300 lights moves a texel a frame."""
     rng, costs, demand, coarse, took, stale = np.random.default_rng(0), UNKNOWN, MapDemand(), 0, [], 300.0
     for _ in range(300):
-        lights = min(affordable_lights(Budget(target_ms, costs, demand, False, moved)) or 300, 300)
+        lights = min(affordable_lights(Budget(target_ms, costs, demand, moved)) or 300, 300)
         if (wanted := coarsening(demand, coarse, 2)) != coarse:
             coarse, demand = wanted, demand._replace(backlog=1.0)
         size = 256 >> coarse
         stale = min(stale + moving * size / 256 * lights, lights)
         work = map_work(np.full(lights, size))
-        maps = affordable_maps(Budget(target_ms, costs, demand, False, moved), lights, work[: int(stale)])
+        maps = affordable_maps(Budget(target_ms, costs, demand, moved), lights, work[: int(stale)])
         summed = moved or maps > 0.75 * lights
         fixed, map_ms, lookup_ms, light_ms = np.array([3.0, 0.17 * (size / 256) ** 1.5, 0.54, 0.18]) * rng.uniform(0.9, 1.1, 4)
         done, timings = frame(fixed, maps, map_ms, None if summed else maps, lookup_ms, lights, light_ms)

@@ -1,192 +1,335 @@
 from pathlib import Path
 
+import moderngl
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
+from tests.support.ray_casting import Hits, first_hits, ggx, near_edges, scene_tree
 from tests.support.rendering import SceneRenderer
+from vemlight.light.bright_cells import BrightCells
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.passes.gloss.gloss import CONE, MAX_GLOSS_LIGHTS, NEIGHBOURS, gloss_rows, spread
-from vemlight.renderer.passes.lights.light_regions import light_regions
-from vemlight.renderer.passes.shadow_maps import shadow_map_plan
-from vemlight.renderer.scene.scene import load_scene
-from vemlight.renderer.scene.view import ray_from_pixel
+from vemlight.light.sphere import (
+    Coverage,
+    cell_directions,
+    cell_from_direction,
+    cell_solid_angles,
+    direction_from_angles,
+    map_irradiance,
+)
+from vemlight.renderer.gl.programs import Programs, headless_context
+from vemlight.renderer.passes.gbuffer.normals import direction_from_octahedron
+from vemlight.renderer.passes.gloss.lobe_albedo import SIZE, ggx_albedo
+from vemlight.renderer.passes.gloss.prefiltered_map import LEVELS, PrefilteredMap
+from vemlight.renderer.passes.gloss.reflected_light import reflected_light
+from vemlight.renderer.scene.materials import Ggx
+from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
 from vemlight.settings import Settings as AllSettings
 
-CAMERA = "[camera]\nfrom = [0.0, -6.0, 3.0]\nat = [0.0, 0.0, 0.4]\nfov_y = 30.0\n"
-METAL = "material = {base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = 0.25}"
-PHONG = "material = {diffuse = [0.3, 0.3, 0.3], specular = [0.6, 0.5, 0.4], exponent = 60.0}"
-SPHERE = '[[mesh]]\nshape = "sphere"\nscale = 0.6\nat = [0.0, 0.0, 0.8]\n'
-GROUND = '[[mesh]]\nshape = "plane"\nscale = 3.0\n'
+FAR = "[camera]\nfrom = [0.0, -60.0, 0.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 2.1\n"
+SPHERE = '[[mesh]]\nshape = "sphere"\n'
+WHITE = EnvironmentMap(np.ones((180, 360, 3), np.float32), "sphere")
 
 
-def pictures(folder: Path, text: str, *sets: tuple[LightSet, LightSet | None], **wanted) -> list[np.ndarray]:
-    (folder / "scene.toml").write_text(CAMERA + text)
-    renderer = SceneRenderer(load_scene(folder / "scene.toml"), Settings(**{"width": 64, "height": 64, "shadow_map": 128, **wanted}))
-    made = [renderer.picture(*pair).copy() for pair in sets]
+def even_lights(count: int, lowest: float = -1.0) -> LightSet:
+    """Radiance 1 from all directions above that height."""
+    z = 1 - (1 - lowest) * (np.arange(count) + 0.5) / count
+    directions = direction_from_angles(np.arccos(z), np.arange(count) * np.pi * (3 - np.sqrt(5)))
+    return LightSet.of(np.arange(count), directions, np.full((count, 3), 2 * np.pi * (1 - lowest) / count))
+
+
+def scene_of(folder: Path, material: str, camera: str = FAR, rest: str = "") -> Scene:
+    (folder / "scene.toml").write_text(f"{camera}{SPHERE}material = {material}\n{rest}")
+    return load_scene(folder / "scene.toml")
+
+
+def picture(scene: Scene, lights: LightSet, environment: EnvironmentMap | None, side: int = 96, **wanted) -> np.ndarray:
+    renderer = SceneRenderer(scene, Settings(**{"width": side, "height": side, **wanted}))
+    made = renderer.picture(lights, environment).astype(np.float64)
     renderer.release()
     return made
 
 
-def sky(count: int, lowest_z: float = 0.0) -> LightSet:
-    """Radiance 1 from all directions above lowest_z."""
-    z = lowest_z + (1 - lowest_z) * (np.arange(count) + 0.5) / count
-    directions = direction_from_angles(np.arccos(z), np.arange(count) * np.pi * (3 - np.sqrt(5)))
-    return LightSet.of(np.arange(count), directions, np.full((count, 3), 2 * np.pi * (1 - lowest_z) / count))
+def metal(roughness: float) -> str:
+    return f"{{base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = {roughness}}}"
 
 
-def random_lights(count: int, seed: int) -> LightSet:
-    rng = np.random.default_rng(seed)
-    directions = rng.normal(size=(count, 3)) * [1, 1, 1] + [0, 0, 1]
-    return LightSet.of(np.arange(count), directions / np.linalg.norm(directions, axis=1, keepdims=True), rng.uniform(0, 1, (count, 3)))
+def ggx_reflects(roughness: float, view: float) -> float:
+    """The albedo of white metal by a quadrature of its own: halfway vectors by GGX' distribution of normals (Walter et al. 2007)."""
+    a2 = roughness**4
+    u, turn = np.meshgrid((np.arange(256) + 0.5) / 256, (np.arange(128) + 0.5) / 128 * 2 * np.pi)
+    height = np.sqrt((1 - u) / (1 + (a2 - 1) * u))
+    between = np.sqrt(1 - height**2) * np.cos(turn) * np.sqrt(1 - view**2) + height * view
+    light = np.maximum(2 * between * height - view, 1e-9)
+    smith = 2 * light * view / (light * np.sqrt(view**2 * (1 - a2) + a2) + view * np.sqrt(light**2 * (1 - a2) + a2))
+    return float(np.where((light > 1e-9) & (between > 0), smith * between / (view * height), 0).mean())
 
 
-@pytest.mark.parametrize("frame_ms", [0.0, 1e4])
-@pytest.mark.parametrize("material", [METAL, PHONG])
-def test_a_second_set_like_the_first_changes_nothing(tmp_path, material, frame_ms):
-    # no more lights than neighbours are asked for, and so without a spread
-    for seed in range(6):
-        lights = random_lights(NEIGHBOURS, seed)
-        one, two = pictures(tmp_path, SPHERE + material + "\n" + GROUND + material, (lights, None), (lights, lights), frame_ms=frame_ms)
-        assert one[..., :3].max() > 0.1
-        # two orders of float32 sums; with a target frame time lookups are kept in 8 bits, and the second set looks at the maps itself
-        assert np.allclose(one, two, rtol=1e-4, atol=one[..., :3].max() * (1 / 255 if frame_ms else 1e-5))
+def phong_reflects(exponent: float, view: float) -> float:
+    u, turn = np.meshgrid((np.arange(512) + 0.5) / 512, (np.arange(64) + 0.5) / 64 * 2 * np.pi)
+    cosine = u ** (1 / (exponent + 1))
+    light = cosine * view + np.sqrt(1 - cosine**2) * np.cos(turn) * np.sqrt(1 - view**2)
+    return float((exponent + 2) / (exponent + 1) * np.maximum(light, 0).mean())
 
 
-def test_more_strong_lights_than_the_atlas_holds_share_their_cones_too(tmp_path, monkeypatch):
-    lights = random_lights(NEIGHBOURS, 3)
-    monkeypatch.setattr(shadow_map_plan, "MAX_ATLAS_SIDE", 256)  # 2 x 2 tiles of 128
-    many = LightSet.of(np.arange(12), np.repeat(lights.directions, 3, axis=0), np.repeat(lights.irradiance, 3, axis=0) / 3)
-    one, two = pictures(tmp_path, SPHERE + METAL, (lights, None), (many._replace(ids=np.arange(12)), lights))
-    inside = one[..., 3] > 0
-    # the first four of twelve hold two of the directions: a sphere alone has no shadow but its own terminator
-    assert np.mean(np.abs(one - two)[inside].max(axis=-1) > 0.02 * one.max()) < 0.02
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [*(("metal", r) for r in (0.1, 0.2, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.8, 1.0)), ("phong", 10.0), ("phong", 60.0), ("lambert", 1.0)],
+)
+def test_a_white_furnace_of_72_lights_stays_white(tmp_path, kind, value):
+    """Of single reflections: what GGX' model loses to a second one is lost. The field of view makes the sphere fill the picture."""
+    phong = f"{{diffuse = [0.0, 0.0, 0.0], specular = [1.0, 1.0, 1.0], exponent = {value}}}"
+    materials = {"metal": metal(value), "phong": phong, "lambert": "{diffuse = [1.0, 1.0, 1.0]}"}
+    image = picture(scene_of(tmp_path, materials[kind]), even_lights(72), WHITE)[..., 0]
+    radius = np.hypot(*np.indices((96, 96)) - 47.5) / 48 * 60 * np.tan(np.radians(1.05))
+    reflects = {"metal": ggx_reflects, "phong": phong_reflects, "lambert": lambda *_: 1.0}[kind]
+    radii = np.linspace(0, 0.85, 18)
+    image /= np.interp(radius, radii, [reflects(value, np.sqrt(1 - r * r)) for r in radii])
+    assert image[radius < 0.15].mean() == pytest.approx(1, abs=0.015)
+    assert image[(radius > 0.6) & (radius < 0.8)].mean() == pytest.approx(1, abs=0.015)
+    assert image[radius < 0.8].std() <= 0.03
 
 
-@pytest.mark.parametrize("roughness", [0.1, 0.2, 0.3, 0.45, 0.6, 1.0])
-def test_a_white_furnace_stays_white_with_two_sets(tmp_path, roughness):
-    sphere = SPHERE.replace("0.6", "1.2").replace("0.8", "0.4") + METAL.replace("0.25", str(roughness))
-    one, both = pictures(tmp_path, sphere, (sky(3000, -1.0), None), (sky(100, -1.0), sky(1500, -1.0)), width=48, height=48)
-    inside = np.hypot(*np.indices((48, 48)) - 23.5) < 11  # 70 % of its radius: farther out a pixel holds many normals
-    assert one[inside][:, 3].min() == 1
-    if roughness > 0.4:
-        assert both[inside].mean(axis=0) == pytest.approx(one[inside].mean(axis=0), rel=0.01)
-    else:
-        # single bounces of smooth metal lose up to 3 %; lobes wider than the cone's core leave 2 % to the 100 lights
-        assert both[inside][:, :3].mean() == pytest.approx(1, abs=0.05)
-        dots = [np.std(image[inside][:, 0]) for image in pictures(tmp_path, sphere, (sky(100, -1.0), None), width=48, height=48)]
-        assert np.std(both[inside][:, 0]) < 0.3 * dots[0]
+def test_the_albedo_is_that_of_another_quadrature():
+    table, even = ggx_albedo(), np.arange(SIZE) / (SIZE - 1)
+    for row in (5, 15, 31):
+        for column in (10, 22, 31):
+            expected = ggx_reflects(0.05 + 0.95 * even[row], even[column] ** 2)
+            assert table[row, column].sum() == pytest.approx(expected, abs=0.006)
 
 
-def test_lambert_and_wide_lobes_do_not_ask_the_second_set(tmp_path):
-    lights, other = random_lights(3, 1), random_lights(3, 2)
-    for material in ("material = {diffuse = [0.5, 0.5, 0.5]}", METAL.replace("0.25", "0.7"), PHONG.replace("60.0", "3.0")):
-        one, two = pictures(tmp_path, SPHERE + material, (lights, None), (lights, other))
-        assert np.array_equal(one, two)
+def sky_with_sun(rows: int, cols: int, coverage: Coverage = "sphere", sun: float = 1.0) -> tuple[EnvironmentMap, LightSet]:
+    """A sky brighter towards its zenith and of two tints, a sun with so many times the sky's power, and 72 lights of both."""
+    directions, solid_angles = cell_directions(rows, cols, coverage), cell_solid_angles(rows, cols, coverage)[:, None, None]
+    tint = np.array([0.6, 0.8, 1.0]) + directions[..., :1] * [0.2, 0.0, -0.2]
+    radiance = (0.3 + 0.7 * np.maximum(directions[..., 2:], 0)) * tint
+    even = even_lights(71, -1.0 if coverage == "sphere" else 0.0)
+    row, col = (int(i) for i in cell_from_direction(direction_from_angles(0.9, 4.2), rows, cols, coverage))
+    total = (radiance * solid_angles).sum(axis=(0, 1))
+    around = cell_from_direction(even.directions, rows, cols, coverage)
+    colour = radiance[np.minimum(around[0].astype(int), rows - 1), around[1].astype(int) % cols]
+    irradiance = colour / colour.sum(axis=0) * total
+    radiance[row, col] += sun * total / solid_angles[row, 0]
+    both = np.concatenate([even.directions, directions[row, col][None]]), np.concatenate([irradiance, sun * total[None]])
+    return EnvironmentMap(radiance.astype(np.float32), coverage), LightSet.of(np.arange(72), *both)
+
+
+def reflected_by_all_cells(scene: Scene, hits: Hits, environment: EnvironmentMap) -> np.ndarray:
+    """The radiance (n, 3) of the pixels that see a sphere of one material under each cell of a map."""
+    material, there = scene.meshes[0].material, hits.triangle >= 0
+    assert isinstance(material, Ggx)
+    normals, view = hits.smooth_normal[there], np.array(scene.camera.position) - hits.position[there]
+    view /= np.linalg.norm(view, axis=-1, keepdims=True)
+    rows, cols, _ = environment.radiance.shape
+    flux = environment.radiance * cell_solid_angles(rows, cols, environment.coverage)[:, None, None]
+    sums = np.zeros((len(normals), 3))
+    for light, power in zip(cell_directions(rows, cols, environment.coverage).reshape(-1, 3), flux.reshape(-1, 3), strict=True):
+        cosine = normals @ light
+        lit = cosine > 0
+        sums[lit] += ggx(material, normals[lit], view[lit], light) * cosine[lit, None] * power
+    return sums
+
+
+@pytest.mark.parametrize(
+    ("material", "limit"),  # measured: 0.05, 0.01, 0.02, 0.02, 0.01; lights without the map: 1.0, 0.25, 0.09
+    [(metal(0.2), 0.08), (metal(0.3), 0.03), (metal(0.4), 0.04), (metal(0.6), 0.03),
+     ("{base_color = [0.0, 0.0, 0.0], metallic = 0.0, roughness = 0.3}", 0.03)],
+)  # fmt: skip
+def test_a_sphere_reflects_a_sky_and_its_sun(tmp_path, material, limit):
+    scene = scene_of(tmp_path, material)
+    environment, lights = sky_with_sun(60, 120)
+    sun = BrightCells(np.array([np.argmax(environment.radiance[..., 0])]), lights.directions[71:], np.ones(1, np.float32))
+    environment = environment._replace(bright_cells=sun)  # the sums see it as a point
+    hits = first_hits(scene, scene_tree(scene), 40, 40)
+    there = hits.triangle >= 0
+    drawn, truth = picture(scene, lights, environment, 40)[there][:, :3], reflected_by_all_cells(scene, hits, environment)
+    inner = ~near_edges(there, 1)[there]
+    assert np.sqrt(np.mean((drawn - truth)[inner] ** 2)) / truth[inner].mean() <= limit
+    assert drawn[inner].mean(axis=0) == pytest.approx(truth[inner].mean(axis=0), rel=0.02)
+
+
+def local_maxima(image: np.ndarray) -> np.ndarray:
+    from scipy.ndimage import maximum_filter
+
+    return image == maximum_filter(image, 5)
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.1, 0.2, 0.3])
+def test_no_dots_of_single_lights_show(tmp_path, roughness):
+    """A dot is a local maximum, 5 % brighter than what lies around it, where the sky has none."""
+    from scipy.ndimage import median_filter
+
+    scene = scene_of(tmp_path, metal(roughness))
+    environment, lights = sky_with_sun(90, 360, sun=0.0)
+    radius = np.hypot(*np.indices((96, 96)) - 47.5) / 48
+    dots = []
+    for reflected in (environment, None):
+        image = picture(scene, lights, reflected)[..., 1]
+        bright = local_maxima(image) & (image > 1.05 * median_filter(image, 11)) & (radius < 0.7)
+        dots.append(int(bright.sum()))
+    assert dots[0] == 0
+    assert dots[1] > 10  # of the lights themselves
+
+
+def test_the_map_and_the_lights_share_out_the_power():
+    environment, lights = sky_with_sun(90, 360)
+    light = reflected_light(lights, environment)
+    assert light.radiance is not None
+    assert light.direct[71] == pytest.approx(1, abs=0.01)
+    assert light.direct[:71].max() == 0
+    direct = (light.direct[:, None] * lights.irradiance).sum(axis=0)
+    rest = map_irradiance(light.radiance, environment.coverage) * light.scale
+    assert direct + rest == pytest.approx(lights.irradiance.sum(axis=0), rel=0.01)
+
+
+@pytest.mark.parametrize(("size", "direct"), [(1, 1.0), (2, 1.0), (8, 0.0)])
+def test_a_source_as_small_as_the_cells_is_a_light_and_a_window_is_not(size, direct):
+    """One light for a square of cells in the dark, at its middle."""
+    radiance = np.zeros((90, 360, 3), np.float32)
+    radiance[50 : 50 + size, 100 : 100 + size] = 5.0
+    power = map_irradiance(radiance, "hemisphere")
+    middle = direction_from_angles((50 + size / 2) * np.pi / 180, (100 + size / 2) * np.pi / 180)
+    other = direction_from_angles(0.3, 0.3)
+    lights = LightSet.of(np.arange(2), np.stack([middle, other]), np.stack([power, 0 * power]))
+    light = reflected_light(lights, EnvironmentMap(radiance, "hemisphere"))
+    assert light.direct[0] == pytest.approx(direct, abs=0.02)
+    assert light.radiance is not None
+    assert map_irradiance(light.radiance, "hemisphere") == pytest.approx((1 - direct) * power, abs=0.02 * power.max())
+    if direct:
+        assert np.degrees(np.sqrt(light.spread[0])) == pytest.approx(np.sqrt(size**2 / 12), rel=0.35)
+        assert light.least_width[0] == 0
+
+
+def test_many_lights_on_a_lamp_are_lights_that_overlap():
+    """A lamp of 6 x 6 cells by a light a cell: together they are as fine as the map, and no gap between them shows."""
+    radiance = np.zeros((90, 360, 3), np.float32)
+    radiance[50:56, 100:106] = 5.0
+    row, col = (each.ravel() for each in np.mgrid[50:56, 100:106])
+    flux = radiance[row, col] * cell_solid_angles(90, 360, "hemisphere")[row][:, None]
+    lights = LightSet.of(np.arange(36), cell_directions(90, 360, "hemisphere")[row, col], flux)
+    light = reflected_light(lights, EnvironmentMap(radiance, "hemisphere"))
+    assert light.direct == pytest.approx(1, abs=0.02)
+    assert light.radiance is not None
+    assert light.radiance.max() < 0.1
+    apart = np.radians(1.0)
+    inside = light.least_width.reshape(6, 6)[1:5, 1:5]
+    assert np.sqrt(inside).min() > 0.4 * apart  # a lattice of Gaussians ripples by 2 % at half the spacing, by 10 % at 0.4
+    assert np.sqrt(inside).max() < 0.6 * apart
+
+
+def test_the_samples_of_a_bright_cell_say_how_wide_its_sun_is():
+    environment, lights = sky_with_sun(90, 360)
+    cell = int(np.argmax(environment.radiance[..., 0]))
+    samples = BrightCells(np.array([cell]), lights.directions[71:], np.ones(1, np.float32))
+    whole = reflected_light(lights, environment).spread[71]
+    inside = reflected_light(lights, environment._replace(bright_cells=samples)).spread[71]
+    assert inside < whole / 5  # a third of a cell across
+
+
+def test_without_a_map_the_lights_are_points(tmp_path):
+    lights = even_lights(9)
+    light = reflected_light(lights, None)
+    assert light.radiance is None
+    assert (light.direct.tolist(), light.spread.tolist(), light.least_width.tolist()) == ([1.0] * 9, [0.0] * 9, [0.0] * 9)
+
+
+def test_a_surface_in_a_closed_box_reflects_nothing(tmp_path):
+    """The map behind walls is not seen: all lights in the lobe are shadowed."""
+    camera = "[camera]\nfrom = [0.0, -3.0, 0.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 40.0\n"
+    box = '[[mesh]]\nshape = "box"\nscale = 4.0\nmaterial = {diffuse = [0.5, 0.5, 0.5]}\n'
+    open_, closed = (picture(scene_of(tmp_path, metal(0.2), camera, rest), even_lights(72), WHITE, 48, bounces=0) for rest in ("", box))
+    sphere = (open_[..., 3] > 0) & ~near_edges(open_[..., 3] > 0, 3)
+    assert open_[sphere][:, 0].min() > 0.9
+    assert closed[sphere][:, 0].max() < 0.01
 
 
 @pytest.mark.parametrize("power", [0.0, 1e6])
 def test_darkness_and_a_huge_sun(tmp_path, power):
-    directions, powers = np.array([[0, 0, 1], [0.6, 0, 0.8], [0, -0.6, 0.8]]), np.array([[power], [1], [0]]) * np.ones(3)
-    weak = LightSet.of(np.arange(3), directions, powers)
-    strong = LightSet.of(np.arange(2), directions[:2], powers[:2])
-    none = LightSet.none()
-    for image in pictures(tmp_path, SPHERE + METAL, (strong, weak), (strong, none), (none, weak), (none, none)):
+    environment, lights = sky_with_sun(30, 60, sun=power)
+    dark = EnvironmentMap(np.zeros((30, 60, 3), np.float32), "sphere")
+    invalid = environment._replace(radiance=np.where(environment.radiance > 0.8, np.nan, environment.radiance).astype(np.float32))
+    scene = scene_of(tmp_path, metal(0.1))
+    for given in ((lights, environment), (lights, dark), (LightSet.none(), environment), (lights, invalid), (LightSet.none(), dark)):
+        image = picture(scene, *given, side=32)
         assert np.all(np.isfinite(image))
         assert image.min() >= 0
 
 
-def test_a_rows_sum_is_that_of_the_lights_in_reach():
-    regions = light_regions(64)
-    rng = np.random.default_rng(4)
-    # crowded about one direction, with a sun among them, in three tints
-    directions = rng.normal(size=(3000, 3)) * 0.3 + [0, 0.6, 0.8]
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    irradiance = rng.lognormal(0, 2, (3000, 1)) * rng.uniform(0.5, 1, (3000, 3))
-    irradiance[1234] = 1e6
-    reach = regions.reach + 0.3
-    strong = rng.integers(0, 72, 3000)
-    rows = gloss_rows(regions.centres, reach, directions, irradiance, strong)
-    within = regions.centres @ directions.T >= np.cos(reach)[:, None]
-    assert within.sum(axis=1).max() > MAX_GLOSS_LIGHTS
-    assert within.sum(axis=1).min() < MAX_GLOSS_LIGHTS
-    of_direction = {tuple(direction): number for direction, number in zip(directions.astype(np.float32).tolist(), strong, strict=True)}
-    for span, inside in zip(rows.spans, within, strict=True):
-        groups = rows.groups[span["first"] : span["first"] + span["count"]]
-        assert np.all(np.diff(groups["shadowing"]) > 0)
-        found = [rows.lights[group["first"] : group["first"] + group["count"]] for group in groups]
-        for group, own in zip(groups, found, strict=True):
-            assert all(of_direction[tuple(direction)] == group["shadowing"] for direction in own["direction"].tolist())
-        lights = np.concatenate(found) if found else rows.lights[:0]
-        assert len(lights) == min(inside.sum(), MAX_GLOSS_LIGHTS)
-        assert np.allclose(lights["irradiance"].sum(axis=0, dtype=np.float64), inside @ irradiance, rtol=1e-5)
-        assert np.all(np.isin(lights["direction"][:, 0], directions[inside, 0].astype(np.float32)))
-        if inside[1234]:
-            assert lights["irradiance"][:, 0].max() == 1e6  # the sun is never scaled
-    assert rows.groups["count"].sum() == len(rows.lights)
+@pytest.fixture(scope="module")
+def prefiltered():
+    context = headless_context()
+    made = PrefilteredMap(context, Programs(context))
+    yield made
+    context.release()
 
 
-@settings(deadline=None, max_examples=20)
-@given(st.integers(MAX_GLOSS_LIGHTS + 1, 2000))
-def test_of_equal_lights_the_first_are_kept_and_scaled_alike(count):
-    directions = np.tile([[0.0, 0.0, 1.0]], (count, 1))
-    directions[:, 0] = np.arange(count) * 1e-6  # to tell them apart
-    rows = gloss_rows(np.array([[0.0, 0.0, 1.0]]), np.array([0.5]), directions, np.ones((count, 3)), np.arange(count))
-    assert rows.spans.tolist() == [(0, MAX_GLOSS_LIGHTS)]
-    assert np.array_equal(rows.groups["shadowing"], np.arange(MAX_GLOSS_LIGHTS))
-    assert np.allclose(rows.lights["irradiance"], count / MAX_GLOSS_LIGHTS)
+def level(prefiltered: PrefilteredMap, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A level without its border, (n, n, 3), its texels' directions, and their solid angles (n, n)."""
+    texture = prefiltered.texture
+    assert isinstance(texture, moderngl.Texture)
+    side = texture.width >> number
+    texels = np.frombuffer(texture.read(level=number, alignment=1), np.float32).reshape(side, side, 4)
+    inner, fine = 3 * side // 4, 8
+    at = (np.arange(inner * fine) + 0.5) / (inner * fine) * 2 - 1
+    x, y = np.meshgrid(at, at)
+    z = 1 - np.abs(x) - np.abs(y)
+    folded = np.maximum(-z, 0)
+    size = np.sqrt((x - np.copysign(folded, x)) ** 2 + (y - np.copysign(folded, y)) ** 2 + z**2)
+    solid_angles = (size**-3 * (2 / (inner * fine)) ** 2).reshape(inner, fine, inner, fine).sum(axis=(1, 3))
+    coarse = (np.arange(inner) + 0.5) / inner * 2 - 1
+    directions = direction_from_octahedron(np.stack(np.meshgrid(coarse, coarse), axis=-1))
+    return texels[side // 8 : side - side // 8, side // 8 : side - side // 8, :3], directions, solid_angles
 
 
-def test_the_spread_of_an_even_sky_is_that_of_its_cells():
-    for count in (100, 1000):
-        cell = 2 * np.pi / count  # sr
-        found = spread(sky(count).directions.astype(np.float64))
-        # a square cell of side a has the half diagonal a / sqrt(2); a spiral's cells are square to some tenths, at the horizon one-sided
-        assert np.median(found) == pytest.approx(np.sqrt(cell / 2), rel=0.15)
-    assert not spread(sky(NEIGHBOURS).directions).any()
+def test_a_white_map_stays_white_at_every_level(prefiltered):
+    prefiltered.prefilter(WHITE.radiance, "sphere")
+    for number in range(LEVELS):
+        assert level(prefiltered, number)[0] == pytest.approx(1, abs=1e-5)
 
 
-def test_the_stage_draws_the_gloss_set_of_a_message(tmp_path):
-    (tmp_path / "scene.toml").write_text(CAMERA + SPHERE + METAL)
-    wanted = Settings(scene=str(tmp_path / "scene.toml"), width=64, height=64, shadow_map=128, picture="linear16")
+@pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
+def test_each_level_has_the_power_of_the_map(prefiltered, coverage):
+    rows = 90 if coverage == "hemisphere" else 180
+    environment, _ = sky_with_sun(rows, 360, coverage, sun=0.5)
+    prefiltered.prefilter(environment.radiance, coverage)
+    power = map_irradiance(environment.radiance, coverage)
+    for number in range(LEVELS):
+        texels, _, solid_angles = level(prefiltered, number)
+        assert np.einsum("ijc,ij->c", texels, solid_angles) == pytest.approx(power, rel=0.07 if number > 4 else 0.03)
+
+
+@pytest.mark.parametrize("at", [(0.3, 1.0), (0.9553, 0.785), (1.2, 4.0), (1.5, 5.1), (2.5, 2.0)])
+def test_the_levels_are_as_wide_as_they_say(prefiltered, at):
+    """Of a light in one cell; a lookup between texels adds a sixth of a texel's square, a fifth of a level's variance."""
+    radiance = np.zeros((180, 360, 3), np.float32)
+    row, col = (int(i) for i in cell_from_direction(direction_from_angles(*at), 180, 360, "sphere"))
+    radiance[row, col] = 1000.0
+    prefiltered.prefilter(radiance, "sphere")
+    for number in range(1, 5):
+        texels, directions, solid_angles = level(prefiltered, number)
+        weights = texels[..., 0] * solid_angles / (texels[..., 0] * solid_angles).sum()
+        middle = np.einsum("ij,ijc->c", weights, directions)
+        middle /= np.linalg.norm(middle)
+        assert middle @ cell_directions(180, 360, "sphere")[row, col] > np.cos(0.01 * 2**number)
+        variance = (weights * (1 - (directions @ middle) ** 2)).sum() / 2
+        assert variance / (prefiltered.base_variance * 4**number) == pytest.approx(0.78, abs=0.2)
+
+
+def test_the_stage_reflects_the_map_of_a_message(tmp_path):
+    scene = scene_of(tmp_path, metal(0.2))
+    wanted = Settings(scene=str(tmp_path / "scene.toml"), width=32, height=32, picture="linear16", light_regions=0)
     stage = RendererStage(AllSettings(renderer=wanted))
-    strong, weak = random_lights(5, 1), random_lights(40, 2)
-    header = wire.LightsMessage(stamp=wire.stamp(0, 0.0), count=5, gloss_count=40, coverage="sphere")
-    state, _ = stage.step(stage.start_at(0)[0], (header, (*strong[:3], weak.directions, weak.irradiance)))
-    alone, both = pictures(tmp_path, SPHERE + METAL, (strong, None), (strong, weak))
+    environment, lights = sky_with_sun(30, 60, "hemisphere")
+    state, _ = stage.start_at(0)
+    assert stage.side_inputs(state) == ("capture",)
+    stamp = wire.stamp(0, 0.0)
+    cells = (np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
+    state = stage.on_message(state, (wire.MapMessage(stamp=stamp, rows=30, cols=60, coverage="hemisphere"), (environment.radiance, *cells)))
+    none = np.zeros((0, 3), np.float32)
+    state, _ = stage.step(state, (wire.LightsMessage(stamp=stamp, count=72, coverage="hemisphere"), (*lights[:3], none, none)))
     assert state.picture is not None
-    assert np.array_equal(state.picture, both)
-    assert not np.allclose(alone, both, atol=1e-3)
-
-
-@pytest.mark.parametrize("exponent", [300.0, 10_000.0])
-def test_a_phong_lobe_is_widened_by_the_variance_of_the_disc_that_a_light_stands_for(tmp_path, exponent):
-    # One light of an even sky shines: on a plane seen from above its highlight falls off as cos^n with 1 / n = 1 / exponent + spread^2 / 4.
-    lights = sky(1000)
-    own = int(np.argmax(lights.directions[:, 2]))
-    faint = np.where(np.arange(1000) == own, 1.0, 1e-9)[:, None].astype(np.float32)
-    camera = "[camera]\nfrom = [0.0, 0.0, 5.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 10.0\n"
-    plane = f'[[mesh]]\nshape = "plane"\nmaterial = {{diffuse = [0.0, 0.0, 0.0], specular = [1.0, 1.0, 1.0], exponent = {exponent}}}\n'
-    (tmp_path / "scene.toml").write_text(camera + plane)
-    renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=64, shadow_map=128))
-    shadowed = LightSet.of(np.zeros(1), lights.directions[own : own + 1], np.ones((1, 3)))
-    picture = renderer.picture(shadowed, lights._replace(irradiance=faint * np.ones((1, 3), np.float32)))[..., 0].astype(np.float64)
-    scene = load_scene(tmp_path / "scene.toml")
-    renderer.release()
-    pixels = np.stack([*np.meshgrid(np.arange(64) + 0.5, np.arange(64) + 0.5), np.ones((64, 64))], axis=-1)
-    rays = pixels @ ray_from_pixel(scene.camera, (64, 64)).T
-    mirrored = rays / np.linalg.norm(rays, axis=-1, keepdims=True) * [1, 1, -1] @ lights.directions[own].astype(np.float64)
-    near = mirrored > np.cos(np.radians(5.0))
-    slope = np.polyfit(np.log(mirrored[near]), np.log(picture[near]), 1)[0]
-    assert slope == pytest.approx(1 / (1 / exponent + spread(lights.directions)[own] ** 2 / 4), rel=0.02)
-
-
-def test_the_gloss_set_fades_out_between_12_and_20_degrees():
-    # A narrower rim shows as a ring where dots of the shadowed lights begin; a smaller core leaves rough metal's lobe to them.
-    inside = np.clip((np.cos(np.radians([11.9, 16.0, 20.1])) - CONE[0]) / (CONE[1] - CONE[0]), 0, 1)
-    assert inside.tolist() == pytest.approx([1, 0.56, 0], abs=0.02)
+    assert np.array_equal(state.picture, picture(scene, lights, environment, 32, light_regions=0).astype(np.float32))
+    assert not np.allclose(state.picture, picture(scene, lights, None, 32, light_regions=0), atol=1e-2)

@@ -106,7 +106,7 @@ def test_a_rendering_ends_between_two_pictures(tmp_path, sequence, monkeypatch):
         write(*arguments)
 
     monkeypatch.setattr(offline, "_write", press_while_writing)
-    options = RenderOptions(source=sequence, size=(16, 12), count=4, gloss_lights=0, shadow_map=16, out=tmp_path / "p.png")
+    options = RenderOptions(source=sequence, size=(16, 12), count=4, shadow_map=16, out=tmp_path / "p.png")
     with interruption.heeded(), pytest.raises(Interrupted, match="is partial, 1 of 16 pictures"):
         offline.write_pictures(options)
     assert [path.name for path in tmp_path.iterdir()] == ["p_0000.png"]

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vemlight.commands import offline
-from vemlight.commands.offline import GLOSS_LIGHTS, open_frames, renderer_settings, sampler_settings, write_pictures
+from vemlight.commands.offline import open_frames, renderer_settings, sampler_settings
 from vemlight.commands.options import LightsOptions, RenderOptions
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
@@ -46,27 +45,3 @@ def test_a_picture_of_no_size_or_beyond_the_limit_is_refused(size):
     assert renderer_settings(RenderOptions(source=HERE, size=(MAX_PICTURE_SIDE, 1))).width == MAX_PICTURE_SIDE == 8192
     with pytest.raises(UserError, match=f"--size {size[0]}x{size[1]}: a side has 1 to 8192 pixels"):
         renderer_settings(RenderOptions(source=HERE, size=size))
-
-
-@pytest.mark.parametrize(("material", "asked", "given"), [
-    ("{diffuse = [0.5, 0.5, 0.5]}", None, None),
-    ("{base_color = [0.5, 0.5, 0.5], metallic = 1.0, roughness = 0.2}", None, GLOSS_LIGHTS),
-    ("{base_color = [0.5, 0.5, 0.5], metallic = 1.0, roughness = 0.2}", 0, 0),
-])  # fmt: skip
-def test_a_glossy_scene_gets_a_gloss_set(tmp_path, monkeypatch, material, asked, given):
-    """Of 512 lights: twice as many gain little (docs/looks.md)."""
-    asked_for = {}
-
-    def refuse(_options, _frames, **settings) -> None:
-        asked_for.update(settings)
-        raise UserError("nothing is to be drawn here")
-
-    monkeypatch.setattr(offline, "sampler_settings", refuse)
-    scene = f'[camera]\nfrom = [0.0, -4.0, 2.0]\nat = [0.0, 0.0, 0.0]\n[[mesh]]\nshape = "sphere"\nmaterial = {material}\n'
-    (tmp_path / "scene.toml").write_text(scene)
-    write_exr(tmp_path / "sky.exr", np.ones((8, 16, 3), np.float32))
-    options = RenderOptions(source=tmp_path / "sky.exr", scene=tmp_path / "scene.toml", out=tmp_path / "p.png", gloss_lights=asked)
-    with pytest.raises(UserError, match="nothing is to be drawn"):
-        write_pictures(options)
-    assert asked_for == {"gloss_lights": given}
-    assert GLOSS_LIGHTS == 512

@@ -8,6 +8,7 @@ import pytest
 
 from tests.support.gltf_files import AnimatedTriangle
 from tests.support.renderer_steps import controlled, lights_message, picture_of, stepped
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import CostModel
@@ -165,7 +166,8 @@ def test_a_step_has_no_effect_but_its_result(tmp_path, moving_sky, monkeypatch, 
     (tmp_path / "scene.toml").write_text(plane + boxes + lamp.replace('shadows = "none"', "shadow_map = 16"))
     drawing = Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, shadow_map=64, frame_ms=frame_ms, picture="linear16")
     stage = RendererStage(Settings(renderer=drawing))
-    sky = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="hemisphere"), (np.ones((4, 8, 3), np.float32),)
+    header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="hemisphere")
+    sky = header, (np.ones((4, 8, 3), np.float32), *NO_BRIGHT_CELLS)
     state, made = stage.start_at(0)[0], []
     for sequence in range(6):
         if sequence == 3:

@@ -32,15 +32,12 @@ from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
 from vemlight.settings import section_from_options
 
-GLOSS_LIGHTS = 512  # of a glossy scene; twice as many gain little (docs/looks.md)
-
 
 class Lit(NamedTuple):
-    """One frame, its lights, its gloss set, None when none is asked for, and the lights' error, None without a limit."""
+    """One frame, its lights, and the lights' error, None without a limit."""
 
     frame: Frame
     lights: LightSet
-    gloss: LightSet | None
     error: ErrorOfLights | None
 
 
@@ -106,7 +103,7 @@ def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]
         error, limit = 100 * report.error, 100 * sampling.error_limit
         if is_capped(error, limit) and error > worst[1]:
             worst = len(lights.ids), error
-        yield Lit(frame, lights, report.gloss, ErrorOfLights(error, limit) if limit else None)
+        yield Lit(frame, lights, ErrorOfLights(error, limit) if limit else None)
     if worst[1]:
         notice(capped_text(*worst, 100 * sampling.error_limit))
     invalid_cells.say()
@@ -124,12 +121,12 @@ def write_lights_file(options: LightsOptions) -> Report:
     if out != STANDARD_OUTPUT:
         check_lights_path(out, len(frames))
     lit = list(counted(lit_frames(frames, sampling), "frames", len(frames)))
-    rows = [lights_row(lights, k, frame.time_s, frame.coverage, error) for k, (frame, lights, _, error) in enumerate(lit)]
+    rows = [lights_row(lights, k, frame.time_s, frame.coverage, error) for k, (frame, lights, error) in enumerate(lit)]
     if out == STANDARD_OUTPUT:
         sys.stdout.buffer.write(b"".join(lights_json(row) + b"\n" for row in rows))
     else:
         write_lights(out, rows)
-    counts = [len(lights.ids) for _, lights, *_ in lit]
+    counts = [len(lights.ids) for _, lights, _ in lit]
     text = f"{out}: {counts[0]} lights" if len(lit) == 1 else f"{out}: the lights of {len(lit)} frames"
     errors = [error for *_, error in lit if error]
     if errors:
@@ -138,7 +135,7 @@ def write_lights_file(options: LightsOptions) -> Report:
     values = {"out": str(out), "frames": len(lit), "lights": {"fewest": min(counts), "most": max(counts)}}
     if not options.score:
         return Report(text, values)
-    score = scored(((frame.radiance, lights) for frame, lights, *_ in lit), lit[0].frame.coverage)
+    score = scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)
     return Report(f"{score_text(score)}\n{text}", values | {"score": score._asdict()})
 
 
@@ -147,7 +144,7 @@ def write_pictures(options: RenderOptions) -> str:
 
     Raises UserError for options that cannot be used.
     """
-    from vemlight.renderer.frame import BackgroundMap
+    from vemlight.light.environment_map import EnvironmentMap
     from vemlight.renderer.frame_sequence import FrameSequence
     from vemlight.renderer.output.tonemap import adapt, subsampled, tone_mapped
     from vemlight.renderer.output.video import video_writer
@@ -160,17 +157,17 @@ def write_pictures(options: RenderOptions) -> str:
     _check_outputs(out, to_video)
     wanted = renderer_settings(options)
     scene = load_scene(options.scene)
-    gloss_lights = GLOSS_LIGHTS if options.gloss_lights is None and scene.glossy else options.gloss_lights
     frames = open_frames(options)
-    sampling = sampler_settings(options, len(frames), gloss_lights=gloss_lights)
+    sampling = sampler_settings(options, len(frames))
     with interruption.deferred(), ExitStack() as open_:
         video = open_.enter_context(video_writer(to_video, frames.fps)) if to_video else None
         sequence = FrameSequence(Renderer(scene, wanted, file_samples(scene)))
         open_.callback(sequence.release)
         adaptation, before_s = None, 0.0
-        for k, (frame, lights, gloss, _) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
-            background = BackgroundMap(frame.radiance, frame.coverage) if wanted.background == "map" else None
-            picture = sequence.render(lights, gloss, scene_pose(scene, frame.time_s), background)
+        for k, (frame, lights, _) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
+            environment = EnvironmentMap(frame.radiance, frame.coverage, frame.bright_cells)
+            background = environment if wanted.background == "map" else None
+            picture = sequence.render(lights, environment, scene_pose(scene, frame.time_s), background)
             adaptation = adapt(adaptation, subsampled(picture), max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, wanted.exposure, wanted.tone)

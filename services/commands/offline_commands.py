@@ -55,7 +55,6 @@ def lights(options: LightsOptions) -> Report:
 @click.option("--exposure", type=Number(-20, 20), default=0.0, show_default=True, help="Exposure of PNG and video, in stops.")
 @click.option("--tone", type=TONE, default="reinhard", show_default=True, help="Tone mapping of PNG and video.")
 @click.option("--background", type=BACKGROUND, default="clear", show_default=True, help="What is behind the scene: nothing, or the map.")
-@click.option("--gloss-lights", type=click.IntRange(0, 100_000), help="Lights of the gloss set; left out: 512 where surfaces are glossy.")
 @click.option("--bounces", type=click.IntRange(0, 1), default=1, show_default=True, help="Of light from surface to surface.")
 @click.option("--shadows", type=SHADOWS, default="auto", show_default=True, help="By rays or by maps; auto: by rays without a GPU.")
 @click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by the light's power.")

@@ -66,7 +66,6 @@ class RenderOptions(SamplingOptions, frozen=True, kw_only=True):
     exposure: float = 0.0  # stops
     tone: str | None = None
     background: str | None = None
-    gloss_lights: int | None = None
     shadow_map: int | None = None  # texels on a side
     shadows: str | None = None
     bounces: int = 1

@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.choices import Tone
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
-from vemlight.light.sphere import Coverage
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import FrameWork, MapDemand
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.pass_table import Pass
+from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
 from vemlight.renderer.passes.lights.traced_lights import TracedLayers
 from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch, MapCache, ShadowSetup
@@ -72,13 +73,6 @@ class PlatePicture(NamedTuple):
     stops: float = 0.0
 
 
-class BackgroundMap(NamedTuple):
-    """A polar map (rows, cols, 3) float32 behind the scene, laid out as in sphere.py; below a hemisphere's horizon nothing is behind."""
-
-    radiance: np.ndarray
-    coverage: Coverage
-
-
 class AccumulationPass(NamedTuple):
     """Pass `number` of an accumulation under all the light of a map."""
 
@@ -87,15 +81,16 @@ class AccumulationPass(NamedTuple):
 
 
 class FrameInput(NamedTuple):
-    """What a frame shows. lights: the shadowed ones, or a pass of an accumulation. gloss: the gloss set.
+    """What a frame shows. lights: the shadowed ones, or a pass of an accumulation.
 
-    plate: in place of the scene's; it hides the background. tone: for pixels. linear: whether the picture itself is wanted.
+    environment: the map that lobes reflect; None: they reflect the lights. background: a map that is seen behind the scene. plate: in place
+    of the scene's; it hides the background. tone: for pixels. linear: whether the picture itself is wanted.
     """
 
     lights: LightSet | AccumulationPass
     pose: ScenePose
-    gloss: LightSet = LightSet.none()
-    background: BackgroundMap | None = None
+    environment: EnvironmentMap | None = None
+    background: EnvironmentMap | None = None
     plate: PlatePicture | None = None
     tone: ToneRequest | None = None
     linear: bool = True
@@ -111,17 +106,16 @@ class GBufferContents(NamedTuple):
 class FrameState(NamedTuple):
     """What a frame leaves to the next: choices with hysteresis, and what is cached on the GPU once the frame is drawn.
 
-    placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short. gloss:
-    whether there is time for the gloss set; bounce: for the bounce. maps: cached shadow maps with their lookups; None where the next frame
-    draws all. layers: of traced lights, likewise. lookup_pose: of the surfaces for which lookups may be cached or lights traced.
-    luminaire_maps: where the scene stood when each luminaire's maps were drawn.
+    placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short.
+    bounce: whether there is time for the bounce. maps: cached shadow maps with their lookups; None where the next frame draws all. layers:
+    of traced lights, likewise. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the
+    scene stood when each luminaire's maps were drawn.
     """
 
     placed: PlacedCasters
     halvings: Mapping[int, int]
     coarsening: int
     demand: MapDemand
-    gloss: bool
     bounce: bool
     maps: MapCache | None
     layers: TracedLayers | None
@@ -142,8 +136,8 @@ class FramePlan(NamedTuple):
     """A frame to draw. before: what the GPU has cached, according to the state planned from; after: what it has then.
 
     passes: draw the picture, in their order; outputs: bring it to where it is wanted. unshadowed: irradiance of the catcher without
-    shadows, above 0 in each channel. lights, gloss: those drawn. uploaded: a picture to show in place of drawing one. work: for the cost
-    model; None: such a frame is not measured.
+    shadows, above 0 in each channel. lights: those drawn. reflected: what lobes reflect of them and of the map. uploaded: a picture
+    to show in place of drawing one. work: for the cost model; None: such a frame is not measured.
     """
 
     shown: FrameInput
@@ -155,7 +149,7 @@ class FramePlan(NamedTuple):
     samples: tuple[PixelSample, ...] = ()
     unshadowed: Colour = (1.0, 1.0, 1.0)
     lights: LightSet = LightSet.none()
-    gloss: LightSet = LightSet.none()
+    reflected: ReflectedLight | None = None
     uploaded: np.ndarray | None = None
     work: FrameWork | None = None
 

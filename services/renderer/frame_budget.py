@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.light.light_set import LightSet
-from vemlight.renderer.pass_table import BOUNCE, GLOSS, LIGHTS, RAYS, SHADOW_MAPS, VISIBILITY_CACHE
+from vemlight.renderer.pass_table import BOUNCE, LIGHTS, RAYS, SHADOW_MAPS, VISIBILITY_CACHE
 
 WARM_UP_FRAMES = 2  # not measured: GL drivers compile on the first and tune on the second
 NEWEST_WEIGHT = 0.2  # of the newest frame in a moving average: half of a change after 3 frames, and one odd frame counts for a fifth
@@ -28,7 +28,7 @@ TEXELS_PER_UNIT = 100**2  # of a map whose texels cost as much as its triangles 
 class CostModel(NamedTuple):
     """What a frame costs on this machine, ms: whatever is lit, a unit of `map_work`, a light summed, and a light looked up or traced.
 
-    None: not measured yet. gloss_ms: for the gloss set; bounce_ms: for the bounce. frames: how many were measured.
+    None: not measured yet. bounce_ms: for the bounce. frames: how many were measured.
     """
 
     frames: int = 0
@@ -36,7 +36,6 @@ class CostModel(NamedTuple):
     map_ms: float | None = None
     light_ms: float | None = None
     lookup_ms: float = 0.0
-    gloss_ms: float = 0.0
     bounce_ms: float = 0.0
 
 
@@ -59,21 +58,19 @@ class MapDemand(NamedTuple):
 class Budget(NamedTuple):
     """A target frame time and what is known about meeting it.
 
-    gloss: whether the gloss set is drawn; bounce: whether the bounce is. surfaces_moved: whether surfaces have, so that every light is
-    looked up anew.
+    bounce: whether the bounce is drawn. surfaces_moved: whether surfaces have, so that every light is looked up anew.
     """
 
     target_ms: float
     costs: CostModel
     demand: MapDemand
-    gloss: bool = False
     surfaces_moved: bool = False
     bounce: bool = False
 
     @property
     def fixed_ms(self) -> float:
         """What a frame takes without its lights."""
-        return self.costs.fixed_ms + (self.costs.gloss_ms if self.gloss else 0.0) + (self.costs.bounce_ms if self.bounce else 0.0)
+        return self.costs.fixed_ms + (self.costs.bounce_ms if self.bounce else 0.0)
 
     @property
     def light_ms(self) -> float:
@@ -92,7 +89,6 @@ class FrameWork(NamedTuple):
     maps: float
     lookups: int | None
     lights: int
-    gloss: bool
     bounce: bool = False
 
 
@@ -113,18 +109,15 @@ def updated_costs(costs: CostModel, work: FrameWork, timings: FrameTimings) -> C
     costs = costs._replace(frames=costs.frames + 1)
     if costs.frames <= WARM_UP_FRAMES:
         return costs
-    spent_ms = {each.timer: timings.timers_ms.get(each.timer, 0.0) for each in (SHADOW_MAPS, VISIBILITY_CACHE, RAYS, LIGHTS, GLOSS, BOUNCE)}
-    maps_ms, lookups_ms, rays_ms, lights_ms, gloss_ms, bounce_ms = spent_ms.values()
+    spent_ms = {each.timer: timings.timers_ms.get(each.timer, 0.0) for each in (SHADOW_MAPS, VISIBILITY_CACHE, RAYS, LIGHTS, BOUNCE)}
+    maps_ms, lookups_ms, rays_ms, lights_ms, bounce_ms = spent_ms.values()
     lookups_ms += rays_ms  # a frame has one or the other
-    gloss_ms = gloss_ms if work.gloss else 0.0
-    fixed_ms = timings.frame_ms - maps_ms - lookups_ms - lights_ms - gloss_ms - bounce_ms
+    fixed_ms = timings.frame_ms - maps_ms - lookups_ms - lights_ms - bounce_ms
     measured = costs.light_ms is not None
     costs = costs._replace(
         fixed_ms=costs.fixed_ms + NEWEST_WEIGHT * (fixed_ms - costs.fixed_ms) if measured else fixed_ms,
         map_ms=_averaged(costs.map_ms, maps_ms, work.maps),
     )
-    if work.gloss:
-        costs = costs._replace(gloss_ms=_averaged(costs.gloss_ms or None, gloss_ms, 1) or 0.0)
     if work.bounce:
         costs = costs._replace(bounce_ms=_averaged(costs.bounce_ms or None, bounce_ms, 1) or 0.0)
     if work.lights == 0:
@@ -172,13 +165,8 @@ def least_ms(budget: Budget) -> float:
     return budget.fixed_ms + MIN_LIGHTS * budget.light_ms
 
 
-def gloss_affordable(budget: Budget) -> bool:
-    """Whether the fewest lights leave time for the gloss set; where it was drawn before, a frame may be a little late for it."""
-    return least_ms(budget._replace(gloss=True)) <= budget.target_ms * (LATE if budget.gloss else 1.0)
-
-
 def bounce_affordable(budget: Budget) -> bool:
-    """As `gloss_affordable`, for the bounce; the gloss set goes first, since its dots are seen and a missing bounce is only dark."""
+    """Whether the fewest lights leave time for the bounce; where it was drawn before, a frame may be a little late for it."""
     return least_ms(budget._replace(bounce=True)) <= budget.target_ms * (LATE if budget.bounce else 1.0)
 
 

@@ -28,13 +28,13 @@ from vemlight.renderer.frame_budget import (
     affordable_traces,
     bounce_affordable,
     coarsening,
-    gloss_affordable,
     map_work,
     strongest_lights,
     updated_demand,
 )
 from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.pass_table import Pass
+from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight, reflected_light, with_reflection
 from vemlight.renderer.passes.lights.light_regions import SPHERE_REGIONS, light_regions
 from vemlight.renderer.passes.lights.traced_lights import TracedLayers, traced_batch, traced_batches
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
@@ -91,7 +91,6 @@ def initial_state(setup: FrameSetup) -> FrameState:
         halvings={},
         coarsening=0,
         demand=MapDemand(),
-        gloss=True,
         bounce=True,
         maps=None,
         layers=None,
@@ -107,7 +106,6 @@ class Lighting(NamedTuple):
     """
 
     lights: LightSet
-    gloss: LightSet
     batches: tuple[Batch, ...]
     samples: tuple[PixelSample, ...]
     unshadowed: Colour
@@ -124,9 +122,12 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
     elif setup.target_ms:
         after, lighting = _in_time(setup, after, shown, shown.lights, costs)
     else:
-        after, lighting = _whole(setup, after, shown, shown.lights, shown.gloss)
+        after, lighting = _whole(setup, after, shown, shown.lights)
+    reflected = reflected_light(lighting.lights, shown.environment) if setup.glossy else None
+    if reflected is not None:
+        lighting = lighting._replace(batches=tuple(with_reflection(batch, reflected) for batch in lighting.batches))
     stale = stale_luminaire_maps(setup.scene, state.luminaire_maps, shown.pose)
-    runs, g_buffer = _passes(setup, state.g_buffer, shown, lighting, any(stale))
+    runs, g_buffer = _passes(setup, state.g_buffer, shown, lighting, reflected, any(stale))
     drawn_for = tuple(shown.pose if redrawn else pose for redrawn, pose in zip(stale, state.luminaire_maps, strict=True))
     after = after._replace(g_buffer=g_buffer, luminaire_maps=drawn_for)
     made = FramePlan(
@@ -139,7 +140,7 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
         samples=lighting.samples,
         unshadowed=lighting.unshadowed,
         lights=lighting.lights,
-        gloss=lighting.gloss,
+        reflected=reflected,
         work=lighting.work,
     )
     return made, after
@@ -152,7 +153,7 @@ def plan_upload(state: FrameState, picture: np.ndarray, shown: FrameInput) -> Fr
 
 def budget_of(setup: FrameSetup, state: FrameState, costs: CostModel) -> Budget:
     """What the next frame may take, and what it would take if no surface moved."""
-    return Budget(setup.target_ms, costs, state.demand, state.gloss, bounce=state.bounce and setup.bounces)
+    return Budget(setup.target_ms, costs, state.demand, bounce=state.bounce and setup.bounces)
 
 
 def same_places(a: ScenePose | None, b: ScenePose) -> bool:
@@ -169,14 +170,14 @@ def _with_pose(setup: FrameSetup, state: FrameState, pose: ScenePose) -> FrameSt
     return state._replace(placed=placed, maps=maps)
 
 
-def _whole(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, gloss: LightSet) -> tuple[FrameState, Lighting]:
+def _whole(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet) -> tuple[FrameState, Lighting]:
     """All lights with all their maps drawn anew, or all traced."""
     if setup.traced:
         batches = traced_batches(setup.shadows, lights, _most_layers(setup.size))
     else:
         batches = all_batches(setup.shadows, state.placed, lights)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state._replace(maps=None, layers=None), Lighting(lights, gloss, batches, setup.samples, unshadowed, bounce=setup.bounces)
+    return state._replace(maps=None, layers=None), Lighting(lights, batches, setup.samples, unshadowed, bounce=setup.bounces)
 
 
 def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted: AccumulationPass) -> tuple[FrameState, Lighting]:
@@ -192,42 +193,40 @@ def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted
     whole = wanted.light.cells() if MaterialKind.SHADOW_CATCHER in setup.kinds else lights
     unshadowed = _catcher_irradiance(setup, shown.pose, whole)
     after = state._replace(maps=None, layers=None)
-    return after, Lighting(lights, LightSet.none(), batches, (PixelSample(x, y, wanted.number),), unshadowed, bounce=setup.bounces)
+    return after, Lighting(lights, batches, (PixelSample(x, y, wanted.number),), unshadowed, bounce=setup.bounces)
 
 
 def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, costs: CostModel) -> tuple[FrameState, Lighting]:
     """As many lights, and as many redrawn maps or traced lights, as the target time allows."""
     surfaces_moved = not same_places(state.lookup_pose, shown.pose)
-    budget = Budget(setup.target_ms, costs, state.demand, state.gloss, surfaces_moved, state.bounce and setup.bounces)
+    budget = Budget(setup.target_ms, costs, state.demand, surfaces_moved, state.bounce and setup.bounces)
     budget = budget._replace(bounce=setup.bounces and bounce_affordable(budget))
-    budget = budget._replace(gloss=gloss_affordable(budget))
-    gloss = shown.gloss if budget.gloss else LightSet.none()
     lights = strongest_lights(lights, affordable_lights(budget) or len(lights.ids))
     if setup.traced:
-        return _traced_in_time(setup, state._replace(gloss=budget.gloss, bounce=budget.bounce), shown, lights, gloss, budget)
+        return _traced_in_time(setup, state._replace(bounce=budget.bounce), shown, lights, budget)
     coarser = coarsening(state.demand, state.coarsening, MAX_COARSENING)
     demand = state.demand if coarser == state.coarsening else state.demand._replace(backlog=1.0)
     halvings = halvings_by_id(setup.shadows, lights, coarser, state.halvings)
-    state = state._replace(gloss=budget.gloss, coarsening=coarser, demand=demand, halvings=halvings)
+    state = state._replace(coarsening=coarser, demand=demand, halvings=halvings)
 
     maps = without_lookups(state.maps) if state.maps and surfaces_moved else state.maps
     affordable = partial(affordable_maps, budget, len(lights.ids))
     cached = cached_batch(setup.shadows, state.placed, maps, lights, halvings, affordable)
     if cached is None:
-        return _whole(setup, state, shown, lights, gloss)
+        return _whole(setup, state, shown, lights)
     batch = cached.batch
     caches_visibility = setup.caches_visibility and not surfaces_moved and _visibility_cache_pays(setup.size, batch)
-    work = FrameWork(batch.work, batch.unknown.count if caches_visibility else None, batch.every.count, budget.gloss)
+    work = FrameWork(batch.work, batch.unknown.count if caches_visibility else None, batch.every.count)
     if costs.frames >= WARM_UP_FRAMES:
         demand = updated_demand(demand, map_work(batch.resolutions), cached.stale_work, batch.work)
     maps = with_lookups(cached) if caches_visibility else cached.cache
     state = state._replace(demand=demand, maps=maps, lookup_pose=shown.pose)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state, Lighting(lights, gloss, (batch,), setup.samples, unshadowed, caches_visibility, work)
+    return state, Lighting(lights, (batch,), setup.samples, unshadowed, caches_visibility, work)
 
 
 def _traced_in_time(
-    setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, gloss: LightSet, budget: Budget
+    setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, budget: Budget
 ) -> tuple[FrameState, Lighting]:
     """These lights, of which as many are traced anew as the target time allows; all of them where surfaces moved or are seen anew."""
     seen_anew = budget.surfaces_moved or len(setup.samples) > 1
@@ -237,15 +236,15 @@ def _traced_in_time(
     affordable = partial(affordable_traces, budget._replace(surfaces_moved=seen_anew), len(lights.ids))
     traced = traced_batch(setup.shadows, layers, lights, _most_layers(setup.size), affordable)
     if traced is None:
-        return _whole(setup, state, shown, lights, gloss)
+        return _whole(setup, state, shown, lights)
     batch, demand = traced.batch, state.demand
     if budget.costs.frames >= WARM_UP_FRAMES:
         demand = updated_demand(demand, np.ones(batch.every.count), np.ones(traced.stale), batch.unknown.count)
-    work = FrameWork(0.0, batch.unknown.count, batch.every.count, budget.gloss, budget.bounce)
+    work = FrameWork(0.0, batch.unknown.count, batch.every.count, budget.bounce)
     kept = traced.layers if len(setup.samples) == 1 else None
     state = state._replace(demand=demand, layers=kept, lookup_pose=shown.pose)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state, Lighting(lights, gloss, (batch,), setup.samples, unshadowed, work=work, bounce=budget.bounce)
+    return state, Lighting(lights, (batch,), setup.samples, unshadowed, work=work, bounce=budget.bounce)
 
 
 def _most_layers(size: tuple[int, int]) -> int:
@@ -269,17 +268,22 @@ def _catcher_irradiance(setup: FrameSetup, pose: ScenePose, lights: LightSet) ->
 
 
 def _passes(
-    setup: FrameSetup, g_buffer: GBufferContents | None, shown: FrameInput, lighting: Lighting, luminaires_stale: bool
+    setup: FrameSetup,
+    g_buffer: GBufferContents | None,
+    shown: FrameInput,
+    lighting: Lighting,
+    reflected: ReflectedLight | None,
+    luminaires_stale: bool,
 ) -> tuple[list[PassRun], GBufferContents | None]:
     """The passes that draw the picture, in their order, and what the G-buffer holds after them."""
     runs = [PassRun(pass_table.LUMINAIRE_MAPS)] if luminaires_stale else []
-    glossy = setup.glossy and lighting.batches[0].every.count > 0 and bool(lighting.gloss.irradiance.any())
+    glossy = reflected is not None and reflected.radiance is not None
     for number in range(len(lighting.batches)):
         first = number == 0  # what does not depend on the batch is drawn with the first
         if not setup.traced:
             runs.append(PassRun(pass_table.SHADOW_MAPS, number))
         if glossy and first:
-            runs.append(PassRun(pass_table.GLOSS_ROWS, number))
+            runs.append(PassRun(pass_table.PREFILTER, number))
         for k, sample in enumerate(lighting.samples):
             rows = []
             if g_buffer is None or g_buffer.sample != sample or not same_places(g_buffer.pose, shown.pose):

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
-from vemlight.renderer.frame import BackgroundMap, FrameInput, FramePlan
+from vemlight.renderer.frame import FrameInput, FramePlan
 from vemlight.renderer.frame_budget import CostModel, FrameTimings, updated_costs
 from vemlight.renderer.frame_plan import initial_state, plan
 from vemlight.renderer.renderer import DrawnFrame, Renderer
@@ -30,10 +31,17 @@ class FrameSequence:
         return drawn
 
     def render(
-        self, lights: LightSet, gloss: LightSet | None = None, pose: ScenePose | None = None, background: BackgroundMap | None = None
+        self,
+        lights: LightSet,
+        environment: EnvironmentMap | None = None,
+        pose: ScenePose | None = None,
+        background: EnvironmentMap | None = None,
     ) -> np.ndarray:
-        """The picture under these lights, as DrawnFrame has it; without a pose, where the scene file puts everything."""
-        shown = FrameInput(lights, pose or self.renderer.setup.rest, gloss or LightSet.none(), background)
+        """The picture under these lights, as DrawnFrame has it; without a pose, where the scene file puts everything.
+
+        environment: that lobes reflect; without one, they reflect the lights.
+        """
+        shown = FrameInput(lights, pose or self.renderer.setup.rest, environment, background)
         picture = self.draw(shown).picture
         assert picture is not None
         return picture

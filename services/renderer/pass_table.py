@@ -6,7 +6,7 @@ A frame's plan (frame_plan.py) is a list of these; renderer.py runs them. docs/a
 from typing import NamedTuple
 
 # What a plan provides: no pass writes these.
-INPUTS = ("lights", "gloss set", "pose", "background", "plate", "uploaded picture", "previous adaptation", "exposure")
+INPUTS = ("lights", "environment", "pose", "background", "plate", "uploaded picture", "previous adaptation", "exposure")
 # What stays on the GPU after a frame: frame.FrameState describes it, so that a plan need not draw it again.
 CACHED = ("luminaire maps", "shadow maps", "light frames", "G-buffer", "class depth", "cached visibility")
 
@@ -26,7 +26,7 @@ LUMINAIRE_MAPS = Pass("luminaire maps", "luminaire maps", ("pose",), ("luminaire
 SHADOW_MAPS = Pass(
     "shadow maps", "shadow maps", ("lights", "pose", "shadow maps"), ("light frames", "shadow maps"), "passes/shadow_maps/shadow_maps.py"
 )
-GLOSS_ROWS = Pass("gloss rows", "gloss", ("lights", "gloss set"), ("gloss rows",), "passes/gloss/gloss.py")
+PREFILTER = Pass("prefilter", "gloss", ("lights", "environment"), ("prefiltered map",), "passes/gloss/prefiltered_map.py")
 G_BUFFER = Pass("G-buffer", "G-buffer", ("pose",), ("G-buffer",), "passes/gbuffer/gbuffer.py")
 CLASSES = Pass("classes", "classes", ("G-buffer",), ("class depth",), "passes/lights/shading.py")
 EMISSION = Pass("emission", "emission", ("G-buffer",), ("picture",), "passes/emission/emission.py")
@@ -43,16 +43,10 @@ LIGHTS = Pass(
     "lights",
     "lights",
     ("G-buffer", "class depth", "light frames", "shadow maps", "cached visibility"),
-    ("picture", "matte"),
+    ("picture", "matte", "lobe visibility"),
     "passes/lights/shading.py",
 )
-GLOSS = Pass(
-    "gloss",
-    "gloss",
-    ("G-buffer", "light frames", "shadow maps", "cached visibility", "gloss rows"),
-    ("picture",),
-    "passes/gloss/gloss.py",
-)
+GLOSS = Pass("gloss", "gloss", ("G-buffer", "lobe visibility", "prefiltered map"), ("picture",), "passes/gloss/gloss.py")
 BOUNCE = Pass("bounce", "bounce", ("lights", "pose", "G-buffer"), ("picture", "matte"), "passes/bounce/bounce.py")
 COMPOSITING = Pass(
     "compositing",
@@ -67,6 +61,6 @@ ADAPTATION = Pass("adaptation", "read-back", ("picture", "previous adaptation"),
 TONE_MAPPING = Pass("tone mapping", "tone mapping", ("picture", "adaptation", "exposure"), ("pixels",), "passes/present/present.py")
 
 PASSES = (
-    LUMINAIRE_MAPS, SHADOW_MAPS, GLOSS_ROWS, G_BUFFER, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS, GLOSS, BOUNCE,
+    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, G_BUFFER, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS, GLOSS, BOUNCE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -18,7 +18,7 @@ from vemlight.renderer.passes.background.background import Background
 from vemlight.renderer.passes.background.plate import Plate
 from vemlight.renderer.passes.emission.emission import Emission
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
-from vemlight.renderer.passes.gloss.gloss import CONE, NO_CONE, GlossSet
+from vemlight.renderer.passes.gloss.gloss import Gloss
 from vemlight.renderer.passes.lights.shading import Shading
 from vemlight.renderer.passes.lights.traced_lights import restoring_batches as retracing_batches
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
@@ -82,7 +82,7 @@ class Renderer:
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
         depth = self._shading.class_depth
         self._visibility_cache = VisibilityCache(context, programs, self._layers, depth) if setup.caches_visibility else None
-        self._gloss = GlossSet(context, programs, kinds, traced) if setup.glossy else None
+        self._gloss = Gloss(context, programs, kinds) if setup.glossy else None
         self._illumination = Illumination(context, programs, scene, size)
         self._emission = Emission(context, programs) if setup.emissive else None
         self._plate = Plate(context, programs, size)
@@ -93,7 +93,7 @@ class Renderer:
         self._run_pass = {
             pass_table.LUMINAIRE_MAPS: self._draw_luminaire_maps,
             pass_table.SHADOW_MAPS: self._draw_shadow_maps,
-            pass_table.GLOSS_ROWS: self._upload_gloss_rows,
+            pass_table.PREFILTER: self._prefilter,
             pass_table.G_BUFFER: self._draw_g_buffer,
             pass_table.CLASSES: self._classify,
             pass_table.EMISSION: self._add_emission,
@@ -186,9 +186,10 @@ class Renderer:
         assert self._atlas
         self._atlas.draw(plan.batches[run.batch], plan.after.placed)
 
-    def _upload_gloss_rows(self, plan: FramePlan, run: PassRun) -> None:
+    def _prefilter(self, plan: FramePlan, _run: PassRun) -> None:
         assert self._gloss
-        self._gloss.gather(plan.gloss, plan.batches[run.batch])
+        assert plan.reflected
+        self._gloss.prefilter(plan.reflected)
 
     def _draw_g_buffer(self, plan: FramePlan, run: PassRun) -> None:
         self._see(plan.samples[run.sample])
@@ -240,13 +241,12 @@ class Renderer:
             weight,
             weight if run.batch == 0 else 0.0,
             plan.unshadowed,
-            CONE if plan.runs(pass_table.GLOSS) else NO_CONE,
         )
 
-    def _add_gloss(self, plan: FramePlan, run: PassRun) -> None:
+    def _add_gloss(self, plan: FramePlan, _run: PassRun) -> None:
         assert self._gloss
-        arriving = self._atlas or self._layers
-        self._gloss.add(self._g_buffer, self._frames, arriving, plan.batches[run.batch], self._shading.frame, 1 / len(plan.samples))
+        assert self._shading.lobe_visibility
+        self._gloss.add(self._g_buffer, self._shading.lobe_visibility, self._shading.frame, 1 / len(plan.samples))
 
     def _add_bounce(self, plan: FramePlan, run: PassRun) -> None:
         """Adds what surfaces send to each other; all samples of a pixel have what was gathered at the first."""
@@ -266,7 +266,7 @@ class Renderer:
             self._plate.show(plate.pixels, plate.stops)
             self._plate.draw(self._shading.frame, self._shading.matte)
         if plan.shown.background:
-            self._background.show(*plan.shown.background)
+            self._background.show(plan.shown.background.radiance, plan.shown.background.coverage)
             self._background.draw(self._shading.frame, self._shading.matte, self.setup.scene.camera)
 
     def _upload(self, plan: FramePlan, _run: PassRun) -> None:

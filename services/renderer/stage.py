@@ -11,9 +11,11 @@ import numpy as np
 from vemlight import settings
 from vemlight.errors import of_setting
 from vemlight.files import notice
+from vemlight.light.bright_cells import BrightCells
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import Accumulation, MapLights
-from vemlight.renderer.frame import AccumulationPass, BackgroundMap, FrameInput, FrameState, PlatePicture, ToneRequest
+from vemlight.renderer.frame import AccumulationPass, FrameInput, FrameState, PlatePicture, ToneRequest
 from vemlight.renderer.frame_budget import (
     LATE,
     MIN_LIGHTS,
@@ -80,7 +82,7 @@ class RendererState(NamedTuple):
     poses: tuple[wire.Pose, ...] = ()
     paused: bool = False
     paused_s: float = 0.0
-    environment: BackgroundMap | None = None
+    environment: EnvironmentMap | None = None
     plate: np.ndarray | None = None
     paused_picture: PausedPicture | None = None
     costs: CostModel = CostModel()
@@ -106,6 +108,8 @@ class RendererStage:
             scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
         self._plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
         self._shows_environment, self._stops = settings.renderer.background == "map", settings.plate.stops
+        self._glossy = scene.glossy
+        self._needs_environment = self._shows_environment or self._glossy
         self._exposure = settings.renderer.exposure
         self._linear = settings.renderer.picture == "linear16"
         self._images = ImageSequenceWriter(settings) if settings.out else None
@@ -119,6 +123,8 @@ class RendererStage:
             drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, file_samples(scene) if self._images else LIVE_SAMPLES)
         self._frame_ms = drawing.frame_ms or 0.0
+        if settings.sampler.gloss_lights:
+            notice("[sampler] gloss_lights: the renderer reflects the map itself; leave the key out unless another program takes that set")
         if settings.sampler.soft:
             notice("[sampler] soft: the renderer draws lights as points, which soft ones are not; its pictures are better without soft")
 
@@ -132,8 +138,8 @@ class RendererStage:
         return RendererState(self._exposure, before and before.adaptation, before.time_s if before else 0.0, frame), target
 
     def side_inputs(self, state: RendererState) -> tuple[Service, ...]:
-        """The map where it is seen, and in a pause, which is lit by it."""
-        maps: tuple[Service, ...] = ("capture",) if self._shows_environment or state.paused else ()
+        """The map where it is seen or reflected, and in a pause, which is lit by it."""
+        maps: tuple[Service, ...] = ("capture",) if self._needs_environment or state.paused else ()
         return (*maps, *self._plate)
 
     def step(self, state: RendererState, message: wire.Message) -> tuple[RendererState, wire.Message]:
@@ -148,7 +154,7 @@ class RendererStage:
         shown = FrameInput(
             lights=LightSet(*arrays[:-2]),
             pose=scene_pose(self._renderer.setup.scene, time_s - paused_s, state.poses),
-            gloss=LightSet.of(np.arange(header.gloss_count), *arrays[-2:]),
+            environment=state.environment if self._glossy else None,
             background=state.environment if self._shows_environment else None,
             plate=PlatePicture(state.plate, self._stops) if state.plate is not None else None,
             tone=ToneRequest(state.adaptation, state.exposure, dt_s),
@@ -184,13 +190,11 @@ class RendererStage:
         state = state._replace(frame=frame, picture=drawn.picture, adaptation=drawn.adaptation, measured=measured, paused_picture=None)
         return self._with_notices(state), drawn.pixels, len(frame_plan.lights.ids)
 
-    def _accumulate(
-        self, state: RendererState, shown: FrameInput, environment: BackgroundMap
-    ) -> tuple[RendererState, np.ndarray, int]:
+    def _accumulate(self, state: RendererState, shown: FrameInput, environment: EnvironmentMap) -> tuple[RendererState, np.ndarray, int]:
         """One pass more of a picture under the map itself, its pixels and how many lights it has; no work once it has converged."""
         before = state.paused_picture
         same = before and before.poses == state.poses and np.array_equal(before.light.radiance, environment.radiance)
-        light = before.light if before and same else MapLights(*environment)
+        light = before.light if before and same else MapLights(environment.radiance, environment.coverage)
         accumulation = before.accumulation if before and same else Accumulation.empty()
         if before and accumulation.converged and before.exposure == state.exposure:
             return state, before.pixels, accumulation.lights
@@ -223,10 +227,10 @@ class RendererStage:
         header, arrays = message
         if isinstance(header, wire.ControlMessage):
             exposure = self._exposure if header.exposure is None else header.exposure
-            environment = state.environment if header.paused or self._shows_environment else None
+            environment = state.environment if header.paused or self._needs_environment else None
             return state._replace(exposure=exposure, poses=header.poses, paused=header.paused, environment=environment)
         if isinstance(header, wire.MapMessage):
-            return state._replace(environment=BackgroundMap(arrays[0], header.coverage))
+            return state._replace(environment=EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:])))
         if isinstance(header, wire.PlateMessage):
             return state._replace(plate=arrays[0])
         return state

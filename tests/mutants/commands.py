@@ -37,7 +37,6 @@ MUTANTS = [
         ("versions of one number", "version.split(\".\")[:3]", "version.split(\".\")[:1]"),
     ]),
     *mutants_of(COMMANDS + "offline.py", "tests/test_offline.py", [
-        ("gloss set halved", "GLOSS_LIGHTS = 512", "GLOSS_LIGHTS = 256"),
         ("rows of a sphere", '180 if options.coverage == "sphere"', '90 if options.coverage == "sphere"'),
         ("a single map filtered", 'None if frames > 1 else "none"', "None"),
         ("regions of a hemisphere", '0 if options.coverage == "hemisphere" else None', "None"),

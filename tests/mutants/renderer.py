@@ -96,12 +96,36 @@ MUTANTS = [
         ("slope of the receiver", "MIN_SLOPE_COSINE = 0.03", "MIN_SLOPE_COSINE = 0.3"),
     ]),
     *mutants_of(PASSES + "gloss/gloss.frag", "tests/test_gloss.py", [
-        ("Phong widening", "DISC_VARIANCE = 0.25", "DISC_VARIANCE = 0.0"),
-        ("Phong widening x 4", "DISC_VARIANCE = 0.25", "DISC_VARIANCE = 1.0"),
+        ("the lobe's tails as wide as its core", "vec3(8.08, 1.347, 0.361)", "vec3(0.361, 0.361, 0.361)"),
+        ("a lobe of no rows", "MAX_REACH = 2.0", "MAX_REACH = 0.01"),
+        ("levels between levels", "(times * exp2(-2.0 * level) - 1.0) / 3.0", "0.0", "a half narrower on average, which spheres hide"),
+        ("Phong's albedo above the horizon alone", "float cosine = v * above + deviation", "float cosine = v * 0.9 + deviation"),
+        ("gloss without shadows", "lit.y > 0.0 ? lit.x / lit.y : 1.0", "1.0"),
     ]),
-    *mutants_of(PASSES + "gloss/gloss.py", "tests/test_gloss.py", [
-        ("the cone's core as its rim", "CORE = np.radians(12.0)", "CORE = np.radians(19.9)"),
-        ("spread of a gloss light", "NEIGHBOURS = 4", "NEIGHBOURS = 32"),
+    *mutants_of(PASSES + "gloss/lobe_sources.glsl", "tests/test_gloss.py", [
+        ("lights for narrow lobes", "GGX_FADE = vec2(0.25, 0.09)", "GGX_FADE = vec2(0.09, 0.03)"),
+        ("the map for wide lobes", "GGX_FADE = vec2(0.25, 0.09)", "GGX_FADE = vec2(1.0, 0.8)"),
+        ("lights for narrow Phong lobes", "PHONG_FADE = vec2(6.0, 30.0)", "PHONG_FADE = vec2(60.0, 300.0)"),
+    ]),
+    *mutants_of(PASSES + "gloss/prefilter.comp", "tests/test_gloss.py", [
+        ("a level of the taps' middle alone", "    return sum / 7.0;", "    return sum / 6.0;"),
+        ("a hexagon turned", "high = 0.8660254 * up", "high = 0.5 * up"),
+    ]),
+    *mutants_of(PASSES + "gloss/prefiltered_map.py", "tests/test_gloss.py", [
+        ("spacing of the taps", "HEXAGON_VARIANCE = 6 / 7 / 2", "HEXAGON_VARIANCE = 6 / 7 / 8"),
+        ("texels as large as cells", "TEXELS_PER_CELL = 1.3", "TEXELS_PER_CELL = 0.4"),
+    ]),
+    *mutants_of(PASSES + "gloss/lobe_albedo.py", "tests/test_gloss.py", [
+        ("a coarse quadrature", "STEPS, TURNS = 128, 24", "STEPS, TURNS = 4, 24"),
+    ]),
+    *mutants_of(PASSES + "gloss/reflected_light.py", "tests/test_gloss.py", [
+        ("a window's light is a source", "ISOLATED = (0.1, 0.3)", "ISOLATED = (10.0, 30.0)"),
+        ("no light is a source", "COMPACT = (0.25, 0.5)", "COMPACT = (25.0, 50.0)"),
+        ("every light is a source", "COMPACT = (0.25, 0.5)", "COMPACT = (-2.0, -1.0)"),
+        ("sources of one cell", "SOURCE_RADIUS = 1.5", "SOURCE_RADIUS = 0.6"),
+        ("a lamp's lights stay in the map", "DENSE = (1.5, 2.5)", "DENSE = (0.1, 0.2)"),
+        ("gaps between a lamp's lights", "GAUSSIAN_SPACING = 0.5", "GAUSSIAN_SPACING = 0.2"),
+        ("a lamp's lights blurred", "GAUSSIAN_SPACING = 0.5", "GAUSSIAN_SPACING = 1.0"),
     ]),
     *mutants_of(PASSES + "lights/light_regions.py", "tests/test_light_regions.py", [
         ("rounding of regions: none", "ROUNDING = 1e-3", "ROUNDING = -1e-1"),

@@ -5,9 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from vemlight import settings
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import MapLights
-from vemlight.renderer.frame import AccumulationPass, BackgroundMap, FrameInput, PlatePicture, ToneRequest
+from vemlight.renderer.frame import AccumulationPass, FrameInput, PlatePicture, ToneRequest
 from vemlight.renderer.frame_plan import plan_upload
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.output.tonemap import Adaptation
@@ -23,7 +24,7 @@ class SceneRenderer(FrameSequence):
     def __init__(self, scene: Scene, settings: settings.Renderer, samples: int = 1, timed: bool = False) -> None:
         super().__init__(Renderer(scene, settings, samples, timed))
         self.pose = self.renderer.setup.rest
-        self.background: BackgroundMap | None = None
+        self.background: EnvironmentMap | None = None
         self.plate: PlatePicture | None = None
 
     def place(self, time_s: float, poses: Iterable[wire.Pose] = ()) -> tuple[wire.Pose, ...]:
@@ -31,12 +32,14 @@ class SceneRenderer(FrameSequence):
         self.pose = scene_pose(self.renderer.setup.scene, time_s, poses)
         return self.pose.objects
 
-    def frame(self, lights: LightSet | AccumulationPass, gloss: LightSet | None = None, tone: ToneRequest | None = None) -> DrawnFrame:
-        return self.draw(FrameInput(lights, self.pose, gloss or LightSet.none(), self.background, self.plate, tone))
+    def frame(
+        self, lights: LightSet | AccumulationPass, environment: EnvironmentMap | None = None, tone: ToneRequest | None = None
+    ) -> DrawnFrame:
+        return self.draw(FrameInput(lights, self.pose, environment, self.background, self.plate, tone))
 
-    def picture(self, lights: LightSet | AccumulationPass, gloss: LightSet | None = None) -> np.ndarray:
+    def picture(self, lights: LightSet | AccumulationPass, environment: EnvironmentMap | None = None) -> np.ndarray:
         """(height, width, 4) float32, linear."""
-        picture = self.frame(lights, gloss).picture
+        picture = self.frame(lights, environment).picture
         assert picture is not None
         return picture
 

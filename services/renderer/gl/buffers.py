@@ -20,6 +20,10 @@ LIGHT_ENTRY = buffer_struct(
         "corner": Member("vec2", "first texel of the shadow map in the atlas"),
         "spread": Member("float", "rad, standard deviation of its directions along an axis; 0: a point"),
         "concentration": Member("float", "mean cosine of its directions with their middle; 1: a point"),
+        "lobe_spread": Member("float", "rad^2, by which it widens lobes: its variance along an axis"),
+        "least_width": Member("float", "rad^2, variance along an axis that a lobe with it has at least"),
+        "direct": Member("float", "fraction of it that lobes reflect as a light; the prefiltered map has the rest"),
+        "number": Member("float", "of the light in the frame's set"),
     },
 )
 
@@ -39,25 +43,9 @@ LIGHT_FRAME = buffer_struct(
         "resolution": Member("float", "texels on a side of the shadow map"),
         "spread": Member("float", "rad, standard deviation of its directions along an axis; 0: a point"),
         "concentration": Member("float", "mean cosine of its directions with their middle; 1: a point"),
-    },
-)
-
-# The gloss set: lights in groups that one shadow map serves, and the groups that a region of mirrored views looks through.
-GLOSS_SPAN = buffer_struct("GlossSpan", {"first": Member("int", "group"), "count": Member("int", "of groups")})
-GLOSS_GROUP = buffer_struct(
-    "GlossGroup",
-    {
-        "shadowing": Member("int", "number of the shadowed light whose map shadows the group"),
-        "first": Member("int", "light"),
-        "count": Member("int", "of lights"),
-    },
-)
-GLOSS_LIGHT = buffer_struct(
-    "GlossLight",
-    {
-        "direction": Member("vec3", "unit, to the light"),
-        "irradiance": Member("vec3", "RGB, on a plane that faces the light"),
-        "spread_squared": Member("float", "rad^2, of the disc that the light stands for"),
+        "lobe_spread": Member("float", "rad^2, by which it widens lobes: its variance along an axis"),
+        "least_width": Member("float", "rad^2, variance along an axis that a lobe with it has at least"),
+        "direct": Member("float", "fraction of it that lobes reflect as a light; the prefiltered map has the rest"),
     },
 )
 
@@ -121,7 +109,6 @@ INCLUDES = {
     "constants.glsl": constants_glsl(),
     "light_entry.glsl": LIGHT_ENTRY.glsl,
     "light_frame.glsl": LIGHT_FRAME.glsl,
-    "gloss_lights.glsl": GLOSS_SPAN.glsl + GLOSS_GROUP.glsl + GLOSS_LIGHT.glsl,
     "shadow_view.glsl": SHADOW_VIEW.glsl,
     "material.glsl": MATERIAL.glsl,
     "surface_texels.glsl": "".join(

@@ -27,7 +27,7 @@ class MaterialTexture(IntEnum):
 GLOSSY_KINDS = frozenset({MaterialKind.PHONG, MaterialKind.GGX})
 MATERIAL_KINDS = len(MaterialKind)
 
-MAX_LIGHTS = 512  # of a batch: 112 bytes each, 56 kB of a uniform block; GL drivers in use allow 64 kB
+MAX_LIGHTS = 512  # of a batch: 128 bytes each, 64 kB of a uniform block, as much as GL drivers in use allow
 WORK_GROUP = 64  # lights that a work group of light_frames.comp makes; any multiple of 32 does
 CLASSES = 1024  # of pixels, by kind of material and light region: 4 x 256; (class + 1/2) / CLASSES is exact in 24 bits of depth
 GUTTER = 2  # texels at a shadow map's rim that stay empty, so that a filtered lookup of 2 x 2 texels sees no neighbouring map
@@ -35,6 +35,7 @@ FARTHEST_DEPTH = 0.99  # where casters end, so that only an empty texel holds 1;
 SHADOW_BIAS_TEXELS = 1.0  # how far a surface may rise above its tangent plane within a texel, and by how much casters are simplified
 NORMAL_CODES = 32767  # codes of 16 bits on each side of 0, which is a code itself: the axes stay exact
 HASHED_ALPHA = -1.0  # in place of an alpha test's cutoff: alpha is a coverage and hashed
+MIN_ROUGHNESS = 0.05  # a directional light in a smoother surface is a highlight smaller than a pixel
 MAX_HALF = 65504.0  # the largest half float
 MAX_RADIANCE = 1e30  # in place of infinity: its products stay finite in float32; any value in 1e20 to 1e35 does
 

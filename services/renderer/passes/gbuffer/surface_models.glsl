@@ -10,8 +10,6 @@ struct SurfaceModel {
     vec3 emission;  // radiance, before its texture
 };
 
-const float MIN_ROUGHNESS = 0.05;  // a directional light in a smoother surface is a highlight smaller than a pixel
-
 SurfaceModel phong_surface(vec3 colour, vec4 parameters) {
     return SurfaceModel(colour, material.specular, min(material.exponent, MAX_HALF), vec3(0.0));  // a narrower lobe is less than a pixel
 }

@@ -1,84 +1,107 @@
 #version 430
-// Adds the gloss set to the lobes of glossy surfaces: the lights in the cone about the mirrored view, from the groups of the region that it
-// lies in. Each is shadowed by the map of the shadowed light nearest to it, which its group has in common. HAS_PHONG, HAS_GGX: whether there
-// are such surfaces.
+// Adds what the lobes of glossy surfaces reflect of the prefiltered map, times the fraction of the lobe's light that shadows leave. HAS_PHONG,
+// HAS_GGX: whether there are such surfaces.
+//
+// GGX' distribution of slopes is a mixture of round Gaussians, whose variance along an axis is alpha^2 / (2 e) with e from the exponential
+// distribution (a multivariate t distribution with two degrees of freedom): a few of them make the lobe, core to tails. What such a Gaussian of
+// halfway vectors reflects is (v.h) times as wide across the plane of incidence as in it: a row of lookups in the plane, each as wide as
+// the lobe is across, with the BRDF's weight of its halfway vector. The sum is normalised to the lobe's albedo.
 #include "constants.glsl"
-#include "light_frame.glsl"
-#include "lights.glsl"
-#if !CACHED_VISIBILITY
-#include "visibility.glsl"
-#endif
-#include "arriving.glsl"
 #include "normals.glsl"
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
-#include "brdf.glsl"
-#include "gloss_cone.glsl"
-#include "gloss_lights.glsl"
+#include "octahedral_map.glsl"
+#include "lobe_sources.glsl"
 
 uniform float weight;  // of this pass in the picture: 1 / samples
-uniform samplerCube region_of_direction;
-layout(std140, binding = 1) readonly buffer Spans { GlossSpan spans[]; };  // of each region
-layout(std140, binding = 2) readonly buffer Groups { GlossGroup groups[]; };
-layout(std140, binding = 3) readonly buffer GlossLights { GlossLight gloss_lights[]; };
+uniform vec3 scale;  // of the map
+uniform float base_variance;  // of level 0 along an axis, rad^2; four times as much in each level after it
+uniform sampler2D prefiltered;
+uniform sampler2D lobe_visibility;  // sums over the lights, with shadows and without
 layout(location = 0) out vec4 radiance;
 
-// A light is a disc, and a lobe is widened by its variance along an axis, a quarter of its radius squared. Phong's lobe has the variance
-// 1 / exponent; GGX' halfway vectors, which move half as far as the light, have about alpha^2 / 2, so alpha^2 grows by 2 / 4 of the quarter.
-const float DISC_VARIANCE = 0.25;
+vec3 looked_up(vec3 direction, float variance) {
+    float times = max(variance / base_variance, 1.0);
+    float level = floor(0.5 * log2(times));
+    float between = (times * exp2(-2.0 * level) - 1.0) / 3.0;  // so that the mixture of two levels has the variance
+    return textureLod(prefiltered, prefiltered_uv(direction), level + between).rgb;
+}
 
-#if HAS_PHONG
-vec3 widened_phong(SurfaceSpecular specular, float spread_squared, float mirrored) {
-    return specular.reflectance * phong_lobe(1.0 / (1.0 / max(specular.lobe, 1e-3) + DISC_VARIANCE * spread_squared), mirrored);
+#if HAS_GGX
+uniform sampler2D albedo;  // lobe_albedo.py
+
+const int PARTS = 3;
+const vec3 PART_WEIGHTS = vec3(0.12, 0.38, 0.5);
+const vec3 PART_VARIANCES = vec3(8.08, 1.347, 0.361);  // over alpha^2: 1 / (2 e) at e's quantiles 0.06, 0.31 and 0.75, the middles of the parts
+const int MAX_SIDE = 4;  // lookups on either side of the middle one
+const float MAX_REACH = 2.0;  // of the row, in standard deviations
+const float MAX_SPACING = 1.6;  // of lookups, in their own standard deviations: beyond it a row is a row of dots
+
+vec3 reflected_ggx(vec3 reflectance, float alpha, vec3 normal, vec3 view) {
+    float v = clamp(dot(normal, view), 1e-3, 1.0), a2 = alpha * alpha;
+    vec3 outwards = normal * v - view;
+    float slant = length(outwards);
+    outwards = slant > 1e-4 ? outwards / slant : vec3(0.0);
+    float spacing = MAX_SPACING * v / max(slant, 1e-4);
+    int side = min(int(ceil(MAX_REACH / spacing)), MAX_SIDE);
+    spacing = side > 0 ? min(spacing, MAX_REACH / float(side)) : 0.0;
+    spacing = max(spacing, side == MAX_SIDE ? MAX_REACH / float(MAX_SIDE) : 0.0);
+    vec3 sum = vec3(0.0), total = vec3(0.0);
+    for (int part = 0; part < PARTS; ++part) {
+        float deviation = alpha * sqrt(PART_VARIANCES[part]);
+        for (int k = -side; k <= side; ++k) {
+            float at = float(k) * spacing;
+            vec3 halfway = normalize(normal + outwards * (at * deviation * slant));
+            float between = dot(view, halfway), height = dot(normal, halfway);
+            vec3 direction = 2.0 * between * halfway - view;
+            float light = dot(normal, direction);
+            if (between <= 0.0 || light <= 0.0) continue;
+            float smith = 2.0 * light * v / (light * sqrt(v * v * (1.0 - a2) + a2) + v * sqrt(light * light * (1.0 - a2) + a2));
+            float grazing = 1.0 - between;
+            vec3 fresnel = mix(reflectance, vec3(1.0), (grazing * grazing) * (grazing * grazing) * grazing);
+            vec3 share = fresnel * (PART_WEIGHTS[part] * exp(-0.5 * at * at) * between * smith / (v * height));
+            float across = 2.0 * between * deviation * height;
+            float apart = 2.0 * spacing * deviation * slant * height * height / MAX_SPACING;
+            sum += share * looked_up(direction, max(across * across, apart * apart));
+            total += share;
+        }
+    }
+    vec2 at = vec2(sqrt(v), clamp((sqrt(alpha) - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS), 0.0, 1.0));
+    vec2 ab = textureLod(albedo, (at * (ALBEDO_SIZE - 1.0) + 0.5) / ALBEDO_SIZE, 0.0).rg;
+    return (reflectance * ab.x + ab.y) * sum / max(total, vec3(1e-20));
 }
 #endif
 
-#if HAS_GGX
-vec3 widened_ggx(SurfaceSpecular specular, float spread_squared, float mirrored, float cosine, float view_cosine) {
-    float alpha = sqrt(specular.lobe * specular.lobe + 0.5 * DISC_VARIANCE * spread_squared);
-    vec2 lobe = ggx_lobe(cosine, view_cosine, 2.0 * view_cosine * cosine - mirrored, alpha);
-    return mix(specular.reflectance, vec3(1.0), lobe.y) * lobe.x;
+#if HAS_PHONG
+// The lobe has the variance 1 / (exponent + 2) along an axis, and the mean of the light's cosine over it is the mirrored view's, cut off at the
+// horizon: the mean of a Gaussian above 0. The cosine's slope moves the middle of what is reflected towards the normal.
+vec3 reflected_phong(vec3 reflectance, float exponent, vec3 normal, vec3 view) {
+    float v = clamp(dot(normal, view), 0.0, 1.0), variance = 1.0 / (exponent + 2.0), deviation = sqrt(variance);
+    float x = v / deviation;
+    float above = 1.0 / (1.0 + exp(-x * (1.5976 + 0.07056 * x * x)));  // the normal distribution within 2e-4 (Bowling et al. 2009)
+    float cosine = v * above + deviation * 0.39894228 * exp(-0.5 * x * x);
+    vec3 mirrored = reflect(-view, normal);
+    vec3 direction = mirrored + (normal - v * mirrored) * (variance * above / cosine);
+    return reflectance * cosine * looked_up(direction, variance);
 }
 #endif
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 position = surface_position(pixel);
     int kind = int(surface_diffuse_at(pixel).kind);
-    if (position.w == 0.0 || (kind != MATERIAL_PHONG && kind != MATERIAL_GGX)) discard;
+    if (surface_depth_at(pixel).depth == 0.0 || (kind != MATERIAL_PHONG && kind != MATERIAL_GGX)) discard;
     SurfaceSpecular specular = surface_specular_at(pixel);
-    float taken = gloss_fraction(kind, specular.lobe);
-    if (taken == 0.0) discard;
-    vec3 smooth_normal = surface_smooth_normal(pixel);
-    vec3 flat_normal = surface_flat_normal(pixel);
-    vec3 mirrored_view = reflect(normalize(pixel_ray()), smooth_normal);
-    float view_cosine = max(dot(smooth_normal, mirrored_view), MIN_LOBE_COSINE);
-    GlossSpan span = spans[int(textureLod(region_of_direction, mirrored_view, 0.0).r)];
-
-    vec3 sum = vec3(0.0);
-    for (int g = span.first; g < span.first + span.count; ++g) {
-        GlossGroup group = groups[g];
-        vec3 part = vec3(0.0);
-        for (int k = group.first; k < group.first + group.count; ++k) {
-            vec3 direction = gloss_lights[k].direction;
-            float mirrored = dot(mirrored_view, direction);
-            float inside = in_cone(mirrored);
-            float cosine = dot(smooth_normal, direction);
-            if (inside <= 0.0 || cosine <= 0.0 || dot(flat_normal, direction) <= 0.0) continue;
-            float spread_squared = gloss_lights[k].spread_squared;
-#if HAS_PHONG && HAS_GGX
-            vec3 lobe = kind == MATERIAL_PHONG ? widened_phong(specular, spread_squared, mirrored)
-                                               : widened_ggx(specular, spread_squared, mirrored, cosine, view_cosine);
-#elif HAS_PHONG
-            vec3 lobe = widened_phong(specular, spread_squared, mirrored);
-#else
-            vec3 lobe = widened_ggx(specular, spread_squared, mirrored, cosine, view_cosine);
+    float fraction = map_fraction(kind, specular.lobe);
+    if (fraction == 0.0) discard;
+    vec2 lit = texelFetch(lobe_visibility, pixel, 0).rg;
+    float visible = lit.y > 0.0 ? lit.x / lit.y : 1.0;
+    vec3 normal = surface_smooth_normal(pixel), view = -normalize(pixel_ray());
+    vec3 reflected = vec3(0.0);
+#if HAS_GGX
+    if (kind == MATERIAL_GGX) reflected = reflected_ggx(specular.reflectance, specular.lobe, normal, view);
 #endif
-            part += gloss_lights[k].irradiance * lobe * (inside * cosine);
-        }
-        float facing = dot(flat_normal, lights[group.shadowing].direction);
-        // Nothing is known of surfaces that face away from a light.
-        sum += part * (facing > 0.0 ? arriving(group.shadowing, pixel, position, flat_normal, facing) : 1.0);
-    }
-    radiance = vec4(sum * (taken * weight), 0.0);
+#if HAS_PHONG
+    if (kind == MATERIAL_PHONG) reflected = reflected_phong(specular.reflectance, specular.lobe, normal, view);
+#endif
+    radiance = vec4(reflected * scale * (fraction * visible * weight), 0.0);
 }

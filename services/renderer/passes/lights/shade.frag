@@ -28,7 +28,9 @@ uniform float alpha;  // that this pass adds to the picture's
 #endif
 #if KIND == MATERIAL_PHONG || KIND == MATERIAL_GGX
 #define GLOSSY
-#include "gloss_cone.glsl"
+#include "lobe_sources.glsl"
+// What the lobe would reflect of the lights that the prefiltered map has, in luminance: with shadows and without.
+layout(location = 1) out vec2 lobe_visibility;
 #endif
 
 void main() {
@@ -45,26 +47,33 @@ void main() {
     surface.lobe = specular.lobe;
     vec3 mirrored_view = reflect(normalize(pixel_ray()), smooth_normal);
     float view_cosine = max(dot(smooth_normal, mirrored_view), MIN_LOBE_COSINE);
-    float taken = gloss_fraction(KIND, specular.lobe);
+    vec3 across = cross(smooth_normal, mirrored_view);
+    across *= inversesqrt(max(dot(across, across), 1e-12));
+    float of_map = map_fraction(KIND, specular.lobe);
+    lobe_visibility = vec2(0.0);
 #endif
 
     vec3 sum = vec3(0.0);
     for (int i = 0; i < light_count; ++i) {
         vec3 d = lights[i].direction;
         float flat_cosine = dot(flat_normal, d);
-        float cosine = received(i, dot(smooth_normal, d));
+        float smooth_cosine = dot(smooth_normal, d);
+        float cosine = received(i, smooth_cosine);
         float fraction = arriving(i, pixel, position, flat_normal, flat_cosine);
 #if KIND == MATERIAL_SHADOW_CATCHER
         sum += lights[i].irradiance * (cosine * (1.0 - fraction));
 #else
 #ifdef GLOSSY
         float mirrored = dot(mirrored_view, d);
-        float between = 2.0 * view_cosine * cosine - mirrored;
-        vec3 reflected = brdf(KIND, surface, max(cosine, MIN_LOBE_COSINE), view_cosine, mirrored, between, 1.0 - taken * in_cone(mirrored));
+        float between = 2.0 * view_cosine * smooth_cosine - mirrored;
+        float lit_cosine = max(smooth_cosine, MIN_LOBE_COSINE), direct = mix(1.0, lights[i].direct, of_map);
+        Reflected parts = reflected(KIND, surface, lit_cosine, view_cosine, mirrored, between, dot(across, d),
+                                    lights[i].lobe_spread * of_map, lights[i].least_width * of_map);
+        sum += lights[i].irradiance * (parts.diffuse + parts.lobe * direct) * (cosine * fraction);
+        lobe_visibility += vec2(fraction, 1.0) * (dot(lights[i].irradiance * parts.lobe, LUMINANCE_WEIGHTS) * cosine * (1.0 - direct));
 #else
-        vec3 reflected = surface.lambert;
+        sum += lights[i].irradiance * surface.lambert * (cosine * fraction);
 #endif
-        sum += lights[i].irradiance * reflected * (cosine * fraction);
 #endif
     }
 #if KIND == MATERIAL_SHADOW_CATCHER

@@ -39,11 +39,18 @@ class Shading:
         self.matte: moderngl.Texture | None = None  # fraction of the light that shadows take from catchers, RGB, and alpha in luminance
         self.matte_frame: moderngl.Framebuffer | None = None
         self._catcher_frame: moderngl.Framebuffer | None = None
+        self.lobe_visibility: moderngl.Texture | None = None  # what lobes reflect of the lights, with shadows and without
+        self._lobe_frame: moderngl.Framebuffer | None = None
+        self._glossy_frame: moderngl.Framebuffer | None = None
+        if kinds & GLOSSY_KINDS:
+            self.lobe_visibility = context.texture(size, 2, dtype="f4")
+            self._lobe_frame = context.framebuffer([self.lobe_visibility])
+            self._glossy_frame = context.framebuffer([self.picture, self.lobe_visibility], self.class_depth)
         if MaterialKind.SHADOW_CATCHER in kinds:
             self.matte = context.texture(size, 4, dtype="f4")
             self.matte_frame = context.framebuffer([self.matte])
             self._catcher_frame = context.framebuffer([self.picture, self.matte], self.class_depth)
-        for frame in (self.frame, self._catcher_frame):
+        for frame in (self.frame, self._catcher_frame, self._glossy_frame):
             if frame:
                 frame.depth_mask = False  # the classes stay while the surfaces do
 
@@ -70,14 +77,14 @@ class Shading:
         weight: float,
         alpha: float,
         unshadowed: Colour,
-        cone: tuple[float, float],
     ) -> None:
         """Adds a batch of lights times `weight`, and `alpha` to the pixels that `classify` found.
 
         arriving: what says how much of each light arrives, its map or a layer. unshadowed: the irradiance of a catcher without shadows, by
-        all lights of all batches, above 0. cone: in which the gloss set has the lobes of glossy surfaces, as in gloss.py.
+        all lights of all batches, above 0.
         """
-        self.frame.use()
+        if self._lobe_frame:
+            self._lobe_frame.clear()
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._context.depth_func = "=="
@@ -86,12 +93,14 @@ class Shading:
             unit = g_buffer.bind(program)
             arriving.bind(program, unit)
             program["weight"] = weight
+            self.frame.use()
             if kind == MaterialKind.SHADOW_CATCHER:
                 program["unshadowed"], alpha = unshadowed, 0.0
                 assert self._catcher_frame is not None
-                self._catcher_frame.use()  # the last of the kinds
+                self._catcher_frame.use()
             elif kind in GLOSSY_KINDS:
-                program["cone"] = cone
+                assert self._glossy_frame is not None
+                self._glossy_frame.use()
             if kind != MaterialKind.SHADOW_CATCHER:
                 program["alpha"] = alpha
             for region, row in enumerate(batch.rows):
@@ -112,6 +121,7 @@ class Shading:
     def release(self) -> None:
         """Frees what this holds on the GPU."""
         pictures = (self._classes, self.frame, self.picture, self.class_depth, self.matte, self.matte_frame, self._catcher_frame)
-        for resource in (self._classify_array, *itertools.chain(*self._arrays.values()), self._cube, *pictures):
+        lobes = (self.lobe_visibility, self._lobe_frame, self._glossy_frame)
+        for resource in (self._classify_array, *itertools.chain(*self._arrays.values()), self._cube, *pictures, *lobes):
             if resource is not None:
                 resource.release()

@@ -129,6 +129,7 @@ def _batch(
     light["irradiance"], light["map"], light["resolution"] = lights.irradiance[lit], layer, 1
     extents = Extents.of(lights)
     light["spread"], light["concentration"] = extents.spreads[lit], extents.concentrations[lit]
+    light["direct"], light["number"] = 1.0, lit
     regions = region_rows(setup.regions, lights.directions[lit])
     entries, rows = light_rows(light, [*regions, np.arange(len(lit)), traced, np.zeros(0, np.int64)])
     every, traced_row, drawn_row = rows[-3:]

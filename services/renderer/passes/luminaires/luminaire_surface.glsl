@@ -31,7 +31,7 @@ vec3 reflected(Surface surface, vec3 d) {
     if (cosine <= 0.0 || dot(surface.flat_normal, d) <= 0.0) return vec3(0.0);
     float mirrored = dot(surface.mirrored, d);
     float view = max(dot(surface.normal, surface.mirrored), MIN_LOBE_COSINE);  // the view's cosine, as of its mirror
-    return brdf(surface.kind, surface.reflection, cosine, view, mirrored, 2.0 * view * cosine - mirrored, 1.0) * cosine;
+    return brdf(surface.kind, surface.reflection, cosine, view, mirrored, 2.0 * view * cosine - mirrored) * cosine;
 }
 
 const float MAP_BIAS = 0.5;  // texels: what a surface may rise above its tangent plane within a texel

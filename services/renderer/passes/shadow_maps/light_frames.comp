@@ -45,4 +45,7 @@ void main() {
     frames[i].resolution = resolution;
     frames[i].spread = entries[i].spread;
     frames[i].concentration = entries[i].concentration;
+    frames[i].lobe_spread = entries[i].lobe_spread;
+    frames[i].least_width = entries[i].least_width;
+    frames[i].direct = entries[i].direct;
 }

@@ -20,7 +20,7 @@ from vemlight.renderer.passes.shadow_maps.casters import Casters, PlacedCasters,
 from vemlight.renderer.passes.shadow_maps.shadow_map_cache import CacheMatch, Slots, match_lights, update_cache
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MapResolutions, Packing, map_halvings, packed
 
-ALIGNED = 16  # frames; 1792 bytes, a multiple of the 256 at which GL drivers let a uniform block begin
+ALIGNED = 16  # frames; 2048 bytes, a multiple of the 256 at which GL drivers let a uniform block begin
 MAX_ATLAS_SIDE = 8192  # texels; 256 MB of depth at 4 bytes, and no GL 4.3 driver refuses it
 SPARE_SLOTS = 1 / 8  # more slots of a resolution than its lights need, for lights that come
 
@@ -225,6 +225,7 @@ def _batch(
     light["corner"], light["resolution"], light["map"] = cache.packing.corners[slot], resolutions, slot
     extents = Extents.of(lights)
     light["spread"], light["concentration"] = extents.spreads[lit], extents.concentrations[lit]
+    light["direct"], light["number"] = 1.0, lit
     choice = np.searchsorted(-np.array(setup.resolutions.choices), -resolutions).clip(0, setup.resolutions.halvings)
     level = np.array(setup.casters.levels)[choice]
     redrawn = redrawn[np.lexsort((below[redrawn], level[redrawn]))]

@@ -141,6 +141,7 @@ class Capture(SettingsSection, frozen=True):
             raise ValueError("stereo is of films for two eyes, and several lens files are for one view of all; leave one of them out")
 
 
+SOFT_BY_DEFAULT = False  # the renderer draws points; with True as many lights as keep ADAPTIVE_PERCENT are the default, too
 FIXED_COUNT = 72  # the number of Havran et al. 2005
 ADAPTIVE_PERCENT = 5.0  # 20 to 80 soft lights: what one sees of fewer is in docs/accuracy.md
 ADAPTIVE_COUNT = 256  # three times what any of eleven maps takes for that; a limit of 3 % takes 130
@@ -163,8 +164,9 @@ class Sampler(SettingsSection, frozen=True):
     pass_hz: Annotated[Frequency, means("fir: end of the pass band; iir: half of the power passes here"), HZ] = 3.0
     stop_hz: Annotated[Frequency, means("fir: start of the stop band"), HZ] = 6.0
     soft: Annotated[
-        bool, means("tracked lights carry the extent of their light, for programs that draw it; the renderer draws points and warns")
-    ] = False
+        bool | None,
+        means("lights carry the extent of their light, for programs that draw it; the renderer draws points and warns; left out: false"),
+    ] = None
     deflicker: Annotated[bool, means("remove mains flicker of lamps where its beat is found beyond doubt")] = True
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0
     gloss_lights: Annotated[
@@ -178,9 +180,14 @@ class Sampler(SettingsSection, frozen=True):
     ] = None  # fmt: skip
 
     @property
+    def is_soft(self) -> bool:
+        """Whether lights have extents; only those of method tracked can."""
+        return self.soft if self.soft is not None else SOFT_BY_DEFAULT and self.method == "tracked"
+
+    @property
     def error_limit(self) -> float:
         """Relative error that as few lights as possible keep within; 0: there are `max_count`."""
-        chosen = self.error_percent if self.error_percent is not None else ADAPTIVE_PERCENT if self.soft and self.count is None else 0.0
+        chosen = self.error_percent if self.error_percent is not None else ADAPTIVE_PERCENT if self.is_soft and self.count is None else 0.0
         return chosen / 100
 
     @property

@@ -116,7 +116,7 @@ def write_lights_file(options: LightsOptions) -> Report:
     """
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), clusters=options.clusters, error_percent=options.error_percent,
-                                soft=options.soft or None)  # fmt: skip
+                                soft=options.soft)  # fmt: skip
     out = options.out
     if out != STANDARD_OUTPUT:
         check_lights_path(out, len(frames))

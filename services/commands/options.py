@@ -52,7 +52,7 @@ class LightsOptions(SamplingOptions, frozen=True, kw_only=True):
     out: Path
     clusters: int | None = None
     error_percent: float | None = None
-    soft: bool = False
+    soft: bool | None = None
     score: bool = False
 
 

@@ -32,7 +32,7 @@ def tracked_method(settings: Sampler, state: SamplerState, frame: SamplerInput) 
         state, lights, report, count = _within_error(settings, state, frame, max_count)
         tracked = state.tracked
     else:
-        tracked, lights, report = tracked_step(max_count, state.tracked, frame, smoothing, settings.soft)
+        tracked, lights, report = tracked_step(max_count, state.tracked, frame, smoothing, settings.is_soft)
         count = max_count
     tracked_gloss, gloss = state.tracked_gloss, None
     if settings.gloss_lights:
@@ -67,7 +67,7 @@ def _within_error(
     before, observed = observe(state.tracked, frame, settings.filter != "none")
 
     def lit(count: int) -> tuple[TrackedState, LightSet, Tiles]:
-        return lights_of(count, before, observed, settings.soft)
+        return lights_of(count, before, observed, settings.is_soft)
 
     def error_of(count: int) -> float:
         _, lights, tiles = lit(count)

@@ -14,7 +14,7 @@ MUTANTS = [
         ("default lights", "FIXED_COUNT = 72", "FIXED_COUNT = 144"),
         ("default error", "ADAPTIVE_PERCENT = 5.0", "ADAPTIVE_PERCENT = 10.0"),
         ("default maximum", "ADAPTIVE_COUNT = 256", "ADAPTIVE_COUNT = 512"),
-        ("a limit beside a number", "if self.soft and self.count is None else 0.0", "if self.soft else 0.0"),
+        ("a limit beside a number", "if self.is_soft and self.count is None else 0.0", "if self.is_soft else 0.0"),
         ("any filter with any method", '(self.method == "tracked") != (self.filter == "adaptive")', "False"),
         ("a token without one", "if self.token and self.insecure:", "if False:"),
         ("tcp without keys", 'and not settings.wire.keys and not settings.wire.insecure', "and False"),

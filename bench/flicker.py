@@ -122,7 +122,7 @@ def write(name: str, rows: list[Row]) -> None:
     with written_whole(OUT / name) as part, open(part, "w", newline="") as file:
         table = csv.DictWriter(file, list(rows[0]))
         table.writeheader()
-        table.writerows({key: f"{value:.3g}" if isinstance(value, float) else value for key, value in row.items()} for row in rows)
+        table.writerows({key: f"{value:.4g}" if isinstance(value, float) else value for key, value in row.items()} for row in rows)
     for row in rows:
         print(*(f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}" for key, value in row.items()), flush=True)
 

@@ -1,6 +1,6 @@
 """The bundled scene's meshes, from scratch: a terrace with a laid table, a bench of slats, a small tree and polished things.
 
-    python -m bench.bundled_scene [--out services/renderer/scene/scenes/terrace.glb]
+    python -m bench.bundled_scene [--out services/renderer/scene/scenes/terrace]
 
 Everything is made here by formulas and seeded numbers; the cloth is dropped on the table and hangs as it falls (position-based dynamics,
 Müller et al. 2007). Metres, +Z up while made; glTF's +Y up in the file. It takes about a minute.
@@ -16,7 +16,7 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-OUT = Path(__file__).parents[1] / "services" / "renderer" / "scene" / "scenes" / "terrace.glb"
+OUT = Path(__file__).parents[1] / "services" / "renderer" / "scene" / "scenes" / "terrace"
 SEED = 2005
 SLAB_M, SLABS = 0.6, 8  # of the paving: a picture of 8 x 8 slabs is repeated to the horizon
 GROUND_M = 8000.0  # from the middle: its edge lies .013 degrees below the horizon, a third of a pixel of 1280 x 720
@@ -233,50 +233,69 @@ def torus_knot(p: int = 2, q: int = 3, along: int = 160, around: int = 14, radiu
     return trimesh.Trimesh(tube.reshape(-1, 3), faces, process=False)
 
 
-def terrace() -> trimesh.Scene:
+def written(folder: Path, name: str, parts: list[tuple[trimesh.Trimesh, tuple[float, float, float]]]) -> int:
+    """Writes an object, made of meshes at their places, as NAME.glb; how many triangles it has."""
     scene = trimesh.Scene()
+    up = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], float)  # glTF's +Y up
+    for number, (mesh, at) in enumerate(parts):
+        mesh.apply_transform(up @ trimesh.transformations.translation_matrix(at))
+        _ = mesh.vertex_normals  # so that they are written
+        part = mesh.visual.material.name if len(parts) > 1 else name
+        scene.add_geometry(mesh, node_name=f"{part} {number}", geom_name=f"{part} {number}")
+    (folder / f"{name}.glb").write_bytes(scene.export(file_type="glb", include_normals=True))
+    return sum(len(mesh.faces) for mesh, _ in parts)
 
-    def add(name: str, mesh: trimesh.Trimesh, at: tuple[float, float, float] = (0, 0, 0), turn_deg: float = 0.0) -> None:
-        up = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], float)  # glTF's +Y up
-        place = trimesh.transformations.translation_matrix(at) @ trimesh.transformations.rotation_matrix(np.radians(turn_deg), (0, 0, 1))
-        mesh.apply_transform(up @ place)
-        _ = mesh.vertex_normals
-        scene.add_geometry(mesh, node_name=name, geom_name=name)
 
-    add("ground", ground())
-    add("tablecloth", coloured(tablecloth(), material("linen", (0.72, 0.66, 0.55), 0.0, 0.95)))
-    add("vase", coloured(lathe(VASE), material("copper", (0.955, 0.54, 0.36), 1.0, 0.22)), (0.12, 0.14, TABLE_M + 0.006))
-    add("bowl", coloured(lathe(BOWL), material("glaze", (0.06, 0.20, 0.33), 0.0, 0.18)), (-0.14, -0.12, TABLE_M + 0.006))
-    for k, (x, y) in enumerate([(-0.17, -0.15), (-0.10, -0.12), (-0.15, -0.07)]):
+def table() -> list[tuple[trimesh.Trimesh, tuple[float, float, float]]]:
+    """A laid table: cloth, vase, a bowl of oranges."""
+    top = TABLE_M + CLOTH_MM / 1e3
+    parts = [
+        (coloured(tablecloth(), material("linen", (0.72, 0.66, 0.55), 0.0, 0.95)), (0.0, 0.0, 0.0)),
+        (coloured(lathe(VASE), material("copper", (0.955, 0.54, 0.36), 1.0, 0.22)), (0.12, 0.14, top)),
+        (coloured(lathe(BOWL), material("glaze", (0.06, 0.20, 0.33), 0.0, 0.18)), (-0.14, -0.12, top)),
+    ]
+    for x, y in [(-0.17, -0.15), (-0.10, -0.12), (-0.15, -0.07)]:
         fruit = trimesh.creation.uv_sphere(0.036, count=[10, 16])
-        add(f"orange {k + 1}", coloured(fruit, material("orange", (0.85, 0.31, 0.03), 0.0, 0.45)), (x, y, TABLE_M + 0.062))
+        parts.append((coloured(fruit, material("orange", (0.85, 0.31, 0.03), 0.0, 0.45)), (x, y, top + 0.056)))
+    return parts
+
+
+def objects() -> dict[str, list[tuple[trimesh.Trimesh, tuple[float, float, float]]]]:
+    """The meshes of each object with their places in it; terrace.toml places the objects."""
+    here = (0.0, 0.0, 0.0)
     slats, iron = bench_of_slats()
-    add("slats", coloured(slats, material("oak", (0.38, 0.21, 0.10), 0.0, 0.6)), (0.55, 1.65, 0), 8.0)
-    add("bench frame", coloured(iron, material("iron", (0.035, 0.037, 0.04), 0.0, 0.4)), (0.55, 1.65, 0), 8.0)
     wood, leaves = tree()
-    add("trunk", coloured(wood, material("bark", (0.23, 0.18, 0.13), 0.0, 0.9)), (-1.45, 0.95, 0))
-    add("leaves", coloured(leaves, material("leaf", (0.17, 0.25, 0.09), 0.0, 0.5, doubleSided=True)), (-1.45, 0.95, 0))
-    add("pot", coloured(lathe(POT), material("terracotta", (0.52, 0.22, 0.12), 0.0, 0.8)), (-1.45, 0.95, 0))
     plinth = trimesh.creation.box((0.42, 0.42, 0.62))
     plinth.unmerge_vertices()
-    add("plinth", coloured(plinth, material("limestone", (0.60, 0.58, 0.53), 0.0, 0.8)), (1.42, 0.25, 0.31), 24.0)
     knot = torus_knot()
     knot.apply_transform(trimesh.transformations.rotation_matrix(np.radians(78), (1, 0, 0)))
-    add("knot", coloured(knot, material("gold", (1.0, 0.71, 0.29), 1.0, 0.3)), (1.42, 0.25, 0.62 - knot.bounds[0, 2]), 40.0)
     ball = trimesh.creation.uv_sphere(0.21, count=[24, 36])
-    add("ball", coloured(ball, material("steel", (0.77, 0.78, 0.78), 1.0, 0.12)), (0.98, -0.85, 0.21))
-    return scene
+    return {
+        "ground": [(ground(), here)],
+        "table": table(),
+        "bench": [
+            (coloured(slats, material("oak", (0.38, 0.21, 0.10), 0.0, 0.6)), here),
+            (coloured(iron, material("iron", (0.035, 0.037, 0.04), 0.0, 0.4)), here),
+        ],
+        "tree": [
+            (coloured(wood, material("bark", (0.23, 0.18, 0.13), 0.0, 0.9)), here),
+            (coloured(leaves, material("leaf", (0.17, 0.25, 0.09), 0.0, 0.5, doubleSided=True)), here),
+            (coloured(lathe(POT), material("terracotta", (0.52, 0.22, 0.12), 0.0, 0.8)), here),
+        ],
+        "plinth": [(coloured(plinth, material("limestone", (0.60, 0.58, 0.53), 0.0, 0.8)), (0.0, 0.0, 0.31))],
+        "knot": [(coloured(knot, material("gold", (1.0, 0.71, 0.29), 1.0, 0.3)), (0.0, 0.0, -float(knot.bounds[0, 2])))],
+        "ball": [(coloured(ball, material("steel", (0.77, 0.78, 0.78), 1.0, 0.12)), (0.0, 0.0, 0.21))],
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=OUT)
     chosen = parser.parse_args()
-    scene = terrace()
-    data = scene.export(file_type="glb", include_normals=True)
-    chosen.out.write_bytes(data)
-    triangles = sum(len(mesh.faces) for mesh in scene.geometry.values())
-    print(f"{chosen.out}: {triangles} triangles, {len(data)} bytes")
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    triangles = {name: written(chosen.out, name, parts) for name, parts in objects().items()}
+    size = sum((chosen.out / f"{name}.glb").stat().st_size for name in triangles)
+    print(f"{chosen.out}: {sum(triangles.values())} triangles, {size} bytes: {triangles}")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from vemlight.renderer.frame import ToneRequest
 from vemlight.renderer.gl.programs import Programs, check_context, headless_context
 from vemlight.renderer.passes.shadow_maps import shadow_map_plan
 from vemlight.renderer.scene.scene import load_scene
-from vemlight.renderer.scene.view import clip_from_world, pixel_samples
+from vemlight.renderer.scene.view import clip_from_world, nearest_distance, pixel_samples, ray_from_pixel
 from vemlight.settings import Renderer as Settings
 
 WHITE = "material = {diffuse = [1.0, 1.0, 1.0]}"
@@ -238,6 +238,40 @@ def test_the_middle_of_the_picture_is_what_the_camera_looks_at():
     assert np.abs(clip[:2] / clip[3]).max() < 1e-9
     above = clip_from_world(scene, (640, 480)) @ [*np.add(scene.camera.at, [0, 0, 0.1]), 1]
     assert above[1] < 0  # row 0 is on top and comes first in memory
+
+
+@pytest.mark.parametrize("around", ["plane", "box"])
+def test_what_is_near_is_seen_in_a_wide_scene(around, tmp_path):
+    """A box of half a metre, two metres from a camera on a ground of 8 km, or within a hall of 8 km: nothing cuts it away."""
+    (tmp_path / "scene.toml").write_text(
+        "[camera]\nfrom = [0.0, -2.5, 1.5]\nat = [0.0, 0.0, 0.25]\nfov_y = 40.0\n"
+        f'[[mesh]]\nname = "around"\nshape = "{around}"\nscale = 8000.0\nmaterial = {{diffuse = [0.0, 0.0, 0.0]}}\n'
+        '[[mesh]]\nname = "near"\nshape = "box"\nscale = 0.25\nat = [0.0, 0.0, 0.25]\nmaterial = {diffuse = [0.5, 0.5, 0.5]}\n'
+    )
+    renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=32, height=32))
+    renderer.picture(LightSet.none())
+    with renderer.renderer._context:
+        pixels = renderer.renderer._g_buffer.read()
+    renderer.release()
+    seen = pixels.there & (np.linalg.norm(pixels.positions, axis=-1) < 0.6)
+    assert 60 < seen.sum() < 200  # of 1024
+    assert pixels.there.sum() >= 1000 - 400 * (around == "plane")
+    shown = pixels.positions[seen & (pixels.positions[:, 2] > 0.49)]
+    np.testing.assert_allclose(shown[:, 2], 0.5, atol=1e-5)
+
+
+def test_the_near_plane_lies_before_all_that_can_be_seen():
+    scene, size = load_scene(None)._replace(half=np.full(3, 1000.0)), (640, 480)
+    for nearest_m in (0.5, 2.0):
+        clip = clip_from_world(scene, size, nearest_m=nearest_m)
+        for pixel in ((0.0, 0.0), (320.0, 240.0)):
+            ray = ray_from_pixel(scene.camera, size) @ [*pixel, 1.0]
+            place = scene.camera.position + 1.001 * nearest_m * ray / np.linalg.norm(ray)
+            z, w = (clip @ [*place, 1])[2:]
+            assert z >= -w
+    assert nearest_distance(scene.camera, np.array([[[0, 0, 0], [1, 1, 1]], [[3, -5, 2], [4, -4, 3]]])) == 0
+    box = np.array([[[3.6, -4.9, 0.0], [4.0, -4.0, 2.4]]])
+    assert nearest_distance(scene.camera, box) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("frame_ms", [0.0, 20.0])

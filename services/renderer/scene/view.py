@@ -6,7 +6,9 @@ import numpy as np
 
 from vemlight.renderer.scene.scene import Scene, ViewCamera
 
-MAX_DEPTH_RATIO = 1000  # of far to near: 24 bits then resolve 6e-5 of the distance at the far plane. Any value in 100 .. 10,000 does
+# Of far to near, for a camera inside a mesh's box: 24 bits then resolve d^2 / (near 2^24) at a distance d, 6e-5 of it at a hundredth of the
+# far plane. With less a camera in a hall of a kilometre would cut what is nearer than a metre. Any value in 30,000 .. 300,000 does.
+MAX_DEPTH_RATIO = 100_000
 DEPTH_MARGIN = 0.01  # for rounding where surfaces touch the scene's box; any value in 1e-4 .. 0.1 does
 MIN_FAR_M = 1e-6  # of a scene that lies behind the camera altogether; any value above 0 does
 
@@ -62,18 +64,28 @@ def ray_from_pixel(camera: ViewCamera, size: tuple[int, int]) -> np.ndarray:
 PIXEL_CENTRE = PixelSample(0.5, 0.5)
 
 
-def clip_from_world(scene: Scene, size: tuple[int, int], sample: PixelSample = PIXEL_CENTRE) -> np.ndarray:
+def nearest_distance(camera: ViewCamera, boxes: np.ndarray) -> float:
+    """How far the nearest of boxes (n, 2, 3), lowest and highest corner, is from the camera; 0 inside of one."""
+    place = np.array(camera.position, np.float64)
+    off = np.maximum(np.maximum(boxes[:, 0] - place, place - boxes[:, 1]), 0)
+    return float(np.linalg.norm(off, axis=1).min()) if len(boxes) else 0.0
+
+
+def clip_from_world(scene: Scene, size: tuple[int, int], sample: PixelSample = PIXEL_CENTRE, nearest_m: float = 0.0) -> np.ndarray:
     """The projection (4, 4) of a picture of `size` (width, height), row 0 first in memory (y down), sampled at `sample` in each pixel.
 
-    The near and far planes enclose the scene's box with DEPTH_MARGIN; the near one is never closer than far / MAX_DEPTH_RATIO.
+    The near and far planes enclose the scene's box, and all that is not nearer than nearest_m, with DEPTH_MARGIN; the near one is never
+    closer than far / MAX_DEPTH_RATIO.
     """
     view = view_from_world(scene.camera)
     corners = scene.centre + scene.half * np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3)
     depth = corners @ view[2, :3] + view[2, 3]
     far = max(float(depth.max()) * (1 + DEPTH_MARGIN), MIN_FAR_M)
-    near = max(float(depth.min()) * (1 - DEPTH_MARGIN), far / MAX_DEPTH_RATIO)
     tall = 1 / np.tan(np.radians(scene.camera.fov_y) / 2)
     wide = tall * size[1] / size[0]
+    # What is seen in a corner of the picture at a distance is nearer along the view.
+    nearest_depth = nearest_m / np.sqrt(1 + 1 / tall**2 + 1 / wide**2)
+    near = max(max(float(depth.min()), nearest_depth) * (1 - DEPTH_MARGIN), far / MAX_DEPTH_RATIO)
     a, b = (far + near) / (far - near), -2 * far * near / (far - near)
     shift_x, shift_y = (1 - 2 * sample.x) / size[0], (1 - 2 * sample.y) / size[1]
     return np.array([[wide, 0, shift_x, 0], [0, tall, shift_y, 0], [0, 0, a, b], [0, 0, 1, 0]]) @ view

@@ -23,11 +23,12 @@ from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.material_uniforms import MaterialUniforms, material_uniforms
 from vemlight.renderer.passes.gbuffer.normals import direction_from_octahedron, octahedron_from_code
 from vemlight.renderer.scene.materials import emits
+from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
 from vemlight.renderer.scene.textures import Texture
 from vemlight.renderer.scene.vertex_buffers import VertexBuffers, vertex_buffers
-from vemlight.renderer.scene.view import PixelSample, clip_from_world, ray_from_pixel
+from vemlight.renderer.scene.view import PixelSample, clip_from_world, nearest_distance, ray_from_pixel
 
 # Of each texture, in the order of surface.frag's outputs: what a texel holds, and moderngl's name of its format.
 TEXTURES = {
@@ -96,6 +97,7 @@ class GBuffer:
         self._arrays: dict[tuple[object, ...], moderngl.VertexArray] = {}
         self._second_uvs: moderngl.Buffer | None = None
         self._items = [self._item(material_uniforms(mesh.material, emission), buffers) for mesh in scene.meshes]
+        self._corners = np.array([box_corners(mesh.geometry) for mesh in scene.meshes]).reshape(-1, 8, 3)  # of the meshes' boxes at rest
         self._depth = context.depth_renderbuffer(size)
         self._frame = context.framebuffer(list(self._targets.values()), self._depth)
         self.place(scene_pose(scene, 0.0))
@@ -104,6 +106,8 @@ class GBuffer:
         """Moves the meshes."""
         self._scene = self._scene._replace(centre=now.centre, half=now.half)
         a, b, c = np.moveaxis(now.matrices[:, :3, :3], 1, 0)  # rows; normals go by the cofactors, which a flat scale leaves finite
+        corners = np.einsum("nij,ncj->nci", now.matrices[:, :3, :3], self._corners) + now.matrices[:, None, :3, 3]
+        self._nearest_m = nearest_distance(self._scene.camera, np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1))
         normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
         placed = zip(now.matrices, normals, strict=True)
         self._placed = [MeshMatrices(tuple(matrix.T.reshape(-1)), tuple(normal.T.reshape(-1))) for matrix, normal in placed]
@@ -114,7 +118,7 @@ class GBuffer:
         A surface of partial coverage is drawn where that exceeds a threshold made of its place and the sample's number: the mean over
         successive samples has as much of it.
         """
-        matrix = tuple(clip_from_world(self._scene, self._size, sample).T.reshape(-1))
+        matrix = tuple(clip_from_world(self._scene, self._size, sample, self._nearest_m).T.reshape(-1))
         self._ray_from_pixel = ray_from_pixel(self._scene.camera, self._size)
         self._ray_from_pixel[:, 2] += self._ray_from_pixel[:, :2] @ np.subtract(sample[:2], 0.5)
         for array in self._arrays.values():

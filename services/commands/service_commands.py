@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from vemlight.choices import Mode
     from vemlight.runtime.channels import Service
 
+BUNDLED_RENDERER = {"width": 640, "height": 360, "background": "map"}  # of the bundled scene, composed for 16:9
 COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 
@@ -36,6 +37,8 @@ def run(
     from vemlight.settings import read_settings
 
     wanted = read_settings(settings)
+    if settings is None and source is None:  # the bundled sequence and scene, as they look best
+        wanted = msgspec.structs.replace(wanted, renderer=msgspec.structs.replace(wanted.renderer, **BUNDLED_RENDERER))
     wanted = msgspec.structs.replace(wanted, capture=capture_settings(wanted.capture, source, {"frames": frames, **reading}))
     if out:
         wanted = msgspec.structs.replace(wanted, out=str(out.resolve()), mode="lossless")

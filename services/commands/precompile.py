@@ -2,7 +2,7 @@
 
 import sys
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -35,9 +35,15 @@ def _renderer() -> None:
     from vemlight.renderer.scene.scene import load_scene
 
     if library() is not None:
+        from vemlight.renderer.rays.bounce import Bounce
+        from vemlight.renderer.rays.reflecting import reflecting_meshes
         from vemlight.renderer.rays.tracing import RayTracer
 
-        RayTracer(load_scene(None), (8, 8)).warm()
+        scene = load_scene(None)
+        tracer = RayTracer(scene, (8, 8))
+        tracer.warm()
+        with ThreadPoolExecutor(1) as threads:
+            Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, threads, 16, 1).warm()
 
 
 def precompile() -> None:

@@ -117,6 +117,13 @@ class Bounce:
         _smooth(made, self._eye, smoothed := Blocks(places, normals, np.zeros_like(places), np.zeros_like(places)))
         return smoothed
 
+    def warm(self) -> None:
+        """Compiles, or loads, what a bounce takes."""
+        block_pixels(np.zeros((BLOCK, BLOCK, 3), np.float32))
+        nothing = np.zeros((1, 1, 3), np.float32)
+        self.see(BlockSurfaces(nothing, nothing), np.zeros(3))
+        self.gather(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1))
+
     def _shoot(self, rows: slice, hits: Hits) -> None:
         assert self._surfaces is not None
         surfaces, ends = (type(arrays)(*(array[rows] for array in arrays)) for arrays in (self._surfaces, hits))

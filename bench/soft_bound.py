@@ -23,7 +23,7 @@ from vemlight.light.light_set import LightSet
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import MIN_SPREAD_RAD
 from vemlight.sampler.tracking.extents import soft_lights
-from vemlight.sampler.tracking.sources import SourceTiles
+from vemlight.sampler.tracking.sources import no_source_tiles
 from vemlight.sampler.tracking.tiles import tiles_from_map
 from vemlight.sampler.tracking.tracked import initial_tracked, tracked_step
 from vemlight.sampler.tracking.voronoi import cells_from_sites
@@ -79,9 +79,9 @@ def _without_sources(source: Source, count: int) -> LightSet:
     frame = SamplerInput(source.polar, "hemisphere", 0.0, source.bright_cells)
     state, _, _ = tracked_step(count, initial_tracked(), frame, False)
     tiles = tiles_from_map(source.polar, "hemisphere", max(count, 128), source.bright_cells)
-    sites, n = state.sites, tiles.power.size
-    none = SourceTiles(np.zeros((0, 3)), np.zeros(n, np.int64), np.zeros(n))
-    return soft_lights(tiles, sites.ids, sites.directions, cells_from_sites(tiles, sites.directions).assignment, none)
+    sites = state.sites
+    cells = cells_from_sites(tiles, sites.directions)
+    return soft_lights(tiles, sites.ids, sites.directions, cells.assignment, no_source_tiles(tiles))
 
 
 def _directions(generator: np.random.Generator, count: int, upper: bool) -> np.ndarray:

@@ -172,3 +172,24 @@ def test_of_points_at_a_source_the_strongest_has_its_id():
         if open_ > 0.1:
             strongest.append(int(lights.ids[np.where(near, lights.irradiance.sum(axis=1), -1).argmax()]))
     assert len(set(strongest)) == 1
+
+
+def test_many_soft_lights_divide_a_lamp_and_its_id_stays_through_the_change():
+    state, seen = initial_tracked(), []
+    for k, count in enumerate([96, 96, 160, 160, 96, 127, 128]):
+        state, lights, _ = tracked_step(count, state, SamplerInput(lit((40, 120, 4, 0.6)), "hemisphere", k / 25), False, soft=True)
+        assert len(set(lights.ids.tolist())) == len(lights.ids)
+        near = lights.directions @ place(40, 120) > np.cos(np.radians(3))
+        power = lights.irradiance.sum(axis=1)
+        part = power[near].max() / power.sum()
+        assert part > 0.55 if count < 128 else part < 0.3
+        if part > 0.55 or k == 2:
+            seen.append(int(lights.ids[np.where(near, power, -1).argmax()]))
+    assert len(set(seen[:2] + seen[3:])) == 1
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_the_lights_of_a_dark_frame_have_one_id_each(soft):
+    state, lights, _ = tracked_step(48, initial_tracked(), SamplerInput(lit((40, 120, 4, 0.6)), "hemisphere", 0.0), False, soft)
+    _, dark, _ = tracked_step(48, state, SamplerInput(0 * lit(), "hemisphere", 0.04), False, soft)
+    assert sorted(dark.ids.tolist()) == sorted(lights.ids.tolist())

@@ -59,6 +59,12 @@ class SourceTiles(NamedTuple):
     part: np.ndarray
 
 
+def no_source_tiles(tiles: Tiles) -> SourceTiles:
+    """Where nothing is kept apart."""
+    n = tiles.power.size
+    return SourceTiles(np.zeros((0, 3)), np.zeros(n, np.int64), np.zeros(n))
+
+
 NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 

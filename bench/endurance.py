@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.support.gl_objects import gl_objects
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer.accumulation import MapLights
@@ -64,10 +65,10 @@ class MovingScene:
         lights: LightSet | AccumulationPass = sky(COUNTS[k // 100 % len(COUNTS)], turn)
         if k % 50 == 49:  # a pause
             lights = AccumulationPass(self._light, k % 64)
-        gloss = sky(100, turn) if k % 3 == 0 else LightSet.none()
+        environment = EnvironmentMap(np.full((6, 12, 3), 1 + k % 2, np.float32), "hemisphere") if k % 3 == 0 else None
         tone = ToneRequest(self._adaptation, 0.0, 0.04)
         pose = scene_pose(self._scene, k / 25, (ball, lamp))
-        self._adaptation = self._frames.draw(FrameInput(lights, pose, gloss, tone=tone, linear=False)).adaptation
+        self._adaptation = self._frames.draw(FrameInput(lights, pose, environment, tone=tone, linear=False)).adaptation
 
     def objects(self) -> tuple[int, ...]:
         return gl_objects(self._frames.renderer._context)

@@ -1,6 +1,6 @@
-"""The effect of the gloss set: VEMLIGHT_DATA=FOLDER python -m bench.gloss [--out docs/charts]
+"""What glossy surfaces reflect: VEMLIGHT_DATA=FOLDER python -m bench.gloss [--out docs/charts]
 
-Metal spheres of increasing roughness under 72 lights of four real maps, with gloss sets of several sizes and without, against the map
+Metal spheres of increasing roughness under 72 lights of four real maps, with the map that narrow lobes reflect and without, against the map
 itself: the reference sums all of the map's directions at each pixel's centre; a sphere casts no shadow on its lit side. Writes
 gloss.png (the spheres under one map, and the error over roughness) and gloss.csv.
 """
@@ -23,6 +23,7 @@ from tests.support.ray_casting import Hits, first_hits, scene_tree
 from vemlight.commands.chart import machine
 from vemlight.files import written_whole
 from vemlight.light.colour import LUMINANCE_WEIGHTS
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
@@ -37,10 +38,10 @@ from vemlight.settings import Sampler
 SIDE = 96  # pixels of a sphere's picture
 COUNT = 72  # lights with shadow maps, the paper's number
 ROUGHNESS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
-GLOSS_COUNTS = (0, 256, 512, 1024)
-SHOWN_COUNTS = (0, 512)
 Method = Literal["tracked", "havran-azimuth"]
+Reflects = Literal["lights", "map"]
 METHODS: tuple[Method, ...] = ("tracked", "havran-azimuth")
+VARIANTS: tuple[tuple[Method, Reflects], ...] = tuple((method, reflects) for method in METHODS for reflects in ("lights", "map"))
 SCENE = """[camera]
 from = [0.0, -6.0, 1.5]
 at = [0.0, 0.0, 0.0]
@@ -99,11 +100,10 @@ def sphere_under(source: Source, roughness: float, folder: Path) -> Sphere:
     return Sphere(scene, hits, truth)
 
 
-def sets_of(source: Source, method: Method, gloss: int) -> tuple[LightSet, LightSet]:
-    """The lights and the gloss set that the sampler gives on a first frame."""
-    wanted = Sampler(method=method, count=COUNT, gloss_lights=gloss, filter="none")
-    _, lights, report = step(wanted, initial_state(), SamplerInput(source.polar, "hemisphere", 0.0, source.bright_cells))
-    return lights, report.gloss or LightSet.none()
+def lights_of(source: Source, method: Method) -> LightSet:
+    """The lights that the sampler gives on a first frame."""
+    wanted = Sampler(method=method, count=COUNT, filter="none")
+    return step(wanted, initial_state(), SamplerInput(source.polar, "hemisphere", 0.0, source.bright_cells))[1]
 
 
 def lab(pixels: np.ndarray) -> np.ndarray:
@@ -122,11 +122,13 @@ def errors(sphere: Sphere, picture: np.ndarray) -> tuple[float, float]:
 
 
 class Row(NamedTuple):
-    """A line of gloss.csv. gloss: lights of the gloss set. rmse: over the reference's mean. lab: mean difference of tone-mapped pixels."""
+    """A line of gloss.csv. reflects: what narrow lobes reflect. rmse: over the reference's mean. lab: mean difference
+    of tone-mapped pixels.
+    """
 
     map: str
     method: Method
-    gloss: int
+    reflects: Reflects
     roughness: float
     rmse: float
     lab: float
@@ -136,23 +138,23 @@ def measured(kind: str, source: Source, folder: Path) -> tuple[list[Row], dict[s
     """The errors under one map, and its strips of spheres by name, (SIDE, n SIDE, 4) uint8."""
     rows: list[Row] = []
     strips: dict[str, list[np.ndarray]] = {"the map itself": []}
-    pairs: list[tuple[Method, int]] = [(method, gloss) for method in METHODS for gloss in GLOSS_COUNTS]
-    sets = {pair: sets_of(source, *pair) for pair in pairs}
+    lights = {method: lights_of(source, method) for method in METHODS}
+    environment = EnvironmentMap(source.polar, "hemisphere", source.bright_cells)
     for roughness in ROUGHNESS:
         sphere = sphere_under(source, roughness, folder)
         adaptation = adapt(None, sphere.truth, 0.0)
         strips["the map itself"].append(tone_mapped(sphere.truth, adaptation, 0.0))
         renderer = FrameSequence(Renderer(sphere.scene, RendererSettings(width=SIDE, height=SIDE, shadow_map=256)))
-        for (method, gloss), pair in sets.items():
-            picture = renderer.render(*pair)
-            rows.append(Row(kind, method, gloss, roughness, *errors(sphere, picture)))
-            strips.setdefault(title(method, gloss), []).append(tone_mapped(picture, adaptation, 0.0))
+        for method, reflects in VARIANTS:
+            picture = renderer.render(lights[method], environment if reflects == "map" else None)
+            rows.append(Row(kind, method, reflects, roughness, *errors(sphere, picture)))
+            strips.setdefault(title(method, reflects), []).append(tone_mapped(picture, adaptation, 0.0))
         renderer.release()
     return rows, {name: np.concatenate(strip, axis=1) for name, strip in strips.items()}
 
 
-def title(method: Method, gloss: int) -> str:
-    return f"{method}, {COUNT} lights" + (f" + {gloss}" if gloss else "")
+def title(method: Method, reflects: Reflects) -> str:
+    return f"{method}, {COUNT} lights" + (" and the map" if reflects == "map" else " alone")
 
 
 def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -> None:
@@ -160,7 +162,7 @@ def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -
     figure = plt.figure(figsize=(15, 6.5), layout="constrained")
     leave_margin(figure, 0.03)
     left, right = cast(np.ndarray, figure.subfigures(1, 2, width_ratios=(1, 1.1)))
-    shown = ["the map itself", *(title(method, gloss) for method in METHODS for gloss in SHOWN_COUNTS)]
+    shown = ["the map itself", *(title(*variant) for variant in VARIANTS)]
     for name, axis in zip(shown, left.subplots(len(shown), 1), strict=True):
         axis.imshow(strips[name])
         axis.set_title(name, fontsize=8)
@@ -168,10 +170,12 @@ def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -
     left.suptitle(f"{kind}; roughness {', '.join(map(str, ROUGHNESS))}", fontsize=9)
     for measure, label, axis in zip(("rmse", "lab"), ("relative RMSE", "mean difference in L*a*b*"), right.subplots(1, 2), strict=True):
         for k, method in enumerate(METHODS):
-            for gloss, style in zip(GLOSS_COUNTS, (":", "-.", "-", "--"), strict=True):
-                means = [np.mean([getattr(r, measure) for r in rows if (r.method, r.gloss, r.roughness) == (method, gloss, at)])
-                         for at in ROUGHNESS]
-                axis.plot(ROUGHNESS, means, style, color=colour(k), label=title(method, gloss))
+            for reflects, style in (("lights", ":"), ("map", "-")):
+                means = [
+                    np.mean([getattr(r, measure) for r in rows if (r.method, r.reflects, r.roughness) == (method, reflects, at)])
+                    for at in ROUGHNESS
+                ]
+                axis.plot(ROUGHNESS, means, style, color=colour(k), label=title(method, reflects))
         axis.set(yscale="log", xlabel="roughness", title=label)
         axis.grid(alpha=0.3, which="both")
     axis.legend(fontsize=7)

@@ -170,7 +170,10 @@ MUTANTS = [
     ]),
     *mutants_of(RENDERER + "scene/scene.py", "tests/test_scene.py", [
         ("scale beyond its limit", "MAX_SCALE = 1e9 ", "MAX_SCALE = 2e9 "),
+    ]),
+    *mutants_of(RENDERER + "scene/camera_table.py", "tests/test_scene.py tests/test_gltf_cameras.py", [
         ("cameras anywhere", "if not np.abs(points).max() <= MAX_COORDINATE_M or", "if"),
+        ("roll without a word", "MAX_ROLL_DEG = 0.5", "MAX_ROLL_DEG = 50.0"),
     ]),
     *mutants_of(RENDERER + "scene/polygons.py", "tests/test_obj_files.py", [
         ("fans for all faces", "np.flatnonzero(~_fans_fill(points))", "np.flatnonzero(~_fans_fill(points))[:0]"),
@@ -188,7 +191,7 @@ MUTANTS = [
          "if 0 < count == (len(content) - HEADER_BYTES) / TRIANGLE.itemsize:"),
     ]),
     *mutants_of(RENDERER + "scene/mesh_files.py", "tests/test_scene_limits.py", [
-        ("stretched instances cleaned once", "> 1 and _is_similarity(mesh.file_from_mesh[:3, :3])", "> 1"),
+        ("stretched instances cleaned once", "> 1 and _keeps_shape(mesh.file_from_mesh[:3, :3])", "> 1"),
     ]),
     *mutants_of(RENDERER + "scene/gltf.py", "tests/test_gltf.py", [
         ("bytes of a glTF doubled", "MAX_BYTES = 2**30", "MAX_BYTES = 2**31"),

@@ -12,10 +12,11 @@ from vemlight.files import one_line, read_file
 from vemlight.renderer.scene.animation import ALL_ANIMATIONS, RigidMotion, animation_names, read_motions
 from vemlight.renderer.scene.files_beside import MAX_LINES, FilesBeside
 from vemlight.renderer.scene.gltf import MODES, TRIANGLES, GltfFile
+from vemlight.renderer.scene.gltf_cameras import FileCamera, read_cameras
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
-from vemlight.renderer.scene.gltf_nodes import read_nodes
+from vemlight.renderer.scene.gltf_nodes import NodeTree, read_nodes
 from vemlight.renderer.scene.materials import Material, Phong
-from vemlight.renderer.scene.meshes import MAX_SIZE_M, Geometry, NothingToDraw, VertexAttributes, clean_geometry
+from vemlight.renderer.scene.meshes import MAX_SIZE_M, Geometry, NothingToDraw, VertexAttributes, clean_geometry, is_similarity
 from vemlight.renderer.scene.obj_files import read_obj
 from vemlight.renderer.scene.ply_files import read_ply
 from vemlight.renderer.scene.scene_limits import FREE_CORNERS, MAX_MESHES, SceneLimits
@@ -27,7 +28,6 @@ MAX_BYTES = 2**29  # of an OBJ, PLY or STL: 5 million triangles with normals and
 MESH_SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl")
 FLATTENED = 1e-12  # of a transform's largest scale, so much along another axis is none; any value in 1e-14 .. 1e-9 does
 MIN_SCALE = 1e-6  # of an instance, along each axis; any value in 1e-12 .. 1e-3 does
-SIMILARITY = 1e-5  # by which normals may be off in length: matrices of a file have float32's 1e-7; any value in 1e-6 .. 1e-3 does
 
 
 class MeshPart(NamedTuple):
@@ -40,10 +40,15 @@ class MeshPart(NamedTuple):
 
 
 class MeshFile(NamedTuple):
-    """parts: the meshes, in the file's axes with its node transforms applied. unsupported: a line for each feature that is not drawn."""
+    """What a file holds, in its own axes.
+
+    parts: the meshes, with the transforms of their nodes applied. unsupported: a line for each feature that is not drawn. cameras: of a
+    glTF.
+    """
 
     parts: list[MeshPart]
     unsupported: list[str]
+    cameras: tuple[FileCamera, ...] = ()
 
 
 def read_meshes(path: Path, where: str, animation: str = "", materials: bool = True, limits: SceneLimits | None = None) -> MeshFile:
@@ -53,13 +58,15 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     Raises UserError that begins with `where` for a file that cannot be read, requires what is not read here or refers to a file outside
     its folder, and for a mesh that is empty, holds nan or has no area.
     """
-    limits = limits or SceneLimits()
+    limits, cameras = limits or SceneLimits(), ()
     try:
         with np.errstate(all="ignore"):  # of numbers that are found to be none afterwards
             if path.suffix.lower() in GLTF_SUFFIXES:
                 file = GltfFile(path)
                 file_materials = GltfMaterials(file)
-                meshes, left_out = _gltf_meshes(file, file_materials, limits, animation, materials)
+                tree = read_nodes(file)
+                cameras = tuple(read_cameras(file, tree))
+                meshes, left_out = _gltf_meshes(file, tree, file_materials, limits, animation, materials)
                 left_out += _unsupported(file, file_materials, animation)
             else:
                 meshes, left_out = _meshes_of_other_files(path, limits)
@@ -70,7 +77,7 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     if not meshes:
         detail = f" that can be drawn ({left_out[0]})" if left_out else ""
         raise UserError(f"{where}: {path} has no triangles{detail}; export it again")
-    return MeshFile(_placed(meshes, path, where, limits, left_out), [f"{path.name}: {line}" for line in left_out])
+    return MeshFile(_placed(meshes, path, where, limits, left_out), [f"{path.name}: {line}" for line in left_out], cameras)
 
 
 def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimits, left_out: list[str]) -> list[MeshPart]:
@@ -79,7 +86,7 @@ def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimit
     left_out: gets a line for each mesh without area. Raises UserError where none has any.
     """
     nodes = Counter(id(mesh.triangles) for mesh in meshes)
-    shared = [nodes[id(mesh.triangles)] > 1 and _is_similarity(mesh.file_from_mesh[:3, :3]) for mesh in meshes]
+    shared = [nodes[id(mesh.triangles)] > 1 and _keeps_shape(mesh.file_from_mesh[:3, :3]) for mesh in meshes]
     once = {id(mesh.triangles): len(mesh.triangles) for mesh, is_shared in zip(meshes, shared, strict=True) if is_shared}
     each = sum(len(mesh.triangles) for mesh, is_shared in zip(meshes, shared, strict=True) if not is_shared)
     cleaned: dict[int, Geometry] = {}
@@ -107,13 +114,12 @@ def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimit
 
 
 def _gltf_meshes(
-    file: GltfFile, file_materials: GltfMaterials, limits: SceneLimits, animation: str, materials: bool
+    file: GltfFile, tree: NodeTree, file_materials: GltfMaterials, limits: SceneLimits, animation: str, materials: bool
 ) -> tuple[list[SourceMesh], list[str]]:
     """The primitives of triangles, strips and fans of each node, and a line for each thing that is left out.
 
     A primitive that several nodes have is read once.
     """
-    tree = read_nodes(file)
     read: dict[int, tuple[VertexAttributes, np.ndarray, Material | None]] = {}
     meshes, numbers, left_out = [], 0, dict[str, None]()
     for node, motion in zip(tree.mesh_nodes, read_motions(file, tree, animation), strict=True):
@@ -210,7 +216,6 @@ def _moved(mesh: SourceMesh, cleaned: dict[int, Geometry], limits: SceneLimits) 
     return geometry
 
 
-def _is_similarity(linear: np.ndarray) -> bool:
-    """Whether a transform (3, 3) is a rotation with uniform scale, as `Geometry.moved` takes it."""
-    scale = np.cbrt(np.linalg.det(linear))
-    return bool(scale > MIN_SCALE and np.allclose(linear @ linear.T, scale**2 * np.eye(3), rtol=0, atol=SIMILARITY * scale**2))
+def _keeps_shape(linear: np.ndarray) -> bool:
+    """Whether a transform (3, 3) is a rotation with uniform scale, not too small."""
+    return is_similarity(linear) and float(np.cbrt(np.linalg.det(linear))) > MIN_SCALE

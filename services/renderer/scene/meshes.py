@@ -19,6 +19,7 @@ MIN_RELATIVE_AREA = 1e-14  # of a triangle, to its mesh's size squared; float64 
 # Of a box whose vertices count in binary, x first: two triangles a side, wound outwards.
 BOX_TRIANGLES = np.array([[1, 3, 0], [4, 1, 0], [0, 3, 2], [2, 4, 0], [1, 7, 3], [5, 1, 4], [5, 7, 1], [3, 7, 2], [6, 4, 2], [2, 7, 6]])
 BOX_TRIANGLES = np.concatenate([BOX_TRIANGLES, [[6, 5, 4], [7, 5, 6]]])
+SIMILARITY = 1e-5  # by which normals may be off in length: matrices of a file have float32's 1e-7; any value in 1e-6 .. 1e-3 does
 MIN_NORMAL = 1e-6  # length; shorter ones have no direction. Any value in 1e-12 .. 1e-2 does
 
 
@@ -43,10 +44,21 @@ class Geometry(NamedTuple):
     second_uvs: np.ndarray | None = None
 
     def moved(self, linear: np.ndarray, offset: np.ndarray) -> "Geometry":
-        """The geometry under `linear` (3, 3), a rotation with uniform scale, then `offset` (3,)."""
+        """The geometry under `linear` (3, 3), rotations and scales of a determinant above 0, then `offset` (3,)."""
         positions = self.positions @ linear.T.astype(np.float64) + offset
-        normals = self.normals @ (linear / np.cbrt(np.linalg.det(linear))).T
+        if is_similarity(linear):
+            normals = self.normals @ (linear / np.cbrt(np.linalg.det(linear))).T
+        else:
+            normals = self.normals @ np.linalg.inv(linear)
+            normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         return self._replace(positions=positions.astype(np.float32), normals=normals.astype(np.float32))
+
+
+def is_similarity(linear: np.ndarray) -> bool:
+    """Whether a transform (3, 3) is a rotation with uniform scale."""
+    with np.errstate(all="ignore"):
+        scale = np.cbrt(np.linalg.det(linear))
+        return bool(scale > 0 and np.allclose(linear @ linear.T, scale**2 * np.eye(3), rtol=0, atol=SIMILARITY * scale**2))
 
 
 class VertexAttributes(NamedTuple):

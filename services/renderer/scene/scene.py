@@ -17,6 +17,7 @@ from vemlight.files import contained_path, read_toml
 from vemlight.light.sphere import quaternion_xyz, rotation_xyz
 from vemlight.renderer.gl.constants import GLOSSY_KINDS
 from vemlight.renderer.scene.animation import RigidMotion
+from vemlight.renderer.scene.camera_table import CameraTable, PlacedCamera, ViewCamera, view_camera
 from vemlight.renderer.scene.luminaire_table import (
     BUNDLED_LAMP,
     MAX_COORDINATE_M,
@@ -44,17 +45,8 @@ from vemlight.runtime import wire
 DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
 MAX_RELATIVE_OFFSET = 1000  # scene sizes from the origin: there float32 is 6e-5 of the size, a tenth of a texel of the largest shadow map
 MAX_SCALE = 1e9  # nanometres as metres; its cube is finite in float64, as is its inverse's. Any value in 1e7 .. 1e12 does
-MIN_VIEW_M = 1e-9  # between the camera and what it looks at; any value in 1e-12 .. 1e-6 does
 FLAT = 1e-3  # by how much normals of a shadow catcher may differ: 0.06 degrees, far above float32 and far below a bend that is meant
 Z_UP_FROM_Y_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # (x, y, z) becomes (x, -z, y)
-
-
-class ViewCamera(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`[camera]` of a scene file: the pinhole camera that the scene is seen through. `from` and `at` are points in the world."""
-
-    position: Vector = msgspec.field(name="from")
-    at: Vector
-    fov_y: Annotated[float, Meta(gt=0, lt=180)] = 40.0  # degrees, from the lower to the upper edge
 
 
 class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -64,7 +56,8 @@ class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     shape: Shape | None = None
     name: Annotated[str, Meta(max_length=64)] = ""  # by which poses refer to it; left out: the file's or the shape's
     y_up: bool | None = None  # left out: true for glTF, whose files are y-up by definition
-    scale: Annotated[float, Meta(gt=0)] = 1.0
+    # One number, or one along each axis. Limits are checked later: msgspec 0.22 crashes in a union of a float and a tuple that have any.
+    scale: float | Vector = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     at: Vector = (0.0, 0.0, 0.0)
     material: MaterialTable | None = None  # left out: as the file says, gray when it says nothing
@@ -74,7 +67,7 @@ class MeshTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A scene file as it is written."""
 
-    camera: ViewCamera
+    camera: CameraTable
     mesh: list[MeshTable]
     luminaire: list[LuminaireTable] = []
     plate: PlateTable | None = None
@@ -141,16 +134,15 @@ def load_scene(path: Path | None) -> Scene:
     table = read_toml(path, SceneTable)
     if not table.mesh:
         raise UserError(f"{path}: has no [[mesh]]; add one")
-    camera = table.camera
-    points = np.array([camera.position, camera.at])
-    if not np.abs(points).max() <= MAX_COORDINATE_M or np.abs(points[0] - points[1]).max() <= MIN_VIEW_M:
-        raise UserError(f"{path}: [camera] from and at must be two different points within {MAX_COORDINATE_M:.0f} m; correct them")
     files = _MeshFiles(path.parent)
-    meshes = [
-        mesh._replace(object_index=number - 1)
-        for number, row in enumerate(table.mesh, 1)
-        for mesh in _meshes(row, files, f"{path}: [[mesh]] {number}")
-    ]
+    if not table.camera.preset:
+        view_camera(table.camera, (), path)  # before files are read that take long
+    meshes, cameras = [], []
+    for number, row in enumerate(table.mesh, 1):
+        placed = _meshes(row, files, f"{path}: [[mesh]] {number}")
+        meshes += [mesh._replace(object_index=number - 1) for mesh in placed.meshes]
+        cameras += placed.cameras
+    camera = view_camera(table.camera, cameras, path)
     _check_shadow_catchers(meshes, path)
     if len(table.luminaire) > MAX_LUMINAIRES:
         raise UserError(f"{path}: has {len(table.luminaire)} [[luminaire]], at most {MAX_LUMINAIRES} are drawn; leave some out")
@@ -219,8 +211,15 @@ class _MeshFiles:
         return self._read[key]
 
 
-def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> list[Mesh]:
-    """The meshes of a `[[mesh]]` in world axes. Raises UserError that begins with `where`."""
+class PlacedFile(NamedTuple):
+    """The meshes and cameras of a `[[mesh]]`."""
+
+    meshes: list[Mesh]
+    cameras: list[PlacedCamera]
+
+
+def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> PlacedFile:
+    """What a `[[mesh]]` brings to the world. Raises UserError that begins with `where`."""
     try:
         material = material_from_table(row.material) if row.material else None
     except ValueError as error:
@@ -228,9 +227,10 @@ def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> list[Mesh]:
     _check_table(row, where)
     file = files.read(row, where, materials=material is None)
     y_up = Path(row.file).suffix.lower() in GLTF_SUFFIXES if row.y_up is None else row.y_up
-    rotation = rotation_xyz(row.rotate) @ (Z_UP_FROM_Y_UP if y_up else np.eye(3))
+    z_up, rotation = Z_UP_FROM_Y_UP if y_up else np.eye(3), rotation_xyz(row.rotate)
+    linear = rotation @ z_up * row.scale if isinstance(row.scale, float) else rotation @ np.diag(row.scale) @ z_up
     world_from_file = np.eye(4)
-    world_from_file[:3, :3], world_from_file[:3, 3] = rotation * row.scale, row.at
+    world_from_file[:3, :3], world_from_file[:3, 3] = linear, row.at
     for line in file.unsupported:
         print(f"vemlight: {where}: {line}", file=sys.stderr, flush=True)
     meshes = []
@@ -240,7 +240,7 @@ def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> list[Mesh]:
         except ValueError as error:
             raise UserError(f"{where}: the scene {error}") from error
         with np.errstate(all="ignore"):
-            geometry = part.geometry.moved(rotation * row.scale, np.array(row.at))
+            geometry = part.geometry.moved(linear, np.array(row.at))
         if not np.isfinite(geometry.positions).all():
             raise UserError(f"{where}: {part.name} reaches farther than any number; correct its scale")
         made_of = part.material if material is None else material
@@ -248,17 +248,19 @@ def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> list[Mesh]:
             geometry = geometry._replace(colours=None)
         motion = part.motion._replace(world_from_file=world_from_file) if part.motion else None
         meshes.append(Mesh(part.name, geometry, Phong() if made_of is None else made_of, motion=motion))
-    return meshes
+    return PlacedFile(meshes, [PlacedCamera(camera, world_from_file) for camera in file.cameras])
 
 
 def _check_table(row: MeshTable, where: str) -> None:
     """Raises UserError that begins with `where` for keys of a `[[mesh]]` that cannot be, whatever its file holds."""
     if bool(row.file) == bool(row.shape):
         raise UserError(f'{where}: has not one of file and shape; write either file = "..." or shape = "sphere", "plane" or "box"')
-    if not np.all(np.isfinite([row.scale, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_COORDINATE_M:
+    scales = np.atleast_1d(row.scale)
+    if not np.all(np.isfinite([*scales, *row.rotate, *row.at])) or np.abs(row.at).max() > MAX_COORDINATE_M:
         raise UserError(f"{where}: scale, rotate and at must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
-    if not 1 / MAX_SCALE <= row.scale <= MAX_SCALE:
-        raise UserError(f"{where}: scale = {row.scale:g} must be from {1 / MAX_SCALE:g} to {MAX_SCALE:g}; correct it")
+    for scale in scales.tolist():
+        if not 1 / MAX_SCALE <= scale <= MAX_SCALE:
+            raise UserError(f"{where}: scale = {scale:g} must be from {1 / MAX_SCALE:g} to {MAX_SCALE:g}; correct it")
     suffix = Path(row.file).suffix.lower()
     if row.animation and suffix not in GLTF_SUFFIXES:
         raise UserError(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")

@@ -1,0 +1,88 @@
+"""The camera of a scene file: `[camera]` with its place, or with the name of a camera in one of the scene's glTF files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from vemlight.errors import UserError
+from vemlight.files import notice
+from vemlight.renderer.scene.gltf_cameras import FileCamera
+from vemlight.renderer.scene.luminaire_table import MAX_COORDINATE_M, Vector
+
+MIN_VIEW_M = 1e-9  # between the camera and what it looks at; any value in 1e-12 .. 1e-6 does
+MAX_ROLL_DEG = 0.5  # by which a file's camera may be tilted without a word; 0.1 to 1 do
+FOV_Y_DEG = 40.0
+FieldOfView = Annotated[float, Meta(gt=0, lt=180)]
+
+
+class ViewCamera(msgspec.Struct, frozen=True, kw_only=True):
+    """The pinhole camera that the scene is seen through. position and at are points in the world; fov_y: degrees, lower to upper edge."""
+
+    position: Vector
+    at: Vector
+    fov_y: float = FOV_Y_DEG
+
+
+class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`[camera]` of a scene file: `from` and `at`, or `preset`, the name of a camera in one of its glTF files."""
+
+    position: Vector | None = msgspec.field(name="from", default=None)
+    at: Vector | None = None
+    fov_y: FieldOfView | None = None
+    preset: Annotated[str, Meta(max_length=200)] = ""
+
+
+class PlacedCamera(NamedTuple):
+    """A camera of a file in the scene."""
+
+    camera: FileCamera
+    world_from_file: np.ndarray
+
+
+def view_camera(table: CameraTable, cameras: Sequence[PlacedCamera], path: Path) -> ViewCamera:
+    """The camera of a scene. cameras: those of its files. Raises UserError that names the scene file `path`."""
+    if table.preset:
+        if table.position or table.at:
+            raise UserError(f"{path}: [camera] has preset as well as from and at; leave one of the two out")
+        camera = _of_preset(table, cameras, path)
+    elif table.position is None or table.at is None:
+        raise UserError(f"{path}: [camera] needs from and at, or preset; {_choices(cameras)}")
+    else:
+        camera = ViewCamera(position=table.position, at=table.at, fov_y=table.fov_y or FOV_Y_DEG)
+    points = np.array([camera.position, camera.at])
+    if not np.abs(points).max() <= MAX_COORDINATE_M or np.abs(points[0] - points[1]).max() <= MIN_VIEW_M:
+        raise UserError(f"{path}: [camera] from and at must be two different points within {MAX_COORDINATE_M:.0f} m; correct them")
+    return camera
+
+
+def _of_preset(table: CameraTable, cameras: Sequence[PlacedCamera], path: Path) -> ViewCamera:
+    found = next((placed for placed in cameras if placed.camera.name == table.preset), None)
+    if found is None:
+        raise UserError(f"{path}: [camera] preset = {table.preset[:60]}: no glTF file of the scene has it; {_choices(cameras)}")
+    if found.camera.fov_y_deg is None:
+        raise UserError(f"{path}: [camera] preset = {table.preset[:60]}: has no perspective; choose a camera that has")
+    matrix = found.world_from_file @ found.camera.file_from_camera
+    position, forward, up = matrix[:3, 3], -matrix[:3, 2], matrix[:3, 1]
+    length = float(np.linalg.norm(forward))
+    if not (np.isfinite(matrix).all() and length > 0):
+        raise UserError(f"{path}: [camera] preset = {table.preset[:60]}: looks nowhere; correct its node")
+    forward = forward / length
+    level = np.cross(forward, [0.0, 0.0, 1.0])
+    if (across := float(np.linalg.norm(level))) > np.sin(np.radians(MAX_ROLL_DEG)):
+        roll_deg = np.degrees(np.arctan2(up @ level / across, up @ np.cross(level / across, forward)))
+        if abs(roll_deg) > MAX_ROLL_DEG:
+            notice(f"{path}: [camera] {table.preset[:60]}: its roll of {roll_deg:.1f} degrees is not drawn")
+    if found.camera.moves:
+        notice(f"{path}: [camera] {table.preset[:60]}: its animation is not followed")
+    x, y, z = position.tolist()
+    at_x, at_y, at_z = (position + forward).tolist()
+    return ViewCamera(position=(x, y, z), at=(at_x, at_y, at_z), fov_y=table.fov_y or found.camera.fov_y_deg)
+
+
+def _choices(cameras: Sequence[PlacedCamera]) -> str:
+    names = ", ".join(dict.fromkeys(placed.camera.name for placed in cameras))
+    return f"its cameras are {names[:200]}" if names else "no file of the scene has cameras"

@@ -12,6 +12,7 @@ from vemlight.capture.planes import linear_from_planes
 from vemlight.capture.scatter import ONE_THREAD
 from vemlight.capture.v4l2 import V4l2Camera, frames_between, list_cameras
 from vemlight.errors import UserError
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.settings import Capture
 
 BY_NAME = {form.name: form for form in FORMATS.values()}
@@ -125,8 +126,10 @@ def mean_light(name: str) -> np.ndarray:
 @pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")
 @pytest.mark.parametrize("name", [name for name, *_ in PICTURES if name not in ("RGB3", "MJPG", "JPEG")])
 def test_pictures_in_colour_are_alike_in_every_format(name: str) -> None:
-    """Of 75 % colour bars; the edges of their colours differ, where colour is stored for two pixels."""
-    np.testing.assert_allclose(mean_light(name), mean_light("RGB3"), rtol=0.02)
+    """Of 75 % colour bars. vivid scales by 255 / 256 and truncates when it makes Y'CbCr: red comes out 2.7 % low, in every format alike."""
+    found, wanted = mean_light(name), mean_light("RGB3")
+    np.testing.assert_allclose(luminance_from_rgb(found), luminance_from_rgb(wanted), rtol=0.02)
+    np.testing.assert_allclose(found, wanted, rtol=0.03)
 
 
 @pytest.mark.skipif(not has_vivid(), reason="no vivid test device here")

@@ -9,6 +9,7 @@ import fcntl
 import os
 import select
 from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -158,9 +159,12 @@ class V4l2Camera:
         kind = v4l2.BufferType.VIDEO_CAPTURE_MPLANE if self._multiplanar else v4l2.BufferType.VIDEO_CAPTURE
         planes = self._agree_on_format(kind, form, width, height)
         try:
-            if fps:
-                v4l2.set_fps(self._device, kind, fps)
-            self.fps = float(v4l2.get_fps(self._device, kind))
+            if self._multiplanar:
+                self.fps = _multiplanar_rate(self._device, fps)
+            else:
+                if fps:
+                    v4l2.set_fps(self._device, kind, fps)
+                self.fps = float(v4l2.get_fps(self._device, kind))
         except (OSError, ZeroDivisionError):
             self.fps = fps or DEFAULT_FPS
         self.controls = CameraControls(self._device, self.path, self._wanted)
@@ -277,6 +281,21 @@ class V4l2Camera:
             self.controls.restore()
         self._close()
         self.state = f"{self.path}: closed"
+
+
+def _multiplanar_rate(device: int, fps: float) -> float:
+    """Asks for a rate, if it is not 0, and returns the one in use; linuxpy does this for single-planar cameras alone."""
+    from linuxpy.video import device as v4l2
+
+    parameters = v4l2.raw.v4l2_streamparm()
+    parameters.type = v4l2.BufferType.VIDEO_CAPTURE_MPLANE
+    if fps:
+        period = Fraction(1) / Fraction(fps).limit_denominator(1001)
+        parameters.parm.capture.timeperframe.numerator, parameters.parm.capture.timeperframe.denominator = period.as_integer_ratio()
+        fcntl.ioctl(device, v4l2.IOC.S_PARM.value, parameters)
+    fcntl.ioctl(device, v4l2.IOC.G_PARM.value, parameters)
+    period = parameters.parm.capture.timeperframe
+    return period.denominator / period.numerator
 
 
 def _rank(form: PixelFormat) -> tuple[int, bool]:

@@ -163,6 +163,8 @@ def _video_stream(path: Path, container: Any) -> Any:
         if container.streams.audio:
             raise UserError(f"{path}: holds sound only; name a film with pictures")
         raise UserError(f"{path}: holds no pictures; it may be cut off, copy it again, or name a film")
+    if streams[0].codec_context is None:
+        raise UserError(f"{path}: is coded in a way that is not known here; convert it to .mp4")
     return streams[0]
 
 

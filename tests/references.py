@@ -3,6 +3,7 @@
 Made by the stages' own steps in this process, so that the replay of whole processes is held against the pure functions.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -46,13 +47,16 @@ def made(sequence: str) -> dict[str, list[wire.Message]]:
     source = CaptureSource(wanted)
     maps = [source.message(k, k, k / source.fps) for k in range(FRAMES)]
     lights = _stepped(SamplerStage(wanted), maps)
-    return {"map": maps, "lights": lights, "image": _stepped(RendererStage(wanted), lights)}
+    return {"map": maps, "lights": lights, "image": _stepped(RendererStage(wanted), lights, maps)}
 
 
-def _stepped(stage: Stage, messages: list[wire.Message]) -> list[wire.Message]:
+def _stepped(stage: Stage, messages: list[wire.Message], side: Sequence[wire.Message] = ()) -> list[wire.Message]:
+    """A stage's results; side: what it is given before each step."""
     state, _ = stage.start_at(0)
     out = []
-    for message in messages:
+    for k, message in enumerate(messages):
+        for own in side[k : k + 1]:
+            state = stage.on_message(state, own)
         state, result = stage.step(state, message)
         out.append(result)
     return out

@@ -93,16 +93,17 @@ def test_sampler_alone(sequence, small, services):
 def test_renderer_alone(sequence, small, services):
     settings, path = small(sequence)
     transport = Transport(settings.wire)
-    supply = Supply(transport.bind("sampler", "serve"), ServiceStats("sampler", 0))
+    supplies = [Supply(transport.bind(service, "serve"), ServiceStats(service, 0)) for service in ("sampler", "capture")]
+    recorded = [references.recorded(sequence, kind) for kind in ("lights", "map")]  # glossy surfaces reflect the map
     listener = transport.subscribe("renderer", "image", "status")
     process = services.start("vemlight.renderer", str(path))
     assert listener.poll(LOADED_S * 1e3)  # it publishes: the subscription is in place before the first picture is asked for
-    lights = references.recorded(sequence, "lights")
     seen = []
     until = time.monotonic() + LOADED_S
     while len(seen) < references.FRAMES and time.monotonic() < until:
-        supply.earliest_requested()
-        supply.send(lambda k: lights[k] if k < len(lights) else None, end=len(lights))
+        for supply, messages in zip(supplies, recorded, strict=True):
+            supply.earliest_requested()
+            supply.send(lambda k, messages=messages: messages[k] if k < len(messages) else None, end=len(messages))
         if listener.poll(5, zmq.POLLIN):
             message = wire.unpack(listener.recv_multipart())
             seen += [message] if isinstance(message[0], wire.ImageMessage) else []

@@ -8,18 +8,12 @@ import cv2
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import check_regular
+from vemlight.light.film_file import MAX_FPS, check_film_kind
 from vemlight.light.images import read_picture
 from vemlight.light.quiet import silent
 from vemlight.runtime import wire
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
-MAX_VIDEO_BYTES = 2**40  # a day at 100 Mbit/s
-# What videos begin with: Matroska and WebM, AVI, Ogg, MPEG program streams. FFmpeg also plays lists of other files and addresses, whatever
-# they are called, which must not be chosen by who made the file.
-SIGNATURES = (b"\x1a\x45\xdf\xa3", b"RIFF", b"OggS", b"\0\0\1\xba", b"FLV", b"YUV4MPEG2", b"\x47")  # the last: transport streams
-QUICKTIME_ATOMS = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")  # .mp4 and .mov
-MAX_FPS = 1000.0  # in a video's header; a higher rate is taken for damage. Any value in 300 .. 10,000 does
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # AV_LOG_QUIET: FFmpeg's threads speak when `silent` has ended
 
 
@@ -59,14 +53,7 @@ class VideoFile:
     def __init__(self, path: Path) -> None:
         """Raises UserError for a file that is no video, whose pictures are too large, or whose end is missing."""
         self._path, self._next_index = path, 0
-        check_regular(path, MAX_VIDEO_BYTES)
-        try:
-            with open(path, "rb") as file:
-                head = file.read(12)
-        except OSError as error:
-            raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-        if not head.startswith(SIGNATURES) and head[4:8] not in QUICKTIME_ATOMS:
-            raise UserError(f"{path}: is no video that can be played; convert it to .mp4, or name a folder of pictures")
+        check_film_kind(path)
         with silent():
             self._capture = cv2.VideoCapture(str(path))
         self.fps = self._capture.get(cv2.CAP_PROP_FPS)

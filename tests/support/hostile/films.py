@@ -59,7 +59,7 @@ def _pfm_files(folder: Path) -> list[Path]:
 def _pfm_bombs() -> dict[str, bytes]:
     sizes = ("99999999 99999999", "16384 8192", "16384 16384", "0 0", "1 999999999", "4096 4096")
     return {f"{size} {kind}": f"{kind}\n{size}\n-1.0\n".encode() + bytes(100) for size in sizes for kind in ("PF", "Pf")} | {
-        "scale": b"PF\n4 4\n1e400\n" + bytes(200), 
+        "scale": b"PF\n4 4\n1e400\n" + bytes(200),
         "no scale": b"PF\n4 4\n........\n" + bytes(200), "empty": b"", "digits": b"PF\n" + b"9" * 10**6,
     }  # fmt: skip
 

@@ -6,7 +6,8 @@ import pytest
 from tests.support.ray_files import LUMINOUS, ray_file
 from vemlight.errors import UserError
 from vemlight.light.colour import luminance_from_rgb
-from vemlight.renderer.luminaire.authoring import RayOptions, from_rays, measure
+from vemlight.renderer.luminaire.acquisition import FluxBudget
+from vemlight.renderer.luminaire.authoring import RayOptions, from_rays, made_up, measure
 from vemlight.renderer.luminaire.goniophotometer import ReflectorLamp, lamp_rays
 from vemlight.renderer.luminaire.inspection import contact_sheet, describe, intensity_by_angle, lit_planes, write_pictures
 from vemlight.renderer.luminaire.lightfield import flux
@@ -54,6 +55,8 @@ def test_rays_become_a_lamp_that_keeps_its_flux(tmp_path, rays):
     assert made.header_flux == pytest.approx(made.flux_budget.total, rel=1e-5)
     assert sum(made.flux_budget[1:]) == pytest.approx(made.flux_budget.total, rel=1e-9)
     assert made.flux_budget.captured > 0.95 * made.flux_budget.total
+    forward = made.flux_budget.total - made.flux_budget.backward
+    assert luminance_from_rgb(flux(made.field)) == pytest.approx(forward, rel=1e-4)  # what the filters took is made up for
     assert luminance_from_rgb(flux(read_luminaire(tmp_path / "lamp.exr"))) == pytest.approx(made.flux_budget.captured, rel=1e-4)
 
 
@@ -95,3 +98,9 @@ def test_the_functions_reach_over_98_percent_of_the_flux_and_the_planes_are_ten_
     field = from_rays(path, tmp_path / "line.exr", RayOptions(functions=9, pixels=4, plane_z_m=0.0)).field
     assert field.spacing_m == pytest.approx(0.0098 / 3, rel=2e-3)
     assert field.distance_m == pytest.approx(10 * field.spacing_m)
+
+
+def test_only_little_that_leaves_elsewhere_is_made_up_for():
+    assert made_up(FluxBudget(100.0, 96.0, 0.0, 1.0, 2.0, 1.0)) == pytest.approx(100 / 96)
+    assert made_up(FluxBudget(100.0, 40.0, 10.0, 3.0, 45.0, 2.0)) == pytest.approx(45 / 40)
+    assert made_up(FluxBudget(100.0, 0.0, 100.0, 0.0, 0.0, 0.0)) == 1.0

@@ -16,13 +16,14 @@ from vemlight.capture.cube import cube_directions, cube_to_polar, is_cube
 from vemlight.capture.exr_header import bright_cells_from_attributes, count_from_attributes, scale_from_attributes
 from vemlight.capture.fisheye import ALL_PIXELS, BayerPattern, FisheyeToPolar, colour_lattices, fisheye_bright_cells, lit_runs, lit_spans
 from vemlight.capture.lens import Lens, read_lens
+from vemlight.capture.mosaic_lights import HALF_WINDOW, SHARP_SHARE, share_of_one_pixel
 from vemlight.capture.planes import Planes, linear_from_planes
 from vemlight.capture.polar import WHOLE_SPHERE, LatlongToPolar, latlong_bright_cells, latlong_to_polar, polar_from_latlong, used_rows
 from vemlight.capture.response import Response, radiance_table, read_response
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
 from vemlight.capture.several_lenses import check_lenses, directions_of, lenses_to_polar
 from vemlight.errors import UserError
-from vemlight.files import contained_path
+from vemlight.files import contained_path, notice
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
@@ -74,6 +75,7 @@ class FrameMaker:
         self._fisheye: list[FisheyeToPolar] = []
         self._pixels: np.ndarray | None = None
         self._directions: Callable[[np.ndarray], np.ndarray] = partial(directions_of, self._lenses)
+        self._said_sharp = False
         self._spans, self._runs = np.empty((0, 2), np.int64), np.empty((0, 3), np.int64)
 
     def _check_projection(self) -> None:
@@ -173,8 +175,24 @@ class FrameMaker:
         # a mosaic's green pixels represent its luminance
         in_colour = codes.ndim == 3
         bright = self._bright_cells(radiance, lambda pixel: luminance_from_rgb(table[flat[pixel]]) if in_colour else table[flat[pixel]])
+        if len(self._fisheye) == 3 and codes.ndim == 2 and not self._said_sharp:
+            self._say_sharp_lights(name, codes, table, radiance)
         black, saturated = (int(sum(count[n] for count in counts)) for n in (0, 1))
         return Frame(radiance, self._settings.coverage, time_s, response.luminance_scale, black, saturated, bright)
+
+    def _say_sharp_lights(self, name: str, codes: np.ndarray, table: np.ndarray, radiance: np.ndarray) -> None:
+        # one line, once, for a bright light of a mosaic whose colour and power cannot be told
+        flat, width = codes.reshape(-1), codes.shape[1]
+        for cell in brightest_cells(radiance, self._settings.coverage):
+            pixels = np.concatenate([w.pixel[w.by_cell[w.start[cell] : w.start[cell + 1]]] for w in self._fisheye]).astype(np.int64)
+            row, column = divmod(int(pixels[table[flat[pixels]].argmax()]), width)
+            top, left = max(row - HALF_WINDOW, 0), max(column - HALF_WINDOW, 0)
+            near = table[codes[top : row + HALF_WINDOW + 1, left : column + HALF_WINDOW + 1]]
+            if share_of_one_pixel(near, row - top, column - left) > SHARP_SHARE:
+                self._said_sharp = True
+                where = f"a light at pixel {column}, {row} is sharper than the mosaic"
+                notice(f"{name}: {where}: its power and colour may be off by half and more")
+                return
 
     def check(self, name: str, shape: tuple[int, ...], attributes: dict[str, Any]) -> None:
         """Raises UserError for an image of a kind and size that `frame` refuses, without making its map."""

@@ -47,9 +47,11 @@ def from_rays(
         basis=basis, functions=functions, pixels=pixels, angle_deg=angle, spacing_m=spacing, distance_m=distance, plane_z_m=plane_z
     )
     made = authoring.from_rays(rays, out, options)
+    unit = "lm" if made.field.unit == "photometric" else "W"
     for name, flux in made.flux_budget._asdict().items():
-        click.echo(f"{name.replace('_', ' ')}: {flux:.2f}")
-    click.echo(f"flux in the file's header: {made.header_flux}; the lamp's origin in the file: {made.origin_m} m")
+        click.echo(f"{name.replace('_', ' ')}: {flux:.5g} {unit}")
+    click.echo(f"made up for what was lost: multiplied by {made.factor:.5g}, {made.flux_budget.captured * made.factor:.5g} {unit} in all")
+    click.echo(f"flux in the file's header: {made.header_flux:.5g} {unit}; the lamp's origin in the file: {made.origin_m} m")
 
 
 @luminaire.command()

@@ -179,6 +179,10 @@ MUTANTS = [
     *mutants_of(CAPTURE + "stage.py", "tests/test_capture_stage.py", [
         ("stamps in the future", "max(0, stamp.monotonic_ns - frame.monotonic_ns)", "stamp.monotonic_ns - frame.monotonic_ns"),
     ]),
+    *mutants_of(CAPTURE + "mosaic_lights.py", "tests/test_mosaic_lights.py", [
+        ("lights sharper than a mosaic", "SHARP_SHARE = 0.3", "SHARP_SHARE = 0.6"),
+        ("blurred lights called sharp", "SHARP_SHARE = 0.3", "SHARP_SHARE = 0.15"),
+    ]),
     *mutants_of(CAPTURE + "invalid_cells.py", "tests/test_capture_stage.py tests/test_invalid_cells.py", [
         ("negative pixels", "(radiance >= 0)", "(radiance >= -1e9)"),
     ]),

@@ -79,6 +79,7 @@ MUTANTS = [
         ("millimetres", "rows[:, :3] * 1e-3", "rows[:, :3] * 1e-2"),
     ]),
     *mutants_of(PACKAGE + "authoring.py", f"{T}authoring.py", [
+        ("flux made up for", "MAX_MADE_UP = 0.05", "MAX_MADE_UP = 5.0"),
         ("flux on the plane", "FLUX_ON_PLANE = 0.98", "FLUX_ON_PLANE = 0.5"),
         ("distance of the planes doubled", "DISTANCE_SPACINGS = 10", "DISTANCE_SPACINGS = 20"),
         ("half numbers that overflow", "if recipe.half and", "if False and"),

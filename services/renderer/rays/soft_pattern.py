@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-FEW = 4  # rays of a pixel to a light
+POINT, FEW = 0, 4  # rays of a pixel to a light: one to its middle, and some
 STRATA = 16  # of a light: the rays of a pixel over its samples, or of 4 x 4 pixels with one sample
 # The order in which 4 x 4 pixels take them (Bayer 1973): neighbours are far apart.
 PLACES = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
 
 
 class SoftPattern(NamedTuple):
-    """Offsets (16, k, 2) float32 in standard deviations along a light's axes, of each pixel of 4 x 4 row by row.
+    """Offsets (k, 2, 16) float32 in standard deviations along a light's axes, of each pixel of 4 x 4 row by row.
 
     one: k = 1, and 4 x 4 pixels have all strata together. few: k = FEW, and 2 x 2 pixels have. many: a pixel has, with its other samples.
     """
@@ -41,11 +41,11 @@ def _shared(part: np.ndarray | int, parts: int) -> np.ndarray:
 
 
 def _gaussian(stratum: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """A point (..., 2) float32 of each stratum, at one of 16 places in it: radius by the one, angle by the other's mirrored digits."""
+    """Points (k, 2, 16) float32 in strata (16, k), each at one of 16 places: radius by the one, angle by the other's mirrored digits."""
     radial = (stratum + (place + 0.5) / STRATA) / STRATA
     angle = 2 * np.pi * (_mirrored(stratum) + _mirrored(place) / STRATA)
     radius = np.sqrt(-2 * np.log(1 - radial)) / np.sqrt(_variance())
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).astype(np.float32)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).transpose(1, 2, 0).astype(np.float32, order="C")
 
 
 def _mirrored(numbers: np.ndarray) -> np.ndarray:

@@ -16,13 +16,14 @@ from vemlight.kernels import kernel, subroutine
 from vemlight.renderer.gl.constants import NORMAL_CODES
 from vemlight.renderer.rays.embree import RayScene, function_address
 from vemlight.renderer.rays.soft_filter import DARK, LIT, UNKNOWN, filter_rows
-from vemlight.renderer.rays.soft_pattern import FEW, SoftPattern, soft_pattern
+from vemlight.renderer.rays.soft_pattern import FEW, POINT, SoftPattern, soft_pattern
 from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.scene import Scene
 
 TILE = 4  # pixels on a side, 16 rays
 TILE_ROWS_PER_TASK = 4  # a thread's; any value in 1 .. 16 does: short against the whole, long against handing it out
-COHERENT = 1 << 16  # RTCRayQueryFlags: the rays of a packet are much alike
+INCOHERENT, COHERENT = 0, 1 << 16  # RTCRayQueryFlags: whether the rays of a packet are much alike
+LEAST_SENT = np.float32(1e-6)  # in place of 0 where it divides 0; any value in 1e-30 .. 1e-3 does
 ALL_FEATURES = 0xFFFFFFFF
 # Rays begin off their surface, along its flat normal. A place has float32's rounding of its depth and of the vertices' coordinates, 2^-24
 # of either a few times over, and a flat normal is off by 16-bit codes and by differences of places: all that is below a tenth of this.
@@ -53,8 +54,8 @@ class Surfaces(NamedTuple):
 
 class TracedLights(NamedTuple):
     """Lights to trace. directions: (n, 3) float32, unit, to the middle of each. axes: (n, 2, 3) float32, across it, each as long as the
-    standard deviation of the light's directions along it; zeros for points. rays: (n,) int64 of a pixel to a soft light, 1, FEW or STRATA;
-    what a single one finds is filtered over the pixel's neighbourhood."""
+    standard deviation of the light's directions along it. rays: (n,) int64 of a pixel to it: POINT, one to its middle; 1, which stands for
+    the pixel's neighbourhood, FEW or STRATA."""
 
     directions: np.ndarray
     axes: np.ndarray
@@ -62,13 +63,27 @@ class TracedLights(NamedTuple):
 
 
 class Packet(NamedTuple):
-    """The memory in which a thread talks to Embree: which rays are wanted, the rays, the arguments of the query and its context."""
+    """The memory in which a thread talks to Embree, 16 rays at a time, and what it keeps of a tile.
+
+    wanted: (16,) int32, -1 for rays that are. rays: (RAY_LINES, 16) float32, an RTCRay16; x, y, z: its lines of directions; far: that of
+    their ends. arguments: (16,) uint32, of the query. context: float32; passed: (16,) of it, what fraction of each ray came through.
+    flat, smooth: (3, 16) float32, normals. sent, received: (16,) float32, the rays of a light and what came through. codes: (16,) uint8.
+    """
 
     wanted: np.ndarray
     rays: np.ndarray
-    words: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    far: np.ndarray
     arguments: np.ndarray
     context: np.ndarray
+    passed: np.ndarray
+    flat: np.ndarray
+    smooth: np.ndarray
+    sent: np.ndarray
+    received: np.ndarray
+    codes: np.ndarray
 
 
 class RayTracer:
@@ -123,7 +138,7 @@ class RayTracer:
         assert self._surfaces is not None
         width, height = self._size
         arriving = np.empty((len(lights.directions), height, width), np.uint8)
-        filtered = np.flatnonzero((lights.rays == 1) & lights.axes.any(axis=(1, 2)))
+        filtered = np.flatnonzero(lights.rays == 1)
         found = np.empty((height, width, len(filtered)), np.uint16)
         self._in_rows(lambda rows: self._trace_rows(lights, pattern, rows, arriving[:, rows], found[rows]))
         if len(filtered):
@@ -146,7 +161,7 @@ class RayTracer:
         """Compiles, or loads, what a picture needs."""
         width, height = self._size
         self.see(np.zeros((height, width), np.float32), np.zeros((height, width, 4), np.uint16), np.eye(3), np.zeros(3))
-        lights = TracedLights(np.zeros((2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.array([1, FEW]))
+        lights = TracedLights(np.zeros((2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.array([POINT, 1]))
         self.trace(lights, soft_pattern(0, 1))
 
     def release(self) -> None:
@@ -156,13 +171,17 @@ class RayTracer:
 
 
 def _packet() -> Packet:
-    rays, words, context = aligned(RAY_LINES * 16), aligned(16), aligned(PASSED + 16)
+    rays, words, context = aligned(RAY_LINES * 16).reshape(RAY_LINES, 16), aligned(16), aligned(PASSED + 16)
     arguments = words.view(np.uint32)
-    arguments[:2] = COHERENT, ALL_FEATURES
+    arguments[1] = ALL_FEATURES
     arguments[2:4] = np.array([context.ctypes.data], np.uint64).view(np.uint32)
     words[8] = 1.0  # times the radius of curves, of which there are none
     context.view(np.uint32)[:PASSED] = 0xFFFFFFFF  # of the instances that a ray is in: none
-    return Packet(aligned(16).view(np.int32), rays.reshape(RAY_LINES, 16), rays.view(np.uint32).reshape(RAY_LINES, 16), arguments, context)
+    rays.view(np.uint32)[MASK], rays.view(np.uint32)[NUMBER] = 0xFFFFFFFF, np.arange(16)
+    lines = (rays[line] for line in (DIRECTION, DIRECTION + 1, DIRECTION + 2, FAR))
+    normals, sums = (np.zeros((3, 16), np.float32) for _ in range(2)), (np.zeros(16, np.float32) for _ in range(2))
+    wanted, passed = aligned(16).view(np.int32), context[PASSED:]
+    return Packet(wanted, rays, *lines, arguments, context, passed, *normals, *sums, np.zeros(16, np.uint8))
 
 
 def aligned(count: int) -> np.ndarray:
@@ -209,103 +228,102 @@ def _trace(scene, packet, surfaces, lights, pattern, arriving, found):
     """Fills arriving (n, rows, columns) uint8, and found (rows, columns, m) with what the ray of each pixel met on its way to those lights
     that are filtered: UNKNOWN, DARK or LIT."""
     rows, columns = arriving.shape[1:]
-    flat, smooth = np.zeros((3, TILE * TILE), np.float32), np.zeros((3, TILE * TILE), np.float32)
-    received, sent = np.zeros(TILE * TILE, np.float32), np.zeros(TILE * TILE, np.float32)
     for top in range(0, rows, TILE):
         for left in range(0, columns, TILE):
             height, width = min(TILE, rows - top), min(TILE, columns - left)
-            _place_packet(packet, surfaces, top, left, height, width, flat, smooth)
+            _place_packet(packet, surfaces, top, left, height, width)
             m = 0
             for i in range(len(lights.directions)):
-                soft = _is_soft(lights.axes[i])
-                filtered = soft and lights.rays[i] == 1
-                if soft:
-                    offsets = pattern.one if filtered else pattern.few if lights.rays[i] == FEW else pattern.many
-                    _trace_soft(scene, packet, lights, i, offsets, flat, smooth, received, sent)
+                if lights.rays[i] == POINT:
+                    _trace_point(scene, packet, lights.directions, i)
+                elif lights.rays[i] == 1:
+                    _trace_soft(scene, packet, lights, i, pattern.one)
+                    for y in range(height):
+                        for x in range(width):
+                            k = TILE * y + x
+                            lit = LIT if packet.received[k] > np.float32(0.5) * packet.sent[k] else DARK
+                            found[top + y, left + x, m] = lit if packet.sent[k] > 0 else UNKNOWN
+                    m += 1
+                    continue
+                elif lights.rays[i] == FEW:
+                    _trace_soft(scene, packet, lights, i, pattern.few)
                 else:
-                    _trace_point(scene, packet, lights.directions[i], flat, received, sent)
+                    _trace_soft(scene, packet, lights, i, pattern.many)
+                for k in range(TILE * TILE):
+                    fraction = packet.received[k] / max(packet.sent[k], LEAST_SENT)
+                    packet.codes[k] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
                 for y in range(height):
                     for x in range(width):
-                        k = TILE * y + x
-                        fraction = received[k] / sent[k] if sent[k] > 0 else np.float32(0)
-                        arriving[i, top + y, left + x] = int(255 * fraction + np.float32(0.5))
-                        if filtered:
-                            found[top + y, left + x, m] = UNKNOWN if sent[k] == 0 else DARK if fraction < 0.5 else LIT
-                m += filtered
+                        arriving[i, top + y, left + x] = packet.codes[TILE * y + x]
 
 
 @subroutine
-def _is_soft(axes):
-    """Whether a light's axes (2, 3) have any length."""
-    return axes[0, 0] != 0 or axes[0, 1] != 0 or axes[0, 2] != 0 or axes[1, 0] != 0 or axes[1, 1] != 0 or axes[1, 2] != 0
-
-
-@subroutine
-def _trace_point(scene, packet, direction, flat, received, sent):
-    """Traces a tile's rays to a point."""
-    dx, dy, dz = direction[0], direction[1], direction[2]
+def _trace_point(scene, packet, directions, i):
+    """Traces a tile's rays to a point; received: (16,), what came through."""
+    x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
     wanted = 0
     for k in range(TILE * TILE):
-        facing = flat[0, k] * dx + flat[1, k] * dy + flat[2, k] * dz > 0
+        facing = packet.flat[0, k] * x + packet.flat[1, k] * y + packet.flat[2, k] * z > 0
         packet.wanted[k] = -1 if facing else 0
-        wanted += facing
-        packet.rays[DIRECTION, k], packet.rays[DIRECTION + 1, k], packet.rays[DIRECTION + 2, k] = dx, dy, dz
+        wanted += packet.wanted[k]
+        packet.x[k], packet.y[k], packet.z[k] = x, y, z
+        packet.sent[k], packet.received[k] = 1, 0
     if wanted:
+        packet.arguments[0] = COHERENT
         _follow(scene, packet)
-    for k in range(TILE * TILE):
-        sent[k] = 1
-        received[k] = packet.context[PASSED + k] if packet.wanted[k] != 0 and packet.rays[FAR, k] >= 0 else 0
+        for k in range(TILE * TILE):
+            packet.received[k] = packet.passed[k] if packet.wanted[k] != 0 and packet.far[k] >= 0 else np.float32(0)
 
 
 @subroutine
-def _trace_soft(scene, packet, lights, i, offsets, flat, smooth, received, sent):
-    """Traces a tile's rays to places spread over light i, other ones in each pixel. sent, received: (16,), the rays above
-    the surface, weighted with their cosines, and what came through."""
-    received[:] = 0
-    sent[:] = 0
-    for turn in range(offsets.shape[1]):
+def _trace_soft(scene, packet, lights, i, offsets):
+    """Traces a tile's rays to places spread over light i, other ones in each pixel. sent, received: (16,), the rays above the surface,
+    weighted with their cosines, and what came through."""
+    x, y, z = lights.directions[i, 0], lights.directions[i, 1], lights.directions[i, 2]
+    ax, ay, az = lights.axes[i, 0, 0], lights.axes[i, 0, 1], lights.axes[i, 0, 2]
+    bx, by, bz = lights.axes[i, 1, 0], lights.axes[i, 1, 1], lights.axes[i, 1, 2]
+    for k in range(TILE * TILE):
+        packet.sent[k], packet.received[k] = 0, 0
+    for turn in range(offsets.shape[0]):
         wanted = 0
         for k in range(TILE * TILE):
-            u, v = offsets[k, turn, 0], offsets[k, turn, 1]
-            dx = lights.directions[i, 0] + u * lights.axes[i, 0, 0] + v * lights.axes[i, 1, 0]
-            dy = lights.directions[i, 1] + u * lights.axes[i, 0, 1] + v * lights.axes[i, 1, 1]
-            dz = lights.directions[i, 2] + u * lights.axes[i, 0, 2] + v * lights.axes[i, 1, 2]
-            scale = 1 / np.sqrt(dx * dx + dy * dy + dz * dz)
-            cosine = (smooth[0, k] * dx + smooth[1, k] * dy + smooth[2, k] * dz) * scale
-            facing = cosine > 0 and flat[0, k] * dx + flat[1, k] * dy + flat[2, k] * dz > 0
-            sent[k] += max(cosine, np.float32(0))
-            packet.wanted[k] = -1 if facing else 0
-            wanted += facing
-            packet.rays[DIRECTION, k], packet.rays[DIRECTION + 1, k], packet.rays[DIRECTION + 2, k] = dx * scale, dy * scale, dz * scale
-            packet.rays[TIME, k] = cosine
-        if wanted:
-            _follow(scene, packet)
+            u, v = offsets[turn, 0, k], offsets[turn, 1, k]
+            packet.x[k], packet.y[k], packet.z[k] = x + u * ax + v * bx, y + u * ay + v * by, z + u * az + v * bz
         for k in range(TILE * TILE):
-            if packet.wanted[k] != 0 and packet.rays[FAR, k] >= 0:
-                received[k] += packet.context[PASSED + k] * packet.rays[TIME, k]
+            dx, dy, dz = packet.x[k], packet.y[k], packet.z[k]
+            cosine = packet.smooth[0, k] * dx + packet.smooth[1, k] * dy + packet.smooth[2, k] * dz
+            flat = packet.flat[0, k] * dx + packet.flat[1, k] * dy + packet.flat[2, k] * dz
+            weight = max(cosine, np.float32(0))
+            packet.sent[k] += weight
+            packet.rays[TIME, k] = weight
+            packet.wanted[k] = -1 if min(weight, flat) > 0 else 0
+            wanted += packet.wanted[k]
+        if wanted:
+            packet.arguments[0] = INCOHERENT
+            _follow(scene, packet)
+            for k in range(TILE * TILE):
+                came = packet.passed[k] * packet.rays[TIME, k]
+                packet.received[k] += came if packet.wanted[k] != 0 and packet.far[k] >= 0 else np.float32(0)
 
 
 @subroutine
-def _place_packet(packet, surfaces, top, left, height, width, flat, smooth):
-    """Has the rays of a packet begin at a tile's pixels; the normals (3, 16) become theirs, zeros where there is no pixel."""
-    flat[:] = 0
-    smooth[:] = 0
+def _place_packet(packet, surfaces, top, left, height, width):
+    """Has the rays of a packet begin at a tile's pixels; the normals become theirs, zeros where there is no pixel."""
+    packet.flat[:] = 0
+    packet.smooth[:] = 0
     for y in range(height):
         for x in range(width):
             k = TILE * y + x
             for axis in range(3):
                 packet.rays[ORIGIN + axis, k] = surfaces.places[top + y, left + x, axis]
-                flat[axis, k] = surfaces.flat_normals[top + y, left + x, axis]
-                smooth[axis, k] = surfaces.smooth_normals[top + y, left + x, axis]
+                packet.flat[axis, k] = surfaces.flat_normals[top + y, left + x, axis]
+                packet.smooth[axis, k] = surfaces.smooth_normals[top + y, left + x, axis]
 
 
 @subroutine
 def _follow(scene, packet):
-    """Traces the wanted rays of a packet: those that end at a surface have FAR < 0 then, and the context how much of the others passed."""
+    """Traces the wanted rays of a packet: those that end at a surface have `far` < 0 then; `passed` is what came through of the others."""
     for k in range(TILE * TILE):
-        packet.rays[NEAR, k] = 0.0
-        packet.rays[FAR, k] = np.inf
-        packet.words[MASK, k] = 0xFFFFFFFF
-        packet.words[NUMBER, k] = k
-        packet.context[PASSED + k] = 1.0
+        packet.far[k] = np.inf
+        packet.passed[k] = 1
     _occluded(packet.wanted.ctypes.data, scene, packet.rays.ctypes.data, packet.arguments.ctypes.data)

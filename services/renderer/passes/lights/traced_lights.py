@@ -16,7 +16,7 @@ from vemlight.renderer.gl.constants import MAX_LIGHTS
 from vemlight.renderer.passes.lights.light_regions import region_rows
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import SPARE_SLOTS, Batch, ShadowSetup, light_rows, lit_lights
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import Packing
-from vemlight.renderer.rays.soft_pattern import FEW, STRATA
+from vemlight.renderer.rays.soft_pattern import FEW, POINT, STRATA
 
 MANY_FROM = 4.0  # times the mean power, from which on a light has many rays live: a sun or a lamp
 NARROW_RAD = 0.02  # spread of lights whose penumbra is seldom wider than the filter
@@ -57,7 +57,7 @@ def traced_batches(setup: ShadowSetup, lights: LightSet, most: int) -> tuple[Bat
     lit, _ = lit_lights(lights)
     most = min(max(most, 1), MAX_LIGHTS)
     parts = [lit[first : first + most] for first in range(0, max(len(lit), 1), most)]
-    many = np.full(len(lights.ids), STRATA)
+    many = np.where(Extents.of(lights).spreads > 0, STRATA, POINT)
     return tuple(_batch(setup, lights, own, np.arange(len(own)), np.arange(len(own)), many[own], len(own)) for own in parts)
 
 
@@ -105,7 +105,8 @@ def live_rays(power: np.ndarray, spreads: np.ndarray) -> np.ndarray:
     """
     if len(power) == 0:
         return np.zeros(0, np.int64)
-    return np.where(power >= MANY_FROM * power.mean(), STRATA, np.where(spreads < NARROW_RAD, FEW, 1))
+    soft = np.where(power >= MANY_FROM * power.mean(), STRATA, np.where(spreads < NARROW_RAD, FEW, 1))
+    return np.where(spreads > 0, soft, POINT)
 
 
 def restoring_batches(setup: ShadowSetup, layers: TracedLayers) -> tuple[Batch, ...]:

@@ -165,7 +165,7 @@ class Sampler(SettingsSection, frozen=True):
     stop_hz: Annotated[Frequency, means("fir: start of the stop band"), HZ] = 6.0
     soft: Annotated[
         bool | None,
-        means("lights carry the extent of their light, for programs that draw it; the renderer draws points and warns; left out: false"),
+        means("lights carry the extent of their light: shadows by rays have penumbrae, those by maps are sharp; left out: false"),
     ] = None
     deflicker: Annotated[bool, means("remove mains flicker of lamps where its beat is found beyond doubt")] = True
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0

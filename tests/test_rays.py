@@ -1,5 +1,6 @@
 """Shadows by rays: exact from everything that casts them, at every scale, kept while nothing changes."""
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -249,3 +250,51 @@ def test_without_embree_auto_draws_maps_and_says_so_and_rays_are_refused(monkeyp
 def test_a_resolution_of_maps_is_refused_where_there_are_none():
     with pytest.raises(ValueError, match="shadow_map is the resolution of maps"):
         Settings(shadows="rays", shadow_map=64)
+
+
+def sky_light(spread: float, direction: tuple[float, float, float] = (0.0, 0.0, 1.0), light_id: int = 7) -> LightSet:
+    """A light of irradiance pi whose directions vary by `spread` rad about one, alike on all sides."""
+    d = np.array(direction) / np.linalg.norm(direction)
+    c = spread**2 * (np.eye(3) - np.outer(d, d))
+    return LightSet.of(np.array([light_id]), d[None], np.full((1, 3), np.pi), c[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]][None])
+
+
+@pytest.mark.parametrize("frame_ms", [0.0, 1e4])
+def test_the_penumbra_of_a_soft_light_is_as_wide_as_its_light(tmp_path, frame_ms):
+    # The edge of a plate 1.5 m over the ground, along y at x = 0: of a Gaussian light the ground receives Phi(x / (1.5 m spread)).
+    spread, height_m = 0.08, 1.5
+    camera = "[camera]\nfrom = [0.0, -3.9, 0.8]\nat = [0.0, 0.0, -0.5]\nfov_y = 10.0\n"
+    plate = '[[mesh]]\nshape = "plane"\nscale = 20.0\nat = [-20.0, 0.0, 1.0]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    renderer = renderer_of(scene_of(tmp_path, camera + GROUND + plate), 64, frame_ms=frame_ms, samples=1 if frame_ms else 4)
+    row = renderer.picture(sky_light(spread))[31:33, :, 0].mean(axis=0)
+    renderer.release()
+    x = (np.arange(64) - 31.5) / 32 * np.hypot(3.9, 1.3) * np.tan(np.radians(5.0))
+    arriving = np.array([0.5 + 0.5 * math.erf(each / (height_m * spread) / np.sqrt(2)) for each in x])
+    concentration = np.sqrt(1 - 2 * spread**2)
+    assert np.abs(row - concentration * arriving).max() < 0.1  # 0.08 measured; one of 16 rays is 0.06, and twice the spread would be 0.17
+    assert abs(row.mean() / (concentration * arriving).mean() - 1) < 0.03
+
+
+def test_the_irradiance_of_a_soft_light_falls_beyond_its_horizon(tmp_path):
+    text = ABOVE + '[[mesh]]\nshape = "plane"\nscale = 4.0\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n'
+    renderer = renderer_of(scene_of(tmp_path, text), 16)
+    low, below = (renderer.picture(sky_light(0.2, (1.0, 0.0, height)))[8, 8, 0] for height in (0.0, -0.2))
+    renderer.release()
+    assert low == pytest.approx(np.sqrt(1 - 2 * 0.2**2) * 0.2 / np.sqrt(2 * np.pi), rel=0.12)  # the mean of what is above, by a box
+    assert 0 < below < low
+
+
+def test_a_kept_soft_light_is_traced_again_when_it_widens(in_time):
+    in_time.picture(sky_light(0.1))
+    for spread, traced in ((0.1, 0), (0.11, 0), (0.2, 1)):
+        in_time.picture(sky_light(spread))
+        assert in_time.plan.batches[0].unknown.count == traced
+
+
+def test_a_still_soft_picture_is_still_and_drawn_again_the_same(in_time):
+    first = in_time.picture(sky_light(0.2, (0.3, 0.2, 1.0))).copy()
+    state = in_time.state
+    assert np.array_equal(in_time.picture(sky_light(0.2, (0.3, 0.2, 1.0))), first)
+    in_time.picture(sky_light(0.4, (-0.3, 0.2, 1.0)))
+    in_time.state = state
+    assert np.array_equal(in_time.picture(sky_light(0.2, (0.3, 0.2, 1.0))), first)

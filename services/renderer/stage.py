@@ -125,8 +125,8 @@ class RendererStage:
         self._frame_ms = drawing.frame_ms or 0.0
         if settings.sampler.gloss_lights:
             notice("[sampler] gloss_lights: the renderer reflects the map itself; leave the key out unless another program takes that set")
-        if settings.sampler.is_soft:
-            notice("[sampler] soft: the renderer draws lights as points, which soft ones are not; its pictures are better without soft")
+        if settings.sampler.is_soft and self._renderer.shadows == "maps":
+            notice("[sampler] soft: shadows by maps are sharp, those of points; [renderer] shadows = \"rays\" draws the lights' extent")
 
     def first_missing_frame(self) -> int:
         return self._images.count if self._images else 0

@@ -134,7 +134,8 @@ def test_one_slice_is_looked_at_while_nothing_happens_and_all_when_something_doe
         assert after.part == (k + 1) % SLICES
     assert after.error == pytest.approx(whole.error, rel=1e-4)
     assert estimate_after(after, tiles, lights, "hemisphere", 0.9 * limit).part == 0  # beyond the limit
-    other = LightSet.of(np.append(lights.ids, 99), np.append(lights.directions, [[0, 0, 1]], 0), np.append(lights.irradiance, [[0, 0, 0]], 0))
+    dark = np.append(lights.directions, [[0, 0, 1]], axis=0), np.append(lights.irradiance, [[0, 0, 0]], axis=0)
+    other = LightSet.of(np.append(lights.ids, 99), *dark)
     assert estimate_after(whole, tiles, other, "hemisphere", 10.0).part == 0  # as true, but another number
     for brighter, part in ((1.02, 1), (1.04, 0)):
         changed = tiles_from_map(np.float32(brighter) * radiance, "hemisphere", 64, NO_BRIGHT_CELLS)

@@ -137,6 +137,19 @@ def test_a_face_that_crosses_itself_is_said(tmp_path):
     assert read_meshes(tmp_path / "a.obj", "here").unsupported == ["a.obj: 1 of its faces cross their own edges and may be drawn too large"]
 
 
+def test_a_star_drawn_in_one_stroke_crosses_itself(tmp_path):
+    angles = np.arange(5) * 0.8 * np.pi
+    text = "".join(f"v {np.cos(angle)} {np.sin(angle)} 0\n" for angle in angles)
+    (tmp_path / "a.obj").write_text(text + "f 1 2 3 4 5\n")
+    assert "cross their own edges" in read_meshes(tmp_path / "a.obj", "here").unsupported[0]
+    radii = np.where(np.arange(10) % 2, 0.382, 1.0)  # and its outline does not
+    points = radii[:, None] * np.stack([np.cos(np.arange(10) * np.pi / 5), np.sin(np.arange(10) * np.pi / 5)], axis=-1)
+    (tmp_path / "a.obj").write_text("".join(f"v {x} {y} 0\n" for x, y in points) + "f 1 2 3 4 5 6 7 8 9 10\n")
+    file = read_meshes(tmp_path / "a.obj", "here")
+    assert file.unsupported == []
+    assert area_of(file.parts[0].geometry) == pytest.approx(5 * 0.382 * np.sin(np.pi / 5), rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("faces", "said"),
     [

@@ -77,4 +77,13 @@ def _ears(points: np.ndarray, corners: np.ndarray, steps: int) -> tuple[np.ndarr
     triangles = np.zeros((len(points) - 2, 3), np.int64)
     sign = 1.0 if whole[axis] > 0 else -1.0  # so that it goes round counter-clockwise
     crosses, steps = clip_ears(np.ascontiguousarray(x * sign, np.float64), np.ascontiguousarray(y, np.float64), triangles, steps)
-    return (fan if crosses else corners[triangles]), bool(crosses), int(steps)
+    return (fan if crosses else corners[triangles]), bool(crosses) or not _goes_round_once(x * sign, y), int(steps)
+
+
+def _goes_round_once(x: np.ndarray, y: np.ndarray) -> bool:
+    """Whether the directions of a polygon's edges turn once around, counter-clockwise, as they do unless edges cross."""
+    along = np.stack([np.roll(x, -1) - x, np.roll(y, -1) - y], axis=-1)
+    along = along[np.any(along != 0, axis=1)]
+    after = np.roll(along, -1, axis=0)
+    turns = np.arctan2(along[:, 0] * after[:, 1] - along[:, 1] * after[:, 0], np.einsum("ni,ni->n", along, after))
+    return bool(round(float(turns.sum()) / (2 * np.pi)) == 1)

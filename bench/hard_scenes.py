@@ -117,7 +117,7 @@ def leaves() -> Scene:
     leaf = np.array([[0, -0.5, 0], [0.22, 0, 0.05], [0, 0.5, 0], [-0.22, 0, 0.05]])
     points, triangles = [], []
     for k in range(900):
-        size, place = rng.uniform(0.08, 0.16), rng.normal(0, (0.45, 0.45, 0.3)) + (0, 0, 0.9)
+        size, place = rng.uniform(0.08, 0.16), rng.normal((0.0, 0.0, 0.9), (0.45, 0.45, 0.3))
         points.append(size * leaf @ rotation_xyz(tuple(rng.uniform(0, 360, 3))).T + np.maximum(place, (-9, -9, 0.1)))
         triangles.append(np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k)
     bush = clean_geometry(VertexAttributes(np.concatenate(points)), np.concatenate(triangles))

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from bench.luminaires import DARK, DOWN, headlight, with_lamp, write
+from tests.support.scenes import SHAPES
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import write_png
 from vemlight.renderer.frame_sequence import FrameSequence
@@ -27,7 +28,7 @@ from vemlight.renderer.luminaire.reference import irradiance
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.luminaire_table import BUNDLED_LAMP
-from vemlight.renderer.scene.scene import DEMO_SCENE, Scene, load_scene
+from vemlight.renderer.scene.scene import BUNDLED_SCENE, Scene, load_scene
 from vemlight.settings import Renderer as Settings
 
 LED = "luminaire/rayfile_LERTDUW_S2WP_green_100k_20161013_IES_TM25.TM25RAY"
@@ -93,10 +94,10 @@ def main() -> None:
         write_png(out / "led_images.png", contact_sheet(led))
         sources |= {"LED (100,000 measured rays)": led, "TECTON (EULUMDAT)": read_photometry(Path(data) / "luminaire/ldt_sample4.ldt")}
     by_angle(out, sources)
-    write_png(out / "headlights.png", shown(load_scene(DEMO_SCENE.with_name("headlights.toml")), (480, 300)))
+    write_png(out / "headlights.png", shown(load_scene(BUNDLED_SCENE.with_name("headlights.toml")), (480, 300)))
     lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "samples": 128}
     kinds: list[dict[str, Any]] = [{"shadows": "traced"}, {"shadows": "maps"}, {"shadows": "maps", "method": "shift-invariant"}]
-    panels = [shown(with_lamp(load_scene(None), lamp, **lit, **kind), (240, 180), 1.0) for kind in kinds]
+    panels = [shown(with_lamp(load_scene(SHAPES), lamp, **lit, **kind), (240, 180), 1.0) for kind in kinds]
     write_png(out / "shadows.png", np.hstack(panels))
 
 

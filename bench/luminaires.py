@@ -23,6 +23,7 @@ import msgspec
 import numpy as np
 
 from bench.rivals import luminaire_sampling as rivals
+from tests.support.scenes import SHAPES
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import quaternion_xyz
 from vemlight.renderer.frame_sequence import FrameSequence
@@ -38,7 +39,7 @@ from vemlight.renderer.passes.luminaires import rasterised_luminaire
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, world_from_lamp
 from vemlight.renderer.scene.meshes import bounds, shape_geometry
-from vemlight.renderer.scene.scene import DEMO_SCENE, Mesh, Scene, ViewCamera, load_scene
+from vemlight.renderer.scene.scene import BUNDLED_SCENE, Mesh, Scene, ViewCamera, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
@@ -202,7 +203,7 @@ def with_lamp(scene: Scene, field: LightField, at: tuple, rotate: tuple, **table
 
 def shadows(out: Path) -> None:
     """Shadow maps from both reference positions, and none, against traced rays on the bundled scene."""
-    demo, field = load_scene(None), headlight()
+    demo, field = load_scene(SHAPES), headlight()
     lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "method": "sampled", "samples": 200}
     truth = pictured(with_lamp(demo, field, **lit, shadows="traced"), (160, 120))
     tried: list[tuple[str, shadow_views.ReferencePlane, str, int]] = [
@@ -268,7 +269,7 @@ def speed(out: Path) -> None:
         ms, _ = _frame_ms(scene, (400, 400))
         paper_ms = 1e3 / PAPER_2003[count, polygons]
         rows.append([f"2003: {count} spots, {polygons} polygons, 400 x 400, maps anew", ms, 1e3 / ms, f"2003: {paper_ms:.0f} ms"])
-    scene = with_lamp(load_scene(None), field(9, 7, 300), **lit, method="sampled", samples=200, shadow_map=256)
+    scene = with_lamp(load_scene(SHAPES), field(9, 7, 300), **lit, method="sampled", samples=200, shadow_map=256)
     ms, drawn_by = _frame_ms(scene, (1024, 768))
     rows.append(["2015: 63 images, 200 samples, 1024 x 768, 80 maps anew", ms, 1e3 / ms, "2015: 67 to 143 ms (GTX 580)"])
     write(out / "luminaires_speed.csv", ["what", "ms", "a second", "paper"], [[drawn_by, "", "", ""], *rows])
@@ -277,7 +278,7 @@ def speed(out: Path) -> None:
 def polygon_scene(polygons: int) -> Scene:
     """A ground, and boxes of 12 triangles in rows, about `polygons` in all."""
     box = shape_geometry("box")
-    parts = [Mesh("ground", shape_geometry("plane").moved(np.eye(3) * 4.5, np.zeros(3)), load_scene(None).meshes[0].material)]
+    parts = [Mesh("ground", shape_geometry("plane").moved(np.eye(3) * 4.5, np.zeros(3)), load_scene(SHAPES).meshes[0].material)]
     side = int(np.ceil(np.sqrt(polygons / 12)))
     stack = [box.moved(np.eye(3) * 1.2 / side, np.array([(i + 0.5) / side * 6 - 3, (j + 0.5) / side * 6 - 3, 1.2 / side]))
              for i, j in np.ndindex(side, side)][: polygons // 12]
@@ -316,7 +317,7 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
 
 def moving(out: Path) -> None:
     """The two headlights: what a frame costs when nothing, a lamp's power, one lamp, both lamps and the ball moved."""
-    scene = load_scene(DEMO_SCENE.with_name("headlights.toml"))
+    scene = load_scene(BUNDLED_SCENE.with_name("headlights.toml"))
     left, right = [item for item in scene.objects if item.power is not None]
     (ball,) = [item for item in scene.objects if item.name == "ball"]
     moves = {"nothing": (), "a lamp's power": (left,), "one lamp": (left,), "both lamps": (left, right), "the ball": (ball,)}

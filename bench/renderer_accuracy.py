@@ -26,6 +26,7 @@ from bench.accuracy.maps import chosen
 from bench.evaluation import read_source
 from bench.renderer import paper_scene
 from bench.rivals import mitsuba_picture
+from tests.support.scenes import SHAPES
 from vemlight.commands.chart import machine
 from vemlight.files import written_whole
 from vemlight.light.images import read_radiance
@@ -88,7 +89,7 @@ def lights_of(path: Path, count: int, method: str, clusters: int = 0) -> LightSe
 def figure6(out: Path, progress: Progress) -> None:
     """Error over 4 to 256 lights, two scenes, four maps; 16 samples and the whole area of each pixel."""
     size, rows = (200, 150), []
-    scenes = {"the paper's size": paper_scene(), "bundled scene": load_scene(None)}
+    scenes = {"the paper's size": paper_scene(), "bundled scene": load_scene(SHAPES)}
     task = progress.add_task("against the map", total=len(scenes) * len(chosen()) * (1 + len(METHODS) * len(COUNTS)))
     for scene_name, scene in scenes.items():
         renderer = FrameSequence(Renderer(scene, Settings(width=size[0], height=size[1], light_regions=0), 16))

@@ -141,7 +141,6 @@ class Capture(SettingsSection, frozen=True):
             raise ValueError("stereo is of films for two eyes, and several lens files are for one view of all; leave one of them out")
 
 
-SOFT_BY_DEFAULT = False  # the renderer draws points; with True as many lights as keep ADAPTIVE_PERCENT are the default, too
 FIXED_COUNT = 72  # the number of Havran et al. 2005
 ADAPTIVE_PERCENT = 5.0  # 20 to 80 soft lights: what one sees of fewer is in docs/accuracy.md
 ADAPTIVE_COUNT = 256  # three times what any of eleven maps takes for that; a limit of 3 % takes 130
@@ -165,7 +164,8 @@ class Sampler(SettingsSection, frozen=True):
     stop_hz: Annotated[Frequency, means("fir: start of the stop band"), HZ] = 6.0
     soft: Annotated[
         bool | None,
-        means("lights carry the extent of their light: shadows by rays have penumbrae, those by maps are sharp; left out: false"),
+        means("lights carry the extent of their light: by rays shadows have its penumbrae, by maps four points stand for each; left out: "
+              "true for tracked lights"),
     ] = None
     deflicker: Annotated[bool, means("remove mains flicker of lamps where its beat is found beyond doubt")] = True
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0
@@ -182,7 +182,7 @@ class Sampler(SettingsSection, frozen=True):
     @property
     def is_soft(self) -> bool:
         """Whether lights have extents; only those of method tracked can."""
-        return self.soft if self.soft is not None else SOFT_BY_DEFAULT and self.method == "tracked"
+        return self.soft if self.soft is not None else self.method == "tracked"
 
     @property
     def error_limit(self) -> float:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.renderer_steps import controlled, picture_of, stepped
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_from_direction, map_irradiance
@@ -89,7 +90,7 @@ def test_the_error_falls_with_every_doubling_to_less_than_one_per_cent(monkeypat
     """Against a light for each cell of the map, and 36 for the sun's, at one place in each pixel: of the light alone."""
     monkeypatch.setattr("vemlight.renderer.frame_plan.spread_points", lambda first, count: np.full((count, 2), 0.5))
     light = MapLights(a_map(), "hemisphere")
-    renderer = SceneRenderer(load_scene(None), Size(width=32, height=24, shadow_map=128))
+    renderer = SceneRenderer(load_scene(SHAPES), Size(width=32, height=24, shadow_map=128))
     cells = light.cells()
     parts = MapLights(light.radiance.repeat(6, axis=0).repeat(6, axis=1), "hemisphere").cells()
     row, col = np.divmod(parts.ids, 720)
@@ -109,12 +110,12 @@ def test_the_error_falls_with_every_doubling_to_less_than_one_per_cent(monkeypat
 
 def test_pixels_become_means_over_their_area():
     light = MapLights(np.ones((4, 8, 3), np.float32), "hemisphere")
-    renderer = SceneRenderer(load_scene(None), Size(width=24, height=18, shadow_map=32))
+    renderer = SceneRenderer(load_scene(SHAPES), Size(width=24, height=18, shadow_map=32))
     refined = Accumulation.empty()
     while not refined.converged:
         refined = refined.with_pass(renderer.picture_of_pass(light, refined.passes))
     renderer.release()
-    fine = SceneRenderer(load_scene(None), Size(width=24 * 16, height=18 * 16, shadow_map=32))
+    fine = SceneRenderer(load_scene(SHAPES), Size(width=24 * 16, height=18 * 16, shadow_map=32))
     area = fine.picture(light.of_pass(0))[..., 3].reshape(18, 16, 24, 16).mean(axis=(1, 3))
     fine.release()
     error = np.abs(refined.picture[..., 3] - area)

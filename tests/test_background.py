@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, cell_directions, cell_from_direction
@@ -42,7 +43,7 @@ def looked_up(radiance: np.ndarray, directions: np.ndarray, coverage: Coverage) 
 
 
 def test_a_ray_and_the_projection_agree():
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     directions = rays(scene.camera)
     for row, col in ((0, 0), (30, 12), (59, 79)):
         point = np.array(scene.camera.position) + 3 * directions[row, col]

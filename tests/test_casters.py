@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.support.scenes import SHAPES
 from vemlight.renderer.passes.shadow_maps import simplification
 from vemlight.renderer.passes.shadow_maps.casters import Casters, placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.simplification import simplified
@@ -35,7 +36,7 @@ def test_a_box_is_left_as_it_is():
 
 def test_finer_maps_keep_more_triangles():
     pytest.importorskip("fast_simplification")
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     casters = scene_casters(scene, (4096, 256, 32))
     assert casters.receiver_plane is not None
     assert casters.levels == (0, 1, 2)
@@ -66,7 +67,7 @@ def test_versions_of_a_mesh_get_no_finer_as_more_is_allowed():
 
 
 def test_the_ground_is_a_receiver_plane_and_casts_apart():
-    casters = scene_casters(load_scene(None), (64, 32))
+    casters = scene_casters(load_scene(SHAPES), (64, 32))
     assert casters.receiver_plane is not None
     assert casters.plane_normal.tolist() == [0, 0, 1]
     (plane,) = casters.receiver_plane.details
@@ -126,7 +127,7 @@ def test_a_ground_holds_only_what_sinks_in_by_less_than_a_texel_shows(tmp_path, 
 
 def test_a_box_that_must_grow_grows_by_a_tenth_more():
     # Maps are drawn anew whenever the box changes: what goes on moving outwards must not change it each frame, nor waste texels.
-    casters = scene_casters(load_scene(None), (64,))
+    casters = scene_casters(load_scene(SHAPES), (64,))
     rest = np.tile(np.eye(4), (1 + max(member.mesh for member in casters.every), 1, 1))
     before = placed_casters(casters, rest)
     moved = rest.copy()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.light_sets import lights_from
+from tests.support.scenes import SHAPES
 from vemlight import settings
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
@@ -29,7 +30,7 @@ MOVED = wire.Pose(name="box", position=(0.5, 0.5, 0.6))
 
 def setup_of(frame_ms: float = 1e4, samples: int = 1, **changes) -> FrameSetup:
     wanted = settings.Renderer(**{"width": 64, "height": 48, "shadow_map": 64, "frame_ms": frame_ms, **changes})
-    return frame_setup(load_scene(None), wanted, samples, max_texture_side=16384)
+    return frame_setup(load_scene(SHAPES), wanted, samples, max_texture_side=16384)
 
 
 def planned(setup: FrameSetup, *frames: FrameInput) -> tuple[list[FramePlan], FrameState]:
@@ -167,7 +168,7 @@ def test_the_table_names_each_pass_once_and_where_it_is_drawn():
 
 
 def test_the_renderer_runs_every_pass_of_the_table():
-    renderer = Renderer(load_scene(None), settings.Renderer(width=8, height=8))
+    renderer = Renderer(load_scene(SHAPES), settings.Renderer(width=8, height=8))
     outputs = {pass_table.READ_BACK, pass_table.ADAPTATION, pass_table.TONE_MAPPING}
     assert set(renderer._run_pass) | outputs == set(PASSES)
     renderer.release()

@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, light_regions, region_rows
 from vemlight.renderer.scene.scene import load_scene
@@ -57,7 +58,7 @@ def test_regions_leave_lights_out():
 
 @pytest.mark.parametrize("count", [1, 24, 100])
 def test_the_picture_with_regions_is_the_picture_without(count):
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     lights = LightSet.of(np.arange(60), unit_vectors(60, 5), np.random.default_rng(6).uniform(0, 0.2, (60, 3)))
     pictures = []
     for regions in (0, count):

@@ -11,6 +11,7 @@ from tests.support.gltf_files import TexturedSquare
 from tests.support.light_sets import lights_from, uniform_lights
 from tests.support.ray_casting import first_hits, near_edges, scene_tree, visible
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.errors import UserError
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
@@ -58,7 +59,7 @@ def scaled(scene: Scene, scale: float, offset: tuple[float, float, float]) -> Sc
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("offset", [0.0, 200.0])
 def test_rays_are_exact_at_every_scale_and_far_from_the_origin(scale, offset):
-    scene = scaled(load_scene(None), scale, (scale * offset, -scale * offset, 0.0))
+    scene = scaled(load_scene(SHAPES), scale, (scale * offset, -scale * offset, 0.0))
     tree = scene_tree(scene)
     hits = first_hits(scene, tree, 96, 96)
     renderer, wrong, seen_by_light = renderer_of(scene, 96), 0, 0
@@ -139,7 +140,7 @@ def test_what_is_moved_casts_its_shadow_where_it_is(tmp_path):
 
 @pytest.fixture
 def in_time():
-    renderer = renderer_of(load_scene(None), 48, frame_ms=1e4)
+    renderer = renderer_of(load_scene(SHAPES), 48, frame_ms=1e4)
     yield renderer
     renderer.release()
 
@@ -171,7 +172,7 @@ def test_a_light_that_turns_is_traced_again_from_a_tenth_of_a_degree_on(in_time,
 
 
 def test_fewer_more_and_no_lights_as_if_each_picture_were_the_first(in_time):
-    fresh = renderer_of(load_scene(None), 48)
+    fresh = renderer_of(load_scene(SHAPES), 48)
     for count in (20, 5, 40, 0, 40, 1):
         lights = turned(0.0, count) if count else LightSet.none()
         for _ in range(2):
@@ -202,7 +203,7 @@ def test_lights_that_wait_read_what_fits_them_best(in_time, monkeypatch):
 
 
 def test_more_lights_than_layers_are_drawn_in_turns(monkeypatch):
-    renderer = renderer_of(load_scene(None), 32)
+    renderer = renderer_of(load_scene(SHAPES), 32)
     truth = renderer.picture(turned(0.0)).copy()
     monkeypatch.setattr("vemlight.renderer.frame_plan.MAX_CACHE_BYTES", 8 * 32 * 32)
     parts = renderer.picture(turned(0.0))
@@ -237,14 +238,14 @@ def test_rays_where_the_processor_draws_and_maps_where_a_gpu_does(wanted, shadow
 
 def test_without_embree_auto_draws_maps_and_says_so_and_rays_are_refused(monkeypatch, capsys):
     monkeypatch.setattr(shadows, "library", lambda: None)
-    renderer = renderer_of(load_scene(None), 16, shadows="auto")
+    renderer = renderer_of(load_scene(SHAPES), 16, shadows="auto")
     renderer.picture(SUN)
     assert renderer.plan.runs(pass_table.SHADOW_MAPS)
     renderer.release()
     (line,) = capsys.readouterr().err.splitlines()
     assert "embreex is not installed" in line
     with pytest.raises(UserError, match="embreex, which is not installed; install it, or choose \"maps\""):
-        renderer_of(load_scene(None), 16)
+        renderer_of(load_scene(SHAPES), 16)
 
 
 def test_a_resolution_of_maps_is_refused_where_there_are_none():

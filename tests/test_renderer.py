@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from tests.support.light_sets import lights_from, uniform_lights
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.errors import FatalError, UserError
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
@@ -89,7 +90,7 @@ def test_a_boxs_shadow_ends_where_geometry_says(tmp_path, theta, shadow_map):
 
 
 def test_the_picture_is_linear_in_the_lights_power(tmp_path):
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     some = uniform_lights(7, 0.0)
     double = some._replace(irradiance=some.irradiance * np.array([2, 4, 8], np.float32))
     one, other = picture(scene, some), picture(scene, double)
@@ -99,7 +100,7 @@ def test_the_picture_is_linear_in_the_lights_power(tmp_path):
 
 
 def test_pictures_of_lights_add_up():
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     both = uniform_lights(8, 0.0)
     half = [LightSet(*(rows[part] for rows in both[:3])) for part in (slice(0, 5), slice(5, 8))]
     total = sum(picture(scene, lights)[..., :3] for lights in half)
@@ -107,21 +108,21 @@ def test_pictures_of_lights_add_up():
 
 
 def test_no_lights_give_black_with_alpha():
-    image = picture(load_scene(None), lights_from(np.zeros((0, 3))))
+    image = picture(load_scene(SHAPES), lights_from(np.zeros((0, 3))))
     assert not image[..., :3].any()
     assert image[..., 3].max() == 1
     assert image[..., 3].min() == 0
-    dark = picture(load_scene(None), lights_from([0.0, 0.0, 1.0], 0.0))
+    dark = picture(load_scene(SHAPES), lights_from([0.0, 0.0, 1.0], 0.0))
     assert np.array_equal(image, dark)
 
 
 @pytest.mark.parametrize("light", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 1e-4), (0.6, 0.0, -0.8), (0.0, 0.0, -1.0)])
 def test_any_direction_and_a_huge_sun_stay_finite(light):
     direction = np.array(light) / np.linalg.norm(light)
-    image = picture(load_scene(None), lights_from(direction, 1e6))
+    image = picture(load_scene(SHAPES), lights_from(direction, 1e6))
     assert np.all(np.isfinite(image))
     assert image.min() >= 0
-    mirrored = picture(load_scene(None), lights_from(direction * [1, 1, -1], 1e6))
+    mirrored = picture(load_scene(SHAPES), lights_from(direction * [1, 1, -1], 1e6))
     if light[2] < 0:  # it reaches what stands on the ground neither through it nor around it but for a texel where they touch
         assert image[..., :3].sum() < 2e-3 * mirrored[..., :3].sum()
     else:
@@ -163,14 +164,14 @@ def test_energy_of_a_glossy_plane_stays_below_what_comes_in(tmp_path):
 
 
 def test_a_picture_of_one_pixel():
-    image = picture(load_scene(None), uniform_lights(4, 0.0), width=1, height=1)
+    image = picture(load_scene(SHAPES), uniform_lights(4, 0.0), width=1, height=1)
     assert image.shape == (1, 1, 4)
     assert image[0, 0, 3] == 1
     assert image[0, 0, :3].min() > 0
 
 
 def test_pixels_are_means_over_their_area():
-    scene, lights = load_scene(None), uniform_lights(3, 0.0)
+    scene, lights = load_scene(SHAPES), uniform_lights(3, 0.0)
     fine = picture(scene, lights, width=192, height=192).reshape(48, 4, 48, 4, 4).mean(axis=(1, 3))
     coarse = picture(scene, lights, samples=16, width=48, height=48)
     one = picture(scene, lights, width=48, height=48)
@@ -192,7 +193,7 @@ def test_places_in_a_pixel_are_centred_and_distinct(samples):
 
 
 def test_more_lights_than_the_atlas_holds_are_drawn_in_turns(monkeypatch):
-    scene, lights = load_scene(None), uniform_lights(11, 0.0)
+    scene, lights = load_scene(SHAPES), uniform_lights(11, 0.0)
     whole = picture(scene, lights, shadow_map=64)
     monkeypatch.setattr(shadow_map_plan, "MAX_ATLAS_SIDE", 128)  # 2 x 2 tiles of 64
     assert np.allclose(picture(scene, lights, shadow_map=64), whole, rtol=1e-5, atol=1e-6)
@@ -200,7 +201,7 @@ def test_more_lights_than_the_atlas_holds_are_drawn_in_turns(monkeypatch):
 
 @pytest.mark.parametrize("shadow_map", [64, None])
 def test_a_renderer_draws_the_same_picture_again(shadow_map):
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     renderer = SceneRenderer(scene, Settings(width=64, height=48, shadow_map=shadow_map), samples=2)
     first = renderer.picture(uniform_lights(5, 0.0)).copy()
     renderer.picture(uniform_lights(30, -1.0))
@@ -211,7 +212,7 @@ def test_a_renderer_draws_the_same_picture_again(shadow_map):
 def test_resolution_by_power_gives_the_picture_of_large_maps():
     sky = uniform_lights(40, 0.0)
     lights = sky._replace(irradiance=sky.irradiance * np.where(np.arange(40) == 11, 40.0, 1.0)[:, None].astype(np.float32))
-    scene, made = load_scene(None), {}
+    scene, made = load_scene(SHAPES), {}
     for shadow_map in (None, 1024, 64):
         made[shadow_map] = picture(scene, lights, shadow_map=shadow_map)[..., :3]
     off = {size: np.sqrt(np.mean((made[size] - made[1024]) ** 2) / np.mean(made[1024] ** 2)) for size in (None, 64)}
@@ -221,7 +222,7 @@ def test_resolution_by_power_gives_the_picture_of_large_maps():
 
 
 def test_two_renderers_of_one_process_do_not_disturb_each_other():
-    scene, lights = load_scene(None), uniform_lights(3, 0.0)
+    scene, lights = load_scene(SHAPES), uniform_lights(3, 0.0)
     one = SceneRenderer(scene, Settings(width=64, height=48, shadow_map=64))
     alone = one.picture(lights).copy()
     other = SceneRenderer(scene, Settings(width=32, height=32, shadow_map=32))
@@ -233,7 +234,7 @@ def test_two_renderers_of_one_process_do_not_disturb_each_other():
 
 
 def test_the_middle_of_the_picture_is_what_the_camera_looks_at():
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     clip = clip_from_world(scene, (640, 480)) @ [*scene.camera.at, 1]
     assert np.abs(clip[:2] / clip[3]).max() < 1e-9
     above = clip_from_world(scene, (640, 480)) @ [*np.add(scene.camera.at, [0, 0, 0.1]), 1]
@@ -261,7 +262,7 @@ def test_what_is_near_is_seen_in_a_wide_scene(around, tmp_path):
 
 
 def test_the_near_plane_lies_before_all_that_can_be_seen():
-    scene, size = load_scene(None)._replace(half=np.full(3, 1000.0)), (640, 480)
+    scene, size = load_scene(SHAPES)._replace(half=np.full(3, 1000.0)), (640, 480)
     for nearest_m in (0.5, 2.0):
         clip = clip_from_world(scene, size, nearest_m=nearest_m)
         for pixel in ((0.0, 0.0), (320.0, 240.0)):
@@ -276,7 +277,7 @@ def test_the_near_plane_lies_before_all_that_can_be_seen():
 
 @pytest.mark.parametrize("frame_ms", [0.0, 20.0])
 def test_frames_leak_no_memory(frame_ms):
-    renderer = SceneRenderer(load_scene(None), Settings(width=8, height=8, shadow_map=128, frame_ms=frame_ms))
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=8, height=8, shadow_map=128, frame_ms=frame_ms))
     request = ToneRequest(None, 0.0, 0.04)
 
     def peak_bytes(frames: int) -> int:
@@ -300,13 +301,13 @@ def test_a_shader_that_fails_is_one_line():
 
 def test_a_picture_beyond_the_limit_is_refused():
     with pytest.raises(UserError, match="make them smaller"):
-        SceneRenderer(load_scene(None), Settings(width=10**6, height=4))
+        SceneRenderer(load_scene(SHAPES), Settings(width=10**6, height=4))
 
 
 @pytest.mark.parametrize("frame_ms", [0.0, 20.0])
 @pytest.mark.parametrize("timed", [False, True])
 def test_every_pass_is_timed_for_a_target_or_when_asked(frame_ms, timed):
-    renderer = SceneRenderer(load_scene(None), Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms), samples=2, timed=timed)
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms), samples=2, timed=timed)
     for _ in range(2):  # a second picture begins to count again
         timings = renderer.frame(uniform_lights(5, 0.0), tone=ToneRequest(None, 0.0, 0.04)).timings
     if timed or frame_ms:
@@ -323,20 +324,20 @@ def test_every_pass_is_timed_for_a_target_or_when_asked(frame_ms, timed):
     ("error", "kind", "words"), [("GL_OUT_OF_MEMORY", UserError, "make them smaller"), ("GL_UNKNOWN_ERROR", FatalError, "start again")]
 )
 def test_a_context_that_fails_is_one_line(error, kind, words, monkeypatch):
-    renderer = SceneRenderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=8, height=8, shadow_map=16))
     monkeypatch.setattr(moderngl.Context, "error", property(lambda _: error))
     with pytest.raises(kind, match=words) as caught:
         renderer.picture(uniform_lights(3, 0.0))
     assert "\n" not in str(caught.value)
     with pytest.raises(kind, match=words):
-        SceneRenderer(load_scene(None), Settings(width=8, height=8, shadow_map=16))
+        SceneRenderer(load_scene(SHAPES), Settings(width=8, height=8, shadow_map=16))
     monkeypatch.undo()
     renderer.release()
 
 
 def test_gl_reports_no_error():
     for frame_ms in (0.0, 1000.0):
-        renderer = SceneRenderer(load_scene(None), Settings(width=8, height=6, shadow_map=16, frame_ms=frame_ms), samples=2)
+        renderer = SceneRenderer(load_scene(SHAPES), Settings(width=8, height=6, shadow_map=16, frame_ms=frame_ms), samples=2)
         for count in (1, 3, 30):
             renderer.frame(uniform_lights(count, 0.0), uniform_lights(2 * count, 0.0), ToneRequest(None, 0.0, 0.04))
         context = renderer.renderer._context

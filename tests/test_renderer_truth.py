@@ -7,6 +7,7 @@ import pytest
 
 from tests.support.ray_casting import first_hits, near_edges, scene_tree, unshadowed, visible
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.scene.scene import load_scene
@@ -33,7 +34,7 @@ at = [0.6, 0.0, 0.5]
 
 def scene_of(name: str, folder: Path):
     if name == "demo":
-        return load_scene(None)
+        return load_scene(SHAPES)
     (folder / "scene.toml").write_text(CONTACT)
     return load_scene(folder / "scene.toml")
 
@@ -62,7 +63,7 @@ def test_shadows_agree_with_rays_but_for_their_edges(tmp_path, name, shadow_map)
 
 
 def test_a_skys_small_maps_agree_with_rays_over_the_whole_picture(tmp_path):
-    scene, width, height, count = load_scene(None), 96, 72, 72
+    scene, width, height, count = load_scene(SHAPES), 96, 72, 72
     tree = scene_tree(scene)
     hits = first_hits(scene, tree, width, height)
     k = np.arange(count) + 0.5

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.scenes import SHAPES
 from vemlight.errors import UserError
 from vemlight.renderer.scene.scene import load_scene
 
@@ -21,7 +22,7 @@ def one_triangle(folder: Path, vertices: list[tuple[float, float, float]], name:
 
 
 def test_the_bundled_scene_loads():
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     assert len(scene.meshes) >= 4
     assert np.all(np.isfinite(scene.centre))
     assert np.all(scene.half > 0)

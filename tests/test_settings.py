@@ -133,15 +133,14 @@ def test_options_of_a_command_line_are_named_as_there():
 
 
 def test_what_the_settings_leave_out():
-    assert (Sampler().max_count, Sampler().error_limit) == (72, 0.0)
+    assert (Sampler().max_count, Sampler().error_limit) == (256, 0.05)
     assert (Sampler(soft=True).max_count, Sampler(soft=True).error_limit) == (256, 0.05)
     assert (Sampler(soft=True, count=40).max_count, Sampler(soft=True, count=40).error_limit) == (40, 0.0)
     assert (Sampler(error_percent=7.0).max_count, Sampler(error_percent=7.0, count=9).max_count) == (256, 9)
     assert (Sampler(soft=True, error_percent=0.0).max_count, Sampler(soft=True, error_percent=0.0).error_limit) == (72, 0.0)
 
 
-def test_soft_lights_and_their_adapted_number_become_the_default_together(monkeypatch):
-    monkeypatch.setattr("vemlight.settings.SOFT_BY_DEFAULT", True)
+def test_soft_lights_and_their_adapted_number_are_the_default_together():
     assert (Sampler().is_soft, Sampler().error_limit, Sampler().max_count) == (True, 0.05, 256)
     assert (Sampler(count=9).is_soft, Sampler(count=9).error_limit) == (True, 0.0)
     assert (Sampler(soft=False).is_soft, Sampler(soft=False).max_count) == (False, 72)

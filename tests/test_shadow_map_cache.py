@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer import frame_plan
@@ -169,7 +170,7 @@ def test_lights_without_any_map_come_by_their_strength():
 
 
 def test_with_time_enough_the_picture_is_the_one_without_a_target():
-    scene, pictures = load_scene(None), []
+    scene, pictures = load_scene(SHAPES), []
     for frame_ms in (0.0, 1e4):
         renderer = SceneRenderer(scene, Settings(width=64, height=48, shadow_map=64, frame_ms=frame_ms))
         for turn in (0.0, 0.3, 0.6):  # several texels of 1 / 60 rad
@@ -183,7 +184,7 @@ def test_with_time_enough_the_picture_is_the_one_without_a_target():
 
 def test_maps_that_were_not_drawn_anew_err_by_no_more_than_their_angle(monkeypatch):
     monkeypatch.setattr(frame_plan, "affordable_lights", lambda *_: None)
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     exact = SceneRenderer(scene, Settings(width=96, height=72, shadow_map=128))
     errors = {}
     for budget in (2, 12):
@@ -203,7 +204,7 @@ def test_maps_that_were_not_drawn_anew_err_by_no_more_than_their_angle(monkeypat
 
 
 def test_power_that_varies_a_little_redraws_no_map():
-    renderer = SceneRenderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4, shadows="maps"))
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=32, height=24, frame_ms=1e4, shadows="maps"))
     drawn_maps = []
     for frame in range(8):
         power = np.full(80, 1.0)
@@ -216,7 +217,7 @@ def test_power_that_varies_a_little_redraws_no_map():
 
 
 def test_lights_that_become_stronger_get_larger_maps_and_the_others_keep_theirs():
-    renderer = SceneRenderer(load_scene(None), Settings(width=32, height=24, frame_ms=1e4))
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=32, height=24, frame_ms=1e4))
     sizes, drawn_maps = [], []
     for power in (1.0, 20.0, 20.0, 1.0, 20.0):
         irradiance = np.ones((80, 3))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.support.light_sets import lights_from
+from tests.support.scenes import SHAPES
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.gl.buffers import LIGHT_FRAME
@@ -29,7 +30,7 @@ from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import map_resolutions
 from vemlight.renderer.scene.scene import load_scene
 
-SCENE = load_scene(None)
+SCENE = load_scene(SHAPES)
 RESOLUTIONS = map_resolutions(64)
 SETUP = ShadowSetup(scene_casters(SCENE, RESOLUTIONS.choices), light_regions(24), RESOLUTIONS, 8192)
 PLACED = placed_casters(SETUP.casters, np.tile(np.eye(4), (len(SCENE.meshes), 1, 1)))

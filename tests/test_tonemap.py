@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.frame import ToneRequest
 from vemlight.renderer.output.tonemap import (
@@ -178,7 +179,7 @@ def test_a_pictures_scale_does_not_matter_to_the_exponential_curve_either(scale:
 
 @pytest.mark.parametrize("tone", ["reinhard", "exponential"])
 def test_the_shader_draws_the_same_curve(tone):
-    renderer = SceneRenderer(load_scene(None), Settings(width=48, height=36, shadow_map=32, tone=tone))
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=48, height=36, shadow_map=32, tone=tone))
     for power in (0.0, 1e-20, 1.0, 1e9):
         lights = LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.array([[power, power / 2, power / 3]]))
         picture = renderer.picture(lights).copy()
@@ -191,7 +192,7 @@ def test_the_shader_draws_the_same_curve(tone):
 
 
 def test_the_shader_has_the_same_answer_to_hostile_pixels():
-    renderer = SceneRenderer(load_scene(None), Settings(width=6, height=1, shadow_map=32))
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=6, height=1, shadow_map=32))
     picture = gray(np.array([np.nan, np.inf, -np.inf, -1.0, 1e-30, 1e30])).astype(np.float32)
     state = adapt(None, gray(np.array([0.5, 1.0, 2.0])), 0.04)
     assert np.array_equal(renderer.tone_mapped(picture, state, 0.0), tone_mapped(picture, state, 0.0))
@@ -200,7 +201,7 @@ def test_the_shader_has_the_same_answer_to_hostile_pixels():
 
 @pytest.mark.parametrize(("width", "height"), [(48, 36), (320, 240), (521, 257)])  # every pixel; every second, of even and odd sizes
 def test_the_eye_adapts_to_the_pixels_that_are_subsampled(width, height):
-    renderer = SceneRenderer(load_scene(None), Settings(width=width, height=height, shadow_map=32))
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=width, height=height, shadow_map=32))
     lights = LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.ones((1, 3)))
     drawn = renderer.frame(lights, tone=ToneRequest(None, 0.0, 0.04))
     picture = drawn.picture

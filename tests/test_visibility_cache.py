@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tests.support.rendering import SceneRenderer
+from tests.support.scenes import SHAPES
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer import frame_plan, pass_table
@@ -14,7 +15,7 @@ STEP = 0.5 / 256  # the most that 8 bits are off
 
 
 def renderer_of(frame_ms: float) -> SceneRenderer:
-    return SceneRenderer(load_scene(None), Settings(width=96, height=72, shadow_map=64, frame_ms=frame_ms))
+    return SceneRenderer(load_scene(SHAPES), Settings(width=96, height=72, shadow_map=64, frame_ms=frame_ms))
 
 
 def lights_at(turn: float, count: int = 20) -> LightSet:

@@ -12,6 +12,7 @@ from bench.accuracy.drawing import few_shades, leave_margin, save
 from bench.accuracy.maps import one
 from bench.evaluation import points_of, points_of_lights, probe_irradiance, read_source, relative_rms
 from bench.methods import STILL, TRACKED, settled
+from tests.support.scenes import SHAPES
 from vemlight.light.colour import LUMINANCE_WEIGHTS, srgb_from_linear
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.renderer import Renderer
@@ -59,7 +60,7 @@ def pictures(out: Path, progress: Progress) -> None:
     """The product's own scene under the lights of each method, and its difference from the picture under REFERENCE lights."""
     source = read_source(one("a sun"))
     figure, axes = _sheet((13, 8.6))
-    renderer, rows = FrameSequence(Renderer(load_scene(None), Size(width=200, height=150, shadow_map=256), 4)), []
+    renderer, rows = FrameSequence(Renderer(load_scene(SHAPES), Size(width=200, height=150, shadow_map=256), 4)), []
     task = progress.add_task("pictures", total=axes.size)
     try:
         truth = np.array(renderer.render(settled(METHODS[-1], REFERENCE, source)[0]))[..., :3]

@@ -24,6 +24,7 @@ from bench.sequences import Frame, world_from_latlong
 from bench.stability.__main__ import NAMES, OUT, inputs, lights_of
 from bench.stability.moving import MOVING
 from bench.stability.recipes import RECIPES
+from tests.support.scenes import SHAPES
 from vemlight.files import written_whole
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
@@ -95,7 +96,7 @@ def _jod(clip: np.ndarray, truth: np.ndarray, fps: float) -> float:
 def rows_of(map_name: str, sequence: str, count: int, names: Sequence[str]) -> Iterator[dict[str, Any]]:
     """One row for each method of these names."""
     frames: list[Frame] = [*MOVING[sequence](world_from_latlong(RECIPES[map_name]()))][:count]
-    scene = load_scene(None)
+    scene = load_scene(SHAPES)
     truth = clip_of(scene, [lights_of_source(frame.source) for frame in frames])
     for name in names:
         lights, _ = lights_of(name, COUNT, inputs(frames))

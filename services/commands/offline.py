@@ -167,7 +167,7 @@ def write_pictures(options: RenderOptions) -> str:
         for k, (frame, lights, _) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
             environment = EnvironmentMap(frame.radiance, frame.coverage, frame.bright_cells)
             background = environment if wanted.background == "map" else None
-            picture = sequence.render(lights, environment, scene_pose(scene, frame.time_s), background)
+            picture = sequence.render(sequence.renderer.drawable(lights), environment, scene_pose(scene, frame.time_s), background)
             adaptation = adapt(adaptation, subsampled(picture), max(0.0, frame.time_s - before_s))
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, wanted.exposure, wanted.tone)

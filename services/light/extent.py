@@ -36,6 +36,28 @@ class Extents(NamedTuple):
         return Extents(np.sqrt(trace / 2), np.sqrt(1 - trace), axes)
 
 
+POINTS = 4  # for a light with extent: they have its mean, its covariance and its irradiance
+DIVIDED_RAD = 0.01  # a narrower light stays one point: its points would be nearer to each other than a texel of a shadow map of 256
+
+
+def points_of_extents(lights: LightSet) -> LightSet:
+    """Lights with extent as points, for shadows that know points alone: POINTS each, one standard deviation to either side along both axes
+    of each, on a circle of sqrt(2) of it. Ids stay the same from frame to frame."""
+    if lights.covariances is None:
+        return lights
+    extents = Extents.of(lights)
+    wide = np.flatnonzero(extents.spreads >= DIVIDED_RAD)
+    narrow = np.flatnonzero(extents.spreads < DIVIDED_RAD)
+    signs = np.sqrt(2) * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    offsets = np.einsum("pa,nai->pni", signs, extents.axes[wide])
+    spread = lights.directions[wide] * extents.concentrations[wide, None] + offsets
+    spread /= np.linalg.norm(spread, axis=-1, keepdims=True)
+    ids = np.concatenate([POINTS * lights.ids[narrow], *(POINTS * lights.ids[wide] + k for k in range(POINTS))])
+    directions = np.concatenate([lights.directions[narrow], spread.reshape(-1, 3)])
+    irradiance = np.concatenate([lights.irradiance[narrow], np.tile(lights.irradiance[wide] / POINTS, (POINTS, 1))])
+    return LightSet.of(ids, directions, irradiance)
+
+
 def tangents(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two axes (n, 3) across unit vectors (n, 3) that make a right-handed frame with them (Duff et al. 2017)."""
     x, y, z = directions.T

@@ -7,6 +7,8 @@ import numpy as np
 
 from vemlight import settings
 from vemlight.errors import UserError
+from vemlight.light.extent import points_of_extents
+from vemlight.light.light_set import LightSet
 from vemlight.renderer import pass_table
 from vemlight.renderer.frame import FramePlan, FrameState, PassRun, PlatePicture
 from vemlight.renderer.frame_budget import FrameTimings
@@ -107,6 +109,10 @@ class Renderer:
             pass_table.UPLOAD: self._upload,
         }
         check_context(context)
+
+    def drawable(self, lights: LightSet) -> LightSet:
+        """The lights as this renderer draws them: those with extent as they are by rays, as several points each by maps."""
+        return lights if self.setup.traced else points_of_extents(lights)
 
     def draw(self, plan: FramePlan) -> DrawnFrame:
         """Draws a frame and returns what its plan asked for, and how long that took. `plan.after` describes what is then cached on the GPU.

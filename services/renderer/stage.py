@@ -125,8 +125,6 @@ class RendererStage:
         self._frame_ms = drawing.frame_ms or 0.0
         if settings.sampler.gloss_lights:
             notice("[sampler] gloss_lights: the renderer reflects the map itself; leave the key out unless another program takes that set")
-        if settings.sampler.is_soft and self._renderer.shadows == "maps":
-            notice("[sampler] soft: shadows by maps are sharp, those of points; [renderer] shadows = \"rays\" draws the lights' extent")
 
     def first_missing_frame(self) -> int:
         return self._images.count if self._images else 0
@@ -152,7 +150,7 @@ class RendererStage:
         paused_s = state.paused_s + dt_s if state.paused else state.paused_s
         state = state._replace(time_s=time_s, paused_s=paused_s, costs=costs, measured=None, notices=())
         shown = FrameInput(
-            lights=LightSet(*arrays[:-2]),
+            lights=self._renderer.drawable(LightSet(*arrays[:-2])),
             pose=scene_pose(self._renderer.setup.scene, time_s - paused_s, state.poses),
             environment=state.environment if self._glossy else None,
             background=state.environment if self._shows_environment else None,

@@ -1,4 +1,4 @@
-"""Scenes: the scene file, its meshes in world axes, and the bundled demo scene.
+"""Scenes: the scene file, its meshes in world axes, and the bundled scene.
 
 A scene file is TOML. Paths are relative to it, angles are in degrees, lengths in metres, +Z is up.
 """
@@ -42,7 +42,7 @@ from vemlight.renderer.scene.plate_table import PlateTable, load_plate
 from vemlight.renderer.scene.scene_limits import MAX_LUMINAIRES, SceneLimits
 from vemlight.runtime import wire
 
-DEMO_SCENE = Path(__file__).parent / "scenes" / "demo.toml"
+BUNDLED_SCENE = Path(__file__).parent / "scenes" / "terrace.toml"
 MAX_RELATIVE_OFFSET = 1000  # scene sizes from the origin: there float32 is 6e-5 of the size, a tenth of a texel of the largest shadow map
 MAX_SCALE = 1e9  # nanometres as metres; its cube is finite in float64, as is its inverse's. Any value in 1e7 .. 1e12 does
 FLAT = 1e-3  # by how much normals of a shadow catcher may differ: 0.06 degrees, far above float32 and far below a bend that is meant
@@ -124,13 +124,13 @@ class Scene(NamedTuple):
 
 
 def load_scene(path: Path | None) -> Scene:
-    """The scene at `path`, or the bundled demo scene for None.
+    """The scene at `path`, or the bundled scene for None.
 
     Prints a line to standard error for each feature of a file that is not drawn, and for a scene far from the origin. Raises UserError
     that names the scene file, the table and how to correct it: for unknown keys, for files that are missing or cannot be read, and for
     meshes that are empty, hold nan or have no area.
     """
-    path = path or DEMO_SCENE
+    path = path or BUNDLED_SCENE
     table = read_toml(path, SceneTable)
     if not table.mesh:
         raise UserError(f"{path}: has no [[mesh]]; add one")

@@ -16,7 +16,9 @@ from tests.support.processes import LOADED_S, free_port
 
 ROOT = Path(__file__).parents[1]
 OLDEST_SETUPTOOLS = 77  # the first that reads `license = "Apache-2.0"`
-NOT_INSTALLED = {"renderer/luminaire/lamps/torch.toml", "renderer/scene/scenes/headlights.toml"}  # a recipe and an example
+# A recipe, an example, and the scene of tests.
+NOT_INSTALLED = {"renderer/luminaire/lamps/torch.toml"}
+NOT_INSTALLED |= {f"renderer/scene/scenes/{name}" for name in ("headlights.toml", "shapes.toml", "knot.obj", "pole.obj")}
 SMALL = "[capture]\nrows = 9\ncols = 36\n[sampler]\ncount = 8\n[renderer]\nwidth = 64\nheight = 48\nshadow_map = 16\n"
 
 
@@ -69,7 +71,7 @@ def test_the_wheel_holds_the_package_and_the_bundled_sequence_and_nothing_else(w
     code = {name for name in code if "__pycache__" not in name} - NOT_INSTALLED
     bundled = {"lens.toml", "manifest.jsonl", *(f"sky_{k:04d}.exr" for k in range(48))}
     assert held == {f"vemlight/{name}" for name in code} | {f"vemlight/capture/bundled/{name}" for name in bundled}
-    assert {Path(name).suffix for name in held} >= {".vert", ".frag", ".glsl", ".comp", ".npy", ".html", ".js", ".css", ".toml", ".obj"}
+    assert {Path(name).suffix for name in held} >= {".vert", ".frag", ".glsl", ".comp", ".npy", ".html", ".js", ".css", ".toml", ".glb"}
 
 
 def test_two_builds_are_the_same_bytes(wheel, tmp_path):

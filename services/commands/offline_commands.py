@@ -35,7 +35,8 @@ def sampling(command: Callable[..., None]) -> Callable[..., None]:
 @sampling
 @click.option("--clusters", type=click.IntRange(1, 100_000), help="Maximum number of lights after merging neighbours.")
 @click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Error limit, %; as few lights as keep it are used.")
-@click.option("--soft/--points", default=None, help="Lights with the extent of their light (vemlight.lights/2), the default of tracked lights, or points.")
+@click.option("--soft/--points", default=None,
+              help="Lights with the extent of their light (vemlight.lights/2), the default of tracked lights, or points.")  # fmt: skip
 @click.option("--score", is_flag=True, help="Print the lights' error and flicker.")
 @click.option("--out", type=OutFile(".json", ".jsonl", dash=True), required=True,
               help="LIGHTS.json for one frame, LIGHTS.jsonl for any number; - for standard output.")  # fmt: skip

@@ -20,12 +20,19 @@ class NodeTransform(NamedTuple):
 
     def matrix(self) -> np.ndarray:
         """The transform (4, 4) that scales, rotates and translates, in this order."""
-        from scipy.spatial.transform import Rotation  # here, since it takes a third of a second to load
-
         matrix = np.eye(4)
-        matrix[:3, :3] = Rotation.from_quat(self.rotation).as_matrix() * self.scale
+        matrix[:3, :3] = _rotation(self.rotation) * self.scale
         matrix[:3, 3] = self.translation
         return matrix
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    """The matrix (3, 3) of a quaternion x, y, z, w of any length above 0."""
+    if not quaternion[:3].any():
+        return np.eye(3)
+    from scipy.spatial.transform import Rotation  # here, since it takes a third of a second to load, and most nodes stand as they are
+
+    return Rotation.from_quat(quaternion).as_matrix()
 
 
 class MeshNode(NamedTuple):

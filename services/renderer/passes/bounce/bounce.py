@@ -43,7 +43,7 @@ class BounceLight:
             self._seen = self._tracer.surfaces
             self._bounce.see(self._of_blocks(self._seen), self._eye)
         traces = np.zeros(len(lights.ids)) if lights.covariances is None else lights.covariances[:, [0, 3, 5]].sum(axis=1)
-        blocks = self._bounce.gather(lights.directions, lights.irradiance, np.sqrt(traces / 2))
+        blocks = self._bounce.gather(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2))
         there = np.any(blocks.normals, axis=-1, keepdims=True)
         for texture, values in zip(self._textures.values(), blocks, strict=True):
             texture.write(np.concatenate([values, there], axis=-1, dtype=np.float32).tobytes())

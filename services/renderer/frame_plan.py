@@ -65,7 +65,7 @@ def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_tex
     """The setup for `samples` of each pixel on a GL whose largest texture has so many texels a side. traced: shadows are by rays."""
     resolutions = map_resolutions(settings.shadow_map)
     regions = light_regions(SPHERE_REGIONS if settings.light_regions is None else settings.light_regions)
-    shadows = ShadowSetup(scene_casters(scene, resolutions.choices), regions, resolutions, max_atlas_side(max_texture_side))
+    shadows = ShadowSetup(scene_casters(scene, resolutions.choices, not traced), regions, resolutions, max_atlas_side(max_texture_side))
     materials = [mesh.material for mesh in scene.meshes]
     return FrameSetup(
         scene=scene,

@@ -81,8 +81,11 @@ class PlacedCasters(NamedTuple):
     matrices: np.ndarray
 
 
-def scene_casters(scene: Scene, resolutions: Sequence[int]) -> Casters:
-    """The casters for maps of `resolutions` texels a side, the largest first: simplified by no more than a texel, the shaders' bias."""
+def scene_casters(scene: Scene, resolutions: Sequence[int], drawn_in_maps: bool = True) -> Casters:
+    """The casters for maps of `resolutions` texels a side, the largest first: simplified by no more than a texel, the shaders' bias.
+
+    drawn_in_maps: False where shadows are by rays: nothing is simplified then, which takes most of the time of a start.
+    """
     tolerance_m = SUNK * float(np.linalg.norm(scene.half))
     plane, normal = _receiver_plane(scene, tolerance_m)
     members = {k: mesh.geometry for k, mesh in enumerate(scene.meshes) if k != plane}
@@ -90,7 +93,8 @@ def scene_casters(scene: Scene, resolutions: Sequence[int]) -> Casters:
     # Seen from any side the box is at least as large as its middle extent, so no map's texel is smaller than this.
     texels_m = [float(np.sort(high - low)[1]) / resolution for resolution in resolutions]
     alpha_tested = {k for k in members if alpha_test_of(scene.meshes[k].material)}  # drawn by alpha_test.py; here they have a box alone
-    versions = {k: [mesh] * len(texels_m) if k in alpha_tested else simplified(mesh, texels_m) for k, mesh in members.items()}
+    whole = alpha_tested if drawn_in_maps else set(members)
+    versions = {k: [mesh] * len(texels_m) if k in whole else simplified(mesh, texels_m) for k, mesh in members.items()}
     # Resolutions have a level in common where no mesh has another version.
     fresh = [n == 0 or any(made[n] is not made[n - 1] for made in versions.values()) for n in range(len(resolutions))]
     drawn = [{k: local_order(versions[k][n]) for k in members} for n in np.flatnonzero(fresh)]

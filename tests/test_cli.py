@@ -55,7 +55,7 @@ def folder(tmp_path: Path) -> Path:
     image = np.full((16, 32, 3), 0.5, np.float32)
     for k in range(3):
         write_exr(tmp_path / f"f_{k:04d}.exr", image)
-    rows = "".join(f"{code},{luminance},fit\n" for code, luminance in ((40, 1), (90, 10), (60, 100), (160, 1000), (190, 5000)))
+    rows = "".join(f"{code},{luminance},fit\n" for code, luminance in ((190, 1), (160, 10), (90, 100), (60, 1000), (40, 5000)))
     (tmp_path / "falling.csv").write_text(f"code,luminance,use\n{rows}110,30,check\n")
     return tmp_path
 
@@ -161,7 +161,7 @@ def test_no_gl(folder):
         (("calibrate", "lens", "f_0000.exr", "--board", "8", "--square", "0.03", "--out", "l.toml"), ("--board", "8x6")),
         (("calibrate", "lens", "ghost.jpg", "--board", "8x6", "--square", "0.03", "--out", "l.toml"), ("ghost.jpg",)),
         (("calibrate", "response", "ghost.csv", "--out", "r.toml"), ("ghost.csv",)),
-        (("calibrate", "response", "falling.csv", "--out", "r.toml"), ("rise",)),
+        (("calibrate", "response", "falling.csv", "--bits", "8", "--out", "r.toml"), ("rise",)),
         (("calibrate", "response", "f_0000.exr", "--corners", "1,2,3,4,5,6", "--white", "9", "--out", "r.toml"), ("--corners", "eight")),
         (("calibrate", "response", "f_0000.exr", "--corners", "1,2,3,4,5,6,7,8", "--out", "r.toml"), ("--white",)),
         (("calibrate", "response", "f_0000.exr", "--white", "9", "--out", "r.toml"), ("no ColorChecker", "corners")),

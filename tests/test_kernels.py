@@ -10,7 +10,7 @@ import pytest
 from vemlight.kernels import kernel
 
 ROOT = Path(__file__).parents[1]
-COMPILED = ("kernel", "subroutine", "njit")
+COMPILED = ("kernel", "subroutine", "callback", "njit")
 
 
 def decorator_of(function: ast.AST) -> str | None:

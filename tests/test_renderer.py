@@ -214,7 +214,7 @@ def test_resolution_by_power_gives_the_picture_of_large_maps():
     lights = sky._replace(irradiance=sky.irradiance * np.where(np.arange(40) == 11, 40.0, 1.0)[:, None].astype(np.float32))
     scene, made = load_scene(SHAPES), {}
     for shadow_map in (None, 1024, 64):
-        made[shadow_map] = picture(scene, lights, shadow_map=shadow_map)[..., :3]
+        made[shadow_map] = picture(scene, lights, shadow_map=shadow_map, shadows="maps")[..., :3]
     off = {size: np.sqrt(np.mean((made[size] - made[1024]) ** 2) / np.mean(made[1024] ** 2)) for size in (None, 64)}
     # The sky's maps have 64 texels, its strong light's 512. 0.015, where maps of 512 give 0.011, and 0.038 measured.
     assert off[None] < 0.02
@@ -339,7 +339,7 @@ def test_gl_reports_no_error():
     for frame_ms in (0.0, 1000.0):
         renderer = SceneRenderer(load_scene(SHAPES), Settings(width=8, height=6, shadow_map=16, frame_ms=frame_ms), samples=2)
         for count in (1, 3, 30):
-            renderer.frame(uniform_lights(count, 0.0), uniform_lights(2 * count, 0.0), ToneRequest(None, 0.0, 0.04))
+            renderer.frame(uniform_lights(count, 0.0), tone=ToneRequest(None, 0.0, 0.04))
         context = renderer.renderer._context
         with context:
             check_context(context)  # raises what the driver reports

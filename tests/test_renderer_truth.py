@@ -45,7 +45,7 @@ def test_shadows_agree_with_rays_but_for_their_edges(tmp_path, name, shadow_map)
     scene, width, height = scene_of(name, tmp_path), 128, 96
     tree = scene_tree(scene)
     hits = first_hits(scene, tree, width, height)
-    renderer = SceneRenderer(scene, Settings(width=width, height=height, shadow_map=shadow_map))
+    renderer = SceneRenderer(scene, Settings(width=width, height=height, shadow_map=shadow_map, shadows="maps"))
     error = power = lost = 0.0
     for theta, phi in [(0.2, 1.0), (0.7, 4.0), (0.9, 2.2), (1.2, 5.0), (1.45, 0.3)]:
         direction = direction_from_angles(theta, phi)

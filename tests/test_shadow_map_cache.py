@@ -217,7 +217,7 @@ def test_power_that_varies_a_little_redraws_no_map():
 
 
 def test_lights_that_become_stronger_get_larger_maps_and_the_others_keep_theirs():
-    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=32, height=24, frame_ms=1e4))
+    renderer = SceneRenderer(load_scene(SHAPES), Settings(width=32, height=24, frame_ms=1e4, shadows="maps"))
     sizes, drawn_maps = [], []
     for power in (1.0, 20.0, 20.0, 1.0, 20.0):
         irradiance = np.ones((80, 3))

@@ -13,6 +13,7 @@ from vemlight.errors import of_setting
 from vemlight.files import notice
 from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
+from vemlight.light.extent import POINTS
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.accumulation import Accumulation, MapLights
 from vemlight.renderer.frame import AccumulationPass, FrameInput, FrameState, PlatePicture, ToneRequest
@@ -164,6 +165,7 @@ class RendererStage:
             state, pixels, count = self._draw(state, shown)
         height, width, _ = pixels.shape
         budget = budget_of(self._renderer.setup, state.frame, state.costs)
+        drawn_for_each = POINTS if header.soft and not self._renderer.setup.traced else 1
         made = wire.ImageMessage(
             stamp=header.stamp,
             width=width,
@@ -171,9 +173,9 @@ class RendererStage:
             linear=self._linear,
             objects=shown.pose.objects[: wire.MAX_POSES],
             report=wire.ImageReport(
-                drawn_lights=count,
+                drawn_lights=count if state.paused else -(-count // drawn_for_each),
                 render_ms=(time.monotonic() - began_s) * 1e3,
-                light_budget=0 if state.paused or not self._frame_ms else affordable_lights(budget) or 0,
+                light_budget=0 if state.paused or not self._frame_ms else (affordable_lights(budget) or 0) // drawn_for_each,
             ),
         )
         arrays = (pixels, half_floats(state.picture)) if self._linear and state.picture is not None else (pixels,)

@@ -225,7 +225,7 @@ WRONG = [
         ("calibrate response use.csv --out out.toml", "use.csv: line 6: use = 'chek' | check"),
         ("calibrate response number.csv --out out.toml", "number.csv: line 3 | 'ten'"),
         ("calibrate response nan.csv --out out.toml", "nan.csv: line 3 | finite"),
-        ("calibrate response few.csv --out out.toml", "few.csv: | needs 4"),
+        ("calibrate response few.csv --bits 8 --out out.toml", "few.csv: | needs 4"),
         ("calibrate response photo.png --out out.toml", "photo.png: is a PNG picture"),
         ("calibrate response photo.png --white 9 --out out.toml", "no ColorChecker | corners"),
         ("calibrate response photo.png --corners 1,2,3,4,5,6,7,8 --out out.toml", "--corners | --white"),

@@ -8,6 +8,7 @@ import zmq
 
 from tests.support.hostile_peers import zmtp
 from tests.support.processes import free_port, wait_until
+from vemlight import kernels
 from vemlight.runtime import peer_guard, wire
 from vemlight.runtime.peers import MANY_PARTS, PEERS, REFUSED_BURST, SUBSCRIPTIONS_BURST, receive
 from vemlight.runtime.service_stats import ServiceStats
@@ -96,6 +97,24 @@ def test_a_publisher_of_frames_without_end_is_cut(settings, client, monkeypatch)
             zmtp.greet(connection, b"XPUB")
             assert zmtp.send_until_cut(connection, zmtp.frame(bytes(2**20), zmtp.MORE), PATIENCE_S) is not None
     subscriber.close()
+
+
+def test_memory_that_the_compiler_takes_is_nobodys_message(monkeypatch):
+    guard = peer_guard.PeerGuard(zmq.Context.instance())
+    guard.stop()
+    monkeypatch.setattr(peer_guard, "_memory", lambda: 10 * peer_guard.MAX_GROWTH)
+    searched = []
+    monkeypatch.setattr(guard, "_search", searched.append)
+    guard._calm_memory = 0.0
+    monkeypatch.setattr(kernels.NOTICE, "depth", 1)
+    guard._look()
+    assert not searched
+    monkeypatch.setattr(kernels.NOTICE, "depth", 0)
+    guard._look()
+    assert not searched  # what it took is the service's own from now on
+    guard._calm_memory = 0.0
+    guard._look()
+    assert searched
 
 
 def test_whole_requests_are_no_message_without_end_however_many_come(transport, client):

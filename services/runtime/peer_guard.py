@@ -11,6 +11,7 @@ import ctypes
 import itertools
 import math
 import os
+import sys
 import threading
 import time
 import traceback
@@ -208,6 +209,8 @@ class PeerGuard(threading.Thread):
         """Judges all peers when memory has grown, or else a few now and then."""
         memory, now_s = _memory(), time.monotonic()
         self._calm_memory = min(float(memory), self._calm_memory + (memory - self._calm_memory) * PERIOD_S / CALM_S)
+        if _compiling():  # the compiler's memory, while frames wait that nobody takes
+            self._calm_memory = float(memory)
         grown = memory - self._calm_memory > MAX_GROWTH_UNASKED and now_s > self._search_s
         self._memory = min(self._memory, memory)
         if self._closed_doors:
@@ -266,6 +269,12 @@ class PeerGuard(threading.Thread):
         with contextlib.suppress(OSError):
             peer.shut_down()
         self._forget(peer)
+
+
+def _compiling() -> bool:
+    """Whether this process compiles a kernel; most processes have loaded no compiler."""
+    kernels = sys.modules.get("vemlight.kernels")
+    return kernels is not None and kernels.compiling()
 
 
 def _closed(door: Path) -> Path:

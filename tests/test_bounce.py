@@ -95,6 +95,11 @@ def test_shadow_rays_to_some_of_the_lights_stand_for_all(tmp_path, monkeypatch):
     assert not np.array_equal(some, whole)
 
 
+def test_a_live_bounce_has_as_many_blocks_whatever_the_size():
+    assert [bounce_pass.block_side(size, True) for size in ((160, 120), (320, 240), (640, 360), (1280, 960))] == [4, 4, 7, 16]
+    assert bounce_pass.block_side((1280, 960), False) == 4
+
+
 def test_pictures_of_the_same_light_are_the_same(tmp_path):
     renderer = renderer_of(scene_of(tmp_path, FACING_WALL + CORNER))
     first = renderer.picture(uniform_lights(60, 0.0))

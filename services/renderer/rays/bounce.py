@@ -1,6 +1,6 @@
 """One bounce of light: what the surfaces around a pixel, lit by the lights, send to it (final gathering, after Jensen 1996).
 
-A pixel of every block of BLOCK x BLOCK sends rays over its hemisphere; where they meet a surface, shadow rays to some of the lights say how
+A pixel of every block of pixels sends rays over its hemisphere; where they meet a surface, shadow rays to some of the lights say how
 bright it is there. That is about as much work as the direct light of thirty lights. The noise it leaves stands still, since all directions
 and choices are fixed, and is spread over nine blocks; bounce.frag brings it to all pixels.
 """
@@ -31,7 +31,6 @@ from vemlight.renderer.rays.hits import (
 from vemlight.renderer.rays.reflecting import ReflectingMeshes
 from vemlight.renderer.rays.tracing import FAR, LIFT_OF_REACH, OCCLUDED, PASSED
 
-BLOCK = 4  # pixels on a side; a bounce changes slowly but at contacts, where rays are short and the direct light's shadows count more
 ROWS_PER_TASK = 4  # of blocks; as tracing.TILE_ROWS_PER_TASK
 SAME_NORMAL = 8.0  # exponent of the cosine between two normals: surfaces 30 degrees apart share a third of their light
 SAME_PLANE = 0.02  # of the distance to the eye: so far off a block's plane light counts by 1 / e; a block is half of that wide
@@ -119,7 +118,7 @@ class Bounce:
 
     def warm(self) -> None:
         """Compiles, or loads, what a bounce takes."""
-        block_pixels(np.zeros((BLOCK, BLOCK, 3), np.float32))
+        block_pixels(np.zeros((4, 4, 3), np.float32), 4)
         nothing = np.zeros((1, 1, 3), np.float32)
         self.see(BlockSurfaces(nothing, nothing), np.zeros(3))
         self.gather(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1))
@@ -147,19 +146,22 @@ def disc_pattern() -> np.ndarray:
 
 
 @kernel(nogil=True)
-def block_pixels(normals):
-    """Of each block the pixel in its middle, or else the first with a surface: its row and its column, (rows, columns) each."""
+def block_pixels(normals, block):
+    """Of each block of so many pixels a side the pixel in its middle, or else the first with a surface: its row and its column.
+
+    Both (rows, columns) int64.
+    """
     height, width, _ = normals.shape
-    rows, columns = (height + BLOCK - 1) // BLOCK, (width + BLOCK - 1) // BLOCK
+    rows, columns = (height + block - 1) // block, (width + block - 1) // block
     chosen = np.empty((rows, columns), np.int64), np.empty((rows, columns), np.int64)
     for row in range(rows):
         for column in range(columns):
-            top, left = row * BLOCK, column * BLOCK
-            y, x = min(top + BLOCK // 2, height - 1), min(left + BLOCK // 2, width - 1)
-            for k in range(BLOCK * BLOCK):
+            top, left = row * block, column * block
+            y, x = min(top + block // 2, height - 1), min(left + block // 2, width - 1)
+            for k in range(block * block):
                 if normals[y, x, 0] != 0 or normals[y, x, 1] != 0 or normals[y, x, 2] != 0:
                     break
-                y, x = min(top + k // BLOCK, height - 1), min(left + k % BLOCK, width - 1)
+                y, x = min(top + k // block, height - 1), min(left + k % block, width - 1)
             chosen[0][row, column], chosen[1][row, column] = y, x
     return chosen
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
+from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_directions, cell_solid_angles, direction_from_angles
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.tracking.sources import NO_SOURCES, Sources, peaks_of, source_lights, sources_after
+from vemlight.sampler.tracking.sources import NO_SOURCES, Sources, peaks_of, source_lights, sources_after, steady_extents
 from vemlight.sampler.tracking.tiles import tiles_from_map
 from vemlight.sampler.tracking.tracked import initial_tracked, tracked_step
 
@@ -50,7 +51,7 @@ def test_a_suns_halo_is_left_to_the_sky():
     _, flux, _ = source_lights(tiles, found, np.arange(1))
     whole, sun = tiles.flux.sum(), radiance.max() * 3 * SOLID_ANGLES[40, 0]
     assert found.power[0] * whole > 1.05 * sun  # the halo tells that something is there
-    np.testing.assert_allclose(flux.sum(), sun, rtol=0.02)
+    np.testing.assert_allclose(flux.sum(), sun, rtol=0.05)  # but for the cells beside it, in which a sun may lie in part
 
 
 @pytest.mark.parametrize(("fraction", "found"), [(0.008, 0), (0.012, 1), (0.025, 1)])
@@ -81,7 +82,7 @@ def test_an_even_sky_and_a_ramp_have_no_source():
 
 
 def known(direction, seen_s=0.0, source=7):
-    return Sources(np.array([source]), np.asarray(direction, float)[None], np.zeros((1, 3)), np.array([seen_s]))
+    return Sources(np.array([source]), np.asarray(direction, float)[None], np.zeros((1, 3)), np.array([seen_s]), np.full(1, 1e-4))
 
 
 @pytest.mark.parametrize(("degrees", "same"), [(0.5, True), (11.0, True), (13.5, False)])
@@ -93,7 +94,8 @@ def test_a_source_that_moved_by_twelve_degrees_keeps_its_id(degrees, same):
 
 @pytest.mark.parametrize(("gap_s", "same"), [(0.5, True), (0.99, True), (1.5, False)])
 def test_an_id_waits_a_second_for_its_source(gap_s, same):
-    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(70, 300)]), np.zeros((2, 3)), np.array([0.0, gap_s - 0.04]))
+    places = np.stack([place(40, 120), place(70, 300)])
+    before = Sources(np.array([7, 8]), places, np.zeros((2, 3)), np.array([0.0, gap_s - 0.04]), np.full(2, 1e-4))
     sources, now = sources_after(before, peaks(lit((40, 120, 3, 0.2))), gap_s, 50, MAX_COUNT)
     assert len(now) == 1
     assert (sources.ids[0] == 7) == same
@@ -105,7 +107,7 @@ def test_a_source_of_the_frame_before_keeps_its_id_over_a_gap_of_any_length():
 
 
 def test_each_of_two_sources_keeps_its_own_id_when_they_come_close():
-    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(40, 140)]), np.zeros((2, 3)), np.zeros(2))
+    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(40, 140)]), np.zeros((2, 3)), np.zeros(2), np.full(2, 1e-4))
     sources, _ = sources_after(before, peaks(lit((40, 124, 2, 0.2), (40, 136, 2, 0.2))), 0.04, 50, MAX_COUNT)
     nearer_to_first = sources.directions @ (place(40, 124) - place(40, 136)) > 0
     assert dict(zip(sources.ids.tolist(), nearer_to_first.tolist(), strict=True)) == {7: True, 8: False}
@@ -193,3 +195,34 @@ def test_the_lights_of_a_dark_frame_have_one_id_each(soft):
     state, lights, _ = tracked_step(48, initial_tracked(), SamplerInput(lit((40, 120, 4, 0.6)), "hemisphere", 0.0), False, soft)
     _, dark, _ = tracked_step(48, state, SamplerInput(0 * lit(), "hemisphere", 0.04), False, soft)
     assert sorted(dark.ids.tolist()) == sorted(lights.ids.tolist())
+
+
+@pytest.mark.parametrize(("after_s", "widest"), [(0.04, 1.04), (1.0, 2.0)])
+def test_a_source_is_no_wider_than_it_was_seen_but_widens_in_time(after_s, widest):
+    found = peaks(lit((40, 120, 3, 0.3)))
+    first, now = sources_after(NO_SOURCES, found, 0.0, 5, MAX_COUNT)
+    assert np.isinf(first.variances[: len(now)]).all()  # a new one is as wide as it looks
+
+    def fitted(spread_rad: float) -> LightSet:
+        square = spread_rad**2
+        return LightSet.of(first.ids[:1], found.directions[now[:1]], np.ones((1, 3)), np.array([[square, 0, 0, square, 0, 0]]))
+
+    lights, first = steady_extents(fitted(0.004), first, 1)
+    assert lights.covariances[0, 0] == pytest.approx(0.004**2)
+    second, now = sources_after(first, found, after_s, 9, MAX_COUNT)
+    lights, second = steady_extents(fitted(0.02), second, 1)
+    assert lights.covariances[0, 0] == pytest.approx(widest * 0.004**2)
+    lights, _ = steady_extents(fitted(0.003), second, 1)
+    assert lights.covariances[0, 0] == pytest.approx(0.003**2)  # narrower at once
+
+
+def test_a_sun_between_four_cells_is_one_source():
+    """Most of its light in one of 2 x 2 cells of a degree: all of it is the source's."""
+    radiance = lit()
+    for (row, column), part in {(40, 120): 0.7, (40, 121): 0.15, (41, 120): 0.1, (41, 121): 0.05}.items():
+        radiance[row, column] += part * 2 * np.pi / np.broadcast_to(SOLID_ANGLES, (ROWS, COLS))[row, column]
+    found = peaks(radiance)
+    _, lit_peaks = sources_after(NO_SOURCES, found, 0.0, 0, MAX_COUNT)
+    assert len(lit_peaks) == 1
+    assert np.count_nonzero(found.owner >= 0) >= 4
+    assert found.power[lit_peaks[0]] == pytest.approx(0.5, rel=0.02)

@@ -98,6 +98,8 @@ MUTANTS = [
         ("exchanges of a frame", "MAX_EXCHANGES = 6", "MAX_EXCHANGES = 12"),
     ]),
     *mutants_of(SAMPLER + "tracking/sources.py", "tests/test_sources.py", [
+        ("a sun cut between cells", "MIN_CORE_RAD = np.radians(1.2)", "MIN_CORE_RAD = np.radians(0.5)"),
+        ("sources that widen at once", "WIDEN_S = 1.0 ", "WIDEN_S = 0.1 "),
         ("power to enter", "ENTER_POWER, STAY_POWER = 0.03, 0.01", "ENTER_POWER, STAY_POWER = 0.015, 0.01"),
         ("power to stay", "ENTER_POWER, STAY_POWER = 0.03, 0.01", "ENTER_POWER, STAY_POWER = 0.03, 0.02"),
         ("reach of a match", "MATCH_RAD = np.radians(12.0)", "MATCH_RAD = np.radians(24.0)"),

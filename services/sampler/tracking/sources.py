@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.kernels import kernel, subroutine
+from vemlight.light.light_set import LightSet
 from vemlight.sampler.tracking.tiles import WEIGHT_EXPONENT, Tiles
 
 SOURCE_RAD = np.radians(3.0)  # a lamp of 5 degrees with its blur; a larger one has a shape that one direction does not stand for
@@ -19,19 +20,23 @@ MATCH_RAD = np.radians(12.0)  # that a source moves from frame to frame: a camer
 WAIT_S = 1.0  # an id outlives its source for so long
 MAX_PEAKS = 64  # looked at: a map with as many places that hold STAY_POWER has no source above twice that
 CORE_SPREADS = 2.0  # to a source's edge: all of an even disc, whose half lies within 0.71 of its radius; a halo is left to the sky
-MIN_CORE_RAD = np.radians(0.5)  # a cell of the map
+# A sun between four pixels of a camera, or cells of a map, of a degree: the farthest is 1.1 degrees from the middle. 1.1 to 1.5 would do
+MIN_CORE_RAD = np.radians(1.2)
+WIDEN_S = 1.0  # in which a source's variance may double: of a sun that wanders over the pixels the narrowest sight is the truest
+MIN_VARIANCE = np.radians(0.06) ** 2  # rad^2; as in extents.py
 SHIFTS = 3  # from a peak to the middle of its source: each step is a mean over SOURCE_RAD
 
 
 class Sources(NamedTuple):
     """ids: (s,) int64. directions: (s, 3), where each was last. steps: (s, 3), by how much it had moved since the frame before; 0 when it
-    was not there. seen_s: (s,), when it was last there.
+    was not there. seen_s: (s,), when it was last there. variances: (s,) rad^2, of its directions along an axis across it, no more than so.
     """
 
     ids: np.ndarray
     directions: np.ndarray
     steps: np.ndarray
     seen_s: np.ndarray
+    variances: np.ndarray
 
 
 class Peaks(NamedTuple):
@@ -65,7 +70,7 @@ def no_source_tiles(tiles: Tiles) -> SourceTiles:
     return SourceTiles(np.zeros((0, 3)), np.zeros(n, np.int64), np.zeros(n))
 
 
-NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 
 
 def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, max_count: int) -> tuple[Sources, np.ndarray]:
@@ -90,14 +95,30 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, ma
     found = set(ids[lit].tolist())
     hidden = np.array([k not in found for k in before.ids.tolist()], bool) & (time_s - before.seen_s <= WAIT_S)
     was = dict(zip(before.ids.tolist(), before.directions, strict=True))
+    widest = before.variances * (1 + (time_s - before.seen_s) / WIDEN_S)
+    limits = dict(zip(before.ids.tolist(), widest.tolist(), strict=True))
     steps = [direction - was.get(k, direction) for k, direction in zip(ids[lit].tolist(), peaks.directions[lit], strict=True)]
     after = Sources(
         np.concatenate([ids[lit], before.ids[hidden]]),
         np.concatenate([peaks.directions[lit], before.directions[hidden]]),
         np.concatenate([np.array(steps).reshape(-1, 3), np.zeros((int(hidden.sum()), 3))]),
         np.concatenate([np.full(len(lit), time_s), before.seen_s[hidden]]),
+        np.concatenate([[limits.get(k, np.inf) for k in ids[lit].tolist()], before.variances[hidden]]),
     )
     return after, lit
+
+
+def steady_extents(lights: LightSet, sources: Sources, count: int) -> tuple[LightSet, Sources]:
+    """The lights, of which the first `count` are those of the sources that are lit, none wider than its source may be now; and the sources
+    with the extents that these have."""
+    if count == 0 or lights.covariances is None:
+        return lights, sources
+    covariances, limits = lights.covariances.astype(np.float64), np.maximum(sources.variances[:count], MIN_VARIANCE)
+    seen = covariances[:count, [0, 3, 5]].sum(axis=1) / 2
+    kept = np.minimum(seen, limits)
+    covariances[:count] *= np.where(seen > 0, kept / np.maximum(seen, 1e-30), 1.0)[:, None]
+    variances = np.concatenate([np.maximum(kept, MIN_VARIANCE), sources.variances[count:]])
+    return lights._replace(covariances=covariances.astype(np.float32)), sources._replace(variances=variances)
 
 
 @kernel

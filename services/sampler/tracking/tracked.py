@@ -16,7 +16,16 @@ from vemlight.sampler.sampler_input import MAX_GAP_S, SamplerInput
 from vemlight.sampler.tracking.cleaning import cleaned
 from vemlight.sampler.tracking.extents import soft_lights
 from vemlight.sampler.tracking.noise import NO_NOISE, Noise, noise_after
-from vemlight.sampler.tracking.sources import NO_SOURCES, SOURCE_RAD, Sources, no_source_tiles, peaks_of, source_lights, sources_after
+from vemlight.sampler.tracking.sources import (
+    NO_SOURCES,
+    SOURCE_RAD,
+    Sources,
+    no_source_tiles,
+    peaks_of,
+    source_lights,
+    sources_after,
+    steady_extents,
+)
 from vemlight.sampler.tracking.split_merge import MAX_EXCHANGES, URGENT, Sites, best_splits, cheapest_pair, split_and_merge
 from vemlight.sampler.tracking.tiles import Tiles, tiles_from_map
 from vemlight.sampler.tracking.voronoi import Cells, cells_from_sites, centroids, lights_from_cells, lloyd_update, relax
@@ -143,7 +152,9 @@ def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[Tracked
         return state, LightSet.of(ids, source_tiles.directions, flux, np.zeros((len(ids), 6)))
     state, cells = _tracked_sites(state, rest, count - len(lit), power, URGENT)
     sites = state.sites
-    return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
+    lights = soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
+    lights, sources = steady_extents(lights, sources, len(lit))
+    return state._replace(sources=sources), lights
 
 
 def _without_ids(sites: Sites, taken: np.ndarray) -> Sites:

@@ -9,6 +9,7 @@ Müller et al. 2007). Metres, +Z up while made; glTF's +Y up in the file. It tak
 import argparse
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -31,13 +32,18 @@ BOWL = [(0, 0), (0.05, 0), (0.055, 0.012), (0.1, 0.035), (0.135, 0.085), (0.13, 
 POT = [(0, 0), (0.17, 0), (0.18, 0.02), (0.235, 0.4), (0.25, 0.42), (0.245, 0.45), (0.22, 0.45), (0.215, 0.4), (0, 0.39)]
 
 
-def material(name: str, colour: tuple[float, float, float], metallic: float, roughness: float, **more: object) -> PBRMaterial:
+def material(name: str, colour: tuple[float, float, float], metallic: float, roughness: float, **more: Any) -> PBRMaterial:
     """A glTF material of a linear colour."""
     return PBRMaterial(name=name, baseColorFactor=[*colour, 1.0], metallicFactor=metallic, roughnessFactor=roughness, **more)
 
 
 def coloured(mesh: trimesh.Trimesh, look: PBRMaterial, uv: np.ndarray | None = None) -> trimesh.Trimesh:
     mesh.visual = TextureVisuals(uv=uv, material=look)
+    return mesh
+
+
+def joined(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    mesh: Any = trimesh.util.concatenate(meshes)
     return mesh
 
 
@@ -134,7 +140,7 @@ def bench_of_slats() -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
     for x in (-0.62, 0.62):
         iron += [_bar((0.04, 0.03, 0.44), (x, -0.19, 0.21)), _bar((0.04, 0.03, 0.44), (x, 0.2, 0.21)),
                  _bar((0.04, 0.44, 0.03), (x, 0.0, 0.41)), _bar((0.04, 0.03, 0.52), (x, 0.31, 0.67), tilt_deg=-14)]  # fmt: skip
-    return trimesh.util.concatenate(slats), trimesh.util.concatenate(iron)
+    return joined(slats), joined(iron)
 
 
 def _bar(size: tuple[float, float, float], at: tuple[float, float, float], tilt_deg: float = 0.0) -> trimesh.Trimesh:
@@ -168,7 +174,7 @@ def tree() -> tuple[trimesh.Trimesh, trimesh.Trimesh]:
 
     grow(np.array([0.0, 0.0, 0.4]), np.array([0.03, 0.02, 1.0]) / np.linalg.norm([0.03, 0.02, 1.0]), 0.62, 0.032, 4)
     leaves = [_leaf(tip + 0.03 * generator.standard_normal(3), generator) for tip in tips for _ in range(4)]
-    return trimesh.util.concatenate(branches), trimesh.util.concatenate(leaves)
+    return joined(branches), joined(leaves)
 
 
 def _limb(start: np.ndarray, end: np.ndarray, low: float, high: float) -> trimesh.Trimesh:
@@ -240,9 +246,11 @@ def written(folder: Path, name: str, parts: list[tuple[trimesh.Trimesh, tuple[fl
     for number, (mesh, at) in enumerate(parts):
         mesh.apply_transform(up @ trimesh.transformations.translation_matrix(at))
         _ = mesh.vertex_normals  # so that they are written
-        part = mesh.visual.material.name if len(parts) > 1 else name
+        look: Any = mesh.visual
+        part = look.material.name if len(parts) > 1 else name
         scene.add_geometry(mesh, node_name=f"{part} {number}", geom_name=f"{part} {number}")
-    (folder / f"{name}.glb").write_bytes(scene.export(file_type="glb", include_normals=True))
+    content: Any = scene.export(file_type="glb", include_normals=True)
+    (folder / f"{name}.glb").write_bytes(content)
     return sum(len(mesh.faces) for mesh, _ in parts)
 
 

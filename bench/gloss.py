@@ -170,7 +170,8 @@ def draw(rows: list[Row], strips: dict[str, np.ndarray], kind: str, out: Path) -
     left.suptitle(f"{kind}; roughness {', '.join(map(str, ROUGHNESS))}", fontsize=9)
     for measure, label, axis in zip(("rmse", "lab"), ("relative RMSE", "mean difference in L*a*b*"), right.subplots(1, 2), strict=True):
         for k, method in enumerate(METHODS):
-            for reflects, style in (("lights", ":"), ("map", "-")):
+            styles: dict[Reflects, str] = {"lights": ":", "map": "-"}
+            for reflects, style in styles.items():
                 means = [
                     np.mean([getattr(r, measure) for r in rows if (r.method, r.reflects, r.roughness) == (method, reflects, at)])
                     for at in ROUGHNESS

@@ -42,7 +42,7 @@ def ground(side: float) -> Geometry:
 
 def made(eye: tuple[float, float, float], at: tuple[float, float, float], fov_y: float, *meshes: tuple[Geometry, float]) -> Scene:
     """A scene of meshes, each with its albedo."""
-    parts = tuple(Mesh(f"mesh {k}", mesh, Phong(diffuse=(albedo,) * 3)) for k, (mesh, albedo) in enumerate(meshes))
+    parts = tuple(Mesh(f"mesh {k}", mesh, Phong(diffuse=(albedo, albedo, albedo))) for k, (mesh, albedo) in enumerate(meshes))
     low, high = bounds([part.geometry for part in parts])
     return Scene(ViewCamera(position=eye, at=at, fov_y=fov_y), parts, (low + high) / 2, (high - low) / 2)
 

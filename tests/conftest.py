@@ -98,3 +98,16 @@ def run(services, make_settings):
         return settings, services.start("vemlight", "run", str(path), *options)
 
     return start
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--part", default="1/1", help="K/N: of N parts of the test files the K-th, so that N runs beside each other are all")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keeps one part of the files."""
+    part, parts = map(int, config.getoption("--part").split("/"))
+    numbers = {path: k for k, path in enumerate(sorted({item.path for item in items}))}
+    left_out = [item for item in items if numbers[item.path] % parts != part - 1]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if numbers[item.path] % parts == part - 1]

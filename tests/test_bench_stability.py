@@ -97,7 +97,7 @@ def test_an_exposure_is_all_light_times_a_constant():
 
 
 def test_rows_of_a_part_replace_their_own_and_keep_the_others(tmp_path):
-    rows = [{"method": NAMES[k], "map": "room", "sequence": "seam", "error": 0.1 * k} for k in (1, 2)]
+    rows: list[dict[str, object]] = [{"method": NAMES[k], "map": "room", "sequence": "seam", "error": 0.1 * k} for k in (1, 2)]
     path = tmp_path / "stability.csv"
     with open(path, "w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
@@ -110,7 +110,9 @@ def test_rows_of_a_part_replace_their_own_and_keep_the_others(tmp_path):
 
 def test_the_table_has_a_line_for_each_method():
     measures = dict.fromkeys(SHOWN, 0.25)
-    rows = [{"method": name, "map": "room", "sequence": sequence} | measures for name in NAMES[:2] for sequence in ("seam", "strobe")]
+    rows: list[dict[str, object]] = [
+        {"method": name, "map": "room", "sequence": sequence, **measures} for name in NAMES[:2] for sequence in ("seam", "strobe")
+    ]
     lines = table(rows).splitlines()
     assert len(lines) == 4
     assert lines[2].count("0.25") == 12

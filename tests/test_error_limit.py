@@ -1,5 +1,7 @@
 """The number of lights under an error limit, and the error that is reported."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -46,9 +48,10 @@ def error_elsewhere(radiance, lights):
 
 
 def run(frames, **settings):
+    options: dict[str, Any] = {"filter": "none", **settings}
     state, out = initial_state(), []
     for k, radiance in enumerate(frames):
-        state, lights, report = step(Sampler(**{"filter": "none"} | settings), state, SamplerInput(radiance, "hemisphere", k / 25))
+        state, lights, report = step(Sampler(**options), state, SamplerInput(radiance, "hemisphere", k / 25))
         out.append((lights, report))
     return out
 

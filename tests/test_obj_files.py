@@ -181,6 +181,7 @@ def materials(folder, library, faces="usemtl paint\nf 1/1 2/2 3/3\n", image="a.p
 
 def test_an_image_is_multiplied_by_the_colour(tmp_path):
     (part,) = materials(tmp_path, "newmtl paint\nKd 1 0.5 0\nmap_Kd a.png\n").parts
+    assert isinstance(part.material, Phong)
     assert part.material.diffuse == pytest.approx((1, 0.2140, 0), abs=1e-4)
     assert part.material.colour_map is not None
 
@@ -188,7 +189,11 @@ def test_an_image_is_multiplied_by_the_colour(tmp_path):
 def test_options_of_an_image(tmp_path):
     library = "newmtl paint\nmap_Kd -blendu on -s 2 3 1 -o 0.5 -clamp on -mm 0 2 my picture.png\n"
     file = materials(tmp_path, library, image="my picture.png")
-    texture = file.parts[0].material.colour_map
+    material = file.parts[0].material
+    assert isinstance(material, Phong)
+    texture = material.colour_map
+    assert texture is not None
+    assert texture.uv_transform is not None
     assert texture.uv_transform.tolist() == [[2, 0, 0.5], [0, 3, 0]]
     assert texture.repeats == (False, False)
     assert file.unsupported == ["a.obj: material paint: option -mm of its image is left out"]
@@ -198,7 +203,9 @@ def test_an_image_named_by_windows_is_found(tmp_path):
     (tmp_path / "tex").mkdir()
     Image.new("RGB", (2, 2)).save(tmp_path / "tex" / "b.png")
     file = materials(tmp_path, "newmtl paint\nmap_Kd tex\\b.png\n")
-    assert file.parts[0].material.colour_map is not None
+    material = file.parts[0].material
+    assert isinstance(material, Phong)
+    assert material.colour_map is not None
     assert file.unsupported == []
 
 

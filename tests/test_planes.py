@@ -167,7 +167,8 @@ def test_colour_of_a_block_stays_the_blocks_mean(name):
     rng = np.random.default_rng(2)
     frame = av.VideoFrame(7, 5, name)
     for plane in frame.planes:
-        np.frombuffer(plane, np.uint8)[:] = rng.integers(60, 200, plane.buffer_size)
+        samples = np.frombuffer(plane, np.uint8)  # type: ignore[call-overload]  # PyAV's types leave out that a plane is a buffer
+        samples[:] = rng.integers(60, 200, plane.buffer_size)
     planes = planes_from_video_frame("odd", frame)
     signals = signal_from_codes(colour_coding(Capture(), "odd", VIDEO), 8, is_rgb=False)
     luma, *chroma = planes.samples

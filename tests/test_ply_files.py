@@ -80,6 +80,7 @@ def test_colours_of_faces_and_vertices(tmp_path, kind):
     colours = "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue"))
     one, half = ("255", "128") if kind == "uchar" else ("1", "0.50196")
     of_faces = text_ply(tmp_path, VERTICES + FACE + colours, CORNERS + f"3 0 1 2 {one} {half} 0\n3 0 2 3 0 {one} 0\n").parts[0].geometry
+    assert of_faces.colours is not None
     assert of_faces.colours[of_faces.triangles[0]] == pytest.approx(np.tile([1, 0.2158, 0, 1], (3, 1)), abs=1e-3)
     assert of_faces.colours[of_faces.triangles[1]] == pytest.approx(np.tile([0, 1, 0, 1], (3, 1)))
     corners = "".join(f"{line} {one} {half} 0\n" for line in CORNERS.splitlines())
@@ -93,7 +94,8 @@ def test_images_of_faces(tmp_path):
     elements = "comment TextureFile a.png\ncomment TextureFile b c.png\n" + VERTICES + FACE
     elements += "property list uchar float texcoord\nproperty int texnumber\n"
     file = text_ply(tmp_path, elements, CORNERS + "3 0 1 2 6 0 0 1 0 1 1 0\n3 0 2 3 6 0 0 1 1 0 1 1\n")
-    assert [part.material.colour_map.texels[0, 0].tolist() for part in file.parts] == [[1, 0, 0], [0, 1, 0]]
+    texels = [part.material.colour_map.texels for part in file.parts]  # type: ignore[union-attr]
+    assert [texel[0, 0].tolist() for texel in texels] == [[1, 0, 0], [0, 1, 0]]
     assert file.parts[0].geometry.uvs[file.parts[0].geometry.triangles[0]].tolist() == [[0, 0], [1, 0], [1, 1]]
 
 

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -92,7 +93,7 @@ def chessboard(alpha: float, low: int) -> np.ndarray:
 
 def shadow_of(folder: Path, mode: str, image: np.ndarray | None, alpha: float, samples: int, shadows: str) -> np.ndarray:
     """The ground beside a sheet in slanted light, which its shadow falls on."""
-    base = {"baseColorFactor": [1.0, 1.0, 1.0, alpha]}
+    base: dict[str, Any] = {"baseColorFactor": [1.0, 1.0, 1.0, alpha]}
     sheet = TexturedSquare(pbrMetallicRoughness=base, alphaMode=mode)
     if image is not None:
         base["baseColorTexture"] = sheet.image(image)

@@ -138,6 +138,7 @@ at = [0.0, 0.0, 0.4]
     renderer = SceneRenderer(load_scene(tmp_path / "scene.toml"), Settings(width=64, height=64, shadow_map=64))
     picture = renderer.picture(lights_from(np.array([[0.0, 0.0, 1.0]])))[..., 0]
     with renderer.renderer._context:
+        assert renderer.renderer._atlas is not None
         atlas = renderer.renderer._atlas.texture
         assert atlas is not None
         depth = np.frombuffer(atlas.read(alignment=1), np.float32).reshape(atlas.height, atlas.width)[:64, :64]

@@ -298,6 +298,7 @@ def test_real_map() -> None:
 
 def test_header_of_a_cameras_frame_survives_the_file(tmp_path: Path) -> None:
     raw = RawFrame(np.zeros((4, 6), np.uint16), "RGGB", 2**31 + 5, 2**40 + 7, 0)
+    assert raw.codes is not None
     write_exr(tmp_path / "f.exr", raw.codes.astype(np.float32), raw_attributes(raw, 29.97))
     _, attributes = read_radiance(tmp_path / "f.exr")
     assert attributes["vemlight:monotonic_ns"] == str(2**40 + 7)

@@ -208,11 +208,14 @@ def test_a_source_is_no_wider_than_it_was_seen_but_widens_in_time(after_s, wides
         return LightSet.of(first.ids[:1], found.directions[now[:1]], np.ones((1, 3)), np.array([[square, 0, 0, square, 0, 0]]))
 
     lights, first = steady_extents(fitted(0.004), first, 1)
+    assert lights.covariances is not None
     assert lights.covariances[0, 0] == pytest.approx(0.004**2)
     second, now = sources_after(first, found, after_s, 9, MAX_COUNT)
     lights, second = steady_extents(fitted(0.02), second, 1)
+    assert lights.covariances is not None
     assert lights.covariances[0, 0] == pytest.approx(widest * 0.004**2)
     lights, _ = steady_extents(fitted(0.003), second, 1)
+    assert lights.covariances is not None
     assert lights.covariances[0, 0] == pytest.approx(0.003**2)  # narrower at once
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from vemlight.runtime.output_folder import run_start
 from vemlight.settings import Capture, Settings, shown_source
 
 HEIGHT = 64
-SRGB = {"transfer": "srgb", "primaries": "bt709", "matrix": "bt601", "range": "full"}
+SRGB: dict[str, Any] = {"transfer": "srgb", "primaries": "bt709", "matrix": "bt601", "range": "full"}
 
 
 def picture(power=0.9):
@@ -59,6 +60,7 @@ def test_the_newest_picture_wins_and_what_is_passed_over_is_counted():
         time.sleep(0.5)
         frame = next_frame(source)
         assert 10 <= frame.lost <= 40
+        assert frame.monotonic_ns is not None
         assert time.monotonic_ns() - frame.monotonic_ns < 0.2e9
         source.close()
 

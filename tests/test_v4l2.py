@@ -76,6 +76,7 @@ def test_200_frames_without_an_unreported_gap(name: str) -> None:
         for _ in range(2000):
             raw = camera.read(1.0)
             if raw is not None:
+                assert raw.codes is not None
                 assert raw.codes.shape == (180, 320)
                 assert raw.codes.max() < 2**camera.form.bits
                 frames.append((raw.sequence, raw.monotonic_ns, raw.lost))

@@ -48,6 +48,7 @@ def bytes_of(name, signals, matrix, padding):
     """The bytes of a picture as a camera sends it, in buffers; rows have `padding` bytes more."""
     form = BY_NAME[name]
     layout = layout_of(form.layout)
+    assert layout is not None
     bits, unit = layout.bits, 2 ** (layout.bits - 8)
     if layout.is_rgb:
         components = [255 * signals[..., n] for n in range(3)]
@@ -93,6 +94,7 @@ def test_jpeg_frames():
     decoder = JpegDecoder()
     for _ in range(2):
         planes = decoder.planes("camera", data.getvalue(), WIDTH, HEIGHT)
+        assert planes is not None
         coding = colour_coding(Capture(), "mjpg", ColourTags(), defaults_of_driver(0, False, True))
         got = linear_from_planes(planes, coding, np.tile([0, WIDTH], (HEIGHT, 1)), ONE_THREAD).pixels
         np.testing.assert_allclose(got.mean(axis=(0, 1)), linear_from_srgb(picture()).mean(axis=(0, 1)), rtol=0.02)

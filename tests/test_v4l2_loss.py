@@ -98,6 +98,7 @@ def test_frames_come_with_number_and_stamp(driver: Driver) -> None:
     driver.put(7)
     raw = camera.read(1.0)
     assert raw is not None
+    assert raw.codes is not None
     assert np.array_equal(raw.codes, FRAME)
     assert (raw.sequence, raw.monotonic_ns, raw.lost, raw.mosaic) == (7, 7 * 10**9, 0, "mono")
     assert camera.read(0.01) is None

@@ -1,6 +1,7 @@
 """The number of lights that `error_percent` chooses, and the error that they have, beside the limit."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -31,7 +32,8 @@ def requirement(out: Path, progress: Progress) -> None:
         truth = luminance_from_rgb(probe_irradiance(points_of(source), 1).hard)
         for method, soft in METHODS.items():
             for limit in LIMITS_PERCENT:
-                settings = Sampler(method="tracked" if soft else method, filter="none", count=1024, error_percent=limit, soft=soft)
+                chosen: Any = "tracked" if soft else method
+                settings = Sampler(method=chosen, filter="none", count=1024, error_percent=limit, soft=soft)
                 state, lights, report = initial_state(), None, None
                 for k in range(SETTLING_FRAMES):
                     state, lights, report = step(settings, state, SamplerInput(source.polar, "hemisphere", k / 25, source.bright_cells))

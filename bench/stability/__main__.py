@@ -95,10 +95,11 @@ def _mean(rows: list[dict[str, object]], key: str) -> float:
 
 def with_earlier(rows: list[dict[str, object]], path: Path) -> list[dict[str, object]]:
     """The rows, and those of an earlier file that they do not replace, in the order of methods, maps and sequences."""
-    made = {(row["method"], row["map"], row["sequence"]): row for row in rows}
+    made: dict[tuple[object, ...], dict[str, object]] = {(row["method"], row["map"], row["sequence"]): row for row in rows}
     if path.exists():
         with open(path, newline="") as file:
-            made = {(row["method"], row["map"], row["sequence"]): row for row in csv.DictReader(file)} | made
+            earlier: list[dict[str, object]] = [{**row} for row in csv.DictReader(file)]
+        made = {(row["method"], row["map"], row["sequence"]): row for row in earlier} | made
     orders = NAMES, list(RECIPES), list(MOVING)
     known = [key for key in made if all(part in order for part, order in zip(key, orders, strict=True))]
     return [made[key] for key in sorted(known, key=lambda key: [order.index(str(part)) for part, order in zip(key, orders, strict=True)])]

@@ -83,10 +83,12 @@ class FrameMaker:
         if self._settings.projection == "fisheye" and not self._lenses:
             where = "name it by --lens or [capture] lens"
             raise UserError(f"--projection fisheye: needs a lens file, and {self._lens_path} is not there; {where}")
+        sizes_of = [lens.size for lens in self._lenses]
         for path, lens in zip(self._lens_paths, self._lenses, strict=True):
-            if lens.size != self._lenses[0].size:
-                width, height = self._lenses[0].size
-                sizes = f"is for {lens.size[0]}x{lens.size[1]} and {self._lens_paths[0]} for {width}x{height}"
+            if lens.size != sizes_of[0]:
+                width, height = sizes_of[0]
+                first_path = next(iter(self._lens_paths))
+                sizes = f"is for {lens.size[0]}x{lens.size[1]} and {first_path} for {width}x{height}"
                 raise UserError(f"{path}: {sizes}; each has the size of the whole frame, and its own c in it")
         check_lenses([str(path) for path in self._lens_paths], self._lenses, self._settings.coverage)
 
@@ -290,9 +292,11 @@ class FrameMaker:
         if not self._lenses:
             where = "name it by --lens or [capture] lens"
             raise UserError(f"{name}: is a fisheye frame, which needs a lens file, and {self._lens_path} is not there; {where}")
-        if self._lenses[0].size != (width, height):
-            size = f"{self._lenses[0].size[0]}x{self._lenses[0].size[1]}"
-            which = "the lens file is" if len(self._lenses) == 1 else f"the lens files, {self._lens_paths[0]} first, are"
+        own = next(lens.size for lens in self._lenses)
+        if own != (width, height):
+            size = f"{own[0]}x{own[1]}"
+            first_path = next(iter(self._lens_paths))
+            which = "the lens file is" if len(self._lenses) == 1 else f"the lens files, {first_path} first, are"
             raise UserError(f"{name}: is {width}x{height} and {which} for {size}; give the lens file of this camera")
 
     def _prepare(self, name: str, shape: tuple[int, ...], mosaic: Mosaic | None, kind: str = "fisheye") -> None:

@@ -16,7 +16,7 @@ class JpegDecoder:
 
     def planes(self, name: str, data: bytes, width: int, height: int) -> Planes | None:
         """The planes of one picture, None for a damaged one. Raises UserError, with the camera's `name`, for another size."""
-        import av
+        import av.error
 
         try:
             frames = self._codec.decode(av.Packet(data))

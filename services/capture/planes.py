@@ -66,13 +66,14 @@ def layout_of(name: str) -> Layout | None:
     """The layout that FFmpeg calls by that name; None for those that are not read: palettes, floats, big-endian ones."""
     if match := PLANAR.fullmatch(name):
         across, down = SUBSAMPLING[match[1]]
-        chroma = [Component(plane, 0, 1, across, down) for plane in (1, 2)]
-        return Layout((Component(0, 0, 1, 0, 0), *chroma), int(match[2] or 8), 0, False)
+        blue, red = (Component(plane, 0, 1, across, down) for plane in (1, 2))
+        return Layout((Component(0, 0, 1, 0, 0), blue, red), int(match[2] or 8), 0, False)
     if match := PLANAR_RGB.fullmatch(name):
         red, green, blue = (Component(plane, 0, 1, 0, 0) for plane in (2, 0, 1))
         return Layout((red, green, blue), int(match[1] or 8), 0, True)
     if match := GRAY.fullmatch(name):
-        return Layout((Component(0, 0, 1, 0, 0),) * 3, int(match[1] or 8), 0, True)
+        gray = Component(0, 0, 1, 0, 0)
+        return Layout((gray, gray, gray), int(match[1] or 8), 0, True)
     short = name.removesuffix("le")
     if short in BIPLANAR or name == "nv21":
         ratio, bits, shift = BIPLANAR["nv12" if name == "nv21" else short]

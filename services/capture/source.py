@@ -31,7 +31,10 @@ BUNDLED = Path(__file__).parent / "bundled"  # in the repository a link to repla
 class FrameSource(Protocol):
     """Frames by index."""
 
-    fps: float
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        ...
 
     def __len__(self) -> int: ...
 

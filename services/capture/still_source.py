@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vemlight.capture.colour_coding import STILL, ColourCoding, colour_coding
-from vemlight.capture.frames import Frame, FrameMaker
+from vemlight.capture.frames import Frame, FrameMaker, Mosaic
 from vemlight.capture.pixel_formats import mosaic_of
 from vemlight.capture.planes import planes_from_image
 from vemlight.capture.sequence import STILL_SUFFIXES
@@ -41,7 +41,7 @@ class StillReader:
     def __init__(self, settings: Capture, maker: FrameMaker) -> None:
         """Raises UserError for a [capture] format that is no mosaic."""
         self._settings, self._maker = settings, maker
-        self._mosaic = mosaic_of(settings.format)
+        self._mosaic: Mosaic | None = mosaic_of(settings.format)
         self._coding: tuple[ColourTags, ColourCoding] | None = None
 
     def check(self, path: Path) -> None:
@@ -60,7 +60,9 @@ class StillReader:
             return self._picture(path, codes, time_s)
         if codes.ndim == 3 and self._mosaic:
             raise UserError(f"{path}: is in colour, which no mosaic is; leave out [capture] format")
-        return self._maker.frame_from_codes(str(path), codes, None if codes.ndim == 3 else self._mosaic or "mono", time_s)
+        mono: Mosaic = "mono"
+        mosaic = None if codes.ndim == 3 else self._mosaic or mono
+        return self._maker.frame_from_codes(str(path), codes, mosaic, time_s)
 
     def _is_raw_codes(self, path: Path) -> bool:
         return self._maker.response is not None and not self._settings.transfer and path.suffix.lower() not in RAW_SUFFIXES

@@ -64,7 +64,7 @@ class StreamReader:
 
     def _read(self) -> None:
         """Connects, decodes, and connects again, until closed. What fails before the first picture is a failure, afterwards an outage."""
-        import av
+        import av.error
 
         while not self._closed:
             try:

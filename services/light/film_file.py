@@ -137,7 +137,7 @@ class FilmFile:
 @contextmanager
 def _readable(path: Path, what: str = "") -> Iterator[None]:
     """Makes a UserError of what FFmpeg says about a file."""
-    import av
+    import av.error
 
     try:
         yield
@@ -156,7 +156,7 @@ def _opened(path: Path) -> Any:
 
 
 def _video_stream(path: Path, container: Any) -> Any:
-    import av
+    import av.stream
 
     streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
     if not streams:

@@ -27,9 +27,10 @@ def probed_space(name: str) -> ProbedSpace:
     Raises UserError without the library, for a name that it does not know, and for a space that is more than a curve and a matrix.
     """
     try:
-        import PyOpenColorIO as ocio
+        import PyOpenColorIO
     except ImportError as error:
         raise UserError(f"ocio:{name}: OpenColorIO is not installed; pip install 'vemlight[ocio]'") from error
+    ocio: Any = PyOpenColorIO
     config = ocio.Config.CreateFromFile(CONFIG)
     space = config.getColorSpace(name)
     if space is None:

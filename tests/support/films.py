@@ -63,6 +63,7 @@ def write_film(path: Path, pictures: Sequence[np.ndarray], film: Film, fps: int 
     height, width = pictures[0].shape[:2]
     with av.open(str(path), "w") as container:
         stream = container.add_stream(film.codec, rate=fps, options=dict(film.options))
+        assert isinstance(stream, av.VideoStream)
         stream.width, stream.height, stream.pix_fmt = width, height, film.pixels
         stream.metadata.update(metadata or {})
         context = stream.codec_context
@@ -82,7 +83,8 @@ def frame_of(planes: Sequence[np.ndarray], width: int, height: int, pixels: str)
     frame = av.VideoFrame(width, height, pixels)
     for plane, codes in zip(frame.planes, planes, strict=False):
         dtype = np.uint8 if plane.line_size < 2 * codes.shape[1] or pixels[-1] == "p" else np.uint16
-        rows = np.frombuffer(plane, dtype).reshape(-1, plane.line_size // np.dtype(dtype).itemsize)
+        rows = np.frombuffer(plane, dtype)  # type: ignore[call-overload]  # PyAV's types leave out that a plane is a buffer
+        rows = rows.reshape(-1, plane.line_size // np.dtype(dtype).itemsize)
         rows[: codes.shape[0], : codes.shape[1]] = codes
     return frame
 

@@ -7,6 +7,7 @@ import ctypes
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -116,7 +117,8 @@ class RayScene:
         if not place:
             self._check()
         numbers = (ctypes.c_uint32 if dtype is np.uint32 else ctypes.c_float) * (3 * count)
-        return np.frombuffer(numbers.from_address(place), dtype).reshape(count, 3)
+        memory: Any = numbers.from_address(place)
+        return np.frombuffer(memory, dtype).reshape(count, 3)
 
     def place(self, matrices: np.ndarray) -> None:
         """Moves the meshes: world_from_rest (n, 4, 4) float64."""

@@ -4,7 +4,7 @@ Embree asks for each hit of such a mesh whether it counts, by a function that is
 shadow maps; partial coverage takes its fraction of the light, which is the mean of what hashed alpha does there.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -75,7 +75,7 @@ def _longs_at(_context, address):
     return _pointer(types.CPointer(types.int64), address)
 
 
-def _pointer(kind, address):
+def _pointer(kind: Any, address: Any) -> Any:
     def compiled(context, builder, _signature, arguments):
         return builder.inttoptr(arguments[0], context.get_value_type(kind))
 
@@ -110,7 +110,7 @@ def _texture_alpha(texels, height, width, flags, u, v):
 @callback("void(uintp)")
 def let_through(arguments):
     """Embree's RTCFilterFunctionN: clears the wanted rays of a hit that pass through it."""
-    given = _longs_at(arguments)
+    given = _longs_at(arguments)  # pyright: ignore[reportCallIssue]  # numba passes the context
     wanted, table, count = _words_at(given[0]), _longs_at(given[1]), _words_at(arguments + 40)[0]
     context, rays, hits, hit_words = _floats_at(given[2]), _words_at(given[3]), _floats_at(given[4]), _words_at(given[4])
     uvs, alphas, triangles = _floats_at(table[0]), _floats_at(table[1]), _words_at(table[2])

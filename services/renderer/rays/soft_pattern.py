@@ -50,7 +50,7 @@ def _gaussian(stratum: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 def _mirrored(numbers: np.ndarray) -> np.ndarray:
     """The four binary digits of whole numbers mirrored at the point (van der Corput 1935)."""
-    return sum(((numbers >> bit) & 1) / 2 ** (bit + 1) for bit in range(4)) + 0.0
+    return np.sum([((numbers >> bit) & 1) / 2 ** (bit + 1) for bit in range(4)], axis=0)
 
 
 def _variance() -> float:

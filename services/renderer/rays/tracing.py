@@ -128,7 +128,8 @@ class RayTracer:
         """Takes the surfaces of a G-buffer: depth (height, width) float32 in lengths of the pixel's ray, 0 where there is none; codes of
         normals (height, width, 4) uint16, the flat normal's last; the matrix (3, 3) from pixels to rays; the eye (3,), float64."""
         width, height = self._size
-        surfaces = Surfaces(*(np.zeros((height, width, 3), np.float32) for _ in range(3)), np.zeros((height, width), np.float32))
+        places, flat, smooth = (np.zeros((height, width, 3), np.float32) for _ in range(3))
+        surfaces = Surfaces(places, flat, smooth, np.zeros((height, width), np.float32))
         camera = np.concatenate([ray_from_pixel.T, [eye - self._scene.origin]])
         _decode(depth, normal_codes, camera, (LIFT_OF_DISTANCE, LIFT_OF_REACH * self._reach_m), surfaces)
         self._surfaces = surfaces
@@ -178,10 +179,11 @@ def _packet() -> Packet:
     words[8] = 1.0  # times the radius of curves, of which there are none
     context.view(np.uint32)[:PASSED] = 0xFFFFFFFF  # of the instances that a ray is in: none
     rays.view(np.uint32)[MASK], rays.view(np.uint32)[NUMBER] = 0xFFFFFFFF, np.arange(16)
-    lines = (rays[line] for line in (DIRECTION, DIRECTION + 1, DIRECTION + 2, FAR))
-    normals, sums = (np.zeros((3, 16), np.float32) for _ in range(2)), (np.zeros(16, np.float32) for _ in range(2))
+    x, y, z, far = (rays[line] for line in (DIRECTION, DIRECTION + 1, DIRECTION + 2, FAR))
+    flat, smooth = (np.zeros((3, 16), np.float32) for _ in range(2))
+    sent, received = (np.zeros(16, np.float32) for _ in range(2))
     wanted, passed = aligned(16).view(np.int32), context[PASSED:]
-    return Packet(wanted, rays, *lines, arguments, context, passed, *normals, *sums, np.zeros(16, np.uint8))
+    return Packet(wanted, rays, x, y, z, far, arguments, context, passed, flat, smooth, sent, received, np.zeros(16, np.uint8))
 
 
 def aligned(count: int) -> np.ndarray:

@@ -96,7 +96,8 @@ class _Sources:
     """The sources in a map, which loses those that are taken."""
 
     def __init__(self, radiance: np.ndarray, coverage: Coverage, bright: BrightCells) -> None:
-        self._radiance, self._coverage, self._bright = radiance, coverage, bright
+        self._radiance, self._bright = radiance, bright
+        self._coverage: Coverage = coverage
         self._left = np.ones(radiance.shape[:2])  # of the light in each cell, a fraction
         self._cells = _cells(*radiance.shape[:2], coverage)
         self._luminance = luminance_from_rgb(radiance.astype(np.float64))

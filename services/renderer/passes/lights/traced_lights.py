@@ -89,7 +89,7 @@ def traced_batch(
     loss = np.where(layers.filled, 1 + read, 0)  # of overwriting a layer: nothing, a light, a light that another one reads
     layer[chosen] = free[np.argsort(loss[free], kind="stable")][: len(chosen)]
     layers = TracedLayers(*(each.copy() for each in layers))
-    for kept, new in zip(layers, (own.ids, own.directions, own.covariances, rays), strict=True):
+    for kept, new in zip(layers, (own.ids, own.directions, _covariances(own), rays), strict=True):
         kept[layer[chosen]] = new[chosen]
     if len(waiting):
         waits = LightSet(own.ids[waiting], own.directions[waiting], own.irradiance[waiting], _covariances(own)[waiting])

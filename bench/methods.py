@@ -80,9 +80,9 @@ def _mitsuba() -> list[Method]:
     return [anew("Mitsuba 3 envmap", mitsuba_envmap)]
 
 
-TRACKED, SOFT = "tracked (default)", "tracked, soft lights"
+POINTS, SOFT = "tracked, points", "tracked, soft lights (default)"
 STILL = [
-    ours(TRACKED, method="tracked", filter="none"),
+    ours(POINTS, method="tracked", filter="none", soft=False),
     ours("Havran, azimuth first", method="havran-azimuth", filter="none"),
     ours("Havran, radius first", method="havran-radius", filter="none"),
     ours("Havran, azimuth first, relaxed", method="havran-azimuth", points="relaxed", filter="none"),
@@ -100,8 +100,8 @@ STILL = [
     ours(SOFT, method="tracked", filter="none", soft=True),
 ]
 MOVING = [
-    ours(TRACKED, method="tracked"),
-    ours("tracked, nothing smoothed", method="tracked", filter="none"),
+    ours(POINTS, method="tracked", soft=False),
+    ours("tracked, points, nothing smoothed", method="tracked", filter="none", soft=False),
     ours("Havran 2005: azimuth first, FIR", method="havran-azimuth", points="relaxed", deflicker=False),
     ours("Havran, azimuth first", method="havran-azimuth", filter="none", deflicker=False),
     ours("Havran, radius first, FIR", method="havran-radius", deflicker=False),

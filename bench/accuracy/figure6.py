@@ -11,7 +11,7 @@ from rich.progress import Progress
 from bench.accuracy.drawing import few_shades, leave_margin, save
 from bench.accuracy.maps import one
 from bench.evaluation import points_of, points_of_lights, probe_irradiance, read_source, relative_rms
-from bench.methods import STILL, TRACKED, settled
+from bench.methods import POINTS, STILL, settled
 from tests.support.scenes import SHAPES
 from vemlight.light.colour import LUMINANCE_WEIGHTS, srgb_from_linear
 from vemlight.renderer.frame_sequence import FrameSequence
@@ -21,7 +21,7 @@ from vemlight.settings import Renderer as Size
 
 COUNTS = (4, 8, 16, 32, 64, 128)
 METHODS = [next(m for m in STILL if m.name == name) for name in (
-    "structured", "Kollig and Keller", "Penrose tiling", "Havran, azimuth first", TRACKED
+    "structured", "Kollig and Keller", "Penrose tiling", "Havran, azimuth first", POINTS
 )]  # fmt: skip
 REFERENCE = 512  # lights of the picture that others are compared with
 DISC = 100  # pixels of a sky's picture

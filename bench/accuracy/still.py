@@ -24,7 +24,7 @@ from bench.evaluation import (
     relative_rms,
     relative_rms_rgb,
 )
-from bench.methods import SOFT, STILL, TRACKED, Method, settled
+from bench.methods import POINTS, SOFT, STILL, Method, settled
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.sampler.probes import probes
@@ -61,7 +61,7 @@ def _chart(rows: list[dict[str, Any]], paths: dict[str, Path], out: Path) -> Non
                 axis.loglog(*zip(*bound, strict=True), "--", color="black", lw=1.5, label="best soft lights found", zorder=4)
             for k, method in enumerate(STILL):
                 own = [r for r in rows if r["map"] == kind and r["method"] == method.name]
-                heavy = method.name in (TRACKED, SOFT)
+                heavy = method.name in (POINTS, SOFT)
                 axis.loglog([r[against] for r in own], [r["error_hard"] for r in own], "o-", color=colour(k), ms=3,
                             lw=2.4 if heavy else 1, label=method.name, zorder=3 if heavy else 2)
             if against == "ms":
@@ -80,7 +80,7 @@ def _all_maps() -> list[dict[str, Any]]:
     for path in maps():
         source = read_source(path)
         truth = probe_irradiance(points_of(source))
-        both = [method for method in STILL if method.name in (TRACKED, SOFT)]
+        both = [method for method in STILL if method.name in (POINTS, SOFT)]
         rows += [_row(path.stem, method, count, source, truth) for method in both for count in MAP_COUNTS]
     return rows
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.progress import Progress
 
-from bench.methods import SOFT, TRACKED
+from bench.methods import POINTS, SOFT
 from vemlight.files import written_whole
 
 PAGE = Path(__file__).parents[2] / "docs" / "accuracy.md"
@@ -77,7 +77,7 @@ def _maps(out: Path) -> list[list[str]]:
     lines = [["", *names, f"best soft found, {counts[0]}", *map(str, counts[1:])]]
     for name in [*dict.fromkeys(row["map"] for row in rows), None]:
         where, errors = {"map": name} if name else {}, []
-        for method in (TRACKED, SOFT):
+        for method in (POINTS, SOFT):
             errors += [_mean(rows, "error_hard", method=method, asked=count, **where) for count in counts]
             errors.append(_mean(rows, "error_rgb", method=method, asked=64, **where))
         errors += [_mean(bound, "bound", lights=count, **where) for count in counts]
@@ -100,7 +100,7 @@ def _targets(out: Path) -> list[list[str]]:
     rows = _read(out, "moving_flicker")
 
     def measured(sequence: str, key: str) -> float:
-        return _mean(rows, key, method=TRACKED, sequence=sequence)
+        return _mean(rows, key, method=POINTS, sequence=sequence)
 
     lines = [["sequence", "target", "measured"]]
     limits = ("rotation", None, ".02"), ("hand-held", ".035", ".04"), ("zenith", ".03", ".022"), ("seam", ".03", ".022")

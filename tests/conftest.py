@@ -106,7 +106,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Keeps one part of the files."""
-    part, parts = map(int, config.getoption("--part").split("/"))
+    part, parts = map(int, str(config.getoption("--part")).split("/"))
     numbers = {path: k for k, path in enumerate(sorted({item.path for item in items}))}
     left_out = [item for item in items if numbers[item.path] % parts != part - 1]
     config.hook.pytest_deselected(items=left_out)

@@ -7,9 +7,12 @@ from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_directions, cell_solid_angles, direction_from_angles
 from vemlight.sampler.sampler_input import SamplerInput
+from vemlight.sampler.state import initial_state
+from vemlight.sampler.step import step
 from vemlight.sampler.tracking.sources import NO_SOURCES, Sources, peaks_of, source_lights, sources_after, steady_extents
 from vemlight.sampler.tracking.tiles import tiles_from_map
 from vemlight.sampler.tracking.tracked import initial_tracked, tracked_step
+from vemlight.settings import Sampler
 
 ROWS, COLS = 90, 360
 DIRECTIONS = cell_directions(ROWS, COLS, "hemisphere")
@@ -229,3 +232,19 @@ def test_a_sun_between_four_cells_is_one_source():
     assert len(lit_peaks) == 1
     assert np.count_nonzero(found.owner >= 0) >= 4
     assert found.power[lit_peaks[0]] == pytest.approx(0.5, rel=0.02)
+
+
+def test_a_sun_that_falls_between_cells_takes_no_more_lights_and_gets_no_wider():
+    """The limit is judged by the extent that each frame shows, and the light has the narrowest of late."""
+    widths, counts, state = [], [], initial_state()
+    for k, parts in enumerate(([1.0, 0, 0, 0], [1.0, 0, 0, 0], [0.4, 0.3, 0.2, 0.1], [0.25] * 4, [1.0, 0, 0, 0])):
+        radiance = lit()
+        for (row, column), part in zip(((40, 120), (40, 121), (41, 120), (41, 121)), parts, strict=True):
+            radiance[row, column] += part * 2 * np.pi / np.broadcast_to(SOLID_ANGLES, (ROWS, COLS))[row, column]
+        state, lights, _ = step(Sampler(filter="none"), state, SamplerInput(radiance, "hemisphere", k / 25, NO_BRIGHT_CELLS))
+        sun = lights.irradiance[:, 1].argmax()
+        assert lights.irradiance[sun, 1] / lights.irradiance[:, 1].sum() > 0.48
+        widths.append(float(np.sqrt(lights.covariances[sun, [0, 3, 5]].sum() / 2)))
+        counts.append(len(lights.ids))
+    assert max(widths) < np.radians(0.07)  # the least extent, widened for two frames, where 0.4 degrees are seen
+    assert max(counts) <= 1.5 * min(counts)

@@ -106,6 +106,6 @@ def is_capped(error_percent: float, limit_percent: float) -> bool:
 def capped_text(count: int, error_percent: float, limit_percent: float) -> str:
     """The line that says so."""
     return (
-        f"error limit {limit_percent:g} %: {count} lights, the most allowed here, have an estimated error of {error_percent:.2g} %, "
-        f"where {LIMIT * limit_percent:.2g} % or less keeps the limit; allow more lights, or a larger error"
+        f"error limit {limit_percent:g} %: {count} lights have an estimated error of {error_percent:.3g} %, "
+        f"where {LIMIT * limit_percent:.3g} % or less surely keeps the limit; where their number is limited, allow more, or a larger error"
     )

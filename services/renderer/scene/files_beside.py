@@ -30,7 +30,7 @@ class FilesBeside:
         self._texture_bytes = self._stored_bytes = 0
         self.left_out: list[str] = []
 
-    def library(self, name: str) -> bytes | None:
+    def read_library(self, name: str) -> bytes | None:
         """A material library; None for one that is not there. Raises UserError for a reference out of the folder."""
         content = self._content(name, MAX_LIBRARY_BYTES)
         return None if content is None else content.removeprefix(codecs.BOM_UTF8)

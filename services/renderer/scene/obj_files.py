@@ -176,7 +176,7 @@ def _library(statements: _Statements, beside: FilesBeside) -> dict[str, MtlMater
             words = rest.split(" ")
             several = len(words) > 1 and not beside.exists(rest) and any(beside.exists(word) for word in words)
             for name in words if several else [rest.strip('"')]:
-                content = beside.library(name)
+                content = beside.read_library(name)
                 found |= read_mtl(content, beside) if content is not None else {}
     return found
 

@@ -103,7 +103,21 @@ def tracked_step(
     """
     state, observed = observe(state, frame, smoothing)
     state, lights, tiles = lights_of(count, state, observed, soft)
+    state, lights = steadied(state, lights)
     return state, lights, TrackedReport(observed.invalid_cells, tiles.flux.sum(axis=1))
+
+
+def steadied(state: TrackedState, lights: LightSet) -> tuple[TrackedState, LightSet]:
+    """What `lights_of` made, with the extents that sources can have: the last step of a frame.
+
+    An error is estimated before it: a map shows a sun that falls between its cells wider than it is, and no number of lights mends that.
+    """
+    sources = state.sources
+    here = int(np.count_nonzero(sources.seen_s == state.time_s))  # the first ones
+    if not np.array_equal(lights.ids[:here], sources.ids[:here]):  # divided, since there are many lights
+        return state, lights
+    lights, sources = steady_extents(lights, sources, here)
+    return state._replace(sources=sources), lights
 
 
 def observe(state: TrackedState, frame: SamplerInput, smoothing: bool) -> tuple[TrackedState, Observed]:
@@ -152,9 +166,7 @@ def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[Tracked
         return state, LightSet.of(ids, source_tiles.directions, flux, np.zeros((len(ids), 6)))
     state, cells = _tracked_sites(state, rest, count - len(lit), power, URGENT)
     sites = state.sites
-    lights = soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
-    lights, sources = steady_extents(lights, sources, len(lit))
-    return state._replace(sources=sources), lights
+    return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
 
 
 def _without_ids(sites: Sites, taken: np.ndarray) -> Sites:

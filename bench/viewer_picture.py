@@ -1,6 +1,7 @@
 """The picture of the viewer's page in README.md: python -m bench.viewer_picture [--out docs/pictures/viewer.png]
 
-Plays the bundled sequence with all 72 lights in every picture and takes a screenshot of the page in Chromium, 1280 x 800.
+Plays the bundled sequence, with half a second for each picture so that all its lights are drawn on any machine, and takes a screenshot of
+the page in Chromium, 1280 x 800.
 """
 
 import argparse
@@ -14,9 +15,11 @@ from playwright.sync_api import sync_playwright
 
 from bench.live import free_port
 from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
+from vemlight.commands.service_commands import BUNDLED_RENDERER
 
 WIDTH, HEIGHT = 1280, 800  # pixels
 START_MS = 180_000  # GL, and the first time compiled code
+FRAME_MS = 500  # target of a picture
 SETTLE_MS = 25_000  # in which lights and exposure settle and the counters of the start are past
 
 
@@ -38,7 +41,9 @@ def main() -> None:
     asked, port = parser.parse_args(), free_port()
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "vemlight.toml"
-        settings.write_text(f'[wire]\nfolder = "{folder}/sockets"\n[renderer]\nframe_ms = 0\n[viewer]\nport = {port}\n')
+        look = "".join(f"{key} = {value!r}\n" for key, value in BUNDLED_RENDERER.items())
+        drawing = f"[renderer]\nframe_ms = {FRAME_MS}\n{look}"
+        settings.write_text(f'[wire]\nfolder = "{folder}/sockets"\n{drawing}[viewer]\nport = {port}\n')
         run = subprocess.Popen([sys.executable, "-m", "vemlight", "run", str(settings)], stdout=subprocess.PIPE, text=True)
         try:
             assert run.stdout

@@ -30,17 +30,17 @@ class CompilerNotice(event.Listener):
     """Says at a terminal what is compiled and for how long by now."""
 
     def __init__(self) -> None:
-        self.depth, self._spent_s, self._said_s, self._started_s = 0, 0.0, 0.0, 0.0
+        self._depth, self._spent_s, self._said_s, self._started_s = 0, 0.0, 0.0, 0.0
 
     def on_start(self, event: event.Event) -> None:
-        if self.depth == 0:
+        if self._depth == 0:
             self._started_s = time.monotonic()
-        self.depth += 1
+        self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
-        self.depth -= 1
+        self._depth -= 1
         spent_s = self._spent_s + time.monotonic() - self._started_s
-        if self.depth == 0:
+        if self._depth == 0:
             self._spent_s = spent_s
         if spent_s > self._said_s + SAY_AFTER_S and event.data and sys.stderr.isatty():
             self._said_s = spent_s
@@ -48,13 +48,7 @@ class CompilerNotice(event.Listener):
             print(f"vemlight: compiling the {package}'s kernels, at the first start: {spent_s:.0f} s so far", file=sys.stderr, flush=True)
 
 
-NOTICE = CompilerNotice()
-event.register("numba:compile", NOTICE)
-
-
-def compiling() -> bool:
-    """Whether a kernel is being compiled now, which takes hundreds of megabytes."""
-    return NOTICE.depth > 0
+event.register("numba:compile", CompilerNotice())
 
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:

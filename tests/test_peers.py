@@ -8,9 +8,8 @@ import zmq
 
 from tests.support.hostile_peers import zmtp
 from tests.support.processes import free_port, wait_until
-from vemlight import kernels
 from vemlight.runtime import peer_guard, wire
-from vemlight.runtime.peers import MANY_PARTS, PEERS, REFUSED_BURST, SUBSCRIPTIONS_BURST, receive
+from vemlight.runtime.peers import MANY_PARTS, PEERS, REFUSED_BURST, SUBSCRIPTIONS_BURST, WORK, receive
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.sync import receive_all
 from vemlight.runtime.transport import MAX_ASKED, Transport, accept_subscriptions, endpoint
@@ -99,21 +98,24 @@ def test_a_publisher_of_frames_without_end_is_cut(settings, client, monkeypatch)
     subscriber.close()
 
 
-def test_memory_that_the_compiler_takes_is_nobodys_message(monkeypatch):
+def test_memory_that_a_step_takes_is_nobodys_message(monkeypatch):
     guard = peer_guard.PeerGuard(zmq.Context.instance())
     guard.stop()
-    monkeypatch.setattr(peer_guard, "_memory", lambda: 10 * peer_guard.MAX_GROWTH)
-    searched = []
+    memory, searched = [0], []
+    monkeypatch.setattr(peer_guard, "_memory", lambda: memory[0])
     monkeypatch.setattr(guard, "_search", searched.append)
-    guard._calm_memory = 0.0
-    monkeypatch.setattr(kernels.NOTICE, "depth", 1)
     guard._look()
-    assert not searched
-    monkeypatch.setattr(kernels.NOTICE, "depth", 0)
+    with WORK:
+        memory[0] = 2 * peer_guard.MAX_GROWTH
+        guard._look()
     guard._look()
-    assert not searched  # what it took is the service's own from now on
-    guard._calm_memory = 0.0
+    assert not searched  # it is the service's own from now on
+    memory[0] *= 2
     guard._look()
+    assert searched.pop() > peer_guard.MAX_GROWTH
+    with WORK:
+        memory[0] += peer_guard.MAX_OWN_GROWTH  # a step is no cover for what nobody needs
+        guard._look()
     assert searched
 
 

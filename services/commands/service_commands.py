@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from vemlight.choices import Mode
     from vemlight.runtime.channels import Service
 
-BUNDLED_RENDERER = {"width": 640, "height": 360, "background": "map"}  # of the bundled scene, composed for 16:9
+# Of the bundled scene, composed for 16:9; as large as the page shows it on a small screen, and as two cores draw ten times a second.
+BUNDLED_RENDERER = {"width": 480, "height": 270, "background": "map"}
 COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 

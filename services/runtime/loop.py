@@ -17,6 +17,7 @@ from vemlight.files import one_line
 from vemlight.runtime import wire
 from vemlight.runtime.channels import BACKPRESSURE_FROM, FRAMES, LAST, UPSTREAM, Service
 from vemlight.runtime.demand import Supply
+from vemlight.runtime.peers import WORK
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.sync import Lockstep, NearestInTime, receive_all
 from vemlight.runtime.transport import Transport, accept_subscriptions
@@ -200,7 +201,8 @@ def _step(
     started_s = time.monotonic()
     for side_frame in side_frames:
         state = stage.on_message(state, side_frame)
-    state, made = stage.step(state, message)
+    with WORK:
+        state, made = stage.step(state, message)
     write(stage, state, made, stats)
     stats.on_finished(made, time.monotonic() - started_s)
     publish(publisher, made)

@@ -11,7 +11,6 @@ import ctypes
 import itertools
 import math
 import os
-import sys
 import threading
 import time
 import traceback
@@ -27,7 +26,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import QUEUE_FRAMES
 from vemlight.runtime.log_lines import LogLines
 from vemlight.runtime.open_files import file_limit, peer_limit
-from vemlight.runtime.peers import PEERS, Borrowed, Monitor, Peer, reset
+from vemlight.runtime.peers import PEERS, WORK, Borrowed, Monitor, Peer, reset
 
 # Between two looks at memory: at the 6 GB/s of ipc it grows by 120 MB meanwhile. 0.01 to 0.03 s would do
 PERIOD_S = 0.02
@@ -41,6 +40,9 @@ MAX_UNFINISHED = (QUEUE_FRAMES + 1) * wire.MAX_PART
 # ipc has no count of bytes received, and an empty part of 2 bytes takes 64 bytes of memory: so a peer is cut, too, whose bytes wait again
 # and again, none of whose messages ends, while memory grows by so much.
 MAX_GROWTH_UNASKED, MAX_GROWTH = 64 * 2**20, 192 * 2**20  # bytes; the second: a queue of pictures of 4096 x 2160 (35 MB) and one more
+# By how much memory may grow in a single step, which takes no message: compiling takes 200 MB, a first picture of 640 x 480 under 150 soft
+# lights 400. 512 MB to 2 GB would do.
+MAX_OWN_GROWTH = 2**30
 LOOKS, LOOK_S = 30, 0.0003
 # In how many of the looks more bytes wait than a few requests have. libzmq reads requests at once; a frame's bytes wait for a few looks.
 BUSY_BYTES = 512
@@ -68,7 +70,7 @@ class PeerGuard(threading.Thread):
         self._held_until_s: dict[str, float] = {}
         self._lines = LogLines()
         self._doors: list[Path] = []
-        self._memory = _memory()  # when peers were judged last
+        self._memory = self._work_memory = _memory()  # when peers were judged last; when no step ran last
         self._calm_memory, self._search_s = float(self._memory), 0.0
         self._trim_s, self._judge_s = math.inf, 0.0
         self._closed_doors = False
@@ -209,7 +211,9 @@ class PeerGuard(threading.Thread):
         """Judges all peers when memory has grown, or else a few now and then."""
         memory, now_s = _memory(), time.monotonic()
         self._calm_memory = min(float(memory), self._calm_memory + (memory - self._calm_memory) * PERIOD_S / CALM_S)
-        if _compiling():  # the compiler's memory, while frames wait that nobody takes
+        if not WORK.is_on:
+            self._work_memory = memory
+        elif memory - self._work_memory < MAX_OWN_GROWTH:  # a step's own, while frames wait that nobody takes
             self._calm_memory = float(memory)
         grown = memory - self._calm_memory > MAX_GROWTH_UNASKED and now_s > self._search_s
         self._memory = min(self._memory, memory)
@@ -269,12 +273,6 @@ class PeerGuard(threading.Thread):
         with contextlib.suppress(OSError):
             peer.shut_down()
         self._forget(peer)
-
-
-def _compiling() -> bool:
-    """Whether this process compiles a kernel; most processes have loaded no compiler."""
-    kernels = sys.modules.get("vemlight.kernels")
-    return kernels is not None and kernels.compiling()
 
 
 def _closed(door: Path) -> Path:

@@ -33,6 +33,22 @@ class Monitor(NamedTuple):
     busy_looks: int
 
 
+class OwnWork:
+    """Whether the process is in a step of its own: memory that grows meanwhile is not what peers send. Used as `with WORK:`."""
+
+    def __init__(self) -> None:
+        self.is_on = False
+
+    def __enter__(self) -> None:
+        self.is_on = True
+
+    def __exit__(self, *_: object) -> None:
+        self.is_on = False
+
+
+WORK = OwnWork()
+
+
 class Peer:
     """One connection. The loops note what they took from it; the guard's thread judges it."""
 

@@ -242,6 +242,7 @@ def test_a_sun_that_falls_between_cells_takes_no_more_lights_and_gets_no_wider()
         for (row, column), part in zip(((40, 120), (40, 121), (41, 120), (41, 121)), parts, strict=True):
             radiance[row, column] += part * 2 * np.pi / np.broadcast_to(SOLID_ANGLES, (ROWS, COLS))[row, column]
         state, lights, _ = step(Sampler(filter="none"), state, SamplerInput(radiance, "hemisphere", k / 25, NO_BRIGHT_CELLS))
+        assert lights.covariances is not None
         sun = lights.irradiance[:, 1].argmax()
         assert lights.irradiance[sun, 1] / lights.irradiance[:, 1].sum() > 0.48
         widths.append(float(np.sqrt(lights.covariances[sun, [0, 3, 5]].sum() / 2)))

@@ -18,12 +18,12 @@ from bench.luminaires import DARK, DOWN, headlight, with_lamp, write
 from tests.support.scenes import SHAPES
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import write_png
+from vemlight.light.photometry import read_photometry
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.luminaire.authoring import from_rays
 from vemlight.renderer.luminaire.inspection import contact_sheet, intensity_by_angle, lit_planes
 from vemlight.renderer.luminaire.lightfield import LightField, far_intensity
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
-from vemlight.renderer.luminaire.photometry import read_photometry
 from vemlight.renderer.luminaire.reference import irradiance
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.renderer import Renderer

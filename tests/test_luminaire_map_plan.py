@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from vemlight.light.far_field import FarField
 from vemlight.light.sphere import quaternion_xyz
-from vemlight.renderer.luminaire.far_field import FarField
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import placed_luminaires, stale_luminaire_maps
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from vemlight.errors import UserError
+from vemlight.light.far_field import FarField, intensity, total_flux_lm
+from vemlight.light.photometry import read_photometry
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.luminaire.far_field import FarField, intensity, total_flux_lm
-from vemlight.renderer.luminaire.photometry import read_photometry
 
 GAMMA = np.arange(0, 181, 5.0)
 

@@ -3,6 +3,7 @@
 from tests.mutants.mutant import mutants_of
 
 PACKAGE = "services/renderer/luminaire/"
+LIGHT = "services/light/"
 T = "tests/test_luminaire_"
 
 MUTANTS = [
@@ -51,22 +52,22 @@ MUTANTS = [
         ("rays start off their surface", "RAY_START = 1e-4", "RAY_START = 1.0"),
         ("light from behind", "if cosine <= 0 or flat", "if flat"),
     ]),
-    *mutants_of(PACKAGE + "far_field.py", f"{T}photometry.py", [
+    *mutants_of(LIGHT + "far_field.py", f"{T}photometry.py", [
         ("far-field distance doubled", "FAR_FIELD_SIZES = 5.0", "FAR_FIELD_SIZES = 10.0"),
         ("angles doubled", "MAX_ANGLES = 2000", "MAX_ANGLES = 4000"),
     ]),
-    *mutants_of(PACKAGE + "eulumdat.py", f"{T}photometry.py", [
+    *mutants_of(LIGHT + "eulumdat.py", f"{T}photometry.py", [
         ("lamp sets doubled", "MAX_LAMP_SETS = 20", "MAX_LAMP_SETS = 40"),
         ("flux limit doubled", "MAX_FLUX_LM = 1e9", "MAX_FLUX_LM = 2e9"),
         ("lamp sets taken in turn", "flux = _flux_of_set(lines, max(lamp_set, 1))", "flux = _flux_of_set(lines, sets)"),
         ("round areas", "width or length, height", "width, height"),
     ]),
-    *mutants_of(PACKAGE + "lm63.py", f"{T}photometry.py", [
+    *mutants_of(LIGHT + "lm63.py", f"{T}photometry.py", [
         ("feet", "0.3048", "0.3"),
         ("half a circle", "if last <= 180:", "if last < 180:"),
         ("the factor of 1991", "(86|91)", "(86)"),
     ]),
-    *mutants_of(PACKAGE + "photometry.py", f"{T}photometry.py", [
+    *mutants_of(LIGHT + "photometry.py", f"{T}photometry.py", [
         ("noise below 0", "MAX_NEGATIVE = 0.01", "MAX_NEGATIVE = 0.2"),
     ]),
     *mutants_of(PACKAGE + "rayfile.py", f"{T}rayfile.py", [

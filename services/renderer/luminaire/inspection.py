@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.far_field import FarField, intensity, total_flux_lm
 from vemlight.light.images import write_png
+from vemlight.light.photometry import PHOTOMETRY_SUFFIXES, read_photometry
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.luminaire.estimator import interleaved_shifts, irradiance_receivers, shade
-from vemlight.renderer.luminaire.far_field import FarField, intensity, total_flux_lm
 from vemlight.renderer.luminaire.lightfield import LightField, far_intensity, flux
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
-from vemlight.renderer.luminaire.photometry import PHOTOMETRY_SUFFIXES, read_photometry
 from vemlight.renderer.luminaire.shift_invariant import MAX_RELATIVE_ERROR, error_bound
 from vemlight.renderer.luminaire.tables import summed_area_tables
 

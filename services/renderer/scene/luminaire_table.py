@@ -9,12 +9,12 @@ from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import contained_path
+from vemlight.light.eulumdat import MAX_LAMP_SETS
+from vemlight.light.far_field import FarField
+from vemlight.light.photometry import PHOTOMETRY_SUFFIXES, read_photometry
 from vemlight.light.sphere import rotation_xyz
-from vemlight.renderer.luminaire.eulumdat import MAX_LAMP_SETS
-from vemlight.renderer.luminaire.far_field import FarField
 from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
-from vemlight.renderer.luminaire.photometry import PHOTOMETRY_SUFFIXES, read_photometry
 from vemlight.renderer.luminaire.shift_invariant import is_shift_invariant
 
 Vector = tuple[float, float, float]

@@ -52,7 +52,7 @@ def _ray_bombs() -> dict[str, bytes]:
 
 
 def _read_photometry(path: Path) -> object:
-    from vemlight.renderer.luminaire.photometry import read_photometry
+    from vemlight.light.photometry import read_photometry
 
     return read_photometry(path)
 

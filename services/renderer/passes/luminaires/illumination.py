@@ -6,8 +6,8 @@ import moderngl
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.light.far_field import FarField
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.luminaire.far_field import FarField
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import placed_luminaires
 from vemlight.renderer.passes.luminaires.occluders import SceneOccluders, scene_occluders, traced_triangles

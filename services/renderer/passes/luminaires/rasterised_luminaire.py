@@ -8,11 +8,11 @@ import moderngl
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.light.far_field import FarField, intensity
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
 from vemlight.renderer.luminaire.estimator import halton, interleaved_shifts
-from vemlight.renderer.luminaire.far_field import FarField, intensity
 from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.shadow_views import cell_views, cube_views
 from vemlight.renderer.luminaire.shift_invariant import radiance_images

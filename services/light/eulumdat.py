@@ -4,7 +4,7 @@ Beleuchtungsplaner").
 
 import numpy as np
 
-from vemlight.renderer.luminaire.far_field import MAX_ANGLES, FarField, check_rising, number_from_text
+from vemlight.light.far_field import MAX_ANGLES, FarField, check_rising, number_from_text
 
 MAX_LAMP_SETS = 20  # the format has room for as many
 MAX_FLUX_LM = 1e9  # a stadium has 10^7

@@ -8,9 +8,9 @@ import numpy as np
 
 from vemlight.errors import UserError
 from vemlight.files import notice, read_file
-from vemlight.renderer.luminaire.eulumdat import read_eulumdat
-from vemlight.renderer.luminaire.far_field import FarField
-from vemlight.renderer.luminaire.lm63 import read_lm63
+from vemlight.light.eulumdat import read_eulumdat
+from vemlight.light.far_field import FarField
+from vemlight.light.lm63 import read_lm63
 
 PHOTOMETRY_SUFFIXES = (".ldt", ".ies")
 MAX_BYTES = 2**22  # 721 x 361 angles of 12 characters have 3 MB; the numbers take ten times as much in memory

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from vemlight.renderer.luminaire.far_field import MAX_ANGLES, FarField, check_rising, number_from_text
+from vemlight.light.far_field import MAX_ANGLES, FarField, check_rising, number_from_text
 
 FIXED_NUMBERS = 13  # from the lamps to the watts
 METRES_BY_UNIT = {1: 0.3048, 2: 1.0}

@@ -90,6 +90,10 @@ class Capture(SettingsSection, frozen=True):
     rows: Annotated[int, Meta(ge=2, le=4096), means("rows of the polar map, equal in elevation"), PIXELS] = 90
     cols: Annotated[int, Meta(ge=4, le=8192), means("columns of the polar map, equal in azimuth"), PIXELS] = 360
     coverage: Annotated[Coverage, means("the part of the sphere of directions that the map covers")] = "hemisphere"
+    ground: Annotated[
+        Annotated[float, Meta(ge=0, le=1)],
+        means("hemisphere: albedo of a ground below the horizon, which sends the map's light up; 0: none, no light comes from below"),
+    ] = 0.0
     frames: Annotated[int, Meta(ge=0), means("stop after so many; 0: all of them, again and again in live mode"), FRAMES] = 0
     start: Annotated[int, Meta(ge=0), means("files: number of the first frame to play")] = 0
     end: Annotated[int, Meta(ge=0), means("files: number of the frame to stop before; 0: play to the last")] = 0
@@ -132,7 +136,14 @@ class Capture(SettingsSection, frozen=True):
         """The lens files that are named."""
         return tuple(filter(None, (self.lens,))) if isinstance(self.lens, str) else self.lens
 
+    @property
+    def map_coverage(self) -> Coverage:
+        """The part of the sphere that the maps cover which leave the capture: with a ground all of it."""
+        return "sphere" if self.ground else self.coverage
+
     def __post_init__(self) -> None:
+        if self.ground and self.coverage == "sphere":
+            raise ValueError("ground is the lower half of a hemisphere, and coverage sphere has its own; leave one of them out")
         if self.lenses and self.projection in ("equirect", "cube3x2"):
             raise ValueError(f"lens is for fisheye frames and projection is {self.projection}; leave one of them out")
         if self.span and (self.projection in ("fisheye", "cube3x2") or self.lenses):

@@ -148,7 +148,7 @@ def test_holes_send_nothing(tmp_path):
     np.testing.assert_allclose(under(square, tmp_path), [0.5, 0.5, 0.5], atol=0.03)
 
 
-def test_a_catcher_receives_and_does_not_send(tmp_path):
+def test_a_catcher_receives_and_under_light_from_above_alone_does_not_send(tmp_path):
     catcher = '[[mesh]]\nshape = "plane"\nscale = 5.0\nmaterial = {catcher = true}\n'
     TexturedSquare(emissiveFactor=[1.0, 1.0, 1.0]).write(tmp_path / "ceiling.gltf")
     renderer = renderer_of(scene_of(tmp_path, LOOKING_DOWN + catcher + CEILING))
@@ -159,6 +159,30 @@ def test_a_catcher_receives_and_does_not_send(tmp_path):
     np.testing.assert_allclose(picture[..., :3], 0.25 * np.pi / SUN.irradiance[0, 1], rtol=0.01)
     ball = '[[mesh]]\nname = "ball"\nshape = "sphere"\nscale = 0.2\nat = [0.0, 0.0, 0.3]\nmaterial = {diffuse = [0.5, 0.5, 0.5]}\n'
     assert np.abs(added(scene_of(tmp_path, LOOKING_DOWN + catcher + ball), SUN)[14:18, 14:18]).max() == 0
+
+
+def two_hemispheres(up: list[float]) -> LightSet:
+    """A sky of lights of the same strength and below it a ground of lights that are `up` times as strong."""
+    lights = uniform_lights(400, -1.0)
+    below = lights.directions[:, 2:] < 0
+    return lights._replace(irradiance=np.where(below, lights.irradiance * np.array(up), lights.irradiance).astype(np.float32))
+
+
+def test_a_catcher_sends_what_the_light_from_below_says_of_its_ground(tmp_path):
+    albedo, lights = np.array([0.4, 0.2, 0.1]), two_hemispheres([0.4, 0.2, 0.1])
+    normal = np.array([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(bounce_pass.ground_albedo(normal, lights), albedo, rtol=0.02)
+    np.testing.assert_array_equal(bounce_pass.ground_albedo(None, lights), 0)
+    np.testing.assert_array_equal(bounce_pass.ground_albedo(normal, lights_from(-normal)), 0)  # nothing falls on it
+    np.testing.assert_array_equal(bounce_pass.ground_albedo(normal, two_hemispheres([3.0, 3.0, 3.0])), 1)
+    _, wall, ground = CORNER.split("[[mesh]]")
+    grounds = {"real": "diffuse = [0.4, 0.2, 0.1]", "caught": "catcher = true"}
+    received = {}
+    for name, material in grounds.items():
+        text = f"{FACING_WALL}[[mesh]]{wall}[[mesh]]{ground}".replace("diffuse = [0.8, 0.4, 0.2]", material)
+        received[name] = added(scene_of(tmp_path, text), lights)
+    np.testing.assert_allclose(received["caught"][12:20, 12:20], received["real"][12:20, 12:20], rtol=0.02)
+    assert received["real"][12:20, 12:20].min() > 0.01
 
 
 def test_a_metal_sends_its_colour_and_a_dielectric_its_reflectance_too(tmp_path):
@@ -224,11 +248,11 @@ def test_a_live_frame_gives_up_the_bounce_when_the_fewest_lights_leave_no_time_f
 
 def test_a_bounce_is_gathered_once_for_all_samples(tmp_path):
     renderer = renderer_of(scene_of(tmp_path, FACING_WALL + CORNER), samples=4)
-    gathered = []
+    gathered: list[int] = []
     bounce = renderer.renderer._bounce
     assert bounce
     original = bounce.gather
-    bounce.gather = lambda lights: (gathered.append(1), original(lights))  # type: ignore[method-assign]
+    bounce.gather = lambda *of: (gathered.append(1), original(*of))  # type: ignore[method-assign]
     picture = renderer.picture(SUN)
     renderer.release()
     assert len(gathered) == 1

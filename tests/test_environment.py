@@ -27,18 +27,23 @@ def test_upper_flux_of_upright_maps_is_exact() -> None:
     image = np.random.default_rng(0).lognormal(0, 2, (32, 64, 3))
     truth = np.einsum("ijc,i->c", image[:16], latlong_solid_angles(32, 64)[:16])
     turned = rotation_xyz((0, 0, 33.0))
-    np.testing.assert_allclose(hemisphere_irradiance(Environment(image, []), turned), truth, rtol=1e-12)
+    total, level = hemisphere_irradiance(Environment(image, []), turned)
+    np.testing.assert_allclose(total, truth, rtol=1e-12)
+    cosines = np.cos((np.arange(16) + 0.5) * np.pi / 32)
+    np.testing.assert_allclose(level, np.einsum("ijc,i->c", image[:16], latlong_solid_angles(32, 64)[:16] * cosines), rtol=2e-3)
 
 
 def test_upper_flux_of_a_tilted_even_map_is_half() -> None:
     even = Environment(np.ones((64, 128, 3)), [])
     # pixels at the horizon are split by 8 x 8 points
-    np.testing.assert_allclose(hemisphere_irradiance(even, rotation_xyz((30, 20, 0))), 2 * np.pi, rtol=1e-4)
+    total, level = hemisphere_irradiance(even, rotation_xyz((30, 20, 0)))
+    np.testing.assert_allclose(total, 2 * np.pi, rtol=1e-4)
+    np.testing.assert_allclose(level, np.pi, rtol=1e-3)
 
 
 def test_setting_sun_counts_by_its_part_above() -> None:
     sun = SunDisc(np.array([1.0, 0, 0]), 0.01, np.ones(3))
-    np.testing.assert_allclose(hemisphere_irradiance(Environment(np.zeros((8, 16, 3)), [sun]), np.eye(3)), 0.5, atol=0.02)
+    np.testing.assert_allclose(hemisphere_irradiance(Environment(np.zeros((8, 16, 3)), [sun]), np.eye(3))[0], 0.5, atol=0.02)
 
 
 def test_dark_has_a_sun_direction() -> None:

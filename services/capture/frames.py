@@ -15,6 +15,7 @@ from vemlight.capture.colour_coding import ColourCoding
 from vemlight.capture.cube import cube_directions, cube_to_polar, is_cube
 from vemlight.capture.exr_header import bright_cells_from_attributes, count_from_attributes, scale_from_attributes
 from vemlight.capture.fisheye import ALL_PIXELS, BayerPattern, FisheyeToPolar, colour_lattices, fisheye_bright_cells, lit_runs, lit_spans
+from vemlight.capture.ground import with_ground
 from vemlight.capture.lens import Lens, read_lens
 from vemlight.capture.mosaic_lights import HALF_WINDOW, SHARP_SHARE, share_of_one_pixel
 from vemlight.capture.planes import Planes, linear_from_planes
@@ -130,7 +131,7 @@ class FrameMaker:
             raise _unknown_kind(name, kind)
         black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
         scale = scale_from_attributes(attributes)
-        return Frame(radiance, self._settings.coverage, time_s, scale, black, saturated, bright_cells)
+        return self._made(radiance, bright_cells, time_s, scale, black, saturated)
 
     def frame_from_planes(self, name: str, planes: Planes, coding: ColourCoding, time_s: float) -> Frame:
         """The frame of a film's or a camera's picture in colour: its planes, and how their codes become light.
@@ -152,7 +153,7 @@ class FrameMaker:
         else:
             radiance, bright_cells = self._from_pixels(picture.pixels)
         radiance = np.maximum(radiance, 0)
-        return Frame(radiance, self._settings.coverage, time_s, coding.luminance_scale, 0, picture.saturated, bright_cells)
+        return self._made(radiance, bright_cells, time_s, coding.luminance_scale, 0, picture.saturated)
 
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
         """The frame of raw `codes` uint8 or uint16: (height, width) of a `mosaic`, or (height, width, 3) without one.
@@ -180,7 +181,14 @@ class FrameMaker:
         if len(self._fisheye) == 3 and codes.ndim == 2 and not self._said_sharp:
             self._say_sharp_lights(name, codes, table, radiance)
         black, saturated = (int(sum(count[n] for count in counts)) for n in (0, 1))
-        return Frame(radiance, self._settings.coverage, time_s, response.luminance_scale, black, saturated, bright)
+        return self._made(radiance, bright, time_s, response.luminance_scale, black, saturated)
+
+    def _made(
+        self, radiance: np.ndarray, bright: BrightCells, time_s: float, luminance_scale: float | None, black: int, saturated: int
+    ) -> Frame:
+        if self._settings.ground:
+            radiance = with_ground(radiance, bright, self._settings.ground)
+        return Frame(radiance, self._settings.map_coverage, time_s, luminance_scale, black, saturated, bright)
 
     def _say_sharp_lights(self, name: str, codes: np.ndarray, table: np.ndarray, radiance: np.ndarray) -> None:
         # one line, once, for a bright light of a mosaic whose colour and power cannot be told

@@ -81,7 +81,7 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
     given = {
         "width": width,
         "height": height,
-        "light_regions": 0 if options.coverage == "hemisphere" else None,
+        "light_regions": 0 if options.coverage == "hemisphere" and not options.ground else None,
         "tone": options.tone,
         "background": options.background,
         "shadow_map": options.shadow_map,

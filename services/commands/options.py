@@ -43,6 +43,7 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     span: tuple[float, float] | None = None
     stereo: str | None = None
     format: str | None = None
+    ground: float | None = None
     controls: tuple[tuple[str, int], ...] = ()
 
 

@@ -258,7 +258,8 @@ class Renderer:
         """Adds what surfaces send to each other; all samples of a pixel have what was gathered at the first."""
         assert self._bounce
         if run.sample == 0:
-            self._bounce.gather(plan.lights)
+            normal = self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices)
+            self._bounce.gather(plan.lights, normal)
         weight = 1 / len(plan.samples)
         self._bounce.add(self._g_buffer, self._shading.frame, (weight, weight, weight))
         if self._shading.matte_frame:  # it brightens what lies behind by its fraction of the light there

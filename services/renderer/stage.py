@@ -120,7 +120,7 @@ class RendererStage:
             drawing = msgspec.structs.replace(drawing, frame_ms=0.0)
         elif drawing.frame_ms is None:
             drawing = msgspec.structs.replace(drawing, frame_ms=LIVE_FRAME_MS)
-        if drawing.light_regions is None and settings.capture.coverage == "hemisphere":
+        if drawing.light_regions is None and settings.capture.map_coverage == "hemisphere":
             drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, file_samples(scene) if self._images else LIVE_SAMPLES)
         self._frame_ms = drawing.frame_ms or 0.0

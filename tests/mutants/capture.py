@@ -85,6 +85,11 @@ MUTANTS = [
         ("bright cells of a mosaic by red", "self._fisheye[1 if len(self._fisheye) == 3 else 0]", "self._fisheye[0]"),
         ("clipped codes of red alone", "lit_runs(self._fisheye)", "lit_runs(self._fisheye[:1])"),
     ]),
+    *mutants_of(CAPTURE + "ground.py", "tests/test_ground.py", [
+        ("irradiance of a sphere", "np.diff(edges * (2 - edges)) / 2", "np.diff(edges)"),
+        ("suns in the middle of their cells", "total += (cosine", "total += 0 * (cosine"),
+        ("radiosity for radiance", "albedo / np.pi *", "albedo *"),
+    ]),
     *mutants_of(CAPTURE + "polar.py", "tests/test_polar.py", [
         ("thin overlaps", "MIN_OVERLAP = 1e-9", "MIN_OVERLAP = 1e-16"),
         ("azimuth seam", "columns = (by_col.index - (width // 2) - 1) % width", "columns = (by_col.index - (width // 2)) % width"),

@@ -39,7 +39,7 @@ MUTANTS = [
     *mutants_of(COMMANDS + "offline.py", "tests/test_offline.py", [
         ("rows of a sphere", '180 if options.coverage == "sphere"', '90 if options.coverage == "sphere"'),
         ("a single map filtered", 'None if frames > 1 else "none"', "None"),
-        ("regions of a hemisphere", '0 if options.coverage == "hemisphere" else None', "None"),
+        ("regions of a hemisphere", '0 if options.coverage == "hemisphere" and not options.ground else None', "None"),
         ("pictures without pixels", "1 <= side <= settings.MAX_PICTURE_SIDE", "side <= settings.MAX_PICTURE_SIDE"),
     ]),
     *mutants_of(COMMANDS + "parameters.py", "tests/test_cli.py", [

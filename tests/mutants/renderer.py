@@ -39,7 +39,8 @@ MUTANTS = [
     ]),
     *mutants_of(RENDERER + "rays/bounce.py", "tests/test_bounce.py", [
         ("chosen lights count once", "share += step / brought[i]", "share = np.float32(1.0)"),
-        ("albedo twice", "hits.albedo[row, column, ray, axis] / PI", "hits.albedo[row, column, ray, axis]"),
+        ("albedo twice", "= albedo / PI *", "= albedo *"),
+        ("catchers as in the scene file", "ground[axis] if albedo < 0 else albedo", "max(albedo, np.float32(0.0))"),
         ("light through roofs", "if query.rays[FAR, k] >= 0:", "if query.rays[FAR, k] >= -np.inf:"),
         ("irradiance without pi", "+= PI / count *", "+= 1 / count *"),
         ("mirrored away", "2 * height * nx - vx / length", "vx / length"),

@@ -169,6 +169,8 @@ WRONG = [
         ("lights good.exr --projection cube3x2 --out out.json", "good.exr: is 32x16 | cube3x2"),
         ("lights good.exr --projection cube --out out.json", "--projection: cube is no choice | cube3x2"),
         ("lights good.exr --span 400,90 --out out.json", "--span | 360"),
+        ("lights good.exr --ground 1.5 --out out.json", "--ground: 1.5"),
+        ("lights good.exr --ground 0.2 --coverage sphere --out out.json", "coverage sphere has its own | leave one of them out"),
         ("lights good.exr --lens camera.toml --projection equirect --out out.json", "lens is for fisheye frames"),
         ("lights good.exr --lens camera.toml --lens other.lens.toml --out out.json", "other.lens.toml: is for 64x48 | 32x16"),
         ("lights codes.png --transfer pk --out out.json", "--transfer | pk is no choice | pq"),

@@ -90,19 +90,23 @@ def disc_points(disc: SunDisc, count: int = DISC_POINTS) -> np.ndarray:
     return local @ np.stack([x, np.cross(disc.direction, x), disc.direction])
 
 
-def hemisphere_irradiance(environment: Environment, world_from_map: np.ndarray) -> np.ndarray:
-    """Integral of the radiance over the upper hemisphere of the world, (3,) float64: what a polar map's cells must add up to."""
-    total = _upper_flux(environment.image, world_from_map)
+def hemisphere_irradiance(environment: Environment, world_from_map: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals (3,) float64 over the upper hemisphere of the world: of the radiance, what a polar map's cells must add up to, and of
+    radiance x cosine, the irradiance of level ground.
+    """
+    total, level = _upper_flux(environment.image, world_from_map)
     for disc in environment.discs:
-        total = total + disc.irradiance * np.mean(disc_points(disc) @ world_from_map[2] > 0)
-    return total
+        up = np.maximum(disc_points(disc) @ world_from_map[2], 0)
+        total = total + disc.irradiance * np.mean(up > 0)
+        level = level + disc.irradiance * np.mean(up)
+    return total, level
 
 
 @kernel
 def _upper_flux(image, rotation):
     # pixels near the horizon count by the fraction of their points above it, others by their centre
     height, width, _ = image.shape
-    total = np.zeros(3)
+    total, level = np.zeros(3), np.zeros(3)
     reach = math.pi / height
     for y in range(height):
         top, bottom = math.cos(y * math.pi / height), math.cos((y + 1) * math.pi / height)
@@ -120,7 +124,8 @@ def _upper_flux(image, rotation):
                             fraction += 1 / (HORIZON_POINTS * HORIZON_POINTS)
             for c in range(3):
                 total[c] += fraction * solid * image[y, x, c]
-    return total
+                level[c] += max(up, 0.0) * solid * image[y, x, c]
+    return total, level
 
 
 @subroutine

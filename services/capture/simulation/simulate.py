@@ -51,9 +51,10 @@ def simulate(
     manifest.jsonl and truth.jsonl beside them.
 
     With a response the frames are raw codes (32-bit float EXR, which holds them exactly), else radiance as half floats. The camera's
-    `exposure_s` averages the flicker. truth.jsonl has for each frame: irradiance (RGB, integral over the upper hemisphere), sun (unit
-    vector in the world), world_from_map (3 x 3), time_s. `truth_maps` adds the folder truth/: the same frames as radiance, without noise.
-    Raises UserError for a map, lens, response or keyframe file that cannot be used, OSError when the disk refuses.
+    `exposure_s` averages the flicker. truth.jsonl has for each frame: irradiance (RGB, integral over the upper hemisphere),
+    level_irradiance (the same times the cosine: of level ground), sun (unit vector in the world), world_from_map (3 x 3), time_s.
+    `truth_maps` adds the folder truth/: the same frames as radiance, without noise. Raises UserError for a map, lens, response or keyframe
+    file that cannot be used, OSError when the disk refuses.
     """
     check_lens(camera.lens)
     if camera.response is not None:
@@ -88,8 +89,10 @@ def _flickering(environment: Environment, flicker_hz: float, time_s: float, expo
 
 
 def _ground_truth(environment: Environment, world_from_map: np.ndarray) -> dict[str, Any]:
+    total, level = hemisphere_irradiance(environment, world_from_map)
     return {
-        "irradiance": hemisphere_irradiance(environment, world_from_map).tolist(),
+        "irradiance": total.tolist(),
+        "level_irradiance": level.tolist(),
         "sun": (world_from_map @ sun_direction(environment)).tolist(),
         "world_from_map": world_from_map.tolist(),
     }

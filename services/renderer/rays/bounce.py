@@ -94,8 +94,8 @@ class Bounce:
         self._eye = (eye - self._scene.origin).astype(np.float32)
         self._hits = None  # until they are asked for
 
-    def gather(self, directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray) -> Blocks:
-        """What the blocks receive under lights: directions (n, 3), irradiance (n, 3), spreads (n,) rad."""
+    def gather(self, directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray, ground: np.ndarray) -> Blocks:
+        """What the blocks receive under lights: directions (n, 3), irradiance (n, 3), spreads (n,) rad. ground: albedo (3,) of catchers."""
         assert self._surfaces is not None
         places, normals = self._surfaces
         arrays = (directions, irradiance, irradiance @ LUMINANCE_WEIGHTS, spreads)
@@ -104,12 +104,13 @@ class Bounce:
             shape = (*places.shape[:2], self._pattern.shape[1], 3)
             self._hits = hits = Hits(*(np.zeros(shape, np.float32) for _ in Hits._fields))
             self._over_rows(lambda rows: self._shoot(rows, hits))
+        albedo = ground.astype(np.float32)
         hits, made = self._hits, Blocks(places, normals, np.zeros_like(places), np.zeros_like(places))
 
         def own(rows: slice) -> None:
             ends = Hits(*(array[rows] for array in hits))
             radiance = np.empty_like(ends.places)
-            _light_hits(self._scene.address, query(), ends, light, self._offsets, self._shadow_rays, rows.start, radiance)
+            _light_hits(self._scene.address, query(), ends, light, albedo, self._offsets, self._shadow_rays, rows.start, radiance)
             _sum_rays(radiance, Blocks(*(array[rows] for array in made)), self._pattern, self._eye, rows.start)
 
         self._over_rows(own)
@@ -121,7 +122,7 @@ class Bounce:
         block_pixels(np.zeros((4, 4, 3), np.float32), 4)
         nothing = np.zeros((1, 1, 3), np.float32)
         self.see(BlockSurfaces(nothing, nothing), np.zeros(3))
-        self.gather(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1))
+        self.gather(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
 
     def _shoot(self, rows: slice, hits: Hits) -> None:
         assert self._surfaces is not None
@@ -176,7 +177,7 @@ def _hashed(number):
 
 
 @kernel(nogil=True)
-def _light_hits(scene, query, hits, light, offsets, shadow_rays, first_row, radiance):
+def _light_hits(scene, query, hits, light, ground, offsets, shadow_rays, first_row, radiance):
     """Fills the radiance (rows, columns, rays, 3) that the hits send back, of what they emit and of the lights that reach them."""
     rows, columns, count, _ = hits.places.shape
     lights = len(light.luminance)
@@ -214,7 +215,9 @@ def _light_hits(scene, query, hits, light, offsets, shadow_rays, first_row, radi
                             continue
                     cosine = brought[i] / light.luminance[i]
                     for axis in range(3):
-                        sent[pending, axis] = hits.albedo[row, column, ray, axis] / PI * light.irradiance[i, axis] * cosine * share
+                        albedo = hits.albedo[row, column, ray, axis]
+                        albedo = ground[axis] if albedo < 0 else albedo
+                        sent[pending, axis] = albedo / PI * light.irradiance[i, axis] * cosine * share
                     target[pending, 0], target[pending, 1], target[pending, 2] = row, column, ray
                     dx, dy, dz = light.directions[i]
                     ax, ay, az, bx, by, bz = across(dx, dy, dz)

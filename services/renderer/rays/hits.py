@@ -23,6 +23,7 @@ from vemlight.renderer.rays.tracing import (
 PATTERN = 2  # blocks on a side have different directions, so that a filter of 3 x 3 blocks mixes PATTERN^2 sets
 PACKET = 16
 NO_HIT = 0xFFFFFFFF
+OF_GROUND = -1.0  # in place of the albedo of a catcher, which depends on the light
 # The lines of an RTCRayHit16 behind the ray's, 16 numbers each.
 HIT_NORMAL, HIT_U, HIT_V, HIT_TRIANGLE, HIT_MESH, HIT_LINES = 12, 15, 16, 17, 18, 22
 GOLDEN = (np.sqrt(5) - 1) / 2
@@ -33,7 +34,7 @@ _intersect = types.ExternalFunction(INTERSECT, types.void(types.uintp, types.uin
 
 class Hits(NamedTuple):
     """Where the rays of all blocks end, (rows, columns, rays, 3) float32: places lifted off the surface, flat normals on the ray's side,
-    zeros where a ray meets nothing; the fraction of light that the surface reflects; the radiance that it emits."""
+    zeros where a ray meets nothing; the fraction of light that the surface reflects, OF_GROUND of a catcher; the radiance that it emits."""
 
     places: np.ndarray
     normals: np.ndarray
@@ -146,6 +147,7 @@ def _take_hit(query, k, meshes, lift_m, hits, row, column, ray):
         own = first * meshes.vertex_colours[a, axis] + u * meshes.vertex_colours[b, axis] + v * meshes.vertex_colours[c, axis]
         colour = meshes.colour[mesh, axis] * own * (meshes.texels[texel, axis] if texel >= 0 else 1.0)
         reflectance = meshes.reflectance[mesh, axis] * (1 - metallic) + metallic * colour
-        hits.albedo[row, column, ray, axis] = min(reflectance + (1 - reflectance) * (1 - metallic) * colour, 1.0)
+        reflected = min(reflectance + (1 - reflectance) * (1 - metallic) * colour, 1.0)
+        hits.albedo[row, column, ray, axis] = OF_GROUND if meshes.catcher[mesh] else reflected
         emission = meshes.emission[mesh, axis] * (meshes.texels[glow, axis] if glow >= 0 else 1.0)
         hits.emission[row, column, ray, axis] = emission * own if meshes.unlit[mesh] else emission

@@ -24,7 +24,8 @@ class ReflectingMeshes(NamedTuple):
     first_triangle: (meshes + 1,) int64. triangles: (m, 3) int64, vertices. colour_uvs, emission_uvs: (n, 2) float32, where each vertex lies
     in its mesh's textures. vertex_colours: (n, 3) float32. colour, reflectance, emission: (meshes, 3) float32: reflects a fraction of
     r + (1 - r) (1 - metallic) c with r = reflectance (1 - metallic) + metallic c, of the colour c times those of texture and vertex.
-    metallic: (meshes,) float32. unlit: (meshes,) bool: what it emits is times the vertices' colours. colour_texture, emission_texture:
+    metallic: (meshes,) float32. unlit: (meshes,) bool: what it emits is times the vertices' colours. catcher: (meshes,) bool: reflects as
+    the ground under it. colour_texture, emission_texture:
     (meshes,) int64, NONE for none.
     texels: (t, 3) float32, of all textures; textures: (k, 5) int64, first texel, rows, columns, and whether it repeats across and up.
     """
@@ -39,6 +40,7 @@ class ReflectingMeshes(NamedTuple):
     metallic: np.ndarray
     emission: np.ndarray
     unlit: np.ndarray
+    catcher: np.ndarray
     colour_texture: np.ndarray
     emission_texture: np.ndarray
     texels: np.ndarray
@@ -85,6 +87,7 @@ def reflecting_meshes(scene: Scene) -> ReflectingMeshes:
         metallic=np.array([reflection.metallic for _, reflection in parts], np.float32),
         emission=np.array([reflection.emission for _, reflection in parts], np.float32),
         unlit=np.array([isinstance(mesh.material, Unlit) for mesh in scene.meshes]),
+        catcher=np.array([isinstance(mesh.material, ShadowCatcher) for mesh in scene.meshes]),
         colour_texture=np.array([_number(numbers, reflection.colour_map) for _, reflection in parts]),
         emission_texture=np.array([_number(numbers, reflection.emission_map) for _, reflection in parts]),
         texels=stacked([texels.reshape(-1, 3) for texels, _ in reduced], 3),
@@ -113,7 +116,7 @@ def _reflection(material: Material) -> _Reflection:
             return _Reflection(colour, tuple(specular), 0.0, material.emission, material.colour_map, material.emission_map)
         case Unlit():
             return _Reflection(emission=material.base_color, emission_map=material.colour_map)
-        case ShadowCatcher():  # what a real ground reflects is in the light already
+        case ShadowCatcher():
             return _Reflection()
 
 

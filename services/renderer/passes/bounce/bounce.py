@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import moderngl
 import numpy as np
 
+from vemlight.light.extent import Extents, received
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
@@ -28,6 +29,16 @@ def block_side(size: tuple[int, int], live: bool) -> int:
     return max(BLOCK, round((size[0] * size[1] / LIVE_BLOCKS) ** 0.5)) if live else BLOCK
 
 
+def ground_albedo(normal: np.ndarray | None, lights: LightSet) -> np.ndarray:
+    """Albedo (3,) of the real ground that a catcher with this `normal` (3,) stands for: the light that comes up through its plane over that
+    which falls on it, at most 1; 0 where no light comes up, or none falls.
+    """
+    if normal is None:
+        return np.zeros(3)
+    down, up = (received(side * lights.directions @ normal, Extents.of(lights)) @ lights.irradiance for side in (1, -1))
+    return np.minimum(np.divide(up, down, out=np.zeros(3), where=down > 0), 1)
+
+
 class BounceLight:
     """What surfaces send to each other in pictures of `size` pixels (width, height)."""
 
@@ -48,13 +59,14 @@ class BounceLight:
         self._programs = [programs.program("screen.vert", "bounce.frag", CATCHERS=catchers) for catchers in (0, 1)]
         self._arrays = [context.vertex_array(program, []) for program in self._programs]
 
-    def gather(self, lights: LightSet) -> None:
-        """Gathers the light that the surfaces seen last send to each other under these lights."""
+    def gather(self, lights: LightSet, catcher_normal: np.ndarray | None) -> None:
+        """Gathers the light that the surfaces seen last send to each other under these lights; (3,) of the catcher, if there is one."""
         if self._seen is not self._tracer.surfaces:
             self._seen = self._tracer.surfaces
             self._bounce.see(self._of_blocks(self._seen), self._eye)
         traces = np.zeros(len(lights.ids)) if lights.covariances is None else lights.covariances[:, [0, 3, 5]].sum(axis=1)
-        blocks = self._bounce.gather(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2))
+        ground = ground_albedo(catcher_normal, lights)
+        blocks = self._bounce.gather(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2), ground)
         there = np.any(blocks.normals, axis=-1, keepdims=True)
         for texture, values in zip(self._textures.values(), blocks, strict=True):
             texture.write(np.concatenate([values, there], axis=-1, dtype=np.float32).tobytes())

@@ -47,7 +47,7 @@ def test_a_wide_light_weighs_as_the_points_that_it_stands_for(cap_deg):
     phi = np.arange(2000) * 2.39996
     points = np.stack([np.sqrt(1 - z * z) * np.cos(phi), np.sqrt(1 - z * z) * np.sin(phi), z], axis=1)
     mean, covariance = points.mean(axis=0), np.cov(points.T, bias=True)
-    one = LightSet.of([0], (mean / np.linalg.norm(mean))[None], np.ones((1, 3)), covariance[np.triu_indices(3)][None])
+    one = LightSet.of(np.zeros(1), (mean / np.linalg.norm(mean))[None], np.ones((1, 3)), covariance[np.triu_indices(3)][None])
     many = LightSet.of(np.arange(2000), points, np.full((2000, 3), 1 / 2000))
     alike = [gathered(fibonacci_normals(50), *(vars(SoftLights(lights)).values())) for lights in (one, many)]
     np.testing.assert_allclose(*alike, atol=4e-3)

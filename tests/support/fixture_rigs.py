@@ -1,6 +1,7 @@
 """Small rigs and lights."""
 
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +17,7 @@ RGBAL = (*RGB, Emitter(name="amber", xy=(0.57, 0.42), share=0.3), Emitter(name="
 BICOLOUR = (Emitter(name="warm", xy=(0.4578, 0.4101)), Emitter(name="cold", xy=(0.3127, 0.3290)))
 
 
-def beam(number: int, direction, emitters=RGB, bits=16, metres: float = 3.0) -> Fixture:
+def beam(number: int, direction, emitters=RGB, bits: Literal[8, 16] = 16, metres: float = 3.0) -> Fixture:
     """A fixture at `metres` from the target towards `direction`, behind the one before it in the universe."""
     at = np.add(TARGET, metres * np.asarray(direction, np.float64))
     return Fixture(
@@ -25,7 +26,7 @@ def beam(number: int, direction, emitters=RGB, bits=16, metres: float = 3.0) -> 
     )  # fmt: skip
 
 
-def rig_of(fixtures, gain=1.0) -> Rig:
+def rig_of(fixtures, gain: float | Literal["auto"] = 1.0) -> Rig:
     return Rig(target=TARGET, gain=gain, fixture=tuple(fixtures))
 
 

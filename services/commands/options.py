@@ -14,6 +14,7 @@ import msgspec
 if TYPE_CHECKING:
     from vemlight.capture.calibration.response_fit import Kind
     from vemlight.capture.frames import Mosaic
+    from vemlight.exchange.usd_file import UsdDialect
 
 Options = TypeVar("Options", bound=msgspec.Struct)
 Result = TypeVar("Result")
@@ -55,6 +56,20 @@ class LightsOptions(SamplingOptions, frozen=True, kw_only=True):
     error_percent: float | None = None
     soft: bool | None = None
     score: bool = False
+
+
+class ExportOptions(SamplingOptions, frozen=True, kw_only=True):
+    """The options of `vemlight export`. given: those that say how lights are made, as they were typed."""
+
+    usd: Path | None = None
+    gltf: Path | None = None
+    mcap: Path | None = None
+    usd_dialect: "UsdDialect" = "standard"
+    frame: int = 0
+    residual: bool = False
+    error_percent: float | None = None
+    soft: bool | None = None
+    given: tuple[str, ...] = ()
 
 
 class RenderOptions(SamplingOptions, frozen=True, kw_only=True):

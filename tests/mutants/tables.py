@@ -1,5 +1,6 @@
 """All mutants, by package."""
 
-from tests.mutants import capture, commands, luminaires, renderer, runtime, sampler, viewer
+from tests.mutants import capture, commands, exchange, luminaires, renderer, runtime, sampler, viewer
 
-TABLES = (runtime.MUTANTS, capture.MUTANTS, sampler.MUTANTS, renderer.MUTANTS, luminaires.MUTANTS, viewer.MUTANTS, commands.MUTANTS)
+PACKAGES = (runtime, capture, sampler, renderer, luminaires, viewer, commands, exchange)
+TABLES = tuple(package.MUTANTS for package in PACKAGES)

@@ -13,6 +13,10 @@ from vemlight.light.images import write_exr
 CAMERA = "[camera]\nfrom = [3.0, -4.0, 2.5]\nat = [0.0, 0.0, 0.6]\n"
 LENS = "size = [32, 16]\nf = [5.0, 5.0]\nc = [15.5, 7.5]\nk1 = 0.0\nk2 = 0.0\nk3 = 0.0\nk4 = 0.0\nrim_deg = 90.0\n"
 PATCHES = "code,luminance,use\n40,1,fit\n60,10,fit\n90,100,fit\n160,1000,fit\n110,300,check\n"
+LIGHTS = (
+    '{"schema":"vemlight.lights/1","sequence":0,"time_s":0.0,"coverage":"sphere",'
+    '"lights":[{"id":0,"direction":[0,0,1],"irradiance":[1,1,1]}]}\n'
+)
 SETTINGS = {
     "colour": "colour = 3\n",
     "cuont": "[sampler]\n\ncuont = 3\n",
@@ -65,6 +69,10 @@ SCENES = {
 FILES = {
     **{f"{name}.toml": text for name, text in SETTINGS.items()},
     **{f"{name}.scene.toml": text for name, text in SCENES.items()},
+    "lights.jsonl": LIGHTS,
+    "rows.jsonl": LIGHTS + LIGHTS,
+    "dark.jsonl": "\n",
+    "schema.jsonl": LIGHTS.replace("lights/1", "lights/9"),
     "camera.toml": LENS,
     "no_f.lens.toml": LENS.replace("f = [5.0, 5.0]\n", ""),
     "rim.lens.toml": LENS.replace("90.0", "400.0"),
@@ -159,6 +167,23 @@ WRONG = [
         ("run --out taken", "--out: taken | is a file"),
         ("keys taken", "FOLDER: taken | is a file"),
         ("luminaire show lamp.exr --out taken", "--out: taken | is a file"),
+    ),
+    # exports
+    *_rows(
+        ("export good.exr", "--usd, --gltf, --mcap: none is given"),
+        ("export good.exr --usd out.usd", "--usd: out.usd | .usda or .usdc"),
+        ("export good.exr --gltf out.obj", "--gltf: out.obj | .gltf or .glb"),
+        ("export good.exr --mcap out.bag", "--mcap: out.bag | .mcap"),
+        ("export nowhere.jsonl --usd out.usda", "nowhere.jsonl: there is no such file"),
+        ("export dark.jsonl --usd out.usda", "dark.jsonl: holds no frame"),
+        ("export rows.jsonl --usd out.usda --gltf out.gltf", "rows.jsonl: line 2: | time_s"),
+        ("export schema.jsonl --gltf out.gltf", "schema.jsonl: line 1: schema vemlight.lights/9"),
+        ("export lights.jsonl --count 3 --gltf out.gltf", "--count: lights.jsonl has its lights already"),
+        ("export lights.jsonl --points --gltf out.gltf", "lights.jsonl has its lights already"),
+        ("export lights.jsonl --frame 1 --gltf out.gltf", "--frame 1: | 1 frame"),
+        ("export lights.jsonl --residual --usd out.usda", "--residual: | the source"),
+        ("export good.exr --residual --gltf out.gltf", "--residual: | --usd"),
+        ("export good.exr --usd-dialect maya --usd out.usda", "--usd-dialect: maya is no choice"),
     ),
     # pictures and recordings
     *_rows(

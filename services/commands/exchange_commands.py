@@ -1,0 +1,39 @@
+"""The commands that hand lights to other programs."""
+
+from typing import Any
+
+import click
+
+from vemlight.commands.offline_commands import sampling
+from vemlight.commands.options import ExportOptions, SamplingOptions
+from vemlight.commands.parameters import Number, OutFile
+from vemlight.commands.report import Report, reporting
+
+
+@click.command()
+@sampling
+@click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Error limit, %; as few lights as keep it are used.")
+@click.option("--soft/--points", default=None, help="Lights with the extent of their light, the default of tracked lights, or points.")
+@click.option("--usd", type=OutFile(".usda", ".usdc"), help="OUT.usda or .usdc: all frames, a DistantLight for each id.")
+@click.option("--usd-dialect", type=click.Choice(["standard", "blender"]), default="standard", show_default=True,
+              help="blender: what Blender's importer multiplies is divided before; it reads the first frame alone.")  # fmt: skip
+@click.option("--residual", is_flag=True, help="USD, of a map: distant lights for compact sources only, the rest as a DomeLight.")
+@click.option("--gltf", type=OutFile(".gltf", ".glb"), help="OUT.gltf or .glb: one frame, KHR_lights_punctual.")
+@click.option("--frame", type=click.IntRange(0), default=0, show_default=True, help="glTF: which frame, from 0.")
+@click.option("--mcap", type=OutFile(".mcap"), help="OUT.mcap: all frames as JSON on the channel /lights.")
+@reporting
+@click.pass_context
+def export(context: click.Context, **values: Any) -> Report:
+    """Write lights, or those of a map or a sequence, as USD, glTF or MCAP for other programs."""
+    from vemlight.commands.export import export_lights
+
+    of_making = {*SamplingOptions.__struct_fields__, "error_percent", "soft"} - {"source", "frames"}
+    typed = [
+        max(parameter.opts, key=len)
+        for parameter in context.command.params
+        if parameter.name in of_making and context.get_parameter_source(parameter.name) is click.core.ParameterSource.COMMANDLINE
+    ]
+    return export_lights(ExportOptions(**values, given=tuple(typed)))
+
+
+COMMANDS = (export,)

@@ -1,0 +1,35 @@
+"""Mutants of what is made for other programs."""
+
+from tests.mutants.mutant import mutants_of
+
+EXCHANGE = "services/exchange/"
+
+MUTANTS = [
+    *mutants_of("services/light/lights_reader.py", "tests/test_lights_reader.py", [
+        ("time that stands", "if frame.time_s <= time_s:", "if frame.time_s < time_s:"),
+        ("ids below 0", 'ids < 0, "has', 'ids < -9, "has'),
+        ("negative light", "(irradiance < 0).any(axis=1)", "(irradiance < -9).any(axis=1)"),
+        ("ids twice", "if len(set(ids.tolist())) < len(ids):", "if False:"),
+        ("no frame", "    if time_s < 0:\n", "    if False:\n"),
+    ]),
+    *mutants_of(EXCHANGE + "punctual.py", "tests/test_exchange_punctual.py", [
+        ("a larger sun", "SUN_DEG = 0.53", "SUN_DEG = 0.6"),
+        ("wider than a hemisphere", "WHOLE_DEG = 180.0", "WHOLE_DEG = 360.0"),
+        ("half the angle", "4 * np.degrees", "2 * np.degrees"),
+        ("digits near straight down", "np.where(z < 0, across**2 / (1 + np.abs(z)), 1 + z)", "1 + z"),
+    ]),
+    *mutants_of(EXCHANGE + "usd_file.py", "tests/test_export.py", [
+        ("light after a light's end", "np.concatenate([frames - 1, frames + 1])", "frames - 1"),
+        ("light before its start", "np.concatenate([frames - 1, frames + 1])", "frames + 1"),
+        ("Blender's intensity", "Factors(4, 2)", "Factors(2, 2)"),
+        ("Blender's angle", "Factors(4, 2)", "Factors(4, 1)"),
+        ("codes off the frames", "ON_A_FRAME = 0.02", "ON_A_FRAME = 0.0"),
+        ("the dome turned the other way", "(0.5, 0.5, 0.5, 0.5)", "(-0.5, 0.5, 0.5, 0.5)"),
+        ("no 1000/1001", "round(rate * 1.001) / 1.001", "round(rate)"),
+    ]),
+    *mutants_of(EXCHANGE + "gltf_lights.py", "tests/test_export.py", [
+        ("lumens", "LM_PER_W = 683.0", "LM_PER_W = 680.0"),
+        ("z up", "np.array([1, 1, -1], np.float32)", "np.array([1, 1, 1], np.float32)"),
+        ("a chunk of any length", 'b" " * (-len(content) % 4)', 'b""'),
+    ]),
+]  # fmt: skip

@@ -128,6 +128,7 @@ class Capture(SettingsSection, frozen=True):
         means("equirect: degrees across and down that the image covers, the middle of the sphere; left out: 360, 180"),
     ] = None
     stereo: Annotated[Stereo | None, means("films for two eyes: how they lie; the first is taken; left out: as the film says")] = None
+    brackets: Annotated[bool, means("folders of photographs: several exposures, by their EXIF, are one frame")] = False
     record: Annotated[str, means("folder to record to; empty: nothing is recorded"), PATH] = ""
     threads: Annotated[int, Meta(ge=1, le=8), means("threads that resample a fisheye frame; more than 1 pays off above 2 megapixels")] = 1
 
@@ -148,6 +149,8 @@ class Capture(SettingsSection, frozen=True):
             raise ValueError(f"lens is for fisheye frames and projection is {self.projection}; leave one of them out")
         if self.span and (self.projection in ("fisheye", "cube3x2") or self.lenses):
             raise ValueError("span is for projection equirect; leave one of them out")
+        if self.brackets and is_live(self.source):
+            raise ValueError("brackets is for folders of photographs; a camera takes exposures")
         if self.stereo and len(self.lenses) > 1:
             raise ValueError("stereo is of films for two eyes, and several lens files are for one view of all; leave one of them out")
 

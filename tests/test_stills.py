@@ -1,14 +1,13 @@
 """PNG, JPEG, TIFF, PFM and raw photographs as sources of light: what they say of themselves, what is stated, and what is refused."""
 
-import io
 import struct
-import zlib
 
 import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
 from tests.support.films import lamp_room
+from tests.support.photographs import dng, with_chunk
 from vemlight.capture.polar import latlong_to_polar, polar_from_latlong
 from vemlight.capture.source import open_files
 from vemlight.errors import UserError
@@ -43,12 +42,6 @@ def irradiance_of(path, **settings):
 def truth():
     weights = latlong_to_polar(HEIGHT, 2 * HEIGHT, 90, 360, "hemisphere")
     return map_irradiance(polar_from_latlong(room().astype(np.float32), weights), "hemisphere")
-
-
-def with_chunk(png, name, data):
-    """A PNG with a chunk behind its header."""
-    chunk = struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-    return png[:33] + chunk + png[33:]
 
 
 @pytest.mark.parametrize(("suffix", "bits", "transfer", "tolerance"), [
@@ -156,34 +149,6 @@ def test_settings_of_codes_are_refused_for_radiance(tmp_path, settings):
     write_exr(tmp_path / "sky.exr", room().astype(np.float32))
     with pytest.raises(UserError, match=f"sky.exr: holds radiance, of which --{next(iter(settings))} says nothing"):
         irradiance_of(tmp_path / "sky.exr", **settings)
-
-
-def dng(codes, black, white):
-    """A minimal DNG: one strip of a 16-bit RGGB mosaic, whose camera's colours are CIE XYZ."""
-    height, width = codes.shape
-    data = codes.astype("<u2").tobytes()
-    rational = b"".join(struct.pack("<ii", round(value * 10_000), 10_000) for value in np.eye(3).ravel())
-    neutral = b"".join(struct.pack("<II", round(value * 10_000), 10_000) for value in (0.9505, 1.0, 1.0888))
-    entries = [(254, 4, 1, 0), (256, 4, 1, width), (257, 4, 1, height), (258, 3, 1, 16), (259, 3, 1, 1), (262, 3, 1, 32803),
-               (271, 2, 4, b"Own\0"),
-               (272, 2, 4, b"Cam\0"), (273, 4, 1, "strip"), (277, 3, 1, 1), (278, 4, 1, height), (279, 4, 1, len(data)),
-               (33421, 3, 2, struct.pack("<HH", 2, 2)), (33422, 1, 4, bytes((0, 1, 1, 2))), (50706, 1, 4, bytes((1, 4, 0, 0))),
-               (50708, 2, 8, b"Own Cam\0"), (50714, 4, 1, black), (50717, 4, 1, white), (50721, 10, 9, rational), (50728, 5, 3, neutral),
-               (50778, 3, 1, 21)]  # fmt: skip
-    offset = 8 + 2 + 12 * len(entries) + 4
-    table, behind = io.BytesIO(), io.BytesIO()
-    for tag, kind, count, value in entries:
-        if isinstance(value, bytes) and len(value) > 4:
-            place = struct.pack("<I", offset + behind.tell())
-            behind.write(value)
-        elif isinstance(value, bytes):
-            place = value.ljust(4, b"\0")
-        else:
-            place = (tag, value)
-        table.write(struct.pack("<HHI", tag, kind, count))
-        strip = offset + sum(len(v) for *_, v in entries if isinstance(v, bytes) and len(v) > 4)
-        table.write(place if isinstance(place, bytes) else struct.pack("<I", strip if value == "strip" else value))
-    return b"II*\0" + struct.pack("<IH", 8, len(entries)) + table.getvalue() + bytes(4) + behind.getvalue() + data
 
 
 def test_raw_photographs_are_linear(tmp_path):

@@ -138,5 +138,11 @@ def signal_from_codes(coding: ColourCoding, bits: int, is_rgb: bool) -> np.ndarr
     return rgb_from_ycc @ np.column_stack([ycc, [-low / span, -middle / chroma_span, -middle / chroma_span]])
 
 
+def light_of_rgb_codes(coding: ColourCoding, bits: int) -> np.ndarray:
+    """Light of each code of R, G or B, (2^bits,) float64."""
+    (per_code, *_, offset), *_ = signal_from_codes(coding, bits, is_rgb=True)
+    return np.interp(per_code * np.arange(2**bits) + offset, np.linspace(LOWEST, HIGHEST, ENTRIES), coding.table.astype(np.float64))
+
+
 assert set(get_args(Primaries)) <= set(PRIMARIES)
 assert set(get_args(Matrix)) == {*LUMA, "rgb"}

@@ -21,7 +21,7 @@ from vemlight.capture.mosaic_lights import HALF_WINDOW, SHARP_SHARE, share_of_on
 from vemlight.capture.planes import Planes, linear_from_planes
 from vemlight.capture.polar import WHOLE_SPHERE, LatlongToPolar, latlong_bright_cells, latlong_to_polar, polar_from_latlong, used_rows
 from vemlight.capture.response import Response, radiance_table, read_response
-from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye
+from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye, polar_from_gray
 from vemlight.capture.several_lenses import check_lenses, directions_of, lenses_to_polar
 from vemlight.errors import UserError
 from vemlight.files import contained_path, notice
@@ -53,6 +53,7 @@ class Frame(NamedTuple):
     bright_cells: BrightCells = NO_BRIGHT_CELLS  # where light lies inside each cell with more than BRIGHT_FRACTION of the power
     lost: int = 0  # cameras: frames since the previous one that the kernel counted and we never received
     monotonic_ns: int | None = None  # cameras: the kernel's time stamp
+    clipped: bool = False  # exposures: light is clipped in the shortest one, too, and the map holds less than there was
 
 
 class FrameMaker:
@@ -116,10 +117,8 @@ class FrameMaker:
         kind = self._kind(attributes)
         self._check_shape(name, image.shape)
         if kind == "codes":
-            mosaic = attributes.get("vemlight:mosaic")
-            if mosaic not in (None, *MOSAICS):
-                raise UserError(f"{name}: vemlight:mosaic = {str(mosaic)[:40]!r} is not known; it is one of {', '.join(MOSAICS)}")
-            return self.frame_from_codes(name, _whole_codes(name, image, mosaic), mosaic, time_s)
+            mosaic = mosaic_from_attributes(name, attributes)
+            return self.frame_from_codes(name, whole_codes(name, image, mosaic), mosaic, time_s)
         if kind == "polar":
             radiance, bright_cells = self._from_polar(name, image, attributes)
         elif kind == "latlong":
@@ -131,21 +130,15 @@ class FrameMaker:
             raise _unknown_kind(name, kind)
         black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
         scale = scale_from_attributes(attributes)
-        return self._made(radiance, bright_cells, time_s, scale, black, saturated)
+        made = self._made(radiance, bright_cells, time_s, scale, black, saturated)
+        return made._replace(clipped=count_from_attributes(attributes, "vemlight:clipped") > 0)
 
     def frame_from_planes(self, name: str, planes: Planes, coding: ColourCoding, time_s: float) -> Frame:
         """The frame of a film's or a camera's picture in colour: its planes, and how their codes become light.
 
         Colours outside Rec. 709 count as 0 where a cell's mean has a component below 0. Raises UserError as `frame`.
         """
-        kind, shape = self._kind({}), (planes.height, planes.width)
-        self._check_shape(name, shape)
-        if kind == "latlong":
-            spans = np.zeros((planes.height, 2), np.int64)
-            spans[: used_rows(self._latlong_weights(name, shape)), 1] = planes.width
-        else:
-            self._prepare(name, shape, None, "fisheye" if kind == "codes" else kind)
-            spans = self._spans
+        kind, spans = self._kind({}), self.spans(name, (planes.height, planes.width), None)
         picture = linear_from_planes(planes, coding, spans, self._threads, self._pixels)
         self._pixels = picture.pixels  # memory that is new takes a fifth of the time
         if kind == "latlong":
@@ -154,6 +147,40 @@ class FrameMaker:
             radiance, bright_cells = self._from_pixels(picture.pixels)
         radiance = np.maximum(radiance, 0)
         return self._made(radiance, bright_cells, time_s, coding.luminance_scale, 0, picture.saturated)
+
+    def spans(self, name: str, shape: tuple[int, ...], mosaic: Mosaic | None) -> np.ndarray:
+        """The pixels of images like this one that see part of the map: (height, 2), first column of each row and one past the last.
+
+        Raises UserError as `frame`.
+        """
+        self._check_shape(name, shape)
+        kind = self._kind({})
+        if kind != "latlong":
+            self._prepare(name, shape, mosaic, "fisheye" if kind == "codes" else kind)
+            return self._spans
+        if mosaic not in (None, "mono"):
+            raise UserError(f"{name}: is a mosaic of colours, which is read through a lens; name the lens file by --lens")
+        spans = np.zeros((shape[0], 2), np.int64)
+        spans[: used_rows(self._latlong_weights(name, shape)), 1] = shape[1]
+        return spans
+
+    def frame_from_radiance(self, name: str, image: np.ndarray, rec709_from_light: np.ndarray, time_s: float) -> Frame:
+        """The frame of linear light merged from several exposures, (height, width, 3) float32, or (height, width) of the mosaic of `spans`.
+
+        Nothing below 0 is left. Raises UserError as `frame`.
+        """
+        latlong, matrix = self._kind({}) == "latlong", rec709_from_light.astype(np.float32)
+        if latlong or image.ndim == 3:
+            pixels = np.repeat(image[..., None], 3, axis=-1) if image.ndim == 2 else image
+            if not np.array_equal(rec709_from_light, np.eye(3)):
+                pixels = pixels @ matrix.T
+            radiance, bright = self._from_latlong(name, pixels) if latlong else self._from_pixels(pixels)
+        else:
+            maps = [polar_from_gray(image, weights, self._threads) for weights in self._fisheye]
+            radiance = np.stack(maps, axis=-1) @ matrix.T if len(maps) == 3 else np.repeat(maps[0][..., None], 3, axis=-1)
+            flat = image.reshape(-1)
+            bright = self._bright_cells(radiance, lambda pixel: flat[pixel])  # a mosaic's green pixels represent its luminance
+        return self._made(np.maximum(radiance, 0), bright, time_s, None, 0, 0)
 
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
         """The frame of raw `codes` uint8 or uint16: (height, width) of a `mosaic`, or (height, width, 3) without one.
@@ -223,7 +250,7 @@ class FrameMaker:
     def check_codes(self, name: str, shape: tuple[int, ...]) -> None:
         """Raises UserError for raw codes without lens or response, or of another size than the lens."""
         self._check_lens(name, shape)
-        self._check_response(name)
+        self.checked_response(name)
 
     def _kind(self, attributes: dict[str, Any]) -> Any:
         of_lens = "latlong" if not self._lenses else "fisheye" if self._response is None else "codes"
@@ -273,7 +300,8 @@ class FrameMaker:
         radiance, flat = polar_from_fisheye(image, self._fisheye[0], self._threads), image.reshape(-1, 3)
         return radiance, self._bright_cells(radiance, lambda pixel: luminance_from_rgb(flat[pixel]))
 
-    def _check_response(self, name: str) -> Response:
+    def checked_response(self, name: str) -> Response:
+        """The sensor's response. Raises UserError, with the frame's `name`, when there is none."""
         if self._response is None:
             where = "name it by --response or [capture] response"
             raise UserError(f"{name}: holds raw codes, which need a response file, and {self._response_path} is not there; {where}")
@@ -281,7 +309,7 @@ class FrameMaker:
 
     def _calibrated(self, name: str) -> tuple[Response, np.ndarray]:
         # the response, and its radiance of each of ALL_CODES; those above its range repeat the highest
-        response = self._check_response(name)
+        response = self.checked_response(name)
         if self._table is None:
             known = radiance_table(response)
             self._table = np.concatenate([known, np.full(ALL_CODES - len(known), known[-1], np.float32)])
@@ -358,8 +386,16 @@ def _flat_field(lens: Lens, lens_path: Path) -> np.ndarray | None:
     return np.maximum(image / centre, MIN_FLAT_FIELD)
 
 
-def _whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndarray:
-    # a file's float pixels as uint16 codes: (height, width) of a mosaic, else (height, width, 3)
+def mosaic_from_attributes(name: str, attributes: dict[str, Any]) -> Mosaic | None:
+    """The mosaic that a frame's header names; None for three channels. Raises UserError for one that is not known."""
+    mosaic = attributes.get("vemlight:mosaic")
+    if mosaic not in (None, *MOSAICS):
+        raise UserError(f"{name}: vemlight:mosaic = {str(mosaic)[:40]!r} is not known; it is one of {', '.join(MOSAICS)}")
+    return mosaic
+
+
+def whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndarray:
+    """A file's float pixels as uint16 codes: (height, width) of a mosaic, else (height, width, 3). Raises UserError for other values."""
     if mosaic:
         image = np.ascontiguousarray(image[..., 0])
     codes = np.where((image >= 0) & (image < ALL_CODES), image, 0).astype(np.uint16)

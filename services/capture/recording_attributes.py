@@ -17,6 +17,8 @@ def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
         "vemlight:saturated": frame.saturated,
         "framesPerSecond": Fraction(fps).limit_denominator(1001),
     }
+    if frame.clipped:
+        attributes["vemlight:clipped"] = 1
     if frame.luminance_scale is not None:
         attributes |= {"whiteLuminance": frame.luminance_scale, "vemlight:luminance_scale": repr(frame.luminance_scale)}
     return attributes

@@ -8,7 +8,8 @@ Four kinds, each with its signal y in codes for radiance L, and the inverse:
     companding  straight lines between knee points (L, y)
     srgb        y = top times the transfer curve of IEC 61966-2-1; L = 1 is white
 
-A code is the nearest whole y between 0 and top = 2^bits - 1; these two also represent all that was clipped.
+A code is the nearest whole y between 0 and top = 2^bits - 1; these two also represent all that was clipped. A response holds for frames
+exposed by `exposure_s`; L of another exposure t has the code of L t / exposure_s.
 """
 
 from pathlib import Path
@@ -28,6 +29,7 @@ class SensorResponse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
     bits: Annotated[int, Meta(ge=1, le=16)]
     luminance_scale: float | None = None  # cd/m2 per unit of L; left out: unknown
+    exposure_s: float = 1.0  # of the frames for which it holds: t, or t ISO / 100 / N^2 of photographs
 
     @property
     def top(self) -> int:
@@ -118,6 +120,8 @@ def check_response(response: Response) -> None:
         raise UserError("knees must be two or more pairs [radiance, code], both rising from one to the next; correct them")
     if response.luminance_scale is not None and response.luminance_scale <= 0:
         raise UserError(f"luminance_scale = {response.luminance_scale:g} must be above 0 cd/m2; leave it out when it is unknown")
+    if response.exposure_s <= 0:
+        raise UserError(f"exposure_s = {response.exposure_s:g} must be above 0 s; leave it out where frames have one exposure")
 
 
 def write_response(path: Path, response: Response) -> None:

@@ -77,6 +77,23 @@ def _add_codes(polar, codes, pixel, cell, weight, table):
         polar[cell[m]] += weight[m] * table[codes[pixel[m]]]
 
 
+def polar_from_gray(image: np.ndarray, weights: FisheyeToPolar, threads: Threads = ONE_THREAD) -> np.ndarray:
+    """The polar map (rows, cols) float32 of one channel of radiance, (height, width) float32."""
+    polar, flat = np.zeros(weights.rows * weights.cols, np.float32), image.reshape(-1)
+
+    def job(entries: slice) -> None:
+        _add_gray(polar, flat, weights.pixel[entries], weights.cell[entries], weights.weight[entries])
+
+    threads.run(job, weights.ends)
+    return polar.reshape(weights.rows, weights.cols)
+
+
+@kernel(nogil=True)
+def _add_gray(polar, image, pixel, cell, weight):
+    for m in range(len(pixel)):
+        polar[cell[m]] += weight[m] * image[pixel[m]]
+
+
 @kernel
 def clipped_counts(codes, runs, top):
     """Number of black and of saturated codes, and the highest code, of codes (height, width) inside `runs`.

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vemlight.capture.bracket_source import BracketSource
 from vemlight.capture.film_source import FilmSource
 from vemlight.capture.frames import Frame, FrameMaker
 from vemlight.capture.manifest import MANIFEST, ManifestEntry, check_digest, read_manifest
@@ -140,13 +141,15 @@ def open_source(settings: Capture) -> FrameSource:
     return ReadAheadSource(source) if len(source) > 1 else source
 
 
-def open_files(settings: Capture) -> FileSource | FilmSource:
+def open_files(settings: Capture) -> FileSource | FilmSource | BracketSource:
     """The files that the settings name. Raises UserError when they are missing or incomplete."""
     if settings.record:
         raise UserError("[capture] record is for cameras; `vemlight record` records files")
     path = Path(settings.source) if settings.source else BUNDLED
     if not os.path.exists(path):  # False for a name that is none, too
         raise UserError(f"{path}: there is no such file or folder; check the path")
+    if settings.brackets:
+        return BracketSource(settings, path)
     if not path.is_dir() and path.suffix.lower() in FILM_SUFFIXES:
         return FilmSource(settings, path)
     if not path.is_dir():

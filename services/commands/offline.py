@@ -121,7 +121,7 @@ def write_lights_file(options: LightsOptions) -> Report:
     if out != STANDARD_OUTPUT:
         check_lights_path(out, len(frames))
     lit = list(counted(lit_frames(frames, sampling), "frames", len(frames)))
-    rows = [lights_row(lights, k, frame.time_s, frame.coverage, error) for k, (frame, lights, error) in enumerate(lit)]
+    rows = [lights_row(lights, k, frame.time_s, frame.coverage, error, frame.clipped) for k, (frame, lights, error) in enumerate(lit)]
     if out == STANDARD_OUTPUT:
         sys.stdout.buffer.write(b"".join(lights_json(row) + b"\n" for row in rows))
     else:

@@ -43,6 +43,7 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     projection: str | None = None
     span: tuple[float, float] | None = None
     stereo: str | None = None
+    brackets: bool | None = None
     format: str | None = None
     ground: float | None = None
     controls: tuple[tuple[str, int], ...] = ()

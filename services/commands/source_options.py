@@ -60,10 +60,13 @@ SOURCE_OPTIONS = (
     click.option("--span", type=Numbers(2), metavar="ACROSS,DOWN", help="equirect: degrees that the image covers; left out: 360,180."),
     click.option("--control", "controls", type=Assignment(), multiple=True, help="Cameras: NAME=VALUE of a control; as often as needed."),
     click.option("--format", help="Cameras: pixel format by the kernel's letters, such as YUYV or MJPG. PNG: its mosaic."),
+    click.option("--brackets", is_flag=True, default=None, help="Folders of photographs: several exposures, by EXIF, are one frame."),
     click.option("--stereo", type=_choice(Stereo), help="Films for two eyes: how they lie; the first is taken."),
     click.option("--ground", type=Number(0, 1), help="Albedo of a ground below the horizon, which sends light up; left out: none."),
 )
-CAPTURE_KEYS = ("transfer", "primaries", "matrix", "range", "light", "peak", "projection", "span", "stereo", "format", "ground")
+CAPTURE_KEYS = (
+    "transfer", "primaries", "matrix", "range", "light", "peak", "projection", "span", "stereo", "format", "ground", "brackets",
+)  # fmt: skip
 
 
 def source_options(command: Callable[..., Any]) -> Callable[..., Any]:

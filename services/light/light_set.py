@@ -76,11 +76,17 @@ class LightsRow(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     coverage: Coverage
     error_percent: ErrorOfLights | msgspec.UnsetType = msgspec.UNSET  # left out where the number of lights is fixed
+    clipped: bool | msgspec.UnsetType = msgspec.UNSET  # true where the map holds less light than there was; else left out
     lights: list[LightRow]
 
 
-def lights_row(lights: LightSet, sequence: int, time_s: float, coverage: Coverage, error: ErrorOfLights | None = None) -> LightsRow:
-    """The frame's record; float32 values are written with the digits that bring them back exactly."""
+def lights_row(
+    lights: LightSet, sequence: int, time_s: float, coverage: Coverage, error: ErrorOfLights | None = None, clipped: bool = False
+) -> LightsRow:
+    """The frame's record; float32 values are written with the digits that bring them back exactly.
+
+    clipped: light of the frame was clipped in its shortest exposure, too, so that the lights are a lower bound.
+    """
     soft = lights.covariances is not None
     extents = [tuple(c) for c in lights.covariances.tolist()] if lights.covariances is not None else [None] * len(lights.ids)
     rows = [
@@ -89,7 +95,10 @@ def lights_row(lights: LightSet, sequence: int, time_s: float, coverage: Coverag
     ]
     schema = "vemlight.lights/2" if soft else "vemlight.lights/1"
     stated = msgspec.UNSET if error is None else error
-    return LightsRow(schema=schema, sequence=sequence, time_s=time_s, coverage=coverage, error_percent=stated, lights=rows)
+    return LightsRow(
+        schema=schema, sequence=sequence, time_s=time_s, coverage=coverage, error_percent=stated, clipped=clipped or msgspec.UNSET,
+        lights=rows,
+    )  # fmt: skip
 
 
 def lights_json(row: LightsRow) -> bytes:

@@ -90,6 +90,24 @@ MUTANTS = [
         ("suns in the middle of their cells", "total += (cosine", "total += 0 * (cosine"),
         ("radiosity for radiance", "albedo / np.pi *", "albedo *"),
     ]),
+    *mutants_of(CAPTURE + "exposure_merge.py", "tests/test_brackets.py", [
+        ("a channel alone", "if clipped[e, y, x] and e < exposures - 1:", "if False:"),
+        ("weights of all exposures alike", "weight = np.square(exposures)[:, None] / relative",
+         "weight = np.ones(len(exposures))[:, None] / relative"),
+        ("clipped codes count", "weight[:-1, values.clipped_from :] = 0", "weight[:-1, values.clipped_from :] *= 1"),
+        ("rounding of times", "MAX_ROUNDING = 0.10", "MAX_ROUNDING = 0.01"),
+        ("any time", "MAX_ROUNDING = 0.10", "MAX_ROUNDING = 9.0"),
+        ("light below darkness", "light = response.radiance(np.arange", "light = 1.1 * response.radiance(np.arange"),
+    ]),
+    *mutants_of(CAPTURE + "exposure_groups.py", "tests/test_brackets.py", [
+        ("two exposures alike", "SAME = 1.05", "SAME = 1.02"),
+        ("thirds of a stop", "SAME = 1.05", "SAME = 1.3"),
+    ]),
+    *mutants_of("services/light/exposure_tags.py", "tests/test_brackets.py", [
+        ("aperture", "(self.f_number or 1.0) ** 2", "(self.f_number or 1.0)"),
+        ("sensitivity", "self.time_s * self.iso / 100", "self.time_s"),
+        ("longest time", "LONGEST_S, SHORTEST_S = 86_400.0", "LONGEST_S, SHORTEST_S = 1e9"),
+    ]),
     *mutants_of(CAPTURE + "polar.py", "tests/test_polar.py", [
         ("thin overlaps", "MIN_OVERLAP = 1e-9", "MIN_OVERLAP = 1e-16"),
         ("azimuth seam", "columns = (by_col.index - (width // 2) - 1) % width", "columns = (by_col.index - (width // 2)) % width"),

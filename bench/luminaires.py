@@ -33,6 +33,7 @@ from vemlight.renderer.luminaire.bases import compact_dual
 from vemlight.renderer.luminaire.estimator import halton, interleaved_shifts, irradiance_receivers, shade
 from vemlight.renderer.luminaire.goniophotometer import ReflectorLamp, measured_lamp
 from vemlight.renderer.luminaire.lightfield import LightField
+from vemlight.renderer.luminaire.method_choice import chosen_method
 from vemlight.renderer.luminaire.reference import irradiance, relative_error, spot_irradiance
 from vemlight.renderer.luminaire.tables import summed_area_tables
 from vemlight.renderer.passes.luminaires import rasterised_luminaire
@@ -198,7 +199,8 @@ def pictured(scene: Scene, size: tuple[int, int]) -> np.ndarray:
 
 def with_lamp(scene: Scene, field: LightField, at: tuple, rotate: tuple, **table) -> Scene:
     row = LuminaireTable(at=at, rotate=rotate, **table)
-    return scene._replace(luminaires=(Luminaire(field, world_from_lamp(at, rotate), 1.0, row),))
+    drawn = chosen_method(field, row.method, row.samples)
+    return scene._replace(luminaires=(Luminaire(field, world_from_lamp(at, rotate), 1.0, row, drawn),))
 
 
 def shadows(out: Path) -> None:

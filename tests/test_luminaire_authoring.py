@@ -84,7 +84,7 @@ def test_pictures_and_a_report_of_the_bundled_lamp(tmp_path):
     assert whole == pytest.approx(luminance_from_rgb(flux(field)), rel=0.05)
     text = "\n".join(describe(placement.BUNDLED_LAMP))
     assert "5 x 5 images of 48 x 48" in text
-    assert "rendered sampled" in text
+    assert "rendered shift-invariant" in text
     assert all(path.is_file() for path in write_pictures(placement.BUNDLED_LAMP, tmp_path / "pictures"))
 
 

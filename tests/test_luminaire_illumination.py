@@ -139,10 +139,13 @@ def test_the_approximation_is_near_the_samples_for_a_narrow_lamp(tmp_path):
     assert spots.sum() == pytest.approx(exact.sum(), rel=0.02)
 
 
-def test_auto_chooses_by_the_bound(tmp_path):
+def test_auto_chooses_by_the_errors(tmp_path):
     text = FROM_ABOVE + GROUND + LAMP.replace("sampled", "auto")
-    assert not scene_with(tmp_path, text, a_field()).luminaires[0].shift_invariant
-    assert scene_with(tmp_path, text, a_field("bell", 1.5, 0.05)).luminaires[0].shift_invariant
+    assert not scene_with(tmp_path, text + "samples = 3000\n").luminaires[0].drawn.shift_invariant
+    assert scene_with(tmp_path, text, a_field("bell", 1.5, 0.05)).luminaires[0].drawn.shift_invariant
+    traced = scene_with(tmp_path, text + 'shadows = "traced"\n', a_field("bell", 1.5, 0.05)).luminaires[0].drawn
+    assert not traced.shift_invariant
+    assert 64 <= traced.samples <= 512
 
 
 def test_luminaires_add_up_with_each_other_and_with_the_lights(tmp_path):

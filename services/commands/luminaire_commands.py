@@ -51,7 +51,8 @@ def from_rays(
     for name, flux in made.flux_budget._asdict().items():
         click.echo(f"{name.replace('_', ' ')}: {flux:.5g} {unit}")
     click.echo(f"made up for what was lost: multiplied by {made.factor:.5g}, {made.flux_budget.captured * made.factor:.5g} {unit} in all")
-    click.echo(f"flux in the file's header: {made.header_flux:.5g} {unit}; the lamp's origin in the file: {made.origin_m} m")
+    origin = ", ".join(f"{along:.5g}" for along in made.origin_m)
+    click.echo(f"flux in the file's header: {made.header_flux:.5g} {unit}; the lamp's origin in the file: {origin} m")
 
 
 @luminaire.command()

@@ -22,6 +22,12 @@ MUTANTS = [
         ("cos^4 of an acquisition", "(1 + tan2) ** 2))[..., None]", "(1 + tan2)))[..., None]"),
         ("negative slides", "for sign in (1, -1)]", "for sign in (1, 1)]"),
     ]),
+    *mutants_of(PACKAGE + "method_choice.py", f"{T}method_choice.py", [
+        ("auto takes the worse", "shift_invariant_error <= sampling_error", "shift_invariant_error >= sampling_error"),
+        ("noise left doubled", "NOISE = 0.1", "NOISE = 0.2", "tests take NOISE itself: what a pixel may have is a matter of taste"),
+        ("fall-off of a spot", "points[:, 2] ** 2 / squared**2", "points[:, 2] / squared**2"),
+        ("box between pixels", "sums[j, i] * (1 - a) + sums[j, i + 1] * a,", "sums[j, i],"),
+    ]),
     *mutants_of(PACKAGE + "shift_invariant.py", f"{T}shift_invariant.py", [
         ("error accepted doubled", "MAX_RELATIVE_ERROR = 0.08", "MAX_RELATIVE_ERROR = 0.16"),
         ("error accepted halved", "MAX_RELATIVE_ERROR = 0.08", "MAX_RELATIVE_ERROR = 0.04"),

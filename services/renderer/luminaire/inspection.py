@@ -12,7 +12,8 @@ from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer.luminaire.estimator import interleaved_shifts, irradiance_receivers, shade
 from vemlight.renderer.luminaire.lightfield import LightField, far_intensity, flux
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
-from vemlight.renderer.luminaire.shift_invariant import MAX_RELATIVE_ERROR, error_bound
+from vemlight.renderer.luminaire.method_choice import EQUAL_SAMPLES, chosen_method
+from vemlight.renderer.luminaire.shift_invariant import error_bound
 from vemlight.renderer.luminaire.tables import summed_area_tables
 
 PLANE_SAMPLES = 2000  # a point of a lit plane: a grain of about 1 %; any value in 500..10000 does
@@ -30,14 +31,18 @@ def describe(path: Path, lamp_set: int = 0) -> list[str]:
                 f"luminous area {' x '.join(f'{side:.3g}' for side in far.size_m)} m: a point from {far.valid_from_m:.3g} m on"]
     field = read_luminaire(path)
     rows, cols, height, width, _ = field.images.shape
-    bound = error_bound(field)
     flux_unit = "lm" if field.unit == "photometric" else "W"
-    method = "shift-invariant" if bound <= MAX_RELATIVE_ERROR else "sampled"
+    drawn = chosen_method(field, "auto", None)
+    if np.isnan(drawn.sampling_error):
+        tried = ""
+    else:
+        tried = f", on walls {drawn.shift_invariant_error:.2%}; of {EQUAL_SAMPLES} samples {drawn.sampling_error:.2%}"
+    method = "shift-invariant" if drawn.shift_invariant else f"with {drawn.samples} samples a pixel"
     return [f"{field.name}: light field, {rows} x {cols} images of {width} x {height}, {field.basis_kind} basis, {field.unit}",
             f"spacing {field.spacing_m * 1e3:.4g} mm, planes {field.distance_m * 1e3:.4g} mm apart, "
             f"window {(field.window_m[2] - field.window_m[0]) * 1e3:.4g} x {(field.window_m[3] - field.window_m[1]) * 1e3:.4g} mm",
             f"flux {float(luminance_from_rgb(flux(field))):.5g} {flux_unit}",
-            f"error of the shift-invariant approximation at most {bound:.2%}: rendered {method} by default"]
+            f"error of the shift-invariant approximation at most {error_bound(field):.2%}{tried}: rendered {method} by default"]
 
 
 def contact_sheet(field: LightField) -> np.ndarray:

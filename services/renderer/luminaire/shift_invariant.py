@@ -4,12 +4,23 @@ Over the support of a basis function the geometric term cos^4 theta is replaced 
 one textured spot light at its centre, and a shaded point needs one mean of its image instead of samples.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from vemlight.renderer.luminaire.lightfield import LightField
 
 MAX_RELATIVE_ERROR = 0.08  # of the radiance: what 2003 accepts (figure 3, a filter of 0.04 of the distance between the planes)
 VISIBLE = 1e-3  # of the brightest pixel: the bound leaves out what is darker, which cannot be seen next to the rest
+
+
+class DrawnBy(NamedTuple):
+    """How a light field is drawn, and the relative RMS errors of both methods; nan where they were not needed."""
+
+    shift_invariant: bool
+    samples: int
+    shift_invariant_error: float = float("nan")
+    sampling_error: float = float("nan")
 
 
 def error_bound(field: LightField) -> float:

@@ -15,12 +15,13 @@ from vemlight.light.photometry import PHOTOMETRY_SUFFIXES, read_photometry
 from vemlight.light.sphere import rotation_xyz
 from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
-from vemlight.renderer.luminaire.shift_invariant import is_shift_invariant
+from vemlight.renderer.luminaire.shift_invariant import DrawnBy
 
 Vector = tuple[float, float, float]
 Method = Literal["auto", "sampled", "shift-invariant"]
 Shadows = Literal["maps", "traced", "none"]
 BUNDLED_LAMP = Path(__file__).parents[1] / "luminaire" / "lamps" / "torch.exr"
+MAX_SAMPLES = 3000  # llvmpipe ends all loops of a pixel after 65,535 rounds, and a sample takes up to 21 (of images of 1024 pixels)
 MAX_COORDINATE_M = 1e6  # of a position: float32 then still resolves 6 cm
 
 
@@ -37,28 +38,22 @@ class LuminaireTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     at: Vector = (0.0, 0.0, 0.0)
     rotate: Vector = (0.0, 0.0, 0.0)
     power: Annotated[float, Meta(ge=0, le=1e12)] = 1.0
-    method: Method = "auto"  # auto: shift-invariant where its error bound is at most 8 %
-    samples: Annotated[int, Meta(ge=1, le=16_000)] = 64  # a pixel, of all images together
-    max_per_image: Annotated[int, Meta(ge=0, le=16_000)] = 0  # samples of one image; 0: no limit
+    method: Method = "auto"  # auto: shift-invariant where that is no farther from the light field than samples are
+    samples: Annotated[int, Meta(ge=1, le=MAX_SAMPLES)] | None = None  # a pixel, of all images together; left out: by their noise
+    max_per_image: Annotated[int, Meta(ge=0, le=MAX_SAMPLES)] = 0  # samples of one image; 0: no limit
     interleave: Annotated[int, Meta(ge=1, le=8)] = 4  # side of a tile of pixels that draw different samples; 1: all draw the same
     shadows: Shadows = "maps"  # traced: rays on the CPU, slow, to compare the maps with
     shadow_map: Annotated[int, Meta(ge=16, le=2048)] = 192  # texels on a side, for one cell
 
 
 class Luminaire(NamedTuple):
-    """A luminaire in the world. world_from_local: rigid transform (4, 4) float64."""
+    """A luminaire in the world. world_from_local: rigid transform (4, 4) float64. drawn: by which method; far fields have none."""
 
     source: LightField | FarField
     world_from_local: np.ndarray
     power: float
     table: LuminaireTable
-
-    @property
-    def shift_invariant(self) -> bool:
-        """Whether the 2003 approximation renders it."""
-        if isinstance(self.source, FarField) or self.table.method == "sampled":
-            return False
-        return self.table.method == "shift-invariant" or is_shift_invariant(self.source)
+    drawn: DrawnBy = DrawnBy(False, 1)
 
 
 def world_from_lamp(position: Vector, degrees_xyz: Vector) -> np.ndarray:
@@ -74,6 +69,7 @@ class LuminaireFiles:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._read: dict[tuple[str, int], LightField | FarField] = {}
+        self._drawn: dict[tuple[str, Method, int | None], DrawnBy] = {}
 
     def read(self, file: str, lamp_set: int, where: str) -> LightField | FarField:
         """The light of a file, or of the bundled lamp for "". Raises UserError that begins with `where`."""
@@ -91,10 +87,22 @@ class LuminaireFiles:
                 raise UserError(f"{where}: {error}") from error
         return self._read[key]
 
+    def drawn(self, table: LuminaireTable, source: LightField | FarField) -> DrawnBy:
+        """How to draw the light of a table's file."""
+        if isinstance(source, FarField):
+            return DrawnBy(False, 1)
+        method: Method = "sampled" if table.shadows == "traced" else table.method
+        key = table.file, method, table.samples
+        if key not in self._drawn:
+            from vemlight.renderer.luminaire.method_choice import chosen_method  # needs numba, and few scenes have lamps
+
+            self._drawn[key] = chosen_method(source, method, table.samples)
+        return self._drawn[key]
+
 
 def load_luminaire(table: LuminaireTable, files: LuminaireFiles, where: str) -> Luminaire:
     """The luminaire of a scene file's table. Raises UserError that begins with `where`."""
     if not np.all(np.isfinite([*table.at, *table.rotate])) or np.abs(table.at).max() > MAX_COORDINATE_M:
         raise UserError(f"{where}: at and rotate must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
     source = files.read(table.file, table.lamp_set, where)
-    return Luminaire(source, world_from_lamp(table.at, table.rotate), table.power, table)
+    return Luminaire(source, world_from_lamp(table.at, table.rotate), table.power, table, files.drawn(table, source))

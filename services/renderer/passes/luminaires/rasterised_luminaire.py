@@ -20,7 +20,7 @@ from vemlight.renderer.luminaire.tables import summed_area_tables
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.luminaires.luminaire_atlas import LuminaireAtlas
 from vemlight.renderer.passes.luminaires.occluders import SceneOccluders
-from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, Vector
+from vemlight.renderer.scene.luminaire_table import Luminaire, Vector
 from vemlight.renderer.scene.scene import Scene
 
 MAX_CELLS = 2048  # of a luminaire: 64 kB of a uniform block, the most that common drivers take; any value in 512..2048 does
@@ -110,15 +110,16 @@ def begin_adding(context: moderngl.Context, framebuffer: moderngl.Framebuffer) -
 def field_inputs(context: moderngl.Context, luminaire: Luminaire, field: LightField) -> ShaderInputs:
     """What the shader of a light field reads."""
     rows, cols = field.images.shape[:2]
-    table = luminaire.table
+    samples = luminaire.drawn.samples
     uniforms: dict[str, object] = {
         "first_m": field.first_m, "grid": (cols, rows), "window": (*field.window_m[:2], *field.pixel_m), "plane_distance": field.distance_m,
-        "spacing": field.spacing_m, "samples": table.samples, "max_per_image": table.max_per_image or table.samples + 1,
+        "spacing": field.spacing_m, "samples": samples, "max_per_image": luminaire.table.max_per_image or samples + 1,
     }
     constants = {"SUPPORT_CELLS": str(SUPPORT_CELLS[field.basis_kind]), "IMAGES": str(rows * cols)}
-    if luminaire.shift_invariant:
+    if luminaire.drawn.shift_invariant:
         return ShaderInputs("luminaire_spots.frag", constants, spot_textures(context, field), uniforms)
-    return ShaderInputs("luminaire_sampled.frag", constants, sampling_textures(context, field, table), uniforms)
+    textures = sampling_textures(context, field, samples, luminaire.table.interleave)
+    return ShaderInputs("luminaire_sampled.frag", constants, textures, uniforms)
 
 
 def spot_textures(context: moderngl.Context, field: LightField) -> dict[str, moderngl.TextureArray]:
@@ -131,16 +132,16 @@ def spot_textures(context: moderngl.Context, field: LightField) -> dict[str, mod
 
 
 def sampling_textures(
-    context: moderngl.Context, field: LightField, table: LuminaireTable
+    context: moderngl.Context, field: LightField, samples: int, interleave: int
 ) -> dict[str, moderngl.Texture | moderngl.TextureArray]:
     """The images, their summed-area tables as doubles, the sequence, and its shifts over a tile of pixels."""
     tables = summed_area_tables(field)
     words = tables.sums[..., None].view(np.uint32)  # low and high word of each double, as packDouble2x32 takes them
-    points = halton(min(table.samples + 2, context.info["GL_MAX_TEXTURE_SIZE"])).astype(np.float32)
+    points = halton(min(samples + 2, context.info["GL_MAX_TEXTURE_SIZE"])).astype(np.float32)
     sequence = context.texture((len(points), 1), 2, points.tobytes(), dtype="f4")
-    tile = np.indices((table.interleave, table.interleave)).reshape(2, -1)
-    shifts = interleaved_shifts(tile[0], tile[1], table.interleave).astype(np.float32)
-    shift_texture = context.texture((table.interleave, table.interleave), 3, shifts.tobytes(), alignment=1, dtype="f4")
+    tile = np.indices((interleave, interleave)).reshape(2, -1)
+    shifts = interleaved_shifts(tile[0], tile[1], interleave).astype(np.float32)
+    shift_texture = context.texture((interleave, interleave), 3, shifts.tobytes(), alignment=1, dtype="f4")
     images, sums = _layers(context, tables.pixels, "f4"), _layers(context, words, "u4")
     return {"images": images, "sums": sums, "sequence": sequence, "shifts": shift_texture}
 

@@ -39,7 +39,7 @@ class TracedLuminaire:
 
     def add(self, g_buffer: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
         """Adds its light on the surfaces, or its irradiance of shadow catchers, to a picture."""
-        table, matrix = self.luminaire.table, self.luminaire.world_from_local
+        table, samples, matrix = self.luminaire.table, self.luminaire.drawn.samples, self.luminaire.world_from_local
         gbuffer = g_buffer.read()
         chosen = gbuffer.there & ((gbuffer.diffuse["kind"] == MaterialKind.SHADOW_CATCHER) == catchers)
         receivers = receivers_from_gbuffer(gbuffer, chosen, np.linalg.inv(matrix))
@@ -48,7 +48,7 @@ class TracedLuminaire:
         picture = np.zeros((len(chosen), 3), np.float32)
         assert self._occluders.triangles is not None
         occluders = Occluders(self._occluders.triangles, matrix)
-        picture[chosen] = shade(self._tables, receivers, self._shifts[chosen], table.samples, table.max_per_image, occluders)
+        picture[chosen] = shade(self._tables, receivers, self._shifts[chosen], samples, table.max_per_image, occluders)
         self._texture.write(picture.tobytes(), alignment=1)
         self._texture.use(0)
         self._program["computed"] = 0

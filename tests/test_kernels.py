@@ -1,13 +1,14 @@
 """Which functions are kernels, which Python may call, and subroutines, which it must not: the call would end the process."""
 
 import ast
+import gc
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from vemlight.kernels import kernel
+from vemlight.kernels import COMPILING_GC, event, kernel
 
 ROOT = Path(__file__).parents[1]
 COMPILED = ("kernel", "subroutine", "callback", "njit")
@@ -72,3 +73,29 @@ def quotient(a, b):
 def test_a_kernel_divides_as_numpy_does():
     assert quotient(1.0, 0.0) == np.inf
     assert np.isnan(quotient(0.0, 0.0))
+
+
+class Thresholds(event.Listener):
+    """Notes the collector's threshold while numba compiles."""
+
+    def __init__(self) -> None:
+        self.seen: list[int] = []
+
+    def on_start(self, event: event.Event) -> None:
+        self.seen.append(gc.get_threshold()[0])
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+def test_garbage_is_seldom_collected_while_numba_compiles_and_as_before_after_it():
+    @kernel
+    def halved(a):
+        return a / 2
+
+    before, thresholds = gc.get_threshold(), Thresholds()
+    with event.install_listener("numba:compile", thresholds):
+        halved(3.0)
+    assert thresholds.seen
+    assert set(thresholds.seen) == {COMPILING_GC}
+    assert gc.get_threshold() == before

@@ -139,7 +139,9 @@ def source_lights(tiles: Tiles, peaks, lit):
                 rest.flux[c, t] *= left
             rest.power[t], rest.weight[t] = left * rest.power[t], left**WEIGHT_EXPONENT * rest.weight[t]
     for k in range(lit.size):
-        moment[k] /= np.sqrt((moment[k] ** 2).sum())
+        length = np.sqrt(moment[k, 0] ** 2 + moment[k, 1] ** 2 + moment[k, 2] ** 2)
+        for c in range(3):
+            moment[k, c] /= length
     return SourceTiles(moment, owner, part), flux, rest
 
 

@@ -56,7 +56,7 @@ charts: gl  ## remake the charts in docs/charts (needs VEMLIGHT_DATA for real ma
 # The same bytes from the same commit: from a copy without old build files, whose times are the commit's and whose modes are the same anywhere.
 wheel: env  ## build the wheel in dist/, the same bytes each time
 	@rm -rf build/source dist/*.whl && mkdir -p build/source
-	@cp -R services replay_data vemlight pyproject.toml README.md LICENSE build/source && chmod -R u=rwX,go=rX build/source
+	@cp -R services replay_data vemlight vemlight_client.py pyproject.toml README.md LICENSE build/source && chmod -R u=rwX,go=rX build/source
 	umask 022 && SOURCE_DATE_EPOCH=$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)} \
 	  $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist build/source
 

@@ -282,6 +282,10 @@ class Viewer(SettingsSection, frozen=True):
     names: Annotated[
         tuple[str, ...], means("host names under which browsers may ask for the page, besides numbers, localhost and this machine's name")
     ] = ()
+    origins: Annotated[
+        tuple[Annotated[str, Meta(pattern=r"^https?://[^/\s]+$")], ...],
+        means('web pages elsewhere that may open the page\'s websocket, such as "https://stage.example:8443"'),
+    ] = ()
 
     def __post_init__(self) -> None:
         if self.token and self.insecure:

@@ -88,4 +88,4 @@ def test_the_image_is_unprivileged_and_its_packages_are_those_of_the_lock():
     assert any("--require-hashes -r requirements.lock" in line for line in lines)
     allowed = [line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")]
     locks = ["requirements.lock", "requirements-build.lock"]
-    assert allowed == ["services", "vemlight", "replay_data", "pyproject.toml", *locks, "README.md", "LICENSE"]
+    assert allowed == ["services", "vemlight", "vemlight_client.py", "replay_data", "pyproject.toml", *locks, "README.md", "LICENSE"]

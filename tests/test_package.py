@@ -1,4 +1,7 @@
-"""The wheel: the package `vemlight`, whole, with the bundled sequence and nothing else; the same bytes each time; it runs from anywhere."""
+"""The wheel: the package `vemlight`, whole, with the bundled sequence, the client in one file and nothing else.
+
+The same bytes each time; it runs from anywhere.
+"""
 
 import hashlib
 import os
@@ -27,7 +30,7 @@ def built(folder: Path, mask: int = 0o022) -> Path:
     folder.mkdir(parents=True)
     for name in ("services", "replay_data"):
         shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE", "Makefile", "vemlight"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "Makefile", "vemlight", "vemlight_client.py"):
         shutil.copy(ROOT / name, folder / name, follow_symlinks=False)
     for path in folder.rglob("*"):
         if not path.is_symlink():
@@ -60,7 +63,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (packages,) = folder.glob("lib/python*/site-packages")
     install = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-deps", "--no-index", str(wheel)]
     subprocess.run(install, check=True, timeout=LOADED_S)
-    assert {path.name.partition("-")[0] for path in packages.iterdir()} == {"vemlight"}
+    assert {path.name.partition("-")[0] for path in packages.iterdir()} - {"__pycache__"} == {"vemlight", "vemlight_client.py"}
     (packages / "needed.pth").write_text(sysconfig.get_path("purelib") + "\n")  # of which no .pth is read, so no editable vemlight
     return folder
 
@@ -70,7 +73,7 @@ def test_the_wheel_holds_the_package_and_the_bundled_sequence_and_nothing_else(w
     code = {str(path.relative_to(ROOT / "services")) for path in (ROOT / "services").rglob("*") if path.is_file()}
     code = {name for name in code if "__pycache__" not in name} - NOT_INSTALLED
     bundled = {"lens.toml", "manifest.jsonl", *(f"sky_{k:04d}.exr" for k in range(48))}
-    assert held == {f"vemlight/{name}" for name in code} | {f"vemlight/capture/bundled/{name}" for name in bundled}
+    assert held == {f"vemlight/{name}" for name in code} | {f"vemlight/capture/bundled/{name}" for name in bundled} | {"vemlight_client.py"}
     assert {Path(name).suffix for name in held} >= {".vert", ".frag", ".glsl", ".comp", ".npy", ".html", ".js", ".css", ".toml", ".glb"}
 
 

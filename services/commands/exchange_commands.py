@@ -1,13 +1,15 @@
 """The commands that hand lights to other programs."""
 
+from pathlib import Path
 from typing import Any
 
 import click
 
 from vemlight.commands.offline_commands import sampling
 from vemlight.commands.options import ExportOptions, SamplingOptions
-from vemlight.commands.parameters import Number, OutFile
+from vemlight.commands.parameters import PATH, Number, OutFile
 from vemlight.commands.report import Report, reporting
+from vemlight.errors import UserError
 
 
 @click.command()
@@ -36,4 +38,20 @@ def export(context: click.Context, **values: Any) -> Report:
     return export_lights(ExportOptions(**values, given=tuple(typed)))
 
 
-COMMANDS = (export,)
+@click.command()
+@click.argument("settings", type=PATH, required=False)
+@click.option("--osc", metavar="HOST:PORT", help="Open Sound Control over UDP to HOST:PORT.")
+@click.option("--jsonl", metavar="HOST:PORT", help="One line of JSON a frame to HOST:PORT, where a program listens on tcp.")
+def stream(settings: Path | None, osc: str | None, jsonl: str | None) -> None:
+    """Send the lights of running services to another program, as they come."""
+    from vemlight.exchange.stream import destination
+    from vemlight.exchange.stream import stream as send
+    from vemlight.settings import read_settings
+
+    if not (osc or jsonl):
+        raise UserError("--osc, --jsonl: none is given; name a HOST:PORT to send to")
+    to_osc, to_jsonl = (destination(text, option) if text else None for text, option in ((osc, "--osc"), (jsonl, "--jsonl")))
+    send(read_settings(settings), to_osc, to_jsonl)
+
+
+COMMANDS = (export, stream)

@@ -32,6 +32,7 @@ PORTS = {"http": 80, "https": 443}
 GUESSES_BURST, GUESSES_PER_S = 20, 0.2  # wrong tokens of an address: a person mistypes a few. In a year six million
 MAX_ADDRESSES = 1024  # of which wrong tokens are counted
 SCRYPT = {"n": 2**14, "r": 8, "p": 1}  # 16 MB and 50 ms once at the start, and for each guess
+FOREIGN = "another page's request: only this viewer's own page may do that; the websocket also those in [viewer] origins\n"
 TOO_MANY = "too many wrong tokens from this address: wait a minute\n"
 NO_TOKEN = "no token: open the whole address that vemlight printed at its start; programs add ?token= or Authorization: Bearer\n"
 
@@ -51,8 +52,10 @@ def authentication_middleware(settings: Viewer) -> Middleware:
         if len(hosts) != 1 or not known_host(hosts[0], names):
             raise web.HTTPForbidden(text="unknown Host: open the page by number, or add the name to [viewer] names\n")
         scheme = request.headers.get("X-Forwarded-Proto", request.scheme)  # a TLS proxy's; another page in a browser cannot add it
-        if any(not is_origin(origin, scheme, hosts[0]) for origin in request.headers.getall("Origin", [])):
-            raise web.HTTPForbidden(text="another page's request: only this viewer's own page may do that\n")
+        # A page elsewhere that the settings name may read the feeds, for which a browser sends no cookie: it needs the token itself.
+        others = settings.origins if request.path == "/ws" else ()
+        if any(not (origin in others or is_origin(origin, scheme, hosts[0])) for origin in request.headers.getall("Origin", [])):
+            raise web.HTTPForbidden(text=FOREIGN)
         if settings.token:
             guesses.check(request, tokens(request), request.cookies.get(cookie, ""))
             if request.path == "/" and list(request.query) == ["token"]:  # out of the address, which others may read

@@ -8,6 +8,7 @@ import numpy as np
 
 from vemlight.errors import UserError
 from vemlight.light.light_set import ErrorOfLights, LightSet, lights_json, lights_row
+from vemlight.light.lights_binary import binary_from_lights
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Service
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
@@ -31,6 +32,7 @@ class ViewerState:
         self.control_changed, self.feeds_changed = Condition(), Condition()
         self.disc = Feed(Sky().disc_jpeg, self.feeds_changed)
         self.lights = Feed(_lights_line, self.feeds_changed)
+        self.lights_binary = Feed(_lights_binary, self.feeds_changed)
         self.picture = Feed(self._encode_picture, self.feeds_changed)
         self.summaries = Feed(msgspec.json.encode, self.feeds_changed)
         self.stats = ServiceStats("viewer", restarts)
@@ -60,6 +62,7 @@ class ViewerState:
             case wire.LightsMessage():
                 self._light_count = header.count
                 self.lights.put(header, *arrays[:-2])
+                self.lights_binary.put(header, *arrays[:-2])
             case wire.ImageMessage():
                 self.picture.put(arrays[0])
                 self._objects = header.objects
@@ -150,3 +153,7 @@ def _lights_line(header: wire.LightsMessage, *lights: np.ndarray) -> bytes:
     error = ErrorOfLights(100 * report.error_ratio, 100 * report.error_limit_ratio) if report.error_limit_ratio else None
     row = lights_row(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage, error)
     return lights_json(row)
+
+
+def _lights_binary(header: wire.LightsMessage, *lights: np.ndarray) -> bytes:
+    return binary_from_lights(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage)

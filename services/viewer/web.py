@@ -11,6 +11,7 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from vemlight.errors import UserError
+from vemlight.light import lights_binary
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.runtime.allowance import Allowance
 from vemlight.viewer.authentication import add_headers, authentication_middleware
@@ -35,7 +36,9 @@ HEARTBEAT_S = 10.0  # a page that does not answer within half of it is disconnec
 STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so long; any value in 5..60 does
 BODY_S = 5.0  # for a control to come; 2 to 20 s would do
 MESSAGES_BURST, MESSAGES_PER_S = 1000, 500  # of a page: it names each of four feeds once for each picture; 250 to 2000 a second would do
-BINARY_FEEDS = {"disc": 1, "picture": 2}  # first byte of a binary message; a JPEG follows
+BINARY_FEEDS = {"disc": 1, "picture": 2, "lights.bin": lights_binary.KIND}  # first byte of a binary message
+OWN_HEAD = {"lights.bin"}  # feeds whose bytes begin with it already; after the others' a JPEG follows
+PAGE_FEEDS = ("summary", "lights", "disc", "picture")  # what a socket gets unless it asks for others
 RETRY = {"Retry-After": "1"}
 
 
@@ -155,13 +158,17 @@ class Site:
         """To a page: summaries and lights as text (JSON), disc and picture as binary (one byte that says which, then a JPEG).
 
         Of each feed one message at most is on its way: the page names the feed when it has shown it, and only then the newest follows.
+        `?feeds=lights.bin` gives that feed instead, `feeds=lights,picture` these two (docs/clients.md).
         """
+        state = self._state
+        feeds = {"summary": state.summaries, "lights": state.lights, "disc": state.disc, "picture": state.picture}
+        feeds["lights.bin"] = state.lights_binary
+        shown, taken = set(request.query.get("feeds", ",".join(PAGE_FEEDS)).split(",")), asyncio.Event()
+        if not shown <= feeds.keys():
+            raise web.HTTPBadRequest(text=f"feeds: choose from {', '.join(feeds)}, with commas between\n")
         with self._counted():
             socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_FEED_NAME, compress=False, autoping=False)
             await socket.prepare(request)
-            state = self._state
-            feeds = {"summary": state.summaries, "lights": state.lights, "disc": state.disc, "picture": state.picture}
-            shown, taken = set(feeds), asyncio.Event()
             sender = asyncio.create_task(self._send(request, socket, feeds, shown, taken))
             messages = Allowance(MESSAGES_BURST, MESSAGES_PER_S)
             self._sockets.add(socket)
@@ -199,7 +206,9 @@ class Site:
                     shown.discard(name)
                     sent[name], data = await feeds[name].newest()
                     async with asyncio.timeout(STREAM_TIMEOUT_S):
-                        if name in BINARY_FEEDS:
+                        if name in OWN_HEAD:
+                            await socket.send_bytes(data)
+                        elif name in BINARY_FEEDS:
                             await socket.send_bytes(bytes([BINARY_FEEDS[name]]) + data)
                         else:
                             await socket.send_str(data.decode())

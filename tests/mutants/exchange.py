@@ -32,4 +32,20 @@ MUTANTS = [
         ("z up", "np.array([1, 1, -1], np.float32)", "np.array([1, 1, 1], np.float32)"),
         ("a chunk of any length", 'b" " * (-len(content) % 4)', 'b""'),
     ]),
+    *mutants_of(EXCHANGE + "osc.py", "tests/test_osc.py", [
+        ("bundles over a packet", "LIGHTS = 20", "LIGHTS = 25"),
+        ("no NUL behind a text", "bytes(4 - len(text) % 4)", "bytes(-len(text) % 4)"),
+    ]),
+    *mutants_of(EXCHANGE + "line_sender.py", "tests/test_line_sender.py", [
+        ("a queue for a slow reader", "SEND_BUFFER = 64 * 1024", "SEND_BUFFER = 64 * 2**20"),
+        ("the rest of a line to the next reader", "self._socket, self._rest = None, memoryview(b\"\")", "self._socket = None"),
+    ]),
+    *mutants_of("services/light/lights_binary.py", "tests/test_lights_out.py tests/test_clients_js.py", [
+        ("another layout", "KIND, LAYOUT = 3, 1", "KIND, LAYOUT = 3, 2"),
+        ("hemispheres for spheres", '("hemisphere", "sphere")', '("sphere", "hemisphere")'),
+    ]),
+    *mutants_of("vemlight_client.py", "tests/test_vemlight_client.py", [
+        ("a short queue", "QUEUE = 1000", "QUEUE = 4"),
+        ("any version", 'if header.get("version", 1) != VERSION:', "if False:"),
+    ]),
 ]  # fmt: skip

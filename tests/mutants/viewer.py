@@ -27,8 +27,9 @@ MUTANTS = [
         ("the pole", "codes.shape[1] // 2, axis=1)", "0, axis=1)"),
         ("equation 4", "(1 + y * to_key / WHITE**2)", "(1 + y * to_key / WHITE)"),
     ]),
-    *mutants_of(VIEWER + "authentication.py", "tests/test_viewer_authentication.py tests/test_viewer.py", [
-        ("foreign pages", "if any(not is_origin(origin, scheme, hosts[0])", "if any(False"),
+    *mutants_of(VIEWER + "authentication.py", "tests/test_viewer_authentication.py tests/test_viewer.py tests/test_lights_out.py", [
+        ("foreign pages", "is_origin(origin, scheme, hosts[0]))", "True)"),
+        ("pages elsewhere everywhere", 'settings.origins if request.path == "/ws" else ()', "settings.origins"),
         ("a page's port", "parts.hostname, parts.port or PORTS[parts.scheme]", "parts.hostname, 0"),
         ("foreign names", "if len(hosts) != 1 or not known_host(hosts[0], names):", "if False:"),
         ("wrong tokens", "if not allowance.has():", "if False:"),

@@ -89,7 +89,8 @@ def lens(options: LensOptions) -> None:
 
 @calibrate.command()
 @click.argument("patches", type=PATH)
-@click.option("--kind", type=click.Choice(["log", "companding", "linear", "srgb"]), default="log", show_default=True)
+@click.option("--brackets", is_flag=True, help="PATCHES is a folder of photographs of one view; their exposures say the response.")
+@click.option("--kind", type=click.Choice(["log", "companding", "linear", "srgb"]), help="Of the sensor; left out: log.")
 @click.option("--bits", type=click.IntRange(1, 16), help="Bits of a code; left out: the fewest of 8, 10, 12, 14, 16 that hold all codes.")
 @click.option("--accept", is_flag=True, help="Accept an error above 5 % at a check patch.")
 @click.option("--white", "white_cd_m2", type=Number(0, min_open=True), help="PATCHES is a ColorChecker: its white in cd/m2.")
@@ -104,6 +105,15 @@ def lens(options: LensOptions) -> None:
 @options_as(ResponseOptions)
 def response(options: ResponseOptions) -> None:
     """Calibrate the sensor's response from patches of known luminance (CSV: code, luminance, use = fit or check)."""
+    if options.brackets:
+        from vemlight.capture.calibration.bracket_response import bracket_summary, calibrate_from_brackets
+
+        others = {"--kind": options.kind, "--white": options.white_cd_m2, "--corners": options.corners, "--picture": options.picture}
+        if unfit := next((name for name, value in others.items() if value is not None), None):
+            raise UserError(f"{unfit}: is for patches, and --brackets for photographs; leave one of them out")
+        found = calibrate_from_brackets(options.patches, options.out, bits=options.bits or 0, accept=options.accept)
+        click.echo(bracket_summary(found))
+        return
     from vemlight.capture.calibration.colorchecker import chart_from_corners, find_chart
     from vemlight.capture.calibration.patches import read_patches
     from vemlight.capture.calibration.response_fit import calibrate_response, gray_patches, response_summary
@@ -120,7 +130,7 @@ def response(options: ResponseOptions) -> None:
     picture = options.picture or options.out.with_suffix(".png")
     with of_setting(str(options.patches)):
         report = calibrate_response(
-            patches, options.out, kind=options.kind, bits=options.bits or 0, accept=options.accept, picture=picture
+            patches, options.out, kind=options.kind or "log", bits=options.bits or 0, accept=options.accept, picture=picture
         )
     click.echo(f"{response_summary(report)}\nsee {picture}")
 

@@ -128,12 +128,13 @@ class ResponseOptions(msgspec.Struct, frozen=True, kw_only=True):
 
     patches: Path
     out: Path
-    kind: "Kind"
+    kind: "Kind | None"
     bits: int | None
     accept: bool
     white_cd_m2: float | None
     corners: list[tuple[float, float]] | None  # pixels x, y
     picture: Path | None
+    brackets: bool
 
 
 def options_as(kind: type[Options]) -> Callable[[Callable[[Options], Result]], Callable[..., Result]]:

@@ -99,6 +99,12 @@ MUTANTS = [
         ("any time", "MAX_ROUNDING = 0.10", "MAX_ROUNDING = 9.0"),
         ("light below darkness", "light = response.radiance(np.arange", "light = 1.1 * response.radiance(np.arange"),
     ]),
+    *mutants_of(CAPTURE + "calibration/bracket_response.py", "tests/test_bracket_response.py", [
+        ("exposures as written", "for exact in (False, True):", "for exact in (False,):"),
+        ("any error", "MAX_ERROR = 0.05", "MAX_ERROR = 5.0"),
+        ("a coarse polynomial", "DEGREE = 6", "DEGREE = 1"),
+        ("clipped pixels", "BRIGHTEST = 10 / 255, 245 / 255", "BRIGHTEST = 10 / 255, 256 / 255"),
+    ]),
     *mutants_of(CAPTURE + "exposure_groups.py", "tests/test_brackets.py", [
         ("two exposures alike", "SAME = 1.05", "SAME = 1.02"),
         ("thirds of a stop", "SAME = 1.05", "SAME = 1.3"),

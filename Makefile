@@ -6,7 +6,7 @@ SETTINGS ?=
 GL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
 .DEFAULT_GOAL := help
-.PHONY: help env gl run test mutants check charts golden settings-doc wheel sbom clean
+.PHONY: help env gl run test mutants check charts golden settings-doc wheel extension sbom clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -59,6 +59,10 @@ wheel: env  ## build the wheel in dist/, the same bytes each time
 	@cp -R services replay_data vemlight vemlight_client.py pyproject.toml README.md LICENSE build/source && chmod -R u=rwX,go=rX build/source
 	umask 022 && SOURCE_DATE_EPOCH=$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)} \
 	  $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist build/source
+
+extension:  ## pack the Blender extension as dist/vemlight_lights.zip, the same bytes for a commit
+	@mkdir -p dist
+	git archive --format=zip -o dist/vemlight_lights.zip HEAD:blender/vemlight_lights
 
 sbom: env  ## write dist/sbom.json: what an installation brings with it, with versions and hashes (CycloneDX)
 	@mkdir -p dist

@@ -41,7 +41,7 @@ Side = Annotated[int, Meta(ge=1, le=MAX_PICTURE_SIDE)]
 Rate = Annotated[float, Meta(gt=0, le=1000)]
 Frequency = Annotated[float, Meta(gt=0, le=500)]  # up to half of the highest frame rate
 Stops = Annotated[float, Meta(ge=-20, le=20)]  # a factor of a million either way
-Port = Annotated[int, Meta(ge=1, le=65_000)]  # the wire takes ten ports from its first
+Port = Annotated[int, Meta(ge=1, le=65_000)]  # the wire takes twelve ports from its first
 
 PATH = Meta(extra={"unit": "path"})
 FRAMES = Meta(extra={"unit": "frames"})
@@ -70,7 +70,7 @@ class Wire(SettingsSection, frozen=True):
     transport: Annotated[Literal["ipc", "tcp"], means("sockets in a folder of this machine, or TCP between hosts")] = "ipc"
     folder: Annotated[str, means("folder of the ipc sockets; empty: one of this user's, made with mode 0700"), PATH] = ""
     hosts: Annotated[dict[Service, str], means("tcp: the host on which each service runs; 127.0.0.1 when left out")] = {}
-    port: Annotated[Port, means("tcp: the first of the ten ports in use")] = 5600
+    port: Annotated[Port, means("tcp: the first of the twelve ports in use")] = 5600
     keys: Annotated[str, means("tcp: folder with the CURVE keys of `vemlight keys`"), PATH] = ""
     insecure: Annotated[bool, means("tcp: allow connections without keys")] = False
 
@@ -266,6 +266,18 @@ class Plate(SettingsSection, frozen=True):
     stops: Annotated[Stops, means("exposure of the plate, to match the lights"), STOPS] = 0.0
 
 
+class Fixtures(SettingsSection, frozen=True):
+    """Real fixtures that are driven by the light."""
+
+    rig: Annotated[str, means("rig file, .toml or .mvr; empty: there is none"), PATH] = ""
+    arm: Annotated[bool, means("send live from the start; else a preview, which no fixture shows, until the page arms it")] = False
+    blackout: Annotated[bool, means("send darkness before the end; else the last look, and word that the source ends")] = False
+
+    def __post_init__(self) -> None:
+        if self.arm and not self.rig:
+            raise ValueError("arm is for a rig and there is none; set rig = FILE, or leave out arm")
+
+
 class Viewer(SettingsSection, frozen=True):
     """The page that shows and controls it all."""
 
@@ -303,11 +315,13 @@ class Settings(SettingsSection, frozen=True):
     renderer: Renderer = Renderer()
     viewer: Viewer = Viewer()
     plate: Plate = Plate()
+    fixtures: Fixtures = Fixtures()
 
     @property
     def services(self) -> tuple[Service, ...]:
         """Those that run."""
-        return tuple(service for service in SERVICES if service != "plate" or self.plate.source)
+        optional = {"plate": self.plate.source, "fixtures": self.fixtures.rig}
+        return tuple(service for service in SERVICES if optional.get(service, True))
 
 
 STREAMS = ("http://", "https://", "rtsp://", "rtsps://", "rtmp://", "rtmps://", "udp://", "tcp://", "rtp://")
@@ -365,6 +379,9 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
     if drawn.width * drawn.height * pixel_bytes > MAX_PART:
         most = f"more than the {MAX_PART // pixel_bytes} pixels that one message holds"
         raise UserError(f"{where}: [renderer] width, height: {drawn.width} x {drawn.height} is {most}; make them smaller")
+    if settings.mode == "lossless" and settings.fixtures.rig:
+        way_out = "leave out rig, or write levels of a file of lights by `vemlight dmx --lights`"
+        raise UserError(f'{where}: mode = "lossless" makes files, and [fixtures] rig drives lamps as it happens; {way_out}')
     for source in (settings.capture.source, settings.plate.source):
         if settings.mode == "lossless" and is_live(source):
             kind = "camera" if is_camera(source) else "stream"

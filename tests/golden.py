@@ -80,7 +80,34 @@ def messages() -> dict[str, wire.Message]:
             wire.ImageMessage(stamp=STAMP, width=3, height=2, linear=True),
             (pixels, (np.arange(2 * 3 * 4) / 4).astype(np.float16).reshape(2, 3, 4)),
         ),
-        "control": (wire.ControlMessage(count=144, exposure=-0.5, filtered=False, paused=True, poses=(box, lamp)), ()),
+        "levels": (
+            wire.LevelsMessage(
+                stamp=STAMP,
+                count=2,
+                level_count=3,
+                names=("key", "fill"),
+                target=(0.0, 0.0, 1.6),
+                unmatched_rgb=(0.03, 0.02, 0.05),
+                unmatched_at=(0.0, 0.0, -1.0),
+                missing_there=0.25,
+                text="At full: key.",
+                report=wire.LevelsReport(armed=1, unmatched_ratio=0.0625, limited_fixtures=1, solve_ms=0.5, packets=40),
+            ),
+            (
+                np.array([[2, 0, 3], [-2, 0, 3]], np.float32),
+                np.array([[0, 0, 1.5], [0, 0, 1.5]], np.float32),
+                np.array([1, 2], np.int64),
+                np.array([1, 0.25, 0.5], np.float32),
+                np.array([[1, 1, 1], [0.5, 0.25, -0.125]], np.float32),
+                np.array([1, 0], np.uint8),
+            ),
+        ),
+        "control": (
+            wire.ControlMessage(
+                count=144, exposure=-0.5, filtered=False, paused=True, armed=True, blackout=False, poses=(box, lamp)
+            ),
+            (),
+        ),
         "status": (status, ()),
         "end": (wire.EndMessage(sequence=48), ()),
         "request": (wire.RequestMessage(first=12, count=4), ()),
@@ -92,7 +119,7 @@ def refused() -> dict[str, list[bytes]]:
     whole = {name: wire.pack(*message) for name, message in messages().items()}
     end = {"kind": "end", "version": 2, "sequence": 1}
     topic, header, radiance, *bright = whole["map"]
-    lights, soft = whole["lights"], whole["lights_soft"]
+    lights, soft, levels = whole["lights"], whole["lights_soft"], whole["levels"]
     directions = np.frombuffer(lights[3], "<f4")
     damaged = np.frombuffer(radiance, "<f4").copy()
     damaged[5] = np.nan
@@ -118,6 +145,8 @@ def refused() -> dict[str, list[bytes]]:
         "lights_covariance_negative": [*soft[:5], (-np.frombuffer(soft[5], "<f4")).tobytes(), *soft[6:]],
         "lights_covariance_large": [*soft[:5], (20 * np.frombuffer(soft[5], "<f4")).tobytes(), *soft[6:]],
         "lights_negative": [*lights[:4], (-np.frombuffer(lights[4], "<f4")).tobytes(), *lights[5:]],
+        "levels_too_high": [*levels[:5], (2 * np.frombuffer(levels[5], "<f4")).tobytes(), *levels[6:]],
+        "levels_emitters": [*levels[:4], np.array([1, 1], "<i8").tobytes(), *levels[5:]],
         "rotation_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "poses": [not_unit]})],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon", "version": 2})],
     }

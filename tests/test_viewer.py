@@ -75,7 +75,8 @@ def test_lights_are_the_file_form(viewer):
 
 def test_choices_are_published_whole_and_again(viewer, simulated):
     status, body = viewer.choose(count=17, exposure=-1.5)
-    whole = {"kind": "control", "version": wire.VERSION, "count": 17, "exposure": -1.5, "filtered": None, "paused": False, "poses": []}
+    rest = {"filtered": None, "paused": False, "armed": None, "blackout": None, "poses": []}
+    whole = {"kind": "control", "version": wire.VERSION, "count": 17, "exposure": -1.5, **rest}
     assert (status, json.loads(body)) == (200, whole)
     viewer.choose(paused=True)
     chosen = wire.ControlMessage(count=17, exposure=-1.5, paused=True)

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from vemlight.commands import capture_commands, exchange_commands, luminaire_commands, offline_commands, service_commands
+from vemlight.commands import capture_commands, exchange_commands, fixture_commands, luminaire_commands, offline_commands, service_commands
 from vemlight.commands.parameters import usage_line
 from vemlight.errors import FatalError, UserError, printable_line
 from vemlight.runtime.interrupt import INTERRUPTED, interruption
@@ -100,6 +100,6 @@ def main() -> None:
     """Live image-based lighting: frames of a fisheye HDR camera become a few steady directional lights, and a lit picture."""
 
 
-for module in (service_commands, offline_commands, exchange_commands, capture_commands, luminaire_commands):
+for module in (service_commands, offline_commands, exchange_commands, fixture_commands, capture_commands, luminaire_commands):
     for command in module.COMMANDS:
         main.add_command(command)

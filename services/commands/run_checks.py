@@ -1,4 +1,4 @@
-"""What would keep a run from working, found before anything is started: in its settings, source, scene, plate and the page's address."""
+"""What would keep a run from working, found before anything is started: settings, source, scene, plate, rig, the page's address."""
 
 import io
 import os
@@ -36,6 +36,11 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
         _check_source(settings.capture)
     with _named(file, "[plate] source"):
         _check_plate(settings.plate)
+    if settings.fixtures.rig:
+        from vemlight.fixtures.check import check_rig_file
+
+        with _named(file, "[fixtures] rig"):
+            check_rig_file(Path(settings.fixtures.rig))
     if settings.renderer.scene:
         from vemlight.renderer.scene.scene import load_scene
 

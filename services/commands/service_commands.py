@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from vemlight.commands.fixture_commands import rig_path
 from vemlight.commands.parameters import MODE, PATH, OutFolder
 from vemlight.commands.source_options import capture_settings, source_options
 from vemlight.runtime.channels import SERVICES
@@ -26,9 +27,11 @@ COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 @click.option("--out", type=OutFolder(), help="Folder for the lights (.jsonl), the pictures (EXR and PNG) and a contact sheet.")
 @click.option("--mode", type=MODE, help="live: the newest frame wins; lossless (with --out): every frame.")
 @click.option("--overwrite", is_flag=True, help="Remove what another run has left in that folder.")
+@click.option("--rig", type=PATH, help="Real fixtures to drive, as [fixtures] rig; `bundled`: one to try. A preview until it is armed.")
 @source_options
 def run(
-    settings: Path | None, source: str | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool, **reading: object
+    settings: Path | None, source: str | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool, rig: Path | None,
+    **reading: object,
 ) -> None:
     """Start capture, sampler, renderer and viewer, and supervise them. With --out, a run that was cut off goes on where it ended."""
     import msgspec
@@ -43,6 +46,9 @@ def run(
     wanted = msgspec.structs.replace(wanted, capture=capture_settings(wanted.capture, source, {"frames": frames, **reading}))
     if out:
         wanted = msgspec.structs.replace(wanted, out=str(out.resolve()), mode="lossless")
+    if rig:
+        fixtures = msgspec.structs.replace(wanted.fixtures, rig=str(rig_path(rig).resolve()))
+        wanted = msgspec.structs.replace(wanted, fixtures=fixtures)
     if mode:
         wanted = msgspec.structs.replace(wanted, mode=mode)
     check_run(wanted, settings, source_option=bool(source))
@@ -134,6 +140,7 @@ COMMANDS = (
     _service("renderer", "lights become pictures of the scene."),
     _service("viewer", "the page that shows it all."),
     _service("plate", "a second camera's picture behind the scene."),
+    _service("fixtures", "lights become levels of real fixtures."),
     doctor,
     settings_,
     keys,

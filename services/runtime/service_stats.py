@@ -69,6 +69,10 @@ class ServiceStats:
         self._step_total_ms += step_s * 1e3
         self._report = getattr(header, "report", None)  # a plate has none
 
+    def on_report(self, report: wire.AnyReport) -> None:
+        """Replaces what the newest frame's header reports: of a service that goes on measuring between frames."""
+        self._report = report
+
     def on_refused(self, error: ValueError, sender: Peer | None = None) -> None:
         """Counts a message that cannot be decoded, also against its sender; now and then a line says why."""
         self.refused += 1

@@ -28,6 +28,7 @@ STEP_BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 
 STEP_BINS = len(STEP_BOUNDS_MS) + 1  # the last: longer than the last bound
 UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimals of each number are enough
 MAX_SIDE = 8192  # pixels of a picture's side
+MAX_FIXTURES = 512  # of a rig: with names of 24 four-byte letters 51 kB of header
 
 MAX_SEQUENCE = 2**53 - 1  # exact in JSON and in every language, as a float too
 Sequence53 = Annotated[int, Meta(ge=0, le=MAX_SEQUENCE)]
@@ -110,7 +111,23 @@ class ImageReport(Report, frozen=True, tag="image"):
     ] = 0
 
 
-AnyReport = MapReport | LightsReport | ImageReport
+class LevelsReport(Report, frozen=True, tag="levels"):
+    """Measured while the levels of fixtures were solved and sent."""
+
+    armed: Annotated[int, Meta(ge=0, le=1, description="1: packets are live; 0: a preview, which no fixture shows")] = 0
+    blackout: Annotated[int, Meta(ge=0, le=1, description="1: darkness is sent")] = 0
+    unmatched_ratio: Annotated[
+        float, Meta(ge=0, le=1e9, title="unmatched", description="of the light at the target, that the rig does not give, relative")
+    ] = 0.0
+    limited_fixtures: Annotated[Count, Meta(title="at full", description="fixtures at full that should give more")] = 0
+    off_gamut_fixtures: Annotated[Count, Meta(title="off gamut", description="fixtures that cannot mix the colour asked for")] = 0
+    solve_ms: Annotated[Milliseconds, Meta(title="solve time", description="time to solve the newest levels")] = 0.0
+    delay_ms: Annotated[Milliseconds, Meta(title="delay", description="of smoothing and of packets between two frames")] = 0.0
+    held_ms: Annotated[Milliseconds, Meta(title="look held for", description="time since the last lights came")] = 0.0
+    packets: Annotated[Count, Meta(description="sent since the start")] = 0
+
+
+AnyReport = MapReport | LightsReport | ImageReport | LevelsReport
 
 
 class Array(NamedTuple):
@@ -223,6 +240,35 @@ class PlateMessage(FrameHeader, frozen=True, tag="plate"):
     height: Side
 
 
+class LevelsMessage(FrameHeader, frozen=True, tag="levels"):
+    """Levels of real fixtures, with the rig as it stands, so that a program can draw it without the rig's file."""
+
+    ARRAYS = (
+        Array("positions", "<f4", ("count", 3), "of the fixtures, metres"),
+        Array("aims", "<f4", ("count", 3), "a place on the fixture's axis, metres"),
+        Array("emitters", "<i8", ("count",), "how many of the levels are each fixture's, 1 or more"),
+        Array("levels", "<f4", ("level_count",), "of each emitter, 0 to 1: the fraction of its light at full"),
+        Array("light", "<f4", ("count", 3), "what each fixture gives, RGB, over its luminance at full; negative outside Rec. 709"),
+        Array("marks", "|u1", ("count",), "1: at full and should give more; 2: cannot mix the colour; 3: both"),
+    )
+    count: Annotated[int, Meta(ge=1, le=MAX_FIXTURES)]
+    level_count: Annotated[int, Meta(ge=1, le=2048)]
+    names: Annotated[tuple[Annotated[str, Meta(min_length=1, max_length=24)], ...], Meta(max_length=MAX_FIXTURES)]
+    target: tuple[Metres, Metres, Metres]
+    unmatched_rgb: tuple[Finite, Finite, Finite]  # RMS of what is missing over all normals, over that of the whole target
+    unmatched_at: tuple[Finite, Finite, Finite]  # unit normal of the plane that misses most luminance
+    missing_there: Finite  # as a fraction of what the light gives it; negative: too much
+    text: Annotated[str, Meta(max_length=1024)]  # what is not matched, in words
+    report: LevelsReport = LevelsReport()
+
+    def check(self, arrays: Sequence[np.ndarray]) -> None:
+        _, _, emitters, levels, _, marks = arrays
+        if len(self.names) != self.count or (emitters < 1).any() or emitters.sum() != self.level_count:
+            raise ValueError("levels: names or numbers of emitters that do not fit the rig")
+        if not ((levels >= 0) & (levels <= 1)).all() or (marks > 3).any():
+            raise ValueError("levels: a level outside 0 to 1, or an unknown mark")
+
+
 class ControlMessage(Header, frozen=True, tag="control"):
     """What the person at the viewer has chosen; what is left out stays as the settings say."""
 
@@ -230,6 +276,8 @@ class ControlMessage(Header, frozen=True, tag="control"):
     exposure: Annotated[float, Meta(ge=-20, le=20)] | None = None  # stops
     filtered: bool | None = None
     paused: bool = False
+    armed: bool | None = None  # fixtures: packets are live; None: as it is
+    blackout: bool | None = None  # fixtures: darkness is sent; None: as it is
     poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved away from where the scene file has them
 
 

@@ -12,13 +12,19 @@ from vemlight.light.lights_binary import binary_from_lights
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Service
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
+from vemlight.runtime.token import is_loopback
 from vemlight.settings import Settings
 from vemlight.viewer.feeds import Condition, Feed
+from vemlight.viewer.levels_json import levels_json
 from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
 from vemlight.viewer.pictures import Sky, picture_jpeg
 from vemlight.viewer.report_fields import report_fields
 
 NO_CONTROLS = "in lossless mode every frame is made with the settings as they are, and controls have no effect; use live mode"
+NO_ARMING = (
+    "whoever reaches this page could arm the fixtures, because it has no token: take [viewer] insecure out of the settings, or arm them "
+    "there by [fixtures] arm"
+)
 EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false, "poses": [{"name": "box", "position": [0, 0, 1]}]}'
 
 
@@ -33,6 +39,7 @@ class ViewerState:
         self.disc = Feed(Sky().disc_jpeg, self.feeds_changed)
         self.lights = Feed(_lights_line, self.feeds_changed)
         self.lights_binary = Feed(_lights_binary, self.feeds_changed)
+        self.levels = Feed(levels_json, self.feeds_changed)
         self.picture = Feed(self._encode_picture, self.feeds_changed)
         self.summaries = Feed(msgspec.json.encode, self.feeds_changed)
         self.stats = ServiceStats("viewer", restarts)
@@ -63,6 +70,8 @@ class ViewerState:
                 self._light_count = header.count
                 self.lights.put(header, *arrays[:-2])
                 self.lights_binary.put(header, *arrays[:-2])
+            case wire.LevelsMessage():
+                self.levels.put(header, *arrays)
             case wire.ImageMessage():
                 self.picture.put(arrays[0])
                 self._objects = header.objects
@@ -92,11 +101,22 @@ class ViewerState:
         try:
             change = msgspec.json.decode(body, type=dict[str, int | float | bool | str | list[wire.Pose] | None])
             whole = msgspec.to_builtins({**msgspec.structs.asdict(self.control), **change})
-            self.control = msgspec.convert({key: value for key, value in whole.items() if value is not None}, wire.ControlMessage)
+            control = msgspec.convert({key: value for key, value in whole.items() if value is not None}, wire.ControlMessage)
         except (ValueError, RecursionError) as error:
             raise UserError(f"control: {error}; send JSON like {EXAMPLE}") from error
+        if control.armed and self.why_not_arm:
+            raise UserError(self.why_not_arm)
+        self.control = control
         self.control_changed.notify()
         self.refresh()
+
+    @property
+    def why_not_arm(self) -> str:
+        """Why nobody may arm fixtures from this page; empty: who has opened it may."""
+        viewer = self.settings.viewer
+        if "fixtures" not in self.settings.services:
+            return "there are no fixtures to arm; set [fixtures] rig"
+        return "" if viewer.token or is_loopback(viewer.host) else NO_ARMING
 
     def refresh(self) -> None:
         """Puts a new summary into its feed."""
@@ -124,6 +144,7 @@ class ViewerState:
             },
             "light_count": self._light_count,
             "objects": self._objects,
+            "fixtures": {"why_not_arm": self.why_not_arm} if "fixtures" in settings.services else None,
             "pages": self.pages,
             "services": [*rows, own],
             "report_fields": {service: [field._asdict() for field in report_fields(service)] for service in judged},

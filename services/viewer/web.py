@@ -1,4 +1,4 @@
-"""The viewer's addresses: the page, its websocket, pictures for other programs, lights, health, metrics and control."""
+"""The viewer's addresses: the page, its websocket, pictures for other programs, lights, levels, health, metrics and control."""
 
 import asyncio
 import json
@@ -26,6 +26,7 @@ FILES = {
     "/viewer.js": ("viewer.js", "text/javascript"),
     "/sky.js": ("sky.js", "text/javascript"),
     "/controls.js": ("controls.js", "text/javascript"),
+    "/fixtures.js": ("fixtures.js", "text/javascript"),
     "/objects.js": ("objects.js", "text/javascript"),
     "/persisted_controls.js": ("persisted_controls.js", "text/javascript"),
 }
@@ -35,10 +36,10 @@ MAX_FEED_NAME = 64  # bytes of a page's message: the name of a feed; any value i
 HEARTBEAT_S = 10.0  # a page that does not answer within half of it is disconnected; any value in 5..60 does
 STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so long; any value in 5..60 does
 BODY_S = 5.0  # for a control to come; 2 to 20 s would do
-MESSAGES_BURST, MESSAGES_PER_S = 1000, 500  # of a page: it names each of four feeds once for each picture; 250 to 2000 a second would do
+MESSAGES_BURST, MESSAGES_PER_S = 1000, 500  # of a page: it names each of five feeds once for each picture; 250 to 2000 a second would do
 BINARY_FEEDS = {"disc": 1, "picture": 2, "lights.bin": lights_binary.KIND}  # first byte of a binary message
 OWN_HEAD = {"lights.bin"}  # feeds whose bytes begin with it already; after the others' a JPEG follows
-PAGE_FEEDS = ("summary", "lights", "disc", "picture")  # what a socket gets unless it asks for others
+PAGE_FEEDS = ("summary", "lights", "levels", "disc", "picture")  # what a socket gets unless it asks for others
 RETRY = {"Retry-After": "1"}
 
 
@@ -72,6 +73,7 @@ class Site:
                 web.get("/snapshot.jpg", self.snapshot),
                 web.get("/stream.mjpg", self.stream),
                 web.get("/lights", self.lights),
+                web.get("/levels", self.levels),
                 web.get("/healthz", self.health),
                 web.get("/metrics", self.metrics),
                 web.post("/control", self.control),
@@ -107,6 +109,12 @@ class Site:
         number, line = await self._state.lights.newest()
         if not number:
             return web.Response(status=503, text="no lights yet: the sampler has sent none\n", headers=RETRY)
+        return web.Response(body=line, content_type="application/json")
+
+    async def levels(self, _: web.Request) -> web.Response:
+        number, line = await self._state.levels.newest()
+        if not number:
+            return web.Response(status=503, text="no levels yet: there is no rig, or no light has come\n", headers=RETRY)
         return web.Response(body=line, content_type="application/json")
 
     async def health(self, _: web.Request) -> web.Response:
@@ -155,13 +163,13 @@ class Site:
                     return response
 
     async def socket(self, request: web.Request) -> web.WebSocketResponse:
-        """To a page: summaries and lights as text (JSON), disc and picture as binary (one byte that says which, then a JPEG).
+        """To a page: summaries, lights and levels as text (JSON), disc and picture as binary (one byte that says which, then a JPEG).
 
         Of each feed one message at most is on its way: the page names the feed when it has shown it, and only then the newest follows.
         `?feeds=lights.bin` gives that feed instead, `feeds=lights,picture` these two (docs/clients.md).
         """
         state = self._state
-        feeds = {"summary": state.summaries, "lights": state.lights, "disc": state.disc, "picture": state.picture}
+        feeds = {"summary": state.summaries, "lights": state.lights, "levels": state.levels, "disc": state.disc, "picture": state.picture}
         feeds["lights.bin"] = state.lights_binary
         shown, taken = set(request.query.get("feeds", ",".join(PAGE_FEEDS)).split(",")), asyncio.Event()
         if not shown <= feeds.keys():

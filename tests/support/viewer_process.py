@@ -70,9 +70,10 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
 class SimulatedServices(threading.Thread):
     """Capture, sampler and renderer in one thread: each publishes frames and statuses while in `publishing`. Receives the controls."""
 
-    def __init__(self, settings: Wire, frames=frames_of) -> None:
+    def __init__(self, settings: Wire, frames=frames_of, makers: tuple[Service, ...] = MAKERS) -> None:
         super().__init__(daemon=True)
-        self.publishing: set[Service] = set(MAKERS)
+        self._makers = makers
+        self.publishing: set[Service] = set(makers)
         self.controls: list[wire.ControlMessage] = []
         self.viewers: list[wire.StatusMessage] = []
         self.noise: list[list[bytes]] = []  # published once by the renderer
@@ -80,15 +81,15 @@ class SimulatedServices(threading.Thread):
 
     def run(self) -> None:
         transport = Transport(self._settings)
-        publishers = {service: transport.bind(service, "publish") for service in MAKERS}
-        stats = {service: ServiceStats(service, 0) for service in MAKERS}
+        publishers = {service: transport.bind(service, "publish") for service in self._makers}
+        stats = {service: ServiceStats(service, 0) for service in self._makers}
         viewer = transport.subscribe("viewer", "control", "status")
         sequence = 0
         while not self._stop_asked.wait(1 / FPS):
             count = next((control.count for control in reversed(self.controls) if control.count), 72)
             made = self._frames(sequence, count)
             sequence += 1
-            for service in MAKERS:
+            for service in self._makers:
                 accept_subscriptions(publishers[service])
                 if service in self.publishing:
                     stats[service].on_finished(made[service], 0.004)

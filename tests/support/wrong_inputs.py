@@ -12,6 +12,7 @@ from vemlight.light.images import write_exr
 
 CAMERA = "[camera]\nfrom = [3.0, -4.0, 2.5]\nat = [0.0, 0.0, 0.6]\n"
 LENS = "size = [32, 16]\nf = [5.0, 5.0]\nc = [15.5, 7.5]\nk1 = 0.0\nk2 = 0.0\nk3 = 0.0\nk4 = 0.0\nrim_deg = 90.0\n"
+RIG = 'target = [0.0, 0.0, 1.5]\n[[fixture]]\nname = "key"\nat = [2.0, 0.0, 3.0]\ncandela = 9000\nbeam_deg = 30\naddress = 1\n'
 PATCHES = "code,luminance,use\n40,1,fit\n60,10,fit\n90,100,fit\n160,1000,fit\n110,300,check\n"
 LIGHTS = (
     '{"schema":"vemlight.lights/1","sequence":0,"time_s":0.0,"coverage":"sphere",'
@@ -52,6 +53,10 @@ SETTINGS = {
     "video": '[renderer]\nvideo = "film.avi"\n',
     "no_out": '[renderer]\nvideo = "film.mp4"\n',
     "plate": '[plate]\nsource = "nowhere"\n',
+    "no_rig": '[fixtures]\nrig = "nowhere.toml"\n',
+    "wrong_rig": '[fixtures]\nrig = "near.rig.toml"\n',
+    "unarmed": "[fixtures]\narm = true\n",
+    "lamps": 'mode = "lossless"\n[fixtures]\nrig = "good.rig.toml"\n',
     "film": '[plate]\nsource = "broken.mp4"\n',
     "keys": '[wire]\ntransport = "tcp"\nkeys = "nowhere"\n',
 }
@@ -93,6 +98,11 @@ FILES = {
     "taken": "a file where a folder is wanted\n",
     "broken.mp4": "no film\n",
     "rays.tm25ray": "no rays\n",
+    "good.rig.toml": RIG,
+    "near.rig.toml": RIG.replace("[2.0, 0.0, 3.0]", "[0.0, 0.0, 1.5]"),
+    "cadela.rig.toml": RIG.replace("candela", "cadela"),
+    "host.rig.toml": RIG + '[output]\ndestination = "no.such.host.invalid"\n',
+    "table.rig.toml": RIG.replace("beam_deg = 30", 'photometry = "lamp.ies"'),
     "lamp.ies": "no lamp\n",
     "text.txt": "no picture\n",
 }
@@ -279,6 +289,23 @@ WRONG = [
         ("luminaire measure recipe.toml --out out.exr", "recipe.toml | planes"),
         ("luminaire from-rays rays.tm25ray --out out.exr", "rays.tm25ray | TM-25"),
     ),
+    # real fixtures
+    *_rows(
+        ("dmx nowhere.toml", "nowhere.toml: there is no such file"),
+        ("dmx png.hdr", "png.hdr: is a PNG picture, and not TOML"),
+        ("dmx near.rig.toml --lights text.json", "near.rig.toml: fixture key | within 0.1 m"),
+        ("dmx cadela.rig.toml", "cadela.rig.toml | cadela | did you mean candela?"),
+        ("dmx host.rig.toml", "no.such.host.invalid | no host"),
+        ("dmx table.rig.toml", "lamp.ies: is no valid photometry"),
+        ("dmx good.rig.toml --lights nowhere.jsonl", "nowhere.jsonl: there is no such file"),
+        ("dmx good.rig.toml --lights text.txt --out out.jsonl", "text.txt: line 1"),
+        ("dmx good.rig.toml --out out.jsonl", "--out | --lights"),
+        ("dmx good.rig.toml --lights text.txt --out out.json", "--out: out.json | .jsonl"),
+        ("dmx good.rig.toml --lights text.txt --out out.jsonl --arm", "--out | --arm"),
+        ("dmx good.rig.toml none.toml --lights text.txt", "--lights | none.toml"),
+        ("run --rig nowhere.toml", "nowhere.toml: there is no such file"),
+        ("run --rig good.rig.toml --out out", "[fixtures] rig | lossless"),
+    ),
     # scenes
     *_rows(
         *((f"render good.exr --scene {name}.scene.toml --out out.png", f"{name}.scene.toml | {words}") for name, words in (
@@ -313,6 +340,10 @@ WRONG = [
             ("nan", "line 2: [renderer] exposure = nan"),
             ("inf", "line 2: [capture] fps = inf"),
             ("wide", "line 2: [renderer] width = 8193 | 8192"),
+            ("no_rig", "[fixtures] rig | nowhere.toml: there is no such file"),
+            ("wrong_rig", "[fixtures] rig | near.rig.toml: fixture key | within 0.1 m"),
+            ("unarmed", "[fixtures] arm | rig = FILE"),
+            ("lamps", "[fixtures] rig | vemlight dmx --lights"),
             ("large", "[renderer] width, height: 8192 x 8192"),
             ("tcp", "[wire] | vemlight keys"),
             ("hosts", "[wire.hosts] sampeler | did you mean sampler?"),

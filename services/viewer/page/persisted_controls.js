@@ -14,9 +14,10 @@ export class PersistedControls {
     const stored = JSON.parse(this.read());
     const settings = JSON.stringify([summary.mode, summary.settings]);
     const restarted = stored && stored.started !== summary.started_s && stored.settings === settings && Date.now() - stored.at < LIFETIME_MS;
-    const control = restarted && isDefault(summary.control) ? stored.control : summary.control;
+    const { armed, blackout, ...chosen } = summary.control; // of fixtures: never repeated by a page, they keep them by themselves
+    const control = restarted && isDefault(chosen) ? stored.control : chosen;
     this.write(JSON.stringify({ started: summary.started_s, settings, at: Date.now(), control }));
-    if (restarted && !isDefault(control) && isDefault(summary.control)) this.choose(control);
+    if (restarted && !isDefault(control) && isDefault(chosen)) this.choose(control);
   }
 
   read() {

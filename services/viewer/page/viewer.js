@@ -2,6 +2,7 @@
 
 import { BINARY_FEEDS } from "/constants.js";
 import { Controls } from "/controls.js";
+import { Fixtures } from "/fixtures.js";
 import { Objects } from "/objects.js";
 import { PersistedControls } from "/persisted_controls.js";
 import { Sky } from "/sky.js";
@@ -23,6 +24,7 @@ const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
 const controls = new Controls(notice);
 const objects = new Objects((change) => controls.choose(change));
+const fixtures = new Fixtures((change) => controls.choose(change));
 const persisted = new PersistedControls((control) => controls.choose(control));
 const notices = new Map();
 let picture = null;
@@ -59,8 +61,13 @@ function tokenRefused() {
   return fetch("/healthz", { signal: AbortSignal.timeout(RECONNECT_MS) }).then((answer) => answer.status === 401, () => false);
 }
 
-// Text is a summary, or a frame's lights. Returns the feed's name.
+// Text is a summary, or a frame's lights or levels. Returns the feed's name.
 function takeText(message) {
+  if (message.schema?.startsWith("vemlight.levels/")) {
+    fixtures.show(message);
+    count("rig");
+    return "levels";
+  }
   if (message.schema) {
     sky.take(message, performance.now());
     at("sky-facts").textContent = `${message.lights.length} lights · frame ${message.sequence}`;
@@ -71,6 +78,7 @@ function takeText(message) {
   persisted.take(message);
   controls.take(message);
   objects.take(message);
+  fixtures.take(message);
   showFigures(message);
   showCards(message);
   showCovers(message);

@@ -1,0 +1,76 @@
+"""The commands around real fixtures."""
+
+import sys
+from itertools import chain
+from pathlib import Path
+
+import click
+
+from vemlight.commands.parameters import STANDARD_OUTPUT, OutFile
+from vemlight.errors import UserError
+
+BUNDLED = "bundled"  # the word that names the rig of this package
+PATH = click.Path(path_type=Path)
+
+
+def rig_path(name: Path) -> Path:
+    """The rig file of that name, of the package for BUNDLED."""
+    return Path(__file__).parents[1] / "fixtures" / "rigs" / "dome.toml" if str(name) == BUNDLED else name
+
+
+@click.command()
+@click.argument("rig", type=PATH)
+@click.argument("settings", type=PATH, required=False)
+@click.option("--lights", type=PATH, help="LIGHTS.jsonl to play at its own times; left out: those of a sampler that runs with SETTINGS.")
+@click.option("--out", type=OutFile(".jsonl", dash=True), help="LEVELS.jsonl, or -: write the levels of --lights, and send nothing.")
+@click.option("--arm", is_flag=True, help="Send live; left out: a preview, which no fixture shows.")
+@click.option("--blackout", is_flag=True, help="Send darkness before the end.")
+def dmx(rig: Path, settings: Path | None, lights: Path | None, out: Path | None, arm: bool, blackout: bool) -> None:
+    """Drive real fixtures: levels that make the light at a person the map's, by sACN, Art-Net or DDP. RIG `bundled` is one to try."""
+    path = rig_path(rig)
+    if out and not lights:
+        raise UserError("--out: writes the levels of a file of lights; add --lights LIGHTS.jsonl")
+    if out and (arm or blackout):
+        raise UserError("--out: sends nothing; leave out --arm and --blackout")
+    if lights and settings:
+        raise UserError(f"--lights: takes the place of a sampler; leave out {settings}")
+    if lights:
+        _of_lights(path, lights, out, arm, blackout)
+    else:
+        _of_sampler(path, settings, arm, blackout)
+
+
+def _of_lights(path: Path, lights: Path, out: Path | None, arm: bool, blackout: bool) -> None:
+    from vemlight.files import written_whole
+    from vemlight.fixtures.check import check_rig_file
+    from vemlight.fixtures.playback import levels_lines, play
+
+    rig = check_rig_file(path)
+    if out is None:
+        play(rig, str(path), lights, arm=arm, blackout=blackout)
+    elif out == STANDARD_OUTPUT:
+        for line in levels_lines(rig, lights):
+            sys.stdout.buffer.write(line)
+    else:
+        lines, count = levels_lines(rig, lights), 0
+        first = next(lines)  # what cannot be read is found before anything is written
+        with written_whole(out) as part, open(part, "wb") as file:
+            for line in chain([first], lines):
+                file.write(line)
+                count += 1
+        click.echo(f"{out}: the levels of {count} frames")
+
+
+def _of_sampler(path: Path, settings: Path | None, arm: bool, blackout: bool) -> None:
+    import msgspec
+
+    from vemlight.fixtures.check import check_rig_file
+    from vemlight.fixtures.service import main
+    from vemlight.settings import Fixtures, read_settings
+
+    wanted = read_settings(settings)
+    check_rig_file(path)
+    main(msgspec.structs.replace(wanted, fixtures=Fixtures(rig=str(path.resolve()), arm=arm, blackout=blackout)))
+
+
+COMMANDS = (dmx,)

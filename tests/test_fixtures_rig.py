@@ -11,7 +11,8 @@ from tests.support.fixture_rigs import RGB, TARGET, beam, rig_of
 from vemlight.errors import UserError
 from vemlight.fixtures import rig as rig_module
 from vemlight.fixtures.photometrics import MIN_PIECES, pieces_of
-from vemlight.fixtures.rig import Emitter, Fixture, read_rig
+from vemlight.fixtures.rig import Emitter, Fixture
+from vemlight.fixtures.rig_file import read_rig
 from vemlight.fixtures.rig_system import RigSystem
 from vemlight.fixtures.slots import between, fixture_slots, universes_of
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.support import stage_files
 from tests.support.hostile.format import Format
 
 IES = b"""IESNA:LM-63-2002
@@ -61,6 +62,34 @@ def _read_rays(path: Path) -> object:
     from vemlight.renderer.luminaire.rayfile import read_rays
 
     return read_rays(path)
+
+
+def _stage_files(folder: Path) -> list[Path]:
+    path = folder / "a.mvr"
+    path.write_bytes(stage_files.mvr(*stage_files.FIXTURES, stage_files.FOCUS))
+    return [path]
+
+
+def _stage_bombs() -> dict[str, bytes]:
+    texts = {
+        "10 MB": b"<a>" + b" " * 10**7 + b"</a>", "128 MB": b" " * 2**27, "deep": b"<a>" * 10**6, "attributes": b"<a " + b'b="" ' * 10**6
+    }  # fmt: skip
+    bombs = {name: stage_files.packed({"GeneralSceneDescription.xml": text}) for name, text in texts.items()}
+    groups = 5000 * "<GroupObject><ChildList>" + 5000 * "</ChildList></GroupObject>"
+    lamp = stage_files.packed({"description.xml": bytes(2**27)})
+    return {
+        **bombs,
+        "no archive": b"PK" * 1000,
+        "groups": stage_files.mvr(groups),
+        "a large lamp": stage_files.mvr(*stage_files.FIXTURES, stage_files.FOCUS, lamp=lamp),
+        "many fixtures": stage_files.mvr(*(20_000 * stage_files.FIXTURES[:1])),
+    }
+
+
+def _read_stage(path: Path) -> object:
+    from vemlight.fixtures.rig_file import read_rig
+
+    return read_rig(path)
 
 
 def _text_bombs(sound: bytes) -> dict[str, bytes]:
@@ -301,6 +330,7 @@ FORMATS = {
         ".ldt", _text_files(a__ldt=LDT_LINES), _read_photometry, lambda: _photometry_bombs(LDT_LINES, (b"\n7\n", b"\n1000\n", b"\n0\n"))
     ),
     "tm25": Format(".tm25ray", _ray_files, _read_rays, _ray_bombs),
+    "stage": Format(".mvr", _stage_files, _read_stage, _stage_bombs),
     "settings": Format(".toml", _text_files(a__toml=SETTINGS), _settings, lambda: _toml_bombs(SETTINGS)),
     "scene": Format(".toml", _text_files(a__toml=SCENE), _scene, _scene_bombs),
     "lens": Format(".toml", _text_files(a__toml=LENS), _lens, lambda: _toml_bombs(LENS)),

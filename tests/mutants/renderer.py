@@ -193,6 +193,15 @@ MUTANTS = [
     *mutants_of(RENDERER + "scene/mesh_files.py", "tests/test_scene_limits.py", [
         ("stretched instances cleaned once", "> 1 and _keeps_shape(mesh.file_from_mesh[:3, :3])", "> 1"),
     ]),
+    *mutants_of(RENDERER + "scene/usd_layers.py", "tests/test_usd_files.py", [
+        ("layers anywhere", "if not Path(real).is_relative_to(self._folder) or", "if"),
+        ("layers of layers unseen", "waiting += self._named_by(layer)", "self._named_by(layer)"),
+        ("packages compressed", "entry.compress_type != zipfile.ZIP_STORED or", ""),
+    ]),
+    *mutants_of(RENDERER + "scene/usd_meshes.py", "tests/test_usd_files.py", [
+        ("left-handed faces as they are", "triangles = triangles[:, ::-1]", "triangles = triangles[:, :]"),
+        ("holes drawn", "kept[holes[(holes >= 0) & (holes < len(counts))]] = False", "kept[:] = True"),
+    ]),
     *mutants_of(RENDERER + "scene/gltf.py", "tests/test_gltf.py", [
         ("bytes of a glTF doubled", "MAX_BYTES = 2**30", "MAX_BYTES = 2**31"),
         ("numbers on top of each other doubled", "FREE_NUMBERS = 2**24", "FREE_NUMBERS = 2**25"),

@@ -46,9 +46,12 @@ class GltfFile:
     ValueError for one that requires an extension which is not read here.
     """
 
-    def __init__(self, path: Path, where: str = "") -> None:
-        content = read_file(path, MAX_BYTES)
-        self.stored_bytes = len(content)
+    def __init__(self, path: Path, where: str = "", content: bytes | None = None, stored_bytes: int = 0) -> None:
+        """content: of a .glb that was made of other files, which have so many bytes; None: of the file itself."""
+        self.stored_bytes = stored_bytes
+        if content is None:
+            content = read_file(path, MAX_BYTES)
+            self.stored_bytes = len(content)
         self.document, self._binary = _document(content)
         self._folder, self._where = path.parent, where or str(path)
         self._read: dict[str, bytes] = {}

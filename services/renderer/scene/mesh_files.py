@@ -1,4 +1,4 @@
-"""Meshes from files: glTF, OBJ, PLY and STL, with the materials and the motion that the file gives them."""
+"""Meshes from files: glTF, USD, OBJ, PLY and STL, with the materials and the motion that the file gives them."""
 
 import codecs
 from collections import Counter
@@ -22,10 +22,12 @@ from vemlight.renderer.scene.ply_files import read_ply
 from vemlight.renderer.scene.scene_limits import FREE_CORNERS, MAX_MESHES, SceneLimits
 from vemlight.renderer.scene.source_mesh import FileMeshes, SourceMesh, used_vertices
 from vemlight.renderer.scene.stl_files import read_stl
+from vemlight.renderer.scene.usd_files import USD_SUFFIXES, read_usd
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 MAX_BYTES = 2**29  # of an OBJ, PLY or STL: 5 million triangles with normals and texture coordinates in text
-MESH_SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl")
+NODE_SUFFIXES = (*GLTF_SUFFIXES, *USD_SUFFIXES)  # scenes of nodes, with y up, materials, cameras and animation
+MESH_SUFFIXES = (*NODE_SUFFIXES, ".obj", ".ply", ".stl")
 FLATTENED = 1e-12  # of a transform's largest scale, so much along another axis is none; any value in 1e-14 .. 1e-9 does
 MIN_SCALE = 1e-6  # of an instance, along each axis; any value in 1e-12 .. 1e-3 does
 
@@ -52,7 +54,7 @@ class MeshFile(NamedTuple):
 
 
 def read_meshes(path: Path, where: str, animation: str = "", materials: bool = True, limits: SceneLimits | None = None) -> MeshFile:
-    """Each mesh in a glTF, OBJ, PLY or STL file.
+    """Each mesh in a glTF, USD, OBJ, PLY or STL file.
 
     animation: which of several, as in animation.py. materials: whether glTF's own are read. limits: of the scene that the file is part of.
     Raises UserError that begins with `where` for a file that cannot be read, requires what is not read here or refers to a file outside
@@ -61,13 +63,15 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     limits, cameras = limits or SceneLimits(), ()
     try:
         with np.errstate(all="ignore"):  # of numbers that are found to be none afterwards
-            if path.suffix.lower() in GLTF_SUFFIXES:
-                file = GltfFile(path)
+            if path.suffix.lower() in NODE_SUFFIXES:
+                usd = read_usd(path) if path.suffix.lower() in USD_SUFFIXES else None
+                file = GltfFile(path, content=usd.glb, stored_bytes=usd.stored_bytes) if usd else GltfFile(path)
                 file_materials = GltfMaterials(file)
                 tree = read_nodes(file)
                 cameras = tuple(read_cameras(file, tree))
                 meshes, left_out = _gltf_meshes(file, tree, file_materials, limits, animation, materials)
                 left_out += _unsupported(file, file_materials, animation)
+                left_out += usd.left_out if usd else []
             else:
                 meshes, left_out = _meshes_of_other_files(path, limits)
     except UserError as error:

@@ -36,7 +36,7 @@ from vemlight.renderer.scene.materials import (
     material_from_table,
     material_kind,
 )
-from vemlight.renderer.scene.mesh_files import GLTF_SUFFIXES, MESH_SUFFIXES, MeshFile, MeshPart, read_meshes
+from vemlight.renderer.scene.mesh_files import MESH_SUFFIXES, NODE_SUFFIXES, USD_SUFFIXES, MeshFile, MeshPart, read_meshes
 from vemlight.renderer.scene.meshes import Geometry, Shape, bounds, shape_geometry, swept_bounds
 from vemlight.renderer.scene.plate_table import PlateTable, load_plate
 from vemlight.renderer.scene.scene_limits import MAX_LUMINAIRES, SceneLimits
@@ -226,7 +226,7 @@ def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> PlacedFile:
         raise UserError(f"{where}: {error}") from error
     _check_table(row, where)
     file = files.read(row, where, materials=material is None)
-    y_up = Path(row.file).suffix.lower() in GLTF_SUFFIXES if row.y_up is None else row.y_up
+    y_up = Path(row.file).suffix.lower() in NODE_SUFFIXES if row.y_up is None else row.y_up
     z_up, rotation = Z_UP_FROM_Y_UP if y_up else np.eye(3), rotation_xyz(row.rotate)
     linear = rotation @ z_up * row.scale if isinstance(row.scale, float) else rotation @ np.diag(row.scale) @ z_up
     world_from_file = np.eye(4)
@@ -262,7 +262,9 @@ def _check_table(row: MeshTable, where: str) -> None:
         if not 1 / MAX_SCALE <= scale <= MAX_SCALE:
             raise UserError(f"{where}: scale = {scale:g} must be from {1 / MAX_SCALE:g} to {MAX_SCALE:g}; correct it")
     suffix = Path(row.file).suffix.lower()
-    if row.animation and suffix not in GLTF_SUFFIXES:
-        raise UserError(f"{where}: animation = {row.animation}: only .glb and .gltf files have animations; leave it out")
+    if row.animation and suffix not in NODE_SUFFIXES:
+        raise UserError(f"{where}: animation = {row.animation}: only {', '.join(NODE_SUFFIXES)} files have animations; leave it out")
+    if row.y_up is not None and suffix in USD_SUFFIXES:
+        raise UserError(f"{where}: y_up: {row.file} says itself which axis is up; leave it out")
     if row.file and suffix not in MESH_SUFFIXES:
         raise UserError(f"{where}: {row.file} is none of {', '.join(MESH_SUFFIXES)}; convert it")

@@ -287,7 +287,7 @@ def _mtl_bombs() -> dict[str, bytes]:
 
 def _read_mtl(path: Path) -> object:
     path.with_suffix(".obj").write_bytes(OBJ_OF_MTL)
-    return _read_mesh(path.with_suffix(".obj"))
+    return read_mesh(path.with_suffix(".obj"))
 
 
 def _ply_bombs() -> dict[str, bytes]:
@@ -355,7 +355,8 @@ def _stl_bombs() -> dict[str, bytes]:
     return bombs
 
 
-def _read_mesh(path: Path) -> object:
+def read_mesh(path: Path) -> object:
+    """Reads a file as the mesh of a scene."""
     scene = path.with_suffix(".toml")
     scene.write_text(f'[camera]\nfrom = [3.0, -4.0, 2.5]\nat = [0.0, 0.0, 0.5]\n[[mesh]]\nfile = "{path.name}"\n')
     from vemlight.renderer.scene.scene import load_scene
@@ -364,9 +365,9 @@ def _read_mesh(path: Path) -> object:
 
 
 FORMATS = {
-    "gltf": Format(".gltf", _gltf_files, _read_mesh, _gltf_bombs, _with_lengths),
-    "obj": Format(".obj", _exported(".obj"), _read_mesh, _obj_bombs),
+    "gltf": Format(".gltf", _gltf_files, read_mesh, _gltf_bombs, _with_lengths),
+    "obj": Format(".obj", _exported(".obj"), read_mesh, _obj_bombs),
     "mtl": Format(".mtl", _mtl_files, _read_mtl, _mtl_bombs),
-    "ply": Format(".ply", _exported(".ply"), _read_mesh, _ply_bombs),
-    "stl": Format(".stl", _exported(".stl"), _read_mesh, _stl_bombs),
+    "ply": Format(".ply", _exported(".ply"), read_mesh, _ply_bombs),
+    "stl": Format(".stl", _exported(".stl"), read_mesh, _stl_bombs),
 }

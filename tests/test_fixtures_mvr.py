@@ -30,7 +30,7 @@ def test_a_stage_becomes_a_rig(tmp_path):
     assert (fill.universe, fill.address) == (1, 100)
     assert (key.at, key.aim) == ((2.0, 1.0, 4.0), (2.0, 1.0, 3.0))
     np.testing.assert_allclose(fill.at, (0, -3, 3), atol=1e-9)  # in a truss that is turned by 90 degrees
-    np.testing.assert_allclose(fill.aim, (0, -2, 3), atol=1e-9)
+    assert fill.aim == pytest.approx((0, -2, 3), abs=1e-9)
     assert head.aim == (0.0, 0.0, 1.6)  # its focus point
     assert [emitter.name for emitter in key.emitters] == ["Red", "Green", "Blue"]
     assert key.emitters[0].xy == (0.69, 0.308)

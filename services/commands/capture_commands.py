@@ -60,7 +60,7 @@ def simulate(options: SimulateOptions) -> None:
 
 @click.group()
 def calibrate() -> None:
-    """Calibrate a camera: its lens and its sensor's response."""
+    """Calibrate a camera, its lens and its sensor's response, or a rig of fixtures."""
 
 
 @calibrate.command()

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from vemlight.commands.parameters import STANDARD_OUTPUT, OutFile
+from vemlight.commands.capture_commands import calibrate
+from vemlight.commands.parameters import STANDARD_OUTPUT, Number, OutFile
 from vemlight.errors import UserError
 
 BUNDLED = "bundled"  # the word that names the rig of this package
@@ -71,6 +72,21 @@ def _of_sampler(path: Path, settings: Path | None, arm: bool, blackout: bool) ->
     wanted = read_settings(settings)
     check_rig_file(path)
     main(msgspec.structs.replace(wanted, fixtures=Fixtures(rig=str(path.resolve()), arm=arm, blackout=blackout)))
+
+
+@calibrate.command("rig")
+@click.argument("rig", type=PATH)
+@click.argument("settings", type=PATH)
+@click.option("--arm", is_flag=True, help="Needed: each emitter goes to full, one at a time.")
+@click.option("--settle", "settle_s", type=Number(0, 60), default=0.5, show_default=True, help="Seconds from a level to its picture.")
+@click.option("--level", type=Number(0.01, 1), default=1.0, show_default=True, help="Of each emitter, where full clips the camera.")
+def calibrate_rig(rig: Path, settings: Path, arm: bool, settle_s: float, level: float) -> None:
+    """Measure a rig: step through its fixtures with the camera of SETTINGS at the target; write their colours and strengths to RIG."""
+    from vemlight.commands.rig_calibration import calibrate_rig_file
+
+    if not arm:
+        raise UserError("--arm: each emitter goes to full, one at a time; add --arm when everybody is ready")
+    calibrate_rig_file(rig, settings, settle_s=settle_s, level=level)
 
 
 COMMANDS = (dmx,)

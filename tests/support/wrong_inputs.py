@@ -104,6 +104,7 @@ FILES = {
     "host.rig.toml": RIG + '[output]\ndestination = "no.such.host.invalid"\n',
     "table.rig.toml": RIG.replace("beam_deg = 30", 'photometry = "lamp.ies"'),
     "lamp.ies": "no lamp\n",
+    "stage.mvr": "no stage\n",
     "text.txt": "no picture\n",
 }
 
@@ -303,6 +304,11 @@ WRONG = [
         ("dmx good.rig.toml --lights text.txt --out out.json", "--out: out.json | .jsonl"),
         ("dmx good.rig.toml --lights text.txt --out out.jsonl --arm", "--out | --arm"),
         ("dmx good.rig.toml none.toml --lights text.txt", "--lights | none.toml"),
+        ("dmx stage.mvr", "stage.mvr: is no zip archive"),
+        ("calibrate rig good.rig.toml start.toml", "--arm | one at a time"),
+        ("calibrate rig good.rig.toml start.toml --arm", "start.toml | no camera or stream"),
+        ("calibrate rig good.rig.toml start.toml --arm --level 0", "--level: 0.0 is not in the range"),
+        ("calibrate rig near.rig.toml start.toml --arm", "near.rig.toml: fixture key | within 0.1 m"),
         ("run --rig nowhere.toml", "nowhere.toml: there is no such file"),
         ("run --rig good.rig.toml --out out", "[fixtures] rig | lossless"),
     ),

@@ -1,8 +1,8 @@
 """Loops that are too slow in Python, compiled by numba.
 
-A service waits for the compiler at its first start, so a kernel is compiled for what it is called with and no more: assigning one slice, or
-an expression of arrays, to another makes numba compile the text of an error message, 2 s, calls of LAPACK take 5 s, each further version of a
-function as long again.
+A service waits for the compiler at its first start, so a kernel is compiled for what it is called with and no more: assigning a slice or an
+expression of arrays to another slice makes numba compile the text of an error message, 2 s, calls of LAPACK take 5 s, each further version
+of a function as long again.
 """
 
 import gc
@@ -10,6 +10,8 @@ import sys
 import time
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
 
 # numba imports scipy.linalg to see whether there is BLAS, .2 s of each start. No kernel calls BLAS, so numba finds none.
 BLAS = "scipy.linalg.cython_blas"
@@ -25,8 +27,8 @@ finally:
         sys.modules[BLAS] = _loaded
 
 
-# Objects that are made between two garbage collections while numba compiles, which makes millions that stay: the default of 700 takes a tenth
-# of its time. Any value from 20,000 on does; at this one a process holds 20 MB more.
+# Objects that are made between two garbage collections while numba compiles, which makes millions that stay: the default of 700 takes a
+# tenth of its time. Any value from 20,000 on does; at this one a process holds 20 MB more.
 COMPILING_GC = 50_000
 SAY_AFTER_S = 2.0  # of compiling, and again after as long: somebody wonders. 1 to 5 s would do
 
@@ -73,6 +75,13 @@ def subroutine(function: Callable[..., Any] | None = None, **options: Any) -> An
     """As `kernel`, for what only kernels call: without the code by which Python calls it, which is a seventh of all."""
     compiled: Any = numba.njit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)  # pyright: ignore[reportCallIssue]
     return compiled if function is None else compiled(function)
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A view of the array that cannot be written, as arrays off the wire cannot: numba compiles a kernel for each of the two."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def callback(signature: str) -> Callable[[Callable[..., Any]], Any]:

@@ -12,13 +12,26 @@ from vemlight.settings import Capture, Settings
 
 
 def _sampler() -> None:
+    from vemlight.light.bright_cells import NO_BRIGHT_CELLS
     from vemlight.sampler.stage import warm
+    from vemlight.sampler.tracking.split_merge import cheapest_pair
+    from vemlight.sampler.tracking.tiles import tiles_from_map
+    from vemlight.sampler.tracking.voronoi import cells_from_sites, lights_from_cells
 
     warm(Settings().sampler)
+    # What few frames take: merging lights, and lights that are points.
+    tiles, sites = tiles_from_map(np.ones((6, 24, 3), np.float32), "hemisphere", 3, NO_BRIGHT_CELLS), np.eye(3)
+    cells = cells_from_sites(tiles, sites)
+    cheapest_pair(sites, cells)
+    lights_from_cells(tiles, cells.moment, cells.assignment, sites, np.zeros((3, 3)))
 
 
 def _capture() -> None:
+    from vemlight.capture.colour_coding import colour_coding
+    from vemlight.capture.frames import FrameMaker
+    from vemlight.capture.planes import planes_from_image
     from vemlight.capture.source import open_source
+    from vemlight.light.colour_tags import ColourTags
     from vemlight.light.images import read_radiance
 
     open_source(Settings().capture).frame(0)
@@ -28,6 +41,11 @@ def _capture() -> None:
         file.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + np.full((4, 8, 4), 128, np.uint8).tobytes())
         read_radiance(file)
         open_source(Capture(source=str(file))).frame(0)
+    # Films and stills, of 8 bits and of more.
+    coding = colour_coding(Capture(), "", ColourTags("bt709", "bt709", "rgb", "full"))
+    for dtype in (np.uint8, np.uint16):
+        planes = planes_from_image(np.zeros((4, 8, 3), dtype), 8 * np.dtype(dtype).itemsize)
+        FrameMaker(Capture(), Path()).frame_from_planes("", planes, coding, 0.0)
 
 
 def _renderer() -> None:
@@ -40,16 +58,19 @@ def _renderer() -> None:
         from vemlight.renderer.rays.tracing import RayTracer
 
         scene = load_scene(None)
-        tracer = RayTracer(scene, (8, 8))
+        tracer = RayTracer(scene, (8, 32))  # rows for more than one thread, as all pictures have
         tracer.warm()
         with ThreadPoolExecutor(1) as threads:
             Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, threads, 16, 1).warm()
 
 
+JOBS = (_sampler, _capture, _renderer)
+
+
 def precompile() -> None:
     """Compiles in a process for each service."""
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as processes:
-        for done in [processes.submit(job) for job in (_sampler, _capture, _renderer)]:
+        for done in [processes.submit(job) for job in JOBS]:
             done.result()
 
 

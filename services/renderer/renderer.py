@@ -110,6 +110,12 @@ class Renderer:
         }
         check_context(context)
 
+    def warm(self) -> None:
+        """Compiles, or loads, what rays need, so that no first picture waits for it; before the first frame."""
+        for part in (self._rays, self._bounce):
+            if part:
+                part.warm()
+
     def drawable(self, lights: LightSet) -> LightSet:
         """The lights as this renderer draws them: those with extent as they are by rays, as several points each by maps."""
         return lights if self.setup.traced else points_of_extents(lights)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.kernels import kernel
+from vemlight.kernels import kernel, read_only
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED, LUMINANCE_WEIGHTS
 from vemlight.light.sphere import Coverage, cell_solid_angles
 
@@ -39,12 +39,11 @@ def light_map(radiance: np.ndarray, coverage: Coverage) -> LightMap:
     rows, cols, _ = radiance.shape
     clean, invalid_cells = np.ascontiguousarray(radiance, np.float32), 0
     importance, irradiance, solid_angles = np.empty((rows, cols)), np.empty(3), _solid_angles(rows, cols, coverage)
+    clean = read_only(clean)
     if not _measure(clean, clean.reshape(rows, -1), solid_angles, importance, irradiance):
-        clean = clean.copy()
-        invalid_cells = _clear_invalid(clean)
+        valid = clean.copy()
+        invalid_cells, clean = _clear_invalid(valid), read_only(valid)
         _measure(clean, clean.reshape(rows, -1), solid_angles, importance, irradiance)
-    clean = clean.view()
-    clean.flags.writeable = False
     power = float(irradiance @ LUMINANCE_WEIGHTS)
     _raise_floor(importance, power / float(solid_angles.sum() * cols))
     return LightMap(clean, importance, irradiance, power, invalid_cells, coverage)

@@ -12,7 +12,7 @@ import llvmlite.binding
 import numpy as np
 from numba import types
 
-from vemlight.kernels import kernel, subroutine
+from vemlight.kernels import kernel, read_only, subroutine
 from vemlight.renderer.gl.constants import NORMAL_CODES
 from vemlight.renderer.rays.embree import RayScene, function_address
 from vemlight.renderer.rays.soft_filter import DARK, LIT, UNKNOWN, filter_rows
@@ -161,7 +161,8 @@ class RayTracer:
     def warm(self) -> None:
         """Compiles, or loads, what a picture needs."""
         width, height = self._size
-        self.see(np.zeros((height, width), np.float32), np.zeros((height, width, 4), np.uint16), np.eye(3), np.zeros(3))
+        depth, codes = np.zeros((height, width), np.float32), np.zeros((height, width, 4), np.uint16)
+        self.see(read_only(depth), read_only(codes), np.eye(3), np.zeros(3))
         lights = TracedLights(np.zeros((2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.array([POINT, 1]))
         self.trace(lights, soft_pattern(0, 1))
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.kernels import kernel
+from vemlight.kernels import kernel, read_only
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 
 STRIDE = 4  # one column in so many is looked at: 8,100 cells of 90 x 360 give the variance to 2 % a frame
@@ -34,7 +34,7 @@ def noise_after(before: Noise, radiance: np.ndarray) -> Noise:
     luminance, change = np.empty((2, rows, -(-cols // STRIDE)), np.float32)
     comparable = before.last.shape == luminance.shape
     last, last_change = (before.last, before.change) if comparable else (luminance, np.zeros_like(luminance))
-    covariance = _covariance(last, last_change, radiance, luminance, change)
+    covariance = _covariance(last, last_change, read_only(radiance), luminance, change)
     return Noise(luminance, change, before.variance + MEAN_GAIN * (max(-covariance, 0.0) - before.variance) if comparable else 0.0)
 
 

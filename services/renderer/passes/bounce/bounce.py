@@ -91,6 +91,10 @@ class BounceLight:
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._arrays[catchers].render(moderngl.TRIANGLES, vertices=3)
 
+    def warm(self) -> None:
+        """Compiles, or loads, what a bounce needs."""
+        self._bounce.warm()
+
     def release(self) -> None:
         """Frees what this holds."""
         self._threads.shutdown()

@@ -53,6 +53,10 @@ class TracedVisibility:
             for own, layer in zip(arriving, layers[first : first + together], strict=True):
                 texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
 
+    def warm(self) -> None:
+        """Compiles, or loads, what a picture needs."""
+        self._tracer.warm()
+
     def release(self) -> None:
         """Frees what the rays need."""
         self._tracer.release()

@@ -19,7 +19,7 @@ from vemlight.settings import Settings
 
 CameraMessage = tuple[wire.MapMessage | wire.PlateMessage, tuple[np.ndarray, ...]]
 LISTENERS = "VEMLIGHT_LISTENERS"  # in the environment: the services that a source waits for before it plays, as names with spaces between
-LISTENERS_S = 90.0  # then it plays in any case: three times what compiling takes on a slow machine; 60 to 300 s would do
+LISTENERS_S = 300.0  # then it plays in any case: compiling took 200 s on a machine with much else to do; up to 900 s would do
 
 
 class Source(Protocol):
@@ -72,15 +72,26 @@ def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
         transport.close()
 
 
+class Listeners:
+    """The services that LISTENERS names, each until it has published a status: no frame shall be played to nobody."""
+
+    def __init__(self, transport: Transport) -> None:
+        named = os.environ.get(LISTENERS, "").split()
+        self.sockets = [transport.subscribe(service, "status") for service in SERVICES if service in named]
+        self._give_up_s = time.monotonic() + LISTENERS_S
+
+    def awaited(self, stats: ServiceStats) -> bool:
+        """Whether one of them is not ready yet."""
+        self.sockets = [socket for socket in self.sockets if not list(receive_all(socket, stats))]
+        return bool(self.sockets) and time.monotonic() < self._give_up_s
+
+
 def _await_listeners(transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
-    """Waits until each of the services that LISTENERS names has published a status, so that no frame is played to nobody."""
-    awaited = {service: transport.subscribe(service, "status") for service in SERVICES if service in os.environ.get(LISTENERS, "").split()}
-    give_up_s = time.monotonic() + LISTENERS_S
-    while awaited and not stop.received and time.monotonic() < give_up_s:
-        zmq.select([*awaited.values(), publisher], [], [], POLL_MS / 1e3)
+    listeners = Listeners(transport)
+    while listeners.awaited(stats) and not stop.received:
+        zmq.select([*listeners.sockets, publisher], [], [], POLL_MS / 1e3)
         accept_subscriptions(publisher)
         publish_status(publisher, stats)
-        awaited = {service: socket for service, socket in awaited.items() if not list(receive_all(socket, stats))}
 
 
 def _run_source_live(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
@@ -146,6 +157,7 @@ def _run_source_lossless(source: Source, transport: Transport, publisher: Any, s
 def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
     """Runs a camera, in live mode. Paused, the last frame's light is sent again with each new frame's number and stamp.
 
+    Where so many frames are wanted and no more, what comes before the listeners are ready is not one of them and is not sent.
     Raises UserError for addresses that are taken and for a camera that cannot go on.
     """
     transport = Transport(settings.wire)
@@ -153,6 +165,7 @@ def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
     try:
         stats = ServiceStats(camera.service, restarts)
         publisher, controls = transport.bind(camera.service, "publish"), transport.subscribe("viewer", "control")
+        listeners = None if camera.limit is None else Listeners(transport)
         paused = False
         last: CameraMessage | None = None
         while not stop.received:
@@ -164,8 +177,10 @@ def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
             else:
                 started_s = time.monotonic()
                 message, lost = camera.message(POLL_MS / 1e3)
-                stats.dropped += lost
                 stats.unwritten = camera.unwritten
+                if listeners and listeners.awaited(stats):
+                    message, lost = None, 0
+                stats.dropped += lost
                 if message and last and paused:
                     message = msgspec.structs.replace(last[0], stamp=message[0].stamp), last[1]
                 if message:

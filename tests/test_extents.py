@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.light_set import are_covariances
 from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles, direction_from_angles, map_irradiance
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.score import score
+from vemlight.sampler.tracking.extents import soft_lights
+from vemlight.sampler.tracking.sources import SourceTiles
+from vemlight.sampler.tracking.tiles import Tiles
 from vemlight.sampler.tracking.tracked import initial_tracked, tracked_step
+from vemlight.sampler.tracking.voronoi import cells_from_sites
 
 ROWS, COLS = 45, 180
 
@@ -65,9 +70,48 @@ def test_one_light_has_the_maps_own_moments():
     covariance = np.einsum("n,ni,nj->ij", power, directions, directions) / power.sum() - np.outer(mean, mean)
     np.testing.assert_allclose(lights.directions[0], mean / np.linalg.norm(mean), atol=1e-3)
     # The mean needs no field of its own: its square and the covariance's trace are 1.
-    assert 1 - np.trace(full(covariances)[0]) == pytest.approx(mean @ mean, rel=2e-3)
+    assert 1 - np.trace(full(covariances)[0]) == pytest.approx(mean @ mean, rel=5e-3)
     # Tiles of 8 degrees are taken as even across, which moves light by a thousandth between the axes.
     np.testing.assert_allclose(full(covariances)[0], covariance, atol=2e-3)
+
+
+def _tiles(directions, power):
+    """Tiles without an extent of their own."""
+    n = len(power)
+    return Tiles(np.repeat(power[None], 3, axis=0), power, np.ascontiguousarray(directions.T), np.ones(n), np.full(n, 1e-4), np.ones(n))
+
+
+def _shadow_error(x, power, variance):
+    """Mean over four axes of the squared difference between the distributions of light at x (n, 2), in degrees, and of a Gaussian."""
+    grid, total = np.linspace(-12, 12, 1201), 0.0
+    for turn in np.radians([10, 55, 100, 145]):
+        along = x @ [np.cos(turn), np.sin(turn)]
+        light = (power[:, None] * (along[:, None] <= grid)).sum(axis=0) / power.sum()
+        total += ((light - ndtr(grid / np.sqrt(variance))) ** 2).mean()
+    return total
+
+
+@pytest.mark.parametrize("name", ["disc", "ring", "core and halo", "bell"])
+def test_a_source_has_the_extent_that_casts_the_truest_shadow(name):
+    generator = np.random.default_rng(3)
+    turn, radius = generator.uniform(0, 2 * np.pi, 400), np.sqrt(generator.uniform(0, 1, 400))
+    radius = {"disc": 2 * radius, "ring": 1.5 + 0.3 * radius, "core and halo": np.where(radius < 0.75, 0.4, 2.0) * radius,
+              "bell": np.sqrt(-2 * np.log(1 - 0.999 * radius**2))}[name]  # fmt: skip
+    x = radius[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    directions = np.concatenate([np.radians(x), np.ones((400, 1))], axis=1)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    tiles, nothing = _tiles(directions, np.ones(400)), np.zeros(400, np.int64)
+    sources = SourceTiles(np.array([[0.0, 0.0, 1.0]]), nothing, np.ones(400))
+    sites = np.array([[0.0, 1.0, 0.0]])
+    lights = soft_lights(tiles, np.arange(2), sites, cells_from_sites(tiles, sites).assignment, sources)
+    assert lights.covariances is not None
+    assert lights.irradiance[0, 0] == pytest.approx(400)
+    found = _shadow_error(x, np.ones(400), np.degrees(1) ** 2 * lights.covariances[0, [0, 3]].mean())
+    moments = np.mean(x**2)
+    assert found < 1.05 * min(_shadow_error(x, np.ones(400), scale * moments) for scale in np.linspace(0.4, 1.6, 61))
+    ratio = np.degrees(1) ** 2 * lights.covariances[0, [0, 3]].sum() / np.sum(np.mean(x**2, axis=0))
+    low, high = {"disc": (1.1, 1.25), "ring": (1.2, 1.5), "core and halo": (0.5, 0.9), "bell": (0.93, 1.07)}[name]
+    assert low < ratio <= high
 
 
 def test_a_lamp_is_one_light_with_the_variance_of_a_disc():

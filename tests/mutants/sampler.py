@@ -117,7 +117,11 @@ MUTANTS = [
     ]),
     *mutants_of(SAMPLER + "tracking/extents.py", "tests/test_extents.py", [
         ("no steps", "STEPS = 3", "STEPS = 0"),
-        ("hard weights", "SHARPNESS = np.float32(3.0)", "SHARPNESS = np.float32(0.5)"),
+        ("hard weights", "SHARPNESS = np.float32(2.0)", "SHARPNESS = np.float32(0.5)"),
+        ("cells as wide as their light", "\nCELL_EXTENT = 0.83", "\nCELL_EXTENT = 1.0"),
+        ("cells too narrow", "\nCELL_EXTENT = 0.83", "\nCELL_EXTENT = 0.6"),
+        ("one light for half the sky", "length[len(sources.directions) :, 0] ** 8", "1.0"),
+        ("sources by their moments", "EXTENT_STEPS = 3 ", "EXTENT_STEPS = 0 "),
         ("no extent of a tile", "return 0.5 * max(1 - tiles", "return 0.0 * max(1 - tiles"),
         ("one site near", "NEIGHBOURS = 16", "NEIGHBOURS = 1"),
     ]),

@@ -48,6 +48,15 @@ def test_a_number_that_proved_too_small_is_not_tried_again_soon():
     assert used[-1] == 10
 
 
+def test_what_proved_too_small_stops_no_fall_from_far_above():
+    """30 fell to 15, which was too few; a minute of many lights later 30 do again, and nobody waits for the back-off."""
+    used, _ = fed([30, *[15] * 28, *[30] * 28, *[90] * 5, *[16] * 40])
+    assert used[28] == 15
+    assert used[29] == 30
+    assert used[61] == 90
+    assert used[-1] == 30
+
+
 def test_a_gap_and_time_that_goes_back_begin_anew():
     now = fed([60] * 10)[1]
     assert now

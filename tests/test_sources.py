@@ -9,7 +9,7 @@ from vemlight.light.sphere import cell_directions, cell_solid_angles, direction_
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
-from vemlight.sampler.tracking.sources import NO_SOURCES, Sources, peaks_of, source_lights, sources_after, steady_extents
+from vemlight.sampler.tracking.sources import NO_SOURCES, Sources, narrowed, peaks_of, source_lights, sources_after, steady_extents
 from vemlight.sampler.tracking.tiles import tiles_from_map
 from vemlight.sampler.tracking.tracked import initial_tracked, tracked_step
 from vemlight.settings import Sampler
@@ -85,7 +85,8 @@ def test_an_even_sky_and_a_ramp_have_no_source():
 
 
 def known(direction, seen_s=0.0, source=7):
-    return Sources(np.array([source]), np.asarray(direction, float)[None], np.zeros((1, 3)), np.array([seen_s]), np.full(1, 1e-4))
+    directions, whole = np.asarray(direction, float)[None], np.zeros(1, bool)
+    return Sources(np.array([source]), directions, np.zeros((1, 3)), np.array([seen_s]), np.full(1, 1e-4), whole)
 
 
 @pytest.mark.parametrize(("degrees", "same"), [(0.5, True), (11.0, True), (13.5, False)])
@@ -98,7 +99,7 @@ def test_a_source_that_moved_by_twelve_degrees_keeps_its_id(degrees, same):
 @pytest.mark.parametrize(("gap_s", "same"), [(0.5, True), (0.99, True), (1.5, False)])
 def test_an_id_waits_a_second_for_its_source(gap_s, same):
     places = np.stack([place(40, 120), place(70, 300)])
-    before = Sources(np.array([7, 8]), places, np.zeros((2, 3)), np.array([0.0, gap_s - 0.04]), np.full(2, 1e-4))
+    before = Sources(np.array([7, 8]), places, np.zeros((2, 3)), np.array([0.0, gap_s - 0.04]), np.full(2, 1e-4), np.zeros(2, bool))
     sources, now = sources_after(before, peaks(lit((40, 120, 3, 0.2))), gap_s, 50, MAX_COUNT)
     assert len(now) == 1
     assert (sources.ids[0] == 7) == same
@@ -110,7 +111,8 @@ def test_a_source_of_the_frame_before_keeps_its_id_over_a_gap_of_any_length():
 
 
 def test_each_of_two_sources_keeps_its_own_id_when_they_come_close():
-    before = Sources(np.array([7, 8]), np.stack([place(40, 120), place(40, 140)]), np.zeros((2, 3)), np.zeros(2), np.full(2, 1e-4))
+    places = np.stack([place(40, 120), place(40, 140)])
+    before = Sources(np.array([7, 8]), places, np.zeros((2, 3)), np.zeros(2), np.full(2, 1e-4), np.zeros(2, bool))
     sources, _ = sources_after(before, peaks(lit((40, 124, 2, 0.2), (40, 136, 2, 0.2))), 0.04, 50, MAX_COUNT)
     nearer_to_first = sources.directions @ (place(40, 124) - place(40, 136)) > 0
     assert dict(zip(sources.ids.tolist(), nearer_to_first.tolist(), strict=True)) == {7: True, 8: False}
@@ -182,15 +184,57 @@ def test_of_points_at_a_source_the_strongest_has_its_id():
 def test_many_soft_lights_divide_a_lamp_and_its_id_stays_through_the_change():
     state, seen = initial_tracked(), []
     for k, count in enumerate([96, 96, 160, 160, 96, 127, 128]):
-        state, lights, _ = tracked_step(count, state, SamplerInput(lit((40, 120, 4, 0.6)), "hemisphere", k / 25), False, soft=True)
+        state, lights, _ = tracked_step(count, state, SamplerInput(lit((40, 120, 4, 0.45)), "hemisphere", k / 25), False, soft=True)
         assert len(set(lights.ids.tolist())) == len(lights.ids)
         near = lights.directions @ place(40, 120) > np.cos(np.radians(3))
         power = lights.irradiance.sum(axis=1)
         part = power[near].max() / power.sum()
-        assert part > 0.55 if count < 128 else part < 0.3
-        if part > 0.55 or k == 2:
+        assert part > 0.4 if count < 128 else part < 0.25
+        if part > 0.4 or k == 2:
             seen.append(int(lights.ids[np.where(near, power, -1).argmax()]))
     assert len(set(seen[:2] + seen[3:])) == 1
+
+
+@pytest.mark.parametrize(("diameter", "fraction", "count", "divided"), [
+    (5, 0.7, 64, True), (5, 0.7, 63, False), (5, 0.3, 64, False), (1.5, 0.9, 100, False), (1.5, 0.9, 128, True),
+])  # fmt: skip
+def test_a_wide_strong_lamp_is_divided_from_64_lights_on_and_a_sun_from_128(diameter, fraction, count, divided):
+    state, strongest = initial_tracked(), []
+    for k in range(12):
+        radiance = lit((40.5, 120 + 0.5 * k, diameter, fraction))
+        state, lights, _ = tracked_step(count, state, SamplerInput(radiance, "hemisphere", k / 25, NO_BRIGHT_CELLS), soft=True)
+        power = lights.irradiance.sum(axis=1)
+        assert (power.max() / power.sum() < 0.6 * fraction) == divided
+        strongest.append(int(lights.ids[power.argmax()]))
+        assert len(set(lights.ids.tolist())) == len(lights.ids)
+    assert divided or len(set(strongest)) == 1
+
+
+def test_whether_a_source_is_divided_is_decided_when_it_enters():
+    """A lamp that grows stays one light; one that fades stays several."""
+    for fractions in ([0.2, 0.5, 0.8], [0.8, 0.5, 0.2]):
+        state, whole = initial_tracked(), []
+        for k, fraction in enumerate(np.repeat(fractions, 3)):
+            frame = SamplerInput(lit((40.5, 120, 5, fraction)), "hemisphere", k / 25, NO_BRIGHT_CELLS)
+            state, lights, _ = tracked_step(64, state, frame, soft=True)
+            power = lights.irradiance.sum(axis=1)
+            whole.append(bool(power.max() > 0.8 * fraction * power.sum()))
+        assert set(whole) == {fractions[0] < 0.5}
+
+
+def test_light_is_judged_as_narrow_as_its_source_was_seen():
+    radiance = lit()
+    for row, column in ((40, 120), (40, 121), (41, 120), (41, 121)):
+        radiance[row, column] += 2 * np.pi / 4 / np.broadcast_to(SOLID_ANGLES, (ROWS, COLS))[row, column]
+    tiles = tiles_from_map(radiance, "hemisphere", 128, NO_BRIGHT_CELLS)
+    source_tiles, _, _ = source_lights(tiles, peaks_of(tiles), np.arange(1))
+    drawn = narrowed(tiles, source_tiles, np.array([0.25]))
+    own = source_tiles.part > 0.5
+    np.testing.assert_array_equal(drawn.direction[:, ~own], tiles.direction[:, ~own])
+    np.testing.assert_allclose(drawn.radius[own], 0.5 * tiles.radius[own])
+    before, after = (np.linalg.norm(each.direction[:, own].T - source_tiles.directions[0], axis=1) for each in (tiles, drawn))
+    np.testing.assert_allclose(after, 0.5 * before)
+    assert narrowed(tiles, source_tiles, np.ones(1)) is tiles
 
 
 @pytest.mark.parametrize("soft", [False, True])
@@ -210,14 +254,14 @@ def test_a_source_is_no_wider_than_it_was_seen_but_widens_in_time(after_s, wides
         square = spread_rad**2
         return LightSet.of(first.ids[:1], found.directions[now[:1]], np.ones((1, 3)), np.array([[square, 0, 0, square, 0, 0]]))
 
-    lights, first = steady_extents(fitted(0.004), first, 1)
+    lights, first, _ = steady_extents(fitted(0.004), first, np.arange(1))
     assert lights.covariances is not None
     assert lights.covariances[0, 0] == pytest.approx(0.004**2)
     second, now = sources_after(first, found, after_s, 9, MAX_COUNT)
-    lights, second = steady_extents(fitted(0.02), second, 1)
+    lights, second, _ = steady_extents(fitted(0.02), second, np.arange(1))
     assert lights.covariances is not None
     assert lights.covariances[0, 0] == pytest.approx(widest * 0.004**2)
-    lights, _ = steady_extents(fitted(0.003), second, 1)
+    lights, _, _ = steady_extents(fitted(0.003), second, np.arange(1))
     assert lights.covariances is not None
     assert lights.covariances[0, 0] == pytest.approx(0.003**2)  # narrower at once
 

@@ -14,7 +14,8 @@ class LightCount(NamedTuple):
     """The number of lights in use, with hysteresis.
 
     peak: the largest requirement since `since_s`, when it fell well below the number; else 0. updated_s: time of the last frame.
-    fell_s: when the number last fell. too_few: the number that it then fell to and that at once proved too small; else 0.
+    fell_s: when the number last fell. too_few, enough: the number that it then fell to and that at once proved too small, and to which it
+    rose again; else 0.
     """
 
     count: int
@@ -23,26 +24,31 @@ class LightCount(NamedTuple):
     updated_s: float
     fell_s: float
     too_few: int
+    enough: int
 
 
 def count_after(before: LightCount | None, required: int, time_s: float, slack: float = 1.0) -> LightCount:
     """Up at once when `required` is above `slack` times the number in use, down when it was WELL_BELOW for HOLD_S.
 
     A requirement that is estimated from the lights in use may look smaller than it proves to be: when a fall is taken back within HOLD_S,
-    then for RETRY_BACKOFF_S the number falls only WELL_BELOW what proved too small. Gaps over HOLD_S and time that goes back begin anew.
+    then for RETRY_BACKOFF_S the number falls below what was enough then only where WELL_BELOW what proved too small would do. Gaps over
+    HOLD_S and time that goes back begin anew.
     """
     if before is None or not 0 <= time_s - before.updated_s <= HOLD_S:
-        return LightCount(required, 0, time_s, time_s, -np.inf, 0)
+        return LightCount(required, 0, time_s, time_s, -np.inf, 0, 0)
     after = before._replace(updated_s=time_s)
     if required > slack * before.count:
-        taken_back = time_s - before.fell_s <= HOLD_S
-        return after._replace(count=required, peak=0, too_few=before.count if taken_back else before.too_few)
+        if time_s - before.fell_s <= HOLD_S:
+            after = after._replace(too_few=before.count, enough=required)
+        return after._replace(count=required, peak=0)
     failed = before.too_few if time_s - before.fell_s <= RETRY_BACKOFF_S else 0
-    if required > WELL_BELOW * (failed or before.count):
+    if required > WELL_BELOW * failed:
+        required = max(required, before.enough if failed else 0)
+    if required > WELL_BELOW * before.count:
         return after._replace(peak=0)
     after = after._replace(peak=max(before.peak, required), since_s=before.since_s if before.peak else time_s)
     fall = time_s - after.since_s >= HOLD_S
-    return after._replace(count=after.peak, peak=0, fell_s=time_s, too_few=0) if fall else after
+    return after._replace(count=after.peak, peak=0, fell_s=time_s, too_few=0, enough=0) if fall else after
 
 
 def budget_after(before: int, budget: int) -> int:

@@ -11,7 +11,7 @@ from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import SamplerReport, SamplerState
 from vemlight.sampler.temporal.flicker import block_powers, flicker_after, without_flicker
 from vemlight.sampler.tracking.tiles import Tiles
-from vemlight.sampler.tracking.tracked import TrackedReport, TrackedState, lights_of, observe, steadied, tracked_step
+from vemlight.sampler.tracking.tracked import TrackedReport, TrackedState, lights_of, observe, tracked_step
 from vemlight.settings import Sampler
 
 COUNT_TRIALS = 4  # numbers of lights that are tried when the scene has changed; each at most doubles the number
@@ -82,7 +82,6 @@ def _within_error(
         count = extrapolated(count, estimate.error, error, max_count)
         tracked, lights, tiles = lit(count)
         estimate = estimate_of(tiles, lights, coverage)
-    tracked, lights = steadied(tracked, lights)
     report = TrackedReport(observed.invalid_cells, tiles.flux.sum(axis=1))
 
     # The next number: what was just verified when it rose, what fewer lights promise when they would do; nothing is learnt in the dark.

@@ -4,6 +4,7 @@ A source is what stands out, within SOURCE_RAD, of the ring around it, while it 
 the tiles, so that no cell cuts it in parts; an id waits WAIT_S for a source that a cloud hides.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +25,16 @@ CORE_SPREADS = 2.0  # to a source's edge: all of an even disc, whose half lies w
 MIN_CORE_RAD = np.radians(1.2)
 WIDEN_S = 1.0  # in which a source's variance may double: of a sun that wanders over the pixels the narrowest sight is the truest
 MIN_VARIANCE = np.radians(0.06) ** 2  # rad^2; as in extents.py
+LEFT = 0.007  # error of the irradiance that a wide source makes as one Gaussian, half of all of 64 lights', above which it begins divided
+WIDE_RAD = np.radians(0.5)  # standard deviation: the parts of a narrower source lie within two pixels of a map
+LEFT_GRID, LEFT_REACH = 32, 3.5  # places along an axis at which distributions are compared, out to so many standard deviations
 SHIFTS = 3  # from a peak to the middle of its source: each step is a mean over SOURCE_RAD
 
 
 class Sources(NamedTuple):
     """ids: (s,) int64. directions: (s, 3), where each was last. steps: (s, 3), by how much it had moved since the frame before; 0 when it
     was not there. seen_s: (s,), when it was last there. variances: (s,) rad^2, of its directions along an axis across it, no more than so.
+    divided: (s,) bool, whether many lights stand for it, which is decided when it enters.
     """
 
     ids: np.ndarray
@@ -37,19 +42,22 @@ class Sources(NamedTuple):
     steps: np.ndarray
     seen_s: np.ndarray
     variances: np.ndarray
+    divided: np.ndarray
 
 
 class Peaks(NamedTuple):
     """What stands out of a map.
 
     directions: (k, 3), centroids. power: (k,), fraction of the map's. ring: (k,), light of the ring over its own, the ring taken to be as
-    bright as its upper quartile: a wide light fills more than a quarter of it. owner: (tiles,) int64, the peak whose core a tile belongs
+    bright as its upper quartile: a wide light fills more than a quarter of it. left: (k,), the error of the irradiance, relative, that one
+    Gaussian in its place makes at the edges of shadows, 0 for a narrow peak. owner: (tiles,) int64, the peak whose core a tile belongs
     to, -1: none. part: (tiles,), the fraction of its light that does.
     """
 
     directions: np.ndarray
     power: np.ndarray
     ring: np.ndarray
+    left: np.ndarray
     owner: np.ndarray
     part: np.ndarray
 
@@ -70,7 +78,7 @@ def no_source_tiles(tiles: Tiles) -> SourceTiles:
     return SourceTiles(np.zeros((0, 3)), np.zeros(n, np.int64), np.zeros(n))
 
 
-NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+NO_SOURCES = Sources(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, bool))
 
 
 def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, max_count: int) -> tuple[Sources, np.ndarray]:
@@ -97,6 +105,8 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, ma
     was = dict(zip(before.ids.tolist(), before.directions, strict=True))
     widest = before.variances * (1 + (time_s - before.seen_s) / WIDEN_S)
     limits = dict(zip(before.ids.tolist(), widest.tolist(), strict=True))
+    parted = dict(zip(before.ids.tolist(), before.divided.tolist(), strict=True))
+    new_parted = (peaks.left[lit] > LEFT).tolist()
     steps = [direction - was.get(k, direction) for k, direction in zip(ids[lit].tolist(), peaks.directions[lit], strict=True)]
     after = Sources(
         np.concatenate([ids[lit], before.ids[hidden]]),
@@ -104,21 +114,37 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, ma
         np.concatenate([np.array(steps).reshape(-1, 3), np.zeros((int(hidden.sum()), 3))]),
         np.concatenate([np.full(len(lit), time_s), before.seen_s[hidden]]),
         np.concatenate([[limits.get(k, np.inf) for k in ids[lit].tolist()], before.variances[hidden]]),
+        np.array([*(parted.get(k, new) for k, new in zip(ids[lit].tolist(), new_parted, strict=True)), *before.divided[hidden]], bool),
     )
     return after, lit
 
 
-def steady_extents(lights: LightSet, sources: Sources, count: int) -> tuple[LightSet, Sources]:
-    """The lights, of which the first `count` are those of the sources that are lit, none wider than its source may be now; and the sources
-    with the extents that these have."""
-    if count == 0 or lights.covariances is None:
-        return lights, sources
-    covariances, limits = lights.covariances.astype(np.float64), np.maximum(sources.variances[:count], MIN_VARIANCE)
-    seen = covariances[:count, [0, 3, 5]].sum(axis=1) / 2
-    kept = np.minimum(seen, limits)
-    covariances[:count] *= np.where(seen > 0, kept / np.maximum(seen, 1e-30), 1.0)[:, None]
-    variances = np.concatenate([np.maximum(kept, MIN_VARIANCE), sources.variances[count:]])
-    return lights._replace(covariances=covariances.astype(np.float32)), sources._replace(variances=variances)
+def steady_extents(lights: LightSet, sources: Sources, whole: np.ndarray) -> tuple[LightSet, Sources, np.ndarray]:
+    """(lights, sources, narrowing): the lights, of which the first are the sources `whole` (k,), none wider than its source may be now; the
+    sources with the extents that these have; and by what each variance (k,) was multiplied.
+    """
+    if lights.covariances is None or not len(whole):
+        return lights, sources, np.ones(len(whole))
+    covariances, limits = lights.covariances.astype(np.float64), np.maximum(sources.variances[whole], MIN_VARIANCE)
+    seen = covariances[: len(whole), [0, 3, 5]].sum(axis=1) / 2
+    shown = np.minimum(seen, limits)
+    narrowing = np.where(seen > 0, shown / np.maximum(seen, 1e-30), 1.0)
+    covariances[: len(whole)] *= narrowing[:, None]
+    variances = sources.variances.copy()
+    variances[whole] = np.maximum(shown, MIN_VARIANCE)
+    return lights._replace(covariances=covariances.astype(np.float32)), sources._replace(variances=variances), narrowing
+
+
+def narrowed(tiles: Tiles, sources: SourceTiles, narrowing: np.ndarray) -> Tiles:
+    """The tiles with each source drawn together as its light was: a sun between four cells is no wider than in one, and no number of
+    lights mends what its map shows. narrowing: (s,), of the variances.
+    """
+    if not (narrowing < 1).any():
+        return tiles
+    scale = np.where(sources.part > 0.5, np.sqrt(narrowing)[sources.owner], 1.0)
+    centres = sources.directions[sources.owner].T
+    direction = np.where(scale < 1, centres + scale * (tiles.direction - centres), tiles.direction)
+    return tiles._replace(direction=direction, radius=scale * tiles.radius)
 
 
 @kernel
@@ -149,7 +175,7 @@ def source_lights(tiles: Tiles, peaks, lit):
 def peaks_of(tiles: Tiles):
     """The compact peaks of the tiles that hold STAY_POWER, from the brightest tile down."""
     n, total, radiance = tiles.power.size, tiles.power.sum(), tiles.power / tiles.area
-    made = Peaks(np.empty((MAX_PEAKS, 3)), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.full(n, -1), np.zeros(n))
+    made = Peaks(np.empty((MAX_PEAKS, 3)), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.full(n, -1), np.zeros(n))
     faintest = STAY_POWER * total / (np.pi * SOURCE_RAD**2)  # of which even SOURCE_RAD full holds too little
     bright = np.flatnonzero(radiance >= faintest)
     order, seen, count, looked = bright[np.argsort(-radiance[bright])], np.zeros(n, np.bool_), 0, 0
@@ -180,11 +206,12 @@ def peaks_of(tiles: Tiles):
                     above = 1 - behind / radiance[t]
                     if above > 0 and _chord(tiles, t, centre) <= core**2:
                         made.owner[t], made.part[t] = count, above
+                made.left[count] = made.power[count] * _left(tiles, inside[:found], made, count)
                 count += 1
         seen[peak] = True
         for t in inside[:found]:
             seen[t] = True
-    return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.owner, made.part)
+    return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.left[:count], made.owner, made.part)
 
 
 @subroutine
@@ -260,3 +287,50 @@ def _spread(tiles, inside, behind, centre, own):
         if reached >= 0.5 * own:
             return np.sqrt(chords[k])
     return SOURCE_RAD
+
+
+@subroutine
+def _left(tiles, inside, peaks, k):
+    """What the best Gaussian leaves of the k-th peak, whose tiles are inside: the RMS difference of irradiance at hard edges over the mean
+    irradiance of light that has its direction, 0 for a peak narrower than WIDE_RAD.
+
+    Along each of four axes, with F and G the distributions of light and Gaussian, half the integral of (F - G)^2 is the mean over edges,
+    and a surface's facing makes of it 5.3 to 10.7 squared mean irradiances, from the zenith to the horizon.
+    """
+    x, y, z = peaks.directions[k]
+    # Two axes across the third (Duff et al. 2017).
+    sign = 1.0 if z >= 0 else -1.0
+    a, b = -1.0 / (sign + z), -x * y / (sign + z)
+    own, across = np.zeros((4, inside.size)), np.zeros(2)
+    for n in range(inside.size):
+        t = inside[n]
+        if peaks.owner[t] == k:
+            dx, dy, dz = tiles.direction[0, t], tiles.direction[1, t], tiles.direction[2, t]
+            own[0, n], own[3, n] = peaks.part[t] * tiles.power[t], tiles.radius[t] / np.sqrt(2)
+            own[1, n], own[2, n] = (1 + sign * x * x * a) * dx + sign * b * dy - sign * x * dz, b * dx + (sign + y * y * a) * dy - y * dz
+    own[0] /= own[0].sum()
+    across[0], across[1] = (own[0] * own[1]).sum(), (own[0] * own[2]).sum()
+    if (own[0] * ((own[1] - across[0]) ** 2 + (own[2] - across[1]) ** 2)).sum() < 2 * WIDE_RAD**2:
+        return 0.0
+    total = 0.0
+    for axis in range(4):
+        p, q = np.cos(0.25 * np.pi * axis), np.sin(0.25 * np.pi * axis)
+        total += _difference(p * (own[1] - across[0]) + q * (own[2] - across[1]), own[0], own[3])
+    return np.sqrt(4.5 * total / 4)
+
+
+@subroutine
+def _difference(along, power, half):
+    """The integral of (F - G)^2 of light of this power (n,) at `along` (n,), each even over `half` (n,) either way."""
+    variance = (power * (along**2 + half**2 / 3)).sum()
+    least = (power * np.exp(-(along**2) / (2 * variance))).sum()
+    deviation = np.sqrt(variance * (1 / least**2 - 1))  # as in extents.py
+    total, step = 0.0, 2 * LEFT_REACH * deviation / LEFT_GRID
+    for n in range(LEFT_GRID):
+        at = -LEFT_REACH * deviation + (n + 0.5) * step
+        below = 0.5 * (1 + math.erf(at / (np.sqrt(2) * deviation)))
+        for t in range(power.size):
+            if power[t] > 0:
+                below -= power[t] * min(max(0.5 + 0.5 * (at - along[t]) / half[t], 0.0), 1.0)
+        total += step * below * below
+    return total

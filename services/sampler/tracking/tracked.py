@@ -20,7 +20,7 @@ from vemlight.sampler.tracking.sources import (
     NO_SOURCES,
     SOURCE_RAD,
     Sources,
-    no_source_tiles,
+    narrowed,
     peaks_of,
     source_lights,
     sources_after,
@@ -43,6 +43,7 @@ MIN_MEAN_DIRECTION = 0.1  # length, below which light is so even round the spher
 MIN_REST = 1e-9  # of the power, outside the sources, that is not rounding
 NEVER_URGENT = np.inf  # for points: each exchange is seen as a light that goes and another that comes, where soft ones overlap
 EXCHANGE_PERIOD = 8  # frames between exchanges, splits paid by merges, that are not urgent
+WIDE_DIVIDED_FROM = 64  # soft lights, of which a wide source that one Gaussian does not stand for well has several
 DIVIDED_FROM = 128  # soft lights: one for a lamp of 4 degrees is wrong by 1.1 % of all light, by more than so many are elsewhere
 BIRTH_TIME_S = 0.12  # time constant with which a new light leaves its parent's direction: three frames at 25 fps
 
@@ -103,21 +104,7 @@ def tracked_step(
     """
     state, observed = observe(state, frame, smoothing)
     state, lights, tiles = lights_of(count, state, observed, soft)
-    state, lights = steadied(state, lights)
     return state, lights, TrackedReport(observed.invalid_cells, tiles.flux.sum(axis=1))
-
-
-def steadied(state: TrackedState, lights: LightSet) -> tuple[TrackedState, LightSet]:
-    """What `lights_of` made, with the extents that sources can have: the last step of a frame.
-
-    An error is estimated before it: a map shows a sun that falls between its cells wider than it is, and no number of lights mends that.
-    """
-    sources = state.sources
-    here = int(np.count_nonzero(sources.seen_s == state.time_s))  # the first ones
-    if not np.array_equal(lights.ids[:here], sources.ids[:here]):  # divided, since there are many lights
-        return state, lights
-    lights, sources = steady_extents(lights, sources, here)
-    return state._replace(sources=sources), lights
 
 
 def observe(state: TrackedState, frame: SamplerInput, smoothing: bool) -> tuple[TrackedState, Observed]:
@@ -135,38 +122,44 @@ def observe(state: TrackedState, frame: SamplerInput, smoothing: bool) -> tuple[
 
 
 def lights_of(count: int, state: TrackedState, observed: Observed, soft: bool) -> tuple[TrackedState, LightSet, Tiles]:
-    """The lights, at most `count`, of what was observed after a state, and the tiles that they were made from."""
+    """The lights, at most `count`, of what was observed after a state, and the tiles that they are to be judged by."""
     tiles = tiles_from_map(observed.clean, state.coverage, max(count, MIN_TILE_COUNT if soft else 1), observed.bright_cells)
     power = float(tiles.power.sum())
     if power <= 0:
         dark = _dark_lights(state, count, state.coverage)
         return state, dark._replace(covariances=np.zeros((len(dark.ids), 6), np.float32)) if soft else dark, tiles
     if soft:
-        return (*_soft_lights(state, tiles, count), tiles)
+        return _soft_lights(state, tiles, count)
     # Sites that follow the light, and new lights a little nearer to their own directions.
     state, cells = _tracked_sites(state, tiles, count, power, NEVER_URGENT)
-    state = _named_after_sources(state, tiles, cells)
+    peaks = peaks_of(tiles)
+    sources, lit = sources_after(state.sources, peaks, state.time_s, state.sites.next_id, len(state.sites.ids) // 2)
+    state = _named_after_sources(state, sources, np.arange(len(lit)), cells)
     sites = state.sites._replace(offsets=state.sites.offsets * observed.birth_decay)
     directions, flux = lights_from_cells(tiles, cells.moment, cells.assignment, sites.directions, sites.offsets)
     return state._replace(sites=sites), LightSet(sites.ids, directions, flux), tiles
 
 
-def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[TrackedState, LightSet]:
-    """Lights with extent: compact sources, each a light of its own unless there are many lights, and those that follow the rest."""
-    if count >= DIVIDED_FROM:
-        state, cells = _tracked_sites(state, tiles, count, float(tiles.power.sum()), URGENT)
-        state = _named_after_sources(state, tiles, cells)
-        return state, soft_lights(tiles, state.sites.ids, state.sites.directions, cells.assignment, no_source_tiles(tiles))
+def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[TrackedState, LightSet, Tiles]:
+    """Lights with extent: compact sources, each a light of its own unless it is divided, and those that follow the rest."""
     peaks = peaks_of(tiles)
     sources, lit = sources_after(state.sources, peaks, state.time_s, state.sites.next_id, count // 2)
-    source_tiles, flux, rest = source_lights(tiles, peaks, lit)
-    sites = _without_ids(state.sites, sources.ids)
-    state, ids, power = state._replace(sites=sites, sources=sources), sources.ids[: len(lit)], float(rest.power.sum())
+    if count < WIDE_DIVIDED_FROM:
+        sources = sources._replace(divided=np.zeros(len(sources.ids), bool))
+    parted = np.flatnonzero(sources.divided[: len(lit)] | (count >= DIVIDED_FROM))
+    whole = np.setdiff1d(np.arange(len(lit)), parted)
+    source_tiles, flux, rest = source_lights(tiles, peaks, lit[whole])
+    ids, power = sources.ids[whole], float(rest.power.sum())
+    state = state._replace(sites=_without_ids(state.sites, np.delete(sources.ids, parted)))
     if power <= MIN_REST * float(tiles.power.sum()):
-        return state, LightSet.of(ids, source_tiles.directions, flux, np.zeros((len(ids), 6)))
-    state, cells = _tracked_sites(state, rest, count - len(lit), power, URGENT)
+        lights = LightSet.of(ids, source_tiles.directions, flux, np.zeros((len(ids), 6)))
+        return state._replace(sources=sources), lights, tiles
+    state, cells = _tracked_sites(state, rest, count - len(ids), power, URGENT)
+    state = _named_after_sources(state, sources, parted, cells)
     sites = state.sites
-    return state, soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
+    lights = soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
+    lights, sources, narrowing = steady_extents(lights, state.sources, whole)
+    return state._replace(sources=sources), lights, narrowed(tiles, source_tiles, narrowing)
 
 
 def _without_ids(sites: Sites, taken: np.ndarray) -> Sites:
@@ -177,25 +170,23 @@ def _without_ids(sites: Sites, taken: np.ndarray) -> Sites:
     return sites._replace(ids=ids, next_id=next_id + int(clash.sum()))
 
 
-def _named_after_sources(state: TrackedState, tiles: Tiles, cells: Cells) -> TrackedState:
-    """The state in which the strongest cell at each compact source has the source's id, which it takes from the one that had it.
-
-    A new source takes the id of its strongest cell.
+def _named_after_sources(state: TrackedState, sources: Sources, divided: np.ndarray, cells: Cells) -> TrackedState:
+    """The state in which the strongest cell at each of the sources `divided` (k,) has the source's id, which it takes from the one that had
+    it. A new source takes the id of its strongest cell.
     """
-    peaks, sites = peaks_of(tiles), state.sites
-    sources, lit = sources_after(state.sources, peaks, state.time_s, sites.next_id, len(sites.ids) // 2)
+    sites, known, names = state.sites, state.sources.ids, sources.ids.copy()
     ids, directions, power = sites.ids.copy(), centroids(cells.moment, sites.directions), cells.moment[:, 3]
-    for n, source in enumerate(peaks.directions[lit]):
-        near, own = directions @ source > np.cos(SOURCE_RAD), sources.ids[n]
+    for n in divided:
+        near, own = directions @ sources.directions[n] > np.cos(SOURCE_RAD), names[n]
         if near.any():
             strongest = int(np.where(near, power, -1.0).argmax())
-            if own >= sites.next_id and ids[strongest] not in sources.ids:
-                sources.ids[n] = ids[strongest]
+            if own not in known and ids[strongest] not in names:
+                names[n] = ids[strongest]
             elif own != ids[strongest]:
                 ids[ids == own] = ids[strongest]
                 ids[strongest] = own
-    next_id = max(sites.next_id, int(sources.ids.max(initial=-1)) + 1)
-    return state._replace(sites=sites._replace(ids=ids, next_id=next_id), sources=sources)
+    next_id = max(sites.next_id, int(names.max(initial=-1)) + 1)
+    return state._replace(sites=sites._replace(ids=ids, next_id=next_id), sources=sources._replace(ids=names))
 
 
 def _dark_lights(state: TrackedState, count: int, coverage: Coverage) -> LightSet:

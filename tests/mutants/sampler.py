@@ -118,11 +118,11 @@ MUTANTS = [
         ("all lamps divided", "\nLEFT = 0.007", "\nLEFT = 0.0025"),
         ("no lamp divided", "\nLEFT = 0.007", "\nLEFT = 0.014"),
         ("suns divided as lamps are", "WIDE_RAD = np.radians(0.5)", "WIDE_RAD = np.radians(0.1)"),
-        ("divided by the present light", "parted.get(k, new) for k, new", "new for k, new"),
+        ("divided by the present light", "divided[seen] = before.divided[was[seen]]", "pass"),
         ("a sun's cells left where they are", "centres + scale * (tiles.direction - centres)", "tiles.direction"),
     ]),
     *mutants_of(SAMPLER + "tracking/extents.py", "tests/test_extents.py", [
-        ("no steps", "\nSTEPS = 3", "\nSTEPS = 0"),
+        ("no steps", "\nSTEPS = 2", "\nSTEPS = 0"),
         ("hard weights", "SHARPNESS = np.float32(2.0)", "SHARPNESS = np.float32(0.5)"),
         ("cells as wide as their light", "\nCELL_EXTENT = 0.83", "\nCELL_EXTENT = 1.0"),
         ("cells too narrow", "\nCELL_EXTENT = 0.83", "\nCELL_EXTENT = 0.6"),

@@ -87,9 +87,11 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, ma
     A peak takes the id of the source that is nearest, where it was last or one more step further, of those that were there in the frame
     before or wait; a new one must stand out more clearly.
     """
+    if not len(peaks.power) and not len(before.ids):
+        return before, np.zeros(0, np.int64)
     waiting = (time_s - before.seen_s <= WAIT_S) | (before.seen_s >= before.seen_s.max(initial=-np.inf))
     known, ahead = before.ids[waiting].tolist(), before.directions + before.steps
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    ahead /= np.sqrt(np.einsum("si,si->s", ahead, ahead))[:, None]
     cosines = np.maximum(peaks.directions @ before.directions[waiting].T, peaks.directions @ ahead[waiting].T)
     ids, near = np.full(len(peaks.power), -1), cosines >= np.cos(MATCH_RAD)
     for _, peak, source in sorted(zip((-cosines[near]).tolist(), *(place.tolist() for place in near.nonzero()), strict=True)):
@@ -100,21 +102,23 @@ def sources_after(before: Sources, peaks: Peaks, time_s: float, next_id: int, ma
     lit = np.sort(lit[np.argsort(-peaks.power[lit], kind="stable")[:max_count]])
     new = lit[ids[lit] < 0]
     ids[new] = next_id + np.arange(len(new))
-    found = set(ids[lit].tolist())
-    hidden = np.array([k not in found for k in before.ids.tolist()], bool) & (time_s - before.seen_s <= WAIT_S)
-    was = dict(zip(before.ids.tolist(), before.directions, strict=True))
-    widest = before.variances * (1 + (time_s - before.seen_s) / WIDEN_S)
-    limits = dict(zip(before.ids.tolist(), widest.tolist(), strict=True))
-    parted = dict(zip(before.ids.tolist(), before.divided.tolist(), strict=True))
-    new_parted = (peaks.left[lit] > LEFT).tolist()
-    steps = [direction - was.get(k, direction) for k, direction in zip(ids[lit].tolist(), peaks.directions[lit], strict=True)]
+
+    # Where each of them was before, -1 where it was not.
+    names, places = ids[lit].tolist(), {name: n for n, name in enumerate(before.ids.tolist())}
+    was = np.array([places.get(name, -1) for name in names], np.int64)
+    seen = was >= 0
+    hidden = (time_s - before.seen_s <= WAIT_S) & ~np.isin(before.ids, ids[lit])
+    steps, variances, divided = np.zeros((len(lit), 3)), np.full(len(lit), np.inf), peaks.left[lit] > LEFT
+    steps[seen] = peaks.directions[lit[seen]] - before.directions[was[seen]]
+    variances[seen] = (before.variances * (1 + (time_s - before.seen_s) / WIDEN_S))[was[seen]]
+    divided[seen] = before.divided[was[seen]]
     after = Sources(
         np.concatenate([ids[lit], before.ids[hidden]]),
         np.concatenate([peaks.directions[lit], before.directions[hidden]]),
-        np.concatenate([np.array(steps).reshape(-1, 3), np.zeros((int(hidden.sum()), 3))]),
+        np.concatenate([steps, np.zeros((int(hidden.sum()), 3))]),
         np.concatenate([np.full(len(lit), time_s), before.seen_s[hidden]]),
-        np.concatenate([[limits.get(k, np.inf) for k in ids[lit].tolist()], before.variances[hidden]]),
-        np.array([*(parted.get(k, new) for k, new in zip(ids[lit].tolist(), new_parted, strict=True)), *before.divided[hidden]], bool),
+        np.concatenate([variances, before.variances[hidden]]),
+        np.concatenate([divided, before.divided[hidden]]),
     )
     return after, lit
 

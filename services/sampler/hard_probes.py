@@ -78,14 +78,16 @@ def relative_squares(at: HardProbes, tiles: Tiles, lights: LightSet) -> np.ndarr
 
 
 def prefix_errors(at: HardProbes, tiles: Tiles, directions: np.ndarray, power: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Relative errors, RMS over the probes, of the first `sizes` (s,) of points (n, 3) of `power` (n,), scaled to the tiles' power."""
+    """Relative errors, RMS over the probes and a standard error more, of the first `sizes` (s,) of points (n, 3) of `power` (n,), scaled to
+    the tiles' power."""
     truth, dark, whole = map_irradiance_at(at, tiles), dark_irradiance(at, tiles), tiles.power.sum()
     result, last, errors = np.zeros_like(truth), 0, np.empty(len(sizes))
     across, edges, used = np.ascontiguousarray(directions.T), np.full(len(power), HARD_EDGE), np.cumsum(power)
     for s, size in enumerate(sizes):
         _add_even(at.normals, at.occluders, across[:, last:size], power[last:size], edges[last:size], result)
         scale = whole / used[size - 1] if used[size - 1] > 0 else 0.0
-        last, errors[s] = size, np.sqrt(np.mean(((scale * result - truth) / (truth + dark)) ** 2))
+        squares = ((scale * result - truth) / (truth + dark)) ** 2
+        last, errors[s] = size, np.sqrt(squares.mean() + squares.std() / np.sqrt(squares.size))
     return errors
 
 

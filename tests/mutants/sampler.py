@@ -29,8 +29,9 @@ MUTANTS = [
         ("no fall from above after a failed one", "before.enough if failed else 0", "before.count if failed else 0"),
     ]),
     *mutants_of(SAMPLER + "error_limit.py", "tests/test_error_limit.py", [
-        ("the limit itself", "\nLIMIT = 0.8", "\nLIMIT = 1.0"),
-        ("half the limit", "\nLIMIT = 0.8", "\nLIMIT = 0.4"),
+        ("the limit itself", "\nLIMIT = 0.84", "\nLIMIT = 1.05"),
+        ("half the limit", "\nLIMIT = 0.84", "\nLIMIT = 0.42"),
+        ("an estimate without its own error", "+ self.squares.std() / np.sqrt(SLICES - 1)", ""),
         ("steps an octave", "LADDER_START, LADDER_STEPS = 4, 4", "LADDER_START, LADDER_STEPS = 4, 2"),
         ("rise at once", "MAX_RISE = 2.0", "MAX_RISE = 8.0"),
         ("no alarm of a slice", "ALARM = 1.1", "ALARM = 11"),

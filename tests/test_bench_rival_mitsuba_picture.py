@@ -6,9 +6,12 @@ pytest.importorskip("mitsuba", reason="Mitsuba is in the bench extra")
 from bench.rivals import mitsuba_picture
 from tests.support.rendering import SceneRenderer
 from tests.support.scenes import SHAPES
+from vemlight.light.extent import Extents, received
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer.scene.scene import load_scene
+from vemlight.renderer.scene.materials import Phong
+from vemlight.renderer.scene.meshes import shape_geometry
+from vemlight.renderer.scene.scene import Mesh, Scene, ViewCamera, load_scene
 from vemlight.settings import Renderer as Settings
 
 SIZE = (48, 36)
@@ -52,3 +55,26 @@ def test_a_map_with_one_lit_pixel_is_a_light_where_it_is(row, col):
     truth = drawn(light, 16)
     assert picture.sum(axis=(0, 1)) == pytest.approx(truth.sum(axis=(0, 1)), rel=0.05)
     assert relative(picture, truth) < 0.3  # edges as soft as a pixel of 5.6 degrees; 1 and more for a light elsewhere
+
+
+def test_all_of_mitsubas_methods_have_the_same_mean():
+    """Samples of the map, of the surface, of both, and paths without anything to bounce from: unbiased, so alike."""
+    ball = Mesh("ball", shape_geometry("sphere"), Phong((0.3, 0.3, 0.3), (0.5, 0.4, 0.3), 20.0))
+    scene = Scene(ViewCamera(position=(0.0, -6.0, 1.0), at=(0.0, 0.0, 0.0), fov_y=24.0), (ball,), np.zeros(3), np.ones(3))
+    latlong = np.full((16, 32, 3), 1.0, np.float32)
+    latlong[4, 9] = 20.0
+    world = mitsuba_picture.mitsuba_scene(scene, (24, 24), latlong)
+    pictures = {method: mitsuba_picture.picture(world, 400, method=method) for method in mitsuba_picture.METHODS}
+    for method, picture in pictures.items():
+        assert picture.mean() == pytest.approx(pictures["emitter"].mean(), rel=0.01), method
+        assert relative(picture, pictures["mis"]) < 0.1, method
+
+
+def test_traced_lights_with_extent_give_a_plane_what_they_must():
+    plane = Mesh("plane", shape_geometry("plane"), Phong((1.0, 1.0, 1.0)))
+    scene = Scene(ViewCamera(position=(0.0, 0.0, 3.0), at=(0.0, 0.01, 0.0), fov_y=20.0), (plane,), np.zeros(3), np.ones(3))
+    directions = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])
+    lights = LightSet.of(np.arange(2), directions, np.ones((2, 3)), np.array([[0.04, 0, 0, 0.02, 0, 0], [0.01, 0, 0, 0.03, 0, 0]]))
+    traced = mitsuba_picture.TracedLights(mitsuba_picture.mitsuba_scene(scene, (32, 32), None), (32, 32))
+    expected = received(lights.directions[:, 2].astype(float), Extents.of(lights)).sum() / np.pi
+    assert traced.picture(lights, 16).mean() == pytest.approx(expected, rel=0.02)

@@ -12,6 +12,7 @@ import drjit as dr  # pyright: ignore[reportMissingImports]
 import mitsuba as mi  # pyright: ignore[reportMissingImports]
 import numpy as np
 
+from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.scene.materials import Phong
 from vemlight.renderer.scene.scene import Scene
@@ -52,11 +53,35 @@ def _phong() -> type:
             seen = active & (before * dr.dot(flat, wo) > 0) & (wo.z * side > 0)
             return (mi.Color3f(self._diffuse) / dr.pi + mi.Color3f(self._specular) * lobe) * dr.abs(wo.z) & seen
 
+        def _side(self, si: Any) -> Any:
+            """1 where the shading normal lies on the viewer's side of the surface, else -1."""
+            flat = si.to_local(si.n)
+            return dr.sign(dr.dot(flat, si.wi)) * dr.sign(flat.z)
+
+        def _glossy_part(self) -> float:
+            """Of the samples, those of the lobe: its part of what is reflected."""
+            glossy, matte = dr.mean(self._specular), dr.mean(self._diffuse)
+            return float(glossy / (glossy + matte)) if glossy > 0 else 0.0
+
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            return mi.Float(0)
+            part = self._glossy_part()
+            cosine = dr.maximum(wo.z * self._side(si), 0)
+            along = dr.maximum(dr.dot(mi.Vector3f(-si.wi.x, -si.wi.y, si.wi.z), wo), 0)
+            lobe = (self._exponent + 1) / (2 * dr.pi) * along**self._exponent
+            return (1 - part) * cosine / dr.pi + part * lobe & active
 
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
-            return mi.BSDFSample3f(), mi.Color3f(0)
+            matte = mi.warp.square_to_cosine_hemisphere(sample2)
+            matte.z *= self._side(si)
+            height = dr.power(sample2.x, 1 / (self._exponent + 1))
+            across, (sine, cosine) = dr.sqrt(dr.maximum(1 - height * height, 0)), dr.sincos(2 * dr.pi * sample2.y)
+            around = mi.Frame3f(mi.Vector3f(-si.wi.x, -si.wi.y, si.wi.z))
+            wo = dr.select(sample1 < self._glossy_part(), around.to_world(mi.Vector3f(across * cosine, across * sine, height)), matte)
+            made = dr.zeros(mi.BSDFSample3f)
+            made.wo, made.pdf, made.eta = wo, self.pdf(ctx, si, wo, active), 1.0
+            made.sampled_type, made.sampled_component = mi.UInt32(+self.m_flags), 0
+            value = self.eval(ctx, si, wo, active)
+            return made, dr.select(made.pdf > 0, value / made.pdf, 0) & active
 
         def to_string(self) -> str:
             return "TwoSidedPhong[]"
@@ -91,7 +116,7 @@ def mitsuba_scene(scene: Scene, size: tuple[int, int], latlong: np.ndarray | Non
         "type": "scene",
         "sensor": {"type": "perspective", "fov": camera.fov_y, "fov_axis": "y", "to_world": to_world, "film": film,
                    "near_clip": 1e-3, "far_clip": 1e4, "sampler": {"type": "multijitter", "sample_count": 4}},
-        "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True},
+        "integrator": METHODS["emitter"],
     }  # fmt: skip
     for number, mesh in enumerate(scene.meshes):
         material, geometry = mesh.material, mesh.geometry
@@ -125,34 +150,55 @@ def envmap(latlong: np.ndarray) -> np.ndarray:
     return made
 
 
-def picture(scene: Any, samples: int, seed: int = 0, centred: bool = False) -> np.ndarray:
+# Mitsuba's own integrators, in C++: direct light by samples of the map, of the surface or of both (power heuristic), and one bounce by
+# paths, which take both.
+METHODS: dict[str, dict[str, Any]] = {
+    "emitter": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True},
+    "bsdf": {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1, "hide_emitters": True},
+    "mis": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 1, "hide_emitters": True},
+    "path": {"type": "path", "max_depth": 3, "rr_depth": 100, "hide_emitters": True},
+}
+
+
+def picture(scene: Any, samples: int, seed: int = 0, centred: bool = False, method: str = "emitter") -> np.ndarray:
     """What Mitsuba renders, (height, width, 3) float32, by `samples` paths a pixel of its multijitter sampler.
 
-    centred: of the surfaces at the pixels' centres, not of their whole area.
+    centred: of the surfaces at the pixels' centres, not of their whole area, by samples of the map. method: of METHODS.
     """
-    integrator = mi.load_dict({"type": "vemlight_centred"}) if centred else scene.integrator()
+    integrator = mi.load_dict({"type": "vemlight_centred"} if centred else METHODS[method])
     return np.array(mi.render(scene, integrator=integrator, spp=samples, seed=mi.UInt32(seed)))
 
 
 class TracedLights:
-    """Directional lights with shadow rays by Embree: primary rays once, then for each light one ray a pixel that faces it."""
+    """Directional lights with shadow rays by Embree: primary rays once, then for each light one ray a pixel that faces it.
+
+    A light with extent is met in a direction of its own distribution in each pixel, chosen at random.
+    """
 
     def __init__(self, scene: Any, size: tuple[int, int]) -> None:
         self._scene, self._size = scene, size
         self._drawn = dr.freeze(self._draw)
 
-    def picture(self, lights: LightSet) -> np.ndarray:
-        """(height, width, 3) float32, at the pixels' centres."""
-        directions = mi.Vector3f(np.ascontiguousarray(lights.directions.T, np.float32))
+    def picture(self, lights: LightSet, samples: int = 1, seed: int = 0) -> np.ndarray:
+        """(height, width, 3) float32, at the pixels' centres or, of `samples` a pixel, over its whole area; seed: of random numbers."""
+        extents = Extents.of(lights)
+        mean = lights.directions * extents.concentrations[:, None]
+        arrays = [mi.Vector3f(np.ascontiguousarray(rows.T, np.float32)) for rows in (mean, extents.axes[:, 0], extents.axes[:, 1])]
         irradiance = mi.Color3f(np.ascontiguousarray(lights.irradiance.T, np.float32))
-        total = self._drawn(self._scene, directions, irradiance, mi.UInt32(len(lights.ids)))
-        return np.array(total).T.reshape(self._size[1], self._size[0], 3)
+        count, whole = mi.UInt32(len(lights.ids)), np.zeros((self._size[1], self._size[0], 3))
+        for sample in range(samples):
+            number = mi.UInt32(seed * samples + sample)
+            area = mi.Float(0.0 if samples == 1 else 1.0)
+            whole += np.array(self._drawn(self._scene, *arrays, irradiance, count, number, area)).T.reshape(whole.shape)
+        return (whole / samples).astype(np.float32)
 
     @dr.syntax
-    def _draw(self, scene: Any, directions: Any, irradiance: Any, count: Any) -> Any:
+    def _draw(self, scene: Any, means: Any, first: Any, second: Any, irradiance: Any, count: Any, seed: Any, area: Any) -> Any:
         width, height = self._size
         k = dr.arange(mi.UInt32, width * height)
-        at = mi.Point2f((mi.Float(k % width) + 0.5) / width, (mi.Float(k // width) + 0.5) / height)
+        random = mi.PCG32(width * height, seed)
+        x, y = area * (random.next_float32() - 0.5) + 0.5, area * (random.next_float32() - 0.5) + 0.5
+        at = mi.Point2f((mi.Float(k % width) + x) / width, (mi.Float(k // width) + y) / height)
         ray, _ = scene.sensors()[0].sample_ray(0.0, 0.0, at, mi.Point2f(0.5))
         si = self._scene.ray_intersect(ray)
         found = si.is_valid()
@@ -161,7 +207,9 @@ class TracedLights:
         total = mi.Color3f(0)
         i = mi.UInt32(0)
         while i < count:
-            d = dr.gather(mi.Vector3f, directions, i)
+            p = mi.warp.square_to_std_normal(mi.Point2f(random.next_float32(), random.next_float32()))
+            d = dr.gather(mi.Vector3f, means, i) + p.x * dr.gather(mi.Vector3f, first, i) + p.y * dr.gather(mi.Vector3f, second, i)
+            d = dr.normalize(d)
             value = bsdf.eval(context, si, si.to_local(d), found)
             lit = found & (dr.max(value) > 0)
             lit &= ~scene.ray_test(si.spawn_ray(d), lit)

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from vemlight.compiling import say_compiling
+
 # numba imports scipy.linalg to see whether there is BLAS, .2 s of each start. No kernel calls BLAS, so numba finds none.
 BLAS = "scipy.linalg.cython_blas"
 _loaded = sys.modules.get(BLAS)
@@ -34,16 +36,20 @@ SAY_AFTER_S = 2.0  # of compiling, and again after as long: somebody wonders. 1 
 
 
 class CompilerNotice(event.Listener):
-    """Says at a terminal what is compiled and for how long by now."""
+    """Says what is compiled: in a run's folder, and at a terminal with how long it has taken by now."""
 
     def __init__(self) -> None:
         self._depth, self._spent_s, self._said_s, self._started_s = 0, 0.0, 0.0, 0.0
-        self._collecting = gc.get_threshold()
+        self._collecting, self._name = gc.get_threshold(), ""
 
     def on_start(self, event: event.Event) -> None:
         if self._depth == 0:
             self._started_s, self._collecting = time.monotonic(), gc.get_threshold()
             gc.set_threshold(COMPILING_GC, *self._collecting[1:])
+            if event.data:  # the outermost: that it calls others, of ours or of numba's, nobody needs to know
+                function = event.data["dispatcher"].py_func
+                self._name = f"{function.__module__.removeprefix('vemlight.')}.{function.__name__}"
+                say_compiling(self._name)
         self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
@@ -52,10 +58,12 @@ class CompilerNotice(event.Listener):
         if self._depth == 0:
             self._spent_s = spent_s
             gc.set_threshold(*self._collecting)
+            say_compiling("")
         if spent_s > self._said_s + SAY_AFTER_S and event.data and sys.stderr.isatty():
             self._said_s = spent_s
-            package = event.data["dispatcher"].py_func.__module__.removeprefix("vemlight.").partition(".")[0]
-            print(f"vemlight: compiling the {package}'s kernels, at the first start: {spent_s:.0f} s so far", file=sys.stderr, flush=True)
+            package = self._name.partition(".")[0]
+            text = f"compiling the {package}'s kernels, at the first start: {spent_s:.0f} s so far ({self._name})"
+            print(f"vemlight: {text}", file=sys.stderr, flush=True)
 
 
 event.register("numba:compile", CompilerNotice())

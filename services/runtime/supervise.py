@@ -18,6 +18,7 @@ import msgspec
 import tomli_w
 import zmq
 
+from vemlight.compiling import COMPILING, compiled_by, compiling_file
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Service
 from vemlight.runtime.interrupt import INTERRUPTED
@@ -56,9 +57,16 @@ class Child:
 
     def start(self) -> None:
         # Its own process group: Ctrl-C reaches the supervisor alone, which then stops the services in good order.
+        compiling = {COMPILING: str(compiling_file(self._settings_file.parent, self.service))}
         self.process = subprocess.Popen(
             [sys.executable, "-m", f"vemlight.{self.service}", str(self._settings_file)],
-            env={**QUIET_BLAS, **os.environ, "VEMLIGHT_RESTARTS": str(self.restarts), LISTENERS: "" if self.restarts else self._listeners},
+            env={
+                **QUIET_BLAS,
+                **os.environ,
+                **compiling,
+                "VEMLIGHT_RESTARTS": str(self.restarts),
+                LISTENERS: "" if self.restarts else self._listeners,
+            },
             process_group=0,
             preexec_fn=partial(_die_with, os.getpid()),
         )
@@ -136,7 +144,7 @@ class Supervisor:
     """The services' processes and their statuses."""
 
     def __init__(self, settings: Settings, settings_file: Path) -> None:
-        self._settings = settings
+        self._settings, self._folder = settings, settings_file.parent
         names = settings.services
         self._children = {name: Child(name, settings_file, [other for other in names if other != name]) for name in names}
         self._transport = Transport(settings.wire)
@@ -168,7 +176,9 @@ class Supervisor:
             missing = [service for service in self._children if service not in self._newest]
             if missing and time.monotonic() > said_s + SLOW_START_S:
                 said_s = time.monotonic()
-                text = f"waiting for {', '.join(missing)}: at the first start code is compiled, {said_s - started_s:.0f} s so far"
+                compiled = {service: compiled_by(service, self._folder) for service in missing}
+                names = [f"{service} (compiling {kernel})" if kernel else service for service, kernel in compiled.items()]
+                text = f"waiting for {', '.join(names)}: at the first start code is compiled, {said_s - started_s:.0f} s so far"
                 print(f"vemlight: {text}", file=sys.stderr, flush=True)
             for child in self._children.values():
                 if child.process and (ended := child.process.poll()) is not None:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
 
+from vemlight.compiling import compiled_by
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, STATUS, UPSTREAM, Service
 
@@ -73,7 +74,8 @@ class Liveness:
         if last.ended:
             return Judgement("finished", "the stream has ended")
         if last.status is None and last.stamp is None:
-            return Judgement("not seen", "nothing received yet; at the first start its code is compiled")
+            kernel = compiled_by(service)
+            return Judgement("not seen", f"compiling {kernel}, at the first start" if kernel else "nothing received yet")
         slow_s = SLOW_STEPS * max(last.interval_s, (last.status.step_ms or 0.0) / 1e3 if last.status else 0.0)
         silent_s = now_s - max(last.status_s, last.frame_s)
         if silent_s > max(STATUS.timeout_s(self._fps), slow_s):  # a service publishes between two steps, never within one

@@ -132,19 +132,21 @@ def turned(lights: LightSet, degrees: float) -> LightSet:
     return LightSet.of(lights.ids, lights.directions @ turn.T, lights.irradiance, covariances)
 
 
-def truth_of(world: Any, method: str, wanted: float, most_paths: int) -> tuple[np.ndarray, float, int]:
+def truth_of(world: Any, method: str, pictures: list[np.ndarray], most_paths: int) -> tuple[np.ndarray, float, int]:
     """Mitsuba's picture, its own noise (RMSE over the root mean square, of two halves), and its paths a pixel.
 
-    wanted: noise at which it is good enough.
+    pictures: that are to be compared with it; it is good enough where its noise is NOISE of the least of their errors.
     """
-    halves, paths, noise = [np.zeros(0), np.zeros(0)], 0, np.inf
-    while not paths or (noise > wanted and paths < most_paths):
+    halves, paths, noise, least = [np.zeros(0), np.zeros(0)], 0, np.inf, 0.0
+    while not paths or (noise > NOISE * least and paths < most_paths):
         for k in (0, 1):
             made = mitsuba_picture.picture(world, CHUNK_PATHS // 2, seed=1000 + 2 * paths + k, method=method).astype(np.float64)
             halves[k] = halves[k] + made if paths else made
         paths += CHUNK_PATHS
+        truth = (halves[0] + halves[1]) / (2 * paths / CHUNK_PATHS)
         noise = float(np.sqrt(np.mean((halves[0] - halves[1]) ** 2) / np.mean((halves[0] + halves[1]) ** 2)))
-    return ((halves[0] + halves[1]) / (2 * paths / CHUNK_PATHS)).astype(np.float32), noise, paths
+        least = min(float(np.sqrt(np.mean((picture - truth) ** 2) / np.mean(truth**2))) for picture in pictures)
+    return truth.astype(np.float32), noise, paths
 
 
 def frames_of(render: Any, lights: LightSet) -> Timed:
@@ -184,10 +186,8 @@ def pair(scene_name: str, map_name: str, path: Path, setup: Setup, out: Path) ->
     scene = (ten_scenes.TUNED | ten_scenes.KEPT_ASIDE)[scene_name]()
     made = measured(scene, path, setup)
     world = mitsuba_picture.mitsuba_scene(scene, setup.size, read_radiance(path)[0])
-    method = "path" if setup.bounces else "mis"
-    truth, noise, paths = truth_of(world, method, np.inf, CHUNK_PATHS)
-    least = min(errors(timing.picture, truth).rmse for timing in made.values())
-    truth, noise, paths = truth_of(world, method, NOISE * least, setup.most_paths)
+    pictures = [timing.picture for timing in made.values()]
+    truth, noise, paths = truth_of(world, "path" if setup.bounces else "mis", pictures, setup.most_paths)
     rows = [
         {"picture": name, "ms": timing.ms, "processor_ms": timing.processor_ms, **errors(timing.picture, truth)._asdict()}
         for name, timing in made.items()

@@ -43,11 +43,12 @@ def test_the_truth_knows_its_own_noise(monkeypatch):
         return 1 + np.random.default_rng(seed).normal(0, 1 / np.sqrt(samples), (40, 50, 3))
 
     monkeypatch.setattr(pictures.mitsuba_picture, "picture", picture)
-    truth, noise, paths = truth_of(None, "mis", 0.03, 16_384)
-    assert paths == 1280  # 1 / sqrt(1280) = .028, and 1 / sqrt(1024) = .031
+    off = np.full((40, 50, 3), 1.15)  # a fifth of the error is .03
+    truth, noise, paths = truth_of(None, "mis", [off, off + 1], 16_384)
+    assert paths in (1024, 1280)  # 1 / sqrt(1280) = .028, and 1 / sqrt(1024) = .031
     assert noise == pytest.approx(np.std(truth), rel=0.05)
-    assert truth_of(None, "mis", 0.0, 512)[2] == 512
-    assert truth_of(None, "mis", np.inf, 512)[2] == pictures.CHUNK_PATHS
+    assert noise <= 0.2 * np.sqrt(np.mean((off - truth) ** 2) / np.mean(truth**2))
+    assert truth_of(None, "mis", [np.ones((40, 50, 3))], 512)[2] == 512
 
 
 def row(name: str, rmse: float, ms: float) -> dict:

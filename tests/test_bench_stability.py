@@ -7,9 +7,10 @@ import pytest
 
 from bench.evaluation import points_of
 from bench.sequences import world_from_latlong
-from bench.stability.__main__ import NAMES, SHOWN, table, with_earlier
+from bench.stability.__main__ import NAMES, SHOWN, caption, table, with_earlier
 from bench.stability.measures import COMPACT, measured, truth_of
 from bench.stability.moving import MOVING, STOPS
+from bench.stability.progress import PAGE, Unfinished
 from bench.stability.recipes import HEIGHT, RECIPES
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
@@ -116,3 +117,20 @@ def test_the_table_has_a_line_for_each_method():
     lines = table(rows).splitlines()
     assert len(lines) == 4
     assert lines[2].count("0.25") == 12
+
+
+def test_a_run_that_was_cut_off_goes_on_and_another_begins_anew(tmp_path):
+    parts, path = [("night", "lamp"), ("night", "day"), ("room", "day")], tmp_path / "unfinished.json"
+    first = Unfinished(path, [64, ["tracked"], parts])
+    assert first.left(parts) == parts
+    first.add(parts[1])
+    assert Unfinished(path, [64, ["tracked"], parts]).left(parts) == [parts[0], parts[2]]
+    assert Unfinished(path, [32, ["tracked"], parts]).left(parts) == parts
+    first.finish()
+    assert Unfinished(path, [64, ["tracked"], parts]).left(parts) == parts
+
+
+def test_the_page_has_a_place_for_both_tables_and_says_what_was_measured():
+    assert PAGE.read_text().count("<!-- stability -->") == PAGE.read_text().count("<!-- pictures -->") == 1
+    rows: list[dict[str, object]] = [{"map": "night", "sequence": "lamp"}, {"map": "room", "sequence": "strobe"}]
+    assert caption(rows).startswith("Maps: night, room. Means over 1 sequences without faults, and over 1 with")

@@ -4,7 +4,7 @@
 
 Writes stability.csv, a row for each method, map and sequence (of some of them alone: their rows anew, the others stay), and the table of
 docs/stability.md, which says what is measured and how to add a method. Nothing but the repository is needed, seeds are fixed, and each
-method gets the same frames.
+method gets the same frames. A run that was cut off goes on where it was when the same command is given again.
 """
 
 import argparse
@@ -25,6 +25,7 @@ from bench.rivals.spatiotemporal import spatiotemporal
 from bench.sequences import FRAMES, Frame, world_from_latlong
 from bench.stability.measures import measured, truth_of
 from bench.stability.moving import MOVING
+from bench.stability.progress import Unfinished, show_table
 from bench.stability.recipes import RECIPES
 from vemlight.files import written_whole
 from vemlight.light.light_set import LightSet
@@ -87,6 +88,16 @@ def table(rows: list[dict[str, object]]) -> str:
     return "\n".join([head, "|" + "---|" * len(lines[0]), *rest])
 
 
+def caption(rows: list[dict[str, object]]) -> str:
+    """Which maps and sequences the means of the table are over."""
+    names = [list(dict.fromkeys(str(row[key]) for row in rows)) for key in ("map", "sequence")]
+    sound = [name for name in names[1] if name not in FAULTS]
+    return (
+        f"Maps: {', '.join(names[0])}. Means over {len(sound)} sequences without faults, and over {len(names[1]) - len(sound)} with faults "
+        "([stability.csv](charts/stability.csv)):"
+    )
+
+
 def _mean(rows: list[dict[str, object]], key: str) -> float:
     values = [float(str(row[key])) for row in rows]
     known = [value for value in values if not math.isnan(value)]
@@ -117,16 +128,23 @@ def main() -> None:
     pairs = [(map_name, sequence) for map_name in chosen.maps for sequence in chosen.sequences]
     chosen.out.mkdir(parents=True, exist_ok=True)
     path = chosen.out / "stability.csv"
+    unfinished = Unfinished(chosen.out / "stability_unfinished.json", [chosen.count, chosen.methods, pairs])
     with ProcessPoolExecutor(chosen.jobs) as pool:
-        made = {pool.submit(rows_of, *pair, chosen.count, chosen.methods): pair for pair in pairs}
+        made = {pool.submit(rows_of, *pair, chosen.count, chosen.methods): pair for pair in unfinished.left(pairs)}
         for future in as_completed(made):
             rows = with_earlier(future.result(), path)
             with written_whole(path) as part, open(part, "w", newline="") as file:
                 writer = csv.DictWriter(file, list(rows[0]))
                 writer.writeheader()
                 writer.writerows({key: f"{value:.4g}" if isinstance(value, float) else value for key, value in row.items()} for row in rows)
+            unfinished.add(made[future])
             print(*made[future], flush=True)
-    print(table(with_earlier([], path)))
+    rows = with_earlier([], path)
+    text = f"{caption(rows)}\n\n{table(rows)}"
+    print(text)
+    if chosen.out == OUT:
+        show_table("stability", text)
+    unfinished.finish()
 
 
 if __name__ == "__main__":

@@ -5,7 +5,8 @@
 Writes stability_pictures.csv, a row for each method and clip, and prints a table: relative RMSE, mean HDR-FLIP (Andersson et al. 2021), RMS
 change of the difference from frame to frame, and, where the package cvvdp is installed, the quality of the clip in JOD by ColorVideoVDP
 (Mantiuk et al. 2024; 10 is no difference, 1 less is what three of four people see). Every set of lights is drawn by the same renderer with
-direct light alone. The truth is the map's brightest pixels and cells themselves, each a light. Needs the extra `bench`.
+direct light alone. The truth is the map's brightest pixels and cells themselves, each a light. Needs the extra `bench`. A run that was
+cut off goes on with the next clip when the same command is given again.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from bench.evaluation import Source, points_of
 from bench.sequences import Frame, world_from_latlong
 from bench.stability.__main__ import NAMES, OUT, inputs, lights_of
 from bench.stability.moving import MOVING
+from bench.stability.progress import Unfinished, show_table
 from bench.stability.recipes import RECIPES
 from tests.support.scenes import SHAPES
 from vemlight.files import written_whole
@@ -120,16 +122,27 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", choices=NAMES, default=NAMES)
     parser.add_argument("--out", type=Path, default=OUT)
     chosen = parser.parse_args()
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    path = chosen.out / "stability_pictures.csv"
+    unfinished = Unfinished(chosen.out / "stability_pictures_unfinished.json", [chosen.frames, chosen.methods])
     rows: list[dict[str, Any]] = []
-    for clip in CLIPS:
+    if unfinished.done:
+        with open(path, newline="") as file:
+            rows = [{**row} for row in csv.DictReader(file)]
+    for clip in unfinished.left(CLIPS):
         for row in rows_of(*clip, chosen.frames, chosen.methods):
             rows.append(row)
             print(*(f"{value:.3f}" if isinstance(value, float) else value for value in row.values()), flush=True)
-    with written_whole(chosen.out / "stability_pictures.csv") as part, open(part, "w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows({key: f"{value:.4g}" if isinstance(value, float) else value for key, value in row.items()} for row in rows)
-    print(table(rows))
+        with written_whole(path) as part, open(part, "w", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows({key: f"{value:.4g}" if isinstance(value, float) else value for key, value in row.items()} for row in rows)
+        unfinished.add(clip)
+    text = table(rows)
+    print(text)
+    if chosen.out == OUT:
+        show_table("pictures", text)
+    unfinished.finish()
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 Rigs of our own times maps: the folder VEMLIGHT_DATA/hdri, and procedural ones. Of each the error of irradiance at the target, over 200
 normals and RGB, relative, against the map itself. The others have their best overall gain, no bounds and no primaries. Writes
-docs/charts/fixtures.csv, fixtures_moving.csv and fixtures_time.csv.
+docs/charts/fixtures.csv, fixtures_coarse.csv, fixtures_moving.csv and fixtures_time.csv.
 
     VEMLIGHT_DATA=... python -m bench.fixtures [still|moving|time ...]
 """
@@ -316,7 +316,37 @@ def times() -> Iterator[dict[str, object]]:
         yield {"rig": name, "emitters": len(fixtures) * len(emitters), "median ms": float(np.median(spent)), "most ms": float(spent.max())}
 
 
-PARTS = {"still": (still, "fixtures"), "moving": (moving, "fixtures_moving"), "time": (times, "fixtures_time")}
+TOP_STEPS = 6  # of 255: the strongest level of fixtures of 8 bits near their lower end
+
+
+def coarse() -> Iterator[dict[str, object]]:
+    """One row a rig and map: the error where the strongest level is TOP_STEPS of 255, each level rounded by itself and searched."""
+    for name, image in latlong_maps():
+        radiance = polar(image)
+        truth, lights = Truth.of(radiance), lights_of(SETTLED * [radiance])
+        for rig_name in ("dome of 16", "dome of 27 + 5 floor", "aside: cyclorama"):
+            system = with_gain(rigs()[rig_name], truth)
+            state, exact = step(system, initial_state(system), lights[-1], 0.0)
+            gain = state.gain * TOP_STEPS / 255 / exact.levels.max()
+            fine = system._replace(rig=msgspec.structs.replace(system.rig, gain=float(gain)))
+            bytes_ = RigSystem.of(msgspec.structs.replace(
+                fine.rig, fixture=tuple(msgspec.structs.replace(fixture, bits=8) for fixture in fine.rig.fixture)
+            ))  # fmt: skip
+            wanted = truth.wanted * gain
+            _, exact = step(fine, initial_state(fine), lights[-1], 0.0)
+            _, searched = step(bytes_, initial_state(bytes_), lights[-1], 0.0)
+            made = Averaged(system, "region mean").given(truth)
+            yield {
+                "rig": rig_name, "map": name, "16 bits": error(exact.given, wanted), "searched": error(searched.given, wanted),
+                "rounded": error(fine.irradiance_of(np.rint(exact.levels * 255) / 255), wanted),
+                "region mean": error(made * best_gain(made, wanted), wanted),
+            }  # fmt: skip
+
+
+PARTS = {
+    "still": (still, "fixtures"), "coarse": (coarse, "fixtures_coarse"), "moving": (moving, "fixtures_moving"),
+    "time": (times, "fixtures_time"),
+}  # fmt: skip
 
 
 def main(names: Sequence[str]) -> None:

@@ -64,7 +64,18 @@ def _renderer() -> None:
             Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, threads, 16, 1).warm()
 
 
-JOBS = (_sampler, _capture, _renderer)
+def _fixtures() -> None:
+    import msgspec
+
+    from vemlight.commands.fixture_commands import BUNDLED, rig_path
+    from vemlight.fixtures.rig_file import read_rig
+    from vemlight.fixtures.stage import FixturesStage
+
+    rig = read_rig(rig_path(Path(BUNDLED)))
+    FixturesStage(msgspec.structs.replace(rig, fixture=(msgspec.structs.replace(rig.fixture[0], bits=8), *rig.fixture[1:])))
+
+
+JOBS = (_sampler, _capture, _renderer, _fixtures)
 
 
 def precompile() -> None:

@@ -23,8 +23,10 @@ VERSION = 2  # of the wire protocol
 POLL_MS = 100  # between two looks at the clock
 QUEUE = 1000  # messages that wait at most, half a minute and 5 MB of them; a full queue would keep the old and drop the new
 MAX_PART = 64 * 2**20  # bytes
-SILENCE_S = 3.0  # a connection from which nothing comes for so long, not even the status twice a second, is made anew
-RECONNECT_MS, CONNECT_MS = 50, 1000  # between two attempts; for one
+# A connection from which nothing comes for so long, not even the status twice a second, is made anew: a new one takes ten ways over the
+# link before its first frame, and after a shorter cut the old one goes on sooner
+SILENCE_S = 10.0
+RECONNECT_MS, CONNECT_MS = 50, 700  # between two attempts; for one, so that one is made soon after a cut's end
 KEY = re.compile(r"^\s*(public|secret)-key\s*=\s*[\"'](.{40})[\"']\s*$", re.MULTILINE)
 
 

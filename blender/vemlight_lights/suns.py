@@ -13,7 +13,7 @@ SUN_RAD = math.radians(0.53)  # the least angle: the sun's
 
 
 def rotation_to(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """The shortest rotation (w, x, y, z) that turns +Z to a unit vector, half a turn about +X for straight down; a SUN shines along its -Z."""
+    """The shortest rotation (w, x, y, z) that turns +Z to a unit vector, half a turn about +X straight down; a SUN shines along -Z."""
     across = math.hypot(x, y)
     if across == 0:
         return (1.0, 0.0, 0.0, 0.0) if z > 0 else (0.0, 1.0, 0.0, 0.0)

@@ -54,4 +54,21 @@ def stream(settings: Path | None, osc: str | None, jsonl: str | None) -> None:
     send(read_settings(settings), to_osc, to_jsonl)
 
 
-COMMANDS = (export, stream)
+@click.command()
+@click.argument("service", type=click.Choice(["sampler"]))
+@click.argument("settings", type=PATH, required=False)
+@click.option("--listen", metavar="HOST:PORT", required=True, help="Where listeners connect: 0.0.0.0:5702 for all networks.")
+@click.option("--count", type=click.IntRange(1, 100_000), help="Lights of a frame at most, for slow links; the others join the nearest.")
+@click.option("--bytes", "max_bytes", type=click.IntRange(1), default=6000, show_default=True, help="Of a frame at most.")
+@click.option("--rate", type=Number(0, 1000, min_open=True), help="Frames a second at most; left out: all.")
+def relay(service: str, settings: Path | None, listen: str, count: int | None, max_bytes: int, rate: float | None) -> None:
+    """Publish the lights of running services to many listeners."""
+    from vemlight.exchange.relay import Feed
+    from vemlight.exchange.relay import relay as publish
+    from vemlight.exchange.stream import destination
+    from vemlight.settings import read_settings
+
+    publish(read_settings(settings), destination(listen, "--listen"), Feed(count, max_bytes, rate))
+
+
+COMMANDS = (export, stream, relay)

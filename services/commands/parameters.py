@@ -128,7 +128,7 @@ def _bad_value(error: click.BadParameter, help_: str) -> str:
     if error.param and isinstance(error.param.type, click.Choice):
         from vemlight.toml import choice_hint
 
-        value = (re.match(r"(['\"])(.*)\1 is not one of", text, re.DOTALL) or ["", "", text])[2]
+        value = (re.match(r"(['\"])(.*)\1 is not (one of )?'", text, re.DOTALL) or ["", "", text])[2]
         return f"{value[:40]} is no choice; {choice_hint(value, tuple(map(str, error.param.type.choices)))}"
     if "; " in text:  # it has its way out
         return text

@@ -105,8 +105,11 @@ class Transport:
         if settings.transport == "tcp" and settings.keys:
             self._keys = read_keys(Path(settings.keys))
 
-    def bind(self, service: Service, role: Role) -> Any:
-        """The socket that `service` binds: XPUB or ROUTER. Raises UserError when the address is taken."""
+    def bind(self, service: Service, role: Role, send_buffer: int = -1) -> Any:
+        """The socket that `service` binds: XPUB or ROUTER. send_buffer: bytes that the kernel keeps for a peer; -1: as it likes.
+
+        Raises UserError when the address is taken.
+        """
         self._claim(service, role)
         if role == "publish":
             socket = self._socket(zmq.XPUB, QUEUE_FRAMES, MAX_ASKED)
@@ -114,6 +117,7 @@ class Transport:
         else:
             socket = self._socket(zmq.ROUTER, QUEUE_FRAMES, MAX_ASKED)
             socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # a consumer that died raises instead of swallowing frames
+        socket.sndbuf = send_buffer
         if self._keys:
             self._authenticate()
             socket.curve_server = True

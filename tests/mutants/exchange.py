@@ -48,4 +48,15 @@ MUTANTS = [
         ("a short queue", "QUEUE = 1000", "QUEUE = 4"),
         ("any version", 'if header.get("version", 1) != VERSION:', "if False:"),
     ]),
+    *mutants_of(EXCHANGE + "fewer_lights.py", "tests/test_fewer_lights.py", [
+        ("turns", "STAY = 1.25", "STAY = 1.0"),
+        ("kept for ever", "STAY = 1.25", "STAY = 4.0"),
+        ("the light of others is lost", "np.add.at(irradiance, owner, ", "np.add.at(irradiance, owner, 0 * "),
+        ("the farthest owner", "np.argmax(directions @ directions[kept].T", "np.argmin(directions @ directions[kept].T"),
+    ]),
+    *mutants_of(EXCHANGE + "relay.py", "tests/test_relay.py", [
+        ("frames over the limit", "HEAD_BYTES = 850", "HEAD_BYTES = 300"),
+        ("the sampler's count", "header, frames=self.frames", "header, frames=header.frames"),
+        ("every frame", "1 / relayed.feed.rate_hz if relayed.feed.rate_hz else 0.0", "0.0"),
+    ]),
 ]  # fmt: skip

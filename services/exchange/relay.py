@@ -1,0 +1,151 @@
+"""`vemlight relay`: publishes a place's lights to many listeners, on other hosts too, without work for the services that make them.
+
+It subscribes once and publishes for all under the same protocol, so whatever subscribes to the sampler may subscribe to it: a renderer, a
+viewer, a client. A frame has at most so many bytes, and a slow link's relay fewer lights: services/exchange/fewer_lights.py.
+"""
+
+import contextlib
+import socket as network
+import time
+from typing import NamedTuple
+from weakref import WeakSet
+
+import msgspec
+import numpy as np
+import zmq
+
+from vemlight.errors import UserError
+from vemlight.exchange.fewer_lights import error_of, fewer_lights
+from vemlight.exchange.newest_lights import NewestLights
+from vemlight.exchange.stream import Destination, light_set
+from vemlight.light.light_set import LightSet
+from vemlight.runtime import wire
+from vemlight.runtime.channels import SERVICES
+from vemlight.runtime.log_lines import LogLines
+from vemlight.runtime.open_files import raise_file_limit
+from vemlight.runtime.peers import PEERS, Borrowed, Peer
+from vemlight.runtime.transport import Transport, accept_subscriptions
+from vemlight.settings import Settings, Wire
+
+POLL_MS = 100
+PART_BYTES = 48  # what ZeroMQ (9) and the keys (33) add to a part; lights have up to eight
+HEAD_BYTES = 850  # 8 x PART_BYTES, and a topic and header with a full report, 460 at most
+POINT_BYTES, SOFT_BYTES = 32, 56  # of a light: id, direction, irradiance; with covariance
+# What the kernel keeps for a slow listener, whose frames are that old: at 1 Mbit/s 0.26 s with its doubling. 8 to 64 kB would do.
+SEND_BUFFER = 16 * 1024
+# A lost packet is sent again after this at most. By its own backing off, TCP would be silent for seconds after a cut of a few: 6.4 s are
+# the sum of its first five waits. Linux 6.15 and later (include/uapi/linux/tcp.h); before, all is as it was
+TCP_RTO_MAX_MS, AGAIN_MS = 44, 1000
+
+
+class Feed(NamedTuple):
+    """What a relay sends. count: lights of a frame at most. max_bytes: of a frame. rate_hz: frames a second at most; None: all."""
+
+    count: int | None = None
+    max_bytes: int = 6000
+    rate_hz: float | None = None
+
+    def lights(self, soft: bool) -> int:
+        """How many lights a frame may have."""
+        fitting = (self.max_bytes - HEAD_BYTES) // (SOFT_BYTES if soft else POINT_BYTES)
+        return min(fitting, self.count or fitting)
+
+
+class Relayed:
+    """Makes the frames of a feed from the sampler's."""
+
+    def __init__(self, feed: Feed) -> None:
+        self.feed = feed
+        self.frames = 0
+        self.error = 0.0  # of the newest frame, what its fewer lights cost
+        self._kept = np.zeros(0, np.int64)
+
+    def frame(self, message: wire.Message) -> list[bytes]:
+        """The parts to publish, without the gloss set; the error in the report includes the feed's own."""
+        header, arrays = message
+        assert isinstance(header, wire.LightsMessage)
+        lights = light_set(header, arrays)
+        fewer = fewer_lights(lights, self.feed.lights(header.soft), self._kept)
+        self._kept = fewer.ids
+        self.error = error_of(fewer, lights) if fewer is not lights else 0.0
+        self.frames += 1
+        report = msgspec.structs.replace(header.report, error_ratio=float(np.hypot(header.report.error_ratio, self.error)))
+        made = msgspec.structs.replace(header, count=len(fewer.ids), gloss_count=0, report=report)
+        return wire.pack(made, (*_arrays(fewer), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)))
+
+    def status(self, message: wire.Message) -> list[bytes]:
+        """The sampler's status with the relay's own count, by which listeners judge what they lost."""
+        header, _ = message
+        return wire.pack(msgspec.structs.replace(header, frames=self.frames))
+
+
+def _arrays(lights: LightSet) -> list[np.ndarray]:
+    return [array for array in lights if array is not None]
+
+
+def downstream(settings: Wire, listen: Destination) -> Wire:
+    """The sockets of the relay's own: over tcp, with the same keys. Raises UserError without keys."""
+    if not settings.keys and not settings.insecure:
+        raise UserError("relay: [wire] has no keys; set keys = FOLDER (made by `vemlight keys`) or insecure = true")
+    first = listen.port - 2 * SERVICES.index("sampler")
+    if first < 1:
+        raise UserError(f"--listen {listen.host}:{listen.port}: is too low a port; choose one from 1024 on")
+    return msgspec.structs.replace(settings, transport="tcp", port=first, hosts={"sampler": listen.host})
+
+
+def relay(settings: Settings, listen: Destination, feed: Feed) -> None:
+    """Runs until it is interrupted. Raises UserError for a feed without room for a light, for keys, and for an address that is taken."""
+    if settings.mode == "lossless":
+        raise UserError("relay: in lossless mode frames are sent to who asks for them alone; use live mode")
+    if feed.lights(soft=True) < 1:
+        raise UserError(f"--bytes {feed.max_bytes}: has no room for a light; give {HEAD_BYTES + SOFT_BYTES} or more")
+    own = downstream(settings.wire, listen)
+    raise_file_limit()
+    inner, outer = Transport(settings.wire), Transport(own)
+    try:
+        publisher = outer.bind("sampler", "publish", send_buffer=SEND_BUFFER)
+        newest = NewestLights(inner.subscribe("sampler", "lights", "status", "end"))
+        print(f"vemlight: lights at tcp://{listen.host}:{listen.port}: {_described(feed)}", flush=True)
+        _pass_on(newest, publisher, Relayed(feed))
+    finally:
+        outer.close()
+        inner.close()
+
+
+def _described(feed: Feed) -> str:
+    lights = f"up to {feed.lights(soft=True)} soft lights or {feed.lights(soft=False)} points in {feed.max_bytes} bytes"
+    return lights + (f", {feed.rate_hz:g} frames a second" if feed.rate_hz else "")
+
+
+def _pass_on(newest: NewestLights, publisher: zmq.Socket, relayed: Relayed) -> None:
+    said, known = LogLines(), WeakSet()
+    period_s = 1 / relayed.feed.rate_hz if relayed.feed.rate_hz else 0.0
+    due_s, waiting = 0.0, None
+    poller = zmq.Poller()
+    poller.register(newest.socket, zmq.POLLIN)
+    poller.register(publisher, zmq.POLLIN)
+    while True:
+        left_ms = max(0, round((due_s - time.monotonic()) * 1e3)) if waiting else POLL_MS
+        poller.poll(min(POLL_MS, left_ms))
+        accept_subscriptions(publisher)
+        _send_again_soon(known)
+        waiting = newest.take() or waiting
+        now_s = time.monotonic()
+        if waiting and now_s >= due_s:
+            due_s = (due_s if now_s - due_s < period_s else now_s) + period_s
+            publisher.send_multipart(relayed.frame(waiting))
+            waiting = None
+            if relayed.error:
+                said.say("fewer", f"relay: {relayed.feed.lights(True)} lights at most, {100 * relayed.error:.2g} % of error by that")
+        for kind in ("status", "end"):
+            if message := newest.others.pop(kind, None):
+                publisher.send_multipart(relayed.status(message) if kind == "status" else wire.pack(*message))
+
+
+def _send_again_soon(known: "WeakSet[Peer]") -> None:
+    """Limits the wait of TCP before it sends a lost packet again, for listeners that are new."""
+    for peer in list(PEERS.values()):
+        if peer not in known and peer.is_tcp and peer.monitor.accepts:
+            known.add(peer)
+            with contextlib.suppress(OSError), Borrowed(peer.file) as connection:
+                connection.setsockopt(network.IPPROTO_TCP, TCP_RTO_MAX_MS, AGAIN_MS)

@@ -13,6 +13,8 @@ from vemlight.capture.lens import Lens
 from vemlight.capture.simulation.sensor import VirtualCamera
 from vemlight.capture.simulation.simulate import Lighting, simulate
 from vemlight.capture.source import open_source
+from vemlight.commands.offline import write_lights_file
+from vemlight.commands.options import LightsOptions
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.images import write_exr
 from vemlight.light.light_set import LightSet
@@ -60,6 +62,19 @@ def test_a_source_with_a_ground_gives_spheres(tmp_path):
     np.testing.assert_allclose(frame.radiance[10:], 0.15, rtol=1e-3)
     with pytest.raises(ValueError, match="leave one of them out"):
         Capture(ground=0.2, coverage="sphere")
+
+
+def test_lights_of_a_map_with_a_ground_come_from_below_too(tmp_path):
+    write_exr(tmp_path / "map.exr", np.full((32, 64, 3), 0.5, np.float32))
+    for ground, below in ((None, 0.0), (0.4, 0.4 * np.pi)):
+        out = tmp_path / "lights.json"
+        write_lights_file(LightsOptions(source=tmp_path / "map.exr", out=out, count=40, soft=False, ground=ground))
+        row = json.loads(out.read_text())
+        assert row["coverage"] == ("sphere" if ground else "hemisphere")
+        power = np.array([light["irradiance"][1] for light in row["lights"]])
+        is_below = np.array([light["direction"][2] for light in row["lights"]]) < 0
+        np.testing.assert_allclose(power[is_below].sum(), below, rtol=0.35)  # a light at the horizon has some of both
+        np.testing.assert_allclose(power.sum(), np.pi + below, rtol=1e-3)
 
 
 @pytest.mark.parametrize("scene", ["sky", "interior"])

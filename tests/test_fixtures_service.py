@@ -4,12 +4,17 @@ import os
 import signal
 import time
 
+import msgspec
+import numpy as np
 import pytest
 
 from tests.support.processes import LOADED_S, children, wait_until
 from tests.support.sacn_receiver import SacnReceiver, accepted, most_in_a_second
 from vemlight.errors import UserError
+from vemlight.fixtures.last_look import FILE, forget_look, load_look, save_look
+from vemlight.fixtures.rig_file import read_rig
 from vemlight.fixtures.sender import MAX_HZ
+from vemlight.fixtures.slots import universes_of
 from vemlight.settings import check_settings
 
 RECEIVER = "127.0.0.32"
@@ -62,12 +67,15 @@ def test_a_run_drives_fixtures_and_holds_their_look(run, receiver, rig):
     assert any(held[0].slots)
     assert held[0].slots == held[1].slots
     assert held[1].at_s - held[0].at_s < 1.05
-    os.kill(pids["sampler"], signal.SIGCONT)
 
-    os.kill(pids["fixtures"], signal.SIGKILL)  # restarted, with sequences that a receiver accepts
+    os.kill(pids["fixtures"], signal.SIGKILL)  # restarted, it goes on with the look, in sequences that a receiver accepts
     killed_s = time.monotonic()
     wait_until(lambda: children(process.pid).get("fixtures") not in (None, pids["fixtures"]), "a restart")
-    receiver.wait_for(lambda packet: packet.at_s > killed_s + 0.3 and any(packet.slots), LOADED_S)
+    again = receiver.wait_for(lambda packet: packet.at_s > killed_s + 0.1, LOADED_S)
+    assert again.slots == held[1].slots  # without any light: the sampler is still stopped
+    assert not again.preview
+    os.kill(pids["sampler"], signal.SIGCONT)
+    receiver.wait_for(lambda packet: packet.at_s > again.at_s and packet.slots != again.slots, LOADED_S)
 
     process.send_signal(signal.SIGTERM)
     assert process.wait(timeout=10) == 0
@@ -80,6 +88,35 @@ def test_a_run_drives_fixtures_and_holds_their_look(run, receiver, rig):
     assert most_in_a_second([packet.at_s for packet in data]) <= MAX_HZ
     _, errors = process.communicate()
     assert b"the last look is held" in errors
+
+
+class Sending:
+    """A sender, by what is kept of it."""
+
+    def __init__(self, slots) -> None:
+        self.slots, self.armed, self.blackout = slots, True, False
+
+
+def test_a_look_is_kept_for_a_moment_and_for_its_rig(tmp_path, rig, monkeypatch):
+    made = read_rig(rig)
+    look = universes_of(made, np.array([1000, 2000]))
+    save_look(tmp_path, "rig.toml", Sending(look), 5.0)  # type: ignore[arg-type]
+    found = load_look(tmp_path, "rig.toml", made)
+    assert found
+    assert (found.universes, found.armed, found.blackout, found.gain) == (look, True, False, 5.0)
+    assert load_look(tmp_path, "other.toml", made) is None
+    moved = msgspec.structs.replace(made, fixture=(msgspec.structs.replace(made.fixture[0], universe=2),))
+    assert load_look(tmp_path, "rig.toml", moved) is None
+    now_ns = time.monotonic_ns()
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now_ns + int(31e9))
+    assert load_look(tmp_path, "rig.toml", made) is None
+    monkeypatch.undo()
+    (tmp_path / FILE).write_bytes((tmp_path / FILE).read_bytes()[:-3])
+    assert load_look(tmp_path, "rig.toml", made) is None
+    forget_look(tmp_path)
+    assert load_look(tmp_path, "rig.toml", made) is None
+    save_look(tmp_path, "rig.toml", Sending(None), 5.0)  # type: ignore[arg-type]
+    assert list(tmp_path.glob("*.look*")) == []
 
 
 def test_files_are_not_made_while_lamps_are_driven(make_settings, rig):

@@ -196,7 +196,7 @@ def test_many_soft_lights_divide_a_lamp_and_its_id_stays_through_the_change():
 
 
 @pytest.mark.parametrize(("diameter", "fraction", "count", "divided"), [
-    (5, 0.7, 64, True), (5, 0.7, 63, False), (5, 0.3, 64, False), (1.5, 0.9, 100, False), (1.5, 0.9, 128, True),
+    (5, 0.7, 64, True), (5, 0.7, 63, False), (5, 0.3, 64, False), (4, 0.9, 64, False), (1.5, 0.9, 100, False), (1.5, 0.9, 128, True),
 ])  # fmt: skip
 def test_a_wide_strong_lamp_is_divided_from_64_lights_on_and_a_sun_from_128(diameter, fraction, count, divided):
     state, strongest = initial_tracked(), []
@@ -208,6 +208,19 @@ def test_a_wide_strong_lamp_is_divided_from_64_lights_on_and_a_sun_from_128(diam
         strongest.append(int(lights.ids[power.argmax()]))
         assert len(set(lights.ids.tolist())) == len(lights.ids)
     assert divided or len(set(strongest)) == 1
+
+
+def test_the_parts_of_a_divided_lamp_move_with_it():
+    state, known, born, strongest = initial_tracked(), set(), [], []
+    for k in range(20):
+        frame = SamplerInput(lit((40.5, 120 + 2 * k, 5, 0.7)), "hemisphere", k / 25, NO_BRIGHT_CELLS)
+        state, lights, _ = tracked_step(64, state, frame, soft=True)
+        power = lights.irradiance.sum(axis=1)
+        born.append(power[~np.isin(lights.ids, list(known))].sum() / power.sum())
+        known |= set(lights.ids.tolist())
+        strongest.append(int(lights.ids[power.argmax()]))
+    assert np.mean(born[1:]) < 0.01
+    assert len(set(strongest)) == 1
 
 
 def test_whether_a_source_is_divided_is_decided_when_it_enters():

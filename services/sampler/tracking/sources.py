@@ -26,7 +26,7 @@ MIN_CORE_RAD = np.radians(1.2)
 WIDEN_S = 1.0  # in which a source's variance may double: of a sun that wanders over the pixels the narrowest sight is the truest
 MIN_VARIANCE = np.radians(0.06) ** 2  # rad^2; as in extents.py
 LEFT = 0.007  # error of the irradiance that a wide source makes as one Gaussian, half of all of 64 lights', above which it begins divided
-WIDE_RAD = np.radians(0.5)  # standard deviation: the parts of a narrower source lie within two pixels of a map
+WIDE_RAD = np.radians(1.07)  # standard deviation, of an even disc of 4.3 degrees: a lamp is narrower, a softbox or window wider
 LEFT_GRID, LEFT_REACH = 32, 3.5  # places along an axis at which distributions are compared, out to so many standard deviations
 SHIFTS = 3  # from a peak to the middle of its source: each step is a mean over SOURCE_RAD
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.light.bright_cells import BrightCells
+from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
 from vemlight.sampler.sampler_input import MAX_GAP_S, SamplerInput
@@ -134,7 +135,7 @@ def lights_of(count: int, state: TrackedState, observed: Observed, soft: bool) -
     state, cells = _tracked_sites(state, tiles, count, power, NEVER_URGENT)
     peaks = peaks_of(tiles)
     sources, lit = sources_after(state.sources, peaks, state.time_s, state.sites.next_id, len(state.sites.ids) // 2)
-    state = _named_after_sources(state, sources, np.arange(len(lit)), cells)
+    state = _named_after_sources(state, sources, np.arange(len(lit)), centroids(cells.moment, state.sites.directions), cells.moment[:, 3])
     sites = state.sites._replace(offsets=state.sites.offsets * observed.birth_decay)
     directions, flux = lights_from_cells(tiles, cells.moment, cells.assignment, sites.directions, sites.offsets)
     return state._replace(sites=sites), LightSet(sites.ids, directions, flux), tiles
@@ -150,16 +151,28 @@ def _soft_lights(state: TrackedState, tiles: Tiles, count: int) -> tuple[Tracked
     whole = np.setdiff1d(np.arange(len(lit)), parted)
     source_tiles, flux, rest = source_lights(tiles, peaks, lit[whole])
     ids, power = sources.ids[whole], float(rest.power.sum())
-    state = state._replace(sites=_without_ids(state.sites, np.delete(sources.ids, parted)))
+    state = state._replace(sites=_moved_with(_without_ids(state.sites, np.delete(sources.ids, parted)), sources, parted))
     if power <= MIN_REST * float(tiles.power.sum()):
         lights = LightSet.of(ids, source_tiles.directions, flux, np.zeros((len(ids), 6)))
         return state._replace(sources=sources), lights, tiles
     state, cells = _tracked_sites(state, rest, count - len(ids), power, URGENT)
-    state = _named_after_sources(state, sources, parted, cells)
     sites = state.sites
     lights = soft_lights(tiles, np.append(ids, sites.ids), sites.directions, cells.assignment, source_tiles)
+    parts = lights.irradiance[len(ids) :] @ LUMINANCE_WEIGHTS
+    state = _named_after_sources(state, sources, parted, lights.directions[len(ids) :], parts)
+    lights = lights._replace(ids=np.append(ids, state.sites.ids))
     lights, sources, narrowing = steady_extents(lights, state.sources, whole)
     return state._replace(sources=sources), lights, narrowed(tiles, source_tiles, narrowing)
+
+
+def _moved_with(sites: Sites, sources: Sources, divided: np.ndarray) -> Sites:
+    """The sites at the sources `divided` (k,), moved as these have: cells of half a degree do not find a lamp that moves by one."""
+    directions = sites.directions.copy()
+    for n in divided:
+        near = sites.directions @ (sources.directions[n] - sources.steps[n]) > np.cos(SOURCE_RAD)
+        moved = sites.directions[near] + sources.steps[n]
+        directions[near] = moved / np.linalg.norm(moved, axis=1, keepdims=True)
+    return sites._replace(directions=directions)
 
 
 def _without_ids(sites: Sites, taken: np.ndarray) -> Sites:
@@ -170,12 +183,14 @@ def _without_ids(sites: Sites, taken: np.ndarray) -> Sites:
     return sites._replace(ids=ids, next_id=next_id + int(clash.sum()))
 
 
-def _named_after_sources(state: TrackedState, sources: Sources, divided: np.ndarray, cells: Cells) -> TrackedState:
-    """The state in which the strongest cell at each of the sources `divided` (k,) has the source's id, which it takes from the one that had
-    it. A new source takes the id of its strongest cell.
+def _named_after_sources(
+    state: TrackedState, sources: Sources, divided: np.ndarray, directions: np.ndarray, power: np.ndarray
+) -> TrackedState:
+    """The state in which the strongest light at each of the sources `divided` (k,) has the source's id, which it takes from the one that
+    had it. A new source takes the id of its strongest light. directions (n, 3), power (n,): of the sites' lights.
     """
     sites, known, names = state.sites, state.sources.ids, sources.ids.copy()
-    ids, directions, power = sites.ids.copy(), centroids(cells.moment, sites.directions), cells.moment[:, 3]
+    ids = sites.ids.copy()
     for n in divided:
         near, own = directions @ sources.directions[n] > np.cos(SOURCE_RAD), names[n]
         if near.any():

@@ -125,13 +125,6 @@ def test_instances_of_a_mesh_are_placed_in_their_node(tmp_path):
         read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
 
 
-def test_lights_of_a_file_are_refused_with_a_line(tmp_path):
-    sheet = TexturedSquare()
-    sheet.document.update(extensionsUsed=["KHR_lights_punctual"], extensions={"KHR_lights_punctual": {"lights": [{"type": "point"}]}})
-    (line,) = read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").unsupported
-    assert line == "sheet.gltf: its lights (KHR_lights_punctual) are not drawn; give the scene a [[luminaire]]"
-
-
 def test_a_node_with_two_parents_is_refused(tmp_path):
     sheet = TexturedSquare()
     sheet.document.update(nodes=[{"children": [2]}, {"children": [2]}, {"mesh": 0}], scenes=[{"nodes": [0, 1]}])

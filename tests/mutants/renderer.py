@@ -202,6 +202,10 @@ MUTANTS = [
         ("left-handed faces as they are", "triangles = triangles[:, ::-1]", "triangles = triangles[:, :]"),
         ("holes drawn", "kept[holes[(holes >= 0) & (holes < len(counts))]] = False", "kept[:] = True"),
     ]),
+    *mutants_of(RENDERER + "scene/gltf_lights.py", "tests/test_gltf_lights.py", [
+        ("lamps along +z", "np.diag([1.0, -1.0, -1.0, 1.0])", "np.eye(4)"),
+        ("falloff not squared", "scale, 0, 1) ** 2", "scale, 0, 1)"),
+    ]),
     *mutants_of(RENDERER + "scene/gltf.py", "tests/test_gltf.py", [
         ("bytes of a glTF doubled", "MAX_BYTES = 2**30", "MAX_BYTES = 2**31"),
         ("numbers on top of each other doubled", "FREE_NUMBERS = 2**24", "FREE_NUMBERS = 2**25"),

@@ -32,7 +32,7 @@ FREE_NUMBERS = 2**24  # in all accessors: 134 MB as float64. More only from as m
 TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = MODES = 4, 5, 6  # of a primitive's triangles, section 5.24.4
 READ_EXTENSIONS = frozenset(
     {
-        "EXT_mesh_gpu_instancing", "EXT_texture_webp", "KHR_materials_emissive_strength", "KHR_materials_ior",
+        "EXT_mesh_gpu_instancing", "EXT_texture_webp", "KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_materials_ior",
         "KHR_materials_pbrSpecularGlossiness",
         "KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform",
     }

@@ -264,9 +264,6 @@ class GltfMaterials:
         for extension in sorted(set(document.get("extensionsUsed", [])) - READ_EXTENSIONS)[:MAX_NOTES]:
             users = [m.get("name", k) for k, m in enumerate(document.get("materials", [])) if extension in m.get("extensions", {})]
             more = f" and {len(users) - 1} more" if users[1:] else ""
-            if extension == "KHR_lights_punctual":
-                self._note("its lights (KHR_lights_punctual) are not drawn; give the scene a [[luminaire]]")
-                continue
             self._note(f"{extension} is not drawn" + (f", of material {users[0]}{more}" if users else ""))
         for number, mesh in enumerate(document.get("meshes", [])):
             name = f"mesh {mesh.get('name', number)}"

@@ -46,13 +46,14 @@ class MeshNode(NamedTuple):
 class NodeTree(NamedTuple):
     """The nodes of a file's scene.
 
-    mesh_nodes: in the order they are drawn. parents: of each node, None for a root. camera_nodes: numbers of those with a camera, and
-    their transforms (4, 4), file_from_node.
+    mesh_nodes: in the order they are drawn. parents: of each node, None for a root. camera_nodes, light_nodes: numbers of those with a
+    camera and with a light, and their transforms (4, 4), file_from_node.
     """
 
     mesh_nodes: list[MeshNode]
     parents: Mapping[int, int | None]
     camera_nodes: list[tuple[int, np.ndarray]]
+    light_nodes: list[tuple[int, np.ndarray]]
 
     def path(self, number: int) -> tuple[int, ...]:
         """The numbers of the nodes from the root down to a node."""
@@ -72,6 +73,7 @@ def read_nodes(file: GltfFile) -> NodeTree:
     roots = item(scenes, document.get("scene", 0), "scenes").get("nodes", []) if scenes else []
     found: list[MeshNode] = []
     camera_nodes: list[tuple[int, np.ndarray]] = []
+    light_nodes: list[tuple[int, np.ndarray]] = []
     parents: dict[int, int | None] = {}
     stack: list[tuple[int, int | None, int, np.ndarray]] = [(root, None, 1, np.eye(4)) for root in roots]
     while stack:  # depth first, the last child before the first
@@ -86,12 +88,14 @@ def read_nodes(file: GltfFile) -> NodeTree:
         stack += [(child, number, depth + 1, file_from_node) for child in node.get("children", [])]
         if "camera" in node:
             camera_nodes.append((number, file_from_node))
+        if "KHR_lights_punctual" in node.get("extensions", {}):
+            light_nodes.append((number, file_from_node))
         if "mesh" in node:
             mesh = item(meshes, node["mesh"], "meshes")
             found += [MeshNode(number, mesh, file_from_node @ placed) for placed in _instances(file, node)]
             if len(found) > MAX_NODES:
                 raise ValueError(f"has more than {MAX_NODES} meshes and instances; join them")
-    return NodeTree(found, parents, camera_nodes[::-1])
+    return NodeTree(found, parents, camera_nodes[::-1], light_nodes[::-1])
 
 
 def _instances(file: GltfFile, node: Mapping[str, Any]) -> list[np.ndarray]:

@@ -16,6 +16,8 @@ from vemlight.light.sphere import rotation_xyz
 from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
 from vemlight.renderer.luminaire.shift_invariant import DrawnBy
+from vemlight.renderer.scene.gltf_lights import FileLamp
+from vemlight.runtime import wire
 
 Vector = tuple[float, float, float]
 Method = Literal["auto", "sampled", "shift-invariant"]
@@ -47,13 +49,16 @@ class LuminaireTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class Luminaire(NamedTuple):
-    """A luminaire in the world. world_from_local: rigid transform (4, 4) float64. drawn: by which method; far fields have none."""
+    """A luminaire in the world. world_from_local: rigid transform (4, 4) float64. drawn: by which method; far fields have none.
+    colour: Rec. 709, times its light.
+    """
 
     source: LightField | FarField
     world_from_local: np.ndarray
     power: float
     table: LuminaireTable
     drawn: DrawnBy = DrawnBy(False, 1)
+    colour: Vector = (1.0, 1.0, 1.0)
 
 
 def world_from_lamp(position: Vector, degrees_xyz: Vector) -> np.ndarray:
@@ -106,3 +111,24 @@ def load_luminaire(table: LuminaireTable, files: LuminaireFiles, where: str) -> 
         raise UserError(f"{where}: at and rotate must be finite, at within {MAX_COORDINATE_M:.0f} m; correct them")
     source = files.read(table.file, table.lamp_set, where)
     return Luminaire(source, world_from_lamp(table.at, table.rotate), table.power, table, files.drawn(table, source))
+
+
+def luminaire_of_file(lamp: FileLamp, world_from_file: np.ndarray) -> Luminaire:
+    """The luminaire of a lamp in a mesh file that stands at world_from_file (4, 4): neither scale nor mirroring changes its light."""
+    matrix = world_from_file @ lamp.file_from_lamp
+    world_from_local = np.eye(4)
+    axis, across = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2]), matrix[:3, 0]
+    across = across - (across @ axis) * axis
+    across /= np.linalg.norm(across)
+    world_from_local[:3, :3] = np.stack([across, np.cross(axis, across), axis], axis=1)
+    world_from_local[:3, 3] = matrix[:3, 3]
+    return Luminaire(lamp.far_field, world_from_local, 1.0, LuminaireTable(), colour=lamp.colour)
+
+
+def lamp_pose(lamp: Luminaire, name: str) -> wire.Pose:
+    """Where a luminaire stands, as an object that can be moved."""
+    from scipy.spatial.transform import Rotation  # here, since it takes a third of a second to load
+
+    x, y, z = lamp.world_from_local[:3, 3].tolist()
+    a, b, c, d = Rotation.from_matrix(lamp.world_from_local[:3, :3]).as_quat().tolist()
+    return wire.Pose(name=name, position=(x, y, z), rotation=(a, b, c, d), power=lamp.power)

@@ -13,6 +13,7 @@ from vemlight.renderer.scene.animation import ALL_ANIMATIONS, RigidMotion, anima
 from vemlight.renderer.scene.files_beside import MAX_LINES, FilesBeside
 from vemlight.renderer.scene.gltf import MODES, TRIANGLES, GltfFile
 from vemlight.renderer.scene.gltf_cameras import FileCamera, read_cameras
+from vemlight.renderer.scene.gltf_lights import FileLamp, read_lamps
 from vemlight.renderer.scene.gltf_materials import GltfMaterials
 from vemlight.renderer.scene.gltf_nodes import NodeTree, read_nodes
 from vemlight.renderer.scene.materials import Material, Phong
@@ -45,12 +46,13 @@ class MeshFile(NamedTuple):
     """What a file holds, in its own axes.
 
     parts: the meshes, with the transforms of their nodes applied. unsupported: a line for each feature that is not drawn. cameras: of a
-    glTF.
+    glTF, as are lamps.
     """
 
     parts: list[MeshPart]
     unsupported: list[str]
     cameras: tuple[FileCamera, ...] = ()
+    lamps: tuple[FileLamp, ...] = ()
 
 
 def read_meshes(path: Path, where: str, animation: str = "", materials: bool = True, limits: SceneLimits | None = None) -> MeshFile:
@@ -60,7 +62,7 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     Raises UserError that begins with `where` for a file that cannot be read, requires what is not read here or refers to a file outside
     its folder, and for a mesh that is empty, holds nan or has no area.
     """
-    limits, cameras = limits or SceneLimits(), ()
+    limits, cameras, lamps = limits or SceneLimits(), (), ()
     try:
         with np.errstate(all="ignore"):  # of numbers that are found to be none afterwards
             if path.suffix.lower() in NODE_SUFFIXES:
@@ -72,6 +74,9 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
                 meshes, left_out = _gltf_meshes(file, tree, file_materials, limits, animation, materials)
                 left_out += _unsupported(file, file_materials, animation)
                 left_out += usd.left_out if usd else []
+                not_lit: dict[str, None] = {}
+                lamps = tuple(read_lamps(file, tree, lambda line: not_lit.setdefault(line)))
+                left_out += list(not_lit)[:MAX_LINES]
             else:
                 meshes, left_out = _meshes_of_other_files(path, limits)
     except UserError as error:
@@ -81,7 +86,7 @@ def read_meshes(path: Path, where: str, animation: str = "", materials: bool = T
     if not meshes:
         detail = f" that can be drawn ({left_out[0]})" if left_out else ""
         raise UserError(f"{where}: {path} has no triangles{detail}; export it again")
-    return MeshFile(_placed(meshes, path, where, limits, left_out), [f"{path.name}: {line}" for line in left_out], cameras)
+    return MeshFile(_placed(meshes, path, where, limits, left_out), [f"{path.name}: {line}" for line in left_out], cameras, lamps)
 
 
 def _placed(meshes: list[SourceMesh], path: Path, where: str, limits: SceneLimits, left_out: list[str]) -> list[MeshPart]:

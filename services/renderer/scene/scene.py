@@ -25,7 +25,9 @@ from vemlight.renderer.scene.luminaire_table import (
     LuminaireFiles,
     LuminaireTable,
     Vector,
+    lamp_pose,
     load_luminaire,
+    luminaire_of_file,
 )
 from vemlight.renderer.scene.materials import (
     Material,
@@ -137,22 +139,23 @@ def load_scene(path: Path | None) -> Scene:
     files = _MeshFiles(path.parent)
     if not table.camera.preset:
         view_camera(table.camera, (), path)  # before files are read that take long
-    meshes, cameras = [], []
+    meshes, cameras, file_lamps = [], [], []
     for number, row in enumerate(table.mesh, 1):
         placed = _meshes(row, files, f"{path}: [[mesh]] {number}")
         meshes += [mesh._replace(object_index=number - 1) for mesh in placed.meshes]
         cameras += placed.cameras
+        file_lamps += placed.lamps
     camera = view_camera(table.camera, cameras, path)
     _check_shadow_catchers(meshes, path)
-    if len(table.luminaire) > MAX_LUMINAIRES:
-        raise UserError(f"{path}: has {len(table.luminaire)} [[luminaire]], at most {MAX_LUMINAIRES} are drawn; leave some out")
+    if (count := len(table.luminaire) + len(file_lamps)) > MAX_LUMINAIRES:
+        raise UserError(f"{path}: has {count} [[luminaire]] and lamps of files, at most {MAX_LUMINAIRES} are drawn; leave some out")
     sources = LuminaireFiles(path.parent)
     lamps = [load_luminaire(row, sources, f"{path}: [[luminaire]] {number}") for number, row in enumerate(table.luminaire, 1)]
     plate = load_plate(table.plate, path.parent, f"{path}: [plate]") if table.plate else None
     boxes = [swept_bounds(mesh.geometry, mesh.motion) for mesh in meshes] + [bounds([mesh.geometry for mesh in meshes])]
     low, high = np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
     _warn_if_far(low, high, path)
-    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, tuple(lamps), plate, _objects(table, path))
+    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, (*lamps, *file_lamps), plate, _objects(table, path, file_lamps))
 
 
 def _warn_if_far(low: np.ndarray, high: np.ndarray, path: Path) -> None:
@@ -162,8 +165,9 @@ def _warn_if_far(low: np.ndarray, high: np.ndarray, path: Path) -> None:
         print(f"vemlight: {path}: {line}", file=sys.stderr, flush=True)
 
 
-def _objects(table: SceneTable, path: Path) -> tuple[wire.Pose, ...]:
-    """The objects and lamps. A name left out is the file's or the shape's, with a number where another has it already."""
+def _objects(table: SceneTable, path: Path, file_lamps: list[Luminaire]) -> tuple[wire.Pose, ...]:
+    """The objects and lamps, those of mesh files last. A name left out is the file's or the shape's, with a number where another has it
+    already."""
     rows: list[tuple[MeshTable | LuminaireTable, str, float | None]] = [(row, row.shape or Path(row.file).stem, None) for row in table.mesh]
     rows += [(row, Path(row.file or BUNDLED_LAMP).stem, row.power) for row in table.luminaire]
     given = [row.name for row, _, _ in rows if row.name]
@@ -173,11 +177,19 @@ def _objects(table: SceneTable, path: Path) -> tuple[wire.Pose, ...]:
     objects = []
     for row, stem, power in rows:
         stem = stem[:56] or "mesh"  # of the 64 characters of a name, 8 for the number behind it
-        numbered = (f"{stem} {k}" if k > 1 else stem for k in range(1, len(rows) + 2))
-        name = row.name or next(name for name in numbered if name not in taken)
+        name = row.name or _free_name(stem, taken)
         taken.add(name)
         objects.append(wire.Pose(name=name, position=row.at, rotation=quaternion_xyz(row.rotate), power=power))
+    for lamp in file_lamps:
+        name = _free_name(lamp.source.name, taken)
+        taken.add(name)
+        objects.append(lamp_pose(lamp, name))
     return tuple(objects)
+
+
+def _free_name(stem: str, taken: set[str]) -> str:
+    """A name that is not taken: the stem, with a number where it is."""
+    return next(name for k in range(1, len(taken) + 2) if (name := f"{stem} {k}" if k > 1 else stem) not in taken)
 
 
 def _check_shadow_catchers(meshes: list[Mesh], path: Path) -> None:
@@ -212,10 +224,11 @@ class _MeshFiles:
 
 
 class PlacedFile(NamedTuple):
-    """The meshes and cameras of a `[[mesh]]`."""
+    """The meshes, cameras and lamps of a `[[mesh]]`."""
 
     meshes: list[Mesh]
     cameras: list[PlacedCamera]
+    lamps: list[Luminaire]
 
 
 def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> PlacedFile:
@@ -248,7 +261,11 @@ def _meshes(row: MeshTable, files: _MeshFiles, where: str) -> PlacedFile:
             geometry = geometry._replace(colours=None)
         motion = part.motion._replace(world_from_file=world_from_file) if part.motion else None
         meshes.append(Mesh(part.name, geometry, Phong() if made_of is None else made_of, motion=motion))
-    return PlacedFile(meshes, [PlacedCamera(camera, world_from_file) for camera in file.cameras])
+    lamps = [luminaire_of_file(lamp, world_from_file) for lamp in file.lamps]
+    for lamp in lamps:
+        if not np.abs(lamp.world_from_local[:3, 3]).max() <= MAX_COORDINATE_M:
+            raise UserError(f"{where}: its lamp {lamp.source.name} is farther than {MAX_COORDINATE_M:.0f} m away; correct its place")
+    return PlacedFile(meshes, [PlacedCamera(camera, world_from_file) for camera in file.cameras], lamps)
 
 
 def _check_table(row: MeshTable, where: str) -> None:

@@ -89,7 +89,8 @@ class RasterisedLuminaire:
             self._program["shadow_maps"] = unit
         self._program["shadows"] = float(self._atlas is not None)
         self._program["local_from_world"] = tuple(np.linalg.inv(self.luminaire.world_from_local).T.reshape(-1))
-        self._program["scale"] = tuple(self.luminaire.power * channel for channel in weight)
+        shown = zip(weight, self.luminaire.colour, strict=True)
+        self._program["scale"] = tuple(self.luminaire.power * channel * colour for channel, colour in shown)
         self._program["catchers"] = catchers
         begin_adding(self._context, framebuffer)
         self._array.render(moderngl.TRIANGLES, vertices=3)

@@ -52,7 +52,8 @@ class TracedLuminaire:
         self._texture.write(picture.tobytes(), alignment=1)
         self._texture.use(0)
         self._program["computed"] = 0
-        self._program["scale"] = tuple(self.luminaire.power * channel for channel in weight)
+        shown = zip(weight, self.luminaire.colour, strict=True)
+        self._program["scale"] = tuple(self.luminaire.power * channel * colour for channel, colour in shown)
         begin_adding(self._context, framebuffer)
         self._array.render(moderngl.TRIANGLES, vertices=3)
 

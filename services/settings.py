@@ -40,6 +40,7 @@ Count0 = Annotated[int, Meta(ge=0, le=100_000)]
 Side = Annotated[int, Meta(ge=1, le=MAX_PICTURE_SIDE)]
 Rate = Annotated[float, Meta(gt=0, le=1000)]
 Frequency = Annotated[float, Meta(gt=0, le=500)]  # up to half of the highest frame rate
+ExposureTimes = Annotated[tuple[Annotated[float, Meta(gt=0, le=1e6)], ...], Meta(max_length=8)]
 Stops = Annotated[float, Meta(ge=-20, le=20)]  # a factor of a million either way
 Port = Annotated[int, Meta(ge=1, le=65_000)]  # the wire takes twelve ports from its first
 
@@ -128,6 +129,12 @@ class Capture(SettingsSection, frozen=True):
         means("equirect: degrees across and down that the image covers, the middle of the sphere; left out: 360, 180"),
     ] = None
     stereo: Annotated[Stereo | None, means("films for two eyes: how they lie; the first is taken; left out: as the film says")] = None
+    exposures: Annotated[
+        ExposureTimes, means("cameras: exposures to take in turn and to merge, such as [0.008, 0.0005, 0.00003] s; empty: one")
+    ] = ()
+    exposure_control: Annotated[
+        str, means("cameras: the control that sets them; other than exposure_time_absolute, exposures are its own counts")
+    ] = "exposure_time_absolute"
     brackets: Annotated[bool, means("folders of photographs: several exposures, by their EXIF, are one frame")] = False
     record: Annotated[str, means("folder to record to; empty: nothing is recorded"), PATH] = ""
     threads: Annotated[int, Meta(ge=1, le=8), means("threads that resample a fisheye frame; more than 1 pays off above 2 megapixels")] = 1
@@ -151,6 +158,10 @@ class Capture(SettingsSection, frozen=True):
             raise ValueError("span is for projection equirect; leave one of them out")
         if self.brackets and is_live(self.source):
             raise ValueError("brackets is for folders of photographs; a camera takes exposures")
+        if self.exposures and not is_camera(self.source):
+            raise ValueError("exposures is for cameras; a folder of photographs has brackets, and a recording says its own")
+        if self.exposures and self.exposure_control in self.controls:
+            raise ValueError(f"controls and exposures both set {self.exposure_control}; leave one of them out")
         if self.stereo and len(self.lenses) > 1:
             raise ValueError("stereo is of films for two eyes, and several lens files are for one view of all; leave one of them out")
 

@@ -93,18 +93,32 @@ class CameraControls:
         name = next((control.name for control in self._controls.values() if control.id == EXPOSURE), None)
         return self.values[name] * EXPOSURE_UNIT_S if name in self.values else None
 
+    def limits(self, name: str) -> tuple[int, int]:
+        """The least and the largest value of a control. Raises UserError for one that the camera does not have."""
+        self._check(name, None)
+        return self._controls[name].minimum, self._controls[name].maximum
+
+    def write(self, name: str, value: int) -> None:
+        """Sets a control without asking whether it obeyed."""
+        self._set(name, value)
+
+    def written(self, name: str, value: int) -> int | None:
+        """Sets a control; returns what is read back."""
+        self._set(name, value)
+        return self._read(name)
+
     def restore(self) -> None:
         """Sets everything to what it was. Controls that something automatic has taken over again need no value."""
         for name, value in sorted(self._before.items(), key=lambda row: self._controls[row[0]].id in MANUAL):
             if self._read(name) != value:
                 self._set(name, value)
 
-    def _check(self, name: str, value: int) -> None:
+    def _check(self, name: str, value: int | None) -> None:
         control = self._controls.get(name)
         if control is None:
             names = ", ".join(self._controls) or "none"
             raise UserError(f"{self._path}: has no control {name[:40]} but {names}; correct --control or [capture] controls")
-        if not control.minimum <= value <= control.maximum:
+        if value is not None and not control.minimum <= value <= control.maximum:
             raise UserError(f"{self._path}: {name} = {value} is not in {control.minimum} .. {control.maximum}; choose a number in it")
 
     def _read(self, name: str) -> int | None:

@@ -10,11 +10,14 @@ import numpy as np
 
 from vemlight.capture.camera_controls import CameraControls
 from vemlight.capture.colour_coding import colour_coding
+from vemlight.capture.exposure_camera import ExposureCamera, values_from_coding
 from vemlight.capture.frames import Frame, FrameMaker
 from vemlight.capture.pixel_formats import MJPEG
-from vemlight.capture.planes import Planes, layout_of
+from vemlight.capture.planes import Planes, codes_from_planes, layout_of
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.recording_attributes import map_attributes
+from vemlight.capture.scatter import Threads
+from vemlight.capture.still_source import StillReader
 from vemlight.capture.v4l2 import RawFrame, V4l2Camera
 from vemlight.errors import UserError
 from vemlight.settings import Capture
@@ -37,12 +40,16 @@ class CameraSource:
             controls=settings.controls,
         )
         self.fps, self._coding = self._camera.fps, None
+        self._exposures: ExposureCamera | None = None
+        self._threads = Threads(settings.threads)
         try:
             if self._camera.form.mosaic is None:
                 camera = self._camera
                 self._coding = colour_coding(settings, camera.path, camera.tags, camera.unsaid, self._maker.response)
             # a dark frame computes the weights before the stream begins, and refuses a lens of another size
             self._made(self._dark(), 0.0)
+            if settings.exposures:
+                self._exposures = self._changing_exposures(settings)
         except UserError:
             self._camera.close()
             raise
@@ -68,16 +75,48 @@ class CameraSource:
         raw = self._camera.read(wait_s)
         if raw is None:
             return None
+        if self._exposures and self._camera.controls and not self._exposures.received(self._camera.controls):
+            return None
         self._first_ns = raw.monotonic_ns if self._first_ns is None else self._first_ns
         time_s = (raw.monotonic_ns - self._first_ns) / 1e9
         self._count += raw.lost + 1
-        frame = self._made(raw, time_s)
+        of_exposures: dict[str, Any] = {}
+        if self._exposures:
+            frame, of_exposures = self._exposures.frame(self._codes(raw), time_s)
+        else:
+            frame = self._made(raw, time_s)
         if self.recorder:
             attributes = raw_attributes(raw, self.fps, self._camera.controls)
+            if self._exposures:
+                attributes = self._exposures.without_exposure(attributes)
+            if raw.codes is not None:
+                attributes |= of_exposures
             if raw.codes is None:  # a picture in colour is recorded as its map
                 attributes |= map_attributes(frame, self.fps)
             self.recorder.put(frame.radiance if raw.codes is None else raw.codes, attributes, self._count - 1, time_s)
         return frame._replace(lost=raw.lost, monotonic_ns=raw.monotonic_ns)
+
+    def _changing_exposures(self, settings: Capture) -> ExposureCamera:
+        """Raises UserError for a camera without controls, and as ExposureCamera."""
+        camera, dark, response = self._camera, self._dark(), self._maker.response
+        if camera.controls is None:
+            raise UserError(f"{camera.path}: has no controls, and exposures need one; leave exposures out")
+        if dark.codes is not None:
+            values = StillReader(settings, self._maker).raw_codes(camera.path, dark.codes, dark.mosaic, 0).values
+        else:
+            assert dark.planes is not None
+            assert self._coding is not None
+            values = values_from_coding(self._coding, dark.planes.layout.bits, response.exposure_s if response else 1.0)
+        return ExposureCamera(settings, self._maker, camera.path, camera.controls, values, camera.form.mosaic, self.fps)
+
+    def _codes(self, raw: RawFrame) -> np.ndarray:
+        """The codes of a frame of changing exposure."""
+        if raw.codes is not None:
+            return raw.codes
+        assert raw.planes is not None
+        assert self._coding is not None
+        spans = self._maker.spans(self._camera.path, (raw.planes.height, raw.planes.width), None)
+        return codes_from_planes(raw.planes, self._coding, spans, self._threads)
 
     def _made(self, raw: RawFrame, time_s: float) -> Frame:
         if raw.planes is not None:

@@ -27,7 +27,8 @@ class CodeValues(NamedTuple):
 
     light: (top + 1,) float64, radiance times exposure of each code, rising; below 0 below the code of darkness. clipped_from: the first
     code that may be clipped. saturated_from: the first that counts as the highest. reach: pixels around a clipped one whose codes it may
-    have changed, 0 or 1. rec709_from_light: (3, 3), of merged colours. luminance_scale: cd/m2 per unit of radiance, where known.
+    have changed, 0 or 1. rec709_from_light: (3, 3), of merged colours. luminance_scale: cd/m2 per unit of radiance, where known. step:
+    between two codes of the device, where `light` has more.
     """
 
     light: np.ndarray
@@ -36,11 +37,22 @@ class CodeValues(NamedTuple):
     reach: int
     rec709_from_light: np.ndarray
     luminance_scale: float | None
+    step: float = 1.0
 
     @property
     def top(self) -> int:
         """The highest code."""
         return len(self.light) - 1
+
+    @property
+    def dark(self) -> int:
+        """The code of darkness."""
+        return max(int(np.searchsorted(self.light, 0.0, side="right")) - 1, 0)
+
+    @property
+    def electron(self) -> float:
+        """Light of one electron, where the code that is the highest has FULL_WELL of them."""
+        return float(self.light[self.saturated_from] - min(self.light[0], 0.0)) / FULL_WELL
 
 
 def values_from_response(response: Response, reach: int) -> CodeValues:
@@ -57,9 +69,8 @@ def clipped_from(top: int) -> int:
 def relative_variance(values: CodeValues) -> np.ndarray:
     """Variance of each code's light, (top + 1,) float64, in its unit squared."""
     light = values.light
-    electron = (light[-1] - min(light[0], 0.0)) / FULL_WELL
-    slope = np.gradient(light)
-    return electron * (electron * READ_NOISE**2 + np.maximum(light, 0)) + QUANTISING * slope**2
+    step = np.gradient(light) * values.step
+    return values.electron * (values.electron * READ_NOISE**2 + np.maximum(light, 0)) + QUANTISING * step**2
 
 
 def merge_tables(values: CodeValues, exposures: np.ndarray) -> np.ndarray:

@@ -146,6 +146,39 @@ def linear_from_planes(
     return LinearPicture(pixels, int(counts.sum()))
 
 
+def codes_from_planes(planes: Planes, coding: ColourCoding, spans: np.ndarray, threads: Threads) -> np.ndarray:
+    """Red, green and blue of the pixels inside `spans` as entries of the coding's table, (height, width, 3) uint16."""
+    layout = planes.layout
+    per_signal = (ENTRIES - 1) / (HIGHEST - LOWEST)
+    to_index = signal_from_codes(coding, layout.bits, layout.is_rgb) * per_signal
+    to_index[:, 3] += 0.5 - LOWEST * per_signal  # the nearest
+    entries = np.zeros((planes.height, planes.width, 3), np.uint16)
+    components = [planes.samples[component.plane] for component in layout.components]
+    places = tuple(component[1:] for component in layout.components)
+
+    def job(rows: slice) -> None:
+        _entry_rows(entries, *components, places, layout.shift, spans, to_index.astype(np.float32), rows.start, rows.stop)
+
+    threads.run(job, np.linspace(0, planes.height, MAP_PARTS + 1).astype(int))
+    return entries
+
+
+@kernel(nogil=True)
+def _entry_rows(entries, first, second, third, places, shift, spans, to_index, begin, end):
+    (a_at, a_step, a_across, a_down), (b_at, b_step, b_across, b_down), (c_at, c_step, c_across, c_down) = places
+    (ra, rb, rc, r1), (ga, gb, gc, g1), (ba, bb, bc, b1) = _row4(to_index, 0), _row4(to_index, 1), _row4(to_index, 2)
+    none, last = np.float32(0), np.float32(ENTRIES - 1)
+    for y in range(begin, end):
+        row_a, row_b, row_c, row = first[y >> a_down], second[y >> b_down], third[y >> c_down], entries[y]
+        for x in range(spans[y, 0], spans[y, 1]):
+            a = np.float32(row_a[a_at + (x >> a_across) * a_step] >> shift)
+            b = np.float32(row_b[b_at + (x >> b_across) * b_step] >> shift)
+            c = np.float32(row_c[c_at + (x >> c_across) * c_step] >> shift)
+            row[x, 0] = np.uint16(min(max(ra * a + rb * b + rc * c + r1, none), last))
+            row[x, 1] = np.uint16(min(max(ga * a + gb * b + gc * c + g1, none), last))
+            row[x, 2] = np.uint16(min(max(ba * a + bb * b + bc * c + b1, none), last))
+
+
 @kernel(nogil=True)
 def _linear_rows(pixels, first, second, third, places, shift, spans, to_index, rec709, table, display, white, counts, begin, end):
     # numbers of the loop are copied out of their arrays, which `pixels` might overlap for all that the compiler knows

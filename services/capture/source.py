@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from vemlight.capture.bracket_source import BracketSource
+from vemlight.capture.exposure_recording import EXPOSURES, ExposureRecording
 from vemlight.capture.film_source import FilmSource
 from vemlight.capture.frames import Frame, FrameMaker
 from vemlight.capture.manifest import MANIFEST, ManifestEntry, check_digest, read_manifest
@@ -141,7 +142,7 @@ def open_source(settings: Capture) -> FrameSource:
     return ReadAheadSource(source) if len(source) > 1 else source
 
 
-def open_files(settings: Capture) -> FileSource | FilmSource | BracketSource:
+def open_files(settings: Capture) -> FileSource | FilmSource | BracketSource | ExposureRecording:
     """The files that the settings name. Raises UserError when they are missing or incomplete."""
     if settings.record:
         raise UserError("[capture] record is for cameras; `vemlight record` records files")
@@ -156,5 +157,8 @@ def open_files(settings: Capture) -> FileSource | FilmSource | BracketSource:
         return FileSource(settings, [FrameFile(path, 0)], None)
     if (path / MANIFEST).exists():
         entries = read_manifest(path)
+        first = path / entries[0].name
+        if not is_still(first) and EXPOSURES in (attributes := read_radiance(first)[1]):
+            return ExposureRecording(settings, path, entries, recorded_fps(attributes, settings.fps) * settings.speed, attributes)
         return FileSource(settings, [FrameFile(path / entry.name, k) for k, entry in enumerate(entries)], entries)
     return FileSource(settings, frame_files(path), None)

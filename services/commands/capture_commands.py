@@ -9,7 +9,7 @@ import click
 from vemlight.commands.options import LensOptions, ResponseOptions, SimulateOptions, options_as
 from vemlight.commands.parameters import PATH, STANDARD_OUTPUT, Number, OutFile, OutFolder, eight_numbers, width_height
 from vemlight.commands.report import Report, reporting
-from vemlight.commands.source_options import capture_settings, source_options
+from vemlight.commands.source_options import Numbers, capture_settings, source_options
 from vemlight.errors import UserError, of_setting
 from vemlight.files import writing_to
 
@@ -28,6 +28,9 @@ from vemlight.files import writing_to
 @click.option("--mosaic", type=click.Choice(["mono", "RGGB", "GRBG", "GBRG", "BGGR"]), help="One value a pixel; left out: three.")
 @click.option("--exposure", "exposure_s", type=Number(0), default=0.0, show_default=True, help="Seconds, for mains flicker.")
 @click.option("--flicker", "flicker_hz", type=Number(0), default=0.0, show_default=True, help="Hz: 100 or 120 for mains.")
+@click.option("--exposures", type=Numbers(0), metavar="S,S,..", default="", help="Taken in turn, in seconds; a player recognises them.")
+@click.option("--control-delay", type=click.IntRange(1, 4), default=2, show_default=True, help="Frames until an exposure takes effect.")
+@click.option("--sway", type=Numbers(2), metavar="DEGREES,HZ", default="0,0", show_default=True, help="Of the camera.")
 @click.option("--dropouts", type=Number(0, 1), default=0.0, show_default=True, help="Fraction of frames that are lost.")
 @click.option("--truth", is_flag=True, help="Write the true radiance of each frame, too.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
@@ -41,14 +44,17 @@ def simulate(options: SimulateOptions) -> None:
     from vemlight.capture.simulation.simulate import simulate as simulate_frames
 
     lighting = Lighting(
-        maps=options.maps, rotate_deg_per_frame=options.rotate_deg, keyframes=options.keyframes, flicker_hz=options.flicker_hz
-    )
+        maps=options.maps, rotate_deg_per_frame=options.rotate_deg, keyframes=options.keyframes, flicker_hz=options.flicker_hz,
+        sway_deg=options.sway[0], sway_hz=options.sway[1],
+    )  # fmt: skip
     camera = VirtualCamera(
         lens=read_lens(options.lens),
         response=read_response(options.response) if options.response else None,
         mosaic=options.mosaic,
         fps=options.fps,
         exposure_s=options.exposure_s,
+        exposures=options.exposures,
+        control_delay=options.control_delay,
         noise_codes=options.noise_codes,
         pattern_codes=options.pattern_codes,
         dropouts=options.dropouts,

@@ -44,6 +44,8 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     span: tuple[float, float] | None = None
     stereo: str | None = None
     brackets: bool | None = None
+    exposures: tuple[float, ...] | None = None
+    exposure_control: str | None = None
     format: str | None = None
     ground: float | None = None
     controls: tuple[tuple[str, int], ...] = ()
@@ -104,6 +106,9 @@ class SimulateOptions(msgspec.Struct, frozen=True, kw_only=True):
     mosaic: "Mosaic | None"
     exposure_s: float
     flicker_hz: float
+    exposures: tuple[float, ...]
+    control_delay: int
+    sway: tuple[float, float]
     dropouts: float  # fraction of frames
     truth: bool
     seed: int

@@ -1,5 +1,6 @@
 """The options that say how a source is to be read, which all commands that read one share, and the settings that they make."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
@@ -12,7 +13,7 @@ from vemlight.errors import UserError
 
 
 class Numbers(click.ParamType):
-    """So many finite numbers with commas between."""
+    """So many finite numbers with commas between; 0: any number of them."""
 
     name = "numbers"
 
@@ -20,12 +21,14 @@ class Numbers(click.ParamType):
         self._count = count
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "" and not self._count:
+            return ()
         try:
             numbers = tuple(float(number) for number in value.split(","))
         except ValueError:
             numbers = ()
-        if len(numbers) != self._count:
-            self.fail(f"{value[:40]} is not {self._count} numbers; write them with commas between", param, ctx)
+        if len(numbers) != (self._count or len(numbers) or 1) or not all(map(math.isfinite, numbers)):
+            self.fail(f"{value[:40]} is not {self._count or 'a list of'} numbers; write them with commas between", param, ctx)
         return numbers
 
 
@@ -60,12 +63,15 @@ SOURCE_OPTIONS = (
     click.option("--span", type=Numbers(2), metavar="ACROSS,DOWN", help="equirect: degrees that the image covers; left out: 360,180."),
     click.option("--control", "controls", type=Assignment(), multiple=True, help="Cameras: NAME=VALUE of a control; as often as needed."),
     click.option("--format", help="Cameras: pixel format by the kernel's letters, such as YUYV or MJPG. PNG: its mosaic."),
+    click.option("--exposures", type=Numbers(0), metavar="S,S,..", help="Cameras: exposures to take in turn and to merge, in seconds."),
+    click.option("--exposure-control", help="Cameras: the control that sets them; left out: exposure_time_absolute."),
     click.option("--brackets", is_flag=True, default=None, help="Folders of photographs: several exposures, by EXIF, are one frame."),
     click.option("--stereo", type=_choice(Stereo), help="Films for two eyes: how they lie; the first is taken."),
     click.option("--ground", type=Number(0, 1), help="Albedo of a ground below the horizon, which sends light up; left out: none."),
 )
 CAPTURE_KEYS = (
     "transfer", "primaries", "matrix", "range", "light", "peak", "projection", "span", "stereo", "format", "ground", "brackets",
+    "exposures", "exposure_control",
 )  # fmt: skip
 
 

@@ -105,6 +105,16 @@ MUTANTS = [
         ("a coarse polynomial", "DEGREE = 6", "DEGREE = 1"),
         ("clipped pixels", "BRIGHTEST = 10 / 255, 245 / 255", "BRIGHTEST = 10 / 255, 256 / 255"),
     ]),
+    *mutants_of(CAPTURE + "exposure_cycle.py", "tests/test_live_brackets.py", [
+        ("delays of controls", "SETTLING = 8", "SETTLING = 4"),
+        ("wide motion", "MOTION = 0.15", "MOTION = 5.0"),
+        ("wide sigma", "np.log(sigma) + np.log1p", "np.log1p"),
+    ]),
+    *mutants_of(CAPTURE + "strong_lights.py", "tests/test_live_brackets.py", [
+        ("large windows", "if max(region.shape) <= REACH and", "if True and"),
+        ("lights where they were", "across, down = (float(value) for", "across, down = (0 * float(value) for"),
+        ("frames where they were", "window + by, 0, side - 1", "window, 0, side - 1"),
+    ]),
     *mutants_of(CAPTURE + "exposure_groups.py", "tests/test_brackets.py", [
         ("two exposures alike", "SAME = 1.05", "SAME = 1.02"),
         ("thirds of a stop", "SAME = 1.05", "SAME = 1.3"),

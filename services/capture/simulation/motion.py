@@ -30,6 +30,16 @@ class KeyframeFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     key: Annotated[list[Keyframe], Meta(min_length=1)]
 
 
+def swaying(steady: Motion, degrees: float, hz: float) -> Motion:
+    """A motion as a camera sees it that sways by so many degrees about two axes, at a rate and at four fifths of it."""
+
+    def swayed(time_s: float) -> np.ndarray:
+        turn = 2 * np.pi * hz * time_s
+        return rotation_xyz((degrees * np.sin(turn), degrees * np.cos(0.8 * turn), 0.0)) @ steady(time_s)
+
+    return swayed if degrees else steady
+
+
 def motion(degrees_per_s: float, keyframes: Path | None) -> Motion:
     """The rotation over time: about +Z at a constant rate, or along `keyframes`.
 

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from vemlight.capture.exposure_recording import EXPOSURES, exposures_text
 from vemlight.capture.frames import Mosaic
 from vemlight.capture.lens import Lens, pixel_angles, vignetting_from_angle, write_lens
 from vemlight.capture.manifest import MANIFEST, ManifestWriter
@@ -25,6 +26,8 @@ class VirtualCamera(msgspec.Struct, frozen=True, kw_only=True):
     mosaic: Mosaic | None = None  # None: three channels
     fps: float = 25.0
     exposure_s: float = 0.0
+    exposures: tuple[float, ...] = ()  # s, that are taken in turn; none: all frames have that of the response
+    control_delay: int = 2  # frames until an exposure that is asked for takes effect
     noise_codes: float = 0.0  # Gaussian noise of the codes (sigma)
     pattern_codes: float = 0.0  # fixed pattern noise (sigma)
     dropouts: float = 0.0  # fraction of the frames that are lost, as a busy camera loses them
@@ -46,8 +49,10 @@ def received_frames(camera: VirtualCamera, count: int, seed: int) -> list[int]:
     return np.flatnonzero(np.random.default_rng((seed, DROPOUT_STREAM)).random(count) >= camera.dropouts).tolist()
 
 
-def exposed(radiance: np.ndarray, camera: VirtualCamera, pattern: np.ndarray, seed: tuple[int, int]) -> np.ndarray:
-    """The pixels of a file for the `radiance` (height, width, 3) behind the lens.
+def exposed(
+    radiance: np.ndarray, camera: VirtualCamera, pattern: np.ndarray, seed: tuple[int, int], exposure_s: float | None = None
+) -> np.ndarray:
+    """The pixels of a file for the `radiance` (height, width, 3) behind the lens; exposure_s: where it is not the response's.
 
     Codes as float32 after noise and the fixed `pattern`, (height, width) of a mosaic or (height, width, 3); radiance as half floats from a
     camera without response.
@@ -57,7 +62,8 @@ def exposed(radiance: np.ndarray, camera: VirtualCamera, pattern: np.ndarray, se
         return np.minimum(radiance, MAX_HALF).astype(np.float16)
     if camera.mosaic:
         radiance = through_mosaic(radiance, camera.mosaic)[..., None]
-    signal = response.signal(radiance) + pattern
+    relative = 1.0 if exposure_s is None else exposure_s / response.exposure_s
+    signal = response.signal(radiance * relative) + pattern
     if camera.noise_codes > 0:
         signal += np.random.default_rng(seed).normal(0.0, camera.noise_codes, signal.shape)
     codes = code_from_signal(signal, response).astype(np.float32)
@@ -86,6 +92,8 @@ class SequenceWriter:
             "framesPerSecond": Fraction(camera.fps).limit_denominator(1001),
             "vemlight:kind": "fisheye" if camera.response is None else "codes",
         }
+        if camera.exposures:  # and not which of them a frame has, as no driver tells it
+            self._attributes[EXPOSURES] = exposures_text(tuple(sorted(camera.exposures, reverse=True)))
         if camera.exposure_s > 0:
             self._attributes["expTime"] = camera.exposure_s
         if camera.response is not None:

@@ -96,16 +96,16 @@ def test_every_frame_is_recognised(played, monkeypatch):
 
 
 def test_the_sun_is_whole_and_in_its_place_in_every_frame(played):
-    """After two cycles; against the same lens's image of the true radiance."""
+    """After two cycles; the power against that of the same lens's image of the true radiance."""
     source, exact, rows = source_of(played), open_files(Capture(source=str(played / "truth"))), truth_rows(played)
     assert len(exact) == len(source) + SETTLING - 1
     of_mosaic = "RGGB" in str(read_radiance(played / rows[0]["name"])[1].get("vemlight:mosaic"))
     for k in range(2 * len(EXPOSURES), len(source)):
         near = np.array(rows[k + SETTLING - 1]["sun"])
         power, direction = sun(source.frame(k), near)
-        true_power, true_direction = sun(exact.frame(k + SETTLING - 1), near)
+        true_power, _ = sun(exact.frame(k + SETTLING - 1), near)
         assert of_mosaic or power == pytest.approx(true_power, rel=0.05)  # a sun sharper than a mosaic has no power that it tells
-        assert LENS.f[0] * np.arccos(np.clip(direction @ true_direction, -1, 1)) < 0.3  # pixels
+        assert LENS.f[0] * np.arccos(np.clip(direction @ near, -1, 1)) < 0.5  # pixels; a sun in one pixel may be at its edge
 
 
 def test_a_frame_has_the_same_bits_in_any_order(played):

@@ -3,6 +3,7 @@
 from typing import Literal
 
 Mode = Literal["live", "lossless"]
+ExrFloats = Literal["half", "float"]
 Tone = Literal["reinhard", "exponential"]
 Background = Literal["clear", "map"]
 Shadows = Literal["auto", "rays", "maps"]

@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from vemlight.choices import (
     Background,
+    ExrFloats,
     Filter,
     LightOf,
     Matrix,
@@ -262,6 +263,7 @@ class Renderer(SettingsSection, frozen=True):
     tone: Annotated[Tone, means("curve of the tone mapping")] = "reinhard"
     background: Annotated[Background, means("behind the scene: nothing, with alpha 0, or the environment map")] = "clear"
     video: Annotated[str, means("file to write all pictures to at the end, .mp4, .mov or .mkv; requires `out`; empty: none"), PATH] = ""
+    exr: Annotated[ExrFloats, means("numbers of EXR files; half: 32-bit floats still where a number is beyond 65,504")] = "half"
     picture: Annotated[Literal["srgb8", "linear16"], means("linear16: also send the picture before tone mapping, as half floats")] = "srgb8"
 
     def __post_init__(self) -> None:

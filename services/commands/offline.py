@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -87,6 +87,7 @@ def renderer_settings(options: RenderOptions) -> settings.Renderer:
         "shadow_map": options.shadow_map,
         "shadows": options.shadows,
         "bounces": options.bounces,
+        "exr": options.exr,
         "exposure": options.exposure,
     }
     return section_from_options(settings.Renderer, given)
@@ -146,6 +147,7 @@ def write_pictures(options: RenderOptions) -> str:
     """
     from vemlight.light.environment_map import EnvironmentMap
     from vemlight.renderer.frame_sequence import FrameSequence
+    from vemlight.renderer.output.exr_attributes import exr_pixels, time_attributes
     from vemlight.renderer.output.tonemap import adapt, subsampled, tone_mapped
     from vemlight.renderer.output.video import video_writer
     from vemlight.renderer.renderer import Renderer
@@ -172,7 +174,10 @@ def write_pictures(options: RenderOptions) -> str:
             before_s = frame.time_s
             pixels = tone_mapped(picture, adaptation, wanted.exposure, wanted.tone)
             if out:
-                _write(_numbered(out, k, len(frames)), picture, pixels)
+                attributes = time_attributes(k, frame.time_s, frames.fps if len(frames) > 1 else None)
+                if frame.luminance_scale is not None:
+                    attributes["whiteLuminance"] = frame.luminance_scale
+                _write(_numbered(out, k, len(frames)), exr_pixels(picture, wanted.exr), pixels, attributes)
             if video:
                 video.add(pixels, frame.time_s)
             if interruption.came and k + 1 < len(frames):
@@ -205,8 +210,8 @@ def _numbered(out: Path, number: int, count: int) -> Path:
     return out if count == 1 else out.with_stem(f"{out.stem}_{number:04d}")
 
 
-def _write(path: Path, picture: np.ndarray, pixels: np.ndarray) -> None:
+def _write(path: Path, picture: np.ndarray, pixels: np.ndarray, attributes: dict[str, Any]) -> None:
     if path.suffix == ".exr":
-        write_exr(path, picture)
+        write_exr(path, picture, attributes)
     else:
         write_png(path, pixels)

@@ -6,7 +6,19 @@ from pathlib import Path
 import click
 
 from vemlight.commands.options import LightsOptions, RenderOptions, options_as
-from vemlight.commands.parameters import BACKGROUND, FILTER, METHOD, PATH, SHADOWS, TONE, Number, OutFile, OutFolder, width_height
+from vemlight.commands.parameters import (
+    BACKGROUND,
+    EXR_FLOATS,
+    FILTER,
+    METHOD,
+    PATH,
+    SHADOWS,
+    TONE,
+    Number,
+    OutFile,
+    OutFolder,
+    width_height,
+)
 from vemlight.commands.report import Report, reporting
 from vemlight.commands.source_options import source_options
 
@@ -59,6 +71,7 @@ def lights(options: LightsOptions) -> Report:
 @click.option("--bounces", type=click.IntRange(0, 1), default=1, show_default=True, help="Of light from surface to surface.")
 @click.option("--shadows", type=SHADOWS, default="auto", show_default=True, help="By rays or by maps; auto: by rays without a GPU.")
 @click.option("--shadow-map", type=click.IntRange(16, 4096), help="Texels on a side for each light; left out: by the light's power.")
+@click.option("--exr", type=EXR_FLOATS, default="half", show_default=True, help="Numbers of an EXR: halves, or 32-bit floats.")
 @click.option("--video", type=OutFile(".mp4", ".mov", ".mkv"), help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
 @click.option("--out", type=OutFile(".exr", ".png"), help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
 @options_as(RenderOptions)

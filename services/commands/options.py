@@ -88,6 +88,7 @@ class RenderOptions(SamplingOptions, frozen=True, kw_only=True):
     shadow_map: int | None = None  # texels on a side
     shadows: str | None = None
     bounces: int = 1
+    exr: str | None = None
 
 
 class SimulateOptions(msgspec.Struct, frozen=True, kw_only=True):

@@ -8,13 +8,13 @@ from typing import Any, get_args
 
 import click
 
-from vemlight.choices import Background, Filter, Method, Mode, Shadows, Tone
+from vemlight.choices import Background, ExrFloats, Filter, Method, Mode, Shadows, Tone
 from vemlight.errors import UserError
 
 PATH = click.Path(path_type=Path)
 STANDARD_OUTPUT = Path("-")
 MODE, TONE, BACKGROUND, SHADOWS = (click.Choice(get_args(kind)) for kind in (Mode, Tone, Background, Shadows))
-METHOD, FILTER = (click.Choice(get_args(kind)) for kind in (Method, Filter))
+METHOD, FILTER, EXR_FLOATS = (click.Choice(get_args(kind)) for kind in (Method, Filter, ExrFloats))
 
 
 class Number(click.FloatRange):

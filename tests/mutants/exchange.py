@@ -59,4 +59,9 @@ MUTANTS = [
         ("the sampler's count", "header, frames=self.frames", "header, frames=header.frames"),
         ("every frame", "1 / relayed.feed.rate_hz if relayed.feed.rate_hz else 0.0", "0.0"),
     ]),
+    *mutants_of("services/renderer/output/exr_attributes.py", "tests/test_exr_attributes.py", [
+        ("halves of any number", "HALF_MAX = 65504.0", "HALF_MAX = 1e9"),
+        ("hours beyond a day", "seconds // 3600 % 24", "seconds // 3600"),
+        ("frames over 30", "frame * 30 // counted if counted > 30 else frame", "frame"),
+    ]),
 ]  # fmt: skip

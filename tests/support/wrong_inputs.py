@@ -170,6 +170,7 @@ WRONG = [
         ("lights sequence --out out.json", "out.json | .jsonl"),
         ("lights good.exr --out nowhere/out.json", "--out: nowhere/out.json | no folder nowhere"),
         ("lights good.exr --out sequence.json", "--out: sequence.json is a folder"),
+        ("render good.exr --exr quarter --out out.exr", "--exr: quarter is no choice | half, float"),
         ("render good.exr --out out.gif", "--out: out.gif | .exr or .png"),
         ("render good.exr", "--out, --video"),
         ("render good.exr --video out.avi", "--video: out.avi | .mp4"),

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
+from vemlight.choices import ExrFloats
 from vemlight.errors import UserError
 from vemlight.files import notice
 from vemlight.light.images import write_exr, write_png
+from vemlight.renderer.output.exr_attributes import exr_pixels, time_attributes
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import BACKGROUND, over_background, video_writer
 from vemlight.runtime import wire
@@ -37,6 +39,8 @@ class ImageSequenceWriter:
             self._manifest = RunManifest(self._folder, run_start(settings), PictureEntry)
         except OSError as error:
             raise UserError(f"{error.filename or self._folder}: cannot be written ({error.strerror}); choose another --out") from error
+        self._floats: ExrFloats = settings.renderer.exr
+        self._is_live = settings.mode == "live"
         self._renumbered = 0  # live: added to the numbers of a source that was restarted and counts from 0 again
 
     @property
@@ -57,7 +61,7 @@ class ImageSequenceWriter:
         sequence = stamp.sequence + self._renumbered
         exr = self._folder / f"frame_{sequence:04d}.exr"
         try:
-            write_exr(exr, picture, {"imageCounter": sequence % 2**31, "vemlight:sequence": str(sequence)})
+            write_exr(exr, exr_pixels(picture, self._floats), time_attributes(sequence, stamp.time_s, captured_ns=self._captured_ns(stamp)))
             write_png(exr.with_suffix(".png"), pixels)
             sha256, png_sha256 = self._manifest.digests(exr.name)
             self._manifest.add(
@@ -74,6 +78,10 @@ class ImageSequenceWriter:
             exr.unlink(missing_ok=True)
             exr.with_suffix(".png").unlink(missing_ok=True)
             raise
+
+    def _captured_ns(self, stamp: wire.Stamp) -> int | None:
+        """When a live picture's light was seen. In lossless mode a stamp says when a file was read, which differs from run to run."""
+        return stamp.captured_ns if self._is_live else None
 
     def complete(self, video: Path | None = None) -> None:
         """Writes the contact sheet and the video, if there is any picture, and the manifest's last line.

@@ -19,7 +19,7 @@ from vemlight.settings import Settings
 
 CameraMessage = tuple[wire.MapMessage | wire.PlateMessage, tuple[np.ndarray, ...]]
 LISTENERS = "VEMLIGHT_LISTENERS"  # in the environment: the services that a source waits for before it plays, as names with spaces between
-LISTENERS_S = 300.0  # then it plays in any case: compiling took 200 s on a machine with much else to do; up to 900 s would do
+LISTENERS_S = 900.0  # then it plays in any case: compiling took 300 s on a machine with ten times its work; 600 to 3,600 s would do
 
 
 class Source(Protocol):

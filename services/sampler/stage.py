@@ -20,7 +20,7 @@ from vemlight.sampler.snapshot import SNAPSHOT_FRAMES, Snapshot, Snapshots
 from vemlight.sampler.state import SamplerState, initial_state
 from vemlight.sampler.step import step
 
-WARM_FRAMES = 64  # more than the 24 after which the search for flicker begins; any larger value does
+WARM_FRAMES = 32  # more than the 24 after which the search for flicker begins; any larger value does, and takes longer
 WARM_FPS = 21.0  # at which lamps of 100 Hz are seen to flicker
 
 

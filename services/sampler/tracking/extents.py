@@ -249,8 +249,8 @@ def _log_likelihoods(tiles, t, near, s, logs):
 @subroutine
 def _log_likelihood(tiles, t, gaussian):
     """The same for one Gaussian (TERMS,)."""
-    log = np.empty(1, np.float32)
-    _log_likelihoods(tiles, t, gaussian.astype(np.float32).reshape(1, TERMS, 1), 0, log)
+    log, near = np.empty(1, np.float32), gaussian.astype(np.float32).reshape(1, TERMS, 1)
+    _log_likelihoods(tiles, t, near, near.shape[0] - 1, log)  # for a 0 in its place numba compiles another version
     return log[0]
 
 

@@ -191,7 +191,7 @@ function cover(id, row, hasFrame, paused) {
   line.dataset.state = hasFrame ? (still ? row.state : "paused") : "";
   at(id).classList.toggle("dim", hasFrame && still);
   if (!hasFrame) {
-    line.textContent = row.state === "not seen" ? `${row.service}: ${row.text} … (${Math.round(performance.now() / 1000)} s so far)` : `${row.service}: ${row.text} …`;
+    line.textContent = row.state === "not seen" ? `waiting for ${row.service} … (${row.text}: ${Math.round(performance.now() / 1000)} s so far)` : `${row.service}: ${row.text} …`;
   } else {
     line.textContent = still ? `${row.service}: ${row.text}` : "paused at this frame";
   }

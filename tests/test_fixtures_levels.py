@@ -14,6 +14,7 @@ from vemlight.fixtures.report import report_of, report_words
 from vemlight.fixtures.rig import Group
 from vemlight.fixtures.rig_system import RigSystem, light_of_slots, slots_of_light
 from vemlight.light.light_set import LightSet
+from vemlight.light.sphere import rotation_xyz
 
 EVERY = fibonacci_normals(100_000)
 
@@ -45,12 +46,13 @@ def test_a_wide_light_weighs_as_the_points_that_it_stands_for(cap_deg):
     """The cosine with a fixture has a mean and a variance, and two points have both; without extent the error is .02 to .4."""
     z = 1 - (1 - math.cos(math.radians(cap_deg))) * (np.arange(2000) + 0.5) / 2000
     phi = np.arange(2000) * 2.39996
-    points = np.stack([np.sqrt(1 - z * z) * np.cos(phi), np.sqrt(1 - z * z) * np.sin(phi), z], axis=1)
+    points = np.stack([np.sqrt(1 - z * z) * np.cos(phi), np.sqrt(1 - z * z) * np.sin(phi), z], axis=1) * [1.0, 0.5, 1.0]
+    points = points / np.linalg.norm(points, axis=1, keepdims=True) @ rotation_xyz((35.0, 50.0, 20.0)).T
     mean, covariance = points.mean(axis=0), np.cov(points.T, bias=True)
     one = LightSet.of(np.zeros(1), (mean / np.linalg.norm(mean))[None], np.ones((1, 3)), covariance[np.triu_indices(3)][None])
     many = LightSet.of(np.arange(2000), points, np.full((2000, 3), 1 / 2000))
     alike = [gathered(fibonacci_normals(50), *(vars(SoftLights(lights)).values())) for lights in (one, many)]
-    np.testing.assert_allclose(*alike, atol=4e-3)
+    np.testing.assert_allclose(*alike, atol=6e-3)
     received = [irradiance_at(fibonacci_normals(50), *(vars(SoftLights(lights)).values())) for lights in (one, many)]
     np.testing.assert_allclose(*received, atol=0.09)
 

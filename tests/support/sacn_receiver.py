@@ -1,9 +1,12 @@
 """A receiver of streaming ACN, written from the layout of ANSI E1.31-2018 alone: it shares no code with the sender."""
 
 import socket
+import struct
 import threading
 import time
 from typing import NamedTuple
+
+SO_TIMESTAMPNS = 35  # asm-generic/socket.h; Python has no name for it
 
 
 class Received(NamedTuple):
@@ -51,6 +54,7 @@ class SacnReceiver(threading.Thread):
         super().__init__(daemon=True)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**22)
+        self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)  # of the kernel: this thread may be late
         self._socket.bind((address, port))
         self._socket.settimeout(0.05)
         self.port = self._socket.getsockname()[1]
@@ -61,12 +65,13 @@ class SacnReceiver(threading.Thread):
     def run(self) -> None:
         while not self._ending:
             try:
-                packet = self._socket.recv(2048)
+                packet, ancillary, _, _ = self._socket.recvmsg(2048, 64)
             except TimeoutError:
                 continue
+            late_s = time.time() - _arrival_s(ancillary)
             self.raw.append(packet)
             if packet[4:13] == b"ASC-E1.17":
-                self.packets.append(parsed(packet, time.monotonic()))
+                self.packets.append(parsed(packet, time.monotonic() - late_s))
 
     def data(self, universe: int = 1) -> list[Received]:
         return [packet for packet in self.packets if packet.kind == "data" and packet.universe == universe]
@@ -87,6 +92,12 @@ class SacnReceiver(threading.Thread):
         self._ending = True
         self.join()
         self._socket.close()
+
+
+def _arrival_s(ancillary) -> float:
+    """When the kernel got the packet, realtime."""
+    seconds, nanoseconds = struct.unpack("qq", ancillary[0][2][:16])
+    return seconds + nanoseconds / 1e9
 
 
 def most_in_a_second(times_s: list[float]) -> int:

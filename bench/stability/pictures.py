@@ -13,7 +13,6 @@ import argparse
 import csv
 import math
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ import numpy as np
 from bench.evaluation import Source, points_of
 from bench.sequences import Frame, world_from_latlong
 from bench.stability.__main__ import NAMES, OUT, inputs, lights_of
+from bench.stability.jod import jod
 from bench.stability.moving import MOVING
 from bench.stability.progress import Unfinished, show_table
 from bench.stability.recipes import RECIPES
@@ -39,7 +39,6 @@ CLIPS = (("clear sky", "day"), ("clear sky", "clouds"), ("room", "hand-held"), (
 SIZE, SAMPLES, COUNT = (160, 120), 1, 64  # the same place in each pixel for all: what differs is the light
 TRUTH_LIGHTS = 1500  # the strongest points of the map; all others join the nearest cell of a coarse grid
 COARSE = (24, 48)  # rows and columns of that grid: 4 degrees, for what is hardly brighter than what is around it
-DISPLAY_NITS = 200.0  # the mean of a clip is shown at a fifth of it
 
 
 def lights_of_source(source: Source) -> LightSet:
@@ -78,21 +77,8 @@ def judged(clip: np.ndarray, truth: np.ndarray, fps: float) -> dict[str, float]:
         "rmse": float(np.sqrt(np.mean((clip - truth) ** 2) / np.mean(truth**2))),
         "flip": float(np.mean(flip)),
         "change": float(np.sqrt(np.mean(change**2)) / np.sqrt(np.mean(truth**2))),
-        "jod": _jod(clip / mean, truth / mean, fps),
+        "jod": jod(clip / mean, truth / mean, fps),
     }
-
-
-def _jod(clip: np.ndarray, truth: np.ndarray, fps: float) -> float:
-    """The quality of a clip whose mean is 1, as ColorVideoVDP sees it on a standard display; nan without that package."""
-    if not find_spec("pycvvdp"):
-        return math.nan
-    import pycvvdp  # pyright: ignore[reportMissingImports]
-    import torch  # pyright: ignore[reportMissingImports]
-
-    metric = pycvvdp.cvvdp(display_name="standard_hdr_linear", device=torch.device("cpu"), heatmap=None)
-    shown = [np.clip(each * DISPLAY_NITS / 5, 0.05, 1500).astype(np.float32) for each in (clip, truth)]
-    quality, _ = metric.predict(*shown, dim_order="FHWC", frames_per_second=fps)
-    return float(quality)
 
 
 def rows_of(map_name: str, sequence: str, count: int, names: Sequence[str]) -> Iterator[dict[str, Any]]:

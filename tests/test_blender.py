@@ -4,6 +4,7 @@ Blender itself: VEMLIGHT_BPY names a Python that has the package bpy (4.5 needs 
 """
 
 import importlib
+import json
 import math
 import os
 import subprocess
@@ -17,11 +18,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from tests.support.exchange import turned
 from tests.support.viewer_process import SimulatedServices, ViewerProcess, eventually, frames_of
+from vemlight.commands.cli import main
 from vemlight.exchange.punctual import angles_deg, rotations_to
-from vemlight.light.light_set import LightSet
+from vemlight.light.light_set import LightSet, lights_row, write_lights
 from vemlight.light.lights_binary import binary_from_lights
 from vemlight.settings import Wire
 
@@ -268,3 +271,41 @@ def test_in_blender(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "all well" in done.stdout
+
+
+READ_EXPORTS = """
+import json, math, sys
+import bpy
+from mathutils import Vector
+found = {}
+for path in sys.argv[1:]:
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    (bpy.ops.import_scene.gltf if path.endswith("gltf") else bpy.ops.wm.usd_import)(filepath=path)
+    suns = [thing for thing in bpy.data.objects if thing.type == "LIGHT" and thing.data.type == "SUN"]
+    found[path] = {
+        sun.name: [*(sun.data.energy * c for c in sun.data.color), *(sun.matrix_world.to_quaternion() @ Vector((0, 0, 1))),
+                   math.degrees(sun.data.angle)]
+        for sun in suns
+    }
+print("FOUND" + json.dumps(found))
+"""
+
+
+@pytest.mark.skipif(not WITH_BPY, reason="VEMLIGHT_BPY names no Python with bpy: whether Blender reads the exports is not tested")
+def test_blender_s_importers_read_the_exports(tmp_path):
+    """USD by its dialect, with angles; glTF without, which has none."""
+    lights = some_lights([1, 2, 30])
+    write_lights(tmp_path / "one.json", [lights_row(lights, 0, 0.0, "sphere")])
+    paths = [str(tmp_path / "out.usda"), str(tmp_path / "out.gltf")]
+    command = ["export", str(tmp_path / "one.json"), "--usd", paths[0], "--usd-dialect", "blender", "--gltf", paths[1]]
+    assert CliRunner().invoke(main, command).exit_code == 0
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run([WITH_BPY, "-c", READ_EXPORTS, *paths], capture_output=True, text=True, timeout=120, env=environment)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("FOUND"))[5:])
+    for path in paths:
+        rows = np.array([found[path][f"light_{number:04d}"] for number in lights.ids.tolist()])
+        assert np.allclose(rows[:, :3], lights.irradiance, rtol=1e-5)
+        assert np.allclose(rows[:, 3:6], lights.directions, atol=1e-5)
+    usd = np.array([found[paths[0]][f"light_{number:04d}"][6] for number in lights.ids.tolist()])
+    assert np.allclose(usd, angles_deg(lights), rtol=1e-4)

@@ -20,7 +20,7 @@ UsdDialect = Literal["standard", "blender"]
 
 
 class Factors(NamedTuple):
-    """What a program makes of a value: it is written divided by that."""
+    """What a program makes of a distant light's value: it is written divided by that."""
 
     intensity: float
     angle: float
@@ -154,9 +154,8 @@ class UsdStage:
         else:
             samples = ", ".join(f"{code:.17g}: @{name}@" for code, name in zip(codes.tolist(), names, strict=True))
             texture = f"asset inputs:texture:file.timeSamples = {{ {samples} }}"
-        intensity = self.dome.intensity / DIALECTS[self.dialect].intensity
         return (
-            f'    def DomeLight "residual"\n    {{\n        float inputs:intensity = {intensity:.9g}\n'
+            f'    def DomeLight "residual"\n    {{\n        float inputs:intensity = {self.dome.intensity:.9g}\n'
             f'        {texture}\n        token inputs:texture:format = "latlong"\n        quatf xformOp:orient = {DOME_ROTATION_WXYZ}\n'
             '        uniform token[] xformOpOrder = ["xformOp:orient"]\n    }\n'
         ).encode()

@@ -16,6 +16,7 @@ from vemlight.light.sphere import Coverage
 SUFFIXES = (".json", ".jsonl")
 MAX_FILE_BYTES = 2**40  # read line by line: a day at 30 Hz has 50 GB
 MAX_LIGHTS = 100_000  # of a frame, as on the wire
+MAX_ID = 2**63 - 1
 MAX_TIME_S = 1e12  # as on the wire
 UNIT = 1e-3  # by which a direction's squared length may be off: three decimals of each number are enough
 NO_COVARIANCE = (0.0,) * 6
@@ -83,6 +84,8 @@ def _frame(where: str, line: bytes) -> LightsFrame:
         raise UserError(f"{where}: sequence {row.sequence} or time_s {row.time_s:g} is below 0 or too large; {TURNED}")
     if len(row.lights) > MAX_LIGHTS:
         raise UserError(f"{where}: has {len(row.lights)} lights, at most {MAX_LIGHTS} are read; merge some: `vemlight lights --clusters`")
+    if any(not 0 <= light.id <= MAX_ID for light in row.lights):
+        raise UserError(f"{where}: an id is below 0 or above 2^63 - 1; {TURNED}")
     lights = light_set_from_row(row)
     if fault := _impossible(lights):
         raise UserError(f"{where}: {fault}; {TURNED}")
@@ -91,11 +94,11 @@ def _frame(where: str, line: bytes) -> LightsFrame:
 
 def light_set_from_row(row: LightsRow) -> LightSet:
     """The row's lights as arrays; covariances where the schema has them, 0 for points."""
+    covariances = None
     with np.errstate(over="ignore"):  # what is beyond float32 becomes inf
         numbers = np.array([(*light.direction, *light.irradiance) for light in row.lights], np.float32).reshape(-1, 6)
-    covariances = None
-    if any(light.covariance for light in row.lights) or row.schema == "vemlight.lights/2":
-        covariances = np.array([light.covariance or NO_COVARIANCE for light in row.lights], np.float32).reshape(-1, 6)
+        if any(light.covariance for light in row.lights) or row.schema == "vemlight.lights/2":
+            covariances = np.array([light.covariance or NO_COVARIANCE for light in row.lights], np.float32).reshape(-1, 6)
     return LightSet.of(np.array([light.id for light in row.lights], np.int64), numbers[:, :3], numbers[:, 3:], covariances)
 
 
@@ -105,7 +108,6 @@ def _impossible(lights: LightSet) -> str:
     if not (np.isfinite(directions).all() and np.isfinite(irradiance).all()):
         return "a direction or irradiance is too large for a float32"
     faults = (
-        (ids < 0, "has an id below 0"),
         (np.abs(np.einsum("ij,ij->i", directions, directions) - 1) >= UNIT, "has a direction that is no unit vector"),
         ((irradiance < 0).any(axis=1), "has negative irradiance"),
     )

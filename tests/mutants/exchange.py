@@ -7,7 +7,7 @@ EXCHANGE = "services/exchange/"
 MUTANTS = [
     *mutants_of("services/light/lights_reader.py", "tests/test_lights_reader.py", [
         ("time that stands", "if frame.time_s <= time_s:", "if frame.time_s < time_s:"),
-        ("ids below 0", 'ids < 0, "has', 'ids < -9, "has'),
+        ("ids below 0", "0 <= light.id <= MAX_ID", "-9 <= light.id <= MAX_ID"),
         ("negative light", "(irradiance < 0).any(axis=1)", "(irradiance < -9).any(axis=1)"),
         ("ids twice", "if len(set(ids.tolist())) < len(ids):", "if False:"),
         ("no frame", "    if time_s < 0:\n", "    if False:\n"),

@@ -194,6 +194,36 @@ def _manifest(path: Path) -> object:
     return read_manifest(path.parent)
 
 
+LIGHTS = (
+    b'{"schema":"vemlight.lights/2","sequence":0,"time_s":0.0,"coverage":"sphere","lights":'
+    b'[{"id":0,"direction":[0,0,1],"irradiance":[1,1,1],"covariance":[0.01,0,0,0.01,0,0]},{"id":7,"direction":[1,0,0],"irradiance":[2,1,0]}]}\n'
+)
+
+
+def _lights(path: Path) -> object:
+    from vemlight.light.lights_reader import lights_frames
+
+    return sum(len(frame.lights.ids) for frame in lights_frames(path))
+
+
+def _lights_bombs() -> dict[str, bytes]:
+    light = b'{"id":%d,"direction":[0,0,1],"irradiance":[1,1,1]}'
+    many = b",".join(light % k for k in range(300_000))
+    return {
+        "arrays": b"[" * 100_000,
+        "objects": b'{"a":' * 100_000,
+        "a line of 10^7 keys": b"{" + b'"a":1,' * 10**7 + b'"b":1}\n',
+        "a line without end": b'{"schema":"' + b"a" * 70_000_000,
+        "300,000 lights": LIGHTS.replace(b'{"id":7', many + b',{"id":7'),
+        "30,000 frames": b"".join(LIGHTS.replace(b"0.0,", b"%d.5," % k) for k in range(30_000)),
+        "exponent": LIGHTS.replace(b"0.0,", b"1e999999,"),
+        "digits": LIGHTS.replace(b"0.0,", b"9" * 10**6 + b","),
+        "id": LIGHTS.replace(b'"id":7', b'"id":' + b"9" * 4000),
+        "unknown keys": LIGHTS.replace(b'{"schema"', b'{"x":' + b"[" * 900 + b"]" * 900 + b',"schema"'),
+        "blank lines": b"\n" * 20_000_000,
+    }
+
+
 SCENE = b"""[camera]
 from = [3.0, -4.0, 2.5]
 at = [0.0, 0.0, 0.5]
@@ -337,5 +367,6 @@ FORMATS = {
     "response": Format(".toml", _text_files(a__toml=RESPONSE), _response, lambda: _toml_bombs(RESPONSE)),
     "patches": Format(".csv", _text_files(a__csv=PATCHES), _patches, _csv_bombs),
     "manifest": Format(".jsonl", _manifest_files, _manifest, _json_bombs, _with_chains),
+    "lights": Format(".jsonl", _text_files(a__jsonl=LIGHTS), _lights, _lights_bombs),
     "keys": Format(".key", _text_files(a__key=KEYS), _keys, _keys_bombs),
 }

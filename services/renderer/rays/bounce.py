@@ -183,7 +183,7 @@ def _light_hits(scene, query, hits, light, ground, offsets, shadow_rays, first_r
     lights = len(light.luminance)
     brought, sent = np.empty(lights, np.float32), np.empty((PACKET, 3), np.float32)
     target = np.empty((PACKET, 3), np.int64)
-    pending = 0
+    pending = np.int64(0)
     for row in range(rows):
         for column in range(columns):
             for ray in range(count):

@@ -227,11 +227,11 @@ def _explained(about, residuals, n):
 
 
 @subroutine
-def _copy_rows(rows, columns, first):
-    """Copies rows (c, n) into those of columns from the first on."""
+def _copy_rows(rows, columns):
+    """Copies rows (c, n) into the first ones of columns."""
     for c in range(rows.shape[0]):
         for i in range(rows.shape[1]):
-            columns[first + c, i] = rows[c, i]
+            columns[c, i] = rows[c, i]
 
 
 @kernel
@@ -242,10 +242,10 @@ def _search(ages, target, nominal, rate, beside):
     """
     explained, single, n, c = np.empty(DRIFT_STEPS), target.reshape(-1, 1), ages.size, beside.shape[0]
     columns = np.empty((c + 4, n))
-    _copy_rows(beside, columns, 0)
+    _copy_rows(beside, columns)
     about = _least_squares(beside, single)[1]
     for k in range(DRIFT_STEPS):
-        _copy_rows(_waves(ages, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate), columns, c)
+        _copy_rows(_waves(ages, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate), columns[c:])
         explained[k] = _explained(about, _least_squares(columns, single)[1], n)[0]
     k = int(np.argmax(explained))
     offset = 0.0
@@ -253,7 +253,7 @@ def _search(ages, target, nominal, rate, beside):
         bend = explained[k - 1] - 2 * explained[k] + explained[k + 1]
         offset = 0.5 * (explained[k - 1] - explained[k + 1]) / bend if bend < 0 else 0.0
     frequency = nominal - DRIFT_HZ + (k + offset) * DRIFT_STEP_HZ
-    _copy_rows(_waves(ages, frequency, rate), columns, c)
+    _copy_rows(_waves(ages, frequency, rate), columns[c:])
     weights, residuals = _least_squares(columns, single)
     amplitude = np.sqrt(weights[c, 0] ** 2 + weights[c + 1, 0] ** 2)
     # log(1 + d sin) has the amplitude a = 2 (1 - sqrt(1 - d^2)) / d, so d = a / (1 + a^2 / 4).

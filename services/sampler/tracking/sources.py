@@ -182,7 +182,7 @@ def peaks_of(tiles: Tiles):
     made = Peaks(np.empty((MAX_PEAKS, 3)), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.full(n, -1), np.zeros(n))
     faintest = STAY_POWER * total / (np.pi * SOURCE_RAD**2)  # of which even SOURCE_RAD full holds too little
     bright = np.flatnonzero(radiance >= faintest)
-    order, seen, count, looked = bright[np.argsort(-radiance[bright])], np.zeros(n, np.bool_), 0, 0
+    order, seen, count, looked = bright[np.argsort(-radiance[bright])], np.zeros(n, np.bool_), np.int64(0), 0
     inside, centre = np.empty(n, np.int64), np.empty(3)
     for peak in order:
         if count == MAX_PEAKS or looked == MAX_PEAKS:
@@ -312,7 +312,9 @@ def _left(tiles, inside, peaks, k):
             dx, dy, dz = tiles.direction[0, t], tiles.direction[1, t], tiles.direction[2, t]
             own[0, n], own[3, n] = peaks.part[t] * tiles.power[t], tiles.radius[t] / np.sqrt(2)
             own[1, n], own[2, n] = (1 + sign * x * x * a) * dx + sign * b * dy - sign * x * dz, b * dx + (sign + y * y * a) * dy - y * dz
-    own[0] /= own[0].sum()
+    whole = own[0].sum()
+    for n in range(inside.size):
+        own[0, n] /= whole
     across[0], across[1] = (own[0] * own[1]).sum(), (own[0] * own[2]).sum()
     if (own[0] * ((own[1] - across[0]) ** 2 + (own[2] - across[1]) ** 2)).sum() < 2 * WIDE_RAD**2:
         return 0.0

@@ -178,7 +178,7 @@ class Renderer:
                 self._visibility_cache.look_up(self._g_buffer, self._atlas, self._frames, batch)
         for batch in retracing_batches(self.setup.shadows, state.layers) if state.layers else ():
             assert self._rays
-            self._rays.trace(batch, 0, 1)
+            self._rays.trace(batch, 0, 1, whole=False)
 
     def _place(self, pose: ScenePose) -> None:
         """Moves the surfaces and the luminaires there."""
@@ -234,7 +234,7 @@ class Renderer:
     def _trace(self, plan: FramePlan, run: PassRun) -> None:
         assert self._rays
         self._frames.make(plan.batches[run.batch], plan.after.placed)
-        self._rays.trace(plan.batches[run.batch], run.sample, len(plan.samples))
+        self._rays.trace(plan.batches[run.batch], run.sample, len(plan.samples), whole=plan.after.layers is None)
 
     def _arriving(self, plan: FramePlan) -> "VisibilityLayers | ShadowAtlas":
         """What says how much of each light arrives at each pixel."""

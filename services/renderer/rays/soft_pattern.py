@@ -34,7 +34,8 @@ def soft_pattern(sample: int, samples: int) -> SoftPattern:
 
 def _shared(part: np.ndarray | int, parts: int) -> np.ndarray:
     """The offsets of a pixel that has one part of the strata."""
-    k = np.arange(-(-STRATA // parts))
+    k = np.arange(-(-STRATA // parts))[::-1]
+    k[1:] = np.roll(k[1:], 1)  # the outermost, the innermost, the others from the outside in: what the first agree on mostly holds for all
     stratum = (k * parts + (k + part) % parts) % STRATA
     shape = (STRATA, len(k))
     return _gaussian(np.broadcast_to(stratum, shape), np.broadcast_to(PLACES.reshape(-1, 1), shape))

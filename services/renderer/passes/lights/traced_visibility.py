@@ -40,8 +40,8 @@ class TracedVisibility:
         """Takes the surfaces that were drawn last."""
         self._tracer.see(*g_buffer.read_surfaces())
 
-    def trace(self, batch: Batch, sample: int, samples: int) -> None:
-        """Traces those lights of a batch that its plan says, from a sample of each pixel's `samples`."""
+    def trace(self, batch: Batch, sample: int, samples: int, whole: bool) -> None:
+        """Traces those lights of a batch that its plan says, from a sample of each pixel's `samples`. whole: as RayTracer.trace has it."""
         texture = self._layers.make_room(max(batch.slots, 1))
         layers = batch.of(batch.unknown)["map"].astype(int).tolist()
         lights, pattern = traced_lights(batch.traced, batch.rays), soft_pattern(sample, samples)
@@ -49,7 +49,7 @@ class TracedVisibility:
         together = max(MAX_TRACED_BYTES // (width * height), 1)
         for first in range(0, len(layers), together):
             part = TracedLights(*(each[first : first + together] for each in lights))
-            arriving = self._tracer.trace(part, pattern)
+            arriving = self._tracer.trace(part, pattern, whole)
             for own, layer in zip(arriving, layers[first : first + together], strict=True):
                 texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
 

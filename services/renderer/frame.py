@@ -30,7 +30,8 @@ class FrameSetup(NamedTuple):
     """What all frames of a scene have in common. size: width, height in pixels. samples: of each pixel, which becomes their mean.
 
     target_ms: for a frame; 0: everything is drawn, however long it takes. kinds: of the scene's materials. rest: where the scene file
-    puts everything. traced: whether shadows are by rays, not by maps. bounces: whether surfaces light each other.
+    puts everything. traced: whether shadows are by rays, not by maps. bounces: whether surfaces light each other. coarse: whether weak lights
+    are summed on coarse pixels.
     """
 
     scene: Scene
@@ -44,6 +45,7 @@ class FrameSetup(NamedTuple):
     rest: ScenePose
     traced: bool = False
     bounces: bool = False
+    coarse: bool = False
 
     @property
     def glossy(self) -> bool:
@@ -108,7 +110,8 @@ class FrameState(NamedTuple):
 
     placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short.
     bounce: whether there is time for the bounce. maps: cached shadow maps with their lookups; None where the next frame draws all. layers:
-    of traced lights, likewise. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the
+    of traced lights, likewise; coarse_layers: of those on coarse pixels. light_weight: what a light costs on average, over one on all
+    pixels. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the
     scene stood when each luminaire's maps were drawn.
     """
 
@@ -119,6 +122,8 @@ class FrameState(NamedTuple):
     bounce: bool
     maps: MapCache | None
     layers: TracedLayers | None
+    coarse_layers: TracedLayers | None
+    light_weight: float
     lookup_pose: ScenePose | None
     g_buffer: GBufferContents | None
     luminaire_maps: tuple[ScenePose | None, ...]

@@ -22,6 +22,7 @@ LOOKUP_FRACTION = 2 / 3  # of a light's cost where it is looked up, until both a
 COARSEN_ABOVE, REFINE_BELOW = 2.0, 0.125  # of the backlog
 MIN_LIGHTS = 8  # with fewer a sky is a few hard shadows; the target is missed before that
 LATE = 1.15  # times the target: what single frames take anyway where the median meets it
+COARSE_WEIGHT = 1 / 4  # of a light on coarse pixels, of which there are so many
 TEXELS_PER_UNIT = 100**2  # of a map whose texels cost as much as its triangles and its setting up: 0.05 ms either (llvmpipe, 1 core)
 
 
@@ -58,7 +59,8 @@ class MapDemand(NamedTuple):
 class Budget(NamedTuple):
     """A target frame time and what is known about meeting it.
 
-    bounce: whether the bounce is drawn. surfaces_moved: whether surfaces have, so that every light is looked up anew.
+    bounce: whether the bounce is drawn. surfaces_moved: whether surfaces have, so that every light is looked up anew. light_weight: what a
+    light costs on average, over one on all pixels.
     """
 
     target_ms: float
@@ -66,6 +68,7 @@ class Budget(NamedTuple):
     demand: MapDemand
     surfaces_moved: bool = False
     bounce: bool = False
+    light_weight: float = 1.0
 
     @property
     def fixed_ms(self) -> float:
@@ -77,18 +80,20 @@ class Budget(NamedTuple):
         """What a light takes with its part of the shadow maps."""
         refresh = self.demand.refresh_fraction
         map_ms = self.demand.mean_work * (self.costs.map_ms or 0.0)  # not measured while the lights stand still, and then not spent either
-        return (self.costs.light_ms or 0.0) + (1.0 if self.surfaces_moved else refresh) * self.costs.lookup_ms + refresh * map_ms
+        on_all = (self.costs.light_ms or 0.0) + (1.0 if self.surfaces_moved else refresh) * self.costs.lookup_ms + refresh * map_ms
+        return self.light_weight * on_all
 
 
 class FrameWork(NamedTuple):
     """What a frame planned to do, in the units in which its costs are measured.
 
-    maps: as `map_work` counts. lookups: into the visibility cache, or lights traced; None where lights are looked up in the sum itself.
+    maps: as `map_work` counts. lookups: into the visibility cache, or lights traced; None where lights are looked up in the sum itself. Of
+    lights and lookups on coarse pixels COARSE_WEIGHT counts.
     """
 
     maps: float
-    lookups: int | None
-    lights: int
+    lookups: float | None
+    lights: float
     bounce: bool = False
 
 
@@ -184,7 +189,7 @@ def affordable_maps(budget: Budget, lights: int, work: np.ndarray) -> int:
     return min(max(most, least), len(work))
 
 
-def affordable_traces(budget: Budget, lights: int, stale: int) -> int:
+def affordable_traces(budget: Budget, lights: float, stale: int) -> int:
     """How many of the stale lights are traced in the time that the sum over `lights` leaves; `refresh_fraction` at least.
 
     All of them where surfaces moved: what arrived at another place is no substitute.

@@ -17,6 +17,7 @@ from vemlight.renderer import pass_table
 from vemlight.renderer.accumulation import spread_points
 from vemlight.renderer.frame import AccumulationPass, FrameInput, FramePlan, FrameSetup, FrameState, GBufferContents, PassRun
 from vemlight.renderer.frame_budget import (
+    COARSE_WEIGHT,
     MAX_REDRAWN,
     WARM_UP_FRAMES,
     Budget,
@@ -36,7 +37,15 @@ from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.pass_table import Pass
 from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight, reflected_light, with_reflection
 from vemlight.renderer.passes.lights.light_regions import SPHERE_REGIONS, light_regions
-from vemlight.renderer.passes.lights.traced_lights import TracedLayers, traced_batch, traced_batches
+from vemlight.renderer.passes.lights.traced_lights import (
+    TracedBatch,
+    TracedLayers,
+    lights_of,
+    live_rays,
+    renumbered,
+    traced_batch,
+    traced_batches,
+)
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
 from vemlight.renderer.passes.shadow_maps.casters import placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
@@ -58,6 +67,7 @@ from vemlight.renderer.scene.view import PixelSample, pixel_samples
 
 NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides; any value far below a star's and above float32's least, 1e-38, does
 ACCUMULATED_RESOLUTION = 256  # of each map of a pass of accumulation, if by power: four and a half for a degree, a cell of the polar map
+COARSE_FROM = 120_000  # pixels, from which on weak lights are summed on coarse pixels live: 480 x 270 is such a picture, 320 x 240 is not
 MAX_CACHE_BYTES = 2**29  # of cached visibility: 256 maps at 1920 x 1080; beyond that lights are looked up in the sum itself
 
 
@@ -79,6 +89,7 @@ def frame_setup(scene: Scene, settings: settings.Renderer, samples: int, max_tex
         rest=scene_pose(scene, 0.0),
         traced=traced,
         bounces=traced and settings.bounces > 0,
+        coarse=traced and bool(settings.frame_ms) and samples == 1 and settings.width * settings.height >= COARSE_FROM,
     )
 
 
@@ -94,6 +105,8 @@ def initial_state(setup: FrameSetup) -> FrameState:
         bounce=True,
         maps=None,
         layers=None,
+        coarse_layers=None,
+        light_weight=1.0,
         lookup_pose=None,
         g_buffer=None,
         luminaire_maps=(None,) * len(setup.scene.luminaires),
@@ -102,7 +115,7 @@ def initial_state(setup: FrameSetup) -> FrameState:
 
 class Lighting(NamedTuple):
     """How a frame sums its lights; fields as in FramePlan. caches_visibility: whether lookups go through the visibility cache. bounce:
-    whether surfaces light each other.
+    whether surfaces light each other. coarse: whether the last batch is summed on coarse pixels.
     """
 
     lights: LightSet
@@ -112,6 +125,7 @@ class Lighting(NamedTuple):
     caches_visibility: bool = False
     work: FrameWork | None = None
     bounce: bool = False
+    coarse: bool = False
 
 
 def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostModel) -> tuple[FramePlan, FrameState]:
@@ -153,7 +167,7 @@ def plan_upload(state: FrameState, picture: np.ndarray, shown: FrameInput) -> Fr
 
 def budget_of(setup: FrameSetup, state: FrameState, costs: CostModel) -> Budget:
     """What the next frame may take, and what it would take if no surface moved."""
-    return Budget(setup.target_ms, costs, state.demand, bounce=state.bounce and setup.bounces)
+    return Budget(setup.target_ms, costs, state.demand, bounce=state.bounce and setup.bounces, light_weight=state.light_weight)
 
 
 def same_places(a: ScenePose | None, b: ScenePose) -> bool:
@@ -177,7 +191,9 @@ def _whole(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Ligh
     else:
         batches = all_batches(setup.shadows, state.placed, lights)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state._replace(maps=None, layers=None), Lighting(lights, batches, setup.samples, unshadowed, bounce=setup.bounces)
+    return state._replace(maps=None, layers=None, coarse_layers=None), Lighting(
+        lights, batches, setup.samples, unshadowed, bounce=setup.bounces
+    )
 
 
 def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted: AccumulationPass) -> tuple[FrameState, Lighting]:
@@ -192,14 +208,14 @@ def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted
     # What a catcher would have without shadows is the same for all passes.
     whole = wanted.light.cells() if MaterialKind.SHADOW_CATCHER in setup.kinds else lights
     unshadowed = _catcher_irradiance(setup, shown.pose, whole)
-    after = state._replace(maps=None, layers=None)
+    after = state._replace(maps=None, layers=None, coarse_layers=None)
     return after, Lighting(lights, batches, (PixelSample(x, y, wanted.number),), unshadowed, bounce=setup.bounces)
 
 
 def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, costs: CostModel) -> tuple[FrameState, Lighting]:
     """As many lights, and as many redrawn maps or traced lights, as the target time allows."""
     surfaces_moved = not same_places(state.lookup_pose, shown.pose)
-    budget = Budget(setup.target_ms, costs, state.demand, surfaces_moved, state.bounce and setup.bounces)
+    budget = budget_of(setup, state, costs)._replace(surfaces_moved=surfaces_moved)
     budget = budget._replace(bounce=setup.bounces and bounce_affordable(budget))
     lights = strongest_lights(lights, affordable_lights(budget) or len(lights.ids))
     if setup.traced:
@@ -228,23 +244,44 @@ def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Li
 def _traced_in_time(
     setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, budget: Budget
 ) -> tuple[FrameState, Lighting]:
-    """These lights, of which as many are traced anew as the target time allows; all of them where surfaces moved or are seen anew."""
+    """These lights, of which as many are traced anew as the target time allows; all of them where surfaces moved or are seen anew.
+
+    With `coarse` strong lights come as a batch on all pixels, weak ones as one on coarse pixels.
+    """
     seen_anew = budget.surfaces_moved or len(setup.samples) > 1
-    layers = state.layers
-    if layers and seen_anew:
-        layers = TracedLayers.empty(len(layers.directions))
-    affordable = partial(affordable_traces, budget._replace(surfaces_moved=seen_anew), len(lights.ids))
-    traced = traced_batch(setup.shadows, layers, lights, _most_layers(setup.size), affordable)
-    if traced is None:
-        return _whole(setup, state, shown, lights)
-    batch, demand = traced.batch, state.demand
+    budget, rays = budget._replace(surfaces_moved=seen_anew), live_rays(lights)
+    coarse = setup.coarse and lights.covariances is not None
+    parts = [np.flatnonzero(rays != 1), np.flatnonzero(rays == 1)] if coarse else [np.arange(len(rays))]
+    weights, kept = (1.0, COARSE_WEIGHT), (state.layers, state.coarse_layers)
+    on_all = sum(weight * len(part) for weight, part in zip(weights, parts, strict=False))
+    traced: list[TracedBatch] = []
+    spent = 0.0  # lights traced so far, as many on all pixels
+    for weight, layers, part in zip(weights, kept, parts, strict=False):
+        if layers and seen_anew:
+            layers = TracedLayers.empty(len(layers.directions))
+        affordable = partial(_affordable_part, budget, on_all, spent, weight)
+        made = traced_batch(setup.shadows, layers, lights_of(lights, part), rays[part], _most_layers(setup.size), affordable)
+        if made is None:
+            return _whole(setup, state, shown, lights)
+        traced.append(made._replace(batch=renumbered(made.batch, part)))
+        spent += weight * made.batch.unknown.count
+    demand, drawn = state.demand, sum(each.batch.every.count for each in traced)
     if budget.costs.frames >= WARM_UP_FRAMES:
-        demand = updated_demand(demand, np.ones(batch.every.count), np.ones(traced.stale), batch.unknown.count)
-    work = FrameWork(0.0, batch.unknown.count, batch.every.count, budget.bounce)
-    kept = traced.layers if len(setup.samples) == 1 else None
-    state = state._replace(demand=demand, layers=kept, lookup_pose=shown.pose)
-    unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state, Lighting(lights, (batch,), setup.samples, unshadowed, work=work, bounce=budget.bounce)
+        stale, anew = sum(each.stale for each in traced), sum(each.batch.unknown.count for each in traced)
+        demand = updated_demand(demand, np.ones(drawn), np.ones(stale), anew)
+    summed = sum(weight * each.batch.every.count for weight, each in zip(weights, traced, strict=False))
+    work = FrameWork(0.0, spent, summed, budget.bounce)
+    layers, coarse_layers = [*(each.layers for each in traced), None][:2] if len(setup.samples) == 1 else (None, None)
+    weight = summed / drawn if drawn else state.light_weight
+    state = state._replace(demand=demand, layers=layers, coarse_layers=coarse_layers, light_weight=weight, lookup_pose=shown.pose)
+    unshadowed, batches = _catcher_irradiance(setup, shown.pose, lights), tuple(each.batch for each in traced)
+    return state, Lighting(lights, batches, setup.samples, unshadowed, work=work, bounce=budget.bounce, coarse=coarse)
+
+
+def _affordable_part(budget: Budget, lights: float, spent: float, weight: float, stale: int) -> int:
+    """How many stale lights of a weight can be traced where `lights` are summed and `spent` have been traced, both as many on all pixels."""
+    most = affordable_traces(budget, lights, int(np.ceil(spent + weight * stale)))
+    return min(int((most - spent) / weight), stale)
 
 
 def _most_layers(size: tuple[int, int]) -> int:
@@ -278,7 +315,12 @@ def _passes(
     """The passes that draw the picture, in their order, and what the G-buffer holds after them."""
     runs = [PassRun(pass_table.LUMINAIRE_MAPS)] if luminaires_stale else []
     glossy = reflected is not None and reflected.radiance is not None
+    weak = len(lighting.batches) - 1 if lighting.coarse else None
     for number in range(len(lighting.batches)):
+        if number == weak:
+            rows = [pass_table.WEAK_RAYS, pass_table.WEAK_LIGHTS] + [pass_table.WEAK_BOUNCE] * lighting.bounce + [pass_table.SPREAD]
+            runs += [PassRun(row, number) for row in rows + [pass_table.GLOSS] * glossy]
+            continue
         first = number == 0  # what does not depend on the batch is drawn with the first
         if not setup.traced:
             runs.append(PassRun(pass_table.SHADOW_MAPS, number))
@@ -288,7 +330,7 @@ def _passes(
             rows = []
             if g_buffer is None or g_buffer.sample != sample or not same_places(g_buffer.pose, shown.pose):
                 g_buffer = GBufferContents(shown.pose, sample)
-                rows += [pass_table.G_BUFFER, pass_table.CLASSES]
+                rows += [pass_table.G_BUFFER, pass_table.CLASSES] + [pass_table.COARSE_SURFACES] * setup.coarse
             if first and setup.emissive:
                 rows.append(pass_table.EMISSION)
             if first and setup.scene.luminaires:
@@ -298,9 +340,9 @@ def _passes(
             elif lighting.caches_visibility:
                 rows.append(pass_table.VISIBILITY_CACHE)
             rows.append(pass_table.LIGHTS)
-            if glossy and first:
+            if glossy and first and weak is None:
                 rows.append(pass_table.GLOSS)
-            if lighting.bounce and first:
+            if lighting.bounce and first and weak is None:
                 rows.append(pass_table.BOUNCE)
             runs += [PassRun(row, number, k) for row in rows]
     if shown.background or shown.plate or setup.scene.plate is not None:

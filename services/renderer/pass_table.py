@@ -8,7 +8,9 @@ from typing import NamedTuple
 # What a plan provides: no pass writes these.
 INPUTS = ("lights", "environment", "pose", "background", "plate", "uploaded picture", "previous adaptation", "exposure")
 # What stays on the GPU after a frame: frame.FrameState describes it, so that a plan need not draw it again.
-CACHED = ("luminaire maps", "shadow maps", "light frames", "G-buffer", "class depth", "cached visibility")
+CACHED = (
+    "luminaire maps", "shadow maps", "light frames", "G-buffer", "class depth", "cached visibility", "coarse surfaces", "coarse visibility",
+)  # fmt: skip
 
 
 class Pass(NamedTuple):
@@ -46,6 +48,20 @@ LIGHTS = Pass(
     ("picture", "matte", "lobe visibility"),
     "passes/lights/shading.py",
 )
+COARSE_SURFACES = Pass(
+    "coarse surfaces", "coarse surfaces", ("G-buffer",), ("coarse surfaces",), "passes/gbuffer/coarse_surfaces.py"
+)
+WEAK_RAYS = Pass(
+    "weak rays", "rays", ("lights", "pose", "coarse surfaces"), ("light frames", "coarse visibility"), "passes/lights/traced_visibility.py"
+)
+WEAK_LIGHTS = Pass(
+    "weak lights", "lights", ("coarse surfaces", "light frames", "coarse visibility"), ("coarse light",), "passes/lights/weak_lights.py"
+)
+WEAK_BOUNCE = Pass("weak bounce", "bounce", ("lights", "pose", "coarse surfaces"), ("coarse light", "matte"), "passes/bounce/bounce.py")
+SPREAD = Pass(
+    "spread", "spread", ("G-buffer", "coarse surfaces", "coarse light"), ("picture", "matte", "lobe visibility"),
+    "passes/lights/weak_lights.py",
+)  # fmt: skip
 GLOSS = Pass("gloss", "gloss", ("G-buffer", "lobe visibility", "prefiltered map"), ("picture",), "passes/gloss/gloss.py")
 BOUNCE = Pass("bounce", "bounce", ("lights", "pose", "G-buffer"), ("picture", "matte"), "passes/bounce/bounce.py")
 COMPOSITING = Pass(
@@ -61,6 +77,7 @@ ADAPTATION = Pass("adaptation", "read-back", ("picture", "previous adaptation"),
 TONE_MAPPING = Pass("tone mapping", "tone mapping", ("picture", "adaptation", "exposure"), ("pixels",), "passes/present/present.py")
 
 PASSES = (
-    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, G_BUFFER, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS, GLOSS, BOUNCE,
+    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, G_BUFFER, CLASSES, COARSE_SURFACES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS,
+    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, SPREAD, GLOSS, BOUNCE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -3,6 +3,7 @@
 import time
 from typing import TYPE_CHECKING, NamedTuple
 
+import moderngl
 import numpy as np
 
 from vemlight import settings
@@ -13,18 +14,21 @@ from vemlight.renderer import pass_table
 from vemlight.renderer.frame import FramePlan, FrameState, PassRun, PlatePicture
 from vemlight.renderer.frame_budget import FrameTimings
 from vemlight.renderer.frame_plan import NO_LIGHT, frame_setup, same_places
+from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.gl.programs import Programs, check_context, context_info, draws_on_processor, headless_context
 from vemlight.renderer.gl.timers import Timers
 from vemlight.renderer.output.tonemap import Adaptation, adapt, tone_curve
 from vemlight.renderer.passes.background.background import Background
 from vemlight.renderer.passes.background.plate import Plate
 from vemlight.renderer.passes.emission.emission import Emission
+from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces, coarse_size
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.gloss.gloss import Gloss
 from vemlight.renderer.passes.lights.shading import Shading
 from vemlight.renderer.passes.lights.traced_lights import restoring_batches as retracing_batches
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
+from vemlight.renderer.passes.lights.weak_lights import WeakLights
 from vemlight.renderer.passes.luminaires.illumination import Illumination
 from vemlight.renderer.passes.present.present import Present
 from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
@@ -82,6 +86,7 @@ class Renderer:
         self._atlas = None if traced else ShadowAtlas(context, programs, scene, setup.shadows.casters, self._frames)
         self._g_buffer = GBuffer(context, programs, scene, size)
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
+        self._coarse = CoarsePictures(context, programs, scene, size, kinds, self._rays) if setup.coarse and self._rays else None
         depth = self._shading.class_depth
         self._visibility_cache = VisibilityCache(context, programs, self._layers, depth) if setup.caches_visibility else None
         self._gloss = Gloss(context, programs, kinds) if setup.glossy else None
@@ -103,6 +108,11 @@ class Renderer:
             pass_table.VISIBILITY_CACHE: self._look_up,
             pass_table.RAYS: self._trace,
             pass_table.LIGHTS: self._add_lights,
+            pass_table.COARSE_SURFACES: self._take_coarse,
+            pass_table.WEAK_RAYS: self._trace_weak,
+            pass_table.WEAK_LIGHTS: self._sum_weak,
+            pass_table.WEAK_BOUNCE: self._add_weak_bounce,
+            pass_table.SPREAD: self._spread,
             pass_table.GLOSS: self._add_gloss,
             pass_table.BOUNCE: self._add_bounce,
             pass_table.COMPOSITING: self._composite,
@@ -167,6 +177,8 @@ class Renderer:
             self._place(state.g_buffer.pose)
             self._see(state.g_buffer.sample)
             self._shading.classify(self._g_buffer)
+            if self._coarse:
+                self._coarse.take(self._g_buffer)
         for number, pose in enumerate(state.luminaire_maps):
             if pose:
                 self._illumination.place(pose)
@@ -179,6 +191,9 @@ class Renderer:
         for batch in retracing_batches(self.setup.shadows, state.layers) if state.layers else ():
             assert self._rays
             self._rays.trace(batch, 0, 1, whole=False)
+        for batch in retracing_batches(self.setup.shadows, state.coarse_layers) if state.coarse_layers else ():
+            assert self._coarse
+            self._coarse.rays.trace(batch, 0, 1, whole=False)
 
     def _place(self, pose: ScenePose) -> None:
         """Moves the surfaces and the luminaires there."""
@@ -236,6 +251,31 @@ class Renderer:
         self._frames.make(plan.batches[run.batch], plan.after.placed)
         self._rays.trace(plan.batches[run.batch], run.sample, len(plan.samples), whole=plan.after.layers is None)
 
+    def _take_coarse(self, _plan: FramePlan, _run: PassRun) -> None:
+        assert self._coarse
+        self._coarse.take(self._g_buffer)
+
+    def _trace_weak(self, plan: FramePlan, run: PassRun) -> None:
+        assert self._coarse
+        self._frames.make(plan.batches[run.batch], plan.after.placed)
+        self._coarse.rays.trace(plan.batches[run.batch], 0, 1, whole=False)
+
+    def _sum_weak(self, plan: FramePlan, run: PassRun) -> None:
+        assert self._coarse
+        self._coarse.lights.add(self._frames, self._coarse.layers, plan.batches[run.batch])
+
+    def _add_weak_bounce(self, plan: FramePlan, _run: PassRun) -> None:
+        """Adds what surfaces send to each other to coarse pixels, and to the matte of catchers."""
+        assert self._bounce
+        assert self._coarse
+        self._bounce.gather(plan.lights)
+        self._coarse.lights.add_bounce(self._bounce)
+        self._bounce_on_catchers(plan)
+
+    def _spread(self, plan: FramePlan, _run: PassRun) -> None:
+        assert self._coarse
+        self._coarse.lights.spread(self._g_buffer, self._shading, plan.unshadowed)
+
     def _arriving(self, plan: FramePlan) -> "VisibilityLayers | ShadowAtlas":
         """What says how much of each light arrives at each pixel."""
         if self._atlas and not plan.runs(pass_table.VISIBILITY_CACHE):
@@ -268,6 +308,11 @@ class Renderer:
             self._bounce.gather(plan.lights, normal)
         weight = 1 / len(plan.samples)
         self._bounce.add(self._g_buffer, self._shading.frame, (weight, weight, weight))
+        self._bounce_on_catchers(plan)
+
+    def _bounce_on_catchers(self, plan: FramePlan) -> None:
+        assert self._bounce
+        weight = 1 / len(plan.samples)
         if self._shading.matte_frame:  # it brightens what lies behind by its fraction of the light there
             red, green, blue = (-weight / value if value > NO_LIGHT else 0.0 for value in plan.unshadowed)
             self._bounce.add(self._g_buffer, self._shading.matte_frame, (red, green, blue), catchers=True)
@@ -288,12 +333,40 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            visibility = (self._frames, self._layers, self._bounce, self._rays, self._atlas, self._visibility_cache)
+            visibility = (self._frames, self._layers, self._bounce, self._coarse, self._rays, self._atlas, self._visibility_cache)
             drawing = (*visibility, self._g_buffer, self._shading, self._gloss, self._illumination, self._emission)
             for part in (*drawing, self._plate, self._background, self._present, self._programs):
                 if part is not None:
                     part.release()
         self._context.release()
+
+
+class CoarsePictures:
+    """What sums weak lights on coarse pixels, for pictures of `size` pixels. beside: what traces on all pixels."""
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        programs: Programs,
+        scene: Scene,
+        size: tuple[int, int],
+        kinds: set[MaterialKind],
+        beside: "TracedVisibility",
+    ) -> None:
+        self.surfaces = CoarseSurfaces(context, programs, size)
+        self.layers = VisibilityLayers(context, coarse_size(size))
+        self.rays = beside.coarse(scene, coarse_size(size), self.layers)
+        self.lights = WeakLights(context, programs, kinds, self.surfaces)
+
+    def take(self, g_buffer: GBuffer) -> None:
+        """Takes the surfaces that were drawn last."""
+        self.surfaces.take(g_buffer)
+        self.rays.see(self.surfaces)
+
+    def release(self) -> None:
+        """Frees what this holds."""
+        for part in (self.rays, self.layers, self.lights, self.surfaces):
+            part.release()
 
 
 def _traced_visibility(scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> "TracedVisibility":

@@ -22,7 +22,7 @@ from vemlight.renderer.scene.scene import Scene
 
 TILE_ROWS_PER_TASK = 4  # a thread's; any value in 1 .. 16 does: short against the whole, long against handing it out
 # Rays of each pixel to a light after which a tile is done where all of its rays agree, and after which, of a narrow light, a pixel is where
-# its own do and less than BUSY of the 3 x 3 about it are mixed: in the shadow of leaves four rays agree by chance. In wide penumbrae it shows.
+# its own do and less than BUSY of the 3 x 3 about it are mixed: in the shadow of leaves four agree by chance. In wide penumbrae it shows.
 TILE_AGREED, PIXEL_AGREED, BUSY = 2, 4, 2
 # Of filtered lights, whose number is rounded up to that: the filter adds so many at a time.
 TOGETHER = 16
@@ -98,20 +98,27 @@ class Packet(NamedTuple):
 class RayTracer:
     """Traces shadow rays through a scene from the surfaces that `see` was given last."""
 
-    def __init__(self, scene: Scene, size: tuple[int, int]) -> None:
-        """Raises UserError where Embree is not installed or has no memory for the scene."""
+    def __init__(self, scene: Scene, size: tuple[int, int], beside: "RayTracer | None" = None) -> None:
+        """beside: one for the same scene at another size, whose triangles and threads this uses.
+
+        Raises UserError where Embree is not installed or has no memory for the scene.
+        """
+        self._size, self._owns = size, beside is None
+        self._surfaces: Surfaces | None = None
+        if beside:
+            self._scene, self._reach_m, self._threads = beside._scene, beside._reach_m, beside._threads
+            return
         self._holes = {}
         if any(alpha_test_of(mesh.material) for mesh in scene.meshes):
             from vemlight.renderer.rays.holes import let_through, scene_holes  # here, since most scenes do without this kernel
 
             self._holes = scene_holes(scene)
         filters = {k: (let_through.address, data.table.ctypes.data) for k, data in self._holes.items()}
-        self._scene, self._size = RayScene(scene, filters), size
+        self._scene = RayScene(scene, filters)
         self._reach_m = float(np.abs([scene.centre - scene.half, scene.centre + scene.half]).max())
         llvmlite.binding.add_symbol(OCCLUDED, function_address(OCCLUDED))
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(cores, "rays")
-        self._surfaces: Surfaces | None = None
 
     @property
     def scene(self) -> RayScene:
@@ -182,9 +189,10 @@ class RayTracer:
         self.trace(lights, soft_pattern(0, 1))
 
     def release(self) -> None:
-        """Ends its threads and frees the scene."""
-        self._threads.shutdown()
-        self._scene.release()
+        """Ends its threads and frees the scene, unless they are another's."""
+        if self._owns:
+            self._threads.shutdown()
+            self._scene.release()
 
 
 def _packet() -> Packet:

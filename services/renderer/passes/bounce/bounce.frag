@@ -1,6 +1,6 @@
 #version 430
 // Adds what surfaces send to each other, from the blocks of pixels for which it was gathered: between the middles of four blocks, as far as they
-// lie on the pixel's own surface. CATCHERS: gives the irradiance of shadow catchers instead.
+// lie on the pixel's own surface. CATCHERS: gives the irradiance of shadow catchers instead. COARSE: irradiance and what lobes reflect apart.
 #include "constants.glsl"
 #include "normals.glsl"
 #include "surface_texels.glsl"
@@ -16,6 +16,9 @@ uniform vec3 origin;
 uniform float block;  // pixels on a side
 uniform vec3 scale;
 layout(location = 0) out vec4 radiance;
+#if COARSE
+layout(location = 1) out vec4 lobes;
+#endif
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -54,6 +57,9 @@ void main() {
     mirrored = known ? mirrored / total : any_mirrored / max(any_total, 1e-9);
 #if CATCHERS
     radiance = vec4(irradiance * scale, 0.0);
+#elif COARSE
+    radiance = vec4(irradiance, 0.0);
+    lobes = vec4(surface_specular_at(pixel).reflectance * mirrored, 0.0);
 #else
     radiance = vec4((diffuse.albedo / 3.14159265 * irradiance + surface_specular_at(pixel).reflectance * mirrored) * scale, 0.0);
 #endif

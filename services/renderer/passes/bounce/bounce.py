@@ -9,6 +9,7 @@ import numpy as np
 from vemlight.light.extent import Extents, received
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.programs import Programs
+from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.rays.bounce import SAME_NORMAL, SAME_PLANE, Blocks, BlockSurfaces, Bounce, block_pixels
 from vemlight.renderer.rays.reflecting import reflecting_meshes
@@ -56,7 +57,8 @@ class BounceLight:
         self._textures = {f"block_{name}": context.texture(blocks, 4, dtype="f4") for name in Blocks._fields}
         for texture in self._textures.values():
             texture.filter = moderngl.NEAREST, moderngl.NEAREST
-        self._programs = [programs.program("screen.vert", "bounce.frag", CATCHERS=catchers) for catchers in (0, 1)]
+        variants = ({"CATCHERS": 0, "COARSE": 0}, {"CATCHERS": 1, "COARSE": 0}, {"CATCHERS": 0, "COARSE": 1})
+        self._programs = [programs.program("screen.vert", "bounce.frag", **variant) for variant in variants]
         self._arrays = [context.vertex_array(program, []) for program in self._programs]
 
     def gather(self, lights: LightSet, catcher_normal: np.ndarray | None) -> None:
@@ -78,18 +80,29 @@ class BounceLight:
 
     def add(self, g_buffer: GBuffer, frame: moderngl.Framebuffer, scale: tuple[float, float, float], catchers: bool = False) -> None:
         """Adds what was gathered last, times `scale`, to the surfaces in `frame`; with `catchers`, the irradiance of shadow catchers."""
-        program = self._programs[catchers]
-        unit = g_buffer.bind(program)
+        self._add(int(catchers), g_buffer, frame, scale, 1)
+
+    def add_coarse(self, surfaces: CoarseSurfaces, frame: moderngl.Framebuffer, step: int) -> None:
+        """Adds irradiance to the first and what lobes reflect to the second texture of a frame of coarse pixels, so many pixels wide."""
+        self._add(2, surfaces, frame, (1.0, 1.0, 1.0), step)
+
+    def _add(
+        self, which: int, surfaces: GBuffer | CoarseSurfaces, frame: moderngl.Framebuffer, scale: tuple[float, float, float], step: int
+    ) -> None:
+        program = self._programs[which]
+        unit = surfaces.bind(program)
         for k, (name, texture) in enumerate(self._textures.items()):
             if name in program:
                 texture.use(unit + k)
                 program[name] = unit + k
-        program["origin"], program["block"], program["scale"] = tuple(self._tracer.scene.origin.tolist()), float(self._block), scale
+        program["origin"], program["block"] = tuple(self._tracer.scene.origin.tolist()), self._block / step
+        if "scale" in program:
+            program["scale"] = scale
         program["same_normal"], program["same_plane"] = SAME_NORMAL, SAME_PLANE
         frame.use()
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
-        self._arrays[catchers].render(moderngl.TRIANGLES, vertices=3)
+        self._arrays[which].render(moderngl.TRIANGLES, vertices=3)
 
     def warm(self) -> None:
         """Compiles, or loads, what a bounce needs."""

@@ -55,6 +55,13 @@ class GBufferPixels(NamedTuple):
     specular: np.ndarray
 
 
+class PixelRays(NamedTuple):
+    """ray_from_pixel: (3, 3) float64, of pixel coordinates and 1; eye: (3,) float64, in the world."""
+
+    ray_from_pixel: np.ndarray
+    eye: np.ndarray
+
+
 class VisibleSurfaces(NamedTuple):
     """depth: (height, width) float32 in lengths of the pixel's ray, 0 where there is no surface; row 0 on top. normal_codes: (height,
     width, 4) uint16, of the octahedra of both normals, the flat one last. ray_from_pixel: (3, 3), eye: (3,) float64."""
@@ -63,6 +70,14 @@ class VisibleSurfaces(NamedTuple):
     normal_codes: np.ndarray
     ray_from_pixel: np.ndarray
     eye: np.ndarray
+
+
+def visible_surfaces(depth: moderngl.Texture, normals: moderngl.Texture, rays: PixelRays) -> VisibleSurfaces:
+    """What two textures of a G-buffer hold."""
+    width, height = depth.size
+    depths = np.frombuffer(depth.read(alignment=1), np.float32).reshape(height, width)
+    codes = np.frombuffer(normals.read(alignment=1), np.uint16).reshape(height, width, 4)
+    return VisibleSurfaces(depths, codes, *rays)
 
 
 class DrawItem(NamedTuple):
@@ -185,12 +200,14 @@ class GBuffer:
                 program[name] = unit
         return len(self._targets)
 
+    @property
+    def rays(self) -> PixelRays:
+        """Where the pixels' rays go."""
+        return PixelRays(self._ray_from_pixel, np.array(self._scene.camera.position, np.float64))
+
     def read_surfaces(self) -> VisibleSurfaces:
         """Where the surfaces are that were drawn last."""
-        width, height = self._size
-        depth = np.frombuffer(self._targets["surface_depth"].read(alignment=1), np.float32).reshape(height, width)
-        codes = np.frombuffer(self._targets["surface_normals"].read(alignment=1), np.uint16).reshape(height, width, 4)
-        return VisibleSurfaces(depth, codes, self._ray_from_pixel, np.array(self._scene.camera.position, np.float64))
+        return visible_surfaces(self._targets["surface_depth"], self._targets["surface_normals"], self.rays)
 
     def read(self) -> GBufferPixels:
         """What was drawn last, row 0 on top."""

@@ -1,8 +1,10 @@
 #version 430
 // Sums a row of lights for each surface of a class. KIND: its kind of material. A shadow catcher's matte is what shadows take of its light, in
-// each channel, its alpha the same in luminance.
+// each channel, its alpha the same in luminance. COARSE: irradiance and what lobes reflect apart, and without shadows, for weak_lights.py.
 
+#if !COARSE
 layout(early_fragment_tests) in;
+#endif
 #include "constants.glsl"
 #include "light_frame.glsl"
 #include "lights.glsl"
@@ -18,11 +20,14 @@ layout(early_fragment_tests) in;
 uniform int light_count;
 uniform float weight;  // of this pass in the picture: 1 / samples
 layout(location = 0) out vec4 radiance;
+#if COARSE
+#include "weak_lights.glsl"
+#endif
 
-#if KIND == MATERIAL_SHADOW_CATCHER
+#if KIND == MATERIAL_SHADOW_CATCHER && !COARSE
 uniform vec3 unshadowed;  // irradiance of a catcher without shadows
 layout(location = 1) out vec4 matte;
-#else
+#elif KIND != MATERIAL_SHADOW_CATCHER
 #include "brdf.glsl"
 uniform float alpha;  // that this pass adds to the picture's
 #endif
@@ -31,15 +36,21 @@ uniform float alpha;  // that this pass adds to the picture's
 #include "lobe_sources.glsl"
 // What the lobe would reflect of the lights that the prefiltered map has, in luminance: with shadows and without.
 layout(location = 1) out vec2 lobe_visibility;
+#if COARSE
+layout(location = 2) out vec4 lobes;
+#endif
 #endif
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
+#if COARSE
+    if (surface_depth_at(pixel).depth == 0.0 || int(surface_diffuse_at(pixel).kind + 0.5) != KIND) discard;
+#endif
     vec4 position = surface_position(pixel);
     vec3 smooth_normal = surface_smooth_normal(pixel);
     vec3 flat_normal = surface_flat_normal(pixel);
 #if KIND != MATERIAL_SHADOW_CATCHER
-    Reflection surface = Reflection(surface_diffuse_at(pixel).albedo / PI, vec3(0.0), 0.0);
+    Reflection surface = Reflection(COARSE == 1 ? vec3(1.0) : surface_diffuse_at(pixel).albedo / PI, vec3(0.0), 0.0);
 #endif
 #ifdef GLOSSY
     SurfaceSpecular specular = surface_specular_at(pixel);
@@ -51,6 +62,9 @@ void main() {
     across *= inversesqrt(max(dot(across, across), 1e-12));
     float of_map = map_fraction(KIND, specular.lobe);
     lobe_visibility = vec2(0.0);
+#if COARSE
+    lobes = vec4(0.0);
+#endif
 #endif
 
     vec3 sum = vec3(0.0);
@@ -69,14 +83,21 @@ void main() {
         float lit_cosine = max(smooth_cosine, MIN_LOBE_COSINE), direct = mix(1.0, lights[i].direct, of_map);
         Reflected parts = reflected(KIND, surface, lit_cosine, view_cosine, mirrored, between, dot(across, d),
                                     lights[i].lobe_spread * of_map, lights[i].least_width * of_map);
+#if COARSE
+        sum += lights[i].irradiance * parts.diffuse * (cosine * fraction);
+        lobes.rgb += lights[i].irradiance * parts.lobe * (direct * cosine * fraction);
+#else
         sum += lights[i].irradiance * (parts.diffuse + parts.lobe * direct) * (cosine * fraction);
+#endif
         lobe_visibility += vec2(fraction, 1.0) * (dot(lights[i].irradiance * parts.lobe, LUMINANCE_WEIGHTS) * cosine * (1.0 - direct));
 #else
         sum += lights[i].irradiance * surface.lambert * (cosine * fraction);
 #endif
 #endif
     }
-#if KIND == MATERIAL_SHADOW_CATCHER
+#if COARSE
+    radiance = vec4(sum, unshadowed_by_normal(smooth_normal));
+#elif KIND == MATERIAL_SHADOW_CATCHER
     matte = vec4(sum / unshadowed, dot(sum, LUMINANCE_WEIGHTS) / dot(unshadowed, LUMINANCE_WEIGHTS)) * weight;
     radiance = vec4(0.0, 0.0, 0.0, matte.a);
 #else

@@ -38,19 +38,19 @@ class Shading:
         self.frame = context.framebuffer([self.picture], self.class_depth)
         self.matte: moderngl.Texture | None = None  # fraction of the light that shadows take from catchers, RGB, and alpha in luminance
         self.matte_frame: moderngl.Framebuffer | None = None
-        self._catcher_frame: moderngl.Framebuffer | None = None
+        self.catcher_frame: moderngl.Framebuffer | None = None
         self.lobe_visibility: moderngl.Texture | None = None  # what lobes reflect of the lights, with shadows and without
         self._lobe_frame: moderngl.Framebuffer | None = None
-        self._glossy_frame: moderngl.Framebuffer | None = None
+        self.glossy_frame: moderngl.Framebuffer | None = None
         if kinds & GLOSSY_KINDS:
             self.lobe_visibility = context.texture(size, 2, dtype="f4")
             self._lobe_frame = context.framebuffer([self.lobe_visibility])
-            self._glossy_frame = context.framebuffer([self.picture, self.lobe_visibility], self.class_depth)
+            self.glossy_frame = context.framebuffer([self.picture, self.lobe_visibility], self.class_depth)
         if MaterialKind.SHADOW_CATCHER in kinds:
             self.matte = context.texture(size, 4, dtype="f4")
             self.matte_frame = context.framebuffer([self.matte])
-            self._catcher_frame = context.framebuffer([self.picture, self.matte], self.class_depth)
-        for frame in (self.frame, self._catcher_frame, self._glossy_frame):
+            self.catcher_frame = context.framebuffer([self.picture, self.matte], self.class_depth)
+        for frame in (self.frame, self.catcher_frame, self.glossy_frame):
             if frame:
                 frame.depth_mask = False  # the classes stay while the surfaces do
 
@@ -66,7 +66,7 @@ class Shading:
 
     def clear(self) -> None:
         """Empties the picture and the matte."""
-        (self._catcher_frame or self.frame).clear()
+        (self.catcher_frame or self.frame).clear()
 
     def add(
         self,
@@ -96,11 +96,11 @@ class Shading:
             self.frame.use()
             if kind == MaterialKind.SHADOW_CATCHER:
                 program["unshadowed"], alpha = unshadowed, 0.0
-                assert self._catcher_frame is not None
-                self._catcher_frame.use()
+                assert self.catcher_frame is not None
+                self.catcher_frame.use()
             elif kind in GLOSSY_KINDS:
-                assert self._glossy_frame is not None
-                self._glossy_frame.use()
+                assert self.glossy_frame is not None
+                self.glossy_frame.use()
             if kind != MaterialKind.SHADOW_CATCHER:
                 program["alpha"] = alpha
             for region, row in enumerate(batch.rows):
@@ -113,15 +113,15 @@ class Shading:
     def _programs_of(self, cached: bool) -> list[moderngl.VertexArray]:
         """The programs of all kinds of surface, compiled when they are first wanted."""
         if cached not in self._arrays:
-            variants = ({"KIND": int(kind), "CACHED_VISIBILITY": int(cached)} for kind in self._kinds)
+            variants = ({"KIND": int(kind), "CACHED_VISIBILITY": int(cached), "COARSE": 0} for kind in self._kinds)
             programs = [self._programs.program("screen.vert", "shade.frag", **variant) for variant in variants]
             self._arrays[cached] = [self._context.vertex_array(program, []) for program in programs]
         return self._arrays[cached]
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        pictures = (self._classes, self.frame, self.picture, self.class_depth, self.matte, self.matte_frame, self._catcher_frame)
-        lobes = (self.lobe_visibility, self._lobe_frame, self._glossy_frame)
+        pictures = (self._classes, self.frame, self.picture, self.class_depth, self.matte, self.matte_frame, self.catcher_frame)
+        lobes = (self.lobe_visibility, self._lobe_frame, self.glossy_frame)
         for resource in (self._classify_array, *itertools.chain(*self._arrays.values()), self._cube, *pictures, *lobes):
             if resource is not None:
                 resource.release()

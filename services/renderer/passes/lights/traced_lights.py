@@ -62,20 +62,20 @@ def traced_batches(setup: ShadowSetup, lights: LightSet, most: int) -> tuple[Bat
 
 
 def traced_batch(
-    setup: ShadowSetup, layers: TracedLayers | None, lights: LightSet, most: int, affordable: Callable[[int], int]
+    setup: ShadowSetup, layers: TracedLayers | None, lights: LightSet, rays: np.ndarray, most: int, affordable: Callable[[int], int]
 ) -> TracedBatch | None:
     """The lights that carry power as one batch that traces as many of those that should be as are `affordable`, one at least.
 
-    most: how many layers there can be. None where that is too few.
+    rays: (n,) int64, of a pixel to each light. most: how many layers there can be. None where that is too few.
     """
     lit, power = lit_lights(lights)
+    rays = rays[lit]
     if len(lit) > min(most, MAX_LIGHTS):
         return None
     if layers is None or len(layers.ids) < len(lit):
         layers = TracedLayers.empty(min(len(lit) + int(np.ceil(SPARE_SLOTS * len(lit))), most))
-    own = LightSet.of(lights.ids[lit], lights.directions[lit], lights.irradiance[lit], _covariances(lights)[lit])
+    own = lights_of(lights, lit)
     error, spreads = _errors(layers, own), Extents.of(own).spreads
-    rays = live_rays(power, spreads)
     layer = error.argmin(axis=1) if len(layers.ids) else np.zeros(len(lit), np.int64)
     least = np.min(error, axis=1, initial=np.inf)
     stale = np.flatnonzero(least > np.maximum(KEPT_RAD, KEPT_SPREAD * spreads))
@@ -92,21 +92,34 @@ def traced_batch(
     for kept, new in zip(layers, (own.ids, own.directions, _covariances(own), rays), strict=True):
         kept[layer[chosen]] = new[chosen]
     if len(waiting):
-        waits = LightSet(own.ids[waiting], own.directions[waiting], own.irradiance[waiting], _covariances(own)[waiting])
-        layer[waiting] = _errors(layers, waits).argmin(axis=1)
+        layer[waiting] = _errors(layers, lights_of(own, waiting)).argmin(axis=1)
     chosen = np.sort(chosen)
     return TracedBatch(_batch(setup, lights, lit, layer, chosen, rays[chosen], len(layers.ids)), layers, len(stale))
 
 
-def live_rays(power: np.ndarray, spreads: np.ndarray) -> np.ndarray:
-    """How many rays of a pixel go to each light where time counts, (n,) int64; power: (n,). More to the strong, whose errors show most.
+def live_rays(lights: LightSet) -> np.ndarray:
+    """How many rays of a pixel go to each light where time counts, (n,) int64. More to the strong, whose errors show most.
 
     A single ray is filtered over 5 x 5 pixels. Narrow lights would lose the edges of their shadows by that.
     """
-    if len(power) == 0:
-        return np.zeros(0, np.int64)
-    soft = np.where(power >= MANY_FROM * power.mean(), STRATA, np.where(spreads < NARROW_RAD, FEW, 1))
-    return np.where(spreads > 0, soft, POINT)
+    lit, power = lit_lights(lights)
+    rays, spreads = np.zeros(len(lights.ids), np.int64), Extents.of(lights).spreads[lit]
+    if len(lit):
+        soft = np.where(power >= MANY_FROM * power.mean(), STRATA, np.where(spreads < NARROW_RAD, FEW, 1))
+        rays[lit] = np.where(spreads > 0, soft, POINT)
+    return rays
+
+
+def lights_of(lights: LightSet, chosen: np.ndarray) -> LightSet:
+    """Those of the numbers (k,)."""
+    return LightSet.of(lights.ids[chosen], lights.directions[chosen], lights.irradiance[chosen], _covariances(lights)[chosen])
+
+
+def renumbered(batch: Batch, numbers: np.ndarray) -> Batch:
+    """A batch of a part of a frame's lights, whose entries then have their numbers (n,) in the whole."""
+    entries = batch.entries.copy()
+    entries["number"] = numbers[entries["number"].astype(np.int64)]
+    return batch._replace(entries=entries)
 
 
 def restoring_batches(setup: ShadowSetup, layers: TracedLayers) -> tuple[Batch, ...]:

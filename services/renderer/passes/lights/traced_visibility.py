@@ -11,6 +11,7 @@ from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.bounce.bounce import BounceLight
+from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
@@ -25,8 +26,13 @@ MAX_TRACED_BYTES = 2**26  # of layers traced together, before they are uploaded;
 class TracedVisibility:
     """Traces lights into layers for pictures of `size` pixels (width, height) of a scene."""
 
-    def __init__(self, scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> None:
-        self._tracer, self._size, self._layers = RayTracer(scene, size), size, layers
+    def __init__(self, scene: Scene, size: tuple[int, int], layers: VisibilityLayers, beside: "TracedVisibility | None" = None) -> None:
+        """beside: for the same scene at another size, whose triangles this uses."""
+        self._tracer, self._size, self._layers = RayTracer(scene, size, beside and beside._tracer), size, layers
+
+    def coarse(self, scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> "TracedVisibility":
+        """What traces for the same scene at another size."""
+        return TracedVisibility(scene, size, layers, self)
 
     def bounce(self, context: moderngl.Context, programs: Programs, scene: Scene, live: bool) -> BounceLight:
         """What gathers a bounce on the surfaces that this sees."""
@@ -36,7 +42,7 @@ class TracedVisibility:
         """Moves the meshes: world_from_rest (n, 4, 4)."""
         self._tracer.place(matrices)
 
-    def see(self, g_buffer: GBuffer) -> None:
+    def see(self, g_buffer: GBuffer | CoarseSurfaces) -> None:
         """Takes the surfaces that were drawn last."""
         self._tracer.see(*g_buffer.read_surfaces())
 

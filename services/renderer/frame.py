@@ -26,6 +26,9 @@ from vemlight.renderer.scene.scene_pose import ScenePose
 from vemlight.renderer.scene.view import PixelSample
 
 
+LIVE_SETS = 4  # of 16 rays each: the oldest is from a fifth of a second ago at 20 pictures a second
+
+
 class FrameSetup(NamedTuple):
     """What all frames of a scene have in common. size: width, height in pixels. samples: of each pixel, which becomes their mean.
 
@@ -50,6 +53,11 @@ class FrameSetup(NamedTuple):
     @property
     def glossy(self) -> bool:
         return bool(self.kinds & GLOSSY_KINDS)
+
+    @property
+    def bounce_sets(self) -> int:
+        """In how many parts a bounce is gathered, one a frame where time counts."""
+        return LIVE_SETS if self.target_ms > 0 else 1
 
     @property
     def caches_visibility(self) -> bool:
@@ -111,7 +119,7 @@ class FrameState(NamedTuple):
     placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short.
     bounce: whether there is time for the bounce. maps: cached shadow maps with their lookups; None where the next frame draws all. layers:
     of traced lights, likewise; coarse_layers: of those on coarse pixels. light_weight: what a light costs on average, over one on all
-    pixels. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the
+    pixels. gathered: under which lights each set of the bounce's rays was gathered, the newest last. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the
     scene stood when each luminaire's maps were drawn.
     """
 
@@ -124,6 +132,7 @@ class FrameState(NamedTuple):
     layers: TracedLayers | None
     coarse_layers: TracedLayers | None
     light_weight: float
+    gathered: Mapping[int, LightSet]
     lookup_pose: ScenePose | None
     g_buffer: GBufferContents | None
     luminaire_maps: tuple[ScenePose | None, ...]

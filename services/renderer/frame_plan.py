@@ -5,6 +5,7 @@
 gives the same picture: if the GPU holds another state's contents, `draw` first draws again what this state describes.
 """
 
+from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -107,6 +108,7 @@ def initial_state(setup: FrameSetup) -> FrameState:
         layers=None,
         coarse_layers=None,
         light_weight=1.0,
+        gathered={},
         lookup_pose=None,
         g_buffer=None,
         luminaire_maps=(None,) * len(setup.scene.luminaires),
@@ -143,7 +145,10 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
     stale = stale_luminaire_maps(setup.scene, state.luminaire_maps, shown.pose)
     runs, g_buffer = _passes(setup, state.g_buffer, shown, lighting, reflected, any(stale))
     drawn_for = tuple(shown.pose if redrawn else pose for redrawn, pose in zip(stale, state.luminaire_maps, strict=True))
-    after = after._replace(g_buffer=g_buffer, luminaire_maps=drawn_for)
+    kept = state.gathered if lighting.bounce and g_buffer is state.g_buffer else {}
+    first = shown.lights.number % setup.bounce_sets if isinstance(shown.lights, AccumulationPass) else 0
+    gathered = with_newest(kept, lighting.lights, setup.bounce_sets, first) if lighting.bounce else {}
+    after = after._replace(g_buffer=g_buffer, luminaire_maps=drawn_for, gathered=gathered)
     made = FramePlan(
         shown=shown,
         before=state,
@@ -158,6 +163,19 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
         work=lighting.work,
     )
     return made, after
+
+
+def with_newest(gathered: Mapping[int, LightSet], lights: LightSet, sets: int, first: int = 0) -> Mapping[int, LightSet]:
+    """Under which lights each of the bounce's `sets` was gathered, the newest last, once another one was under these.
+
+    One that was not yet, from `first` on, or else the oldest; none where that was under the same lights.
+    """
+    if len(gathered) < sets:
+        return {**gathered, (first + len(gathered)) % sets: lights}
+    (oldest, before), *others = gathered.items()
+    if all(a is b or (a is not None and b is not None and np.array_equal(a, b)) for a, b in zip(before, lights, strict=True)):
+        return gathered
+    return {**dict(others), oldest: lights}
 
 
 def plan_upload(state: FrameState, picture: np.ndarray, shown: FrameInput) -> FramePlan:
@@ -319,7 +337,7 @@ def _passes(
     for number in range(len(lighting.batches)):
         if number == weak:
             rows = [pass_table.WEAK_RAYS, pass_table.WEAK_LIGHTS] + [pass_table.WEAK_BOUNCE] * lighting.bounce + [pass_table.SPREAD]
-            runs += [PassRun(row, number) for row in rows + [pass_table.GLOSS] * glossy]
+            runs += [PassRun(row, number) for row in rows + [pass_table.WEAK_GLOSS, pass_table.GLOSS] * glossy]
             continue
         first = number == 0  # what does not depend on the batch is drawn with the first
         if not setup.traced:
@@ -330,7 +348,7 @@ def _passes(
             rows = []
             if g_buffer is None or g_buffer.sample != sample or not same_places(g_buffer.pose, shown.pose):
                 g_buffer = GBufferContents(shown.pose, sample)
-                rows += [pass_table.G_BUFFER, pass_table.CLASSES] + [pass_table.COARSE_SURFACES] * setup.coarse
+                rows += [pass_table.G_BUFFER, *[pass_table.COARSE_SURFACES] * setup.coarse, pass_table.CLASSES]
             if first and setup.emissive:
                 rows.append(pass_table.EMISSION)
             if first and setup.scene.luminaires:

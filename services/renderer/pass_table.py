@@ -58,6 +58,7 @@ WEAK_LIGHTS = Pass(
     "weak lights", "lights", ("coarse surfaces", "light frames", "coarse visibility"), ("coarse light",), "passes/lights/weak_lights.py"
 )
 WEAK_BOUNCE = Pass("weak bounce", "bounce", ("lights", "pose", "coarse surfaces"), ("coarse light", "matte"), "passes/bounce/bounce.py")
+WEAK_GLOSS = Pass("weak gloss", "gloss", ("coarse surfaces", "prefiltered map"), ("coarse gloss",), "passes/gloss/gloss.py")
 SPREAD = Pass(
     "spread", "spread", ("G-buffer", "coarse surfaces", "coarse light"), ("picture", "matte", "lobe visibility"),
     "passes/lights/weak_lights.py",
@@ -77,7 +78,7 @@ ADAPTATION = Pass("adaptation", "read-back", ("picture", "previous adaptation"),
 TONE_MAPPING = Pass("tone mapping", "tone mapping", ("picture", "adaptation", "exposure"), ("pixels",), "passes/present/present.py")
 
 PASSES = (
-    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, G_BUFFER, CLASSES, COARSE_SURFACES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS,
-    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, SPREAD, GLOSS, BOUNCE,
+    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, G_BUFFER, COARSE_SURFACES, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS,
+    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, SPREAD, WEAK_GLOSS, GLOSS, BOUNCE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -82,14 +82,16 @@ class Renderer:
         self._frames = LightFrames(context, programs)
         self._layers = VisibilityLayers(context, size)
         self._rays = _traced_visibility(scene, size, self._layers) if traced else None
-        self._bounce = self._rays.bounce(context, programs, scene, live=setup.target_ms > 0) if self._rays and setup.bounces else None
+        self._bounce = self._rays.bounce(context, programs, scene, setup.bounce_sets) if self._rays and setup.bounces else None
         self._atlas = None if traced else ShadowAtlas(context, programs, scene, setup.shadows.casters, self._frames)
         self._g_buffer = GBuffer(context, programs, scene, size)
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
         self._coarse = CoarsePictures(context, programs, scene, size, kinds, self._rays) if setup.coarse and self._rays else None
         depth = self._shading.class_depth
         self._visibility_cache = VisibilityCache(context, programs, self._layers, depth) if setup.caches_visibility else None
-        self._gloss = Gloss(context, programs, kinds) if setup.glossy else None
+        self._gloss = None
+        if setup.glossy:
+            self._gloss = Gloss(context, programs, kinds, self._shading.picture, self._coarse and self._coarse.surfaces)
         self._illumination = Illumination(context, programs, scene, size)
         self._emission = Emission(context, programs) if setup.emissive else None
         self._plate = Plate(context, programs, size)
@@ -113,6 +115,7 @@ class Renderer:
             pass_table.WEAK_LIGHTS: self._sum_weak,
             pass_table.WEAK_BOUNCE: self._add_weak_bounce,
             pass_table.SPREAD: self._spread,
+            pass_table.WEAK_GLOSS: self._look_up_wide_lobes,
             pass_table.GLOSS: self._add_gloss,
             pass_table.BOUNCE: self._add_bounce,
             pass_table.COMPOSITING: self._composite,
@@ -176,9 +179,9 @@ class Renderer:
         if state.g_buffer:
             self._place(state.g_buffer.pose)
             self._see(state.g_buffer.sample)
-            self._shading.classify(self._g_buffer)
             if self._coarse:
                 self._coarse.take(self._g_buffer)
+            self._find_classes()
         for number, pose in enumerate(state.luminaire_maps):
             if pose:
                 self._illumination.place(pose)
@@ -228,7 +231,12 @@ class Renderer:
             self._rays.see(self._g_buffer)
 
     def _classify(self, _plan: FramePlan, _run: PassRun) -> None:
+        self._find_classes()
+
+    def _find_classes(self) -> None:
         self._shading.classify(self._g_buffer)
+        if self._gloss:
+            self._gloss.classify(self._g_buffer)
 
     def _add_emission(self, plan: FramePlan, _run: PassRun) -> None:
         assert self._emission
@@ -268,13 +276,17 @@ class Renderer:
         """Adds what surfaces send to each other to coarse pixels, and to the matte of catchers."""
         assert self._bounce
         assert self._coarse
-        self._bounce.gather(plan.lights)
+        self._gather_bounce(plan)
         self._coarse.lights.add_bounce(self._bounce)
         self._bounce_on_catchers(plan)
 
     def _spread(self, plan: FramePlan, _run: PassRun) -> None:
         assert self._coarse
         self._coarse.lights.spread(self._g_buffer, self._shading, plan.unshadowed)
+
+    def _look_up_wide_lobes(self, _plan: FramePlan, _run: PassRun) -> None:
+        assert self._gloss
+        self._gloss.add_coarse()
 
     def _arriving(self, plan: FramePlan) -> "VisibilityLayers | ShadowAtlas":
         """What says how much of each light arrives at each pixel."""
@@ -298,17 +310,20 @@ class Renderer:
     def _add_gloss(self, plan: FramePlan, _run: PassRun) -> None:
         assert self._gloss
         assert self._shading.lobe_visibility
-        self._gloss.add(self._g_buffer, self._shading.lobe_visibility, self._shading.frame, 1 / len(plan.samples))
+        self._gloss.add(self._g_buffer, self._shading.lobe_visibility, 1 / len(plan.samples), plan.runs(pass_table.WEAK_GLOSS))
 
     def _add_bounce(self, plan: FramePlan, run: PassRun) -> None:
         """Adds what surfaces send to each other; all samples of a pixel have what was gathered at the first."""
         assert self._bounce
         if run.sample == 0:
-            normal = self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices)
-            self._bounce.gather(plan.lights, normal)
+            self._gather_bounce(plan)
         weight = 1 / len(plan.samples)
         self._bounce.add(self._g_buffer, self._shading.frame, (weight, weight, weight))
         self._bounce_on_catchers(plan)
+
+    def _gather_bounce(self, plan: FramePlan) -> None:
+        assert self._bounce
+        self._bounce.gather(plan.after.gathered, self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices))
 
     def _bounce_on_catchers(self, plan: FramePlan) -> None:
         assert self._bounce

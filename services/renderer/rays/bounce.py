@@ -74,17 +74,24 @@ class Light(NamedTuple):
 class Bounce:
     """Gathers one bounce for the surfaces that `see` was given last.
 
-    rays: of each block, a multiple of 16. shadow_rays: of each of their ends; with as many lights or fewer each is traced, otherwise so
+    rays: of each block, a multiple of 16, in so many sets: each is gathered by itself, and what blocks receive is the mean over those that
+    were. shadow_rays: of each of their ends; with as many lights or fewer each is traced, otherwise so
     many are drawn by how much they would bring, so that the mean is right.
     """
 
-    def __init__(self, scene: RayScene, meshes: ReflectingMeshes, reach_m: float, threads: Executor, rays: int, shadow_rays: int) -> None:
+    def __init__(
+        self, scene: RayScene, meshes: ReflectingMeshes, reach_m: float, threads: Executor, rays: int, shadow_rays: int, sets: int = 1
+    ) -> None:
         self._scene, self._meshes, self._threads = scene, meshes, threads
         self._lift_m, self._shadow_rays = LIFT_OF_REACH * reach_m, shadow_rays
-        self._pattern, self._offsets = hemisphere_pattern(rays), disc_pattern()
+        pattern, number = hemisphere_pattern(rays), np.arange(rays)
+        # One of each `sets` that follow each other in height, and not the same one again, which has a like turn.
+        self._patterns = [np.ascontiguousarray(pattern[:, (number + number // sets) % sets == k]) for k in range(sets)]
+        self._offsets = disc_pattern()
         self._surfaces: BlockSurfaces | None = None
         self._eye = np.zeros(3, np.float32)
-        self._hits: Hits | None = None
+        self._hits: dict[int, Hits] = {}
+        self._gathered: dict[int, Blocks] = {}
         llvmlite.binding.add_symbol(INTERSECT, function_address(INTERSECT))
         llvmlite.binding.add_symbol(OCCLUDED, function_address(OCCLUDED))
 
@@ -92,29 +99,39 @@ class Bounce:
         """Takes the surfaces of the pixels that stand for blocks, their normals for shading, and the eye (3,) in the world."""
         self._surfaces = surfaces
         self._eye = (eye - self._scene.origin).astype(np.float32)
-        self._hits = None  # until they are asked for
+        self._hits, self._gathered = {}, {}  # until they are asked for
 
-    def gather(self, directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray, ground: np.ndarray) -> Blocks:
-        """What the blocks receive under lights: directions (n, 3), irradiance (n, 3), spreads (n,) rad. ground: albedo (3,) of catchers."""
+    def gather(self, directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray, ground: np.ndarray, which: int = 0) -> None:
+        """Gathers set `which` under lights: directions (n, 3), irradiance (n, 3), spreads (n,) rad. ground: albedo (3,) of catchers."""
         assert self._surfaces is not None
         places, normals = self._surfaces
+        pattern = self._patterns[which]
         arrays = (directions, irradiance, irradiance @ LUMINANCE_WEIGHTS, spreads)
         light = Light(*(np.ascontiguousarray(array, np.float32) for array in arrays))
-        if self._hits is None:
-            shape = (*places.shape[:2], self._pattern.shape[1], 3)
-            self._hits = hits = Hits(*(np.zeros(shape, np.float32) for _ in Hits._fields))
-            self._over_rows(lambda rows: self._shoot(rows, hits))
+        if which not in self._hits:
+            shape = (*places.shape[:2], pattern.shape[1], 3)
+            self._hits[which] = hits = Hits(*(np.zeros(shape, np.float32) for _ in Hits._fields))
+            self._over_rows(lambda rows: self._shoot(rows, pattern, hits))
         albedo = ground.astype(np.float32)
-        hits, made = self._hits, Blocks(places, normals, np.zeros_like(places), np.zeros_like(places))
+        hits, made = self._hits[which], Blocks(places, normals, np.zeros_like(places), np.zeros_like(places))
 
         def own(rows: slice) -> None:
             ends = Hits(*(array[rows] for array in hits))
             radiance = np.empty_like(ends.places)
             _light_hits(self._scene.address, query(), ends, light, albedo, self._offsets, self._shadow_rays, rows.start, radiance)
-            _sum_rays(radiance, Blocks(*(array[rows] for array in made)), self._pattern, self._eye, rows.start)
+            _sum_rays(radiance, Blocks(*(array[rows] for array in made)), pattern, self._eye, rows.start)
 
         self._over_rows(own)
-        _smooth(made, self._eye, smoothed := Blocks(places, normals, np.zeros_like(places), np.zeros_like(places)))
+        self._gathered[which] = made
+
+    def received(self) -> Blocks:
+        """What the blocks receive, smoothed: the mean over the sets that were gathered since the surfaces were seen."""
+        assert self._surfaces is not None
+        places, normals = self._surfaces
+        sets = self._gathered.values()
+        irradiance, mirrored = (sum(getattr(each, name) for each in sets) / np.float32(len(sets)) for name in ("irradiance", "mirrored"))
+        smoothed = Blocks(places, normals, np.zeros_like(places), np.zeros_like(places))
+        _smooth(Blocks(places, normals, irradiance, mirrored), self._eye, smoothed)
         return smoothed
 
     def warm(self) -> None:
@@ -123,11 +140,12 @@ class Bounce:
         nothing = np.zeros((1, 1, 3), np.float32)
         self.see(BlockSurfaces(nothing, nothing), np.zeros(3))
         self.gather(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
+        self.received()
 
-    def _shoot(self, rows: slice, hits: Hits) -> None:
+    def _shoot(self, rows: slice, pattern: np.ndarray, hits: Hits) -> None:
         assert self._surfaces is not None
         surfaces, ends = (type(arrays)(*(array[rows] for array in arrays)) for arrays in (self._surfaces, hits))
-        find_hits(self._scene.address, query(), surfaces, self._pattern, self._meshes, self._lift_m, rows.start, ends)
+        find_hits(self._scene.address, query(), surfaces, pattern, self._meshes, self._lift_m, rows.start, ends)
 
     def _over_rows(self, task: Callable[[slice], None]) -> None:
         """Runs a task for all rows of blocks, some at a time."""

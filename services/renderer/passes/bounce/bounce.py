@@ -1,6 +1,7 @@
 """One bounce of light, added to a picture: gathered by rays on the processor for blocks of pixels, brought to all pixels here."""
 
 import os
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import moderngl
@@ -16,8 +17,8 @@ from vemlight.renderer.rays.reflecting import reflecting_meshes
 from vemlight.renderer.rays.tracing import RayTracer, Surfaces
 from vemlight.renderer.scene.scene import Scene
 
-LIVE_RAYS, LIVE_SHADOW_RAYS = 16, 4
-STILL_RAYS, STILL_SHADOW_RAYS = 64, 8  # for files: a quarter of the variance each
+RAYS = 64
+LIVE_SHADOW_RAYS, STILL_SHADOW_RAYS = 4, 8  # live and for files
 
 
 # Pixels on a side of a block: a bounce changes slowly but at contacts, where the direct light's shadows count more. Live there are about as
@@ -41,17 +42,19 @@ def ground_albedo(normal: np.ndarray | None, lights: LightSet) -> np.ndarray:
 
 
 class BounceLight:
-    """What surfaces send to each other in pictures of `size` pixels (width, height)."""
+    """What surfaces send to each other in pictures of `size` pixels (width, height). sets: of rays, more than one where time counts."""
 
     def __init__(
-        self, context: moderngl.Context, programs: Programs, scene: Scene, size: tuple[int, int], tracer: RayTracer, live: bool
+        self, context: moderngl.Context, programs: Programs, scene: Scene, size: tuple[int, int], tracer: RayTracer, sets: int
     ) -> None:
         self._context, self._tracer = context, tracer
         self._threads = ThreadPoolExecutor(os.cpu_count(), "bounce")
-        rays, shadow_rays = (LIVE_RAYS, LIVE_SHADOW_RAYS) if live else (STILL_RAYS, STILL_SHADOW_RAYS)
-        self._bounce = Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, self._threads, rays, shadow_rays)
+        live = sets > 1
+        shadow_rays = LIVE_SHADOW_RAYS if live else STILL_SHADOW_RAYS
+        self._bounce = Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, self._threads, RAYS, shadow_rays, sets)
         self._eye = np.array(scene.camera.position, np.float64)
         self._seen: Surfaces | None = None
+        self._gathered: dict[int, LightSet] = {}
         self._block = block = block_side(size, live)
         blocks = -(-size[0] // block), -(-size[1] // block)
         self._textures = {f"block_{name}": context.texture(blocks, 4, dtype="f4") for name in Blocks._fields}
@@ -61,14 +64,23 @@ class BounceLight:
         self._programs = [programs.program("screen.vert", "bounce.frag", **variant) for variant in variants]
         self._arrays = [context.vertex_array(program, []) for program in self._programs]
 
-    def gather(self, lights: LightSet, catcher_normal: np.ndarray | None) -> None:
-        """Gathers the light that the surfaces seen last send to each other under these lights; (3,) of the catcher, if there is one."""
+    def gather(self, gathered: Mapping[int, LightSet], catcher_normal: np.ndarray | None) -> None:
+        """Gathers the light that the surfaces seen last send to each other: each set of rays under its lights, if it was not yet.
+
+        catcher_normal: (3,) of the catcher, if there is one.
+        """
         if self._seen is not self._tracer.surfaces:
-            self._seen = self._tracer.surfaces
+            self._seen, self._gathered = self._tracer.surfaces, {}
             self._bounce.see(self._of_blocks(self._seen), self._eye)
-        traces = np.zeros(len(lights.ids)) if lights.covariances is None else lights.covariances[:, [0, 3, 5]].sum(axis=1)
-        ground = ground_albedo(catcher_normal, lights)
-        blocks = self._bounce.gather(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2), ground)
+        stale = {k: lights for k, lights in gathered.items() if self._gathered.get(k) is not lights}
+        if not stale and self._gathered:
+            return
+        for k, lights in stale.items():
+            traces = np.zeros(len(lights.ids)) if lights.covariances is None else lights.covariances[:, [0, 3, 5]].sum(axis=1)
+            ground = ground_albedo(catcher_normal, lights)
+            self._bounce.gather(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2), ground, k)
+        self._gathered = dict(gathered)
+        blocks = self._bounce.received()
         there = np.any(blocks.normals, axis=-1, keepdims=True)
         for texture, values in zip(self._textures.values(), blocks, strict=True):
             texture.write(np.concatenate([values, there], axis=-1, dtype=np.float32).tobytes())

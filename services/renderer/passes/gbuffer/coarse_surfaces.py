@@ -10,6 +10,7 @@ from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.gbuffer import TEXTURES, GBuffer, PixelRays, VisibleSurfaces, visible_surfaces
 
 STEP = 2  # pixels from one to the next
+MATERIALS = ("coarse_diffuse", "coarse_specular")
 SHARED = ("surface_depth", "surface_normals")  # textures by which weights are found
 
 
@@ -63,6 +64,15 @@ class CoarseSurfaces:
                 target.use(unit)
                 program[name] = unit
         return len(self._targets)
+
+    def bind_beside(self, program: moderngl.Program, unit: int) -> int:
+        """Gives a program that draws all pixels weights and materials from a unit on; returns the first that is still free."""
+        textures = {"coarse_weights": self.weights} | {name: self._targets[name.replace("coarse", "surface")] for name in MATERIALS}
+        for k, (name, texture) in enumerate(textures.items(), unit):
+            if name in program:
+                texture.use(k)
+                program[name] = k
+        return unit + len(textures)
 
     def read_surfaces(self) -> VisibleSurfaces:
         """As GBuffer.read_surfaces."""

@@ -1,4 +1,5 @@
 #version 430
+layout(early_fragment_tests) in;
 // Adds what the lobes of glossy surfaces reflect of the prefiltered map, times the fraction of the lobe's light that shadows leave. HAS_PHONG,
 // HAS_GGX: whether there are such surfaces.
 //
@@ -13,11 +14,19 @@
 #include "octahedral_map.glsl"
 #include "lobe_sources.glsl"
 
+// PIXELS: all; those of coarse surfaces, without shadows; or those that take it from coarse ones. gloss_classes.frag tells them apart.
+
 uniform float weight;  // of this pass in the picture: 1 / samples
 uniform vec3 scale;  // of the map
 uniform float base_variance;  // of level 0 along an axis, rad^2; four times as much in each level after it
 uniform sampler2D prefiltered;
+#if PIXELS != COARSE
 uniform sampler2D lobe_visibility;  // sums over the lights, with shadows and without
+#endif
+#if PIXELS == WITH_COARSE
+uniform sampler2D coarse_weights;
+uniform sampler2D coarse_gloss;
+#endif
 layout(location = 0) out vec4 radiance;
 
 vec3 looked_up(vec3 direction, float variance) {
@@ -85,22 +94,39 @@ vec3 reflected_phong(vec3 reflectance, float exponent, vec3 normal, vec3 view) {
 }
 #endif
 
+// What coarse pixels of the same surface reflect, w: how much of it there is.
+#if PIXELS == WITH_COARSE
+vec4 nearby(ivec2 pixel) {
+    vec4 weights = texelFetch(coarse_weights, pixel, 0), sum = vec4(0.0);
+    ivec2 first = pixel / STEP, last = textureSize(coarse_gloss, 0) - 1;
+    for (int k = 0; k < 4; ++k) {
+        if (weights[k] > 0.0) sum += weights[k] * texelFetch(coarse_gloss, min(first + ivec2(k & 1, k >> 1), last), 0);
+    }
+    return sum;
+}
+#endif
+
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     int kind = int(surface_diffuse_at(pixel).kind);
-    if (surface_depth_at(pixel).depth == 0.0 || (kind != MATERIAL_PHONG && kind != MATERIAL_GGX)) discard;
     SurfaceSpecular specular = surface_specular_at(pixel);
-    float fraction = map_fraction(kind, specular.lobe);
-    if (fraction == 0.0) discard;
-    vec2 lit = texelFetch(lobe_visibility, pixel, 0).rg;
-    float visible = lit.y > 0.0 ? lit.x / lit.y : 1.0;
+    vec4 reflected = vec4(0.0);
+#if PIXELS == WITH_COARSE
+    reflected = nearby(pixel);
+#else
     vec3 normal = surface_smooth_normal(pixel), view = -normalize(pixel_ray());
-    vec3 reflected = vec3(0.0);
 #if HAS_GGX
-    if (kind == MATERIAL_GGX) reflected = reflected_ggx(specular.reflectance, specular.lobe, normal, view);
+    if (kind == MATERIAL_GGX) reflected = vec4(reflected_ggx(specular.reflectance, specular.lobe, normal, view), 1.0);
 #endif
 #if HAS_PHONG
-    if (kind == MATERIAL_PHONG) reflected = reflected_phong(specular.reflectance, specular.lobe, normal, view);
+    if (kind == MATERIAL_PHONG) reflected = vec4(reflected_phong(specular.reflectance, specular.lobe, normal, view), 1.0);
 #endif
-    radiance = vec4(reflected * scale * (fraction * visible * weight), 0.0);
+#endif
+#if PIXELS == COARSE
+    radiance = reflected;
+#else
+    vec2 lit = texelFetch(lobe_visibility, pixel, 0).rg;
+    float visible = lit.y > 0.0 ? lit.x / lit.y : 1.0, fraction = map_fraction(kind, specular.lobe);
+    radiance = vec4(reflected.rgb / max(reflected.a, 1e-6) * scale * (fraction * visible * weight), 0.0);
+#endif
 }

@@ -34,9 +34,9 @@ class TracedVisibility:
         """What traces for the same scene at another size."""
         return TracedVisibility(scene, size, layers, self)
 
-    def bounce(self, context: moderngl.Context, programs: Programs, scene: Scene, live: bool) -> BounceLight:
+    def bounce(self, context: moderngl.Context, programs: Programs, scene: Scene, sets: int) -> BounceLight:
         """What gathers a bounce on the surfaces that this sees."""
-        return BounceLight(context, programs, scene, self._size, self._tracer, live)
+        return BounceLight(context, programs, scene, self._size, self._tracer, sets)
 
     def place(self, matrices: np.ndarray) -> None:
         """Moves the meshes: world_from_rest (n, 4, 4)."""

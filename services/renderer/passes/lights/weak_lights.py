@@ -4,13 +4,14 @@ Strong lights, whose shadows have edges, are summed on all pixels. Of weak ones 
 much of that is visible; a quarter of the pixels takes a quarter of the time, whatever the number of lights.
 """
 
+from typing import TYPE_CHECKING
+
 import moderngl
 import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
 from vemlight.renderer.gl.programs import Programs
-from vemlight.renderer.passes.bounce.bounce import BounceLight
 from vemlight.renderer.passes.gbuffer.coarse_surfaces import STEP, CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.shading import Shading
@@ -18,6 +19,9 @@ from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.scene.materials import Colour
+
+if TYPE_CHECKING:
+    from vemlight.renderer.passes.bounce.bounce import BounceLight
 
 LEAST_BY_NORMAL = 0.1  # of the mean over all normals: where the harmonics say nothing or less there is light from somewhere
 # Of each harmonic, by Ramamoorthi and Hanrahan (2001): the clamped cosine's part of its order times its own constant squared.
@@ -72,7 +76,7 @@ class WeakLights:
         for array in self._spread:
             array.program["by_normal"], array.program["least_by_normal"] = tuple(coefficients.tolist()), least
 
-    def add_bounce(self, bounce: BounceLight) -> None:
+    def add_bounce(self, bounce: "BounceLight") -> None:
         """Adds what surfaces send to each other, as gathered last, but to shadow catchers."""
         bounce.add_coarse(self._surfaces, self._bounce_frame, STEP)
 

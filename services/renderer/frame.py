@@ -25,7 +25,7 @@ from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose
 from vemlight.renderer.scene.view import PixelSample
 
-
+EDGE_SAMPLES = 8
 LIVE_SETS = 4  # of 16 rays each: the oldest is from a fifth of a second ago at 20 pictures a second
 
 
@@ -33,8 +33,8 @@ class FrameSetup(NamedTuple):
     """What all frames of a scene have in common. size: width, height in pixels. samples: of each pixel, which becomes their mean.
 
     target_ms: for a frame; 0: everything is drawn, however long it takes. kinds: of the scene's materials. rest: where the scene file
-    puts everything. traced: whether shadows are by rays, not by maps. bounces: whether surfaces light each other. coarse: whether weak lights
-    are summed on coarse pixels.
+    puts everything. traced: whether shadows are by rays, not by maps. bounces: whether surfaces light each other. coarse: whether weak
+    lights are summed on coarse pixels.
     """
 
     scene: Scene
@@ -53,6 +53,12 @@ class FrameSetup(NamedTuple):
     @property
     def glossy(self) -> bool:
         return bool(self.kinds & GLOSSY_KINDS)
+
+    @property
+    def edge_samples(self) -> int:
+        """Samples of each pixel by which edges are smoothed, one a frame while nothing moves; 0 where the pixel itself has several, and
+        where shadows are by maps."""
+        return EDGE_SAMPLES if self.traced and self.target_ms > 0 and len(self.samples) == 1 else 0
 
     @property
     def bounce_sets(self) -> int:
@@ -119,8 +125,9 @@ class FrameState(NamedTuple):
     placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short.
     bounce: whether there is time for the bounce. maps: cached shadow maps with their lookups; None where the next frame draws all. layers:
     of traced lights, likewise; coarse_layers: of those on coarse pixels. light_weight: what a light costs on average, over one on all
-    pixels. gathered: under which lights each set of the bounce's rays was gathered, the newest last. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the
-    scene stood when each luminaire's maps were drawn.
+    pixels. gathered: under which lights each set of the bounce's rays was gathered, the newest last. edge_samples: of each pixel, by which
+    edges are smoothed. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the scene stood
+    when each luminaire's maps were drawn.
     """
 
     placed: PlacedCasters
@@ -133,6 +140,7 @@ class FrameState(NamedTuple):
     coarse_layers: TracedLayers | None
     light_weight: float
     gathered: Mapping[int, LightSet]
+    edge_samples: int
     lookup_pose: ScenePose | None
     g_buffer: GBufferContents | None
     luminaire_maps: tuple[ScenePose | None, ...]

@@ -109,6 +109,7 @@ def initial_state(setup: FrameSetup) -> FrameState:
         coarse_layers=None,
         light_weight=1.0,
         gathered={},
+        edge_samples=0,
         lookup_pose=None,
         g_buffer=None,
         luminaire_maps=(None,) * len(setup.scene.luminaires),
@@ -148,7 +149,10 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
     kept = state.gathered if lighting.bounce and g_buffer is state.g_buffer else {}
     first = shown.lights.number % setup.bounce_sets if isinstance(shown.lights, AccumulationPass) else 0
     gathered = with_newest(kept, lighting.lights, setup.bounce_sets, first) if lighting.bounce else {}
-    after = after._replace(g_buffer=g_buffer, luminaire_maps=drawn_for, gathered=gathered)
+    edge_samples = min(state.edge_samples + 1, setup.edge_samples) if g_buffer is state.g_buffer else 0
+    if edge_samples > state.edge_samples:
+        runs.insert(0, PassRun(pass_table.EDGES))
+    after = after._replace(g_buffer=g_buffer, luminaire_maps=drawn_for, gathered=gathered, edge_samples=edge_samples)
     made = FramePlan(
         shown=shown,
         before=state,
@@ -297,7 +301,7 @@ def _traced_in_time(
 
 
 def _affordable_part(budget: Budget, lights: float, spent: float, weight: float, stale: int) -> int:
-    """How many stale lights of a weight can be traced where `lights` are summed and `spent` have been traced, both as many on all pixels."""
+    """How many stale lights of a weight can be traced where `lights` are summed and `spent` were traced, both as so many on all pixels."""
     most = affordable_traces(budget, lights, int(np.ceil(spent + weight * stale)))
     return min(int((most - spent) / weight), stale)
 

@@ -10,6 +10,7 @@ INPUTS = ("lights", "environment", "pose", "background", "plate", "uploaded pict
 # What stays on the GPU after a frame: frame.FrameState describes it, so that a plan need not draw it again.
 CACHED = (
     "luminaire maps", "shadow maps", "light frames", "G-buffer", "class depth", "cached visibility", "coarse surfaces", "coarse visibility",
+    "edges",
 )  # fmt: skip
 
 
@@ -31,6 +32,7 @@ SHADOW_MAPS = Pass(
 PREFILTER = Pass("prefilter", "gloss", ("lights", "environment"), ("prefiltered map",), "passes/gloss/prefiltered_map.py")
 G_BUFFER = Pass("G-buffer", "G-buffer", ("pose",), ("G-buffer",), "passes/gbuffer/gbuffer.py")
 CLASSES = Pass("classes", "classes", ("G-buffer",), ("class depth",), "passes/lights/shading.py")
+EDGES = Pass("edges", "edges", ("pose", "G-buffer"), ("edges",), "passes/edges/edges.py")
 EMISSION = Pass("emission", "emission", ("G-buffer",), ("picture",), "passes/emission/emission.py")
 LUMINAIRES = Pass("luminaires", "luminaires", ("G-buffer", "luminaire maps"), ("picture", "matte"), "passes/luminaires/illumination.py")
 VISIBILITY_CACHE = Pass(
@@ -48,9 +50,7 @@ LIGHTS = Pass(
     ("picture", "matte", "lobe visibility"),
     "passes/lights/shading.py",
 )
-COARSE_SURFACES = Pass(
-    "coarse surfaces", "coarse surfaces", ("G-buffer",), ("coarse surfaces",), "passes/gbuffer/coarse_surfaces.py"
-)
+COARSE_SURFACES = Pass("coarse surfaces", "coarse surfaces", ("G-buffer",), ("coarse surfaces",), "passes/gbuffer/coarse_surfaces.py")
 WEAK_RAYS = Pass(
     "weak rays", "rays", ("lights", "pose", "coarse surfaces"), ("light frames", "coarse visibility"), "passes/lights/traced_visibility.py"
 )
@@ -73,12 +73,14 @@ COMPOSITING = Pass(
     "passes/background/compositing.py",
 )
 UPLOAD = Pass("upload", "upload", ("uploaded picture",), ("picture",), "renderer.py")
-READ_BACK = Pass("read-back", "read-back", ("picture",), ("linear picture",), "renderer.py")
+READ_BACK = Pass("read-back", "read-back", ("picture", "edges"), ("linear picture",), "renderer.py")
 ADAPTATION = Pass("adaptation", "read-back", ("picture", "previous adaptation"), ("adaptation",), "passes/present/present.py")
-TONE_MAPPING = Pass("tone mapping", "tone mapping", ("picture", "adaptation", "exposure"), ("pixels",), "passes/present/present.py")
+TONE_MAPPING = Pass(
+    "tone mapping", "tone mapping", ("picture", "edges", "adaptation", "exposure"), ("pixels",), "passes/present/present.py"
+)
 
 PASSES = (
-    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, G_BUFFER, COARSE_SURFACES, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS,
+    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, G_BUFFER, COARSE_SURFACES, CLASSES, EDGES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS,
     WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, SPREAD, WEAK_GLOSS, GLOSS, BOUNCE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -96,7 +96,8 @@ class Renderer:
         self._emission = Emission(context, programs) if setup.emissive else None
         self._plate = Plate(context, programs, size)
         self._background = Background(context, programs, size)
-        self._present = Present(context, programs, size)
+        self._edges = self._rays.edges(context, programs) if self._rays and setup.edge_samples else None
+        self._present = Present(context, programs, size, self._edges)
         self._contents: FrameState | None = None  # the state that describes what is cached on the GPU
         self._pose = setup.rest
         self._run_pass = {
@@ -105,6 +106,7 @@ class Renderer:
             pass_table.PREFILTER: self._prefilter,
             pass_table.G_BUFFER: self._draw_g_buffer,
             pass_table.CLASSES: self._classify,
+            pass_table.EDGES: self._add_edge_sample,
             pass_table.EMISSION: self._add_emission,
             pass_table.LUMINAIRES: self._add_luminaires,
             pass_table.VISIBILITY_CACHE: self._look_up,
@@ -163,6 +165,7 @@ class Renderer:
                 if row is pass_table.READ_BACK:
                     data = self._shading.frame.read(components=4, dtype="f4", alignment=1)
                     picture = np.frombuffer(data, np.float32).reshape(self.setup.size[1], self.setup.size[0], 4)
+                    picture = self._edges.smoothed(picture) if self._edges else picture
                 elif row is pass_table.ADAPTATION and tone:
                     adaptation = adapt(adaptation, self._present.subsampled(self._shading.picture), tone.dt_s or 0.0)
                 elif row is pass_table.TONE_MAPPING and tone:
@@ -182,6 +185,9 @@ class Renderer:
             if self._coarse:
                 self._coarse.take(self._g_buffer)
             self._find_classes()
+            for _ in range(state.edge_samples):
+                assert self._edges
+                self._edges.add(self._g_buffer)
         for number, pose in enumerate(state.luminaire_maps):
             if pose:
                 self._illumination.place(pose)
@@ -229,6 +235,12 @@ class Renderer:
         self._g_buffer.draw(sample)
         if self._rays:
             self._rays.see(self._g_buffer)
+        if self._edges:
+            self._edges.forget()
+
+    def _add_edge_sample(self, _plan: FramePlan, _run: PassRun) -> None:
+        assert self._edges
+        self._edges.add(self._g_buffer)
 
     def _classify(self, _plan: FramePlan, _run: PassRun) -> None:
         self._find_classes()
@@ -348,7 +360,16 @@ class Renderer:
     def release(self) -> None:
         """Frees everything on the GPU and the context."""
         with self._context:
-            visibility = (self._frames, self._layers, self._bounce, self._coarse, self._rays, self._atlas, self._visibility_cache)
+            visibility = (
+                self._frames,
+                self._layers,
+                self._bounce,
+                self._coarse,
+                self._edges,
+                self._rays,
+                self._atlas,
+                self._visibility_cache,
+            )
             drawing = (*visibility, self._g_buffer, self._shading, self._gloss, self._illumination, self._emission)
             for part in (*drawing, self._plate, self._background, self._present, self._programs):
                 if part is not None:

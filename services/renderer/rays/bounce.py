@@ -128,8 +128,9 @@ class Bounce:
         """What the blocks receive, smoothed: the mean over the sets that were gathered since the surfaces were seen."""
         assert self._surfaces is not None
         places, normals = self._surfaces
-        sets = self._gathered.values()
-        irradiance, mirrored = (sum(getattr(each, name) for each in sets) / np.float32(len(sets)) for name in ("irradiance", "mirrored"))
+        irradiance, mirrored = (
+            np.mean([getattr(each, name) for each in self._gathered.values()], axis=0) for name in ("irradiance", "mirrored")
+        )
         smoothed = Blocks(places, normals, np.zeros_like(places), np.zeros_like(places))
         _smooth(Blocks(places, normals, irradiance, mirrored), self._eye, smoothed)
         return smoothed

@@ -143,12 +143,17 @@ class RayTracer:
     def see(self, depth: np.ndarray, normal_codes: np.ndarray, ray_from_pixel: np.ndarray, eye: np.ndarray) -> None:
         """Takes the surfaces of a G-buffer: depth (height, width) float32 in lengths of the pixel's ray, 0 where there is none; codes of
         normals (height, width, 4) uint16, the flat normal's last; the matrix (3, 3) from pixels to rays; the eye (3,), float64."""
+        self._surfaces = self.surfaces_of(depth, normal_codes, ray_from_pixel, eye)
+
+    def surfaces_of(self, depth: np.ndarray, normal_codes: np.ndarray, ray_from_pixel: np.ndarray, eye: np.ndarray) -> Surfaces:
+        """The surfaces of a G-buffer, as `see` takes it."""
         width, height = self._size
         places, flat, smooth = (np.zeros((height, width, 3), np.float32) for _ in range(3))
         surfaces = Surfaces(places, flat, smooth, np.zeros((height, width), np.float32))
         camera = np.concatenate([ray_from_pixel.T, [eye - self._scene.origin]])
-        _decode(depth, normal_codes, camera, (LIFT_OF_DISTANCE, LIFT_OF_REACH * self._reach_m), surfaces)
-        self._surfaces = surfaces
+        lifts = (LIFT_OF_DISTANCE, LIFT_OF_REACH * self._reach_m)
+        self.in_rows(lambda rows: _decode(depth, normal_codes, camera, lifts, rows.start, rows.stop, surfaces))
+        return surfaces
 
     def trace(self, lights: TracedLights, pattern: SoftPattern, whole: bool = True) -> np.ndarray:
         """The fraction of each light that arrives at each pixel, (n, height, width) uint8. pattern: where rays go on soft lights.
@@ -160,14 +165,14 @@ class RayTracer:
         arriving = np.empty((len(lights.directions), height, width), np.uint8)
         filtered, agreed = np.flatnonzero(lights.rays == 1), STRATA if whole else TILE_AGREED
         found = np.zeros((height, width, -(-len(filtered) // TOGETHER) * TOGETHER), np.uint16)
-        self._in_rows(lambda rows: self._trace_rows(lights, pattern, rows, agreed, arriving[:, rows], found[rows]))
+        self.in_rows(lambda rows: self._trace_rows(lights, pattern, rows, agreed, arriving[:, rows], found[rows]))
         if len(filtered):
             surfaces, states = self._surfaces, np.zeros((-(-height // TILE), -(-width // TILE), len(filtered)), np.uint8)
-            self._in_rows(lambda rows: tile_states(found, rows.start, rows.stop, states))
-            self._in_rows(lambda rows: filter_rows(found, states, surfaces, rows.start, rows.stop, filtered, arriving))
+            self.in_rows(lambda rows: tile_states(found, rows.start, rows.stop, states))
+            self.in_rows(lambda rows: filter_rows(found, states, surfaces, rows.start, rows.stop, filtered, arriving))
         return arriving
 
-    def _in_rows(self, work: Callable[[slice], None]) -> None:
+    def in_rows(self, work: Callable[[slice], None]) -> None:
         """Does some work on all rows of tiles, by all threads."""
         height, step = self._size[1], TILE * TILE_ROWS_PER_TASK
         tasks = [self._threads.submit(work, slice(first, min(first + step, height))) for first in range(0, height, step)]
@@ -219,9 +224,10 @@ def aligned(count: int) -> np.ndarray:
 
 
 @kernel(nogil=True)
-def _decode(depth, codes, camera, lifts, surfaces):
-    """Fills Surfaces, zeros so far; camera: (4, 3), rows of ray_from_pixel's columns and the eye. lifts: a distance to the eye, and all."""
-    for y in range(depth.shape[0]):
+def _decode(depth, codes, camera, lifts, first, last, surfaces):
+    """Fills rows from first to last of Surfaces, zeros so far; camera: (4, 3), rows of ray_from_pixel's columns and the eye. lifts: a
+    distance to the eye, and all."""
+    for y in range(first, last):
         for x in range(depth.shape[1]):
             if not depth[y, x] > 0:
                 continue

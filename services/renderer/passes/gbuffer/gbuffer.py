@@ -115,6 +115,7 @@ class GBuffer:
         self._corners = np.array([box_corners(mesh.geometry) for mesh in scene.meshes]).reshape(-1, 8, 3)  # of the meshes' boxes at rest
         self._depth = context.depth_renderbuffer(size)
         self._frame = context.framebuffer(list(self._targets.values()), self._depth)
+        self._beside: moderngl.Framebuffer | None = None  # the first two textures, for another sample
         self.place(scene_pose(scene, 0.0))
 
     def place(self, now: ScenePose) -> None:
@@ -133,16 +134,29 @@ class GBuffer:
         A surface of partial coverage is drawn where that exceeds a threshold made of its place and the sample's number: the mean over
         successive samples has as much of it.
         """
+        self._ray_from_pixel = self._draw(sample, self._frame)
+
+    def read_beside(self, sample: PixelSample) -> VisibleSurfaces:
+        """Where the surfaces are at another sample; what was drawn last stays."""
+        if self._beside is None:
+            targets = [self._context.texture(self._size, record.components, dtype=dtype) for record, dtype in (*TEXTURES.values(),)[:2]]
+            self._beside = self._context.framebuffer(targets, self._depth)
+        rays = self.rays._replace(ray_from_pixel=self._draw(sample, self._beside))
+        depth, normals = self._beside.color_attachments
+        return visible_surfaces(depth, normals, rays)  # type: ignore[arg-type]
+
+    def _draw(self, sample: PixelSample, frame: moderngl.Framebuffer) -> np.ndarray:
+        """Draws what the pixels see at a sample; returns their rays (3, 3)."""
         matrix = tuple(clip_from_world(self._scene, self._size, sample, self._nearest_m).T.reshape(-1))
-        self._ray_from_pixel = ray_from_pixel(self._scene.camera, self._size)
-        self._ray_from_pixel[:, 2] += self._ray_from_pixel[:, :2] @ np.subtract(sample[:2], 0.5)
+        rays = ray_from_pixel(self._scene.camera, self._size)
+        rays[:, 2] += rays[:, :2] @ np.subtract(sample[:2], 0.5)
         for array in self._arrays.values():
             array.program["clip_from_world"] = matrix
-            self._set_rays(array.program)
+            self._set_rays(array.program, rays)
             if "sample_number" in array.program:
                 array.program["sample_number"] = sample.number
-        self._frame.use()
-        self._frame.clear(depth=1.0)
+        frame.use()
+        frame.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._context.depth_func = "<"
         for item, drawn, placed in zip(self._items, self._mesh_ranges, self._placed, strict=True):
@@ -151,6 +165,7 @@ class GBuffer:
                 texture.use(unit)
             item.array.program["world_from_rest"], item.array.program["normal_from_rest"] = placed
             item.array.render(vertices=drawn.count, first=drawn.first)
+        return rays
 
     def _item(self, uniforms: MaterialUniforms, buffers: VertexBuffers) -> DrawItem:
         array = self._array(uniforms.variant, buffers)
@@ -184,16 +199,16 @@ class GBuffer:
             self._textures[key] = texture
         return self._textures[key]
 
-    def _set_rays(self, program: moderngl.Program) -> None:
+    def _set_rays(self, program: moderngl.Program, rays: np.ndarray) -> None:
         """Gives a program the eye and the rays through the pixels, as far as it uses them."""
         if "eye" in program:
             program["eye"] = self._scene.camera.position
         if "ray_from_pixel" in program:
-            program["ray_from_pixel"] = tuple(self._ray_from_pixel.T.reshape(-1))
+            program["ray_from_pixel"] = tuple(rays.T.reshape(-1))
 
     def bind(self, program: moderngl.Program) -> int:
         """Gives a program what it reads of gbuffer.glsl and surface_texels.glsl; returns the first texture unit that is still free."""
-        self._set_rays(program)
+        self._set_rays(program, self._ray_from_pixel)
         for unit, (name, target) in enumerate(self._targets.items()):
             if name in program:
                 target.use(unit)
@@ -226,6 +241,7 @@ class GBuffer:
     def release(self) -> None:
         """Frees what this holds on the GPU."""
         made = (*self._arrays.values(), *self._buffers, self._second_uvs, self._frame, self._depth, *self._targets.values())
-        for resource in (*made, *(item.material for item in self._items), *self._textures.values()):
+        beside = (*self._beside.color_attachments, self._beside) if self._beside else ()
+        for resource in (*made, *beside, *(item.material for item in self._items), *self._textures.values()):
             if resource is not None:
                 resource.release()

@@ -4,8 +4,6 @@ The visibility is the mean over the frame's lights, each weighted by what the lo
 pass over the lights sums both.
 """
 
-from collections.abc import Mapping
-
 import moderngl
 
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
@@ -22,7 +20,7 @@ NARROW, WIDE = 0.25, 0.5
 
 
 class Gloss:
-    """Adds the reflected map to surfaces of the `kinds` of material in a picture. coarse: wide lobes are looked up on coarse pixels alone."""
+    """Adds the reflected map to surfaces of the `kinds` of material in a picture. coarse: wide lobes are looked up there alone."""
 
     def __init__(
         self,
@@ -86,8 +84,10 @@ class Gloss:
         self._draw(self._of_coarse, self._coarse.bind(self._of_coarse.program), 1, WIDE)
 
     def add(self, g_buffer: GBuffer, lobe_visibility: moderngl.Texture, weight: float, with_coarse: bool) -> None:
-        """Adds what the surfaces reflect of the map times `weight` to the picture. lobe_visibility: as in shading.py. with_coarse: wide lobes
-        have what `add_coarse` looked up."""
+        """Adds what the surfaces reflect of the map times `weight` to the picture. lobe_visibility: as in shading.py.
+
+        with_coarse: wide lobes have what `add_coarse` looked up.
+        """
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         for array, which in ((self._all, NARROW), (self._with_coarse if with_coarse else self._all, WIDE)):

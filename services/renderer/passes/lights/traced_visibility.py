@@ -11,6 +11,7 @@ from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.bounce.bounce import BounceLight
+from vemlight.renderer.passes.edges.edges import Edges
 from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
@@ -33,6 +34,10 @@ class TracedVisibility:
     def coarse(self, scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> "TracedVisibility":
         """What traces for the same scene at another size."""
         return TracedVisibility(scene, size, layers, self)
+
+    def edges(self, context: moderngl.Context, programs: Programs) -> Edges:
+        """What smooths the edges of the surfaces that this sees."""
+        return Edges(context, programs, self._size, self._tracer)
 
     def bounce(self, context: moderngl.Context, programs: Programs, scene: Scene, sets: int) -> BounceLight:
         """What gathers a bounce on the surfaces that this sees."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.light.light_set import LightSet
-from vemlight.renderer.pass_table import BOUNCE, LIGHTS, RAYS, SHADOW_MAPS, VISIBILITY_CACHE
+from vemlight.renderer.pass_table import BOUNCE, EDGES, LIGHTS, RAYS, SHADOW_MAPS, VISIBILITY_CACHE
 
 WARM_UP_FRAMES = 2  # not measured: GL drivers compile on the first and tune on the second
 NEWEST_WEIGHT = 0.2  # of the newest frame in a moving average: half of a change after 3 frames, and one odd frame counts for a fifth
@@ -118,6 +118,7 @@ def updated_costs(costs: CostModel, work: FrameWork, timings: FrameTimings) -> C
     maps_ms, lookups_ms, rays_ms, lights_ms, bounce_ms = spent_ms.values()
     lookups_ms += rays_ms  # a frame has one or the other
     fixed_ms = timings.frame_ms - maps_ms - lookups_ms - lights_ms - bounce_ms
+    fixed_ms -= timings.timers_ms.get(EDGES.timer, 0.0)  # over after a few frames
     measured = costs.light_ms is not None
     costs = costs._replace(
         fixed_ms=costs.fixed_ms + NEWEST_WEIGHT * (fixed_ms - costs.fixed_ms) if measured else fixed_ms,

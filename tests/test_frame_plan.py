@@ -76,6 +76,9 @@ def test_each_pass_reads_what_a_pass_before_it_wrote(frame_ms, samples):
     for made in plans:
         written = set(INPUTS)
         written |= set(CACHED) if made.before.g_buffer else {"shadow maps", "cached visibility"}
+        if not made.runs(pass_table.WEAK_LIGHTS):  # only beside coarse pixels are they read
+            written |= {"coarse surfaces", "coarse light", "coarse gloss"}
+        written |= {"edges"}  # none, before a frame finds some
         for row in [*(run.row for run in made.passes), *made.outputs]:
             assert set(row.reads) <= written | {"catcher coverage"}, row.name
             written |= set(row.writes)

@@ -39,6 +39,12 @@ material = {diffuse = [0.5, 0.5, 0.5]}
 """
 
 
+@pytest.fixture(autouse=True)
+def rough_edges(monkeypatch):
+    """Pictures change by their lights alone, not while their edges are found (test_edges.py)."""
+    monkeypatch.setattr("vemlight.renderer.frame.EDGE_SAMPLES", 0)
+
+
 def renderer_of(scene: Scene, side: int = 64, frame_ms: float = 0.0, samples: int = 1, shadows: str = "rays") -> SceneRenderer:
     wanted = Settings(width=side, height=side, shadows=shadows, frame_ms=frame_ms, bounces=0)  # type: ignore[arg-type]
     return SceneRenderer(scene, wanted, samples)

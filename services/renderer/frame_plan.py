@@ -337,12 +337,7 @@ def _passes(
     """The passes that draw the picture, in their order, and what the G-buffer holds after them."""
     runs = [PassRun(pass_table.LUMINAIRE_MAPS)] if luminaires_stale else []
     glossy = reflected is not None and reflected.radiance is not None
-    weak = len(lighting.batches) - 1 if lighting.coarse else None
-    for number in range(len(lighting.batches)):
-        if number == weak:
-            rows = [pass_table.WEAK_RAYS, pass_table.WEAK_LIGHTS] + [pass_table.WEAK_BOUNCE] * lighting.bounce + [pass_table.SPREAD]
-            runs += [PassRun(row, number) for row in rows + [pass_table.WEAK_GLOSS, pass_table.GLOSS] * glossy]
-            continue
+    for number in range(1 if lighting.coarse else len(lighting.batches)):
         first = number == 0  # what does not depend on the batch is drawn with the first
         if not setup.traced:
             runs.append(PassRun(pass_table.SHADOW_MAPS, number))
@@ -357,19 +352,29 @@ def _passes(
                 rows.append(pass_table.EMISSION)
             if first and setup.scene.luminaires:
                 rows.append(pass_table.LUMINAIRES)
+            if lighting.coarse:
+                runs += [PassRun(row) for row in rows]
+                runs += [PassRun(row, 1) for row in _of_coarse_pixels(lighting.bounce, glossy)]
+                rows = []
             if setup.traced:
                 rows.append(pass_table.RAYS)
             elif lighting.caches_visibility:
                 rows.append(pass_table.VISIBILITY_CACHE)
             rows.append(pass_table.LIGHTS)
-            if glossy and first and weak is None:
+            if glossy and first:
                 rows.append(pass_table.GLOSS)
-            if lighting.bounce and first and weak is None:
+            if lighting.bounce and first and not lighting.coarse:
                 rows.append(pass_table.BOUNCE)
             runs += [PassRun(row, number, k) for row in rows]
     if shown.background or shown.plate or setup.scene.plate is not None:
         runs.append(PassRun(pass_table.COMPOSITING))
     return runs, g_buffer
+
+
+def _of_coarse_pixels(bounce: bool, glossy: bool) -> list[Pass]:
+    """The passes over coarse pixels, before the others take what these have received."""
+    rows = [pass_table.WEAK_RAYS, pass_table.WEAK_LIGHTS]
+    return rows + [pass_table.WEAK_BOUNCE] * bounce + [pass_table.WEAK_GLOSS] * glossy
 
 
 def _outputs(shown: FrameInput) -> tuple[Pass, ...]:

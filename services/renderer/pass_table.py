@@ -46,7 +46,7 @@ RAYS = Pass("rays", "rays", ("lights", "pose", "G-buffer"), ("light frames", "ca
 LIGHTS = Pass(
     "lights",
     "lights",
-    ("G-buffer", "class depth", "light frames", "shadow maps", "cached visibility"),
+    ("G-buffer", "class depth", "light frames", "shadow maps", "cached visibility", "coarse surfaces", "coarse light"),
     ("picture", "matte", "lobe visibility"),
     "passes/lights/shading.py",
 )
@@ -59,11 +59,7 @@ WEAK_LIGHTS = Pass(
 )
 WEAK_BOUNCE = Pass("weak bounce", "bounce", ("lights", "pose", "coarse surfaces"), ("coarse light", "matte"), "passes/bounce/bounce.py")
 WEAK_GLOSS = Pass("weak gloss", "gloss", ("coarse surfaces", "prefiltered map"), ("coarse gloss",), "passes/gloss/gloss.py")
-SPREAD = Pass(
-    "spread", "spread", ("G-buffer", "coarse surfaces", "coarse light"), ("picture", "matte", "lobe visibility"),
-    "passes/lights/weak_lights.py",
-)  # fmt: skip
-GLOSS = Pass("gloss", "gloss", ("G-buffer", "lobe visibility", "prefiltered map"), ("picture",), "passes/gloss/gloss.py")
+GLOSS = Pass("gloss", "gloss", ("G-buffer", "lobe visibility", "prefiltered map", "coarse gloss"), ("picture",), "passes/gloss/gloss.py")
 BOUNCE = Pass("bounce", "bounce", ("lights", "pose", "G-buffer"), ("picture", "matte"), "passes/bounce/bounce.py")
 COMPOSITING = Pass(
     "compositing",
@@ -80,7 +76,7 @@ TONE_MAPPING = Pass(
 )
 
 PASSES = (
-    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, G_BUFFER, COARSE_SURFACES, CLASSES, EDGES, EMISSION, LUMINAIRES, VISIBILITY_CACHE, RAYS, LIGHTS,
-    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, SPREAD, WEAK_GLOSS, GLOSS, BOUNCE,
+    LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, EDGES, G_BUFFER, COARSE_SURFACES, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE,
+    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, GLOSS, BOUNCE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

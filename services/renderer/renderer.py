@@ -116,7 +116,6 @@ class Renderer:
             pass_table.WEAK_RAYS: self._trace_weak,
             pass_table.WEAK_LIGHTS: self._sum_weak,
             pass_table.WEAK_BOUNCE: self._add_weak_bounce,
-            pass_table.SPREAD: self._spread,
             pass_table.WEAK_GLOSS: self._look_up_wide_lobes,
             pass_table.GLOSS: self._add_gloss,
             pass_table.BOUNCE: self._add_bounce,
@@ -170,7 +169,7 @@ class Renderer:
                     adaptation = adapt(adaptation, self._present.subsampled(self._shading.picture), tone.dt_s or 0.0)
                 elif row is pass_table.TONE_MAPPING and tone:
                     curve = tone_curve(adaptation or Adaptation(), tone.exposure_stops, self.setup.tone)
-                    self._present.tone_map(self._shading.picture, curve)
+                    self._present.tone_map(self._shading.picture, curve, smooth=plan.uploaded is None)
         if tone:
             with self._timers.measured(pass_table.READ_BACK.timer):
                 pixels = self._present.read()
@@ -292,10 +291,6 @@ class Renderer:
         self._coarse.lights.add_bounce(self._bounce)
         self._bounce_on_catchers(plan)
 
-    def _spread(self, plan: FramePlan, _run: PassRun) -> None:
-        assert self._coarse
-        self._coarse.lights.spread(self._g_buffer, self._shading, plan.unshadowed)
-
     def _look_up_wide_lobes(self, _plan: FramePlan, _run: PassRun) -> None:
         assert self._gloss
         self._gloss.add_coarse()
@@ -317,6 +312,7 @@ class Renderer:
             weight,
             weight if run.batch == 0 else 0.0,
             plan.unshadowed,
+            self._coarse.lights if self._coarse and plan.runs(pass_table.WEAK_LIGHTS) else None,
         )
 
     def _add_gloss(self, plan: FramePlan, _run: PassRun) -> None:
@@ -352,7 +348,7 @@ class Renderer:
             self._plate.draw(self._shading.frame, self._shading.matte)
         if plan.shown.background:
             self._background.show(plan.shown.background.radiance, plan.shown.background.coverage)
-            self._background.draw(self._shading.frame, self._shading.matte, self.setup.scene.camera)
+            self._background.draw(self._shading.frame, self._shading.matte, self.setup.scene.camera, len(plan.samples) == 1)
 
     def _upload(self, plan: FramePlan, _run: PassRun) -> None:
         self._shading.picture.write(np.ascontiguousarray(plan.uploaded, np.float32).tobytes(), alignment=1)

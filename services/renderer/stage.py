@@ -42,6 +42,7 @@ FILE_SAMPLES = 4  # a pixel of a file is the average over its area
 BLENDED_SAMPLES = 16  # where surfaces are there in part: each sample sees one, or what lies behind it
 LIVE_SAMPLES = 1
 LIVE_FRAME_MS = 100.0  # ten pictures a second: below that, motion is a series of pictures
+NO_MAP_YET = EnvironmentMap(np.zeros((1, 1, 3), np.float32), "hemisphere")  # polished things are dark before the first, and show no dots
 
 
 def file_samples(scene: Scene) -> int:
@@ -154,7 +155,7 @@ class RendererStage:
         shown = FrameInput(
             lights=self._renderer.drawable(LightSet(*arrays[:-2])),
             pose=scene_pose(self._renderer.setup.scene, time_s - paused_s, state.poses),
-            environment=state.environment if self._glossy else None,
+            environment=(state.environment or NO_MAP_YET) if self._glossy else None,
             background=state.environment if self._shows_environment else None,
             plate=PlatePicture(state.plate, self._stops) if state.plate is not None else None,
             tone=ToneRequest(state.adaptation, state.exposure, dt_s),

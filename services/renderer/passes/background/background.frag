@@ -1,4 +1,5 @@
 #version 430
+layout(early_fragment_tests) in;
 // The light map as the rays through the pixels see it: polar, theta down and phi to the right. Nothing where a hemisphere ends.
 #include "compositing.glsl"
 

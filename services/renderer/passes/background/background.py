@@ -30,11 +30,12 @@ class Background(BackgroundLayer):
         clean = np.nan_to_num(radiance, nan=0.0, posinf=MAX_RADIANCE).clip(0, MAX_RADIANCE)  # inf times 0 would be nan
         texture.write(np.ascontiguousarray(clean, np.float32), alignment=1)
 
-    def draw(self, frame: moderngl.Framebuffer, matte: moderngl.Texture | None, camera: ViewCamera) -> None:
+    def draw(self, frame: moderngl.Framebuffer, matte: moderngl.Texture | None, camera: ViewCamera, single: bool) -> None:
         """Composites the map behind the picture in `frame`, seen from `camera`; below a hemisphere's horizon the picture stays open.
 
-        matte: as in shading.py. Does nothing before the first `show`.
+        matte: as in shading.py. single: whether pixels have one sample, so that none is open whose class is that of a surface. Does nothing
+        before the first `show`.
         """
         if self._texture:
             self._program["ray_from_pixel"] = tuple(ray_from_pixel(camera, self._size).T.reshape(-1))
-            self._composite(frame, matte, self._texture)
+            self._composite(frame, matte, self._texture, single)

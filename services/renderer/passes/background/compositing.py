@@ -4,6 +4,8 @@ import moderngl
 
 from vemlight.renderer.gl.programs import Programs
 
+NO_SURFACE = 1.0  # the depth of classify.frag there
+
 
 class BackgroundLayer:
     """A texture behind pictures of `size` pixels (width, height), drawn by a fragment shader that includes compositing.glsl."""
@@ -22,11 +24,16 @@ class BackgroundLayer:
             self._texture = self._context.texture(size, 3, alignment=1, dtype=dtype, internal_format=internal_format)
         return self._texture
 
-    def _composite(self, frame: moderngl.Framebuffer, matte: moderngl.Texture | None, texture: moderngl.Texture) -> None:
-        """Adds the texture where the picture in `frame` is open and makes its alpha 1 there. matte: as in shading.py."""
+    def _composite(self, frame: moderngl.Framebuffer, matte: moderngl.Texture | None, texture: moderngl.Texture, single: bool) -> None:
+        """Adds the texture where the picture in `frame` is open and makes its alpha 1 there. matte: as in shading.py.
+
+        single: whether a pixel without a matte is open only where `frame` has no class of surface.
+        """
         texture.use(0)
         frame.use()
-        self._context.enable_only(moderngl.BLEND)
+        self._context.enable_only(moderngl.BLEND | moderngl.DEPTH_TEST if single and not matte else moderngl.BLEND)
+        self._context.depth_func = "=="
+        self._program["depth"] = NO_SURFACE
         if matte:
             matte.use(1)
             self._program["matte"] = 1

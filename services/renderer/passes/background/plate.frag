@@ -1,4 +1,5 @@
 #version 430
+layout(early_fragment_tests) in;
 // The back plate, stretched over the picture.
 #include "compositing.glsl"
 

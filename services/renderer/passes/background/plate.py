@@ -41,4 +41,4 @@ class Plate(BackgroundLayer):
     def draw(self, frame: moderngl.Framebuffer, matte: moderngl.Texture | None) -> None:
         """Composites the plate behind the picture in `frame`. matte: as in shading.py. Does nothing before the first `show`."""
         if self._texture:
-            self._composite(frame, matte, self._texture)
+            self._composite(frame, matte, self._texture, single=False)

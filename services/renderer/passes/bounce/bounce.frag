@@ -1,6 +1,6 @@
 #version 430
 // Adds what surfaces send to each other, from the blocks of pixels for which it was gathered: between the middles of four blocks, as far as they
-// lie on the pixel's own surface. CATCHERS: gives the irradiance of shadow catchers instead. COARSE: irradiance and what lobes reflect apart.
+// lie on the pixel's own surface. CATCHERS: gives the irradiance of shadow catchers instead. COARSE: as shade.frag has it.
 #include "constants.glsl"
 #include "normals.glsl"
 #include "surface_texels.glsl"
@@ -17,6 +17,7 @@ uniform float block;  // pixels on a side
 uniform vec3 scale;
 layout(location = 0) out vec4 radiance;
 #if COARSE
+#include "weak_lights.glsl"
 layout(location = 1) out vec4 lobes;
 #endif
 
@@ -58,7 +59,7 @@ void main() {
 #if CATCHERS
     radiance = vec4(irradiance * scale, 0.0);
 #elif COARSE
-    radiance = vec4(irradiance, 0.0);
+    radiance = vec4(irradiance / unshadowed_by_normal(normal), 0.0);
     lobes = vec4(surface_specular_at(pixel).reflectance * mirrored, 0.0);
 #else
     radiance = vec4((diffuse.albedo / 3.14159265 * irradiance + surface_specular_at(pixel).reflectance * mirrored) * scale, 0.0);

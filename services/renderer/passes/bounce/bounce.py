@@ -94,6 +94,11 @@ class BounceLight:
         """Adds what was gathered last, times `scale`, to the surfaces in `frame`; with `catchers`, the irradiance of shadow catchers."""
         self._add(int(catchers), g_buffer, frame, scale, 1)
 
+    @property
+    def coarse_program(self) -> moderngl.Program:
+        """What `add_coarse` runs; its uniforms of weak_lights.glsl are to be set."""
+        return self._programs[2]
+
     def add_coarse(self, surfaces: CoarseSurfaces, frame: moderngl.Framebuffer, step: int) -> None:
         """Adds irradiance to the first and what lobes reflect to the second texture of a frame of coarse pixels, so many pixels wide."""
         self._add(2, surfaces, frame, (1.0, 1.0, 1.0), step)

@@ -1,6 +1,7 @@
 #version 430
 // Sums a row of lights for each surface of a class. KIND: its kind of material. A shadow catcher's matte is what shadows take of its light, in
-// each channel, its alpha the same in luminance. COARSE: irradiance and what lobes reflect apart, and without shadows, for weak_lights.py.
+// each channel, its alpha the same in luminance. COARSE: irradiance, over what there would be by the normal without shadows, and what lobes reflect, for weak_lights.py. WEAK: with what
+// coarse pixels have received so.
 
 #if !COARSE
 layout(early_fragment_tests) in;
@@ -20,7 +21,7 @@ layout(early_fragment_tests) in;
 uniform int light_count;
 uniform float weight;  // of this pass in the picture: 1 / samples
 layout(location = 0) out vec4 radiance;
-#if COARSE
+#if COARSE || WEAK
 #include "weak_lights.glsl"
 #endif
 
@@ -35,10 +36,15 @@ uniform float alpha;  // that this pass adds to the picture's
 #define GLOSSY
 #include "lobe_sources.glsl"
 // What the lobe would reflect of the lights that the prefiltered map has, in luminance: with shadows and without.
-layout(location = 1) out vec2 lobe_visibility;
 #if COARSE
-layout(location = 2) out vec4 lobes;
+layout(location = 1) out vec4 lobes;  // alpha: with shadows
+layout(location = 2) out float unshadowed_lobes;
+#else
+layout(location = 1) out vec2 lobe_visibility;
 #endif
+#endif
+#if WEAK
+#include "spread.glsl"
 #endif
 
 void main() {
@@ -61,10 +67,8 @@ void main() {
     vec3 across = cross(smooth_normal, mirrored_view);
     across *= inversesqrt(max(dot(across, across), 1e-12));
     float of_map = map_fraction(KIND, specular.lobe);
-    lobe_visibility = vec2(0.0);
-#if COARSE
-    lobes = vec4(0.0);
-#endif
+    vec3 lobe_sum = vec3(0.0);
+    vec2 visibility = vec2(0.0);
 #endif
 
     vec3 sum = vec3(0.0);
@@ -85,22 +89,44 @@ void main() {
                                     lights[i].lobe_spread * of_map, lights[i].least_width * of_map);
 #if COARSE
         sum += lights[i].irradiance * parts.diffuse * (cosine * fraction);
-        lobes.rgb += lights[i].irradiance * parts.lobe * (direct * cosine * fraction);
+        lobe_sum += lights[i].irradiance * parts.lobe * (direct * cosine * fraction);
 #else
         sum += lights[i].irradiance * (parts.diffuse + parts.lobe * direct) * (cosine * fraction);
 #endif
-        lobe_visibility += vec2(fraction, 1.0) * (dot(lights[i].irradiance * parts.lobe, LUMINANCE_WEIGHTS) * cosine * (1.0 - direct));
+        visibility += vec2(fraction, 1.0) * (dot(lights[i].irradiance * parts.lobe, LUMINANCE_WEIGHTS) * cosine * (1.0 - direct));
 #else
         sum += lights[i].irradiance * surface.lambert * (cosine * fraction);
 #endif
 #endif
     }
 #if COARSE
-    radiance = vec4(sum, unshadowed_by_normal(smooth_normal));
-#elif KIND == MATERIAL_SHADOW_CATCHER
+    radiance = vec4(sum / unshadowed_by_normal(smooth_normal), 0.0);
+#ifdef GLOSSY
+    lobes = vec4(lobe_sum, visibility.x);
+    unshadowed_lobes = visibility.y;
+#endif
+    return;
+#endif
+#if WEAK
+    WeakLight weak = weak_light(pixel, smooth_normal);
+#if KIND == MATERIAL_SHADOW_CATCHER
+    sum += weak.irradiance;
+#else
+    sum += weak.irradiance * surface.lambert + weak.lobes;
+#endif
+#ifdef GLOSSY
+    visibility += weak.lobe_visibility;
+#endif
+#endif
+#if !COARSE
+#ifdef GLOSSY
+    lobe_visibility = visibility;
+#endif
+#if KIND == MATERIAL_SHADOW_CATCHER
     matte = vec4(sum / unshadowed, dot(sum, LUMINANCE_WEIGHTS) / dot(unshadowed, LUMINANCE_WEIGHTS)) * weight;
     radiance = vec4(0.0, 0.0, 0.0, matte.a);
 #else
     radiance = vec4(sum * weight, alpha);
+#endif
 #endif
 }

@@ -5,12 +5,14 @@ value, so that all pixels of a draw call walk the same row of lights: no pixel w
 """
 
 import itertools
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
 
 from vemlight.renderer.gl.constants import CLASSES, GLOSSY_KINDS, MATERIAL_KINDS, MaterialKind
 from vemlight.renderer.gl.programs import Programs
+from vemlight.renderer.passes.gbuffer.coarse_surfaces import STEP
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.light_regions import CUBE_SIDE, Regions
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
@@ -18,6 +20,9 @@ from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 from vemlight.renderer.scene.materials import Colour
+
+if TYPE_CHECKING:
+    from vemlight.renderer.passes.lights.weak_lights import WeakLights
 
 
 class Shading:
@@ -29,7 +34,7 @@ class Shading:
         self._context, self._programs, self._kinds = context, programs, sorted(kinds)
         self._classify = programs.program("screen.vert", "classify.frag")
         self._classify_array = context.vertex_array(self._classify, [])
-        self._arrays: dict[bool, list[moderngl.VertexArray]] = {}  # with cached visibility or without, of each kind
+        self._arrays: dict[tuple[bool, bool], list[moderngl.VertexArray]] = {}  # with cached visibility, with weak lights; of each kind
         self._cube = context.texture_cube((CUBE_SIDE, CUBE_SIDE), 1, regions.cube.astype(np.float32).tobytes(), dtype="f4")
         self._cube.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.picture = context.texture(size, 4, dtype="f4")
@@ -77,21 +82,24 @@ class Shading:
         weight: float,
         alpha: float,
         unshadowed: Colour,
+        weak: "WeakLights | None" = None,
     ) -> None:
         """Adds a batch of lights times `weight`, and `alpha` to the pixels that `classify` found.
 
         arriving: what says how much of each light arrives, its map or a layer. unshadowed: the irradiance of a catcher without shadows, by
-        all lights of all batches, above 0.
+        all lights of all batches, above 0. weak: lights that coarse pixels have received already, which come with these.
         """
         if self._lobe_frame:
             self._lobe_frame.clear()
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
         self._context.depth_func = "=="
-        for kind, array in zip(self._kinds, self._programs_of(isinstance(arriving, VisibilityLayers)), strict=True):
+        for kind, array in zip(self._kinds, self._programs_of(isinstance(arriving, VisibilityLayers), weak is not None), strict=True):
             program = array.program
             unit = g_buffer.bind(program)
             arriving.bind(program, unit)
+            if weak:
+                weak.bind(program, unit + 1)
             program["weight"] = weight
             self.frame.use()
             if kind == MaterialKind.SHADOW_CATCHER:
@@ -104,19 +112,20 @@ class Shading:
             if kind != MaterialKind.SHADOW_CATCHER:
                 program["alpha"] = alpha
             for region, row in enumerate(batch.rows):
-                if row.count or alpha > 0:
+                if row.count or alpha > 0 or weak:
                     frames.bind_row(row)
                     program["light_count"] = row.count
                     program["depth"] = (MATERIAL_KINDS * region + kind + 0.5) / CLASSES
                     array.render(moderngl.TRIANGLES, vertices=3)
 
-    def _programs_of(self, cached: bool) -> list[moderngl.VertexArray]:
+    def _programs_of(self, cached: bool, weak: bool) -> list[moderngl.VertexArray]:
         """The programs of all kinds of surface, compiled when they are first wanted."""
-        if cached not in self._arrays:
-            variants = ({"KIND": int(kind), "CACHED_VISIBILITY": int(cached), "COARSE": 0} for kind in self._kinds)
+        if (cached, weak) not in self._arrays:
+            fixed = {"CACHED_VISIBILITY": int(cached), "WEAK": int(weak), "COARSE": 0, "STEP": STEP}
+            variants = ({"KIND": int(kind), **fixed} for kind in self._kinds)
             programs = [self._programs.program("screen.vert", "shade.frag", **variant) for variant in variants]
-            self._arrays[cached] = [self._context.vertex_array(program, []) for program in programs]
-        return self._arrays[cached]
+            self._arrays[cached, weak] = [self._context.vertex_array(program, []) for program in programs]
+        return self._arrays[cached, weak]
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""

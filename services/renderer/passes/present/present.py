@@ -31,15 +31,15 @@ class Present:
     def _target(self, size: tuple[int, ...], dtype: str, depth: moderngl.Texture | None = None) -> moderngl.Framebuffer:
         return self._context.framebuffer([self._context.renderbuffer((size[0], size[1]), 4, dtype=dtype)], depth)
 
-    def tone_map(self, picture: moderngl.Texture, curve: ToneCurve) -> None:
-        """Tone-maps a picture, as `tonemap.tone_mapped` does."""
-        for k, program in enumerate(self._tone_maps):
+    def tone_map(self, picture: moderngl.Texture, curve: ToneCurve, smooth: bool) -> None:
+        """Tone-maps a picture, as `tonemap.tone_mapped` does. smooth: with smooth edges, if there are."""
+        edges = self._edges if smooth else None
+        for k, program in enumerate(self._tone_maps if edges else self._tone_maps[:1]):
             program["scale"], program["white"], program["exponential"] = curve.scale, curve.white or 1.0, curve.white is None
-            if self._edges:
-                program["depth"] = ON_EDGE if k else OFF_EDGE
-            if self._edges and k:
-                self._edges.bind(program, 1)
-            self._draw(1 + k, picture, self._tone_mapped, moderngl.DEPTH_TEST if self._edges else moderngl.NOTHING)
+            program["depth"] = ON_EDGE if k else OFF_EDGE
+            if edges and k:
+                edges.bind(program, 1)
+            self._draw(1 + k, picture, self._tone_mapped, moderngl.DEPTH_TEST if edges else moderngl.NOTHING)
 
     def read(self) -> np.ndarray:
         """The picture tone-mapped last, (height, width, 4) uint8."""

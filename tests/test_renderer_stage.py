@@ -9,6 +9,7 @@ import pytest
 from tests.support.gltf_files import AnimatedTriangle
 from tests.support.renderer_steps import controlled, lights_message, picture_of, stepped
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import CostModel
@@ -108,13 +109,15 @@ def test_a_target_that_cannot_be_met_is_reported_once(capsys):
         notices += state.notices
     assert image.report.light_budget == 8
     state, _ = stepped(patient, state, 8)
-    missed, met = [*notices, *state.notices]
+    without, missed, again, met = [*notices, *state.notices]
+    assert without == "vemlight: renderer: [renderer] frame_ms: 0.01 ms leave no time for light from surface to surface; it is left out"
+    assert again == "vemlight: renderer: light from surface to surface is drawn again"
     assert missed.startswith("vemlight: renderer: [renderer] frame_ms: ")
     assert missed.endswith(" ms even with 8 lights, not 0.01; make width and height smaller")
     assert met == "vemlight: renderer: the target frame time is met again"
     assert capsys.readouterr().err == ""  # a step has no effect
     patient.write(state, lights_message(8))
-    assert capsys.readouterr().err == met + "\n"
+    assert capsys.readouterr().err == f"{again}\n{met}\n"
 
 
 def test_a_frame_a_little_beyond_the_target_is_not_late_and_then_not_in_time():
@@ -186,3 +189,21 @@ def test_a_step_has_no_effect_but_its_result(tmp_path, moving_sky, monkeypatch, 
         state, (_, again) = stage.step(before, moving_sky(sequence))
         assert all(np.array_equal(a, b) for a, b in zip(again, arrays, strict=True))
         assert same(state._replace(measured=None), after)
+
+
+def test_polished_things_show_no_dots_of_lights_before_the_first_map(tmp_path):
+    (tmp_path / "scene.toml").write_text("""
+[camera]
+from = [0.0, -4.0, 1.0]
+at = [0.0, 0.0, 0.0]
+[[mesh]]
+shape = "sphere"
+material = {diffuse = [0.0, 0.0, 0.0], specular = [0.9, 0.9, 0.9], exponent = 400.0}
+""")
+    drawing = Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, picture="linear16", bounces=0)
+    stage = RendererStage(Settings(renderer=drawing))
+    state, _ = stepped(stage, stage.start_at(0)[0], 0)
+    assert picture_of(state)[..., :3].max() == 0
+    environment = EnvironmentMap(np.ones((9, 36, 3), np.float32), "hemisphere")
+    state, _ = stepped(stage, state._replace(environment=environment), 1)
+    assert picture_of(state)[..., :3].max() > 0

@@ -73,7 +73,7 @@ class RendererState(NamedTuple):
     exposure: stops. picture: (height, width, 4) float32, linear; None where nobody wants it. paused_s: how long the scene's animations
     have stood still. environment: the map behind the lights. plate: what the second camera sees, (h, w, 3) uint8 sRGB. paused_picture: in
     a pause. costs: measured up to the picture before. late: whether the target time cannot be met. notices: lines for the person at the
-    terminal.
+    terminal. no_bounce: whether there is no time for light from surface to surface.
     """
 
     exposure: float
@@ -90,6 +90,7 @@ class RendererState(NamedTuple):
     costs: CostModel = CostModel()
     measured: Measured | None = None
     late: bool = False
+    no_bounce: bool = False
     notices: tuple[str, ...] = ()
 
 
@@ -216,14 +217,20 @@ class RendererStage:
         return state._replace(adaptation=drawn.adaptation, paused_picture=paused_picture), drawn.pixels, accumulation.lights
 
     def _with_notices(self, state: RendererState) -> RendererState:
-        """Adds a notice when the target frame time can no longer be met, and one when it can again."""
+        """Adds a notice when the target frame time can no longer be met, or not with a bounce, and one when it can again."""
+        no_bounce = self._renderer.setup.bounces and not state.frame.bounce
+        if no_bounce != state.no_bounce:
+            missed = f"[renderer] frame_ms: {self._frame_ms:g} ms leave no time for light from surface to surface; it is left out"
+            line = f"vemlight: renderer: {missed if no_bounce else 'light from surface to surface is drawn again'}"
+            state = state._replace(no_bounce=no_bounce, notices=(*state.notices, line))
         needed_ms = least_ms(budget_of(self._renderer.setup, state.frame, state.costs))
         late = needed_ms > self._frame_ms * (1 if state.late else LATE)
         if late == state.late:
             return state
         found = f"a picture takes {needed_ms:.0f} ms even with {MIN_LIGHTS} lights"
         missed = f"[renderer] frame_ms: {found}, not {self._frame_ms:g}; make width and height smaller"
-        return state._replace(late=late, notices=(f"vemlight: renderer: {missed if late else 'the target frame time is met again'}",))
+        line = f"vemlight: renderer: {missed if late else 'the target frame time is met again'}"
+        return state._replace(late=late, notices=(*state.notices, line))
 
     def on_message(self, state: RendererState, message: wire.Message) -> RendererState:
         header, arrays = message

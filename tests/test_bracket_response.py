@@ -1,13 +1,21 @@
 """A camera's response from photographs of one view whose exposures are known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from tests.support.photographs import write_photograph
+from vemlight.capture.calibration import webcam_response
 from vemlight.capture.calibration.bracket_response import calibrate_from_brackets
+from vemlight.capture.calibration.webcam_response import calibrate_webcam
+from vemlight.capture.pixel_formats import FORMATS
+from vemlight.capture.planes import planes_from_image
 from vemlight.capture.response import read_response
 from vemlight.errors import UserError
 from vemlight.light.colour import srgb_from_linear
+from vemlight.light.colour_tags import ColourTags
+from vemlight.settings import Capture
 
 SIZE = 256
 
@@ -85,3 +93,51 @@ def test_what_shows_nothing_is_refused(tmp_path):
     write_photograph(folder / "shot_2.png", np.zeros((8, 8, 3), np.uint8), 0.1)
     with pytest.raises(UserError, match=r"shot_2\.png: has another size"):
         calibrate_from_brackets(folder, tmp_path / "r.toml")
+
+
+class Webcam:
+    """Replaces V4l2Camera: a command takes effect three frames later."""
+
+    form_name, most = "RGB3", 2000
+
+    def __init__(self, path, **_):
+        self.path, self.fps, self.state, self.closed = path, 30.0, "streams", []
+        self.form = next(form for form in FORMATS.values() if form.name == self.form_name)
+        self.tags = self.unsaid = ColourTags("srgb", "bt709", "bt601", "full")
+        self.log, self.rng = [333, 333, 333, 333], np.random.default_rng(1)
+        self.controls = SimpleNamespace(limits=lambda _name: (1, self.most), written=self.written)
+
+    def written(self, _name, value):
+        self.asked = value
+        return value
+
+    def read(self, _wait_s):
+        self.log.append(self.asked)
+        signal = 255 * filmic(np.clip(view() * self.log[-4] * 4e-3, 0, 1)) + self.rng.normal(0, 0.5, (SIZE, SIZE, 3))
+        planes = planes_from_image(np.clip(np.rint(signal), 0, 255).astype(np.uint8), 8)
+        return SimpleNamespace(planes=planes)
+
+    def close(self):
+        self.closed.append(True)
+
+
+def test_a_webcam_calibrates_itself(tmp_path, monkeypatch):
+    monkeypatch.setattr(webcam_response, "V4l2Camera", Webcam)
+    report, exposures = calibrate_webcam(Capture(source="/dev/video0"), tmp_path / "r.toml", accept=False)
+    assert report.photographs == 9  # 1/30 s, and eight halves of it down to 0.1 ms
+    assert exposures[0] == pytest.approx(0.0333)
+    assert exposures[-1] == pytest.approx(0.0001)
+    wrong = errors(tmp_path / "r.toml", "filmic")
+    assert np.median(wrong) < 0.003
+    assert np.quantile(wrong, 0.95) < 0.011
+
+
+def test_cameras_that_cannot_calibrate_themselves_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(webcam_response, "V4l2Camera", Webcam)
+    monkeypatch.setattr(Webcam, "most", 1)
+    with pytest.raises(UserError, match="exposure_time_absolute has one value alone"):
+        calibrate_webcam(Capture(source="/dev/video0"), tmp_path / "r.toml", accept=False)
+    monkeypatch.setattr(Webcam, "form_name", "Y12")
+    with pytest.raises(UserError, match=r"sends raw codes \(Y12\)"):
+        calibrate_webcam(Capture(source="/dev/video0"), tmp_path / "r.toml", accept=False)
+    assert not (tmp_path / "r.toml").exists()

@@ -9,7 +9,7 @@ import click
 from vemlight.commands.options import LensOptions, ResponseOptions, SimulateOptions, options_as
 from vemlight.commands.parameters import PATH, STANDARD_OUTPUT, Number, OutFile, OutFolder, eight_numbers, width_height
 from vemlight.commands.report import Report, reporting
-from vemlight.commands.source_options import Numbers, capture_settings, source_options
+from vemlight.commands.source_options import Assignment, Numbers, capture_settings, source_options
 from vemlight.errors import UserError, of_setting
 from vemlight.files import writing_to
 
@@ -139,6 +139,29 @@ def response(options: ResponseOptions) -> None:
             patches, options.out, kind=options.kind or "log", bits=options.bits or 0, accept=options.accept, picture=picture
         )
     click.echo(f"{response_summary(report)}\nsee {picture}")
+
+
+@calibrate.command()
+@click.argument("camera")
+@click.option("--format", "form", default="", help="Pixel format by the kernel's letters, such as YUYV or MJPG.")
+@click.option("--size", metavar="WIDTHxHEIGHT", default="0x0", callback=width_height, help="Left out: the camera's own.")
+@click.option("--fps", type=Number(0, 1000, min_open=True), default=30.0, show_default=True)
+@click.option("--control", "controls", type=Assignment(), multiple=True, help="NAME=VALUE of a control, such as gain=0.")
+@click.option("--accept", is_flag=True, help="Accept a response whose exposures contradict each other.")
+@click.option("--out", type=OutFile(".toml"), required=True, help="RESPONSE.toml")
+def webcam(
+    camera: str, form: str, size: tuple[int, int], fps: float, controls: tuple[tuple[str, int], ...], accept: bool, out: Path
+) -> None:
+    """Calibrate the response of a camera in colour, such as /dev/video0, by exposures that it takes of a scene at rest."""
+    from vemlight.capture.calibration.bracket_response import bracket_summary
+    from vemlight.capture.calibration.webcam_response import calibrate_webcam
+    from vemlight.commands.run_checks import check_camera
+    from vemlight.settings import Capture, section_from_options
+
+    check_camera(Path(camera))
+    given = {"source": camera, "format": form, "width": size[0], "height": size[1], "fps": fps, "controls": dict(controls)}
+    found, exposures = calibrate_webcam(section_from_options(Capture, given), out, accept=accept)
+    click.echo(f"{bracket_summary(found)}\nexposures = [{', '.join(f'{exposure:g}' for exposure in exposures)}] span what it can")
 
 
 @click.command()

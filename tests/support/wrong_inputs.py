@@ -292,6 +292,8 @@ WRONG = [
         ("calibrate response number.csv --out out.toml", "number.csv: line 3 | 'ten'"),
         ("calibrate response nan.csv --out out.toml", "nan.csv: line 3 | finite"),
         ("calibrate response few.csv --bits 8 --out out.toml", "few.csv: | needs 4"),
+        ("calibrate webcam /dev/video99 --out out.toml", "/dev/video99"),
+        ("calibrate webcam /dev/null --out out.toml", "/dev/null: is no camera"),
         ("calibrate response photo.png --brackets --out out.toml", "photo.png: is no folder"),
         ("calibrate response sequence --brackets --white 9 --out out.toml", "--white: is for patches"),
         ("calibrate response sequence --brackets --out out.toml", "f_0000.exr: does not say its exposure time"),

@@ -87,23 +87,35 @@ def calibrate_from_brackets(folder: Path, out: Path, *, bits: int = 0, accept: b
     top = 2.0 ** (bits or 8 * images[0].dtype.itemsize) - 1
     if (highest := max(int(image.max(initial=0)) for image in images)) > top:
         raise UserError(f"--bits {bits}: the photographs have code {highest}; leave --bits out")
+    bits = bits or 8 * images[0].dtype.itemsize
     fits = []
     for exact in (False, True):
         times = [_exact_time(tag.time_s) if exact else tag.time_s for tag in tags]
         exposures = [tag._replace(time_s=time_s).exposure_s for tag, time_s in zip(tags, times, strict=True)]
-        pairs = _all_pairs([(images[k] / top, exposures[k]) for k in itertools.chain(*groups)], [len(group) for group in groups], top)
+        pairs = _all_pairs([[(images[k] / top, exposures[k]) for k in group] for group in groups], top)
         fits.append((_judged(str(folder), pairs), exact))
-    (coefficients, error, _, count), exact = min(fits, key=lambda fit: fit[0].sum_of_errors)
-    if not error <= MAX_ERROR and not accept:
+    fit, exact = min(fits, key=lambda pair: pair[0].sum_of_errors)
+    return BracketResponseReport(_accepted(str(folder), fit, bits, out, accept), fit.error, fit.count, len(paths), exact)
+
+
+def calibrate_from_exposures(name: str, shots: list[tuple[np.ndarray, float]], bits: int, out: Path, accept: bool) -> BracketResponseReport:
+    """The same from pictures that are at hand: codes over the top code, (height, width, channels), and exposure in s, falling."""
+    fit = _judged(name, _all_pairs([shots], 2.0**bits - 1))
+    return BracketResponseReport(_accepted(name, fit, bits, out, accept), fit.error, fit.count, len(shots), False)
+
+
+def _accepted(name: str, fit: _Fit, bits: int, out: Path, accept: bool) -> Companding:
+    """The response, written to `out`. Raises UserError for one that its held-back pairs refuse, or that does not rise."""
+    if not fit.error <= MAX_ERROR and not accept:
         way_out = "lock white balance, use a tripod, leave out processed files, or accept it by --accept"
-        raise UserError(f"{folder}: ratios of exposures come out {error:.1%} wrong, beyond {MAX_ERROR:.0%}; {way_out}")
-    response = _response(coefficients, bits or 8 * images[0].dtype.itemsize)
+        raise UserError(f"{name}: ratios of exposures come out {fit.error:.1%} wrong, beyond {MAX_ERROR:.0%}; {way_out}")
+    response = _response(fit.coefficients, bits)
     try:
         check_response(response)
     except UserError as wrong:
-        raise UserError(f"{folder}: its photographs give no response ({wrong}); take them with fixed white balance and focus") from wrong
+        raise UserError(f"{name}: its exposures give no response ({wrong}); take them with fixed white balance and focus") from wrong
     write_response(out, response)
-    return BracketResponseReport(response, error, count, len(paths), exact)
+    return response
 
 
 def bracket_summary(report: BracketResponseReport) -> str:
@@ -125,11 +137,11 @@ def _exact_time(time_s: float) -> float:
     return 2.0 ** (round(THIRDS * math.log2(time_s)) / THIRDS)
 
 
-def _all_pairs(shots: list[tuple[np.ndarray, float]], counts: list[int], top: float) -> Pairs:
-    """The pairs of neighbouring exposures of each frame; shots: relative codes and exposure, falling within a frame."""
-    rng, found, start = np.random.default_rng(0), [], 0
-    for count in counts:
-        for (longer, long_s), (shorter, short_s) in itertools.pairwise(shots[start : start + count]):
+def _all_pairs(frames: list[list[tuple[np.ndarray, float]]], top: float) -> Pairs:
+    """The pairs of neighbouring exposures of each frame: relative codes and exposure, falling within a frame."""
+    rng, found = np.random.default_rng(0), []
+    for shots in frames:
+        for (longer, long_s), (shorter, short_s) in itertools.pairwise(shots):
             first, second = _even_blocks(longer, shorter)
             rows = rng.permutation(len(first))
             code = np.rint(first[rows] * min(top, 255)).astype(int)
@@ -137,7 +149,6 @@ def _all_pairs(shots: list[tuple[np.ndarray, float]], counts: list[int], top: fl
             place = np.arange(len(code)) - np.searchsorted(code[order], code[order])  # of a block among those of its code
             rows = rows[order[place < BLOCKS_OF_A_CODE]]
             found.append(Pairs(first[rows], second[rows], np.full(len(rows), math.log(long_s / short_s))))
-        start += count
     return Pairs(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 

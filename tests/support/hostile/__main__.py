@@ -25,10 +25,11 @@ def main() -> int:
     found = 0
     for name in options.formats or FORMATS:
         began_s = time.monotonic()
-        bombs, faults = examine(name, options.count, options.seed, options.keep, options.bombs)
+        count = round(FORMATS[name].share * options.count)
+        bombs, faults = examine(name, count, options.seed, options.keep, options.bombs)
         found += len(faults)
         took_s = time.monotonic() - began_s
-        print(f"{name}: {options.count} damaged files, {bombs} bombs, {len(faults)} faults, {took_s:.0f} s", flush=True)
+        print(f"{name}: {count} damaged files, {bombs} bombs, {len(faults)} faults, {took_s:.0f} s", flush=True)
         for kind in dict.fromkeys(fault.reason for fault in faults):
             some = [fault for fault in faults if fault.reason == kind]
             print(f"  {len(some)} x {kind}: {some[0].name}", flush=True)

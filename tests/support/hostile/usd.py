@@ -9,6 +9,7 @@ from tests.support.hostile.format import Format
 from tests.support.hostile.images import png
 from tests.support.hostile.meshes import REFERENCES, read_mesh
 
+SHARE = 0.05  # half a second each, where other formats take 10 ms
 TRIANGLE = b"int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\npoint3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\n"
 SCENE = b'#usda 1.0\n(\n    upAxis = "Y"\n%s)\n%s\n'
 PAINTED = b"""def Material "m" {
@@ -97,6 +98,6 @@ def _usdz_bombs() -> dict[str, bytes]:
 
 INSTALLED = importlib.util.find_spec("pxr") is not None
 FORMATS: dict[str, Format] = {
-    "usd": Format(".usd", _usd_files, read_mesh, _usd_bombs),
-    "usdz": Format(".usdz", _usdz_files, read_mesh, _usdz_bombs),
+    "usd": Format(".usd", _usd_files, read_mesh, _usd_bombs, share=SHARE),
+    "usdz": Format(".usdz", _usdz_files, read_mesh, _usdz_bombs, share=SHARE),
 } if INSTALLED else {}

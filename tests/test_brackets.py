@@ -282,3 +282,17 @@ def test_the_lens_is_that_of_the_photographs(tmp_path):
     (tmp_path / "s" / "lens.toml").write_text(LENS.replace("96, 96", "64, 64"))
     with pytest.raises(UserError, match="is 96x96 and the lens file is for 64x64"):
         frame_of(tmp_path / "s", transfer="linear")
+
+
+def test_a_photograph_that_would_take_all_memory_is_refused_before_it_does(tmp_path):
+    """EXIF of a PNG may lie behind its pixels."""
+    import struct
+    import zlib
+
+    folder = shots(tmp_path / "s")
+    header = struct.pack(">IIBBBBB", 60_000, 60_000, 16, 2, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(bytes(1000))), (b"IEND", b"")]
+    png = b"".join(struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks)
+    (folder / "shot_001.png").write_bytes(b"\x89PNG\r\n\x1a\n" + png)
+    with pytest.raises(UserError, match=r"shot_001\.png: .*60000"):
+        frame_of(folder, transfer="linear")

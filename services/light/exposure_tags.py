@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from vemlight.errors import UserError
 from vemlight.files import one_line, read_file
-from vemlight.light.image_limits import MAX_IMAGE_BYTES
+from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
 from vemlight.light.images import FORMATS
 from vemlight.light.quiet import silent
 from vemlight.light.raw_photograph import RAW_SUFFIXES, opened_raw
@@ -58,7 +58,10 @@ def _from_exif(path: Path) -> tuple[Any, Any, Any]:
     data = read_file(path, MAX_IMAGE_BYTES)
     try:
         with silent(), Image.open(io.BytesIO(data), formats=FORMATS) as image:
+            LIMITS.check(path, *image.size, len(data), pixel_bytes=6)  # of a PNG, EXIF is looked for behind the pixels
             exif = image.getexif().get_ifd(EXIF_IFD)
+    except UserError:
+        raise
     except Exception as error:  # a hostile file raises whatever Pillow trips over
         raise UserError(f"{path}: is not a readable image ({one_line(error)}); give PNG, TIFF or JPEG") from error
     return exif.get(EXPOSURE_TIME), exif.get(SENSITIVITY), exif.get(F_NUMBER)

@@ -20,7 +20,8 @@ class LiveBrackets:
         self._mosaic: Mosaic | None = mosaic
         self._step = 1 if mosaic in (None, "mono") else 2  # pixels between two of one colour
         self._first = cycle.first
-        self._newest: dict[int, np.ndarray] = {}
+        self._stack = np.zeros(0, np.uint16)  # (exposures, height, width) or (.., 3): the newest frame of each
+        self._newest: dict[int, np.ndarray] = {}  # those of it that there are
         self._clipped: dict[int, np.ndarray] = {}
         self._tables: dict[tuple[int, ...], np.ndarray] = {}
         self._lights: list[StrongLight] = []
@@ -38,6 +39,7 @@ class LiveBrackets:
         if self._recogniser is None:
             self._recogniser = ExposureRecogniser(self._values, self._exposures, spans)
             self._image = np.zeros(codes.shape, np.float32)
+            self._stack = np.zeros((len(self._exposures), *codes.shape), codes.dtype)
         if exposure is None:
             exposure = self._first if not self._newest else self._recogniser.recognised(codes, self._image, min(self._newest))
         self._take(codes, exposure, spans)
@@ -50,7 +52,8 @@ class LiveBrackets:
         return frame._replace(luminance_scale=self._values.luminance_scale, saturated=self._saturated, clipped=clipped), exposure
 
     def _take(self, codes: np.ndarray, exposure: int, spans: np.ndarray) -> None:
-        self._newest[exposure] = codes
+        self._stack[exposure] = codes
+        self._newest[exposure] = self._stack[exposure]
         if codes.ndim == 3 or self._mosaic != "mono":
             self._clipped[exposure] = clipped_pixels(codes, self._values)
         pixels = codes.reshape(*codes.shape[:2], -1)
@@ -66,7 +69,8 @@ class LiveBrackets:
         if present not in self._tables:
             self._tables[present] = self._tables_of(present)
         clipped = np.stack([self._clipped[n] for n in present]) if self._clipped else None
-        merged(np.stack([self._newest[n] for n in present]), clipped, self._tables[present], spans, self._image)
+        newest = self._stack if len(present) == len(self._stack) else self._stack[list(present)]
+        merged(newest, clipped, self._tables[present], spans, self._image)
         for light in moving(self._lights):
             self._merge_around(light, present, spans)
         add_lights(self._lights, len(self._exposures), self._image.reshape(*self._image.shape[:2], -1), self._step)

@@ -203,4 +203,5 @@ def test_the_command_renders_a_sequence_to_a_video_in_which_animations_play(tmp_
     assert rate == pytest.approx(10)
     # it goes to and comes back after 5 frames: its place, not its light
     shapes = [np.abs(picture.astype(int) - BACKGROUND).max(axis=-1) > 30 for picture in pictures]
-    assert np.mean(shapes[1] != shapes[6]) < 0.005 < np.mean(shapes[1] != shapes[4])
+    # its edge pixels, 4 of 768, are lit a little differently; moved by three frames 41 change
+    assert np.mean(shapes[1] != shapes[6]) < 0.01 < 0.03 < np.mean(shapes[1] != shapes[4])

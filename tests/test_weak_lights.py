@@ -13,7 +13,8 @@ from vemlight.renderer import frame_plan, pass_table
 from vemlight.renderer.frame_plan import with_newest
 from vemlight.renderer.passes.lights.traced_lights import live_rays
 from vemlight.renderer.passes.lights.weak_lights import LEAST_BY_NORMAL, light_by_normal
-from vemlight.renderer.rays.soft_pattern import POINT, STRATA
+from vemlight.renderer.rays.soft_pattern import POINT, STRATA, soft_pattern
+from vemlight.renderer.rays.tracing import TracedLights
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
 
@@ -87,6 +88,21 @@ def test_coarse_layers_are_kept_traced_again_when_lights_turn_and_drawn_again(mo
     renderer.state = state
     renderer.picture(sky_and_sun())
     assert np.array_equal(renderer.picture(sky_and_sun(0.006)), expected)
+    renderer.release()
+
+
+@pytest.mark.parametrize("spread", [0.004, 0.1])
+def test_rays_that_agree_stand_for_all_of_a_strong_light(monkeypatch, spread):
+    renderer = renderer_of(False, monkeypatch, size=(160, 120))
+    renderer.picture(sky_and_sun())
+    tracer = renderer.renderer._rays._tracer  # type: ignore[union-attr]
+    axes = np.array([[[spread, 0, 0], [0, 0.8 * spread, -0.6 * spread]]], np.float32)
+    light = TracedLights(np.array([[0.0, 0.6, 0.8]], np.float32), axes, np.array([STRATA]))
+    whole, part = (tracer.trace(light, soft_pattern(0, 1), each).astype(int) for each in (True, False))
+    partly = (whole > 0) & (whole < 255)
+    assert partly.mean() > 0.005  # there are penumbrae
+    assert np.abs(part - whole).mean() < 255 * 0.002
+    assert np.abs(part - whole)[partly].mean() < 255 * 0.06
     renderer.release()
 
 

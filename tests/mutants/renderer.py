@@ -30,6 +30,16 @@ MUTANTS = [
         ("rays begin on their surface", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 0.0, 0.0"),
         ("rays begin far off it", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-3, 5e-4"),
     ]),
+    *mutants_of(RENDERER + "rays/tracing.py", "tests/test_weak_lights.py", [
+        ("tiles done at once", "TILE_AGREED, PIXEL_AGREED, BUSY = 2, 4, 2", "TILE_AGREED, PIXEL_AGREED, BUSY = 0, 4, 2"),
+        ("pixels done by chance", "if packet.mixed[pixel] == 0 and mixed < BUSY:", "if True:"),
+    ]),
+    *mutants_of(RENDERER + "rays/edge_samples.py", "tests/test_edges.py", [
+        ("the farthest neighbour", 'axis=1), kind="stable")', 'axis=1), kind="stable")[::-1]'),
+    ]),
+    *mutants_of(RENDERER + "frame_plan.py", "tests/test_weak_lights.py", [
+        ("the newest of the bounce", "(oldest, before), *others = gathered.items()", "*others, (oldest, before) = gathered.items()"),
+    ]),
     *mutants_of(RENDERER + "rays/embree.py", "tests/test_rays.py", [
         ("moved meshes where they were", "rest @ matrices[k, :3, :3].T + (matrices[k, :3, 3] - self.origin)", "rest - self.origin"),
     ]),

@@ -53,6 +53,7 @@ def _renderer() -> None:
     from vemlight.renderer.scene.scene import load_scene
 
     if library() is not None:
+        from vemlight.renderer.rays import edge_samples
         from vemlight.renderer.rays.bounce import Bounce
         from vemlight.renderer.rays.reflecting import reflecting_meshes
         from vemlight.renderer.rays.tracing import RayTracer
@@ -60,6 +61,7 @@ def _renderer() -> None:
         scene = load_scene(None)
         tracer = RayTracer(scene, (8, 32))  # rows for more than one thread, as all pictures have
         tracer.warm()
+        edge_samples.warm(tracer.surfaces)
         with ThreadPoolExecutor(1) as threads:
             Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, threads, 16, 1).warm()
 

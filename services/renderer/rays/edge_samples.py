@@ -6,6 +6,7 @@ Where a pixel's other samples see a surface that a neighbouring pixel sees in it
 import numpy as np
 
 from vemlight.kernels import kernel, subroutine
+from vemlight.renderer.rays.tracing import Surfaces
 
 NEIGHBOURS = np.array([(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)])  # x, y of a pixel's
 # Of the same surface: normals less than 37 degrees apart, and so much of the distance to the eye off the other's plane.
@@ -64,3 +65,12 @@ def smooth(picture, counts, samples, smoothed):
                         smoothed[y, x, c] += counts[y, x, k] * picture[y + NEIGHBOURS[k, 1], x + NEIGHBOURS[k, 0], c]
             for c in range(channels):
                 smoothed[y, x, c] = (smoothed[y, x, c] + own * picture[y, x, c]) / samples
+
+
+def warm(surfaces: Surfaces) -> None:
+    """Compiles, or loads, what smooth edges take."""
+    height, width = surfaces.distances.shape
+    counts, picture = np.zeros((height, width, len(NEIGHBOURS)), np.uint8), np.zeros((height, width, 4), np.float32)
+    add_sample(surfaces, surfaces, nearest_neighbours(0.3, 0.1), 0, height, counts)
+    picture.flags.writeable = False  # as what is read back
+    smooth(picture, counts, 1, np.empty_like(picture))

@@ -148,6 +148,7 @@ def test_a_log_of_weights_finds_little_light_between_noise(tmp_path):
     ([1, 4, 16, 1.2, 4.8, 19], [[2, 1, 0], [5, 4, 3]]),  # the meter drifts between two rising brackets
     ([1, 4, 16, 4, 1], [[2, 1, 0], [3, 4]]),  # up and down
     ([1, 4, 16, 16, 4, 1], [[2, 1, 0], [3, 4, 5]]),
+    ([1, 1.26, 1.59], [[2, 1, 0]]),  # thirds of a stop
     ([8, 2, 4, 16, 32], [[4, 3, 0, 2, 1]]),  # one bracket of five
     ([1, 4, 16, 1.03, 4.1, 15.8], [[2, 1, 0], [5, 4, 3]]),
 ])  # fmt: skip
@@ -159,6 +160,7 @@ def test_which_photographs_are_a_frame(exposures, groups):
     ([1.0], "shots: holds 1 photograph"),
     ([1.0, 1.01, 1.0], "shots: its 3 photographs have one exposure, 1 s"),
     ([1, 4, 4, 16], "p2.jpg: has the exposure of p1.jpg, 4 s"),
+    ([1, 1.04, 4], "p0.jpg: has the exposure of p1.jpg"),
     ([1, 4, 16, 4, 1, 4, 4], "p6.jpg: has the exposure of p5.jpg"),
     ([1, 4, 16, 4, 1, 4], "p5.jpg: has no other exposure beside it"),
 ])  # fmt: skip

@@ -25,7 +25,7 @@ from vemlight.capture.simulation.exposing import exposures_of_frames
 from vemlight.capture.simulation.sensor import VirtualCamera
 from vemlight.capture.simulation.simulate import Lighting, simulate
 from vemlight.capture.source import open_files
-from vemlight.capture.strong_lights import REACH, StrongLight, add_lights
+from vemlight.capture.strong_lights import REACH, StrongLight, add_lights, strong_lights, window_on
 from vemlight.capture.v4l2 import RawFrame
 from vemlight.errors import UserError
 from vemlight.light.colour import luminance_from_rgb
@@ -168,6 +168,33 @@ def test_a_window_larger_than_the_search_stays_where_it_is(tmp_path):
     light[30 : 30 + 2 * REACH, 20:120] = 100
     frames = [live.frame(code_from_radiance(light * t, RESPONSE), 0.0)[0] for t in (0.1, 0.005, 0.1)]
     np.testing.assert_allclose(frames[1].radiance.sum(), frames[2].radiance.sum(), rtol=0.01)
+
+
+def test_the_likelier_exposure_is_the_one_that_claims_less():
+    """1.4 times what one exposure gives, 0.7 times what the other does: about as many sigmas off, of which the shorter's is half."""
+    values, spans = values_from_response(RESPONSE, 0), np.tile([0, SIZE], (SIZE, 1))
+    recogniser = ExposureRecogniser(values, (1.0, 0.5), spans)
+    radiance = np.full((SIZE, SIZE), 0.3, np.float32)
+    codes = code_from_radiance(np.full((SIZE, SIZE), 0.7 * 0.3), RESPONSE)
+    assert recogniser.recognised(codes.astype(np.uint16), radiance, 0) == 1
+
+
+@pytest.mark.parametrize(("side", "is_followed"), [(REACH - 2, True), (REACH + 2, False)])
+def test_a_light_is_followed_up_to_the_size_of_the_search(side, is_followed):
+    values, spans = values_from_response(RESPONSE, 0), np.tile([0, SIZE], (SIZE, 1))
+    codes = np.full((SIZE, SIZE, 1), 100, np.uint16)
+    codes[40 : 40 + side - 2, 40 : 40 + side - 2] = 2000  # its region is a pixel wider on each side
+    (light,) = strong_lights({2: codes}, values, EXPOSURES, spans, 1)
+    assert (light.region is not None) == is_followed
+
+
+def test_frames_are_laid_on_the_newest_by_the_lights_motion():
+    light = StrongLight(np.ones((1, 1, 1), np.float32), (60, 50), {2: np.array([50.0, 60.0]), 0: np.array([45.0, 63.0])}, 2)
+    rows, columns = window_on(light, 2, (SIZE, SIZE), 1)
+    assert (rows[0], columns[0], len(rows)) == (60 - REACH, 50 - REACH, 2 * REACH + 1)
+    moved_rows, moved_columns = window_on(light, 0, (SIZE, SIZE), 1)
+    assert (moved_rows == rows + 3).all()
+    assert (moved_columns == columns - 5).all()
 
 
 def test_light_clipped_in_the_shortest_exposure_is_said(tmp_path, capsys):

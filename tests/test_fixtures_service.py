@@ -11,6 +11,7 @@ import pytest
 from tests.support.processes import LOADED_S, children, wait_until
 from tests.support.sacn_receiver import SacnReceiver, accepted, most_in_a_second
 from vemlight.errors import UserError
+from vemlight.fixtures import service
 from vemlight.fixtures.last_look import FILE, forget_look, load_look, save_look
 from vemlight.fixtures.rig_file import read_rig
 from vemlight.fixtures.sender import MAX_HZ
@@ -117,6 +118,21 @@ def test_a_look_is_kept_for_a_moment_and_for_its_rig(tmp_path, rig, monkeypatch)
     assert load_look(tmp_path, "rig.toml", made) is None
     save_look(tmp_path, "rig.toml", Sending(None), 5.0)  # type: ignore[arg-type]
     assert list(tmp_path.glob("*.look*")) == []
+
+
+@pytest.mark.parametrize(("error", "is_said"), [(RuntimeError("a fault"), False), (UserError("no port"), True)])
+def test_a_fault_says_no_end_because_another_process_goes_on(make_settings, receiver, rig, monkeypatch, error, is_said):
+    def shows_and_fails(stage, sender, *_):
+        sender.show(universes_of(stage.system.rig, np.array([40_000, 0])))
+        receiver.wait_for(lambda packet: packet.kind == "data")
+        raise error
+
+    monkeypatch.setattr(service, "_serve", shows_and_fails)
+    settings, _ = make_settings(fixtures={"rig": str(rig), "arm": True})
+    with pytest.raises(type(error)):
+        service.main(settings)
+    time.sleep(0.1)
+    assert any(packet.terminated for packet in receiver.data()) == is_said
 
 
 def test_files_are_not_made_while_lamps_are_driven(make_settings, rig):

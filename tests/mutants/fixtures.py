@@ -52,6 +52,9 @@ MUTANTS = [
         ("dark at the end", 'if self._sent.mode == "live" and self._blackout_at_end:', 'if self._sent.mode == "live":'),
         ("looks that jump", "if look is None or self._rig.between == \"hold\" or", "if True or"),
     ]),
+    *mutants_of(PACKAGE + "sender.py", f"{T}service.py", [
+        ("an end before the restart", "if self._is_abandoned or self._sent", "if self._sent"),
+    ]),
     *mutants_of(PACKAGE + "packed_xml.py", f"{T}mvr.py", [
         ("a DOCTYPE", "            if XML_BOMB.search(text):", "            if False:"),
         ("deep elements", "        if depth > MAX_DEPTH:", "        if False:"),

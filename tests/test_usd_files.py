@@ -1,4 +1,5 @@
 """USD scenes, read by usd-core in a process of its own."""
+# pyright: reportAttributeAccessIssue=false
 
 import zipfile
 from pathlib import Path

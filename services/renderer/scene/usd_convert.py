@@ -2,6 +2,7 @@
 
 Runs in a process of its own, with limits (usd_files.py). Status 2 and {"refused": ...} for a scene that is refused.
 """
+# pyright: reportAttributeAccessIssue=false
 
 import json
 import os

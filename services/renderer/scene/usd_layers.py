@@ -3,6 +3,7 @@
 USD opens whatever a layer names, anywhere on the machine, while it composes a stage. So each layer is first opened by itself, and every
 path that it holds is looked at: sublayers, references, payloads, clips, textures.
 """
+# pyright: reportAttributeAccessIssue=false
 
 import os
 import zipfile

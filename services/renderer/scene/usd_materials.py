@@ -2,6 +2,7 @@
 
 Metallic and roughness, and colour and opacity, may come from four images in USD and share two in glTF: those are put together here.
 """
+# pyright: reportAttributeAccessIssue=false
 
 import io
 from collections.abc import Callable

@@ -1,4 +1,5 @@
 """Meshes of USD (UsdGeomMesh) as primitives of glTF: faces cut into triangles, attributes of any interpolation, subsets with materials."""
+# pyright: reportAttributeAccessIssue=false
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,4 +1,5 @@
 """USD scenes, which usd-core reads in a process of its own; none where it is not installed."""
+# pyright: reportAttributeAccessIssue=false
 
 import importlib.util
 import io

@@ -361,6 +361,8 @@ def _passes(
             elif lighting.caches_visibility:
                 rows.append(pass_table.VISIBILITY_CACHE)
             rows.append(pass_table.LIGHTS)
+            if lighting.bounce and first and setup.glossy:
+                rows.append(pass_table.MIRRORS)
             if glossy and first:
                 rows.append(pass_table.GLOSS)
             if lighting.bounce and first and not lighting.coarse:

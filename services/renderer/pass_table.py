@@ -59,7 +59,14 @@ WEAK_LIGHTS = Pass(
 )
 WEAK_BOUNCE = Pass("weak bounce", "bounce", ("lights", "pose", "coarse surfaces"), ("coarse light", "matte"), "passes/bounce/bounce.py")
 WEAK_GLOSS = Pass("weak gloss", "gloss", ("coarse surfaces", "prefiltered map"), ("coarse gloss",), "passes/gloss/gloss.py")
-GLOSS = Pass("gloss", "gloss", ("G-buffer", "lobe visibility", "prefiltered map", "coarse gloss"), ("picture",), "passes/gloss/gloss.py")
+MIRRORS = Pass("mirrors", "bounce", ("lights", "pose", "G-buffer"), ("picture", "mirrored scene"), "passes/mirrors/mirrors.py")
+GLOSS = Pass(
+    "gloss",
+    "gloss",
+    ("G-buffer", "lobe visibility", "prefiltered map", "coarse gloss", "mirrored scene"),
+    ("picture",),
+    "passes/gloss/gloss.py",
+)
 BOUNCE = Pass("bounce", "bounce", ("lights", "pose", "G-buffer"), ("picture", "matte"), "passes/bounce/bounce.py")
 COMPOSITING = Pass(
     "compositing",
@@ -77,6 +84,6 @@ TONE_MAPPING = Pass(
 
 PASSES = (
     LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, EDGES, G_BUFFER, COARSE_SURFACES, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE,
-    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, GLOSS, BOUNCE,
+    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, MIRRORS, GLOSS, BOUNCE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -83,6 +83,9 @@ class Renderer:
         self._layers = VisibilityLayers(context, size)
         self._rays = _traced_visibility(scene, size, self._layers) if traced else None
         self._bounce = self._rays.bounce(context, programs, scene, setup.bounce_sets) if self._rays and setup.bounces else None
+        self._mirrors = None
+        if self._rays and setup.bounces and setup.glossy:
+            self._mirrors = self._rays.mirrors(context, programs, scene, kinds, setup.target_ms > 0)
         self._atlas = None if traced else ShadowAtlas(context, programs, scene, setup.shadows.casters, self._frames)
         self._g_buffer = GBuffer(context, programs, scene, size)
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
@@ -117,6 +120,7 @@ class Renderer:
             pass_table.WEAK_LIGHTS: self._sum_weak,
             pass_table.WEAK_BOUNCE: self._add_weak_bounce,
             pass_table.WEAK_GLOSS: self._look_up_wide_lobes,
+            pass_table.MIRRORS: self._add_mirrors,
             pass_table.GLOSS: self._add_gloss,
             pass_table.BOUNCE: self._add_bounce,
             pass_table.COMPOSITING: self._composite,
@@ -126,7 +130,7 @@ class Renderer:
 
     def warm(self) -> None:
         """Compiles, or loads, what rays need, so that no first picture waits for it; before the first frame."""
-        for part in (self._rays, self._bounce):
+        for part in (self._rays, self._bounce, self._mirrors):
             if part:
                 part.warm()
 
@@ -315,10 +319,18 @@ class Renderer:
             self._coarse.lights if self._coarse and plan.runs(pass_table.WEAK_LIGHTS) else None,
         )
 
+    def _add_mirrors(self, plan: FramePlan, run: PassRun) -> None:
+        assert self._mirrors
+        normal = self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices)
+        self._mirrors.trace(self._g_buffer, plan.samples[run.sample].number, plan.lights, normal)
+        self._mirrors.add(self._g_buffer, self._shading.frame, 1 / len(plan.samples))
+
     def _add_gloss(self, plan: FramePlan, _run: PassRun) -> None:
         assert self._gloss
         assert self._shading.lobe_visibility
-        self._gloss.add(self._g_buffer, self._shading.lobe_visibility, 1 / len(plan.samples), plan.runs(pass_table.WEAK_GLOSS))
+        mirrored = self._mirrors.scene if self._mirrors and plan.runs(pass_table.MIRRORS) else None
+        weight, with_coarse = 1 / len(plan.samples), plan.runs(pass_table.WEAK_GLOSS)
+        self._gloss.add(self._g_buffer, self._shading.lobe_visibility, weight, with_coarse, mirrored)
 
     def _add_bounce(self, plan: FramePlan, run: PassRun) -> None:
         """Adds what surfaces send to each other; all samples of a pixel have what was gathered at the first."""
@@ -360,6 +372,7 @@ class Renderer:
                 self._frames,
                 self._layers,
                 self._bounce,
+                self._mirrors,
                 self._coarse,
                 self._edges,
                 self._rays,

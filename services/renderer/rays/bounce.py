@@ -70,6 +70,12 @@ class Light(NamedTuple):
     luminance: np.ndarray
     spreads: np.ndarray
 
+    @staticmethod
+    def of(directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray) -> "Light":
+        """Lights of directions (n, 3), irradiance (n, 3), spreads (n,) rad."""
+        arrays = (directions, irradiance, irradiance @ LUMINANCE_WEIGHTS, spreads)
+        return Light(*(np.ascontiguousarray(array, np.float32) for array in arrays))
+
 
 class Bounce:
     """Gathers one bounce for the surfaces that `see` was given last.
@@ -101,24 +107,23 @@ class Bounce:
         self._eye = (eye - self._scene.origin).astype(np.float32)
         self._hits, self._gathered = {}, {}  # until they are asked for
 
-    def gather(self, directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray, ground: np.ndarray, which: int = 0) -> None:
-        """Gathers set `which` under lights: directions (n, 3), irradiance (n, 3), spreads (n,) rad. ground: albedo (3,) of catchers."""
+    def gather(self, light: Light, ground: np.ndarray, which: int = 0) -> None:
+        """Gathers set `which` under a light. ground: albedo (3,) of catchers."""
         assert self._surfaces is not None
         places, normals = self._surfaces
         pattern = self._patterns[which]
-        arrays = (directions, irradiance, irradiance @ LUMINANCE_WEIGHTS, spreads)
-        light = Light(*(np.ascontiguousarray(array, np.float32) for array in arrays))
         if which not in self._hits:
             shape = (*places.shape[:2], pattern.shape[1], 3)
             self._hits[which] = hits = Hits(*(np.zeros(shape, np.float32) for _ in Hits._fields))
             self._over_rows(lambda rows: self._shoot(rows, pattern, hits))
         albedo = ground.astype(np.float32)
         hits, made = self._hits[which], Blocks(places, normals, np.zeros_like(places), np.zeros_like(places))
+        numbers = np.arange(places.shape[0] * places.shape[1]).reshape(places.shape[:2])
 
         def own(rows: slice) -> None:
             ends = Hits(*(array[rows] for array in hits))
             radiance = np.empty_like(ends.places)
-            _light_hits(self._scene.address, query(), ends, light, albedo, self._offsets, self._shadow_rays, rows.start, radiance)
+            light_hits(self._scene.address, query(), ends, light, albedo, self._offsets, self._shadow_rays, numbers[rows], radiance)
             _sum_rays(radiance, Blocks(*(array[rows] for array in made)), pattern, self._eye, rows.start)
 
         self._over_rows(own)
@@ -140,7 +145,7 @@ class Bounce:
         block_pixels(np.zeros((4, 4, 3), np.float32), 4)
         nothing = np.zeros((1, 1, 3), np.float32)
         self.see(BlockSurfaces(nothing, nothing), np.zeros(3))
-        self.gather(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
+        self.gather(Light.of(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1)), np.zeros(3))
         self.received()
 
     def _shoot(self, rows: slice, pattern: np.ndarray, hits: Hits) -> None:
@@ -196,8 +201,11 @@ def _hashed(number):
 
 
 @kernel(nogil=True)
-def _light_hits(scene, query, hits, light, ground, offsets, shadow_rays, first_row, radiance):
-    """Fills the radiance (rows, columns, rays, 3) that the hits send back, of what they emit and of the lights that reach them."""
+def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers, radiance):
+    """Fills the radiance (rows, columns, rays, 3) that the hits send back, of what they emit and of the lights that reach them.
+
+    numbers: (rows, columns) int64, by which lights and places on them are drawn.
+    """
     rows, columns, count, _ = hits.places.shape
     lights = len(light.luminance)
     brought, sent = np.empty(lights, np.float32), np.empty((PACKET, 3), np.float32)
@@ -217,7 +225,7 @@ def _light_hits(scene, query, hits, light, ground, offsets, shadow_rays, first_r
                     facing += brought[i] > 0
                 if not total > 0:
                     continue
-                place = ((first_row + row) * columns + column) * count + ray
+                place = numbers[row, column] * count + ray
                 step = total / shadow_rays
                 following, summed = _hashed(place) * step, np.float32(0.0)
                 for i in range(lights):

@@ -29,7 +29,7 @@ HIT_NORMAL, HIT_U, HIT_V, HIT_TRIANGLE, HIT_MESH, HIT_LINES = 12, 15, 16, 17, 18
 GOLDEN = (np.sqrt(5) - 1) / 2
 
 INTERSECT = "rtcIntersect16"  # by this name Embree finds what numba calls
-_intersect = types.ExternalFunction(INTERSECT, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
+intersect = types.ExternalFunction(INTERSECT, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
 
 
 class Hits(NamedTuple):
@@ -110,14 +110,14 @@ def find_hits(scene, query, surfaces, pattern, meshes, lift_m, first_row, hits):
                     x, y, z = own[first + k]
                     dx, dy, dz = x * ax + y * bx + z * nx, x * ay + y * by + z * ny, x * az + y * bz + z * nz
                     set_ray(query, k, surfaces.places[row, column], dx, dy, dz)
-                _intersect(query.wanted.ctypes.data, scene, query.rays.ctypes.data, query.arguments.ctypes.data)
+                intersect(query.wanted.ctypes.data, scene, query.rays.ctypes.data, query.arguments.ctypes.data)
                 for k in range(PACKET):
                     if query.words[HIT_MESH, k] != NO_HIT:
-                        _take_hit(query, k, meshes, lift_m, hits, row, column, first + k)
+                        take_hit(query, k, meshes, lift_m, hits, row, column, first + k)
 
 
 @subroutine
-def _take_hit(query, k, meshes, lift_m, hits, row, column, ray):
+def take_hit(query, k, meshes, lift_m, hits, row, column, ray):
     """Takes ray k of a query that has met a surface as a hit."""
     rays = query.rays
     far = rays[FAR, k]

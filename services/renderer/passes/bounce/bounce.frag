@@ -5,6 +5,7 @@
 #include "normals.glsl"
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
+#include "lobe_sources.glsl"
 
 uniform float same_normal;  // exponent
 uniform float same_plane;  // of the distance to the eye
@@ -56,12 +57,14 @@ void main() {
     bool known = total > 1e-3;
     irradiance = known ? irradiance / total : any_irradiance / max(any_total, 1e-9);
     mirrored = known ? mirrored / total : any_mirrored / max(any_total, 1e-9);
+    SurfaceSpecular specular = surface_specular_at(pixel);
+    mirrored *= 1.0 - map_fraction(int(diffuse.kind + 0.5), specular.lobe);  // the rest has rays of its own: mirrors.py
 #if CATCHERS
     radiance = vec4(irradiance * scale, 0.0);
 #elif COARSE
     radiance = vec4(irradiance / unshadowed_by_normal(normal), 0.0);
-    lobes = vec4(surface_specular_at(pixel).reflectance * mirrored, 0.0);
+    lobes = vec4(specular.reflectance * mirrored, 0.0);
 #else
-    radiance = vec4((diffuse.albedo / 3.14159265 * irradiance + surface_specular_at(pixel).reflectance * mirrored) * scale, 0.0);
+    radiance = vec4((diffuse.albedo / 3.14159265 * irradiance + specular.reflectance * mirrored) * scale, 0.0);
 #endif
 }

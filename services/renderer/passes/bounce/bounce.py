@@ -12,7 +12,7 @@ from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
-from vemlight.renderer.rays.bounce import SAME_NORMAL, SAME_PLANE, Blocks, BlockSurfaces, Bounce, block_pixels
+from vemlight.renderer.rays.bounce import SAME_NORMAL, SAME_PLANE, Blocks, BlockSurfaces, Bounce, Light, block_pixels
 from vemlight.renderer.rays.reflecting import reflecting_meshes
 from vemlight.renderer.rays.tracing import RayTracer, Surfaces
 from vemlight.renderer.scene.scene import Scene
@@ -39,6 +39,12 @@ def ground_albedo(normal: np.ndarray | None, lights: LightSet) -> np.ndarray:
         return np.zeros(3)
     down, up = (received(side * lights.directions @ normal, Extents.of(lights)) @ lights.irradiance for side in (1, -1))
     return np.minimum(np.divide(up, down, out=np.zeros(3), where=down > 0), 1)
+
+
+def light_of(lights: LightSet) -> Light:
+    """Lights as they fall on where rays end: round, of the mean variance of their two axes."""
+    traces = np.zeros(len(lights.ids)) if lights.covariances is None else lights.covariances[:, [0, 3, 5]].sum(axis=1)
+    return Light.of(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2))
 
 
 class BounceLight:
@@ -76,9 +82,7 @@ class BounceLight:
         if not stale and self._gathered:
             return
         for k, lights in stale.items():
-            traces = np.zeros(len(lights.ids)) if lights.covariances is None else lights.covariances[:, [0, 3, 5]].sum(axis=1)
-            ground = ground_albedo(catcher_normal, lights)
-            self._bounce.gather(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2), ground, k)
+            self._bounce.gather(light_of(lights), ground_albedo(catcher_normal, lights), k)
         self._gathered = dict(gathered)
         blocks = self._bounce.received()
         there = np.any(blocks.normals, axis=-1, keepdims=True)

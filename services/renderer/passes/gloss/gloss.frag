@@ -13,6 +13,7 @@ layout(early_fragment_tests) in;
 #include "gbuffer.glsl"
 #include "octahedral_map.glsl"
 #include "lobe_sources.glsl"
+#include "lobe_albedo.glsl"
 
 // PIXELS: all; those of coarse surfaces, without shadows; or those that take it from coarse ones. gloss_classes.frag tells them apart.
 
@@ -22,6 +23,8 @@ uniform float base_variance;  // of level 0 along an axis, rad^2; four times as 
 uniform sampler2D prefiltered;
 #if PIXELS != COARSE
 uniform sampler2D lobe_visibility;  // sums over the lights, with shadows and without
+uniform bool mirrors;  // whether rays say where the lobe sees the scene: mirrored_scene.a
+uniform sampler2D mirrored_scene;
 #endif
 #if PIXELS == WITH_COARSE
 uniform sampler2D coarse_weights;
@@ -37,8 +40,6 @@ vec3 looked_up(vec3 direction, float variance) {
 }
 
 #if HAS_GGX
-uniform sampler2D albedo;  // lobe_albedo.py
-
 // Gaussians with these weights and variances along an axis, over alpha^2, are GGX' 1 / (pi (1 + m^2)^2) within 5.3 % up to m = 16, beyond which
 // there is 0.4 % of it: the least squares of their relative error there.
 const int PARTS = 5;
@@ -74,20 +75,15 @@ vec3 reflected_ggx(vec3 reflectance, float alpha, vec3 normal, vec3 view) {
             total += share;
         }
     }
-    vec2 at = vec2(sqrt(v), clamp((sqrt(alpha) - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS), 0.0, 1.0));
-    vec2 ab = textureLod(albedo, (at * (ALBEDO_SIZE - 1.0) + 0.5) / ALBEDO_SIZE, 0.0).rg;
-    return (reflectance * ab.x + ab.y) * sum / max(total, vec3(1e-20));
+    return ggx_albedo(reflectance, alpha, v) * sum / max(total, vec3(1e-20));
 }
 #endif
 
 #if HAS_PHONG
-// The lobe has the variance 1 / (exponent + 2) along an axis, and the mean of the light's cosine over it is the mirrored view's, cut off at the
-// horizon: the mean of a Gaussian above 0. The cosine's slope moves the middle of what is reflected towards the normal.
+// The cosine's slope moves the middle of what is reflected towards the normal.
 vec3 reflected_phong(vec3 reflectance, float exponent, vec3 normal, vec3 view) {
-    float v = clamp(dot(normal, view), 0.0, 1.0), variance = 1.0 / (exponent + 2.0), deviation = sqrt(variance);
-    float x = v / deviation;
-    float above = 1.0 / (1.0 + exp(-x * (1.5976 + 0.07056 * x * x)));  // the normal distribution within 2e-4 (Bowling et al. 2009)
-    float cosine = v * above + deviation * 0.39894228 * exp(-0.5 * x * x);
+    float v = clamp(dot(normal, view), 0.0, 1.0), variance = 1.0 / (exponent + 2.0), above = phong_above(v, sqrt(variance));
+    float cosine = phong_cosine(v, sqrt(variance), above);
     vec3 mirrored = reflect(-view, normal);
     vec3 direction = mirrored + (normal - v * mirrored) * (variance * above / cosine);
     return reflectance * cosine * looked_up(direction, variance);
@@ -127,6 +123,7 @@ void main() {
 #else
     vec2 lit = texelFetch(lobe_visibility, pixel, 0).rg;
     float visible = lit.y > 0.0 ? lit.x / lit.y : 1.0, fraction = map_fraction(kind, specular.lobe);
+    if (mirrors) visible = 1.0 - texelFetch(mirrored_scene, pixel, 0).a;
     radiance = vec4(reflected.rgb / max(reflected.a, 1e-6) * scale * (fraction * visible * weight), 0.0);
 #endif
 }

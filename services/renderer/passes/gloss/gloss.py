@@ -83,10 +83,17 @@ class Gloss:
         self._context.enable_only(moderngl.DEPTH_TEST)
         self._draw(self._of_coarse, self._coarse.bind(self._of_coarse.program), 1, WIDE)
 
-    def add(self, g_buffer: GBuffer, lobe_visibility: moderngl.Texture, weight: float, with_coarse: bool) -> None:
+    def add(
+        self,
+        g_buffer: GBuffer,
+        lobe_visibility: moderngl.Texture,
+        weight: float,
+        with_coarse: bool,
+        mirrored_scene: moderngl.Texture | None = None,
+    ) -> None:
         """Adds what the surfaces reflect of the map times `weight` to the picture. lobe_visibility: as in shading.py.
 
-        with_coarse: wide lobes have what `add_coarse` looked up.
+        with_coarse: wide lobes have what `add_coarse` looked up. mirrored_scene: of mirrors.py, which then says what of the map is seen.
         """
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE
@@ -97,7 +104,9 @@ class Gloss:
                 unit = self._coarse.bind_beside(program, unit)
             lobe_visibility.use(unit)
             program["lobe_visibility"], program["weight"], program["scale"] = unit, weight, self._scale
-            self._draw(array, unit + 1, 0, which)
+            program["mirrors"], program["mirrored_scene"] = mirrored_scene is not None, unit + 1
+            (mirrored_scene or lobe_visibility).use(unit + 1)
+            self._draw(array, unit + 2, 0, which)
 
     def _draw(self, array: moderngl.VertexArray, unit: int, frame: int, which: float) -> None:
         """Draws the pixels of a class."""

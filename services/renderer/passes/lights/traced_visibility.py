@@ -9,12 +9,14 @@ import numpy as np
 
 from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
+from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.bounce.bounce import BounceLight
 from vemlight.renderer.passes.edges.edges import Edges
 from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
+from vemlight.renderer.passes.mirrors.mirrors import Mirrors
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.rays.soft_pattern import soft_pattern
 from vemlight.renderer.rays.tracing import RayTracer, TracedLights
@@ -42,6 +44,10 @@ class TracedVisibility:
     def bounce(self, context: moderngl.Context, programs: Programs, scene: Scene, sets: int) -> BounceLight:
         """What gathers a bounce on the surfaces that this sees."""
         return BounceLight(context, programs, scene, self._size, self._tracer, sets)
+
+    def mirrors(self, context: moderngl.Context, programs: Programs, scene: Scene, kinds: set[MaterialKind], live: bool) -> Mirrors:
+        """What finds what the polished ones of the surfaces that this sees reflect of the scene."""
+        return Mirrors(context, programs, scene, self._size, kinds, self._tracer, live)
 
     def place(self, matrices: np.ndarray) -> None:
         """Moves the meshes: world_from_rest (n, 4, 4)."""

@@ -5,7 +5,7 @@
 #include "normals.glsl"
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
-#include "lobe_sources.glsl"
+#include "scene_rays.glsl"
 
 uniform float same_normal;  // exponent
 uniform float same_plane;  // of the distance to the eye
@@ -58,7 +58,7 @@ void main() {
     irradiance = known ? irradiance / total : any_irradiance / max(any_total, 1e-9);
     mirrored = known ? mirrored / total : any_mirrored / max(any_total, 1e-9);
     SurfaceSpecular specular = surface_specular_at(pixel);
-    mirrored *= 1.0 - map_fraction(int(diffuse.kind + 0.5), specular.lobe);  // the rest has rays of its own: mirrors.py
+    mirrored *= 1.0 - scene_rays(int(diffuse.kind + 0.5), specular.lobe);  // the rest has rays of its own: mirrors.py
 #if CATCHERS
     radiance = vec4(irradiance * scale, 0.0);
 #elif COARSE

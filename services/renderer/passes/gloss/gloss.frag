@@ -14,6 +14,7 @@ layout(early_fragment_tests) in;
 #include "octahedral_map.glsl"
 #include "lobe_sources.glsl"
 #include "lobe_albedo.glsl"
+#include "scene_rays.glsl"
 
 // PIXELS: all; those of coarse surfaces, without shadows; or those that take it from coarse ones. gloss_classes.frag tells them apart.
 
@@ -123,7 +124,7 @@ void main() {
 #else
     vec2 lit = texelFetch(lobe_visibility, pixel, 0).rg;
     float visible = lit.y > 0.0 ? lit.x / lit.y : 1.0, fraction = map_fraction(kind, specular.lobe);
-    if (mirrors) visible = 1.0 - texelFetch(mirrored_scene, pixel, 0).a;
+    if (mirrors) visible = mix(visible, 1.0 - texelFetch(mirrored_scene, pixel, 0).a, scene_rays(kind, specular.lobe));
     radiance = vec4(reflected.rgb / max(reflected.a, 1e-6) * scale * (fraction * visible * weight), 0.0);
 #endif
 }

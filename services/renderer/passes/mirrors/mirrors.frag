@@ -1,11 +1,11 @@
 #version 430
-// Adds what polished surfaces reflect of the scene, which rays have found: times the lobe's albedo, and the fraction of it that reflects the map.
+// Adds what polished surfaces reflect of the scene, which rays have found: times the lobe's albedo, and the part that they have in it.
 // HAS_PHONG, HAS_GGX: whether there are such surfaces.
 #include "constants.glsl"
 #include "normals.glsl"
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
-#include "lobe_sources.glsl"
+#include "scene_rays.glsl"
 #include "lobe_albedo.glsl"
 
 uniform float weight;  // of this pass in the picture: 1 / samples
@@ -27,5 +27,5 @@ void main() {
     float deviation = inversesqrt(max(specular.lobe, 0.0) + 2.0);
     if (kind == MATERIAL_PHONG) reflected = specular.reflectance * phong_cosine(view, deviation, phong_above(view, deviation));
 #endif
-    radiance = vec4(reflected * seen.rgb * (map_fraction(kind, specular.lobe) * weight), 0.0);
+    radiance = vec4(reflected * seen.rgb * (scene_rays(kind, specular.lobe) * weight), 0.0);
 }

@@ -80,7 +80,7 @@ def test_commands_compile_nothing_after_precompile(folder, monkeypatch, argument
 @pytest.mark.skipif(library() is None, reason="Embree is not installed")
 def test_precompile_has_the_kernels_of_rays_and_bounce():
     names = {name.partition(" ")[0].rpartition(".")[2] for name in precompiled()}
-    assert {"_trace", "filter_rows", "find_hits", "_light_hits"} <= names
+    assert {"_trace", "filter_rows", "find_hits", "light_hits", "follow_mirrored", "filter_lobes"} <= names
 
 
 def test_a_run_compiles_nothing_after_precompile():

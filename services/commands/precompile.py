@@ -55,6 +55,7 @@ def _renderer() -> None:
     if library() is not None:
         from vemlight.renderer.rays import edge_samples
         from vemlight.renderer.rays.bounce import Bounce
+        from vemlight.renderer.rays.mirror import Mirror
         from vemlight.renderer.rays.reflecting import reflecting_meshes
         from vemlight.renderer.rays.soft_pattern import soft_pattern
         from vemlight.renderer.rays.tracing import RayTracer, TracedLights
@@ -66,7 +67,9 @@ def _renderer() -> None:
         tracer.trace(TracedLights(np.zeros((1, 3), np.float32), np.ones((1, 2, 3), np.float32), np.ones(1, np.int64)), soft_pattern(0, 1))
         edge_samples.warm(tracer.surfaces)
         with ThreadPoolExecutor(1) as threads:
-            Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, threads, 16, 1).warm()
+            meshes = reflecting_meshes(scene)
+            Bounce(tracer.scene, meshes, tracer.reach_m, threads, 16, 1).warm()
+            Mirror(tracer, meshes, threads, 1, 1).warm()
 
 
 def _fixtures() -> None:

@@ -1,7 +1,7 @@
 """What polished surfaces show of the scene: rays along the mirrored view, spread as the lobe is, from each pixel that has such a surface.
 
-Rays follow a fixed pattern: with the same surfaces they are the same. A pixel of a single ray takes in its neighbours as far as their
-mirrored views lie in its own lobe.
+Rays follow a fixed pattern: with the same surfaces they are the same. A pixel takes in its neighbours as far as their mirrored views lie in
+its own lobe.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from vemlight.renderer.rays.hits import HIT_MESH, INTERSECT, NO_HIT, PACKET, Hit
 from vemlight.renderer.rays.reflecting import ReflectingMeshes
 from vemlight.renderer.rays.soft_filter import REACH, SAME_PLANE
 from vemlight.renderer.rays.soft_pattern import PLACES
-from vemlight.renderer.rays.tracing import LIFT_OF_REACH, OCCLUDED, RayTracer, Surfaces
+from vemlight.renderer.rays.tracing import LIFT_OF_REACH, OCCLUDED, RayTracer
 
 PIXELS_PER_TASK = 512  # a thread's: short against the whole, long against handing it out; any value in 64 .. 4096 does
 # Of the lobe's light, that rays stand for: GGX' last 2 % lie beyond seven alphas, where there is no reflection of anything.
@@ -61,14 +61,11 @@ def ray_pattern(first: int, rays: int) -> np.ndarray:
 
 
 class Mirror:
-    """Follows `rays` of each polished pixel of the surfaces that a tracer saw last, and lights their ends by so many shadow rays each.
+    """Follows `rays` of each polished pixel of the surfaces that a tracer saw last, and lights their ends by so many shadow rays each."""
 
-    filters: whether a pixel takes in its neighbours.
-    """
-
-    def __init__(self, tracer: RayTracer, meshes: ReflectingMeshes, threads: Executor, rays: int, shadow_rays: int, filters: bool) -> None:
+    def __init__(self, tracer: RayTracer, meshes: ReflectingMeshes, threads: Executor, rays: int, shadow_rays: int) -> None:
         self._tracer, self._meshes, self._threads = tracer, meshes, threads
-        self._rays, self._shadow_rays, self._filters = rays, shadow_rays, filters
+        self._rays, self._shadow_rays = rays, shadow_rays
         self._offsets, self._lift_m = disc_pattern(), LIFT_OF_REACH * tracer.reach_m
         self._polished, self._first = Polished(np.zeros(0, np.int64), np.zeros(0, np.float32)), 0
         self._hits = Hits(*(np.zeros((0, 1, rays, 3), np.float32) for _ in Hits._fields))
@@ -95,26 +92,29 @@ class Mirror:
         """What the pixels show under a light, (height, width, 4) float32: the radiance that comes from the scene along the lobe, its mean
         with 0 where rays meet nothing, and the fraction of them that meet something. ground: albedo (3,) of catchers."""
         surfaces, hits = self._tracer.surfaces, self._hits
-        made, shown = np.zeros((*surfaces.distances.shape, 4), np.float32), np.zeros((len(self._polished.numbers), 4), np.float32)
+        narrow, shown, made = (np.zeros((count, 4), np.float32) for count in (*[len(self._polished.numbers)] * 2, surfaces.distances.size))
         albedo = ground.astype(np.float32)
-        numbers = (self._polished.numbers + surfaces.distances.size * self._first)[:, None]
+        numbers = (self._polished.numbers + surfaces.distances.size * self._first).reshape(-1, 1)
 
         def own(part: slice) -> None:
             ends = Hits(*(array[part] for array in hits))
             radiance = np.empty_like(ends.places)
-            light_hits(
-                self._tracer.scene.address, query(), ends, light, albedo, self._offsets, self._shadow_rays, numbers[part], radiance
-            )
-            mean_of_rays(radiance, ends.normals, self._followed.weights[part], shown[part])
+            light_hits(self._tracer.scene.address, query(), ends, light, albedo, self._offsets, self._shadow_rays, numbers[part], radiance)
+            mean_of_rays(radiance, ends.normals, self._followed.weights[part], narrow[part])
 
         self._in_parts(own)
-        if self._filters:
-            index = np.full(surfaces.distances.shape, -1, np.int64)
-            index.ravel()[self._polished.numbers] = np.arange(len(self._polished.numbers))
-            narrow, shown = shown, np.zeros_like(shown)
-            self._in_parts(lambda part: filter_lobes(narrow, index, surfaces, self._polished, self._followed.views, part.start, shown[part]))
-        made.reshape(-1, 4)[self._polished.numbers] = shown
-        return made
+        index, views = np.full(surfaces.distances.shape, -1, np.int64), self._followed.views
+        index.ravel()[self._polished.numbers] = np.arange(len(narrow))
+        self._in_parts(lambda part: filter_lobes(narrow, index, surfaces, self._polished, views, part.start, shown[part]))
+        made[self._polished.numbers] = shown
+        return made.reshape(*surfaces.distances.shape, 4)
+
+    def warm(self) -> None:
+        """Compiles, or loads, what mirrors take; the tracer has seen surfaces, of which the first pixel then is polished."""
+        lobes = np.zeros(self._tracer.surfaces.distances.shape, np.float32)
+        lobes[0, 0] = 1.0
+        self.see(lobes, np.ones(3), 0)
+        self.lit(Light.of(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1)), np.zeros(3))
 
     def _in_parts(self, work: Callable[[slice], None]) -> None:
         """Does some work on all polished pixels, by all threads."""

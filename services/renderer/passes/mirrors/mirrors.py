@@ -17,7 +17,7 @@ from vemlight.renderer.rays.reflecting import reflecting_meshes
 from vemlight.renderer.rays.tracing import RayTracer, Surfaces
 from vemlight.renderer.scene.scene import Scene
 
-# Rays of a pixel and its sample, and shadow rays of each of their ends: live, where neighbours help, and for files.
+# Rays of a pixel and its sample, and shadow rays of each of their ends: live, and for files.
 LIVE_RAYS, LIVE_SHADOW_RAYS = 1, 8
 STILL_RAYS, STILL_SHADOW_RAYS = 4, 8
 
@@ -41,7 +41,7 @@ class Mirrors:
         self._context, self._tracer, self._size = context, tracer, size
         self._threads = ThreadPoolExecutor(os.cpu_count(), "mirrors")
         rays = (LIVE_RAYS, LIVE_SHADOW_RAYS) if live else (STILL_RAYS, STILL_SHADOW_RAYS)
-        self._mirror = Mirror(tracer, reflecting_meshes(scene), self._threads, *rays, filters=live)
+        self._mirror = Mirror(tracer, reflecting_meshes(scene), self._threads, *rays)
         self._eye = np.array(scene.camera.position, np.float64)
         self._seen: Surfaces | None = None
         self._lit: LightSet | None = None
@@ -88,10 +88,7 @@ class Mirrors:
 
     def warm(self) -> None:
         """Compiles, or loads, what mirrors need; the tracer has seen surfaces."""
-        lobes = np.zeros(self._size[::-1], np.float32)
-        lobes[0, 0] = 1.0
-        self._mirror.see(lobes, self._eye, 0)
-        self._mirror.lit(light_of(LightSet.none()), np.zeros(3))
+        self._mirror.warm()
 
     def release(self) -> None:
         """Frees what this holds."""

@@ -55,6 +55,20 @@ MUTANTS = [
         ("irradiance without pi", "+= PI / count *", "+= 1 / count *"),
         ("mirrored away", "2 * height * nx - vx / length", "vx / length"),
     ]),
+    *mutants_of(RENDERER + "rays/mirror.py", "tests/test_mirrors.py", [
+        ("views not mirrored", "mx, my, mz = twice * nx - vx, twice * ny - vy, twice * nz - vz", "mx, my, mz = vx, vy, vz"),
+        ("halfway vectors as directions", "2 * between * dx - vx, 2 * between * dy - vy, 2 * between * dz - vz", "dx, dy, dz"),
+        ("rays that meet nothing count as others", "shown[pixel, 3] += weight", "shown[pixel, 3] += 0 * weight"),
+    ]),
+    *mutants_of(PASSES + "gloss/gloss.frag", "tests/test_mirrors.py", [
+        ("the map behind the scene", "mix(visible, 1.0 - texelFetch(mirrored_scene, pixel, 0).a,", "mix(visible, 1.0,"),
+    ]),
+    *mutants_of(PASSES + "mirrors/scene_rays.glsl", "tests/test_mirrors.py", [
+        ("another lobe than the gather's", "GATHERED_VARIANCE = 0.1", "GATHERED_VARIANCE = 0.2"),
+    ]),
+    *mutants_of(PASSES + "bounce/bounce.frag", "tests/test_mirrors.py", [
+        ("the scene twice", "mirrored *= 1.0 - scene_rays", "mirrored *= 1.0 - 0.0 * scene_rays"),
+    ]),
     *mutants_of(RENDERER + "rays/hits.py", "tests/test_bounce.py", [
         ("directions uniform", "radius = np.sqrt(u)", "radius = u"),
         ("unlit without its vertices", "emission * own if meshes.unlit[mesh] else emission", "emission"),

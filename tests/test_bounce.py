@@ -214,10 +214,11 @@ def test_a_reduced_texture_keeps_its_mean(tmp_path):
     np.testing.assert_allclose(meshes.texels.mean(axis=0), texels.mean(axis=(0, 1)), rtol=0.01)
 
 
-def test_polished_metal_shows_the_ground_below(tmp_path):
+@pytest.mark.parametrize("roughness", [0.3, 0.6])  # by rays of its own, and by the blocks'
+def test_metal_shows_the_ground_below(tmp_path, roughness):
     text = CAMERA.format(x=0.0, y=-4.0, z=1.0, u=0.0, v=0.0, w=1.0) + (
         '[[mesh]]\nname = "ball"\nshape = "sphere"\nscale = 0.5\nat = [0.0, 0.0, 1.0]\n'
-        "material = {base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = 0.3}\n"
+        f"material = {{base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = {roughness}}}\n"
         '[[mesh]]\nname = "ground"\nshape = "plane"\nscale = 300.0\nmaterial = {diffuse = [0.6, 0.6, 0.6]}\n'
     )
     picture = added(scene_of(tmp_path, text), SUN)[..., 1]

@@ -37,7 +37,7 @@ def even_lights(count: int) -> LightSet:
 def renderer_of(folder: Path, text: str, **wanted) -> SceneRenderer:
     (folder / "scene.toml").write_text(CAMERA + text)
     settings = {"width": SIDE, "height": SIDE, "shadows": "rays", "bounces": 1, "frame_ms": 0.0, **wanted}
-    return SceneRenderer(load_scene(folder / "scene.toml"), Settings(**settings))
+    return SceneRenderer(load_scene(folder / "scene.toml"), Settings(**settings), 1 if settings["frame_ms"] else 4)
 
 
 def picture(folder: Path, text: str, lights: LightSet, environment: EnvironmentMap | None, **wanted) -> np.ndarray:

@@ -123,8 +123,10 @@ MUTANTS = [
         ("the lobe's tails as wide as its core", "0.812, 2.91, 10.776, 49.746", "0.232, 0.232, 0.232, 0.232"),
         ("a lobe of no rows", "MAX_REACH = 2.0", "MAX_REACH = 0.01"),
         ("levels between levels", "(times * exp2(-2.0 * level) - 1.0) / 3.0", "0.0", "a half narrower on average, which spheres hide"),
-        ("Phong's albedo above the horizon alone", "float cosine = v * above + deviation", "float cosine = v * 0.9 + deviation"),
         ("gloss without shadows", "lit.y > 0.0 ? lit.x / lit.y : 1.0", "1.0"),
+    ]),
+    *mutants_of(PASSES + "gloss/lobe_albedo.glsl", "tests/test_gloss.py", [
+        ("Phong's albedo above the horizon alone", "return view * above + deviation", "return view * 0.9 + deviation"),
     ]),
     *mutants_of(PASSES + "gloss/lobe_sources.glsl", "tests/test_gloss.py", [
         ("lights for narrow lobes", "GGX_FADE = vec2(0.25, 0.09)", "GGX_FADE = vec2(0.09, 0.03)"),

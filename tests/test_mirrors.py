@@ -82,6 +82,19 @@ def test_a_reflection_keeps_its_edge(tmp_path):
     assert column[SIDE // 2 - 4] < 0.02 * ground
 
 
+@pytest.mark.parametrize("material", [CHROME, PHONG.format(2000)])
+def test_a_small_thing_is_seen_where_its_direction_is_mirrored(tmp_path, material):
+    """A wall at the side, 11 degrees wide, lies in the mirrored view of the normal between it and the eye: at 45 degrees on the ball."""
+    wall = '[[mesh]]\nshape = "plane"\nscale = 6\nrotate = [0.0, 90.0, 0.0]\nat = [60.0, 0.0, 0.0]\nmaterial = {diffuse = [0.8, 0.8, 0.8]}'
+    light = np.array([-1.0, 0.0, 0.5]) / np.sqrt(1.25)
+    made = picture(tmp_path, BALL.format(material) + wall, lights_from(light), None)[..., 1]
+    x = (np.arange(SIDE) - (SIDE - 1) / 2) / (SIDE / 2) * 60 * np.tan(np.radians(1.05))
+    row, aside = made[SIDE // 2 - 1 : SIDE // 2 + 1].mean(axis=0), np.abs(np.degrees(np.arcsin(np.clip(x, -1, 1))) - 45)
+    lit = 0.8 / np.pi / np.sqrt(1.25)
+    assert row[aside < 1].min() > 0.6 * lit  # at the ball's slope a pixel has 4 degrees of normals there
+    assert row[(aside > 8) & (x > 0) & (x < 0.95)].max() < 0.02 * lit
+
+
 def test_the_share_of_the_gather_fades_with_the_variance_of_the_lobe(tmp_path):
     shader = (Path(mirrors.__file__).parent / "scene_rays.glsl").read_text()
     gathered = float(shader.partition("GATHERED_VARIANCE = ")[2].partition(";")[0])

@@ -57,6 +57,7 @@ MUTANTS = [
     ]),
     *mutants_of(RENDERER + "rays/mirror.py", "tests/test_mirrors.py", [
         ("views not mirrored", "mx, my, mz = twice * nx - vx, twice * ny - vy, twice * nz - vz", "mx, my, mz = vx, vy, vz"),
+        ("halfway vectors as directions", "2 * between * dx - vx, 2 * between * dy - vy, 2 * between * dz - vz", "dx, dy, dz"),
         ("rays that meet nothing count as others", "shown[pixel, 3] += weight", "shown[pixel, 3] += 0 * weight"),
     ]),
     *mutants_of(PASSES + "gloss/gloss.frag", "tests/test_mirrors.py", [

@@ -101,6 +101,19 @@ def test_an_hdr_comes_back_to_its_8_bits(tmp_path):
     assert attributes == {}
 
 
+def test_a_chunk_is_no_longer_than_its_png(tmp_path):
+    """libpng would take the 4 GB that a file of 80 bytes says of a chunk; what follows the last one is none."""
+    codes = np.arange(24, dtype=np.uint8).reshape(4, 6)
+    write_png(tmp_path / "a.png", codes)
+    whole = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(whole + b"\xff" * 12)
+    np.testing.assert_array_equal(read_codes(tmp_path / "a.png"), codes)
+    at = whole.index(b"IDAT") - 4
+    (tmp_path / "a.png").write_bytes(whole[:at] + b"\xf3" + whole[at + 1 :])
+    with pytest.raises(UserError, match=r"cut off in its chunk 'IDAT', of 4076"):
+        read_codes(tmp_path / "a.png")
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("shape", [(4, 6), (4, 6, 3)])
 def test_codes_of_a_png_come_back(tmp_path, dtype, shape):

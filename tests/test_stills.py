@@ -1,6 +1,7 @@
 """PNG, JPEG, TIFF, PFM and raw photographs as sources of light: what they say of themselves, what is stated, and what is refused."""
 
 import struct
+import warnings
 
 import numpy as np
 import pytest
@@ -119,6 +120,9 @@ def test_portable_float_maps(tmp_path, scale, order):
     np.testing.assert_allclose(irradiance_of(tmp_path / "sky.pfm"), truth() * abs(scale), rtol=1e-5)
     (tmp_path / "gray.pfm").write_bytes(f"Pf 2 1 {scale} ".encode() + np.array([1.0, 3.0], order).tobytes())
     np.testing.assert_allclose(read_pfm(tmp_path / "gray.pfm")[0, :, 1], np.array([1.0, 3.0]) * abs(scale))
+    with warnings.catch_warnings(action="error"):
+        (tmp_path / "gray.pfm").write_bytes(f"Pf 2 1 {scale * 1e20} ".encode() + np.array([1e20, 0.0], order).tobytes())
+        assert read_pfm(tmp_path / "gray.pfm")[0, :, 1].tolist() == [np.inf, 0]
 
 
 @pytest.mark.parametrize(("content", "words"), [
@@ -126,6 +130,7 @@ def test_portable_float_maps(tmp_path, scale, order):
     (b"P6\n4 4\n255\n" + bytes(48), "no portable float map"), (b"PF\n99999 99999\n-1.0\n", "99999 x 99999 pixels"),
     (b"PF\n16384 8192\n-1.0\n" + bytes(99), "which no picture has"),
     (b"", "no portable float map"), (b"PF\n4 4\n-nan\n", "no portable float map"),
+    (b"PF\n4 4\n-1e39\n" + bytes(192), "no portable float map"),
 ])  # fmt: skip
 def test_what_is_no_portable_float_map(tmp_path, content, words):
     (tmp_path / "sky.pfm").write_bytes(content)

@@ -1,11 +1,14 @@
 """How large an image may be, decided by what its header says before memory is allocated for it."""
 
+import struct
 from pathlib import Path
 from typing import NamedTuple
 
 from vemlight.errors import UserError
 
 MAX_IMAGE_BYTES = 2**31  # the largest image below, 2^27 pixels, uncompressed as float32 RGBA
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_CHUNK = struct.Struct(">I4s")  # length and name (PNG, third edition, 5.3)
 
 
 class ImageLimits(NamedTuple):
@@ -33,3 +36,18 @@ class ImageLimits(NamedTuple):
 
 
 LIMITS = ImageLimits()
+
+
+def check_chunks(path: Path | str, data: bytes) -> None:
+    """Raises UserError for a PNG that says of a chunk that it is longer than the rest of the file: libpng would take as much memory.
+
+    Data of other formats pass.
+    """
+    at = len(PNG_SIGNATURE) if data.startswith(PNG_SIGNATURE) else len(data)
+    while at + PNG_CHUNK.size <= len(data):
+        length, name = PNG_CHUNK.unpack_from(data, at)
+        at += PNG_CHUNK.size + length + 4  # a checksum follows
+        if at > len(data):
+            raise UserError(f"{path}: is cut off in its chunk {name.decode('latin-1')!a}, of {length} bytes; copy it again")
+        if name == b"IEND":  # what follows is nobody's
+            return

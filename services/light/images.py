@@ -16,7 +16,7 @@ from vemlight.errors import UserError
 from vemlight.file_kinds import BINARY, BINARY_UNTIL, file_kind
 from vemlight.files import check_regular, notice, one_line, read_file, written_whole
 from vemlight.light.exr import read_exr
-from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
+from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, check_chunks
 from vemlight.light.pfm import read_pfm
 from vemlight.light.primaries import REC709
 from vemlight.light.quiet import silent
@@ -82,6 +82,7 @@ def _stored_pixels(path: Path, flags: int, upright: bool = False) -> np.ndarray:
     from PIL import Image
 
     data = read_file(path, MAX_IMAGE_BYTES)
+    check_chunks(path, data)
     try:
         with silent(), Image.open(io.BytesIO(data), formats=FORMATS) as image:
             LIMITS.check(path, *image.size, len(data), pixel_bytes=6)

@@ -14,6 +14,7 @@ from vemlight.files import read_file
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
 
 HEADER = re.compile(rb"P([Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]{1,40})\s")
+LARGEST = float(np.finfo(np.float32).max)
 
 
 def read_pfm(path: Path) -> np.ndarray:
@@ -24,7 +25,7 @@ def read_pfm(path: Path) -> np.ndarray:
         scale = float(head[4]) if head else 0.0
     except ValueError:
         scale = 0.0
-    if head is None or scale == 0 or not np.isfinite(scale):
+    if head is None or not 0 < abs(scale) <= LARGEST:
         raise UserError(f"{path}: is no portable float map: it does not begin with PF or Pf, two sizes and a scale; write it again")
     channels, width, height = 3 if head[1] == b"F" else 1, int(head[2]), int(head[3])
     LIMITS.check(path, width, height, len(data), 4 * channels)
@@ -32,5 +33,6 @@ def read_pfm(path: Path) -> np.ndarray:
     if len(data) < head.end() + 4 * count:
         raise UserError(f"{path}: is cut off: {len(data) - head.end()} of {4 * count} bytes of pixels are there; copy it again")
     values = np.frombuffer(data, "<f4" if scale < 0 else ">f4", count, head.end()).reshape(height, width, channels)
-    pixels = values[::-1].astype(np.float32) * np.float32(abs(scale))
+    with np.errstate(over="ignore"):  # what is infinite then, is no light, which is said
+        pixels = values[::-1].astype(np.float32) * np.float32(abs(scale))
     return np.ascontiguousarray(pixels if channels == 3 else np.repeat(pixels, 3, axis=-1))

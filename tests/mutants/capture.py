@@ -17,6 +17,8 @@ MUTANTS = [
         ("pixel limit x 100", "pixels: int = 2**27", "pixels: int = 100 * 2**27"),
         ("pixel limit doubled", "pixels: int = 2**27", "pixels: int = 2**28"),
         ("free bytes quartered", "free_bytes: int = 64 * 2**20", "free_bytes: int = 16 * 2**20"),
+        ("chunks beyond the file", "        if at > len(data):", "        if False:"),
+        ("what follows the end", '        if name == b"IEND":', "        if False:"),
         ("ratio of a bomb", "stored_bytes: int, pixel_bytes: int = 12", "stored_bytes: int, pixel_bytes: int = 6"),
     ]),
     *mutants_of("services/light/images.py", "tests/test_images.py", [

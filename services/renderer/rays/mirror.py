@@ -1,7 +1,7 @@
 """What polished surfaces show of the scene: rays along the mirrored view, spread as the lobe is, from each pixel that has such a surface.
 
-Rays follow a fixed pattern: with the same surfaces they are the same. A pixel of a single ray takes in its
-neighbours as far as their mirrored views lie in its own lobe.
+Rays follow a fixed pattern: with the same surfaces they are the same. A pixel takes in its neighbours as far as their mirrored views lie in
+its own lobe.
 """
 
 from collections.abc import Callable
@@ -103,9 +103,6 @@ class Mirror:
             mean_of_rays(radiance, ends.normals, self._followed.weights[part], narrow[part])
 
         self._in_parts(own)
-        if self._rays > 1:
-            made[self._polished.numbers] = narrow
-            return made.reshape(*surfaces.distances.shape, 4)
         index, views = np.full(surfaces.distances.shape, -1, np.int64), self._followed.views
         index.ravel()[self._polished.numbers] = np.arange(len(narrow))
         self._in_parts(lambda part: filter_lobes(narrow, index, surfaces, self._polished, views, part.start, shown[part]))

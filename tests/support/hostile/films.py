@@ -44,7 +44,7 @@ def _read_film(path: Path) -> object:
 
     try:
         source = open_files(Capture(source=str(path), projection="equirect", rows=8, cols=16))
-        return source.frame(0).radiance.sum() + source.frame(len(source) - 1).radiance.sum()
+        return source.frame(0), source.frame(len(source) - 1)
     finally:
         source = None
         gc.collect()  # now, for a child cannot end threads that only its parent has
@@ -78,7 +78,7 @@ def _read_picture(path: Path) -> object:
     from vemlight.capture.source import open_files
     from vemlight.settings import Capture
 
-    return open_files(Capture(source=str(path), transfer="srgb", projection="equirect", rows=8, cols=16)).frame(0).radiance.sum()
+    return open_files(Capture(source=str(path), transfer="srgb", projection="equirect", rows=8, cols=16)).frame(0)
 
 
 FORMATS = {

@@ -19,7 +19,7 @@ from vemlight.renderer.scene.scene import Scene
 
 # Rays of a pixel and its sample, and shadow rays of each of their ends: live, and for files.
 LIVE_RAYS, LIVE_SHADOW_RAYS = 1, 4
-STILL_RAYS, STILL_SHADOW_RAYS = 4, 8
+STILL_RAYS, STILL_SHADOW_RAYS = 4, 32
 
 
 class Mirrors:

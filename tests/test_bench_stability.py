@@ -7,7 +7,7 @@ import pytest
 
 from bench.evaluation import points_of
 from bench.sequences import world_from_latlong
-from bench.stability.__main__ import NAMES, SHOWN, caption, table, with_earlier
+from bench.stability.__main__ import NAMES, SHOWN, caption, complete, table, with_earlier
 from bench.stability.measures import COMPACT, measured, truth_of
 from bench.stability.moving import MOVING, STOPS
 from bench.stability.progress import PAGE, Unfinished
@@ -132,5 +132,9 @@ def test_a_run_that_was_cut_off_goes_on_and_another_begins_anew(tmp_path):
 
 def test_the_page_has_a_place_for_both_tables_and_says_what_was_measured():
     assert PAGE.read_text().count("<!-- stability -->") == PAGE.read_text().count("<!-- pictures -->") == 1
-    rows: list[dict[str, object]] = [{"map": "night", "sequence": "lamp"}, {"map": "room", "sequence": "strobe"}]
+    pairs = [{"map": "night", "sequence": "lamp"}, {"map": "room", "sequence": "strobe"}]
+    rows: list[dict[str, object]] = [{"method": name, **pair} for name in ("a", "b") for pair in pairs]
     assert caption(rows).startswith("Maps: night, room. Means over 1 sequences without faults, and over 1 with")
+    assert complete(rows) == rows
+    assert complete(rows[:3]) == rows[:2]  # a mean over other maps cannot be compared
+    assert caption(rows[:3]).endswith("left out: b:")

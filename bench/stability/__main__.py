@@ -11,6 +11,7 @@ import argparse
 import csv
 import math
 import time
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -88,14 +89,23 @@ def table(rows: list[dict[str, object]]) -> str:
     return "\n".join([head, "|" + "---|" * len(lines[0]), *rest])
 
 
+def complete(rows: list[dict[str, object]]) -> list[dict[str, object]]:
+    """The rows of the methods that have one for every map and sequence of any: means over others could not be compared."""
+    counts = Counter(str(row["method"]) for row in rows)
+    pairs = {(row["map"], row["sequence"]) for row in rows}
+    return [row for row in rows if counts[str(row["method"])] == len(pairs)]
+
+
 def caption(rows: list[dict[str, object]]) -> str:
-    """Which maps and sequences the means of the table are over."""
+    """Which maps and sequences the means of the table are over, and which methods it lacks."""
     names = [list(dict.fromkeys(str(row[key]) for row in rows)) for key in ("map", "sequence")]
-    sound = [name for name in names[1] if name not in FAULTS]
-    return (
+    sound, shown = [name for name in names[1] if name not in FAULTS], {row["method"] for row in complete(rows)}
+    lacking = [name for name in dict.fromkeys(str(row["method"]) for row in rows) if name not in shown]
+    text = (
         f"Maps: {', '.join(names[0])}. Means over {len(sound)} sequences without faults, and over {len(names[1]) - len(sound)} with faults "
-        "([stability.csv](charts/stability.csv)):"
+        "([stability.csv](charts/stability.csv))"
     )
+    return text + (f"; not yet run on all of them, and left out: {'; '.join(lacking)}:" if lacking else ":")
 
 
 def _mean(rows: list[dict[str, object]], key: str) -> float:
@@ -140,7 +150,7 @@ def main() -> None:
             unfinished.add(made[future])
             print(*made[future], flush=True)
     rows = with_earlier([], path)
-    text = f"{caption(rows)}\n\n{table(rows)}"
+    text = f"{caption(rows)}\n\n{table(complete(rows))}"
     print(text)
     if chosen.out == OUT:
         show_table("stability", text)

@@ -21,6 +21,12 @@ hypothesis_settings.register_profile("any machine", deadline=None)  # how long a
 hypothesis_settings.load_profile("any machine")
 
 
+@pytest.fixture(autouse=True)
+def own_priority(monkeypatch):
+    """A sender of packets raises its process's priority; the tests' own stays as it is."""
+    monkeypatch.setattr(os, "setpriority", lambda *_: None)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def simplified_once() -> Iterator[None]:
     """Measures the departure of each simplified mesh once a session: it takes most of the time to make a renderer."""

@@ -1,6 +1,5 @@
 """Packets and when they go out: seen by a receiver that is written from the standards' layouts."""
 
-import os
 import time
 
 import msgspec
@@ -28,12 +27,6 @@ def rig_to(port: int = 5568, universes: int = 1, protocol: Protocol = "sacn", **
 
 def look(rig: Rig, level: float) -> dict[int, bytes]:
     return universes_of(rig, np.full(rig.emitter_count, round(level * 65_535)))
-
-
-@pytest.fixture(autouse=True)
-def own_priority(monkeypatch):
-    """The tests' own process stays as it is."""
-    monkeypatch.setattr(os, "setpriority", lambda *_: None)
 
 
 @pytest.fixture

@@ -41,12 +41,6 @@ bits = 16
 """
 
 
-@pytest.fixture(autouse=True)
-def own_priority(monkeypatch):
-    """The tests' own process stays as it is."""
-    monkeypatch.setattr(os, "setpriority", lambda *_: None)
-
-
 @pytest.fixture
 def receiver():
     made = SacnReceiver(RECEIVER)

@@ -3,7 +3,6 @@
 import time
 from typing import TYPE_CHECKING, NamedTuple
 
-import moderngl
 import numpy as np
 
 from vemlight import settings
@@ -14,21 +13,19 @@ from vemlight.renderer import pass_table
 from vemlight.renderer.frame import FramePlan, FrameState, PassRun, PlatePicture
 from vemlight.renderer.frame_budget import FrameTimings
 from vemlight.renderer.frame_plan import NO_LIGHT, frame_setup, same_places
-from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.gl.programs import Programs, check_context, context_info, draws_on_processor, headless_context
 from vemlight.renderer.gl.timers import Timers
 from vemlight.renderer.output.tonemap import Adaptation, adapt, tone_curve
 from vemlight.renderer.passes.background.background import Background
 from vemlight.renderer.passes.background.plate import Plate
 from vemlight.renderer.passes.emission.emission import Emission
-from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces, coarse_size
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.gloss.gloss import Gloss
+from vemlight.renderer.passes.lights.coarse_pictures import CoarsePictures
 from vemlight.renderer.passes.lights.shading import Shading
 from vemlight.renderer.passes.lights.traced_lights import restoring_batches as retracing_batches
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
-from vemlight.renderer.passes.lights.weak_lights import WeakLights
 from vemlight.renderer.passes.luminaires.illumination import Illumination
 from vemlight.renderer.passes.present.present import Present
 from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
@@ -384,34 +381,6 @@ class Renderer:
                 if part is not None:
                     part.release()
         self._context.release()
-
-
-class CoarsePictures:
-    """What sums weak lights on coarse pixels, for pictures of `size` pixels. beside: what traces on all pixels."""
-
-    def __init__(
-        self,
-        context: moderngl.Context,
-        programs: Programs,
-        scene: Scene,
-        size: tuple[int, int],
-        kinds: set[MaterialKind],
-        beside: "TracedVisibility",
-    ) -> None:
-        self.surfaces = CoarseSurfaces(context, programs, size)
-        self.layers = VisibilityLayers(context, coarse_size(size))
-        self.rays = beside.coarse(scene, coarse_size(size), self.layers)
-        self.lights = WeakLights(context, programs, kinds, self.surfaces)
-
-    def take(self, g_buffer: GBuffer) -> None:
-        """Takes the surfaces that were drawn last."""
-        self.surfaces.take(g_buffer)
-        self.rays.see(self.surfaces)
-
-    def release(self) -> None:
-        """Frees what this holds."""
-        for part in (self.rays, self.layers, self.lights, self.surfaces):
-            part.release()
 
 
 def _traced_visibility(scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> "TracedVisibility":

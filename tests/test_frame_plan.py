@@ -163,6 +163,16 @@ def test_a_slow_machine_draws_fewer_lights_and_the_same_reflections():
         assert made.lights.irradiance.sum() == pytest.approx(shown.lights.irradiance.sum(), rel=1e-5)  # pyright: ignore[reportAttributeAccessIssue]
 
 
+@pytest.mark.parametrize(("fixed_ms", "bounce"), [(20.0, True), (200.0, False)])
+def test_mirrors_outlive_the_bounce(fixed_ms, bounce):
+    """Without rays of its own half of a mirror would be black under a hemisphere; their time is no part of the bounce's."""
+    setup = setup_of(100.0)._replace(traced=True, bounces=True)
+    environment = EnvironmentMap(np.ones((4, 8, 3), np.float32), "hemisphere")
+    made, _ = plan(setup, initial_state(setup), FrameInput(sky(30), setup.rest, environment), CostModel(5, fixed_ms, 0.1, 1.0, 0.0, 15.0))
+    assert (made.runs(pass_table.BOUNCE), made.runs(pass_table.MIRRORS)) == (bounce, True)
+    assert pass_table.MIRRORS.timer != pass_table.BOUNCE.timer
+
+
 def test_the_table_names_each_pass_once_and_where_it_is_drawn():
     assert len({row.name for row in PASSES}) == len(PASSES)
     for row in PASSES:

@@ -361,7 +361,7 @@ def _passes(
             elif lighting.caches_visibility:
                 rows.append(pass_table.VISIBILITY_CACHE)
             rows.append(pass_table.LIGHTS)
-            if lighting.bounce and first and setup.glossy:
+            if setup.bounces and first and setup.glossy:  # also where time leaves no bounce: half of a mirror would be black
                 rows.append(pass_table.MIRRORS)
             if glossy and first:
                 rows.append(pass_table.GLOSS)

@@ -59,7 +59,7 @@ WEAK_LIGHTS = Pass(
 )
 WEAK_BOUNCE = Pass("weak bounce", "bounce", ("lights", "pose", "coarse surfaces"), ("coarse light", "matte"), "passes/bounce/bounce.py")
 WEAK_GLOSS = Pass("weak gloss", "gloss", ("coarse surfaces", "prefiltered map"), ("coarse gloss",), "passes/gloss/gloss.py")
-MIRRORS = Pass("mirrors", "bounce", ("lights", "pose", "G-buffer"), ("picture", "mirrored scene"), "passes/mirrors/mirrors.py")
+MIRRORS = Pass("mirrors", "mirrors", ("lights", "pose", "G-buffer"), ("picture", "mirrored scene"), "passes/mirrors/mirrors.py")
 GLOSS = Pass(
     "gloss",
     "gloss",

@@ -37,6 +37,9 @@ MUTANTS = [
     *mutants_of(RENDERER + "rays/edge_samples.py", "tests/test_edges.py", [
         ("the farthest neighbour", 'axis=1), kind="stable")', 'axis=1), kind="stable")[::-1]'),
     ]),
+    *mutants_of(RENDERER + "frame_plan.py", "tests/test_frame_plan.py", [
+        ("mirrors that end with the bounce", "if setup.bounces and first and setup", "if lighting.bounce and first and setup"),
+    ]),
     *mutants_of(RENDERER + "frame_plan.py", "tests/test_weak_lights.py", [
         ("the newest of the bounce", "(oldest, before), *others = gathered.items()", "*others, (oldest, before) = gathered.items()"),
     ]),

@@ -23,6 +23,7 @@ PAGE = Path(__file__).parent / "page"
 FILES = {
     "/": ("index.html", "text/html"),
     "/viewer.css": ("viewer.css", "text/css"),
+    "/relit.css": ("relit.css", "text/css"),
     "/viewer.js": ("viewer.js", "text/javascript"),
     "/sky.js": ("sky.js", "text/javascript"),
     "/controls.js": ("controls.js", "text/javascript"),

@@ -20,17 +20,7 @@ from vemlight.viewer.feeds import Feed
 from vemlight.viewer.viewer_state import ViewerState
 
 PAGE = Path(__file__).parent / "page"
-FILES = {
-    "/": ("index.html", "text/html"),
-    "/viewer.css": ("viewer.css", "text/css"),
-    "/relit.css": ("relit.css", "text/css"),
-    "/viewer.js": ("viewer.js", "text/javascript"),
-    "/sky.js": ("sky.js", "text/javascript"),
-    "/controls.js": ("controls.js", "text/javascript"),
-    "/fixtures.js": ("fixtures.js", "text/javascript"),
-    "/objects.js": ("objects.js", "text/javascript"),
-    "/persisted_controls.js": ("persisted_controls.js", "text/javascript"),
-}
+CONTENT_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}  # of the page's files
 MAX_PAGES = 64  # sockets and streams at once; each costs a task and one encoded frame on its way. 32 to 256 would do
 MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of wire.MAX_POSES objects about 24,000. Up to 128 kB would do
 MAX_FEED_NAME = 64  # bytes of a page's message: the name of a feed; any value in 8..1024 does
@@ -55,7 +45,9 @@ class Site:
 
     def __init__(self, state: ViewerState) -> None:
         self._state = state
-        self._files = {path: ((PAGE / name).read_bytes(), content_type) for path, (name, content_type) in FILES.items()}
+        files = [path for path in sorted(PAGE.iterdir()) if path.suffix in CONTENT_TYPES]
+        self._files = {f"/{path.name}": (path.read_bytes(), CONTENT_TYPES[path.suffix]) for path in files}
+        self._files["/"] = self._files.pop("/index.html")
         self._files["/constants.js"] = constants_js().encode(), "text/javascript"
         self._metrics: Any = None  # a CollectorRegistry, made when it is first asked for
         self._sockets: set[web.WebSocketResponse] = set()

@@ -152,7 +152,7 @@ function drawRings(c, disc, unit, coverage) {
   c.font = `600 ${12 * unit}px system-ui, sans-serif`;
   c.textAlign = "center";
   c.textBaseline = "middle";
-  c.fillStyle = "#93a1b1";
+  c.fillStyle = getComputedStyle(c.canvas).color;
   for (const [letter, azimuth] of COMPASS) {
     const phi = (azimuth * Math.PI) / 180, r = disc + 10 * unit;
     c.fillText(letter, -r * Math.cos(phi), -r * Math.sin(phi));

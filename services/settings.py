@@ -43,7 +43,7 @@ Rate = Annotated[float, Meta(gt=0, le=1000)]
 Frequency = Annotated[float, Meta(gt=0, le=500)]  # up to half of the highest frame rate
 ExposureTimes = Annotated[tuple[Annotated[float, Meta(gt=0, le=1e6)], ...], Meta(max_length=8)]
 Stops = Annotated[float, Meta(ge=-20, le=20)]  # a factor of a million either way
-Port = Annotated[int, Meta(ge=1, le=65_000)]  # the wire takes twelve ports from its first
+Port = Annotated[int, Meta(ge=1, le=65_000)]  # the wire takes fourteen ports from its first
 
 PATH = Meta(extra={"unit": "path"})
 FRAMES = Meta(extra={"unit": "frames"})
@@ -72,7 +72,7 @@ class Wire(SettingsSection, frozen=True):
     transport: Annotated[Literal["ipc", "tcp"], means("sockets in a folder of this machine, or TCP between hosts")] = "ipc"
     folder: Annotated[str, means("folder of the ipc sockets; empty: one of this user's, made with mode 0700"), PATH] = ""
     hosts: Annotated[dict[Service, str], means("tcp: the host on which each service runs; 127.0.0.1 when left out")] = {}
-    port: Annotated[Port, means("tcp: the first of the twelve ports in use")] = 5600
+    port: Annotated[Port, means("tcp: the first of the fourteen ports in use")] = 5600
     keys: Annotated[str, means("tcp: folder with the CURVE keys of `vemlight keys`"), PATH] = ""
     insecure: Annotated[bool, means("tcp: allow connections without keys")] = False
 
@@ -170,6 +170,12 @@ class Capture(SettingsSection, frozen=True):
 FIXED_COUNT = 72  # the number of Havran et al. 2005
 ADAPTIVE_PERCENT = 5.0  # 20 to 80 soft lights: what one sees of fewer is in docs/accuracy.md
 ADAPTIVE_COUNT = 256  # three times what any of eleven maps takes for that; a limit of 3 % takes 130
+
+
+class Rig(SettingsSection, frozen=True):
+    """Several cameras that see the light of one place, in the place of `[capture] source`."""
+
+    file: Annotated[str, means("rig file of the cameras, .toml; empty: there is one camera, `[capture] source`"), PATH] = ""
 
 
 class Sampler(SettingsSection, frozen=True):
@@ -324,6 +330,7 @@ class Settings(SettingsSection, frozen=True):
     out: Annotated[str, means("folder for lights (.jsonl) and pictures (EXR and PNG); empty: nothing is written"), PATH] = ""
     wire: Wire = Wire()
     capture: Capture = Capture()
+    rig: Rig = Rig()
     sampler: Sampler = Sampler()
     renderer: Renderer = Renderer()
     viewer: Viewer = Viewer()
@@ -333,7 +340,7 @@ class Settings(SettingsSection, frozen=True):
     @property
     def services(self) -> tuple[Service, ...]:
         """Those that run."""
-        optional = {"plate": self.plate.source, "fixtures": self.fixtures.rig}
+        optional = {"plate": self.plate.source, "fixtures": self.fixtures.rig, "fuse": self.rig.file}
         return tuple(service for service in SERVICES if optional.get(service, True))
 
 

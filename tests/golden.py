@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from vemlight.light.near_lights import NearLightSet
 from vemlight.runtime import wire
 from vemlight.runtime.channels import CHANNELS
 
@@ -74,6 +75,17 @@ def messages() -> dict[str, wire.Message]:
             wire.LightsMessage(stamp=STAMP, count=0, coverage="sphere"),
             (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
         ),
+        "points": (
+            wire.PointsMessage(stamp=STAMP, count=2, at=(0.0, 0.25, 1.5)),
+            (
+                np.array([3, 2**40], np.int64),
+                np.array([[1, 2, 2.5], [-3, 0, 4]], np.float32),
+                np.array([[20, 15, 10], [0, 0, 2e3]], np.float32),
+                np.array([0.125, 0], np.float32),
+                np.array([0.0625, 0.5], np.float32),
+            ),
+        ),
+        "points_none": (wire.PointsMessage(stamp=STAMP, count=0), NearLightSet.empty().arrays()),
         "image": (wire.ImageMessage(stamp=STAMP, width=3, height=2, objects=(box,), report=drawn), (pixels,)),
         "plate": (wire.PlateMessage(stamp=STAMP, width=3, height=2), (pixels[..., :3],)),
         "image_linear": (
@@ -119,7 +131,8 @@ def refused() -> dict[str, list[bytes]]:
     whole = {name: wire.pack(*message) for name, message in messages().items()}
     end = {"kind": "end", "version": 2, "sequence": 1}
     topic, header, radiance, *bright = whole["map"]
-    lights, soft, levels = whole["lights"], whole["lights_soft"], whole["levels"]
+    lights, soft, levels, points = whole["lights"], whole["lights_soft"], whole["levels"], whole["points"]
+    many = msgspec.to_builtins(messages()["points"][0]) | {"count": 257}
     directions = np.frombuffer(lights[3], "<f4")
     damaged = np.frombuffer(radiance, "<f4").copy()
     damaged[5] = np.nan
@@ -147,6 +160,9 @@ def refused() -> dict[str, list[bytes]]:
         "lights_negative": [*lights[:4], (-np.frombuffer(lights[4], "<f4")).tobytes(), *lights[5:]],
         "levels_too_high": [*levels[:5], (2 * np.frombuffer(levels[5], "<f4")).tobytes(), *levels[6:]],
         "levels_emitters": [*levels[:4], np.array([1, 1], "<i8").tobytes(), *levels[5:]],
+        "points_negative": [*points[:4], (-np.frombuffer(points[4], "<f4")).tobytes(), *points[5:]],
+        "points_id_twice": [*points[:2], 2 * points[2][:8], *points[3:]],
+        "points_many": [points[0], msgspec.msgpack.encode(many), *(bytes(257 * size) for size in (8, 12, 12, 4, 4))],
         "rotation_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "poses": [not_unit]})],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon", "version": 2})],
     }
@@ -181,7 +197,7 @@ def vectors() -> dict[str, dict]:
 
 def table() -> str:
     """The message kinds and the keys of their headers, for proto/README.md."""
-    channels = {channel.kind: (channel.meaning, channel.producer or "every service") for channel in CHANNELS}
+    channels = {channel.kind: (channel.meaning, " or ".join(channel.producers) or "every service") for channel in CHANNELS}
     channels["request"] = "lossless mode: asks for `count` frames from number `first` on", "a consumer"
     rows = ["| kind | content | sender | arrays, in this order |", "|---|---|---|---|"]
     for kind, (meaning, sender) in channels.items():

@@ -5,11 +5,21 @@ import numpy as np
 import pytest
 
 from vemlight.errors import UserError
-from vemlight.light.light_set import LightSet, LightsFile, lights_json, lights_row, write_lights
+from vemlight.light.light_set import LightSet, LightsFile, NearLights, lights_json, lights_row, write_lights
 from vemlight.light.lights_reader import is_lights_file, lights_frames
+from vemlight.light.near_lights import NearLightSet
 
 GOOD = b'{"schema":"vemlight.lights/1","sequence":0,"time_s":0.0,"coverage":"sphere","lights":[%s]}\n'
+GOOD_2 = GOOD.replace(b"lights/1", b"lights/2")
 LIGHT = b'{"id":3,"direction":[0,0,1],"irradiance":[1,2,3]}'
+
+
+POINT = b'{"id":1,"at":[1,2,3],"intensity":[5,5,5],"radius":0,"sigma":0.1}'
+
+
+def with_points(points: bytes) -> bytes:
+    """A frame of one light and these near lights."""
+    return (GOOD_2 % LIGHT)[:-2] + b',"at":[0,0,1],"points":[' + points + b"]}\n"
 
 
 def some_lights(count: int, soft: bool, seed: int = 0) -> LightSet:
@@ -31,6 +41,34 @@ def test_what_was_written_comes_back_to_the_bit(tmp_path, soft):
         for found, given in zip(frame.lights, lights, strict=True):
             assert (found is None) == (given is None)
             assert found is None or given is None or np.array_equal(found, given)
+
+
+NEAR = NearLights(
+    NearLightSet.of(
+        np.array([5, 2**40]), np.array([[1, 2, 3], [0.1, 0, -4]]), np.array([[9, 8, 7], [0, 0, 1e-3]]), np.zeros(2), np.full(2, 0.02)
+    ),
+    (0.0, 0.25, 1.5),
+)
+
+
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("near", [NEAR, NearLights(NearLightSet.empty(), (0.0, 0.0, 0.0))])
+def test_near_lights_come_back_to_the_bit_and_make_version_two_of_the_file(tmp_path, soft, near):
+    lights = some_lights(4, soft)
+    write_lights(tmp_path / "a.json", [lights_row(lights, 0, 0.0, "sphere", near=near)])
+    (frame,) = lights_frames(tmp_path / "a.json")
+    assert (frame.schema, frame.near.at) == ("vemlight.lights/2", near.at)
+    assert (frame.lights.covariances is not None) == soft
+    for found, given in zip(frame.near.points.arrays(), near.points.arrays(), strict=True):
+        assert found.dtype == given.dtype
+        assert found.tolist() == given.tolist()
+
+
+def test_a_frame_without_near_lights_says_nothing_of_them(tmp_path):
+    write_lights(tmp_path / "a.json", [lights_row(some_lights(1, True), 0, 0.0, "sphere")])
+    assert b"points" not in (tmp_path / "a.json").read_bytes()
+    (frame,) = lights_frames(tmp_path / "a.json")
+    assert frame.near is None
 
 
 def test_a_run_s_chained_lines_and_a_json_over_several_lines_are_read(tmp_path):
@@ -66,6 +104,15 @@ def test_a_run_s_chained_lines_and_a_json_over_several_lines_are_read(tmp_path):
         ((GOOD % LIGHT).replace(b"[1,2,3]", b'[1,2,3],"covariance":[1e99,0,0,0,0,0]'), "line 1: a covariance is one that no"),
         ((GOOD % LIGHT).replace(b'"time_s":0.0', b'"time_s":-1.0'), "line 1: sequence 0 or time_s -1 is below 0"),
         ((GOOD % LIGHT).replace(b'"time_s":0.0', b'"time_s":NaN'), "line 1: is not a frame of lights in JSON"),
+        (with_points(b"").replace(b"lights/2", b"lights/1"), "line 1: has points, which are of schema vemlight.lights/2"),
+        (with_points(b"").replace(b',"at":[0,0,1]', b""), "line 1: has one of the keys at and points"),
+        (with_points(b"").replace(b'"at":[0,0,1]', b'"at":[0,0,1e7]'), "line 1: .* at is beyond 1e[+]06 m"),
+        (with_points(POINT).replace(b'"id":1', b'"id":-1'), "line 1: a near light's id is below 0"),
+        (with_points(POINT + b"," + POINT), "line 1: near lights have an id twice"),
+        (with_points(POINT).replace(b'"radius":0', b'"radius":-1'), "line 1: near lights have a negative intensity, radius or sigma"),
+        (with_points(POINT).replace(b"[5,5,5]", b"[5,5,1e39]"), "line 1: near lights have a number that is not finite"),
+        (with_points(POINT).replace(b'"sigma"', b'"sigmas"'), "line 1: is not a frame of lights"),
+        (with_points(b",".join(257 * [POINT])), "line 1: has 257 near lights, at most 256"),
         (b"[" * 100_000 + b"\n", "line 1: is not a frame of lights in JSON"),
     ],
 )

@@ -1,6 +1,6 @@
 """A set of directional lights and its file form: one JSON object a frame, one a line in .jsonl.
 
-`vemlight.lights/1` holds points; in `vemlight.lights/2` a light may have a covariance.
+`vemlight.lights/1` holds directions; in `vemlight.lights/2` a light may have a covariance, and a frame near lights.
 """
 
 from collections import deque
@@ -13,6 +13,7 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.files import notice, written_whole
 from vemlight.journal import JOURNAL_START, Journal, JournalPoint
+from vemlight.light.near_lights import NearLightRow, NearLightSet, near_light_rows
 from vemlight.light.sphere import Coverage
 
 MAX_ROUNDING = 1e-6  # of a covariance: ten roundings of float32
@@ -77,15 +78,30 @@ class LightsRow(msgspec.Struct, frozen=True, kw_only=True):
     coverage: Coverage
     error_percent: ErrorOfLights | msgspec.UnsetType = msgspec.UNSET  # left out where the number of lights is fixed
     clipped: bool | msgspec.UnsetType = msgspec.UNSET  # true where the map holds less light than there was; else left out
+    at: tuple[float, float, float] | msgspec.UnsetType = msgspec.UNSET  # with points: the place, m, that the directions are true for
+    points: list[NearLightRow] | msgspec.UnsetType = msgspec.UNSET  # near lights, which `lights` are without; left out: none were sought
     lights: list[LightRow]
 
 
+class NearLights(NamedTuple):
+    """The near lights of a frame, and the place (x, y, z) m for which its directional lights are true."""
+
+    points: NearLightSet
+    at: tuple[float, float, float]
+
+
 def lights_row(
-    lights: LightSet, sequence: int, time_s: float, coverage: Coverage, error: ErrorOfLights | None = None, clipped: bool = False
+    lights: LightSet,
+    sequence: int,
+    time_s: float,
+    coverage: Coverage,
+    error: ErrorOfLights | None = None,
+    clipped: bool = False,
+    near: NearLights | None = None,
 ) -> LightsRow:
     """The frame's record; float32 values are written with the digits that bring them back exactly.
 
-    clipped: light of the frame was clipped in its shortest exposure, too, so that the lights are a lower bound.
+    clipped: light of the frame was clipped in its shortest exposure, too, so that the lights are a lower bound. near: of several cameras.
     """
     soft = lights.covariances is not None
     extents = [tuple(c) for c in lights.covariances.tolist()] if lights.covariances is not None else [None] * len(lights.ids)
@@ -93,12 +109,17 @@ def lights_row(
         LightRow(i, (d[0], d[1], d[2]), (e[0], e[1], e[2]), c)
         for i, d, e, c in zip(lights.ids.tolist(), lights.directions.tolist(), lights.irradiance.tolist(), extents, strict=True)
     ]
-    schema = "vemlight.lights/2" if soft else "vemlight.lights/1"
-    stated = msgspec.UNSET if error is None else error
     return LightsRow(
-        schema=schema, sequence=sequence, time_s=time_s, coverage=coverage, error_percent=stated, clipped=clipped or msgspec.UNSET,
+        schema="vemlight.lights/2" if soft or near else "vemlight.lights/1",
+        sequence=sequence,
+        time_s=time_s,
+        coverage=coverage,
+        error_percent=msgspec.UNSET if error is None else error,
+        clipped=clipped or msgspec.UNSET,
+        at=near.at if near else msgspec.UNSET,
+        points=near_light_rows(near.points) if near else msgspec.UNSET,
         lights=rows,
-    )  # fmt: skip
+    )
 
 
 def lights_json(row: LightsRow) -> bytes:

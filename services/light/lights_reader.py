@@ -10,7 +10,8 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.files import check_regular, decoded_json, one_line
 from vemlight.journal import MAX_LINE_BYTES
-from vemlight.light.light_set import LightSet, LightsRow, are_covariances
+from vemlight.light.light_set import LightSet, LightsRow, NearLights, are_covariances
+from vemlight.light.near_lights import MAX_NEAR_LIGHTS, near_lights_from_rows
 from vemlight.light.sphere import Coverage
 
 SUFFIXES = (".json", ".jsonl")
@@ -18,13 +19,14 @@ MAX_FILE_BYTES = 2**40  # read line by line: a day at 30 Hz has 50 GB
 MAX_LIGHTS = 100_000  # of a frame, as on the wire
 MAX_ID = 2**63 - 1
 MAX_TIME_S = 1e12  # as on the wire
+MAX_AT_M = 1e6  # as on the wire
 UNIT = 1e-3  # by which a direction's squared length may be off: three decimals of each number are enough
 NO_COVARIANCE = (0.0,) * 6
 TURNED = "convert the file, or make it again with `vemlight lights`"
 
 
 class LightsFrame(NamedTuple):
-    """One frame of a file. row_json: its JSON as it stands there."""
+    """One frame of a file. row_json: its JSON as it stands there. near: None where no near lights were sought."""
 
     schema: str
     sequence: int
@@ -32,6 +34,7 @@ class LightsFrame(NamedTuple):
     coverage: Coverage
     lights: LightSet
     row_json: bytes
+    near: NearLights | None = None
 
 
 class _Named(msgspec.Struct):
@@ -50,7 +53,8 @@ def lights_frames(path: Path) -> Iterator[LightsFrame]:
     """The frames of a .json (one frame) or .jsonl file, in order; one line is in memory at a time.
 
     Raises UserError that names the line: for what is no frame of lights, a schema that is not known, numbers that no light has (nan,
-    negative irradiance, a direction that is no unit vector, a covariance that no directions have), an id twice, a time that does not rise.
+    negative irradiance, a direction that is no unit vector, a covariance that no directions have), an id twice, a time that does not rise,
+    near lights without the place that the directions are true for.
     """
     is_single = path.suffix.lower() == ".json"
     check_regular(path, MAX_LINE_BYTES if is_single else MAX_FILE_BYTES)
@@ -89,7 +93,25 @@ def _frame(where: str, line: bytes) -> LightsFrame:
     lights = light_set_from_row(row)
     if fault := _impossible(lights):
         raise UserError(f"{where}: {fault}; {TURNED}")
-    return LightsFrame(row.schema, row.sequence, row.time_s, row.coverage, lights, line)
+    return LightsFrame(row.schema, row.sequence, row.time_s, row.coverage, lights, line, _near_lights(where, row))
+
+
+def _near_lights(where: str, row: LightsRow) -> NearLights | None:
+    """The row's near lights. Raises UserError for what none can be."""
+    if row.at is msgspec.UNSET and row.points is msgspec.UNSET:
+        return None
+    if row.at is msgspec.UNSET or row.points is msgspec.UNSET:
+        raise UserError(f"{where}: has one of the keys at and points, which go together; {TURNED}")
+    if row.schema == "vemlight.lights/1":
+        raise UserError(f"{where}: has points, which are of schema vemlight.lights/2, and says vemlight.lights/1; {TURNED}")
+    if len(row.points) > MAX_NEAR_LIGHTS:
+        raise UserError(f"{where}: has {len(row.points)} near lights, at most {MAX_NEAR_LIGHTS} are read; {TURNED}")
+    if any(not 0 <= point.id <= MAX_ID for point in row.points) or not all(abs(x) <= MAX_AT_M for x in row.at):
+        raise UserError(f"{where}: a near light's id is below 0 or above 2^63 - 1, or at is beyond {MAX_AT_M:g} m; {TURNED}")
+    points = near_lights_from_rows(row.points)
+    if fault := points.fault():
+        raise UserError(f"{where}: near lights {fault}; {TURNED}")
+    return NearLights(points, row.at)
 
 
 def light_set_from_row(row: LightsRow) -> LightSet:
@@ -97,7 +119,8 @@ def light_set_from_row(row: LightsRow) -> LightSet:
     covariances = None
     with np.errstate(over="ignore"):  # what is beyond float32 becomes inf
         numbers = np.array([(*light.direction, *light.irradiance) for light in row.lights], np.float32).reshape(-1, 6)
-        if any(light.covariance for light in row.lights) or row.schema == "vemlight.lights/2":
+        extended = any(light.covariance for light in row.lights)
+        if extended or (row.schema == "vemlight.lights/2" and (row.points is msgspec.UNSET or not row.lights)):
             covariances = np.array([light.covariance or NO_COVARIANCE for light in row.lights], np.float32).reshape(-1, 6)
     return LightSet.of(np.array([light.id for light in row.lights], np.int64), numbers[:, :3], numbers[:, 3:], covariances)
 

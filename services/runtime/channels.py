@@ -6,8 +6,8 @@ What a message of each kind contains is declared in wire.py.
 
 from typing import Literal, NamedTuple
 
-Service = Literal["capture", "sampler", "renderer", "viewer", "plate", "fixtures"]
-SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer", "plate", "fixtures")  # the order fixes the tcp ports
+Service = Literal["capture", "sampler", "renderer", "viewer", "plate", "fixtures", "fuse"]
+SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer", "plate", "fixtures", "fuse")  # the order fixes the tcp ports
 
 REPORT_PERIOD_S = 0.5  # a person sees a change within it, and ten messages a second in all cost nothing
 QUEUE_FRAMES = 4  # 4 maps are 1.6 MB; with libzmq's own 1000 a stalled reader costs the sender 372 MB
@@ -17,7 +17,7 @@ class Channel(NamedTuple):
     """What one service publishes."""
 
     kind: str  # the messages' topic and the tag of their header in wire.py
-    producer: Service | None  # None: every service
+    producers: tuple[Service, ...]  # empty: every service
     rate_hz: float | None  # messages a second; None: the source's frame rate
     max_missed: int  # messages missing in a row before the producer counts as stalled (frames) or silent (statuses)
     queue: int  # messages that wait in a socket at most; what comes after is dropped
@@ -29,22 +29,26 @@ class Channel(NamedTuple):
 
 
 CHANNELS = (
-    Channel("map", "capture", None, 3, QUEUE_FRAMES, "radiance of one frame as a polar map"),
-    Channel("lights", "sampler", None, 3, QUEUE_FRAMES, "directional lights of one frame"),
-    Channel("image", "renderer", None, 3, QUEUE_FRAMES, "the scene lit by one frame's lights, rendered and tone-mapped"),
-    Channel("plate", "plate", None, 3, QUEUE_FRAMES, "a second camera's picture, shown behind the scene"),
-    Channel("levels", "fixtures", None, 3, QUEUE_FRAMES, "levels of real fixtures that one frame's lights ask for"),
-    Channel("control", "viewer", 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "everything that the person at the viewer has chosen"),
-    Channel("status", None, 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "how a service is doing"),
-    Channel("end", None, None, 3, QUEUE_FRAMES, "no frame of this number or a later one will come"),
+    Channel("map", ("capture", "fuse"), None, 3, QUEUE_FRAMES, "radiance of one frame as a polar map"),
+    Channel("lights", ("sampler",), None, 3, QUEUE_FRAMES, "directional lights of one frame"),
+    Channel("points", ("fuse",), None, 3, QUEUE_FRAMES, "near lights of one frame, which its map is without"),
+    Channel("image", ("renderer",), None, 3, QUEUE_FRAMES, "the scene lit by one frame's lights, rendered and tone-mapped"),
+    Channel("plate", ("plate",), None, 3, QUEUE_FRAMES, "a second camera's picture, shown behind the scene"),
+    Channel("levels", ("fixtures",), None, 3, QUEUE_FRAMES, "levels of real fixtures that one frame's lights ask for"),
+    Channel("control", ("viewer",), 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "everything that the person at the viewer has chosen"),
+    Channel("status", (), 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "how a service is doing"),
+    Channel("end", (), None, 3, QUEUE_FRAMES, "no frame of this number or a later one will come"),
 )
 BY_KIND = {channel.kind: channel for channel in CHANNELS}
 STATUS = BY_KIND["status"]
 
 # The frames' way: each service and the service whose frames it takes. A later one ends the run when it has the last frame.
 UPSTREAM: dict[Service, Service | None] = {
-    "capture": None, "sampler": "capture", "renderer": "sampler", "plate": None, "fixtures": "sampler"
+    "capture": None, "sampler": "capture", "renderer": "sampler", "plate": None, "fixtures": "sampler", "fuse": "capture"
 }  # fmt: skip
-FRAMES: dict[Service, Channel] = {channel.producer: channel for channel in CHANNELS if channel.producer in UPSTREAM}
+# The frames that a service counts and another one steps on. `fuse` publishes `points` beside each.
+FRAMES: dict[Service, Channel] = {
+    producer: channel for channel in reversed(CHANNELS) for producer in channel.producers if producer in UPSTREAM
+}
 LAST: Service = "renderer"
 BACKPRESSURE_FROM: dict[Service, Service] = {"sampler": "renderer"}  # live: whose status a service receives

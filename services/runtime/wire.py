@@ -17,6 +17,7 @@ import numpy as np
 from msgspec import Meta
 
 from vemlight.light.light_set import are_covariances
+from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
 from vemlight.light.sphere import Coverage
 
 VERSION = 2  # of the protocol; a message without one is of version 1, which had none
@@ -216,6 +217,24 @@ class LightsMessage(FrameHeader, frozen=True, tag="lights"):
                 raise ValueError("lights: a direction that is not a unit vector, or negative irradiance")
         if self.soft and not are_covariances(arrays[3]):
             raise ValueError("lights: a covariance that no light can have")
+
+
+class PointsMessage(FrameHeader, frozen=True, tag="points"):
+    """Near lights, which the map of the same stamp is without."""
+
+    ARRAYS = (
+        Array("ids", "<i8", ("count",), "the same as long as the light exists"),
+        Array("at", "<f4", ("count", 3), "the light's place, metres, world"),
+        Array("intensity", "<f4", ("count", 3), "RGB, W/sr: irradiance times squared distance, never negative"),
+        Array("radius", "<f4", ("count",), "metres, of a sphere of equal second moment, never negative"),
+        Array("sigma", "<f4", ("count",), "metres, of the place: square root of the trace of its covariance, never negative"),
+    )
+    count: Annotated[int, Meta(ge=0, le=MAX_NEAR_LIGHTS)]
+    at: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)  # the place that the map and directional lights of this stamp are true for
+
+    def check(self, arrays: Sequence[np.ndarray]) -> None:
+        if fault := NearLightSet(*arrays).fault():
+            raise ValueError(f"points: near lights {fault}")
 
 
 class ImageMessage(FrameHeader, frozen=True, tag="image"):

@@ -15,7 +15,7 @@ FLOORS = (
     {"journal"},
     {"light"},
     {"settings", "runtime"},
-    {"capture", "sampler", "renderer", "plate", "fixtures", "viewer", "exchange"},
+    {"capture", "fuse", "sampler", "renderer", "plate", "fixtures", "viewer", "exchange"},
     {"commands"},  # where services meet: one process on files, the command line, the check of the machine
     {"__main__"},
 )

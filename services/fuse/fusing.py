@@ -26,7 +26,7 @@ class FuseState(NamedTuple):
 
     @staticmethod
     def start(rig: CameraRig, subject: tuple[float, float, float] | None = None) -> "FuseState":
-        """Before the first frame. subject: place, m, whose light is wanted: nearer cameras count more, by 1 / distance^2; None: all alike."""
+        """Before the first frame. subject: place, m, whose light is wanted: cameras count by 1 / distance^2 from it; None: all alike."""
         weights = np.ones(len(rig.camera))
         if subject is not None:
             weights = 1 / np.maximum(np.linalg.norm(rig.places - np.asarray(subject), axis=1), MIN_SUBJECT_M) ** 2
@@ -37,10 +37,10 @@ class FuseState(NamedTuple):
 class FuseReport(NamedTuple):
     """What is published beside map and near lights.
 
-    irradiance: (3,) float64, integral at the rig's centre of the fused map and the near lights together. sources: compact sources seen, of
-    all cameras. located: near lights. hidden: of them, not located in this frame. unexplained: sources that two cameras should see and that
-    no place explains, as when a pose is wrong by more than the rig file says. silent: names of cameras without a map. gains: (cameras, 3) in
-    use. uncovered: fraction of the fused map that no camera sees.
+    irradiance: (3,) float64, integral at the rig's centre of the fused map and the near lights together. sources: compact sources seen,
+    of all cameras. located: near lights. hidden: of them, not located in this frame. unexplained: sources that two cameras should see and
+    that no place explains, as when a pose is wrong by more than the rig file says. silent: names of cameras without a map. gains:
+    (cameras, 3), in use. uncovered: fraction of the fused map that no camera sees.
     """
 
     irradiance: np.ndarray
@@ -77,5 +77,7 @@ def _rest(state: FuseState, maps: Sequence[EnvironmentMap | None]) -> FusedMap:
         for each, camera, gain, weight in zip(maps, state.rig.camera, state.gains, state.weights, strict=True)
         if each is not None
     ]
-    goal = fused_layout([(layout_of(view.map.radiance, view.map.coverage), view.world_from_camera) for view in views])
-    return fused(views, goal)
+    layouts = [layout_of(each.radiance, each.coverage) if each else None for each in maps]
+    first = next(layout for layout in layouts if layout)  # of a camera that is silent the layout is taken to be the others'
+    cameras = zip(layouts, state.rig.camera, strict=True)
+    return fused(views, fused_layout([(layout or first, camera.world_from_camera) for layout, camera in cameras]))

@@ -1,7 +1,7 @@
 """One map of several cameras' maps: each turned into the world by where its cells lie, and their mean.
 
-No map is resampled: a camera's cell gives its light to the fused map's cells that it lies in, by solid angle, and a fused cell's radiance is
-the light that it was given over the solid angle that was looked at. So a constant stays constant, power stays whole, and what no camera
+No map is resampled: a camera's cell gives its light to the fused map's cells that it lies in, by solid angle, and a fused cell's radiance
+is the light that it was given over the solid angle that was looked at. So a constant stays constant, power stays whole, and what no camera
 sees is dark. Light of a bright cell goes to where it lies inside it.
 """
 
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.kernels import kernel, read_only
-from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells, bright_cells_from_light
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS, bright_cells_from_light
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.sphere import SPAN, Coverage, cell_from_direction, cell_solid_angles, direction_from_angles, ring_edges
@@ -67,7 +67,7 @@ def layout_of(radiance: np.ndarray, coverage: Coverage) -> Layout:
 
 
 def fused_layout(views: Sequence[tuple[Layout, np.ndarray]]) -> Layout:
-    """The layout of the fused map of cameras with these maps and turns: as fine as the finest, of the sphere where they see its lower half."""
+    """The layout of the fused map of cameras with these maps and turns: as fine as the finest, the sphere if they see its lower half."""
     pitch = min(SPAN[layout.coverage] / layout.rows for layout, _ in views)
     coverage = coverage_of([(layout.coverage, turn) for layout, turn in views])
     return Layout(round(SPAN[coverage] / pitch), max(layout.cols for layout, _ in views), coverage)

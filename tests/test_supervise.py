@@ -46,7 +46,7 @@ def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run
             listener.next(wire.StatusMessage, lambda status, service=service: status.service == service and status.restarts == 1)
             listener.next(kind)
         after = children(process.pid)
-        assert {name for name in after if after[name] != before[name]} == {"sampler", "renderer"}
+        assert {name for name in before if after[name] != before[name]} == {"sampler", "renderer"}
     finally:
         listener.close()
     process.send_signal(signal.SIGTERM)
@@ -130,19 +130,36 @@ def deaths(clock: list[float], interval_s: float) -> list[str | None]:
     return reasons
 
 
-def test_a_service_is_restarted_at_once_and_then_later_and_later(clock, monkeypatch):
-    started: list[float] = []
-    child = supervise.Child("sampler", Path("vemlight.toml"))
-    monkeypatch.setattr(child, "start", lambda: started.append(clock[0]))
+class StartedProcess:
+    """Instead of subprocess.Popen."""
+
+    def __init__(self, *arguments: object, **options: object) -> None:
+        pass
+
+
+def restart_delays_s(clock: list[float], lifetime_s: float, monkeypatch) -> list[float]:
+    """What four restarts wait for, of a service that dies `lifetime_s` after each start."""
+    monkeypatch.setattr(supervise.subprocess, "Popen", StartedProcess)
+    child, delays = supervise.Child("sampler", Path("vemlight.toml")), []
+    child.start()
     for _ in range(4):
-        died_s, before = clock[0], len(started)
+        clock[0] += lifetime_s
+        died_s = clock[0]
         assert child.plan_restart(1) is None
-        while len(started) == before:
-            child.start_when_due()
+        while not child.is_due():
             clock[0] += 0.125
-        started[-1] -= died_s
-    assert started == [0, 0.5, 1, 2]
+        delays.append(clock[0] - died_s)
+        child.start()
     assert child.restarts == 4
+    return delays
+
+
+def test_a_service_that_dies_of_starting_is_restarted_later_and_later(clock, monkeypatch):
+    assert restart_delays_s(clock, 3.0, monkeypatch) == [0.5, 1, 2, 2]
+
+
+def test_a_service_that_worked_is_restarted_at_once(clock, monkeypatch):
+    assert restart_delays_s(clock, 10.0, monkeypatch) == [0, 0, 0, 0]
 
 
 def test_five_deaths_within_a_minute_are_too_many(clock):

@@ -25,18 +25,21 @@ from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
 from vemlight.runtime.source_loop import LISTENERS
+from vemlight.runtime.spare import Role, Spare
 from vemlight.runtime.token import with_token
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
 
 RUN_FOLDER = "vemlight-run-"
 SLOW_START_S = 8.0  # after so long, again and again, a line says why: a start with compiled code takes 2 s. 4 to 15 s would do
-RESTART_DELAY_S = (0.0, 0.5, 1.0, 2.0)  # by how often the service died within GIVE_UP_S; the last also for every later death
+RESTART_DELAY_S = (0.0, 0.5, 1.0, 2.0)  # by how often in a row the service died within SOON_S of its start; the last also for later ones
+SOON_S = 5.0  # a start takes 1 to 3 s: who lived longer has done frames, and did not die of starting. 4 to 10 s would do
 MAX_DEATHS = 5  # of one service within GIVE_UP_S: it dies of itself, and restarting does not help
 GIVE_UP_S = 60.0  # five deaths with their delays take about 10 s when a service cannot even start
 STOP_TIMEOUT_S = 3.0  # between SIGTERM and SIGKILL: a step of the renderer takes up to a second; any value in 2..8 does
 PROGRESS_S = 2.0  # between two lines while files are written; any value in 1..10 does
 POLL_S = 0.1  # how late a death is noticed at most; any value in 0.02..0.3 does
+SPARE_AFTER_S = 3.0  # loading takes a second of processor time; any value in 1..10 does
 QUIET_BLAS = {"OPENBLAS_NUM_THREADS": "1"}  # matrices are small here, and its threads would spin on cores that the renderer draws with
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 TERMINATED = 128 + signal.SIGTERM  # as shells count
@@ -49,24 +52,27 @@ class Child:
 
     def __init__(self, service: Service, settings_file: Path, listeners: Sequence[Service] = ()) -> None:
         """`listeners`: services that the first process waits for before it plays frames, if it is a source."""
-        self.service, self._settings_file, self._listeners = service, settings_file, " ".join(listeners)
+        self.service: Service = service
+        self._settings_file, self._listeners = settings_file, " ".join(listeners)
         self.restarts = 0
         self._deaths_s: deque[float] = deque(maxlen=MAX_DEATHS)
-        self._start_at_s = 0.0
+        self._started_s = self._start_at_s = 0.0
+        self._soon = 0  # deaths in a row soon after a start
         self.process: subprocess.Popen[bytes] | None = None
 
-    def start(self) -> None:
+    def start(self, spare: Spare | None = None) -> None:
+        """Starts the service's process, or makes it of a spare one that is still alive."""
+        environment = {
+            COMPILING: str(compiling_file(self._settings_file.parent, self.service)),
+            "VEMLIGHT_RESTARTS": str(self.restarts),
+            LISTENERS: "" if self.restarts else self._listeners,
+        }
+        self._started_s = time.monotonic()
+        self.process = spare.become(Role(self.service, [str(self._settings_file)], environment)) if spare else None
         # Its own process group: Ctrl-C reaches the supervisor alone, which then stops the services in good order.
-        compiling = {COMPILING: str(compiling_file(self._settings_file.parent, self.service))}
-        self.process = subprocess.Popen(
+        self.process = self.process or subprocess.Popen(
             [sys.executable, "-m", f"vemlight.{self.service}", str(self._settings_file)],
-            env={
-                **QUIET_BLAS,
-                **os.environ,
-                **compiling,
-                "VEMLIGHT_RESTARTS": str(self.restarts),
-                LISTENERS: "" if self.restarts else self._listeners,
-            },
+            env={**QUIET_BLAS, **os.environ, **environment},
             process_group=0,
             preexec_fn=partial(_die_with, os.getpid()),
         )
@@ -80,14 +86,14 @@ class Child:
         if len(recent) == MAX_DEATHS:
             return f"{self.service} died {MAX_DEATHS} times in {GIVE_UP_S:.0f} s ({_ending(status)}); its own lines above say why"
         self.restarts += 1
-        delay_s = RESTART_DELAY_S[min(len(recent), len(RESTART_DELAY_S)) - 1]
+        self._soon = self._soon + 1 if now_s < self._started_s + SOON_S else 0
+        delay_s = RESTART_DELAY_S[min(self._soon, len(RESTART_DELAY_S) - 1)]
         self._start_at_s = now_s + delay_s
         print(f"vemlight: {self.service} {_ending(status)}; restart {self.restarts} in {delay_s:g} s", file=sys.stderr, flush=True)
         return None
 
-    def start_when_due(self) -> None:
-        if self.process is None and time.monotonic() >= self._start_at_s:
-            self.start()
+    def is_due(self) -> bool:
+        return self.process is None and time.monotonic() >= self._start_at_s
 
 
 def _die_with(supervisor: int) -> None:
@@ -144,13 +150,15 @@ class Supervisor:
     """The services' processes and their statuses."""
 
     def __init__(self, settings: Settings, settings_file: Path) -> None:
-        self._settings, self._folder = settings, settings_file.parent
+        self._settings, self._file, self._folder = settings, settings_file, settings_file.parent
         names = settings.services
         self._children = {name: Child(name, settings_file, [other for other in names if other != name]) for name in names}
         self._transport = Transport(settings.wire)
         self._statuses = [self._transport.subscribe(service, "status") for service in settings.services]
         self._newest: dict[str, wire.StatusMessage] = {}
         self._signals, self._interrupted = 0, False
+        self._spare: Spare | None = None
+        self._spare_at_s = 0.0
         self._printed = 0  # pictures, in the last progress line
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
@@ -189,13 +197,24 @@ class Supervisor:
                     if reason := child.plan_restart(ended):
                         print(f"vemlight: {reason}", file=sys.stderr, flush=True)
                         return 1
-                child.start_when_due()
+                if child.is_due():
+                    child.start(self._spare)
+                    self._spare, self._spare_at_s = None, time.monotonic() + SPARE_AFTER_S
+            self._keep_spare(missing)
             if time.monotonic() - printed_s > PROGRESS_S:
                 printed_s = time.monotonic()
                 self._print_progress()
         if self._interrupted:
             return INTERRUPTED
         return TERMINATED if self._settings.out else 0
+
+    def _keep_spare(self, missing: Sequence[str]) -> None:
+        """Starts a spare process when all services have been working for a while, so that it takes no time from their starts."""
+        if missing:
+            self._spare_at_s = time.monotonic() + SPARE_AFTER_S
+        elif time.monotonic() > self._spare_at_s and (self._spare is None or not self._spare.is_alive()):
+            self._spare = Spare(self._file, {**QUIET_BLAS, **os.environ}, partial(_die_with, os.getpid()))
+            self._spare_at_s = time.monotonic() + GIVE_UP_S  # one that dies of itself is not started again and again
 
     def _receive_statuses(self) -> None:
         zmq.select(self._statuses, [], [], timeout=POLL_S)
@@ -219,6 +238,8 @@ class Supervisor:
     def _stop(self) -> None:
         """Terminates the services, and kills those that do not end in time or when a second signal comes."""
         signals = self._signals
+        if self._spare:
+            self._spare.close()
         processes = [child.process for child in self._children.values() if child.process]
         for process in processes:
             process.terminate()

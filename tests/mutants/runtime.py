@@ -118,13 +118,21 @@ MUTANTS = [
         ("token halved", "TOKEN_BYTES = 24", "TOKEN_BYTES = 12"),
         ("loopback", "return ipaddress.ip_address(host).is_loopback", "return ipaddress.ip_address(host).is_private"),
     ]),
-    *mutants_of(RUNTIME + "supervise.py", "tests/test_supervise.py::test_a_service_is_restarted_at_once_and_then_later_and_later "
+    *mutants_of(RUNTIME + "supervise.py", "tests/test_supervise.py::test_a_service_that_dies_of_starting_is_restarted_later_and_later "
+                "tests/test_supervise.py::test_a_service_that_worked_is_restarted_at_once "
                 "tests/test_supervise.py::test_five_deaths_within_a_minute_are_too_many", [
-        ("delay of a restart", "len(RESTART_DELAY_S)) - 1]", "len(RESTART_DELAY_S)) - 2]"),
+        ("delay of a restart", "min(self._soon, len(RESTART_DELAY_S) - 1)", "min(self._soon, len(RESTART_DELAY_S) - 2)"),
+        ("a start that takes long", "SOON_S = 5.0", "SOON_S = 2.5"),
+        ("soon after a start doubled", "SOON_S = 5.0", "SOON_S = 10.5"),
         ("deaths before giving up doubled", "MAX_DEATHS = 5", "MAX_DEATHS = 10"),
         ("deaths before giving up halved", "MAX_DEATHS = 5", "MAX_DEATHS = 3"),
         ("time of deaths doubled", "GIVE_UP_S = 60.0", "GIVE_UP_S = 120.0"),
         ("time of deaths halved", "GIVE_UP_S = 60.0", "GIVE_UP_S = 30.0"),
+    ]),
+    *mutants_of(RUNTIME + "spare.py", "tests/test_spare.py", [
+        ("a command line longer than its place", "[: end - start - 1]", ""),
+        ("a spare without a supervisor", "if not line:", "if False:"),
+        ("code that is not loaded", "prepare(settings)\n", "pass\n"),
     ]),
     *mutants_of(RUNTIME + "output_folder.py", "tests/test_output_folder.py tests/test_image_sequence.py", [
         ("pictures of another version of the settings", "if before[key] != value:", "if False:"),

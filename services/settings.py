@@ -29,9 +29,11 @@ from vemlight.choices import (
 from vemlight.errors import UserError
 from vemlight.file_kinds import BINARY_UNTIL, file_kind
 from vemlight.files import read_toml
+from vemlight.light.mask import MAX_MASKS, Mask, check_masks
 from vemlight.light.sphere import Coverage
+from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
 from vemlight.runtime.channels import SERVICES, Service
-from vemlight.runtime.wire import MAX_PART
+from vemlight.runtime.wire import MAX_PART, MAX_POSES, Pose
 
 # Limits keep a mistyped number from taking all memory. A map of 4096 x 8192 takes 402 MB, a picture of 8192 x 8192 in float32 RGBA
 # 1.1 GB, and 100,000 lights are a thousand times what a frame needs; other powers of two would do as well.
@@ -138,6 +140,11 @@ class Capture(SettingsSection, frozen=True):
     ] = "exposure_time_absolute"
     brackets: Annotated[bool, means("folders of photographs: several exposures, by their EXIF, are one frame")] = False
     record: Annotated[str, means("folder to record to; empty: nothing is recorded"), PATH] = ""
+    masks: Annotated[
+        Annotated[tuple[Mask, ...], Meta(max_length=MAX_MASKS)],
+        means("`[[capture.masks]]`, regions left out of the map: points = [[azimuth, elevation], ..] in degrees, mode = \"fill\" or "
+              "\"dark\", width_deg of a stroke"),
+    ] = ()  # fmt: skip
     threads: Annotated[int, Meta(ge=1, le=8), means("threads that resample a fisheye frame; more than 1 pays off above 2 megapixels")] = 1
 
     @property
@@ -151,6 +158,7 @@ class Capture(SettingsSection, frozen=True):
         return "sphere" if self.ground else self.coverage
 
     def __post_init__(self) -> None:
+        check_masks(self.masks)
         if self.ground and self.coverage == "sphere":
             raise ValueError("ground is the lower half of a hemisphere, and coverage sphere has its own; leave one of them out")
         if self.lenses and self.projection in ("equirect", "cube3x2"):
@@ -210,6 +218,11 @@ class Sampler(SettingsSection, frozen=True):
               "`count`, else 0"),
         PER_CENT,
     ] = None  # fmt: skip
+    lamp: Annotated[
+        Annotated[tuple[VirtualLamp, ...], Meta(max_length=MAX_LAMPS)],
+        means("`[[sampler.lamp]]`, virtual lamps added to the lights: id, azimuth_deg, elevation_deg, irradiance = [r, g, b] of a plane "
+              "facing it, size_deg"),
+    ] = ()  # fmt: skip
 
     @property
     def is_soft(self) -> bool:
@@ -228,6 +241,7 @@ class Sampler(SettingsSection, frozen=True):
         return self.count or (ADAPTIVE_COUNT if self.error_limit else FIXED_COUNT)
 
     def __post_init__(self) -> None:
+        check_lamps(self.lamp)
         if self.filter not in ("auto", "none") and (self.method == "tracked") != (self.filter == "adaptive"):
             raise ValueError(f"filter {self.filter} does not go with method {self.method}; name another method, or filter auto")
         if self.filter == "fir" and self.pass_hz >= self.stop_hz:
@@ -270,6 +284,11 @@ class Renderer(SettingsSection, frozen=True):
     background: Annotated[Background, means("behind the scene: nothing, with alpha 0, or the environment map")] = "clear"
     video: Annotated[str, means("file to write all pictures to at the end, .mp4, .mov or .mkv; requires `out`; empty: none"), PATH] = ""
     exr: Annotated[ExrFloats, means("numbers of EXR files; half: 32-bit floats still where a number is beyond 65,504")] = "half"
+    poses: Annotated[
+        Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)],
+        means("`[[renderer.poses]]`, where objects and lamps of the scene stand instead: name, position, rotation (quaternion x y z w), "
+              "power of lamps, scale of objects"),
+    ] = ()  # fmt: skip
     picture: Annotated[Literal["srgb8", "linear16"], means("linear16: also send the picture before tone mapping, as half floats")] = "srgb8"
 
     def __post_init__(self) -> None:

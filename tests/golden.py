@@ -6,7 +6,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from vemlight.light.mask import Mask
 from vemlight.light.near_lights import NearLightSet
+from vemlight.light.virtual_lamp import VirtualLamp
 from vemlight.runtime import wire
 from vemlight.runtime.channels import CHANNELS
 
@@ -23,6 +25,7 @@ def messages() -> dict[str, wire.Message]:
     radiance = (np.arange(2 * 4 * 3, dtype=np.float32) / 8).reshape(2, 4, 3)
     directions = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
     irradiance = np.array([[1, 0.5, 0.25], [2e6, 0, 1e-3]], np.float32)
+    stroke = Mask(points=((0.0, 5.0), (9.0, 5.0)), mode="dark", width_deg=4.0)
     box = wire.Pose(name="box", position=(0.5, -1.0, 0.25), rotation=(0.0, 0.0, 0.6, 0.8))
     lamp = wire.Pose(name="lamp", position=(0.0, 0.0, 2.0), power=0.5)
     drawn = wire.ImageReport(drawn_lights=72, render_ms=12.5, light_budget=144)
@@ -116,7 +119,9 @@ def messages() -> dict[str, wire.Message]:
         ),
         "control": (
             wire.ControlMessage(
-                count=144, exposure=-0.5, filtered=False, paused=True, armed=True, blackout=False, poses=(box, lamp)
+                count=144, exposure=-0.5, filtered=False, paused=True, armed=True, blackout=False, poses=(box, lamp),
+                masks=(Mask(points=((10.0, 20.0), (40.0, 20.0), (25.0, 50.0))), stroke),
+                lamps=(VirtualLamp(id=1, azimuth_deg=120.0, elevation_deg=35.0, irradiance=(3.0, 2.5, 2.0)),),
             ),
             (),
         ),
@@ -136,6 +141,8 @@ def refused() -> dict[str, list[bytes]]:
     directions = np.frombuffer(lights[3], "<f4")
     damaged = np.frombuffer(radiance, "<f4").copy()
     damaged[5] = np.nan
+    line = {"points": [[0, 1], [2, 3]]}
+    same_lamp = {"id": 1, "azimuth_deg": 0, "elevation_deg": 0, "irradiance": [1, 1, 1]}
     not_unit = {"name": "box", "position": [0, 0, 0], "rotation": [0, 0, 0, 2]}
     return {
         "no_header": [topic],
@@ -163,6 +170,8 @@ def refused() -> dict[str, list[bytes]]:
         "points_negative": [*points[:4], (-np.frombuffer(points[4], "<f4")).tobytes(), *points[5:]],
         "points_id_twice": [*points[:2], 2 * points[2][:8], *points[3:]],
         "points_many": [points[0], msgspec.msgpack.encode(many), *(bytes(257 * size) for size in (8, 12, 12, 4, 4))],
+        "lamps_of_one_id": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "lamps": [same_lamp, same_lamp]})],
+        "mask_of_two_points": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "masks": [line]})],
         "rotation_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "poses": [not_unit]})],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon", "version": 2})],
     }

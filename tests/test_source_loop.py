@@ -41,6 +41,9 @@ class CountingCamera:
         header = wire.MapMessage(stamp=wire.stamp(self.made, self.made / 20), rows=2, cols=4, coverage="hemisphere")
         return (header, (np.ones((2, 4, 3), np.float32), *NO_CELLS)), 1
 
+    def on_control(self, control: wire.ControlMessage) -> None:
+        pass
+
     def close(self) -> None:
         self._transport.close()
 

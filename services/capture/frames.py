@@ -28,6 +28,7 @@ from vemlight.files import contained_path, notice
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.images import read_radiance
+from vemlight.light.mask import Mask
 from vemlight.light.sphere import Coverage, cell_solid_angles
 from vemlight.settings import Capture
 
@@ -53,6 +54,8 @@ class Frame(NamedTuple):
     bright_cells: BrightCells = NO_BRIGHT_CELLS  # where light lies inside each cell with more than BRIGHT_FRACTION of the power
     lost: int = 0  # cameras: frames since the previous one that the kernel counted and we never received
     monotonic_ns: int | None = None  # cameras: the kernel's time stamp
+    masks: tuple[Mask, ...] = ()  # that were taken out of the radiance
+    masked_cells: int = 0  # that they cover, wholly or in part
     clipped: bool = False  # exposures: light is clipped in the shortest one, too, and the map holds less than there was
 
 

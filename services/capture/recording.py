@@ -9,6 +9,7 @@ import msgspec
 from vemlight.capture.frames import Frame
 from vemlight.capture.invalid_cells import InvalidCells
 from vemlight.capture.live_frames import open_live
+from vemlight.capture.masking import MaskedSource
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.recording_attributes import map_attributes
 from vemlight.capture.source import open_files, open_source
@@ -56,7 +57,7 @@ def _closed_in_the_end(recorder: Recorder, close: Callable[[], None]) -> Iterato
 
 
 def _record_files(settings: Capture, frames: int) -> Recorder:
-    source = open_source(msgspec.structs.replace(settings, record=""))
+    source = MaskedSource(open_source(msgspec.structs.replace(settings, record="")), settings)
     recorder, invalid_cells = Recorder(Path(settings.record)), InvalidCells()
     if frames > len(source):
         notice(f"{settings.source or 'the bundled sequence'}: has {len(source)} frames, not {frames}; all of them are recorded")
@@ -76,7 +77,7 @@ def polar_file(settings: Capture, out: Path) -> Frame:
 
     Raises UserError for a file that cannot be used, OSError when the disk refuses.
     """
-    source = open_files(settings)
+    source = MaskedSource(open_files(settings), settings)
     made = source.frame(0)
     write_exr(out, made.radiance, map_attributes(made, source.fps))
     invalid_cells = InvalidCells()

@@ -3,6 +3,8 @@
 from fractions import Fraction
 from typing import Any
 
+import msgspec
+
 from vemlight.capture.exr_header import BRIGHT_CELLS, bright_cells_text
 from vemlight.capture.frames import Frame
 
@@ -17,6 +19,8 @@ def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
         "vemlight:saturated": frame.saturated,
         "framesPerSecond": Fraction(fps).limit_denominator(1001),
     }
+    if frame.masks:
+        attributes["vemlight:masks"] = msgspec.json.encode(frame.masks).decode()
     if frame.clipped:
         attributes["vemlight:clipped"] = 1
     if frame.luminance_scale is not None:

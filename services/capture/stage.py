@@ -9,6 +9,7 @@ from vemlight import settings
 from vemlight.capture.frames import Frame
 from vemlight.capture.invalid_cells import valid_values
 from vemlight.capture.live_frames import open_live
+from vemlight.capture.masking import Masking
 from vemlight.capture.source import open_source
 from vemlight.errors import of_setting
 from vemlight.files import notice
@@ -27,6 +28,8 @@ class CaptureSource:
         """Raises UserError when the source is missing or incomplete."""
         with of_setting("[capture] source"):
             self._source = open_source(settings.capture)
+        self._configured = self._masks = settings.capture.masks
+        self._masking = Masking(settings.capture)
         self.fps = self._source.fps
         limit = settings.capture.frames or None
         if limit and limit > len(self):
@@ -40,7 +43,11 @@ class CaptureSource:
 
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
         """Raises UserError for a damaged file."""
-        return map_message(self._source.frame(index), wire.stamp(sequence, time_s))
+        frame = self._masking.masked(self._source.frame(index), self._masks)
+        return map_message(frame, wire.stamp(sequence, time_s))
+
+    def on_control(self, control: wire.ControlMessage) -> None:
+        self._masks = self._configured if control.masks is None else control.masks
 
 
 class CaptureCamera:
@@ -51,6 +58,10 @@ class CaptureCamera:
     def __init__(self, settings: settings.Capture) -> None:
         """Raises UserError for a camera, lens or response that cannot be used."""
         self._source = open_live(settings)
+        self._configured = self._masks = settings.masks
+        self._masking = Masking(settings)
+        self._paused = False
+        self._shown: Frame | None = None
         self.limit = settings.frames or None
         self._logged = ""
         self._sequence = -1
@@ -73,7 +84,14 @@ class CaptureCamera:
             stamp = msgspec.structs.replace(
                 stamp, monotonic_ns=stamp.monotonic_ns - age_ns, captured_ns=stamp.captured_ns - age_ns
             )
-        return map_message(frame, stamp), frame.lost
+        if not self._paused or self._shown is None:
+            self._shown = frame
+        return map_message(self._masking.masked(self._shown, self._masks), stamp), frame.lost
+
+    def on_control(self, control: wire.ControlMessage) -> None:
+        """Paused, the frame that was shown last is sent again and again."""
+        self._masks = self._configured if control.masks is None else control.masks
+        self._paused = control.paused
 
     @property
     def unwritten(self) -> int:
@@ -98,7 +116,7 @@ def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
         bright_samples=len(frame.bright_cells.cells),
         luminance_scale=frame.luminance_scale,
         report=wire.MapReport(
-            invalid_cells=invalid_cells, black_pixels=frame.black, saturated_pixels=frame.saturated
+            invalid_cells=invalid_cells, black_pixels=frame.black, saturated_pixels=frame.saturated, masked_cells=frame.masked_cells
         ),
     )
     return header, (np.where(valid, frame.radiance, np.float32(0)), *frame.bright_cells)

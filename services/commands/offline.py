@@ -13,6 +13,7 @@ import numpy as np
 from vemlight import settings
 from vemlight.capture.frames import Frame
 from vemlight.capture.invalid_cells import InvalidCells
+from vemlight.capture.masking import MaskedSource
 from vemlight.capture.source import FrameSource, open_source
 from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
 from vemlight.commands.parameters import STANDARD_OUTPUT
@@ -53,8 +54,8 @@ def open_frames(options: SamplingOptions) -> FrameSource:
         count = frames_of_live(options.frames, capture.source)
         if settings.is_camera(capture.source):
             check_camera(Path(capture.source))
-        return LiveFrames(capture, count)
-    return open_source(limited_to(capture, options.frames))
+        return MaskedSource(LiveFrames(capture, count), capture)
+    return MaskedSource(open_source(limited_to(capture, options.frames)), capture)
 
 
 def limited_to(capture: settings.Capture, frames: int | None) -> settings.Capture:

@@ -36,6 +36,9 @@ class PlateSource:
         """Picture `index` as frame `sequence`. Raises UserError for one that is damaged."""
         return plate_frame(self._video.picture(index), wire.stamp(sequence, time_s))
 
+    def on_control(self, control: wire.ControlMessage) -> None:
+        pass
+
 
 class PlateCamera:
     """A camera's pictures as they come; see `vemlight.runtime.source_loop.Camera`. One that disappears is opened again when it is back."""
@@ -51,6 +54,8 @@ class PlateCamera:
         if not self._camera.isOpened():
             raise UserError(f"{self._path}: cannot be opened as a camera; check [plate] source and who may read it")
         self._sequence, self._started_s = -1, time.monotonic()
+        self._paused = False
+        self._shown: np.ndarray | None = None
 
     def message(self, wait_s: float) -> tuple[PlateFrame | None, int]:
         """The next picture if one came, and 0: OpenCV does not report frames that the driver lost."""
@@ -65,7 +70,12 @@ class PlateCamera:
             self._camera.release()
             return None, 0
         self._sequence += 1
-        return plate_frame(pixels[..., ::-1], wire.stamp(self._sequence, time.monotonic() - self._started_s)), 0
+        if not self._paused or self._shown is None:
+            self._shown = pixels[..., ::-1]
+        return plate_frame(self._shown, wire.stamp(self._sequence, time.monotonic() - self._started_s)), 0
+
+    def on_control(self, control: wire.ControlMessage) -> None:
+        self._paused = control.paused
 
     def close(self) -> None:
         self._camera.release()

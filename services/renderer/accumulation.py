@@ -9,8 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles, ring_edges
+from vemlight.light.virtual_lamp import is_virtual
 
 PASS_LIGHTS = 64  # of a pass: it takes about as long as a live picture; any value in 32..128 does
 PASSES = 64  # 4096 lights; the error left is below 1 % (tests), and one code of 255 is 0.4 to 4 %; more only take longer
@@ -52,10 +54,10 @@ class Accumulation(NamedTuple):
 
 
 class MapLights:
-    """A polar map (rows, cols, 3) as an endless supply of lights."""
+    """A polar map (rows, cols, 3) as an endless supply of lights, with the virtual lamps among `lights`."""
 
-    def __init__(self, radiance: np.ndarray, coverage: Coverage) -> None:
-        self.radiance = radiance
+    def __init__(self, radiance: np.ndarray, coverage: Coverage, lights: LightSet | None = None) -> None:
+        self.radiance, self.lamps = radiance, virtual_lamps(LightSet.none() if lights is None else lights)
         self.coverage: Coverage = coverage
         rows, cols, _ = radiance.shape
         power = luminance_from_rgb(radiance.astype(np.float64)) * cell_solid_angles(rows, cols, coverage)[:, None]
@@ -63,11 +65,26 @@ class MapLights:
         self._rows = np.concatenate([[0.0], np.cumsum(power.sum(axis=1))])
         self._cols = np.concatenate([np.zeros((rows, 1)), np.cumsum(power, axis=1)], axis=1)
 
+    def same_as(self, other: "MapLights") -> bool:
+        """Whether both are the same light."""
+        lamps = (self.lamps.directions, self.lamps.irradiance, Extents.of(self.lamps).axes)
+        others = (other.lamps.directions, other.lamps.irradiance, Extents.of(other.lamps).axes)
+        return np.array_equal(self.radiance, other.radiance) and all(map(np.array_equal, lamps, others))
+
     def of_pass(self, number: int) -> LightSet:
-        """The PASS_LIGHTS lights of a pass; none of a black map. Their irradiance's mean over passes is the map's, in each channel."""
-        if not self._total > 0:
-            return LightSet.none()
-        return self.lights(spread_points(number * PASS_LIGHTS, PASS_LIGHTS))
+        """The PASS_LIGHTS lights of a pass, none of a black map, and a point of each lamp. Their irradiance's mean over passes is the map's
+        and the lamps', in each channel.
+        """
+        lit = self._total > 0
+        return joined(self.lights(spread_points(number * PASS_LIGHTS, PASS_LIGHTS)) if lit else LightSet.none(), self._points(number))
+
+    def _points(self, number: int) -> LightSet:
+        """One point of each lamp for a pass: places of an ellipse with the lamp's covariance, that fill it evenly over the passes."""
+        extents, count = Extents.of(self.lamps), len(self.lamps.ids)
+        along, about = spread_points(number, 1)[0]
+        across = 2 * np.sqrt(along) * np.array([np.cos(2 * np.pi * about), np.sin(2 * np.pi * about)])
+        places = self.lamps.directions * extents.concentrations[:, None] + np.einsum("a,nai->ni", across, extents.axes)
+        return LightSet.of(PASS_LIGHTS + np.arange(count), places / np.linalg.norm(places, axis=1, keepdims=True), self.lamps.irradiance)
 
     def lights(self, points: np.ndarray) -> LightSet:
         """The light at each of (n, 2) points of the unit square, by the map's luminance: rows first, then the cells of a row."""
@@ -87,11 +104,24 @@ class MapLights:
         return LightSet.of(np.arange(len(points)), directions, irradiance)
 
     def cells(self) -> LightSet:
-        """The map exactly: a light for each cell that is not black."""
+        """The map exactly: a light for each cell that is not black; and the lamps as points."""
         rows, cols, _ = self.radiance.shape
         irradiance = (self.radiance.astype(np.float64) * cell_solid_angles(rows, cols, self.coverage)[:, None, None]).reshape(-1, 3)
         lit = np.flatnonzero(irradiance.any(axis=1))
-        return LightSet.of(lit, cell_directions(rows, cols, self.coverage).reshape(-1, 3)[lit], irradiance[lit])
+        own = LightSet.of(lit, cell_directions(rows, cols, self.coverage).reshape(-1, 3)[lit], irradiance[lit])
+        return joined(own, self.lamps)
+
+
+def virtual_lamps(lights: LightSet) -> LightSet:
+    """Those of the lights that are virtual lamps."""
+    chosen = is_virtual(lights)
+    extents = None if lights.covariances is None else lights.covariances[chosen]
+    return LightSet(lights.ids[chosen], lights.directions[chosen], lights.irradiance[chosen], extents)
+
+
+def joined(a: LightSet, b: LightSet) -> LightSet:
+    """Two sets as points."""
+    return LightSet.of(*(np.concatenate([x, y]) for x, y in zip(a[:3], b[:3], strict=True)))
 
 
 def _inverse(sums: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -113,7 +113,7 @@ class RendererStage:
         self._shows_environment, self._stops = settings.renderer.background == "map", settings.plate.stops
         self._glossy = scene.glossy
         self._needs_environment = self._shows_environment or self._glossy
-        self._exposure = settings.renderer.exposure
+        self._exposure, self._poses = settings.renderer.exposure, settings.renderer.poses
         self._linear = settings.renderer.picture == "linear16"
         self._images = ImageSequenceWriter(settings) if settings.out else None
         self._video = Path(settings.renderer.video) if settings.renderer.video else None
@@ -137,7 +137,8 @@ class RendererStage:
         """Starts at the target itself: the manifest has the adaptation after the picture before it."""
         before = self._images.last if self._images and target else None
         frame = initial_state(self._renderer.setup)
-        return RendererState(self._exposure, before and before.adaptation, before.time_s if before else 0.0, frame), target
+        adaptation, time_s = (before.adaptation, before.time_s) if before else (None, 0.0)
+        return RendererState(self._exposure, adaptation, time_s, frame, poses=self._poses), target
 
     def side_inputs(self, state: RendererState) -> tuple[Service, ...]:
         """The map where it is seen or reflected, and in a pause, which is lit by it."""
@@ -163,7 +164,8 @@ class RendererStage:
             linear=self._linear or self._images is not None,
         )
         if state.paused and state.environment:
-            state, pixels, count = self._accumulate(state, shown, state.environment)
+            light = MapLights(state.environment.radiance, state.environment.coverage, LightSet(*arrays[:-2]))
+            state, pixels, count = self._accumulate(state, shown, light)
         else:
             state, pixels, count = self._draw(state, shown)
         height, width, _ = pixels.shape
@@ -193,11 +195,10 @@ class RendererStage:
         state = state._replace(frame=frame, picture=drawn.picture, adaptation=drawn.adaptation, measured=measured, paused_picture=None)
         return self._with_notices(state), drawn.pixels, len(frame_plan.lights.ids)
 
-    def _accumulate(self, state: RendererState, shown: FrameInput, environment: EnvironmentMap) -> tuple[RendererState, np.ndarray, int]:
-        """One pass more of a picture under the map itself, its pixels and how many lights it has; no work once it has converged."""
+    def _accumulate(self, state: RendererState, shown: FrameInput, light: MapLights) -> tuple[RendererState, np.ndarray, int]:
+        """One pass more of a picture under the map itself and its lamps, its pixels and how many lights it has; no work once converged."""
         before = state.paused_picture
-        same = before and before.poses == state.poses and np.array_equal(before.light.radiance, environment.radiance)
-        light = before.light if before and same else MapLights(environment.radiance, environment.coverage)
+        same = before and before.poses == state.poses and before.light.same_as(light)
         accumulation = before.accumulation if before and same else Accumulation.empty()
         if before and accumulation.converged and before.exposure == state.exposure:
             return state, before.pixels, accumulation.lights
@@ -237,7 +238,8 @@ class RendererStage:
         if isinstance(header, wire.ControlMessage):
             exposure = self._exposure if header.exposure is None else header.exposure
             environment = state.environment if header.paused or self._needs_environment else None
-            return state._replace(exposure=exposure, poses=header.poses, paused=header.paused, environment=environment)
+            chosen = {pose.name: pose for pose in (*self._poses, *header.poses)}
+            return state._replace(exposure=exposure, poses=tuple(chosen.values()), paused=header.paused, environment=environment)
         if isinstance(header, wire.MapMessage):
             return state._replace(environment=EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:])))
         if isinstance(header, wire.PlateMessage):

@@ -4,7 +4,6 @@ import os
 import time
 from typing import Any, Protocol
 
-import msgspec
 import numpy as np
 import zmq
 
@@ -37,6 +36,10 @@ class Source(Protocol):
         """Frame `index` of the source as number `sequence`, seen at `time_s`."""
         ...
 
+    def on_control(self, control: wire.ControlMessage) -> None:
+        """Takes what the person at the viewer has chosen; live mode only."""
+        ...
+
 
 class Camera(Protocol):
     """Where frames come from by themselves."""
@@ -51,6 +54,10 @@ class Camera(Protocol):
 
     def message(self, wait_s: float) -> tuple[CameraMessage | None, int]:
         """The next frame, if one came within `wait_s`, and how many were lost before it."""
+        ...
+
+    def on_control(self, control: wire.ControlMessage) -> None:
+        """Takes what the person at the viewer has chosen. Paused, `message` gives the frame shown last again, with each new one's stamp."""
         ...
 
     def close(self) -> None: ...
@@ -106,7 +113,7 @@ def _run_source_live(source: Source, transport: Transport, publisher: Any, stats
         wait_s = END_PERIOD_S if ended else started_s + sequence / source.fps - time.monotonic()
         poller.poll(max(0, min(POLL_MS, round(wait_s * 1e3))))
         accept_subscriptions(publisher)
-        paused = _is_paused(controls, stats, paused)
+        paused = _is_paused(source, controls, stats, paused)
         if ended:
             publish(publisher, (wire.EndMessage(sequence=sequence), ()))
             time.sleep(END_PERIOD_S)
@@ -122,10 +129,12 @@ def _run_source_live(source: Source, transport: Transport, publisher: Any, stats
         publish_status(publisher, stats)
 
 
-def _is_paused(controls: Any, stats: ServiceStats, before: bool) -> bool:
-    """Whether the newest control that waits says so, or else as before."""
+def _is_paused(source: Source | Camera, controls: Any, stats: ServiceStats, before: bool) -> bool:
+    """Whether the newest control that waits says so, or else as before. The source gets it, too."""
     for header, _ in receive_all(controls, stats):
-        before = header.paused if isinstance(header, wire.ControlMessage) else before
+        if isinstance(header, wire.ControlMessage):
+            source.on_control(header)
+            before = header.paused
     return before
 
 
@@ -155,7 +164,7 @@ def _run_source_lossless(source: Source, transport: Transport, publisher: Any, s
 
 
 def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
-    """Runs a camera, in live mode. Paused, the last frame's light is sent again with each new frame's number and stamp.
+    """Runs a camera, in live mode.
 
     Where so many frames are wanted and no more, what comes before the listeners are ready is not one of them and is not sent.
     Raises UserError for addresses that are taken and for a camera that cannot go on.
@@ -166,11 +175,9 @@ def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
         stats = ServiceStats(camera.service, restarts)
         publisher, controls = transport.bind(camera.service, "publish"), transport.subscribe("viewer", "control")
         listeners = None if camera.limit is None else Listeners(transport)
-        paused = False
-        last: CameraMessage | None = None
         while not stop.received:
             accept_subscriptions(publisher)
-            paused = _is_paused(controls, stats, paused)
+            _is_paused(camera, controls, stats, False)
             if camera.limit is not None and stats.frames >= camera.limit:
                 publish(publisher, (wire.EndMessage(sequence=wire.MAX_SEQUENCE), ()))
                 time.sleep(END_PERIOD_S)
@@ -181,10 +188,7 @@ def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
                 if listeners and listeners.awaited(stats):
                     message, lost = None, 0
                 stats.dropped += lost
-                if message and last and paused:
-                    message = msgspec.structs.replace(last[0], stamp=message[0].stamp), last[1]
                 if message:
-                    last = message
                     publish(publisher, message)
                     stats.on_finished(message, time.monotonic() - started_s)
             publish_status(publisher, stats)

@@ -17,11 +17,13 @@ import numpy as np
 from msgspec import Meta
 
 from vemlight.light.light_set import are_covariances
+from vemlight.light.mask import MAX_MASKS, Mask, check_masks
 from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
 from vemlight.light.sphere import Coverage
+from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
 
 VERSION = 2  # of the protocol; a message without one is of version 1, which had none
-MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 46 kB, most have under 2 kB
+MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 60 kB, most have under 2 kB
 MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
 MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of header
 # Upper bounds of the histogram of a service's times for one frame: three a decade, from a fast capture to a picture of many samples.
@@ -61,6 +63,7 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     position: tuple[Metres, Metres, Metres]
     rotation: tuple[Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 1.0)  # unit quaternion x, y, z, w
     power: Annotated[float, Meta(ge=0, le=1e12)] | None = None  # of a lamp: times the measured one; None: unchanged, or not a lamp
+    scale: Annotated[float, Meta(ge=1e-3, le=1e3)] = 1.0  # of an object, over its size in the scene file; lamps have none
 
     def __post_init__(self) -> None:
         if not abs(sum(q * q for q in self.rotation) - 1) < UNIT:
@@ -84,6 +87,7 @@ class MapReport(Report, frozen=True, tag="map"):
     invalid_cells: Annotated[Count, LOSS, Meta(description="cells of the newest map that were nan, infinite or negative, set to 0")] = 0
     black_pixels: Annotated[Count, Meta(description="pixels of the newest frame that the sensor clipped at its lower end")] = 0
     saturated_pixels: Annotated[Count, LOSS, Meta(description="pixels clipped at the upper end: their radiance is unknown")] = 0
+    masked_cells: Annotated[Count, Meta(description="cells of the newest map that masks leave out or fill, wholly or in part")] = 0
 
 
 class LightsReport(Report, frozen=True, tag="lights"):
@@ -297,7 +301,13 @@ class ControlMessage(Header, frozen=True, tag="control"):
     paused: bool = False
     armed: bool | None = None  # fixtures: packets are live; None: as it is
     blackout: bool | None = None  # fixtures: darkness is sent; None: as it is
-    poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved away from where the scene file has them
+    poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved from where scene file or settings have them
+    masks: Annotated[tuple[Mask, ...], Meta(max_length=MAX_MASKS)] | None = None  # instead of the settings'
+    lamps: Annotated[tuple[VirtualLamp, ...], Meta(max_length=MAX_LAMPS)] | None = None  # virtual ones, instead of the settings'
+
+    def __post_init__(self) -> None:
+        check_masks(self.masks or ())
+        check_lamps(self.lamps or ())
 
 
 class StatusMessage(Header, frozen=True, tag="status"):

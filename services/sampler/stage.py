@@ -92,7 +92,9 @@ class SamplerStage:
         assert isinstance(header, wire.ControlMessage)
         configured = self._settings
         name = "none" if header.filtered is False else configured.filter
-        return state._replace(settings=msgspec.structs.replace(configured, count=header.count or configured.count, filter=name))
+        lamps = configured.lamp if header.lamps is None else header.lamps
+        chosen = msgspec.structs.replace(configured, count=header.count or configured.count, filter=name, lamp=lamps)
+        return state._replace(settings=chosen)
 
     def write(self, state: StageState, message: wire.Message) -> None:
         header, arrays = message

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from vemlight.light.light_set import LightSet
+from vemlight.light.virtual_lamp import with_lamps
 from vemlight.sampler.light_count import budget_after
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import SamplerReport, SamplerState, initial_state
@@ -19,9 +20,11 @@ def step(settings: Sampler, state: SamplerState, frame: SamplerInput) -> tuple[S
     """The lights of a frame.
 
     The irradiance of the lights sums to the map's integral in every channel; with a filter (or with flicker taken out) to the filtered
-    integral. Settings may change from call to call.
+    integral. The settings' virtual lamps are added to them. Settings may change from call to call.
     """
     if frame.coverage != state.coverage:
         state = initial_state()._replace(coverage=frame.coverage)
-    state = state._replace(light_budget=budget_after(state.light_budget, frame.light_budget))
-    return METHODS[settings.method](settings, state, frame)
+    own = max(frame.light_budget - len(settings.lamp), 1) if frame.light_budget else 0
+    state = state._replace(light_budget=budget_after(state.light_budget, own))
+    state, lights, report = METHODS[settings.method](settings, state, frame)
+    return state, with_lamps(lights, settings.lamp), report

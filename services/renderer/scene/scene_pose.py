@@ -25,12 +25,17 @@ class ScenePose(NamedTuple):
 
 
 def world_from_object(pose: wire.Pose) -> np.ndarray:
-    """The rigid transform (4, 4) from an object's own axes."""
+    """The transform (4, 4) from an object's own axes: scaled evenly, turned and moved."""
     from scipy.spatial.transform import Rotation  # here, since it takes a third of a second to load
 
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(pose.rotation).as_matrix(), pose.position
+    matrix[:3, :3], matrix[:3, 3] = pose.scale * Rotation.from_quat(pose.rotation).as_matrix(), pose.position
     return matrix
+
+
+def world_place(pose: wire.Pose) -> tuple[object, ...]:
+    """All of a pose but its name and power."""
+    return pose.position, pose.rotation, pose.scale
 
 
 def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> ScenePose:
@@ -43,7 +48,7 @@ def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> 
         rest, now = (scene.objects[mesh.object_index], objects[mesh.object_index]) if mesh.object_index is not None else (None, None)
         if mesh.motion is not None:
             matrices[k] = mesh.motion.world_from_rest(time_s)
-        if rest is not None and now is not None and (rest.position, rest.rotation) != (now.position, now.rotation):
+        if rest is not None and now is not None and world_place(rest) != world_place(now):
             matrices[k] = world_from_object(now) @ np.linalg.inv(world_from_object(rest)) @ matrices[k]
         if mesh.motion is not None or now is not rest:
             corners = box_corners(mesh.geometry) @ matrices[k, :3, :3].T + matrices[k, :3, 3]
@@ -52,6 +57,8 @@ def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> 
 
 
 def _with_power(asked: wire.Pose, rest: wire.Pose) -> wire.Pose:
-    """A pose that is asked for, with the scene file's power where it names none; only lamps have power."""
-    power = rest.power if asked.power is None or rest.power is None else asked.power
+    """A pose that is asked for, with the scene file's power where it names none; only lamps have power, and only objects a scale."""
+    if rest.power is None:
+        return wire.Pose(name=rest.name, position=asked.position, rotation=asked.rotation, scale=asked.scale)
+    power = rest.power if asked.power is None else asked.power
     return wire.Pose(name=rest.name, position=asked.position, rotation=asked.rotation, power=power)

@@ -26,6 +26,9 @@ class MadeUpSource:
         header, arrays = frames_of(sequence)["capture"]
         return header, arrays
 
+    def on_control(self, control: wire.ControlMessage) -> None:
+        pass
+
 
 class MadeUpSampler:
     """A light for each map."""

@@ -13,8 +13,10 @@ import numpy as np
 from vemlight.light.bright_cells import SUBCELLS, BrightCells
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
+from vemlight.light.extent import POINTS, Extents
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import SPAN, Coverage, cell_directions, cell_from_direction, cell_solid_angles, map_irradiance
+from vemlight.light.virtual_lamp import VIRTUAL_IDS_FROM, is_virtual
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 
 SOURCE_RADIUS = 1.5  # cells of the map: a source in the corner of four cells reaches into all of them
@@ -66,23 +68,40 @@ def _cells(rows: int, cols: int, coverage: Coverage) -> _Cells:
 
 
 def reflected_light(lights: LightSet, environment: EnvironmentMap | None) -> ReflectedLight:
-    """What lobes reflect under `lights`, of the same moment as the map; without one, the lights as they are."""
+    """What lobes reflect under `lights`, of the same moment as the map; without one, the lights as they are. Virtual lamps are not in the
+    map: lobes reflect them as lights, widened by their extent.
+    """
     count = len(lights.ids)
     if environment is None or count == 0:
         return ReflectedLight(None, "hemisphere", np.ones(3), np.ones(count), np.zeros(count), np.zeros(count))
     radiance = np.where(np.isfinite(environment.radiance), environment.radiance, 0).clip(0)
     total = map_irradiance(radiance, environment.coverage)
     sources = _Sources(radiance, environment.coverage, environment.bright_cells)
-    apart = neighbour_distance(lights.directions)
+    virtual = is_virtual(lights)
+    own = np.flatnonzero(~virtual)
+    apart = np.zeros(count)
+    apart[own] = neighbour_distance(lights.directions[own])
     direct, spread, least_width = np.zeros(count), CELL_VARIANCE * apart**2, (GAUSSIAN_SPACING * apart) ** 2
     power = luminance_from_rgb(lights.irradiance.astype(np.float64))
-    for light in sources.candidates(lights.directions, power):
+    direct[virtual], spread[virtual], least_width[virtual] = 1.0, _lamp_variances(lights)[virtual], 0.0
+    for light in own[sources.candidates(lights.directions[own], power[own])].tolist():
         source = sources.take(lights.directions[light].astype(np.float64), power[light], apart[light])
         if source.fraction > 0:
             direct[light], spread[light], least_width[light] = source
-    lit = lights.irradiance.sum(axis=0, dtype=np.float64)
+    lit = lights.irradiance[own].sum(axis=0, dtype=np.float64)
     scale = np.divide(lit, total, out=np.zeros(3), where=total > 0)
     return ReflectedLight(sources.rest, environment.coverage, scale, direct, spread, least_width)
+
+
+def _lamp_variances(lights: LightSet) -> np.ndarray:
+    """Variance along an axis in rad^2, (n,) float64, of each virtual lamp's light; of a point of several, of those of its lamp."""
+    if lights.covariances is not None:
+        return Extents.of(lights).spreads ** 2
+    variances, lamp = np.zeros(len(lights.ids)), lights.ids // POINTS
+    for each in np.unique(lamp[lights.ids >= POINTS * VIRTUAL_IDS_FROM]).tolist():
+        points = lights.directions[lamp == each].astype(np.float64)
+        variances[lamp == each] = ((points - points.mean(axis=0)) ** 2).sum(axis=1) / 2
+    return variances
 
 
 def with_reflection(batch: Batch, light: ReflectedLight) -> Batch:

@@ -11,6 +11,7 @@ import numpy as np
 from vemlight.choices import Tone
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import FrameWork, MapDemand
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
@@ -18,6 +19,7 @@ from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.pass_table import Pass
 from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
 from vemlight.renderer.passes.lights.traced_lights import TracedLayers
+from vemlight.renderer.passes.near_lights.near_light_plan import LitBy, NearBatch, NearLayers
 from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch, MapCache, ShadowSetup
 from vemlight.renderer.scene.materials import Colour
@@ -100,7 +102,7 @@ class FrameInput(NamedTuple):
     """What a frame shows. lights: the shadowed ones, or a pass of an accumulation.
 
     environment: the map that lobes reflect; None: they reflect the lights. background: a map that is seen behind the scene. plate: in place
-    of the scene's; it hides the background. tone: for pixels. linear: whether the picture itself is wanted.
+    of the scene's; it hides the background. tone: for pixels. linear: whether the picture itself is wanted. near: lights that are near.
     """
 
     lights: LightSet | AccumulationPass
@@ -110,6 +112,7 @@ class FrameInput(NamedTuple):
     plate: PlatePicture | None = None
     tone: ToneRequest | None = None
     linear: bool = True
+    near: NearLightSet = NearLightSet.empty()
 
 
 class GBufferContents(NamedTuple):
@@ -124,7 +127,7 @@ class FrameState(NamedTuple):
 
     placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short.
     bounce: whether there is time for the bounce. maps: cached shadow maps with their lookups; None where the next frame draws all. layers:
-    of traced lights, likewise; coarse_layers: of those on coarse pixels. light_weight: what a light costs on average, over one on all
+    of traced lights, likewise; coarse_layers: of those on coarse pixels; near_layers: of near ones. light_weight: what a light costs on average, over one on all
     pixels. gathered: under which lights each set of the bounce's rays was gathered, the newest last. edge_samples: of each pixel, by which
     edges are smoothed. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the scene stood
     when each luminaire's maps were drawn.
@@ -138,8 +141,9 @@ class FrameState(NamedTuple):
     maps: MapCache | None
     layers: TracedLayers | None
     coarse_layers: TracedLayers | None
+    near_layers: NearLayers | None
     light_weight: float
-    gathered: Mapping[int, LightSet]
+    gathered: Mapping[int, LitBy]
     edge_samples: int
     lookup_pose: ScenePose | None
     g_buffer: GBufferContents | None
@@ -159,7 +163,8 @@ class FramePlan(NamedTuple):
 
     passes: draw the picture, in their order; outputs: bring it to where it is wanted. unshadowed: irradiance of the catcher without
     shadows, above 0 in each channel. lights: those drawn. reflected: what lobes reflect of them and of the map. uploaded: a picture
-    to show in place of drawing one. work: for the cost model; None: such a frame is not measured.
+    to show in place of drawing one. work: for the cost model; None: such a frame is not measured. near: batches of near lights. lit_by: all
+    that are drawn.
     """
 
     shown: FrameInput
@@ -174,6 +179,8 @@ class FramePlan(NamedTuple):
     reflected: ReflectedLight | None = None
     uploaded: np.ndarray | None = None
     work: FrameWork | None = None
+    near: tuple[NearBatch, ...] = ()
+    lit_by: LitBy = LitBy(LightSet.none(), NearLightSet.empty())
 
     @property
     def resolutions(self) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from vemlight import settings
 from vemlight.light.extent import Extents, received
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer import pass_table
 from vemlight.renderer.accumulation import spread_points
 from vemlight.renderer.frame import AccumulationPass, FrameInput, FramePlan, FrameSetup, FrameState, GBufferContents, PassRun
@@ -48,6 +49,16 @@ from vemlight.renderer.passes.lights.traced_lights import (
     traced_batches,
 )
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
+from vemlight.renderer.passes.near_lights.near_light_plan import (
+    LitBy,
+    NearBatch,
+    joined,
+    near_batches,
+    near_in_time,
+    near_within,
+    same_light,
+    strongest_first,
+)
 from vemlight.renderer.passes.shadow_maps.casters import placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
     Batch,
@@ -107,6 +118,7 @@ def initial_state(setup: FrameSetup) -> FrameState:
         maps=None,
         layers=None,
         coarse_layers=None,
+        near_layers=None,
         light_weight=1.0,
         gathered={},
         edge_samples=0,
@@ -118,7 +130,7 @@ def initial_state(setup: FrameSetup) -> FrameState:
 
 class Lighting(NamedTuple):
     """How a frame sums its lights; fields as in FramePlan. caches_visibility: whether lookups go through the visibility cache. bounce:
-    whether surfaces light each other. coarse: whether the last batch is summed on coarse pixels.
+    whether surfaces light each other. coarse: whether the last batch is summed on coarse pixels. near: batches of near lights.
     """
 
     lights: LightSet
@@ -129,6 +141,7 @@ class Lighting(NamedTuple):
     work: FrameWork | None = None
     bounce: bool = False
     coarse: bool = False
+    near: tuple[NearBatch, ...] = ()
 
 
 def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostModel) -> tuple[FramePlan, FrameState]:
@@ -148,7 +161,8 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
     drawn_for = tuple(shown.pose if redrawn else pose for redrawn, pose in zip(stale, state.luminaire_maps, strict=True))
     kept = state.gathered if lighting.bounce and g_buffer is state.g_buffer else {}
     first = shown.lights.number % setup.bounce_sets if isinstance(shown.lights, AccumulationPass) else 0
-    gathered = with_newest(kept, lighting.lights, setup.bounce_sets, first) if lighting.bounce else {}
+    lit_by = LitBy(lighting.lights, joined(lighting.near))
+    gathered = with_newest(kept, lit_by, setup.bounce_sets, first) if lighting.bounce else {}
     edge_samples = min(state.edge_samples + 1, setup.edge_samples) if g_buffer is state.g_buffer else 0
     if edge_samples > state.edge_samples:
         runs.insert(0, PassRun(pass_table.EDGES))
@@ -165,11 +179,13 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
         lights=lighting.lights,
         reflected=reflected,
         work=lighting.work,
+        near=lighting.near,
+        lit_by=lit_by,
     )
     return made, after
 
 
-def with_newest(gathered: Mapping[int, LightSet], lights: LightSet, sets: int, first: int = 0) -> Mapping[int, LightSet]:
+def with_newest(gathered: Mapping[int, LitBy], lights: LitBy, sets: int, first: int = 0) -> Mapping[int, LitBy]:
     """Under which lights each of the bounce's `sets` was gathered, the newest last, once another one was under these.
 
     One that was not yet, from `first` on, or else the oldest; none where that was under the same lights.
@@ -177,7 +193,7 @@ def with_newest(gathered: Mapping[int, LightSet], lights: LightSet, sets: int, f
     if len(gathered) < sets:
         return {**gathered, (first + len(gathered)) % sets: lights}
     (oldest, before), *others = gathered.items()
-    if all(a is b or (a is not None and b is not None and np.array_equal(a, b)) for a, b in zip(before, lights, strict=True)):
+    if same_light(before, lights):
         return gathered
     return {**dict(others), oldest: lights}
 
@@ -213,8 +229,9 @@ def _whole(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Ligh
     else:
         batches = all_batches(setup.shadows, state.placed, lights)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    return state._replace(maps=None, layers=None, coarse_layers=None), Lighting(
-        lights, batches, setup.samples, unshadowed, bounce=setup.bounces
+    near = near_batches(strongest_first(shown.near, state.placed), _most_layers(setup.size))
+    return state._replace(maps=None, layers=None, coarse_layers=None, near_layers=None), Lighting(
+        lights, batches, setup.samples, unshadowed, bounce=setup.bounces, near=near
     )
 
 
@@ -230,8 +247,9 @@ def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted
     # What a catcher would have without shadows is the same for all passes.
     whole = wanted.light.cells() if MaterialKind.SHADOW_CATCHER in setup.kinds else lights
     unshadowed = _catcher_irradiance(setup, shown.pose, whole)
-    after = state._replace(maps=None, layers=None, coarse_layers=None)
-    return after, Lighting(lights, batches, (PixelSample(x, y, wanted.number),), unshadowed, bounce=setup.bounces)
+    near = near_batches(strongest_first(shown.near, state.placed), _most_layers(setup.size))
+    after = state._replace(maps=None, layers=None, coarse_layers=None, near_layers=None)
+    return after, Lighting(lights, batches, (PixelSample(x, y, wanted.number),), unshadowed, bounce=setup.bounces, near=near)
 
 
 def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: LightSet, costs: CostModel) -> tuple[FrameState, Lighting]:
@@ -239,9 +257,13 @@ def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Li
     surfaces_moved = not same_places(state.lookup_pose, shown.pose)
     budget = budget_of(setup, state, costs)._replace(surfaces_moved=surfaces_moved)
     budget = budget._replace(bounce=setup.bounces and bounce_affordable(budget))
-    lights = strongest_lights(lights, affordable_lights(budget) or len(lights.ids))
+    most, near = affordable_lights(budget) or len(lights.ids) + len(shown.near.ids), NearLightSet.empty()
+    if len(shown.near.ids):
+        near = near_within(strongest_first(shown.near, state.placed), state.placed, lights, most)
+        most -= len(near.ids)
+    lights = strongest_lights(lights, most)
     if setup.traced:
-        return _traced_in_time(setup, state._replace(bounce=budget.bounce), shown, lights, budget)
+        return _traced_in_time(setup, state._replace(bounce=budget.bounce), shown._replace(near=near), lights, budget)
     coarser = coarsening(state.demand, state.coarsening, MAX_COARSENING)
     demand = state.demand if coarser == state.coarsening else state.demand._replace(backlog=1.0)
     halvings = halvings_by_id(setup.shadows, lights, coarser, state.halvings)
@@ -275,9 +297,11 @@ def _traced_in_time(
     coarse = setup.coarse and lights.covariances is not None
     parts = [np.flatnonzero(rays != 1), np.flatnonzero(rays == 1)] if coarse else [np.arange(len(rays))]
     weights, kept = (1.0, COARSE_WEIGHT), (state.layers, state.coarse_layers)
-    on_all = sum(weight * len(part) for weight, part in zip(weights, parts, strict=False))
+    on_all = sum(weight * len(part) for weight, part in zip(weights, parts, strict=False)) + len(shown.near.ids)
     traced: list[TracedBatch] = []
-    spent = 0.0  # lights traced so far, as many on all pixels
+    near_layers = None if seen_anew else state.near_layers
+    near = near_in_time(near_layers, shown.near, state.placed, _most_layers(setup.size), partial(affordable_traces, budget, on_all))
+    spent = float(len(near.batch.traced))  # lights traced so far, as many on all pixels
     for weight, layers, part in zip(weights, kept, parts, strict=False):
         if layers and seen_anew:
             layers = TracedLayers.empty(len(layers.directions))
@@ -292,12 +316,14 @@ def _traced_in_time(
         stale, anew = sum(each.stale for each in traced), sum(each.batch.unknown.count for each in traced)
         demand = updated_demand(demand, np.ones(drawn), np.ones(stale), anew)
     summed = sum(weight * each.batch.every.count for weight, each in zip(weights, traced, strict=False))
-    work = FrameWork(0.0, spent, summed, budget.bounce)
+    work = FrameWork(0.0, spent, summed + len(near.batch.layers), budget.bounce)
     layers, coarse_layers = [*(each.layers for each in traced), None][:2] if len(setup.samples) == 1 else (None, None)
     weight = summed / drawn if drawn else state.light_weight
     state = state._replace(demand=demand, layers=layers, coarse_layers=coarse_layers, light_weight=weight, lookup_pose=shown.pose)
+    state = state._replace(near_layers=near.layers if len(setup.samples) == 1 and len(near.layers.ids) else None)
     unshadowed, batches = _catcher_irradiance(setup, shown.pose, lights), tuple(each.batch for each in traced)
-    return state, Lighting(lights, batches, setup.samples, unshadowed, work=work, bounce=budget.bounce, coarse=coarse)
+    near_drawn = (near.batch,) if len(near.batch.layers) else ()
+    return state, Lighting(lights, batches, setup.samples, unshadowed, work=work, bounce=budget.bounce, coarse=coarse, near=near_drawn)
 
 
 def _affordable_part(budget: Budget, lights: float, spent: float, weight: float, stale: int) -> int:
@@ -361,6 +387,10 @@ def _passes(
             elif lighting.caches_visibility:
                 rows.append(pass_table.VISIBILITY_CACHE)
             rows.append(pass_table.LIGHTS)
+            if first:
+                runs += [PassRun(row, number, k) for row in rows]
+                runs += [PassRun(row, own, k) for own in range(len(lighting.near)) for row in (pass_table.NEAR_RAYS, pass_table.NEAR_LIGHTS)]
+                rows = []
             if setup.bounces and first and setup.glossy:  # also where time leaves no bounce: half of a mirror would be black
                 rows.append(pass_table.MIRRORS)
             if glossy and first:

@@ -4,6 +4,7 @@ import numpy as np
 
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.frame import FrameInput, FramePlan
 from vemlight.renderer.frame_budget import CostModel, FrameTimings, updated_costs
 from vemlight.renderer.frame_plan import initial_state, plan
@@ -36,12 +37,13 @@ class FrameSequence:
         environment: EnvironmentMap | None = None,
         pose: ScenePose | None = None,
         background: EnvironmentMap | None = None,
+        near: NearLightSet | None = None,
     ) -> np.ndarray:
         """The picture under these lights, as DrawnFrame has it; without a pose, where the scene file puts everything.
 
         environment: that lobes reflect; without one, they reflect the lights.
         """
-        shown = FrameInput(lights, pose or self.renderer.setup.rest, environment, background)
+        shown = FrameInput(lights, pose or self.renderer.setup.rest, environment, background, near=near or NearLightSet.empty())
         picture = self.draw(shown).picture
         assert picture is not None
         return picture

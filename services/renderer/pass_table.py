@@ -6,11 +6,11 @@ A frame's plan (frame_plan.py) is a list of these; renderer.py runs them. docs/a
 from typing import NamedTuple
 
 # What a plan provides: no pass writes these.
-INPUTS = ("lights", "environment", "pose", "background", "plate", "uploaded picture", "previous adaptation", "exposure")
+INPUTS = ("lights", "near lights", "environment", "pose", "background", "plate", "uploaded picture", "previous adaptation", "exposure")
 # What stays on the GPU after a frame: frame.FrameState describes it, so that a plan need not draw it again.
 CACHED = (
     "luminaire maps", "shadow maps", "light frames", "G-buffer", "class depth", "cached visibility", "coarse surfaces", "coarse visibility",
-    "edges",
+    "edges", "near visibility",
 )  # fmt: skip
 
 
@@ -50,6 +50,14 @@ LIGHTS = Pass(
     ("picture", "matte", "lobe visibility"),
     "passes/lights/shading.py",
 )
+NEAR_RAYS = Pass("near rays", "rays", ("near lights", "pose", "G-buffer"), ("near visibility",), "passes/near_lights/near_lights.py")
+NEAR_LIGHTS = Pass(
+    "near lights",
+    "lights",
+    ("near lights", "G-buffer", "class depth", "near visibility"),
+    ("picture",),
+    "passes/near_lights/near_lights.py",
+)
 COARSE_SURFACES = Pass("coarse surfaces", "coarse surfaces", ("G-buffer",), ("coarse surfaces",), "passes/gbuffer/coarse_surfaces.py")
 WEAK_RAYS = Pass(
     "weak rays", "rays", ("lights", "pose", "coarse surfaces"), ("light frames", "coarse visibility"), "passes/lights/traced_visibility.py"
@@ -84,6 +92,6 @@ TONE_MAPPING = Pass(
 
 PASSES = (
     LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, EDGES, G_BUFFER, COARSE_SURFACES, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE,
-    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, MIRRORS, GLOSS, BOUNCE,
+    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, NEAR_RAYS, NEAR_LIGHTS, MIRRORS, GLOSS, BOUNCE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -27,6 +27,8 @@ from vemlight.renderer.passes.lights.traced_lights import restoring_batches as r
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.luminaires.illumination import Illumination
+from vemlight.renderer.passes.near_lights.near_light_plan import restoring_near_batches
+from vemlight.renderer.passes.near_lights.near_lights import NearLights
 from vemlight.renderer.passes.present.present import Present
 from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import restoring_batches
@@ -98,6 +100,7 @@ class Renderer:
         self._background = Background(context, programs, size)
         self._edges = self._rays.edges(context, programs) if self._rays and setup.edge_samples else None
         self._present = Present(context, programs, size, self._edges)
+        self._near_lights: NearLights | None = None
         self._contents: FrameState | None = None  # the state that describes what is cached on the GPU
         self._pose = setup.rest
         self._run_pass = {
@@ -112,6 +115,8 @@ class Renderer:
             pass_table.VISIBILITY_CACHE: self._look_up,
             pass_table.RAYS: self._trace,
             pass_table.LIGHTS: self._add_lights,
+            pass_table.NEAR_RAYS: self._trace_near,
+            pass_table.NEAR_LIGHTS: self._add_near,
             pass_table.COARSE_SURFACES: self._take_coarse,
             pass_table.WEAK_RAYS: self._trace_weak,
             pass_table.WEAK_LIGHTS: self._sum_weak,
@@ -203,6 +208,9 @@ class Renderer:
         for batch in retracing_batches(self.setup.shadows, state.coarse_layers) if state.coarse_layers else ():
             assert self._coarse
             self._coarse.rays.trace(batch, 0, 1, whole=False)
+        for batch in restoring_near_batches(state.near_layers) if state.near_layers else ():
+            assert self._rays
+            self._near().trace(self._rays, batch, 0, 1, whole=False)
 
     def _place(self, pose: ScenePose) -> None:
         """Moves the surfaces and the luminaires there."""
@@ -316,10 +324,24 @@ class Renderer:
             self._coarse.lights if self._coarse and plan.runs(pass_table.WEAK_LIGHTS) else None,
         )
 
+    def _near(self) -> NearLights:
+        """What draws near lights, made when the first come."""
+        if self._near_lights is None:
+            regions = len(self.setup.shadows.regions.centres)
+            self._near_lights = NearLights(self._context, self._programs, set(self.setup.kinds), self.setup.size, regions)
+        return self._near_lights
+
+    def _trace_near(self, plan: FramePlan, run: PassRun) -> None:
+        assert self._rays
+        self._near().trace(self._rays, plan.near[run.batch], run.sample, len(plan.samples), whole=plan.after.near_layers is None)
+
+    def _add_near(self, plan: FramePlan, run: PassRun) -> None:
+        self._near().add(self._g_buffer, self._shading, plan.near[run.batch], 1 / len(plan.samples))
+
     def _add_mirrors(self, plan: FramePlan, run: PassRun) -> None:
         assert self._mirrors
         normal = self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices)
-        self._mirrors.trace(self._g_buffer, plan.samples[run.sample].number, plan.lights, normal)
+        self._mirrors.trace(self._g_buffer, plan.samples[run.sample].number, plan.lit_by, normal)
         self._mirrors.add(self._g_buffer, self._shading.frame, 1 / len(plan.samples))
 
     def _add_gloss(self, plan: FramePlan, _run: PassRun) -> None:
@@ -375,6 +397,7 @@ class Renderer:
                 self._rays,
                 self._atlas,
                 self._visibility_cache,
+                self._near_lights,
             )
             drawing = (*visibility, self._g_buffer, self._shading, self._gloss, self._illumination, self._emission)
             for part in (*drawing, self._plate, self._background, self._present, self._programs):

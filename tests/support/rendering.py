@@ -7,6 +7,7 @@ import numpy as np
 from vemlight import settings
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame import AccumulationPass, FrameInput, PlatePicture, ToneRequest
 from vemlight.renderer.frame_plan import plan_upload
@@ -26,6 +27,7 @@ class SceneRenderer(FrameSequence):
         self.pose = self.renderer.setup.rest
         self.background: EnvironmentMap | None = None
         self.plate: PlatePicture | None = None
+        self.near = NearLightSet.empty()
 
     def place(self, time_s: float, poses: Iterable[wire.Pose] = ()) -> tuple[wire.Pose, ...]:
         """Moves the scene before the next picture; where its objects and lamps then are."""
@@ -35,7 +37,7 @@ class SceneRenderer(FrameSequence):
     def frame(
         self, lights: LightSet | AccumulationPass, environment: EnvironmentMap | None = None, tone: ToneRequest | None = None
     ) -> DrawnFrame:
-        return self.draw(FrameInput(lights, self.pose, environment, self.background, self.plate, tone))
+        return self.draw(FrameInput(lights, self.pose, environment, self.background, self.plate, tone, near=self.near))
 
     def picture(self, lights: LightSet | AccumulationPass, environment: EnvironmentMap | None = None) -> np.ndarray:
         """(height, width, 4) float32, linear."""

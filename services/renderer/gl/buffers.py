@@ -49,6 +49,17 @@ LIGHT_FRAME = buffer_struct(
     },
 )
 
+# A near light; `layer`: of what arrives of it, where it is traced.
+NEAR_LIGHT = buffer_struct(
+    "NearLight",
+    {
+        "at": Member("vec3", "world"),
+        "radius": Member("float", "metres, of the ball that it is"),
+        "intensity": Member("vec3", "RGB, W/sr"),
+        "layer": Member("float", "of visibility"),
+    },
+)
+
 # From where a shadow map of a luminaire is drawn, in the luminaire's frame.
 SHADOW_VIEW = buffer_struct(
     "ShadowView",
@@ -109,6 +120,7 @@ INCLUDES = {
     "constants.glsl": constants_glsl(),
     "light_entry.glsl": LIGHT_ENTRY.glsl,
     "light_frame.glsl": LIGHT_FRAME.glsl,
+    "near_light_struct.glsl": NEAR_LIGHT.glsl,
     "shadow_view.glsl": SHADOW_VIEW.glsl,
     "material.glsl": MATERIAL.glsl,
     "surface_texels.glsl": "".join(

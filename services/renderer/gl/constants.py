@@ -28,6 +28,7 @@ GLOSSY_KINDS = frozenset({MaterialKind.PHONG, MaterialKind.GGX})
 MATERIAL_KINDS = len(MaterialKind)
 
 MAX_LIGHTS = 512  # of a batch: 128 bytes each, 64 kB of a uniform block, as much as GL drivers in use allow
+NEAR_BATCH = 256  # near lights that are drawn together: 32 bytes each, 8 kB of a uniform block; as many as a frame has
 WORK_GROUP = 64  # lights that a work group of light_frames.comp makes; any multiple of 32 does
 CLASSES = 1024  # of pixels, by kind of material and light region: 4 x 256; (class + 1/2) / CLASSES is exact in 24 bits of depth
 GUTTER = 2  # texels at a shadow map's rim that stay empty, so that a filtered lookup of 2 x 2 texels sees no neighbouring map

@@ -15,6 +15,7 @@ from numba import types
 
 from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import LUMINANCE_WEIGHTS
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.rays.embree import RayScene, function_address
 from vemlight.renderer.rays.hits import (
     GOLDEN,
@@ -29,13 +30,14 @@ from vemlight.renderer.rays.hits import (
     set_ray,
 )
 from vemlight.renderer.rays.reflecting import ReflectingMeshes
-from vemlight.renderer.rays.tracing import FAR, LIFT_OF_REACH, OCCLUDED, PASSED
+from vemlight.renderer.rays.tracing import ENDS_BEFORE, FAR, LIFT_OF_REACH, OCCLUDED, PASSED
 
 ROWS_PER_TASK = 4  # of blocks; as tracing.TILE_ROWS_PER_TASK
 SAME_NORMAL = 8.0  # exponent of the cosine between two normals: surfaces 30 degrees apart share a third of their light
 SAME_PLANE = 0.02  # of the distance to the eye: so far off a block's plane light counts by 1 / e; a block is half of that wide
 OFFSETS = 64  # directions of a light with extent; a hit takes one. Any value in 16 .. 1024 does
 MIRROR_EXPONENT = 8  # of the lobe about the mirrored view: 30 degrees to half, in which two of sixteen rays lie
+LEAST_AWAY = np.float32(1e-4)  # metres from a near light, in place of less; any value in 1e-6 .. 1e-3 does
 PI = np.pi
 
 _occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
@@ -63,17 +65,25 @@ class Blocks(NamedTuple):
 
 
 class Light(NamedTuple):
-    """The lights of a frame, float32. directions, irradiance: (n, 3). luminance: (n,), of the irradiance. spreads: (n,), rad."""
+    """The lights of a frame, float32: n directional ones and, after them, m near ones. directions: (n, 3). irradiance: (n + m, 3), of near
+    ones intensity. luminance: (n + m,), of that. spreads: (n,), rad. places: (m, 3), about the ray scene's origin. radii: (m,), metres."""
 
     directions: np.ndarray
     irradiance: np.ndarray
     luminance: np.ndarray
     spreads: np.ndarray
+    places: np.ndarray
+    radii: np.ndarray
 
     @staticmethod
-    def of(directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray) -> "Light":
-        """Lights of directions (n, 3), irradiance (n, 3), spreads (n,) rad."""
-        arrays = (directions, irradiance, irradiance @ LUMINANCE_WEIGHTS, spreads)
+    def of(
+        directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray, near: NearLightSet | None = None, origin: np.ndarray | None = None
+    ) -> "Light":
+        """Lights of directions (n, 3), irradiance (n, 3), spreads (n,) rad, and near ones about an origin (3,)."""
+        near = near or NearLightSet.empty()
+        both = np.concatenate([irradiance, near.intensity])
+        places = near.at - (np.zeros(3) if origin is None else origin)
+        arrays = (directions, both, both @ LUMINANCE_WEIGHTS, spreads, places, near.radius)
         return Light(*(np.ascontiguousarray(array, np.float32) for array in arrays))
 
 
@@ -200,6 +210,19 @@ def _hashed(number):
     return np.float32((x ^ (x >> np.uint32(15))) * np.float32(2.0**-32))
 
 
+@subroutine
+def _near(light, i, place, nx, ny, nz):
+    """Near light i from a place: its irradiance there over its intensity, the direction to it (three numbers), the standard deviation of its
+    directions along an axis, rad, and how far it is to its ball."""
+    x, y, z = light.places[i, 0] - place[0], light.places[i, 1] - place[1], light.places[i, 2] - place[2]
+    distance, radius = np.sqrt(x * x + y * y + z * z), light.radii[i]
+    away = max(distance, LEAST_AWAY)
+    x, y, z = x / away, y / away, z / away
+    reach = max(away, radius)
+    irradiance = max(nx * x + ny * y + nz * z, np.float32(0.0)) / (reach * reach)
+    return irradiance, x, y, z, np.float32(0.5) * radius / reach, max(distance - radius, np.float32(0.0)) * (np.float32(1) - ENDS_BEFORE)
+
+
 @kernel(nogil=True)
 def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers, radiance):
     """Fills the radiance (rows, columns, rays, 3) that the hits send back, of what they emit and of the lights that reach them.
@@ -207,7 +230,7 @@ def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers,
     numbers: (rows, columns) int64, by which lights and places on them are drawn.
     """
     rows, columns, count, _ = hits.places.shape
-    lights = len(light.luminance)
+    directional, lights = len(light.spreads), len(light.luminance)
     brought, sent = np.empty(lights, np.float32), np.empty((PACKET, 3), np.float32)
     target = np.empty((PACKET, 3), np.int64)
     pending = np.int64(0)
@@ -218,11 +241,16 @@ def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers,
                     radiance[row, column, ray, axis] = hits.emission[row, column, ray, axis]
                 nx, ny, nz = hits.normals[row, column, ray]
                 total, facing = np.float32(0.0), 0
-                for i in range(lights):
+                for i in range(directional):
                     cosine = nx * light.directions[i, 0] + ny * light.directions[i, 1] + nz * light.directions[i, 2]
                     brought[i] = light.luminance[i] * max(cosine, np.float32(0.0))
                     total += brought[i]
                     facing += brought[i] > 0
+                for i in range(directional, lights):
+                    own = light.luminance[i] * _near(light, i - directional, hits.places[row, column, ray], nx, ny, nz)[0]
+                    brought[i] = own
+                    total += own
+                    facing += own > 0
                 if not total > 0:
                     continue
                 place = numbers[row, column] * count + ray
@@ -240,18 +268,23 @@ def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers,
                             following += step
                         if share == 0:
                             continue
-                    cosine = brought[i] / light.luminance[i]
+                    cosine = brought[i] / light.luminance[i]  # over the square of a near one's distance
                     for axis in range(3):
                         albedo = hits.albedo[row, column, ray, axis]
                         albedo = ground[axis] if albedo < 0 else albedo
                         sent[pending, axis] = albedo / PI * light.irradiance[i, axis] * cosine * share
                     target[pending, 0], target[pending, 1], target[pending, 2] = row, column, ray
-                    dx, dy, dz = light.directions[i]
+                    if i < directional:
+                        dx, dy, dz = light.directions[i]
+                        spread, end = light.spreads[i], np.float32(np.inf)
+                    else:
+                        _, dx, dy, dz, spread, end = _near(light, i - directional, hits.places[row, column, ray], nx, ny, nz)
                     ax, ay, az, bx, by, bz = across(dx, dy, dz)
                     k = int(_hashed(place * 31 + i + 17) * len(offsets))
-                    p, q = light.spreads[i] * offsets[k, 0], light.spreads[i] * offsets[k, 1]
+                    p, q = spread * offsets[k, 0], spread * offsets[k, 1]
                     dx, dy, dz = dx + p * ax + q * bx, dy + p * ay + q * by, dz + p * az + q * bz
                     set_ray(query, pending, hits.places[row, column, ray], dx, dy, dz)
+                    query.rays[FAR, pending] = end
                     pending += 1
                     if pending == PACKET:
                         _deliver(scene, query, pending, target, sent, radiance)

@@ -3,6 +3,7 @@
 Nothing is random and nothing changes from frame to frame, so a still picture is still.
 """
 
+from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
@@ -32,20 +33,40 @@ def soft_pattern(sample: int, samples: int) -> SoftPattern:
     return SoftPattern(_gaussian(place, np.full_like(place, STRATA // 2)), _shared(place % FEW, FEW), _shared(sample, samples))
 
 
-def _shared(part: np.ndarray | int, parts: int) -> np.ndarray:
+@cache
+def ball_pattern(sample: int, samples: int) -> np.ndarray:
+    """Offsets (k, 2, 16) float32 evenly over a disc of radius 1, likewise: where rays go on a ball, at a sample of each pixel's."""
+    return _shared(sample, samples, _disc)
+
+
+def _shared(part: np.ndarray | int, parts: int, spread: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None) -> np.ndarray:
     """The offsets of a pixel that has one part of the strata."""
     k = np.arange(-(-STRATA // parts))[::-1]
     k[1:] = np.roll(k[1:], 1)  # the outermost, the innermost, the others from the outside in: what the first agree on mostly holds for all
     stratum = (k * parts + (k + part) % parts) % STRATA
     shape = (STRATA, len(k))
-    return _gaussian(np.broadcast_to(stratum, shape), np.broadcast_to(PLACES.reshape(-1, 1), shape))
+    return (spread or _gaussian)(np.broadcast_to(stratum, shape), np.broadcast_to(PLACES.reshape(-1, 1), shape))
 
 
 def _gaussian(stratum: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Points (k, 2, 16) float32 in strata (16, k), each at one of 16 places: radius by the one, angle by the other's mirrored digits."""
+    radial, angle = _radial_and_angle(stratum, place)
+    return _points(np.sqrt(-2 * np.log(1 - radial)) / np.sqrt(_variance()), angle)
+
+
+def _disc(stratum: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Points likewise of a disc of radius 1."""
+    radial, angle = _radial_and_angle(stratum, place)
+    return _points(np.sqrt(radial), angle)
+
+
+def _radial_and_angle(stratum: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The fraction of all points that lie further in, and the angle."""
     radial = (stratum + (place + 0.5) / STRATA) / STRATA
-    angle = 2 * np.pi * (_mirrored(stratum) + _mirrored(place) / STRATA)
-    radius = np.sqrt(-2 * np.log(1 - radial)) / np.sqrt(_variance())
+    return radial, 2 * np.pi * (_mirrored(stratum) + _mirrored(place) / STRATA)
+
+
+def _points(radius: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).transpose(1, 2, 0).astype(np.float32, order="C")
 
 

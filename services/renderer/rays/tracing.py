@@ -30,6 +30,8 @@ INCOHERENT, COHERENT = 0, 1 << 16  # RTCRayQueryFlags: whether the rays of a pac
 # Spread of lights to which the rays of a packet are alike: .0008 rad saves a third of the time, .17 rad costs half of it.
 ALIKE_RAD = np.float32(0.01)
 LEAST_SENT = np.float32(1e-6)  # in place of 0 where it divides 0; any value in 1e-30 .. 1e-3 does
+# Rays to a near light end so far before its ball, of their length: the surface of a lamp that is modelled at its radius takes nothing.
+ENDS_BEFORE = np.float32(1e-4)
 ALL_FEATURES = 0xFFFFFFFF
 # Rays begin off their surface, along its flat normal. A place has float32's rounding of its depth and of the vertices' coordinates, 2^-24
 # of either a few times over, and a flat normal is off by 16-bit codes and by differences of places: all that is below a tenth of this.
@@ -183,7 +185,7 @@ class RayTracer:
         self, lights: TracedLights, pattern: SoftPattern, rows: slice, agreed: int, arriving: np.ndarray, found: np.ndarray
     ) -> None:
         assert self._surfaces is not None
-        _trace(self._scene.address, _packet(), self._surfaces.of(rows), lights, pattern, agreed, arriving, found)
+        _trace(self._scene.address, new_packet(), self._surfaces.of(rows), lights, pattern, agreed, arriving, found)
 
     def warm(self) -> None:
         """Compiles, or loads, what a picture needs."""
@@ -200,7 +202,8 @@ class RayTracer:
             self._scene.release()
 
 
-def _packet() -> Packet:
+def new_packet() -> Packet:
+    """The memory of a thread."""
     rays, words, context = aligned(RAY_LINES * 16).reshape(RAY_LINES, 16), aligned(16), aligned(PASSED + 16)
     arguments = words.view(np.uint32)
     arguments[1] = ALL_FEATURES
@@ -267,7 +270,7 @@ def _trace(scene, packet, surfaces, lights, pattern, agreed, arriving, found):
             if not np.any(surfaces.distances[top : top + height, left : left + width]):
                 arriving[:, top : top + height, left : left + width] = 0
                 continue
-            _place_packet(packet, surfaces, top, left, height, width)
+            place_packet(packet, surfaces, top, left, height, width)
             m = 0
             for i in range(len(lights.directions)):
                 if lights.rays[i] == POINT:
@@ -324,7 +327,7 @@ def _trace_soft(scene, packet, lights, i, offsets, agreed):
     packet.arguments[0] = COHERENT if alike else INCOHERENT
     for turn in range(offsets.shape[0]):
         if turn >= agreed:
-            if (turn == PIXEL_AGREED or (alike and turn < PIXEL_AGREED)) and _unanimous(packet):
+            if (turn == PIXEL_AGREED or (alike and turn < PIXEL_AGREED)) and unanimous(packet):
                 break
             if alike and turn == PIXEL_AGREED:
                 _finish_pixels(scene, packet, lights, i, offsets)
@@ -386,7 +389,7 @@ def _finish_pixels(scene, packet, lights, i, offsets):
 
 
 @subroutine
-def _unanimous(packet):
+def unanimous(packet):
     """Whether everything that a tile sent to a light came through, or nothing."""
     dark, lit = 0, 0
     for k in range(TILE * TILE):
@@ -397,7 +400,7 @@ def _unanimous(packet):
 
 
 @subroutine
-def _place_packet(packet, surfaces, top, left, height, width):
+def place_packet(packet, surfaces, top, left, height, width):
     """Has the rays of a packet begin at a tile's pixels; the normals become theirs, zeros where there is no pixel."""
     packet.flat[:] = 0
     packet.smooth[:] = 0

@@ -12,6 +12,7 @@ from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
+from vemlight.renderer.passes.near_lights.near_light_plan import LitBy
 from vemlight.renderer.rays.bounce import SAME_NORMAL, SAME_PLANE, Blocks, BlockSurfaces, Bounce, Light, block_pixels
 from vemlight.renderer.rays.reflecting import reflecting_meshes
 from vemlight.renderer.rays.tracing import RayTracer, Surfaces
@@ -41,10 +42,11 @@ def ground_albedo(normal: np.ndarray | None, lights: LightSet) -> np.ndarray:
     return np.minimum(np.divide(up, down, out=np.zeros(3), where=down > 0), 1)
 
 
-def light_of(lights: LightSet) -> Light:
-    """Lights as they fall on where rays end: round, of the mean variance of their two axes."""
+def light_of(lit_by: LitBy, origin: np.ndarray) -> Light:
+    """Lights as they fall on where rays end: round, of the mean variance of their two axes. origin: (3,) of the ray scene."""
+    lights, near = lit_by
     traces = np.zeros(len(lights.ids)) if lights.covariances is None else lights.covariances[:, [0, 3, 5]].sum(axis=1)
-    return Light.of(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2))
+    return Light.of(lights.directions, lights.irradiance, np.sqrt(np.maximum(traces, 0) / 2), near, origin)
 
 
 class BounceLight:
@@ -60,7 +62,7 @@ class BounceLight:
         self._bounce = Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, self._threads, RAYS, shadow_rays, sets)
         self._eye = np.array(scene.camera.position, np.float64)
         self._seen: Surfaces | None = None
-        self._gathered: dict[int, LightSet] = {}
+        self._gathered: dict[int, LitBy] = {}
         self._block = block = block_side(size, live)
         blocks = -(-size[0] // block), -(-size[1] // block)
         self._textures = {f"block_{name}": context.texture(blocks, 4, dtype="f4") for name in Blocks._fields}
@@ -70,7 +72,7 @@ class BounceLight:
         self._programs = [programs.program("screen.vert", "bounce.frag", **variant) for variant in variants]
         self._arrays = [context.vertex_array(program, []) for program in self._programs]
 
-    def gather(self, gathered: Mapping[int, LightSet], catcher_normal: np.ndarray | None) -> None:
+    def gather(self, gathered: Mapping[int, LitBy], catcher_normal: np.ndarray | None) -> None:
         """Gathers the light that the surfaces seen last send to each other: each set of rays under its lights, if it was not yet.
 
         catcher_normal: (3,) of the catcher, if there is one.
@@ -81,8 +83,8 @@ class BounceLight:
         stale = {k: lights for k, lights in gathered.items() if self._gathered.get(k) is not lights}
         if not stale and self._gathered:
             return
-        for k, lights in stale.items():
-            self._bounce.gather(light_of(lights), ground_albedo(catcher_normal, lights), k)
+        for k, lit_by in stale.items():
+            self._bounce.gather(light_of(lit_by, self._tracer.scene.origin), ground_albedo(catcher_normal, lit_by.lights), k)
         self._gathered = dict(gathered)
         blocks = self._bounce.received()
         there = np.any(blocks.normals, axis=-1, keepdims=True)

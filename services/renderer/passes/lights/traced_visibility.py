@@ -9,6 +9,7 @@ import numpy as np
 
 from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.bounce.bounce import BounceLight
@@ -17,6 +18,7 @@ from vemlight.renderer.passes.gbuffer.coarse_surfaces import CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.mirrors.mirrors import Mirrors
+from vemlight.renderer.passes.near_lights.near_light_plan import near_of
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.rays.soft_pattern import soft_pattern
 from vemlight.renderer.rays.tracing import RayTracer, TracedLights
@@ -68,6 +70,20 @@ class TracedVisibility:
             part = TracedLights(*(each[first : first + together] for each in lights))
             arriving = self._tracer.trace(part, pattern, whole)
             for own, layer in zip(arriving, layers[first : first + together], strict=True):
+                texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
+
+    def trace_near(
+        self, texture: moderngl.TextureArray, lights: NearLightSet, layers: np.ndarray, sample: int, samples: int, whole: bool
+    ) -> None:
+        """Traces near lights into layers (n,) int64 of a texture; the others as `trace` has them."""
+        from vemlight.renderer.rays.near_tracing import trace_near  # here, since most pictures do without this kernel
+
+        width, height = self._size
+        together = max(MAX_TRACED_BYTES // (width * height), 1)
+        for first in range(0, len(layers), together):
+            part = np.arange(first, min(first + together, len(layers)))
+            arriving = trace_near(self._tracer, near_of(lights, part), sample, samples, whole)
+            for own, layer in zip(arriving, layers[part].tolist(), strict=True):
                 texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
 
     def warm(self) -> None:

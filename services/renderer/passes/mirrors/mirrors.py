@@ -6,12 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 import moderngl
 import numpy as np
 
-from vemlight.light.light_set import LightSet
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.bounce.bounce import ground_albedo, light_of
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.gloss.lobe_albedo import SIZE, ggx_albedo
+from vemlight.renderer.passes.near_lights.near_light_plan import LitBy
 from vemlight.renderer.rays.mirror import Mirror
 from vemlight.renderer.rays.reflecting import reflecting_meshes
 from vemlight.renderer.rays.tracing import RayTracer, Surfaces
@@ -45,7 +45,7 @@ class Mirrors:
         self._mirror = Mirror(tracer, reflecting_meshes(scene), self._threads, *rays)
         self._eye = np.array(scene.camera.position, np.float64)
         self._seen: Surfaces | None = None
-        self._lit: LightSet | None = None
+        self._lit: LitBy | None = None
         constants = {f"HAS_{kind.name}": int(kind in kinds) for kind in GLOSSY_KINDS} | {"ALBEDO_SIZE": SIZE}
         self._find = context.vertex_array(programs.program("screen.vert", "lobes.frag"), [])
         self._add = context.vertex_array(programs.program("screen.vert", "mirrors.frag", **constants), [])
@@ -58,7 +58,7 @@ class Mirrors:
         if self._albedo:
             self._albedo.filter = moderngl.LINEAR, moderngl.LINEAR
 
-    def trace(self, g_buffer: GBuffer, number: int, lights: LightSet, catcher_normal: np.ndarray | None) -> None:
+    def trace(self, g_buffer: GBuffer, number: int, lit_by: LitBy, catcher_normal: np.ndarray | None) -> None:
         """Finds what polished surfaces show under these lights. number: of the sample at which they were drawn. catcher_normal: (3,) of
         the catcher, if there is one."""
         if self._seen is not self._tracer.surfaces:
@@ -69,9 +69,9 @@ class Mirrors:
             self._find.render(moderngl.TRIANGLES, vertices=3)
             lobes = np.frombuffer(self._lobes.read(alignment=1), np.float32).reshape(self._size[::-1])
             self._mirror.see(lobes, self._eye, number)
-        if self._lit is not lights:
-            self._lit = lights
-            self.scene.write(self._mirror.lit(light_of(lights), ground_albedo(catcher_normal, lights)).data)
+        if self._lit is None or any(before is not now for before, now in zip(self._lit, lit_by, strict=True)):
+            self._lit, origin = lit_by, self._tracer.scene.origin
+            self.scene.write(self._mirror.lit(light_of(lit_by, origin), ground_albedo(catcher_normal, lit_by.lights)).data)
 
     def add(self, g_buffer: GBuffer, frame: moderngl.Framebuffer, weight: float) -> None:
         """Adds what was found last, times `weight`, to the surfaces in `frame`."""

@@ -1,0 +1,150 @@
+"""Which near lights a frame draws, and which of them are traced anew: values, without GL.
+
+What arrives of a light is kept, a layer of 8 bits a pixel, until the light moves or anything else does.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
+from vemlight.renderer.frame_budget import MIN_LIGHTS
+from vemlight.renderer.gl.constants import NEAR_BATCH
+from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
+
+KEPT_RAD = np.radians(0.1)  # by which a light may turn about the scene before it is traced again, as of directional lights
+KEPT_RADIUS = 1 / 8  # of its radius, by which it may move or grow: its penumbra hides that
+
+
+class LitBy(NamedTuple):
+    """What lights the surfaces of a frame."""
+
+    lights: LightSet
+    near: NearLightSet
+
+
+class NearLayers(NamedTuple):
+    """What each layer was traced for: ids (m,) int64; at (m, 3) float32, nan in an empty one; radius (m,) float32."""
+
+    ids: np.ndarray
+    at: np.ndarray
+    radius: np.ndarray
+
+    @staticmethod
+    def empty(count: int) -> "NearLayers":
+        return NearLayers(np.full(count, -1), np.full((count, 3), np.nan, np.float32), np.zeros(count, np.float32))
+
+    @property
+    def filled(self) -> np.ndarray:
+        """(m,) bool, whether each holds a light."""
+        return ~np.isnan(self.at[:, 0])
+
+
+class NearBatch(NamedTuple):
+    """Near lights that are drawn together, the strongest first. layers: (n,) int64, that each reads, of `slots`. traced: (k,) int64, which
+    of them are traced into theirs."""
+
+    lights: NearLightSet
+    layers: np.ndarray
+    slots: int
+    traced: np.ndarray
+
+
+class NearInTime(NamedTuple):
+    """A batch that traces some of its lights, the layers after it, and how many lights should have been traced."""
+
+    batch: NearBatch
+    layers: NearLayers
+    stale: int
+
+
+def mean_irradiance(lights: NearLightSet, placed: PlacedCasters) -> np.ndarray:
+    """What each light gives to what stands in the scene, (n,) float64: its luminance over the mean square of the distance to the points of
+    the box about it."""
+    squares = ((lights.at.astype(np.float64) - placed.box_centre) ** 2).sum(axis=1) + (placed.box_half**2).sum() / 3
+    return luminance_from_rgb(lights.intensity.astype(np.float64)) / np.maximum(squares, 1e-12)
+
+
+def near_of(lights: NearLightSet, chosen: np.ndarray) -> NearLightSet:
+    """Those of the numbers (k,)."""
+    return NearLightSet(*(array[chosen] for array in (lights.ids, lights.at, lights.intensity, lights.radius, lights.sigma)))
+
+
+def strongest_first(lights: NearLightSet, placed: PlacedCasters) -> NearLightSet:
+    """The lights that have any intensity, by what they add."""
+    added = mean_irradiance(lights, placed)
+    order = np.argsort(-added, kind="stable")
+    return near_of(lights, order[added[order] > 0])
+
+
+def near_within(lights: NearLightSet, placed: PlacedCasters, directional: LightSet, affordable: int) -> NearLightSet:
+    """The strongest of near lights in their order, of which as many are drawn as are among the `affordable` strongest of all lights.
+
+    Directional lights keep MIN_LIGHTS, and so do near ones, if they are as many.
+    """
+    strength = mean_irradiance(lights, placed)
+    others = luminance_from_rgb(directional.irradiance.astype(np.float64))
+    everything = np.sort(np.concatenate([strength, others]))[::-1]
+    least = everything[affordable - 1] if affordable < len(everything) else 0.0
+    most = max(affordable - min(MIN_LIGHTS, len(others)), MIN_LIGHTS)
+    return near_of(lights, np.arange(min(int(np.count_nonzero(strength >= least)), most)))
+
+
+def near_batches(lights: NearLightSet, most_layers: int) -> tuple[NearBatch, ...]:
+    """All of the lights, all traced, in batches of as many layers at most."""
+    together, count = min(max(most_layers, 1), NEAR_BATCH), len(lights.ids)
+    parts = [np.arange(first, min(first + together, count)) for first in range(0, count, together)]
+    return tuple(NearBatch(near_of(lights, part), every := np.arange(len(part)), len(part), every) for part in parts)
+
+
+def near_in_time(
+    layers: NearLayers | None, lights: NearLightSet, placed: PlacedCasters, most_layers: int, affordable: Callable[[int], int]
+) -> NearInTime:
+    """The lights, strongest first, as one batch that traces as many of those that moved as are `affordable`, the strongest first and one at
+    least, and all those that no layer has. Beyond `most_layers` they are left out."""
+    lights = near_of(lights, np.arange(min(len(lights.ids), most_layers, NEAR_BATCH)))
+    count = len(lights.ids)
+    if layers is None or len(layers.ids) < count:
+        layers = NearLayers.empty(count)
+    layers = NearLayers(*(array.copy() for array in layers))
+    same = (layers.ids == lights.ids[:, None]) & layers.filled
+    known = same.any(axis=1)
+    layer = same.argmax(axis=1) if len(layers.ids) else np.zeros(0, np.int64)
+    moved = np.linalg.norm(lights.at.astype(np.float64) - layers.at[layer], axis=1)
+    grown = np.abs(lights.radius - layers.radius[layer])
+    reach = np.linalg.norm(np.maximum(np.abs(lights.at - placed.box_centre) - placed.box_half, 0), axis=1)
+    allowed = np.maximum(KEPT_RAD * reach, KEPT_RADIUS * layers.radius[layer])
+    stale = known & ((moved > allowed) | (grown > np.maximum(KEPT_RADIUS * layers.radius[layer], 1e-3)))
+    new, waiting = np.flatnonzero(~known), np.flatnonzero(stale)
+    chosen = waiting[: max(affordable(len(new) + len(waiting)) - len(new), min(len(waiting), 1))]
+    free = np.setdiff1d(np.arange(len(layers.ids)), layer[known])
+    layer[new] = free[: len(new)]
+    traced = np.sort(np.concatenate([new, chosen]))
+    layers.ids[layer[traced]], layers.at[layer[traced]] = lights.ids[traced], lights.at[traced]
+    layers.radius[layer[traced]] = lights.radius[traced]
+    return NearInTime(NearBatch(lights, layer, len(layers.ids), traced), layers, len(new) + len(waiting))
+
+
+def restoring_near_batches(layers: NearLayers) -> tuple[NearBatch, ...]:
+    """Batches that trace again what the layers hold."""
+    filled = np.flatnonzero(layers.filled)
+    dark, none = np.zeros((len(filled), 3), np.float32), np.zeros(len(filled), np.float32)
+    lights = NearLightSet(layers.ids[filled], layers.at[filled], dark, layers.radius[filled], none)
+    return (NearBatch(lights, filled, len(layers.ids), np.arange(len(filled))),) if len(filled) else ()
+
+
+def joined(batches: Sequence[NearBatch]) -> NearLightSet:
+    """The lights of all batches."""
+    parts = [batch.lights for batch in batches]
+    if len(parts) <= 1:
+        return parts[0] if parts else NearLightSet.empty()
+    return NearLightSet(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+
+
+def same_light(before: LitBy, now: LitBy) -> bool:
+    """Whether two frames are lit by the same."""
+    a, b = ((*each.lights, *vars(each.near).values()) for each in (before, now))
+    return all(x is y or (x is not None and y is not None and np.array_equal(x, y)) for x, y in zip(a, b, strict=True))

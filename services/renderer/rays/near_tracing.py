@@ -1,0 +1,172 @@
+"""Shadow rays from the surfaces in a G-buffer to near lights: balls, seen from each surface as a disc of radiance that is even over it.
+
+A ball of radius r and radiance L has the intensity pi r^2 L, and a surface at the distance d that faces it receives pi L (r / d)^2 of it,
+which is the intensity over d^2 whatever r is. So places on it are drawn evenly by projected solid angle, and each counts with its cosine.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from vemlight.kernels import kernel, subroutine
+from vemlight.light.near_lights import NearLightSet
+from vemlight.renderer.rays.hits import GOLDEN, across
+from vemlight.renderer.rays.soft_pattern import STRATA, ball_pattern
+from vemlight.renderer.rays.tracing import (
+    ALIKE_RAD,
+    COHERENT,
+    DIRECTION,
+    ENDS_BEFORE,
+    INCOHERENT,
+    LEAST_SENT,
+    OCCLUDED,
+    ORIGIN,
+    PIXEL_AGREED,
+    TILE,
+    TILE_AGREED,
+    TIME,
+    RayTracer,
+    new_packet,
+    place_packet,
+    unanimous,
+)
+
+LEAST_SINE = np.float32(1e-4)  # of a ball's radius as a surface sees it: a smaller one is a point; any value in 1e-5 .. 1e-3 does
+
+_occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
+
+
+class Balls(NamedTuple):
+    """Lights to trace, float32. places: (n, 3) about the ray scene's origin. radii: (n,) m. turns: (n, 2), cosine and sine of the angle by
+    which each turns the pattern, so that the lights' patterns average out."""
+
+    places: np.ndarray
+    radii: np.ndarray
+    turns: np.ndarray
+
+    @staticmethod
+    def of(lights: NearLightSet, origin: np.ndarray) -> "Balls":
+        """Near lights about an origin (3,) float64."""
+        turn = 2 * np.pi * (lights.ids * GOLDEN % 1.0)
+        arrays = (lights.at - origin, lights.radius, np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+        return Balls(*(np.ascontiguousarray(array, np.float32) for array in arrays))
+
+
+class Seen(NamedTuple):
+    """What a tile's pixels see of a ball: distances and sines of its radius (16,), 0 of a point and -1 from inside; axes (9, 16), unit, to
+    its middle and two across."""
+
+    distances: np.ndarray
+    sines: np.ndarray
+    axes: np.ndarray
+
+
+def trace_near(tracer: RayTracer, lights: NearLightSet, sample: int = 0, samples: int = 1, whole: bool = True) -> np.ndarray:
+    """The fraction of each light that arrives at each pixel of the surfaces that a tracer saw last, (n, height, width) uint8.
+
+    sample: of each pixel's `samples`, which together have all rays. whole: as RayTracer.trace has it. What is nearer to a light's middle
+    than its radius takes nothing from it.
+    """
+    surfaces, balls = tracer.surfaces, Balls.of(lights, tracer.scene.origin)
+    arriving = np.empty((len(lights.ids), *surfaces.distances.shape), np.uint8)
+    offsets, agreed = ball_pattern(sample, samples), STRATA if whole else TILE_AGREED
+
+    def own(rows: slice) -> None:
+        seen = Seen(np.zeros(TILE * TILE, np.float32), np.zeros(TILE * TILE, np.float32), np.zeros((9, TILE * TILE), np.float32))
+        _trace(tracer.scene.address, new_packet(), seen, surfaces.of(rows), balls, offsets, agreed, arriving[:, rows])
+
+    tracer.in_rows(own)
+    return arriving
+
+
+def warm(tracer: RayTracer) -> None:
+    """Compiles, or loads, what near lights need; the tracer has seen surfaces."""
+    one = NearLightSet(np.zeros(1, np.int64), *(np.ones(shape, np.float32) for shape in ((1, 3), (1, 3), 1, 1)))
+    trace_near(tracer, one)
+
+
+@kernel(nogil=True)
+def _trace(scene, packet, seen, surfaces, balls, offsets, agreed, arriving):
+    """Fills arriving (n, rows, columns) uint8. agreed: how many rays of each pixel may settle a tile."""
+    rows, columns = arriving.shape[1:]
+    for top in range(0, rows, TILE):
+        for left in range(0, columns, TILE):
+            height, width = min(TILE, rows - top), min(TILE, columns - left)
+            if not np.any(surfaces.distances[top : top + height, left : left + width]):
+                arriving[:, top : top + height, left : left + width] = 0
+                continue
+            place_packet(packet, surfaces, top, left, height, width)
+            for i in range(len(balls.radii)):
+                _trace_ball(scene, packet, seen, balls, i, offsets, agreed)
+                for y in range(height):
+                    for x in range(width):
+                        k = TILE * y + x
+                        fraction = packet.received[k] / max(packet.sent[k], LEAST_SENT)
+                        arriving[i, top + y, left + x] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
+
+
+@subroutine
+def _see(packet, seen, balls, i):
+    """Has a tile see ball i; returns the greatest sine of its radius."""
+    widest = np.float32(0)
+    for k in range(TILE * TILE):
+        x = balls.places[i, 0] - packet.rays[ORIGIN, k]
+        y = balls.places[i, 1] - packet.rays[ORIGIN + 1, k]
+        z = balls.places[i, 2] - packet.rays[ORIGIN + 2, k]
+        distance = np.sqrt(x * x + y * y + z * z)
+        seen.distances[k], seen.sines[k] = distance, np.float32(-1)
+        if distance > balls.radii[i]:
+            x, y, z = x / distance, y / distance, z / distance
+            sine = balls.radii[i] / distance
+            seen.sines[k] = sine if sine > LEAST_SINE else np.float32(0)
+            widest = max(widest, seen.sines[k])
+            ax, ay, az, bx, by, bz = across(x, y, z)
+            for line, value in enumerate((x, y, z, ax, ay, az, bx, by, bz)):
+                seen.axes[line, k] = value
+    return widest
+
+
+@subroutine
+def _trace_ball(scene, packet, seen, balls, i, offsets, agreed):
+    """Traces a tile's rays to places spread over ball i. sent, received: (16,), the rays above the surface, weighted with their cosines,
+    and what came through; after `agreed` rays of each pixel no more are traced if all or none came through."""
+    widest = _see(packet, seen, balls, i)
+    cos, sin = balls.turns[i, 0], balls.turns[i, 1]
+    alike = widest < ALIKE_RAD
+    packet.arguments[0] = COHERENT if alike else INCOHERENT
+    for k in range(TILE * TILE):
+        packet.sent[k], packet.received[k] = 0, 0
+    for turn in range(offsets.shape[0] if widest > 0 else 1):
+        if turn >= agreed and (alike or turn >= PIXEL_AGREED) and unanimous(packet):
+            break
+        wanted = 0
+        for k in range(TILE * TILE):
+            packet.wanted[k] = 0
+            sine = seen.sines[k]
+            if sine < 0:  # inside
+                packet.sent[k], packet.received[k] = 1, 1
+                continue
+            u = (cos * offsets[turn, 0, k] - sin * offsets[turn, 1, k]) * sine
+            v = (sin * offsets[turn, 0, k] + cos * offsets[turn, 1, k]) * sine
+            w = np.sqrt(max(np.float32(1) - u * u - v * v, np.float32(0)))
+            cosine, flat = np.float32(0), np.float32(0)
+            for axis in range(3):
+                direction = w * seen.axes[axis, k] + u * seen.axes[3 + axis, k] + v * seen.axes[6 + axis, k]
+                packet.rays[DIRECTION + axis, k] = direction
+                cosine += packet.smooth[axis, k] * direction
+                flat += packet.flat[axis, k] * direction
+            weight = max(cosine, np.float32(0)) / max(w, LEAST_SENT)
+            packet.sent[k] += weight
+            packet.rays[TIME, k] = weight  # which Embree does not read
+            if min(weight, flat) > 0:
+                # Up to the ball: the nearer root of the distance to its middle.
+                inside = max(sine * sine - u * u - v * v, np.float32(0))
+                packet.far[k] = seen.distances[k] * (w - np.sqrt(inside)) * (np.float32(1) - ENDS_BEFORE)
+                packet.wanted[k], packet.passed[k] = -1, 1
+                wanted += 1
+        if wanted:
+            _occluded(packet.wanted.ctypes.data, scene, packet.rays.ctypes.data, packet.arguments.ctypes.data)
+            for k in range(TILE * TILE):
+                if packet.wanted[k] != 0 and packet.far[k] >= 0:
+                    packet.received[k] += packet.passed[k] * packet.rays[TIME, k]

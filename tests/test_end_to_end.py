@@ -8,8 +8,9 @@ import pytest
 from tests.support.lights_files import light_set_from_row, read_lights
 from vemlight.capture.lens import Lens, pixel_from_direction, write_lens
 from vemlight.capture.source import open_source
-from vemlight.commands.offline import write_lights_file, write_pictures
+from vemlight.commands.offline import write_lights_file
 from vemlight.commands.options import LightsOptions, RenderOptions
+from vemlight.commands.rendering import write_pictures
 from vemlight.light.images import read_radiance, write_exr
 from vemlight.light.sphere import angle_between, cell_from_direction, direction_from_angles, latlong_from_direction, map_irradiance
 from vemlight.settings import Capture

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import click
 import pytest
 
-from vemlight.commands import cli, offline
+from vemlight.commands import cli, rendering
 from vemlight.commands.options import RenderOptions
 from vemlight.errors import Interrupted
 from vemlight.runtime import interrupt
@@ -99,14 +99,14 @@ def test_other_errors_of_a_command_stay_what_they_are():
 
 
 def test_a_rendering_ends_between_two_pictures(tmp_path, sequence, monkeypatch):
-    write = offline._write
+    write = rendering._write
 
     def press_while_writing(*arguments) -> None:
         press()
         write(*arguments)
 
-    monkeypatch.setattr(offline, "_write", press_while_writing)
+    monkeypatch.setattr(rendering, "_write", press_while_writing)
     options = RenderOptions(source=sequence, size=(16, 12), count=4, shadow_map=16, out=tmp_path / "p.png")
     with interruption.heeded(), pytest.raises(Interrupted, match="is partial, 1 of 16 pictures"):
-        offline.write_pictures(options)
+        rendering.write_pictures(options)
     assert [path.name for path in tmp_path.iterdir()] == ["p_0000.png"]

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vemlight.commands.offline import open_frames, renderer_settings, sampler_settings
+from vemlight.commands.offline import open_frames, sampler_settings
 from vemlight.commands.options import LightsOptions, RenderOptions
+from vemlight.commands.rendering import renderer_settings
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
 from vemlight.settings import MAX_PICTURE_SIDE, Renderer

@@ -8,8 +8,8 @@ import pytest
 from av.codec import codecs_available
 
 from tests.support.gltf_files import AnimatedTriangle
-from vemlight.commands.offline import write_pictures
 from vemlight.commands.options import RenderOptions
+from vemlight.commands.rendering import write_pictures
 from vemlight.errors import UserError
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation

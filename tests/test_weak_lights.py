@@ -8,11 +8,13 @@ from tests.support.rendering import SceneRenderer
 from tests.support.scenes import SHAPES
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer import frame_plan, pass_table
 from vemlight.renderer.frame_plan import with_newest
 from vemlight.renderer.passes.lights.traced_lights import live_rays
 from vemlight.renderer.passes.lights.weak_lights import LEAST_BY_NORMAL, light_by_normal
+from vemlight.renderer.passes.near_lights.near_light_plan import LitBy
 from vemlight.renderer.rays.soft_pattern import POINT, STRATA, soft_pattern
 from vemlight.renderer.rays.tracing import TracedLights
 from vemlight.renderer.scene.scene import load_scene
@@ -117,12 +119,15 @@ def test_light_by_normal_is_the_irradiance_of_a_wide_sky():
 
 
 def test_sets_of_the_bounce_are_gathered_in_turn_until_all_are_under_the_same_lights():
-    one, other, gathered = sky_and_sun(), sky_and_sun(1.0), {}
+    one, other, again = (LitBy(lights, NearLightSet.empty()) for lights in (sky_and_sun(), sky_and_sun(1.0), sky_and_sun()))
+    gathered = {}
     for k in range(4):
         gathered = with_newest(gathered, one, 4)
         assert list(gathered) == list(range(k + 1))
-    assert with_newest(gathered, sky_and_sun(), 4) is gathered
+    assert with_newest(gathered, again, 4) is gathered
     gathered = with_newest(with_newest(gathered, other, 4), other, 4)
     assert list(gathered) == [2, 3, 0, 1]
     assert [gathered[k] is other for k in range(4)] == [True, True, False, False]
     assert with_newest({}, one, 4, first=3) == {3: one}
+    lamp = NearLightSet.of(np.zeros(1), np.ones((1, 3)), np.ones((1, 3)), np.zeros(1), np.zeros(1))
+    assert with_newest(gathered, other._replace(near=lamp), 4) is not gathered

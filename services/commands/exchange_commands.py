@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from vemlight.commands.offline_commands import sampling
-from vemlight.commands.options import ExportOptions, SamplingOptions
+from vemlight.commands.offline_commands import options_of_making, sampling
+from vemlight.commands.options import ExportOptions
 from vemlight.commands.parameters import PATH, Number, OutFile
 from vemlight.commands.report import Report, reporting
 from vemlight.errors import UserError
@@ -29,13 +29,7 @@ def export(context: click.Context, **values: Any) -> Report:
     """Write lights, or those of a map or a sequence, as USD, glTF or MCAP for other programs."""
     from vemlight.commands.export import export_lights
 
-    of_making = {*SamplingOptions.__struct_fields__, "error_percent", "soft"} - {"source", "frames"}
-    typed = [
-        max(parameter.opts, key=len)
-        for parameter in context.command.params
-        if parameter.name in of_making and context.get_parameter_source(parameter.name) is click.core.ParameterSource.COMMANDLINE
-    ]
-    return export_lights(ExportOptions(**values, given=tuple(typed)))
+    return export_lights(ExportOptions(**values, given=options_of_making(context)))
 
 
 @click.command()

@@ -3,25 +3,21 @@
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
-import numpy as np
 
 from vemlight import settings
 from vemlight.capture.frames import Frame
 from vemlight.capture.invalid_cells import InvalidCells
 from vemlight.capture.masking import MaskedSource
 from vemlight.capture.source import FrameSource, open_source
-from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions
+from vemlight.commands.options import LightsOptions, SamplingOptions
 from vemlight.commands.parameters import STANDARD_OUTPUT
 from vemlight.commands.report import Report
 from vemlight.commands.source_options import CAPTURE_KEYS, capture_settings, frames_of_live
-from vemlight.errors import Interrupted, UserError
 from vemlight.files import notice
-from vemlight.light.images import write_exr, write_png
 from vemlight.light.light_set import ErrorOfLights, LightSet, check_lights_path, lights_json, lights_row, write_lights
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted
@@ -74,26 +70,6 @@ def sampler_settings(options: SamplingOptions, frames: int, **given: float | Non
     return section_from_options(settings.Sampler, given_by_both | given)
 
 
-def renderer_settings(options: RenderOptions) -> settings.Renderer:
-    """How to render. Raises UserError for a size that no picture may have."""
-    width, height = options.size
-    if not all(1 <= side <= settings.MAX_PICTURE_SIDE for side in options.size):
-        raise UserError(f"--size {width}x{height}: a side has 1 to {settings.MAX_PICTURE_SIDE} pixels; choose another size")
-    given = {
-        "width": width,
-        "height": height,
-        "light_regions": 0 if options.coverage == "hemisphere" and not options.ground else None,
-        "tone": options.tone,
-        "background": options.background,
-        "shadow_map": options.shadow_map,
-        "shadows": options.shadows,
-        "bounces": options.bounces,
-        "exr": options.exr,
-        "exposure": options.exposure,
-    }
-    return section_from_options(settings.Renderer, given)
-
-
 def lit_frames(frames: FrameSource, sampling: settings.Sampler) -> Iterator[Lit]:
     """The lights of every frame, in order; a notice counts invalid cells. Raises UserError for a frame that cannot be read."""
     state, invalid_cells, worst = initial_state(), InvalidCells(), (0, 0.0)
@@ -139,80 +115,3 @@ def write_lights_file(options: LightsOptions) -> Report:
         return Report(text, values)
     score = scored(((frame.radiance, lights) for frame, lights, _ in lit), lit[0].frame.coverage)
     return Report(f"{score_text(score)}\n{text}", values | {"score": score._asdict()})
-
-
-def write_pictures(options: RenderOptions) -> str:
-    """Renders each frame to pictures (several are numbered NAME_0000), to a video, or both. Returns a line about what was written.
-
-    Raises UserError for options that cannot be used.
-    """
-    from vemlight.light.environment_map import EnvironmentMap
-    from vemlight.renderer.frame_sequence import FrameSequence
-    from vemlight.renderer.output.exr_attributes import exr_pixels, time_attributes
-    from vemlight.renderer.output.tonemap import adapt, subsampled, tone_mapped
-    from vemlight.renderer.output.video import video_writer
-    from vemlight.renderer.renderer import Renderer
-    from vemlight.renderer.scene.scene import load_scene
-    from vemlight.renderer.scene.scene_pose import scene_pose
-    from vemlight.renderer.stage import file_samples
-
-    out, to_video = options.out, options.video
-    _check_outputs(out, to_video)
-    wanted = renderer_settings(options)
-    scene = load_scene(options.scene)
-    frames = open_frames(options)
-    sampling = sampler_settings(options, len(frames))
-    with interruption.deferred(), ExitStack() as open_:
-        video = open_.enter_context(video_writer(to_video, frames.fps)) if to_video else None
-        sequence = FrameSequence(Renderer(scene, wanted, file_samples(scene)))
-        open_.callback(sequence.release)
-        adaptation, before_s = None, 0.0
-        for k, (frame, lights, _) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
-            environment = EnvironmentMap(frame.radiance, frame.coverage, frame.bright_cells)
-            background = environment if wanted.background == "map" else None
-            picture = sequence.render(sequence.renderer.drawable(lights), environment, scene_pose(scene, frame.time_s), background)
-            adaptation = adapt(adaptation, subsampled(picture), max(0.0, frame.time_s - before_s))
-            before_s = frame.time_s
-            pixels = tone_mapped(picture, adaptation, wanted.exposure, wanted.tone)
-            if out:
-                attributes = time_attributes(k, frame.time_s, frames.fps if len(frames) > 1 else None)
-                if frame.luminance_scale is not None:
-                    attributes["whiteLuminance"] = frame.luminance_scale
-                _write(_numbered(out, k, len(frames)), exr_pixels(picture, wanted.exr), pixels, attributes)
-            if video:
-                video.add(pixels, frame.time_s)
-            if interruption.came and k + 1 < len(frames):
-                raise Interrupted(_partial(out, to_video, k + 1, len(frames)))
-    written = [f"{to_video} as {video.encoder.shown}"] if video and video.encoder else []
-    if out:
-        last = "" if len(frames) == 1 else f" to {_numbered(out, len(frames) - 1, len(frames)).name}"
-        written.insert(0, f"{_numbered(out, 0, len(frames))}{last}")
-    return ", ".join(written)
-
-
-def _partial(out: Path | None, to_video: Path | None, done: int, count: int) -> str:
-    """What there is of a rendering that was interrupted."""
-    pictures = [f"{out} is partial, {done} of {count} pictures"] if out else []
-    return "; ".join([*pictures, *([f"there is no {to_video}"] if to_video else [])])
-
-
-def _check_outputs(out: Path | None, to_video: Path | None) -> None:
-    if not (out or to_video):
-        raise UserError("--out, --video: neither is given; name a picture or a video to write")
-    if out and out.suffix not in (".exr", ".png"):
-        raise UserError(f"{out}: pictures are written as .exr or .png; change the suffix")
-    for path in filter(None, (out, to_video)):
-        if not path.resolve().parent.is_dir():
-            raise UserError(f"{path}: there is no such folder; make it first")
-
-
-def _numbered(out: Path, number: int, count: int) -> Path:
-    """The file of one of `count` pictures."""
-    return out if count == 1 else out.with_stem(f"{out.stem}_{number:04d}")
-
-
-def _write(path: Path, picture: np.ndarray, pixels: np.ndarray, attributes: dict[str, Any]) -> None:
-    if path.suffix == ".exr":
-        write_exr(path, picture, attributes)
-    else:
-        write_png(path, pixels)

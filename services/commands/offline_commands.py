@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
-from vemlight.commands.options import LightsOptions, RenderOptions, options_as
+from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions, options_as
 from vemlight.commands.parameters import (
     BACKGROUND,
     EXR_FLOATS,
@@ -43,6 +44,16 @@ def sampling(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
+def options_of_making(context: click.Context) -> tuple[str, ...]:
+    """Those options that say how lights are made, as they were typed."""
+    of_making = {*SamplingOptions.__struct_fields__, "error_percent", "soft"} - {"source", "frames"}
+    return tuple(
+        max(parameter.opts, key=len)
+        for parameter in context.command.params
+        if parameter.name in of_making and context.get_parameter_source(parameter.name) is click.core.ParameterSource.COMMANDLINE
+    )
+
+
 @click.command()
 @sampling
 @click.option("--clusters", type=click.IntRange(1, 100_000), help="Maximum number of lights after merging neighbours.")
@@ -74,12 +85,12 @@ def lights(options: LightsOptions) -> Report:
 @click.option("--exr", type=EXR_FLOATS, default="half", show_default=True, help="Numbers of an EXR: halves, or 32-bit floats.")
 @click.option("--video", type=OutFile(".mp4", ".mov", ".mkv"), help="VIDEO.mp4, .mov or .mkv of all frames, with --out or instead of it.")
 @click.option("--out", type=OutFile(".exr", ".png"), help="IMAGE.exr (linear) or IMAGE.png (tone-mapped); a sequence is numbered.")
-@options_as(RenderOptions)
-def render(options: RenderOptions) -> None:
-    """Render a scene under the light of a map or a sequence."""
-    from vemlight.commands.offline import write_pictures
+@click.pass_context
+def render(context: click.Context, **values: Any) -> None:
+    """Render a scene under the light of a map or a sequence, or under lights from a file."""
+    from vemlight.commands.rendering import write_pictures
 
-    click.echo(write_pictures(options))
+    click.echo(write_pictures(RenderOptions(**values, given=options_of_making(context))))
 
 
 @click.command()

@@ -76,7 +76,7 @@ class ExportOptions(SamplingOptions, frozen=True, kw_only=True):
 
 
 class RenderOptions(SamplingOptions, frozen=True, kw_only=True):
-    """The options of `vemlight render`."""
+    """The options of `vemlight render`. given: as ExportOptions has them."""
 
     out: Path | None = None
     video: Path | None = None
@@ -89,6 +89,7 @@ class RenderOptions(SamplingOptions, frozen=True, kw_only=True):
     shadows: str | None = None
     bounces: int = 1
     exr: str | None = None
+    given: tuple[str, ...] = ()
 
 
 class SimulateOptions(msgspec.Struct, frozen=True, kw_only=True):

@@ -127,10 +127,10 @@ class FrameState(NamedTuple):
 
     placed: the casters. halvings: of each light's map, by the light's id. coarsening: halvings of all maps because time is short.
     bounce: whether there is time for the bounce. maps: cached shadow maps with their lookups; None where the next frame draws all. layers:
-    of traced lights, likewise; coarse_layers: of those on coarse pixels; near_layers: of near ones. light_weight: what a light costs on average, over one on all
-    pixels. gathered: under which lights each set of the bounce's rays was gathered, the newest last. edge_samples: of each pixel, by which
-    edges are smoothed. lookup_pose: of the surfaces for which lookups may be cached or lights traced. luminaire_maps: where the scene stood
-    when each luminaire's maps were drawn.
+    of traced lights, likewise; coarse_layers: of those on coarse pixels; near_layers: of near ones. light_weight: what a light costs on
+    average, over one on all pixels. gathered: under which lights each set of the bounce's rays was gathered, the newest last. edge_samples:
+    of each pixel, by which edges are smoothed. lookup_pose: of the surfaces for which lookups may be cached or lights traced.
+    luminaire_maps: where the scene stood when each luminaire's maps were drawn.
     """
 
     placed: PlacedCasters

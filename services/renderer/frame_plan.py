@@ -80,6 +80,7 @@ from vemlight.renderer.scene.view import PixelSample, pixel_samples
 NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides; any value far below a star's and above float32's least, 1e-38, does
 ACCUMULATED_RESOLUTION = 256  # of each map of a pass of accumulation, if by power: four and a half for a degree, a cell of the polar map
 COARSE_FROM = 120_000  # pixels, from which on weak lights are summed on coarse pixels live: 480 x 270 is such a picture, 320 x 240 is not
+NEAR_PASSES = (pass_table.NEAR_RAYS, pass_table.NEAR_LIGHTS)
 MAX_CACHE_BYTES = 2**29  # of cached visibility: 256 maps at 1920 x 1080; beyond that lights are looked up in the sum itself
 
 
@@ -389,7 +390,7 @@ def _passes(
             rows.append(pass_table.LIGHTS)
             if first:
                 runs += [PassRun(row, number, k) for row in rows]
-                runs += [PassRun(row, own, k) for own in range(len(lighting.near)) for row in (pass_table.NEAR_RAYS, pass_table.NEAR_LIGHTS)]
+                runs += [PassRun(row, own, k) for own in range(len(lighting.near)) for row in NEAR_PASSES]
                 rows = []
             if setup.bounces and first and setup.glossy:  # also where time leaves no bounce: half of a mirror would be black
                 rows.append(pass_table.MIRRORS)

@@ -39,6 +39,8 @@ MUTANTS = [
     *mutants_of(COMMANDS + "offline.py", "tests/test_offline.py", [
         ("rows of a sphere", '180 if options.coverage == "sphere"', '90 if options.coverage == "sphere"'),
         ("a single map filtered", 'None if frames > 1 else "none"', "None"),
+    ]),
+    *mutants_of(COMMANDS + "rendering.py", "tests/test_offline.py", [
         ("regions of a hemisphere", '0 if options.coverage == "hemisphere" and not options.ground else None', "None"),
         ("pictures without pixels", "1 <= side <= settings.MAX_PICTURE_SIDE", "side <= settings.MAX_PICTURE_SIDE"),
     ]),

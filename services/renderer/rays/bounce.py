@@ -37,6 +37,7 @@ SAME_NORMAL = 8.0  # exponent of the cosine between two normals: surfaces 30 deg
 SAME_PLANE = 0.02  # of the distance to the eye: so far off a block's plane light counts by 1 / e; a block is half of that wide
 OFFSETS = 64  # directions of a light with extent; a hit takes one. Any value in 16 .. 1024 does
 MIRROR_EXPONENT = 8  # of the lobe about the mirrored view: 30 degrees to half, in which two of sixteen rays lie
+ORIGIN_OF_WORLD = np.zeros(3)
 LEAST_AWAY = np.float32(1e-4)  # metres from a near light, in place of less; any value in 1e-6 .. 1e-3 does
 PI = np.pi
 
@@ -77,13 +78,11 @@ class Light(NamedTuple):
 
     @staticmethod
     def of(
-        directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray, near: NearLightSet | None = None, origin: np.ndarray | None = None
+        directions: np.ndarray, irradiance: np.ndarray, spreads: np.ndarray, near: NearLightSet, origin: np.ndarray = ORIGIN_OF_WORLD
     ) -> "Light":
         """Lights of directions (n, 3), irradiance (n, 3), spreads (n,) rad, and near ones about an origin (3,)."""
-        near = near or NearLightSet.empty()
         both = np.concatenate([irradiance, near.intensity])
-        places = near.at - (np.zeros(3) if origin is None else origin)
-        arrays = (directions, both, both @ LUMINANCE_WEIGHTS, spreads, places, near.radius)
+        arrays = (directions, both, both @ LUMINANCE_WEIGHTS, spreads, near.at - origin, near.radius)
         return Light(*(np.ascontiguousarray(array, np.float32) for array in arrays))
 
 
@@ -155,7 +154,7 @@ class Bounce:
         block_pixels(np.zeros((4, 4, 3), np.float32), 4)
         nothing = np.zeros((1, 1, 3), np.float32)
         self.see(BlockSurfaces(nothing, nothing), np.zeros(3))
-        self.gather(Light.of(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1)), np.zeros(3))
+        self.gather(Light.of(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), NearLightSet.empty()), np.zeros(3))
         self.received()
 
     def _shoot(self, rows: slice, pattern: np.ndarray, hits: Hits) -> None:
@@ -212,15 +211,16 @@ def _hashed(number):
 
 @subroutine
 def _near(light, i, place, nx, ny, nz):
-    """Near light i from a place: its irradiance there over its intensity, the direction to it (three numbers), the standard deviation of its
-    directions along an axis, rad, and how far it is to its ball."""
+    """Near light i from a place: its irradiance there over its intensity, the direction to it (three numbers), the standard deviation of
+    its directions along an axis, rad, and how far it is to its ball."""
     x, y, z = light.places[i, 0] - place[0], light.places[i, 1] - place[1], light.places[i, 2] - place[2]
     distance, radius = np.sqrt(x * x + y * y + z * z), light.radii[i]
     away = max(distance, LEAST_AWAY)
     x, y, z = x / away, y / away, z / away
     reach = max(away, radius)
     irradiance = max(nx * x + ny * y + nz * z, np.float32(0.0)) / (reach * reach)
-    return irradiance, x, y, z, np.float32(0.5) * radius / reach, max(distance - radius, np.float32(0.0)) * (np.float32(1) - ENDS_BEFORE)
+    end = max(distance - radius, np.float32(0.0)) * (np.float32(1) - ENDS_BEFORE)
+    return irradiance, x, y, z, np.float32(0.5) * radius / reach, end
 
 
 @kernel(nogil=True)
@@ -278,7 +278,8 @@ def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers,
                         dx, dy, dz = light.directions[i]
                         spread, end = light.spreads[i], np.float32(np.inf)
                     else:
-                        _, dx, dy, dz, spread, end = _near(light, i - directional, hits.places[row, column, ray], nx, ny, nz)
+                        at = hits.places[row, column, ray]
+                        _, dx, dy, dz, spread, end = _near(light, i - directional, at, nx, ny, nz)
                     ax, ay, az, bx, by, bz = across(dx, dy, dz)
                     k = int(_hashed(place * 31 + i + 17) * len(offsets))
                     p, q = spread * offsets[k, 0], spread * offsets[k, 1]

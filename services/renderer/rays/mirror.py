@@ -12,6 +12,7 @@ import llvmlite.binding
 import numpy as np
 
 from vemlight.kernels import kernel, subroutine
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.rays.bounce import Light, disc_pattern, light_hits
 from vemlight.renderer.rays.embree import function_address
 from vemlight.renderer.rays.hits import HIT_MESH, INTERSECT, NO_HIT, PACKET, Hits, across, intersect, query, set_ray, take_hit
@@ -114,7 +115,7 @@ class Mirror:
         lobes = np.zeros(self._tracer.surfaces.distances.shape, np.float32)
         lobes[0, 0] = 1.0
         self.see(lobes, np.ones(3), 0)
-        self.lit(Light.of(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1)), np.zeros(3))
+        self.lit(Light.of(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), NearLightSet.empty()), np.zeros(3))
 
     def _in_parts(self, work: Callable[[slice], None]) -> None:
         """Does some work on all polished pixels, by all threads."""

@@ -82,8 +82,7 @@ def trace_near(tracer: RayTracer, lights: NearLightSet, sample: int = 0, samples
 
 def warm(tracer: RayTracer) -> None:
     """Compiles, or loads, what near lights need; the tracer has seen surfaces."""
-    one = NearLightSet(np.zeros(1, np.int64), *(np.ones(shape, np.float32) for shape in ((1, 3), (1, 3), 1, 1)))
-    trace_near(tracer, one)
+    trace_near(tracer, NearLightSet.of(np.zeros(1), np.ones((1, 3)), np.ones((1, 3)), np.ones(1), np.ones(1)))
 
 
 @kernel(nogil=True)

@@ -70,7 +70,7 @@ def mean_irradiance(lights: NearLightSet, placed: PlacedCasters) -> np.ndarray:
 
 def near_of(lights: NearLightSet, chosen: np.ndarray) -> NearLightSet:
     """Those of the numbers (k,)."""
-    return NearLightSet(*(array[chosen] for array in (lights.ids, lights.at, lights.intensity, lights.radius, lights.sigma)))
+    return NearLightSet(*(array[chosen] for array in lights.arrays()))
 
 
 def strongest_first(lights: NearLightSet, placed: PlacedCasters) -> NearLightSet:
@@ -141,10 +141,10 @@ def joined(batches: Sequence[NearBatch]) -> NearLightSet:
     parts = [batch.lights for batch in batches]
     if len(parts) <= 1:
         return parts[0] if parts else NearLightSet.empty()
-    return NearLightSet(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+    return NearLightSet(*(np.concatenate(arrays) for arrays in zip(*(part.arrays() for part in parts), strict=True)))
 
 
 def same_light(before: LitBy, now: LitBy) -> bool:
     """Whether two frames are lit by the same."""
-    a, b = ((*each.lights, *vars(each.near).values()) for each in (before, now))
+    a, b = ((*each.lights, *each.near.arrays()) for each in (before, now))
     return all(x is y or (x is not None and y is not None and np.array_equal(x, y)) for x, y in zip(a, b, strict=True))

@@ -38,7 +38,8 @@ void main() {
     for (int i = 0; i < light_count; ++i) {
         NearView view = near_view(i, position, smooth_normal);
         float smooth_cosine = dot(smooth_normal, view.direction);
-        vec3 irradiance = near_lights[i].intensity * (view.strength * near_received(smooth_cosine, view.sine));
+        float received = view.strength * near_received(smooth_cosine, view.sine);
+        vec3 irradiance = min(near_lights[i].intensity * received, MAX_RADIANCE);
         float fraction = texelFetch(cached_visibility, ivec3(pixel, int(near_lights[i].layer)), 0).r;
 #if KIND == MATERIAL_SHADOW_CATCHER
         sum += irradiance * (1.0 - fraction);

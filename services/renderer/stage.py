@@ -15,11 +15,13 @@ from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.extent import POINTS
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.accumulation import Accumulation, MapLights
 from vemlight.renderer.frame import AccumulationPass, FrameInput, FrameState, PlatePicture, ToneRequest
 from vemlight.renderer.frame_budget import (
     LATE,
     MIN_LIGHTS,
+    Budget,
     CostModel,
     FrameTimings,
     FrameWork,
@@ -51,13 +53,15 @@ def file_samples(scene: Scene) -> int:
 
 
 class PausedPicture(NamedTuple):
-    """A picture that gets better while nothing changes: the light and the poses it shows, its passes so far, its pixels as last shown."""
+    """A picture that gets better while nothing changes: the light and the poses it shows, its passes so far, its pixels as last shown, its
+    near lights."""
 
     light: MapLights
     poses: tuple[wire.Pose, ...]
     accumulation: Accumulation
     exposure: float
     pixels: np.ndarray
+    near: NearLightSet
 
 
 class Measured(NamedTuple):
@@ -73,7 +77,8 @@ class RendererState(NamedTuple):
     exposure: stops. picture: (height, width, 4) float32, linear; None where nobody wants it. paused_s: how long the scene's animations
     have stood still. environment: the map behind the lights. plate: what the second camera sees, (h, w, 3) uint8 sRGB. paused_picture: in
     a pause. costs: measured up to the picture before. late: whether the target time cannot be met. notices: lines for the person at the
-    terminal. no_bounce: whether there is no time for light from surface to surface.
+    terminal. no_bounce: whether there is no time for light from surface to surface. near: the newest near lights. drawn_near: how many of
+    them the newest picture has.
     """
 
     exposure: float
@@ -92,6 +97,8 @@ class RendererState(NamedTuple):
     late: bool = False
     no_bounce: bool = False
     notices: tuple[str, ...] = ()
+    near: NearLightSet = NearLightSet.empty()
+    drawn_near: int = 0
 
 
 def half_floats(picture: np.ndarray) -> np.ndarray:
@@ -162,6 +169,7 @@ class RendererStage:
             plate=PlatePicture(state.plate, self._stops) if state.plate is not None else None,
             tone=ToneRequest(state.adaptation, state.exposure, dt_s),
             linear=self._linear or self._images is not None,
+            near=state.near,
         )
         if state.paused and state.environment:
             light = MapLights(state.environment.radiance, state.environment.coverage, LightSet(*arrays[:-2]))
@@ -169,7 +177,8 @@ class RendererStage:
         else:
             state, pixels, count = self._draw(state, shown)
         height, width, _ = pixels.shape
-        budget = budget_of(self._renderer.setup, state.frame, state.costs)
+        budget, near = budget_of(self._renderer.setup, state.frame, state.costs), state.drawn_near
+        shining = int(np.count_nonzero(state.near.intensity.any(axis=1)))
         drawn_for_each = POINTS if header.soft and not self._renderer.setup.traced else 1
         made = wire.ImageMessage(
             stamp=header.stamp,
@@ -180,11 +189,19 @@ class RendererStage:
             report=wire.ImageReport(
                 drawn_lights=count if state.paused else -(-count // drawn_for_each),
                 render_ms=(time.monotonic() - began_s) * 1e3,
-                light_budget=0 if state.paused or not self._frame_ms else (affordable_lights(budget) or 0) // drawn_for_each,
+                light_budget=0 if state.paused or not self._frame_ms else self._light_budget(budget, near) // drawn_for_each,
+                near_lights=shining,
+                near_lights_left_out=shining - near,
             ),
         )
         arrays = (pixels, half_floats(state.picture)) if self._linear and state.picture is not None else (pixels,)
         return state, (made, arrays)
+
+    @staticmethod
+    def _light_budget(budget: Budget, near: int) -> int:
+        """How many directional lights there is time for beside near ones; 0: not known yet."""
+        affordable = affordable_lights(budget)
+        return max(affordable - near, MIN_LIGHTS) if affordable else 0
 
     def _draw(self, state: RendererState, shown: FrameInput) -> tuple[RendererState, np.ndarray, int]:
         """The state after a picture, its pixels and how many lights it has."""
@@ -193,12 +210,13 @@ class RendererStage:
         assert drawn.pixels is not None
         measured = Measured(frame_plan.work, drawn.timings) if frame_plan.work else None
         state = state._replace(frame=frame, picture=drawn.picture, adaptation=drawn.adaptation, measured=measured, paused_picture=None)
+        state = state._replace(drawn_near=len(frame_plan.lit_by.near.ids))
         return self._with_notices(state), drawn.pixels, len(frame_plan.lights.ids)
 
     def _accumulate(self, state: RendererState, shown: FrameInput, light: MapLights) -> tuple[RendererState, np.ndarray, int]:
         """One pass more of a picture under the map itself and its lamps, its pixels and how many lights it has; no work once converged."""
         before = state.paused_picture
-        same = before and before.poses == state.poses and before.light.same_as(light)
+        same = before and before.poses == state.poses and before.near is state.near and before.light.same_as(light)
         accumulation = before.accumulation if before and same else Accumulation.empty()
         if before and accumulation.converged and before.exposure == state.exposure:
             return state, before.pixels, accumulation.lights
@@ -210,11 +228,11 @@ class RendererStage:
             drawn = self._renderer.draw(frame_plan)
             assert drawn.picture is not None
             accumulation = accumulation.with_pass(drawn.picture)
-            state, tone = state._replace(frame=frame, picture=accumulation.picture), shown.tone
+            state, tone = state._replace(frame=frame, picture=accumulation.picture, drawn_near=len(frame_plan.lit_by.near.ids)), shown.tone
         whole = plan_upload(state.frame, accumulation.picture, shown._replace(tone=tone, linear=False))
         drawn = self._renderer.draw(whole)
         assert drawn.pixels is not None
-        paused_picture = PausedPicture(light, state.poses, accumulation, state.exposure, drawn.pixels)
+        paused_picture = PausedPicture(light, state.poses, accumulation, state.exposure, drawn.pixels, state.near)
         return state._replace(adaptation=drawn.adaptation, paused_picture=paused_picture), drawn.pixels, accumulation.lights
 
     def _with_notices(self, state: RendererState) -> RendererState:
@@ -244,6 +262,10 @@ class RendererStage:
             return state._replace(environment=EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:])))
         if isinstance(header, wire.PlateMessage):
             return state._replace(plate=arrays[0])
+        if isinstance(header, wire.PointsMessage):
+            near = NearLightSet(*arrays)  # the same one as long as its lights are the same: a pause goes on
+            same = all(np.array_equal(before, now) for before, now in zip(state.near.arrays(), near.arrays(), strict=True))
+            return state if same else state._replace(near=near)
         return state
 
     def write(self, state: RendererState, message: wire.Message) -> None:

@@ -114,6 +114,10 @@ class ImageReport(Report, frozen=True, tag="image"):
     light_budget: Annotated[
         Count, Meta(description="lights that can be drawn in the target frame time; 0: no target, or not yet known")
     ] = 0
+    near_lights: Annotated[Count, Meta(title="near lights", description="near lights that shine in the newest picture's frame")] = 0
+    near_lights_left_out: Annotated[
+        Count, Meta(title="left out", description="of them, those that are not drawn since time is short; the weakest")
+    ] = 0
 
 
 class LevelsReport(Report, frozen=True, tag="levels"):

@@ -1,0 +1,196 @@
+"""Near lights in pictures: irradiance in closed form, shadows, the directional light that a far one is, budgets."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.rendering import SceneRenderer
+from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
+from vemlight.renderer import pass_table
+from vemlight.renderer.scene.scene import Scene, load_scene
+from vemlight.settings import Renderer as Settings
+
+DARK = LightSet.none()
+ABOVE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 11.0\n"  # sees x, y from -0.963 to 0.963
+GROUND = '[[mesh]]\nshape = "plane"\nscale = 4.0\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n'
+BOX = '[[mesh]]\nshape = "box"\nscale = 0.1\nat = [0.1, 0.05, 0.4]\nmaterial = {diffuse = [0.5, 0.5, 0.5]}\n'  # a cube of .2 m
+SIDE = 64
+SEEN = 10 * np.tan(np.radians(5.5))
+
+
+def near_lights(*places, intensity=(3.0, 2.0, 1.0), radius=0.0) -> NearLightSet:
+    count = len(places)
+    return NearLightSet.of(np.arange(count), np.array(places), np.tile(intensity, (count, 1)), np.full(count, radius), np.zeros(count))
+
+
+def scene_of(folder: Path, text: str) -> Scene:
+    (folder / "scene.toml").write_text(text)
+    return load_scene(folder / "scene.toml")
+
+
+def renderer_of(scene: Scene, shadows: str = "rays", frame_ms: float = 0.0, samples: int = 1, bounces: int = 0, side: int = SIDE):
+    wanted = Settings(width=side, height=side, shadows=shadows, frame_ms=frame_ms, bounces=bounces)  # type: ignore[arg-type]
+    return SceneRenderer(scene, wanted, samples)
+
+
+@pytest.fixture(autouse=True)
+def rough_edges(monkeypatch):
+    """Pictures change by their lights alone, not while their edges are found (test_edges.py)."""
+    monkeypatch.setattr("vemlight.renderer.frame.EDGE_SAMPLES", 0)
+
+
+@pytest.fixture
+def drawn(tmp_path, request):
+    """Draws scenes, and frees what that took."""
+    made = []
+
+    def draw(text: str, near: NearLightSet, lights: LightSet = DARK, **settings) -> np.ndarray:
+        made.append(renderer_of(scene_of(tmp_path, text), **settings))
+        made[-1].near = near
+        return made[-1].picture(lights).copy()
+
+    yield draw
+    for renderer in made:
+        renderer.release()
+
+
+def ground_points(side: int = SIDE) -> np.ndarray:
+    """World positions (side, side, 3) of the pixels of ABOVE."""
+    x = ((np.arange(side) + 0.5) / (side / 2) - 1) * SEEN
+    return np.stack([*np.meshgrid(x, -x), np.zeros((side, side))], axis=-1)
+
+
+def irradiance(near: NearLightSet, points: np.ndarray, normal=(0.0, 0.0, 1.0)) -> np.ndarray:
+    """I max(0, n . v) / |v|^2 of points, (..., 3)."""
+    total = np.zeros(points.shape)
+    for at, intensity in zip(near.at.astype(float), near.intensity.astype(float), strict=True):
+        v = at - points
+        square = (v * v).sum(axis=-1)
+        total += intensity * (np.maximum(v @ np.array(normal), 0) / square**1.5)[..., None]
+    return total
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.3])
+def test_a_plane_receives_what_the_closed_form_says(drawn, radius):
+    near = near_lights((0.3, 0.1, 1.5), (-0.5, -0.4, 0.8), radius=radius)
+    picture = drawn(ABOVE + GROUND, near)
+    assert np.abs(np.pi * picture[..., :3] / irradiance(near, ground_points()) - 1).max() < 1e-3
+
+
+def test_a_far_light_is_the_directional_one(drawn):
+    """A point at 100 m is the directional light I / D^2, to 1 % of the picture: both differ by 1 cm a metre, and so do their shadows."""
+    direction, text = np.array([0.48, 0.36, 0.8]), ABOVE + GROUND + BOX
+    far = near_lights(100 * direction, intensity=(1e4, 2e4, 3e4))
+    directional = LightSet.of(np.zeros(1), direction[None], np.array([[1.0, 2.0, 3.0]]))
+    for bounces in (0, 1):
+        expected = drawn(text, NearLightSet.empty(), directional, bounces=bounces)[..., :3]
+        made = drawn(text, far, bounces=bounces)[..., :3]
+        assert np.abs(made - expected).mean() < 0.01 * expected.mean(), bounces
+
+
+def test_a_box_casts_the_shadow_of_its_projection(drawn):
+    at = np.array([-0.3, -0.2, 1.2])
+    near = near_lights(at)
+    picture, points = drawn(ABOVE + GROUND + BOX, near, side=128), ground_points(128)
+    lit = np.pi * picture[..., 0] / irradiance(near, points)[..., 0] > 0.5
+    # Slabs: where the segment from the ground to the light passes through the box.
+    low, high = np.array([0.0, -0.05, 0.3]), np.array([0.2, 0.15, 0.5])
+    way = at - points
+    first, second = (low - points) / way, (high - points) / way
+    enters, leaves = np.minimum(first, second).max(axis=-1), np.maximum(first, second).min(axis=-1)
+    shaded = enters < leaves
+    on_top = (np.abs(points[..., 0] / 9.5 * 10 - 0.1) < 0.115) & (np.abs(points[..., 1] / 9.5 * 10 - 0.05) < 0.115)  # the box itself
+    wrong = (lit == shaded) & ~on_top
+    assert shaded.sum() > 500
+    assert wrong.sum() <= 0.01 * wrong.size
+
+
+def test_what_is_nearer_than_the_radius_casts_nothing(drawn):
+    cover = '[[mesh]]\nshape = "plane"\nscale = 0.3\nat = [0.0, 0.0, 1.4]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    points = ground_points()[SIDE // 2 :: 8, :4]  # off the middle, which the cover hides from the camera
+    for radius, passes in ((0.05, False), (0.5, True)):
+        near = near_lights((0.0, 0.0, 1.5), radius=radius)
+        picture = drawn(ABOVE + GROUND + cover, near)[SIDE // 2 :: 8, :4, :3]
+        expected = irradiance(near, points) / np.pi
+        seen = np.abs(picture / expected - 1).max() < 0.01
+        assert seen == passes
+
+
+def test_the_penumbra_of_a_ball_is_that_of_its_disc(drawn):
+    """A long edge half way up: the penumbra is as wide as the ball, and in its middle half of the disc is seen."""
+    edge = '[[mesh]]\nshape = "plane"\nscale = 1.0\nat = [1.0, 0.0, 1.0]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    camera = "[camera]\nfrom = [0.0, 0.0, 0.5]\nat = [0.0, 0.0, 0.0]\nfov_y = 90.0\n"
+    near = near_lights((0.0, 0.0, 2.0), radius=0.2)
+    picture = drawn(camera + GROUND + edge, near, side=128, samples=16)
+    x = ((np.arange(128) + 0.5) / 64 - 1) * 0.5
+    expected = irradiance(near, np.stack([x, np.zeros(128), np.zeros(128)], axis=-1))[..., 0] / np.pi
+    fraction = picture[62:66, :, 0].mean(axis=0) / expected
+    t = np.clip(-x / 0.2, -1, 1)  # the shadow's edge in radii of the disc
+    exact = 0.5 + (t * np.sqrt(1 - t * t) + np.arcsin(t)) / np.pi
+    assert np.abs(fraction - exact).max() < 0.06
+    assert np.abs(fraction - exact).mean() < 0.01
+
+
+def test_a_room_returns_its_light(tmp_path):
+    """Power law: what a light sends out falls on the walls of a closed room about it."""
+    camera = "[camera]\nfrom = [0.0, 0.0, 0.0]\nat = [0.0, 1.0, 0.0]\nfov_y = 90.0\n"
+    room = '[[mesh]]\nshape = "box"\nscale = 1.0\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n'
+    renderer = renderer_of(scene_of(tmp_path, camera + room))
+    renderer.near = near_lights((0.0, 0.0, 0.0), intensity=(1.0, 1.0, 1.0), radius=0.1)
+    wall = renderer.picture(DARK)[..., 0] * np.pi  # irradiance on one of six like walls
+    renderer.release()
+    assert 6 * wall.mean() * 4 == pytest.approx(4 * np.pi, rel=2e-3)  # 4 m^2 each
+
+
+def test_256_lights_are_each_drawn(drawn):
+    rng = np.random.default_rng(1)
+    places = np.concatenate([rng.uniform(-2, 2, (MAX_NEAR_LIGHTS, 2)), rng.uniform(0.5, 3, (MAX_NEAR_LIGHTS, 1))], axis=1)
+    near = near_lights(*places)
+    assert np.abs(np.pi * drawn(ABOVE + GROUND, near)[..., :3] / irradiance(near, ground_points()) - 1).max() < 1e-3
+
+
+def test_no_near_light_costs_nothing(tmp_path):
+    renderer = renderer_of(scene_of(tmp_path, ABOVE + GROUND), frame_ms=100.0)
+    dark_lamp = near_lights((0.0, 0.0, 1.0), intensity=(0.0, 0.0, 0.0))
+    for near in (NearLightSet.empty(), dark_lamp):
+        renderer.near = near
+        renderer.picture(LightSet.of(np.zeros(1), np.array([[0.0, 0.0, 1.0]]), np.ones((1, 3))))
+        assert not {pass_table.NEAR_RAYS, pass_table.NEAR_LIGHTS} & {run.row for run in renderer.plan.passes}
+    assert renderer.renderer._near_lights is None
+    renderer.release()
+
+
+def test_extreme_lights_stay_finite(drawn):
+    near = near_lights((0.0, 0.0, 0.0), (0.1, 0.1, 1e-6), (0.0, 0.0, 2.0), intensity=(3e38, 1e-38, 1.0))
+    assert np.isfinite(drawn(ABOVE + GROUND, near)).all()
+
+
+def test_a_light_that_stays_is_traced_once_and_one_that_moves_again(tmp_path):
+    renderer = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), frame_ms=1000.0)
+    traced = []
+    for shift in (0.0, 0.0, 1e-4, 0.3, 0.3):
+        renderer.near = near_lights((-0.3 + shift, 0.0, 1.2), (0.5, 0.5, 1.0))
+        renderer.picture(DARK)
+        traced.append(len(renderer.plan.near[0].traced))
+    moved = renderer.picture(DARK).copy()
+    renderer.release()
+    assert traced == [2, 0, 0, 1, 0]
+    again = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), frame_ms=1000.0)
+    again.near = near_lights((0.0, 0.0, 1.2), (0.5, 0.5, 1.0))
+    assert again.picture(DARK) == pytest.approx(moved, abs=2e-3)
+    again.release()
+
+
+def test_a_state_drawn_again_gives_the_same_picture(tmp_path):
+    renderer = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), frame_ms=1000.0)
+    renderer.near = near_lights((-0.3, 0.0, 1.2), radius=0.1)
+    renderer.picture(DARK)
+    state = renderer.state
+    expected = renderer.picture(DARK).copy()
+    renderer.near = near_lights((0.3, 0.4, 0.8), radius=0.2)
+    renderer.picture(DARK)
+    renderer.state, renderer.near = state, near_lights((-0.3, 0.0, 1.2), radius=0.1)
+    assert np.array_equal(renderer.picture(DARK), expected)
+    renderer.release()

@@ -122,8 +122,13 @@ def messages() -> dict[str, wire.Message]:
                 count=144, exposure=-0.5, filtered=False, paused=True, armed=True, blackout=False, poses=(box, lamp),
                 masks=(Mask(points=((10.0, 20.0), (40.0, 20.0), (25.0, 50.0))), stroke),
                 lamps=(VirtualLamp(id=1, azimuth_deg=120.0, elevation_deg=35.0, irradiance=(3.0, 2.5, 2.0)),),
+                speed=0.5, loop=False, in_s=0.2, out_s=1.0, seek_number=3, seek_s=0.4,
             ),
             (),
+        ),
+        "source": (
+            wire.SourceMessage(name="bundled sequence", frames=48, fps=24.0, position=7, thumbnails=2),
+            (np.array([0, 47]), (np.arange(2 * 48 * 48 * 3) % 251).astype(np.uint8).reshape(2, 48, 48, 3)),
         ),
         "status": (status, ()),
         "end": (wire.EndMessage(sequence=48), ()),

@@ -11,6 +11,7 @@ from tests.support.renderer_steps import controlled, picture_of, stepped
 from tests.support.rendering import SceneRenderer
 from tests.support.scenes import SHAPES
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import cell_from_direction, map_irradiance
 from vemlight.renderer.accumulation import PASS_LIGHTS, PASSES, Accumulation, MapLights, spread_points
@@ -149,6 +150,8 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
         state, image = shown(state, sequence, a_map(), paused=True)
     assert drawn == [0, 1, 2, 3]
     assert image.report.drawn_lights == 4 * PASS_LIGHTS
+    assert (image.report.passes, image.report.max_passes) == (4, PASSES)
+    assert 0 < image.report.pass_error_ratio < 1
     converged = picture_of(state)
     state, _ = shown(state, 8, a_map(), paused=True, exposure=1.0)  # of what is seen nothing changed
     assert drawn == [0, 1, 2, 3]
@@ -159,6 +162,7 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     assert drawn == [0, 1, 2, 3, 0, 0]
     state, image = shown(state, 11, a_map())
     assert image.report.drawn_lights == 3
+    assert (image.report.passes, image.report.max_passes, image.report.pass_error_ratio) == (0, 0, 0.0)
     assert np.array_equal(picture_of(state), live)
 
 
@@ -177,3 +181,27 @@ def test_a_catcher_is_lit_by_the_whole_map_in_every_pass(tmp_path):
     assert exact[..., 3][exact[..., 3] < 0.9].max() > 0.3
     assert np.median(inside) < 0.01  # edges apart, where a pixel's mean is not its middle
     assert abs(inside.mean()) < 0.03
+
+
+def test_the_error_told_is_about_the_error_there_is():
+    renderer = SceneRenderer(load_scene(None), Size(width=48, height=36))
+    light = MapLights(a_map(), "hemisphere")
+    pictures = [renderer.picture_of_pass(light, number).copy() for number in range(4 * 16)]
+    renderer.release()
+    exact, refined = np.mean(pictures, axis=0)[..., :3], Accumulation.empty()
+    told = []
+    for picture in pictures[:16]:
+        refined = refined.with_pass(picture)
+        told.append(refined.error)
+    error = np.abs(luminance_from_rgb(refined.picture[..., :3] - exact)).mean() / luminance_from_rgb(exact).mean()
+    assert error / 2.5 < told[-1] < 2.5 * error
+    assert told[0] == 0.0  # of one pass nothing is known
+    assert told[8:15] == 7 * [told[7]]  # it is of the last power of two
+    assert told[1] > told[7] > told[15]
+
+
+def test_a_black_picture_has_no_error_to_tell():
+    black = Accumulation.empty()
+    for _ in range(4):
+        black = black.with_pass(np.zeros((2, 2, 4), np.float32))
+    assert black.error == 0.0

@@ -1,6 +1,7 @@
 """Capture as the first stage of the pipeline: the frames of files or of a camera as messages."""
 
 import sys
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -10,12 +11,17 @@ from vemlight.capture.frames import Frame
 from vemlight.capture.invalid_cells import valid_values
 from vemlight.capture.live_frames import open_live
 from vemlight.capture.masking import Masking
-from vemlight.capture.source import open_source
+from vemlight.capture.source import open_files, open_source
+from vemlight.capture.thumbnails import ThumbnailNews, Thumbnails
 from vemlight.errors import of_setting
 from vemlight.files import notice
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
+from vemlight.runtime.playback import Playback
+from vemlight.settings import is_stream, shown_source
 
+MAX_NAME = 200  # letters of a source's name on the page
+NO_THUMBNAILS = np.empty(0, np.int64), np.empty((0, wire.THUMBNAIL_SIDE, wire.THUMBNAIL_SIDE, 3), np.uint8)
 MapMessage = tuple[wire.MapMessage, tuple[np.ndarray, ...]]
 
 
@@ -37,9 +43,28 @@ class CaptureSource:
             notice(f"{settings.capture.source or 'the bundled sequence'}: has {len(self)} frames, not {limit}; {then}")
         self.limit = min(len(self), limit or len(self)) if settings.mode == "lossless" else limit
         self._source.frame(0)  # computes the weights and compiles the loops before the first frame is due
+        self._name = source_name(settings.capture)
+        self._settings, self._played = settings.capture, Playback.start(len(self), self.fps)
+        self._thumbnails: Thumbnails | None = None
+        self._news = ThumbnailNews()
 
     def __len__(self) -> int:
         return len(self._source)
+
+    def on_played(self, playback: Playback) -> None:
+        self._played = playback
+        if not self._thumbnails:  # from the first frame that is played on: a run that makes files has none
+            self._thumbnails = Thumbnails(len(self), lambda: open_files(self._settings).frame)
+
+    def about(self) -> wire.Message:
+        """Where it stands, and its thumbnails now and then."""
+        made = self._thumbnails.made() if self._thumbnails else NO_THUMBNAILS
+        sent = made if self._news.due(len(made[0])) else NO_THUMBNAILS
+        played = self._played
+        header = wire.SourceMessage(
+            name=self._name, frames=len(self), fps=self.fps, position=played.index, at_end=played.at_end, thumbnails=len(sent[0])
+        )
+        return header, sent
 
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
         """Raises UserError for a damaged file."""
@@ -99,6 +124,13 @@ class CaptureCamera:
 
     def close(self) -> None:
         self._source.close()
+
+
+def source_name(settings: settings.Capture) -> str:
+    """What a source is called on the page: the last part of its path; never more of it, which pages are shown to others."""
+    if not settings.source:
+        return "bundled sequence"
+    return shown_source(settings.source) if is_stream(settings.source) else Path(settings.source).name[:MAX_NAME]
 
 
 def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:

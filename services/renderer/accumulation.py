@@ -25,10 +25,17 @@ def spread_points(first: int, count: int) -> np.ndarray:
 
 
 class Accumulation(NamedTuple):
-    """A picture that is the mean of `passes` passes. total: (height, width, 4) float64, their sum."""
+    """A picture that is the mean of `passes` passes.
+
+    total: (height, width, 4) float64, their sum. doubling: the mean's luminance when their number was last a power of two. error: how
+    wrong the mean was then, the mean of its absolute error over its mean luminance, estimated by how much it had changed since half as
+    many. On three maps that is 0.8 to 1.2 times the error against 192 passes, and 1.3 to 2 times after 64. 0: not known yet.
+    """
 
     total: np.ndarray | float
     passes: int
+    doubling: np.ndarray | None = None
+    error: float = 0.0
 
     @staticmethod
     def empty() -> "Accumulation":
@@ -50,7 +57,13 @@ class Accumulation(NamedTuple):
 
     def with_pass(self, picture: np.ndarray) -> "Accumulation":
         """The same with one pass more."""
-        return Accumulation(self.total + picture, self.passes + 1)
+        after = self._replace(total=self.total + picture, passes=self.passes + 1)
+        if after.passes & self.passes:  # not a power of two
+            return after
+        mean = luminance_from_rgb(after.picture[..., :3].astype(np.float64))
+        if self.doubling is None or not mean.mean() > 0:
+            return after._replace(doubling=mean)
+        return after._replace(doubling=mean, error=float(np.abs(mean - self.doubling).mean() / mean.mean()))
 
 
 class MapLights:

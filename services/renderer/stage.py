@@ -16,7 +16,7 @@ from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.extent import POINTS
 from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import NearLightSet
-from vemlight.renderer.accumulation import Accumulation, MapLights
+from vemlight.renderer.accumulation import PASSES, Accumulation, MapLights
 from vemlight.renderer.frame import AccumulationPass, FrameInput, FrameState, PlatePicture, ToneRequest
 from vemlight.renderer.frame_budget import (
     LATE,
@@ -99,6 +99,14 @@ class RendererState(NamedTuple):
     notices: tuple[str, ...] = ()
     near: NearLightSet = NearLightSet.empty()
     drawn_near: int = 0
+
+
+def passes_of(state: RendererState) -> dict[str, float]:
+    """What an ImageReport says of a paused picture; nothing of any other."""
+    if state.paused_picture is None:
+        return {}
+    done = state.paused_picture.accumulation
+    return {"passes": done.passes, "max_passes": PASSES, "pass_error_ratio": done.error}
 
 
 def half_floats(picture: np.ndarray) -> np.ndarray:
@@ -192,6 +200,7 @@ class RendererStage:
                 light_budget=0 if state.paused or not self._frame_ms else self._light_budget(budget, near) // drawn_for_each,
                 near_lights=shining,
                 near_lights_left_out=shining - near,
+                **passes_of(state),
             ),
         )
         arrays = (pixels, half_floats(state.picture)) if self._linear and state.picture is not None else (pixels,)

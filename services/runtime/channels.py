@@ -35,6 +35,7 @@ CHANNELS = (
     Channel("image", ("renderer",), None, 3, QUEUE_FRAMES, "the scene lit by one frame's lights, rendered and tone-mapped"),
     Channel("plate", ("plate",), None, 3, QUEUE_FRAMES, "a second camera's picture, shown behind the scene"),
     Channel("levels", ("fixtures",), None, 3, QUEUE_FRAMES, "levels of real fixtures that one frame's lights ask for"),
+    Channel("source", ("capture",), 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "what the source is and where it stands, with thumbnails"),
     Channel("control", ("viewer",), 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "everything that the person at the viewer has chosen"),
     Channel("status", (), 1 / REPORT_PERIOD_S, 3, QUEUE_FRAMES, "how a service is doing"),
     Channel("end", (), None, 3, QUEUE_FRAMES, "no frame of this number or a later one will come"),

@@ -11,6 +11,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import SERVICES, Service
 from vemlight.runtime.demand import Supply
 from vemlight.runtime.loop import CACHED_FRAMES, END_PERIOD_S, POLL_MS, StopSignal, publish, publish_status
+from vemlight.runtime.playback import Playback
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.sync import receive_all
 from vemlight.runtime.transport import Transport, accept_subscriptions
@@ -38,6 +39,14 @@ class Source(Protocol):
 
     def on_control(self, control: wire.ControlMessage) -> None:
         """Takes what the person at the viewer has chosen; live mode only."""
+        ...
+
+    def on_played(self, playback: Playback) -> None:
+        """Live: takes where it stood when a frame was published."""
+        ...
+
+    def about(self) -> wire.Message | None:
+        """Live: what is said of the source beside each status, if anything."""
         ...
 
 
@@ -102,31 +111,42 @@ def _await_listeners(transport: Transport, publisher: Any, stats: ServiceStats, 
 
 
 def _run_source_live(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
-    """Frame n is due at n / fps; a frame whose time has passed is dropped and counted. Paused, the frame shown is sent again."""
+    """Plays as the controls say (`playback.py`); a frame whose time has passed is dropped and counted. Paused, the frame shown is sent
+    again.
+    """
     controls = transport.subscribe("viewer", "control")
     poller = zmq.Poller()
     poller.register(controls, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
-    started_s, sequence, index, paused = time.monotonic(), 0, 0, False
+    started_s, playback = time.monotonic(), Playback.start(len(source), source.fps)
     while not stop.received:
-        ended = source.limit is not None and sequence >= source.limit
-        wait_s = END_PERIOD_S if ended else started_s + sequence / source.fps - time.monotonic()
+        ended = source.limit is not None and playback.sequence >= source.limit
+        wait_s = END_PERIOD_S if ended else started_s + playback.time_s - time.monotonic()
         poller.poll(max(0, min(POLL_MS, round(wait_s * 1e3))))
         accept_subscriptions(publisher)
-        paused = _is_paused(source, controls, stats, paused)
+        for header, _ in receive_all(controls, stats):
+            if isinstance(header, wire.ControlMessage):
+                source.on_control(header)
+                playback = playback.obeying(header)
         if ended:
-            publish(publisher, (wire.EndMessage(sequence=sequence), ()))
+            publish(publisher, (wire.EndMessage(sequence=playback.sequence), ()))
             time.sleep(END_PERIOD_S)
-        elif (late_s := time.monotonic() - started_s - sequence / source.fps) >= 0:
-            missed = int(late_s * source.fps)
+        elif (late_s := time.monotonic() - started_s - playback.time_s) >= 0:
+            missed = int(late_s * playback.rate_hz)
             stats.dropped += missed
-            sequence, index = sequence + missed, index + (0 if paused else missed)
+            playback = playback.after(missed)
             step_began_s = time.monotonic()
-            message = source.message(sequence, index % len(source), sequence / source.fps)
-            publish(publisher, message)
-            stats.on_finished(message, time.monotonic() - step_began_s)
-            sequence, index = sequence + 1, index + (0 if paused else 1)
-        publish_status(publisher, stats)
+            header, arrays = source.message(playback.sequence, playback.index, playback.time_s)
+            if isinstance(header, wire.MapMessage):
+                header = msgspec.structs.replace(header, segment=playback.segment)
+            publish(publisher, (header, arrays))
+            stats.on_finished((header, arrays), time.monotonic() - step_began_s)
+            shown, playback = playback, playback.after(1)
+            source.on_played(shown)
+        if status := stats.status_if_due():
+            publish(publisher, (status, ()))
+            if about := source.about():
+                publish(publisher, about)
 
 
 def _is_paused(source: Source | Camera, controls: Any, stats: ServiceStats, before: bool) -> bool:

@@ -33,6 +33,8 @@ UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimal
 MAX_SIDE = 8192  # pixels of a picture's side
 MAX_FIXTURES = 512  # of a rig: with names of 24 four-byte letters 51 kB of header
 
+MAX_THUMBNAILS, THUMBNAIL_SIDE = 48, 48  # 332 kB in all; a page of 1,920 pixels has room for 40
+
 MAX_SEQUENCE = 2**53 - 1  # exact in JSON and in every language, as a float too
 Sequence53 = Annotated[int, Meta(ge=0, le=MAX_SEQUENCE)]
 Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -42,6 +44,7 @@ Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
 Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
 Hertz = Annotated[float, Meta(ge=0, le=1e9)]
 Frames = Annotated[float, Meta(ge=0, le=1e6)]
+SourceSeconds = Annotated[float, Meta(ge=0, le=1e7)]  # four months
 Side = Annotated[int, Meta(ge=1, le=MAX_SIDE)]
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
@@ -118,6 +121,11 @@ class ImageReport(Report, frozen=True, tag="image"):
     near_lights_left_out: Annotated[
         Count, Meta(title="left out", description="of them, those that are not drawn since time is short; the weakest")
     ] = 0
+    passes: Annotated[Count, Meta(description="of a paused picture, whose mean is shown; 0: not paused")] = 0
+    max_passes: Annotated[Count, Meta(title="passes in all", description="after which a paused picture is done; 0: not paused")] = 0
+    pass_error_ratio: Annotated[
+        float, Meta(ge=0, le=1e9, title="error of passes", description="of a paused picture, estimated, relative; 0: not known")
+    ] = 0.0
 
 
 class LevelsReport(Report, frozen=True, tag="levels"):
@@ -187,6 +195,7 @@ class MapMessage(FrameHeader, frozen=True, tag="map"):
     cols: Side
     coverage: Coverage
     bright_samples: Annotated[int, Meta(ge=0, le=4096)] = 0
+    segment: Count = 0  # how often the source has jumped: light of another segment says nothing about this one's
     luminance_scale: Annotated[float, Meta(gt=0, le=1e30)] | None = None  # cd/m2 per unit, when calibrated
     report: MapReport = MapReport()
 
@@ -305,6 +314,12 @@ class ControlMessage(Header, frozen=True, tag="control"):
     paused: bool = False
     armed: bool | None = None  # fixtures: packets are live; None: as it is
     blackout: bool | None = None  # fixtures: darkness is sent; None: as it is
+    speed: Annotated[float, Meta(ge=0.25, le=4)] | None = None  # files: of playing, as a multiple of the settings'
+    loop: bool | None = None  # files: from the first frame again after the last; None: yes
+    in_s: SourceSeconds | None = None  # files: the range that is played, where frame n is at n / fps; None: to the end
+    out_s: SourceSeconds | None = None
+    seek_number: Count | None = None  # files: a new number is a new wish to go to `seek_s`; the same again is none
+    seek_s: SourceSeconds = 0.0
     poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved from where scene file or settings have them
     masks: Annotated[tuple[Mask, ...], Meta(max_length=MAX_MASKS)] | None = None  # instead of the settings'
     lamps: Annotated[tuple[VirtualLamp, ...], Meta(max_length=MAX_LAMPS)] | None = None  # virtual ones, instead of the settings'
@@ -312,6 +327,27 @@ class ControlMessage(Header, frozen=True, tag="control"):
     def __post_init__(self) -> None:
         check_masks(self.masks or ())
         check_lamps(self.lamps or ())
+        if self.in_s is not None and self.out_s is not None and self.in_s > self.out_s:
+            raise ValueError("in_s is after out_s")
+
+
+class SourceMessage(Header, frozen=True, tag="source"):
+    """What the source is, where it stands, and some of its frames as small discs: the sky from below, as on the page."""
+
+    ARRAYS = (
+        Array("positions", "<i8", ("thumbnails",), "which frames of the source the discs show, ascending"),
+        Array("discs", "|u1", ("thumbnails", THUMBNAIL_SIDE, THUMBNAIL_SIDE, 3), "sRGB"),
+    )
+    name: Annotated[str, Meta(max_length=256)]
+    frames: Count  # 0: a camera or stream
+    fps: Hertz
+    position: Count = 0  # the frame that was published last
+    at_end: bool = False  # it stands, because nothing follows it
+    thumbnails: Annotated[int, Meta(ge=0, le=MAX_THUMBNAILS)] = 0  # of this message, which has them now and then
+
+    def check(self, arrays: Sequence[np.ndarray]) -> None:
+        if ((arrays[0] < 0) | (arrays[0] >= max(self.frames, 1))).any() or (np.diff(arrays[0]) <= 0).any():
+            raise ValueError("source: discs of frames that there are not, or out of order")
 
 
 class StatusMessage(Header, frozen=True, tag="status"):

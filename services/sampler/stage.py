@@ -17,7 +17,7 @@ from vemlight.runtime.output_folder import LIGHTS, SNAPSHOTS
 from vemlight.sampler.error_limit import capped_text, is_capped
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.snapshot import SNAPSHOT_FRAMES, Snapshot, Snapshots
-from vemlight.sampler.state import SamplerState, initial_state
+from vemlight.sampler.state import SamplerState, initial_state, state_after_jump
 from vemlight.sampler.step import step
 
 WARM_FRAMES = 32  # more than the 24 after which the search for flicker begins; any larger value does, and takes longer
@@ -30,6 +30,7 @@ class StageState(NamedTuple):
     settings: settings.Sampler
     sampler: SamplerState
     light_budget: int  # lights that the renderer can draw in its time; 0: no limit
+    segment: int = 0  # of the last map
 
 
 class SamplerStage:
@@ -62,7 +63,8 @@ class SamplerStage:
         header, (radiance, *bright) = message
         assert isinstance(header, wire.MapMessage)
         frame = SamplerInput(radiance, header.coverage, header.stamp.time_s, BrightCells(*bright), state.light_budget)
-        sampler, lights, report = step(state.settings, state.sampler, frame)
+        before = state.sampler if header.segment == state.segment else state_after_jump(state.sampler, header.coverage)
+        sampler, lights, report = step(state.settings, before, frame)
         gloss = report.gloss or LightSet.none()
         lights_header = wire.LightsMessage(
             stamp=header.stamp,
@@ -83,7 +85,7 @@ class SamplerStage:
             ),
         )
         arrays = (*(array for array in lights if array is not None), gloss.directions, gloss.irradiance)
-        return state._replace(sampler=sampler), (lights_header, arrays)
+        return state._replace(sampler=sampler, segment=header.segment), (lights_header, arrays)
 
     def on_message(self, state: StageState, message: wire.Message) -> StageState:
         header, _ = message

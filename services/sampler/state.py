@@ -67,3 +67,9 @@ def initial_state() -> SamplerState:
     tracked = initial_tracked()
     unknown = "hemisphere", None, None, NO_ESTIMATE, 0
     return SamplerState(*unknown, NO_FLICKER, None, EMPTY_MEMORY, np.zeros(0), NO_CLUSTERS, tracked, tracked)
+
+
+def state_after_jump(before: SamplerState, coverage: Coverage) -> SamplerState:
+    """The state where nothing that was seen says anything about the next frame. No new light has the id of an old one."""
+    tracked, gloss = (initial_tracked(state.sites.next_id) for state in (before.tracked, before.tracked_gloss))
+    return initial_state()._replace(coverage=coverage, light_budget=before.light_budget, tracked=tracked, tracked_gloss=gloss)

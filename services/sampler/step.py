@@ -6,7 +6,7 @@ from vemlight.light.light_set import LightSet
 from vemlight.light.virtual_lamp import with_lamps
 from vemlight.sampler.light_count import budget_after
 from vemlight.sampler.sampler_input import SamplerInput
-from vemlight.sampler.state import SamplerReport, SamplerState, initial_state
+from vemlight.sampler.state import SamplerReport, SamplerState, state_after_jump
 from vemlight.sampler.tracked_method import tracked_method
 from vemlight.sampler.warp_method import warp_method
 from vemlight.sampler.warps.warp import WARPS
@@ -23,7 +23,7 @@ def step(settings: Sampler, state: SamplerState, frame: SamplerInput) -> tuple[S
     integral. The settings' virtual lamps are added to them. Settings may change from call to call.
     """
     if frame.coverage != state.coverage:
-        state = initial_state()._replace(coverage=frame.coverage)
+        state = state_after_jump(state, frame.coverage)
     own = max(frame.light_budget - len(settings.lamp), 1) if frame.light_budget else 0
     state = state._replace(light_budget=budget_after(state.light_budget, own))
     state, lights, report = METHODS[settings.method](settings, state, frame)

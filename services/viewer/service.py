@@ -103,7 +103,7 @@ def _own_address(everywhere: str) -> str:
 
 async def receive(transport: Transport, service: Service, state: ViewerState) -> None:
     """Takes all that waits from one service, and then again."""
-    socket = transport.subscribe(service, FRAMES[service].kind, "status", "end")
+    socket = transport.subscribe(service, FRAMES[service].kind, "status", "end", *(["source"] if service == "capture" else []))
     waiting = zmq.Socket.shadow(socket)
     while True:
         await socket.poll()

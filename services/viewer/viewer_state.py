@@ -19,6 +19,7 @@ from vemlight.viewer.levels_json import levels_json
 from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
 from vemlight.viewer.pictures import Sky, picture_jpeg
 from vemlight.viewer.report_fields import report_fields
+from vemlight.viewer.timeline import Timeline
 
 NO_CONTROLS = "in lossless mode every frame is made with the settings as they are, and controls have no effect; use live mode"
 NO_ARMING = (
@@ -49,15 +50,18 @@ class ViewerState:
         self.pages = 0
         self._losses, self._light_count, self._encode_s = LossCounter(), 0, 0.0
         self._objects: tuple[wire.Pose, ...] = ()
+        self.timeline = Timeline()
 
     def take(self, service: Service, messages: list[wire.Message]) -> None:
         """Takes what came from one service, in order. Of its frames the newest is shown; the others count as skipped."""
-        for header, _ in messages:
+        for header, arrays in messages:
             self.liveness.last_received[service].take(header, time.monotonic())
             if service == LAST and isinstance(header, wire.ImageMessage):
                 self._losses.on_frame()
             elif service == LAST and isinstance(header, wire.StatusMessage):
                 self._losses.on_status(header.frames)
+            elif isinstance(header, wire.SourceMessage):
+                self.timeline.take(header, arrays)
         frames = [message for message in messages if isinstance(message[0], wire.FrameHeader)]
         if frames:
             self._show(*frames[-1], passed_over=len(frames) - 1)
@@ -143,6 +147,7 @@ class ViewerState:
                 "exposure": settings.renderer.exposure, "filtered": settings.sampler.filter != "none"
             },
             "light_count": self._light_count,
+            "source": self.timeline.summary(),
             "objects": self._objects,
             "fixtures": {"why_not_arm": self.why_not_arm} if "fixtures" in settings.services else None,
             "pages": self.pages,

@@ -67,6 +67,7 @@ class Site:
                 web.get("/stream.mjpg", self.stream),
                 web.get("/lights", self.lights),
                 web.get("/levels", self.levels),
+                web.get("/thumbnails.jpg", self.thumbnails),
                 web.get("/healthz", self.health),
                 web.get("/metrics", self.metrics),
                 web.post("/control", self.control),
@@ -109,6 +110,13 @@ class Site:
         if not number:
             return web.Response(status=503, text="no levels yet: there is no rig, or no light has come\n", headers=RETRY)
         return web.Response(body=line, content_type="application/json")
+
+    async def thumbnails(self, _: web.Request) -> web.Response:
+        """Those of the timeline, side by side."""
+        data = self._state.timeline.thumbnails_jpeg()
+        if not data:
+            return web.Response(status=404, text="no thumbnails: the source is a camera, or has made none yet\n")
+        return web.Response(body=data, content_type="image/jpeg")
 
     async def health(self, _: web.Request) -> web.Response:
         summary = self._state.summary()

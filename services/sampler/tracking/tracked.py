@@ -86,9 +86,9 @@ class Observed(NamedTuple):
     birth_decay: float
 
 
-def initial_tracked() -> TrackedState:
-    """The state before the first frame."""
-    sites = Sites(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0)
+def initial_tracked(next_id: int = 0) -> TrackedState:
+    """The state before the first frame, or before the first after a jump, whose lights have ids from `next_id` on."""
+    sites = Sites(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), next_id)
     return TrackedState("hemisphere", 0.0, sites, NO_SOURCES, 0.0, 0.0, None, np.zeros((0, 0), np.uint8), NO_NOISE)
 
 
@@ -112,7 +112,7 @@ def observe(state: TrackedState, frame: SamplerInput, smoothing: bool) -> tuple[
     """The state with the clean map, noise and time of a frame, and what its lights are made from."""
     radiance, coverage, time_s = frame.radiance, frame.coverage, frame.time_s
     if state.clean is None or coverage != state.coverage or state.clean.shape != radiance.shape:
-        state = initial_tracked()._replace(coverage=coverage, time_s=time_s)
+        state = initial_tracked(state.sites.next_id)._replace(coverage=coverage, time_s=time_s)
     noise = noise_after(state.noise, radiance) if smoothing else NO_NOISE
     passed_s = time_s - state.time_s
     previous = state.clean if smoothing and 0 < passed_s < MAX_GAP_S else None

@@ -6,6 +6,7 @@ import { Fixtures } from "/fixtures.js";
 import { Objects } from "/objects.js";
 import { PersistedControls } from "/persisted_controls.js";
 import { Sky } from "/sky.js";
+import { Timeline } from "/timeline.js";
 
 const RECONNECT_MS = 1000;
 const GREW_MS = 5000; // a count of losses is coloured while it grows, and for so long after
@@ -25,6 +26,7 @@ const sky = new Sky(at("disc"), at("light-facts"));
 const controls = new Controls(notice);
 const objects = new Objects((change) => controls.choose(change));
 const fixtures = new Fixtures((change) => controls.choose(change));
+const timeline = new Timeline((change) => controls.choose(change));
 const persisted = new PersistedControls((control) => controls.choose(control));
 const notices = new Map();
 let picture = null;
@@ -79,6 +81,7 @@ function takeText(message) {
   controls.take(message);
   objects.take(message);
   fixtures.take(message);
+  timeline.take(message);
   showFigures(message);
   showCards(message);
   showCovers(message);
@@ -124,13 +127,20 @@ function showFigures(summary) {
     number.classList.toggle("lost", grows(`missed ${row.service}`, missed));
     return [`${k ? " · " : ""}${row.service} `, number];
   }));
-  at("scene-facts").textContent = of.renderer.sequence === undefined || of.renderer.sequence === null ? "" : `frame ${of.renderer.sequence}`;
+  at("scene-facts").textContent = passes(of.renderer.report) || (Number.isInteger(of.renderer.sequence) ? `frame ${of.renderer.sequence}` : "");
   const worst = ["silent", "stalled", "not seen", "starting"].find((state) => summary.services.some((row) => row.state === state));
   const culprit = summary.services.find((row) => row.state === worst);
   if (culprit) return showState(at("overall"), worst, `${culprit.service} ${worst}`);
   if (summary.control.paused) return showState(at("overall"), "paused", "paused");
   const finished = summary.services.some((row) => row.state === "finished");
   showState(at("overall"), finished ? "finished" : "live", finished ? "finished" : summary.mode === "lossless" ? "lossless" : "live");
+}
+
+// How far a paused picture has come; empty where it is not paused.
+function passes(report) {
+  if (!report?.max_passes) return "";
+  const error = report.pass_error_ratio ? `, error about ${Number((100 * report.pass_error_ratio).toPrecision(2))} %` : "";
+  return `pass ${report.passes} of ${report.max_passes}${error}`;
 }
 
 function byService(summary) {

@@ -1,5 +1,7 @@
 """What a source of files plays: a pure state under controls, whose stamps never jump and whose frames do only where it says so."""
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -72,7 +74,7 @@ def test_only_the_range_is_played_and_each_jump_is_said(first, span, speed, loop
     control = ControlMessage(in_s=first / FPS, out_s=last / FPS, speed=speed, loop=loop)
     rows, playback = played(Playback.start(20, FPS).obeying(control).after(1), 40)
     assert all(first <= index <= last for index, _, _ in rows)
-    for (before, _, segment), (after, _, next_segment) in zip(rows, rows[1:], strict=False):
+    for (before, _, segment), (after, _, next_segment) in pairwise(rows):
         wraps = loop and before + max(1, speed) > last
         assert next_segment - segment == (wraps and first < last and not playback.is_whole)
         assert wraps or after == min(last, before + max(1, speed))

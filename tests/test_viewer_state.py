@@ -29,6 +29,7 @@ UNITS = (
     "_budget",
     "_pages",
     "_ratio",
+    "_passes",
 )
 
 

@@ -5,7 +5,6 @@ import threading
 import time
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 
 from vemlight.capture.frames import Frame
@@ -33,16 +32,25 @@ def log_average(frame: Frame) -> float:
     return float(np.exp(area @ np.log(y + DARK * mean).mean(axis=1) / area.sum())) if mean > 0 else 0.0
 
 
+def averaged(values: np.ndarray, axis: int, at_most: int) -> np.ndarray:
+    """The values with at most so many along an axis: each the mean of those that it stands for."""
+    count = values.shape[axis]
+    if count <= at_most:
+        return values
+    starts = np.arange(at_most) * count // at_most
+    shape = [-1 if k == axis else 1 for k in range(values.ndim)]
+    return np.add.reduceat(values, starts, axis=axis) / np.diff(starts, append=count).reshape(shape)
+
+
 def disc(frame: Frame, adapted: float) -> np.ndarray:
     """The sky from below, (side, side, 3) uint8 sRGB: zenith in the middle, +Y at the top, +X at the left; black outside the rim.
 
     adapted: the log-average that goes to KEY, of all discs the same, so that one sees where it is brighter.
     """
-    rows, cols, _ = frame.radiance.shape
     middle = THUMBNAIL_SIDE / 2
     right = (np.arange(THUMBNAIL_SIDE) + 0.5 - middle) / middle
     up, radius = -right[:, None], np.hypot(right, right[:, None])
-    small = cv2.resize(np.nan_to_num(frame.radiance), (min(cols, 4 * THUMBNAIL_SIDE), min(rows, THUMBNAIL_SIDE)), interpolation=cv2.INTER_AREA)
+    small = averaged(averaged(np.nan_to_num(frame.radiance), 0, THUMBNAIL_SIDE), 1, 4 * THUMBNAIL_SIDE)
     row = np.minimum((radius * len(small)).astype(int), len(small) - 1)
     col = (np.arctan2(up, -right) % (2 * np.pi) * (small.shape[1] / (2 * np.pi))).astype(int) % small.shape[1]
     radiance = np.maximum(small[row, col].astype(np.float64), 0.0)

@@ -4,6 +4,7 @@ import os
 import time
 from typing import Any, Protocol
 
+import msgspec
 import numpy as np
 import zmq
 
@@ -118,7 +119,7 @@ def _run_source_live(source: Source, transport: Transport, publisher: Any, stats
     poller = zmq.Poller()
     poller.register(controls, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
-    started_s, playback = time.monotonic(), Playback.start(len(source), source.fps)
+    started_s, playback, said = time.monotonic(), Playback.start(len(source), source.fps), None
     while not stop.received:
         ended = source.limit is not None and playback.sequence >= source.limit
         wait_s = END_PERIOD_S if ended else started_s + playback.time_s - time.monotonic()
@@ -143,10 +144,12 @@ def _run_source_live(source: Source, transport: Transport, publisher: Any, stats
             stats.on_finished((header, arrays), time.monotonic() - step_began_s)
             shown, playback = playback, playback.after(1)
             source.on_played(shown)
-        if status := stats.status_if_due():
+        status, news = stats.status_if_due(), (playback.segment, playback.paused, playback.at_end)
+        if status:
             publish(publisher, (status, ()))
-            if about := source.about():
-                publish(publisher, about)
+        if (status or news != said) and (about := source.about()):
+            publish(publisher, about)
+            said = news
 
 
 def _is_paused(source: Source | Camera, controls: Any, stats: ServiceStats, before: bool) -> bool:

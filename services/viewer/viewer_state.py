@@ -14,6 +14,7 @@ from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Service
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.token import is_loopback
 from vemlight.settings import Settings
+from vemlight.viewer.ages import Ages
 from vemlight.viewer.feeds import Condition, Feed
 from vemlight.viewer.levels_json import levels_json
 from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
@@ -51,6 +52,7 @@ class ViewerState:
         self._losses, self._light_count, self._encode_s = LossCounter(), 0, 0.0
         self._objects: tuple[wire.Pose, ...] = ()
         self.timeline = Timeline()
+        self._ages = Ages()
 
     def take(self, service: Service, messages: list[wire.Message]) -> None:
         """Takes what came from one service, in order. Of its frames the newest is shown; the others count as skipped."""
@@ -79,6 +81,7 @@ class ViewerState:
             case wire.ImageMessage():
                 self.picture.put(arrays[0])
                 self._objects = header.objects
+                self._ages.take(wire.age_ms(header.stamp))
                 self.stats.skipped += passed_over
                 self.stats.on_finished((header, arrays), self._encode_s)
 
@@ -147,6 +150,7 @@ class ViewerState:
                 "exposure": settings.renderer.exposure, "filtered": settings.sampler.filter != "none"
             },
             "light_count": self._light_count,
+            "age": self._ages.percentiles(),
             "source": self.timeline.summary(),
             "objects": self._objects,
             "fixtures": {"why_not_arm": self.why_not_arm} if "fixtures" in settings.services else None,

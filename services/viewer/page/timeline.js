@@ -79,9 +79,9 @@ export class Timeline {
       try {
         const answer = await fetch(`/thumbnails.jpg?number=${this.number}`);
         if (!answer.ok) return;
+        const image = await createImageBitmap(await answer.blob());
         this.image?.close();
-        this.image = await createImageBitmap(await answer.blob());
-        this.frames = frames;
+        [this.image, this.frames] = [image, frames];
       } catch {
         this.number = null; // the next summary tries again
       }

@@ -3,6 +3,7 @@
 import { BINARY_FEEDS } from "/constants.js";
 import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
+import { Graphs } from "/graphs.js";
 import { Objects } from "/objects.js";
 import { PersistedControls } from "/persisted_controls.js";
 import { Sky } from "/sky.js";
@@ -26,6 +27,7 @@ const sky = new Sky(at("disc"), at("light-facts"));
 const controls = new Controls(notice);
 const objects = new Objects((change) => controls.choose(change));
 const fixtures = new Fixtures((change) => controls.choose(change));
+const graphs = new Graphs();
 const timeline = new Timeline((change) => controls.choose(change));
 const persisted = new PersistedControls((control) => controls.choose(control));
 const notices = new Map();
@@ -72,6 +74,7 @@ function takeText(message) {
   }
   if (message.schema) {
     sky.take(message, performance.now());
+    graphs.takeLights(message);
     at("sky-facts").textContent = `${message.lights.length} lights · frame ${message.sequence}`;
     at("disc").setAttribute("aria-label", `The sky seen from below with ${message.lights.length} lights. ${at("light-facts").textContent}`);
     return "lights";
@@ -82,6 +85,7 @@ function takeText(message) {
   objects.take(message);
   fixtures.take(message);
   timeline.take(message);
+  graphs.take(message);
   showFigures(message);
   showCards(message);
   showCovers(message);

@@ -20,6 +20,7 @@ from vemlight.viewer.levels_json import levels_json
 from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
 from vemlight.viewer.pictures import Sky, picture_jpeg
 from vemlight.viewer.report_fields import report_fields
+from vemlight.viewer.sky_values import sky_values
 from vemlight.viewer.timeline import Timeline
 
 NO_CONTROLS = "in lossless mode every frame is made with the settings as they are, and controls have no effect; use live mode"
@@ -39,6 +40,7 @@ class ViewerState:
         self.control = wire.ControlMessage()
         self.control_changed, self.feeds_changed = Condition(), Condition()
         self.disc = Feed(Sky().disc_jpeg, self.feeds_changed)
+        self.sky = Feed(sky_values, Condition())  # asked for by address, and by no socket that would wait for it
         self.lights = Feed(_lights_line, self.feeds_changed)
         self.lights_binary = Feed(_lights_binary, self.feeds_changed)
         self.levels = Feed(levels_json, self.feeds_changed)
@@ -72,6 +74,7 @@ class ViewerState:
         match header:
             case wire.MapMessage():
                 self.disc.put(header, arrays[0])
+                self.sky.put(header, arrays[0])
             case wire.LightsMessage():
                 self._light_count = header.count
                 self.lights.put(header, *arrays[:-2])
@@ -106,7 +109,7 @@ class ViewerState:
         if self.settings.mode == "lossless":
             raise UserError(NO_CONTROLS)
         try:
-            change = msgspec.json.decode(body, type=dict[str, int | float | bool | str | list[wire.Pose] | None])
+            change = msgspec.json.decode(body, type=dict[str, Any])
             whole = msgspec.to_builtins({**msgspec.structs.asdict(self.control), **change})
             control = msgspec.convert({key: value for key, value in whole.items() if value is not None}, wire.ControlMessage)
         except (ValueError, RecursionError) as error:
@@ -147,7 +150,8 @@ class ViewerState:
             "control": chosen,
             "settings": {
                 "count": self._light_count or settings.sampler.max_count if settings.sampler.error_limit else settings.sampler.max_count,
-                "exposure": settings.renderer.exposure, "filtered": settings.sampler.filter != "none"
+                "exposure": settings.renderer.exposure, "filtered": settings.sampler.filter != "none",
+                "masks": settings.capture.masks, "lamps": settings.sampler.lamp, "poses": settings.renderer.poses,
             },
             "light_count": self._light_count,
             "age": self._ages.percentiles(),

@@ -11,18 +11,19 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from vemlight.errors import UserError
-from vemlight.light import lights_binary
+from vemlight.light import lights_binary, mask, virtual_lamp
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.runtime.allowance import Allowance
 from vemlight.viewer.authentication import add_headers, authentication_middleware
 from vemlight.viewer.connections import busy_middleware, connection_of
 from vemlight.viewer.feeds import Feed
+from vemlight.viewer.saved_settings import settings_file
 from vemlight.viewer.viewer_state import ViewerState
 
 PAGE = Path(__file__).parent / "page"
 CONTENT_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}  # of the page's files
 MAX_PAGES = 64  # sockets and streams at once; each costs a task and one encoded frame on its way. 32 to 256 would do
-MAX_BODY = 32 * 1024  # bytes; a control has under 100, with a pose of each of wire.MAX_POSES objects about 24,000. Up to 128 kB would do
+MAX_BODY = 48 * 1024  # bytes; a control has under 100, with all that wire.ControlMessage may hold 36,000. Up to 128 kB would do
 MAX_FEED_NAME = 64  # bytes of a page's message: the name of a feed; any value in 8..1024 does
 HEARTBEAT_S = 10.0  # a page that does not answer within half of it is disconnected; any value in 5..60 does
 STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so long; any value in 5..60 does
@@ -37,6 +38,8 @@ RETRY = {"Retry-After": "1"}
 def constants_js() -> str:
     """The constants that the page has in common with the services, as a JavaScript module."""
     constants = {"LUMINANCE_WEIGHTS": LUMINANCE_WEIGHTS.tolist(), "BINARY_FEEDS": BINARY_FEEDS}
+    constants |= {"MAX_MASKS": mask.MAX_MASKS, "MAX_MASK_POINTS": mask.MAX_MASK_POINTS, "MAX_POINTS": mask.MAX_POINTS}
+    constants |= {name: getattr(virtual_lamp, name) for name in ("MAX_LAMPS", "MAX_LAMP_ID", "VIRTUAL_IDS_FROM")}
     return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in constants.items())
 
 
@@ -66,6 +69,8 @@ class Site:
                 web.get("/snapshot.jpg", self.snapshot),
                 web.get("/stream.mjpg", self.stream),
                 web.get("/lights", self.lights),
+                web.get("/sky.bin", self.sky),
+                web.get("/vemlight.toml", self.saved),
                 web.get("/levels", self.levels),
                 web.get("/thumbnails.jpg", self.thumbnails),
                 web.get("/healthz", self.health),
@@ -104,6 +109,19 @@ class Site:
         if not number:
             return web.Response(status=503, text="no lights yet: the sampler has sent none\n", headers=RETRY)
         return web.Response(body=line, content_type="application/json")
+
+    async def sky(self, _: web.Request) -> web.Response:
+        """The newest map's luminance as numbers (sky_values.py)."""
+        number, values = await self._state.sky.newest()
+        if not number:
+            return web.Response(status=503, text="no map yet: the capture has sent none\n", headers=RETRY)
+        return web.Response(body=values, content_type="application/octet-stream")
+
+    async def saved(self, _: web.Request) -> web.Response:
+        """What is seen, as a settings file to keep."""
+        body = settings_file(self._state.settings, self._state.control)
+        headers = {"Content-Disposition": 'attachment; filename="vemlight.toml"'}
+        return web.Response(body=body, content_type="application/toml", charset="utf-8", headers=headers)
 
     async def levels(self, _: web.Request) -> web.Response:
         number, line = await self._state.levels.newest()

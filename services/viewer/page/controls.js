@@ -9,6 +9,7 @@ export class Controls {
     this.pending = null;
     this.sending = false;
     this.paused = false;
+    this.onChoose = null; // is given each choice before it is made
     for (const id of ["count", "count-number", "exposure", "exposure-text", "filtered", "pause", "reset", "no-controls"]) {
       this[id] = document.getElementById(id);
     }
@@ -61,6 +62,7 @@ export class Controls {
   }
 
   choose(change) {
+    this.onChoose?.(change);
     this.inputAt = performance.now();
     this.show(Object.fromEntries(Object.entries(change).filter(([, value]) => value !== null)));
     this.pending = { ...this.pending, ...change };

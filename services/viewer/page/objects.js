@@ -34,6 +34,13 @@ export class Objects {
     this.show();
   }
 
+  // Poses as they are now, whoever chose them; null: none.
+  adopt(poses) {
+    this.inputAt = performance.now();
+    this.poses = poses ?? [];
+    this.show();
+  }
+
   selected() {
     return this.objects.find((object) => object.name === this.select.value);
   }

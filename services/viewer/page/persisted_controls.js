@@ -39,5 +39,5 @@ export class PersistedControls {
 
 // Whether nothing was chosen: all as in the settings.
 function isDefault(control) {
-  return Object.values(control).every((value) => value === null || value === false || value.length === 0);
+  return Object.entries(control).every(([key, value]) => value === null || value === false || (key === "poses" && value.length === 0));
 }

@@ -1,7 +1,7 @@
 // The sky disc: the map, the lights on it, and a short trail of each light's last positions.
 // Seen from below: zenith in the middle, +Y at the top, +X at the left, the angle from the zenith proportional to the radius.
 
-import { LUMINANCE_WEIGHTS } from "/constants.js";
+import { LUMINANCE_WEIGHTS, VIRTUAL_IDS_FROM } from "/constants.js";
 
 const TRAIL_MS = 900;
 const MAX_TRAIL_POINTS = 12000; // over all lights: 12 positions each for 1000 of them
@@ -18,6 +18,8 @@ export class Sky {
     this.trails = new Map(); // id -> [{x, y, at}], newest last
     this.pointer = null;
     this.coverage = "hemisphere";
+    this.power = 0; // of all lights together
+    this.overlay = null; // draws over all, in pixels from the middle: (context, radius of the disc, pixels in one of CSS)
     canvas.addEventListener("pointermove", (event) => this.point(event));
     canvas.addEventListener("pointerdown", (event) => this.point(event));
     canvas.addEventListener("pointerleave", () => { this.pointer = null; this.draw(); });
@@ -36,6 +38,7 @@ export class Sky {
     const span = frame.coverage === "sphere" ? Math.PI : Math.PI / 2;
     const power = (light) => light.irradiance.reduce((sum, value, k) => sum + LUMINANCE_WEIGHTS[k] * value, 0);
     const total = frame.lights.reduce((sum, light) => sum + power(light), 0);
+    this.power = total;
     this.lights = frame.lights.map((light) => {
       const [x, y, z] = light.direction;
       const theta = Math.atan2(Math.hypot(x, y), z), phi = Math.atan2(y, x), r = theta / span;
@@ -72,6 +75,7 @@ export class Sky {
     drawRings(c, disc, unit, this.coverage);
     this.drawTrails(c, disc, unit);
     this.drawLights(c, disc, unit);
+    this.overlay?.(c, disc, unit);
     this.describe(disc);
   }
 
@@ -128,7 +132,8 @@ export class Sky {
     }
     const light = best ?? this.lights.reduce((a, b) => (b.fraction > a.fraction ? b : a));
     const azimuth = ((light.phi * 180) / Math.PI + 360) % 360, elevation = 90 - (light.theta * 180) / Math.PI;
-    const name = best ? `Light ${light.id}` : `Strongest light (${light.id})`;
+    const shown = light.id >= VIRTUAL_IDS_FROM ? `virtual lamp ${light.id - VIRTUAL_IDS_FROM}` : `light ${light.id}`;
+    const name = best ? shown[0].toUpperCase() + shown.slice(1) : `Strongest ${shown}`;
     this.facts.textContent = `${name}: ${(100 * light.fraction).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°`;
   }
 }

@@ -4,9 +4,11 @@ import { BINARY_FEEDS } from "/constants.js";
 import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
 import { Graphs } from "/graphs.js";
+import { History } from "/history.js";
 import { Objects } from "/objects.js";
 import { PersistedControls } from "/persisted_controls.js";
 import { Sky } from "/sky.js";
+import { SkyTools } from "/sky_tools.js";
 import { Timeline } from "/timeline.js";
 
 const RECONNECT_MS = 1000;
@@ -29,7 +31,10 @@ const objects = new Objects((change) => controls.choose(change));
 const fixtures = new Fixtures((change) => controls.choose(change));
 const graphs = new Graphs();
 const timeline = new Timeline((change) => controls.choose(change));
-const persisted = new PersistedControls((control) => controls.choose(control));
+const skyTools = new SkyTools(sky, (change) => controls.choose(change), notice);
+const history = new History(applyAgain);
+const persisted = new PersistedControls((control) => history.quietly(() => controls.choose(control)));
+controls.onChoose = (change) => history.record(change);
 const notices = new Map();
 let picture = null;
 
@@ -75,7 +80,7 @@ function takeText(message) {
   if (message.schema) {
     sky.take(message, performance.now());
     graphs.takeLights(message);
-    at("sky-facts").textContent = `${message.lights.length} lights · frame ${message.sequence}`;
+    at("sky-facts").textContent = `${message.lights.length} lights${skyTools.facts} · frame ${message.sequence}`;
     at("disc").setAttribute("aria-label", `The sky seen from below with ${message.lights.length} lights. ${at("light-facts").textContent}`);
     return "lights";
   }
@@ -83,6 +88,8 @@ function takeText(message) {
   persisted.take(message);
   controls.take(message);
   objects.take(message);
+  skyTools.take(message);
+  history.take(message);
   fixtures.take(message);
   timeline.take(message);
   graphs.take(message);
@@ -90,6 +97,14 @@ function takeText(message) {
   showCards(message);
   showCovers(message);
   return "summary";
+}
+
+// A choice that was made before is made again: undo and redo.
+function applyAgain(change) {
+  controls.choose(change);
+  controls.inputAt = -Infinity;
+  if ("poses" in change) objects.adopt(change.poses);
+  skyTools.adopt(change);
 }
 
 async function takePicture(bytes) {

@@ -1,0 +1,55 @@
+"""What is seen, as a settings file: a run with it gives the same pictures as the settings in use with what was chosen on the page."""
+
+import re
+from typing import Any
+
+import msgspec
+import tomli_w
+
+from vemlight.runtime import wire
+from vemlight.settings import Settings, shown_source
+
+HEAD = "# What the page of vemlight showed when this was saved. `vemlight run` with this file shows the same.\n"
+
+NUMBERS = re.compile(r"\[\n(?:\s+[-+.\deE]+,\n)+\s*\]")  # a list of numbers, which tomli_w writes one a line
+
+
+def saved_settings(settings: Settings, control: wire.ControlMessage) -> Settings:
+    """The settings with the choices in them. Pause is none of them, nor are armed fixtures: those wait for a person."""
+    sampler, renderer = settings.sampler, settings.renderer
+    capture = settings.capture if control.masks is None else msgspec.structs.replace(settings.capture, masks=control.masks)
+    sampler = msgspec.structs.replace(
+        sampler,
+        count=control.count or sampler.count,
+        filter="none" if control.filtered is False else sampler.filter,
+        lamp=sampler.lamp if control.lamps is None else control.lamps,
+    )
+    poses = {pose.name: pose for pose in (*renderer.poses, *control.poses)}
+    exposure = renderer.exposure if control.exposure is None else control.exposure
+    renderer = msgspec.structs.replace(renderer, exposure=exposure, poses=tuple(poses.values()))
+    return msgspec.structs.replace(settings, capture=capture, sampler=sampler, renderer=renderer)
+
+
+def settings_file(settings: Settings, control: wire.ControlMessage) -> bytes:
+    """The TOML text of `saved_settings`, with a line for each thing that is left out of it because it is secret, or this run's own."""
+    saved, left_out = saved_settings(settings, control), []
+    if saved.viewer.token:
+        saved = msgspec.structs.replace(saved, viewer=msgspec.structs.replace(saved.viewer, token=""))
+        left_out.append("# Left out: [viewer] token, which opens the page. Without one a new one is made where one is needed.\n")
+    for section in ("capture", "plate"):
+        part = getattr(saved, section)
+        if (shown := shown_source(part.source)) != part.source:
+            saved = msgspec.structs.replace(saved, **{section: msgspec.structs.replace(part, source=shown)})
+            left_out.append(f"# Left out: user, password and query of [{section}] source. Add them to the address if it needs them.\n")
+    if saved.wire.transport == "ipc":
+        saved = msgspec.structs.replace(saved, wire=msgspec.structs.replace(saved.wire, folder=""))
+    sections = {key: value for key, value in _without_null(msgspec.to_builtins(saved)).items() if value != {}}
+    text = NUMBERS.sub(lambda found: " ".join(found[0].split()).replace("[ ", "[").replace(", ]", "]"), tomli_w.dumps(sections))
+    return (HEAD + "".join(left_out) + "\n" + text).encode()
+
+
+def _without_null(value: Any) -> Any:
+    """The value without keys that have none: TOML has no word for that."""
+    if isinstance(value, dict):
+        return {key: _without_null(each) for key, each in value.items() if each is not None}
+    return [_without_null(each) for each in value] if isinstance(value, list | tuple) else value

@@ -54,14 +54,14 @@ def opened(folder: Path, simulated: SimulatedServices, browser) -> Iterator:
 
 
 @pytest.fixture
-def page(opened, simulated) -> Iterator:
+def page(opened, simulated):
     """The page with nothing chosen."""
     chosen = ("count", "exposure", "filtered", "masks", "lamps")
     opened.viewer.choose(**dict.fromkeys(chosen), poses=[])
     opened.reload()
     opened.locator("#overall[data-state=live]").wait_for()
     eventually(lambda: simulated.controls and simulated.controls[-1] == wire.ControlMessage(), "nothing chosen")
-    yield opened
+    return opened
 
 
 def place(page, azimuth_deg: float, elevation_deg: float) -> tuple[float, float]:
@@ -273,7 +273,7 @@ def test_the_tools_fit_the_window(page, width, height):
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     if width < 640:
         small = page.evaluate(
-            """[...document.querySelectorAll("#sky-tools button, #sky-items button, #sky-item button, #sky-item input, .tools-hands button, .tools-hands a")]
+            """[...document.querySelectorAll(["#sky-tools", "#sky-items", "#sky-item", ".tools-hands"].map((id) => `${id} :is(button, input, a)`))]
                  .filter((e) => e.offsetParent && e.getBoundingClientRect().height < 44).map((e) => e.id || e.textContent)"""
         )
         assert small == []

@@ -5,24 +5,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.fuse.rest import CameraView, FusedMap, fused, fused_layout, layout_of
+from vemlight.fuse.compact_sources import CompactSources, compact_sources
+from vemlight.fuse.matching import SEEN, SEES, Matches, Seen, matches
+from vemlight.fuse.rest import CameraView, FusedMap, fused, fused_layout, layout_of, without_lights
 from vemlight.fuse.rig_file import CameraRig
+from vemlight.fuse.tracks import HITS, Followed, Tracks, followed, no_tracks, tracks_of
+from vemlight.fuse.triangulation import FLUX_SIGMA
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
-from vemlight.light.near_lights import NearLightSet
-from vemlight.light.sphere import map_irradiance
+from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
+from vemlight.light.sphere import cell_from_direction, map_irradiance
 
 MIN_SUBJECT_M = 0.05  # a camera nearer to the subject counts as if it were so far, so that it does not count alone
+FLUX_NOISE = 0.01  # of ln flux, new each frame: 2 % a cell over the four cells of the smallest lamp
+SATURATED_SIGMA = 1.0  # of ln flux where pixels are at the sensor's highest code
+SATURATED_SHARE = 0.5  # of the map's brightest cell: sources with such a peak may hold them
+STILL_LIT_RAD, STILL_LN_FLUX = np.radians(1.5), 1.0  # of a source that may be a light which is not located
+MIN_OF_NEAR = 0.01  # of the near lights' irradiance: what curved mirrors show is weaker, and no place holds it
+MIN_CLEAR_M = 0.05  # of a light's surface from every camera
 
 
 class FuseState(NamedTuple):
     """What fusing remembers between frames.
 
     rig: the cameras. weights: (cameras,) of each map in the mean, sum 1. gains: (cameras, 3), which bring the cameras to one radiance unit.
+    lights: near and far ones, which more than one camera sees, and those that are off.
     """
 
     rig: CameraRig
     weights: np.ndarray
     gains: np.ndarray
+    lights: Followed
 
     @staticmethod
     def start(rig: CameraRig, subject: tuple[float, float, float] | None = None) -> "FuseState":
@@ -31,7 +44,8 @@ class FuseState(NamedTuple):
         if subject is not None:
             weights = 1 / np.maximum(np.linalg.norm(rig.places - np.asarray(subject), axis=1), MIN_SUBJECT_M) ** 2
         gains = np.array([camera.gain or (1.0, 1.0, 1.0) for camera in rig.camera], np.float64)
-        return FuseState(rig, weights / weights.sum(), gains)
+        none = no_tracks(len(rig.camera))
+        return FuseState(rig, weights / weights.sum(), gains, Followed(none, none, 0))
 
 
 class FuseReport(NamedTuple):
@@ -63,21 +77,149 @@ def fuse_step(
     """
     if all(each is None for each in maps):
         raise ValueError("all cameras are silent")
-    rest = _rest(state, maps)
-    points = NearLightSet.empty()
+    found = [compact_sources(each) if each else None for each in maps]
+    seen = _seen(state, maps, found, saturated)
+    matched = matches(seen)
+    lights = followed(state.lights, _measured(matched, seen, found), _is_still_lit(state.lights.tracks, seen))
+    near = _published(lights.tracks, state.rig, seen)
+    points = _near_lights(near, state.rig.centre)
+    rest = _rest(state, maps, found, near, seen)
     silent = tuple(camera.name for camera, each in zip(state.rig.camera, maps, strict=True) if each is None)
-    irradiance = map_irradiance(rest.map.radiance, rest.map.coverage)
-    return state, rest.map, points, FuseReport(irradiance, 0, 0, 0, 0, silent, state.gains, rest.uncovered)
+    report = FuseReport(
+        irradiance=map_irradiance(rest.map.radiance, rest.map.coverage) + points.irradiance_at(state.rig.centre).sum(axis=0),
+        sources=int(seen.counts.sum()),
+        located=len(near.ids),
+        hidden=int(np.count_nonzero(near.missed)),
+        unexplained=_unexplained(matched, seen),
+        silent=silent,
+        gains=state.gains,
+        uncovered=rest.uncovered,
+    )
+    return state._replace(lights=lights), rest.map, points, report
 
 
-def _rest(state: FuseState, maps: Sequence[EnvironmentMap | None]) -> FusedMap:
-    """The mean of the maps."""
-    views = [
-        CameraView(each, camera.world_from_camera, gain, float(weight))
-        for each, camera, gain, weight in zip(maps, state.rig.camera, state.gains, state.weights, strict=True)
-        if each is not None
-    ]
+def _seen(
+    state: FuseState, maps: Sequence[EnvironmentMap | None], found: Sequence[CompactSources | None], saturated: Sequence[bool]
+) -> Seen:
+    """The sources of all cameras in the world, in one unit."""
+    rig, cameras = state.rig, len(maps)
+    counts = np.array([len(each.flux) if each else 0 for each in found], np.int64)
+    table, chroma = np.zeros((cameras, max(int(counts.max()), 1), SEEN)), np.zeros((cameras, max(int(counts.max()), 1), 3))
+    for k, (each, camera) in enumerate(zip(found, rig.camera, strict=True)):
+        if each is None or not counts[k]:
+            continue
+        flux = each.flux * state.gains[k]
+        own = slice(0, counts[k])
+        table[k, own, :3] = each.directions @ camera.world_from_camera.T
+        table[k, own, 3] = np.log(luminance_from_rgb(flux))
+        table[k, own, 4], table[k, own, 5] = each.noise, each.fixed
+        cut = each.peak > SATURATED_SHARE * each.peak.max() if saturated and saturated[k] else np.zeros(counts[k], bool)
+        table[k, own, 6], table[k, own, 7] = np.where(cut, SATURATED_SIGMA, FLUX_SIGMA) ** 2, FLUX_NOISE**2
+        chroma[k, own] = flux / flux.sum(axis=1, keepdims=True)
+    limits = np.array([2.0 if each is None else SEES if each.coverage == "hemisphere" else -2.0 for each in maps])
+    axes = np.array([camera.world_from_camera[:, 2] for camera in rig.camera])
+    pose = np.array([np.radians(rig.pose_deg), rig.pose_m])
+    return Seen(table, counts, chroma, rig.centre - rig.places, axes, limits, pose)
+
+
+def _measured(matched: Matches, seen: Seen, found: Sequence[CompactSources | None]) -> Tracks:
+    """The frame's lights, with the mean colour and extent of their sources."""
+    count = len(matched.fit)
+    chroma, spread, cameras = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+    for k, each in enumerate(found):
+        if each is None or not len(each.flux):
+            continue
+        own = matched.sources[:, k]
+        there = own >= 0
+        p = matched.fit[there, :3] + matched.fit[there, 3:4] * seen.offsets[k]
+        chroma[there] += seen.chroma[k, own[there]]
+        spread[there] += each.spread[own[there]] * (p * p).sum(axis=1)
+        cameras[there] += 1
+    return tracks_of(matched, chroma / np.maximum(cameras, 1)[:, None], spread / np.maximum(cameras, 1))
+
+
+def _from_camera(tracks: Tracks, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (n, 3) of lights from a camera, and ln flux (n,) there."""
+    p = tracks.u + tracks.rho[:, None] * offset
+    length = np.linalg.norm(p, axis=1)
+    return p / np.maximum(length, 1e-9)[:, None], tracks.s - 2 * np.log(np.maximum(length, 1e-9))
+
+
+def _is_still_lit(tracks: Tracks, seen: Seen) -> np.ndarray:
+    """Whether any camera has a source where it would see each light, and of about its flux."""
+    lit = np.zeros(len(tracks.ids), bool)
+    for k in range(len(seen.counts)):
+        own = seen.table[k, : seen.counts[k]]
+        directions, ln_flux = _from_camera(tracks, seen.offsets[k])
+        here = (directions @ own[:, :3].T > np.cos(STILL_LIT_RAD)) & (np.abs(ln_flux[:, None] - own[None, :, 3]) < STILL_LN_FLUX)
+        lit |= here.any(axis=1)
+    return lit
+
+
+def _published(tracks: Tracks, rig: CameraRig, seen: Seen) -> Tracks:
+    """The near lights: seen often enough, outside of every camera, and no weak rays of curved mirrors."""
+    near = tracks.take(tracks.near & (tracks.hits >= HITS))
+    reach = np.sqrt(2 * near.spread) / near.rho + MIN_CLEAR_M
+    away = np.linalg.norm((near.offsets() + rig.centre)[:, None] - rig.places[None], axis=2).min(axis=1, initial=np.inf)
+    near = near.take(away > reach)
+    flux = np.exp(near.s)
+    near = near.take(flux >= MIN_OF_NEAR * flux.sum())
+    return near.take(np.sort(np.argsort(-near.s, kind="stable")[:MAX_NEAR_LIGHTS]))
+
+
+def _near_lights(near: Tracks, centre: np.ndarray) -> NearLightSet:
+    """The lights as they are handed on."""
+    flux = np.exp(near.s)[:, None] * near.chroma / luminance_from_rgb(near.chroma)[:, None]
+    sigma = np.sqrt(np.trace(near.place_covariances(), axis1=1, axis2=2))
+    return NearLightSet.of(
+        near.ids, centre + near.offsets(), flux / near.rho[:, None] ** 2, np.sqrt(2 * near.spread) / near.rho, sigma
+    )
+
+
+def _unexplained(matched: Matches, seen: Seen) -> int:
+    """Sources that two cameras should see, and that are no light of two cameras."""
+    count = 0
+    for k in range(len(seen.counts)):
+        explained = np.zeros(seen.counts[k], bool)
+        explained[matched.sources[matched.sources[:, k] >= 0, k]] = True
+        others = seen.table[k, : seen.counts[k], :3] @ seen.axes.T > seen.limits
+        count += int(np.count_nonzero(~explained & (others.sum(axis=1) >= 2)))
+    return count
+
+
+def _rest(
+    state: FuseState, maps: Sequence[EnvironmentMap | None], found: Sequence[CompactSources | None], near: Tracks, seen: Seen
+) -> FusedMap:
+    """The mean of the maps without the near lights."""
+    views = []
+    for k, (each, sources, camera) in enumerate(zip(maps, found, state.rig.camera, strict=True)):
+        if each is None or sources is None:
+            continue
+        taken = _taken(k, each, sources, near, seen, camera.world_from_camera, state.gains[k])
+        views.append(CameraView(without_lights(each, sources, taken), camera.world_from_camera, state.gains[k], float(state.weights[k])))
     layouts = [layout_of(each.radiance, each.coverage) if each else None for each in maps]
     first = next(layout for layout in layouts if layout)  # of a camera that is silent the layout is taken to be the others'
     cameras = zip(layouts, state.rig.camera, strict=True)
     return fused(views, fused_layout([(layout or first, camera.world_from_camera) for layout, camera in cameras]))
+
+
+def _taken(
+    k: int, seen_map: EnvironmentMap, sources: CompactSources, near: Tracks, seen: Seen, world_from_camera: np.ndarray, gain: np.ndarray
+) -> np.ndarray:
+    """The share (n, 3) of each source of camera k that is light of near lights: all of one that was matched; of one in whose cells a light
+    stands that was not, what that light sends there.
+    """
+    taken = np.zeros((len(sources.flux), 3))
+    if not len(taken) or not len(near.ids):
+        return taken
+    own = near.sources[:, k]
+    taken[own[own >= 0]] = 1.0
+    directions, ln_flux = _from_camera(near, seen.offsets[k])
+    rows, cols, _ = seen_map.radiance.shape
+    row, col = cell_from_direction(directions @ world_from_camera, rows, cols, seen_map.coverage)
+    flux = np.exp(ln_flux)[:, None] * near.chroma / luminance_from_rgb(near.chroma)[:, None] / gain
+    for n in np.flatnonzero((own < 0) & (row < rows)):
+        source = sources.owner[int(row[n]) * cols + int(col[n]) % cols]
+        if source >= 0:
+            taken[source] += flux[n] / np.maximum(sources.flux[source], 1e-30)
+    return np.minimum(taken, 1.0)

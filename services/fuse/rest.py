@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.fuse.compact_sources import CompactSources
 from vemlight.kernels import kernel, read_only
-from vemlight.light.bright_cells import NO_BRIGHT_CELLS, bright_cells_from_light
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells, bright_cells_from_light
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.sphere import SPAN, Coverage, cell_from_direction, cell_solid_angles, direction_from_angles, ring_edges
@@ -80,6 +81,20 @@ def coverage_of(views: Sequence[tuple[Coverage, np.ndarray]]) -> Coverage:
     for coverage, turn in views:
         seen |= (coverage == "sphere") | ((below @ turn)[..., 2] > 0)
     return "sphere" if seen.mean() >= MIN_BELOW else "hemisphere"
+
+
+def without_lights(seen: EnvironmentMap, sources: CompactSources, taken: np.ndarray) -> EnvironmentMap:
+    """The map without a share (n, 3) of the light of each of its sources: all of it leaves what is behind the source."""
+    if not taken.any():
+        return seen
+    rows, cols, _ = seen.radiance.shape
+    radiance = _lessened(read_only(seen.radiance.reshape(-1, 3)), sources.owner, sources.background, taken)
+    cells, directions, weights = seen.bright_cells
+    owner = sources.owner[cells]
+    stays = (owner < 0) | (taken[owner].min(axis=1) < 1)
+    return seen._replace(
+        radiance=radiance.reshape(rows, cols, 3), bright_cells=BrightCells(cells[stays], directions[stays], weights[stays])
+    )
 
 
 def fused(views: Sequence[CameraView], goal: Layout) -> FusedMap:
@@ -183,3 +198,17 @@ def _add(radiance, is_bright, gain, weight, starts, goals, solid_angles, light, 
                     value = radiance[cell, c]
                     if 0 < value < np.inf:
                         light[goals[n], c] += gain[c] * value * solid_angles[n]
+
+
+@kernel
+def _lessened(radiance, owner, background, taken):
+    out = np.empty((len(radiance), 3), np.float32)
+    for cell in range(len(radiance)):
+        source = owner[cell]
+        for c in range(3):
+            light = radiance[cell, c]
+            if source >= 0:
+                light = light if 0 < light < np.inf else 0.0
+                light = max(light - taken[source, c] * (light - background[source, c]), 0.0)
+            out[cell, c] = light
+    return out

@@ -1,0 +1,309 @@
+"""Which sources of several cameras are one light: hypotheses that fit one place, and the set of them of the greatest value.
+
+A hypothesis takes one source of each of two or more cameras. It begins with two sources that lie in one plane with their cameras, and grows
+by a source of a further camera where the place that it has so far is seen from there.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vemlight.fuse.triangulation import FIT, add_covariance, fit_light
+from vemlight.kernels import kernel, subroutine
+
+EPIPOLAR_SIGMAS = 4.0
+SAME_CHROMA = 0.06  # of r, g and b over their sum
+PAIR_LN_FLUX = 2.5  # of two cameras' flux: a light three and a half times as far from one as from the other
+MORE_LN_FLUX = 1.0  # of a further camera's, from what the place says
+PAIR_CHI2, CHI2_A_CAMERA = 16.0, 8.0  # a pair has 2 degrees of freedom, each further camera 3 more
+NEAREST = 3  # sources of a further camera that are tried
+AROUND_SIGMAS, AROUND_RAD = 5.0, 0.005  # of where it is looked for: errors, and what a model leaves out, .3 degrees
+BEHIND_SIGMAS = 3.0  # of inverse distance: by which noise puts a far light beyond infinity
+A_CAMERA, MISSED = 10.0, 4.0  # value of each camera after the first, and what a camera costs that should see the light and does not
+SEES = 0.02  # cosine from a lens's axis at which a map of its hemisphere ends
+MAX_HYPOTHESES = 4096
+MANY_CAMERAS = 5  # from here on a camera that fits is not left out of a hypothesis: sets of cameras double with each
+MAX_NODES = 50_000  # of the search for the best set; a dozen lamps take a few hundred
+SEEN = 8  # numbers of a source: see `fit_light`
+
+
+class Seen(NamedTuple):
+    """The sources of all cameras.
+
+    table: (cameras, n, SEEN) float64 as `fit_light` takes them. counts: (cameras,) int64, how many are there. chroma: (cameras, n, 3), shares
+    of r, g, b. offsets: (cameras, 3), centre - place, m. axes: (cameras, 3), of the maps in the world. limits: (cameras,), cosine from the
+    axis above which a camera sees, -2 for a whole sphere, 2 for a silent one. pose: rad, m.
+    """
+
+    table: np.ndarray
+    counts: np.ndarray
+    chroma: np.ndarray
+    offsets: np.ndarray
+    axes: np.ndarray
+    limits: np.ndarray
+    pose: np.ndarray
+
+
+class Matches(NamedTuple):
+    """Lights that two or more cameras see. sources: (n, cameras) int64, of each camera its source, -1: none. fit: (n, FIT)."""
+
+    sources: np.ndarray
+    fit: np.ndarray
+
+
+def matches(seen: Seen) -> Matches:
+    """The set of lights of the greatest value in which each source is used once."""
+    sources, values, fit = _hypotheses(*seen)
+    best = best_disjoint(sources + np.where(sources >= 0, np.arange(sources.shape[1]) * seen.table.shape[1], 0), values)
+    return Matches(sources[best], fit[best])
+
+
+def best_disjoint(members: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Which rows of members (n, m) int64, numbers >= 0 or -1 for none, to take so that no number comes twice and the values (n,) add up to
+    the most. Ascending indices. Exact where the search takes up to MAX_NODES steps, else the best that it met.
+    """
+    worth = np.flatnonzero(values > 0)
+    if not len(worth):
+        return worth
+    order = worth[np.argsort(-values[worth], kind="stable")]
+    numbers, place = np.unique(members[order], return_inverse=True)
+    compact = place.reshape(len(order), members.shape[1]) - int(numbers[0] < 0)
+    return np.sort(order[_best(compact, values[order], len(numbers) - int(numbers[0] < 0))])
+
+
+@kernel
+def _hypotheses(table, counts, chroma, offsets, axes, limits, pose):
+    cameras = len(counts)
+    sources = np.full((MAX_HYPOTHESES, cameras), -1, np.int64)
+    values, fit, work = np.zeros(MAX_HYPOTHESES), np.zeros((MAX_HYPOTHESES, FIT)), np.zeros((12, 4))
+    end, active = 0, 0
+    for k in range(cameras):
+        active += limits[k] < 2
+    for a in range(cameras):
+        for b in range(a + 1, cameras):
+            for i in range(counts[a]):
+                for j in range(counts[b]):
+                    if end < MAX_HYPOTHESES and _may_be_one(table[a, i], table[b, j], chroma[a, i], chroma[b, j], offsets[a], offsets[b], pose):
+                        sources[end, a], sources[end, b] = i, j
+                        end = _kept(table, sources, offsets, pose, fit, work, PAIR_CHI2, end)
+    at = 0
+    while at < end:
+        last, members = 0, 0
+        for k in range(cameras):
+            if sources[at, k] >= 0:
+                last = k
+                members += 1
+        limit = PAIR_CHI2 + CHI2_A_CAMERA * (members - 1)
+        for c in range(last + 1, cameras):
+            before = end
+            end = _extended(table, counts, chroma, offsets, pose, sources, fit, work, at, c, limit, end)
+            if end > before and active > MANY_CAMERAS:
+                break
+        values[at] = A_CAMERA * (members - 1) - fit[at, 5] / 2 - MISSED * _missed(sources[at], offsets, axes, limits, fit[at])
+        at += 1
+    return sources[:end], values[:end], fit[:end]
+
+
+@subroutine
+def _may_be_one(a, b, chroma_a, chroma_b, offset_a, offset_b, pose):
+    # whether two cameras' sources lie in a plane with them and have one colour
+    for c in range(3):
+        if abs(chroma_a[c] - chroma_b[c]) > SAME_CHROMA:
+            return False
+    if abs(a[3] - b[3]) > PAIR_LN_FLUX + 2 * (np.sqrt(a[6]) + np.sqrt(b[6])):
+        return False
+    x, y, z = offset_a[0] - offset_b[0], offset_a[1] - offset_b[1], offset_a[2] - offset_b[2]
+    length = np.sqrt(x * x + y * y + z * z)
+    volume = x * (a[1] * b[2] - a[2] * b[1]) + y * (a[2] * b[0] - a[0] * b[2]) + z * (a[0] * b[1] - a[1] * b[0])
+    variance = a[4] + a[5] + b[4] + b[5] + 2 * pose[0] ** 2 + 8 * pose[1] ** 2  # places: as for a light at half a metre
+    return abs(volume) < EPIPOLAR_SIGMAS * np.sqrt(variance) * length
+
+
+@subroutine
+def _kept(table, sources, offsets, pose, fit, work, limit, end):
+    # the end of the hypotheses after the one there is fitted: one further where it holds
+    chi2 = fit_light(table, sources[end], offsets, pose, fit[end], work)
+    if chi2 < limit:
+        add_covariance(table, sources[end], offsets, pose, fit[end], work)
+        if fit[end, 3] > -BEHIND_SIGMAS * np.sqrt(fit[end, 16]):
+            return end + 1
+    for k in range(sources.shape[1]):
+        sources[end, k] = -1
+    return end
+
+
+@subroutine
+def _extended(table, counts, chroma, offsets, pose, sources, fit, work, at, camera, limit, end):
+    # a hypothesis with the sources of a further camera that lie nearest to where it should be seen
+    p, across, length, along = np.empty(3), 0.0, 0.0, 0.0
+    for x in range(3):
+        p[x] = fit[at, x] + fit[at, 3] * offsets[camera, x]
+        length += p[x] * p[x]
+        along += p[x] * offsets[camera, x]
+        across += offsets[camera, x] ** 2
+    length = np.sqrt(max(length, 1e-12))
+    across = max(across - (along / length) ** 2, 0.0)  # of the offset, squared, seen across the direction
+    error = (fit[at, 6] + fit[at, 11] + across * fit[at, 16]) / length**2 + pose[0] ** 2 + (pose[1] * fit[at, 3] / length) ** 2
+    first = -1
+    for k in range(len(counts)):
+        if first < 0 and sources[at, k] >= 0:
+            first = k
+    mean = chroma[first, sources[at, first]]
+    tried = np.full(NEAREST, -1, np.int64)
+    for n in range(NEAREST):
+        nearest, best = np.inf, -1
+        for i in range(counts[camera]):
+            light, taken, off = table[camera, i], False, 0.0
+            for m in range(n):
+                taken = taken or tried[m] == i
+            for x in range(3):
+                taken = taken or abs(chroma[camera, i, x] - mean[x]) > SAME_CHROMA
+                off += (light[x] - p[x] / length) ** 2
+            faint = abs(light[3] - fit[at, 4] + 2 * np.log(length)) > MORE_LN_FLUX + 2 * np.sqrt(fit[at, 21] + light[6])
+            around = AROUND_RAD + AROUND_SIGMAS * np.sqrt(error + light[4] + light[5])
+            if not taken and not faint and off < nearest and off < around * around:
+                nearest, best = off, i
+        if best < 0 or end >= MAX_HYPOTHESES:
+            break
+        tried[n] = best
+        for k in range(len(counts)):
+            sources[end, k] = sources[at, k]
+        sources[end, camera] = best
+        end = _kept(table, sources, offsets, pose, fit, work, limit, end)
+    return end
+
+
+@subroutine
+def _missed(sources, offsets, axes, limits, fit):
+    # how many cameras should see the light and have no source of it
+    count = 0
+    for k in range(len(sources)):
+        if sources[k] < 0:
+            length, along = 0.0, 0.0
+            for x in range(3):
+                p = fit[x] + fit[3] * offsets[k, x]
+                length += p * p
+                along += p * axes[k, x]
+            count += along > limits[k] * np.sqrt(length)
+    return count
+
+
+@kernel
+def _best(members, values, numbers):
+    """Which rows, the greatest value first, a best set takes; members hold 0 .. numbers - 1, or -1.
+
+    Rows that are linked by a number are one group, which is searched number by number. A branch is left when the numbers that are still free
+    cannot bring more than the best so far: each at most the greatest share of a value that a row has for it.
+    """
+    rows, width = members.shape
+    group, best_share = np.arange(numbers), np.zeros(numbers)
+    sizes = np.zeros(rows, np.int64)
+    for r in range(rows):
+        first = -1
+        for m in range(width):
+            if members[r, m] >= 0:
+                sizes[r] += 1
+                first = members[r, m] if first < 0 else first
+        for m in range(width):
+            number = members[r, m]
+            if number >= 0:
+                best_share[number] = max(best_share[number], values[r] / sizes[r])
+                a, b = _root(group, first), _root(group, number)
+                group[max(a, b)] = min(a, b)
+    taken = np.zeros(rows, np.bool_)
+    for root in range(numbers):
+        if _root(group, root) == root:
+            _search(root, group, members, values, best_share, taken)
+    return taken
+
+
+@subroutine
+def _root(group, n):
+    while group[n] != n:
+        n = group[n]
+    return n
+
+
+@subroutine
+def _search(root, group, members, values, best_share, taken):
+    rows, width = members.shape
+    own, count = np.empty(len(group), np.int64), 0
+    rank = np.full(len(group), -1, np.int64)
+    for n in range(len(group)):
+        if _root(group, n) == root:
+            own[count] = n
+            count += 1
+    for i in range(1, count):  # the numbers with the greatest share first
+        n, j = own[i], i
+        while j > 0 and best_share[own[j - 1]] < best_share[n]:
+            own[j] = own[j - 1]
+            j -= 1
+        own[j] = n
+    for i in range(count):
+        rank[own[i]] = i
+    # Rows by the first of their numbers, in the order of their values.
+    starts, listed = np.zeros(count + 1, np.int64), np.empty(rows, np.int64)
+    end = 0
+    for i in range(count):
+        starts[i] = end
+        for r in range(rows):
+            lowest = count
+            for m in range(width):
+                if members[r, m] >= 0 and rank[members[r, m]] >= 0:
+                    lowest = min(lowest, rank[members[r, m]])
+            if lowest == i:
+                listed[end] = r
+                end += 1
+    starts[count] = end
+    used, choice, chosen = np.zeros(len(group), np.bool_), np.zeros(count + 1, np.int64), np.full(count + 1, -1, np.int64)
+    best, value, depth, nodes = -1.0, 0.0, 0, 0
+    while depth >= 0:
+        if chosen[depth] >= 0:  # back from below: undo
+            value -= values[chosen[depth]]
+            _mark(members[chosen[depth]], used, False)
+            chosen[depth] = -1
+        bound = value
+        for i in range(depth, count):
+            if not used[own[i]]:
+                bound += best_share[own[i]]
+        if depth == count and value > best:
+            best = value
+            for n in range(end):
+                taken[listed[n]] = False
+            for i in range(count):
+                if chosen[i] >= 0:
+                    taken[chosen[i]] = True
+        nodes += 1
+        options = starts[depth + 1] - starts[depth] if depth < count else -1
+        if depth == count or bound <= best + 1e-9 or choice[depth] > options or (nodes > MAX_NODES and best >= 0):
+            choice[depth] = 0
+            depth -= 1
+            continue
+        option = choice[depth]
+        choice[depth] += 1
+        if option == options:
+            depth += 1  # none of them
+            choice[depth] = 0
+            continue
+        row = listed[starts[depth] + option]
+        if _is_free(members[row], used):
+            chosen[depth] = row
+            value += values[row]
+            _mark(members[row], used, True)
+            depth += 1
+            choice[depth] = 0
+
+
+@subroutine
+def _is_free(row, used):
+    for number in row:
+        if number >= 0 and used[number]:
+            return False
+    return True
+
+
+@subroutine
+def _mark(row, used, to):
+    for number in row:
+        if number >= 0:
+            used[number] = to

@@ -121,15 +121,16 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
 @kernel
 def _luminance(radiance, solid_angles):
     rows, cols, _ = radiance.shape
-    luminance, power = np.zeros((rows, cols)), 0.0
+    luminance, power = np.empty((rows, cols)), 0.0
     for i in range(rows):
         ring = 0.0
         for j in range(cols):
-            value = 0.0
-            for c in range(3):
-                light = radiance[i, j, c]
-                if 0 < light < np.inf:
-                    value += light * (LUMINANCE_RED if c == 0 else LUMINANCE_GREEN if c == 1 else LUMINANCE_BLUE)
+            red, green, blue = radiance[i, j, 0], radiance[i, j, 1], radiance[i, j, 2]
+            value = LUMINANCE_RED * red + LUMINANCE_GREEN * green + LUMINANCE_BLUE * blue
+            if not (red >= 0 and green >= 0 and blue >= 0 and value < np.inf):
+                value = LUMINANCE_RED * red if 0 < red < np.inf else 0.0
+                value += LUMINANCE_GREEN * green if 0 < green < np.inf else 0.0
+                value += LUMINANCE_BLUE * blue if 0 < blue < np.inf else 0.0
             luminance[i, j] = value
             ring += value
         power += ring * solid_angles[i]
@@ -171,11 +172,11 @@ def _local_median(luminance, theta):
     for i in range(down):
         for j in range(across):
             means[i, j] /= counts[i, j]
-    values = np.zeros((2 * WINDOW_ROWS + 1) * (2 * WINDOW_COLS + 1))
+    values = np.empty((2 * WINDOW_ROWS + 1) * (2 * WINDOW_COLS + 1))
     for i in range(down):
         sine = np.sin(theta[min(i * BLOCK + BLOCK // 2, rows - 1)])
         step = min(WINDOW_RAD / sine, np.pi) / WINDOW_COLS * across / (2 * np.pi)  # blocks from place to place
-        for j in range(across):
+        for j in range(0, across, 2):
             count = 0
             for di in range(-WINDOW_ROWS, WINDOW_ROWS + 1):
                 row = min(max(i + di, 0), down - 1)
@@ -183,6 +184,7 @@ def _local_median(luminance, theta):
                     values[count] = means[row, int(np.floor(j + dj * step + 0.5)) % across]
                     count += 1
             medians[i, j] = _median(values, count)
+            medians[i, min(j + 1, across - 1)] = medians[i, j]
     return medians
 
 
@@ -247,7 +249,7 @@ def _is_beside(cell, label, rows, cols):
 @subroutine
 def _take_near(cell, wanted, new, faintest, luminance, label, columns, members, end):
     # gives the cells of label `wanted` around a cell the label `new` and puts them behind the members, unless they are too faint
-    rows, cols = luminance.shape
+    cols = luminance.shape[1]
     row, col = cell // cols, cell % cols
     reach = columns.shape[1] // 2
     for k in range(-reach, reach + 1):

@@ -30,9 +30,9 @@ SEEN = 8  # numbers of a source: see `fit_light`
 class Seen(NamedTuple):
     """The sources of all cameras.
 
-    table: (cameras, n, SEEN) float64 as `fit_light` takes them. counts: (cameras,) int64, how many are there. chroma: (cameras, n, 3), shares
-    of r, g, b. offsets: (cameras, 3), centre - place, m. axes: (cameras, 3), of the maps in the world. limits: (cameras,), cosine from the
-    axis above which a camera sees, -2 for a whole sphere, 2 for a silent one. pose: rad, m.
+    table: (cameras, n, SEEN) float64 as `fit_light` takes them. counts: (cameras,) int64, how many are there. chroma: (cameras, n, 3),
+    shares of r, g, b. offsets: (cameras, 3), centre - place, m. axes: (cameras, 3), of the maps in the world. limits: (cameras,), cosine
+    from the axis above which a camera sees, -2 for a whole sphere, 2 for a silent one. pose: rad, m.
     """
 
     table: np.ndarray
@@ -83,7 +83,8 @@ def _hypotheses(table, counts, chroma, offsets, axes, limits, pose):
         for b in range(a + 1, cameras):
             for i in range(counts[a]):
                 for j in range(counts[b]):
-                    if end < MAX_HYPOTHESES and _may_be_one(table[a, i], table[b, j], chroma[a, i], chroma[b, j], offsets[a], offsets[b], pose):
+                    first, second = table[a, i], table[b, j]
+                    if end < MAX_HYPOTHESES and _may_be_one(first, second, chroma[a, i], chroma[b, j], offsets[a] - offsets[b], pose):
                         sources[end, a], sources[end, b] = i, j
                         end = _kept(table, sources, offsets, pose, fit, work, PAIR_CHI2, end)
     at = 0
@@ -105,14 +106,14 @@ def _hypotheses(table, counts, chroma, offsets, axes, limits, pose):
 
 
 @subroutine
-def _may_be_one(a, b, chroma_a, chroma_b, offset_a, offset_b, pose):
+def _may_be_one(a, b, chroma_a, chroma_b, baseline, pose):
     # whether two cameras' sources lie in a plane with them and have one colour
     for c in range(3):
         if abs(chroma_a[c] - chroma_b[c]) > SAME_CHROMA:
             return False
     if abs(a[3] - b[3]) > PAIR_LN_FLUX + 2 * (np.sqrt(a[6]) + np.sqrt(b[6])):
         return False
-    x, y, z = offset_a[0] - offset_b[0], offset_a[1] - offset_b[1], offset_a[2] - offset_b[2]
+    x, y, z = baseline
     length = np.sqrt(x * x + y * y + z * z)
     volume = x * (a[1] * b[2] - a[2] * b[1]) + y * (a[2] * b[0] - a[0] * b[2]) + z * (a[0] * b[1] - a[1] * b[0])
     variance = a[4] + a[5] + b[4] + b[5] + 2 * pose[0] ** 2 + 8 * pose[1] ** 2  # places: as for a light at half a metre
@@ -192,8 +193,8 @@ def _missed(sources, offsets, axes, limits, fit):
 def _best(members, values, numbers):
     """Which rows, the greatest value first, a best set takes; members hold 0 .. numbers - 1, or -1.
 
-    Rows that are linked by a number are one group, which is searched number by number. A branch is left when the numbers that are still free
-    cannot bring more than the best so far: each at most the greatest share of a value that a row has for it.
+    Rows that are linked by a number are one group, which is searched number by number. A branch is left when the numbers that are still
+    free cannot bring more than the best so far: each at most the greatest share of a value that a row has for it.
     """
     rows, width = members.shape
     group, best_share = np.arange(numbers), np.zeros(numbers)
@@ -296,10 +297,10 @@ def _search(root, group, members, values, best_share, taken):
 
 @subroutine
 def _is_free(row, used):
+    free = True
     for number in row:
-        if number >= 0 and used[number]:
-            return False
-    return True
+        free = free and not (number >= 0 and used[number])
+    return free
 
 
 @subroutine

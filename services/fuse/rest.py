@@ -76,6 +76,8 @@ def fused_layout(views: Sequence[tuple[Layout, np.ndarray]]) -> Layout:
 
 def coverage_of(views: Sequence[tuple[Coverage, np.ndarray]]) -> Coverage:
     """What maps of these coverages see together, turned by world_from_camera (3, 3) each."""
+    if all(coverage == "hemisphere" and turn[2, 2] > 1 - 1e-9 for coverage, turn in views):
+        return "hemisphere"
     below = direction_from_angles(np.pi / 2 + np.arcsin((np.arange(32) + 0.5) / 32)[:, None], np.arange(64)[None, :] * (FULL_TURN / 64))
     seen = np.zeros(below.shape[:2], bool)
     for coverage, turn in views:
@@ -111,14 +113,12 @@ def fused(views: Sequence[CameraView], goal: Layout) -> FusedMap:
         _add(read_only(radiance), is_bright, view.gain * view.weight, view.weight, *places, light, seen)
         if len(view.map.bright_cells.cells):
             bright.append(_bright_samples(view, own, goal, light))
-    solid = np.repeat(cell_solid_angles(*goal), goal.cols)
-    known = seen > MIN_SEEN * solid * min(view.weight for view in views)
-    mean = np.divide(light, seen[:, None], out=np.zeros_like(light), where=known[:, None])
-    radiance = mean.reshape(goal.rows, goal.cols, 3).astype(np.float32)
+    solid = _cell_solid(goal)
+    radiance, uncovered = _mean(light, seen, solid, MIN_SEEN * min(view.weight for view in views))
     samples = NO_BRIGHT_CELLS
     if bright:
         samples = bright_cells_from_light(*(np.concatenate(parts) for parts in zip(*bright, strict=True)), *goal)
-    return FusedMap(EnvironmentMap(radiance, goal.coverage, samples), float(1 - solid[known].sum() / solid.sum()))
+    return FusedMap(EnvironmentMap(radiance.reshape(goal.rows, goal.cols, 3), goal.coverage, samples), uncovered)
 
 
 def _bright_samples(view: CameraView, own: Layout, goal: Layout, light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -182,6 +182,7 @@ def _balanced(source: np.ndarray, target: np.ndarray, given: np.ndarray, own: np
     return given
 
 
+@lru_cache(maxsize=8)
 def _cell_solid(layout: Layout) -> np.ndarray:
     """Solid angle of every cell, (cells,) sr."""
     return np.repeat(cell_solid_angles(*layout), layout.cols)
@@ -191,13 +192,32 @@ def _cell_solid(layout: Layout) -> np.ndarray:
 def _add(radiance, is_bright, gain, weight, starts, goals, solid_angles, light, seen):
     # the light and the solid angle that each of a camera's cells gives to fused cells; that of bright cells is given elsewhere
     for cell in range(len(radiance)):
+        red, green, blue = radiance[cell, 0] * gain[0], radiance[cell, 1] * gain[1], radiance[cell, 2] * gain[2]
+        red = red if 0 < red < np.inf else 0.0
+        green = green if 0 < green < np.inf else 0.0
+        blue = blue if 0 < blue < np.inf else 0.0
+        if is_bright[cell]:
+            red, green, blue = 0.0, 0.0, 0.0
         for n in range(starts[cell], starts[cell + 1]):
-            seen[goals[n]] += weight * solid_angles[n]
-            if not is_bright[cell]:
-                for c in range(3):
-                    value = radiance[cell, c]
-                    if 0 < value < np.inf:
-                        light[goals[n], c] += gain[c] * value * solid_angles[n]
+            goal, solid = goals[n], solid_angles[n]
+            seen[goal] += weight * solid
+            light[goal, 0] += red * solid
+            light[goal, 1] += green * solid
+            light[goal, 2] += blue * solid
+
+
+@kernel
+def _mean(light, seen, solid_angles, least):
+    # radiance of fused cells (cells, 3), dark where less than `least` of a cell was looked at, and how much of all is
+    radiance, dark, whole = np.zeros((len(light), 3), np.float32), 0.0, 0.0
+    for cell in range(len(light)):
+        whole += solid_angles[cell]
+        if seen[cell] > least * solid_angles[cell]:
+            for c in range(3):
+                radiance[cell, c] = light[cell, c] / seen[cell]
+        else:
+            dark += solid_angles[cell]
+    return radiance, dark / whole
 
 
 @kernel
@@ -205,10 +225,10 @@ def _lessened(radiance, owner, background, taken):
     out = np.empty((len(radiance), 3), np.float32)
     for cell in range(len(radiance)):
         source = owner[cell]
+        if source < 0:
+            out[cell, 0], out[cell, 1], out[cell, 2] = radiance[cell, 0], radiance[cell, 1], radiance[cell, 2]
+            continue
         for c in range(3):
-            light = radiance[cell, c]
-            if source >= 0:
-                light = light if 0 < light < np.inf else 0.0
-                light = max(light - taken[source, c] * (light - background[source, c]), 0.0)
-            out[cell, c] = light
+            light = radiance[cell, c] if 0 < radiance[cell, c] < np.inf else 0.0
+            out[cell, c] = max(light - taken[source, c] * (light - background[source, c]), 0.0)
     return out

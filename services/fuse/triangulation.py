@@ -1,8 +1,9 @@
 """Where a light is, from the directions and fluxes in which several cameras see it: one model for near and far.
 
-Unknowns about the rig's centre C: direction u, inverse distance rho, and s = ln F, the flux as irradiance at C. From a camera at K the light
-lies along p = u + rho (C - K), and ln F_K = s - 2 ln |p|. All is smooth through rho = 0, a light at infinity. Least squares by Gauss-Newton
-steps with damping (Levenberg 1944, Marquardt 1963); the place is C + u / rho (inverse depth: Civera, Davison and Montiel 2008, eq. 3).
+Unknowns about the rig's centre C: direction u, inverse distance rho, and s = ln F, the flux as irradiance at C. From a camera at K the
+light lies along p = u + rho (C - K), and ln F_K = s - 2 ln |p|. All is smooth through rho = 0, a light at infinity. Least squares by
+Gauss-Newton steps with damping (Levenberg 1944, Marquardt 1963); the place is C + u / rho (inverse depth: Civera, Davison and Montiel
+2008, eq. 3).
 """
 
 import numpy as np
@@ -164,9 +165,9 @@ def _descend(seen, sources, offsets, pose, u, start, fit, work):
 def fit_light(seen, sources, offsets, pose, fit, work):
     """Fits one light; fit (FIT,) is filled: u (3), rho, s, chi2, covariance (4 x 4), its part that is new each frame (4 x 4), e1, e2.
 
-    seen: (cameras, sources, 8) of each: direction in the world (3), ln flux, variance of the direction new each frame and fixed, variance of
-    ln flux, its part that is new each frame. sources: (cameras,), the source of each, -1: none. offsets: (cameras, 3), C - K. pose: turn in
-    rad and place in m, standard deviations.
+    seen: (cameras, sources, 8) of each: direction in the world (3), ln flux, variance of the direction new each frame and fixed, variance
+    of ln flux, its part that is new each frame. sources: (cameras,), the source of each, -1: none. offsets: (cameras, 3), C - K. pose:
+    turn in rad and place in m, standard deviations.
     """
     u, best, count = np.zeros(3), np.inf, 0
     for k in range(len(sources)):
@@ -228,7 +229,7 @@ def _start(seen, sources, offsets):
 
 @subroutine
 def add_covariance(seen, sources, offsets, pose, fit, work):
-    """Fills the covariances and the basis of a fit: that of all errors, and of those that are new each frame; 1e6 where nothing is known."""
+    """Fills the covariances, of all errors and of those that are new each frame, and the basis of a fit; 1e6 where nothing is known."""
     normal, inverse, random = work[:4], work[4:8], work[8:12]
     u, e1, e2, right, column = np.empty(3), np.empty(3), np.empty(3), np.empty(4), np.empty(4)
     for x in range(3):

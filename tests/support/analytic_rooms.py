@@ -1,7 +1,7 @@
-"""Rooms whose light is known: Lambertian walls and boxes lit by spheres and panels, seen by cameras as polar maps, and what lights really are.
+"""Rooms whose light is known: Lambertian walls and boxes lit by spheres and panels, as cameras see them in polar maps.
 
-A room is a box around the world's origin with its floor at z = 0. Walls get the lamps' direct light, with shadows of the lamps' middles, and
-an even rest. Lamps and their images in a mirror are sampled finely, so that a map's flux is right to 1e-3.
+A room is a box around the world's origin with its floor at z = 0. Walls get the lamps' direct light, with shadows of the lamps' middles,
+and an even rest. Lamps and their images in a mirror are sampled finely, so that a map's flux is right to 1e-3.
 """
 
 import math
@@ -46,8 +46,8 @@ class Lamp(NamedTuple):
 
 
 class Room(NamedTuple):
-    """size: (3,) m. albedo: (6, 3) of the walls -x, x, -y, y, floor, ceiling. boxes: (low, high, albedo). ambient: radiance of the even rest
-    at albedo 1. mirror: part of the wall +x that mirrors, (y0, z0, y1, z1, reflectance), or None.
+    """size: (3,) m. albedo: (6, 3) of the walls -x, x, -y, y, floor, ceiling. boxes: (low, high, albedo). ambient: radiance of the even
+    rest at albedo 1. mirror: part of the wall +x that mirrors, (y0, z0, y1, z1, reflectance), or None.
     """
 
     size: np.ndarray
@@ -135,7 +135,9 @@ def _near_lamps(room: Room, place: np.ndarray, directions: np.ndarray) -> np.nda
     return near
 
 
-def radiance_along(room: Room, place: np.ndarray, directions: np.ndarray, hidden: tuple[int, ...] = (), mirrored: bool = False) -> np.ndarray:
+def radiance_along(
+    room: Room, place: np.ndarray, directions: np.ndarray, hidden: tuple[int, ...] = (), mirrored: bool = False
+) -> np.ndarray:
     """Radiance (n, 3) that arrives at `place` (3,) or places (n, 3) from directions (n, 3)."""
     start = np.broadcast_to(place, directions.shape)
     distance, wall = _room_walls(room, start, directions)
@@ -232,7 +234,9 @@ def turned(turn: np.ndarray, rng: np.random.Generator, deg: float) -> np.ndarray
     return u @ v @ turn
 
 
-def rig_of(places: np.ndarray, turns: list[tuple[float, float, float, float]] | None = None, pose_deg: float = 0.05, pose_m: float = 0.002) -> CameraRig:
+def rig_of(
+    places: np.ndarray, turns: list[tuple[float, float, float, float]] | None = None, pose_deg: float = 0.05, pose_m: float = 0.002
+) -> CameraRig:
     """A rig of cameras a, b, c, ... at places (n, 3)."""
     cameras = tuple(
         RigCamera(name="abcdefghijklmnop"[n], source=".", at=tuple(map(float, place)), turn=turns[n] if turns else (0.0, 0.0, 0.0, 1.0))

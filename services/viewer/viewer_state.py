@@ -7,6 +7,8 @@ import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.light.bright_cells import BrightCells
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import ErrorOfLights, LightSet, lights_json, lights_row
 from vemlight.light.lights_binary import binary_from_lights
 from vemlight.runtime import wire
@@ -18,6 +20,7 @@ from vemlight.viewer.ages import Ages
 from vemlight.viewer.feeds import Condition, Feed
 from vemlight.viewer.levels_json import levels_json
 from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
+from vemlight.viewer.meter import Meter
 from vemlight.viewer.pictures import Sky, picture_jpeg
 from vemlight.viewer.report_fields import report_fields
 from vemlight.viewer.sky_values import sky_values
@@ -46,6 +49,7 @@ class ViewerState:
         self.levels = Feed(levels_json, self.feeds_changed)
         self.picture = Feed(self._encode_picture, self.feeds_changed)
         self.summaries = Feed(msgspec.json.encode, self.feeds_changed)
+        self.meter = Meter()
         self.stats = ServiceStats("viewer", restarts)
         self.status: wire.StatusMessage | None = None
         producers: list[Service] = [service for service in settings.services if service in UPSTREAM]
@@ -75,8 +79,10 @@ class ViewerState:
             case wire.MapMessage():
                 self.disc.put(header, arrays[0])
                 self.sky.put(header, arrays[0])
+                self.meter.take_map(header, EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:4])))
             case wire.LightsMessage():
                 self._light_count = header.count
+                self.meter.take_lights(arrays[0], arrays[2])
                 self.lights.put(header, *arrays[:-2])
                 self.lights_binary.put(header, *arrays[:-2])
             case wire.LevelsMessage():

@@ -2,7 +2,8 @@
 
 import asyncio
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from vemlight.runtime.allowance import Allowance
 from vemlight.viewer.authentication import add_headers, authentication_middleware
 from vemlight.viewer.connections import busy_middleware, connection_of
 from vemlight.viewer.feeds import Feed
+from vemlight.viewer.meter import Look
 from vemlight.viewer.saved_settings import settings_file
 from vemlight.viewer.viewer_state import ViewerState
 
@@ -73,6 +75,8 @@ class Site:
                 web.get("/vemlight.toml", self.saved),
                 web.get("/levels", self.levels),
                 web.get("/thumbnails.jpg", self.thumbnails),
+                web.get("/meter", self.meter),
+                web.get("/meter/cells", self.meter_cells),
                 web.get("/healthz", self.health),
                 web.get("/metrics", self.metrics),
                 web.post("/control", self.control),
@@ -135,6 +139,16 @@ class Site:
         if not data:
             return web.Response(status=404, text="no thumbnails: the source is a camera, or has made none yet\n")
         return web.Response(body=data, content_type="image/jpeg")
+    async def meter(self, request: web.Request) -> web.Response:
+        """Readings of the newest map, its lights, and the plane that `azimuth` and `elevation` name."""
+        try:
+            look = look_from_query(request.query)
+        except ValueError as error:
+            raise web.HTTPBadRequest(text=f"meter: {error}\n") from error
+        return _reading(await asyncio.to_thread(self._state.meter.readings, look), "application/json")
+
+    async def meter_cells(self, _: web.Request) -> web.Response:
+        return _reading(await asyncio.to_thread(self._state.meter.cells), "application/octet-stream")
 
     async def health(self, _: web.Request) -> web.Response:
         summary = self._state.summary()
@@ -257,6 +271,23 @@ class Site:
     async def _close_sockets(self, _: web.Application) -> None:
         for socket in list(self._sockets):
             await socket.close(code=WSCloseCode.GOING_AWAY)
+
+
+def look_from_query(query: Mapping[str, str]) -> Look:
+    """Where a page's meter looks, in whole degrees. Raises ValueError, which says what may be asked."""
+    try:
+        azimuth, elevation, scale = (float(query.get(name, "0")) for name in ("azimuth", "elevation", "scale"))
+    except ValueError as error:
+        raise ValueError("azimuth, elevation and scale are numbers") from error
+    if not (math.isfinite(azimuth) and -90 <= elevation <= 90 and (scale == 0 or 1e-12 <= scale <= 1e12)):
+        raise ValueError("azimuth is finite, elevation from -90 to 90 degrees, scale from 1e-12 to 1e12 cd/m2 a unit")
+    return Look(round(azimuth) % 360, round(elevation), scale)
+
+
+def _reading(content: bytes | None, content_type: str) -> web.Response:
+    if content is None:
+        return web.Response(status=503, text="no map yet: the capture has sent none\n", headers=RETRY)
+    return web.Response(body=content, content_type=content_type)
 
 
 def _abort(request: web.Request) -> None:

@@ -20,6 +20,8 @@ export class Sky {
     this.coverage = "hemisphere";
     this.power = 0; // of all lights together
     this.overlay = null; // draws over all, in pixels from the middle: (context, radius of the disc, pixels in one of CSS)
+    this.falseColours = null; // drawn over the map
+    this.more = () => ""; // what else is known of a light
     canvas.addEventListener("pointermove", (event) => this.point(event));
     canvas.addEventListener("pointerdown", (event) => this.point(event));
     canvas.addEventListener("pointerleave", () => { this.pointer = null; this.draw(); });
@@ -70,7 +72,7 @@ export class Sky {
     c.fillStyle = "#0a0d10";
     c.fill();
     c.clip();
-    if (this.image) c.drawImage(this.image, -disc, -disc, 2 * disc, 2 * disc);
+    for (const image of [this.image, this.falseColours]) if (image) c.drawImage(image, -disc, -disc, 2 * disc, 2 * disc);
     c.restore();
     drawRings(c, disc, unit, this.coverage);
     this.drawTrails(c, disc, unit);
@@ -134,7 +136,7 @@ export class Sky {
     const azimuth = ((light.phi * 180) / Math.PI + 360) % 360, elevation = 90 - (light.theta * 180) / Math.PI;
     const shown = light.id >= VIRTUAL_IDS_FROM ? `virtual lamp ${light.id - VIRTUAL_IDS_FROM}` : `light ${light.id}`;
     const name = best ? shown[0].toUpperCase() + shown.slice(1) : `Strongest ${shown}`;
-    this.facts.textContent = `${name}: ${(100 * light.fraction).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°`;
+    this.facts.textContent = `${name}: ${(100 * light.fraction).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°${this.more(light)}`;
   }
 }
 

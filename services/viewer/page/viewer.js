@@ -5,6 +5,7 @@ import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
 import { Graphs } from "/graphs.js";
 import { History } from "/history.js";
+import { Meter } from "/meter.js";
 import { Objects } from "/objects.js";
 import { PersistedControls } from "/persisted_controls.js";
 import { Sky } from "/sky.js";
@@ -35,6 +36,7 @@ const skyTools = new SkyTools(sky, (change) => controls.choose(change), notice);
 const history = new History(applyAgain);
 const persisted = new PersistedControls((control) => history.quietly(() => controls.choose(control)));
 controls.onChoose = (change) => history.record(change);
+const meter = new Meter(sky);
 const notices = new Map();
 let picture = null;
 
@@ -93,6 +95,7 @@ function takeText(message) {
   fixtures.take(message);
   timeline.take(message);
   graphs.take(message);
+  meter.take(message);
   showFigures(message);
   showCards(message);
   showCovers(message);

@@ -9,6 +9,7 @@ import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -189,11 +190,26 @@ def group_hint(device: Path) -> str:
 
 
 _noticed: set[str] = set()
+_kept: ContextVar[list[str] | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def kept_notices() -> Iterator[list[str]]:
+    """Yields a list of the notices that its body gives in this thread, which are not printed: for a worker, whose caller passes them on."""
+    kept: list[str] = []
+    before = _kept.set(kept)
+    try:
+        yield kept
+    finally:
+        _kept.reset(before)
 
 
 def notice(text: str) -> None:
     """One line on stderr for what the user should know of an input that can be used; the same text only once."""
-    if text not in _noticed:
+    kept = _kept.get()
+    if kept is not None:
+        kept.append(text)
+    elif text not in _noticed:
         _noticed.add(text)
         print(f"vemlight: {printable_line(text)}", file=sys.stderr, flush=True)
 

@@ -58,12 +58,15 @@ def checked_lines(file: BinaryIO, after: JournalPoint = JOURNAL_START) -> Iterat
         yield content, after
 
 
-def claimed(descriptor: int) -> bool:
-    """Locks a file or folder for this process until it is closed. False where another one has it, which may be about to end."""
+def claimed(descriptor: int, how: int = fcntl.LOCK_EX) -> bool:
+    """Locks a file or folder for this process until it is closed. False where another one has it, which may be about to end.
+
+    how: LOCK_SH for those who share it and keep out others only.
+    """
     until_s = time.monotonic() + DYING_S
     while True:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(descriptor, how | fcntl.LOCK_NB)
             return True
         except BlockingIOError:
             if time.monotonic() > until_s:

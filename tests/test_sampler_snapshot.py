@@ -21,6 +21,7 @@ SETTINGS = (
     Sampler(count=12, method="havran-azimuth", error_percent=20.0, clusters=6),
     Sampler(count=12, method="standard", filter="iir"),
 )
+KIND = tuple[Snapshot, ...]
 NO_BRIGHT = BrightCells(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
 
 
@@ -40,7 +41,7 @@ def state_after(settings: Sampler, frames: int) -> SamplerState:
 @pytest.mark.parametrize("settings", SETTINGS, ids=("tracked", "soft", "havran-azimuth", "standard"))
 def test_lights_after_a_snapshot_are_the_same_to_the_bit(settings):
     going_on = state_after(settings, 12)
-    (snapshot,) = decoded(encoded((Snapshot(JournalPoint(12, 1, ""), going_on),)))
+    (snapshot,) = decoded(encoded((Snapshot(JournalPoint(12, 1, ""), going_on),)), KIND)
     restarted = snapshot.state
     for k in range(12, 20):
         going_on, lights, _ = step(settings, going_on, frame(k))
@@ -70,7 +71,7 @@ def test_a_damaged_snapshot_is_as_good_as_none(tmp_path):
         changed = bytearray(data)
         changed[rng.integers(len(data))] ^= 1 << rng.integers(8)
         with pytest.raises(ValueError, match="damaged"):
-            decoded(bytes(changed))
+            decoded(bytes(changed), KIND)
     (tmp_path / "s").write_bytes(data[:-1])
     assert Snapshots(tmp_path / "s").before(100) is None
 
@@ -85,7 +86,7 @@ def test_arrays_that_cannot_be_are_refused(array):
     content[0][1][7] = array  # the weights of lights that fade in
     data = msgspec.msgpack.encode(content)
     with pytest.raises(ValueError, match=r"."):  # each kind has its own text
-        decoded(hashlib.sha256(data).digest() + data)
+        decoded(hashlib.sha256(data).digest() + data, KIND)
 
 
 def map_message(k: int) -> wire.Message:

@@ -57,6 +57,13 @@ class BracketSource:
     def __len__(self) -> int:
         return len(self._groups)
 
+    def paths(self, k: int) -> tuple[Path, ...]:
+        return tuple(self._paths[n] for n in self._groups[k])
+
+    @property
+    def calibration(self) -> tuple[Path, ...]:
+        return self._merger.maker.files
+
     def check(self) -> None:
         """Raises UserError for a first frame from which no map can be made."""
         self.frame(0)

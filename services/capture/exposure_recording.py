@@ -45,6 +45,14 @@ class ExposureRecording:
     def __len__(self) -> int:
         return len(self._entries) - self._start
 
+    def paths(self, k: int) -> tuple[Path, ...]:
+        """The file of frame k, without those before it that it depends on."""
+        return (self._folder / self._entries[self._start + k].name,)
+
+    @property
+    def calibration(self) -> tuple[Path, ...]:
+        return self._maker.files
+
     def check(self) -> None:
         """Raises UserError for a first frame from which no map can be made."""
         self.frame(0)

@@ -23,11 +23,19 @@ class FilmSource:
             frames = f"frames 0 to {len(self._film) - 1}, of which [capture] start and end leave none"
             raise UserError(f"{path}: has {frames}; correct them")
         self._numbers = range(settings.start, end)
-        self._pictures = PictureMaker(settings, FrameMaker(settings, path.parent), str(path))
+        self._path, self._maker = path, FrameMaker(settings, path.parent)
+        self._pictures = PictureMaker(settings, self._maker, str(path))
         self.fps = self._film.fps * settings.speed
 
     def __len__(self) -> int:
         return len(self._numbers)
+
+    def paths(self, k: int) -> tuple[Path, ...]:
+        return (self._path,)
+
+    @property
+    def calibration(self) -> tuple[Path, ...]:
+        return self._maker.files
 
     def check(self) -> None:
         """Raises UserError for a first frame from which no map can be made."""

@@ -11,10 +11,15 @@ def valid_values(radiance: np.ndarray) -> np.ndarray:
 
 
 class InvalidCells:
-    """The invalid cells of one frame after the other."""
+    """The invalid cells of one frame after the other. counts: those of frames before, as the property gives them."""
 
-    def __init__(self) -> None:
-        self._cells = self._invalid = self._frames = self._frames_with = 0
+    def __init__(self, counts: tuple[int, int, int, int] = (0, 0, 0, 0)) -> None:
+        self._cells, self._invalid, self._frames, self._frames_with = counts
+
+    @property
+    def counts(self) -> tuple[int, int, int, int]:
+        """Cells, invalid ones among them, frames, and frames with invalid cells."""
+        return self._cells, self._invalid, self._frames, self._frames_with
 
     def add(self, radiance: np.ndarray) -> None:
         """Counts those of a map (rows, cols, 3)."""

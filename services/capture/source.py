@@ -45,6 +45,19 @@ class FrameSource(Protocol):
         ...
 
 
+class FilesOfFrames(FrameSource, Protocol):
+    """A source that says which files it reads."""
+
+    def paths(self, k: int) -> tuple[Path, ...]:
+        """The files of frame k."""
+        ...
+
+    @property
+    def calibration(self) -> tuple[Path, ...]:
+        """The lens and response files."""
+        ...
+
+
 class FileSource:
     """Image files in order, from `start` to `end` and at `speed` as the settings say."""
 
@@ -70,6 +83,13 @@ class FileSource:
 
     def __len__(self) -> int:
         return len(self._files)
+
+    def paths(self, k: int) -> tuple[Path, ...]:
+        return (self._files[k].path,)
+
+    @property
+    def calibration(self) -> tuple[Path, ...]:
+        return self._maker.files
 
     def check(self) -> None:
         """Raises UserError for a first frame from which no map can be made, without making one."""

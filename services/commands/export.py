@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vemlight.capture.frames import Frame
-from vemlight.commands.offline import lit_frames, open_frames, sampler_settings
+from vemlight.commands.lighting import lit_frames
+from vemlight.commands.offline import open_frames, sampler_settings
 from vemlight.commands.options import ExportOptions
 from vemlight.commands.report import Report
 from vemlight.commands.residual import Residual, residual_folder
@@ -93,7 +94,7 @@ def _frames(options: ExportOptions, open_: ExitStack) -> Iterator[ToExport]:
         return
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), error_percent=options.error_percent, soft=options.soft)
-    for k, (frame, lights, error) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
+    for k, ((frame, lights, error), _) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
         row = lights_row(lights, k, frame.time_s, frame.coverage, error)
         yield ToExport(LightsFrame(row.schema, k, frame.time_s, frame.coverage, lights, lights_json(row)), frame)
 

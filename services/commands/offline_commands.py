@@ -1,12 +1,13 @@
 """The commands that light and render files in one process, and that chart the methods on them."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from vemlight.commands.options import LightsOptions, RenderOptions, SamplingOptions, options_as
+from vemlight.commands.options import ArchiveOptions, LightsOptions, RenderOptions, SamplingOptions, options_as
 from vemlight.commands.parameters import (
     BACKGROUND,
     EXR_FLOATS,
@@ -54,12 +55,21 @@ def options_of_making(context: click.Context) -> tuple[str, ...]:
     )
 
 
+def of_lights(command: Callable[..., None]) -> Callable[..., None]:
+    """Adds the options of commands that write lights as they are."""
+    for option in reversed((
+        click.option("--clusters", type=click.IntRange(1, 100_000), help="Maximum number of lights after merging neighbours."),
+        click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Error limit, %; as few lights as keep it."),
+        click.option("--soft/--points", default=None,
+                     help="Lights with the extent of their light (vemlight.lights/2), the default of tracked lights, or points."),
+    )):  # fmt: skip
+        command = option(command)
+    return command
+
+
 @click.command()
 @sampling
-@click.option("--clusters", type=click.IntRange(1, 100_000), help="Maximum number of lights after merging neighbours.")
-@click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Error limit, %; as few lights as keep it are used.")
-@click.option("--soft/--points", default=None,
-              help="Lights with the extent of their light (vemlight.lights/2), the default of tracked lights, or points.")  # fmt: skip
+@of_lights
 @click.option("--score", is_flag=True, help="Print the lights' error and flicker.")
 @click.option("--out", type=OutFile(".json", ".jsonl", dash=True), required=True,
               help="LIGHTS.json for one frame, LIGHTS.jsonl for any number; - for standard output.")  # fmt: skip
@@ -70,6 +80,27 @@ def lights(options: LightsOptions) -> Report:
     from vemlight.commands.offline import write_lights_file
 
     return write_lights_file(options)
+
+
+@click.command()
+@sampling
+@of_lights
+@click.option("--workers", type=click.IntRange(1, 256), help="Processes that make maps; left out: one a processor, at most 8.")
+@click.option("--chunk", type=click.IntRange(1), metavar="FRAMES", help="Frames of a chunk; left out: 32 MB of maps, or as begun.")
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Have the workers of this Dask scheduler make the maps (vemlight[dask]).")
+@click.option("--maps-only", is_flag=True, help="Make maps, no lights, so that several machines share the chunks.")
+@click.option("--from-maps", is_flag=True, help="Make lights of the maps that are there.")
+@click.option("--index", type=click.IntRange(0), help="--maps-only: which of --indices this is; left out: $JOB_COMPLETION_INDEX, or 0.")
+@click.option("--indices", type=click.IntRange(1), help="--maps-only: how many share the chunks, each every so many; left out: 1.")
+@click.option("--out", type=OutFolder(), required=True, help="Folder of the archive; the same command goes on where it was cut off.")
+@reporting
+@options_as(ArchiveOptions)
+def archive(options: ArchiveOptions) -> Report:
+    """Write the lights of a long recording: with several processes, resumable, in bounded memory; the bytes are those of `lights`."""
+    from vemlight.commands.archive.archiving import archive as archived
+    from vemlight.commands.archive.index import with_index_of_job
+
+    return archived(with_index_of_job(options, os.environ))
 
 
 @click.command()
@@ -105,4 +136,4 @@ def chart(maps: tuple[Path, ...], out: Path) -> Report:
     return Report(f"{out}: {', '.join(written)}", {"out": str(out), "files": written})
 
 
-COMMANDS = (lights, render, chart)
+COMMANDS = (lights, archive, render, chart)

@@ -61,6 +61,22 @@ class LightsOptions(SamplingOptions, frozen=True, kw_only=True):
     score: bool = False
 
 
+class ArchiveOptions(SamplingOptions, frozen=True, kw_only=True):
+    """The options of `vemlight archive`. index, indices: which of the chunks --maps-only makes: index, index + indices, ..."""
+
+    out: Path
+    workers: int | None = None
+    chunk: int | None = None  # frames
+    scheduler: str | None = None
+    maps_only: bool = False
+    from_maps: bool = False
+    index: int | None = None
+    indices: int | None = None
+    clusters: int | None = None
+    error_percent: float | None = None
+    soft: bool | None = None
+
+
 class ExportOptions(SamplingOptions, frozen=True, kw_only=True):
     """The options of `vemlight export`. given: those that say how lights are made, as they were typed."""
 

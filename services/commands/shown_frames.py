@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vemlight.capture.frames import Frame
-from vemlight.commands.offline import lit_frames, open_frames, sampler_settings
+from vemlight.commands.lighting import lit_frames
+from vemlight.commands.offline import open_frames, sampler_settings
 from vemlight.commands.options import RenderOptions
 from vemlight.errors import UserError
 from vemlight.light.environment_map import EnvironmentMap
@@ -39,7 +40,7 @@ def shown_frames(options: RenderOptions) -> ShownFrames:
     if not is_lights_file(options.source):
         source = open_frames(options)
         sampling = sampler_settings(options, len(source))
-        return ShownFrames(len(source), source.fps, (_of_map(*lit[:2]) for lit in lit_frames(source, sampling)))
+        return ShownFrames(len(source), source.fps, (_of_map(*lit[:2]) for lit, _ in lit_frames(source, sampling)))
     path = Path(options.source)
     if options.given:
         raise UserError(f"{options.given[0]}: {path} has its lights already; leave it out, or give the source of the lights")

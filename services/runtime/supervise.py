@@ -1,6 +1,5 @@
 """`vemlight run`: starts the services, restarts one that dies, and stops them all; leaves no orphan and no file."""
 
-import ctypes
 import os
 import shutil
 import signal
@@ -21,6 +20,7 @@ import zmq
 from vemlight.compiling import COMPILING, compiled_by, compiling_file
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Service
+from vemlight.runtime.children import die_with
 from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
@@ -41,10 +41,7 @@ PROGRESS_S = 2.0  # between two lines while files are written; any value in 1..1
 POLL_S = 0.1  # how late a death is noticed at most; any value in 0.02..0.3 does
 SPARE_AFTER_S = 3.0  # loading takes a second of processor time; any value in 1..10 does
 QUIET_BLAS = {"OPENBLAS_NUM_THREADS": "1"}  # matrices are small here, and its threads would spin on cores that the renderer draws with
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 TERMINATED = 128 + signal.SIGTERM  # as shells count
-
-_prctl = ctypes.CDLL(None).prctl  # found here, because a child that was forked beside threads must not look for it
 
 
 class Child:
@@ -74,7 +71,7 @@ class Child:
             [sys.executable, "-m", f"vemlight.{self.service}", str(self._settings_file)],
             env={**QUIET_BLAS, **os.environ, **environment},
             process_group=0,
-            preexec_fn=partial(_die_with, os.getpid()),
+            preexec_fn=partial(die_with, os.getpid()),
         )
 
     def plan_restart(self, status: int) -> str | None:
@@ -94,13 +91,6 @@ class Child:
 
     def is_due(self) -> bool:
         return self.process is None and time.monotonic() >= self._start_at_s
-
-
-def _die_with(supervisor: int) -> None:
-    """In a child between fork and exec, where the fewest things are safe: killed when its parent ends, even while it is stopped."""
-    _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != supervisor:  # it ended before the line above
-        os._exit(1)
 
 
 def _ending(status: int) -> str:
@@ -213,7 +203,7 @@ class Supervisor:
         if missing:
             self._spare_at_s = time.monotonic() + SPARE_AFTER_S
         elif time.monotonic() > self._spare_at_s and (self._spare is None or not self._spare.is_alive()):
-            self._spare = Spare(self._file, {**QUIET_BLAS, **os.environ}, partial(_die_with, os.getpid()))
+            self._spare = Spare(self._file, {**QUIET_BLAS, **os.environ}, partial(die_with, os.getpid()))
             self._spare_at_s = time.monotonic() + GIVE_UP_S  # one that dies of itself is not started again and again
 
     def _receive_statuses(self) -> None:

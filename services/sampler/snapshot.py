@@ -6,7 +6,7 @@ is its type, shape and bytes. What is damaged or of another version counts as ab
 
 import hashlib
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -18,6 +18,7 @@ from vemlight.sampler.state import SamplerState
 
 SNAPSHOT_FRAMES = 16  # between two: more than a renderer is behind (4 requested frames); a restart repeats 15 to 31 steps at most
 DIGEST_BYTES = 32
+Value = TypeVar("Value")
 DTYPES = ("<f4", "<f8", "<i4", "<i8", "|u1", "|b1")
 
 
@@ -38,7 +39,7 @@ class Snapshots:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            self._newest = decoded(path.read_bytes())
+            self._newest = decoded(path.read_bytes(), tuple[Snapshot, ...])
         except (OSError, ValueError):
             self._newest = ()
 
@@ -58,18 +59,19 @@ class Snapshots:
             part.write_bytes(encoded(self._newest))
 
 
-def encoded(snapshots: tuple[Snapshot, ...]) -> bytes:
-    content = msgspec.msgpack.encode(snapshots, enc_hook=_header_from_array)
+def encoded(value: Any) -> bytes:
+    """The bytes of a value of msgspec's types that holds the sampler's state, or several of them."""
+    content = msgspec.msgpack.encode(value, enc_hook=_header_from_array)
     return hashlib.sha256(content).digest() + content
 
 
-def decoded(data: bytes) -> tuple[Snapshot, ...]:
-    """Raises ValueError for anything that `encoded` has not made."""
+def decoded(data: bytes, kind: type[Value]) -> Value:
+    """A value of the type `kind`. Raises ValueError for anything that `encoded` has not made of one."""
     digest, content = data[:DIGEST_BYTES], data[DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
         raise ValueError("the snapshot is damaged")
     try:
-        return _decoder.decode(content)
+        return msgspec.msgpack.decode(content, type=kind, dec_hook=_array_from_header)
     except (RecursionError, OverflowError, MemoryError) as error:
         raise ValueError(str(error)) from error
 
@@ -93,6 +95,3 @@ def _array_from_header(kind: type, value: Any) -> Any:
     if header.dtype not in DTYPES:
         raise ValueError(f"an array of {header.dtype}")
     return np.frombuffer(header.data, header.dtype).reshape(header.shape).copy()  # a copy can be written to, as the original
-
-
-_decoder = msgspec.msgpack.Decoder(tuple[Snapshot, ...], dec_hook=_array_from_header)

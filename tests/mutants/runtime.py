@@ -29,7 +29,7 @@ MUTANTS = [
         ("lines in memory alone", "            os.fsync(descriptor)\n        except", "        except"),
         ("half a line left", "                os.ftruncate(descriptor, self.end.offset)\n            raise",
          "                pass\n            raise"),
-        ("two writers", "LOCK_EX | fcntl.LOCK_NB)", "LOCK_SH | fcntl.LOCK_NB)"),
+        ("two writers", "flock(descriptor, how |", "flock(descriptor, fcntl.LOCK_SH |"),
         ("a writer that was just killed", "DYING_S = 1.0", "DYING_S = 0.0", "waiting for it is needed on a busy machine alone"),
         ("a point of another file", "== point.chain.encode() if point.offset", "!= b\"\" if point.offset"),
     ]),

@@ -273,7 +273,7 @@ def test_the_tools_fit_the_window(page, width, height):
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     if width < 640:
         small = page.evaluate(
-            """[...document.querySelectorAll(["#sky-tools", "#sky-items", "#sky-item", ".tools-hands"].map((id) => `${id} :is(button, input, a)`))]
+            """[...document.querySelectorAll(":is(#sky-tools, #sky-items, #sky-item, .tools-hands) :is(button, input, a)")]
                  .filter((e) => e.offsetParent && e.getBoundingClientRect().height < 44).map((e) => e.id || e.textContent)"""
         )
         assert small == []

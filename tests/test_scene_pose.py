@@ -3,6 +3,7 @@
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -233,3 +234,30 @@ def test_normals_follow_a_scale_that_is_not_the_same_all_ways(tmp_path):
     assert np.allclose(pictures[0][both], pictures[1][both], atol=1e-3)
     # the slope of 45 degrees becomes one of atan(1/2)
     assert pictures[0][both][:, 0].max() == pytest.approx(np.cos(np.arctan(0.5)) / np.pi, rel=1e-3)
+
+
+@pytest.mark.parametrize("shadows", ["rays", "maps"])
+def test_what_was_scaled_looks_as_if_it_had_always_been_so_large(tmp_path, shadows):
+    small = '[[mesh]]\nshape = "sphere"\nscale = 0.25\nat = [0.3, 0.0, 0.9]\nrotate = [10.0, 20.0, 30.0]\n'
+    settings = {"shadows": shadows, "shadow_map": 256 if shadows == "maps" else None}
+    there = renderer_of(a_scene(tmp_path, GROUND + small.replace("0.25", "0.75")), **settings)
+    expected = there.picture(LIGHTS)
+    there.release()
+    renderer = renderer_of(a_scene(tmp_path, GROUND + small), **settings)
+    rest = renderer.picture(LIGHTS)
+    assert relative_rmse(rest, expected) > 0.2
+    pose = renderer.renderer.setup.scene.objects[1]
+    moved = renderer.place(0.0, [msgspec.structs.replace(pose, scale=3.0)])
+    assert moved[1].scale == 3.0
+    picture = renderer.picture(LIGHTS)
+    assert relative_rmse(picture, expected) < (0.06 if shadows == "maps" else 1e-3)
+    assert np.array_equal(picture[..., 3], expected[..., 3])
+    renderer.place(0.0)
+    assert relative_rmse(renderer.picture(LIGHTS), rest) < 0.06
+    renderer.release()
+
+
+def test_a_lamp_has_no_scale(tmp_path):
+    scene = a_scene(tmp_path, GROUND + "[[luminaire]]\npower = 2.0\n")
+    asked = wire.Pose(name="torch", position=(1.0, 0.0, 2.0), scale=3.0)
+    assert scene_pose(scene, 0.0, [asked]).objects[1] == wire.Pose(name="torch", position=(1.0, 0.0, 2.0), power=2.0)

@@ -181,7 +181,8 @@ def masked_map(
         bright = BrightCells(bright.cells[left], bright.directions[left], np.minimum(share[left], 1))
     seen = radiance.reshape(-1, 3)
     kept = np.clip(1 - dark - filled, 0, 1)
-    made = np.where(kept[:, None] > 0, seen * kept[:, None], np.float32(0)).astype(np.float32)
+    made = np.zeros_like(seen)
+    np.multiply(seen, kept[:, None].astype(np.float32), out=made, where=kept[:, None] > 0)
     if len(weights.unknown):
         light = np.where(np.isfinite(seen) & (seen > 0), seen, 0).astype(np.float64)
         made[weights.unknown] += (filled[weights.unknown, None] * weights.solve(light)).astype(np.float32)

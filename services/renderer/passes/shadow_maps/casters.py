@@ -11,6 +11,7 @@ from vemlight.renderer.scene.meshes import bounds, box_corners, swept_bounds
 from vemlight.renderer.scene.scene import Mesh, Scene
 from vemlight.renderer.scene.vertex_buffers import DrawRange, IndexRange, draw_ranges, local_order
 
+GROWN = 1.001  # scale of a caster: below it is none, and rotations are off by rounding; any value in 1.0001 .. 1.1 does
 SUNK = 1e-4  # of half the scene's diagonal, by which a receiver plane may be pierced: a foot so deep casts no shadow that a texel shows
 MARGIN = 0.1  # of the grown box, towards what left the old one: what goes on moving outwards does not change the box each frame
 
@@ -157,7 +158,9 @@ def placed_casters(casters: Casters, matrices: np.ndarray, before: PlacedCasters
 
 def _detail_level(casters: Casters, matrices: np.ndarray, level: int, with_plane: bool) -> DetailLevel:
     """The members at a level of detail, with the receiver plane where it casts like them."""
-    drawn = [(caster.details[level], caster.mesh) for caster in casters.members]
+    # What is scaled up is drawn in its finest version: the others' errors would grow with it.
+    grown = np.linalg.norm(matrices[:, :3, :3], axis=1).max(axis=1) > GROWN
+    drawn = [(caster.details[0 if grown[caster.mesh] else level], caster.mesh) for caster in casters.members]
     if casters.receiver_plane and with_plane:
         drawn.append((casters.receiver_plane.details[0], casters.receiver_plane.mesh))
     drawn.sort(key=lambda own: own[0].indices.first)  # in the buffer's order, in which `draw_ranges` joins them

@@ -8,9 +8,10 @@ import math
 import os
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from vemlight import settings
 from vemlight.capture.exposure_recording import ExposureRecording
@@ -29,7 +30,9 @@ from vemlight.files import notice
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted, logged
 
-MAX_WORKERS = 256
+if TYPE_CHECKING:
+    from vemlight.commands.archive.dask_workers import DaskWorkers
+
 USUAL_WORKERS = 8  # at most, where --workers is left out: more wait for the lights, which one process makes
 
 
@@ -44,7 +47,9 @@ def archive(options: ArchiveOptions) -> Report:
     plan = _plan(options, source, capture)
     if Path(capture.source).is_dir() and options.out.exists() and options.out.samefile(capture.source):
         raise UserError(f"--out {options.out}: is the folder of the recording itself; name another one")
-    with claimed_archive(options.out, plan, shared=options.maps_only):
+    with ExitStack() as open_:
+        dask = open_.enter_context(_dask_workers(options.scheduler)) if options.scheduler else None
+        open_.enter_context(claimed_archive(options.out, plan, shared=options.maps_only))
         folder = ArchiveFolder(options.out, plan)
         if folder.is_complete():
             folder.tidy()
@@ -53,7 +58,7 @@ def archive(options: ArchiveOptions) -> Report:
         if options.maps_only:
             return _maps_only(options, folder, source, plan)
         folder.resume(lambda chunk: files_digest(source, plan.frames_of(chunk)))
-        return _Archiving(options, folder, source, plan).run()
+        return _Archiving(options, folder, source, plan, dask).run()
 
 
 def check_options(options: ArchiveOptions) -> None:
@@ -82,6 +87,12 @@ def _plan(options: ArchiveOptions, source: FilesOfFrames, capture: settings.Capt
     return new_plan(source, capture, sampling, options.chunk or (found.chunk_frames if found else usual))
 
 
+def _dask_workers(scheduler: str) -> "DaskWorkers":
+    from vemlight.commands.archive.dask_workers import DaskWorkers
+
+    return DaskWorkers(scheduler)
+
+
 def _worker_count(options: ArchiveOptions, source: FilesOfFrames) -> int:
     if isinstance(source, ExposureRecording):
         if (options.workers or 1) > 1:
@@ -106,8 +117,11 @@ def _maps_only(options: ArchiveOptions, folder: ArchiveFolder, source: FilesOfFr
 class _Archiving:
     """Stage 2, and what it takes from stage 1."""
 
-    def __init__(self, options: ArchiveOptions, folder: ArchiveFolder, source: FilesOfFrames, plan: ArchivePlan) -> None:
-        self._options, self._folder, self._source, self._plan = options, folder, source, plan
+    def __init__(
+        self, options: ArchiveOptions, folder: ArchiveFolder, source: FilesOfFrames, plan: ArchivePlan, dask: "DaskWorkers | None"
+    ) -> None:
+        """dask: the workers of --scheduler; None: this machine's."""
+        self._options, self._folder, self._source, self._plan, self._dask = options, folder, source, plan, dask
         self._sampling = plan.sampler_settings()
         self._maps_s = self._lights_s = 0.0  # processor time
         self._mapped = self._made = 0  # frames by this run: maps, lights
@@ -131,12 +145,9 @@ class _Archiving:
 
     def _chunks(self, chunks: Sequence[int]) -> Iterator[tuple[int, BinaryIO]]:
         """Files of maps, in order."""
-        if self._options.scheduler:
-            from vemlight.commands.archive.dask_workers import DaskWorkers
-
-            with DaskWorkers(self._options.scheduler, self._plan) as workers:
-                for done, maps in workers.done(chunks):
-                    yield self._taken(done).chunk, BytesIO(maps)
+        if self._dask:
+            for done, maps in self._dask.done(self._plan, chunks):
+                yield self._taken(done).chunk, BytesIO(maps)
             return
         there = {k for k in chunks if has_maps(self._folder.maps(k), self._folder.plan_digest, k, self._digest(k))}
         missing = [k for k in chunks if k not in there]

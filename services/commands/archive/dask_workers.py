@@ -37,17 +37,14 @@ def made_maps(plan: bytes, chunk: int) -> tuple[bytes, bytes]:
 class DaskWorkers:
     """A connection to a scheduler, until the end of the context."""
 
-    def __init__(self, address: str, plan: ArchivePlan) -> None:
+    def __init__(self, address: str) -> None:
         """Raises UserError without Dask, and for a scheduler that does not answer or has no workers."""
         try:
-            import distributed
+            import distributed  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             raise UserError("--scheduler: Dask is not installed; pip install 'vemlight[dask]'") from error
-        import dask
-
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is wrong is said here
-        dask.config.set({"distributed.scheduler.allowed-failures": 10})
-        self._address, self._plan = address, plan_json(plan)
+        self._address = address
         try:
             self._client: Any = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
@@ -64,19 +61,19 @@ class DaskWorkers:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._client.close()
 
-    def done(self, chunks: Sequence[int]) -> Iterator[tuple[ChunkDone, bytes]]:
-        """What became of each chunk, in order, and its maps; at most twice the threads and one more are on their way.
+    def done(self, plan: ArchivePlan, chunks: Sequence[int]) -> Iterator[tuple[ChunkDone, bytes]]:
+        """What became of each chunk of a plan, in order, and its maps; at most twice the threads and one more are on their way.
 
         Raises FatalError when workers keep dying, or a worker fails by a fault of ours or of its installation.
         """
-        import distributed
+        import distributed  # pyright: ignore[reportMissingImports]
 
         threads = sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
         window = 2 * min(max(threads, 1), MAX_THREADS) + 1
-        waiting, running = deque(chunks), deque[Any]()
+        waiting, running, as_json = deque(chunks), deque[Any](), plan_json(plan)
         while waiting or running:
             while waiting and len(running) < window:
-                running.append(self._client.submit(made_maps, self._plan, waiting.popleft(), pure=False, retries=0))
+                running.append(self._client.submit(made_maps, as_json, waiting.popleft(), pure=False, retries=0))
             try:
                 said, maps = self._result(running.popleft(), distributed.TimeoutError)
             except (KeyboardInterrupt, UserError):

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from vemlight.commands.options import ArchiveOptions, LightsOptions, RenderOptions, SamplingOptions, options_as
+from vemlight.commands.options import ArchiveOptions, LightsOptions, LocateOptions, RenderOptions, SamplingOptions, options_as
 from vemlight.commands.parameters import (
     BACKGROUND,
     EXR_FLOATS,
@@ -22,7 +22,7 @@ from vemlight.commands.parameters import (
     width_height,
 )
 from vemlight.commands.report import Report, reporting
-from vemlight.commands.source_options import source_options
+from vemlight.commands.source_options import Numbers, source_options
 
 SAMPLING = (
     click.argument("source"),
@@ -136,4 +136,23 @@ def chart(maps: tuple[Path, ...], out: Path) -> Report:
     return Report(f"{out}: {', '.join(written)}", {"out": str(out), "files": written})
 
 
-COMMANDS = (lights, archive, render, chart)
+@click.command()
+@click.argument("rig", type=PATH)
+@click.option("--out", type=OutFile(".json", ".jsonl"), required=True, help="LIGHTS.json for one moment, LIGHTS.jsonl for any number.")
+@click.option("--subject", type=Numbers(3), metavar="X,Y,Z", help="Place, m, whose light is wanted: nearer cameras count more there.")
+@click.option("--count", type=click.IntRange(1, 100_000), help="Directional lights a frame; left out: 72. With --error their maximum: 256.")
+@click.option("--error", "error_percent", type=Number(0, 100, min_open=True), help="Error limit, %; as few lights as keep it are used.")
+@click.option("--soft/--points", default=None, help="Directional lights with the extent of their light, the default, or points.")
+@click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", show_default=True, help="Of each camera.")
+@click.option("--fps", type=Number(0, 1000, min_open=True), help="Frames a second, where the recordings do not say.")
+@click.option("--frames", type=click.IntRange(1), help="Number of frames; left out: all.")
+@reporting
+@options_as(LocateOptions)
+def locate(options: LocateOptions) -> Report:
+    """Locate near lights by the recordings of several cameras; RIG.toml says where each stands. The rest stays directional lights."""
+    from vemlight.commands.locate import write_located
+
+    return write_located(options)
+
+
+COMMANDS = (lights, archive, render, locate, chart)

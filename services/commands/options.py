@@ -77,6 +77,20 @@ class ArchiveOptions(SamplingOptions, frozen=True, kw_only=True):
     soft: bool | None = None
 
 
+class LocateOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """The options of `vemlight locate`."""
+
+    rig: Path
+    out: Path
+    subject: tuple[float, float, float] | None = None  # m
+    count: int | None = None
+    error_percent: float | None = None
+    soft: bool | None = None
+    coverage: str = "hemisphere"
+    fps: float | None = None
+    frames: int | None = None
+
+
 class ExportOptions(SamplingOptions, frozen=True, kw_only=True):
     """The options of `vemlight export`. given: those that say how lights are made, as they were typed."""
 

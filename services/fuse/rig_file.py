@@ -49,7 +49,7 @@ class RigCamera(RigRecord, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if abs(sum(part * part for part in self.turn) - 1) > UNIT:
             shown = ", ".join(f"{part:g}" for part in self.turn)
-            raise ValueError(f"camera {self.name}: turn = [{shown}] is no unit quaternion x y z w; [0, 0, 0, 1] is a camera that looks up")
+            raise ValueError(f"camera {self.name}: turn = [{shown}] is no unit quaternion x y z w; write [0, 0, 0, 1] to look up")
 
     @property
     def world_from_camera(self) -> np.ndarray:

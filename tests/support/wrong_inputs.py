@@ -3,6 +3,7 @@
 import json
 import struct
 import zlib
+from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +14,9 @@ from vemlight.light.images import write_exr
 CAMERA = "[camera]\nfrom = [3.0, -4.0, 2.5]\nat = [0.0, 0.0, 0.6]\n"
 LENS = "size = [32, 16]\nf = [5.0, 5.0]\nc = [15.5, 7.5]\nk1 = 0.0\nk2 = 0.0\nk3 = 0.0\nk4 = 0.0\nrim_deg = 90.0\n"
 RIG = 'target = [0.0, 0.0, 1.5]\n[[fixture]]\nname = "key"\nat = [2.0, 0.0, 3.0]\ncandela = 9000\nbeam_deg = 30\naddress = 1\n'
+CAMERAS = (
+    '[[camera]]\nname = "a"\nsource = "good.exr"\nat = [0.0, 0.0, 1.0]\n[[camera]]\nname = "b"\nsource = "good.exr"\nat = [1.0, 0.0, 1.0]\n'
+)
 PATCHES = "code,luminance,use\n40,1,fit\n60,10,fit\n90,100,fit\n160,1000,fit\n110,300,check\n"
 LIGHTS = (
     '{"schema":"vemlight.lights/1","sequence":0,"time_s":0.0,"coverage":"sphere",'
@@ -103,6 +107,15 @@ FILES = {
     "near.rig.toml": RIG.replace("[2.0, 0.0, 3.0]", "[0.0, 0.0, 1.5]"),
     "cadela.rig.toml": RIG.replace("candela", "cadela"),
     "host.rig.toml": RIG + '[output]\ndestination = "no.such.host.invalid"\n',
+    "cameras.toml": CAMERAS,
+    "one.cameras.toml": CAMERAS[: CAMERAS.rindex("[[camera]]")],
+    "named.cameras.toml": CAMERAS.replace('"b"', '"a"'),
+    "near.cameras.toml": CAMERAS.replace("[1.0, 0.0", "[0.005, 0.0"),
+    "turn.cameras.toml": CAMERAS + "turn = [1.0, 0.0, 0.0, 1.0]\n",
+    "source.cameras.toml": CAMERAS.replace('"b"\nsource = "good.exr"', '"b"\nsource = "nowhere"'),
+    "live.cameras.toml": CAMERAS.replace('"b"\nsource = "good.exr"', '"b"\nsource = "/dev/video0"'),
+    "size.cameras.toml": CAMERAS.replace('"b"\nsource = "good', '"b"\nsource = "square').replace('exr"\n', 'exr"\nlens = "camera.toml"\n'),
+    "rate.cameras.toml": CAMERAS.replace('"a"\nsource = "good.exr"', '"a"\nsource = "sequence"').replace("good.exr", "fast"),
     "table.rig.toml": RIG.replace("beam_deg = 30", 'photometry = "lamp.ies"'),
     "lamp.ies": "no lamp\n",
     "stage.mvr": "no stage\n",
@@ -214,6 +227,24 @@ WRONG = [
         ("stream nowhere.toml --osc 127.0.0.1:9000", "nowhere.toml: there is no such file"),
         ("stream deferred.toml --osc 127.0.0.1:9000", "lossless | live mode"),
         ("export good.exr --usd-dialect maya --usd out.usda", "--usd-dialect: maya is no choice"),
+    ),
+    # several cameras
+    *_rows(
+        ("locate", "RIG: is missing"),
+        ("locate cameras.toml", "--out: is missing"),
+        ("locate nowhere.toml --out out.jsonl", "nowhere.toml: there is no such file"),
+        ("locate cameras.toml --subject 1,2 --out out.jsonl", "--subject: 1,2 is not 3 numbers"),
+        ("locate cameras.toml --coverage dome --out out.jsonl", "--coverage: dome | hemisphere, sphere"),
+        ("locate cameras.toml --out out.txt", "--out: out.txt | .json or .jsonl"),
+        ("locate good.rig.toml --out out.jsonl", "good.rig.toml: | there is no such key"),
+        ("locate one.cameras.toml --out out.jsonl", "one.cameras.toml: the rig has 1 cameras | [[camera]]"),
+        ("locate named.cameras.toml --out out.jsonl", "named.cameras.toml: two cameras are called a"),
+        ("locate near.cameras.toml --out out.jsonl", "near.cameras.toml: cameras a and b stand 0.5 cm from each other"),
+        ("locate turn.cameras.toml --out out.jsonl", "turn.cameras.toml: | camera b: turn | no unit quaternion"),
+        ("locate source.cameras.toml --out out.jsonl", "source.cameras.toml: camera b: | nowhere: there is no such file"),
+        ("locate live.cameras.toml --out out.jsonl", "live.cameras.toml: camera b: /dev/video0: is live | vemlight record"),
+        ("locate size.cameras.toml --out out.jsonl", "size.cameras.toml: camera b: | square.exr: is 16x16 | 32x16"),
+        ("locate rate.cameras.toml --out out.jsonl", "rate.cameras.toml: camera b: has | frames a second"),
     ),
     # pictures and recordings
     *_rows(
@@ -429,10 +460,11 @@ def write_wrong_inputs(folder: Path) -> None:
     for name in ("empty.hdr", "empty.exr"):
         (folder / name).touch()
     (folder / "utf16.toml").write_bytes("[sampler]\n".encode("utf-16"))
-    for name in ("sequence", "nothing", "sequence.json", "damaged", "missing", "changed"):
+    for name in ("sequence", "fast", "nothing", "sequence.json", "damaged", "missing", "changed"):
         (folder / name).mkdir()
     for k in range(3):
         write_exr(folder / "sequence" / f"f_{k:04d}.exr", image)
+        write_exr(folder / "fast" / f"f_{k:04d}.exr", image, {"framesPerSecond": Fraction(50)})
     (folder / "damaged" / "manifest.jsonl").write_text("{]\n{}\n")
     for name, frame in (("missing", "f_0009.exr"), ("changed", "f_0000.exr")):
         write_exr(folder / name / "f_0000.exr", image)

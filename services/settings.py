@@ -32,8 +32,9 @@ from vemlight.files import read_toml
 from vemlight.light.mask import MAX_MASKS, Mask, check_masks
 from vemlight.light.sphere import Coverage
 from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
-from vemlight.runtime.channels import SERVICES, Service
+from vemlight.runtime.channels import INSTANCE, SERVICES, Instance, Service, service_of
 from vemlight.runtime.wire import MAX_PART, MAX_POSES, Pose
+from vemlight.toml import choice_hint
 
 # Limits keep a mistyped number from taking all memory. A map of 4096 x 8192 takes 402 MB, a picture of 8192 x 8192 in float32 RGBA
 # 1.1 GB, and 100,000 lights are a thousand times what a frame needs; other powers of two would do as well.
@@ -46,6 +47,8 @@ Frequency = Annotated[float, Meta(gt=0, le=500)]  # up to half of the highest fr
 ExposureTimes = Annotated[tuple[Annotated[float, Meta(gt=0, le=1e6)], ...], Meta(max_length=8)]
 Stops = Annotated[float, Meta(ge=-20, le=20)]  # a factor of a million either way
 Port = Annotated[int, Meta(ge=1, le=65_000)]  # the wire takes fourteen ports from its first
+
+InstanceName = Annotated[Instance, Meta(pattern=INSTANCE)]
 
 PATH = Meta(extra={"unit": "path"})
 FRAMES = Meta(extra={"unit": "frames"})
@@ -73,8 +76,24 @@ class Wire(SettingsSection, frozen=True):
 
     transport: Annotated[Literal["ipc", "tcp"], means("sockets in a folder of this machine, or TCP between hosts")] = "ipc"
     folder: Annotated[str, means("folder of the ipc sockets; empty: one of this user's, made with mode 0700"), PATH] = ""
-    hosts: Annotated[dict[Service, str], means("tcp: the host on which each service runs; 127.0.0.1 when left out")] = {}
+    hosts: Annotated[dict[str, str], means("tcp: the host on which each service runs; 127.0.0.1 when left out")] = {}
     port: Annotated[Port, means("tcp: the first of the fourteen ports in use")] = 5600
+    ports: Annotated[
+        dict[str, Port],
+        means('tcp: the first of two ports of each camera of a rig, and of others with a name, such as "capture.left" = 5620'),
+    ] = {}
+    names: Annotated[
+        dict[Service, InstanceName],
+        means('what services are called where there are several of a kind, such as renderer = "renderer.b"; left out: as their kind'),
+    ] = {}
+    elsewhere: Annotated[
+        tuple[Service, ...], means("services that another run has started; this one starts the others and uses those")
+    ] = ()
+    renderers: Annotated[
+        tuple[InstanceName, ...],
+        means("live: renderers by whose frame time the sampler chooses how many lights it makes, as the fastest of them; empty: the one of "
+              "this run"),
+    ] = ()  # fmt: skip
     keys: Annotated[str, means("tcp: folder with the CURVE keys of `vemlight keys`"), PATH] = ""
     insecure: Annotated[bool, means("tcp: allow connections without keys")] = False
 
@@ -418,6 +437,9 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
     if drawn.width * drawn.height * pixel_bytes > MAX_PART:
         most = f"more than the {MAX_PART // pixel_bytes} pixels that one message holds"
         raise UserError(f"{where}: [renderer] width, height: {drawn.width} x {drawn.height} is {most}; make them smaller")
+    _check_names(settings, where)
+    if settings.rig.file:
+        _check_rig(settings, where)
     if settings.mode == "lossless" and settings.fixtures.rig:
         way_out = "leave out rig, or write levels of a file of lights by `vemlight dmx --lights`"
         raise UserError(f'{where}: mode = "lossless" makes files, and [fixtures] rig drives lamps as it happens; {way_out}')
@@ -425,6 +447,40 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
         if settings.mode == "lossless" and is_live(source):
             kind = "camera" if is_camera(source) else "stream"
             raise UserError(f'{where}: mode = "lossless" replays files and {shown_source(source)} is a {kind}; use mode = "live"')
+
+
+def _check_names(settings: Settings, where: Path | str) -> None:
+    """Raises UserError for names, ports and services elsewhere that do not go together."""
+    wire = settings.wire
+    for key in ("hosts", "ports"):
+        for name in getattr(wire, key):
+            if not re.fullmatch(INSTANCE, name):
+                raise UserError(f"{where}: [wire.{key}] {name}: is no service; {choice_hint(name, SERVICES)}")
+    for service, name in wire.names.items():
+        if service_of(name) != service:
+            raise UserError(f'{where}: [wire.names] {service} = "{name}": is no name of a {service}; choose one such as "{service}.b"')
+    if wrong := [name for name in wire.renderers if service_of(name) != "renderer"]:
+        raise UserError(f'{where}: [wire] renderers: "{wrong[0]}" is no renderer; name some as "renderer" or "renderer.b"')
+    if wire.elsewhere and settings.mode == "lossless":
+        raise UserError(f'{where}: [wire] elsewhere: is for mode = "live"; in lossless mode one run makes all frames')
+    own = range(wire.port, wire.port + 2 * len(SERVICES))
+    taken = dict.fromkeys(own, "[wire] port") if wire.transport == "tcp" else {}
+    for name, first in wire.ports.items():
+        for port in (first, first + 1):
+            if port in taken:
+                raise UserError(f"{where}: [wire] ports: {port} of {name} is taken by {taken[port]}, which has two or more; choose another")
+            taken[port] = name
+
+
+def _check_rig(settings: Settings, where: Path | str) -> None:
+    """Raises UserError for what a rig of cameras takes the place of, or cannot be with."""
+    capture = settings.capture
+    for key in ("source", "lens", "response", "ground", "masks", "exposures", "brackets"):
+        if getattr(capture, key):
+            way_out = "the rig's file has it for each camera" if key in ("source", "lens", "response") else "it is for one camera"
+            raise UserError(f"{where}: [capture] {key}: does not go with [rig] file: {way_out}; leave one of them out")
+    if "capture" in settings.wire.names:
+        raise UserError(f"{where}: [wire.names] capture: the rig's cameras have the names that its file gives them; leave it out")
 
 
 def is_camera(source: str) -> bool:

@@ -128,7 +128,7 @@ def test_pixels_become_means_over_their_area():
 def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     monkeypatch.setattr("vemlight.renderer.accumulation.PASSES", 4)
     stage = RendererStage(Settings(renderer=Size(width=48, height=36, shadow_map=64, frame_ms=0.0, picture="linear16")))
-    assert stage.side_inputs(controlled(stage, stage.start_at(0)[0], paused=True)) == ("capture",)
+    assert stage.side_inputs(controlled(stage, stage.start_at(0)[0], paused=True)) == ("map",)
     drawn = []
     draw = stage._renderer.draw
 

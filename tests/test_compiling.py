@@ -58,7 +58,7 @@ def test_outside_a_run_nothing_is_said(tmp_path, monkeypatch):
 
 
 def test_the_page_names_the_kernel_of_a_service_that_is_not_seen_yet(run):
-    liveness = Liveness(("capture", "sampler"), fps=25)
+    liveness = Liveness({"capture": (), "sampler": ("capture",)}, fps=25)
     assert liveness.judge(0.0)["sampler"].text == "nothing received yet"
     say_compiling(KERNEL)
     judged = liveness.judge(0.0)

@@ -42,7 +42,7 @@ def test_the_map_and_the_plate_are_seen_behind_the_scene(scene):
     np.testing.assert_array_equal(corner(plain, []), 0)
 
     mapped = RendererStage(Settings(renderer=Renderer(**{**as_dict(size), "background": "map"}), mode="lossless"))
-    assert mapped.side_inputs(mapped.start_at(0)[0]) == ("capture",)
+    assert mapped.side_inputs(mapped.start_at(0)[0]) == ("map",)
     np.testing.assert_allclose(corner(mapped, [around]), [0.3, 0.3, 0.3, 1], rtol=2e-3)
 
     filmed = RendererStage(Settings(renderer=size, mode="lossless", plate=Plate(source="film.mp4", stops=1.0)))

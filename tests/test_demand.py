@@ -103,7 +103,7 @@ def requests(socket: FakeSocket) -> list[tuple[int, int]]:
 def test_four_frames_are_asked_for_ahead_and_again_after_a_second(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(demand.time, "monotonic", lambda: now[0])
-    pull = Pull(FakeSocket(), ServiceStats("sampler", 0))
+    pull = Pull(FakeSocket(), "map", ServiceStats("sampler", 0))
     assert pull.frame(0) is None
     assert requests(pull.socket) == [(0, 4)]
     now[0] += 0.9
@@ -115,7 +115,7 @@ def test_four_frames_are_asked_for_ahead_and_again_after_a_second(monkeypatch):
 
 
 def test_the_window_is_topped_up_when_half_of_it_has_come():
-    pull = Pull(FakeSocket(), ServiceStats("sampler", 0))
+    pull = Pull(FakeSocket(), "map", ServiceStats("sampler", 0))
     pull.frame(0)
     for due in range(3):
         pull.socket.inbox.append(wire.pack(*frame(due)))

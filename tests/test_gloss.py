@@ -341,7 +341,7 @@ def test_the_stage_reflects_the_map_of_a_message(tmp_path):
     stage = RendererStage(AllSettings(renderer=wanted))
     environment, lights = sky_with_sun(30, 60, "hemisphere")
     state, _ = stage.start_at(0)
-    assert stage.side_inputs(state) == ("capture",)
+    assert stage.side_inputs(state) == ("map",)
     stamp = wire.stamp(0, 0.0)
     cells = (np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
     state = stage.on_message(state, (wire.MapMessage(stamp=stamp, rows=30, cols=60, coverage="hemisphere"), (environment.radiance, *cells)))

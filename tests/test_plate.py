@@ -13,6 +13,7 @@ from vemlight.plate.stage import PlateSource
 from vemlight.plate.video_source import checked_size, open_video_source
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Supply
+from vemlight.runtime.instances import Input
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.sync import Lockstep, NearestInTime
 from vemlight.runtime.transport import Transport, accept_subscriptions
@@ -20,6 +21,7 @@ from vemlight.settings import Plate, read_settings
 
 SIZE = 64, 48
 FRAMES = 12
+PLATE = Input("plate", "plate")
 
 
 def gray_of(k: int) -> int:
@@ -102,20 +104,20 @@ def test_live_the_picture_nearest_in_time_is_taken(transport):
     publisher = transport.bind("plate", "publish")
     nearest, stats = NearestInTime(transport), ServiceStats("renderer", 0)
     lights = msgspec.structs.replace(wire.stamp(90, 0.0), monotonic_ns=1_000_000)
-    assert nearest.frames_at(lights, ["plate"], stats) == []
+    assert nearest.frames_at(lights, [PLATE], stats) == []
     wait_until(lambda: publisher.poll(0) or None, "the subscription")
     accept_subscriptions(publisher)
     for sequence, at_ns in ((1, 700_000), (2, 1_100_000), (3, 1_300_000)):
         publisher.send_multipart(wire.pack(*plate(sequence, at_ns)))
-    wait_until(lambda: nearest.frames_at(lights, ["plate"], stats) and len(nearest._subscriptions["plate"][1]) == 3, "three pictures")
-    assert [array[0, 0, 0] for _, (array,) in nearest.frames_at(lights, ["plate"], stats)] == [2]
+    wait_until(lambda: nearest.frames_at(lights, [PLATE], stats) and len(nearest._subscriptions[PLATE][1]) == 3, "three pictures")
+    assert [array[0, 0, 0] for _, (array,) in nearest.frames_at(lights, [PLATE], stats)] == [2]
     assert nearest.frames_at(lights, [], stats) == []
     wait_until(lambda: publisher.poll(0) or None, "the end of the subscription")
 
 
 def test_lossless_the_frames_of_one_number_come_together(transport):
     supplies = {name: Supply(transport.bind(name, "serve"), ServiceStats(name, 0)) for name in ("sampler", "plate")}
-    inputs = Lockstep(transport, ["sampler", "plate"], ServiceStats("renderer", 0))
+    inputs = Lockstep(transport, [Input("sampler", "plate"), PLATE], ServiceStats("renderer", 0))
     seen = []
 
     def served() -> bool:
@@ -143,7 +145,7 @@ def test_the_service_sends_what_is_asked_for(make_settings, services, video_file
     services.start("vemlight.plate", str(path))
     transport = Transport(settings.wire)
     try:
-        inputs, seen = Lockstep(transport, ["plate"], ServiceStats("renderer", 0)), []
+        inputs, seen = Lockstep(transport, [PLATE], ServiceStats("renderer", 0)), []
 
         def came() -> bool:
             if frames := inputs.frames(FRAMES - 2 + len(seen)):

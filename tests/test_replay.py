@@ -65,7 +65,7 @@ def test_capture_alone(sequence, small, services):
     settings, path = small(sequence)
     transport = Transport(settings.wire)
     process = services.start("vemlight.capture", str(path))
-    pull = Pull(transport.request_from("capture"), ServiceStats("sampler", 0))
+    pull = Pull(transport.request_from("capture"), "map", ServiceStats("sampler", 0))
     seen = fed(None, [], pull, references.FRAMES)
     until = time.monotonic() + 5
     while pull.end is None and time.monotonic() < until:
@@ -83,7 +83,7 @@ def test_sampler_alone(sequence, small, services):
     transport = Transport(settings.wire)
     supply = Supply(transport.bind("capture", "serve"), ServiceStats("capture", 0))
     services.start("vemlight.sampler", str(path))
-    pull = Pull(transport.request_from("sampler"), ServiceStats("renderer", 0))
+    pull = Pull(transport.request_from("sampler"), "lights", ServiceStats("renderer", 0))
     seen = fed(supply, references.recorded(sequence, "map"), pull, references.FRAMES)
     transport.close()
     assert_same(seen, references.recorded(sequence, "lights"))

@@ -4,6 +4,7 @@ import numpy as np
 
 from tests.support.sockets import FakeSocket
 from vemlight.runtime import wire
+from vemlight.runtime.instances import Input
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.sync import NearestInTime
 
@@ -26,7 +27,7 @@ class OneSocket:
 def nearest(frames: list[list[bytes]], stamp: wire.Stamp) -> int:
     transport = OneSocket()
     transport.socket.inbox += frames
-    ((header, _),) = NearestInTime(transport).frames_at(stamp, ["plate"], ServiceStats("renderer", 0))  # type: ignore[arg-type]
+    ((header, _),) = NearestInTime(transport).frames_at(stamp, [Input("plate", "plate")], ServiceStats("renderer", 0))  # type: ignore[arg-type]
     assert isinstance(header, wire.PlateMessage)
     return header.stamp.sequence
 

@@ -9,7 +9,7 @@ from vemlight.viewer.liveness import HEALTHY, Liveness
 
 SILENT_S = 1.5  # three statuses in a row are missing
 STAMP = wire.stamp(5, 0.2)
-MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
+MAKERS: dict[str, tuple[str, ...]] = {"capture": (), "sampler": ("capture",), "renderer": ("sampler",)}
 FRAMES: dict[Service, wire.Header] = {
     "capture": wire.MapMessage(stamp=STAMP, rows=1, cols=1, coverage="hemisphere"),
     "sampler": wire.LightsMessage(stamp=STAMP, count=0, coverage="hemisphere"),

@@ -16,7 +16,7 @@ from vemlight.capture.thumbnails import ThumbnailNews, Thumbnails
 from vemlight.errors import of_setting
 from vemlight.files import notice
 from vemlight.runtime import wire
-from vemlight.runtime.channels import Service
+from vemlight.runtime.channels import Instance
 from vemlight.runtime.playback import Playback
 from vemlight.settings import is_stream, shown_source
 
@@ -28,11 +28,10 @@ MapMessage = tuple[wire.MapMessage, tuple[np.ndarray, ...]]
 class CaptureSource:
     """Frames of files; see `vemlight.runtime.source_loop.Source`."""
 
-    service: Service = "capture"
-
-    def __init__(self, settings: settings.Settings) -> None:
+    def __init__(self, settings: settings.Settings, service: Instance = "capture") -> None:
         """Raises UserError when the source is missing or incomplete."""
-        with of_setting("[capture] source"):
+        self.service = service
+        with of_setting("[capture] source" if service == "capture" else service):
             self._source = open_source(settings.capture)
         self._configured = self._masks = settings.capture.masks
         self._masking = Masking(settings.capture)
@@ -78,10 +77,9 @@ class CaptureSource:
 class CaptureCamera:
     """The frames of a camera or stream as they arrive; see `vemlight.runtime.source_loop.Camera`."""
 
-    service: Service = "capture"
-
-    def __init__(self, settings: settings.Capture) -> None:
+    def __init__(self, settings: settings.Capture, service: Instance = "capture") -> None:
         """Raises UserError for a camera, lens or response that cannot be used."""
+        self.service = service
         self._source = open_live(settings)
         self._configured = self._masks = settings.masks
         self._masking = Masking(settings)

@@ -10,6 +10,7 @@ import click
 
 from vemlight.choices import Background, ExrFloats, Filter, Method, Mode, Shadows, Tone
 from vemlight.errors import UserError
+from vemlight.runtime.channels import INSTANCE, SERVICES
 
 PATH = click.Path(path_type=Path)
 STANDARD_OUTPUT = Path("-")
@@ -25,6 +26,16 @@ class Number(click.FloatRange):
         if not math.isfinite(number):
             self.fail("nan and inf are refused; write a finite number", param, ctx)
         return number
+
+
+class InstanceName(click.Choice):
+    """A service, or one of several of its kind, such as capture.left."""
+
+    def __init__(self) -> None:
+        super().__init__(SERVICES)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return value if re.fullmatch(INSTANCE, value) else super().convert(value, param, ctx)
 
 
 class OutFile(click.Path):

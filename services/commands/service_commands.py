@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 import click
 
 from vemlight.commands.fixture_commands import rig_path
-from vemlight.commands.parameters import MODE, PATH, OutFolder
+from vemlight.commands.parameters import MODE, PATH, InstanceName, OutFolder
 from vemlight.commands.source_options import capture_settings, source_options
-from vemlight.runtime.channels import SERVICES
 
 if TYPE_CHECKING:
     from vemlight.choices import Mode
-    from vemlight.runtime.channels import Service
+    from vemlight.runtime.channels import Instance, Service
 
 # Of the bundled scene, composed for 16:9; as large as the page shows it on a small screen, and as two cores draw ten times a second.
 BUNDLED_RENDERER = {"width": 480, "height": 270, "background": "map"}
@@ -58,14 +57,15 @@ def run(
 def _service(name: "Service", summary: str) -> click.Command:
     @click.command(name, help=f"One service: {summary}")
     @click.argument("settings", type=PATH, required=False)
-    def command(settings: Path | None) -> None:
+    def command(settings: Path | None, camera: str | None = None) -> None:
         from importlib import import_module
 
         from vemlight.runtime.start import start
 
-        sys.exit(start(import_module(f"vemlight.{name}.__main__").main, [str(settings)] if settings else []))
+        given = [str(each) for each in (settings, camera) if each]
+        sys.exit(start(import_module(f"vemlight.{name}.__main__").main, given))
 
-    return command
+    return click.argument("camera", required=False)(command) if name == "capture" else command
 
 
 @click.command()
@@ -109,10 +109,10 @@ def keys(folder: Path) -> None:
 
 
 @click.command()
-@click.argument("service", type=click.Choice(SERVICES))
+@click.argument("service", type=InstanceName())
 @click.argument("settings", type=PATH, required=False)
-def health(service: "Service", settings: Path | None) -> None:
-    """Ask a running service for its status: exit status 0 when it answers, 1 when not."""
+def health(service: "Instance", settings: Path | None) -> None:
+    """Ask a running service (of several, by its name: capture.left) for its status: exit status 0 when it answers, 1 when not."""
     from vemlight.runtime.health import check_health
     from vemlight.settings import read_settings
 
@@ -136,6 +136,7 @@ def verify_(folder: Path) -> None:
 COMMANDS = (
     run,
     _service("capture", "frames of a recording or a camera become polar maps."),
+    _service("fuse", "the polar maps of a rig of cameras become one, and near lights."),
     _service("sampler", "polar maps become lights."),
     _service("renderer", "lights become pictures of the scene."),
     _service("viewer", "the page that shows it all."),

@@ -178,10 +178,16 @@ class LightsFile:
         return self._journal.end
 
     def append(
-        self, lights: LightSet, sequence: int, time_s: float, coverage: Coverage, error: ErrorOfLights | None = None
+        self,
+        lights: LightSet,
+        sequence: int,
+        time_s: float,
+        coverage: Coverage,
+        error: ErrorOfLights | None = None,
+        near: NearLights | None = None,
     ) -> None:
         """Adds a frame; it is on the disk when the call returns. Raises OSError when the disk refuses."""
-        self._journal.append(lights_json(lights_row(lights, sequence, time_s, coverage, error)))
+        self._journal.append(lights_json(lights_row(lights, sequence, time_s, coverage, error, near=near)))
 
     def close(self) -> None:
         self._journal.close()

@@ -124,7 +124,8 @@ class RendererStage:
         check_video_settings(settings)
         with of_setting("[renderer] scene"):
             scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
-        self._plate: tuple[Service, ...] = ("plate",) if settings.plate.source else ()
+        self._plate = ("plate",) if settings.plate.source else ()
+        self._points = ("points",) if settings.rig.file else ()
         self._shows_environment, self._stops = settings.renderer.background == "map", settings.plate.stops
         self._glossy = scene.glossy
         self._needs_environment = self._shows_environment or self._glossy
@@ -155,10 +156,10 @@ class RendererStage:
         adaptation, time_s = (before.adaptation, before.time_s) if before else (None, 0.0)
         return RendererState(self._exposure, adaptation, time_s, frame, poses=self._poses), target
 
-    def side_inputs(self, state: RendererState) -> tuple[Service, ...]:
-        """The map where it is seen or reflected, and in a pause, which is lit by it."""
-        maps: tuple[Service, ...] = ("capture",) if self._needs_environment or state.paused else ()
-        return (*maps, *self._plate)
+    def side_inputs(self, state: RendererState) -> tuple[str, ...]:
+        """The map where it is seen or reflected, and in a pause, which is lit by it; near lights where there is a rig of cameras."""
+        maps = ("map",) if self._needs_environment or state.paused else ()
+        return (*maps, *self._points, *self._plate)
 
     def step(self, state: RendererState, message: wire.Message) -> tuple[RendererState, wire.Message]:
         header, arrays = message

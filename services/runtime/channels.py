@@ -4,10 +4,13 @@ Read by the sockets (topics and queues), by the judgement of liveness and the he
 What a message of each kind contains is declared in wire.py.
 """
 
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, cast
 
 Service = Literal["capture", "sampler", "renderer", "viewer", "plate", "fixtures", "fuse"]
 SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer", "plate", "fixtures", "fuse")  # the order fixes the tcp ports
+# What a socket belongs to: a service, "capture", or one of several of its kind, "capture.left".
+Instance = str
+INSTANCE = rf"^({'|'.join(SERVICES)})(\.[a-z0-9-]{{1,32}})?$"
 
 REPORT_PERIOD_S = 0.5  # a person sees a change within it, and ten messages a second in all cost nothing
 QUEUE_FRAMES = 4  # 4 maps are 1.6 MB; with libzmq's own 1000 a stalled reader costs the sender 372 MB
@@ -43,13 +46,26 @@ CHANNELS = (
 BY_KIND = {channel.kind: channel for channel in CHANNELS}
 STATUS = BY_KIND["status"]
 
-# The frames' way: each service and the service whose frames it takes. A later one ends the run when it has the last frame.
+# The frames' way: each service, the service whose frames it takes, and of which kind. A later one ends the run when it has the last frame.
+# With a rig of cameras `fuse` stands between capture and sampler: services/runtime/instances.py says who is whose upstream in a run.
 UPSTREAM: dict[Service, Service | None] = {
-    "capture": None, "sampler": "capture", "renderer": "sampler", "plate": None, "fixtures": "sampler", "fuse": "capture"
+    "capture": None, "fuse": "capture", "sampler": "capture", "renderer": "sampler", "plate": None, "fixtures": "sampler"
 }  # fmt: skip
-# The frames that a service counts and another one steps on. `fuse` publishes `points` beside each.
+TAKES: dict[Service, str] = {"fuse": "map", "sampler": "map", "renderer": "lights", "fixtures": "lights"}
+# The frames that a service counts. `fuse` publishes a map beside each.
 FRAMES: dict[Service, Channel] = {
-    producer: channel for channel in reversed(CHANNELS) for producer in channel.producers if producer in UPSTREAM
+    "capture": BY_KIND["map"],
+    "fuse": BY_KIND["points"],
+    "sampler": BY_KIND["lights"],
+    "renderer": BY_KIND["image"],
+    "plate": BY_KIND["plate"],
+    "fixtures": BY_KIND["levels"],
 }
 LAST: Service = "renderer"
-BACKPRESSURE_FROM: dict[Service, Service] = {"sampler": "renderer"}  # live: whose status a service receives
+BACKPRESSURE_FROM: dict[Service, Service] = {"sampler": "renderer"}  # live: of which kind of service it receives the statuses
+
+
+def service_of(instance: Instance) -> Service:
+    """What an instance is one of."""
+    name, _, _ = instance.partition(".")
+    return cast(Service, name)

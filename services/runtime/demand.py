@@ -28,9 +28,10 @@ RETRY_S = 1.0  # after so long without the frame that is due, it is requested ag
 class Pull:
     """The consumer's end, on a DEALER socket."""
 
-    def __init__(self, socket: Any, stats: ServiceStats) -> None:
+    def __init__(self, socket: Any, kind: str, stats: ServiceStats) -> None:
+        """`kind`: of the frames that are wanted; a producer may send others beside them."""
         self.socket = socket
-        self._stats = stats
+        self._kind, self._stats = kind, stats
         self.end: int | None = None  # the number of the first frame that will not come, once known
         self._requested_until = 0
         self._waiting_since_s = float("-inf")
@@ -54,7 +55,7 @@ class Pull:
                 continue
             if isinstance(header, wire.EndMessage):
                 self.end = header.sequence
-            elif isinstance(header, wire.FrameHeader) and header.stamp.sequence == due:
+            elif isinstance(header, wire.FrameHeader) and header.stamp.sequence == due and header.kind == self._kind:
                 self._waiting_since_s = time.monotonic()
                 self._request(due + 1)
                 return header, arrays
@@ -94,7 +95,7 @@ class Supply:
         self.socket = socket
         self._stats = stats
         self._requests: dict[bytes, _Request] = {}  # by consumer
-        self._packed: OrderedDict[int, tuple[wire.Message, list[zmq.Frame]]] = OrderedDict()  # the last frames sent, by number
+        self._packed: OrderedDict[tuple[int, str], tuple[wire.Message, list[zmq.Frame]]] = OrderedDict()  # the last sent, by number, kind
 
     def earliest_requested(self) -> int | None:
         """Takes the requests that wait; the number of the earliest frame that somebody wants."""
@@ -130,8 +131,12 @@ class Supply:
             raise ValueError(f"a request of one more than {MAX_CONSUMERS} consumers")
         del self._requests[longest]
 
-    def send(self, frame: Callable[[int], wire.Message | None], end: int | None) -> None:
-        """Sends every requested frame that `frame` can give, and the end to whoever requests a frame after it."""
+    def send(
+        self, frame: Callable[[int], wire.Message | None], end: int | None, beside: Callable[[int], wire.Message] | None = None
+    ) -> None:
+        """Sends every requested frame that `frame` can give, and the end to whoever requests a frame after it. `beside`: what goes
+        before a frame that can be given, of another kind.
+        """
         now_s = time.monotonic()
         for consumer, (first, until, full_since_s, sender) in list(self._requests.items()):
             try:
@@ -140,7 +145,8 @@ class Supply:
                         self._send(consumer, wire.pack(wire.EndMessage(sequence=end)))
                         first = until
                     elif message := frame(first):
-                        self._send(consumer, self._parts(first, message))
+                        for each in (*((beside(first),) if beside else ()), message):
+                            self._send(consumer, self._parts(first, each))
                         first, full_since_s = first + 1, math.inf
                     else:
                         break
@@ -162,10 +168,10 @@ class Supply:
 
     def _parts(self, sequence: int, message: wire.Message) -> list[zmq.Frame]:
         """The message's parts in memory that all consumers share, also in their queues."""
-        known, parts = self._packed.get(sequence, (None, []))
+        known, parts = self._packed.get((sequence, message[0].kind), (None, []))
         if known is not message:
             parts = [zmq.Frame(part) for part in wire.pack(*message)]
-            self._packed[sequence] = message, parts
-            if len(self._packed) > WINDOW_FRAMES:
+            self._packed[sequence, message[0].kind] = message, parts
+            if len(self._packed) > 2 * WINDOW_FRAMES:  # of two kinds at most
                 self._packed.popitem(last=False)
         return parts

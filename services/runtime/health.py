@@ -4,7 +4,7 @@ import sys
 import time
 
 from vemlight.runtime import wire
-from vemlight.runtime.channels import REPORT_PERIOD_S, STATUS, Service
+from vemlight.runtime.channels import REPORT_PERIOD_S, STATUS, Instance
 from vemlight.runtime.peers import receive
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
@@ -12,7 +12,7 @@ from vemlight.settings import Settings
 STATUS_TIMEOUT_S = (1 + STATUS.max_missed) * REPORT_PERIOD_S  # connecting and the keys' handshake take under 0.1 s
 
 
-def next_status(settings: Settings, service: Service, timeout_s: float) -> wire.StatusMessage | None:
+def next_status(settings: Settings, service: Instance, timeout_s: float) -> wire.StatusMessage | None:
     """The next status that `service` publishes, or None when none comes in time. Raises UserError for keys that cannot be used."""
     transport = Transport(settings.wire)
     try:
@@ -34,7 +34,7 @@ def next_status(settings: Settings, service: Service, timeout_s: float) -> wire.
         transport.close()
 
 
-def check_health(settings: Settings, service: Service) -> None:
+def check_health(settings: Settings, service: Instance) -> None:
     """Prints how `service` is doing; exits with status 1 and one line on stderr when no status comes within STATUS_TIMEOUT_S.
 
     Raises UserError for keys that cannot be used.

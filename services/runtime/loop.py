@@ -15,8 +15,9 @@ import zmq
 from vemlight.errors import UserError
 from vemlight.files import one_line
 from vemlight.runtime import wire
-from vemlight.runtime.channels import BACKPRESSURE_FROM, FRAMES, LAST, UPSTREAM, Service
+from vemlight.runtime.channels import BACKPRESSURE_FROM, LAST, TAKES, Instance, Service
 from vemlight.runtime.demand import Supply
+from vemlight.runtime.instances import Input, instance_of, producer, upstream
 from vemlight.runtime.peers import WORK
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.sync import Lockstep, NearestInTime, receive_all
@@ -39,8 +40,8 @@ class Stage(Protocol[State]):
 
     service: Service
 
-    def side_inputs(self, state: State) -> tuple[Service, ...]:
-        """The services whose frames of the same moment are given to `on_message` before a step; in lossless mode always the same."""
+    def side_inputs(self, state: State) -> tuple[str, ...]:
+        """The kinds of frames of the same moment that are given to `on_message` before a step; in lossless mode always the same."""
         ...
 
     def first_missing_frame(self) -> int:
@@ -106,23 +107,31 @@ def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
     """
     transport = Transport(settings.wire)
     try:
-        stats = ServiceStats(stage.service, restarts)
-        publisher = transport.bind(stage.service, "publish")
+        name = instance_of(settings, stage.service)
+        stats = ServiceStats(name, restarts)
+        publisher = transport.bind(name, "publish")
         if settings.mode == "lossless":
-            _run_lossless(stage, transport, publisher, stats, StopSignal(), settings.out)
+            _run_lossless(stage, settings, transport, publisher, stats, StopSignal())
         else:
-            _run_live(stage, transport, publisher, stats, StopSignal())
+            _run_live(stage, settings, transport, publisher, stats, StopSignal())
     finally:
         transport.close()
 
 
-def _run_live(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
-    upstream = UPSTREAM[stage.service]
-    assert upstream
-    frames = transport.subscribe(upstream, FRAMES[upstream].kind, "status", "end")
-    control_sockets = [transport.subscribe("viewer", "control")]
-    if stage.service in BACKPRESSURE_FROM:
-        control_sockets.append(transport.subscribe(BACKPRESSURE_FROM[stage.service], "status"))
+def backpressure_from(settings: Settings, service: Service) -> tuple[Instance, ...]:
+    """Live: the instances whose statuses `service` receives."""
+    if service not in BACKPRESSURE_FROM:
+        return ()
+    return settings.wire.renderers or (instance_of(settings, BACKPRESSURE_FROM[service]),)
+
+
+def _run_live(
+    stage: Stage[State], settings: Settings, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal
+) -> None:
+    (before,) = upstream(settings, stage.service)
+    frames = transport.subscribe(before, TAKES[stage.service], "status", "end")
+    control_sockets = [transport.subscribe(instance_of(settings, "viewer"), "control")]
+    control_sockets += [transport.subscribe(name, "status") for name in backpressure_from(settings, stage.service)]
     nearest = NearestInTime(transport)
     poller = zmq.Poller()
     for socket in (frames, *control_sockets, publisher):
@@ -140,7 +149,8 @@ def _run_live(stage: Stage[State], transport: Transport, publisher: Any, stats: 
 
         if newest := input_.newest():
             assert isinstance(newest[0], wire.FrameHeader)
-            side_frames = nearest.frames_at(newest[0].stamp, stage.side_inputs(state), stats)
+            beside = [producer(settings, kind) for kind in stage.side_inputs(state)]
+            side_frames = nearest.frames_at(newest[0].stamp, beside, stats)
             state, _ = _step(stage, state, newest, side_frames, publisher, stats, _write_if_possible)
         if input_.end:
             if stage.service == LAST:
@@ -230,14 +240,17 @@ def _disk_needed(out: str, what: str) -> Iterator[None]:
         raise UserError(f"{out}: {what} cannot be written ({reason}); {hint}") from error
 
 
-def _run_lossless(stage: Stage[State], transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal, out: str) -> None:
-    upstream = UPSTREAM[stage.service]
-    assert upstream
-    supply = Supply(transport.bind(stage.service, "serve"), stats)
+def _run_lossless(
+    stage: Stage[State], settings: Settings, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal
+) -> None:
+    out = settings.out
+    (before,) = upstream(settings, stage.service)
+    supply = Supply(transport.bind(instance_of(settings, stage.service), "serve"), stats)
     first_missing = stage.first_missing_frame()
     is_last = stage.service == LAST
     state, due = stage.start_at(first_missing)
-    inputs = Lockstep(transport, (upstream, *stage.side_inputs(state)), stats)
+    beside = [producer(settings, kind) for kind in stage.side_inputs(state)]
+    inputs = Lockstep(transport, (Input(before, TAKES[stage.service]), *beside), stats)
     made: dict[int, wire.Message] = {}
 
     def write(stage: Stage[State], state: State, frame: wire.Message, stats: ServiceStats) -> None:

@@ -93,5 +93,9 @@ class Playback(NamedTuple):
             segment += self.loop and not self.is_whole and span > 1
         return moved._replace(cursor=cursor, segment=segment)
 
+    def in_step(self) -> "Playback":
+        """At the frame that the number says, where several sources show one moment; paused as it is."""
+        return self if self.paused else self._replace(cursor=float(self.sequence % self.frames))
+
     def _frame(self, at_s: float | None, default: int) -> int:
         return default if at_s is None else min(round(at_s * self.fps), self.frames - 1)

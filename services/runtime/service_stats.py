@@ -8,7 +8,7 @@ from statistics import median
 
 from vemlight.files import one_line
 from vemlight.runtime import wire
-from vemlight.runtime.channels import REPORT_PERIOD_S, Service
+from vemlight.runtime.channels import REPORT_PERIOD_S, Instance
 from vemlight.runtime.log_lines import LINE_PERIOD_S, LogLines
 from vemlight.runtime.peers import Peer
 
@@ -42,7 +42,7 @@ class LossCounter:
 class ServiceStats:
     """A service's counters and the times of its frames."""
 
-    def __init__(self, service: Service, restarts: int) -> None:
+    def __init__(self, service: Instance, restarts: int) -> None:
         self.service, self.restarts = service, restarts
         self.frames = self.skipped = self.dropped = self.refused = self.unwritten = 0
         self._newest: wire.Stamp | None = None

@@ -1,5 +1,6 @@
 """The loops of the services that frames come from: files played by the clock or on request, and cameras."""
 
+import math
 import os
 import time
 from typing import Any, Protocol
@@ -9,8 +10,9 @@ import numpy as np
 import zmq
 
 from vemlight.runtime import wire
-from vemlight.runtime.channels import SERVICES, Service
+from vemlight.runtime.channels import SERVICES, Instance, service_of
 from vemlight.runtime.demand import Supply
+from vemlight.runtime.instances import instance_of
 from vemlight.runtime.loop import CACHED_FRAMES, END_PERIOD_S, POLL_MS, StopSignal, publish, publish_status
 from vemlight.runtime.playback import Playback
 from vemlight.runtime.service_stats import ServiceStats
@@ -26,7 +28,7 @@ LISTENERS_S = 900.0  # then it plays in any case: compiling took 300 s on a mach
 class Source(Protocol):
     """Where frames come from."""
 
-    service: Service
+    service: Instance
     fps: float
     limit: int | None  # frames to be sent in all; None: no end, from the first again after the last
 
@@ -54,7 +56,7 @@ class Source(Protocol):
 class Camera(Protocol):
     """Where frames come from by themselves."""
 
-    service: Service
+    service: Instance
     limit: int | None  # frames to be sent in all; None: no end
 
     @property
@@ -73,8 +75,11 @@ class Camera(Protocol):
     def close(self) -> None: ...
 
 
-def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
-    """Runs a source: by the clock in live mode, on request in lossless mode. Raises UserError for addresses that are taken."""
+def run_source(settings: Settings, source: Source, restarts: int = 0, in_step: bool = False) -> None:
+    """Runs a source: by the clock in live mode, on request in lossless mode. Raises UserError for addresses that are taken.
+
+    in_step: one of several on this machine that show the same moments, also when one of them was restarted.
+    """
     transport = Transport(settings.wire)
     try:
         stats = ServiceStats(source.service, restarts)
@@ -84,7 +89,7 @@ def run_source(settings: Settings, source: Source, restarts: int = 0) -> None:
             _run_source_lossless(source, transport, publisher, stats, stop)
         else:
             _await_listeners(transport, publisher, stats, stop)
-            _run_source_live(source, transport, publisher, stats, stop)
+            _run_source_live(settings, source, transport, publisher, stats, stop, in_step)
     finally:
         transport.close()
 
@@ -94,7 +99,7 @@ class Listeners:
 
     def __init__(self, transport: Transport) -> None:
         named = os.environ.get(LISTENERS, "").split()
-        self.sockets = [transport.subscribe(service, "status") for service in SERVICES if service in named]
+        self.sockets = [transport.subscribe(name, "status") for name in named if service_of(name) in SERVICES]
         self._give_up_s = time.monotonic() + LISTENERS_S
 
     def awaited(self, stats: ServiceStats) -> bool:
@@ -111,24 +116,34 @@ def _await_listeners(transport: Transport, publisher: Any, stats: ServiceStats, 
         publish_status(publisher, stats)
 
 
-def _run_source_live(source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
+def _run_source_live(
+    settings: Settings, source: Source, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal, in_step: bool
+) -> None:
     """Plays as the controls say (`playback.py`); a frame whose time has passed is dropped and counted. Paused, the frame shown is sent
     again.
+
+    In step, frame 0 was due when the machine's monotonic clock began, the first frame played is the one that is due next, each is stamped
+    with the time when it was due, and of the controls only a pause is obeyed.
     """
-    controls = transport.subscribe("viewer", "control")
+    controls = transport.subscribe(instance_of(settings, "viewer"), "control")
     poller = zmq.Poller()
     poller.register(controls, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
     started_s, playback, said = time.monotonic(), Playback.start(len(source), source.fps), None
+    if in_step:
+        playback = Playback.start(len(source), source.fps, math.ceil(started_s * source.fps)).in_step()
+        playback, started_s = playback._replace(since=0), 0.0
+    first = playback.sequence
     while not stop.received:
-        ended = source.limit is not None and playback.sequence >= source.limit
+        ended = source.limit is not None and playback.sequence - first >= source.limit
         wait_s = END_PERIOD_S if ended else started_s + playback.time_s - time.monotonic()
         poller.poll(max(0, min(POLL_MS, round(wait_s * 1e3))))
         accept_subscriptions(publisher)
         for header, _ in receive_all(controls, stats):
             if isinstance(header, wire.ControlMessage):
-                source.on_control(header)
-                playback = playback.obeying(header)
+                obeyed = wire.ControlMessage(paused=header.paused) if in_step else header
+                source.on_control(obeyed)
+                playback = playback.obeying(obeyed)
         if ended:
             publish(publisher, (wire.EndMessage(sequence=playback.sequence), ()))
             time.sleep(END_PERIOD_S)
@@ -137,11 +152,13 @@ def _run_source_live(source: Source, transport: Transport, publisher: Any, stats
             stats.dropped += missed
             playback = playback.after(missed)
             step_began_s = time.monotonic()
+            playback = playback.in_step() if in_step else playback
             header, arrays = source.message(playback.sequence, playback.index, playback.time_s)
             if isinstance(header, wire.MapMessage):
                 header = msgspec.structs.replace(header, segment=playback.segment)
-            publish(publisher, (header, arrays))
-            stats.on_finished((header, arrays), time.monotonic() - step_began_s)
+            message = _seen_when_due((header, arrays), round(playback.time_s * 1e9)) if in_step else (header, arrays)
+            publish(publisher, message)
+            stats.on_finished(message, time.monotonic() - step_began_s)
             shown, playback = playback, playback.after(1)
             source.on_played(shown)
         status, news = stats.status_if_due(), (playback.segment, playback.paused, playback.at_end)
@@ -150,6 +167,15 @@ def _run_source_live(source: Source, transport: Transport, publisher: Any, stats
         if (status or news != said) and (about := source.about()):
             publish(publisher, about)
             said = news
+
+
+def _seen_when_due(message: wire.Message, due_ns: int) -> wire.Message:
+    """The frame with `due_ns` of the monotonic clock as the time when its light was seen."""
+    header, arrays = message
+    assert isinstance(header, wire.FrameHeader)
+    stamp = header.stamp
+    captured_ns = stamp.captured_ns - (stamp.monotonic_ns - due_ns)
+    return msgspec.structs.replace(header, stamp=msgspec.structs.replace(stamp, monotonic_ns=due_ns, captured_ns=captured_ns)), arrays
 
 
 def _is_paused(source: Source | Camera, controls: Any, stats: ServiceStats, before: bool) -> bool:
@@ -196,7 +222,7 @@ def run_camera(settings: Settings, camera: Camera, restarts: int = 0) -> None:
     stop = StopSignal()
     try:
         stats = ServiceStats(camera.service, restarts)
-        publisher, controls = transport.bind(camera.service, "publish"), transport.subscribe("viewer", "control")
+        publisher, controls = transport.bind(camera.service, "publish"), transport.subscribe(instance_of(settings, "viewer"), "control")
         listeners = None if camera.limit is None else Listeners(transport)
         while not stop.received:
             accept_subscriptions(publisher)

@@ -8,17 +8,19 @@ from pathlib import Path
 
 from vemlight.errors import FatalError, UserError
 from vemlight.runtime.open_files import raise_file_limit
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import read_settings
 
 
-def start(main: Callable[[Settings, int], None], arguments: Sequence[str]) -> int:
+def start(main: Callable[..., None], arguments: Sequence[str]) -> int:
     """Runs a service with the settings file in `arguments`, if there is one, and as many open files as it may have.
+
+    main: takes the settings, how often the service was restarted, and what follows the settings' file in `arguments`.
 
     Returns 0 when it was stopped or is done, 2 for what the user must correct (one line on stderr), 1 for our own fault.
     """
     raise_file_limit()
     try:
-        main(read_settings(Path(arguments[0]) if arguments else None), int(os.environ.get("VEMLIGHT_RESTARTS", "0")))
+        main(read_settings(Path(arguments[0]) if arguments else None), int(os.environ.get("VEMLIGHT_RESTARTS", "0")), *arguments[1:])
     except UserError as error:
         print(f"vemlight: {error}", file=sys.stderr)
         return 2

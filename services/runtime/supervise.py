@@ -19,8 +19,9 @@ import zmq
 
 from vemlight.compiling import COMPILING, compiled_by, compiling_file
 from vemlight.runtime import wire
-from vemlight.runtime.channels import LAST, Service
+from vemlight.runtime.channels import LAST, Instance, service_of
 from vemlight.runtime.children import die_with
+from vemlight.runtime.instances import instance_of, started
 from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
@@ -45,11 +46,11 @@ TERMINATED = 128 + signal.SIGTERM  # as shells count
 
 
 class Child:
-    """One service's process, and when it died."""
+    """One instance's process, and when it died."""
 
-    def __init__(self, service: Service, settings_file: Path, listeners: Sequence[Service] = ()) -> None:
-        """`listeners`: services that the first process waits for before it plays frames, if it is a source."""
-        self.service: Service = service
+    def __init__(self, service: Instance, settings_file: Path, listeners: Sequence[Instance] = ()) -> None:
+        """`listeners`: those that the first process waits for before it plays frames, if it is a source."""
+        self.service: Instance = service
         self._settings_file, self._listeners = settings_file, " ".join(listeners)
         self.restarts = 0
         self._deaths_s: deque[float] = deque(maxlen=MAX_DEATHS)
@@ -65,10 +66,13 @@ class Child:
             LISTENERS: "" if self.restarts else self._listeners,
         }
         self._started_s = time.monotonic()
-        self.process = spare.become(Role(self.service, [str(self._settings_file)], environment)) if spare else None
+        _, _, name = self.service.partition(".")
+        of_rig = [name] if name and service_of(self.service) == "capture" else []
+        role = Role(service_of(self.service), [str(self._settings_file), *of_rig], environment)
+        self.process = spare.become(role) if spare else None
         # Its own process group: Ctrl-C reaches the supervisor alone, which then stops the services in good order.
         self.process = self.process or subprocess.Popen(
-            [sys.executable, "-m", f"vemlight.{self.service}", str(self._settings_file)],
+            [sys.executable, "-m", f"vemlight.{role.service}", *role.arguments],
             env={**QUIET_BLAS, **os.environ, **environment},
             process_group=0,
             preexec_fn=partial(die_with, os.getpid()),
@@ -141,10 +145,11 @@ class Supervisor:
 
     def __init__(self, settings: Settings, settings_file: Path) -> None:
         self._settings, self._file, self._folder = settings, settings_file, settings_file.parent
-        names = settings.services
+        names = started(settings)
+        self._last = instance_of(settings, LAST)
         self._children = {name: Child(name, settings_file, [other for other in names if other != name]) for name in names}
         self._transport = Transport(settings.wire)
-        self._statuses = [self._transport.subscribe(service, "status") for service in settings.services]
+        self._statuses = [self._transport.subscribe(name, "status") for name in names]
         self._newest: dict[str, wire.StatusMessage] = {}
         self._signals, self._interrupted = 0, False
         self._spare: Spare | None = None
@@ -182,7 +187,7 @@ class Supervisor:
                 if child.process and (ended := child.process.poll()) is not None:
                     if self._signals:  # it was sent to the services, too
                         break
-                    if ended == 2 or (ended == 0 and child.service == LAST):
+                    if ended == 2 or (ended == 0 and child.service == self._last):
                         return ended
                     if reason := child.plan_restart(ended):
                         print(f"vemlight: {reason}", file=sys.stderr, flush=True)
@@ -219,7 +224,7 @@ class Supervisor:
 
     def _print_progress(self) -> None:
         """A line while files are written; a live run has its page."""
-        last = self._newest.get(LAST)
+        last = self._newest.get(self._last)
         if self._settings.out and last and last.sequence is not None and last.sequence >= self._printed:
             self._printed = last.sequence + 1
             wanted = f" of {self._settings.capture.frames}" if self._settings.capture.frames else ""

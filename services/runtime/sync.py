@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import zmq
 
 from vemlight.runtime import wire
-from vemlight.runtime.channels import FRAMES, Service
 from vemlight.runtime.demand import Pull
+from vemlight.runtime.instances import Input
 from vemlight.runtime.peers import receive
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport
@@ -32,27 +32,27 @@ class NearestInTime:
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
-        self._subscriptions: dict[Service, _Subscription] = {}
+        self._subscriptions: dict[Input, _Subscription] = {}
 
-    def frames_at(self, stamp: wire.Stamp, services: Sequence[Service], stats: ServiceStats) -> list[wire.Message]:
-        """One frame of each of `services` that has sent any since it was first asked for here. Unsubscribes from all others."""
-        for service, (socket, _) in list(self._subscriptions.items()):
-            if service not in services:
+    def frames_at(self, stamp: wire.Stamp, inputs: Sequence[Input], stats: ServiceStats) -> list[wire.Message]:
+        """One frame of each of `inputs` that has sent any since it was first asked for here. Unsubscribes from all others."""
+        for wanted, (socket, _) in list(self._subscriptions.items()):
+            if wanted not in inputs:
                 socket.close()
-                del self._subscriptions[service]
-        for service in services:
-            if service not in self._subscriptions:
-                socket = self._transport.subscribe(service, FRAMES[service].kind)
-                self._subscriptions[service] = _Subscription(socket, deque(maxlen=LAST_FRAMES))
+                del self._subscriptions[wanted]
+        for wanted in inputs:
+            if wanted not in self._subscriptions:
+                socket = self._transport.subscribe(wanted.instance, wanted.kind)
+                self._subscriptions[wanted] = _Subscription(socket, deque(maxlen=LAST_FRAMES))
         nearest = []
         for socket, frames in self._subscriptions.values():
             frames.extend(message for message in receive_all(socket, stats) if isinstance(message[0], wire.FrameHeader))
             if frames:
-                nearest.append(min(frames, key=lambda message: _distance_ns(message[0], stamp)))
+                nearest.append(min(frames, key=lambda message: distance_ns(message[0], stamp)))
         return nearest
 
 
-def _distance_ns(header: wire.Header, stamp: wire.Stamp) -> int:
+def distance_ns(header: wire.Header, stamp: wire.Stamp) -> int:
     """How far apart in time the light of a frame and that of `stamp` was seen."""
     assert isinstance(header, wire.FrameHeader)
     same_clock = stamp.boot_id and stamp.boot_id == header.stamp.boot_id
@@ -62,9 +62,9 @@ def _distance_ns(header: wire.Header, stamp: wire.Stamp) -> int:
 class Lockstep:
     """Lossless mode: the frames of one number, of a stage's own input and of its side inputs."""
 
-    def __init__(self, transport: Transport, services: Sequence[Service], stats: ServiceStats) -> None:
-        """`services`: first the one whose frames the stage steps on."""
-        self._pulls = [Pull(transport.request_from(service), stats) for service in services]
+    def __init__(self, transport: Transport, inputs: Sequence[Input], stats: ServiceStats) -> None:
+        """`inputs`: first the one whose frames the stage steps on."""
+        self._pulls = [Pull(transport.request_from(wanted.instance), wanted.kind, stats) for wanted in inputs]
         self._received: dict[Pull, wire.Message] = {}
 
     @property
@@ -72,12 +72,17 @@ class Lockstep:
         """The number of the first frame that will not come, once known."""
         return self._pulls[0].end
 
+    @property
+    def earliest_end(self) -> int | None:
+        """The same where the end of any input is the end of all."""
+        return min((pull.end for pull in self._pulls if pull.end is not None), default=None)
+
     def awaited(self) -> list[Any]:
         """The sockets that still owe a frame."""
         return [pull.socket for pull in self._pulls if pull not in self._received]
 
     def frames(self, due: int) -> list[wire.Message] | None:
-        """Frame `due` of each service, in their order, once all have come; requests more."""
+        """Frame `due` of each input, in their order, once all have come; requests more."""
         for pull in self._pulls:
             if pull not in self._received and (message := pull.frame(due)):
                 self._received[pull] = message

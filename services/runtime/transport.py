@@ -18,7 +18,7 @@ import zmq
 from vemlight.errors import UserError
 from vemlight.files import read_file, writing_to
 from vemlight.runtime import wire
-from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Service
+from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Instance, service_of
 from vemlight.runtime.peer_guard import PeerGuard
 from vemlight.runtime.peers import receive
 from vemlight.settings import Wire
@@ -60,20 +60,31 @@ def runtime_folder(settings: Wire) -> Path:
         raise UserError(f"{folder}: cannot hold the sockets ({error.strerror}); set [wire] folder to one you own") from error
     if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
         raise UserError(f"{folder}: others may use the sockets in it; run `chmod 700 {folder}` or set [wire] folder")
-    longest = max(len(f"{folder}/{service}.{role}".encode()) for service in SERVICES for role in ROLES)
+    longest = max(len(f"{folder}/{name}.{role}".encode()) for name in (*SERVICES, *settings.names.values()) for role in ROLES)
     if longest > MAX_SOCKET_PATH:
-        raise UserError(
-            f"{folder}: is too long a path for a socket ({longest} of {MAX_SOCKET_PATH} bytes); set [wire] folder to a shorter one"
-        )
+        raise UserError(_too_long(folder, longest))
     return folder
 
 
-def endpoint(settings: Wire, service: Service, role: Role) -> str:
-    """Where a socket of `service` is reached."""
+def _too_long(folder: Path, longest: int) -> str:
+    return f"{folder}: is too long a path for a socket ({longest} of {MAX_SOCKET_PATH} bytes); set [wire] folder to a shorter one"
+
+
+def endpoint(settings: Wire, name: Instance, role: Role) -> str:
+    """Where a socket of the service or instance `name` is reached. Raises UserError where it has none."""
     if settings.transport == "ipc":
-        return f"ipc://{runtime_folder(settings)}/{service}.{role}"
-    host = settings.hosts.get(service, "127.0.0.1")
-    return f"tcp://{host}:{settings.port + 2 * SERVICES.index(service) + ROLES.index(role)}"
+        path = runtime_folder(settings) / f"{name}.{role}"
+        if len(bytes(path)) > MAX_SOCKET_PATH:
+            raise UserError(_too_long(path.parent, len(bytes(path))))
+        return f"ipc://{path}"
+    service = service_of(name)
+    host = settings.hosts.get(name) or settings.hosts.get(service, "127.0.0.1")
+    first = settings.ports.get(name)
+    if first is None and name != service:
+        raise UserError(f'[wire] ports: has none for {name}; give each its own two, such as ports = {{"{name}" = 5620}}')
+    if first is None:
+        first = settings.port + 2 * SERVICES.index(service)
+    return f"tcp://{host}:{first + ROLES.index(role)}"
 
 
 class Keys(NamedTuple):
@@ -105,7 +116,7 @@ class Transport:
         if settings.transport == "tcp" and settings.keys:
             self._keys = read_keys(Path(settings.keys))
 
-    def bind(self, service: Service, role: Role, send_buffer: int = -1) -> Any:
+    def bind(self, service: Instance, role: Role, send_buffer: int = -1) -> Any:
         """The socket that `service` binds: XPUB or ROUTER. send_buffer: bytes that the kernel keeps for a peer; -1: as it likes.
 
         Raises UserError when the address is taken.
@@ -132,7 +143,7 @@ class Transport:
             raise UserError(f"{address}: {service} cannot listen there ({error.strerror}); stop what holds it or change [wire]") from error
         return socket
 
-    def subscribe(self, service: Service, *kinds: str) -> Any:
+    def subscribe(self, service: Instance, *kinds: str) -> Any:
         """A SUB socket that receives these kinds of message from `service`; it may be made before the other is there."""
         takes_frames = any(wire.KINDS[kind].ARRAYS for kind in kinds)
         max_part = wire.MAX_PART if takes_frames else wire.MAX_HEADER + KEYS_OVERHEAD
@@ -142,7 +153,7 @@ class Transport:
         self._connect(socket, service, "publish", takes_frames)
         return socket
 
-    def request_from(self, service: Service) -> Any:
+    def request_from(self, service: Instance) -> Any:
         """A DEALER socket that requests frames from `service`."""
         socket = self._socket(zmq.DEALER, QUEUE_FRAMES, wire.MAX_PART)
         self._connect(socket, service, "serve", takes_frames=True)
@@ -160,7 +171,7 @@ class Transport:
             claimed.lock_path.unlink(missing_ok=True)
             os.close(claimed.lock)
 
-    def _claim(self, service: Service, role: Role) -> None:
+    def _claim(self, service: Instance, role: Role) -> None:
         """Locks an ipc socket's address: binding would silently take over its file from another process."""
         if self.settings.transport != "ipc":
             return
@@ -189,7 +200,7 @@ class Transport:
             socket.curve_publickey, socket.curve_secretkey = self._keys
         return socket
 
-    def _connect(self, socket: Any, service: Service, role: Role, takes_frames: bool) -> None:
+    def _connect(self, socket: Any, service: Instance, role: Role, takes_frames: bool) -> None:
         if self._keys:
             socket.curve_serverkey = self._keys.public
         self._guard_of_peers().watch(socket, service, accepts=False, takes_frames=takes_frames)

@@ -144,7 +144,24 @@ class LevelsReport(Report, frozen=True, tag="levels"):
     packets: Annotated[Count, Meta(description="sent since the start")] = 0
 
 
-AnyReport = MapReport | LightsReport | ImageReport | LevelsReport
+class PointsReport(Report, frozen=True, tag="points"):
+    """Measured while the maps of several cameras became one."""
+
+    cameras: Annotated[Count, Meta(description="whose maps are in the newest frame")] = 0
+    silent_cameras: Annotated[Count, Meta(title="silent", description="cameras of the rig that are left out because nothing comes")] = 0
+    sources: Annotated[Count, Meta(description="compact sources of light, in all maps")] = 0
+    located: Annotated[Count, Meta(title="near lights", description="located and tracked")] = 0
+    hidden: Annotated[Count, Meta(title="hidden lights", description="of them, those not seen well enough in the newest frame")] = 0
+    unexplained: Annotated[
+        Count, Meta(description="sources that two cameras should see and no place explains: a pose may be wrong")
+    ] = 0
+    uncovered_ratio: Annotated[float, Meta(ge=0, le=1, title="uncovered", description="fraction of the map that no camera sees")] = 0.0
+    spread_ms: Annotated[
+        Milliseconds, Meta(title="spread in time", description="between the earliest and the latest map of the newest frame")
+    ] = 0.0
+
+
+AnyReport = MapReport | LightsReport | ImageReport | LevelsReport | PointsReport
 
 
 class Array(NamedTuple):
@@ -248,6 +265,7 @@ class PointsMessage(FrameHeader, frozen=True, tag="points"):
     )
     count: Annotated[int, Meta(ge=0, le=MAX_NEAR_LIGHTS)]
     at: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)  # the place that the map and directional lights of this stamp are true for
+    report: PointsReport = PointsReport()
 
     def check(self, arrays: Sequence[np.ndarray]) -> None:
         if fault := NearLightSet(*arrays).fault():

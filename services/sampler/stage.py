@@ -10,7 +10,8 @@ from vemlight import settings
 from vemlight.files import notice
 from vemlight.journal import JOURNAL_START
 from vemlight.light.bright_cells import BrightCells
-from vemlight.light.light_set import ErrorOfLights, LightSet, LightsFile
+from vemlight.light.light_set import ErrorOfLights, LightSet, LightsFile, NearLights
+from vemlight.light.near_lights import NearLightSet
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.output_folder import LIGHTS, SNAPSHOTS
@@ -21,16 +22,41 @@ from vemlight.sampler.state import SamplerState, initial_state, state_after_jump
 from vemlight.sampler.step import step
 
 WARM_FRAMES = 32  # more than the 24 after which the search for flicker begins; any larger value does, and takes longer
+FORGOTTEN = 8  # statuses, which come twice a second: a renderer that starts its programs anew is silent for 2 s. 4 to 20 would do
 WARM_FPS = 21.0  # at which lamps of 100 Hz are seen to flicker
 
 
+class Budget(NamedTuple):
+    """Lights that a renderer can draw in its time, 0 without a limit, and how many statuses of others came since it said so."""
+
+    renderer: str
+    lights: int
+    others: int = 0
+
+
 class StageState(NamedTuple):
-    """The sampler's state and the settings in force, which the viewer's controls change."""
+    """The sampler's state, the settings in force, which the viewer's controls change, and the near lights beside the newest map."""
 
     settings: settings.Sampler
     sampler: SamplerState
-    light_budget: int  # lights that the renderer can draw in its time; 0: no limit
+    budgets: tuple[Budget, ...] = ()
+    near: NearLights | None = None
     segment: int = 0  # of the last map
+
+    @property
+    def light_budget(self) -> int:
+        """Lights that the fastest renderer can draw, 0 without a limit: a slower one draws the strongest of them."""
+        lights = [budget.lights for budget in self.budgets]
+        return 0 if 0 in lights else max(lights, default=0)
+
+
+def budgets_after(budgets: tuple[Budget, ...], status: wire.StatusMessage) -> tuple[Budget, ...]:
+    """With what a renderer's status says; without those that have been silent for FORGOTTEN statuses of each other one."""
+    if not isinstance(status.report, wire.ImageReport):
+        return budgets
+    others = [budget._replace(others=budget.others + 1) for budget in budgets if budget.renderer != status.service]
+    heard = [budget for budget in others if budget.others <= FORGOTTEN * len(others)]
+    return (*heard, Budget(status.service, status.report.light_budget))
 
 
 class SamplerStage:
@@ -45,6 +71,7 @@ class SamplerStage:
         self._snapshots = Snapshots(Path(settings.out) / SNAPSHOTS) if settings.out and self._is_lossless else None
         until = self._snapshots.newest_end if self._snapshots else JOURNAL_START
         self._file = LightsFile(Path(settings.out) / LIGHTS, self._is_lossless, until) if settings.out else None
+        self._points = ("points",) if settings.rig.file and settings.out else ()
         self._warned = False
         warm(settings.sampler)
 
@@ -54,10 +81,11 @@ class SamplerStage:
     def start_at(self, target: int) -> tuple[StageState, int]:
         """From the newest snapshot before the target, or from the first frame: the filters remember."""
         found = self._snapshots.before(target) if self._snapshots else None
-        return StageState(self._settings, found.state if found else initial_state(), 0), found.frames if found else 0
+        return StageState(self._settings, found.state if found else initial_state()), found.frames if found else 0
 
-    def side_inputs(self, state: StageState) -> tuple[Service, ...]:
-        return ()
+    def side_inputs(self, state: StageState) -> tuple[str, ...]:
+        """Near lights where they are written beside the lights."""
+        return self._points
 
     def step(self, state: StageState, message: wire.Message) -> tuple[StageState, wire.Message]:
         header, (radiance, *bright) = message
@@ -88,9 +116,11 @@ class SamplerStage:
         return state._replace(sampler=sampler, segment=header.segment), (lights_header, arrays)
 
     def on_message(self, state: StageState, message: wire.Message) -> StageState:
-        header, _ = message
+        header, arrays = message
+        if isinstance(header, wire.PointsMessage):
+            return state._replace(near=NearLights(NearLightSet(*arrays), header.at))
         if isinstance(header, wire.StatusMessage):
-            return state._replace(light_budget=header.report.light_budget) if isinstance(header.report, wire.ImageReport) else state
+            return state._replace(budgets=budgets_after(state.budgets, header))
         assert isinstance(header, wire.ControlMessage)
         configured = self._settings
         name = "none" if header.filtered is False else configured.filter
@@ -108,7 +138,7 @@ class SamplerStage:
         if self._file:
             self._file.append(
                 LightSet(*arrays[:-2]), header.stamp.sequence, header.stamp.time_s, header.coverage,
-                ErrorOfLights(error, limit) if limit else None,
+                ErrorOfLights(error, limit) if limit else None, state.near,
             )  # fmt: skip
             if self._snapshots and self._file.count % SNAPSHOT_FRAMES == 0:
                 self._snapshots.add(Snapshot(self._file.end, state.sampler))

@@ -1,11 +1,11 @@
 """What the viewer has received of each service, and the judgement on it: who works, who waits, who is silent. The clock is passed in."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple, get_args
 
 from vemlight.compiling import compiled_by
 from vemlight.runtime import wire
-from vemlight.runtime.channels import FRAMES, STATUS, UPSTREAM, Service
+from vemlight.runtime.channels import FRAMES, REPORT_PERIOD_S, STATUS, Instance, service_of
 
 # not seen: nothing yet. starting: a status but no frame yet. live: frames come. waiting: no frames because the service before it has none.
 # stalled: statuses come, and frames do not. silent: not even statuses. finished: its stream has ended.
@@ -27,7 +27,10 @@ class Judgement(NamedTuple):
 class LastReceived:
     """The newest of what came from one service, and when: monotonic seconds."""
 
-    def __init__(self) -> None:
+    def __init__(self, by_status: bool = False) -> None:
+        """by_status: its frames do not come here, and its status says that there are new ones."""
+        self.by_status = by_status
+        self.made = False  # whether it has made a frame
         self.status: wire.StatusMessage | None = None
         self.status_s = 0.0
         self.stamp: wire.Stamp | None = None
@@ -39,10 +42,12 @@ class LastReceived:
         """Takes the header of a message that came `now_s`."""
         match header:
             case wire.StatusMessage():
+                if self.by_status and header.sequence is not None and (self.status is None or header.frames != self.status.frames):
+                    self.frame_s, self.made, self.ended = now_s, True, False
                 self.status, self.status_s = header, now_s
             case wire.FrameHeader():
                 self.interval_s = now_s - self.frame_s if self.stamp else 0.0
-                self.stamp, self.frame_s, self.ended = header.stamp, now_s, False
+                self.stamp, self.frame_s, self.made, self.ended = header.stamp, now_s, True, False
             case wire.EndMessage():
                 self.ended = True
 
@@ -54,36 +59,41 @@ class LastReceived:
 class Liveness:
     """The judgement on the services that make frames."""
 
-    def __init__(self, services: Sequence[Service], fps: float, lossless: bool = False) -> None:
-        """`services`: each after its upstream. `fps`: of the source. `lossless`: frames are made on request, and a service without a new
-        one may just not be asked.
+    def __init__(self, upstreams: Mapping[Instance, Sequence[Instance]], fps: float, lossless: bool = False) -> None:
+        """`upstreams`: of each service, after them in order. `fps`: of the source. `lossless`: frames are made on request, and a service
+        without a new one may just not be asked.
+
+        Of several upstreams, the cameras of a rig, frames are not received, and one that is live is enough.
         """
-        self.last_received: dict[Service, LastReceived] = {service: LastReceived() for service in services}
+        several = {name for before in upstreams.values() if len(before) > 1 for name in before}
+        self.last_received: dict[Instance, LastReceived] = {name: LastReceived(by_status=name in several) for name in upstreams}
+        self._upstreams = upstreams
         self._fps, self._lossless = fps, lossless
 
-    def judge(self, now_s: float) -> dict[Service, Judgement]:
+    def judge(self, now_s: float) -> dict[Instance, Judgement]:
         """One judgement for each service, in the frames' order."""
-        judged: dict[Service, Judgement] = {}
-        for service in self.last_received:
-            upstream = UPSTREAM[service]
-            judged[service] = self._judge(service, now_s, upstream if upstream and judged[upstream].state != "live" else None)
+        judged: dict[Instance, Judgement] = {}
+        for name, before in self._upstreams.items():
+            blocked_by = before[0] if before and all(judged[each].state != "live" for each in before) else None
+            judged[name] = self._judge(name, now_s, blocked_by)
         return judged
 
-    def _judge(self, service: Service, now_s: float, blocked_by: Service | None) -> Judgement:
+    def _judge(self, service: Instance, now_s: float, blocked_by: Instance | None) -> Judgement:
         last = self.last_received[service]
         if last.ended:
             return Judgement("finished", "the stream has ended")
-        if last.status is None and last.stamp is None:
+        if last.status is None and not last.made:
             kernel = compiled_by(service)
             return Judgement("not seen", f"compiling {kernel}, at the first start" if kernel else "nothing received yet")
         slow_s = SLOW_STEPS * max(last.interval_s, (last.status.step_ms or 0.0) / 1e3 if last.status else 0.0)
         silent_s = now_s - max(last.status_s, last.frame_s)
         if silent_s > max(STATUS.timeout_s(self._fps), slow_s):  # a service publishes between two steps, never within one
             return Judgement("silent", f"silent for {_duration(silent_s)}")
-        if last.stamp is None:
+        if not last.made:
             return Judgement("starting", f"waiting for {blocked_by}" if blocked_by else "no frame yet")
 
-        stall_s = float("inf") if self._lossless else max(MIN_STALL_S, FRAMES[service].timeout_s(self._fps))
+        least_s = MIN_STALL_S + REPORT_PERIOD_S * last.by_status
+        stall_s = float("inf") if self._lossless else max(least_s, FRAMES[service_of(service)].timeout_s(self._fps))
         late_s = now_s - last.frame_s
         if late_s <= max(stall_s, slow_s):
             return Judgement("live", "live")

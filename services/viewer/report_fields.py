@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, get_type_hints
 import msgspec
 
 from vemlight.runtime import wire
-from vemlight.runtime.channels import FRAMES, Service
+from vemlight.runtime.channels import FRAMES, Instance, service_of
 
 UNITS = {"ms": "ms", "hz": "Hz", "frames": "frames"}  # by the last word of a field's name; counts have none
 
@@ -22,9 +22,9 @@ class ReportField(NamedTuple):
 
 
 @cache
-def report_fields(service: Service) -> tuple[ReportField, ...]:
+def report_fields(service: Instance) -> tuple[ReportField, ...]:
     """The fields of what `service` reports of its frames, in the order of their declaration; none where it reports nothing."""
-    report = get_type_hints(wire.KINDS[FRAMES[service].kind]).get("report")
+    report = get_type_hints(wire.KINDS[FRAMES[service_of(service)].kind]).get("report")
     if report is None:
         return ()
     hints = get_type_hints(report, include_extras=True)

@@ -14,7 +14,8 @@ from aiohttp import web
 
 from vemlight.errors import UserError
 from vemlight.runtime import wire
-from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, REPORT_PERIOD_S, Service
+from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, REPORT_PERIOD_S, Instance, service_of
+from vemlight.runtime.instances import instance_of
 from vemlight.runtime.log_lines import LogLines
 from vemlight.runtime.sync import receive_all
 from vemlight.runtime.token import is_loopback, with_token
@@ -47,7 +48,7 @@ async def view(settings: Settings, restarts: int) -> None:
     tasks: list[asyncio.Task[Any]] = []
     listener: asyncio.Server | None = None
     try:
-        publisher = transport.bind("viewer", "publish")
+        publisher = transport.bind(instance_of(settings, "viewer"), "publish")
         listener = await _listen(runner, settings.viewer, lines)
         for service in state.liveness.last_received:
             tasks.append(asyncio.create_task(receive(transport, service, state)))
@@ -101,9 +102,18 @@ def _own_address(everywhere: str) -> str:
             return "::1" if ":" in everywhere else "127.0.0.1"
 
 
-async def receive(transport: Transport, service: Service, state: ViewerState) -> None:
+def frames_shown(state: ViewerState, service: Instance) -> tuple[str, ...]:
+    """The kinds of messages that the page shows of a service beside its status: none of each camera of a rig, whose maps are many."""
+    if state.liveness.last_received[service].by_status:
+        return ()
+    kind = FRAMES[service_of(service)].kind
+    beside = {"fuse": ("map",), "capture": ("source",)}
+    return (kind, *beside.get(service_of(service), ()))
+
+
+async def receive(transport: Transport, service: Instance, state: ViewerState) -> None:
     """Takes all that waits from one service, and then again."""
-    socket = transport.subscribe(service, FRAMES[service].kind, "status", "end", *(["source"] if service == "capture" else []))
+    socket = transport.subscribe(service, *frames_shown(state, service), "status", "end")
     waiting = zmq.Socket.shadow(socket)
     while True:
         await socket.poll()

@@ -9,10 +9,12 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
-from vemlight.light.light_set import ErrorOfLights, LightSet, lights_json, lights_row
+from vemlight.light.light_set import ErrorOfLights, LightSet, NearLights, lights_json, lights_row
 from vemlight.light.lights_binary import binary_from_lights
+from vemlight.light.near_lights import NearLightSet
 from vemlight.runtime import wire
-from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Service
+from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Instance, service_of
+from vemlight.runtime.instances import instance_of, instances, upstream
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.token import is_loopback
 from vemlight.settings import Settings
@@ -27,10 +29,12 @@ from vemlight.viewer.sky_values import sky_values
 from vemlight.viewer.timeline import Timeline
 
 NO_CONTROLS = "in lossless mode every frame is made with the settings as they are, and controls have no effect; use live mode"
+NO_MASKS = "masks are drawn on the map of one camera, and here several are fused; leave them out, or cover the lens"
 NO_ARMING = (
     "whoever reaches this page could arm the fixtures, because it has no token: take [viewer] insecure out of the settings, or arm them "
     "there by [fixtures] arm"
 )
+LAST_NEAR = 32  # frames of near lights: many times what lights are behind their map
 EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false, "poses": [{"name": "box", "position": [0, 0, 1]}]}'
 
 
@@ -50,28 +54,30 @@ class ViewerState:
         self.picture = Feed(self._encode_picture, self.feeds_changed)
         self.summaries = Feed(msgspec.json.encode, self.feeds_changed)
         self.meter = Meter()
-        self.stats = ServiceStats("viewer", restarts)
+        self.name, self._last = instance_of(settings, "viewer"), instance_of(settings, LAST)
+        self.stats = ServiceStats(self.name, restarts)
         self.status: wire.StatusMessage | None = None
-        producers: list[Service] = [service for service in settings.services if service in UPSTREAM]
-        self.liveness = Liveness(producers, settings.capture.fps, settings.mode == "lossless")
+        makers = {name: upstream(settings, service_of(name)) for name in instances(settings) if service_of(name) in UPSTREAM}
+        self.liveness = Liveness(makers, settings.capture.fps, settings.mode == "lossless")
         self.pages = 0
         self._losses, self._light_count, self._encode_s = LossCounter(), 0, 0.0
         self._objects: tuple[wire.Pose, ...] = ()
         self.timeline = Timeline()
         self._ages = Ages()
+        self._near: dict[int, NearLights] = {}  # of the last frames, by number, the newest last
 
-    def take(self, service: Service, messages: list[wire.Message]) -> None:
+    def take(self, service: Instance, messages: list[wire.Message]) -> None:
         """Takes what came from one service, in order. Of its frames the newest is shown; the others count as skipped."""
         for header, arrays in messages:
             self.liveness.last_received[service].take(header, time.monotonic())
-            if service == LAST and isinstance(header, wire.ImageMessage):
+            if service == self._last and isinstance(header, wire.ImageMessage):
                 self._losses.on_frame()
-            elif service == LAST and isinstance(header, wire.StatusMessage):
+            elif service == self._last and isinstance(header, wire.StatusMessage):
                 self._losses.on_status(header.frames)
             elif isinstance(header, wire.SourceMessage):
                 self.timeline.take(header, arrays)
-        frames = [message for message in messages if isinstance(message[0], wire.FrameHeader)]
-        if frames:
+        for kind in {header.kind for header, _ in messages if isinstance(header, wire.FrameHeader)}:
+            frames = [message for message in messages if message[0].kind == kind]
             self._show(*frames[-1], passed_over=len(frames) - 1)
 
     def _show(self, header: wire.Header, arrays: tuple[np.ndarray, ...], passed_over: int) -> None:
@@ -80,10 +86,14 @@ class ViewerState:
                 self.disc.put(header, arrays[0])
                 self.sky.put(header, arrays[0])
                 self.meter.take_map(header, EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:4])))
+            case wire.PointsMessage():
+                self._near[header.stamp.sequence] = NearLights(NearLightSet(*arrays), header.at)
+                if len(self._near) > LAST_NEAR:
+                    del self._near[next(iter(self._near))]
             case wire.LightsMessage():
                 self._light_count = header.count
                 self.meter.take_lights(arrays[0], arrays[2])
-                self.lights.put(header, *arrays[:-2])
+                self.lights.put(header, self._near_of(header.stamp.sequence), *arrays[:-2])
                 self.lights_binary.put(header, *arrays[:-2])
             case wire.LevelsMessage():
                 self.levels.put(header, *arrays)
@@ -93,6 +103,11 @@ class ViewerState:
                 self._ages.take(wire.age_ms(header.stamp))
                 self.stats.skipped += passed_over
                 self.stats.on_finished((header, arrays), self._encode_s)
+
+    def _near_of(self, sequence: int) -> NearLights | None:
+        """The near lights of a frame, or the newest where those have not come; None where there is one camera."""
+        newest = next(reversed(self._near.values()), None)
+        return self._near.get(sequence, newest)
 
     def _encode_picture(self, pixels: np.ndarray) -> bytes:
         started_s = time.monotonic()
@@ -120,6 +135,8 @@ class ViewerState:
             control = msgspec.convert({key: value for key, value in whole.items() if value is not None}, wire.ControlMessage)
         except (ValueError, RecursionError) as error:
             raise UserError(f"control: {error}; send JSON like {EXAMPLE}") from error
+        if control.masks and self.settings.rig.file:
+            raise UserError(NO_MASKS)
         if control.armed and self.why_not_arm:
             raise UserError(self.why_not_arm)
         self.control = control
@@ -143,9 +160,9 @@ class ViewerState:
         judged = self.liveness.judge(time.monotonic())
         settings = self.settings
         rows = [service_row(service, judged[service], last) for service, last in self.liveness.last_received.items()]
-        own = {"service": "viewer", **status_fields(self.status), "state": "live", "text": "live"}
-        if judged[LAST].state not in HEALTHY:
-            own |= {"state": "waiting", "text": f"waiting for {LAST}", "rate_hz": 0.0}
+        own = {"service": self.name, "kind": "viewer", **status_fields(self.status), "state": "live", "text": "live"}
+        if judged[self._last].state not in HEALTHY:
+            own |= {"state": "waiting", "text": f"waiting for {self._last}", "rate_hz": 0.0}
         chosen = msgspec.structs.asdict(self.control)
         del chosen["version"]
         return {
@@ -177,7 +194,7 @@ def status_fields(status: wire.StatusMessage | None) -> dict[str, Any]:
     return msgspec.structs.asdict(status) | {"report": msgspec.structs.asdict(status.report) if status.report else {}}
 
 
-def service_row(service: Service, judgement: Judgement, last: LastReceived) -> dict[str, Any]:
+def service_row(service: Instance, judgement: Judgement, last: LastReceived) -> dict[str, Any]:
     """A service's newest status, with the judgement on it and what it publishes.
 
     `age_ms` is its newest frame's when it was done, or, when no more come, now.
@@ -185,13 +202,14 @@ def service_row(service: Service, judgement: Judgement, last: LastReceived) -> d
     status = status_fields(last.status)
     if judgement.state not in HEALTHY:
         status |= {"age_ms": last.age_ms()} | ({"rate_hz": 0.0} if last.status else {})
-    return {**status, "service": service, "publishes": FRAMES[service].meaning, "state": judgement.state, "text": judgement.text}
+    own = {"service": service, "kind": service_of(service)}
+    return {**status, **own, "publishes": FRAMES[service_of(service)].meaning, "state": judgement.state, "text": judgement.text}
 
 
-def _lights_line(header: wire.LightsMessage, *lights: np.ndarray) -> bytes:
+def _lights_line(header: wire.LightsMessage, near: NearLights | None, *lights: np.ndarray) -> bytes:
     report = header.report
     error = ErrorOfLights(100 * report.error_ratio, 100 * report.error_limit_ratio) if report.error_limit_ratio else None
-    row = lights_row(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage, error)
+    row = lights_row(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage, error, near=near)
     return lights_json(row)
 
 

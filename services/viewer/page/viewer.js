@@ -166,7 +166,7 @@ function passes(report) {
 }
 
 function byService(summary) {
-  return Object.fromEntries(summary.services.map((row) => [row.service, row]));
+  return Object.fromEntries(summary.services.map((row) => [row.kind, row]));
 }
 
 function showCards(summary) {
@@ -212,7 +212,7 @@ function newCard(row, fields) {
 // Over the pictures: what is awaited, or why the picture does not change.
 function showCovers(summary) {
   const of = byService(summary);
-  cover("sky", of.capture, Boolean(sky.image), summary.control.paused);
+  cover("sky", of.fuse ?? of.capture, Boolean(sky.image), summary.control.paused);
   cover("scene", of.renderer, Boolean(picture), false);
 }
 

@@ -29,7 +29,7 @@ from tests.support.hostile_peers.wire_attacks import ATTACKS, Attack
 from tests.support.processes import free_port
 from tests.support.viewer_process import SimulatedServices
 from vemlight.runtime import wire
-from vemlight.runtime.channels import Service
+from vemlight.runtime.channels import FRAMES, Service
 from vemlight.runtime.demand import Pull
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport, make_keys
@@ -119,7 +119,7 @@ class HonestPeer(threading.Thread):
         transport = Transport(self._settings.wire)
         stats, due = ServiceStats("viewer", 0), 0
         if self._settings.mode == "lossless":
-            pull = Pull(transport.request_from(self._service), stats)
+            pull = Pull(transport.request_from(self._service), FRAMES[self._service].kind, stats)
             while not self._ended:
                 if pull.frame(due):
                     due += 1

@@ -35,7 +35,7 @@ class MadeUpSampler:
 
     service: Service = "sampler"
 
-    def side_inputs(self, state: None) -> tuple[Service, ...]:
+    def side_inputs(self, state: None) -> tuple[str, ...]:
         return ()
 
     def first_missing_frame(self) -> int:

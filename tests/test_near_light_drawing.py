@@ -194,3 +194,23 @@ def test_a_state_drawn_again_gives_the_same_picture(tmp_path):
     renderer.state, renderer.near = state, near_lights((-0.3, 0.0, 1.2), radius=0.1)
     assert np.array_equal(renderer.picture(DARK), expected)
     renderer.release()
+
+
+CATCHER = '[[mesh]]\nshape = "plane"\nscale = 4.0\nmaterial = {catcher = true}\n'
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_a_catcher_loses_what_shadows_take_of_all_its_light_there(drawn, samples):
+    """A near and a directional light: alpha on the ground is the part of both together that the box takes."""
+    near, sun = near_lights((-0.3, -0.2, 1.2)), LightSet.of(np.zeros(1), np.array([[0.6, 0.0, 0.8]]), np.array([[1.5, 1.0, 0.5]]))
+    lit = {
+        name: drawn(ABOVE + GROUND + BOX, points, lights, samples=samples)[..., 0] * np.pi
+        for name, points, lights in (("near", near, DARK), ("sun", NearLightSet.empty(), sun))
+    }
+    whole = irradiance(near, ground_points())[..., 0] + 1.2
+    taken = 1 - (lit["near"] + lit["sun"]) / whole
+    picture = drawn(ABOVE + CATCHER + BOX, near, sun, samples=samples)
+    ground = picture[..., 0] == 0  # not the box
+    assert ground.sum() > 0.9 * ground.size
+    assert np.abs(picture[..., 3] - taken)[ground].max() < 0.01
+    assert taken[ground].max() > 0.3

@@ -21,6 +21,7 @@ from vemlight.renderer.frame import AccumulationPass, FrameInput, FramePlan, Fra
 from vemlight.renderer.frame_budget import (
     COARSE_WEIGHT,
     MAX_REDRAWN,
+    MIN_LIGHTS,
     WARM_UP_FRAMES,
     Budget,
     CostModel,
@@ -53,6 +54,7 @@ from vemlight.renderer.passes.near_lights.near_light_plan import (
     LitBy,
     NearBatch,
     joined,
+    may_be_coarse,
     near_batches,
     near_in_time,
     near_within,
@@ -261,7 +263,7 @@ def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Li
     most, near = affordable_lights(budget) or len(lights.ids) + len(shown.near.ids), NearLightSet.empty()
     if len(shown.near.ids):
         near = near_within(strongest_first(shown.near, state.placed), state.placed, lights, most)
-        most -= len(near.ids)
+        most = max(most - len(near.ids), MIN_LIGHTS)
     lights = strongest_lights(lights, most)
     if setup.traced:
         return _traced_in_time(setup, state._replace(bounce=budget.bounce), shown._replace(near=near), lights, budget)
@@ -301,8 +303,10 @@ def _traced_in_time(
     on_all = sum(weight * len(part) for weight, part in zip(weights, parts, strict=False)) + len(shown.near.ids)
     traced: list[TracedBatch] = []
     near_layers = None if seen_anew else state.near_layers
-    near = near_in_time(near_layers, shown.near, state.placed, _most_layers(setup.size), partial(affordable_traces, budget, on_all))
-    spent = float(len(near.batch.traced))  # lights traced so far, as many on all pixels
+    on_coarse = may_be_coarse(shown.near, state.placed, lights) & setup.coarse
+    paced = partial(affordable_traces, budget, on_all)
+    near = near_in_time(near_layers, shown.near, on_coarse, state.placed, _most_layers(setup.size), paced)
+    spent = near.batch.trace_work  # lights traced so far, as many on all pixels
     for weight, layers, part in zip(weights, kept, parts, strict=False):
         if layers and seen_anew:
             layers = TracedLayers.empty(len(layers.directions))
@@ -399,6 +403,8 @@ def _passes(
             if lighting.bounce and first and not lighting.coarse:
                 rows.append(pass_table.BOUNCE)
             runs += [PassRun(row, number, k) for row in rows]
+    if lighting.near and MaterialKind.SHADOW_CATCHER in setup.kinds:
+        runs.append(PassRun(pass_table.NEAR_MATTE))
     if shown.background or shown.plate or setup.scene.plate is not None:
         runs.append(PassRun(pass_table.COMPOSITING))
     return runs, g_buffer

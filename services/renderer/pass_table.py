@@ -55,9 +55,10 @@ NEAR_LIGHTS = Pass(
     "near lights",
     "lights",
     ("near lights", "G-buffer", "class depth", "near visibility"),
-    ("picture",),
+    ("picture", "near matte"),
     "passes/near_lights/near_lights.py",
 )
+NEAR_MATTE = Pass("near matte", "lights", ("matte", "near matte"), ("picture", "matte"), "passes/near_lights/near_matte.py")
 COARSE_SURFACES = Pass("coarse surfaces", "coarse surfaces", ("G-buffer",), ("coarse surfaces",), "passes/gbuffer/coarse_surfaces.py")
 WEAK_RAYS = Pass(
     "weak rays", "rays", ("lights", "pose", "coarse surfaces"), ("light frames", "coarse visibility"), "passes/lights/traced_visibility.py"
@@ -92,6 +93,6 @@ TONE_MAPPING = Pass(
 
 PASSES = (
     LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, EDGES, G_BUFFER, COARSE_SURFACES, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE,
-    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, NEAR_RAYS, NEAR_LIGHTS, MIRRORS, GLOSS, BOUNCE,
+    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, NEAR_RAYS, NEAR_LIGHTS, MIRRORS, GLOSS, BOUNCE, NEAR_MATTE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -117,6 +117,7 @@ class Renderer:
             pass_table.LIGHTS: self._add_lights,
             pass_table.NEAR_RAYS: self._trace_near,
             pass_table.NEAR_LIGHTS: self._add_near,
+            pass_table.NEAR_MATTE: self._add_near_matte,
             pass_table.COARSE_SURFACES: self._take_coarse,
             pass_table.WEAK_RAYS: self._trace_weak,
             pass_table.WEAK_LIGHTS: self._sum_weak,
@@ -210,7 +211,7 @@ class Renderer:
             self._coarse.rays.trace(batch, 0, 1, whole=False)
         for batch in restoring_near_batches(state.near_layers) if state.near_layers else ():
             assert self._rays
-            self._near().trace(self._rays, batch, 0, 1, whole=False)
+            self._near().trace(self._rays, batch, 0, 1, False, self._coarse)
 
     def _place(self, pose: ScenePose) -> None:
         """Moves the surfaces and the luminaires there."""
@@ -328,15 +329,25 @@ class Renderer:
         """What draws near lights, made when the first come."""
         if self._near_lights is None:
             regions = len(self.setup.shadows.regions.centres)
-            self._near_lights = NearLights(self._context, self._programs, set(self.setup.kinds), self.setup.size, regions)
+            kinds, size = set(self.setup.kinds), self.setup.size
+            self._near_lights = NearLights(self._context, self._programs, kinds, size, regions, self._shading)
         return self._near_lights
 
     def _trace_near(self, plan: FramePlan, run: PassRun) -> None:
         assert self._rays
-        self._near().trace(self._rays, plan.near[run.batch], run.sample, len(plan.samples), whole=plan.after.near_layers is None)
+        whole = plan.after.near_layers is None
+        self._near().trace(self._rays, plan.near[run.batch], run.sample, len(plan.samples), whole, self._coarse)
 
     def _add_near(self, plan: FramePlan, run: PassRun) -> None:
-        self._near().add(self._g_buffer, self._shading, plan.near[run.batch], 1 / len(plan.samples))
+        near = self._near()
+        if near.matte and run.batch == 0 and run.sample == 0:
+            near.matte.clear()
+        near.add(self._g_buffer, plan.near[run.batch], 1 / len(plan.samples), run.batch == 0)
+
+    def _add_near_matte(self, plan: FramePlan, _run: PassRun) -> None:
+        matte = self._near().matte
+        assert matte
+        matte.apply(plan.unshadowed)
 
     def _add_mirrors(self, plan: FramePlan, run: PassRun) -> None:
         assert self._mirrors

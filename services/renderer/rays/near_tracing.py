@@ -12,7 +12,7 @@ from numba import types
 from vemlight.kernels import kernel, subroutine
 from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.rays.hits import GOLDEN, across
-from vemlight.renderer.rays.soft_pattern import STRATA, ball_pattern
+from vemlight.renderer.rays.soft_pattern import STRATA, ball_pattern, live_ball_pattern
 from vemlight.renderer.rays.tracing import (
     ALIKE_RAD,
     COHERENT,
@@ -22,9 +22,7 @@ from vemlight.renderer.rays.tracing import (
     LEAST_SENT,
     OCCLUDED,
     ORIGIN,
-    PIXEL_AGREED,
     TILE,
-    TILE_AGREED,
     TIME,
     RayTracer,
     new_packet,
@@ -32,6 +30,7 @@ from vemlight.renderer.rays.tracing import (
     unanimous,
 )
 
+BALL_AGREED = 1  # ray of each pixel after which a tile is done live where all agree: its 16 rays go to 16 places spread over the ball
 LEAST_SINE = np.float32(1e-4)  # of a ball's radius as a surface sees it: a smaller one is a point; any value in 1e-5 .. 1e-3 does
 
 _occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
@@ -70,7 +69,7 @@ def trace_near(tracer: RayTracer, lights: NearLightSet, sample: int = 0, samples
     """
     surfaces, balls = tracer.surfaces, Balls.of(lights, tracer.scene.origin)
     arriving = np.empty((len(lights.ids), *surfaces.distances.shape), np.uint8)
-    offsets, agreed = ball_pattern(sample, samples), STRATA if whole else TILE_AGREED
+    offsets, agreed = (ball_pattern(sample, samples), STRATA) if whole else (live_ball_pattern(), BALL_AGREED)
 
     def own(rows: slice) -> None:
         seen = Seen(np.zeros(TILE * TILE, np.float32), np.zeros(TILE * TILE, np.float32), np.zeros((9, TILE * TILE), np.float32))
@@ -80,8 +79,17 @@ def trace_near(tracer: RayTracer, lights: NearLightSet, sample: int = 0, samples
     return arriving
 
 
+def spread(arriving: np.ndarray, weights: np.ndarray, step: int) -> np.ndarray:
+    """What arrives at each pixel (height, width) uint8 by what arrives at every `step`th one each way: the mean of the four about it, whose
+    weights (height, width, 4) uint8 sum to 255 or, where nothing is seen, to 0."""
+    spread_out = np.empty(weights.shape[:2], np.uint8)
+    _spread(arriving, weights, step, spread_out)
+    return spread_out
+
+
 def warm(tracer: RayTracer) -> None:
     """Compiles, or loads, what near lights need; the tracer has seen surfaces."""
+    spread(np.zeros((2, 2), np.uint8), np.zeros((4, 4, 4), np.uint8), 2)
     trace_near(tracer, NearLightSet.of(np.zeros(1), np.ones((1, 3)), np.ones((1, 3)), np.ones(1), np.ones(1)))
 
 
@@ -137,7 +145,7 @@ def _trace_ball(scene, packet, seen, balls, i, offsets, agreed):
     for k in range(TILE * TILE):
         packet.sent[k], packet.received[k] = 0, 0
     for turn in range(offsets.shape[0] if widest > 0 else 1):
-        if turn >= agreed and (alike or turn >= PIXEL_AGREED) and unanimous(packet):
+        if turn >= agreed and unanimous(packet):
             break
         wanted = 0
         for k in range(TILE * TILE):
@@ -169,3 +177,17 @@ def _trace_ball(scene, packet, seen, balls, i, offsets, agreed):
             for k in range(TILE * TILE):
                 if packet.wanted[k] != 0 and packet.far[k] >= 0:
                     packet.received[k] += packet.passed[k] * packet.rays[TIME, k]
+
+
+@kernel(nogil=True)
+def _spread(arriving, weights, step, spread_out):
+    rows, columns = arriving.shape
+    for y in range(weights.shape[0]):
+        top, bottom = y // step, min(y // step + 1, rows - 1)
+        for x in range(weights.shape[1]):
+            left, right = x // step, min(x // step + 1, columns - 1)
+            own = weights[y, x]
+            total = np.int32(own[0]) + np.int32(own[1]) + np.int32(own[2]) + np.int32(own[3])
+            value = np.int32(own[0]) * arriving[top, left] + np.int32(own[1]) * arriving[top, right]
+            value += np.int32(own[2]) * arriving[bottom, left] + np.int32(own[3]) * arriving[bottom, right]
+            spread_out[y, x] = np.uint8((value + total // 2) // max(total, np.int32(1)))

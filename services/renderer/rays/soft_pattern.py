@@ -35,8 +35,15 @@ def soft_pattern(sample: int, samples: int) -> SoftPattern:
 
 @cache
 def ball_pattern(sample: int, samples: int) -> np.ndarray:
-    """Offsets (k, 2, 16) float32 evenly over a disc of radius 1, likewise: where rays go on a ball, at a sample of each pixel's."""
+    """Offsets (k, 2, 16) float32 evenly over a disc of radius 1, likewise: where rays go on a ball, a pixel's with its other samples."""
     return _shared(sample, samples, _disc)
+
+
+@cache
+def live_ball_pattern() -> np.ndarray:
+    """The same of FEW rays of each pixel: 2 x 2 pixels have all strata together, and so have 4 x 4 with each of their rays."""
+    place = np.broadcast_to(PLACES.reshape(-1, 1), (STRATA, FEW))
+    return _disc((place // FEW + FEW * (np.arange(FEW) + place)) % STRATA, place)
 
 
 def _shared(part: np.ndarray | int, parts: int, spread: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None) -> np.ndarray:

@@ -74,6 +74,11 @@ class CoarseSurfaces:
                 program[name] = k
         return unit + len(textures)
 
+    def read_weights(self) -> np.ndarray:
+        """Of each pixel (height, width, 4) uint8, of 255, those of the coarse pixels about it: at its right and above, as `bind_beside`."""
+        width, height = self.weights.size
+        return np.frombuffer(self.weights.read(alignment=1), np.uint8).reshape(height, width, 4)
+
     def read_surfaces(self) -> VisibleSurfaces:
         """As GBuffer.read_surfaces."""
         return visible_surfaces(self._targets["surface_depth"], self._targets["surface_normals"], self._rays)

@@ -4,6 +4,8 @@ Exact at every distance and for every caster, where a map has texels. On a machi
 as much as its map and the lookups in it; on one with a card maps are far cheaper. Which lights a frame traces, its plan says.
 """
 
+from collections.abc import Iterator
+
 import moderngl
 import numpy as np
 
@@ -72,19 +74,14 @@ class TracedVisibility:
             for own, layer in zip(arriving, layers[first : first + together], strict=True):
                 texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
 
-    def trace_near(
-        self, texture: moderngl.TextureArray, lights: NearLightSet, layers: np.ndarray, sample: int, samples: int, whole: bool
-    ) -> None:
-        """Traces near lights into layers (n,) int64 of a texture; the others as `trace` has them."""
+    def near(self, lights: NearLightSet, sample: int, samples: int, whole: bool) -> Iterator[np.ndarray]:
+        """The fraction (height, width) uint8 of each near light that arrives, one after the other; the others as `trace` has them."""
         from vemlight.renderer.rays.near_tracing import trace_near  # here, since most pictures do without this kernel
 
-        width, height = self._size
-        together = max(MAX_TRACED_BYTES // (width * height), 1)
-        for first in range(0, len(layers), together):
-            part = np.arange(first, min(first + together, len(layers)))
-            arriving = trace_near(self._tracer, near_of(lights, part), sample, samples, whole)
-            for own, layer in zip(arriving, layers[part].tolist(), strict=True):
-                texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
+        together = max(MAX_TRACED_BYTES // (self._size[0] * self._size[1]), 1)
+        for first in range(0, len(lights.ids), together):
+            part = np.arange(first, min(first + together, len(lights.ids)))
+            yield from trace_near(self._tracer, near_of(lights, part), sample, samples, whole)
 
     def warm(self) -> None:
         """Compiles, or loads, what a picture needs."""

@@ -11,11 +11,13 @@ import numpy as np
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import NearLightSet
-from vemlight.renderer.frame_budget import MIN_LIGHTS
+from vemlight.renderer.frame_budget import COARSE_WEIGHT, MIN_LIGHTS
 from vemlight.renderer.gl.constants import NEAR_BATCH
 from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 
 KEPT_RAD = np.radians(0.1)  # by which a light may turn about the scene before it is traced again, as of directional lights
+STRONG = 0.3  # of all light: from it on a light is traced on all pixels where others are on coarse ones; at most three lights are
+NARROW_RAD = 0.005  # radius of a ball as the scene sees it, below which its penumbrae are narrower than coarse pixels, and it is so, too
 KEPT_RADIUS = 1 / 8  # of its radius, by which it may move or grow: its penumbra hides that
 
 
@@ -27,15 +29,17 @@ class LitBy(NamedTuple):
 
 
 class NearLayers(NamedTuple):
-    """What each layer was traced for: ids (m,) int64; at (m, 3) float32, nan in an empty one; radius (m,) float32."""
+    """What each layer was traced for: ids (m,) int64; at (m, 3) float32, nan in an empty one; radius (m,) float32; coarse (m,) bool."""
 
     ids: np.ndarray
     at: np.ndarray
     radius: np.ndarray
+    coarse: np.ndarray
 
     @staticmethod
     def empty(count: int) -> "NearLayers":
-        return NearLayers(np.full(count, -1), np.full((count, 3), np.nan, np.float32), np.zeros(count, np.float32))
+        at, radius = np.full((count, 3), np.nan, np.float32), np.zeros(count, np.float32)
+        return NearLayers(np.full(count, -1), at, radius, np.zeros(count, bool))
 
     @property
     def filled(self) -> np.ndarray:
@@ -45,12 +49,18 @@ class NearLayers(NamedTuple):
 
 class NearBatch(NamedTuple):
     """Near lights that are drawn together, the strongest first. layers: (n,) int64, that each reads, of `slots`. traced: (k,) int64, which
-    of them are traced into theirs."""
+    of them are traced into theirs. coarse: (n,) bool, whether on coarse pixels."""
 
     lights: NearLightSet
     layers: np.ndarray
     slots: int
     traced: np.ndarray
+    coarse: np.ndarray
+
+    @property
+    def trace_work(self) -> float:
+        """How many lights on all pixels are as much work as those that are traced."""
+        return float(trace_work(self.coarse[self.traced]).sum())
 
 
 class NearInTime(NamedTuple):
@@ -97,19 +107,37 @@ def near_batches(lights: NearLightSet, most_layers: int) -> tuple[NearBatch, ...
     """All of the lights, all traced, in batches of as many layers at most."""
     together, count = min(max(most_layers, 1), NEAR_BATCH), len(lights.ids)
     parts = [np.arange(first, min(first + together, count)) for first in range(0, count, together)]
-    return tuple(NearBatch(near_of(lights, part), every := np.arange(len(part)), len(part), every) for part in parts)
+    return tuple(NearBatch(near_of(lights, part), every := np.arange(len(part)), len(part), every, every < 0) for part in parts)
+
+
+def trace_work(coarse: np.ndarray) -> np.ndarray:
+    """What tracing lights costs, over one on all pixels: (n,) float64 of (n,) bool, whether on coarse pixels."""
+    return np.where(coarse, COARSE_WEIGHT, 1.0)
+
+
+def may_be_coarse(lights: NearLightSet, placed: PlacedCasters, directional: LightSet) -> np.ndarray:
+    """Which lights coarse pixels do for, (n,) bool: those that are neither strong nor narrow."""
+    strength, others = mean_irradiance(lights, placed), luminance_from_rgb(directional.irradiance.astype(np.float64)).sum()
+    squares = ((lights.at.astype(np.float64) - placed.box_centre) ** 2).sum(axis=1) + (placed.box_half**2).sum() / 3
+    return (strength < STRONG * (strength.sum() + others)) & (lights.radius >= NARROW_RAD * np.sqrt(squares))
 
 
 def near_in_time(
-    layers: NearLayers | None, lights: NearLightSet, placed: PlacedCasters, most_layers: int, affordable: Callable[[int], int]
+    layers: NearLayers | None,
+    lights: NearLightSet,
+    coarse: np.ndarray,
+    placed: PlacedCasters,
+    most_layers: int,
+    affordable: Callable[[int], int],
 ) -> NearInTime:
     """The lights, strongest first, as one batch that traces as many of those that moved as are `affordable`, the strongest first and one at
-    least, and all those that no layer has. Beyond `most_layers` they are left out."""
+    least, and all those that no layer has. Beyond `most_layers` they are left out. coarse: (n,) bool, which are traced on coarse pixels."""
     lights = near_of(lights, np.arange(min(len(lights.ids), most_layers, NEAR_BATCH)))
     count = len(lights.ids)
     if layers is None or len(layers.ids) < count:
         layers = NearLayers.empty(count)
     layers = NearLayers(*(array.copy() for array in layers))
+    coarse = coarse[:count]
     same = (layers.ids == lights.ids[:, None]) & layers.filled
     known = same.any(axis=1)
     layer = same.argmax(axis=1) if len(layers.ids) else np.zeros(0, np.int64)
@@ -119,13 +147,15 @@ def near_in_time(
     allowed = np.maximum(KEPT_RAD * reach, KEPT_RADIUS * layers.radius[layer])
     stale = known & ((moved > allowed) | (grown > np.maximum(KEPT_RADIUS * layers.radius[layer], 1e-3)))
     new, waiting = np.flatnonzero(~known), np.flatnonzero(stale)
-    chosen = waiting[: max(affordable(len(new) + len(waiting)) - len(new), min(len(waiting), 1))]
+    work = np.cumsum(trace_work(coarse[np.concatenate([new, waiting])]))[len(new) :]
+    most = affordable(int(np.ceil(work[-1]))) if len(waiting) else 0
+    chosen = waiting[: max(int(np.count_nonzero(work <= most)), 1)]
     free = np.setdiff1d(np.arange(len(layers.ids)), layer[known])
     layer[new] = free[: len(new)]
     traced = np.sort(np.concatenate([new, chosen]))
     layers.ids[layer[traced]], layers.at[layer[traced]] = lights.ids[traced], lights.at[traced]
-    layers.radius[layer[traced]] = lights.radius[traced]
-    return NearInTime(NearBatch(lights, layer, len(layers.ids), traced), layers, len(new) + len(waiting))
+    layers.radius[layer[traced]], layers.coarse[layer[traced]] = lights.radius[traced], coarse[traced]
+    return NearInTime(NearBatch(lights, layer, len(layers.ids), traced, coarse), layers, len(new) + len(waiting))
 
 
 def restoring_near_batches(layers: NearLayers) -> tuple[NearBatch, ...]:
@@ -133,7 +163,7 @@ def restoring_near_batches(layers: NearLayers) -> tuple[NearBatch, ...]:
     filled = np.flatnonzero(layers.filled)
     dark, none = np.zeros((len(filled), 3), np.float32), np.zeros(len(filled), np.float32)
     lights = NearLightSet(layers.ids[filled], layers.at[filled], dark, layers.radius[filled], none)
-    return (NearBatch(lights, filled, len(layers.ids), np.arange(len(filled))),) if len(filled) else ()
+    return (NearBatch(lights, filled, len(layers.ids), np.arange(len(filled)), layers.coarse[filled]),) if len(filled) else ()
 
 
 def joined(batches: Sequence[NearBatch]) -> NearLightSet:

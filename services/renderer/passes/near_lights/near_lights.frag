@@ -1,6 +1,6 @@
 #version 430
 // Adds near lights to the surfaces of a class. KIND: its kind of material. Of a shadow catcher the first target is what shadows take of
-// their irradiance, the second what they give without shadows and in alpha the part of the pixel that is a catcher.
+// their irradiance, the second what they give without shadows.
 layout(early_fragment_tests) in;
 #include "constants.glsl"
 #include "near_light_struct.glsl"
@@ -15,6 +15,7 @@ uniform float weight;  // of this pass in the picture: 1 / samples
 uniform sampler2DArray cached_visibility;
 layout(location = 0) out vec4 radiance;
 #if KIND == MATERIAL_SHADOW_CATCHER
+uniform float part;  // of the pixel, that counts as a catcher now: weight, or 0 where another batch has counted it
 layout(location = 1) out vec4 unshadowed;
 #endif
 
@@ -56,6 +57,6 @@ void main() {
     }
     radiance = vec4(sum * weight, 0.0);
 #if KIND == MATERIAL_SHADOW_CATCHER
-    unshadowed = vec4(whole, 1.0) * weight;
+    unshadowed = vec4(whole * weight, part);
 #endif
 }

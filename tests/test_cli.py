@@ -322,3 +322,13 @@ def test_help_loads_neither_numba_nor_cv2():
     )
     assert "Usage" in loaded.stdout
     assert not {"numba", "cv2", "numpy", "moderngl"} & {line.rsplit("|", 1)[-1].strip() for line in loaded.stderr.splitlines()}
+
+
+def test_masks_of_a_settings_file_leave_light_out(folder):
+    (folder / "masks.toml").write_text('[[capture.masks]]\nmode = "dark"\npoints = [[0.0, 90.0]]\nwidth_deg = 60.0\n')
+    totals = []
+    for more in ([], ["--masks", folder / "masks.toml"]):
+        done = invoked("lights", folder / "f_0000.exr", "--out", folder / "lights.json", *more)
+        assert done.exit_code == 0, done.output
+        totals.append(light_set_from_row(read_lights(folder / "lights.json")[0]).irradiance[:, 0].sum())
+    assert totals[1] / totals[0] == pytest.approx(np.cos(np.radians(30)), rel=5e-3)  # a cap of 30 degrees has 1 - cos 30 of it

@@ -48,6 +48,7 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     exposure_control: str | None = None
     format: str | None = None
     ground: float | None = None
+    masks: Path | None = None
     controls: tuple[tuple[str, int], ...] = ()
 
 

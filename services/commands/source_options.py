@@ -68,10 +68,11 @@ SOURCE_OPTIONS = (
     click.option("--brackets", is_flag=True, default=None, help="Folders of photographs: several exposures, by EXIF, are one frame."),
     click.option("--stereo", type=_choice(Stereo), help="Films for two eyes: how they lie; the first is taken."),
     click.option("--ground", type=Number(0, 1), help="Albedo of a ground below the horizon, which sends light up; left out: none."),
+    click.option("--masks", type=PATH, help="Settings file whose [[capture.masks]] leave regions out of the map, as the page saves one."),
 )
 CAPTURE_KEYS = (
     "transfer", "primaries", "matrix", "range", "light", "peak", "projection", "span", "stereo", "format", "ground", "brackets",
-    "exposures", "exposure_control",
+    "exposures", "exposure_control", "masks",
 )  # fmt: skip
 
 
@@ -89,7 +90,7 @@ def capture_settings(capture: Any, source: str | None, given: dict[str, Any]) ->
     """
     import msgspec
 
-    from vemlight.settings import Capture, is_stream, section_from_options
+    from vemlight.settings import Capture, is_stream, read_settings, section_from_options
 
     values = msgspec.structs.asdict(capture)
     if source is not None:
@@ -100,6 +101,10 @@ def capture_settings(capture: Any, source: str | None, given: dict[str, Any]) ->
         values["lens"] = names[0] if len(names) == 1 else tuple(names)
     if controls := given.pop("controls", ()):
         values["controls"] = {**values["controls"], **dict(controls)}
+    if masks := given.pop("masks", None):
+        values["masks"] = read_settings(masks).capture.masks
+        if not values["masks"]:
+            raise UserError(f"{masks}: has no [[capture.masks]]; draw some on the page of a run and save them as settings")
     if response:
         values["response"] = str(Path.cwd() / response)
     return section_from_options(Capture, values | {key: value for key, value in given.items() if value is not None})

@@ -56,6 +56,7 @@ FPS = Meta(extra={"unit": "frames/s"})
 HZ = Meta(extra={"unit": "Hz"})
 MS = Meta(extra={"unit": "ms"})
 PER_CENT = Meta(extra={"unit": "%"})
+MB = Meta(extra={"unit": "MB"})
 CD_M2 = Meta(extra={"unit": "cd/m2"})
 PIXELS = Meta(extra={"unit": "pixels"})
 STOPS = Meta(extra={"unit": "stops"})
@@ -159,6 +160,9 @@ class Capture(SettingsSection, frozen=True):
     ] = "exposure_time_absolute"
     brackets: Annotated[bool, means("folders of photographs: several exposures, by their EXIF, are one frame")] = False
     record: Annotated[str, means("folder to record to; empty: nothing is recorded"), PATH] = ""
+    recordings: Annotated[
+        str, means("folder whose recordings, films and maps the page offers to play, and to which it records; empty: none"), PATH
+    ] = ""
     masks: Annotated[
         Annotated[tuple[Mask, ...], Meta(max_length=MAX_MASKS)],
         means("`[[capture.masks]]`, regions left out of the map: points = [[azimuth, elevation], ..] in degrees, mode = \"fill\" or "
@@ -348,6 +352,9 @@ class Viewer(SettingsSection, frozen=True):
         means("required to open the page when set; empty: none for this machine only, else a new one at each start, which is printed"),
     ] = ""
     insecure: Annotated[bool, means("let everyone who reaches the page see and control, without a token")] = False
+    uploads_mb: Annotated[
+        int, Meta(ge=0, le=100_000), means("what files dropped on the page may take together, until the run ends; 0: none are taken"), MB
+    ] = 512
     names: Annotated[
         tuple[str, ...], means("host names under which browsers may ask for the page, besides numbers, localhost and this machine's name")
     ] = ()

@@ -13,7 +13,8 @@ from vemlight.runtime.channels import Service
 from vemlight.runtime.loop import publish_status
 from vemlight.runtime.peers import receive
 from vemlight.runtime.service_stats import ServiceStats
-from vemlight.runtime.source_loop import LISTENERS, CameraMessage, run_camera
+from vemlight.runtime.source_loop import run_camera
+from vemlight.runtime.source_protocols import LISTENERS, CameraMessage
 from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Settings
 

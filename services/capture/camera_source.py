@@ -53,7 +53,8 @@ class CameraSource:
         except UserError:
             self._camera.close()
             raise
-        self.recorder = Recorder(Path(settings.record), calibration=self._maker.files) if settings.record else None
+        self.calibration = tuple(self._maker.files)
+        self.recorder = Recorder(Path(settings.record), calibration=self.calibration) if settings.record else None
         self._first_ns: int | None = None
         self._count = 0
 

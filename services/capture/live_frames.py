@@ -1,6 +1,7 @@
 """Cameras and streams: opened by their name, and so many of their frames taken by number, as files are."""
 
 import time
+from pathlib import Path
 from typing import Protocol
 
 from vemlight.capture.frames import Frame
@@ -16,6 +17,7 @@ class LiveSource(Protocol):
     """Frames as they come; see CameraSource and StreamSource."""
 
     recorder: Recorder | None
+    calibration: tuple[Path, ...]  # files that a recording needs beside its frames
 
     @property
     def fps(self) -> float: ...

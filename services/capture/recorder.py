@@ -29,8 +29,8 @@ class QueuedFrame(NamedTuple):
 class Recorder:
     """Writes frames to a folder as NAME_000000.exr, numbered by their sequence, and lists each in manifest.jsonl once it is complete.
 
-    `written`, `dropped` (the queue was full) and `failed` (the disk refused) count frames; `last_error` says why the last one failed, and
-    `refusing` whether that was the newest.
+    `written`, `dropped` (the queue was full) and `failed` (the disk refused) count frames; `nbytes` is what those written take;
+    `last_error` says why the last one failed, and `refusing` whether that was the newest.
     """
 
     def __init__(self, folder: Path, name: str = "frame", calibration: tuple[Path, ...] = ()):
@@ -39,7 +39,7 @@ class Recorder:
         Raises UserError when the folder cannot be made or holds a recording.
         """
         self.folder, self.written, self.dropped, self.failed, self.last_error, self.refusing = folder, 0, 0, 0, "", False
-        self._name = name
+        self._name, self.nbytes = name, 0
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if (folder / MANIFEST).exists():
@@ -97,6 +97,7 @@ class Recorder:
         write_exr(path, pixels, attributes)
         try:
             self._manifest.add(path, frame.sequence, frame.time_s)
+            self.nbytes += path.stat().st_size
         except OSError:  # a frame that the manifest does not list is no part of the recording
             path.unlink(missing_ok=True)
             raise

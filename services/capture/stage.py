@@ -11,8 +11,10 @@ from vemlight.capture.frames import Frame
 from vemlight.capture.invalid_cells import valid_values
 from vemlight.capture.live_frames import open_live
 from vemlight.capture.masking import Masking
-from vemlight.capture.source import open_files, open_source
-from vemlight.capture.thumbnails import ThumbnailNews, Thumbnails
+from vemlight.capture.recent import RecentFrames
+from vemlight.capture.recorder import Recorder
+from vemlight.capture.source import FrameSource, open_files, open_source
+from vemlight.capture.thumbnails import NO_THUMBNAILS, ThumbnailNews, Thumbnails
 from vemlight.errors import of_setting
 from vemlight.files import notice
 from vemlight.runtime import wire
@@ -21,18 +23,20 @@ from vemlight.runtime.playback import Playback
 from vemlight.settings import is_stream, shown_source
 
 MAX_NAME = 200  # letters of a source's name on the page
-NO_THUMBNAILS = np.empty(0, np.int64), np.empty((0, wire.THUMBNAIL_SIDE, wire.THUMBNAIL_SIDE, 3), np.uint8)
 MapMessage = tuple[wire.MapMessage, tuple[np.ndarray, ...]]
 
 
 class CaptureSource:
     """Frames of files; see `vemlight.runtime.source_loop.Source`."""
 
-    def __init__(self, settings: settings.Settings, service: Instance = "capture") -> None:
-        """Raises UserError when the source is missing or incomplete."""
+    def __init__(
+        self, settings: settings.Settings, service: Instance = "capture", source: FrameSource | None = None, name: str = ""
+    ) -> None:
+        """`source`: instead of the files that the settings name, called `name`. Raises UserError when it is missing or incomplete."""
         self.service = service
         with of_setting("[capture] source" if service == "capture" else service):
-            self._source = open_source(settings.capture)
+            self._source = source or open_source(settings.capture)
+        self._again = (lambda: source) if source else lambda: open_files(settings.capture)
         self._configured = self._masks = settings.capture.masks
         self._masking = Masking(settings.capture)
         self.fps = self._source.fps
@@ -42,8 +46,8 @@ class CaptureSource:
             notice(f"{settings.capture.source or 'the bundled sequence'}: has {len(self)} frames, not {limit}; {then}")
         self.limit = min(len(self), limit or len(self)) if settings.mode == "lossless" else limit
         self._source.frame(0)  # computes the weights and compiles the loops before the first frame is due
-        self._name = source_name(settings.capture)
-        self._settings, self._played = settings.capture, Playback.start(len(self), self.fps)
+        self.name = name or source_name(settings.capture)
+        self._played = Playback.start(len(self), self.fps)
         self._thumbnails: Thumbnails | None = None
         self._news = ThumbnailNews()
 
@@ -53,7 +57,7 @@ class CaptureSource:
     def on_played(self, playback: Playback) -> None:
         self._played = playback
         if not self._thumbnails:  # from the first frame that is played on: a run that makes files has none
-            self._thumbnails = Thumbnails(len(self), lambda: open_files(self._settings).frame)
+            self._thumbnails = Thumbnails(len(self), lambda: self._again().frame)
 
     def about(self) -> wire.Message:
         """Where it stands, and its thumbnails now and then."""
@@ -61,9 +65,14 @@ class CaptureSource:
         sent = made if self._news.due(len(made[0])) else NO_THUMBNAILS
         played = self._played
         header = wire.SourceMessage(
-            name=self._name, frames=len(self), fps=self.fps, position=played.index, at_end=played.at_end, thumbnails=len(sent[0])
+            name=self.name, frames=len(self), fps=self.fps, position=played.index, at_end=played.at_end, thumbnails=len(sent[0])
         )
         return header, sent
+
+    def close(self) -> None:
+        """Ends the making of thumbnails."""
+        if self._thumbnails:
+            self._thumbnails.close()
 
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
         """Raises UserError for a damaged file."""
@@ -85,6 +94,8 @@ class CaptureCamera:
         self._masking = Masking(settings)
         self._paused = False
         self._shown: Frame | None = None
+        self.name = source_name(settings)
+        self.recent: RecentFrames | None = None  # to look at again; None: none are kept
         self.limit = settings.frames or None
         self._logged = ""
         self._sequence = -1
@@ -100,6 +111,8 @@ class CaptureCamera:
             print(f"vemlight: {self._logged}", file=sys.stderr, flush=True)
         if frame is None:
             return None, 0
+        if self.recent:
+            self.recent.add(frame)
         self._sequence += frame.lost + 1
         stamp = wire.stamp(self._sequence, frame.time_s)
         if frame.monotonic_ns is not None:  # the kernel's stamp: both clocks go back by the age of the frame
@@ -115,6 +128,27 @@ class CaptureCamera:
         """Paused, the frame that was shown last is sent again and again."""
         self._masks = self._configured if control.masks is None else control.masks
         self._paused = control.paused
+
+    def on_played(self, playback: Playback) -> None:
+        pass
+
+    def about(self) -> wire.Message:
+        """Its name; a camera has no place where it stands."""
+        return wire.SourceMessage(name=self.name, frames=0, fps=self._source.fps), NO_THUMBNAILS
+
+    @property
+    def recorder(self) -> Recorder | None:
+        """What the frames are recorded by, if they are; another may be set between two frames."""
+        return self._source.recorder
+
+    @recorder.setter
+    def recorder(self, recorder: Recorder | None) -> None:
+        self._source.recorder = recorder
+
+    @property
+    def calibration(self) -> tuple[Path, ...]:
+        """Lens and response files that a recording needs beside its frames."""
+        return self._source.calibration
 
     @property
     def unwritten(self) -> int:

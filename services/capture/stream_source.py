@@ -127,6 +127,7 @@ class StreamSource:
         self._reader = StreamReader(settings.source, settings.fps)
         self._pictures = PictureMaker(settings, self._maker, self._reader.name)
         self.recorder: Recorder | None = None
+        self.calibration: tuple[Path, ...] = ()  # maps are recorded, which need none
         self._first_ns: int | None = None
         self._count = 0
         try:  # computes the weights and compiles the loops before the first frame is due

@@ -16,6 +16,7 @@ from vemlight.runtime.wire import MAX_THUMBNAILS, THUMBNAIL_SIDE
 KEY, WHITE = 0.20, 6.0  # where the first disc's log-average goes and what becomes white, as on the page (Reinhard et al. 2002)
 DARK = 1e-6  # of the mean: keeps black cells from ruling the log-average
 PAUSE_S = 0.15  # between two: all 48 take 7 s more, and what plays is not disturbed for longer than one takes. 0.05 to 1 s would do
+NO_THUMBNAILS = np.empty(0, np.int64), np.empty((0, THUMBNAIL_SIDE, THUMBNAIL_SIDE, 3), np.uint8)
 NICE = 19  # the thread's priority: the lowest
 
 

@@ -12,7 +12,6 @@ from vemlight.errors import UserError, of_setting
 from vemlight.plate.video_source import VideoSource, open_video_source
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
-from vemlight.runtime.playback import Playback
 
 REOPEN_S = 1.0  # between two tries to open a camera that is gone; any value in 0.2 .. 5 does
 PlateFrame = tuple[wire.PlateMessage, tuple[np.ndarray, ...]]
@@ -39,12 +38,6 @@ class PlateSource:
 
     def on_control(self, control: wire.ControlMessage) -> None:
         pass
-
-    def on_played(self, playback: Playback) -> None:
-        pass
-
-    def about(self) -> None:
-        return None
 
 
 class PlateCamera:

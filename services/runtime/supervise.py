@@ -25,7 +25,8 @@ from vemlight.runtime.instances import instance_of, started
 from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
-from vemlight.runtime.source_loop import LISTENERS
+from vemlight.runtime.session import SESSION, make_session
+from vemlight.runtime.source_protocols import LISTENERS
 from vemlight.runtime.spare import Role, Spare
 from vemlight.runtime.token import with_token
 from vemlight.runtime.transport import Transport
@@ -62,6 +63,7 @@ class Child:
         """Starts the service's process, or makes it of a spare one that is still alive."""
         environment = {
             COMPILING: str(compiling_file(self._settings_file.parent, self.service)),
+            SESSION: str(self._settings_file.parent / "session"),
             "VEMLIGHT_RESTARTS": str(self.restarts),
             LISTENERS: "" if self.restarts else self._listeners,
         }
@@ -133,6 +135,7 @@ def _run(settings: Settings) -> int:
     try:
         if settings.wire.transport == "ipc" and not settings.wire.folder:
             settings = msgspec.structs.replace(settings, wire=msgspec.structs.replace(settings.wire, folder=str(folder)))
+        make_session(folder / "session")
         file = folder / "vemlight.toml"
         file.write_text(tomli_w.dumps(msgspec.to_builtins(settings)))
         return Supervisor(settings, file).run()

@@ -33,6 +33,7 @@ UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimal
 MAX_SIDE = 8192  # pixels of a picture's side
 MAX_FIXTURES = 512  # of a rig: with names of 24 four-byte letters 51 kB of header
 
+MAX_CHOICES = 64  # of sources: with names of 64 four-byte letters 41 kB of header
 MAX_THUMBNAILS, THUMBNAIL_SIDE = 48, 48  # 332 kB in all; a page of 1,920 pixels has room for 40
 
 MAX_SEQUENCE = 2**53 - 1  # exact in JSON and in every language, as a float too
@@ -44,6 +45,7 @@ Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
 Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
 Hertz = Annotated[float, Meta(ge=0, le=1e9)]
 Frames = Annotated[float, Meta(ge=0, le=1e6)]
+ChoiceName = Annotated[str, Meta(min_length=1, max_length=80)]
 SourceSeconds = Annotated[float, Meta(ge=0, le=1e7)]  # four months
 Side = Annotated[int, Meta(ge=1, le=MAX_SIDE)]
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -338,6 +340,8 @@ class ControlMessage(Header, frozen=True, tag="control"):
     out_s: SourceSeconds | None = None
     seek_number: Count | None = None  # files: a new number is a new wish to go to `seek_s`; the same again is none
     seek_s: SourceSeconds = 0.0
+    source: ChoiceName | None = None  # one of `SourceMessage.choices`, or "upload ID"; None: the settings'
+    record: bool = False  # cameras: their frames are written to a folder of their own
     poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved from where scene file or settings have them
     masks: Annotated[tuple[Mask, ...], Meta(max_length=MAX_MASKS)] | None = None  # instead of the settings'
     lamps: Annotated[tuple[VirtualLamp, ...], Meta(max_length=MAX_LAMPS)] | None = None  # virtual ones, instead of the settings'
@@ -347,6 +351,13 @@ class ControlMessage(Header, frozen=True, tag="control"):
         check_lamps(self.lamps or ())
         if self.in_s is not None and self.out_s is not None and self.in_s > self.out_s:
             raise ValueError("in_s is after out_s")
+
+
+class SourceChoice(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A source that may be chosen."""
+
+    choice: ChoiceName
+    label: Annotated[str, Meta(max_length=64)]
 
 
 class SourceMessage(Header, frozen=True, tag="source"):
@@ -362,6 +373,18 @@ class SourceMessage(Header, frozen=True, tag="source"):
     position: Count = 0  # the frame that was published last
     at_end: bool = False  # it stands, because nothing follows it
     thumbnails: Annotated[int, Meta(ge=0, le=MAX_THUMBNAILS)] = 0  # of this message, which has them now and then
+    choice: ChoiceName | None = None  # what plays; None: the settings' source
+    choices: Annotated[tuple[SourceChoice, ...], Meta(max_length=MAX_CHOICES)] = ()
+    opening: ChoiceName | None = None  # what is being opened while this one plays
+    refusal: Annotated[str, Meta(max_length=512)] = ""  # why the last choice does not play, or a recording has ended
+    recording: Annotated[str, Meta(max_length=256)] = ""  # name of the folder; empty: nothing is recorded
+    recorded_frames: Count = 0
+    recorded_bytes: Count = 0
+    record_bytes_s: Annotated[float, Meta(ge=0, le=1e15)] = 0.0  # bytes a second that the recording takes, lately
+    free_bytes: Count = 0  # of the disk that recordings go to
+    why_not_record: Annotated[str, Meta(max_length=256)] = ""
+    recent_s: Annotated[float, Meta(ge=0, le=1e6)] = 0.0  # how far the frames that are kept in memory reach back
+    recent_bytes: Count = 0  # what they take
 
     def check(self, arrays: Sequence[np.ndarray]) -> None:
         if ((arrays[0] < 0) | (arrays[0] >= max(self.frames, 1))).any() or (np.diff(arrays[0]) <= 0).any():

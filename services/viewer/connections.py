@@ -35,7 +35,7 @@ class Connection(asyncio.Protocol):
         self.is_busy = False  # a request is being answered
         self.has_token = False  # it has brought the token once
         self._site, self._inner = site, inner
-        self._bytes = Allowance(BYTES_BURST, BYTES_PER_S)
+        self._bytes, self._expected = Allowance(BYTES_BURST, BYTES_PER_S), 0
         self._transport: asyncio.Transport | None = None
         self._deadline: asyncio.TimerHandle | None = None
 
@@ -49,7 +49,9 @@ class Connection(asyncio.Protocol):
         self._expect_request(HEADER_S)
 
     def data_received(self, data: bytes) -> None:
-        if self._bytes.take(len(data)):
+        expected = min(self._expected, len(data))
+        self._expected -= expected
+        if self._bytes.take(len(data) - expected):
             self._inner.data_received(data)
         else:
             self.end("more bytes than a page sends")
@@ -87,6 +89,10 @@ class Connection(asyncio.Protocol):
             yield
         finally:
             self.is_busy = True
+
+    def expect_bytes(self, count: int) -> None:
+        """Lets so many more bytes come, of a request that has been looked at."""
+        self._expected += count
 
     def end(self, reason: str = "") -> None:
         """Ends it at once; a line says why."""

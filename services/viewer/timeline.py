@@ -33,6 +33,11 @@ class Timeline:
         self._positions, self._discs = positions, discs
         self.number += 1
 
+    @property
+    def choices(self) -> tuple[str | None, ...]:
+        """What plays and what is being opened."""
+        return (self._header.choice, self._header.opening) if self._header else ()
+
     def summary(self) -> dict[str, Any] | None:
         """For the page; None before the first message. thumbnails: which frames the picture shows, from left to right."""
         if self._header is None:

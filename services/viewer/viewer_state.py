@@ -27,6 +27,7 @@ from vemlight.viewer.pictures import Sky, picture_jpeg
 from vemlight.viewer.report_fields import report_fields
 from vemlight.viewer.sky_values import sky_values
 from vemlight.viewer.timeline import Timeline
+from vemlight.viewer.uploads import Uploads
 
 NO_CONTROLS = "in lossless mode every frame is made with the settings as they are, and controls have no effect; use live mode"
 NO_MASKS = "masks are drawn on the map of one camera, and here several are fused; leave them out, or cover the lens"
@@ -63,6 +64,7 @@ class ViewerState:
         self._losses, self._light_count, self._encode_s = LossCounter(), 0, 0.0
         self._objects: tuple[wire.Pose, ...] = ()
         self.timeline = Timeline()
+        self.uploads = Uploads(settings.viewer.uploads_mb)
         self._ages = Ages()
         self._near: dict[int, NearLights] = {}  # of the last frames, by number, the newest last
 
@@ -144,6 +146,12 @@ class ViewerState:
         self.refresh()
 
     @property
+    def playing_uploads(self) -> set[str]:
+        """The numbers of those that are chosen or play."""
+        named = {self.control.source, *self.timeline.choices}
+        return {choice.partition(" ")[2] for choice in named if choice and choice.startswith("upload ")}
+
+    @property
     def why_not_arm(self) -> str:
         """Why nobody may arm fixtures from this page; empty: who has opened it may."""
         viewer = self.settings.viewer
@@ -177,6 +185,7 @@ class ViewerState:
                 "masks": settings.capture.masks, "lamps": settings.sampler.lamp, "poses": settings.renderer.poses,
             },
             "light_count": self._light_count,
+            **self.uploads.summary(),
             "age": self._ages.percentiles(),
             "source": self.timeline.summary(),
             "objects": self._objects,

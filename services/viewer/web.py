@@ -20,6 +20,7 @@ from vemlight.viewer.connections import busy_middleware, connection_of
 from vemlight.viewer.feeds import Feed
 from vemlight.viewer.meter import Look
 from vemlight.viewer.saved_settings import settings_file
+from vemlight.viewer.upload_handlers import UploadHandlers
 from vemlight.viewer.viewer_state import ViewerState
 
 PAGE = Path(__file__).parent / "page"
@@ -80,6 +81,7 @@ class Site:
                 web.get("/healthz", self.health),
                 web.get("/metrics", self.metrics),
                 web.post("/control", self.control),
+                *UploadHandlers(self._state).routes(),
             ]
         )
         return app

@@ -14,8 +14,8 @@ export class PersistedControls {
     const stored = JSON.parse(this.read());
     const settings = JSON.stringify([summary.mode, summary.settings]);
     const restarted = stored && stored.started !== summary.started_s && stored.settings === settings && Date.now() - stored.at < LIFETIME_MS;
-    // Never repeated by a page: fixtures keep theirs by themselves, and a seek was a wish of its moment.
-    const { armed, blackout, seek_number, seek_s, ...chosen } = summary.control;
+    // Never repeated by a page: fixtures keep theirs by themselves, and the rest were wishes of their moment, or uploads that are gone.
+    const { armed, blackout, seek_number, seek_s, source, scene, record, ...chosen } = summary.control;
     const control = restarted && isDefault(chosen) ? stored.control : chosen;
     this.write(JSON.stringify({ started: summary.started_s, settings, at: Date.now(), control }));
     if (restarted && !isDefault(control) && isDefault(chosen)) this.choose(control);

@@ -10,6 +10,7 @@ import { Objects } from "/objects.js";
 import { PersistedControls } from "/persisted_controls.js";
 import { Sky } from "/sky.js";
 import { SkyTools } from "/sky_tools.js";
+import { Source } from "/source.js";
 import { Timeline } from "/timeline.js";
 
 const RECONNECT_MS = 1000;
@@ -31,6 +32,7 @@ const controls = new Controls(notice);
 const objects = new Objects((change) => controls.choose(change));
 const fixtures = new Fixtures((change) => controls.choose(change));
 const graphs = new Graphs();
+const source = new Source((change) => controls.choose(change));
 const timeline = new Timeline((change) => controls.choose(change));
 const skyTools = new SkyTools(sky, (change) => controls.choose(change), notice);
 const history = new History(applyAgain);
@@ -93,6 +95,7 @@ function takeText(message) {
   skyTools.take(message);
   history.take(message);
   fixtures.take(message);
+  source.take(message);
   timeline.take(message);
   graphs.take(message);
   meter.take(message);

@@ -1,0 +1,184 @@
+// Where the light comes from: the sources that there are, files that are dropped on the page, and recording of a camera.
+
+const SCENES = [".glb", ".gltf"];
+const MAX_FILES = 1000; // of a folder: as the viewer's uploads.py
+const at = (id) => document.getElementById(id);
+
+export class Source {
+  constructor(choose) {
+    this.choose = choose;
+    this.summary = null;
+    this.depth = 0; // of elements that a drag is over
+    at("source-list").addEventListener("change", (event) => this.choose({ source: event.target.value || null }));
+    at("source-list").addEventListener("click", (event) => { if (event.target.dataset.remove) this.remove(event.target.dataset.remove); });
+    for (const id of ["pick-files", "pick-folder"]) {
+      at(id).addEventListener("click", () => at(`${id}-input`).click());
+      at(`${id}-input`).addEventListener("change", (event) => {
+        const files = [...event.target.files].map((file) => ({ file, path: file.webkitRelativePath || file.name }));
+        event.target.value = "";
+        this.send(files);
+      });
+    }
+    at("record").addEventListener("click", () => this.choose({ record: !this.recording }));
+    at("look-again").addEventListener("click", () => this.choose({ source: "recent" }));
+    for (const name of ["dragenter", "dragover", "dragleave", "drop"]) document.addEventListener(name, (event) => this.drag(event));
+  }
+
+  take(summary) {
+    this.summary = summary;
+    const source = summary.source, live = summary.mode !== "lossless";
+    at("source").hidden = !source || !live;
+    if (!source || !live) return;
+    const uploads = summary.uploads.filter(({ kind }) => kind === "light");
+    const rows = [
+      { value: "", label: "as the settings say" },
+      ...source.choices.map(({ choice, label }) => ({ value: choice, label: kindOf(choice) + label })),
+      ...uploads.map(({ id, label, facts }) => ({ value: `upload ${id}`, label: `dropped: ${label} (${facts})`, remove: id })),
+    ];
+    const chosen = summary.control.source ?? "", text = JSON.stringify([rows, source.choice, source.opening, chosen]);
+    if (text !== this.text) {
+      this.text = text;
+      this.list(rows, chosen, source);
+    }
+    const refusal = source.refusal && (chosen !== (source.choice ?? "") || source.refusal.startsWith("the recording") || summary.control.record) ? source.refusal : "";
+    if (at("source-refusal").textContent !== refusal) at("source-refusal").textContent = refusal;
+    at("room").textContent = `${megabytes(summary.used_bytes)} of ${megabytes(summary.max_bytes)} for dropped files are in use`;
+    this.takeRecording(source, summary.control.record);
+  }
+
+  list(rows, chosen, source) {
+    const focused = document.activeElement?.closest("#source-list") ? document.activeElement.value : undefined;
+    at("source-list").replaceChildren(...rows.map((row) => {
+      const label = document.createElement("label"), radio = document.createElement("input"), words = document.createElement("span");
+      Object.assign(radio, { type: "radio", name: "source", value: row.value, checked: row.value === chosen });
+      const state = row.value === (source.choice ?? "") ? " · plays" : source.opening !== null && row.value === chosen ? " · opening …" : "";
+      words.textContent = row.label + state;
+      label.append(radio, words);
+      if (!row.remove) return label;
+      const line = document.createElement("div"), button = document.createElement("button");
+      Object.assign(button, { type: "button", textContent: "Remove" });
+      button.dataset.remove = row.remove;
+      button.setAttribute("aria-label", `Remove ${row.label}`);
+      line.append(label, button);
+      return line;
+    }));
+    if (focused !== undefined) at("source-list").querySelector(`input[value="${CSS.escape(focused)}"]`)?.focus();
+  }
+
+  takeRecording(source, wanted) {
+    this.recording = wanted;
+    const isOn = Boolean(source.recording), why = source.why_not_record;
+    at("record").disabled = !isOn && !wanted && Boolean(why);
+    at("record").setAttribute("aria-pressed", String(isOn));
+    at("record-light").classList.toggle("on", isOn);
+    const left = source.record_bytes_s > 0 ? `, ${duration(source.free_bytes / source.record_bytes_s)} at ${megabytes(source.record_bytes_s)} a second` : "";
+    const room = source.free_bytes ? `${megabytes(source.free_bytes)} are free${left}` : "";
+    const text = isOn ? `${source.recording}: ${source.recorded_frames} frames, ${megabytes(source.recorded_bytes)}; ${room}` : why || room;
+    if (at("record-facts").textContent !== text) at("record-facts").textContent = text;
+    at("look-again").hidden = !(source.recent_s > 0) || source.choice === "recent";
+    at("look-again").textContent = `Look at the last ${source.recent_s.toFixed(0)} s again`;
+    at("look-again").title = `They are in memory, ${megabytes(source.recent_bytes)}; while you look, the camera rests`;
+  }
+
+  drag(event) {
+    if (![...(event.dataTransfer?.types ?? [])].includes("Files")) return;
+    event.preventDefault();
+    if (event.type === "dragenter") this.depth++;
+    if (event.type === "dragleave") this.depth--;
+    if (event.type === "drop") this.depth = 0;
+    const over = event.target.closest?.("#sky, #scene");
+    for (const id of ["sky", "scene"]) at(id).classList.toggle("dropping", this.depth > 0 && over?.id === id);
+    document.body.classList.toggle("dropping", this.depth > 0);
+    event.dataTransfer.dropEffect = "copy";
+    if (event.type === "drop") this.drop(event);
+  }
+
+  async drop(event) {
+    const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean), plain = [...event.dataTransfer.files];
+    try {
+      const files = entries.length ? (await Promise.all(entries.map(filesOf))).flat() : plain.map((file) => ({ file, path: file.name }));
+      await this.send(files);
+    } catch (error) {
+      this.say(`This browser could not read what was dropped: ${error.message}`, true);
+    }
+  }
+
+  // Announces, sends and has decoded what was dropped; then it is chosen. files: [{file, path}].
+  async send(files) {
+    const usable = files.filter(({ file }) => !file.name.startsWith(".")).sort((a, b) => a.path.localeCompare(b.path, "en", { numeric: true }));
+    if (!usable.length) return this.say("There is no file in it.", true);
+    if (usable.length > MAX_FILES) return this.say(`A folder of ${usable.length} files is too large; ${MAX_FILES} are taken at once.`, true);
+    const isScene = SCENES.some((suffix) => usable[0].file.name.toLowerCase().endsWith(suffix)), kind = isScene ? "scene" : "light";
+    const folder = usable[0].path.includes("/") ? usable[0].path.split("/")[0] : "", label = folder || usable[0].file.name;
+    const total = usable.reduce((sum, { file }) => sum + file.size, 0);
+    try {
+      this.say(`${label}: announcing …`);
+      const announced = { kind, label, files: usable.map(({ file }) => ({ name: file.name, size: file.size })) };
+      const { id } = await (await asked("/uploads", "POST", JSON.stringify(announced))).json();
+      let sent = 0;
+      for (const [n, { file }] of usable.entries()) {
+        this.say(`${label}: ${megabytes(sent)} of ${megabytes(total)}`, false, sent / Math.max(1, total));
+        await asked(`/uploads/${id}/${n}`, "PUT", file, "application/octet-stream");
+        sent += file.size;
+      }
+      this.say(`${label}: being decoded …`, false, 1);
+      const { facts } = await (await asked(`/uploads/${id}`, "POST", "{}")).json();
+      this.say(`${label}: ${facts}`);
+      this.choose(isScene ? { scene: id } : { source: `upload ${id}` });
+    } catch (error) {
+      this.say(`${label}: ${error.message}`, true);
+    }
+  }
+
+  async remove(id) {
+    try {
+      await asked(`/uploads/${id}`, "DELETE", undefined);
+    } catch (error) {
+      this.say(error.message, true);
+    }
+  }
+
+  say(text, isRefusal = false, progress = null) {
+    at("upload-state").textContent = isRefusal ? "" : text;
+    at("upload-refusal").textContent = isRefusal ? text : "";
+    at("upload-progress").hidden = progress === null;
+    at("upload-progress").value = progress ?? 0;
+  }
+}
+
+// The answer to a request; what is refused is an Error with the viewer's line.
+async function asked(path, method, body, type = "application/json") {
+  let answer;
+  try {
+    answer = await fetch(path, { method, headers: { "Content-Type": type }, body });
+  } catch {
+    throw new Error("the viewer does not answer, or has ended the connection");
+  }
+  if (!answer.ok) throw new Error((await answer.text()).trim().replace(/^upload: /, ""));
+  return answer;
+}
+
+// The files of what was dropped: of a folder those that lie in it, not deeper.
+async function filesOf(entry) {
+  const fileOf = (each) => new Promise((done, failed) => each.file((file) => done({ file, path: each.fullPath.slice(1) }), failed));
+  if (entry.isFile) return [await fileOf(entry)];
+  const reader = entry.createReader(), found = [];
+  for (;;) {
+    const some = await new Promise((done, failed) => reader.readEntries(done, failed));
+    if (!some.length || found.length > MAX_FILES) break;
+    found.push(...some.filter((each) => each.isFile));
+  }
+  return Promise.all(found.map(fileOf));
+}
+
+function kindOf(choice) {
+  return { camera: "camera ", recording: "recording: " }[choice.split(" ")[0]] ?? "";
+}
+
+function megabytes(count) {
+  return count >= 1e9 ? `${(count / 1e9).toFixed(1)} GB` : `${(count / 1e6).toFixed(count < 1e7 ? 1 : 0)} MB`;
+}
+
+function duration(seconds) {
+  return seconds < 120 ? `${seconds.toFixed(0)} s` : seconds < 7200 ? `${(seconds / 60).toFixed(0)} min` : `${(seconds / 3600).toFixed(0)} h`;
+}

@@ -94,6 +94,7 @@ def test_every_key_that_names_a_file_is_relative_to_the_settings(tmp_path):
     keys = [(section, key) for section, hints in HINTS.items() for key, hint in hints.items() if PATH in get_args(hint)]
     assert set(keys) == {
         ("wire", "folder"), ("wire", "keys"), ("capture", "source"), ("capture", "lens"), ("capture", "response"), ("capture", "record"),
+        ("capture", "recordings"),
         ("renderer", "scene"), ("renderer", "video"), ("plate", "source"), ("fixtures", "rig"), ("rig", "file"),
     }  # fmt: skip
     for section, key in keys:

@@ -42,7 +42,7 @@ MUTANTS = [
         ("connections of an address", "if len(of_address) >", "if False and len(of_address) >"),
         ("all connections", "elif len(self._open) > limit:", "elif False:"),
         ("busy connections", "if not connection.is_busy), new)", "if True), new)"),
-        ("bytes", "if self._bytes.take(len(data)):", "if True:"),
+        ("bytes", "if self._bytes.take(len(data) - expected):", "if True:"),
         ("headers that do not come", "self._expect_request(HEADER_S)", "pass"),
         ("the next request", "self._expect_request(IDLE_S)", "pass"),
         ("neighbours in a network", "IPV6_PREFIX = 64", "IPV6_PREFIX = 128"),

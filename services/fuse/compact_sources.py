@@ -1,8 +1,8 @@
 """Compact sources of one map: what stands out of its surroundings, with direction, flux, extent, and how well each is known.
 
-A cell is hot where its luminance is above HOT_RATIO times the median around it. From the brightest on, a hot cell begins a source, whose
-core is what is linked with it, in steps of LINK_RAD, above CORE of its luminance: a lamp without its glow on the wall beside it. Its light
-is what its core and the cells within GROW_RAD of that, the rim, hold above the median of the rim.
+A cell is hot where its luminance is above HOT_RATIO times the median around it. Hot cells around a
+peak, linked in steps of LINK_RAD, are a source; its core are those above CORE of the peak: a lamp without its glow on the wall beside it.
+Its light is what its core and the cells within GROW_RAD of that, the rim, hold above the median of the rim.
 """
 
 import math
@@ -20,8 +20,9 @@ HOT_RATIO = 3.0  # over the local median: textures of walls reach 2; 2.5 to 4 wo
 HOT_FLOOR = 1e-3  # of the map's integral, in radiance: in the dark everything stands out
 BLOCK = 4  # cells on a side of a block, on whose means medians are taken
 WINDOW_ROWS, WINDOW_COLS, WINDOW_RAD = 1, 3, math.radians(15.0)  # blocks up and down; places and angle to either side: 13 x 30 degrees
+PROMINENCE = 4.0  # of the peak over the rim: light on a wall beside a lamp fades out and has 1.5 to 3, a window 6, a lamp 20 and more
 CORE = 0.03  # of a source's brightest cell: above the glow on walls near a lamp, below the cells at a lamp's edge; 0.02 to 0.1 would do
-SLOPE = 1 << 30  # the label of hot cells that lead up to a source
+MERGE = 0.5  # of the lower of two peaks: the saddle below which they are two lamps; noise makes 0.9, two lamps two cells apart 0.1
 LINK_RAD = math.radians(1.6)  # at cells of a degree: the next but one is another source
 GROW_RAD = math.radians(1.5)  # what blur of a lens and a cell leave around a lamp
 MIN_SHARE = 2e-3  # of the map's luminous flux
@@ -106,7 +107,8 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
         read_only(bright.cells), read_only(bright.directions), read_only(bright.weights),
     )  # fmt: skip
     strength = table[:, 3:6] @ np.array([LUMINANCE_RED, LUMINANCE_GREEN, LUMINANCE_BLUE])
-    kept = (strength >= MIN_SHARE * power) & (table[:, 8] <= MAX_RADIUS_RAD)
+    behind = background @ np.array([LUMINANCE_RED, LUMINANCE_GREEN, LUMINANCE_BLUE])
+    kept = (strength >= MIN_SHARE * power) & (table[:, 8] <= MAX_RADIUS_RAD) & (table[:, 10] > PROMINENCE * behind)
     order = np.flatnonzero(kept)[np.argsort(-strength[kept], kind="stable")][:MAX_SOURCES]
     owner = np.full(rows * cols, -1, np.int16)
     for n, component in enumerate(order):
@@ -204,52 +206,89 @@ def _hot_cells(luminance, around, floor):
 def _components(luminance, order, linked, grown):
     """The cells of each source: members[starts[n] : starts[n + 1]], the first core[n] of them its core, the others its rim.
 
-    order: the hot cells, the brightest first. Each that no source has, and that lies on no source's slope, is a new one's peak.
+    order: the hot cells, the brightest first. Each joins the brightest cell near it, or is a peak; where two peaks meet at MERGE of the
+    lower or above, they are one source (a watershed by persistence: Edelsbrunner, Letscher and Zomorodian 2002).
     """
     rows, cols = luminance.shape
-    label = np.zeros(rows * cols, np.int32)  # -1: hot, of no source yet; n + 1: of source n; SLOPE: beside a source
-    members, starts, core = np.zeros(rows * cols, np.int64), np.zeros(len(order) + 1, np.int64), np.zeros(len(order), np.int64)
+    label, in_core = np.full(rows * cols, -1, np.int32), np.zeros(rows * cols, np.bool_)
+    root, peak, count = np.zeros(len(order), np.int64), np.zeros(len(order)), 0
     for cell in order:
-        label[cell] = -1
-    end, count = 0, 0
-    for peak in order:
-        if label[peak] != -1:
+        light = luminance[cell // cols, cell % cols]
+        own = _joined(cell, light, luminance, label, root, peak, linked)
+        if own < 0:
+            own = count
+            root[count], peak[count] = count, light
+            count += 1
+        label[cell], in_core[cell] = own, light >= CORE * peak[own]
+    members, starts, core = np.zeros(rows * cols, np.int64), np.zeros(count + 1, np.int64), np.zeros(count, np.int64)
+    taken, end, sources = in_core.copy(), 0, 0
+    first = np.zeros(len(order) + 1, np.int64)  # the hot cells by source: a counting sort
+    for cell in order:
+        label[cell] = _root(root, label[cell])
+        first[label[cell] + 1] += in_core[cell]
+    for n in range(count):
+        first[n + 1] += first[n]
+    sorted_cells, at = np.zeros(first[count], np.int64), first.copy()
+    for cell in order:
+        if in_core[cell]:
+            sorted_cells[at[label[cell]]] = cell
+            at[label[cell]] += 1
+    for n in range(count):
+        if root[n] != n:
             continue
-        if _is_beside(peak, label, rows, cols):
-            label[peak] = SLOPE
-            continue
-        faintest = CORE * luminance[peak // cols, peak % cols]
-        begin, at = end, end
-        members[end] = peak
-        end += 1
-        label[peak] = count + 1
-        while at < end:  # the bright cells linked with those found so far
-            end = _take_near(members[at], -1, count + 1, faintest, luminance, label, linked, members, end)
-            at += 1
-        core[count] = end - begin
-        for at in range(begin, begin + core[count]):
-            end = _take_near(members[at], 0, count + 1, 0.0, luminance, label, grown, members, end)
-            end = _take_near(members[at], -1, count + 1, 0.0, luminance, label, grown, members, end)
-        count += 1
-        starts[count] = end
-    return members[:end], starts[: count + 1], core[:count]
+        begin = end
+        for k in range(first[n], first[n + 1]):
+            members[end] = sorted_cells[k]
+            end += 1
+        core[sources] = end - begin
+        for k in range(begin, begin + core[sources]):
+            end = _take_near(members[k], taken, grown, members, end, cols)
+        sources += 1
+        starts[sources] = end
+    return members[:end], starts[: sources + 1], core[:sources]
 
 
 @subroutine
-def _is_beside(cell, label, rows, cols):
-    # whether one of the eight cells around belongs to a source or its slope
-    row, col = cell // cols, cell % cols
-    for i in range(max(row - 1, 0), min(row + 2, rows)):
-        for dj in range(-1, 2):
-            if label[i * cols + (col + dj) % cols] > 0:
-                return True
-    return False
+def _root(root, n):
+    while root[n] != n:
+        n = root[n]
+    return n
 
 
 @subroutine
-def _take_near(cell, wanted, new, faintest, luminance, label, columns, members, end):
-    # gives the cells of label `wanted` around a cell the label `new` and puts them behind the members, unless they are too faint
+def _joined(cell, light, luminance, label, root, peak, columns):
+    # the source of the brightest cell near one, joined with others near it that have no valley in between; -1: none is near
     cols = luminance.shape[1]
+    row, col = cell // cols, cell % cols
+    reach = columns.shape[1] // 2
+    own, brightest = -1, -1.0
+    for again in range(2):
+        for k in range(-reach, reach + 1):
+            width = columns[row, k + reach]
+            if width < 0:
+                continue
+            first = -width if 2 * width < cols else -((cols - 1) // 2)
+            for dj in range(first, width + 1):
+                column = (col + dj) % cols
+                other = label[(row + k) * cols + column]
+                if other < 0:
+                    continue
+                if again == 0:
+                    if luminance[row + k, column] > brightest:
+                        own, brightest = other, luminance[row + k, column]
+                    continue
+                a, b = _root(root, own), _root(root, other)
+                if a != b and light >= MERGE * min(peak[a], peak[b]):
+                    higher, lower = (a, b) if peak[a] >= peak[b] else (b, a)
+                    root[lower] = higher
+        if own < 0:
+            return own
+    return _root(root, own)
+
+
+@subroutine
+def _take_near(cell, taken, columns, members, end, cols):
+    # puts the cells near one behind the members, unless they are taken
     row, col = cell // cols, cell % cols
     reach = columns.shape[1] // 2
     for k in range(-reach, reach + 1):
@@ -258,10 +297,9 @@ def _take_near(cell, wanted, new, faintest, luminance, label, columns, members, 
             continue
         first = -width if 2 * width < cols else -((cols - 1) // 2)
         for dj in range(first, width + 1):
-            column = (col + dj) % cols
-            other = (row + k) * cols + column
-            if label[other] == wanted and luminance[row + k, column] >= faintest:
-                label[other] = new
+            other = (row + k) * cols + (col + dj) % cols
+            if not taken[other]:
+                taken[other] = True
                 members[end] = other
                 end += 1
     return end

@@ -285,3 +285,33 @@ def random_room(seed: int) -> Room:
         if np.linalg.norm(corner[:2]) > 1.5:
             boxes.append((corner, corner + rng.uniform(0.3, 0.9, 3) * (1, 1, 2), rng.uniform(0.2, 0.7, 3)))
     return Room(size, albedo, tuple(lamps), tuple(boxes), float(rng.uniform(0.01, 0.05)))
+
+
+def kept_room(seed: int) -> Room:
+    """A room of another kind, on which nothing is tuned: long or high, darker or lighter walls, lamps in a row or around a table, warm and
+    cold ones, one much stronger than the others.
+    """
+    rng = np.random.default_rng(90_000 + seed)
+    size = np.array([rng.uniform(5, 11), rng.uniform(4, 7), rng.uniform(2.8, 4.5)])
+    albedo = np.clip(rng.uniform(0.1, 0.85, (6, 1)) * rng.uniform(0.85, 1.15, (6, 3)), 0, 0.9)
+    count, lamps = int(rng.integers(2, 8)), list[Lamp]()
+    row = rng.random() < 0.5
+    spots = [
+        (size[0] * ((n + 0.5) / count - 0.5) * 0.9, rng.uniform(-0.4, 0.4) * size[1]) if row
+        else (rng.uniform(1.3, 2.1) * math.cos(6.28 * (n + 0.3) / count), rng.uniform(1.3, 1.9) * math.sin(6.28 * (n + 0.3) / count))
+        for n in range(count)
+    ]  # fmt: skip
+    for n, (x, y) in enumerate(spots):
+        at = (float(x), float(np.clip(y, -0.46 * size[1], 0.46 * size[1])), float(rng.uniform(1.5, size[2] - 0.2)))
+        if np.linalg.norm(np.subtract(at, (0, 0, 1.1))) < 1.0:
+            continue
+        warm = rng.uniform(0, 1)
+        colour = np.array([1.0, 0.7 + 0.25 * warm, 0.4 + 0.6 * warm])
+        strength = 10 ** rng.uniform(-0.4, 0.4) * (4 if n == 0 else 1)
+        if rng.random() < 0.35:
+            lamps.append(panel_lamp(at, (0, 0, 1.1), strength, float(rng.uniform(0.15, 0.5)), tuple(colour)))
+        else:
+            lamps.append(sphere_lamp(at, tuple(strength * colour), float(rng.uniform(0.015, 0.12))))
+    low = np.array([rng.uniform(1.6, 2.0), rng.uniform(-1.5, 0.5), 0.0])
+    boxes = ((low, low + rng.uniform(0.4, 1.0, 3) * (1, 1, 1.5), rng.uniform(0.1, 0.8, 3)),)
+    return Room(size, albedo, tuple(lamps), boxes, float(rng.uniform(0.005, 0.08)))

@@ -15,10 +15,10 @@ import msgspec
 from vemlight.commands.run_checks import port_taken
 from vemlight.errors import UserError
 from vemlight.files import group_hint, may_open
-from vemlight.runtime.channels import SERVICES
+from vemlight.runtime.instances import camera_capture, rig_cameras, started
 from vemlight.runtime.open_files import FEW_FILES, file_limit, hard_file_limit, peer_limit
 from vemlight.runtime.token import is_loopback
-from vemlight.runtime.transport import ROLES, read_keys, runtime_folder
+from vemlight.runtime.transport import ROLES, endpoint, read_keys, runtime_folder
 from vemlight.settings import Settings, is_live, shown_source
 
 Grade = Literal["pass", "warn", "fail"]
@@ -186,8 +186,13 @@ def _ports(settings: Settings) -> Iterator[Finding]:
     viewer, wire = settings.viewer, settings.wire
     yield _port("port of the viewer", viewer.host, [viewer.port], "[viewer] port")
     if wire.transport == "tcp":
-        here = [service for service in settings.services if is_loopback(wire.hosts.get(service, "127.0.0.1"))]
-        ports = [wire.port + len(ROLES) * SERVICES.index(service) + role for service in here for role in range(len(ROLES))]
+        try:
+            addresses = [endpoint(wire, name, role) for name in started(settings) for role in ROLES]
+        except UserError as error:
+            yield Finding("fail", "ports of the wire", "one is missing", str(error))
+            return
+        split = [address.removeprefix("tcp://").rpartition(":") for address in addresses]
+        ports = [int(port) for host, _, port in split if is_loopback(host)]
         if ports:
             yield _port("ports of the wire", "127.0.0.1", ports, "[wire] port")
 
@@ -224,6 +229,8 @@ def _sockets(settings: Settings) -> Finding:
 def _sequence(settings: Settings) -> Finding:
     from vemlight.capture.source import open_source
 
+    if settings.rig.file:
+        return _rig(settings)
     if is_live(settings.capture.source):
         return Finding("pass", "source", f"{shown_source(settings.capture.source)}: a live one, which is opened by a run alone")
     try:
@@ -232,6 +239,23 @@ def _sequence(settings: Settings) -> Finding:
         return Finding("fail", "source", "cannot be played", str(error))
     name = settings.capture.source or "the bundled sequence"
     return Finding("pass", "source", f"{name}: {len(source)} frames at {source.fps:g} a second")
+
+
+def _rig(settings: Settings) -> Finding:
+    """The cameras of a rig, each by its name."""
+    from vemlight.capture.source import open_files
+    from vemlight.fuse.check import check_cameras
+
+    try:
+        check_cameras(Path(settings.rig.file), [], [])
+        found = []
+        for camera in rig_cameras(settings.rig.file):
+            live = is_live(camera.source)
+            frames = "live" if live else f"{len(open_files(camera_capture(settings, camera.name)))} frames"
+            found.append(f"{camera.name} ({shown_source(camera.source)}, {frames})")
+    except UserError as error:
+        return Finding("fail", "rig", "cannot be used", str(error))
+    return Finding("pass", "rig", f"{settings.rig.file}: {', '.join(found)}")
 
 
 def _scene(settings: Settings) -> Finding:

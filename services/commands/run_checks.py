@@ -14,7 +14,9 @@ import msgspec
 from vemlight.errors import UserError, of_setting
 from vemlight.files import group_hint, may_open
 from vemlight.journal import DYING_S
-from vemlight.settings import Capture, Plate, Settings, check_settings, is_camera, is_stream
+from vemlight.runtime.instances import camera_capture, instances, rig_cameras
+from vemlight.runtime.transport import endpoint
+from vemlight.settings import Capture, Plate, Settings, check_settings, is_camera, is_live, is_stream
 
 MEMORY_DEVICES = 1  # major number of /dev/null, /dev/zero and their like (Linux, admin-guide/devices.txt)
 MAPS = ("fps", "rows", "cols", "coverage", "frames", "speed", "threads")  # keys under which the bundled sequence plays, whatever they are
@@ -32,8 +34,12 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
     if settings.capture.response:
         with _named(file, "[capture] response"):
             _read_response(Path(settings.capture.response))
-    with _named(None if source_option else file, "--source" if source_option else "[capture] source"):
-        _check_source(settings.capture)
+    if settings.rig.file:
+        with _named(file, "[rig] file"):
+            _check_rig(settings)
+    else:
+        with _named(None if source_option else file, "--source" if source_option else "[capture] source"):
+            _check_source(settings.capture)
     with _named(file, "[plate] source"):
         _check_plate(settings.plate)
     if settings.fixtures.rig:
@@ -90,6 +96,34 @@ def _check_source(capture: Capture) -> None:
         from vemlight.capture.source import open_files
 
         open_files(capture).check()
+
+
+def _check_rig(settings: Settings) -> None:
+    """Raises UserError for a rig of cameras of which one cannot be used, or which do not go together."""
+    from vemlight.capture.source import open_files
+    from vemlight.fuse.check import check_cameras
+
+    path = Path(settings.rig.file)
+    check_cameras(path, [], [])
+    fps, frames, some_live = [], [], False
+    for camera in rig_cameras(settings.rig.file):
+        capture = camera_capture(settings, camera.name)
+        with of_setting(f"{path}: camera {camera.name}"):
+            for name in capture.lenses:
+                _read_lens(Path(name))
+            if capture.response:
+                _read_response(Path(capture.response))
+            _check_source(capture)
+            if is_live(capture.source):
+                some_live = True
+            else:
+                source = open_files(capture)
+                fps.append(source.fps)
+                frames.append(len(source))
+    if not some_live:
+        check_cameras(path, fps, frames)
+    for name in instances(settings):
+        endpoint(settings.wire, name, "publish")
 
 
 def _check_plate(plate: Plate) -> None:

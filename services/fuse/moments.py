@@ -1,6 +1,6 @@
 """Live: which frames of several cameras show one moment, as they come. A value of its own; clocks are passed in.
 
-The first camera of the rig that sends frames sets the beat: each of its frames is a moment, of which every other camera gives the frame
+The first camera of the rig whose frames come sets the beat: each of its frames is a moment, of which every other camera gives the frame
 that was seen nearest in time. A moment is ready when no camera can have a nearer one to come, or when its patience is over.
 """
 
@@ -16,6 +16,7 @@ from vemlight.runtime.channels import FRAMES
 # is held, for a lost frame shall not flicker. A killed capture is back after 2 s. 0.2 to 1 s would do
 SILENT_S = 0.5
 SILENT_FRAMES = FRAMES["capture"].max_missed + 1
+LATE_FRAMES = 1.75  # after which the next camera sets the beat: a frame that is late by three quarters is lost. 1.3 to 2 would do
 PATIENCE_FRAMES = 2.0  # for which a moment waits for the cameras whose frames are on their way: 1 to 3 would do
 LAST_FRAMES = 8  # of a camera: four times what the patience leaves waiting
 BEATS = 16  # whose median interval is the period
@@ -48,6 +49,7 @@ class Moments:
         self._intervals_ns: deque[int] = deque([round(1e9 / fps)], maxlen=BEATS)
         self._last_ns: int | None = None
         self._beat = 0  # the camera that set the last one
+        self._to_catch_up = 0  # moments that waited when another camera began to set the beat: none of them is passed over
 
     @property
     def period_ns(self) -> float:
@@ -72,16 +74,15 @@ class Moments:
         silent = self.silent(now_ns)
         if all(silent):
             return None
-        beat = silent.index(False)
-        if beat != self._beat:
-            self._beat = beat
-            self._intervals_ns = deque([round(self.period_ns)], maxlen=BEATS)
-        waiting = [seen for seen in self._frames[beat] if self._last_ns is None or seen.at_ns > self._last_ns + self.period_ns / 2]
+        self._set_beat(silent, now_ns)
+        waiting = self._waiting()
         ready = [k for k, seen in enumerate(waiting) if self._is_ready(seen, silent, now_ns)]
         if not ready:
             return None
-        self.skipped += ready[-1]
-        seen = waiting[ready[-1]]
+        taken = ready[0] if self._to_catch_up else ready[-1]
+        self._to_catch_up = max(0, self._to_catch_up - 1)
+        self.skipped += taken
+        seen = waiting[taken]
         chosen = [None if left_out else _nearest(frames, seen.at_ns) for frames, left_out in zip(self._frames, silent, strict=True)]
         times = [each.at_ns for each in chosen if each]
         self._last_ns = seen.at_ns
@@ -91,9 +92,23 @@ class Moments:
 
     def wait_ns(self, now_ns: int) -> float:
         """How long until a moment may be ready though no frame comes."""
-        last_ns = -math.inf if self._last_ns is None else self._last_ns + self.period_ns / 2
-        came = [seen.came_ns for seen in self._frames[self._beat] if seen.at_ns > last_ns]
+        came = [seen.came_ns for seen in self._waiting()]
         return max(0.0, min(came) + PATIENCE_FRAMES * self.period_ns - now_ns) if came else math.inf
+
+    def _set_beat(self, silent: tuple[bool, ...], now_ns: int) -> None:
+        """Chooses the first camera that is not late, or else the first that is not silent."""
+        late_ns = now_ns - LATE_FRAMES * self.period_ns
+        on_time = [k for k, frames in enumerate(self._frames) if frames and frames[-1].came_ns >= late_ns]
+        beat = on_time[0] if on_time else silent.index(False)
+        if beat != self._beat:
+            self._beat = beat
+            self._intervals_ns = deque([round(self.period_ns)], maxlen=BEATS)
+            self._to_catch_up = len(self._waiting())
+
+    def _waiting(self) -> list[Seen]:
+        """The frames of the camera that sets the beat which are later than the last moment, oldest first."""
+        after_ns = -math.inf if self._last_ns is None else self._last_ns + self.period_ns / 2
+        return [seen for seen in self._frames[self._beat] if seen.at_ns > after_ns]
 
     def _is_ready(self, seen: Seen, silent: tuple[bool, ...], now_ns: int) -> bool:
         if now_ns - seen.came_ns >= PATIENCE_FRAMES * self.period_ns:

@@ -14,6 +14,7 @@ import numpy as np
 import zmq
 
 from vemlight.errors import UserError, of_setting
+from vemlight.fuse.check import warm
 from vemlight.fuse.fusing import FuseReport, FuseState, fuse_step
 from vemlight.fuse.moments import Moments, seen_at_ns
 from vemlight.fuse.rig_file import read_camera_rig
@@ -42,7 +43,9 @@ def main(settings: Settings, restarts: int = 0) -> None:
     if not settings.rig.file:
         raise UserError("[rig] file names nothing; name a rig of cameras, or leave out fuse: one camera needs none")
     with of_setting("[rig] file"):
-        state = FuseState.start(read_camera_rig(Path(settings.rig.file)))
+        rig = read_camera_rig(Path(settings.rig.file))
+    warm(rig)
+    state = FuseState.start(rig)
     transport, stop = Transport(settings.wire), StopSignal()
     try:
         name = instance_of(settings, "fuse")

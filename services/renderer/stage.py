@@ -138,7 +138,7 @@ class RendererStage:
             drawing = msgspec.structs.replace(drawing, frame_ms=0.0)
         elif drawing.frame_ms is None:
             drawing = msgspec.structs.replace(drawing, frame_ms=LIVE_FRAME_MS)
-        if drawing.light_regions is None and settings.capture.map_coverage == "hemisphere":
+        if drawing.light_regions is None and settings.capture.map_coverage == "hemisphere" and not settings.rig.file:
             drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, file_samples(scene) if self._images else LIVE_SAMPLES)
         self._renderer.warm()  # here, since the sampler compiles its own meanwhile, and what plays waits for both

@@ -14,7 +14,7 @@ from msgspec import Meta
 from vemlight.errors import UserError
 from vemlight.files import read_toml
 from vemlight.runtime.channels import UPSTREAM, Instance, Service
-from vemlight.settings import Capture, Settings, is_stream
+from vemlight.settings import Capture, Settings, is_live, is_stream, shown_source
 
 MAX_CAMERAS = 16  # as of services/fuse/rig_file.py
 
@@ -69,6 +69,9 @@ def camera_capture(settings: Settings, name: str) -> Capture:
         wrong = f"{name}: {settings.rig.file} has no such camera" if name else f"{settings.rig.file} has several cameras"
         raise UserError(f"capture: {wrong}; name one of {', '.join(cameras)}")
     camera, capture = cameras[name], settings.capture
+    if settings.mode == "lossless" and is_live(camera.source):
+        text = f"camera {name}: {shown_source(camera.source)} is live"
+        raise UserError(f'{settings.rig.file}: {text}, and mode = "lossless" replays files; use mode = "live"')
     record = str(Path(capture.record) / name) if capture.record else ""
     return msgspec.structs.replace(capture, source=camera.source, lens=camera.lens, response=camera.response, record=record)
 

@@ -5,6 +5,7 @@ import os
 import re
 from pathlib import Path
 
+from vemlight.runtime.instances import rig_cameras
 from vemlight.settings import Settings
 
 BESIDE = ("lens.toml", "response.toml")  # that are looked for beside a frame
@@ -26,6 +27,11 @@ def input_digests(settings: Settings) -> dict[str, str]:
         "[renderer] scene": settings.renderer.scene,
         "[plate] source": settings.plate.source,
     }
+    if settings.rig.file:
+        paths["[rig] file"] = settings.rig.file
+        for camera in rig_cameras(settings.rig.file):
+            files = {"source": camera.source, "lens": camera.lens, "response": camera.response}
+            paths |= {f"camera {camera.name}: {key}": path for key, path in files.items()}
     return {key: _digest(Path(path)) for key, path in paths.items() if path}
 
 

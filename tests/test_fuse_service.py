@@ -1,0 +1,144 @@
+"""The fuse service among processes: cameras that die and come back, and lossless runs that are equal to the byte."""
+
+import os
+import signal
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+from tests.support.lights_files import read_lights
+from tests.support.processes import LOADED_S, wait_until
+from vemlight.light.images import write_exr
+from vemlight.runtime import wire
+from vemlight.runtime.demand import Pull
+from vemlight.runtime.service_stats import ServiceStats
+from vemlight.runtime.transport import Transport
+
+NAMES = ("a", "b", "c")
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def rig_file(tmp_path_factory) -> Path:
+    """Three cameras, a metre apart, each with its own recording: grey, and a sun that walks."""
+    folder = tmp_path_factory.mktemp("rig")
+    for c, name in enumerate(NAMES):
+        (folder / name).mkdir()
+        for k in range(FRAMES):
+            image = np.full((16, 32, 3), 0.25, np.float32)
+            image[4, (10 + k + c) % 32] = 200
+            write_exr(folder / name / f"f_{k:02d}.exr", image)
+    cameras = [{"name": name, "source": name, "at": [c, 0, 1]} for c, name in enumerate(NAMES)]
+    (folder / "rig.toml").write_text(tomli_w.dumps({"camera": cameras}))
+    return folder / "rig.toml"
+
+
+@pytest.fixture
+def make_rig(make_settings, rig_file):
+    def make(**sections):
+        capture = {"source": "", "rows": 8, "cols": 32, "fps": 8.0, **sections.pop("capture", {})}
+        return make_settings(rig={"file": str(rig_file)}, capture=capture, **sections)
+
+    return make
+
+
+class Fused:
+    """What fuse publishes, in order."""
+
+    def __init__(self, settings) -> None:
+        self._transport = Transport(settings.wire)
+        self._socket = self._transport.subscribe("fuse", "points", "map")
+        self.headers: list[wire.FrameHeader] = []
+
+    def until(self, true) -> wire.PointsMessage:
+        """The first `points` from now on for which `true` holds."""
+        until_s = time.monotonic() + LOADED_S
+        while time.monotonic() < until_s:
+            if self._socket.poll(200):
+                header, _ = wire.unpack(self._socket.recv_multipart())
+                assert isinstance(header, wire.FrameHeader)
+                self.headers.append(header)
+                if isinstance(header, wire.PointsMessage) and true(header.report):
+                    return header
+        raise AssertionError("no such frame came")
+
+    def close(self) -> None:
+        self._transport.close()
+
+
+def test_each_camera_may_die_and_come_back_while_the_others_go_on(make_rig, services):
+    settings, path = make_rig()
+    captures = {name: services.start("vemlight.capture", str(path), name) for name in NAMES}
+    fuse = services.start("vemlight.fuse", str(path))
+    fused = Fused(settings)
+    try:
+        fused.until(lambda report: report.cameras == 3)
+        for name in NAMES:
+            captures[name].send_signal(signal.SIGKILL)
+            captures[name].wait()
+            left_out = fused.until(lambda report: report.silent_cameras == 1)
+            assert left_out.report.cameras == 2
+            captures[name] = services.start("vemlight.capture", str(path), name)
+            fused.until(lambda report: report.cameras == 3)
+            assert fuse.poll() is None
+        maps = [header.stamp for header in fused.headers if isinstance(header, wire.MapMessage)]
+        points = [header.stamp for header in fused.headers if isinstance(header, wire.PointsMessage)]
+        assert sum(stamp in points for stamp in maps) >= len(maps) - 2, "both are on one stamp"  # but where a queue was full
+        for a, b in pairwise(points):
+            assert b.time_s > a.time_s
+            assert b.monotonic_ns > a.monotonic_ns
+            assert b.sequence > a.sequence
+    finally:
+        fused.close()
+
+
+def pulled(settings, count: int, at=lambda k: None) -> list[int]:
+    """The numbers of `count` frames of lights, requested as a renderer does."""
+    transport, numbers = Transport(settings.wire), []
+    try:
+        pull = Pull(transport.request_from("sampler"), "lights", ServiceStats("renderer", 0))
+
+        def came() -> bool:
+            if frame := pull.frame(len(numbers)):
+                assert isinstance(frame[0], wire.LightsMessage)
+                numbers.append(frame[0].stamp.sequence)
+                at(len(numbers))
+            return len(numbers) == count or pull.end is not None
+
+        wait_until(came, f"frame {len(numbers)}")
+        while pull.end is None and len(numbers) < count + 1:
+            pull.frame(count)
+        return numbers
+    finally:
+        transport.close()
+
+
+def test_lossless_runs_are_equal_to_the_byte_whoever_is_killed(make_rig, services, tmp_path):
+    written = []
+    for run in ("undisturbed", "killed"):
+        out = tmp_path / run
+        settings, path = make_rig(name=f"{run}.toml", mode="lossless", out=str(out))
+        running = {name: services.start("vemlight.capture", str(path), name) for name in NAMES}
+        running |= {name: services.start(f"vemlight.{name}", str(path)) for name in ("fuse", "sampler")}
+
+        def kill(k: int, running=running, path=path, run=run) -> None:
+            if run == "killed" and k in (3, 6):
+                name = {3: "fuse", 6: "b"}[k]
+                os.kill(running[name].pid, signal.SIGKILL)
+                running[name].wait()
+                running[name] = services.start(*(["vemlight.fuse", str(path)] if name == "fuse" else ["vemlight.capture", str(path), "b"]))
+
+        assert pulled(settings, FRAMES, kill) == list(range(FRAMES))
+        for process in running.values():
+            process.terminate()
+            assert process.wait(timeout=20) == 0
+        written.append((out / "lights.jsonl").read_bytes())
+    assert written[0] == written[1]
+    rows = read_lights(tmp_path / "killed" / "lights.jsonl")
+    assert [row.sequence for row in rows] == list(range(FRAMES))
+    assert all(row.at == (1.0, 0.0, 1.0) for row in rows), "the rig's centre"
+    assert all(isinstance(row.points, list) for row in rows)

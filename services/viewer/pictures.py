@@ -83,7 +83,10 @@ def _with_neighbours(codes: np.ndarray) -> np.ndarray:
 
 def picture_jpeg(pixels: np.ndarray) -> bytes:
     """A picture (height, width, 4) uint8 RGBA, alpha straight, over GROUND, as JPEG."""
-    colours, cover = cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGR), cv2.cvtColor(cv2.extractChannel(pixels, 3), cv2.COLOR_GRAY2BGR)
+    colours, alpha = cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGR), cv2.extractChannel(pixels, 3)
+    if alpha.min(initial=255) == 255:  # nothing shows behind it
+        return jpeg(colours)
+    cover = cv2.cvtColor(alpha, cv2.COLOR_GRAY2BGR)
     return jpeg(cv2.add(cv2.multiply(colours, cover, scale=1 / 255), cv2.LUT(cover, GROUND_UNDER)))
 
 

@@ -8,6 +8,7 @@ import socket
 import time
 from typing import Any
 
+import cv2
 import zmq
 import zmq.asyncio
 from aiohttp import web
@@ -36,6 +37,7 @@ SHUTDOWN_S = 0.1  # aiohttp waits for open streams so long twice, and they would
 async def view(settings: Settings, restarts: int) -> None:
     """Runs until SIGTERM or SIGINT. Raises UserError for sockets or a port that cannot be had."""
     settings = with_token(settings)
+    cv2.setNumThreads(1)  # its threads take more processor time than they save on pictures of this size
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)

@@ -16,8 +16,8 @@ from vemlight.light import lights_binary, mask, virtual_lamp
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.runtime.allowance import Allowance
 from vemlight.viewer.authentication import add_headers, authentication_middleware
+from vemlight.viewer.broadcast import Broadcast, Reader
 from vemlight.viewer.connections import busy_middleware, connection_of
-from vemlight.viewer.feeds import Feed
 from vemlight.viewer.meter import Look
 from vemlight.viewer.saved_settings import settings_file
 from vemlight.viewer.upload_handlers import UploadHandlers
@@ -27,11 +27,11 @@ PAGE = Path(__file__).parent / "page"
 CONTENT_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}  # of the page's files
 MAX_PAGES = 64  # sockets and streams at once; each costs a task and one encoded frame on its way. 32 to 256 would do
 MAX_BODY = 48 * 1024  # bytes; a control has under 100, with all that wire.ControlMessage may hold 36,000. Up to 128 kB would do
-MAX_FEED_NAME = 64  # bytes of a page's message: the name of a feed; any value in 8..1024 does
+MAX_FEED_NAMES = 64  # bytes of a page's message: all names have 45; up to 1024 would do
 HEARTBEAT_S = 10.0  # a page that does not answer within half of it is disconnected; any value in 5..60 does
 STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so long; any value in 5..60 does
 BODY_S = 5.0  # for a control to come; 2 to 20 s would do
-MESSAGES_BURST, MESSAGES_PER_S = 1000, 500  # of a page: it names each of five feeds once for each picture; 250 to 2000 a second would do
+MESSAGES_BURST, MESSAGES_PER_S = 1000, 500  # of a page: it may name each of five feeds once for each picture; 250 to 2000 a second would do
 BINARY_FEEDS = {"disc": 1, "picture": 2, "lights.bin": lights_binary.KIND}  # first byte of a binary message
 OWN_HEAD = {"lights.bin"}  # feeds whose bytes begin with it already; after the others' a JPEG follows
 PAGE_FEEDS = ("summary", "lights", "levels", "disc", "picture")  # what a socket gets unless it asks for others
@@ -57,11 +57,18 @@ class Site:
         self._files["/constants.js"] = constants_js().encode(), "text/javascript"
         self._metrics: Any = None  # a CollectorRegistry, made when it is first asked for
         self._sockets: set[web.WebSocketResponse] = set()
+        self._feeds = {
+            "summary": state.summaries, "lights": state.lights, "levels": state.levels, "disc": state.disc, "picture": state.picture,
+            "lights.bin": state.lights_binary,
+        }  # fmt: skip
+        first = {name: byte for name, byte in BINARY_FEEDS.items() if name not in OWN_HEAD}
+        self._broadcast = Broadcast(self._feeds, first, set(BINARY_FEEDS), state.feeds_changed)
 
     def app(self) -> web.Application:
         middlewares = [busy_middleware, authentication_middleware(self._state.settings.viewer)]
         app = web.Application(middlewares=middlewares, client_max_size=MAX_BODY)
         app.on_response_prepare.append(add_headers)
+        app.on_startup.append(self._start)
         app.on_shutdown.append(self._close_sockets)
         app.add_routes(
             [
@@ -200,21 +207,22 @@ class Site:
     async def socket(self, request: web.Request) -> web.WebSocketResponse:
         """To a page: summaries, lights and levels as text (JSON), disc and picture as binary (one byte that says which, then a JPEG).
 
-        Of each feed one message at most is on its way: the page names the feed when it has shown it, and only then the newest follows.
+        Of each feed one message at most is on its way: the page names the feed when it has shown it, or several with commas between, and
+        only then the newest follows.
         `?feeds=lights.bin` gives that feed instead, `feeds=lights,picture` these two (docs/clients.md).
         """
-        state = self._state
-        feeds = {"summary": state.summaries, "lights": state.lights, "levels": state.levels, "disc": state.disc, "picture": state.picture}
-        feeds["lights.bin"] = state.lights_binary
-        shown, taken = set(request.query.get("feeds", ",".join(PAGE_FEEDS)).split(",")), asyncio.Event()
-        if not shown <= feeds.keys():
-            raise web.HTTPBadRequest(text=f"feeds: choose from {', '.join(feeds)}, with commas between\n")
+        asked = set(request.query.get("feeds", ",".join(PAGE_FEEDS)).split(","))
+        if not asked <= self._feeds.keys():
+            raise web.HTTPBadRequest(text=f"feeds: choose from {', '.join(self._feeds)}, with commas between\n")
         with self._counted():
-            socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_FEED_NAME, compress=False, autoping=False)
+            socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_FEED_NAMES, compress=False, autoping=False)
             await socket.prepare(request)
-            sender = asyncio.create_task(self._send(request, socket, feeds, shown, taken))
+            if request.transport is None:  # gone already
+                return socket
+            reader = Reader(request.transport, asked, lambda: _abort(request))
             messages = Allowance(MESSAGES_BURST, MESSAGES_PER_S)
             self._sockets.add(socket)
+            self._broadcast.add(reader)
             try:
                 async for message in socket:
                     if not messages.take():
@@ -225,38 +233,16 @@ class Site:
                         continue
                     if message.type is WSMsgType.PONG:
                         continue
-                    if message.type is not WSMsgType.TEXT or message.data not in feeds:
-                        await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"send the name of a feed")
+                    names = message.data.split(",") if message.type is WSMsgType.TEXT else [""]
+                    if not self._feeds.keys() >= set(names):
+                        await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"send the names of feeds, with commas between")
                         break
-                    shown.add(message.data)
-                    taken.set()
+                    for name in names:
+                        self._broadcast.ask(reader, name)
             finally:
+                self._broadcast.remove(reader)
                 self._sockets.discard(socket)
-                sender.cancel()
             return socket
-
-    async def _send(
-        self, request: web.Request, socket: web.WebSocketResponse, feeds: dict[str, Feed], shown: set[str], taken: asyncio.Event
-    ) -> None:
-        sent = dict.fromkeys(feeds, 0)
-        try:
-            while True:
-                ready = [name for name in feeds if name in shown and feeds[name].number > sent[name]]
-                if not ready:
-                    taken.clear()
-                    await _first_of(self._state.feeds_changed.wait(), taken.wait())
-                for name in ready:
-                    shown.discard(name)
-                    sent[name], data = await feeds[name].newest()
-                    async with asyncio.timeout(STREAM_TIMEOUT_S):
-                        if name in OWN_HEAD:
-                            await socket.send_bytes(data)
-                        elif name in BINARY_FEEDS:
-                            await socket.send_bytes(bytes([BINARY_FEEDS[name]]) + data)
-                        else:
-                            await socket.send_str(data.decode())
-        except (ConnectionError, TimeoutError):
-            _abort(request)  # the page is gone, or takes nothing
 
     @contextmanager
     def _counted(self) -> Iterator[None]:
@@ -270,7 +256,11 @@ class Site:
         finally:
             state.pages -= 1
 
+    async def _start(self, _: web.Application) -> None:
+        self._broadcast.start()
+
     async def _close_sockets(self, _: web.Application) -> None:
+        self._broadcast.stop()
         for socket in list(self._sockets):
             await socket.close(code=WSCloseCode.GOING_AWAY)
 
@@ -296,12 +286,3 @@ def _abort(request: web.Request) -> None:
     """Ends a connection without waiting for what was written to it."""
     if request.transport:
         request.transport.abort()
-
-
-async def _first_of(*awaitables) -> None:
-    tasks = [asyncio.ensure_future(each) for each in awaitables]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in tasks:
-            task.cancel()

@@ -5,6 +5,7 @@ import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
 import { Graphs } from "/graphs.js";
 import { History } from "/history.js";
+import { lightsFromBytes } from "/lights_from_bytes.js";
 import { Meter } from "/meter.js";
 import { Objects } from "/objects.js";
 import { PersistedControls } from "/persisted_controls.js";
@@ -13,6 +14,7 @@ import { SkyTools } from "/sky_tools.js";
 import { Source } from "/source.js";
 import { Timeline } from "/timeline.js";
 
+const FEEDS = "summary,lights.bin,levels,disc,picture";
 const RECONNECT_MS = 1000;
 const GREW_MS = 5000; // a count of losses is coloured while it grows, and for so long after
 const MEASURES = [ // of every service: those of wire.StatusMessage
@@ -49,14 +51,17 @@ function notice(about, text) {
 }
 
 function connect() {
-  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?feeds=${FEEDS}`);
+  let shown = []; // feeds to be named at the next frame of the browser
   socket.binaryType = "arraybuffer";
   socket.onopen = () => notice("socket", "");
   socket.onmessage = async ({ data }) => {
     try {
-      const name = typeof data === "string" ? takeText(JSON.parse(data)) : await takePicture(new Uint8Array(data));
+      const name = typeof data === "string" ? takeText(JSON.parse(data)) : await takeBytes(data);
+      if (shown.push(name) > 1) return;
       await new Promise(requestAnimationFrame); // a hidden page asks for nothing
-      if (socket.readyState === WebSocket.OPEN) socket.send(name);
+      if (socket.readyState === WebSocket.OPEN) socket.send(shown.join(","));
+      shown = [];
     } catch (error) {
       notice("message", `This page could not show a message: ${error.message}`);
     }
@@ -74,19 +79,12 @@ function tokenRefused() {
   return fetch("/healthz", { signal: AbortSignal.timeout(RECONNECT_MS) }).then((answer) => answer.status === 401, () => false);
 }
 
-// Text is a summary, or a frame's lights or levels. Returns the feed's name.
+// Text is a summary, or a frame's levels. Returns the feed's name.
 function takeText(message) {
   if (message.schema?.startsWith("vemlight.levels/")) {
     fixtures.show(message);
     count("rig");
     return "levels";
-  }
-  if (message.schema) {
-    sky.take(message, performance.now());
-    graphs.takeLights(message);
-    at("sky-facts").textContent = `${message.lights.length} lights${skyTools.facts} · frame ${message.sequence}`;
-    at("disc").setAttribute("aria-label", `The sky seen from below with ${message.lights.length} lights. ${at("light-facts").textContent}`);
-    return "lights";
   }
   document.body.classList.remove("dim");
   persisted.take(message);
@@ -111,6 +109,21 @@ function applyAgain(change) {
   controls.inputAt = -Infinity;
   if ("poses" in change) objects.adopt(change.poses);
   skyTools.adopt(change);
+}
+
+// Bytes are a frame's lights, its sky or its picture. Returns the feed's name.
+async function takeBytes(buffer) {
+  const bytes = new Uint8Array(buffer);
+  if (bytes[0] !== BINARY_FEEDS["lights.bin"]) return takePicture(bytes);
+  takeLights(lightsFromBytes(buffer));
+  return "lights.bin";
+}
+
+function takeLights(frame) {
+  sky.take(frame, performance.now());
+  graphs.takeLights(frame);
+  at("sky-facts").textContent = `${frame.lights.length} lights${skyTools.facts} · frame ${frame.sequence}`;
+  at("disc").setAttribute("aria-label", `The sky seen from below with ${frame.lights.length} lights. ${at("light-facts").textContent}`);
 }
 
 async function takePicture(bytes) {

@@ -57,8 +57,9 @@ def opened(folder: Path, simulated: SimulatedServices, browser) -> Iterator:
 def page(opened, simulated):
     """The page with nothing chosen."""
     chosen = ("count", "exposure", "filtered", "masks", "lamps")
+    opened.goto("about:blank")  # which sends nothing any more
     opened.viewer.choose(**dict.fromkeys(chosen), poses=[])
-    opened.reload()
+    opened.goto(opened.viewer.url)
     opened.locator("#overall[data-state=live]").wait_for()
     eventually(lambda: simulated.controls and simulated.controls[-1] == wire.ControlMessage(), "nothing chosen")
     return opened

@@ -75,8 +75,7 @@ def test_lights_are_the_file_form(viewer):
 
 def test_choices_are_published_whole_and_again(viewer, simulated):
     status, body = viewer.choose(count=17, exposure=-1.5)
-    rest = {"filtered": None, "paused": False, "armed": None, "blackout": None, "poses": []}
-    whole = {"kind": "control", "version": wire.VERSION, "count": 17, "exposure": -1.5, **rest}
+    whole = msgspec.json.decode(msgspec.json.encode(wire.ControlMessage(count=17, exposure=-1.5)))
     assert (status, json.loads(body)) == (200, whole)
     viewer.choose(paused=True)
     chosen = wire.ControlMessage(count=17, exposure=-1.5, paused=True)

@@ -89,6 +89,7 @@ def test_a_pause_has_them_in_each_pass_as_wide_as_they_are():
     added = lights_of_lamps([LAMP])
     for a, b in zip(passes, own, strict=True):
         assert len(a.ids) == len(b.ids) + 1 == len(set(a.ids.tolist()))
+        assert is_virtual(a).sum() == 1  # so that gloss reflects the map as it is
         assert a.irradiance.sum(axis=0) - b.irradiance.sum(axis=0) == pytest.approx(added.irradiance[0], rel=1e-4)
     directions = np.array([each.directions[-1] for each in passes], np.float64)
     spread = np.cov(directions.T, bias=True)

@@ -107,14 +107,13 @@ def _harmonic(unknown: np.ndarray, dark: np.ndarray, rows: int, cols: int, cover
     row, col = np.divmod(unknown, cols)
     height, width = SPAN[coverage] / rows, 2 * np.pi / cols
     middle, edge = np.sin((np.arange(rows) + 0.5) * height), np.sin(np.arange(rows + 1) * height)
-    edge[0] = edge[-1] = 0.0  # at a pole cells meet in a point, and beyond the last row there are none
     own, other, conductance = [], [], []
     for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         at = row + down
         inside = (at >= 0) & (at < rows)
         between = height / (middle[row] * width) if right else edge[row + (down > 0)] * width / height
         neighbour = np.clip(at, 0, rows - 1) * cols + (col + right) % cols
-        used = inside & (dark.ravel()[neighbour] == 0) & (between > 0)
+        used = inside & (dark.ravel()[neighbour] == 0)
         own.append(np.flatnonzero(used))
         other.append(neighbour[used])
         conductance.append(between[used])

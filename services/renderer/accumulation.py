@@ -93,11 +93,11 @@ class MapLights:
 
     def _points(self, number: int) -> LightSet:
         """One point of each lamp for a pass: places of an ellipse with the lamp's covariance, that fill it evenly over the passes."""
-        extents, count = Extents.of(self.lamps), len(self.lamps.ids)
+        extents = Extents.of(self.lamps)
         along, about = spread_points(number, 1)[0]
         across = 2 * np.sqrt(along) * np.array([np.cos(2 * np.pi * about), np.sin(2 * np.pi * about)])
         places = self.lamps.directions * extents.concentrations[:, None] + np.einsum("a,nai->ni", across, extents.axes)
-        return LightSet.of(PASS_LIGHTS + np.arange(count), places / np.linalg.norm(places, axis=1, keepdims=True), self.lamps.irradiance)
+        return LightSet.of(self.lamps.ids, places / np.linalg.norm(places, axis=1, keepdims=True), self.lamps.irradiance)
 
     def lights(self, points: np.ndarray) -> LightSet:
         """The light at each of (n, 2) points of the unit square, by the map's luminance: rows first, then the cells of a row."""

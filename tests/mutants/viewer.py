@@ -51,6 +51,13 @@ MUTANTS = [
         ("frames encoded once", "if self._encoded != self.number:", "if True:"),
         ("waiting for a later frame", "while self.number <= number:", "while self.number < number:"),
     ]),
+    *mutants_of(VIEWER + "saved_settings.py", "tests/test_saved_settings.py", [
+        ("the token", 'token=""))', "token=saved.viewer.token))"),
+        ("a stream's password", "source=shown)})", "source=part.source)})"),
+        ("the filter", '"none" if control.filtered is False', '"none" if control.filtered'),
+        ("the settings' own poses", "(*renderer.poses, *control.poses)", "control.poses"),
+        ("no masks", "if control.masks is None else", "if not control.masks else"),
+    ]),
     *mutants_of(VIEWER + "web.py", "tests/test_viewer.py", [
         ("messages without a pause", "if not messages.take():", "if False:"),
         ("forms of other pages", 'if request.content_type != "application/json":', "if False:"),

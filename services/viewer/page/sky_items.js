@@ -45,6 +45,7 @@ export class SkyItems {
     keys.forEach((button, k) => { if (button.parentElement !== this["sky-items"].children[k]) this["sky-items"].children[k].append(button); });
     this["sky-items"].hidden = !keys.length;
     this["sky-item"].hidden = !item;
+    this.tools.sky.canvas.toggleAttribute("data-selected", Boolean(item)); // a finger drags it, and does not scroll
     if (item) this.fill(item, selected.kind);
   }
 

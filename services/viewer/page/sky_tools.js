@@ -40,7 +40,7 @@ export class SkyTools {
     disc.addEventListener("pointerleave", () => this.tell(null));
     disc.addEventListener("dblclick", () => this.close());
     disc.addEventListener("keydown", (event) => this.key(event));
-    disc.addEventListener("blur", () => { this.cross = null; sky.draw(); });
+    disc.addEventListener("blur", () => { this.cross = null; this.tell(null); sky.draw(); });
     sky.overlay = (c, radius, unit) => drawTools(this, c, radius, unit);
   }
 

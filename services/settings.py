@@ -198,6 +198,14 @@ class Capture(SettingsSection, frozen=True):
             raise ValueError("stereo is of films for two eyes, and several lens files are for one view of all; leave one of them out")
 
 
+KEPT = ("fps", "rows", "cols", "coverage", "ground", "masks", "threads")  # of [capture], for a source that is not the settings' own
+
+
+def chosen_capture(own: Capture, source: str) -> Capture:
+    """The section for a source that the settings do not name: how maps are made, and nothing of how their own source is read."""
+    return Capture(source=source, **{key: getattr(own, key) for key in KEPT})
+
+
 FIXED_COUNT = 72  # the number of Havran et al. 2005
 ADAPTIVE_PERCENT = 5.0  # 20 to 80 soft lights: what one sees of fewer is in docs/accuracy.md
 ADAPTIVE_COUNT = 256  # three times what any of eleven maps takes for that; a limit of 3 % takes 130

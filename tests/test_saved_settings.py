@@ -127,3 +127,22 @@ def test_what_is_wrong_in_settings_is_said_in_a_line(tmp_path, text, line):
     with pytest.raises(UserError, match=line) as refused:
         read_settings(tmp_path / "wrong.toml")
     assert str(refused.value).startswith(str(tmp_path / "wrong.toml"))
+
+
+@pytest.mark.parametrize(("choice", "source"), [
+    ("bundled", ""), ("recording monday", "/recordings/monday"), ("camera video2", "/dev/video2"),
+    ("upload 0123456789abcdef", "/own.exr"), ("recent", "/own.exr"), ("camera ../sda", "/own.exr"), ("recording ..", "/own.exr"),
+])  # fmt: skip
+def test_a_chosen_source_is_kept_where_it_lasts(choice, source):
+    own = msgspec.convert({"capture": {"source": "/own.exr", "rows": 45, "recordings": "/recordings", "layer": "own"}}, Settings)
+    saved = saved_settings(own, wire.ControlMessage(source=choice))
+    assert (saved.capture.source, saved.capture.rows) == (source, 45)
+    assert (saved.capture.layer == "own") == (source == "/own.exr")
+    left_out = b"# Left out: the source that was chosen" in settings_file(own, wire.ControlMessage(source=choice))
+    assert left_out == (source == "/own.exr")
+
+
+def test_the_speed_is_kept_and_a_range_is_said_not_to_be():
+    control = wire.ControlMessage(speed=2.0, in_s=1.0)
+    assert saved_settings(Settings(), control).capture.speed == 2.0
+    assert b"# Left out: the range" in settings_file(Settings(), control)

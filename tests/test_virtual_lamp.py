@@ -10,6 +10,7 @@ from tests.support.light_sets import uniform_lights
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.extent import Extents, points_of_extents, received
 from vemlight.light.light_set import LightSet, are_covariances
+from vemlight.light.mask import MAX_POINTS
 from vemlight.light.sphere import direction_from_angles, map_irradiance
 from vemlight.light.virtual_lamp import MAX_LAMP_ID, VIRTUAL_IDS_FROM, VirtualLamp, check_lamps, is_virtual, lights_of_lamps, with_lamps
 from vemlight.renderer.accumulation import PASSES, MapLights
@@ -118,12 +119,12 @@ def test_gloss_shows_them_as_lights_and_the_map_as_it_is(as_points):
 
 
 def test_the_largest_control_fits_into_a_header():
-    name = "\U0001f4a1" * 60
+    name = "\U0001f4a1" * 61
     poses = tuple(
-        wire.Pose(name=f"{name}{k:04d}", position=(0.1, 0.2, 0.3), rotation=(0.5, 0.5, 0.5, 0.5), power=1.5) for k in range(wire.MAX_POSES)
+        wire.Pose(name=f"{name}{k:03d}", position=(0.1, 0.2, 0.3), rotation=(0.5, 0.5, 0.5, 0.5), power=1.5) for k in range(wire.MAX_POSES)
     )
-    points = tuple((k + 0.123, 10.1) for k in range(64))
-    masks = tuple({"points": points[:32], "width_deg": 1.5, "mode": "dark"} for _ in range(16))
+    points = tuple((k + 0.123, 10.1) for k in range(MAX_POINTS // 16))
+    masks = tuple({"points": points, "width_deg": 1.5, "mode": "dark"} for _ in range(16))
     lamps = tuple(
         VirtualLamp(id=k + 2**19, azimuth_deg=0.1, elevation_deg=0.1, irradiance=(0.1, 0.1, 0.1), size_deg=1.1) for k in range(16)
     )

@@ -18,12 +18,11 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import Instance
 from vemlight.runtime.playback import Playback
 from vemlight.runtime.session import upload_folder
-from vemlight.settings import is_live
+from vemlight.settings import chosen_capture, is_live
 
 BUNDLED_CHOICE, RECENT_CHOICE = "bundled", "recent"
 LIST_EVERY = 10  # statuses, which is 5 s: cameras come and go, recordings end
 MAX_LISTED = 2000  # names of the recordings folder that are looked at
-KEPT = ("fps", "rows", "cols", "coverage", "ground", "masks", "threads")  # of [capture], for a source that is not the settings' own
 Playing = CaptureSource | CaptureCamera
 
 
@@ -175,11 +174,6 @@ class ChosenSources:
         for name in recordings(own.recordings):
             found.append(wire.SourceChoice(choice=f"recording {name}", label=name[:64]))
         return tuple(found[: wire.MAX_CHOICES - 1])
-
-
-def chosen_capture(own: settings.Capture, source: str) -> settings.Capture:
-    """The section for a source that the settings do not name: how maps are made, and nothing of how their own source is read."""
-    return settings.Capture(source=source, **{key: getattr(own, key) for key in KEPT})
 
 
 def recordings(folder: str) -> list[str]:

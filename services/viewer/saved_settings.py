@@ -1,23 +1,26 @@
 """What is seen, as a settings file: a run with it gives the same pictures as the settings in use with what was chosen on the page."""
 
 import re
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import tomli_w
 
 from vemlight.runtime import wire
-from vemlight.settings import Settings, shown_source
+from vemlight.settings import Capture, Settings, chosen_capture, is_live, shown_source
 
 HEAD = "# What the page of vemlight showed when this was saved. `vemlight run` with this file shows the same.\n"
-
+MAX_SPEED = 100.0  # that settings take
 NUMBERS = re.compile(r"\[\n(?:\s+[-+.\deE]+,\n)+\s*\]")  # a list of numbers, which tomli_w writes one a line
 
 
 def saved_settings(settings: Settings, control: wire.ControlMessage) -> Settings:
     """The settings with the choices in them. Pause is none of them, nor are armed fixtures: those wait for a person."""
     sampler, renderer = settings.sampler, settings.renderer
-    capture = settings.capture if control.masks is None else msgspec.structs.replace(settings.capture, masks=control.masks)
+    capture = _played(settings.capture, control.source) or settings.capture
+    masks, speed = capture.masks if control.masks is None else control.masks, capture.speed * (control.speed or 1.0)
+    capture = msgspec.structs.replace(capture, masks=masks, speed=min(speed, MAX_SPEED))
     sampler = msgspec.structs.replace(
         sampler,
         count=control.count or sampler.count,
@@ -30,12 +33,31 @@ def saved_settings(settings: Settings, control: wire.ControlMessage) -> Settings
     return msgspec.structs.replace(settings, capture=capture, sampler=sampler, renderer=renderer)
 
 
+def _played(own: Capture, choice: str | None) -> Capture | None:
+    """The section for a source that was chosen; None for one that ends with this run, or whose name is none."""
+    kind, _, name = (choice or "").partition(" ")
+    if kind == "bundled" and not name:
+        return chosen_capture(own, "")
+    if Path(name).name != name or name in ("", ".."):
+        return None
+    if kind == "recording" and own.recordings:
+        return msgspec.structs.replace(chosen_capture(own, str(Path(own.recordings) / name)), recordings=own.recordings)
+    if kind == "camera":
+        same_kind = own if is_live(own.source) else chosen_capture(own, "")
+        return msgspec.structs.replace(same_kind, source=f"/dev/{name}", record="", brackets=False)
+    return None
+
+
 def settings_file(settings: Settings, control: wire.ControlMessage) -> bytes:
     """The TOML text of `saved_settings`, with a line for each thing that is left out of it because it is secret, or this run's own."""
     saved, left_out = saved_settings(settings, control), []
     if saved.viewer.token:
         saved = msgspec.structs.replace(saved, viewer=msgspec.structs.replace(saved.viewer, token=""))
         left_out.append("# Left out: [viewer] token, which opens the page. Without one a new one is made where one is needed.\n")
+    if control.source is not None and _played(settings.capture, control.source) is None:
+        left_out.append("# Left out: the source that was chosen, which ends with that run. [capture] source is the one before it.\n")
+    if control.in_s is not None or control.out_s is not None or control.loop is False:
+        left_out.append("# Left out: the range that was played, and that it was played once. [capture] start and end name frames.\n")
     for section in ("capture", "plate"):
         part = getattr(saved, section)
         if (shown := shown_source(part.source)) != part.source:

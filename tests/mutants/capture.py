@@ -105,7 +105,7 @@ MUTANTS = [
         ("limit of a fill x 10", "MAX_FILLED_CELLS = 80_000", "MAX_FILLED_CELLS = 800_000"),
         ("the ground of before", "radiance = with_ground(radiance, bright, self._albedo)", "radiance = frame.radiance"),
     ]),
-    *mutants_of("services/light/mask.py", "tests/test_masking.py", [
+    *mutants_of("services/light/mask.py", "tests/test_masking.py tests/test_virtual_lamp.py", [
         ("points of all doubled", "MAX_POINTS = 512", "MAX_POINTS = 1024"),
         ("polygons of two", "MIN_POLYGON = 3", "MIN_POLYGON = 2"),
     ]),

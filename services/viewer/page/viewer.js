@@ -4,6 +4,7 @@ import { BINARY_FEEDS } from "/constants.js";
 import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
 import { Graphs } from "/graphs.js";
+import { Guide } from "/guide.js";
 import { History } from "/history.js";
 import { lightsFromBytes } from "/lights_from_bytes.js";
 import { Meter } from "/meter.js";
@@ -41,6 +42,7 @@ const history = new History(applyAgain);
 const persisted = new PersistedControls((control) => history.quietly(() => controls.choose(control)));
 controls.onChoose = (change) => history.record(change);
 const meter = new Meter(sky);
+const guide = new Guide();
 const notices = new Map();
 let picture = null;
 
@@ -97,6 +99,7 @@ function takeText(message) {
   timeline.take(message);
   graphs.take(message);
   meter.take(message);
+  guide.take(message);
   showFigures(message);
   showCards(message);
   showCovers(message);

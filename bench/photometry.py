@@ -1,8 +1,8 @@
 """The light meter against evalglare: python -m bench.photometry EVALGLARE MAP...
 
 EVALGLARE is Radiance's program (pyradiance's wheel has it); each MAP a lat-long. Every map is scaled to several vertical illuminances and
-looked at in four directions. evalglare sees the same cells as a fisheye picture of 800 x 800, and the map itself at its own resolution,
-which tells what the cells cost.
+looked at in four directions, as a fisheye picture that evalglare reads. Compared are the formulas on the very pixels of that picture, and
+what the meter says of a polar map of 180 x 360 cells, which tells what the cells cost.
 """
 
 import argparse
@@ -17,12 +17,12 @@ from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.glare import glare_probability, glare_sources
 from vemlight.light.images import read_radiance
-from vemlight.light.map_elements import elements_from_map, plane_irradiance
-from vemlight.light.sphere import cell_from_direction, latlong_from_direction
+from vemlight.light.map_elements import MapElements, elements_from_map, plane_irradiance
+from vemlight.light.sphere import latlong_from_direction
 from vemlight.settings import Capture
 from vemlight.viewer.meter import Look
 
-SIDE = 800  # pixels of the fisheye
+SIDE = 700  # pixels of the fisheye
 EFFICACY = 179.0  # lm/W, by which Radiance's programs make luminance of radiance
 LOOKS = tuple(Look(azimuth, 0) for azimuth in (0, 90, 180, 270))
 ILLUMINANCES_LX = (600.0, 2000.0, 6000.0)
@@ -52,20 +52,22 @@ def evalglare(program: Path, luminance: np.ndarray) -> tuple[float, float]:
     return float(values[0]), float(values[2])
 
 
-def glare_of(environment: EnvironmentMap, look: Look, scale: float) -> tuple[float, float]:
-    """DGP and vertical illuminance of a map of which a unit is `scale` cd/m2."""
-    elements = elements_from_map(environment)
+def glare_of(elements: MapElements, look: Look, scale: float) -> tuple[float, float]:
+    """DGP and vertical illuminance of parts of the sphere of which a unit is `scale` cd/m2."""
     illuminance = float(luminance_from_rgb(plane_irradiance(elements, look.direction))) * scale
     sources = glare_sources(elements, luminance_from_rgb(elements.radiance) * np.float32(scale), look.direction)
     return glare_probability(illuminance, sources, look.direction, look.up), illuminance
 
 
-def pictures(radiance: np.ndarray, fine: np.ndarray, look: Look, scale: float) -> list[np.ndarray]:
-    """What a fisheye sees, in cd/m2, of a map's cells (rows, cols, 3) and of a lat-long (height, width) of luminance."""
+def fisheye(image: np.ndarray, look: Look) -> tuple[np.ndarray, MapElements]:
+    """What a fisheye sees of a lat-long (height, width, 3): its picture (SIDE, SIDE) of luminance, and its pixels as parts of the sphere."""
     directions, inside = fisheye_directions(look)
-    row, col = (part.astype(np.int64) for part in cell_from_direction(directions, *radiance.shape[:2], "sphere"))
-    i, j = (part.astype(np.int64) for part in latlong_from_direction(directions, *fine.shape))
-    return [luminance_from_rgb(radiance)[row, col % radiance.shape[1]] * scale * inside, fine[i, j] * scale * inside]
+    row, col = (part.astype(np.int64) for part in latlong_from_direction(directions, *image.shape[:2]))
+    seen = image[row, col] * inside[..., None]
+    from_axis = np.arccos(np.clip(directions @ look.direction, -1, 1))
+    solid_angles = np.sinc(from_axis / np.pi) * (np.pi / SIDE) ** 2 * inside
+    flat = (directions.reshape(-1, 3).astype(np.float32), solid_angles.ravel().astype(np.float32), seen.reshape(-1, 3))
+    return luminance_from_rgb(seen), MapElements(*flat, np.arange(SIDE * SIDE), SIDE, SIDE)
 
 
 def main() -> None:
@@ -73,20 +75,21 @@ def main() -> None:
     parser.add_argument("evalglare", type=Path)
     parser.add_argument("maps", type=Path, nargs="+")
     asked = parser.parse_args()
-    worst = np.zeros(3)
-    print("| map | azimuth | cells: E_v | evalglare | DGP | evalglare | with bright cells: DGP | evalglare on the map |")
+    worst = np.zeros(4)
+    print("| map | azimuth | E_v of the same pixels | evalglare | DGP of the same pixels | evalglare | E_v of the map | DGP of the map |")
     for path in asked.maps:
-        frame = open_source(Capture(source=str(path), coverage="sphere", rows=180)).frame(0)
-        cells, bright = EnvironmentMap(frame.radiance, "sphere"), EnvironmentMap(frame.radiance, "sphere", frame.bright_cells)
-        fine = luminance_from_rgb(read_radiance(path)[0])
+        frame, image = open_source(Capture(source=str(path), coverage="sphere", rows=180)).frame(0), read_radiance(path)[0]
+        cells = elements_from_map(EnvironmentMap(frame.radiance, "sphere", frame.bright_cells))
         for look, illuminance in zip(LOOKS, np.resize(ILLUMINANCES_LX, len(LOOKS)), strict=True):
-            scale = illuminance / glare_of(cells, look, 1.0)[1]
-            (dgp, lux), dgp_bright = glare_of(cells, look, scale), glare_of(bright, look, scale)[0]
-            (dgp_cells, lux_cells), (dgp_map, _) = (evalglare(asked.evalglare, seen) for seen in pictures(frame.radiance, fine, look, scale))
-            worst = np.maximum(worst, np.abs([lux_cells / lux - 1, dgp / dgp_cells - 1, dgp_bright / dgp_map - 1]))
-            numbers = f"{lux:.1f} | {lux_cells:.1f} | {dgp:.4f} | {dgp_cells:.4f} | {dgp_bright:.4f} | {dgp_map:.4f}"
+            picture, pixels = fisheye(image, look)
+            scale = illuminance / glare_of(pixels, look, 1.0)[1]
+            (dgp, lux), (dgp_map, lux_map) = glare_of(pixels, look, scale), glare_of(cells, look, scale)
+            dgp_by, lux_by = evalglare(asked.evalglare, picture * scale)
+            worst = np.maximum(worst, np.abs([lux_by / lux - 1, dgp / dgp_by - 1, lux_map / lux_by - 1, dgp_map / dgp_by - 1]))
+            numbers = f"{lux:.1f} | {lux_by:.1f} | {dgp:.4f} | {dgp_by:.4f} | {lux_map:.1f} | {dgp_map:.4f}"
             print(f"| {path.stem} | {look.azimuth:g} | {numbers} |", flush=True)
-    print(f"largest departures: illuminance {worst[0]:.2%}, DGP of cells {worst[1]:.2%}, DGP of the map {worst[2]:.2%}")
+    names = ("E_v", "DGP of the same pixels", "E_v of the map's cells", "DGP of the map's cells")
+    print("largest departures from evalglare: " + ", ".join(f"{name} {value:.2%}" for name, value in zip(names, worst, strict=True)))
 
 
 if __name__ == "__main__":

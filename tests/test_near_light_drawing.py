@@ -72,28 +72,34 @@ def irradiance(near: NearLightSet, points: np.ndarray, normal=(0.0, 0.0, 1.0)) -
     return total
 
 
+BOTH = pytest.mark.parametrize("shadows", ["rays", "maps"])
+
+
+@BOTH
 @pytest.mark.parametrize("radius", [0.0, 0.3])
-def test_a_plane_receives_what_the_closed_form_says(drawn, radius):
+def test_a_plane_receives_what_the_closed_form_says(drawn, radius, shadows):
     near = near_lights((0.3, 0.1, 1.5), (-0.5, -0.4, 0.8), radius=radius)
-    picture = drawn(ABOVE + GROUND, near)
+    picture = drawn(ABOVE + GROUND, near, shadows=shadows)
     assert np.abs(np.pi * picture[..., :3] / irradiance(near, ground_points()) - 1).max() < 1e-3
 
 
-def test_a_far_light_is_the_directional_one(drawn):
+@BOTH
+def test_a_far_light_is_the_directional_one(drawn, shadows):
     """A point at 100 m is the directional light I / D^2, to 1 % of the picture: both differ by 1 cm a metre, and so do their shadows."""
     direction, text = np.array([0.48, 0.36, 0.8]), ABOVE + GROUND + BOX
     far = near_lights(100 * direction, intensity=(1e4, 2e4, 3e4))
     directional = LightSet.of(np.zeros(1), direction[None], np.array([[1.0, 2.0, 3.0]]))
     for bounces in (0, 1):
-        expected = drawn(text, NearLightSet.empty(), directional, bounces=bounces)[..., :3]
-        made = drawn(text, far, bounces=bounces)[..., :3]
+        expected = drawn(text, NearLightSet.empty(), directional, bounces=bounces, shadows=shadows)[..., :3]
+        made = drawn(text, far, bounces=bounces, shadows=shadows)[..., :3]
         assert np.abs(made - expected).mean() < 0.01 * expected.mean(), bounces
 
 
-def test_a_box_casts_the_shadow_of_its_projection(drawn):
+@BOTH
+def test_a_box_casts_the_shadow_of_its_projection(drawn, shadows):
     at = np.array([-0.3, -0.2, 1.2])
     near = near_lights(at)
-    picture, points = drawn(ABOVE + GROUND + BOX, near, side=128), ground_points(128)
+    picture, points = drawn(ABOVE + GROUND + BOX, near, side=128, shadows=shadows), ground_points(128)
     lit = np.pi * picture[..., 0] / irradiance(near, points)[..., 0] > 0.5
     # Slabs: where the segment from the ground to the light passes through the box.
     low, high = np.array([0.0, -0.05, 0.3]), np.array([0.2, 0.15, 0.5])
@@ -107,12 +113,13 @@ def test_a_box_casts_the_shadow_of_its_projection(drawn):
     assert wrong.sum() <= 0.01 * wrong.size
 
 
-def test_what_is_nearer_than_the_radius_casts_nothing(drawn):
+@BOTH
+def test_what_is_nearer_than_the_radius_casts_nothing(drawn, shadows):
     cover = '[[mesh]]\nshape = "plane"\nscale = 0.3\nat = [0.0, 0.0, 1.4]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
     points = ground_points()[SIDE // 2 :: 8, :4]  # off the middle, which the cover hides from the camera
     for radius, passes in ((0.05, False), (0.5, True)):
         near = near_lights((0.0, 0.0, 1.5), radius=radius)
-        picture = drawn(ABOVE + GROUND + cover, near)[SIDE // 2 :: 8, :4, :3]
+        picture = drawn(ABOVE + GROUND + cover, near, shadows=shadows)[SIDE // 2 :: 8, :4, :3]
         expected = irradiance(near, points) / np.pi
         seen = np.abs(picture / expected - 1).max() < 0.01
         assert seen == passes
@@ -133,22 +140,24 @@ def test_the_penumbra_of_a_ball_is_that_of_its_disc(drawn):
     assert np.abs(fraction - exact).mean() < 0.01
 
 
-def test_a_room_returns_its_light(tmp_path):
+@BOTH
+def test_a_room_returns_its_light(tmp_path, shadows):
     """Power law: what a light sends out falls on the walls of a closed room about it."""
     camera = "[camera]\nfrom = [0.0, 0.0, 0.0]\nat = [0.0, 1.0, 0.0]\nfov_y = 90.0\n"
     room = '[[mesh]]\nshape = "box"\nscale = 1.0\nmaterial = {diffuse = [1.0, 1.0, 1.0]}\n'
-    renderer = renderer_of(scene_of(tmp_path, camera + room))
+    renderer = renderer_of(scene_of(tmp_path, camera + room), shadows)
     renderer.near = near_lights((0.0, 0.0, 0.0), intensity=(1.0, 1.0, 1.0), radius=0.1)
     wall = renderer.picture(DARK)[..., 0] * np.pi  # irradiance on one of six like walls
     renderer.release()
     assert 6 * wall.mean() * 4 == pytest.approx(4 * np.pi, rel=2e-3)  # 4 m^2 each
 
 
-def test_256_lights_are_each_drawn(drawn):
+@BOTH
+def test_256_lights_are_each_drawn(drawn, shadows):
     rng = np.random.default_rng(1)
     places = np.concatenate([rng.uniform(-2, 2, (MAX_NEAR_LIGHTS, 2)), rng.uniform(0.5, 3, (MAX_NEAR_LIGHTS, 1))], axis=1)
     near = near_lights(*places)
-    assert np.abs(np.pi * drawn(ABOVE + GROUND, near)[..., :3] / irradiance(near, ground_points()) - 1).max() < 1e-3
+    assert np.abs(np.pi * drawn(ABOVE + GROUND, near, shadows=shadows)[..., :3] / irradiance(near, ground_points()) - 1).max() < 1e-3
 
 
 def test_no_near_light_costs_nothing(tmp_path):
@@ -167,8 +176,9 @@ def test_extreme_lights_stay_finite(drawn):
     assert np.isfinite(drawn(ABOVE + GROUND, near)).all()
 
 
-def test_a_light_that_stays_is_traced_once_and_one_that_moves_again(tmp_path):
-    renderer = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), frame_ms=1000.0)
+@BOTH
+def test_a_light_that_stays_is_traced_once_and_one_that_moves_again(tmp_path, shadows):
+    renderer = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), shadows, frame_ms=1000.0)
     traced = []
     for shift in (0.0, 0.0, 1e-4, 0.3, 0.3):
         renderer.near = near_lights((-0.3 + shift, 0.0, 1.2), (0.5, 0.5, 1.0))
@@ -177,14 +187,15 @@ def test_a_light_that_stays_is_traced_once_and_one_that_moves_again(tmp_path):
     moved = renderer.picture(DARK).copy()
     renderer.release()
     assert traced == [2, 0, 0, 1, 0]
-    again = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), frame_ms=1000.0)
+    again = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), shadows, frame_ms=1000.0)
     again.near = near_lights((0.0, 0.0, 1.2), (0.5, 0.5, 1.0))
     assert again.picture(DARK) == pytest.approx(moved, abs=2e-3)
     again.release()
 
 
-def test_a_state_drawn_again_gives_the_same_picture(tmp_path):
-    renderer = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), frame_ms=1000.0)
+@BOTH
+def test_a_state_drawn_again_gives_the_same_picture(tmp_path, shadows):
+    renderer = renderer_of(scene_of(tmp_path, ABOVE + GROUND + BOX), shadows, frame_ms=1000.0)
     renderer.near = near_lights((-0.3, 0.0, 1.2), radius=0.1)
     renderer.picture(DARK)
     state = renderer.state

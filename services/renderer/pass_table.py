@@ -51,6 +51,7 @@ LIGHTS = Pass(
     "passes/lights/shading.py",
 )
 NEAR_RAYS = Pass("near rays", "rays", ("near lights", "pose", "G-buffer"), ("near visibility",), "passes/near_lights/near_lights.py")
+NEAR_MAPS = Pass("near maps", "shadow maps", ("near lights", "pose"), ("near visibility",), "passes/near_lights/near_light_maps.py")
 NEAR_LIGHTS = Pass(
     "near lights",
     "lights",
@@ -93,6 +94,6 @@ TONE_MAPPING = Pass(
 
 PASSES = (
     LUMINAIRE_MAPS, SHADOW_MAPS, PREFILTER, EDGES, G_BUFFER, COARSE_SURFACES, CLASSES, EMISSION, LUMINAIRES, VISIBILITY_CACHE,
-    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, NEAR_RAYS, NEAR_LIGHTS, MIRRORS, GLOSS, BOUNCE, NEAR_MATTE,
+    WEAK_RAYS, WEAK_LIGHTS, WEAK_BOUNCE, WEAK_GLOSS, RAYS, LIGHTS, NEAR_RAYS, NEAR_MAPS, NEAR_LIGHTS, MIRRORS, GLOSS, BOUNCE, NEAR_MATTE,
     COMPOSITING, UPLOAD, READ_BACK, ADAPTATION, TONE_MAPPING,
 )  # fmt: skip

@@ -27,6 +27,7 @@ from vemlight.renderer.passes.lights.traced_lights import restoring_batches as r
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.luminaires.illumination import Illumination
+from vemlight.renderer.passes.near_lights.near_light_maps import NearLightMaps
 from vemlight.renderer.passes.near_lights.near_light_plan import restoring_near_batches
 from vemlight.renderer.passes.near_lights.near_lights import NearLights
 from vemlight.renderer.passes.present.present import Present
@@ -116,6 +117,7 @@ class Renderer:
             pass_table.RAYS: self._trace,
             pass_table.LIGHTS: self._add_lights,
             pass_table.NEAR_RAYS: self._trace_near,
+            pass_table.NEAR_MAPS: self._draw_near_maps,
             pass_table.NEAR_LIGHTS: self._add_near,
             pass_table.NEAR_MATTE: self._add_near_matte,
             pass_table.COARSE_SURFACES: self._take_coarse,
@@ -210,8 +212,10 @@ class Renderer:
             assert self._coarse
             self._coarse.rays.trace(batch, 0, 1, whole=False)
         for batch in restoring_near_batches(state.near_layers) if state.near_layers else ():
-            assert self._rays
-            self._near().trace(self._rays, batch, 0, 1, False, self._coarse)
+            if self._rays:
+                self._near().trace(self._rays, batch, 0, 1, False, self._coarse)
+            elif (maps := self._near().maps) and state.lookup_pose:
+                maps.draw(batch, state.lookup_pose)
 
     def _place(self, pose: ScenePose) -> None:
         """Moves the surfaces and the luminaires there."""
@@ -329,9 +333,18 @@ class Renderer:
         """What draws near lights, made when the first come."""
         if self._near_lights is None:
             regions = len(self.setup.shadows.regions.centres)
-            kinds, size = set(self.setup.kinds), self.setup.size
-            self._near_lights = NearLights(self._context, self._programs, kinds, size, regions, self._shading)
+            kinds, size, maps = set(self.setup.kinds), self.setup.size, None
+            if not self.setup.traced:
+                occluders, resolution = self._illumination.occluders, self.setup.shadows.resolutions
+                fixed = None if resolution.by_power else resolution.largest
+                maps = NearLightMaps(self._context, self._programs, self.setup.scene, occluders, fixed)
+            self._near_lights = NearLights(self._context, self._programs, kinds, size, regions, self._shading, maps)
         return self._near_lights
+
+    def _draw_near_maps(self, plan: FramePlan, run: PassRun) -> None:
+        maps = self._near().maps
+        assert maps
+        maps.draw(plan.near[run.batch], plan.shown.pose)
 
     def _trace_near(self, plan: FramePlan, run: PassRun) -> None:
         assert self._rays

@@ -100,10 +100,10 @@ MUTANTS = [
         ("cells doubled", "MAX_CELLS = 2048", "MAX_CELLS = 4096"),
         ("far plane of the maps", "FAR_MARGIN = 1.01", "FAR_MARGIN = 0.5"),
     ]),
-    *mutants_of("services/renderer/passes/luminaires/luminaire_surface.glsl", f"{T}illumination.py", [
+    *mutants_of("services/renderer/passes/luminaires/cube_faces.glsl", f"{T}illumination.py", [
         ("map bias doubled", "MAP_BIAS = 0.5", "MAP_BIAS = 1.0"),
         ("map bias halved", "MAP_BIAS = 0.5", "MAP_BIAS = 0.25"),
-        ("shadows outside the map", "return 1.0;\n    vec2 corner", "return 0.0;\n    vec2 corner", "a lamp is dark outside its window"),
+        ("shadows outside the map", "return 1.0;\n    vec2 first", "return 0.0;\n    vec2 first", "a lamp is dark outside its window"),
     ]),
     *mutants_of("services/renderer/passes/luminaires/luminaire_spots.frag", f"{T}illumination.py", [
         ("weights of a spline's cells", "(a == 1 ? 4.0 : 1.0)", "(a == 1 ? 1.0 : 1.0)", "how softly a b-spline lamp's shadow fades"),

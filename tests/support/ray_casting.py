@@ -116,6 +116,19 @@ def _unblocked(low, high, first, count, corners, origins, direction, seen):
         seen[i] = _hit(low, high, first, count, corners, origins[i], direction, np.inf, True)[1] < 0
 
 
+@njit(cache=True, parallel=True)
+def _each_unblocked(low, high, first, count, corners, origins, directions, seen):
+    for i in prange(len(origins)):
+        seen[i] = _hit(low, high, first, count, corners, origins[i], directions[i], np.inf, True)[1] < 0
+
+
+def rays_leave(tree: Tree, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Whether each of the rays (n, 3) meets nothing, (n,) bool."""
+    seen = np.zeros(len(origins), bool)
+    _each_unblocked(*tree[:5], np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64), seen)
+    return seen
+
+
 def first_hits(scene: Scene, tree: Tree, width: int, height: int) -> Hits:
     """What rays through the pixel centres of a picture of the scene hit first."""
     view = view_from_world(scene.camera)

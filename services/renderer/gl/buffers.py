@@ -49,14 +49,28 @@ LIGHT_FRAME = buffer_struct(
     },
 )
 
-# A near light; `layer`: of what arrives of it, where it is traced.
+# A near light.
 NEAR_LIGHT = buffer_struct(
     "NearLight",
     {
         "at": Member("vec3", "world"),
         "radius": Member("float", "metres, of the ball that it is"),
         "intensity": Member("vec3", "RGB, W/sr"),
-        "layer": Member("float", "of visibility"),
+        "layer": Member("float", "of visibility, or the number of its six maps"),
+    },
+)
+
+# A shadow map of a near light: through a face of the cube about it.
+NEAR_SHADOW_VIEW = buffer_struct(
+    "NearShadowView",
+    {
+        "origin": Member("vec3", "world, the light"),
+        "face": Member("float", "as ShadowView has it"),
+        "low": Member("vec2", "window of tangents"),
+        "high": Member("vec2", "below low: there is no map"),
+        "corner": Member("vec2", "first texel of its tile"),
+        "inverse_depths": Member("vec2", "1 / near and 1 / far"),
+        "radius": Member("float", "metres, within which nothing casts"),
     },
 )
 
@@ -121,6 +135,7 @@ INCLUDES = {
     "light_entry.glsl": LIGHT_ENTRY.glsl,
     "light_frame.glsl": LIGHT_FRAME.glsl,
     "near_light_struct.glsl": NEAR_LIGHT.glsl,
+    "near_shadow_view.glsl": NEAR_SHADOW_VIEW.glsl,
     "shadow_view.glsl": SHADOW_VIEW.glsl,
     "material.glsl": MATERIAL.glsl,
     "surface_texels.glsl": "".join(

@@ -30,6 +30,11 @@ class Illumination:
         drawn = (_drawn(context, programs, self._occluders, scene, luminaire, size) for luminaire in scene.luminaires)
         self.luminaires: list[RasterisedLuminaire | TracedLuminaire] = list(drawn)
 
+    @property
+    def occluders(self) -> SceneOccluders:
+        """What casts shadows in their light, and in that of near lights."""
+        return self._occluders
+
     def place(self, now: ScenePose) -> None:
         """Moves the luminaires and what casts shadows in their light."""
         moved = not np.array_equal(now.matrices, self._occluders.pose.matrices)

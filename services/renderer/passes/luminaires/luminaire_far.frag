@@ -5,6 +5,7 @@
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
 #include "shadow_view.glsl"
+#include "cube_faces.glsl"
 #include "luminaire_maps.glsl"
 #include "brdf.glsl"
 #include "luminaire_surface.glsl"
@@ -23,9 +24,6 @@ void main() {
     vec2 angles = vec2(fract(atan(p.y, p.x) / (2.0 * PI)), atan(length(p.xy), p.z) / PI);
     vec2 size = vec2(textureSize(candela, 0));
     float strength = texture(candela, (angles * (size - 1.0) + 0.5) / size).r;
-    vec3 a = abs(p);
-    int axis = a.z >= a.x && a.z >= a.y ? 0 : a.x >= a.y ? 2 : 4;
-    float along = axis == 0 ? p.z : axis == 2 ? p.x : p.y;
-    float visibility = map_visibility(axis + (along < 0.0 ? 1 : 0), surface);
+    float visibility = map_visibility(face_of(p), surface);
     radiance = vec4(value * scale * (strength / (r * r) * visibility), 0.0);
 }

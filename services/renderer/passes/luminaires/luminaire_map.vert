@@ -1,6 +1,7 @@
 #version 430
 // One instance draws the scene into one tile; what reaches beyond the tile is clipped.
 #include "shadow_view.glsl"
+#include "cube_faces.glsl"
 #include "luminaire_maps.glsl"
 
 #if ALPHA_TEST

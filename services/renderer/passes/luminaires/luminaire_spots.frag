@@ -6,6 +6,7 @@
 #include "surface_texels.glsl"
 #include "gbuffer.glsl"
 #include "shadow_view.glsl"
+#include "cube_faces.glsl"
 #include "luminaire_maps.glsl"
 #include "brdf.glsl"
 #include "luminaire_surface.glsl"

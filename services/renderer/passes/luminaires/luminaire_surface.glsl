@@ -1,5 +1,5 @@
-// The surface a pixel sees, in the luminaire's frame, its reflection, and the fraction of a map's light that reaches it; after brdf.glsl and
-// gbuffer.glsl.
+// The surface a pixel sees, in the luminaire's frame, its reflection, and the fraction of a map's light that reaches it; after brdf.glsl,
+// cube_faces.glsl and gbuffer.glsl.
 
 uniform mat4 local_from_world;
 uniform sampler2D shadow_maps;
@@ -34,33 +34,11 @@ vec3 reflected(Surface surface, vec3 d) {
     return brdf(surface.kind, surface.reflection, cosine, view, mirrored, 2.0 * view * cosine - mirrored) * cosine;
 }
 
-const float MAP_BIAS = 0.5;  // texels: what a surface may rise above its tangent plane within a texel
-const float MIN_COSINE = 0.03;  // a receiver at a flatter angle is treated as facing the map
-
-// Fraction of the light of a map's cell that reaches the surface: bilinear over the four texels around it, each compared with the receiver's
-// own plane at that texel; 1 outside the map.
+// Fraction of the light of a map's cell that reaches the surface.
 float map_visibility(int index, Surface surface) {
+    if (shadows == 0.0) return 1.0;
     ShadowView view = views[index];
-    vec3 q = through_face(surface.position - view.origin, view.face);
-    vec3 n = through_face(surface.flat_normal, view.face);
-    if (shadows == 0.0 || q.z * inverse_depths.x <= 1.0) return 1.0;
-    vec2 texel = (view.high - view.low) / map_size;
-    vec2 at = (q.xy / q.z - view.low) / texel;
-    if (any(lessThan(at, vec2(1.0))) || any(greaterThan(at, vec2(map_size - 1.0)))) return 1.0;
-    vec2 corner = floor(at - 0.5);
-    vec2 f = at - 0.5 - corner;
-    vec4 stored = textureGather(shadow_maps, (map_corner(index) * map_size + corner + 1.0) / (map_size * map_columns));
-    float height = dot(n, q);
-    bool grazing = abs(height) < MIN_COSINE * length(q);
-    vec2 tangent = view.low + (corner + 0.5) * texel;
-    vec4 inverse;
-    for (int k = 0; k < 4; ++k) {
-        vec2 side = vec2(k == 1 || k == 2 ? 1.0 : 0.0, k < 2 ? 1.0 : 0.0);  // the order of textureGather
-        inverse[k] = grazing ? 1.0 / q.z : dot(n, vec3(tangent + side * texel, 1.0)) / height;
-    }
-    inverse *= 1.0 + MAP_BIAS * max(texel.x, texel.y);
-    vec4 own = (inverse_depths.x - inverse) / (inverse_depths.x - inverse_depths.y);
-    vec4 lit = vec4(lessThanEqual(min(own, 1.0), stored));
-    vec2 side = mix(lit.wx, lit.zy, f.x);
-    return mix(side.x, side.y, f.y);
+    vec3 q = through_face(surface.position - view.origin, view.face), n = through_face(surface.flat_normal, view.face);
+    vec2 corner = map_corner(index) * map_size;
+    return lit_by_own_plane(shadow_maps, vec2(map_size * map_columns), corner, map_size, view.low, view.high, inverse_depths, q, n);
 }

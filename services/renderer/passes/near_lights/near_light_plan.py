@@ -70,6 +70,20 @@ class NearInTime(NamedTuple):
     layers: NearLayers
     stale: int
 
+    @staticmethod
+    def none() -> "NearInTime":
+        nothing = np.zeros(0, np.int64)
+        return NearInTime(NearBatch(NearLightSet.empty(), nothing, 0, nothing, np.zeros(0, bool)), NearLayers.empty(0), 0)
+
+    @property
+    def drawn(self) -> tuple[NearBatch, ...]:
+        """The batch, if it has a light."""
+        return (self.batch,) if len(self.batch.layers) else ()
+
+    def kept(self, samples: Sequence[object]) -> NearLayers | None:
+        """The layers that the next frame may read: of one sample of each pixel."""
+        return self.layers if len(samples) == 1 and self.drawn else None
+
 
 def mean_irradiance(lights: NearLightSet, placed: PlacedCasters) -> np.ndarray:
     """What each light gives to what stands in the scene, (n,) float64: its luminance over the mean square of the distance to the points of

@@ -1,5 +1,5 @@
 #version 430
-// Adds near lights to the surfaces of a class. KIND: its kind of material. Of a shadow catcher the first target is what shadows take of
+// Adds near lights to the surfaces of a class. KIND: its kind of material. TRACED: what arrives of each lies in a layer; else in its maps. Of a shadow catcher the first target is what shadows take of
 // their irradiance, the second what they give without shadows.
 layout(early_fragment_tests) in;
 #include "constants.glsl"
@@ -12,7 +12,13 @@ layout(early_fragment_tests) in;
 
 uniform int light_count;
 uniform float weight;  // of this pass in the picture: 1 / samples
+#if TRACED
 uniform sampler2DArray cached_visibility;
+#else
+#include "near_shadow_view.glsl"
+#include "cube_faces.glsl"
+#include "near_light_maps.glsl"
+#endif
 layout(location = 0) out vec4 radiance;
 #if KIND == MATERIAL_SHADOW_CATCHER
 uniform float part;  // of the pixel, that counts as a catcher now: weight, or 0 where another batch has counted it
@@ -23,6 +29,9 @@ void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     vec3 position = surface_position(pixel).xyz;
     vec3 smooth_normal = surface_smooth_normal(pixel);
+#if !TRACED
+    vec3 flat_normal = surface_flat_normal(pixel);
+#endif
 #if KIND != MATERIAL_SHADOW_CATCHER
     Reflection surface = Reflection(surface_diffuse_at(pixel).albedo / PI, vec3(0.0), 0.0);
 #endif
@@ -41,7 +50,11 @@ void main() {
         float smooth_cosine = dot(smooth_normal, view.direction);
         float received = view.strength * near_received(smooth_cosine, view.sine);
         vec3 irradiance = min(near_lights[i].intensity * received, MAX_RADIANCE);
+#if TRACED
         float fraction = texelFetch(cached_visibility, ivec3(pixel, int(near_lights[i].layer)), 0).r;
+#else
+        float fraction = near_visibility(i, position, flat_normal);
+#endif
 #if KIND == MATERIAL_SHADOW_CATCHER
         sum += irradiance * (1.0 - fraction);
         whole += irradiance;

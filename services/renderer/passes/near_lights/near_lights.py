@@ -12,6 +12,7 @@ from vemlight.renderer.passes.gbuffer.coarse_surfaces import STEP
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.lights.shading import Shading
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
+from vemlight.renderer.passes.near_lights.near_light_maps import NearLightMaps
 from vemlight.renderer.passes.near_lights.near_light_plan import NearBatch, near_of
 from vemlight.renderer.passes.near_lights.near_matte import NearMatte
 
@@ -31,15 +32,18 @@ class NearLights:
         size: tuple[int, int],
         regions: int,
         shading: Shading,
+        maps: NearLightMaps | None,
     ) -> None:
+        """maps: of their shadows; None: those are traced."""
         self._context, self._regions, self._size = context, regions, size
         self._layers = VisibilityLayers(context, size)
+        self.maps = maps
         self._buffer = context.buffer(reserve=NEAR_BATCH * NEAR_LIGHT.dtype.itemsize, dynamic=True)
         self._shading = shading
         self.matte = NearMatte(context, programs, shading, size) if MaterialKind.SHADOW_CATCHER in kinds else None
         self._arrays = {}
         for kind in sorted(kinds):
-            program = programs.program("screen.vert", "near_lights.frag", KIND=int(kind))
+            program = programs.program("screen.vert", "near_lights.frag", KIND=int(kind), TRACED=int(maps is None))
             self._arrays[kind] = context.vertex_array(program, [])
 
     def trace(
@@ -77,7 +81,7 @@ class NearLights:
         for kind, array in self._arrays.items():
             program = array.program
             (self.matte.frame if self.matte and kind == MaterialKind.SHADOW_CATCHER else self._shading.frame).use()
-            self._layers.bind(program, g_buffer.bind(program))
+            (self.maps or self._layers).bind(program, g_buffer.bind(program))
             program["weight"], program["light_count"] = weight, len(batch.layers)
             if "part" in program:
                 program["part"] = weight if first else 0.0
@@ -87,6 +91,6 @@ class NearLights:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for resource in (*self._arrays.values(), self._buffer, self._layers, self.matte):
+        for resource in (*self._arrays.values(), self._buffer, self._layers, self.matte, self.maps):
             if resource is not None:
                 resource.release()

@@ -1,0 +1,75 @@
+"""Where shadow maps of near lights look: through those faces of a cube about a light, and windows in them, in which a receiver lies."""
+
+import numpy as np
+
+from vemlight.renderer.gl.buffers import NEAR_SHADOW_VIEW
+from vemlight.renderer.luminaire.shadow_views import CUBE_TANGENT, NEAR_FRACTION
+
+FACES = 6
+MAX_RESOLUTION, MIN_RESOLUTION = 1024, 64  # texels a side of a map, as of directional lights
+MAX_TEXELS = 2**25  # of all maps: 128 MB of depth; four lights have maps of 1024 texels a side, 256 have 128
+MAX_BOXES = 64  # of receivers apart, beyond which one box counts for all: finding windows stays below a millisecond a light
+EDGE_TEXELS = 2  # about what a window is to show, for lookups that are filtered
+FAR_MARGIN = 1.01  # of the far plane, in distances of the scene's farthest corner; any value in 1.001 .. 1.1 does
+# The axes of each face: x, y and depth of a view are these components of a vector, depth times a sign; as through_face in cube_faces.glsl.
+AXES = np.array([[0, 1, 2], [0, 1, 2], [1, 2, 0], [1, 2, 0], [2, 0, 1], [2, 0, 1]])
+SIGNS = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+EDGES = np.array([[a, b] for a in range(8) for b in range(a + 1, 8) if np.abs(CORNERS[a] - CORNERS[b]).sum() == 1])
+
+
+def map_resolution(slots: int, shadow_map: int | None) -> int:
+    """Texels a side of a map where so many lights have maps: as many as MAX_TEXELS allow, a power of two, or the setting's."""
+    side = (MAX_TEXELS / (FACES * max(slots, 1))) ** 0.5
+    fitting = 1 << int(np.log2(side))
+    return min(fitting, shadow_map or MAX_RESOLUTION)
+
+
+def receiver_boxes(corners: np.ndarray) -> np.ndarray:
+    """Boxes (m, 2, 3), low and high, about meshes of corners (m, 8, 3); of too many, one about all."""
+    boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+    return boxes if len(boxes) <= MAX_BOXES else np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
+
+
+def face_windows(at: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """Of each face about a place (3,), the window of tangents (6, 4), low x, low y, high x, high y, that holds what lies in boxes
+    (m, 2, 3); high below low where no box reaches the face."""
+    points = boxes[:, 0, None] + CORNERS * (boxes[:, 1] - boxes[:, 0])[:, None] - at  # (m, 8, 3)
+    ends = points[:, EDGES]  # (m, 12, 2, 3)
+    windows = np.empty((FACES, 4))
+    for face in range(FACES):
+        seen = ends[..., AXES[face]]
+        depth = seen[..., 2] * SIGNS[face]
+        least = 1e-6 * max(float(np.abs(points).max()), 1e-9)
+        # Each edge as far as it lies before the light.
+        before = np.maximum(depth, least)
+        span = depth[..., 1] - depth[..., 0]
+        part = np.divide(before - depth[..., :1], span[..., None], out=np.zeros_like(before), where=span[..., None] != 0)
+        clipped = seen[..., :1, :2] + part[..., None] * (seen[..., 1:, :2] - seen[..., :1, :2])
+        clipped = np.where((depth > least)[..., None], seen[..., :2], clipped)
+        tangents = clipped / before[..., None]
+        reaches = (depth > least).any(axis=(1, 2))
+        low = np.where(reaches[:, None], tangents.min(axis=(1, 2)), np.inf).clip(-CUBE_TANGENT)
+        high = np.where(reaches[:, None], tangents.max(axis=(1, 2)), -np.inf).clip(None, CUBE_TANGENT)
+        met = np.all(low < high, axis=1)
+        windows[face, :2] = np.min(low[met], axis=0, initial=np.inf)
+        windows[face, 2:] = np.max(high[met], axis=0, initial=-np.inf)
+    return windows
+
+
+def shadow_views(at: np.ndarray, radius: np.ndarray, slots: np.ndarray, boxes: np.ndarray, resolution: int, columns: int) -> np.ndarray:
+    """Six views (n, 6) NEAR_SHADOW_VIEW of each light at (n, 3) of a radius (n,) in its slot's tiles of a grid; `high` below `low` where
+    there is nothing to see."""
+    views = np.zeros((len(at), FACES), NEAR_SHADOW_VIEW.dtype)
+    middle, half = (boxes[:, 0].min(axis=0) + boxes[:, 1].max(axis=0)) / 2, (boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)) / 2
+    for k, place in enumerate(at.astype(np.float64)):
+        far_m = float(np.linalg.norm(place - middle) + np.linalg.norm(half)) * FAR_MARGIN
+        near_m = min(max(NEAR_FRACTION * far_m, float(radius[k]) / np.sqrt(3)), far_m / 2)  # whose corners lie within the radius
+        windows = face_windows(place, boxes)
+        edge = EDGE_TEXELS / resolution * np.maximum(windows[:, 2:] - windows[:, :2], 0)
+        views["low"][k], views["high"][k] = windows[:, :2] - edge, windows[:, 2:] + edge
+        views["inverse_depths"][k] = 1 / near_m, 1 / far_m
+    tile = FACES * np.asarray(slots)[:, None] + np.arange(FACES)
+    views["corner"] = np.stack([tile % columns, tile // columns], axis=-1) * resolution
+    views["origin"], views["radius"], views["face"] = at[:, None], radius[:, None], np.arange(FACES)
+    return views

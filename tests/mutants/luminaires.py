@@ -37,8 +37,10 @@ MUTANTS = [
         ("the bound accepts an equal error", "<= MAX_RELATIVE_ERROR", "< MAX_RELATIVE_ERROR", "no light field's bound is exactly 8 %"),
         ("geometric term", "** 2 * (1 + tan2) ** 2)[..., None]).astype", "** 2 * (1 + tan2))[..., None]).astype"),
     ]),
-    *mutants_of(PACKAGE + "shadow_views.py", f"{T}illumination.py", [
+    *mutants_of("services/renderer/gl/constants.py", f"{T}illumination.py", [
         ("near plane doubled", "NEAR_FRACTION = 1e-3", "NEAR_FRACTION = 2e-3"),
+    ]),
+    *mutants_of(PACKAGE + "shadow_views.py", f"{T}illumination.py", [
         ("largest tangent halved", "MAX_TANGENT = 20.0", "MAX_TANGENT = 10.0"),
         ("cells of a bell", "(count + n - 1 for count", "(count + n - 2 for count"),
         ("middle of a cell", "= corner + h / 2", "= corner"),

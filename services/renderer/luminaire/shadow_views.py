@@ -12,13 +12,12 @@ import numpy as np
 from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.renderer.gl.buffers import SHADOW_VIEW
+from vemlight.renderer.gl.constants import CUBE_TANGENT, NEAR_FRACTION
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
 from vemlight.renderer.luminaire.lightfield import LightField
 
 ReferencePlane = Literal["sampling", "measurement"]
-NEAR_FRACTION = 1e-3  # of the far plane: a step of 1 / z in 24 bits is then 6e-5 of the distance
 MAX_TANGENT = 20.0  # of 87 degrees: a perspective map shadows nothing at flatter angles
-CUBE_TANGENT = 1.05  # of a cube's face: the margin beyond 1 is a texel from 42 texels a side on, so that lookups filter across edges
 
 
 class ShadowViews(NamedTuple):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from vemlight.renderer.gl.buffers import NEAR_SHADOW_VIEW
-from vemlight.renderer.luminaire.shadow_views import CUBE_TANGENT, NEAR_FRACTION
+from vemlight.renderer.gl.constants import CUBE_TANGENT, NEAR_FRACTION
 
 FACES = 6
 MAX_RESOLUTION, MIN_RESOLUTION = 1024, 64  # texels a side of a map, as of directional lights

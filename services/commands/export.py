@@ -16,6 +16,8 @@ from vemlight.errors import UserError
 from vemlight.exchange.gltf_lights import gltf_from_lights, write_gltf
 from vemlight.exchange.mcap_file import mcap_recording
 from vemlight.exchange.usd_file import UsdStage
+from vemlight.files import notice
+from vemlight.light.as_directional import as_directional
 from vemlight.light.light_set import lights_json, lights_row
 from vemlight.light.lights_reader import LightsFrame, is_lights_file, lights_frames
 from vemlight.runtime.interrupt import interruption
@@ -57,8 +59,10 @@ def export_lights(options: ExportOptions) -> Report:
             if chosen is None:
                 raise UserError(f"--frame {options.frame}: {options.source} has {count} frames, the first is 0; choose one of them")
             of_frame = chosen.lights
-            write_gltf(options.gltf, gltf_from_lights(of_frame.lights, of_frame.sequence, of_frame.time_s, chosen.scale))
-            texts.append(f"{options.gltf}: {len(of_frame.lights.ids)} lights of frame {options.frame}")
+            document = gltf_from_lights(of_frame.lights, of_frame.sequence, of_frame.time_s, chosen.scale, of_frame.near)
+            write_gltf(options.gltf, document)
+            points = f" and {len(of_frame.near.points.ids)} near lights" if of_frame.near else ""
+            texts.append(f"{options.gltf}: {len(of_frame.lights.ids)} lights{points} of frame {options.frame}")
         if stage:
             values["lights"] = stage.write()
             texts.append(f"{options.usd}: {values['lights']} lights in {_counted(count)}")
@@ -119,7 +123,11 @@ class _Stage:
                 f"frame {frame.lights.sequence}: has a luminance scale of {frame.scale} and the first one of {self._usd.scale}; "
                 "export frames of one scale"
             )
-        lights = frame.lights.lights
+        near = frame.lights.near
+        if near and len(near.points.ids):
+            x, y, z = near.at
+            notice(f"--usd: near lights are directional there, as they are seen from {x:g}, {y:g}, {z:g} m; --gltf has them as points")
+        lights = as_directional(frame.lights.lights, near)
         if self._residual and frame.map:
             lights = self._residual.take(lights, frame.map)
         self._usd.columns.add(lights, frame.lights.time_s)

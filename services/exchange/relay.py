@@ -18,7 +18,8 @@ from vemlight.errors import UserError
 from vemlight.exchange.fewer_lights import error_of, fewer_lights
 from vemlight.exchange.newest_lights import NewestLights
 from vemlight.exchange.stream import Destination, light_set
-from vemlight.light.light_set import LightSet
+from vemlight.light.as_directional import as_directional
+from vemlight.light.light_set import LightSet, NearLights
 from vemlight.runtime import wire
 from vemlight.runtime.channels import SERVICES
 from vemlight.runtime.log_lines import LogLines
@@ -60,11 +61,13 @@ class Relayed:
         self.error = 0.0  # of the newest frame, what its fewer lights cost
         self._kept = np.zeros(0, np.int64)
 
-    def frame(self, message: wire.Message) -> list[bytes]:
-        """The parts to publish, without the gloss set; the error in the report includes the feed's own."""
+    def frame(self, message: wire.Message, near: NearLights | None = None) -> list[bytes]:
+        """The parts to publish, without the gloss set and with near lights as directional ones; the error in the report includes the
+        feed's own.
+        """
         header, arrays = message
         assert isinstance(header, wire.LightsMessage)
-        lights = light_set(header, arrays)
+        lights = as_directional(light_set(header, arrays), near)
         fewer = fewer_lights(lights, self.feed.lights(header.soft), self._kept)
         self._kept = fewer.ids
         self.error = error_of(fewer, lights) if fewer is not lights else 0.0
@@ -104,7 +107,7 @@ def relay(settings: Settings, listen: Destination, feed: Feed) -> None:
     inner, outer = Transport(settings.wire), Transport(own)
     try:
         publisher = outer.bind("sampler", "publish", send_buffer=SEND_BUFFER)
-        newest = NewestLights(inner.subscribe("sampler", "lights", "status", "end"))
+        newest = NewestLights(inner, settings, "status", "end")
         print(f"vemlight: lights at tcp://{listen.host}:{listen.port}: {_described(feed)}", flush=True)
         _pass_on(newest, publisher, Relayed(feed))
     finally:
@@ -120,7 +123,7 @@ def _described(feed: Feed) -> str:
 def _pass_on(newest: NewestLights, publisher: zmq.Socket, relayed: Relayed) -> None:
     said, known = LogLines(), WeakSet()
     period_s = 1 / relayed.feed.rate_hz if relayed.feed.rate_hz else 0.0
-    due_s, waiting = 0.0, None
+    due_s, waiting, near = 0.0, None, None
     poller = zmq.Poller()
     poller.register(newest.socket, zmq.POLLIN)
     poller.register(publisher, zmq.POLLIN)
@@ -129,11 +132,12 @@ def _pass_on(newest: NewestLights, publisher: zmq.Socket, relayed: Relayed) -> N
         poller.poll(min(POLL_MS, left_ms))
         accept_subscriptions(publisher)
         _send_again_soon(known)
-        waiting = newest.take() or waiting
+        if message := newest.take():
+            waiting, near = message, newest.near(message)
         now_s = time.monotonic()
         if waiting and now_s >= due_s:
             due_s = (due_s if now_s - due_s < period_s else now_s) + period_s
-            publisher.send_multipart(relayed.frame(waiting))
+            publisher.send_multipart(relayed.frame(waiting, near))
             waiting = None
             if relayed.error:
                 said.say("fewer", f"relay: {relayed.feed.lights(True)} lights at most, {100 * relayed.error:.2g} % of error by that")

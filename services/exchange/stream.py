@@ -12,7 +12,8 @@ from vemlight.exchange.line_sender import LineSender
 from vemlight.exchange.newest_lights import NewestLights
 from vemlight.exchange.osc import osc_bundles
 from vemlight.files import one_line
-from vemlight.light.light_set import ErrorOfLights, LightSet, lights_json, lights_row
+from vemlight.light.as_directional import as_directional
+from vemlight.light.light_set import ErrorOfLights, LightSet, NearLights, lights_json, lights_row
 from vemlight.runtime import wire
 from vemlight.runtime.log_lines import LogLines
 from vemlight.runtime.transport import Transport
@@ -42,15 +43,15 @@ def stream(settings: Settings, osc: Destination | None, jsonl: Destination | Non
     """Runs until it is interrupted. Raises UserError for a name that has no address, for keys that cannot be used, and in lossless mode."""
     if settings.mode == "lossless":
         raise UserError("stream: in lossless mode frames are sent to who asks for them alone; use live mode")
-    senders: list[Callable[[wire.Message], None]] = []
+    senders: list[Callable[[wire.Message, NearLights | None], None]] = []
     if osc:
         senders.append(OscSender(osc).send)
     lines = LineSender(*jsonl) if jsonl else None
     if lines:
-        senders.append(lambda message: lines.offer(json_line(message)))
+        senders.append(lambda message, near: lines.offer(json_line(message, near)))
     transport = Transport(settings.wire)
     try:
-        newest = NewestLights(transport.subscribe("sampler", "lights", "status"))
+        newest = NewestLights(transport, settings, "status")
         _pass_on(newest, senders, lines)
     finally:
         if lines:
@@ -58,7 +59,7 @@ def stream(settings: Settings, osc: Destination | None, jsonl: Destination | Non
         transport.close()
 
 
-def _pass_on(newest: NewestLights, senders: list[Callable[[wire.Message], None]], lines: LineSender | None) -> None:
+def _pass_on(newest: NewestLights, senders: list[Callable[[wire.Message, NearLights | None], None]], lines: LineSender | None) -> None:
     heard_s, said = time.monotonic(), LogLines()
     while True:
         poller = zmq.Poller()
@@ -71,7 +72,7 @@ def _pass_on(newest: NewestLights, senders: list[Callable[[wire.Message], None]]
         if message := newest.take():
             heard_s = time.monotonic()
             for send in senders:
-                send(message)
+                send(message, newest.near(message))
         elif time.monotonic() - heard_s > SILENT_S:
             said.say("silent", "stream: no lights come; is the sampler running? They are passed on as soon as they do")
             heard_s = time.monotonic()
@@ -90,11 +91,11 @@ class OscSender:
         self._socket.setblocking(False)
         self._lines = LogLines()
 
-    def send(self, message: wire.Message) -> None:
+    def send(self, message: wire.Message, near: NearLights | None = None) -> None:
         header, arrays = message
         assert isinstance(header, wire.LightsMessage)
         try:
-            for bundle in osc_bundles(light_set(header, arrays), header.stamp.sequence):
+            for bundle in osc_bundles(as_directional(light_set(header, arrays), near), header.stamp.sequence):
                 self._socket.sendto(bundle, self._address)
         except OSError as error:
             self._lines.say("osc", f"stream: {self._address[0]}:{self._address[1]}: a frame was not sent ({error.strerror})")
@@ -105,11 +106,11 @@ def light_set(header: wire.LightsMessage, arrays: tuple) -> LightSet:
     return LightSet(*arrays[: 4 if header.soft else 3])
 
 
-def json_line(message: wire.Message) -> bytes:
+def json_line(message: wire.Message, near: NearLights | None = None) -> bytes:
     """The frame as in a file of lights, with the line's end."""
     header, arrays = message
     assert isinstance(header, wire.LightsMessage)
     report = header.report
     error = ErrorOfLights(100 * report.error_ratio, 100 * report.error_limit_ratio) if report.error_limit_ratio else None
-    row = lights_row(light_set(header, arrays), header.stamp.sequence, header.stamp.time_s, header.coverage, error)
+    row = lights_row(light_set(header, arrays), header.stamp.sequence, header.stamp.time_s, header.coverage, error, near=near)
     return lights_json(row) + b"\n"

@@ -48,9 +48,7 @@ class SummaryCollector(Collector):
         yield _gauge("vemlight_frame_rate_hertz", "Frames a second, over the last two seconds.", rows, "rate_hz", 1.0)
         yield _gauge("vemlight_frame_age_seconds", "Age of the newest frame's light.", rows, "age_ms", 1e-3)
         yield _durations(rows)
-        for row in rows:
-            for field in summary["report_fields"].get(row["service"], ()):
-                yield _report_metric(row, ReportField(**field))
+        yield from _report_metrics(rows, summary["report_fields"])
         yield GaugeMetricFamily("vemlight_lights", "Lights of the newest frame.", summary["light_count"])
         yield GaugeMetricFamily("vemlight_pages", "Pages and streams that are open.", summary["pages"])
 
@@ -76,12 +74,18 @@ def _durations(rows: Iterable[dict[str, Any]]) -> HistogramMetricFamily:
     return histogram
 
 
-def _report_metric(row: dict[str, Any], field: ReportField) -> GaugeMetricFamily:
-    """A field of a service's report: `vemlight_SERVICE_NAME_UNIT`."""
-    unit, to_base_unit = BASE_UNITS[field.unit]
-    name = "_".join([*field.name.split("_")[:-1], unit]) if unit else field.name
-    gauge = GaugeMetricFamily(f"vemlight_{row['service']}_{name}", f"{field.meaning[:1].upper()}{field.meaning[1:]}.")
-    value = row.get("report", {}).get(field.name)
-    if value is not None:
-        gauge.add_metric([], value * to_base_unit)
-    return gauge
+def _report_metrics(rows: Iterable[dict[str, Any]], fields: dict[str, list[dict[str, Any]]]) -> Iterable[GaugeMetricFamily]:
+    """The fields of the services' reports: `vemlight_SERVICE_NAME_UNIT`, of several of a kind each with a label `name`."""
+    gauges: dict[str, GaugeMetricFamily] = {}
+    for row in rows:
+        service, _, name = row["service"].partition(".")
+        for field in (ReportField(**each) for each in fields.get(row["service"], ())):
+            unit, to_base_unit = BASE_UNITS[field.unit]
+            stem = "_".join([*field.name.split("_")[:-1], unit]) if unit else field.name
+            meaning = f"{field.meaning[:1].upper()}{field.meaning[1:]}."
+            family = f"vemlight_{service}_{stem}"
+            gauge = gauges.setdefault(family, GaugeMetricFamily(family, meaning, labels=["name"] if name else []))
+            value = row.get("report", {}).get(field.name)
+            if value is not None:
+                gauge.add_metric([name] if name else [], value * to_base_unit)
+    return gauges.values()

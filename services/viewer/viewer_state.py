@@ -7,14 +7,15 @@ import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
+from vemlight.light.as_directional import as_directional
 from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import ErrorOfLights, LightSet, NearLights, lights_json, lights_row
 from vemlight.light.lights_binary import binary_from_lights
-from vemlight.light.near_lights import NearLightSet
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Instance, service_of
 from vemlight.runtime.instances import instance_of, instances, upstream
+from vemlight.runtime.near_frames import NearFrames
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.token import is_loopback
 from vemlight.settings import Settings
@@ -35,7 +36,6 @@ NO_ARMING = (
     "whoever reaches this page could arm the fixtures, because it has no token: take [viewer] insecure out of the settings, or arm them "
     "there by [fixtures] arm"
 )
-LAST_NEAR = 32  # frames of near lights: many times what lights are behind their map
 EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false, "poses": [{"name": "box", "position": [0, 0, 1]}]}'
 
 
@@ -66,7 +66,7 @@ class ViewerState:
         self.timeline = Timeline()
         self.uploads = Uploads(settings.viewer.uploads_mb)
         self._ages = Ages()
-        self._near: dict[int, NearLights] = {}  # of the last frames, by number, the newest last
+        self._near = NearFrames()
 
     def take(self, service: Instance, messages: list[wire.Message]) -> None:
         """Takes what came from one service, in order. Of its frames the newest is shown; the others count as skipped."""
@@ -89,14 +89,13 @@ class ViewerState:
                 self.sky.put(header, arrays[0])
                 self.meter.take_map(header, EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:4])))
             case wire.PointsMessage():
-                self._near[header.stamp.sequence] = NearLights(NearLightSet(*arrays), header.at)
-                if len(self._near) > LAST_NEAR:
-                    del self._near[next(iter(self._near))]
+                self._near.take(header, arrays)
             case wire.LightsMessage():
                 self._light_count = header.count
                 self.meter.take_lights(arrays[0], arrays[2])
-                self.lights.put(header, self._near_of(header.stamp.sequence), *arrays[:-2])
-                self.lights_binary.put(header, *arrays[:-2])
+                near = self._near.of(header.stamp)
+                self.lights.put(header, near, *arrays[:-2])
+                self.lights_binary.put(header, near, *arrays[:-2])
             case wire.LevelsMessage():
                 self.levels.put(header, *arrays)
             case wire.ImageMessage():
@@ -105,11 +104,6 @@ class ViewerState:
                 self._ages.take(wire.age_ms(header.stamp))
                 self.stats.skipped += passed_over
                 self.stats.on_finished((header, arrays), self._encode_s)
-
-    def _near_of(self, sequence: int) -> NearLights | None:
-        """The near lights of a frame, or the newest where those have not come; None where there is one camera."""
-        newest = next(reversed(self._near.values()), None)
-        return self._near.get(sequence, newest)
 
     def _encode_picture(self, pixels: np.ndarray) -> bytes:
         started_s = time.monotonic()
@@ -222,5 +216,5 @@ def _lights_line(header: wire.LightsMessage, near: NearLights | None, *lights: n
     return lights_json(row)
 
 
-def _lights_binary(header: wire.LightsMessage, *lights: np.ndarray) -> bytes:
-    return binary_from_lights(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage)
+def _lights_binary(header: wire.LightsMessage, near: NearLights | None, *lights: np.ndarray) -> bytes:
+    return binary_from_lights(as_directional(LightSet(*lights), near), header.stamp.sequence, header.stamp.time_s, header.coverage)

@@ -1,0 +1,27 @@
+"""The near lights of the last frames, for those who receive lights and `points` each as they come."""
+
+import numpy as np
+
+from vemlight.light.light_set import NearLights
+from vemlight.light.near_lights import NearLightSet
+from vemlight.runtime import wire
+
+LAST_FRAMES = 32  # many times what lights are behind their map
+
+
+class NearFrames:
+    """Keeps them by their number."""
+
+    def __init__(self) -> None:
+        self._frames: dict[int, NearLights] = {}  # the newest last
+
+    def take(self, header: wire.PointsMessage, arrays: tuple[np.ndarray, ...]) -> None:
+        self._frames.pop(header.stamp.sequence, None)
+        self._frames[header.stamp.sequence] = NearLights(NearLightSet(*arrays), header.at)
+        if len(self._frames) > LAST_FRAMES:
+            del self._frames[next(iter(self._frames))]
+
+    def of(self, stamp: wire.Stamp) -> NearLights | None:
+        """Those on the stamp, or where they have not come the newest; None before the first, and where there is one camera."""
+        newest = next(reversed(self._frames.values()), None)
+        return self._frames.get(stamp.sequence, newest)

@@ -79,7 +79,9 @@ def messages() -> dict[str, wire.Message]:
             (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
         ),
         "points": (
-            wire.PointsMessage(stamp=STAMP, count=2, at=(0.0, 0.25, 1.5), report=wire.PointsReport(cameras=3, located=2, spread_ms=1.5)),
+            wire.PointsMessage(
+                stamp=STAMP, count=2, at=(0.0, 0.25, 1.5), report=wire.PointsReport(cameras=3, near_lights=2, spread_ms=1.5)
+            ),
             (
                 np.array([3, 2**40], np.int64),
                 np.array([[1, 2, 2.5], [-3, 0, 4]], np.float32),

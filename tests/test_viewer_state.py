@@ -1,15 +1,19 @@
 """The state counts what it shows and passes over; `/metrics` is text that Prometheus reads."""
 
+import asyncio
+
 import msgspec
 import numpy as np
 import pytest
+import tomli_w
 from prometheus_client import Metric, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
 from vemlight.errors import UserError
+from vemlight.light.near_lights import NearLightSet
 from vemlight.runtime import wire
 from vemlight.runtime.service_stats import ServiceStats
-from vemlight.settings import Settings
+from vemlight.settings import Rig, Settings
 from vemlight.viewer.metrics import registry
 from vemlight.viewer.report_fields import report_fields
 from vemlight.viewer.viewer_state import ViewerState
@@ -23,6 +27,8 @@ UNITS = (
     "_fds",
     "_state",
     "_cells",
+    "_cameras",
+    "_sources",
     "_pixels",
     "_lights",
     "_depth",
@@ -38,9 +44,9 @@ def metrics(state: ViewerState) -> list[Metric]:
     return list(text_string_to_metric_families(generate_latest(registry(state.summary)).decode()))
 
 
-def sample(viewer: ViewerState, name: str, **labels: str) -> float:
+def sample(viewer: ViewerState, metric_name: str, **labels: str) -> float:
     """The value of a metric with these labels."""
-    (value,) = (s.value for metric in metrics(viewer) for s in metric.samples if s.name == name and s.labels == labels)
+    (value,) = (s.value for metric in metrics(viewer) for s in metric.samples if s.name == metric_name and s.labels == labels)
     return value
 
 
@@ -98,6 +104,57 @@ def test_metrics_have_one_prefix_base_units_and_few_samples(state):
         assert metric.documentation
     samples = [(s.name, tuple(s.labels.items())) for metric in found for s in metric.samples]
     assert len(samples) == len(set(samples)) <= 200
+
+
+@pytest.fixture
+def rig_state(tmp_path) -> ViewerState:
+    """Of a rig of two cameras, of which one is silent; fuse has published a frame with near lights, and the sampler its lights."""
+    cameras = [{"name": name, "source": name, "at": [k, 0, 1]} for k, name in enumerate("ab")]
+    (tmp_path / "rig.toml").write_text(tomli_w.dumps({"camera": cameras}))
+    state = ViewerState(Settings(rig=Rig(file=str(tmp_path / "rig.toml"))), 0)
+    stamp, none = wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
+    report = wire.PointsReport(cameras=1, silent_cameras=1, near_lights=1, spread_ms=2.0)
+    near = NearLightSet.of(np.array([3]), np.array([[0, 0, 2]]), np.array([[4, 4, 4]]), np.zeros(1), np.zeros(1))
+    stats = ServiceStats("fuse", 0)
+    points = wire.PointsMessage(stamp=stamp, count=1, at=(0.0, 0.0, 1.0), report=report)
+    stats.on_finished((points, near.arrays()), 0.004)
+    status = stats.status_if_due()
+    assert status
+    state.take("fuse", [(points, near.arrays()), (status, ())])
+    lights = wire.LightsMessage(stamp=stamp, count=0, coverage="sphere")
+    state.take("sampler", [(lights, (np.zeros(0, np.int64), none, none, none, none))])
+    made = msgspec.structs.replace(status, service="capture.a", report=wire.MapReport(saturated_pixels=7))
+    state.take("capture.a", [(made, ())])
+    return state
+
+
+def test_a_rig_s_cameras_have_a_row_each_and_fuse_one(rig_state):
+    rows = {row["service"]: row for row in rig_state.summary()["services"]}
+    assert list(rows) == ["capture.a", "capture.b", "fuse", "sampler", "renderer", "viewer"]
+    assert {row["kind"] for row in rows.values()} == {"capture", "fuse", "sampler", "renderer", "viewer"}
+    assert (rows["capture.a"]["state"], rows["capture.b"]["state"], rows["fuse"]["state"]) == ("live", "not seen", "live")
+    assert rows["fuse"]["report"]["silent_cameras"] == 1
+
+
+def test_metrics_of_several_cameras_are_one_family_with_their_names(rig_state):
+    assert sample(rig_state, "vemlight_capture_saturated_pixels", name="a") == 7
+    assert sample(rig_state, "vemlight_stage_state", stage="capture.a", state="live") == 1
+    assert sample(rig_state, "vemlight_fuse_spread_seconds") == pytest.approx(0.002)
+    names = [metric.name for metric in metrics(rig_state)]
+    assert len(set(names)) == len(names)
+
+
+def test_near_lights_are_in_the_lights_of_the_page(rig_state):
+    _, line = asyncio.run(rig_state.lights.newest())
+    row = msgspec.json.decode(line)
+    assert (row["schema"], row["at"], row["points"][0]["id"]) == ("vemlight.lights/2", [0.0, 0.0, 1.0], 3)
+    (near,) = rig_state.summary()["near_lights"]
+    assert (near["id"], near["distance_m"]) == (3, 1.0)
+
+
+def test_masks_are_refused_where_several_cameras_are_fused(rig_state):
+    with pytest.raises(UserError, match="masks are drawn on the map of one camera"):
+        rig_state.set_control(b'{"masks": [{"points": [[0, 0], [10, 0], [0, 10]]}]}')
 
 
 def test_every_field_of_a_report_is_a_metric_in_base_units_and_a_row_of_the_page():

@@ -105,9 +105,9 @@ def _points_report(report: FuseReport, cameras: int, spread_ms: float) -> wire.P
         cameras=cameras,
         silent_cameras=len(report.silent),
         sources=report.sources,
-        located=report.located,
-        hidden=report.hidden,
-        unexplained=report.unexplained,
+        near_lights=report.located,
+        hidden_lights=report.hidden,
+        unexplained_sources=report.unexplained,
         uncovered_ratio=float(np.clip(report.uncovered, 0, 1)),
         spread_ms=spread_ms,
     )

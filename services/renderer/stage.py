@@ -200,7 +200,7 @@ class RendererStage:
                 render_ms=(time.monotonic() - began_s) * 1e3,
                 light_budget=0 if state.paused or not self._frame_ms else self._light_budget(budget, near) // drawn_for_each,
                 near_lights=shining,
-                near_lights_left_out=shining - near,
+                left_out_near_lights=shining - near,
                 **passes_of(state),
             ),
         )

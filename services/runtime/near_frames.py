@@ -21,7 +21,11 @@ class NearFrames:
         if len(self._frames) > LAST_FRAMES:
             del self._frames[next(iter(self._frames))]
 
+    @property
+    def newest(self) -> NearLights | None:
+        """None before the first, and where there is one camera."""
+        return next(reversed(self._frames.values()), None)
+
     def of(self, stamp: wire.Stamp) -> NearLights | None:
-        """Those on the stamp, or where they have not come the newest; None before the first, and where there is one camera."""
-        newest = next(reversed(self._frames.values()), None)
-        return self._frames.get(stamp.sequence, newest)
+        """Those on the stamp, or where they have not come the newest."""
+        return self._frames.get(stamp.sequence, self.newest)

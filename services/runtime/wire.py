@@ -120,7 +120,7 @@ class ImageReport(Report, frozen=True, tag="image"):
         Count, Meta(description="lights that can be drawn in the target frame time; 0: no target, or not yet known")
     ] = 0
     near_lights: Annotated[Count, Meta(title="near lights", description="near lights that shine in the newest picture's frame")] = 0
-    near_lights_left_out: Annotated[
+    left_out_near_lights: Annotated[
         Count, Meta(title="left out", description="of them, those that are not drawn since time is short; the weakest")
     ] = 0
     passes: Annotated[Count, Meta(description="of a paused picture, whose mean is shown; 0: not paused")] = 0
@@ -150,11 +150,11 @@ class PointsReport(Report, frozen=True, tag="points"):
     """Measured while the maps of several cameras became one."""
 
     cameras: Annotated[Count, Meta(description="whose maps are in the newest frame")] = 0
-    silent_cameras: Annotated[Count, Meta(title="silent", description="cameras of the rig that are left out because nothing comes")] = 0
+    silent_cameras: Annotated[Count, Meta(description="of the rig, that are left out because nothing comes")] = 0
     sources: Annotated[Count, Meta(description="compact sources of light, in all maps")] = 0
-    located: Annotated[Count, Meta(title="near lights", description="located and tracked")] = 0
-    hidden: Annotated[Count, Meta(title="hidden lights", description="of them, those not seen well enough in the newest frame")] = 0
-    unexplained: Annotated[
+    near_lights: Annotated[Count, Meta(description="located and tracked")] = 0
+    hidden_lights: Annotated[Count, Meta(description="of them, those not seen well enough in the newest frame")] = 0
+    unexplained_sources: Annotated[
         Count, Meta(description="sources that two cameras should see and no place explains: a pose may be wrong")
     ] = 0
     uncovered_ratio: Annotated[float, Meta(ge=0, le=1, title="uncovered", description="fraction of the map that no camera sees")] = 0.0

@@ -184,6 +184,7 @@ class ViewerState:
             "source": self.timeline.summary(),
             "objects": self._objects,
             "fixtures": {"why_not_arm": self.why_not_arm} if "fixtures" in settings.services else None,
+            "near_lights": _near_rows(self._near.newest),
             "pages": self.pages,
             "services": [*rows, own],
             "report_fields": {service: [field._asdict() for field in report_fields(service)] for service in judged},
@@ -207,6 +208,15 @@ def service_row(service: Instance, judgement: Judgement, last: LastReceived) -> 
         status |= {"age_ms": last.age_ms()} | ({"rate_hz": 0.0} if last.status else {})
     own = {"service": service, "kind": service_of(service)}
     return {**status, **own, "publishes": FRAMES[service_of(service)].meaning, "state": judgement.state, "text": judgement.text}
+
+
+def _near_rows(near: NearLights | None) -> list[dict[str, Any]]:
+    """How far each near light is from where the directional ones are true, m, and the standard deviation of its place."""
+    if near is None:
+        return []
+    away = np.linalg.norm(near.points.at - np.array(near.at), axis=1).tolist()
+    numbers = zip(near.points.ids.tolist(), away, near.points.sigma.tolist(), strict=True)
+    return [{"id": number, "distance_m": distance, "sigma_m": sigma} for number, distance, sigma in numbers]
 
 
 def _lights_line(header: wire.LightsMessage, near: NearLights | None, *lights: np.ndarray) -> bytes:

@@ -12,7 +12,7 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from vemlight.errors import UserError
-from vemlight.light import lights_binary, mask, virtual_lamp
+from vemlight.light import as_directional, lights_binary, mask, virtual_lamp
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.runtime.allowance import Allowance
 from vemlight.viewer.authentication import add_headers, authentication_middleware
@@ -42,6 +42,7 @@ def constants_js() -> str:
     """The constants that the page has in common with the services, as a JavaScript module."""
     constants = {"LUMINANCE_WEIGHTS": LUMINANCE_WEIGHTS.tolist(), "BINARY_FEEDS": BINARY_FEEDS}
     constants |= {"MAX_MASKS": mask.MAX_MASKS, "MAX_MASK_POINTS": mask.MAX_MASK_POINTS, "MAX_POINTS": mask.MAX_POINTS}
+    constants |= {"NEAR_IDS": as_directional.NEAR_IDS}
     constants |= {name: getattr(virtual_lamp, name) for name in ("MAX_LAMPS", "MAX_LAMP_ID", "VIRTUAL_IDS_FROM")}
     return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in constants.items())
 

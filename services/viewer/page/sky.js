@@ -1,7 +1,7 @@
 // The sky disc: the map, the lights on it, and a short trail of each light's last positions.
 // Seen from below: zenith in the middle, +Y at the top, +X at the left, the angle from the zenith proportional to the radius.
 
-import { LUMINANCE_WEIGHTS, VIRTUAL_IDS_FROM } from "/constants.js";
+import { LUMINANCE_WEIGHTS, NEAR_IDS, VIRTUAL_IDS_FROM } from "/constants.js";
 
 const TRAIL_MS = 900;
 const MAX_TRAIL_POINTS = 12000; // over all lights: 12 positions each for 1000 of them
@@ -18,6 +18,7 @@ export class Sky {
     this.trails = new Map(); // id -> [{x, y, at}], newest last
     this.pointer = null;
     this.coverage = "hemisphere";
+    this.near = new Map(); // of near lights, which are among the others: id -> {distance_m, sigma_m}
     this.power = 0; // of all lights together
     this.overlay = null; // draws over all, in pixels from the middle: (context, radius of the disc, pixels in one of CSS)
     this.falseColours = null; // drawn over the map
@@ -55,6 +56,11 @@ export class Sky {
     }
     this.trails = trails;
     this.draw();
+  }
+
+  // How far the near lights are, of a summary.
+  takeNear(near) {
+    this.near = new Map(near.map(({ id, ...rest }) => [NEAR_IDS + id, rest]));
   }
 
   draw() {
@@ -111,6 +117,7 @@ export class Sky {
       c.lineWidth = 1 * unit;
       c.strokeStyle = "#fff";
       c.stroke();
+      if (this.near.has(light.id)) drawDiamond(c, light.x * disc, light.y * disc, light.r + 4 * unit);
     }
   }
 
@@ -134,10 +141,20 @@ export class Sky {
     }
     const light = best ?? this.lights.reduce((a, b) => (b.fraction > a.fraction ? b : a));
     const azimuth = ((light.phi * 180) / Math.PI + 360) % 360, elevation = 90 - (light.theta * 180) / Math.PI;
-    const shown = light.id >= VIRTUAL_IDS_FROM ? `virtual lamp ${light.id - VIRTUAL_IDS_FROM}` : `light ${light.id}`;
+    const near = this.near.get(light.id);
+    const shown = light.id >= VIRTUAL_IDS_FROM ? `virtual lamp ${light.id - VIRTUAL_IDS_FROM}` : near ? `near light ${light.id - NEAR_IDS}` : `light ${light.id}`;
+    const away = near ? `, ${near.distance_m.toFixed(2)} ± ${near.sigma_m.toFixed(2)} m away` : "";
     const name = best ? shown[0].toUpperCase() + shown.slice(1) : `Strongest ${shown}`;
-    this.facts.textContent = `${name}: ${(100 * light.fraction).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°${this.more(light)}`;
+    this.facts.textContent = `${name}: ${(100 * light.fraction).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°${away}${this.more(light)}`;
   }
+}
+
+// Around a near light.
+function drawDiamond(c, x, y, r) {
+  c.beginPath();
+  for (const [dx, dy] of [[0, -r], [r, 0], [0, r], [-r, 0]]) c.lineTo(x + dx, y + dy);
+  c.closePath();
+  c.stroke();
 }
 
 function drawRings(c, disc, unit, coverage) {

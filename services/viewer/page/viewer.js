@@ -95,6 +95,7 @@ function takeText(message) {
   skyTools.take(message);
   history.take(message);
   fixtures.take(message);
+  sky.takeNear(message.near_lights);
   source.take(message);
   timeline.take(message);
   graphs.take(message);

@@ -36,6 +36,8 @@ UNITS = (
     "_pages",
     "_ratio",
     "_passes",
+    "_left_out",
+    "_halvings",
 )
 
 

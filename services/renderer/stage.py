@@ -201,6 +201,8 @@ class RendererStage:
                 light_budget=0 if state.paused or not self._frame_ms else self._light_budget(budget, near) // drawn_for_each,
                 near_lights=shining,
                 left_out_near_lights=shining - near,
+                bounces_left_out=int(state.no_bounce and not state.paused),
+                map_halvings=0 if state.paused else state.frame.coarsening,
                 **passes_of(state),
             ),
         )

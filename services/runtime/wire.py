@@ -128,6 +128,8 @@ class ImageReport(Report, frozen=True, tag="image"):
     pass_error_ratio: Annotated[
         float, Meta(ge=0, le=1e9, title="error of passes", description="of a paused picture, estimated, relative; 0: not known")
     ] = 0.0
+    bounces_left_out: Annotated[Count, Meta(description="of light from surface to surface, since time is short")] = 0
+    map_halvings: Annotated[Count, Meta(description="how many times the sides of all shadow maps are halved, since time is short")] = 0
 
 
 class LevelsReport(Report, frozen=True, tag="levels"):

@@ -4,11 +4,13 @@ import { BINARY_FEEDS } from "/constants.js";
 import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
 import { Graphs } from "/graphs.js";
+import { givenUp, whyFewerLights } from "/given_up.js";
 import { Guide } from "/guide.js";
 import { History } from "/history.js";
 import { lightsFromBytes } from "/lights_from_bytes.js";
 import { Meter } from "/meter.js";
 import { Objects } from "/objects.js";
+import { overallState } from "/overall_state.js";
 import { PersistedControls } from "/persisted_controls.js";
 import { Sky } from "/sky.js";
 import { SkyTools } from "/sky_tools.js";
@@ -170,12 +172,8 @@ function showFigures(summary) {
     return [`${k ? " · " : ""}${row.service} `, number];
   }));
   at("scene-facts").textContent = passes(of.renderer.report) || (Number.isInteger(of.renderer.sequence) ? `frame ${of.renderer.sequence}` : "");
-  const worst = ["silent", "stalled", "not seen", "starting"].find((state) => summary.services.some((row) => row.state === state));
-  const culprit = summary.services.find((row) => row.state === worst);
-  if (culprit) return showState(at("overall"), worst, `${culprit.service} ${worst}`);
-  if (summary.control.paused) return showState(at("overall"), "paused", "paused");
-  const finished = summary.services.some((row) => row.state === "finished");
-  showState(at("overall"), finished ? "finished" : "live", finished ? "finished" : summary.mode === "lossless" ? "lossless" : "live");
+  showState(at("overall"), ...overallState(summary));
+  at("count-effect").textContent = whyFewerLights(summary);
 }
 
 // How far a paused picture has come; empty where it is not paused.
@@ -196,6 +194,7 @@ function showCards(summary) {
     card.dataset.state = row.state;
     showState(card.querySelector(".pill"), row.state, row.text);
     card.querySelector("output").textContent = rate(row.rate_hz);
+    card.querySelector(".given-up").textContent = row.service === "renderer" ? givenUp(summary) : "";
     for (const field of fields) {
       const cell = card.querySelector(`[data-key="${field.name}"]`), value = row.report?.[field.name] ?? row[field.name];
       cell.textContent = FORMATS[field.unit](value);

@@ -1,0 +1,35 @@
+// What the renderer gave up for time, and why a control has no effect, in words; from the viewer's summary.
+
+// What is missing in the newest picture; empty: nothing, or it is not known.
+export function givenUp(summary) {
+  const report = rowOf(summary, "renderer")?.report;
+  if (!report || report.max_passes) return ""; // a pause takes its time
+  const missing = [];
+  const lights = summary.light_count - report.drawn_lights;
+  if (lights > 0 && report.drawn_lights > 0) missing.push(`${lights} of ${summary.light_count} lights`);
+  if (report.left_out_near_lights) missing.push(`${report.left_out_near_lights} of ${report.near_lights} near lights`);
+  if (report.bounces_left_out) missing.push("light from surface to surface");
+  if (report.map_halvings) missing.push(`sharp shadows (maps halved ${report.map_halvings === 1 ? "once" : `${report.map_halvings} times`})`);
+  return missing.length ? `Left out for time: ${missing.join(", ")}.` : "";
+}
+
+// Beside the number of lights: what is done in place of what was asked, and what would help; empty: it is done.
+export function whyFewerLights(summary) {
+  const asked = summary.control.count ?? summary.settings.count, made = summary.light_count;
+  const drawn = rowOf(summary, "renderer")?.report ?? {}, chosen = rowOf(summary, "sampler")?.report ?? {};
+  if (!made || drawn.max_passes || summary.why_no_controls) return "";
+  const least = Math.min(made, drawn.drawn_lights || made);
+  if (least >= asked) return "";
+  const { light_budget: budget } = drawn;
+  if (drawn.drawn_lights < made || (budget && budget < asked && made >= Math.min(budget, asked) * 0.9)) {
+    return `${asked} asked, ${least} drawn: there is no time for more. Smaller pictures ([renderer] width, height), a longer frame_ms or a GPU would help.`;
+  }
+  if (chosen.required_lights && chosen.required_lights <= asked) {
+    return `${made} of at most ${asked}: so few keep the error within the limit. With [sampler] error_percent = 0 it is always as many as asked.`;
+  }
+  return `${asked} asked, ${least} drawn.`;
+}
+
+function rowOf(summary, service) {
+  return summary.services.find((row) => row.service === service);
+}

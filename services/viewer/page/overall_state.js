@@ -1,0 +1,26 @@
+// The state of the whole, for the pill at the top: [state, words]. It is live only while pictures of newest light come.
+
+const WORST = ["silent", "stalled", "not seen", "starting"];
+
+export function overallState(summary) {
+  const { services, control, mode } = summary;
+  const worst = WORST.find((state) => services.some((row) => row.state === state));
+  const culprit = services.find((row) => row.state === worst);
+  if (culprit) return [worst, culpritWords(culprit)];
+  const waiting = services.find((row) => row.state === "waiting");
+  if (waiting && !services.some((row) => row.state === "finished")) return ["waiting", `${waiting.service} ${waiting.text}`];
+  if (control.paused) return ["paused", pauseWords(services.find((row) => row.service === "renderer")?.report)];
+  if (services.some((row) => row.state === "finished")) return ["finished", "finished"];
+  return ["live", mode === "lossless" ? "lossless" : "live"];
+}
+
+function culpritWords({ service, state, text }) {
+  if (text.startsWith("compiling")) return `${service}: compiling`;
+  if (service === "capture" && state === "starting") return "waiting for the source";
+  return `${service} ${state}`;
+}
+
+function pauseWords(report) {
+  if (!report?.max_passes) return "paused";
+  return report.passes < report.max_passes ? `paused, refining: ${report.passes} of ${report.max_passes}` : "paused, refined";
+}

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.browser import CHROMIUM
+from tests.support.hands import drag, newest
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
 from vemlight.light.mask import Mask
 from vemlight.light.virtual_lamp import VIRTUAL_IDS_FROM
@@ -76,18 +77,6 @@ def place(page, azimuth_deg: float, elevation_deg: float) -> tuple[float, float]
 def on_disc(azimuth_deg: float, elevation_deg: float) -> complex:
     """A direction on the disc, in degrees from its middle."""
     return (90 - elevation_deg) * cmath.exp(1j * math.radians(azimuth_deg))
-
-
-def drag(page, start: tuple[float, float], end: tuple[float, float]) -> None:
-    page.mouse.move(*start)
-    page.mouse.down()
-    page.mouse.move((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
-    page.mouse.move(*end)
-    page.mouse.up()
-
-
-def newest(simulated: SimulatedServices) -> wire.ControlMessage:
-    return simulated.controls[-1]
 
 
 def tool(page, name: str) -> None:

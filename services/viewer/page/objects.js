@@ -1,8 +1,8 @@
-// The scene's objects and lamps: one is selected, its position, rotation and power are shown as they were chosen, or else as they are in the
+// The scene's objects and lamps: one is selected, its position, rotation, power and scale are shown as they were chosen, or else as they are in the
 // picture, and what is entered is chosen.
 
 const HOLD_MS = 1200; // after an input the server's summary may still be older than the input; any value in 600..3000 does
-const NUMBERS = ["x", "y", "z", "about-x", "about-y", "about-z", "power"];
+const NUMBERS = ["x", "y", "z", "about-x", "about-y", "about-z", "power", "scale"];
 
 export class Objects {
   constructor(choose) {
@@ -22,6 +22,7 @@ export class Objects {
 
   take(summary) {
     this.objects = summary.objects;
+    this.reset.textContent = summary.settings.poses?.length ? "Reset to settings" : "Reset to scene file";
     this.form.hidden = this.objects.length === 0 || Boolean(summary.why_no_controls);
     const names = this.objects.map((object) => object.name);
     if (names.join("\n") !== [...this.select.options].map((option) => option.value).join("\n")) {
@@ -52,19 +53,43 @@ export class Objects {
   show() {
     const object = this.selected();
     if (!object) return;
-    const pose = { ...object, ...this.poses.find((pose) => pose.name === object.name) };
-    const numbers = [...pose.position, ...anglesFromRotation(pose.rotation), pose.power ?? 0];
+    const pose = this.poseNow(), [power, scale] = this.inputs.slice(-2).map((input) => input.closest("label"));
+    const numbers = [...pose.position, ...anglesFromRotation(pose.rotation), pose.power ?? 0, pose.scale];
     this.inputs.forEach((input, k) => { if (document.activeElement !== input) input.value = Number(numbers[k].toFixed(3)); });
-    this.inputs.at(-1).closest("label").hidden = object.power === null;
+    power.hidden = object.power === null;
+    scale.hidden = object.power !== null;
     this.reset.disabled = this.others(object.name).length === this.poses.length;
   }
 
   enter() {
-    const object = this.selected(), [x, y, z, ax, ay, az, power] = this.inputs.map((input) => input.valueAsNumber);
-    if (!this.form.checkValidity() || [x, y, z, ax, ay, az, power].some(Number.isNaN)) return;
+    const object = this.selected(), [x, y, z, ax, ay, az, power, scale] = this.inputs.map((input) => input.valueAsNumber);
+    if (!this.form.checkValidity() || [x, y, z, ax, ay, az, power, scale].some(Number.isNaN)) return;
     const rotation = rotationFromAngles([ax, ay, az]);
-    const pose = { name: object.name, position: [x, y, z], rotation, power: object.power === null ? null : power };
-    this.send([...this.others(object.name), pose]);
+    const own = object.power === null ? { power: null, scale } : { power };
+    this.send([...this.others(object.name), { name: object.name, position: [x, y, z], rotation, ...own }]);
+  }
+
+  // The selected object's pose as it is now.
+  poseNow() {
+    return this.posesNow().find((pose) => pose.name === this.select.value);
+  }
+
+  posesNow() {
+    return this.objects.map((object) => {
+      const chosen = this.poses.find((pose) => pose.name === object.name);
+      return { ...object, ...chosen, power: object.power === null ? null : chosen?.power ?? object.power, scale: (chosen ?? object).scale ?? 1 };
+    });
+  }
+
+  // Moves an object to a pose.
+  put({ name, position, rotation, power, scale }) {
+    this.send([...this.others(name), { name, position, rotation, ...(power === null ? { power, scale } : { power }) }]);
+    this.show();
+  }
+
+  selectObject(name) {
+    this.select.value = name;
+    this.select.dispatchEvent(new Event("change"));
   }
 
   send(poses) {

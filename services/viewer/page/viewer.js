@@ -3,6 +3,7 @@
 import { BINARY_FEEDS } from "/constants.js";
 import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
+import { Gizmo } from "/gizmo.js";
 import { Graphs } from "/graphs.js";
 import { givenUp, whyFewerLights } from "/given_up.js";
 import { Guide } from "/guide.js";
@@ -42,7 +43,8 @@ const timeline = new Timeline((change) => controls.choose(change));
 const skyTools = new SkyTools(sky, (change) => controls.choose(change), notice);
 const history = new History(applyAgain);
 const persisted = new PersistedControls((control) => history.quietly(() => controls.choose(control)));
-controls.onChoose = (change) => history.record(change);
+const gizmo = new Gizmo(objects, () => history.control.camera);
+controls.onChoose = (change) => { history.record(change); gizmo.draw(); };
 const meter = new Meter(sky);
 const guide = new Guide();
 const notices = new Map();
@@ -96,6 +98,7 @@ function takeText(message) {
   objects.take(message);
   skyTools.take(message);
   history.take(message);
+  gizmo.take(message);
   fixtures.take(message);
   sky.takeNear(message.near_lights);
   source.take(message);

@@ -167,7 +167,7 @@ def test_no_near_light_costs_nothing(tmp_path):
         renderer.near = near
         renderer.picture(LightSet.of(np.zeros(1), np.array([[0.0, 0.0, 1.0]]), np.ones((1, 3))))
         assert not {pass_table.NEAR_RAYS, pass_table.NEAR_LIGHTS} & {run.row for run in renderer.plan.passes}
-    assert renderer.renderer._near_lights is None
+    assert not renderer.renderer._near.made
     renderer.release()
 
 

@@ -14,20 +14,17 @@ import numpy as np
 from vemlight import settings
 from vemlight.light.extent import Extents, received
 from vemlight.light.light_set import LightSet
-from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer import pass_table
 from vemlight.renderer.accumulation import spread_points
 from vemlight.renderer.frame import AccumulationPass, FrameInput, FramePlan, FrameSetup, FrameState, GBufferContents, PassRun
 from vemlight.renderer.frame_budget import (
     COARSE_WEIGHT,
     MAX_REDRAWN,
-    MIN_LIGHTS,
     WARM_UP_FRAMES,
     Budget,
     CostModel,
     FrameWork,
     MapDemand,
-    affordable_lights,
     affordable_maps,
     affordable_traces,
     bounce_affordable,
@@ -36,7 +33,8 @@ from vemlight.renderer.frame_budget import (
     strongest_lights,
     updated_demand,
 )
-from vemlight.renderer.gl.constants import NEAR_BATCH, MaterialKind
+from vemlight.renderer.gl.constants import MaterialKind
+from vemlight.renderer.near_planning import all_near, lights_in_time, map_works, near_mapped, near_passes, near_traced
 from vemlight.renderer.pass_table import Pass
 from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight, reflected_light, with_reflection
 from vemlight.renderer.passes.lights.light_regions import SPHERE_REGIONS, light_regions
@@ -50,19 +48,7 @@ from vemlight.renderer.passes.lights.traced_lights import (
     traced_batches,
 )
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
-from vemlight.renderer.passes.near_lights.near_light_plan import (
-    LitBy,
-    NearBatch,
-    NearInTime,
-    joined,
-    may_be_coarse,
-    near_batches,
-    near_in_time,
-    near_within,
-    same_light,
-    strongest_first,
-)
-from vemlight.renderer.passes.near_lights.near_light_views import map_resolution
+from vemlight.renderer.passes.near_lights.near_light_plan import LitBy, NearBatch, joined, same_light
 from vemlight.renderer.passes.shadow_maps.casters import placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
     Batch,
@@ -84,7 +70,6 @@ from vemlight.renderer.scene.view import PixelSample, pixel_samples
 NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides; any value far below a star's and above float32's least, 1e-38, does
 ACCUMULATED_RESOLUTION = 256  # of each map of a pass of accumulation, if by power: four and a half for a degree, a cell of the polar map
 COARSE_FROM = 120_000  # pixels, from which on weak lights are summed on coarse pixels live: 480 x 270 is such a picture, 320 x 240 is not
-NEAR_TOGETHER = 16  # near lights whose maps are drawn together in files: of 512 texels a side
 MAX_CACHE_BYTES = 2**29  # of cached visibility: 256 maps at 1920 x 1080; beyond that lights are looked up in the sum itself
 
 
@@ -234,7 +219,7 @@ def _whole(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Ligh
     else:
         batches = all_batches(setup.shadows, state.placed, lights)
     unshadowed = _catcher_irradiance(setup, shown.pose, lights)
-    near = near_batches(strongest_first(shown.near, state.placed), _most_near(setup))
+    near = all_near(setup, state, shown, _most_layers(setup.size))
     return state._replace(maps=None, layers=None, coarse_layers=None, near_layers=None), Lighting(
         lights, batches, setup.samples, unshadowed, bounce=setup.bounces, near=near
     )
@@ -252,7 +237,7 @@ def _accumulated(setup: FrameSetup, state: FrameState, shown: FrameInput, wanted
     # What a catcher would have without shadows is the same for all passes.
     whole = wanted.light.cells() if MaterialKind.SHADOW_CATCHER in setup.kinds else lights
     unshadowed = _catcher_irradiance(setup, shown.pose, whole)
-    near = near_batches(strongest_first(shown.near, state.placed), _most_near(setup))
+    near = all_near(setup, state, shown, _most_layers(setup.size))
     after = state._replace(maps=None, layers=None, coarse_layers=None, near_layers=None)
     return after, Lighting(lights, batches, (PixelSample(x, y, wanted.number),), unshadowed, bounce=setup.bounces, near=near)
 
@@ -262,12 +247,8 @@ def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Li
     surfaces_moved = not same_places(state.lookup_pose, shown.pose)
     budget = budget_of(setup, state, costs)._replace(surfaces_moved=surfaces_moved)
     budget = budget._replace(bounce=setup.bounces and bounce_affordable(budget))
-    most, drawn_near = affordable_lights(budget) or len(lights.ids) + len(shown.near.ids), NearLightSet.empty()
-    if len(shown.near.ids):
-        drawn_near = near_within(strongest_first(shown.near, state.placed), state.placed, lights, most)
-        most = max(most - len(drawn_near.ids), MIN_LIGHTS)
-    lights = strongest_lights(lights, most)
-    shown = shown._replace(near=drawn_near)
+    in_time = lights_in_time(state, shown, lights, budget)
+    shown, lights = shown._replace(near=in_time.near), strongest_lights(lights, in_time.directional)
     if setup.traced:
         return _traced_in_time(setup, state._replace(bounce=budget.bounce), shown, lights, budget)
     coarser = coarsening(state.demand, state.coarsening, MAX_COARSENING)
@@ -276,18 +257,14 @@ def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Li
     state = state._replace(coarsening=coarser, demand=demand, halvings=halvings)
 
     maps = without_lookups(state.maps) if state.maps and surfaces_moved else state.maps
-    near = NearInTime.none()
-    if len(shown.near.ids):
-        paced = partial(_affordable_faces, budget, len(lights.ids) + len(shown.near.ids), map_resolution(len(shown.near.ids), None))
-        kept, on_all = None if surfaces_moved else state.near_layers, np.zeros(len(shown.near.ids), bool)
-        near = near_in_time(kept, shown.near, on_all, state.placed, NEAR_BATCH, paced)
+    near = near_mapped(setup, state, shown, budget, len(lights.ids))
     affordable = partial(affordable_maps, budget, len(lights.ids))
     cached = cached_batch(setup.shadows, state.placed, maps, lights, halvings, affordable)
     if cached is None:
         return _whole(setup, state, shown, lights)
     batch = cached.batch
     caches_visibility = setup.caches_visibility and not surfaces_moved and _visibility_cache_pays(setup.size, batch)
-    near_work = 6 * len(near.batch.traced) * float(map_work(np.array(map_resolution(near.batch.slots, None))))
+    near_work = len(near.batch.traced) * map_works(setup, near.batch.slots)
     summed = batch.every.count + len(near.batch.layers)
     work = FrameWork(batch.work + near_work, batch.unknown.count if caches_visibility else None, summed)
     if costs.frames >= WARM_UP_FRAMES:
@@ -310,12 +287,10 @@ def _traced_in_time(
     coarse = setup.coarse and lights.covariances is not None
     parts = [np.flatnonzero(rays != 1), np.flatnonzero(rays == 1)] if coarse else [np.arange(len(rays))]
     weights, kept = (1.0, COARSE_WEIGHT), (state.layers, state.coarse_layers)
-    on_all = sum(weight * len(part) for weight, part in zip(weights, parts, strict=False)) + len(shown.near.ids)
+    on_all = sum(weight * len(part) for weight, part in zip(weights, parts, strict=False))
     traced: list[TracedBatch] = []
-    near_layers = None if seen_anew else state.near_layers
-    on_coarse = may_be_coarse(shown.near, state.placed, lights) & setup.coarse
-    paced = partial(affordable_traces, budget, on_all)
-    near = near_in_time(near_layers, shown.near, on_coarse, state.placed, _most_layers(setup.size), paced)
+    near = near_traced(setup, state, shown, lights, budget, on_all, _most_layers(setup.size))
+    on_all += len(near.batch.layers)
     spent = near.batch.trace_work  # lights traced so far, as many on all pixels
     for weight, layers, part in zip(weights, kept, parts, strict=False):
         if layers and seen_anew:
@@ -346,19 +321,9 @@ def _affordable_part(budget: Budget, lights: float, spent: float, weight: float,
     return min(int((most - spent) / weight), stale)
 
 
-def _affordable_faces(budget: Budget, lights: int, resolution: int, stale: int) -> int:
-    """For how many of the stale near lights, of six maps each, there is time beside so many lights."""
-    return affordable_maps(budget, lights, np.repeat(6 * map_work(np.array([resolution])), stale))
-
-
 def _most_layers(size: tuple[int, int]) -> int:
     """How many layers of 8 bits a pixel fit the GPU's memory; one always does."""
     return max(MAX_CACHE_BYTES // (size[0] * size[1]), 1)
-
-
-def _most_near(setup: FrameSetup) -> int:
-    """How many near lights are drawn together."""
-    return _most_layers(setup.size) if setup.traced else NEAR_TOGETHER
 
 
 def _visibility_cache_pays(size: tuple[int, int], batch: Batch) -> bool:
@@ -413,8 +378,7 @@ def _passes(
             rows.append(pass_table.LIGHTS)
             if first:
                 runs += [PassRun(row, number, k) for row in rows]
-                near_rows = (pass_table.NEAR_RAYS if setup.traced else pass_table.NEAR_MAPS, pass_table.NEAR_LIGHTS)
-                runs += [PassRun(row, own, k) for own in range(len(lighting.near)) for row in near_rows]
+                runs += [PassRun(row, own, k) for own in range(len(lighting.near)) for row in near_passes(setup)]
                 rows = []
             if setup.bounces and first and setup.glossy:  # also where time leaves no bounce: half of a mirror would be black
                 rows.append(pass_table.MIRRORS)

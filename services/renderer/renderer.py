@@ -27,9 +27,7 @@ from vemlight.renderer.passes.lights.traced_lights import restoring_batches as r
 from vemlight.renderer.passes.lights.visibility_cache import VisibilityCache
 from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.luminaires.illumination import Illumination
-from vemlight.renderer.passes.near_lights.near_light_maps import NearLightMaps
-from vemlight.renderer.passes.near_lights.near_light_plan import restoring_near_batches
-from vemlight.renderer.passes.near_lights.near_lights import NearLights
+from vemlight.renderer.passes.near_lights.near_passes import NearPasses
 from vemlight.renderer.passes.present.present import Present
 from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import restoring_batches
@@ -101,7 +99,8 @@ class Renderer:
         self._background = Background(context, programs, size)
         self._edges = self._rays.edges(context, programs) if self._rays and setup.edge_samples else None
         self._present = Present(context, programs, size, self._edges)
-        self._near_lights: NearLights | None = None
+        occluders, rays = self._illumination.occluders, self._rays
+        self._near = NearPasses(context, programs, scene, setup.kinds, size, setup.shadows, self._shading, occluders, rays, self._coarse)
         self._contents: FrameState | None = None  # the state that describes what is cached on the GPU
         self._pose = setup.rest
         self._run_pass = {
@@ -211,11 +210,8 @@ class Renderer:
         for batch in retracing_batches(self.setup.shadows, state.coarse_layers) if state.coarse_layers else ():
             assert self._coarse
             self._coarse.rays.trace(batch, 0, 1, whole=False)
-        for batch in restoring_near_batches(state.near_layers) if state.near_layers else ():
-            if self._rays:
-                self._near().trace(self._rays, batch, 0, 1, False, self._coarse)
-            elif (maps := self._near().maps) and state.lookup_pose:
-                maps.draw(batch, state.lookup_pose)
+        if state.near_layers:
+            self._near.restore(state.near_layers, state.lookup_pose)
 
     def _place(self, pose: ScenePose) -> None:
         """Moves the surfaces and the luminaires there."""
@@ -329,38 +325,18 @@ class Renderer:
             self._coarse.lights if self._coarse and plan.runs(pass_table.WEAK_LIGHTS) else None,
         )
 
-    def _near(self) -> NearLights:
-        """What draws near lights, made when the first come."""
-        if self._near_lights is None:
-            regions = len(self.setup.shadows.regions.centres)
-            kinds, size, maps = set(self.setup.kinds), self.setup.size, None
-            if not self.setup.traced:
-                occluders, resolution = self._illumination.occluders, self.setup.shadows.resolutions
-                fixed = None if resolution.by_power else resolution.largest
-                maps = NearLightMaps(self._context, self._programs, self.setup.scene, occluders, fixed)
-            self._near_lights = NearLights(self._context, self._programs, kinds, size, regions, self._shading, maps)
-        return self._near_lights
-
     def _draw_near_maps(self, plan: FramePlan, run: PassRun) -> None:
-        maps = self._near().maps
-        assert maps
-        maps.draw(plan.near[run.batch], plan.shown.pose)
+        self._near.draw_maps(plan.near[run.batch], plan.shown.pose)
 
     def _trace_near(self, plan: FramePlan, run: PassRun) -> None:
-        assert self._rays
-        whole = plan.after.near_layers is None
-        self._near().trace(self._rays, plan.near[run.batch], run.sample, len(plan.samples), whole, self._coarse)
+        self._near.trace(plan.near[run.batch], run.sample, len(plan.samples), whole=plan.after.near_layers is None)
 
     def _add_near(self, plan: FramePlan, run: PassRun) -> None:
-        near = self._near()
-        if near.matte and run.batch == 0 and run.sample == 0:
-            near.matte.clear()
-        near.add(self._g_buffer, plan.near[run.batch], 1 / len(plan.samples), run.batch == 0)
+        first = run.batch == 0
+        self._near.add(self._g_buffer, plan.near[run.batch], 1 / len(plan.samples), first, clear=first and run.sample == 0)
 
     def _add_near_matte(self, plan: FramePlan, _run: PassRun) -> None:
-        matte = self._near().matte
-        assert matte
-        matte.apply(plan.unshadowed)
+        self._near.add_matte(plan.unshadowed)
 
     def _add_mirrors(self, plan: FramePlan, run: PassRun) -> None:
         assert self._mirrors
@@ -421,7 +397,7 @@ class Renderer:
                 self._rays,
                 self._atlas,
                 self._visibility_cache,
-                self._near_lights,
+                self._near,
             )
             drawing = (*visibility, self._g_buffer, self._shading, self._gloss, self._illumination, self._emission)
             for part in (*drawing, self._plate, self._background, self._present, self._programs):

@@ -37,7 +37,7 @@ class NearLights:
         """maps: of their shadows; None: those are traced."""
         self._context, self._regions, self._size = context, regions, size
         self._layers = VisibilityLayers(context, size)
-        self.maps = maps
+        self._maps = maps
         self._buffer = context.buffer(reserve=NEAR_BATCH * NEAR_LIGHT.dtype.itemsize, dynamic=True)
         self._shading = shading
         self.matte = NearMatte(context, programs, shading, size) if MaterialKind.SHADOW_CATCHER in kinds else None
@@ -81,7 +81,7 @@ class NearLights:
         for kind, array in self._arrays.items():
             program = array.program
             (self.matte.frame if self.matte and kind == MaterialKind.SHADOW_CATCHER else self._shading.frame).use()
-            (self.maps or self._layers).bind(program, g_buffer.bind(program))
+            (self._maps or self._layers).bind(program, g_buffer.bind(program))
             program["weight"], program["light_count"] = weight, len(batch.layers)
             if "part" in program:
                 program["part"] = weight if first else 0.0
@@ -91,6 +91,6 @@ class NearLights:
 
     def release(self) -> None:
         """Frees what this holds on the GPU."""
-        for resource in (*self._arrays.values(), self._buffer, self._layers, self.matte, self.maps):
+        for resource in (*self._arrays.values(), self._buffer, self._layers, self.matte):
             if resource is not None:
                 resource.release()

@@ -27,12 +27,14 @@ def a_map(seed: int = 0, coverage: Coverage = "hemisphere") -> np.ndarray:
 
 
 def masked(radiance: np.ndarray, *masks: Mask, coverage: Coverage = "hemisphere", bright: BrightCells = NO_BRIGHT_CELLS):
-    return masked_map(radiance, bright, mask_weights(masks, *radiance.shape[:2], coverage), coverage)
+    rows, cols, _ = radiance.shape
+    return masked_map(radiance, bright, mask_weights(masks, rows, cols, coverage), coverage)
 
 
 def cap_of(weights: np.ndarray, coverage: Coverage) -> float:
     """Solid angle of what is covered."""
-    return float((weights * cell_solid_angles(*weights.shape, coverage)[:, None]).sum())
+    rows, cols = weights.shape
+    return float((weights * cell_solid_angles(rows, cols, coverage)[:, None]).sum())
 
 
 @pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])

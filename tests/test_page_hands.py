@@ -13,7 +13,7 @@ from tests.support.browser import CHROMIUM
 from tests.support.hands import drag, newest
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
 from vemlight.light.mask import Mask
-from vemlight.light.virtual_lamp import VIRTUAL_IDS_FROM
+from vemlight.light.virtual_lamp import VIRTUAL_IDS_FROM, VirtualLamp
 from vemlight.runtime import wire
 from vemlight.settings import Settings, Wire
 from vemlight.toml import record_from_toml
@@ -79,6 +79,14 @@ def on_disc(azimuth_deg: float, elevation_deg: float) -> complex:
     return (90 - elevation_deg) * cmath.exp(1j * math.radians(azimuth_deg))
 
 
+def masks(simulated: SimulatedServices) -> tuple[Mask, ...]:
+    return newest(simulated).masks or ()
+
+
+def lamps(simulated: SimulatedServices) -> tuple[VirtualLamp, ...]:
+    return newest(simulated).lamps or ()
+
+
 def tool(page, name: str) -> None:
     page.locator("#sky-tools").get_by_role("button", name=name).click()
 
@@ -97,17 +105,17 @@ def test_a_polygon_is_drawn_moved_and_undone(page, simulated):
 
     # Darker, moved as a whole, back, and there again.
     page.locator("#item-mode").select_option("dark")
-    eventually(lambda: newest(simulated).masks[0].mode == "dark", "the other mode")
+    eventually(lambda: masks(simulated)[0].mode == "dark", "the other mode")
     tool(page, "Select")
     drag(page, place(page, 120, 35), place(page, 200, 35))
     shift = on_disc(200, 35) - on_disc(120, 35)
     wanted = [on_disc(*point) + shift for point in mask.points]
-    eventually(lambda: max(abs(on_disc(*p) - w) for p, w in zip(newest(simulated).masks[0].points, wanted, strict=True)) < 1.5, "the move")
-    moved = newest(simulated).masks[0]
+    eventually(lambda: max(abs(on_disc(*p) - w) for p, w in zip(masks(simulated)[0].points, wanted, strict=True)) < 1.5, "the move")
+    moved = masks(simulated)[0]
     page.locator("#disc").press("Control+z")
-    eventually(lambda: newest(simulated).masks[0].points == mask.points, "the place before")
+    eventually(lambda: masks(simulated)[0].points == mask.points, "the place before")
     page.locator("#disc").press("Control+Shift+z")
-    eventually(lambda: newest(simulated).masks[0] == moved, "moved again")
+    eventually(lambda: masks(simulated)[0] == moved, "moved again")
     for _ in range(3):
         page.locator("#undo").click()
     eventually(lambda: newest(simulated).masks is None, "no choice, as before")
@@ -139,10 +147,10 @@ def test_a_lamp_is_dragged_out_turned_and_dimmed(page, simulated):
 
     page.locator("#lamp-level").fill("2.5")
     page.locator("#lamp-colour").fill("#ff0000")
-    eventually(lambda: newest(simulated).lamps[0].irradiance == (2.5, 0.0, 0.0), "red light")
+    eventually(lambda: lamps(simulated)[0].irradiance == (2.5, 0.0, 0.0), "red light")
     drag(page, place(page, lamp.azimuth_deg, lamp.elevation_deg), place(page, 180, 30))
-    eventually(lambda: abs(newest(simulated).lamps[0].elevation_deg - 30) < 1.5, "the lamp moved")
-    assert newest(simulated).lamps[0].azimuth_deg == pytest.approx(180, abs=3)
+    eventually(lambda: abs(lamps(simulated)[0].elevation_deg - 30) < 1.5, "the lamp moved")
+    assert lamps(simulated)[0].azimuth_deg == pytest.approx(180, abs=3)
     page.locator("#disc").press("Delete")
     eventually(lambda: newest(simulated).lamps == (), "no lamp")
     page.locator("#undo").click()
@@ -164,7 +172,7 @@ def test_everything_by_keys(page, simulated):
     page.keyboard.press("Enter")
     (lamp,) = eventually(lambda: newest(simulated).lamps, "the lamp")
     page.keyboard.press("ArrowUp")
-    eventually(lambda: newest(simulated).lamps[0].elevation_deg != lamp.elevation_deg, "the lamp moved")
+    eventually(lambda: lamps(simulated)[0].elevation_deg != lamp.elevation_deg, "the lamp moved")
     page.keyboard.press("Backspace")
     eventually(lambda: newest(simulated).lamps == (), "no lamp")
 

@@ -38,6 +38,7 @@ def test_a_lamp_has_the_mean_and_the_covariance_of_its_disc(size_deg, elevation_
     directions = local @ np.stack([*across, axis])
     mean = directions.mean(axis=0)
     covariance = np.cov(directions.T, bias=True)[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    assert lights.covariances is not None
     assert are_covariances(lights.covariances)
     assert lights.covariances[0] == pytest.approx(covariance, abs=2e-6)
     assert lights.directions[0] * Extents.of(lights).concentrations[0] == pytest.approx(mean, abs=1e-5)
@@ -94,6 +95,7 @@ def test_a_pause_has_them_in_each_pass_as_wide_as_they_are():
         assert a.irradiance.sum(axis=0) - b.irradiance.sum(axis=0) == pytest.approx(added.irradiance[0], rel=1e-4)
     directions = np.array([each.directions[-1] for each in passes], np.float64)
     spread = np.cov(directions.T, bias=True)
+    assert added.covariances is not None
     assert spread[0, 0] == pytest.approx(float(added.covariances[0, 0]), rel=0.15)  # along x, across the lamp
     assert not with_them.same_as(without)
     assert with_them.same_as(MapLights(radiance, "hemisphere", lights))
@@ -112,6 +114,8 @@ def test_gloss_shows_them_as_lights_and_the_map_as_it_is(as_points):
     plain, light = reflected_light(lights, environment), reflected_light(both, environment)
     virtual = is_virtual(both)
     assert light.scale == pytest.approx(plain.scale)
+    assert light.radiance is not None
+    assert plain.radiance is not None
     assert np.array_equal(light.radiance, plain.radiance)
     assert light.direct[virtual].tolist() == [1.0] * int(virtual.sum())
     assert light.spread[virtual] == pytest.approx(Extents.of(lights_of_lamps([LAMP])).spreads[0] ** 2, rel=0.15)

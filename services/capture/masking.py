@@ -69,7 +69,7 @@ def _raster(masks: Sequence[Mask], coverage: Coverage) -> np.ndarray:
                 cv2.circle(own, tuple(points[0].tolist()), width * 2**FIXED_POINT_BITS // 2, 1, -1, cv2.LINE_8, FIXED_POINT_BITS)
         else:
             own = cv2.fillPoly(np.zeros_like(raster), [points], 1, cv2.LINE_8, FIXED_POINT_BITS)
-        raster |= own
+        np.maximum(raster, own, out=raster)
     return raster
 
 
@@ -138,7 +138,8 @@ class Masking:
     """Masks frames of one source; what the masks cover is computed when they change."""
 
     def __init__(self, settings: Capture) -> None:
-        self._albedo, self._coverage = settings.ground, settings.coverage
+        self._albedo = settings.ground
+        self._coverage: Coverage = settings.coverage
         self._of: tuple[object, ...] = ()
         self._weights: MaskWeights | None = None
 

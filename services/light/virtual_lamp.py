@@ -54,9 +54,13 @@ def with_lamps(lights: LightSet, lamps: Sequence[VirtualLamp]) -> LightSet:
     extents = lights.covariances
     if extents is None and any(lamp.size_deg for lamp in lamps):
         extents = np.zeros((len(lights.ids), 6), np.float32)
-    both = (np.concatenate([a, b]) for a, b in zip(lights[:3], added[:3], strict=True))
     assert added.covariances is not None
-    return LightSet.of(*both, None if extents is None else np.concatenate([extents, added.covariances]))
+    return LightSet(
+        np.concatenate([lights.ids, added.ids]),
+        np.concatenate([lights.directions, added.directions]),
+        np.concatenate([lights.irradiance, added.irradiance]),
+        None if extents is None else np.concatenate([extents, added.covariances]),
+    )
 
 
 def lights_of_lamps(lamps: Sequence[VirtualLamp]) -> LightSet:

@@ -85,7 +85,7 @@ def reflected_light(lights: LightSet, environment: EnvironmentMap | None) -> Ref
     power = luminance_from_rgb(lights.irradiance.astype(np.float64))
     direct[virtual], spread[virtual], least_width[virtual] = 1.0, _lamp_variances(lights)[virtual], 0.0
     for light in own[sources.candidates(lights.directions[own], power[own])].tolist():
-        source = sources.take(lights.directions[light].astype(np.float64), power[light], apart[light])
+        source = sources.take(lights.directions[light].astype(np.float64), float(power[light]), float(apart[light]))
         if source.fraction > 0:
             direct[light], spread[light], least_width[light] = source
     lit = lights.irradiance[own].sum(axis=0, dtype=np.float64)

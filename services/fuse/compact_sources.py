@@ -20,14 +20,15 @@ HOT_RATIO = 3.0  # over the local median: textures of walls reach 2; 2.5 to 4 wo
 HOT_FLOOR = 1e-3  # of the map's integral, in radiance: in the dark everything stands out
 BLOCK = 4  # cells on a side of a block, on whose means medians are taken
 WINDOW_ROWS, WINDOW_COLS, WINDOW_RAD = 1, 3, math.radians(15.0)  # blocks up and down; places and angle to either side: 13 x 30 degrees
-PROMINENCE = 4.0  # of the peak over the rim: light on a wall beside a lamp fades out and has 1.5 to 3, a window 6, a lamp 20 and more
+PROMINENCE = 3.0  # of the peak over the rim: light on a wall beside a lamp fades out and has 1.5 to 3, a window 6, a lamp 20 and more
+SURE = 1.5  # times the limits of strength and prominence: cameras a metre apart see a lamp's flux alike to a third
 CORE = 0.03  # of a source's brightest cell: above the glow on walls near a lamp, below the cells at a lamp's edge; 0.02 to 0.1 would do
 MERGE = 0.5  # of the lower of two peaks: the saddle below which they are two lamps; noise makes 0.9, two lamps two cells apart 0.1
 LINK_RAD = math.radians(1.6)  # at cells of a degree: the next but one is another source
 GROW_RAD = math.radians(1.5)  # what blur of a lens and a cell leave around a lamp
 MIN_SHARE = 2e-3  # of the map's luminous flux
 MAX_RADIUS_RAD = math.radians(12.0)  # a wider light is a wall or a window, which one direction does not stand for
-MAX_SOURCES = 32  # of a map, the strongest; MIN_SHARE lets 500 pass
+MAX_SOURCES = 48  # of a map, the strongest; MIN_SHARE lets 500 pass
 NOISE = 0.02  # of a cell's light, relative
 LENS_RAD = math.radians(0.02)  # by which a calibrated lens is wrong
 OF_RADIUS = 0.03  # of a source's radius: by which its centroid is not its middle, since lamps are not even
@@ -40,7 +41,8 @@ class CompactSources(NamedTuple):
     directions: (n, 3) float64 unit vectors, centroids of their flux. flux: (n, 3) RGB irradiance on a plane that faces them. noise, fixed:
     (n,) rad^2, variance of a direction along an axis across it: what is new in each frame, and what stays. spread: (n,) rad^2, second
     moment of the source about its direction, both axes together. peak: (n,), luminance of its brightest cell. background: (n, 3), radiance
-    behind it. owner: (rows * cols,) int16, the source that a cell belongs to, -1: none.
+    behind it. owner: (rows * cols,) int16, the source that a cell belongs to, -1: none. sure: (n,) bool, whether it is so far above what is
+    left out that another camera, which sees it too, cannot have left it out.
     """
 
     directions: np.ndarray
@@ -51,6 +53,7 @@ class CompactSources(NamedTuple):
     peak: np.ndarray
     background: np.ndarray
     owner: np.ndarray
+    sure: np.ndarray
 
 
 class _Geometry(NamedTuple):
@@ -97,7 +100,8 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
     bright = seen.bright_cells
     luminance, power = _luminance(read_only(seen.radiance), of.solid_angles)
     if not power > 0:
-        return CompactSources(*(np.zeros((0, 3)),) * 2, *(np.zeros(0),) * 4, np.zeros((0, 3)), np.full(rows * cols, -1, np.int16))
+        return CompactSources(*(np.zeros((0, 3)),) * 2, *(np.zeros(0),) * 4, np.zeros((0, 3)),
+                              np.full(rows * cols, -1, np.int16), np.zeros(0, bool))  # fmt: skip
     around = _local_median(luminance, of.theta)
     hot = _hot_cells(luminance, around, HOT_FLOOR * power)
     order = hot[np.argsort(-luminance.reshape(-1)[hot], kind="stable")]
@@ -108,8 +112,12 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
     )  # fmt: skip
     strength = table[:, 3:6] @ np.array([LUMINANCE_RED, LUMINANCE_GREEN, LUMINANCE_BLUE])
     behind = background @ np.array([LUMINANCE_RED, LUMINANCE_GREEN, LUMINANCE_BLUE])
-    kept = (strength >= MIN_SHARE * power) & (table[:, 8] <= MAX_RADIUS_RAD) & (table[:, 10] > PROMINENCE * behind)
-    order = np.flatnonzero(kept)[np.argsort(-strength[kept], kind="stable")][:MAX_SOURCES]
+    least = MIN_SHARE * power
+    kept = (strength >= least) & (table[:, 8] <= MAX_RADIUS_RAD) & (table[:, 10] > PROMINENCE * behind)
+    order = np.flatnonzero(kept)[np.argsort(-strength[kept], kind="stable")]
+    if len(order) > MAX_SOURCES:
+        order, least = order[:MAX_SOURCES], strength[order[MAX_SOURCES]]
+    sure = (strength[order] > SURE * least) & (table[order, 10] > SURE * PROMINENCE * behind[order])
     owner = np.full(rows * cols, -1, np.int16)
     for n, component in enumerate(order):
         owner[members[starts[component] : starts[component + 1]]] = n
@@ -117,7 +125,7 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
     spread = table[:, 9]
     radius2 = 2 * spread  # of an even disc
     fixed = table[:, 7] + LENS_RAD**2 + OF_RADIUS**2 * radius2
-    return CompactSources(table[:, :3], table[:, 3:6], table[:, 6], fixed, spread, table[:, 10], background[order], owner)
+    return CompactSources(table[:, :3], table[:, 3:6], table[:, 6], fixed, spread, table[:, 10], background[order], owner, sure)
 
 
 @kernel

@@ -21,6 +21,7 @@ FLUX_NOISE = 0.01  # of ln flux, new each frame: 2 % a cell over the four cells 
 SATURATED_SIGMA = 1.0  # of ln flux where pixels are at the sensor's highest code
 SATURATED_SHARE = 0.5  # of the map's brightest cell: sources with such a peak may hold them
 STILL_LIT_RAD, STILL_LN_FLUX = np.radians(1.5), 1.0  # of a source that may be a light which is not located
+ALONE_RAD = np.radians(3.0)  # from the next source: twice the reach of a source's rim
 MIN_OF_NEAR = 0.01  # of the near lights' irradiance: what curved mirrors show is weaker, and no place holds it
 MIN_CLEAR_M = 0.05  # of a light's surface from every camera
 
@@ -123,19 +124,24 @@ def _seen(
 
 
 def _measured(matched: Matches, seen: Seen, found: Sequence[CompactSources | None]) -> Tracks:
-    """The frame's lights, with the mean colour and extent of their sources."""
+    """The frame's lights, with the mean colour and extent of their sources.
+
+    Two cameras alone are not believed where another source is near: one of them may see two lamps as one.
+    """
     count = len(matched.fit)
-    chroma, spread, cameras = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+    chroma, spread, sure, alone = np.zeros((count, 3)), np.zeros(count), np.ones(count, bool), np.ones(count, bool)
+    cameras = np.maximum((matched.sources >= 0).sum(axis=1), 1)
     for k, each in enumerate(found):
         if each is None or not len(each.flux):
             continue
-        own = matched.sources[:, k]
-        there = own >= 0
+        there = matched.sources[:, k] >= 0
+        own = matched.sources[there, k]
         p = matched.fit[there, :3] + matched.fit[there, 3:4] * seen.offsets[k]
-        chroma[there] += seen.chroma[k, own[there]]
-        spread[there] += each.spread[own[there]] * (p * p).sum(axis=1)
-        cameras[there] += 1
-    return tracks_of(matched, chroma / np.maximum(cameras, 1)[:, None], spread / np.maximum(cameras, 1))
+        chroma[there] += seen.chroma[k, own]
+        spread[there] += each.spread[own] * (p * p).sum(axis=1)
+        sure[there] &= each.sure[own]
+        alone[there] &= (each.directions[own] @ each.directions.T > np.cos(ALONE_RAD)).sum(axis=1) == 1
+    return tracks_of(matched, chroma / cameras[:, None], spread / cameras, sure & (alone | (cameras > 2)))
 
 
 def _from_camera(tracks: Tracks, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,7 @@ NEAREST = 3  # sources of a further camera that are tried
 AROUND_SIGMAS, AROUND_RAD = 5.0, 0.005  # of where it is looked for: errors, and what a model leaves out, .3 degrees
 BEHIND_SIGMAS = 3.0  # of inverse distance: by which noise puts a far light beyond infinity
 A_CAMERA, MISSED = 10.0, 4.0  # value of each camera after the first, and what a camera costs that should see the light and does not
+APART_SIGMAS = 4.0  # of inverse distance, between two explanations of one source
 SEES = 0.02  # cosine from a lens's axis at which a map of its hemisphere ends
 MAX_HYPOTHESES = 4096
 MANY_CAMERAS = 5  # from here on a camera that fits is not left out of a hypothesis: sets of cameras double with each
@@ -45,17 +46,28 @@ class Seen(NamedTuple):
 
 
 class Matches(NamedTuple):
-    """Lights that two or more cameras see. sources: (n, cameras) int64, of each camera its source, -1: none. fit: (n, FIT)."""
+    """Lights that two or more cameras see. sources: (n, cameras) int64, of each camera its source, -1: none. fit: (n, FIT). margin: (n,),
+    by which a light's value is above that of the best other explanation of one of its sources, at another distance; inf: there is none.
+    """
 
     sources: np.ndarray
     fit: np.ndarray
+    margin: np.ndarray
 
 
 def matches(seen: Seen) -> Matches:
     """The set of lights of the greatest value in which each source is used once."""
     sources, values, fit = _hypotheses(*seen)
     best = best_disjoint(sources + np.where(sources >= 0, np.arange(sources.shape[1]) * seen.table.shape[1], 0), values)
-    return Matches(sources[best], fit[best])
+    return Matches(sources[best], fit[best], _margins(sources, values, fit, best))
+
+
+def _margins(sources: np.ndarray, values: np.ndarray, fit: np.ndarray, best: np.ndarray) -> np.ndarray:
+    """See Matches."""
+    shares = ((sources[best][:, None] == sources[None]) & (sources[None] >= 0)).any(axis=2)
+    elsewhere = np.abs(fit[best, 3][:, None] - fit[None, :, 3]) > APART_SIGMAS * np.sqrt(fit[best, 16][:, None] + fit[None, :, 16])
+    others = np.where(shares & elsewhere, values[None], -np.inf)
+    return values[best] - others.max(axis=1, initial=-np.inf)
 
 
 def best_disjoint(members: np.ndarray, values: np.ndarray) -> np.ndarray:

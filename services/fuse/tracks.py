@@ -18,6 +18,7 @@ GATE = 20.0  # chi2 of 4 degrees of freedom
 NEAR_SIGMAS, STAY_SIGMAS = 5.0, 3.0
 MOVED_RAD, MOVED_CHROMA, MOVED_LN_INTENSITY = np.radians(20.0), 0.04, 0.4  # a light that jumps is the same one within these
 BACK_SIGMAS, BACK_M = 4.0, 0.03  # and one that comes back, where it was; what a lamp on a stand sways
+MIN_MARGIN = 3.0  # of a light over another explanation, in halves of chi2, for it to be thought near: 20 to 1
 HITS = 2  # frames in which a light must be seen before it is published
 HIDDEN_FRAMES = 8  # for which a light stays that one camera still sees
 MAX_LOST = 64  # lights that are off and may come back
@@ -26,8 +27,8 @@ MAX_LOST = 64  # lights that are off and may come back
 class Tracks(NamedTuple):
     """n lights. ids: (n,) int64. u: (n, 3). rho: (n,) 1/m. s: (n,). noise: (n, 4, 4), covariance of what is filtered, of u in the basis
     e1, e2 across it, rho and s. fixed: (n, 4, 4), of what is not. basis: (n, 2, 3). chroma: (n, 3). spread: (n,) rad^2 as seen from the
-    centre. hits, missed: (n,) int64, frames in which it was seen, and since it was. near: (n,) bool. sources: (n, cameras) int64, of this
-    frame, -1: none.
+    centre. hits, missed: (n,) int64, frames in which it was seen, and since it was. near, sure: (n,) bool; sure: of this frame, that its
+    sources have no other explanation. sources: (n, cameras) int64, of this frame, -1: none.
     """
 
     ids: np.ndarray
@@ -42,6 +43,7 @@ class Tracks(NamedTuple):
     hits: np.ndarray
     missed: np.ndarray
     near: np.ndarray
+    sure: np.ndarray
     sources: np.ndarray
 
     def take(self, which: np.ndarray) -> "Tracks":
@@ -67,7 +69,7 @@ def no_tracks(cameras: int) -> Tracks:
     shapes = ((3,), (), (), (4, 4), (4, 4), (2, 3), (3,), ())
     whole = np.zeros(0, np.int64)
     numbers = (np.zeros((0, *shape)) for shape in shapes)
-    return Tracks(whole, *numbers, whole, whole, np.zeros(0, bool), np.zeros((0, cameras), np.int64))
+    return Tracks(whole, *numbers, whole, whole, np.zeros(0, bool), np.zeros(0, bool), np.zeros((0, cameras), np.int64))
 
 
 class Followed(NamedTuple):
@@ -78,13 +80,13 @@ class Followed(NamedTuple):
     next_id: int
 
 
-def tracks_of(found: Matches, chroma: np.ndarray, spread: np.ndarray) -> Tracks:
-    """A frame's lights as tracks without ids; chroma (n, 3) and spread (n,) of each."""
+def tracks_of(found: Matches, chroma: np.ndarray, spread: np.ndarray, sure: np.ndarray) -> Tracks:
+    """A frame's lights as tracks without ids; chroma (n, 3) and spread (n,) of each, and whether its sources are sure (n,)."""
     fit, n = found.fit, len(found.fit)
     total, noise = fit[:, 6:22].reshape(n, 4, 4), fit[:, 22:38].reshape(n, 4, 4)
     ones = np.ones(n, np.int64)
     return Tracks(np.full(n, -1), fit[:, :3], fit[:, 3], fit[:, 4], noise, total - noise, fit[:, 38:44].reshape(n, 2, 3), chroma, spread,
-                  ones, 0 * ones, np.zeros(n, bool), found.sources)  # fmt: skip
+                  ones, 0 * ones, np.zeros(n, bool), sure & (found.margin > MIN_MARGIN), found.sources)  # fmt: skip
 
 
 def followed(before: Followed, seen: Tracks, is_still_lit: np.ndarray) -> Followed:
@@ -112,7 +114,7 @@ def followed(before: Followed, seen: Tracks, is_still_lit: np.ndarray) -> Follow
     lost = lost.take(np.arange(max(len(lost.ids) - MAX_LOST, 0), len(lost.ids)))
     tracks = updated.joined(moved).joined(back).joined(waits).joined(fresh)
     sigmas = tracks.rho / np.sqrt(np.maximum((tracks.noise + tracks.fixed)[:, 2, 2], 1e-30))
-    tracks = tracks._replace(near=sigmas > np.where(tracks.near, STAY_SIGMAS, NEAR_SIGMAS))
+    tracks = tracks._replace(near=np.where(tracks.near, sigmas > STAY_SIGMAS, tracks.sure & (sigmas > NEAR_SIGMAS)))
     order = np.argsort(tracks.ids, kind="stable")
     return Followed(tracks.take(order), lost, before.next_id + len(fresh.ids))
 
@@ -170,7 +172,8 @@ def _filtered(known: Tracks, seen: Tracks) -> Tracks:
     u, rho, s, noise, bases, fixed = *state, _turned(seen.fixed, seen.basis, state[4])
     chroma = known.chroma + (seen.chroma - known.chroma) / 4  # of the last frames
     spread = known.spread + (seen.spread - known.spread) / 4
-    return Tracks(known.ids, u, rho, s, noise, fixed, bases, chroma, spread, known.hits + 1, 0 * known.missed, known.near, seen.sources)
+    return Tracks(known.ids, u, rho, s, noise, fixed, bases, chroma, spread, known.hits + 1, 0 * known.missed, known.near, seen.sure,
+                  seen.sources)  # fmt: skip
 
 
 def _restarted(known: Tracks, seen: Tracks) -> Tracks:

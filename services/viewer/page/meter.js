@@ -147,7 +147,7 @@ export class Meter {
     const rows = lights.slice(0, SHOWN_LIGHTS).map((light) => {
       const row = document.createElement("tr");
       const cells = [light.id, `${figure(light.illuminance)}${scale ? " lx" : ""}`, light.temperature_k ? `${light.temperature_k.toFixed(0)} K` : "–", duvWords(light.duv)];
-      row.append(...cells.map((text, k) => Object.assign(document.createElement(k ? "td" : "th"), { textContent: text, scope: k ? undefined : "row" })));
+      row.append(...cells.map((text, k) => Object.assign(document.createElement(k ? "td" : "th"), { textContent: text }, k ? {} : { scope: "row" })));
       return row;
     });
     at("meter-lights").replaceChildren(...rows);

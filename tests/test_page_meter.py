@@ -30,7 +30,7 @@ def frames(sequence: int, count: int = 40) -> dict[Service, wire.Message]:
     made = frames_of(sequence, min(count, 40))
     radiance = np.zeros((36, 72, 3), np.float32)
     radiance[:18] = SKY
-    radiance[4, 10] = 50 * SKY
+    radiance[4, 10], radiance[17, :4] = 50 * SKY, SKY / 100  # the bounds of the false colours
     report = wire.MapReport(saturated_pixels=5)
     stamp = made["capture"][0].stamp  # type: ignore[attr-defined]
     header = wire.MapMessage(stamp=stamp, rows=36, cols=72, coverage="sphere", luminance_scale=SCALE, report=report)

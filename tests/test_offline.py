@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vemlight.commands.offline import open_frames, sampler_settings
+from vemlight.capture.frames import Frame
+from vemlight.commands import offline
+from vemlight.commands.offline import open_frames, sampler_settings, write_lights_file
 from vemlight.commands.options import LightsOptions, RenderOptions
 from vemlight.commands.rendering import renderer_settings
 from vemlight.errors import UserError
@@ -46,3 +48,39 @@ def test_a_picture_of_no_size_or_beyond_the_limit_is_refused(size):
     assert renderer_settings(RenderOptions(source=HERE, size=(MAX_PICTURE_SIDE, 1))).width == MAX_PICTURE_SIDE == 8192
     with pytest.raises(UserError, match=f"--size {size[0]}x{size[1]}: a side has 1 to 8192 pixels"):
         renderer_settings(RenderOptions(source=HERE, size=size))
+
+
+class _Watched:
+    """A source whose frames see how much of the file is written while they are made."""
+
+    fps = 25.0
+
+    def __init__(self, part: Path, count: int) -> None:
+        self._part, self._count, self.rows = part, count, []
+
+    def __len__(self) -> int:
+        return self._count
+
+    def frame(self, k: int) -> Frame:
+        self.rows.append(self._part.read_bytes().count(b"\n"))
+        return Frame(np.full((6, 24, 3), 1.0 + k, np.float32), "hemisphere", k / 25, None, 0, 0)
+
+
+@pytest.mark.parametrize("score", [False, True])
+def test_lights_are_written_as_they_are_made(tmp_path, monkeypatch, score):
+    source = _Watched(tmp_path / "l.part.jsonl", 5)
+    monkeypatch.setattr(offline, "open_frames", lambda _: source)
+    report = write_lights_file(LightsOptions(source=HERE, out=tmp_path / "l.jsonl", count=4, score=score))
+    assert source.rows == [0, 1, 2, 3, 4]
+    assert (tmp_path / "l.jsonl").read_bytes().count(b"\n") == 5
+    assert ("score" in report.values) == score
+
+
+def test_lights_of_a_frame_that_cannot_be_read_leave_no_file(tmp_path):
+    for k, data in enumerate((None, b"no image")):
+        path = tmp_path / "in" / f"{k}.exr"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(data) if data else write_exr(path, np.ones((8, 16, 3), np.float32))
+    with pytest.raises(UserError, match=r"1\.exr"):
+        write_lights_file(LightsOptions(source=tmp_path / "in", out=tmp_path / "l.jsonl", count=4))
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]

@@ -10,6 +10,8 @@ from vemlight.commands.capture_commands import calibrate
 from vemlight.commands.parameters import STANDARD_OUTPUT, Number, OutFile
 from vemlight.errors import UserError
 
+OF_CAMERAS = {"wand": "--wand", "coverage": "--coverage"}  # options of `calibrate rig`
+OF_FIXTURES = {"settings": "SETTINGS", "arm": "--arm", "settle_s": "--settle", "level": "--level"}
 BUNDLED = "bundled"  # the word that names the rig of this package
 PATH = click.Path(path_type=Path)
 
@@ -76,14 +78,37 @@ def _of_sampler(path: Path, settings: Path | None, arm: bool, blackout: bool) ->
 
 @calibrate.command("rig")
 @click.argument("rig", type=PATH)
-@click.argument("settings", type=PATH)
-@click.option("--arm", is_flag=True, help="Needed: each emitter goes to full, one at a time.")
-@click.option("--settle", "settle_s", type=Number(0, 60), default=0.5, show_default=True, help="Seconds from a level to its picture.")
-@click.option("--level", type=Number(0.01, 1), default=1.0, show_default=True, help="Of each emitter, where full clips the camera.")
-def calibrate_rig(rig: Path, settings: Path, arm: bool, settle_s: float, level: float) -> None:
-    """Measure a rig: step through its fixtures with the camera of SETTINGS at the target; write their colours and strengths to RIG."""
+@click.argument("settings", type=PATH, required=False)
+@click.option("--wand", metavar="A,B:METRES", help="Cameras: the measured distance of two of them, such as left,right:1.25.")
+@click.option("--coverage", type=click.Choice(["hemisphere", "sphere"]), default="hemisphere", help="Cameras: of the maps.")
+@click.option("--arm", is_flag=True, help="Fixtures: needed, as each emitter goes to full, one at a time.")
+@click.option("--settle", "settle_s", type=Number(0, 60), default=0.5, show_default=True, help="Fixtures: from a level to its picture, s.")
+@click.option("--level", type=Number(0.01, 1), default=1.0, show_default=True, help="Fixtures: of each emitter, if full clips the camera.")
+@click.pass_context
+def calibrate_rig(
+    context: click.Context, rig: Path, settings: Path | None, wand: str | None, coverage: str, arm: bool, settle_s: float, level: float
+) -> None:
+    """Measure a rig, and write what was measured to RIG.
+
+    Of cameras ([[camera]]): where they stand and look, from their recordings of a small lamp that is carried where all see it (--wand).
+    Of fixtures ([[fixture]]): their colours and strengths, by the camera of SETTINGS at the target (--arm).
+    """
+    from vemlight.commands.camera_rig_calibration import calibrate_camera_rig, is_camera_rig, wand_from_text
     from vemlight.commands.rig_calibration import calibrate_rig_file
 
+    given = {name for name in context.params if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE}
+    of_cameras = is_camera_rig(rig)
+    for name, shown in (OF_FIXTURES if of_cameras else OF_CAMERAS).items():
+        if name in given:
+            kinds = ("fixtures", "cameras") if of_cameras else ("cameras", "fixtures")
+            raise UserError(f"{shown}: is for rigs of {kinds[0]}, and {rig} holds {kinds[1]}; leave it out")
+    if of_cameras:
+        if wand is None:
+            raise UserError("--wand: is missing; add the measured distance of two cameras: --wand A,B:METRES")
+        click.echo(calibrate_camera_rig(rig, wand_from_text(wand), coverage))
+        return
+    if settings is None:
+        raise UserError("SETTINGS: is missing; name the settings whose camera stands at the target")
     if not arm:
         raise UserError("--arm: each emitter goes to full, one at a time; add --arm when everybody is ready")
     calibrate_rig_file(rig, settings, settle_s=settle_s, level=level)

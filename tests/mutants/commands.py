@@ -44,6 +44,49 @@ MUTANTS = [
         ("regions of a hemisphere", '0 if options.coverage == "hemisphere" and not options.ground else None', "None"),
         ("pictures without pixels", "1 <= side <= settings.MAX_PICTURE_SIDE", "side <= settings.MAX_PICTURE_SIDE"),
     ]),
+    *mutants_of(COMMANDS + "archive/folder.py", "tests/test_archive.py", [
+        ("states of other plans", "state.plan == self.plan_digest and ", ""),
+        ("lights that were changed", "if not self._holds(k, digest)), None)", "if False), None)"),
+        ("frames that were changed", "if files(k) != digest), None)", "if False), None)"),
+        ("two archives in one folder", "fcntl.LOCK_SH if shared else fcntl.LOCK_EX", "fcntl.LOCK_SH"),
+        ("makers of maps one by one", "fcntl.LOCK_SH if shared else fcntl.LOCK_EX", "fcntl.LOCK_EX"),
+        ("one state", "STATES = 2", "STATES = 1"),
+        ("maps stay", "        self.maps(chunk).unlink(missing_ok=True)\n\n    def complete", "\n    def complete"),
+    ]),
+    *mutants_of(COMMANDS + "archive/plan.py", "tests/test_archive.py", [
+        ("any options", "if before.get(key) != now.get(key):", "if False:"),
+        ("defaults left out", "msgspec.structs.asdict(section)", "section", "matters when a default changes"),
+    ]),
+    *mutants_of(COMMANDS + "archive/chunks.py", "tests/test_archive.py", [
+        ("sizes of a chunk's own", "                source.frame(0)", "                pass"),
+    ]),
+    *mutants_of(COMMANDS + "archive/workers.py", "tests/test_archive.py", [
+        ("four deaths", "MAX_DEATHS = 3", "MAX_DEATHS = 4"),
+        ("chunks of the dead are lost", "        waiting.extendleft(reversed(worker.given))", "        pass"),
+    ]),
+    *mutants_of(COMMANDS + "archive/map_file.py", "tests/test_map_file.py", [
+        ("damage passes", "            if found != check:", "            if False:"),
+        ("cells outside", "((bright[0] >= 0) & (bright[0] < cells)).all()", "True"),
+        ("what follows passes", "        if self._left:", "        if False:"),
+        ("memory before it is there", "if 12 * cells + 24 * head.samples > self._left:", "if False:"),
+    ]),
+    *mutants_of("services/fuse/bundle_adjustment.py", "tests/test_bundle_adjustment.py", [
+        ("fewer places", "MIN_PLACES = 12", "MIN_PLACES = 11"),
+        ("places close together", "MIN_ANGLE_RAD = math.radians(20.0)", "MIN_ANGLE_RAD = math.radians(2.0)"),
+        ("bearings that do not fit", "MAX_RESIDUAL_RAD = math.radians(0.2)", "MAX_RESIDUAL_RAD = math.radians(2.0)"),
+        ("nothing left out", "        used = kept\n    return", "    return"),
+        ("no start of the bearings' own", "    if (found := relative_poses(bearings, seen, start)) is not None:", "    if False:"),
+        ("steps of the place the other way", "np.concatenate([by_turn, -by_place], axis=2)",
+         "np.concatenate([by_turn, by_place], axis=2)"),
+    ]),
+    *mutants_of("services/fuse/wand.py", "tests/test_bundle_adjustment.py", [
+        ("lamps of the room", "0, frame.strength)", "frame.strength, frame.strength)"),
+        ("single frames beside held places", "held if held.shape[1] >= MIN_STILL else bearings", "bearings"),
+        ("places of one camera", ".sum(axis=0) >= 2]", ".sum(axis=0) >= 1]"),
+    ]),
+    *mutants_of(COMMANDS + "archive/index.py", "tests/test_archive.py", [
+        ("no number of indices", "    if options.indices is None:", "    if False:"),
+    ]),
     *mutants_of(COMMANDS + "parameters.py", "tests/test_cli.py", [
         ("six numbers of four points", "if len(numbers) != 8 or", "if len(numbers) < 6 or"),
         ("digits of a size", " and len(number) < 6", ""),

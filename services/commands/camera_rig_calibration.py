@@ -1,0 +1,152 @@
+"""`vemlight calibrate rig` of cameras: their poses from recordings of a small lamp that is carried where all of them see it."""
+
+import math
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from vemlight import settings
+from vemlight.capture.source import FrameSource, open_source
+from vemlight.errors import UserError, of_setting
+from vemlight.files import MAX_TOML_BYTES, notice, read_file, read_toml, written_whole
+from vemlight.fixtures.rig_writing import free_name
+from vemlight.fuse.bundle_adjustment import MIN_PLACES, Adjusted, CalibrationError, Poses, ScaleBar, adjusted
+from vemlight.fuse.compact_sources import compact_sources
+from vemlight.fuse.rig_file import CameraRig, RigCamera, check_one_rate, read_camera_rig
+from vemlight.fuse.wand import Seen, lamp_bearings, places
+from vemlight.light.colour import luminance_from_rgb
+from vemlight.light.environment_map import EnvironmentMap
+from vemlight.runtime.interrupt import interruption
+from vemlight.runtime.progress import counted
+from vemlight.settings import is_live, section_from_options, shown_source
+
+ROWS = {"hemisphere": 90, "sphere": 180}  # one degree of elevation a row
+MAX_METRES = 100.0
+CAMERA_LINE = re.compile(rb"^[ \t]*\[\[[ \t]*camera[ \t]*\]\]", re.MULTILINE)
+
+
+class Wand(NamedTuple):
+    """The measured distance of two cameras, by their names."""
+
+    first: str
+    second: str
+    metres: float
+
+
+def wand_from_text(text: str) -> Wand:
+    """A,B:METRES. Raises UserError for anything else."""
+    names, _, number = text.partition(":")
+    first, _, second = names.partition(",")
+    try:
+        metres = float(number)
+    except ValueError:
+        metres = math.nan
+    if not (first and second and first != second and 0 < metres <= MAX_METRES):
+        raise UserError(f"--wand {text[:40]}: is not two cameras and their distance in metres; write it as left,right:1.25")
+    return Wand(first, second, metres)
+
+
+def is_camera_rig(path: Path) -> bool:
+    """Whether a rig file holds cameras, and not fixtures, by its tables. Raises UserError for a file that cannot be read."""
+    return path.suffix.lower() == ".toml" and CAMERA_LINE.search(read_file(path, MAX_TOML_BYTES)) is not None
+
+
+def calibrate_camera_rig(path: Path, wand: Wand, coverage: str) -> str:
+    """Measures the poses and writes them into the rig file; the old file is kept beside it. Returns lines about them.
+
+    Raises UserError for a rig or recordings that cannot be used, and for bearings from which no poses follow; nothing is written then.
+    """
+    rig = read_camera_rig(path)
+    names = [camera.name for camera in rig.camera]
+    for name in wand[:2]:
+        if name not in names:
+            raise UserError(f"--wand {wand.first},{wand.second}: {path} has no camera {name}; it has {', '.join(names)}")
+    seen = places(_bearings(path, rig, coverage))
+    if seen.shape[1] < MIN_PLACES:
+        found = f"two cameras or more see the lamp at {seen.shape[1]} places, and {MIN_PLACES} are needed"
+        raise UserError(f"{path}: {found}; carry a small bright lamp to about 30, in a dim room")
+    start = Poses(np.array([camera.world_from_camera for camera in rig.camera]), rig.places)
+    scale = ScaleBar(names.index(wand.first), names.index(wand.second), wand.metres)
+    try:
+        found = adjusted(seen, start, scale, names)
+    except CalibrationError as error:
+        raise UserError(f"{path}: {error}") from error
+    old = _write(path, found)
+    return _report(path, old, rig, seen, found)
+
+
+def _bearings(path: Path, rig: CameraRig, coverage: str) -> np.ndarray:
+    """Where each camera sees the lamp in each frame, (cameras, frames, 3)."""
+    sources = [_opened(path, camera, coverage) for camera in rig.camera]
+    counts = [len(source) for source in sources]
+    if min(counts) > 1:
+        check_one_rate(path, rig, [source.fps for source in sources])
+    if max(counts) > min(counts):
+        notice(f"{path}: its recordings have {min(counts)} to {max(counts)} frames; the first {min(counts)} of each are used")
+    found = []
+    for camera, source in zip(rig.camera, sources, strict=True):
+        seen = []
+        for k in counted(range(min(counts)), f"frames of {camera.name}", min(counts)):
+            interruption.check()
+            with of_setting(f"{path}: camera {camera.name}"):
+                frame = source.frame(k)
+            lamps = compact_sources(EnvironmentMap(frame.radiance, frame.coverage, frame.bright_cells))
+            seen.append(Seen(lamps.directions, luminance_from_rgb(lamps.flux)))
+        found.append(lamp_bearings(seen))
+    return np.stack(found)
+
+
+def _opened(path: Path, camera: RigCamera, coverage: str) -> FrameSource:
+    with of_setting(f"{path}: camera {camera.name}"):
+        if is_live(camera.source):
+            shown = shown_source(camera.source)
+            raise UserError(f"{shown}: is live; record all cameras while the lamp is carried (vemlight record), and name the recordings")
+        given = {"source": camera.source, "response": camera.response, "coverage": coverage, "rows": ROWS[coverage]}
+        return open_source(section_from_options(settings.Capture, {**given, "lens": camera.lens or None}))
+
+
+def _write(path: Path, found: Adjusted) -> Path:
+    """Puts the poses, and how well they are known, into the file, which is written anew. Where the old one is kept."""
+    content, rig = read_file(path, MAX_TOML_BYTES), read_toml(path, CameraRig)
+    cameras = tuple(
+        msgspec.structs.replace(camera, at=_rounded(at, 5), turn=_rounded(quaternion_from_rotation(turn), 7))
+        for camera, turn, at in zip(rig.camera, found.poses.turns, found.poses.at, strict=True)
+    )
+    changed = msgspec.structs.replace(
+        rig, camera=cameras, pose_deg=round(float(np.degrees(found.turn_rad.max())), 4), pose_m=round(float(found.at_m.max()), 5)
+    )
+    text = msgspec.toml.encode(changed)
+    old = free_name(path)
+    for target, data in ((old, content), (path, text)):
+        with written_whole(target) as part:
+            part.write_bytes(data)
+    return old
+
+
+def _rounded(numbers: np.ndarray, digits: int) -> tuple[float, ...]:
+    return tuple(round(float(number), digits) + 0.0 for number in numbers)
+
+
+def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
+    """The unit quaternion x y z w, w >= 0, of a rotation (3, 3): the eigenvector of Bar-Itzhack (2000), sound for every angle."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
+    matrix = np.array([
+        [xx - yy - zz, yx + xy, zx + xz, zy - yz],
+        [yx + xy, yy - xx - zz, zy + yz, xz - zx],
+        [zx + xz, zy + yz, zz - xx - yy, yx - xy],
+        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+    ])  # fmt: skip
+    quaternion = np.linalg.eigh(matrix)[1][:, -1]
+    return quaternion if quaternion[3] >= 0 else -quaternion
+
+
+def _report(path: Path, old: Path, rig: CameraRig, seen: np.ndarray, found: Adjusted) -> str:
+    in_all, used, lines = np.isfinite(seen[..., 0]).sum(axis=1), found.used.sum(axis=1), []
+    for k, camera in enumerate(rig.camera):
+        sigma = f"+- {1e3 * found.at_m[k]:.1f} mm, {math.degrees(found.turn_rad[k]):.3f} degrees" if k else "fixes the world"
+        lines.append(f"{camera.name}: at {', '.join(f'{x:.4f}' for x in found.poses.at[k])} m, {sigma}; {used[k]} of {in_all[k]} places")
+    lines.append(f"{path}: bearings fit to {math.degrees(found.residual_rad):.3f} degrees; the old file is {old}")
+    return "\n".join(lines)

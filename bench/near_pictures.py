@@ -38,9 +38,9 @@ from vemlight.sampler.step import step
 from vemlight.settings import Renderer as Settings
 from vemlight.settings import Sampler
 
-WIDTH, HEIGHT = 128, 96
+WIDTH, HEIGHT = 96, 72
 FRAMES = 6  # of the rig: near lights are published from the second on
-LAMP_RAYS, WALL_RAYS = 5, 10  # a side: 25 to each lamp, 100 over the hemisphere, in strata, twice
+LAMP_RAYS, WALL_RAYS = 4, 8  # a side: 16 to each lamp, 64 over the hemisphere, in strata, twice
 AWAY_M = 1.0  # of the still life from the nearest camera
 MARGIN_M, CLEAR_M = 0.45, 1.0  # of the still life from walls and from lamps
 SETTLED = 8  # frames in which lights find their places on a still map
@@ -179,9 +179,20 @@ def rendered(scene: Scene, lights: LightSet, near: NearLightSet) -> np.ndarray:
     return picture
 
 
-def pictures_of(seed: int) -> tuple[Errors, list[np.ndarray], str] | None:
+def with_spheres(room: Room) -> Room:
+    """The room with a sphere in place of each panel, of its intensity towards the rig and its second moment."""
+    middle = SQUARE.mean(axis=0)
+    lamps = []
+    for lamp in room.lamps:
+        radius = lamp.radius or float(np.linalg.norm(lamp.half[0])) * math.sqrt(4 / 3)  # type: ignore[index]
+        lamps.append(Lamp(lamp.at, lamp.intensity_to(middle) / (math.pi * radius**2), radius))
+    return room._replace(lamps=tuple(lamps))
+
+
+def pictures_of(seed: int, spheres: bool) -> tuple[Errors, list[np.ndarray], str] | None:
     """Errors of a room, its pictures (truth, near, directional), and a line about it; None where it has no place for the still life."""
     room, rng = random_room(seed), np.random.default_rng(10_000 + seed)
+    room = with_spheres(room) if spheres else room
     place = subject_place(room, rng)
     if place is None:
         return None
@@ -210,11 +221,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("near-pictures"))
     parser.add_argument("--rooms", type=int, default=8)
     parser.add_argument("--first", type=int, default=0, help="seed of the first room")
+    parser.add_argument("--spheres", action="store_true", help="panels become spheres of their intensity towards the rig")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     every: list[Errors] = []
     for seed in range(options.first, options.first + options.rooms):
-        made_here = pictures_of(seed)
+        made_here = pictures_of(seed, options.spheres)
         if made_here is None:
             print(f"room {seed}: no place 1 m from the cameras")
             continue

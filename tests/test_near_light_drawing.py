@@ -225,3 +225,46 @@ def test_a_catcher_loses_what_shadows_take_of_all_its_light_there(drawn, samples
     assert ground.sum() > 0.9 * ground.size
     assert np.abs(picture[..., 3] - taken)[ground].max() < 0.01
     assert taken[ground].max() > 0.3
+
+
+def test_a_mirror_shows_what_a_near_light_lights_and_not_what_it_does_not(drawn):
+    """A polished wall beside a white floor: its image of the floor is as bright as the floor itself, before it and behind a screen."""
+    camera = "[camera]\nfrom = [-2.0, 0.0, 0.6]\nat = [1.0, 0.0, 0.3]\nfov_y = 40.0\n"
+    wall = '[[mesh]]\nshape = "plane"\nscale = 2.0\nrotate = [0.0, 90.0, 0.0]\nat = [1.0, 0.0, 0.0]\n'
+    wall += "material = {base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = 0.05}\n"
+    screen = '[[mesh]]\nshape = "plane"\nscale = 3.0\nat = [0.0, 0.0, 1.0]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    lit = drawn(camera + GROUND + wall, near_lights((0.0, 0.0, 1.2)), bounces=1, samples=4)
+    behind = drawn(camera + GROUND + wall + screen, near_lights((0.0, 0.0, 1.2)), bounces=1, samples=4)
+    height, tall = SIDE, np.tan(np.radians(20.0))
+    # A mirrored pixel sees the floor at twice the wall's distance less x; the middle column, rows below the camera's middle.
+    pitch = np.arctan2(0.3, 3.0)
+    checked = 0
+    for row in range(height // 2, height):
+        down = pitch + np.arctan((2 * (row + 0.5) / height - 1) * tall)
+        x = -2.0 + 0.6 / np.tan(down)  # where the ray would meet the floor, behind the wall
+        if 1.1 < x < 2.5:
+            expected = irradiance(near_lights((0.0, 0.0, 1.2)), np.array([[2.0 - x, 0.0, 0.0]]))[0, 0] / np.pi
+            assert lit[row, SIDE // 2, 0] == pytest.approx(expected, rel=0.12)
+            assert behind[row, SIDE // 2, 0] < 0.02 * expected
+            checked += 1
+    assert checked >= 5
+
+
+def test_coarse_pixels_do_for_weak_wide_lights_alone_and_change_little(tmp_path):
+    """Live in large pictures: eight like lamps, of which none has three tenths of the light, and one that is small."""
+    text = ABOVE + GROUND + BOX
+    turn = np.arange(8) * np.pi / 4
+    places = np.stack([1.2 * np.cos(turn), 1.2 * np.sin(turn), np.full(8, 1.5)], axis=-1)
+    lamps = near_lights(*places, radius=0.15)
+    lamps = NearLightSet(lamps.ids, lamps.at, lamps.intensity, np.where(lamps.ids == 7, 0.0, lamps.radius).astype(np.float32), lamps.sigma)
+    pictures = []
+    for frame_ms in (0.0, 10_000.0):
+        wanted = Settings(width=400, height=300, shadows="rays", frame_ms=frame_ms, bounces=0)
+        renderer = SceneRenderer(scene_of(tmp_path, text), wanted, 1)
+        renderer.near = lamps
+        pictures.append(renderer.picture(DARK)[..., :3].copy())
+        (batch,) = renderer.plan.near
+        assert set(batch.lights.ids[batch.coarse].tolist()) == (set(range(7)) if frame_ms else set())
+        renderer.release()
+    whole, live = pictures
+    assert np.sqrt(np.mean((live - whole) ** 2) / np.mean(whole**2)) < 0.02

@@ -132,9 +132,11 @@ class Renderer:
         }
         check_context(context)
 
-    def warm(self) -> None:
-        """Compiles, or loads, what rays need, so that no first picture waits for it; before the first frame."""
-        for part in (self._rays, self._bounce, self._mirrors):
+    def warm(self, near: bool = False) -> None:
+        """Compiles, or loads, what rays need, so that no first picture waits for it; before the first frame. near: for near lights, too."""
+        if self._rays:
+            self._rays.warm(near)
+        for part in (self._bounce, self._mirrors):
             if part:
                 part.warm()
 

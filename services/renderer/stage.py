@@ -141,7 +141,7 @@ class RendererStage:
         if drawing.light_regions is None and settings.capture.map_coverage == "hemisphere" and not settings.rig.file:
             drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, file_samples(scene) if self._images else LIVE_SAMPLES)
-        self._renderer.warm()  # here, since the sampler compiles its own meanwhile, and what plays waits for both
+        self._renderer.warm(bool(settings.rig.file))  # here, since the sampler compiles its own meanwhile, and what plays waits for both
         self._frame_ms = drawing.frame_ms or 0.0
         if settings.sampler.gloss_lights:
             notice("[sampler] gloss_lights: the renderer reflects the map itself; leave the key out unless another program takes that set")

@@ -26,6 +26,25 @@ MUTANTS = [
         ("shadow bias none", "SHADOW_BIAS_TEXELS = 1.0", "SHADOW_BIAS_TEXELS = 0.1"),
         ("number of a material", "GGX = 2", "GGX = 4"),
     ]),
+    *mutants_of(PASSES + "near_lights/near_light_plan.py", "tests/test_near_light_drawing.py", [
+        ("strong near lights doubled", "STRONG = 0.3", "STRONG = 0.05"),
+        ("narrow near lights are coarse", "NARROW_RAD = 0.005", "NARROW_RAD = 0.0"),
+        ("near lights kept for ever", "KEPT_RAD = np.radians(0.1)", "KEPT_RAD = np.radians(90)"),
+        ("dark near lights drawn", "order[added[order] > 0]", "order"),
+    ]),
+    *mutants_of(PASSES + "near_lights/near_light.glsl", "tests/test_near_light_drawing.py", [
+        ("near lights fall with distance", "1.0 / (reach * reach)", "1.0 / reach"),
+        ("no light from inside", "max(near_lights[i].radius, 1e-6)", "0.0"),
+    ]),
+    *mutants_of(PASSES + "near_lights/near_matte.frag", "tests/test_near_light_drawing.py", [
+        ("catchers without the other lights", "vec3 whole = unshadowed + near.rgb / near.a;", "vec3 whole = near.rgb / near.a;"),
+    ]),
+    *mutants_of(PASSES + "near_lights/near_light_map.frag", "tests/test_near_light_drawing.py", [
+        ("casters within the radius", "if (dot(from_light, from_light) < light_radius * light_radius) discard;", ""),
+    ]),
+    *mutants_of(RENDERER + "rays/near_tracing.py", "tests/test_near_light_drawing.py", [
+        ("rays go through the ball", "(w - np.sqrt(inside))", "(w + np.sqrt(inside))"),
+    ]),
     *mutants_of(RENDERER + "rays/tracing.py", "tests/test_rays.py", [
         ("rays begin on their surface", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 0.0, 0.0"),
         ("rays begin far off it", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-3, 5e-4"),

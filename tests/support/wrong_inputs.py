@@ -22,6 +22,10 @@ LIGHTS = (
     '{"schema":"vemlight.lights/1","sequence":0,"time_s":0.0,"coverage":"sphere",'
     '"lights":[{"id":0,"direction":[0,0,1],"irradiance":[1,1,1]}]}\n'
 )
+POINT = (
+    '{"schema":"vemlight.lights/2","sequence":0,"time_s":0.0,"coverage":"sphere","lights":[],"at":[0,0,1],'
+    '"points":[{"id":0,"at":[1,0,2],"intensity":[1,1,1],"radius":0.25,"sigma":0.01}]}\n'
+)
 SETTINGS = {
     "colour": "colour = 3\n",
     "cuont": "[sampler]\n\ncuont = 3\n",
@@ -86,6 +90,7 @@ FILES = {
     "lights.jsonl": LIGHTS,
     "rows.jsonl": LIGHTS + LIGHTS,
     "dark.jsonl": "\n",
+    "point_inf.jsonl": POINT.replace("0.25", "1e39"),
     "schema.jsonl": LIGHTS.replace("lights/1", "lights/9"),
     "camera.toml": LENS,
     "no_f.lens.toml": LENS.replace("f = [5.0, 5.0]\n", ""),
@@ -221,6 +226,10 @@ WRONG = [
         ("export schema.jsonl --gltf out.gltf", "schema.jsonl: line 1: schema vemlight.lights/9"),
         ("export lights.jsonl --count 3 --gltf out.gltf", "--count: lights.jsonl has its lights already"),
         ("export lights.jsonl --points --gltf out.gltf", "lights.jsonl has its lights already"),
+        ("render lights.jsonl --count 3 --out out.png", "--count: lights.jsonl has its lights already"),
+        ("render lights.jsonl --background map --out out.png", "--background map: lights.jsonl holds lights and no map"),
+        ("render dark.jsonl --out out.png", "dark.jsonl: holds no frame"),
+        ("render point_inf.jsonl --out out.png", "point_inf.jsonl: line 1: near lights have a number that is not finite"),
         ("export lights.jsonl --frame 1 --gltf out.gltf", "--frame 1: | 1 frame"),
         ("export lights.jsonl --residual --usd out.usda", "--residual: | the source"),
         ("export good.exr --residual --gltf out.gltf", "--residual: | --usd"),

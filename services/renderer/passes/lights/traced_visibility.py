@@ -83,9 +83,13 @@ class TracedVisibility:
             part = np.arange(first, min(first + together, len(lights.ids)))
             yield from trace_near(self._tracer, near_of(lights, part), sample, samples, whole)
 
-    def warm(self) -> None:
-        """Compiles, or loads, what a picture needs."""
+    def warm(self, near: bool) -> None:
+        """Compiles, or loads, what a picture needs; near: one with near lights."""
         self._tracer.warm()
+        if near:
+            from vemlight.renderer.rays.near_tracing import warm
+
+            warm(self._tracer)
 
     def release(self) -> None:
         """Frees what the rays need."""

@@ -211,6 +211,7 @@ async def decoded(module: str, folder: Path) -> str:
     finally:
         if child.returncode is None:
             child.kill()
+            await child.wait()
     text = printable_line(said.decode(errors="replace").strip()).replace(f"{folder}/", "").replace(str(folder), "it")[:400]
     if status == 0 and text:
         return text

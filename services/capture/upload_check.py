@@ -20,7 +20,7 @@ def check(folder: Path) -> str:
     count = len(source)
     for k in sorted({round(n * (count - 1) / (CHECKED_FRAMES - 1)) for n in range(CHECKED_FRAMES)}):
         source.frame(k)
-    return "one picture" if count == 1 else f"{count} frames, {source.fps:g} a second"
+    return "one picture" if count == 1 else f"{count} frames"
 
 
 def main(folder: Path) -> int:

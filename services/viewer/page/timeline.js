@@ -47,7 +47,8 @@ export class Timeline {
     const files = Boolean(source?.frames) && source.frames > 1;
     at("timeline").hidden = !source;
     at("transport").hidden = this.strip.hidden = !files;
-    at("source-name").textContent = source ? source.name : "";
+    const dropped = summary.uploads?.find(({ id }) => source?.choice === `upload ${id}`); // they are stored under numbers
+    at("source-name").textContent = dropped?.label ?? source?.name ?? "";
     if (!files) {
       at("place").textContent = source ? (source.frames === 1 ? "one picture" : "live") : "";
       return;

@@ -141,19 +141,19 @@ def test_brackets_and_handles_set_the_range_and_only_it_is_played(page):
     box = page.locator("#strip").bounding_box()
     page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] - 5)  # the handle of the out point
     page.mouse.down()
-    page.mouse.move(box["x"] + 8.0 / (FRAMES - 1) * box["width"], box["y"] + box["height"] - 5, steps=6)
+    page.mouse.move(box["x"] + 10.0 / (FRAMES - 1) * box["width"], box["y"] + box["height"] - 5, steps=6)
     page.mouse.up()
-    eventually(lambda: control(page)["out_s"] == pytest.approx(0.8), "the out point")
+    eventually(lambda: control(page)["out_s"] == pytest.approx(1.0), "the out point")
     page.locator("#play").click()
     played = {position(page) for _ in range(30) if page.wait_for_timeout(100) is None}
-    assert played <= set(range(4, 9))
+    assert played <= set(range(4, 11))
     assert len(played) > 2
     page.locator("#loop").click()
     eventually(lambda: summary(page)["source"]["at_end"], "the end")
-    assert position(page) == 8
+    assert position(page) == 10
     page.locator("#loop").click()
     page.locator("#whole").click()
-    eventually(lambda: position(page) > 8, "frames behind the out point")
+    eventually(lambda: position(page) > 10, "frames behind the out point")
 
 
 def test_speed_is_chosen_and_slow_motion_is_slow(page):

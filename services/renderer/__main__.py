@@ -2,14 +2,13 @@
 
 import sys
 
-from vemlight.renderer.stage import RendererStage
-from vemlight.runtime.loop import run_stage
+from vemlight.renderer.chosen_scene import run_renderer
 from vemlight.runtime.start import start
 from vemlight.settings import Settings
 
 
 def main(settings: Settings, restarts: int = 0) -> None:
-    run_stage(settings, RendererStage(settings), restarts)
+    run_renderer(settings, restarts)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -101,7 +101,15 @@ class RendererState(NamedTuple):
     drawn_near: int = 0
 
 
-def passes_of(state: RendererState) -> dict[str, float]:
+class SceneChosen(Exception):
+    """Another scene is wanted: the upload of that number, or the settings' one. The stage is of no more use."""
+
+    def __init__(self, number: str | None) -> None:
+        super().__init__()
+        self.number = number
+
+
+def passes_of(state: RendererState) -> dict[str, Any]:
     """What an ImageReport says of a paused picture; nothing of any other."""
     if state.paused_picture is None:
         return {}
@@ -119,8 +127,12 @@ class RendererStage:
 
     service: Service = "renderer"
 
-    def __init__(self, settings: settings.Settings) -> None:
-        """Raises UserError for a scene that cannot be read, a machine without GL, a folder that cannot be written."""
+    def __init__(self, settings: settings.Settings, scene_number: str | None = None) -> None:
+        """`scene_number`: of the upload that was asked for last.
+
+        Raises UserError for a scene that cannot be read, a machine without GL, a folder that cannot be written.
+        """
+        self._scene_number = scene_number
         check_video_settings(settings)
         with of_setting("[renderer] scene"):
             scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
@@ -145,6 +157,10 @@ class RendererStage:
         self._frame_ms = drawing.frame_ms or 0.0
         if settings.sampler.gloss_lights:
             notice("[sampler] gloss_lights: the renderer reflects the map itself; leave the key out unless another program takes that set")
+
+    def release(self) -> None:
+        """Frees what is on the GPU."""
+        self._renderer.release()
 
     def first_missing_frame(self) -> int:
         return self._images.count if self._images else 0
@@ -266,6 +282,8 @@ class RendererStage:
     def on_message(self, state: RendererState, message: wire.Message) -> RendererState:
         header, arrays = message
         if isinstance(header, wire.ControlMessage):
+            if header.scene != self._scene_number:
+                raise SceneChosen(header.scene)
             exposure = self._exposure if header.exposure is None else header.exposure
             environment = state.environment if header.paused or self._needs_environment else None
             chosen = {pose.name: pose for pose in (*self._poses, *header.poses)}

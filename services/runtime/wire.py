@@ -343,6 +343,7 @@ class ControlMessage(Header, frozen=True, tag="control"):
     seek_number: Count | None = None  # files: a new number is a new wish to go to `seek_s`; the same again is none
     seek_s: SourceSeconds = 0.0
     source: ChoiceName | None = None  # one of `SourceMessage.choices`, or "upload ID"; None: the settings'
+    scene: Annotated[str, Meta(pattern="^[0-9a-f]{16}$")] | None = None  # the number of an upload; None: the settings'
     record: bool = False  # cameras: their frames are written to a folder of their own
     poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved from where scene file or settings have them
     masks: Annotated[tuple[Mask, ...], Meta(max_length=MAX_MASKS)] | None = None  # instead of the settings'

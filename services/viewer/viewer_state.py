@@ -143,7 +143,8 @@ class ViewerState:
     def playing_uploads(self) -> set[str]:
         """The numbers of those that are chosen or play."""
         named = {self.control.source, *self.timeline.choices}
-        return {choice.partition(" ")[2] for choice in named if choice and choice.startswith("upload ")}
+        numbers = {choice.partition(" ")[2] for choice in named if choice and choice.startswith("upload ")}
+        return numbers | ({self.control.scene} if self.control.scene else set())
 
     @property
     def why_not_arm(self) -> str:

@@ -10,6 +10,7 @@ export class Source {
     this.summary = null;
     this.depth = 0; // of elements that a drag is over
     at("source-list").addEventListener("change", (event) => this.choose({ source: event.target.value || null }));
+    at("scene-list").addEventListener("change", (event) => this.choose({ scene: event.target.value || null }));
     at("source-list").addEventListener("click", (event) => { if (event.target.dataset.remove) this.remove(event.target.dataset.remove); });
     for (const id of ["pick-files", "pick-folder"]) {
       at(id).addEventListener("click", () => at(`${id}-input`).click());
@@ -44,6 +45,25 @@ export class Source {
     if (at("source-refusal").textContent !== refusal) at("source-refusal").textContent = refusal;
     at("room").textContent = `${megabytes(summary.used_bytes)} of ${megabytes(summary.max_bytes)} for dropped files are in use`;
     this.takeRecording(source, summary.control.record);
+    this.takeScenes(summary);
+  }
+
+  // A dropped scene has a line with a key that goes back to the settings' one.
+  takeScenes({ uploads, control, services }) {
+    const scenes = uploads.filter(({ kind }) => kind === "scene"), state = services.find(({ service }) => service === "renderer")?.state;
+    const text = JSON.stringify([scenes, control.scene, state === "live"]);
+    if (text === this.scenesText) return;
+    this.scenesText = text;
+    at("scene-list").hidden = !scenes.length;
+    const rows = [{ id: "", label: "the settings' scene" }, ...scenes];
+    at("scene-list").replaceChildren(...rows.map(({ id, label, facts }) => {
+      const row = document.createElement("label"), radio = document.createElement("input"), words = document.createElement("span");
+      Object.assign(radio, { type: "radio", name: "scene", value: id, checked: id === (control.scene ?? "") });
+      const waits = radio.checked && state !== "live" ? " · the renderer opens it …" : "";
+      words.textContent = `${id ? `scene: ${label} (${facts})` : label}${waits}`;
+      row.append(radio, words);
+      return row;
+    }));
   }
 
   list(rows, chosen, source) {

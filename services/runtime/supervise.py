@@ -37,6 +37,7 @@ SLOW_START_S = 8.0  # after so long, again and again, a line says why: a start w
 RESTART_DELAY_S = (0.0, 0.5, 1.0, 2.0)  # by how often in a row the service died within SOON_S of its start; the last also for later ones
 SOON_S = 5.0  # a start takes 1 to 3 s: who lived longer has done frames, and did not die of starting. 4 to 10 s would do
 MAX_DEATHS = 5  # of one service within GIVE_UP_S: it dies of itself, and restarting does not help
+AGAIN_S = 15.0  # after which one of several cameras that dies again and again is tried again: 5 to 60 s would do
 GIVE_UP_S = 60.0  # five deaths with their delays take about 10 s when a service cannot even start
 STOP_TIMEOUT_S = 3.0  # between SIGTERM and SIGKILL: a step of the renderer takes up to a second; any value in 2..8 does
 PROGRESS_S = 2.0  # between two lines while files are written; any value in 1..10 does
@@ -80,17 +81,21 @@ class Child:
             preexec_fn=partial(die_with, os.getpid()),
         )
 
-    def plan_restart(self, status: int) -> str | None:
-        """Plans the restart of a process that ended with `status`; the reason when there is none because it dies again and again."""
+    def plan_restart(self, status: int, may_fail: bool = False) -> str | None:
+        """Plans the restart of a process that ended with `status`; the reason when there is none because it dies again and again.
+
+        may_fail: the others go on without it, and it is tried for ever, if not often.
+        """
         now_s = time.monotonic()
         self._deaths_s.append(now_s)
         recent = [t for t in self._deaths_s if t > now_s - GIVE_UP_S]
         self.process = None
-        if len(recent) == MAX_DEATHS:
+        often = len(recent) == MAX_DEATHS
+        if often and not may_fail:
             return f"{self.service} died {MAX_DEATHS} times in {GIVE_UP_S:.0f} s ({_ending(status)}); its own lines above say why"
         self.restarts += 1
         self._soon = self._soon + 1 if now_s < self._started_s + SOON_S else 0
-        delay_s = RESTART_DELAY_S[min(self._soon, len(RESTART_DELAY_S) - 1)]
+        delay_s = AGAIN_S if often else RESTART_DELAY_S[min(self._soon, len(RESTART_DELAY_S) - 1)]
         self._start_at_s = now_s + delay_s
         print(f"vemlight: {self.service} {_ending(status)}; restart {self.restarts} in {delay_s:g} s", file=sys.stderr, flush=True)
         return None
@@ -190,9 +195,10 @@ class Supervisor:
                 if child.process and (ended := child.process.poll()) is not None:
                     if self._signals:  # it was sent to the services, too
                         break
-                    if ended == 2 or (ended == 0 and child.service == self._last):
+                    may_fail = self._may_fail(child.service)
+                    if (ended == 2 and not may_fail) or (ended == 0 and child.service == self._last):
                         return ended
-                    if reason := child.plan_restart(ended):
+                    if reason := child.plan_restart(ended, may_fail):
                         print(f"vemlight: {reason}", file=sys.stderr, flush=True)
                         return 1
                 if child.is_due():
@@ -205,6 +211,10 @@ class Supervisor:
         if self._interrupted:
             return INTERRUPTED
         return TERMINATED if self._settings.out else 0
+
+    def _may_fail(self, name: Instance) -> bool:
+        """Whether the others go on without it: a camera of a rig, live, which has worked before."""
+        return self._settings.mode == "live" and service_of(name) == "capture" and name != service_of(name) and name in self._newest
 
     def _keep_spare(self, missing: Sequence[str]) -> None:
         """Starts a spare process when all services have been working for a while, so that it takes no time from their starts."""

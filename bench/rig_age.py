@@ -1,54 +1,59 @@
-"""How old the fused map of several cameras is when it is published, and what it takes of a processor.
+"""How old the fused map of several cameras is when it is received, and what fusing takes of a processor.
 
-    python -m bench.rig_age MAP... [--cameras 2,4,8] [--fps 30] [--seconds 10] [--kill]
+    python -m bench.rig_age MAP... [--cameras 2,4,8] [--fps 30] [--seconds 10]
 
-Each camera is a capture process that replays the maps in turn (camera k begins with the k-th), all on this machine, with a fuse process and
-this one as the only listener. A camera's frame is stamped with the moment when it was due, so that the age has the time of the capture, of
-both sockets, and of fusing. --kill: kill -9 of each capture in turn, a second apart; what the others lose is printed, too.
+Maps that are made beforehand are published in turn for each camera (camera k begins with the k-th) by one process, so that few cores carry
+many cameras; a fuse process takes them, and this one is the only listener. A frame is stamped with the moment when it was due.
 """
 
 import argparse
 import os
-import shutil
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import tomli_w
 
+from vemlight.capture.source import open_files
+from vemlight.capture.stage import map_message
 from vemlight.runtime import wire
-from vemlight.runtime.transport import Transport
-from vemlight.settings import Settings, read_settings
+from vemlight.runtime.instances import captures
+from vemlight.runtime.transport import Transport, accept_subscriptions
+from vemlight.settings import Capture, Settings, read_settings
 
 START_S = 120.0
 
 
-def write_rig(folder: Path, maps: list[Path], cameras: int, fps: float) -> Path:
-    """A settings file of a rig whose cameras stand on a circle of 1 m, the first map of each the next one."""
-    rig = []
-    for k in range(cameras):
-        source = folder / f"camera{k}"
-        source.mkdir()
-        for n in range(len(maps)):
-            file = maps[(n + k) % len(maps)]
-            shutil.copy(file, source / f"frame_{n:03d}{file.suffix}")
-        angle = 2 * np.pi * k / cameras
-        rig.append({"name": f"camera{k}", "source": str(source), "at": [float(np.cos(angle)), float(np.sin(angle)), 1.0]})
+def write_rig(folder: Path, cameras: int, fps: float) -> Path:
+    """A settings file of a rig whose cameras stand on a circle of 1 m."""
+    angles = 2 * np.pi * np.arange(cameras) / cameras
+    rig = [{"name": f"c{k}", "source": "none", "at": [float(np.cos(a)), float(np.sin(a)), 1.0]} for k, a in enumerate(angles)]
     (folder / "rig.toml").write_text(tomli_w.dumps({"camera": rig}))
     (folder / "sockets").mkdir(mode=0o700)
-    settings = {"rig": {"file": "rig.toml"}, "wire": {"folder": str(folder / "sockets")}, "capture": {"fps": fps}}
     path = folder / "vemlight.toml"
-    path.write_text(tomli_w.dumps(settings))
+    wanted = {"rig": {"file": "rig.toml"}, "wire": {"folder": str(folder / "sockets")}, "capture": {"fps": fps}}
+    path.write_text(tomli_w.dumps(wanted))
     return path
 
 
-def started(path: Path, service: str, *arguments: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", f"vemlight.{service}", str(path), *arguments]
-    return subprocess.Popen(command, env={"OPENBLAS_NUM_THREADS": "1", **os.environ})
+def play(settings: Settings, maps: list[Path]) -> None:
+    """Publishes the maps as all cameras of the rig, until it is killed."""
+    made = [map_message(open_files(Capture(source=str(path))).frame(0), wire.stamp(0, 0.0)) for path in maps]
+    transport, fps = Transport(settings.wire), settings.capture.fps
+    publishers = [transport.bind(name, "publish") for name in captures(settings)]
+    number = int(time.monotonic() * fps)
+    while True:
+        number += 1
+        time.sleep(max(0.0, number / fps - time.monotonic()))
+        stamp = msgspec.structs.replace(wire.stamp(number, number / fps), monotonic_ns=round(number / fps * 1e9))
+        for k, publisher in enumerate(publishers):
+            accept_subscriptions(publisher)
+            header, arrays = made[(number // 10 + k) % len(made)]
+            publisher.send_multipart(wire.pack(msgspec.structs.replace(header, stamp=stamp), arrays))
 
 
 def processor_s(process: subprocess.Popen[bytes]) -> float:
@@ -57,40 +62,33 @@ def processor_s(process: subprocess.Popen[bytes]) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def measure(settings: Settings, path: Path, cameras: int, seconds: float, kill: bool) -> str:
-    """A row of the table."""
-    captures = [started(path, "capture", f"camera{k}") for k in range(cameras)]
-    fuse = started(path, "fuse")
+def measure(path: Path, maps: list[Path], seconds: float) -> str:
+    """Cells of a row."""
+    settings = read_settings(path)
+    environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ}
+    fuse = subprocess.Popen([sys.executable, "-m", "vemlight.fuse", str(path)], env=environment)
+    player = subprocess.Popen([sys.executable, "-m", "bench.rig_age", *map(str, maps), "--play", str(path)], env=environment)
     transport = Transport(settings.wire)
     try:
-        socket = transport.subscribe("fuse", "points", "map")
-        ages, sequences, until_s, busy_s = [], [], time.monotonic() + START_S, 0.0
-        killed = 0
+        socket = transport.subscribe("fuse", "map", "status")
+        ages: list[float] = []
+        skipped, busy_s, until_s = 0, 0.0, time.monotonic() + START_S
         while time.monotonic() < until_s:
             if not socket.poll(500):
                 continue
             header, _ = wire.unpack(socket.recv_multipart())
-            assert isinstance(header, wire.FrameHeader)
-            if isinstance(header, wire.PointsMessage) and not sequences:
-                if header.report.cameras < cameras:
-                    continue
-                busy_s, until_s = processor_s(fuse), time.monotonic() + seconds
-            if isinstance(header, wire.MapMessage) and until_s - time.monotonic() <= seconds:
+            if isinstance(header, wire.StatusMessage):
+                skipped = header.skipped
+            elif isinstance(header, wire.MapMessage):
+                if not ages:
+                    busy_s, until_s = processor_s(fuse), time.monotonic() + seconds
                 ages.append(wire.age_ms(header.stamp))
-                sequences.append(header.stamp.sequence)
-            elif isinstance(header, wire.PointsMessage):
-                sequences = sequences or [header.stamp.sequence]
-            if kill and killed < cameras and len(ages) > 30 * (killed + 1):
-                captures[killed].send_signal(signal.SIGKILL)
-                captures[killed].wait()
-                captures[killed] = started(path, "capture", f"camera{killed}")
-                killed += 1
         busy_ms = 1e3 * (processor_s(fuse) - busy_s) / max(1, len(ages))
         p50, p99 = np.percentile(ages, [50, 99])
-        return f"| {cameras} | {len(ages) / seconds:.1f} | {p50:.1f} | {p99:.1f} | {busy_ms:.1f} | {killed} |"
+        return f"{len(ages) / seconds:.1f} | {skipped} | {p50:.1f} | {p99:.1f} | {busy_ms:.1f}"
     finally:
         transport.close()
-        for process in (*captures, fuse):
+        for process in (player, fuse):
             process.kill()
             process.wait()
 
@@ -101,14 +99,15 @@ def main() -> None:
     parser.add_argument("--cameras", default="2,4,8")
     parser.add_argument("--fps", type=float, default=30.0)
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--kill", action="store_true")
+    parser.add_argument("--play", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
+    if given.play:
+        play(read_settings(given.play), given.maps)
     print(f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors; {given.fps:g} frames a second")
-    print("| cameras | fused a second | age p50 ms | age p99 ms | fuse, processor ms a frame | killed |\n|---|---|---|---|---|---|")
+    print("| cameras | fused a second | passed over | age p50 ms | age p99 ms | fuse, processor ms a frame |\n|---|---|---|---|---|---|")
     for cameras in map(int, given.cameras.split(",")):
         with tempfile.TemporaryDirectory() as folder:
-            path = write_rig(Path(folder), given.maps, cameras, given.fps)
-            print(measure(read_settings(path), path, cameras, given.seconds, given.kill), flush=True)
+            print(f"| {cameras} | {measure(write_rig(Path(folder), cameras, given.fps), given.maps, given.seconds)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -170,6 +170,20 @@ def test_five_deaths_within_a_minute_are_too_many(clock):
     assert deaths(clock, 15.1) == [None] * 8
 
 
+def test_one_of_several_cameras_is_tried_again_for_ever_but_not_often(clock):
+    child, delays = supervise.Child("capture.left", Path("vemlight.toml")), []
+    for _ in range(8):
+        assert child.plan_restart(2, may_fail=True) is None
+        died_s = clock[0]
+        while not child.is_due():
+            clock[0] += 0.25
+        delays.append(clock[0] - died_s)
+        child._started_s = clock[0]
+        clock[0] += 1.0
+    assert delays[:4] == [0, 0.5, 1, 2], "as any service"
+    assert delays[4:] == 4 * [supervise.AGAIN_S]
+
+
 def test_a_restarted_viewer_requires_the_same_token(monkeypatch):
     seen = []
 

@@ -199,3 +199,27 @@ def test_masks_are_refused_beyond_their_limits():
     for refused in (Capture, wire.ControlMessage):
         with pytest.raises(ValueError, match="draw them with fewer points"):
             refused(masks=(many,) * (count + 1))
+
+
+def test_a_sun_beside_a_fill_does_not_shine_into_it():
+    mask = Mask(points=((90.0, 30.0), (90.0, 60.0)), width_deg=20.0)
+    weights = mask_weights([mask], ROWS, COLS, "hemisphere")
+    radiance = np.ones((ROWS, COLS, 3), np.float32)
+    row = 22
+    beside = np.flatnonzero(weights.filled[row] > 0).min() - 1
+    radiance[row, beside] = 50_000.0
+    radiance[row - 1 : row + 2, beside - 1] = 10.0  # its aureole
+    filled, _ = masked_map(radiance, NO_BRIGHT_CELLS, weights, "hemisphere")
+    inside = weights.filled == 1
+    assert filled[inside].max() < masking.RIM_PEAK
+    assert filled[inside].mean() < 1.2
+
+
+def test_a_window_behind_a_person_stays_one():
+    """Half of the rim is a hundred times as bright as the rest: that is no peak."""
+    radiance = np.ones((ROWS, COLS, 3), np.float32)
+    radiance[:, 60:] = 100.0
+    weights = mask_weights([Mask(points=((120.0, 20.0), (120.0, 60.0)), width_deg=20.0)], ROWS, COLS, "hemisphere")
+    filled, _ = masked_map(radiance, NO_BRIGHT_CELLS, weights, "hemisphere")
+    assert filled[20, 59 + 4, 0] > 65
+    assert filled[20, 59 - 4, 0] < 35

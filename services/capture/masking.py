@@ -10,6 +10,7 @@ from vemlight.capture.ground import with_ground
 from vemlight.capture.source import FrameSource
 from vemlight.files import notice
 from vemlight.light.bright_cells import BrightCells
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.mask import Mask
 from vemlight.light.sphere import SPAN, Coverage, angles_from_direction
 from vemlight.settings import Capture
@@ -19,6 +20,8 @@ FIXED_POINT_BITS = 4  # of a pixel, in which OpenCV takes coordinates: a 16th
 SAMPLES = 3  # on a side of a cell, whose mean is how much of it is covered; 2 to 4 would do
 MAX_SAMPLES = 2**21  # of a map: of larger ones each cell counts by its middle
 MAX_FILLED_CELLS = 80_000  # a map of the sphere of 180 x 360 has 64,800; factoring its equations takes a second, once
+RIM_REACH = 3  # cells to either side, whose median says what is usual at a rim: 2 to 5 would do
+RIM_PEAK = 4.0  # times that, above which a rim's cell is a source beside the mask, such as a sun, and counts as so much; 3 to 8 would do
 LEAK = 1e-12  # of a cell's conductances: where nothing is around a region, its fill is dark, and the equations stay solvable
 
 
@@ -124,14 +127,33 @@ def _harmonic(unknown: np.ndarray, dark: np.ndarray, rows: int, cols: int, cover
     count = np.arange(len(unknown))
     entries = np.concatenate([diagonal, -c[both]]), (np.concatenate([count, i[both]]), np.concatenate([count, number[j[both]]]))
     factors = splu(coo_matrix(entries, shape=(len(unknown), len(unknown))).tocsc())
-    rim_i, rim_j, rim_c = i[~both], j[~both], c[~both]
+    rim_i, rim_c = i[~both], c[~both]
+    rim, rim_j = np.unique(j[~both], return_inverse=True)
+    around = _cells_around(rim, (number < 0) & (dark.ravel() == 0), rows, cols)
 
     def solve(radiance: np.ndarray) -> np.ndarray:
-        flow = rim_c[:, None] * radiance[rim_j]
+        flow = rim_c[:, None] * _without_peaks(radiance, rim, around)[rim_j]
         known = np.stack([np.bincount(rim_i, flow[:, k], len(unknown)) for k in range(radiance.shape[-1])], axis=-1)
         return np.maximum(factors.solve(known), 0)
 
     return solve
+
+
+def _cells_around(cells: np.ndarray, seen: np.ndarray, rows: int, cols: int) -> np.ndarray:
+    """The cells within RIM_REACH of each of `cells` (n,) that are `seen` (rows * cols,), flat indices (n, m); -1 for others."""
+    row, col = np.divmod(cells, cols)
+    near = np.arange(-RIM_REACH, RIM_REACH + 1)
+    down, right = row[:, None, None] + near[:, None], (col[:, None, None] + near) % cols
+    found = np.clip(down, 0, rows - 1) * cols + right
+    return np.where((down >= 0) & (down < rows) & seen[found], found, -1).reshape(len(cells), len(near) ** 2)
+
+
+def _without_peaks(radiance: np.ndarray, cells: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """The radiance (n, 3) of cells of a map (cells, 3), of no more luminance than RIM_PEAK times the median of what is around."""
+    luminance = luminance_from_rgb(radiance)
+    usual = np.nanmedian(np.where(around >= 0, luminance[around], np.nan), axis=1)
+    own = luminance[cells]
+    return radiance[cells] * np.minimum(1, RIM_PEAK * usual / np.maximum(own, 1e-30))[:, None]
 
 
 class Masking:

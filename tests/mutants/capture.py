@@ -100,6 +100,8 @@ MUTANTS = [
         ("samples of bright cells", "dark[cells], filled[cells] = ", "_, _ = "),
         ("weights of what is left", "share[left]", "bright.weights[left]"),
         ("nan around a fill", "np.where(np.isfinite(seen) & (seen > 0), seen, 0)", "seen"),
+        ("a sun at the rim", "RIM_PEAK = 4.0", "RIM_PEAK = 4000.0"),
+        ("a rim capped at its median", "RIM_PEAK = 4.0", "RIM_PEAK = 0.5"),
         ("cells by their middle", "SAMPLES = 3", "SAMPLES = 1"),
         ("a coarse raster", "RASTER_PIXELS = 2048", "RASTER_PIXELS = 64"),
         ("limit of a fill x 10", "MAX_FILLED_CELLS = 80_000", "MAX_FILLED_CELLS = 800_000"),

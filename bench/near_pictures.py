@@ -42,7 +42,7 @@ WIDTH, HEIGHT = 96, 72
 FRAMES = 6  # of the rig: near lights are published from the second on
 LAMP_RAYS, WALL_RAYS = 4, 8  # a side: 16 to each lamp, 64 over the hemisphere, in strata, twice
 AWAY_M = 1.0  # of the still life from the nearest camera
-MARGIN_M, CLEAR_M = 0.45, 1.0  # of the still life from walls and from lamps
+MARGIN_M, CLEAR_M = 0.65, 1.0  # of the still life from walls and boxes, and from lamps
 SETTLED = 8  # frames in which lights find their places on a still map
 
 
@@ -64,6 +64,7 @@ def subject_place(room: Room, rng: np.random.Generator) -> np.ndarray | None:
             if np.linalg.norm(SQUARE - place, axis=1).min() >= AWAY_M:
                 break
         free = np.all(np.abs(place[:2]) < room.size[:2] / 2 - MARGIN_M)
+        free &= all(np.any((place < low - MARGIN_M) | (place > high + MARGIN_M)) for low, high, _ in room.boxes)
         if free and all(np.linalg.norm(place - lamp.at) > CLEAR_M + lamp.extent for lamp in room.lamps):
             return place
     return None
@@ -209,7 +210,8 @@ def pictures_of(seed: int, spheres: bool) -> tuple[Errors, list[np.ndarray], str
         "centre": rendered(scene, soft_lights(room_map(room, rig.centre)), none),
         "first_camera": rendered(scene, soft_lights(seen[0]), none),
     }
-    errors = Errors(*(relative_rmse(made_of[name], exact) for name in ("near", "centre", "first_camera")), noise)
+    near_error, centre, first = (relative_rmse(picture, exact) for picture in made_of.values())
+    errors = Errors(near_error, centre, first, noise)
     panels = sum(lamp.half is not None for lamp in room.lamps)
     at = np.round(place, 2).tolist()
     line = f"room {seed}: {len(room.lamps)} lamps, {panels} of them panels, {len(near.ids)} located; still life at {at}"

@@ -5,12 +5,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.renderer_steps import stepped
 from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
 from vemlight.renderer import pass_table
+from vemlight.renderer.frame_budget import MIN_LIGHTS
+from vemlight.renderer.passes.near_lights.near_light_plan import mean_irradiance, near_within
+from vemlight.renderer.passes.near_lights.near_light_views import face_windows
+from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 from vemlight.renderer.scene.scene import Scene, load_scene
+from vemlight.renderer.stage import RendererStage
+from vemlight.runtime import wire
 from vemlight.settings import Renderer as Settings
+from vemlight.settings import Settings as AllSettings
 
 DARK = LightSet.none()
 ABOVE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 11.0\n"  # sees x, y from -0.963 to 0.963
@@ -268,3 +276,50 @@ def test_coarse_pixels_do_for_weak_wide_lights_alone_and_change_little(tmp_path)
         renderer.release()
     whole, live = pictures
     assert np.sqrt(np.mean((live - whole) ** 2) / np.mean(whole**2)) < 0.02
+
+
+def test_the_renderer_takes_points_and_says_how_many_it_leaves_out(tmp_path):
+    """Live: in a time too short for them all, of 40 lamps the report says how many there are and how many are not drawn."""
+    settings = Settings(scene=str(tmp_path / "scene.toml"), width=SIDE, height=SIDE, shadows="rays", frame_ms=1e-3, bounces=0)
+    scene_of(tmp_path, ABOVE + GROUND)
+    stage = RendererStage(AllSettings(renderer=settings))
+    state, _ = stage.start_at(0)
+    turn = np.arange(40) * np.pi / 20
+    lamps = near_lights(*np.stack([np.cos(turn), np.sin(turn), np.full(40, 1.5)], axis=-1))
+    lamps.intensity[3] = 0.0
+    header = wire.PointsMessage(stamp=wire.stamp(0, 0.0), count=40)
+    message = wire.unpack(wire.pack(header, lamps.arrays()))
+    reports = []
+    for sequence in range(6):
+        state = stage.on_message(state, message)
+        state, image = stepped(stage, state, sequence)
+        reports.append((image.report.near_lights, image.report.left_out_near_lights))
+    assert reports[0] == (39, 0)  # before costs are known all are drawn
+    assert reports[-1] == (39, 39 - MIN_LIGHTS)
+    stage._renderer.release()
+
+
+def test_the_strongest_of_near_and_directional_lights_are_drawn_and_some_of_either():
+    """Ten strong and ten weak near lights beside twenty directional ones between them."""
+    placed = PlacedCasters((), (), np.zeros(3), np.zeros(3), np.ones(3), np.zeros((0, 4, 4)))
+    lamps = near_lights(*[(0.0, 0.0, 2.0)] * 20)
+    lamps = NearLightSet.of(lamps.ids, lamps.at, np.repeat([[4.0] * 3, [1e-3] * 3], 10, axis=0), lamps.radius, lamps.sigma)
+    directional = LightSet.of(np.arange(20), np.tile([0.0, 0.0, 1.0], (20, 1)), np.full((20, 3), 0.1))
+    assert mean_irradiance(lamps, placed)[:10] == pytest.approx(4.0 / (4 + 1), rel=1e-6)
+    drawn = {most: len(near_within(lamps, placed, directional, most).ids) for most in (8, 17, 28, 33, 40)}
+    assert drawn == {8: MIN_LIGHTS, 17: 9, 28: 10, 33: 13, 40: 20}
+
+
+@pytest.mark.parametrize(("at", "faces"), [
+    ((0.0, 0.0, 0.0), {0, 1, 2, 3, 4, 5}),
+    ((0.0, 0.0, 9.0), {1}),
+    ((9.0, 0.0, 0.0), {3}),
+    ((4.0, 0.0, 4.0), {1, 3}),
+])  # fmt: skip
+def test_maps_look_where_receivers_are(at, faces):
+    """A box of 2 m about the origin: the faces through which it is seen, and windows that hold its corners."""
+    box = np.array([[[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]])
+    windows = face_windows(np.array(at), box)
+    assert set(np.flatnonzero(np.all(windows[:, 2:] > windows[:, :2], axis=1)).tolist()) == faces
+    if len(faces) == 1:
+        assert windows[next(iter(faces))] == pytest.approx([-1 / 8, -1 / 8, 1 / 8, 1 / 8])

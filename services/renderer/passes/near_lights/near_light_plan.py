@@ -109,12 +109,11 @@ def near_within(lights: NearLightSet, placed: PlacedCasters, directional: LightS
 
     Directional lights keep MIN_LIGHTS, and so do near ones, if they are as many.
     """
-    strength = mean_irradiance(lights, placed)
     others = luminance_from_rgb(directional.irradiance.astype(np.float64))
-    everything = np.sort(np.concatenate([strength, others]))[::-1]
-    least = everything[affordable - 1] if affordable < len(everything) else 0.0
+    order = np.argsort(-np.concatenate([others, mean_irradiance(lights, placed)]), kind="stable")
+    count = int(np.count_nonzero(order[:affordable] >= len(others)))
     most = max(affordable - min(MIN_LIGHTS, len(others)), MIN_LIGHTS)
-    return near_of(lights, np.arange(min(int(np.count_nonzero(strength >= least)), most)))
+    return near_of(lights, np.arange(min(max(count, MIN_LIGHTS), most, len(lights.ids))))
 
 
 def near_batches(lights: NearLightSet, most_layers: int) -> tuple[NearBatch, ...]:

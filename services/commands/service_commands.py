@@ -71,22 +71,34 @@ def _service(name: "Service", summary: str) -> click.Command:
 @click.command()
 @click.argument("settings", type=PATH, required=False)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-def doctor(settings: Path | None, as_json: bool) -> None:
+@click.option("--write", type=PATH, help="Run the settings for some minutes, and write a file of those that hold their rate here.")
+def doctor(settings: Path | None, as_json: bool, write: Path | None) -> None:
     """Check what works on this machine; status 1 when something fails."""
     import msgspec
 
     from vemlight.commands.doctor import examine
+    from vemlight.commands.machine_settings import check_new, fitting, run_windows, write_fit
     from vemlight.settings import read_settings
 
-    failed = False
-    for finding in examine(read_settings(settings)):
-        failed |= finding.grade == "fail"
+    wanted, findings = read_settings(settings), []
+    if write:
+        check_new(write, wanted)
+    for finding in examine(wanted):
+        findings.append(finding)
         if as_json:
             click.echo(msgspec.json.encode(finding).decode())
             continue
         click.echo(f"{click.style(finding.grade, fg=COLOURS[finding.grade])}  {finding.what}: {finding.found}")
         if finding.hint:
             click.echo(f"      -> {finding.hint}")
+    failed = any(finding.grade == "fail" for finding in findings)
+    if write and not failed:
+        if settings is None:
+            wanted = msgspec.structs.replace(wanted, renderer=msgspec.structs.replace(wanted.renderer, **BUNDLED_RENDERER))
+        on_gpu = any(finding.what == "OpenGL" and finding.grade == "pass" for finding in findings)
+        fit = fitting(wanted, on_gpu, run_windows, lambda line: click.echo(f"      {line}", err=True))
+        write_fit(write, fit, findings)
+        click.echo(f"wrote {write}: vemlight run {write}", err=as_json)
     sys.exit(1 if failed else 0)
 
 

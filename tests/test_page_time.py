@@ -251,10 +251,10 @@ def test_nothing_overflows_and_targets_are_large_enough(page, width, height):
     page.set_viewport_size({"width": width, "height": height})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     small = page.evaluate(
-        """[...document.querySelectorAll("#transport button, #transport select, #source button, #source-list label, #strip")]
-             .filter((e) => e.offsetParent && Math.min(e.clientHeight + 2, e.tagName === "LABEL" ? 99 : e.clientWidth + 2) < %d)
-             .map((e) => e.id || e.textContent)"""
-        % (44 if width < 640 else 32)
+        """(least) => [...document.querySelectorAll("#transport button, #transport select, #source button, #source-list label, #strip")]
+             .filter((e) => e.offsetParent && Math.min(e.offsetHeight, e.tagName === "LABEL" ? 99 : e.offsetWidth) < least)
+             .map((e) => e.id || e.textContent)""",
+        44 if width < 640 else 36,
     )
     assert small == []
 

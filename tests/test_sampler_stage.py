@@ -51,3 +51,30 @@ def test_the_filters_delay_goes_out_in_frames_and_in_ms(name, frames) -> None:
         state, (made, _) = stage.step(state, (header, arrays))
     assert isinstance(made, wire.LightsMessage)
     assert (made.report.delay_frames, made.report.delay_ms) == pytest.approx((frames, frames * 40))
+
+
+@pytest.mark.parametrize("method", ["tracked", "havran-azimuth"])
+def test_after_a_jump_lights_are_those_of_a_sampler_that_begins_and_no_old_one_comes_back(method: str) -> None:
+    """The filters have nothing of before, although time goes on by one frame, and the tracked lights' ids are new."""
+    rng = np.random.default_rng(3)
+    before, after = (rng.exponential(1.0, (8, 32, 3)).astype(np.float32) ** 2 for _ in range(2))
+    stage = SamplerStage(Settings(sampler=Sampler(method=method, count=12)))
+
+    def stepped(state, k: int, radiance: np.ndarray, segment: int):
+        header = wire.MapMessage(stamp=wire.stamp(k, k / 25), rows=8, cols=32, coverage="hemisphere", segment=segment)
+        return stage.step(state, (header, (radiance, *NO_BRIGHT_CELLS)))
+
+    state, _ = stage.start_at(0)
+    for k in range(5):
+        state, (_, old) = stepped(state, k, before, 0)
+    _, (_, fresh) = stepped(stage.start_at(0)[0], 5, after, 1)
+    _, (_, steady) = stepped(state, 5, after, 0)
+    state, (_, jumped) = stepped(state, 5, after, 1)
+    assert not all(np.array_equal(a, b) for a, b in zip(steady[1:3], fresh[1:3], strict=True))
+    for a, b in zip(jumped[1:], fresh[1:], strict=True):
+        assert np.array_equal(a, b)
+    if method == "tracked":
+        assert not set(jumped[0].tolist()) & set(old[0].tolist())
+    _, (_, again) = stepped(state, 6, after, 1)  # the segment goes on: the lights stay
+    assert set(again[0].tolist()) <= set(range(int(jumped[0].max()) + 12))
+    assert len(set(again[0].tolist()) & set(jumped[0].tolist())) > 8

@@ -1,6 +1,7 @@
 """What is dropped on the page: limited, stored under names of our own, decoded in a child, never where its sender says."""
 
 import asyncio
+import contextlib
 import json
 import os
 import socket
@@ -101,7 +102,7 @@ def test_more_bytes_than_announced_are_refused_and_fewer_too(session):
 def test_the_cap_counts_what_is_announced_and_is_given_back(session):
     taken = Uploads(2)
     number = taken.announce(announced(("a.hdr", 1_500_000)))
-    with pytest.raises(UserError, match="0 of 2 MB are left|MB are too much"):
+    with pytest.raises(UserError, match="MB are too much"):
         taken.announce(announced(("b.hdr", 600_000)))
     taken.remove(number)
     taken.announce(announced(("b.hdr", 2_000_000)))
@@ -166,7 +167,8 @@ def png_bomb() -> bytes:
 
 
 BOMBS = {
-    "a bomb": png_bomb, "half a picture": lambda: HDR[:-5], "a header": lambda: b"#?RADIANCE\n", "an EXR of nothing": lambda: b"\x76\x2f\x31\x01",
+    "a bomb": png_bomb, "half a picture": lambda: HDR[:-5], "a header": lambda: b"#?RADIANCE\n",
+    "an EXR of nothing": lambda: b"\x76\x2f\x31\x01",
     "pixels without end": lambda: b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 999999999 +X 999999999\n\x02\x02\xff\xff",
 }  # fmt: skip
 
@@ -209,16 +211,12 @@ def ask(viewer: ViewerProcess, method: str, path: str, body: bytes, type_: str, 
     named = {"Host": f"127.0.0.1:{viewer.port}", "Content-Type": type_, "Content-Length": str(len(body)), "Connection": "close", **headers}
     with socket.create_connection(("127.0.0.1", viewer.port), timeout=30) as connection:
         head = f"{method} {path} HTTP/1.1\r\n" + "".join(f"{name}: {value}\r\n" for name, value in named.items()) + "\r\n"
-        try:
-            connection.sendall(head.encode() + body)
-        except OSError:
-            pass  # it was refused before all had gone
         answer = b""
-        try:
+        with contextlib.suppress(OSError):  # it was refused before all had gone
+            connection.sendall(head.encode() + body)
+        with contextlib.suppress(OSError):
             while block := connection.recv(65536):
                 answer += block
-        except OSError:
-            pass
     return int(answer.split()[1] or 0) if answer else 0, answer.partition(b"\r\n\r\n")[2].decode()
 
 
@@ -257,7 +255,8 @@ def test_another_page_may_not_send_anything(viewer):
     [
         b"", b"[]", b"{}", b"{" * 5000, b'{"kind":"light","label":"x","files":[]}', b'{"kind":"program","label":"x","files":[]}',
         json.dumps({"kind": "light", "label": "x", "files": (MAX_FILES + 1) * [{"name": "a", "size": 1}]}).encode(),
-        b'{"kind":"light","label":"x","files":[{"name":"a","size":-1}]}', b'{"kind":"light","label":"x","files":[{"name":"a","size":1e99}]}',
+        b'{"kind":"light","label":"x","files":[{"name":"a","size":-1}]}',
+        b'{"kind":"light","label":"x","files":[{"name":"a","size":1e99}]}',
         b'{"kind":"light","label":"x","files":[{"name":"a","size":99999999999}]}',
     ],
 )  # fmt: skip

@@ -110,7 +110,7 @@ class ChosenSources:
         self._asked += 1
         header, arrays = self.current.about()
         recent = self.current.recent if isinstance(self.current, CaptureCamera) else None
-        choices = self._choices
+        choices, recorded = self._choices, self._recording.said(self.current)
         if (recent and recent.span_s) or self.choice == RECENT_CHOICE:
             choices = (*choices, wire.SourceChoice(choice=RECENT_CHOICE, label="the last seconds of the camera"))
         header = msgspec.structs.replace(
@@ -121,7 +121,7 @@ class ChosenSources:
             refusal=self._refusal or self._recording.refusal,
             recent_s=recent.span_s if recent else 0.0,
             recent_bytes=recent.nbytes if recent else 0,
-            **self._recording.said(self.current),
+            **recorded,
         )
         return header, arrays
 

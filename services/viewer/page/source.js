@@ -2,6 +2,7 @@
 
 const SCENES = [".glb", ".gltf"];
 const MAX_FILES = 1000; // of a folder: as the viewer's uploads.py
+const ANEW_MS = 700; // until the capture has heard that nothing is to be recorded: controls are published twice a second
 const at = (id) => document.getElementById(id);
 
 export class Source {
@@ -20,7 +21,10 @@ export class Source {
         this.send(files);
       });
     }
-    at("record").addEventListener("click", () => this.choose({ record: !this.recording }));
+    at("record").addEventListener("click", () => {
+      if (this.wanted && !this.recording) this.choose({ record: false }); // it has ended by itself, and begins anew after that
+      setTimeout(() => this.choose({ record: !this.recording }), this.wanted && !this.recording ? ANEW_MS : 0);
+    });
     at("look-again").addEventListener("click", () => this.choose({ source: "recent" }));
     for (const name of ["dragenter", "dragover", "dragleave", "drop"]) document.addEventListener(name, (event) => this.drag(event));
   }
@@ -86,7 +90,7 @@ export class Source {
   }
 
   takeRecording(source, wanted) {
-    this.recording = wanted;
+    [this.wanted, this.recording] = [wanted, Boolean(source.recording)];
     const isOn = Boolean(source.recording), why = source.why_not_record;
     at("record").disabled = !isOn && !wanted && Boolean(why);
     at("record").setAttribute("aria-pressed", String(isOn));

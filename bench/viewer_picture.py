@@ -1,15 +1,17 @@
-"""The picture of the viewer's page in README.md: python -m bench.viewer_picture [--out docs/pictures/viewer.png]
+"""Pictures of the viewer's page for README.md and docs: python -m bench.viewer_picture [--state hands] [--out docs/pictures/viewer.png]
 
 Plays the bundled sequence, with half a second for each picture so that all its lights are drawn on any machine, and takes a screenshot of
-the page in Chromium, 1280 x 800.
+the page in Chromium, 1280 x 800, in one of STATES.
 """
 
 import argparse
+import math
 import signal
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from playwright.sync_api import sync_playwright
 
@@ -18,27 +20,62 @@ from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
 from vemlight.commands.service_commands import BUNDLED_RENDERER
 
 WIDTH, HEIGHT = 1280, 800  # pixels
+STATE_MS = 4_000  # in which what was chosen is seen
 START_MS = 180_000  # GL, and the first time compiled code
 FRAME_MS = 500  # target of a picture
 SETTLE_MS = 25_000  # in which lights and exposure settle and the counters of the start are past
 
 
-def screenshot(url: str, out: Path) -> None:
+def as_it_opens(page: Any) -> None:
+    """Nothing is chosen."""
+
+
+def hands(page: Any) -> None:
+    """A mask drawn on the sky, and a warm virtual lamp that is selected."""
+    box, rim = page.locator("#disc").bounding_box(), 19  # CSS pixels of the compass around the disc
+
+    def place(azimuth_deg: float, elevation_deg: float) -> tuple[float, float]:
+        r, phi = (90 - elevation_deg) / 90 * (box["width"] / 2 - rim), math.radians(azimuth_deg)
+        return box["x"] + box["width"] / 2 - r * math.cos(phi), box["y"] + box["height"] / 2 - r * math.sin(phi)
+
+    page.locator("[data-tool=polygon]").click()
+    corners = [(20.0, 10.0), (60.0, 10.0), (60.0, 55.0), (20.0, 45.0)]
+    for corner in [*corners, corners[0]]:
+        page.mouse.click(*place(*corner))
+    page.locator("[data-tool=lamp]").click()
+    page.mouse.move(*place(250.0, 40.0))
+    page.mouse.down()
+    page.mouse.move(*place(250.0, 34.0))
+    page.mouse.up()
+    page.locator("#lamp-colour").fill("#ff9a5c")
+    page.evaluate("scrollTo(0, 0)")
+    page.mouse.move(*place(120.0, 60.0))
+
+
+STATES = {"viewer": as_it_opens, "hands": hands}
+
+
+def screenshot(url: str, out: Path, state: str) -> None:
     """The page at `url` as PNG, once it shows pictures."""
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=BROWSER_OPTIONS)
         page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         page.goto(url)
         page.locator("#picture[data-shown]").wait_for(state="attached", timeout=START_MS)
+        page.locator("#guide").get_by_role("button", name="Close").click()  # which the first visit shows
         page.wait_for_timeout(SETTLE_MS)
+        STATES[state](page)
+        page.wait_for_timeout(STATE_MS)
         page.screenshot(path=out)
         browser.close()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs" / "pictures" / "viewer.png")
+    parser.add_argument("--state", choices=STATES, default="viewer")
+    parser.add_argument("--out", type=Path, help="left out: docs/pictures/STATE.png")
     asked, port = parser.parse_args(), free_port()
+    out = asked.out or Path(__file__).parents[1] / "docs" / "pictures" / f"{asked.state}.png"
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "vemlight.toml"
         look = "".join(f"{key} = {value!r}\n" for key, value in BUNDLED_RENDERER.items())
@@ -48,7 +85,7 @@ def main() -> None:
         try:
             assert run.stdout
             run.stdout.readline()  # its first line: the page can be opened
-            screenshot(f"http://127.0.0.1:{port}", asked.out)
+            screenshot(f"http://127.0.0.1:{port}", out, asked.state)
         finally:
             run.send_signal(signal.SIGTERM)
             run.wait()

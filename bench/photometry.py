@@ -22,15 +22,15 @@ from vemlight.light.sphere import latlong_from_direction
 from vemlight.settings import Capture
 from vemlight.viewer.meter import Look
 
-SIDE = 700  # pixels of the fisheye
+SIDE, OVER = 700, 4  # pixels of the fisheye, each the mean of OVER x OVER samples
 EFFICACY = 179.0  # lm/W, by which Radiance's programs make luminance of radiance
 LOOKS = tuple(Look(azimuth, 0) for azimuth in (0, 90, 180, 270))
 ILLUMINANCES_LX = (600.0, 2000.0, 6000.0)
 
 
-def fisheye_directions(look: Look) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (SIDE, SIDE, 3) of an equidistant fisheye of 180 degrees, and which pixels are inside it."""
-    across = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1
+def fisheye_directions(look: Look, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (side, side, 3) of an equidistant fisheye of 180 degrees, and which pixels are inside it."""
+    across = (np.arange(side) + 0.5) / side * 2 - 1
     right, up = across[None], -across[:, None]
     radius = np.hypot(right, up)
     ahead, beside = np.cos(radius * np.pi / 2), np.sinc(radius / 2) * np.pi / 2  # sin(r pi / 2) / r
@@ -60,10 +60,11 @@ def glare_of(elements: MapElements, look: Look, scale: float) -> tuple[float, fl
 
 
 def fisheye(image: np.ndarray, look: Look) -> tuple[np.ndarray, MapElements]:
-    """What a fisheye sees of a lat-long (height, width, 3): its picture (SIDE, SIDE) of luminance, and its pixels as parts of the sphere."""
-    directions, inside = fisheye_directions(look)
-    row, col = (part.astype(np.int64) for part in latlong_from_direction(directions, *image.shape[:2]))
-    seen = image[row, col] * inside[..., None]
+    """What a fisheye sees of a lat-long (height, width, 3): its picture (SIDE, SIDE) of luminance, and its pixels as elements."""
+    directions, inside = fisheye_directions(look, SIDE)
+    finer, _ = fisheye_directions(look, OVER * SIDE)
+    row, col = (part.astype(np.int64) for part in latlong_from_direction(finer, *image.shape[:2]))
+    seen = image[row, col].reshape(SIDE, OVER, SIDE, OVER, 3).mean(axis=(1, 3)) * inside[..., None]
     from_axis = np.arccos(np.clip(directions @ look.direction, -1, 1))
     solid_angles = np.sinc(from_axis / np.pi) * (np.pi / SIDE) ** 2 * inside
     flat = (directions.reshape(-1, 3).astype(np.float32), solid_angles.ravel().astype(np.float32), seen.reshape(-1, 3))

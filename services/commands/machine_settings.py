@@ -14,9 +14,9 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
+from http.client import HTTPException
 from pathlib import Path
 from typing import NamedTuple
-from urllib.error import URLError
 from urllib.request import urlopen
 
 import msgspec
@@ -153,7 +153,7 @@ def _frames(url: str) -> tuple[int, int]:
     try:
         with urlopen(f"{url}/metrics", timeout=5) as answer:  # /healthz has status 503 until all is well
             lines = dict(line.rsplit(" ", 1) for line in answer.read().decode().splitlines() if not line.startswith("#"))
-    except (URLError, TimeoutError, ConnectionError):
+    except (OSError, HTTPException):  # not yet, or no longer
         return 0, 0
     done = lines.get('vemlight_frames_total{outcome="done",stage="renderer"}', 0)
     return round(float(done)), round(float(lines.get("vemlight_renderer_drawn_lights", 0)))
@@ -161,7 +161,7 @@ def _frames(url: str) -> tuple[int, int]:
 
 def _read_pictures(url: str) -> None:
     """Takes the pictures, as a page does, until the run ends."""
-    with contextlib.suppress(OSError, ValueError), urlopen(f"{url}/stream.mjpg", timeout=30) as stream:
+    with contextlib.suppress(OSError, HTTPException), urlopen(f"{url}/stream.mjpg", timeout=30) as stream:
         while stream.read(2**16):
             pass
 

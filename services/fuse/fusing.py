@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.fuse.compact_sources import CompactSources, compact_sources
+from vemlight.fuse.gains import Gains, gains_by_lights, gains_by_walls, initial_gains
 from vemlight.fuse.matching import SEEN, SEES, Matches, Seen, matches
 from vemlight.fuse.rest import CameraView, FusedMap, fused, fused_layout, layout_of, without_lights
 from vemlight.fuse.rig_file import CameraRig
@@ -24,19 +25,24 @@ STILL_LIT_RAD, STILL_LN_FLUX = np.radians(1.5), 1.0  # of a source that may be a
 ALONE_RAD = np.radians(3.0)  # from the next source: twice the reach of a source's rim
 MIN_OF_NEAR = 0.01  # of the near lights' irradiance: what curved mirrors show is weaker, and no place holds it
 MIN_CLEAR_M = 0.05  # of a light's surface from every camera
+# Of chi2 over its degrees of freedom: rooms have 0.04 to 0.9 when poses are as declared, 0.2 to 2.2 at twice and 1.4 to 3.4 at four times
+# their errors.
+MAX_MISFIT, MISFIT_SIGMAS, MISFIT_FRAMES = 0.8, 2.0, 4
 
 
 class FuseState(NamedTuple):
     """What fusing remembers between frames.
 
-    rig: the cameras. weights: (cameras,) of each map in the mean, sum 1. gains: (cameras, 3), which bring the cameras to one radiance unit.
-    lights: near and far ones, which more than one camera sees, and those that are off.
+    rig: the cameras. weights: (cameras,) of each map in the mean, sum 1. gains: what brings the cameras to one radiance unit. lights: near
+    and far ones, which more than one camera sees, and those that are off. misfit: mean of the last frames', see FuseReport; None before the
+    first light.
     """
 
     rig: CameraRig
     weights: np.ndarray
-    gains: np.ndarray
+    gains: Gains
     lights: Followed
+    misfit: float | None
 
     @staticmethod
     def start(rig: CameraRig, subject: tuple[float, float, float] | None = None) -> "FuseState":
@@ -44,9 +50,8 @@ class FuseState(NamedTuple):
         weights = np.ones(len(rig.camera))
         if subject is not None:
             weights = 1 / np.maximum(np.linalg.norm(rig.places - np.asarray(subject), axis=1), MIN_SUBJECT_M) ** 2
-        gains = np.array([camera.gain or (1.0, 1.0, 1.0) for camera in rig.camera], np.float64)
         none = no_tracks(len(rig.camera))
-        return FuseState(rig, weights / weights.sum(), gains, Followed(none, none, 0))
+        return FuseState(rig, weights / weights.sum(), initial_gains(rig), Followed(none, none, 0), None)
 
 
 class FuseReport(NamedTuple):
@@ -55,7 +60,9 @@ class FuseReport(NamedTuple):
     irradiance: (3,) float64, integral at the rig's centre of the fused map and the near lights together. sources: compact sources seen,
     of all cameras. located: near lights. hidden: of them, not located in this frame. unexplained: sources that two cameras should see and
     that no place explains, as when a pose is wrong by more than the rig file says. silent: names of cameras without a map. gains:
-    (cameras, 3), in use. uncovered: fraction of the fused map that no camera sees.
+    (cameras, 3), in use. uncovered: fraction of the fused map that no camera sees. misfit: how far the lights of two or more cameras are
+    from one place each, chi2 over its degrees of freedom; 0.1 to 0.9 where poses are as good as the rig file says. believed: whether it is
+    small enough for near lights to be published.
     """
 
     irradiance: np.ndarray
@@ -66,6 +73,8 @@ class FuseReport(NamedTuple):
     silent: tuple[str, ...]
     gains: np.ndarray
     uncovered: float
+    misfit: float
+    believed: bool
 
 
 def fuse_step(
@@ -78,38 +87,72 @@ def fuse_step(
     """
     if all(each is None for each in maps):
         raise ValueError("all cameras are silent")
+    gains = gains_by_walls(state.gains, state.rig, maps)
+    in_use = np.exp(gains.ln)
     found = [compact_sources(each) if each else None for each in maps]
-    seen = _seen(state, maps, found, saturated)
+    seen = _seen(state.rig, in_use, maps, found, saturated)
+    seen.table[:, :, 6] += gains.sigma[:, None] ** 2
     matched = matches(seen)
     lights = followed(state.lights, _measured(matched, seen, found), _is_still_lit(state.lights.tracks, seen))
-    near = _published(lights.tracks, state.rig, seen)
-    points = _near_lights(near, state.rig.centre)
-    rest = _rest(state, maps, found, near, seen)
-    silent = tuple(camera.name for camera, each in zip(state.rig.camera, maps, strict=True) if each is None)
+    fluxes = [each.flux * gain if each else np.zeros((0, 3)) for each, gain in zip(found, in_use, strict=True)]
+    gains = gains_by_lights(gains, state.rig, matched, fluxes, seen.offsets)
+    misfit = _misfit(state.misfit, matched)
+    near = _published(lights.tracks, state.rig)
+    believed = _is_believed(misfit, matched)
+    unexplained = _unexplained(matched, seen) + (0 if believed else int(np.count_nonzero(near.sources >= 0)))
+    near = near if believed else near.take(np.zeros(len(near.ids), bool))
+    points = _near_lights(near, state.rig.centre, max(misfit or 0.0, 1.0))
+    rest = _rest(state, in_use, maps, found, near, seen)
     report = FuseReport(
         irradiance=map_irradiance(rest.map.radiance, rest.map.coverage) + points.irradiance_at(state.rig.centre).sum(axis=0),
         sources=int(seen.counts.sum()),
         located=len(near.ids),
         hidden=int(np.count_nonzero(near.missed)),
-        unexplained=_unexplained(matched, seen),
-        silent=silent,
-        gains=state.gains,
+        unexplained=unexplained,
+        silent=tuple(camera.name for camera, each in zip(state.rig.camera, maps, strict=True) if each is None),
+        gains=in_use,
         uncovered=rest.uncovered,
+        misfit=misfit or 0.0,
+        believed=believed,
     )
-    return state._replace(lights=lights), rest.map, points, report
+    return state._replace(gains=gains, lights=lights, misfit=misfit), rest.map, points, report
+
+
+def _degrees_of_freedom(matched: Matches) -> int:
+    """What is measured of the lights beyond what is wanted."""
+    return int(3 * np.count_nonzero(matched.sources >= 0) - 4 * len(matched.fit))
+
+
+def _misfit(before: float | None, matched: Matches) -> float | None:
+    """chi2 of the frame's lights over its degrees of freedom, mean of the last frames."""
+    if not len(matched.fit):
+        return before
+    now = float(matched.fit[:, 5].sum()) / _degrees_of_freedom(matched)
+    return now if before is None else before + (now - before) / MISFIT_FRAMES
+
+
+def _is_believed(misfit: float | None, matched: Matches) -> bool:
+    """Whether lights fit their places as well as the rig file's poses promise; the fewer there are, the more chance has a say."""
+    if misfit is None or not len(matched.fit):
+        return True
+    return misfit < MAX_MISFIT + MISFIT_SIGMAS * np.sqrt(2 / _degrees_of_freedom(matched))
 
 
 def _seen(
-    state: FuseState, maps: Sequence[EnvironmentMap | None], found: Sequence[CompactSources | None], saturated: Sequence[bool]
+    rig: CameraRig,
+    gains: np.ndarray,
+    maps: Sequence[EnvironmentMap | None],
+    found: Sequence[CompactSources | None],
+    saturated: Sequence[bool],
 ) -> Seen:
     """The sources of all cameras in the world, in one unit."""
-    rig, cameras = state.rig, len(maps)
+    cameras = len(maps)
     counts = np.array([len(each.flux) if each else 0 for each in found], np.int64)
     table, chroma = np.zeros((cameras, max(int(counts.max()), 1), SEEN)), np.zeros((cameras, max(int(counts.max()), 1), 3))
     for k, (each, camera) in enumerate(zip(found, rig.camera, strict=True)):
         if each is None or not counts[k]:
             continue
-        flux = each.flux * state.gains[k]
+        flux = each.flux * gains[k]
         own = slice(0, counts[k])
         table[k, own, :3] = each.directions @ camera.world_from_camera.T
         table[k, own, 3] = np.log(luminance_from_rgb(flux))
@@ -162,7 +205,7 @@ def _is_still_lit(tracks: Tracks, seen: Seen) -> np.ndarray:
     return lit
 
 
-def _published(tracks: Tracks, rig: CameraRig, seen: Seen) -> Tracks:
+def _published(tracks: Tracks, rig: CameraRig) -> Tracks:
     """The near lights: seen often enough, outside of every camera, and no weak rays of curved mirrors."""
     near = tracks.take(tracks.near & (tracks.hits >= HITS))
     reach = np.sqrt(2 * near.spread) / near.rho + MIN_CLEAR_M
@@ -173,10 +216,10 @@ def _published(tracks: Tracks, rig: CameraRig, seen: Seen) -> Tracks:
     return near.take(np.sort(np.argsort(-near.s, kind="stable")[:MAX_NEAR_LIGHTS]))
 
 
-def _near_lights(near: Tracks, centre: np.ndarray) -> NearLightSet:
-    """The lights as they are handed on."""
+def _near_lights(near: Tracks, centre: np.ndarray, misfit: float) -> NearLightSet:
+    """The lights as they are handed on; what fits worse than promised is known less well (Birge 1932)."""
     flux = np.exp(near.s)[:, None] * near.chroma / luminance_from_rgb(near.chroma)[:, None]
-    sigma = np.sqrt(np.trace(near.place_covariances(), axis1=1, axis2=2))
+    sigma = np.sqrt(misfit * np.trace(near.place_covariances(), axis1=1, axis2=2))
     return NearLightSet.of(
         near.ids, centre + near.offsets(), flux / near.rho[:, None] ** 2, np.sqrt(2 * near.spread) / near.rho, sigma
     )
@@ -194,15 +237,20 @@ def _unexplained(matched: Matches, seen: Seen) -> int:
 
 
 def _rest(
-    state: FuseState, maps: Sequence[EnvironmentMap | None], found: Sequence[CompactSources | None], near: Tracks, seen: Seen
+    state: FuseState,
+    gains: np.ndarray,
+    maps: Sequence[EnvironmentMap | None],
+    found: Sequence[CompactSources | None],
+    near: Tracks,
+    seen: Seen,
 ) -> FusedMap:
     """The mean of the maps without the near lights."""
     views = []
     for k, (each, sources, camera) in enumerate(zip(maps, found, state.rig.camera, strict=True)):
         if each is None or sources is None:
             continue
-        taken = _taken(k, each, sources, near, seen, camera.world_from_camera, state.gains[k])
-        views.append(CameraView(without_lights(each, sources, taken), camera.world_from_camera, state.gains[k], float(state.weights[k])))
+        taken = _taken(k, each, sources, near, seen, camera.world_from_camera, gains[k])
+        views.append(CameraView(without_lights(each, sources, taken), camera.world_from_camera, gains[k], float(state.weights[k])))
     layouts = [layout_of(each.radiance, each.coverage) if each else None for each in maps]
     first = next(layout for layout in layouts if layout)  # of a camera that is silent the layout is taken to be the others'
     cameras = zip(layouts, state.rig.camera, strict=True)

@@ -22,6 +22,7 @@ SUBDIVISION = 4  # on a side of a cell: its parts lie in three fused cells on av
 BALANCING = 12  # rounds, after which constants and power are right to 1e-3
 INNER = 0.7  # of a cell's solid angle: by parts an inner cell gets 0.8 to 1.2 of it
 TINY = 1e-30
+WHOLE = 0.95  # of a block of many cells: what is left is the coarseness of the cells at its edge
 MIN_SEEN = 0.05  # of a fused cell that cameras must have looked at, for its radiance to be known
 MIN_BELOW = 0.05  # of the lower half that cameras must see for the fused map to be of the sphere; a lens tilted by 9 degrees sees it
 FULL_TURN = 2 * np.pi
@@ -106,7 +107,7 @@ def fused(views: Sequence[CameraView], goal: Layout) -> FusedMap:
     bright: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for view in views:
         own = layout_of(view.map.radiance, view.map.coverage)
-        places = cells_in_world(own, goal, view.world_from_camera.tobytes())
+        places = cells_in_world(own, goal, np.ascontiguousarray(view.world_from_camera).tobytes())
         radiance = view.map.radiance.reshape(-1, 3)
         is_bright = np.zeros(len(radiance), np.bool_)
         is_bright[view.map.bright_cells.cells] = True
@@ -119,6 +120,17 @@ def fused(views: Sequence[CameraView], goal: Layout) -> FusedMap:
     if bright:
         samples = bright_cells_from_light(*(np.concatenate(parts) for parts in zip(*bright, strict=True)), *goal)
     return FusedMap(EnvironmentMap(radiance.reshape(goal.rows, goal.cols, 3), goal.coverage, samples), uncovered)
+
+
+def block_radiance(seen: EnvironmentMap, world_from_camera: np.ndarray, blocks: Layout) -> np.ndarray:
+    """The mean radiance (rows * cols, 3) of blocks of the world in a camera's map; nan where the camera sees a part of one or nothing."""
+    own, count = layout_of(seen.radiance, seen.coverage), blocks.rows * blocks.cols
+    light, looked_at = np.zeros((count, 3)), np.zeros(count)
+    none_bright = np.zeros(own.rows * own.cols, np.bool_)
+    places = cells_in_world(own, blocks, np.ascontiguousarray(world_from_camera).tobytes())
+    _add(read_only(seen.radiance.reshape(-1, 3)), none_bright, np.ones(3), 1.0, *places, light, looked_at)
+    whole = looked_at > WHOLE * _cell_solid(blocks)
+    return np.where(whole[:, None], light / np.maximum(looked_at, TINY)[:, None], np.nan)
 
 
 def _bright_samples(view: CameraView, own: Layout, goal: Layout, light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

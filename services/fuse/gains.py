@@ -1,0 +1,95 @@
+"""Gains that bring a rig's cameras to one radiance unit, from what they see in common.
+
+Roughly, from the walls: two cameras' ratio in a channel is the median over blocks of the world that both see whole. Walls are nearer to
+one camera than to another, so it is believed only beyond ROUGH_LN, or ROUGH_COLOUR between channels. Then from lights that several cameras
+see: flux times squared distance is the same for all. A gain that the rig file states stands; one that is not surely another than 1 stays 1.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from vemlight.fuse.matching import Matches
+from vemlight.fuse.rest import Layout, block_radiance
+from vemlight.fuse.rig_file import CameraRig
+from vemlight.fuse.triangulation import FLUX_SIGMA
+from vemlight.light.environment_map import EnvironmentMap
+
+BLOCKS = Layout(12, 24, "sphere")  # of 15 degrees: as wide as a wall's parallax, small enough that two fisheyes' common rim has a dozen
+MIN_BLOCKS = 6  # that two cameras must have in common
+ROUGH_LN = 0.7  # of a ratio: cameras a metre apart in small rooms see walls differ by 0.5
+ROUGH_COLOUR = 0.15  # of a channel's over another's: walls of other colours make 0.05
+ROUGH_SIGMA, FINE_SIGMA = 0.4, 0.05  # of ln of a gain by walls and by lights
+SURE_SIGMAS = 4.0  # from 1 and more, a gain by lights is believed
+MIN_LIGHTS = 2  # one alone may shine more to one side
+MEMORY = 16  # frames whose mean is taken
+
+
+class Gains(NamedTuple):
+    """ln: (cameras, 3) of the factors. sigma: (cameras,) of ln, 0 where it was not found but given or taken to be 1. frames: (cameras,)
+    int64, in which lights had a say, -1 before the camera's first map.
+    """
+
+    ln: np.ndarray
+    sigma: np.ndarray
+    frames: np.ndarray
+
+
+def initial_gains(rig: CameraRig) -> Gains:
+    """As the rig file says, else 1."""
+    given = [np.log(camera.gain) if camera.gain else np.zeros(3) for camera in rig.camera]
+    return Gains(np.array(given), np.zeros(len(given)), np.full(len(given), -1))
+
+
+def gains_by_walls(before: Gains, rig: CameraRig, maps: Sequence[EnvironmentMap | None]) -> Gains:
+    """What is known once a camera has its first map; as before when none has. maps: of a moment, None where a camera is silent."""
+    new = [each is not None and frames < 0 for each, frames in zip(maps, before.frames, strict=True)]
+    if not any(new):
+        return before
+    ln, sigma, frames = (array.copy() for array in before)
+    frames[new] = 0
+    reference = _reference(rig, [each is not None for each in maps])
+    blocks = [
+        block_radiance(each, camera.world_from_camera, BLOCKS) if each is not None and (is_new or k == reference) else None
+        for k, (each, camera, is_new) in enumerate(zip(maps, rig.camera, new, strict=True))
+    ]
+    for k, own in enumerate(blocks):
+        first = blocks[reference]
+        if k == reference or own is None or first is None or rig.camera[k].gain:
+            continue
+        both = (own > 0).all(axis=1) & (first > 0).all(axis=1)  # nan where a block is not seen whole
+        ratio = np.median(np.log(own[both]) - np.log(first[both]), axis=0) if both.sum() >= MIN_BLOCKS else np.zeros(3)
+        if np.abs(ratio - ln[reference]).max() > ROUGH_LN or np.ptp(ratio - ln[reference]) > ROUGH_COLOUR:
+            ln[k], sigma[k] = ln[reference] - ratio, ROUGH_SIGMA
+    return Gains(ln, sigma, frames)
+
+
+def gains_by_lights(before: Gains, rig: CameraRig, matched: Matches, fluxes: Sequence[np.ndarray], offsets: np.ndarray) -> Gains:
+    """What is known after a moment's lights; fluxes: of each camera's sources (n, 3), with the gains before. offsets: as Seen has them."""
+    light, camera = np.nonzero(matched.sources >= 0)
+    if not len(light):
+        return before
+    p = matched.fit[light, :3] + matched.fit[light, 3:4] * offsets[camera]
+    flux = np.array([fluxes[k][matched.sources[n, k]] for n, k in zip(light, camera, strict=True)])
+    sent = np.log(np.maximum(flux, 1e-30)) + np.log((p * p).sum(axis=1))[:, None]
+    ln, sigma, frames = (array.copy() for array in before)
+    seen = np.bincount(camera, minlength=len(rig.camera)) >= MIN_LIGHTS
+    reference = _reference(rig, seen)
+    own_light = {(n, k): i for i, (n, k) in enumerate(zip(light.tolist(), camera.tolist(), strict=True))}
+    for k in np.flatnonzero(seen & np.array([each.gain is None for each in rig.camera])):
+        both = [n for n in range(len(matched.fit)) if (n, int(k)) in own_light and (n, reference) in own_light]
+        if k == reference or len(both) < MIN_LIGHTS:
+            continue
+        ratio = np.median([sent[own_light[n, int(k)]] - sent[own_light[n, reference]] for n in both], axis=0)
+        if sigma[k] > 0 or np.abs(ratio).max() > SURE_SIGMAS * FLUX_SIGMA * np.sqrt(2 / len(both)):
+            frames[k] += 1
+            ln[k] -= ratio / min(frames[k], MEMORY)
+            sigma[k] = FINE_SIGMA
+    return Gains(ln, sigma, frames)
+
+
+def _reference(rig: CameraRig, here: Sequence[bool] | np.ndarray) -> int:
+    """The camera that the others are compared with: the first with a gain of those that are here, else the first of those."""
+    given = [k for k, camera in enumerate(rig.camera) if camera.gain and here[k]]
+    return given[0] if given else next((k for k in range(len(rig.camera)) if here[k]), 0)

@@ -154,9 +154,14 @@ def test_near_lights_are_in_the_lights_of_the_page(rig_state):
     assert (near["id"], near["distance_m"]) == (3, 1.0)
 
 
-def test_masks_are_refused_where_several_cameras_are_fused(rig_state):
-    with pytest.raises(UserError, match="masks are drawn on the map of one camera"):
-        rig_state.set_control(b'{"masks": [{"points": [[0, 0], [10, 0], [0, 10]]}]}')
+@pytest.mark.parametrize(
+    "choice", [b'"masks": [{"points": [[0, 0], [10, 0], [0, 10]]}]', b'"source": "bundled"', b'"record": true', b'"speed": 2']
+)
+def test_what_is_of_one_camera_is_refused_where_several_are_fused(rig_state, choice):
+    with pytest.raises(UserError, match="is for one camera, and here those of a rig are fused; leave it out"):
+        rig_state.set_control(b"{" + choice + b"}")
+    assert rig_state.control == wire.ControlMessage()
+    rig_state.set_control(b'{"paused": true, "exposure": 1}')
 
 
 def test_every_field_of_a_report_is_a_metric_in_base_units_and_a_row_of_the_page():

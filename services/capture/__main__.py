@@ -1,4 +1,4 @@
-"""The capture process: `python -m vemlight.capture [vemlight.toml]`."""
+"""The capture process: `python -m vemlight.capture [vemlight.toml [NAME]]`, with the name of its camera where a rig has several."""
 
 import sys
 

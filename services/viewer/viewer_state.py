@@ -31,7 +31,7 @@ from vemlight.viewer.timeline import Timeline
 from vemlight.viewer.uploads import Uploads
 
 NO_CONTROLS = "in lossless mode every frame is made with the settings as they are, and controls have no effect; use live mode"
-NO_MASKS = "masks are drawn on the map of one camera, and here several are fused; leave them out, or cover the lens"
+OF_ONE_CAMERA = ("masks", "source", "record", "speed", "in_s", "out_s", "seek_number")  # of a control: what no camera of a rig obeys
 NO_ARMING = (
     "whoever reaches this page could arm the fixtures, because it has no token: take [viewer] insecure out of the settings, or arm them "
     "there by [fixtures] arm"
@@ -131,8 +131,9 @@ class ViewerState:
             control = msgspec.convert({key: value for key, value in whole.items() if value is not None}, wire.ControlMessage)
         except (ValueError, RecursionError) as error:
             raise UserError(f"control: {error}; send JSON like {EXAMPLE}") from error
-        if control.masks and self.settings.rig.file:
-            raise UserError(NO_MASKS)
+        for key in OF_ONE_CAMERA if self.settings.rig.file else ():
+            if getattr(control, key):
+                raise UserError(f"{key}: is for one camera, and here those of a rig are fused; leave it out")
         if control.armed and self.why_not_arm:
             raise UserError(self.why_not_arm)
         self.control = control

@@ -34,7 +34,7 @@ export class Fixtures {
   take(summary) {
     this.fixtures.hidden = !summary.fixtures;
     if (!summary.fixtures) return;
-    const why = summary.fixtures.why_not_arm, row = summary.services.find((each) => each.service === "fixtures");
+    const why = summary.fixtures.why_not_arm, row = summary.services.find((each) => each.kind === "fixtures");
     const report = row?.report ?? {};
     this.armed = report.armed === 1;
     this.dark = report.blackout === 1;

@@ -12,7 +12,7 @@ const at = (id) => document.getElementById(id);
 const GRAPHS = [
   { title: "rate", unit: "/s", series: [
     { label: "pictures", colour: "--light", of: ({ renderer }) => renderer?.rate_hz },
-    { label: "maps", colour: "--waiting", of: ({ capture }) => capture?.rate_hz }] },
+    { label: "maps", colour: "--waiting", of: ({ fuse, capture }) => (fuse ?? capture)?.rate_hz }] },
   { title: "age of pictures", unit: "ms", series: [
     { label: "p50", colour: "--light", of: (_, summary) => summary.age?.p50_ms },
     { label: "p99", colour: "--bad", of: (_, summary) => summary.age?.p99_ms }] },

@@ -50,9 +50,9 @@ export class Meter {
     return this.buttons[name].getAttribute("aria-pressed") === "true";
   }
 
-  // Whether the capture still sends: values that no longer come are said to be old.
+  // Whether maps still come: values that no longer come are said to be old.
   take(summary) {
-    const row = summary.services.find((service) => service.service === "capture");
+    const maker = (kind) => summary.services.find((service) => service.kind === kind), row = maker("fuse") ?? maker("capture");
     this.live = !row || ["live", "finished"].includes(row.state);
     this.why = row ? `${row.service} ${row.text}` : "";
     this.showState();

@@ -9,14 +9,14 @@ export function overallState(summary) {
   if (culprit) return [worst, culpritWords(culprit)];
   const waiting = services.find((row) => row.state === "waiting");
   if (waiting && !services.some((row) => row.state === "finished")) return ["waiting", `${waiting.service} ${waiting.text}`];
-  if (control.paused) return ["paused", pauseWords(services.find((row) => row.service === "renderer")?.report)];
+  if (control.paused) return ["paused", pauseWords(services.find((row) => row.kind === "renderer")?.report)];
   if (services.some((row) => row.state === "finished")) return ["finished", "finished"];
   return ["live", mode === "lossless" ? "lossless" : "live"];
 }
 
-function culpritWords({ service, state, text }) {
+function culpritWords({ service, kind, state, text }) {
   if (text.startsWith("compiling")) return `${service}: compiling`;
-  if (service === "capture" && state === "starting") return "waiting for the source";
+  if (kind === "capture" && state === "starting") return "waiting for the source";
   return `${service} ${state}`;
 }
 

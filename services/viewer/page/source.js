@@ -54,7 +54,7 @@ export class Source {
 
   // A dropped scene has a line with a key that goes back to the settings' one.
   takeScenes({ uploads, control, services }) {
-    const scenes = uploads.filter(({ kind }) => kind === "scene"), state = services.find(({ service }) => service === "renderer")?.state;
+    const scenes = uploads.filter(({ kind }) => kind === "scene"), state = services.find(({ kind }) => kind === "renderer")?.state;
     const text = JSON.stringify([scenes, control.scene, state === "live"]);
     if (text === this.scenesText) return;
     this.scenesText = text;

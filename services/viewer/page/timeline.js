@@ -59,7 +59,7 @@ export class Timeline {
     this.last = Math.max(this.first, frame(control.out_s, source.frames - 1));
     this.speed = control.speed ?? 1;
     this.looping = control.loop !== false;
-    this.playing = !this.paused && !source.at_end && summary.services.some((row) => row.service === "capture" && row.state === "live");
+    this.playing = !this.paused && !source.at_end && summary.services.some((row) => row.kind === "capture" && row.state === "live");
     const news = !before || before.position !== source.position || before.name !== source.name || this.paused;
     if (news && !this.drag && performance.now() > this.heldUntil) [this.position, this.knownAt] = [source.position, performance.now()];
     at("loop").setAttribute("aria-pressed", String(this.looping));

@@ -197,7 +197,7 @@ function showCards(summary) {
     card.dataset.state = row.state;
     showState(card.querySelector(".pill"), row.state, row.text);
     card.querySelector("output").textContent = rate(row.rate_hz);
-    card.querySelector(".given-up").textContent = row.service === "renderer" ? givenUp(summary) : "";
+    card.querySelector(".given-up").textContent = row.kind === "renderer" ? givenUp(summary) : "";
     for (const field of fields) {
       const cell = card.querySelector(`[data-key="${field.name}"]`), value = row.report?.[field.name] ?? row[field.name];
       cell.textContent = FORMATS[field.unit](value);

@@ -11,6 +11,7 @@ from vemlight.runtime import wire
 MAX_CELLS = 16_384  # 64 kB of float32: two degrees of a hemisphere; 4,096 to 65,536 would do
 # "sky1", rows, columns, coverage (0 hemisphere, 1 sphere), 0, cd/m2 per unit (0: not calibrated), luminance integrated over solid angle
 HEAD = struct.Struct("<4s4Hff")
+LARGEST = float(np.finfo(np.float32).max)
 COVERAGES: tuple[Coverage, ...] = ("hemisphere", "sphere")
 
 
@@ -23,10 +24,9 @@ def sky_values(header: wire.MapMessage, radiance: np.ndarray) -> bytes:
     area = np.broadcast_to(cell_solid_angles(rows, cols, header.coverage)[:, None], luminance.shape)
     down, across = _overlaps(rows, fewer_rows), _overlaps(cols, fewer_cols)
     means = (down @ (luminance * area) @ across.T) / (down @ area @ across.T)
-    head = HEAD.pack(
-        b"sky1", fewer_rows, fewer_cols, COVERAGES.index(header.coverage), 0, header.luminance_scale or 0.0, (luminance * area).sum()
-    )
-    return head + np.minimum(means, np.finfo(np.float32).max).astype("<f4").tobytes()
+    total = min(float((luminance * area).sum()), LARGEST)
+    head = HEAD.pack(b"sky1", fewer_rows, fewer_cols, COVERAGES.index(header.coverage), 0, header.luminance_scale or 0.0, total)
+    return head + np.minimum(means, LARGEST).astype("<f4").tobytes()
 
 
 def _overlaps(count: int, fewer: int) -> np.ndarray:

@@ -106,15 +106,17 @@ export function nameOf(before, after) {
   if (key in NAMES) return NAMES[key];
   if (key === "camera") return "turned the camera";
   const [old, made] = [before[key] ?? [], after[key] ?? []], id = KEYED[key];
-  if (key === "masks") return made.length > old.length ? "drew a mask" : made.length < old.length ? "removed a mask" : "changed a mask";
+  if (key === "masks" && made.length !== old.length) return made.length > old.length ? "drew a mask" : "removed a mask";
+  if (key === "masks") return made.some((mask, k) => JSON.stringify(mask.points) !== JSON.stringify(old[k].points)) ? "moved a mask" : "changed a mask";
   const item = made.find((each) => JSON.stringify(each) !== JSON.stringify(old.find((other) => other[id] === each[id])));
   if (!item) {
     const gone = old.find((each) => !made.some((other) => other[id] === each[id]));
     return key === "poses" ? `put ${gone?.name ?? "objects"} back` : `removed lamp ${gone?.id ?? ""}`.trim();
   }
   const was = old.find((each) => each[id] === item[id]);
-  if (key === "lamps") return was ? `changed lamp ${item.id}` : `added lamp ${item.id}`;
   const differs = (name) => was && JSON.stringify(was[name]) !== JSON.stringify(item[name]);
+  if (key === "lamps" && !was) return `added lamp ${item.id}`;
+  if (key === "lamps") return `${differs("size_deg") ? "resized" : differs("irradiance") ? "dimmed" : "moved"} lamp ${item.id}`;
   const verb = differs("scale") ? "scaled" : differs("power") ? "dimmed" : differs("rotation") && !differs("position") ? "turned" : "moved";
   return `${verb} ${item.name}`;
 }

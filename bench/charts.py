@@ -43,6 +43,7 @@ BENCHES = {
     "renderer_time": Bench(["bench.renderer_accuracy", "time"], True, 132),
     "gloss": Bench(["bench.gloss"], True, 61),
     "moving": Bench(["bench.accuracy", "moving"], True, 860),
+    "archive": Bench(["bench.archive"], True, 180),
     "frame_times": Bench(["bench.accuracy", "frame_times"], True, 60),
     "tables": Bench(["bench.accuracy", "tables"], False, 4),
 }

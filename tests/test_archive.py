@@ -240,7 +240,7 @@ def test_damaged_maps_are_removed_and_made_again(recording, lights, mapped, tmp_
     data = bytearray((out / "maps_000002").read_bytes())
     data[5000] ^= 1
     (out / "maps_000002").write_bytes(data)
-    with pytest.raises(UserError, match="maps_000002: is damaged, and was removed; run the same again"):
+    with pytest.raises(UserError, match="maps_000002: is damaged, and was removed; make it again by --maps-only"):
         archive(ArchiveOptions(source=recording, out=out, from_maps=True))
     with pytest.raises(UserError, match="maps_000002: is missing, or of other frames; run --maps-only first"):
         archive(ArchiveOptions(source=recording, out=out, from_maps=True))

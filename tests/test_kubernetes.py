@@ -8,6 +8,7 @@ import click
 import pytest
 
 from vemlight.commands.cli import main
+from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.runtime.channels import Service
 from vemlight.runtime.transport import ROLES, endpoint
 from vemlight.settings import Wire, read_settings
@@ -44,11 +45,12 @@ SPEC = {
 }
 
 
-def documents() -> list[dict[str, Any]]:
-    return [document for path in sorted(FOLDER.glob("*.yaml")) for document in yaml.safe_load_all(path.read_text())]
+def documents(folder: Path) -> list[dict[str, Any]]:
+    return [document for path in sorted(folder.glob("*.yaml")) for document in yaml.safe_load_all(path.read_text())]
 
 
-DOCUMENTS = documents()
+RIG = documents(FOLDER / "rig")
+DOCUMENTS = [*documents(FOLDER), *(document for document in RIG if document["kind"] != "Kustomization")]
 WORKLOADS = {document["metadata"]["name"]: document for document in DOCUMENTS if document["kind"] in ("StatefulSet", "Deployment", "Job")}
 KUSTOMIZATION = next(document for document in DOCUMENTS if document["kind"] == "Kustomization")
 
@@ -106,25 +108,47 @@ def test_the_command_line_takes_what_a_pod_is_given(name, tmp_path):
     if probe := container.get("readinessProbe"):
         program, *arguments = probe["exec"]["command"]
         assert program == "vemlight"
-        assert parsed(arguments, tmp_path).params["service"] == name
+        service, _, *instance = container["args"]
+        assert parsed(arguments, tmp_path).params["service"] == ".".join([service, *instance])
 
 
-@pytest.mark.parametrize("name", SERVICES)
-def test_a_service_is_found_at_its_name_and_ports(name):
-    wire = read_settings(FOLDER / "vemlight.toml").wire
+@pytest.mark.parametrize(("name", "instance", "settings"), [
+    *((name, name, "vemlight.toml") for name in SERVICES),
+    ("capture-left", "capture.left", "rig/vemlight.toml"), ("capture-right", "capture.right", "rig/vemlight.toml"),
+    ("fuse", "fuse", "rig/vemlight.toml"),
+])  # fmt: skip
+def test_a_service_is_found_at_its_name_and_ports(name, instance, settings):
+    wire = read_settings(FOLDER / settings).wire
     service = next(document for document in DOCUMENTS if document["kind"] == "Service" and document["metadata"]["name"] == name)
     assert service["spec"]["selector"] == WORKLOADS[name]["spec"]["template"]["metadata"]["labels"]
     (container,) = pod(name)["containers"]
     open_ports = {port["name"]: port["containerPort"] for port in container["ports"]}
     for role in ROLES:
-        address = endpoint(wire, name, role)
+        address = endpoint(wire, instance, role)
         port = next(port for port in service["spec"]["ports"] if port["name"] == role)
         assert address == f"tcp://{name}:{port['port']}"
         assert port["targetPort"] == role
         assert open_ports[role] == port["port"]
     assert pod(name)["hostAliases"] == [{"ip": "0.0.0.0", "hostnames": [name]}]  # or it could not listen at its own name
     assert WORKLOADS[name]["spec"]["replicas"] == 1  # two would be one address with two senders
-    assert container["args"] == [name, "/settings/vemlight.toml"]
+    service, *of_instance = instance.split(".")
+    assert container["args"] == [service, "/settings/vemlight.toml", *of_instance]
+
+
+def test_a_rig_has_a_stateful_set_a_camera_in_place_of_the_single_one():
+    cameras = [camera.name for camera in read_camera_rig(FOLDER / "rig" / "rig.toml").camera]
+    sets = [document["metadata"]["name"] for document in RIG if document["kind"] == "StatefulSet"]
+    assert sets == [f"capture-{camera}" for camera in cameras]
+    own = next(document for document in RIG if document["kind"] == "Kustomization")
+    assert own["resources"][0] == ".."
+    assert {*own["resources"][1:], "kustomization.yaml"} == {path.name for path in (FOLDER / "rig").glob("*.yaml")}
+    removed = [yaml.safe_load(patch["patch"]) for patch in own["patches"]]
+    assert [(one["kind"], one["metadata"]["name"], one["$patch"]) for one in removed] == [
+        ("StatefulSet", "capture", "delete"), ("Service", "capture", "delete")
+    ]  # fmt: skip
+    (settings,) = own["configMapGenerator"]
+    assert settings == {"name": "vemlight-settings", "behavior": "replace", "files": ["vemlight.toml", "rig.toml"]}
+    assert read_settings(FOLDER / "rig" / "vemlight.toml").rig.file == str(FOLDER / "rig" / "rig.toml")
 
 
 def test_a_camera_has_a_stateful_set_and_the_others_never_two_pods_at_once():
@@ -137,7 +161,7 @@ def test_keys_are_a_secret_that_only_the_owner_reads_in_the_pod():
     assert KUSTOMIZATION["secretGenerator"] == [{"name": "vemlight-keys", "files": ["keys/vemlight.key", "keys/vemlight.key_secret"]}]
     assert "deploy/k8s/keys/" in (ROOT / ".gitignore").read_text().splitlines()
     assert not any(document["kind"] == "Secret" for document in DOCUMENTS)
-    for name in SERVICES:
+    for name in (*SERVICES, "capture-left", "capture-right", "fuse"):
         (copied,) = pod(name)["initContainers"]
         assert copied["command"][-1].startswith("install -m 600 -t /keys /secret/vemlight.key ")
         volumes = {volume["name"]: volume for volume in pod(name)["volumes"]}

@@ -24,14 +24,14 @@ class Seen(NamedTuple):
 
 def lamp_bearings(frames: Sequence[Seen]) -> np.ndarray:
     """Where a camera sees the lamp: the strongest source that does not stand still, (frames, 3) float64, nan where there is none."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     counts = [len(frame.strength) for frame in frames]
     found = np.full((len(frames), 3), np.nan)
     if not sum(counts):
         return found
     directions, number = np.concatenate([frame.directions for frame in frames]), np.repeat(np.arange(len(frames)), counts)
-    tree = cKDTree(directions)
+    tree = KDTree(directions)
     standing = np.array([len(set(number[near].tolist())) > max(1, STANDING * len(frames))
                          for near in tree.query_ball_point(directions, 2 * math.sin(NEAR_RAD / 2))])  # fmt: skip
     first = np.cumsum([0, *counts])

@@ -195,7 +195,8 @@ class _Archiving:
             raise
         except ValueError as error:
             self._folder.maps(chunk).unlink(missing_ok=True)
-            raise UserError(f"{self._folder.maps(chunk)}: {error}, and was removed; run the same again to make it anew") from error
+            way_out = "make it again by --maps-only" if self._options.from_maps else "the same command makes it again"
+            raise UserError(f"{self._folder.maps(chunk)}: {error}, and was removed; {way_out}") from error
         self._lights_s += time.process_time() - began_s
 
     def _report(self) -> Report:

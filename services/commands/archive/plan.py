@@ -110,7 +110,8 @@ def found_plan(folder: Path) -> ArchivePlan | None:
         return None
     try:
         plan = decoded_json(read_file(path, MAX_PLAN_BYTES), ArchivePlan)
-        plan.capture_settings(), plan.sampler_settings()
+        for section in (plan.capture_settings, plan.sampler_settings):
+            section()
         return plan
     except UserError:
         raise

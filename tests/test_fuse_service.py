@@ -6,12 +6,16 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 import tomli_w
 
 from tests.support.lights_files import read_lights
 from tests.support.processes import LOADED_S, wait_until
+from vemlight.fuse.fusing import FuseState
+from vemlight.fuse.rig_file import read_camera_rig
+from vemlight.fuse.service import fused_messages
 from vemlight.light.images import write_exr
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Pull
@@ -20,6 +24,7 @@ from vemlight.runtime.transport import Transport
 
 NAMES = ("a", "b", "c")
 FRAMES = 12
+STAMP = wire.stamp(7, 0.25)
 
 
 @pytest.fixture(scope="module")
@@ -142,3 +147,39 @@ def test_lossless_runs_are_equal_to_the_byte_whoever_is_killed(make_rig, service
     assert [row.sequence for row in rows] == list(range(FRAMES))
     assert all(row.at == (1.0, 0.0, 1.0) for row in rows), "the rig's centre"
     assert all(isinstance(row.points, list) for row in rows)
+
+
+def map_of(scale: float | None, saturated: int = 0) -> wire.Message:
+    radiance = np.full((8, 32, 3), 0.25, np.float32)
+    report = wire.MapReport(saturated_pixels=saturated, invalid_cells=1)
+    header = wire.MapMessage(stamp=STAMP, rows=8, cols=32, coverage="hemisphere", luminance_scale=scale, report=report)
+    return header, (radiance, np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("scales", "gain", "expected"),
+    [
+        ((179.0, 179.0), None, 179.0), ((179.0, 90.0), None, None), ((179.0, None), None, None), ((None, None), None, None),
+        ((179.0, 90.0), (0.5, 0.5, 0.5), 179.0), ((90.0, 179.0), (0.5, 0.5, 0.5), 90.0),
+    ],
+)  # fmt: skip
+def test_the_fused_map_has_the_scale_of_the_cameras_whose_unit_it_has(rig_file, scales, gain, expected):
+    rig = read_camera_rig(rig_file)
+    cameras = rig.camera[0], msgspec.structs.replace(rig.camera[1], gain=gain)
+    state = FuseState.start(msgspec.structs.replace(rig, camera=cameras))
+    _, fused = fused_messages(state, tuple(map_of(scale) for scale in scales), STAMP, 0.0)
+    assert fused.map[0].luminance_scale == expected
+
+
+def test_a_fused_frame_says_what_its_maps_said_and_who_is_silent(rig_file):
+    state = FuseState.start(read_camera_rig(rig_file))
+    _, fused = fused_messages(state, (map_of(None, 2), None, map_of(None, 3)), STAMP, 1.5)
+    wire.unpack(wire.pack(*fused.points))
+    header, _ = wire.unpack(wire.pack(*fused.map))
+    assert isinstance(header, wire.MapMessage)
+    assert (header.report.saturated_pixels, header.report.invalid_cells) == (5, 2)
+    points = fused.points[0]
+    assert isinstance(points, wire.PointsMessage)
+    assert points.stamp == header.stamp == STAMP
+    assert (points.report.cameras, points.report.silent_cameras, points.report.spread_ms) == (2, 1, 1.5)
+    assert points.at == (1.0, 0.0, 1.0), "the rig's centre"

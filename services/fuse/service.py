@@ -62,17 +62,14 @@ def fused_messages(
     state: FuseState, frames: tuple[wire.Message | None, ...], stamp: wire.Stamp, spread_ms: float
 ) -> tuple[FuseState, Fused]:
     """The step from messages to messages. frames: `map` of each camera in the rig's order; None where it is silent."""
-    maps: list[EnvironmentMap | None] = []
-    headers: list[wire.MapMessage] = []
-    for frame in frames:
-        if frame is None:
-            maps.append(None)
-            continue
-        header, (radiance, *bright) = frame
-        assert isinstance(header, wire.MapMessage)
-        maps.append(EnvironmentMap(radiance, header.coverage, BrightCells(*bright)))
-        headers.append(header)
-    saturated = [bool(frame) and frame[0].report.saturated_pixels > 0 for frame in frames]  # type: ignore[union-attr]
+    maps: list[EnvironmentMap | None] = [None] * len(frames)
+    headers: dict[int, wire.MapMessage] = {}
+    for k, frame in enumerate(frames):
+        if frame:
+            header, (radiance, *bright) = frame
+            assert isinstance(header, wire.MapMessage)
+            maps[k], headers[k] = EnvironmentMap(radiance, header.coverage, BrightCells(*bright)), header
+    saturated = [k in headers and headers[k].report.saturated_pixels > 0 for k in range(len(frames))]
     state, made, near, report = fuse_step(state, maps, saturated)
     rows, cols, _ = made.radiance.shape
     map_header = wire.MapMessage(
@@ -81,11 +78,11 @@ def fused_messages(
         cols=cols,
         coverage=made.coverage,
         bright_samples=len(made.bright_cells.cells),
-        luminance_scale=_common_scale(state, headers),
+        luminance_scale=_common_scale(report.gains, headers),
         report=wire.MapReport(
-            invalid_cells=sum(header.report.invalid_cells for header in headers),
-            black_pixels=sum(header.report.black_pixels for header in headers),
-            saturated_pixels=sum(header.report.saturated_pixels for header in headers),
+            invalid_cells=sum(header.report.invalid_cells for header in headers.values()),
+            black_pixels=sum(header.report.black_pixels for header in headers.values()),
+            saturated_pixels=sum(header.report.saturated_pixels for header in headers.values()),
         ),
     )
     x, y, z = map(float, state.rig.centre)
@@ -94,10 +91,10 @@ def fused_messages(
     return state, Fused((points_header, near.arrays()), (map_header, (made.radiance, *made.bright_cells)))
 
 
-def _common_scale(state: FuseState, headers: list[wire.MapMessage]) -> float | None:
-    """cd/m2 per unit of the fused map: that of the maps where it is one and no gain changes their unit; else it is not known."""
-    scales = {header.luminance_scale for header in headers}
-    return scales.pop() if len(scales) == 1 and (state.gains == 1).all() else None
+def _common_scale(gains: np.ndarray, headers: dict[int, wire.MapMessage]) -> float | None:
+    """cd/m2 per unit of the fused map: that of the cameras whose unit no gain changes, where it is one; else it is not known."""
+    scales = {header.luminance_scale for k, header in headers.items() if (gains[k] == 1).all()}
+    return scales.pop() if len(scales) == 1 else None
 
 
 def _points_report(report: FuseReport, cameras: int, spread_ms: float) -> wire.PointsReport:

@@ -25,6 +25,12 @@ GROWTH_BYTES = 2**21  # of the heap over GROWTH_S at 25 pictures a second; bench
 GROWTH_S = 4.0
 
 
+class Sky:
+    """Whether the simulated camera is calibrated."""
+
+    scale: float | None = SCALE
+
+
 def frames(sequence: int, count: int = 40) -> dict[Service, wire.Message]:
     """A white sky over darkness, a clipped spot, and a renderer that draws BUDGET lights of those made, without a bounce."""
     made = frames_of(sequence, min(count, 40))
@@ -33,7 +39,7 @@ def frames(sequence: int, count: int = 40) -> dict[Service, wire.Message]:
     radiance[4, 10], radiance[17, :4] = 50 * SKY, SKY / 100  # the bounds of the false colours
     report = wire.MapReport(saturated_pixels=5)
     stamp = made["capture"][0].stamp  # type: ignore[attr-defined]
-    header = wire.MapMessage(stamp=stamp, rows=36, cols=72, coverage="sphere", luminance_scale=SCALE, report=report)
+    header = wire.MapMessage(stamp=stamp, rows=36, cols=72, coverage="sphere", luminance_scale=Sky.scale, report=report)
     image, pixels = made["renderer"]
     drawn = wire.ImageReport(drawn_lights=min(count, BUDGET), render_ms=90.0, light_budget=BUDGET, bounces_left_out=1)
     return {
@@ -184,6 +190,24 @@ def test_everybody_can_see_name_and_hit_what_is_there(pages, size, theme):
     assert page.evaluate(SIDEWAYS) == []
     if size == "phone":
         assert page.evaluate(TARGETS) == []
+
+
+def test_a_relative_map_takes_its_scale_from_what_a_meter_shows(pages, simulated):
+    page = pages["small"]
+    page.locator("#meter").scroll_into_view_if_needed()
+    Sky.scale = None
+    page.locator("#meter-state", has_text="relative").wait_for()
+    assert page.locator("#meter-glare").inner_text() == "needs a scale"
+    page.locator("#meter-azimuth").fill("210")
+    page.locator("#meter-measured").fill("1234")
+    page.keyboard.press("Tab")  # at once: the readings shown are still those of another plane
+    page.locator("#meter-illuminance", has_text="230 lx").wait_for()  # three digits
+    assert "DGP" in page.locator("#meter-glare").inner_text()
+    page.locator("#meter-table").click()
+    page.locator("#meter-illuminance", has_text="2\u202f").wait_for()  # twice as much, as the whole sky gives
+    Sky.scale = SCALE
+    page.locator("#meter-state", has_text="calibrated").wait_for()
+    assert page.locator("#meter-calibrate").is_hidden()
 
 
 def test_the_theme_that_is_chosen_stays(pages):

@@ -50,7 +50,7 @@ export class FalseColours {
     element.hidden = !shown || !this.cells;
     if (element.hidden) return;
     const low = this.first + Math.log2(scale ?? 1), high = low + 253 * this.step;
-    const text = [low, (low + high) / 2, high].map((stop) => (scale ? `${shortNumber(2 ** stop)} cd/m²` : `${stop.toFixed(1)} stops`));
+    const text = [low, (low + high) / 2, high].map((stop) => (scale ? `${shortNumber(2 ** stop)} cd/m²` : `${stop.toFixed(1)} stops`.replace("-", "−")));
     [...element.querySelectorAll("output")].forEach((output, k) => { if (output.textContent !== text[k]) output.textContent = text[k]; });
   }
 }

@@ -13,18 +13,18 @@ export function givenUp(summary) {
   return missing.length ? `Left out for time: ${missing.join(", ")}.` : "";
 }
 
+const HELP = "Smaller pictures ([renderer] width, height), a longer frame_ms or a GPU would help.";
+
 // Beside the number of lights: what is done in place of what was asked, and what would help; empty: it is done.
 export function whyFewerLights(summary) {
-  const asked = summary.control.count ?? summary.settings.count, made = summary.light_count;
-  const drawn = rowOf(summary, "renderer")?.report ?? {}, chosen = rowOf(summary, "sampler")?.report ?? {};
+  const made = summary.light_count, drawn = rowOf(summary, "renderer")?.report ?? {}, required = rowOf(summary, "sampler")?.report?.required_lights;
   if (!made || drawn.max_passes || summary.why_no_controls) return "";
-  const least = Math.min(made, drawn.drawn_lights || made);
+  const { count } = summary.control, asked = count ?? (required || summary.settings.count), least = Math.min(made, drawn.drawn_lights || made);
   if (least >= asked) return "";
-  const { light_budget: budget } = drawn;
-  if (drawn.drawn_lights < made || (budget && budget < asked && made >= Math.min(budget, asked) * 0.9)) {
-    return `${asked} asked, ${least} drawn: there is no time for more. Smaller pictures ([renderer] width, height), a longer frame_ms or a GPU would help.`;
-  }
-  if (chosen.required_lights && chosen.required_lights <= asked) {
+  const no_time = drawn.drawn_lights < made || (drawn.light_budget && made <= drawn.light_budget && drawn.light_budget < asked);
+  if (no_time && count === null && required) return `${asked} would keep the error within its limit, ${least} are drawn: there is no time for more. ${HELP}`;
+  if (no_time) return `${asked} asked, ${least} drawn: there is no time for more. ${HELP}`;
+  if (required && required <= asked) {
     return `${made} of at most ${asked}: so few keep the error within the limit. With [sampler] error_percent = 0 it is always as many as asked.`;
   }
   return `${asked} asked, ${least} drawn.`;

@@ -109,10 +109,13 @@ export class Meter {
   }
 
   // What a real meter shows on this plane gives the scale of a map that has none.
-  calibrate() {
-    const measured = at("meter-measured").valueAsNumber, { readings } = this;
-    const relative = readings ? readings.plane.illuminance / (readings.scale ?? 1) : 0;
-    this.perUnit = measured > 0 && relative > 0 ? measured / relative : 0;
+  async calibrate() {
+    const measured = at("meter-measured").valueAsNumber;
+    try {
+      const answer = measured > 0 && (await fetch(`/meter?${new URLSearchParams(this.look)}`));
+      const relative = answer?.ok ? (await answer.json()).plane.illuminance : 0;
+      this.perUnit = relative > 0 ? measured / relative : 0;
+    } catch { /* as above: nothing is known of a plane now */ }
   }
 
   show() {

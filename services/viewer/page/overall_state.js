@@ -6,7 +6,7 @@ export function overallState(summary) {
   const { services, control, mode } = summary;
   const worst = WORST.find((state) => services.some((row) => row.state === state));
   const culprit = services.find((row) => row.state === worst);
-  if (culprit) return [worst, culpritWords(culprit)];
+  if (culprit) return [worst === "not seen" ? "starting" : worst, culpritWords(culprit)];
   const waiting = services.find((row) => row.state === "waiting");
   if (waiting && !services.some((row) => row.state === "finished")) return ["waiting", `${waiting.service} ${waiting.text}`];
   if (control.paused) return ["paused", pauseWords(services.find((row) => row.kind === "renderer")?.report)];
@@ -16,6 +16,7 @@ export function overallState(summary) {
 
 function culpritWords({ service, kind, state, text }) {
   if (text.startsWith("compiling")) return `${service}: compiling`;
+  if (state === "not seen") return `starting: ${service}`;
   if (kind === "capture" && state === "starting") return "waiting for the source";
   return `${service} ${state}`;
 }

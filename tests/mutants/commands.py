@@ -5,6 +5,13 @@ from tests.mutants.mutant import mutants_of
 COMMANDS = "services/commands/"
 
 MUTANTS = [
+    *mutants_of("services/commands/machine_settings.py", "tests/test_machine_settings.py", [
+        ("rates that swing hold", "if fit.departure <= HOLDS:", "if True:"),
+        ("any rate keeps up", "KEEPS_UP = 0.75", "KEEPS_UP = 0.1"),
+        ("few lights are enough", "ENOUGH_LIGHTS = 20", "ENOUGH_LIGHTS = 10"),
+        ("larger pictures without a GPU", "if side <= 1 or on_gpu:", "if True:"),
+        ("files that exist", "if path.exists():", "if False:"),
+    ]),
     *mutants_of("services/settings.py", "tests/test_settings.py", [
         ("pictures x 100", "MAX_PICTURE_SIDE = 8192", "MAX_PICTURE_SIDE = 819200"),
         ("lights x 10", "Count = Annotated[int, Meta(ge=1, le=100_000)]", "Count = Annotated[int, Meta(ge=1, le=1_000_000)]"),

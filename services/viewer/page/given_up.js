@@ -30,6 +30,6 @@ export function whyFewerLights(summary) {
   return `${asked} asked, ${least} drawn.`;
 }
 
-function rowOf(summary, service) {
-  return summary.services.find((row) => row.service === service);
+function rowOf(summary, kind) {
+  return summary.services.find((row) => row.kind === kind);
 }

@@ -30,6 +30,7 @@ from vemlight.errors import UserError
 from vemlight.file_kinds import BINARY_UNTIL, file_kind
 from vemlight.files import read_toml
 from vemlight.light.mask import MAX_MASKS, Mask, check_masks
+from vemlight.light.measured_lamp import MAX_MEASURED, MeasuredLamp
 from vemlight.light.sphere import Coverage
 from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
 from vemlight.runtime.channels import INSTANCE, SERVICES, Instance, Service, service_of
@@ -319,6 +320,11 @@ class Renderer(SettingsSection, frozen=True):
         Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)],
         means("`[[renderer.poses]]`, where objects and lamps of the scene stand instead: name, position, rotation (quaternion x y z w), "
               "power of lamps, scale of objects"),
+    ] = ()  # fmt: skip
+    lamp: Annotated[
+        Annotated[tuple[MeasuredLamp, ...], Meta(max_length=MAX_MEASURED)],
+        means("`[[renderer.lamp]]`, measured lamps that take the place of near lights: file (.ies, .ldt, .exr), at, within_m of which a "
+              "near light is this lamp, rotate (degrees about x, y, z), lamp_set"),
     ] = ()  # fmt: skip
     picture: Annotated[Literal["srgb8", "linear16"], means("linear16: also send the picture before tone mapping, as half floats")] = "srgb8"
 

@@ -35,6 +35,7 @@ from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import check_video_settings
 from vemlight.renderer.renderer import Renderer
+from vemlight.renderer.scene.measured_lamps import lit_by_lamps, recognised, with_measured_lamps
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
@@ -77,8 +78,8 @@ class RendererState(NamedTuple):
     exposure: stops. picture: (height, width, 4) float32, linear; None where nobody wants it. paused_s: how long the scene's animations
     have stood still. environment: the map behind the lights. plate: what the second camera sees, (h, w, 3) uint8 sRGB. paused_picture: in
     a pause. costs: measured up to the picture before. late: whether the target time cannot be met. notices: lines for the person at the
-    terminal. no_bounce: whether there is no time for light from surface to surface. near: the newest near lights. drawn_near: how many of
-    them the newest picture has.
+    terminal. no_bounce: whether there is no time for light from surface to surface. near: the newest near lights. rig_centre: where
+    they were measured. drawn_near: how many of them the newest picture has.
     """
 
     exposure: float
@@ -98,6 +99,7 @@ class RendererState(NamedTuple):
     no_bounce: bool = False
     notices: tuple[str, ...] = ()
     near: NearLightSet = NearLightSet.empty()
+    rig_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drawn_near: int = 0
 
 
@@ -136,6 +138,8 @@ class RendererStage:
         check_video_settings(settings)
         with of_setting("[renderer] scene"):
             scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
+        self._lamps = settings.renderer.lamp
+        scene = with_measured_lamps(scene, self._lamps) if self._lamps else scene
         self._plate = ("plate",) if settings.plate.source else ()
         self._points = ("points",) if settings.rig.file else ()
         self._shows_environment, self._stops = settings.renderer.background == "map", settings.plate.stops
@@ -196,6 +200,7 @@ class RendererStage:
             linear=self._linear or self._images is not None,
             near=state.near,
         )
+        shown = self._with_lamps(shown, state)
         if state.paused and state.environment:
             light = MapLights(state.environment.radiance, state.environment.coverage, LightSet(*arrays[:-2]))
             state, pixels, count = self._accumulate(state, shown, light)
@@ -203,7 +208,7 @@ class RendererStage:
             state, pixels, count = self._draw(state, shown)
         height, width, _ = pixels.shape
         budget, near = budget_of(self._renderer.setup, state.frame, state.costs), state.drawn_near
-        shining = int(np.count_nonzero(state.near.intensity.any(axis=1)))
+        shining = int(np.count_nonzero(shown.near.intensity.any(axis=1)))
         drawn_for_each = POINTS if header.soft and not self._renderer.setup.traced else 1
         made = wire.ImageMessage(
             stamp=header.stamp,
@@ -224,6 +229,15 @@ class RendererStage:
         )
         arrays = (pixels, half_floats(state.picture)) if self._linear and state.picture is not None else (pixels,)
         return state, (made, arrays)
+
+    def _with_lamps(self, shown: FrameInput, state: RendererState) -> FrameInput:
+        """What is shown, with measured lamps in place of those near lights that they are."""
+        if not self._lamps:
+            return shown
+        scene = self._renderer.setup.scene
+        own, reaches_m = scene.luminaires[-len(self._lamps) :], [lamp.within_m for lamp in self._lamps]
+        found = recognised(own, reaches_m, shown.near, np.array(state.rig_centre))
+        return shown._replace(near=found.near, pose=lit_by_lamps(shown.pose, scene, found.colours))
 
     @staticmethod
     def _light_budget(budget: Budget, near: int) -> int:
@@ -295,7 +309,7 @@ class RendererStage:
         if isinstance(header, wire.PointsMessage):
             near = NearLightSet(*arrays)  # the same one as long as its lights are the same: a pause goes on
             same = all(np.array_equal(before, now) for before, now in zip(state.near.arrays(), near.arrays(), strict=True))
-            return state if same else state._replace(near=near)
+            return state._replace(near=state.near if same else near, rig_centre=header.at)
         return state
 
     def write(self, state: RendererState, message: wire.Message) -> None:

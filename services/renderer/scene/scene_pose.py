@@ -1,6 +1,6 @@
 """Where a scene's meshes and lamps are at a time: by the animations of their files and the poses that are asked for."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -15,13 +15,14 @@ class ScenePose(NamedTuple):
 
     matrices: (n, 4, 4) float64, for each mesh world_from_rest, rest being where the scene file places it; exactly 1 where nothing moves it.
     objects: the poses of the scene's objects and lamps. centre, half: (3,) float64, centre and half size of the box around all meshes,
-    never smaller than at rest.
+    never smaller than at rest. lamp_colours: of luminaires, by their number, that have another colour than at rest.
     """
 
     matrices: np.ndarray
     objects: tuple[wire.Pose, ...]
     centre: np.ndarray
     half: np.ndarray
+    lamp_colours: Mapping[int, tuple[float, float, float]] = {}
 
 
 def world_from_object(pose: wire.Pose) -> np.ndarray:

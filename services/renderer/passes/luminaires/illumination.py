@@ -50,7 +50,8 @@ class Illumination:
     def add(self, g_buffer: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool = False) -> None:
         """Adds all luminaires' light on the surfaces, times `weight`, to a picture; with `catchers`, the irradiance of shadow catchers."""
         for luminaire in self.luminaires:
-            luminaire.add(g_buffer, framebuffer, weight, catchers)
+            if luminaire.luminaire.power * max(luminaire.luminaire.colour) > 0:
+                luminaire.add(g_buffer, framebuffer, weight, catchers)
 
     def release(self) -> None:
         """Frees what the luminaires hold on the GPU."""

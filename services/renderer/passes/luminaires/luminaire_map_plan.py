@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vemlight.renderer.luminaire.lightfield import LightField
-from vemlight.renderer.scene.luminaire_table import Luminaire
+from vemlight.renderer.scene.luminaire_table import Luminaire, Vector
 from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose, world_from_object
@@ -16,13 +16,17 @@ def placed_luminaires(scene: Scene, pose: ScenePose) -> tuple[Luminaire, ...]:
     """The scene's luminaires where a pose puts them, and with its power."""
     rests, poses = (_lamp_poses(objects) for objects in (scene.objects, pose.objects))
     return tuple(
-        _placed(luminaire, rests[k], poses[k]) if k < len(poses) else luminaire  # a scene made without a file names none
+        _coloured(_placed(luminaire, rests[k], poses[k]) if k < len(poses) else luminaire, pose.lamp_colours.get(k))  # some have no name
         for k, luminaire in enumerate(scene.luminaires)
     )
 
 
 def _lamp_poses(objects: Sequence[wire.Pose]) -> list[wire.Pose]:
     return [pose for pose in objects if pose.power is not None]
+
+
+def _coloured(luminaire: Luminaire, colour: Vector | None) -> Luminaire:
+    return luminaire if colour is None else luminaire._replace(colour=colour)
 
 
 def _placed(luminaire: Luminaire, rest: wire.Pose, pose: wire.Pose) -> Luminaire:

@@ -52,7 +52,20 @@ def hands(page: Any) -> None:
     page.mouse.move(*place(120.0, 60.0))
 
 
-STATES = {"viewer": as_it_opens, "hands": hands}
+def timeline(page: Any) -> None:
+    """The source of light, the graphs and the timeline, of which a part is played."""
+    page.evaluate("document.getElementById('meter').hidden = true")
+    page.locator("#strip").focus()
+    for steps, key in ((12, "["), (28, "]")):
+        page.keyboard.press("Home")  # the in point
+        for _ in range(steps):
+            page.keyboard.press("ArrowRight")
+        page.keyboard.press(key)
+    page.keyboard.press("Space")
+    page.locator("#source").evaluate("(panel) => scrollTo(0, panel.offsetTop - 12)")
+
+
+STATES = {"viewer": as_it_opens, "hands": hands, "time": timeline}
 
 
 def screenshot(url: str, out: Path, state: str) -> None:

@@ -117,6 +117,19 @@ def test_arrows_step_and_home_and_end_go_to_the_ends(page):
         assert page.locator("#strip").get_attribute("aria-valuenow") == str(frame)
 
 
+def test_steps_in_quick_succession_are_all_counted_from_a_play_too(page):
+    page.locator("#strip").focus()
+    page.keyboard.press("Space")
+    eventually(lambda: not control(page)["paused"], "playing")
+    page.keyboard.press("Home")
+    for _ in range(12):
+        page.keyboard.press("ArrowRight")
+    page.wait_for_timeout(1800)  # the page has heard of the pause
+    shown = page.locator("#place").inner_text()
+    assert shown.startswith(("frame 12 ", "frame 13 "))  # one was perhaps played before the first step
+    eventually(lambda: f"frame {position(page)} of" in shown, "the same at the capture")
+
+
 def test_a_drag_seeks(page):
     box = page.locator("#strip").bounding_box()
     page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)

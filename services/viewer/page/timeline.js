@@ -29,7 +29,7 @@ export class Timeline {
     on("loop", () => this.choose({ loop: at("loop").getAttribute("aria-pressed") === "true" ? false : null }));
     on("in-point", () => this.range({ first: this.shown() }));
     on("out-point", () => this.range({ last: this.shown() }));
-    on("whole", () => this.choose({ in_s: null, out_s: null }));
+    on("whole", () => this.range({ first: 0, last: this.source.frames - 1 }));
     at("speed").addEventListener("change", () => this.choose({ speed: Number(at("speed").value) === 1 ? null : Number(at("speed").value) }));
     document.addEventListener("keydown", (event) => this.key(event));
     this.strip.addEventListener("pointerdown", (event) => this.press(event));
@@ -42,7 +42,8 @@ export class Timeline {
   take(summary) {
     const { source, control } = summary, before = this.source;
     this.source = source;
-    this.paused = control.paused;
+    const held = performance.now() <= this.heldUntil; // what was wished here counts until the server has heard it
+    if (!held) this.paused = control.paused;
     this.seekNumber = Math.max(this.seekNumber, control.seek_number ?? 0);
     const files = Boolean(source?.frames) && source.frames > 1;
     at("timeline").hidden = !source;
@@ -55,13 +56,13 @@ export class Timeline {
     }
     for (const part of at("transport").querySelectorAll("button, select")) part.disabled = Boolean(summary.why_no_controls);
     const frame = (seconds, other) => (seconds === null ? other : Math.min(Math.round(seconds * source.fps), source.frames - 1));
-    this.first = frame(control.in_s, 0);
-    this.last = Math.max(this.first, frame(control.out_s, source.frames - 1));
+    if (!held) this.first = frame(control.in_s, 0);
+    if (!held) this.last = Math.max(this.first, frame(control.out_s, source.frames - 1));
     this.speed = control.speed ?? 1;
     this.looping = control.loop !== false;
     this.playing = !this.paused && !source.at_end && summary.services.some((row) => row.kind === "capture" && row.state === "live");
     const news = !before || before.position !== source.position || before.name !== source.name || this.paused;
-    if (news && !this.drag && performance.now() > this.heldUntil) [this.position, this.knownAt] = [source.position, performance.now()];
+    if (news && !this.drag && !held) [this.position, this.knownAt] = [source.position, performance.now()];
     at("loop").setAttribute("aria-pressed", String(this.looping));
     if (document.activeElement !== at("speed")) at("speed").value = String(this.speed);
     at("whole").disabled = control.in_s === null && control.out_s === null;
@@ -93,11 +94,19 @@ export class Timeline {
   play() {
     if (!this.source) return;
     if (this.source.at_end && !this.paused) this.seek(this.first);
-    else this.choose({ paused: !this.paused });
+    else this.pause(!this.paused);
+  }
+
+  pause(paused) {
+    [this.position, this.knownAt] = [this.shown(), performance.now()];
+    this.heldUntil = this.knownAt + HOLD_MS;
+    this.paused = paused;
+    this.playing = !paused;
+    this.choose({ paused });
   }
 
   step(by) {
-    if (!this.paused) this.choose({ paused: true });
+    if (!this.paused) this.pause(true);
     this.seek(this.shown() + by);
   }
 
@@ -117,6 +126,7 @@ export class Timeline {
     if (first > last) return;
     this.choose({ in_s: first === 0 ? null : first / fps, out_s: last === frames - 1 ? null : last / fps });
     [this.first, this.last] = [first, last];
+    this.heldUntil = performance.now() + HOLD_MS;
     this.draw();
   }
 

@@ -29,7 +29,6 @@ from vemlight.light.images import write_png
 from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.frame_sequence import FrameSequence
-from vemlight.renderer.output.tonemap import adapt, tone_mapped
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import Scene
 from vemlight.sampler.sampler_input import SamplerInput
@@ -38,7 +37,7 @@ from vemlight.sampler.step import step
 from vemlight.settings import Renderer as Settings
 from vemlight.settings import Sampler
 
-WIDTH, HEIGHT = 96, 72
+WIDTH, HEIGHT = 96, 72  # of the pictures that are judged
 FRAMES = 6  # of the rig: near lights are published from the second on
 LAMP_RAYS, WALL_RAYS = 4, 8  # a side: 16 to each lamp, 64 over the hemisphere, in strata, twice
 AWAY_M = 1.0  # of the still life from the nearest camera
@@ -148,10 +147,10 @@ def true_irradiance(room: Room, tree: Tree, hits: Hits, rng: np.random.Generator
     return whole
 
 
-def truth(room: Room, scene: Scene, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+def truth(room: Room, scene: Scene, size: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, float]:
     """The picture (height, width, 3), and its own noise: RMSE of the mean of two halves, relative."""
     tree = scene_tree(scene)
-    hits = first_hits(scene, tree, WIDTH, HEIGHT)
+    hits = first_hits(scene, tree, *size)
     sizes = [len(mesh.geometry.triangles) for mesh in scene.meshes]
     albedo = np.array([mesh.material.diffuse for mesh in scene.meshes])[np.repeat(np.arange(len(sizes)), sizes)[hits.triangle]]  # type: ignore[union-attr]
     halves = [albedo / math.pi * true_irradiance(room, tree, hits, rng) for _ in range(2)]
@@ -172,9 +171,9 @@ def soft_lights(seen: EnvironmentMap) -> LightSet:
     return lights
 
 
-def rendered(scene: Scene, lights: LightSet, near: NearLightSet) -> np.ndarray:
+def rendered(scene: Scene, size: tuple[int, int], lights: LightSet, near: NearLightSet) -> np.ndarray:
     """The renderer's picture (height, width, 3), with all rays, at pixel centres, without a bounce."""
-    sequence = FrameSequence(Renderer(scene, Settings(width=WIDTH, height=HEIGHT, bounces=0)))
+    sequence = FrameSequence(Renderer(scene, Settings(width=size[0], height=size[1], bounces=0)))
     picture = sequence.render(lights, near=near)[..., :3].astype(np.float64)
     sequence.release()
     return picture
@@ -190,7 +189,7 @@ def with_spheres(room: Room) -> Room:
     return room._replace(lamps=tuple(lamps))
 
 
-def pictures_of(seed: int, spheres: bool) -> tuple[Errors, list[np.ndarray], str] | None:
+def pictures_of(seed: int, spheres: bool, size: tuple[int, int]) -> tuple[Errors, list[np.ndarray], str] | None:
     """Errors of a room, its pictures (truth, near, directional), and a line about it; None where it has no place for the still life."""
     room, rng = random_room(seed), np.random.default_rng(10_000 + seed)
     room = with_spheres(room) if spheres else room
@@ -203,12 +202,12 @@ def pictures_of(seed: int, spheres: bool) -> tuple[Errors, list[np.ndarray], str
     state = FuseState.start(rig)
     for _ in range(FRAMES):
         state, rest, near, _ = fuse_step(state, [noisy(each, rng) for each in seen])
-    exact, noise = truth(room, scene, rng)
+    exact, noise = truth(room, scene, size, rng)
     none = NearLightSet.empty()
     made_of = {
-        "near": rendered(scene, soft_lights(rest), near),
-        "centre": rendered(scene, soft_lights(room_map(room, rig.centre)), none),
-        "first_camera": rendered(scene, soft_lights(seen[0]), none),
+        "near": rendered(scene, size, soft_lights(rest), near),
+        "centre": rendered(scene, size, soft_lights(room_map(room, rig.centre)), none),
+        "first_camera": rendered(scene, size, soft_lights(seen[0]), none),
     }
     near_error, centre, first = (relative_rmse(picture, exact) for picture in made_of.values())
     errors = Errors(near_error, centre, first, noise)
@@ -218,17 +217,25 @@ def pictures_of(seed: int, spheres: bool) -> tuple[Errors, list[np.ndarray], str
     return errors, [exact, made_of["near"], made_of["centre"]], line
 
 
+def side_by_side(pictures: list[np.ndarray]) -> np.ndarray:
+    """Pictures as a screen shows them, (height, n width, 3) uint8; what is brighter than all but a hundredth of the first is white."""
+    white = max(float(np.percentile(pictures[0], 99)), 1e-12)
+    signal = np.clip(np.concatenate(pictures, axis=1) / white, 0, 1)
+    return np.round(255 * np.where(signal < 0.0031308, 12.92 * signal, 1.055 * signal ** (1 / 2.4) - 0.055)).astype(np.uint8)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("near-pictures"))
     parser.add_argument("--rooms", type=int, default=8)
     parser.add_argument("--first", type=int, default=0, help="seed of the first room")
+    parser.add_argument("--size", type=int, nargs=2, default=(WIDTH, HEIGHT), help="width and height in pixels")
     parser.add_argument("--spheres", action="store_true", help="panels become spheres of their intensity towards the rig")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     every: list[Errors] = []
     for seed in range(options.first, options.first + options.rooms):
-        made_here = pictures_of(seed, options.spheres)
+        made_here = pictures_of(seed, options.spheres, tuple(options.size))
         if made_here is None:
             print(f"room {seed}: no place 1 m from the cameras")
             continue
@@ -238,10 +245,7 @@ def main() -> None:
         print(f"{line}; near {errors.near:.3f}, map at the centre {errors.centre:.3f} ({ratio:.2f}), "
               f"first camera's {errors.first_camera:.3f} ({errors.near / errors.first_camera:.2f}); truth's noise {errors.noise:.4f}",
               flush=True)  # fmt: skip
-        eye = adapt(None, pictures[0].astype(np.float32), 0.0)
-        opaque = np.ones((HEIGHT, WIDTH))
-        shown = [tone_mapped(np.dstack([picture, opaque]).astype(np.float32), eye, 0.0, "reinhard") for picture in pictures]
-        write_png(options.out / f"near_{seed}.png", np.concatenate(shown, axis=1))
+        write_png(options.out / f"near_{seed}.png", side_by_side(pictures))
     near, centre, first = (np.exp(np.mean(np.log([getattr(each, name) for each in every]))) for name in ("near", "centre", "first_camera"))
     print(f"geometric means of {len(every)} rooms: near {near:.3f}, centre {centre:.3f} ({near / centre:.2f}), "
           f"first camera {first:.3f} ({near / first:.2f})")  # fmt: skip

@@ -52,6 +52,14 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
 
         with _named(file, "[renderer] scene"):
             load_scene(Path(settings.renderer.scene))
+    if settings.renderer.lamp:
+        from vemlight.renderer.scene.measured_lamps import lamp_light
+
+        if not settings.rig.file:
+            raise UserError(f"{file}: [renderer] lamp: stands for a light that cameras of a rig locate; set [rig] file, or leave it out")
+        for number, lamp in enumerate(settings.renderer.lamp, 1):
+            with _named(file, f"[renderer] lamp {number}"):
+                lamp_light(lamp)
     if settings.renderer.video:
         from vemlight.renderer.output.video import check_video_settings
 

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.errors import UserError
+from vemlight.errors import UserError, of_setting
 from vemlight.light.far_field import FarField, intensity
 from vemlight.light.measured_lamp import MeasuredLamp
 from vemlight.light.near_lights import NearLightSet
 from vemlight.light.photometry import PHOTOMETRY_SUFFIXES, read_photometry
+from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
 from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireFiles, LuminaireTable, Vector, world_from_lamp
 from vemlight.renderer.scene.scene import Scene
@@ -34,15 +35,21 @@ def with_measured_lamps(scene: Scene, lamps: Sequence[MeasuredLamp]) -> Scene:
     files = LuminaireFiles(Path())
     made = []
     for number, lamp in enumerate(lamps, 1):
-        path, where = Path(lamp.file), f"[renderer] lamp {number}"
-        try:
-            of_photometry = path.suffix.lower() in PHOTOMETRY_SUFFIXES
-            source = read_photometry(path, lamp.lamp_set) if of_photometry else read_luminaire(path)
-        except UserError as error:
-            raise UserError(f"{where}: {error}") from error
+        with of_setting(f"[renderer] lamp {number}"):
+            source = lamp_light(lamp)
         table = LuminaireTable(file=lamp.file, lamp_set=lamp.lamp_set, at=lamp.at, rotate=lamp.rotate)
         made.append(Luminaire(source, world_from_lamp(lamp.at, lamp.rotate), 1.0, table, files.drawn(table, source), DARK))
     return scene._replace(luminaires=(*scene.luminaires, *made))
+
+
+def lamp_light(lamp: MeasuredLamp) -> LightField | FarField:
+    """The light of a lamp's file. Raises UserError for a file that cannot be read."""
+    path = Path(lamp.file)
+    if path.suffix.lower() in PHOTOMETRY_SUFFIXES:
+        return read_photometry(path, lamp.lamp_set)
+    if lamp.lamp_set:
+        raise UserError(f"{path}: lamp_set chooses among the lamps of a .ldt file; leave it out")
+    return read_luminaire(path)
 
 
 def recognised(lamps: Sequence[Luminaire], reaches_m: Sequence[float], near: NearLightSet, rig: np.ndarray) -> Recognised:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.runtime.channels import SERVICES
 from vemlight.runtime.transport import endpoint
 from vemlight.settings import read_settings
@@ -12,6 +13,8 @@ yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).parents[1]
 COMPOSE = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
 CONTAINERS = COMPOSE["services"]
+RIG = yaml.safe_load((ROOT / "deploy" / "rig" / "compose.yml").read_text())["services"]
+CAMERAS = {name: container for name, container in RIG.items() if name.startswith("capture-")}
 NETWORK = "${VEMLIGHT_NET:-10.213.7}"
 
 
@@ -19,9 +22,9 @@ def test_each_service_has_a_container_and_only_the_keys_have_another():
     assert CONTAINERS.keys() == {*SERVICES, "keys"}
 
 
-@pytest.mark.parametrize("name", sorted(CONTAINERS))
+@pytest.mark.parametrize("name", sorted({**CONTAINERS, **CAMERAS}))
 def test_a_container_may_do_no_more_than_its_work(name):
-    container = CONTAINERS[name]
+    container = {**CONTAINERS, **CAMERAS}[name]
     assert container["user"] == "10001:10001"
     assert container["cap_drop"] == ["ALL"]
     assert container["security_opt"] == ["no-new-privileges:true"]
@@ -78,6 +81,32 @@ def test_the_settings_are_those_of_the_compose_file():
         assert endpoint(settings.wire, name, "publish").startswith(f"tcp://{name}:")
         assert "keys:/keys:ro" in CONTAINERS[name]["volumes"]
     assert CONTAINERS["keys"]["volumes"] == ["keys:/keys"]
+
+
+def test_a_rig_has_a_container_a_camera_in_place_of_the_single_one():
+    settings = read_settings(ROOT / "deploy" / "rig" / "vemlight.toml")
+    rig = read_camera_rig(Path(settings.rig.file))
+    assert list(CAMERAS) == [f"capture-{camera.name}" for camera in rig.camera]
+    assert RIG["capture"] == {"profiles": ["single"]}  # which nobody starts
+    for camera, container in zip(rig.camera, CAMERAS.values(), strict=True):
+        name = f"capture.{camera.name}"
+        assert container["command"] == ["capture", "/settings/vemlight.toml", camera.name]
+        assert container["healthcheck"]["test"] == ["CMD", "vemlight", "health", name, "/settings/vemlight.toml"]
+        assert endpoint(settings.wire, name, "publish").startswith(f"tcp://capture-{camera.name}:")
+        assert all(volume.endswith(":ro") for volume in container["volumes"])
+        assert "ports" not in container
+
+
+def test_the_containers_of_a_rig_find_each_other_without_dns():
+    addresses = {name: container["networks"]["wire"]["ipv4_address"] for name, container in CAMERAS.items()}
+    others = {name: CONTAINERS[name]["networks"]["wire"]["ipv4_address"] for name in SERVICES}
+    assert len({*addresses.values(), *others.values()}) == len(addresses) + len(others)
+    for name in ("sampler", "renderer", "viewer", "fuse"):
+        assert dict(entry.split(":", 1) for entry in _plain(RIG[name]["extra_hosts"])) == _plain_values(addresses)
+    for container in CAMERAS.values():
+        known = dict(entry.split(":", 1) for entry in _plain(container["extra_hosts"]))
+        assert known.items() <= _plain_values({**others, **addresses}).items()
+        assert known.keys() >= {*addresses, "fuse", "sampler", "renderer", "viewer"}
 
 
 def test_the_image_is_unprivileged_and_its_packages_are_those_of_the_lock():

@@ -33,9 +33,9 @@ from vemlight.light.mask import MAX_MASKS, Mask, check_masks
 from vemlight.light.measured_lamp import MAX_MEASURED, MeasuredLamp
 from vemlight.light.sphere import Coverage
 from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
-from vemlight.runtime.channels import INSTANCE, SERVICES, Instance, Service, service_of
+from vemlight.runtime.channels import INSTANCE, SERVICES, Instance, Service
 from vemlight.runtime.wire import MAX_PART, MAX_POSES, Pose
-from vemlight.toml import choice_hint
+from vemlight.runtime.wire_names import check_names
 
 # Limits keep a mistyped number from taking all memory. A map of 4096 x 8192 takes 402 MB, a picture of 8192 x 8192 in float32 RGBA
 # 1.1 GB, and 100,000 lights are a thousand times what a frame needs; other powers of two would do as well.
@@ -458,7 +458,7 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
     if drawn.width * drawn.height * pixel_bytes > MAX_PART:
         most = f"more than the {MAX_PART // pixel_bytes} pixels that one message holds"
         raise UserError(f"{where}: [renderer] width, height: {drawn.width} x {drawn.height} is {most}; make them smaller")
-    _check_names(settings, where)
+    check_names(settings, where)
     if settings.rig.file:
         _check_rig(settings, where)
     if settings.mode == "lossless" and settings.fixtures.rig:
@@ -470,33 +470,10 @@ def check_settings(settings: Settings, path: Path | None = None) -> None:
             raise UserError(f'{where}: mode = "lossless" replays files and {shown_source(source)} is a {kind}; use mode = "live"')
 
 
-def _check_names(settings: Settings, where: Path | str) -> None:
-    """Raises UserError for names, ports and services elsewhere that do not go together."""
-    wire = settings.wire
-    for key in ("hosts", "ports"):
-        for name in getattr(wire, key):
-            if not re.fullmatch(INSTANCE, name):
-                raise UserError(f"{where}: [wire.{key}] {name}: is no service; {choice_hint(name, SERVICES)}")
-    for service, name in wire.names.items():
-        if service_of(name) != service:
-            raise UserError(f'{where}: [wire.names] {service} = "{name}": is no name of a {service}; choose one such as "{service}.b"')
-    if wrong := [name for name in wire.renderers if service_of(name) != "renderer"]:
-        raise UserError(f'{where}: [wire] renderers: "{wrong[0]}" is no renderer; name some as "renderer" or "renderer.b"')
-    if wire.elsewhere and settings.mode == "lossless":
-        raise UserError(f'{where}: [wire] elsewhere: is for mode = "live"; in lossless mode one run makes all frames')
-    own = range(wire.port, wire.port + 2 * len(SERVICES))
-    taken = dict.fromkeys(own, "[wire] port") if wire.transport == "tcp" else {}
-    for name, first in wire.ports.items():
-        for port in (first, first + 1):
-            if port in taken:
-                raise UserError(f"{where}: [wire] ports: {port} of {name} is taken by {taken[port]}, which has two or more; choose another")
-            taken[port] = name
-
-
 def _check_rig(settings: Settings, where: Path | str) -> None:
     """Raises UserError for what a rig of cameras takes the place of, or cannot be with."""
     capture = settings.capture
-    for key in ("source", "lens", "response", "ground", "masks", "exposures", "brackets"):
+    for key in ("source", "lens", "response", "ground", "masks", "exposures", "brackets", "recordings"):
         if getattr(capture, key):
             way_out = "the rig's file has it for each camera" if key in ("source", "lens", "response") else "it is for one camera"
             raise UserError(f"{where}: [capture] {key}: does not go with [rig] file: {way_out}; leave one of them out")

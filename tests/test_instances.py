@@ -2,11 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tomli_w
 
+from tests.support.processes import free_port
+from vemlight.commands.run_checks import check_run
 from vemlight.errors import UserError
-from vemlight.runtime.instances import camera_capture, instances, producer, started, upstream
+from vemlight.light.images import write_exr
+from vemlight.runtime.instances import arguments, camera_capture, instances, producer, started, upstream
 from vemlight.runtime.transport import endpoint
 from vemlight.settings import Settings, Wire, read_settings
 
@@ -84,7 +88,13 @@ def test_every_instance_has_its_own_endpoint(rig, tmp_path):
         ({"wire": {"names": {"renderer": "viewer.b"}}}, r'\[wire.names\] renderer = "viewer.b": is no name of a renderer'),
         ({"wire": {"renderers": ["sampler"]}}, r'\[wire\] renderers: "sampler" is no renderer'),
         ({"mode": "lossless", "wire": {"elsewhere": ["sampler"]}}, r'\[wire\] elsewhere: is for mode = "live"'),
-        ({"wire": {"transport": "tcp", "insecure": True, "ports": {"capture.left": 5613}}}, "5613 of capture.left is taken by .wire. port"),
+        ({"wire": {"transport": "tcp", "insecure": True, "ports": {"capture.left": 5613}}}, "5613 of capture.left is taken by fuse"),
+        ({"viewer": {"port": 5603}, "wire": {"transport": "tcp", "insecure": True}}, r"\[viewer\] port: 5603 is taken by sampler"),
+        ({"capture": {"recordings": "."}}, r"\[capture\] recordings: does not go with \[rig\] file"),
+        ({"wire": {"renderers": ["renderer.b", "renderer.b"]}}, r'renderers: "renderer.b" is there twice'),
+        ({"wire": {"elsewhere": ["plate"]}}, r"elsewhere: plate is no part of these settings, which have no \[plate\] source"),
+        ({"wire": {"hosts": {"sampler": "10.0.0.1:5602"}}}, r'\[wire.hosts\] sampler = "10.0.0.1:5602": is no host; .*without a port'),
+        ({"wire": {"hosts": {"sampler": ""}}}, "is no host"),
         ({"wire": {"ports": {"capture.left": 5700, "capture.right": 5701}}}, "5701 of capture.right is taken by capture.left"),
         ({"wire": {"ports": {"captre.left": 5700}}}, r"\[wire.ports\] captre.left: is no service"),
         ({"wire": {"names": {"renderer": "renderer.B"}}}, "renderer.B|names"),
@@ -93,6 +103,58 @@ def test_every_instance_has_its_own_endpoint(rig, tmp_path):
 def test_what_does_not_go_together_is_refused(rig, sections, words):
     with pytest.raises(UserError, match=words):
         rig(**sections)
+
+
+def test_one_port_may_be_taken_on_each_host(rig):
+    hosts = {"capture.left": "10.0.0.1", "capture.right": "10.0.0.2", "viewer": "10.0.0.3"}
+    wire = {"transport": "tcp", "insecure": True, "ports": {"capture.left": 5620, "capture.right": 5620}, "hosts": hosts}
+    settings = rig(wire=wire, viewer={"port": 5603})
+    assert endpoint(settings.wire, "capture.left", "publish") == "tcp://10.0.0.1:5620"
+    assert endpoint(settings.wire, "capture.right", "publish") == "tcp://10.0.0.2:5620"
+
+
+TCP = {"transport": "tcp", "insecure": True}
+PORTS = {"capture.left": 5620, "capture.right": 5622}
+
+
+@pytest.mark.parametrize(
+    ("wire", "words"),
+    [
+        ({"elsewhere": ["capture", "fuse", "sampler", "renderer", "viewer"]}, r"\[wire\] elsewhere: names all services"),
+        ({"elsewhere": ["capture", "fuse"]}, r"\[wire\] elsewhere: .* set \[wire\] folder to the same one in both"),
+        ({**TCP, "ports": {"capture.left": 5620}}, r"\[wire\] ports: has none for capture.right"),
+        ({**TCP, "ports": {**PORTS, "capture.lft": 5624}}, "capture.lft: .*rig.toml has no such camera; name one of capture.left"),
+        ({**TCP, "ports": PORTS, "hosts": {"capture.lft": "10.0.0.7"}}, r"\[wire.hosts\] capture.lft: .*has no such camera"),
+        ({"folder": "rig.toml"}, "cannot hold the sockets"),
+        ({"folder": "f" * 100}, "too long a path"),
+    ],
+)
+def test_a_run_that_could_not_work_is_refused_in_one_line(rig, tmp_path, wire, words):
+    for name in ("left", "right"):
+        write_maps(tmp_path / f"{name}-maps")
+    settings = rig(wire=wire, viewer={"port": free_port()})
+    with pytest.raises(UserError, match=words) as caught:
+        check_run(settings, tmp_path / "vemlight.toml", source_option=False)
+    assert "\n" not in str(caught.value)
+
+
+def write_maps(folder: Path) -> None:
+    folder.mkdir()
+    write_exr(folder / "f_0.exr", np.ones((4, 8, 3), np.float32))
+
+
+def test_two_cameras_of_one_machine_do_not_read_one_device(tmp_path):
+    cameras = [{"name": name, "source": "/dev/null", "at": [k, 0, 1]} for k, name in enumerate(("left", "right"))]
+    (tmp_path / "rig.toml").write_text(tomli_w.dumps({"camera": cameras}))
+    with pytest.raises(UserError, match="cameras left and right both read /dev/null"):
+        check_run(_with_rig(tmp_path / "rig.toml"), None, source_option=False)
+
+
+def test_only_a_camera_of_a_rig_is_told_its_name(rig):
+    settings = rig()
+    assert [arguments(settings, name) for name in instances(settings)] == [("left",), ("right",), (), (), (), ()]
+    named = Settings(wire=Wire(names={"capture": "capture.x"}))
+    assert arguments(named, "capture.x") == ()
 
 
 @pytest.mark.parametrize("text", ["", "camera = 3", '[[camera]]\nname = "A B"\nsource = "x"\nat = [0, 0, 0]', "nonsense"])

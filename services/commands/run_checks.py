@@ -14,7 +14,8 @@ import msgspec
 from vemlight.errors import UserError, of_setting
 from vemlight.files import group_hint, may_open
 from vemlight.journal import DYING_S
-from vemlight.runtime.instances import camera_capture, instances, rig_cameras
+from vemlight.runtime.channels import service_of
+from vemlight.runtime.instances import camera_capture, captures, instances, rig_cameras, started
 from vemlight.runtime.transport import endpoint
 from vemlight.settings import Capture, Plate, Settings, check_settings, is_camera, is_live, is_stream
 
@@ -40,6 +41,8 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
     else:
         with _named(None if source_option else file, "--source" if source_option else "[capture] source"):
             _check_source(settings.capture)
+    with _named(file, ""):
+        _check_processes(settings)
     with _named(file, "[plate] source"):
         _check_plate(settings.plate)
     if settings.fixtures.rig:
@@ -113,6 +116,7 @@ def _check_rig(settings: Settings) -> None:
 
     path = Path(settings.rig.file)
     check_cameras(path, [], [])
+    _check_devices(settings)
     fps, frames, some_live = [], [], False
     for camera in rig_cameras(settings.rig.file):
         capture = camera_capture(settings, camera.name)
@@ -130,8 +134,38 @@ def _check_rig(settings: Settings) -> None:
                 frames.append(len(source))
     if not some_live:
         check_cameras(path, fps, frames)
-    for name in instances(settings):
-        endpoint(settings.wire, name, "publish")
+
+
+def _check_processes(settings: Settings) -> None:
+    """Raises UserError where there is nothing to start, or processes cannot be reached, or a camera is named that the rig has not."""
+    wire = settings.wire
+    names = instances(settings)
+    if not started(settings):
+        raise UserError("[wire] elsewhere: names all services, and nothing is left to start; leave out those that shall run here")
+    if wire.elsewhere and wire.transport == "ipc" and not wire.folder:
+        found = "the sockets of another run are in a folder that its own settings name"
+        raise UserError(f"[wire] elsewhere: {found}; set [wire] folder to the same one in both")
+    for key in ("hosts", "ports") if settings.rig.file else ():
+        for name in getattr(wire, key):
+            if service_of(name) == "capture" and name != "capture" and name not in names:
+                cameras = ", ".join(captures(settings))
+                raise UserError(f"[wire.{key}] {name}: {settings.rig.file} has no such camera; name one of {cameras}")
+    if wire.transport == "tcp" or wire.folder:
+        for name in names:
+            endpoint(wire, name, "publish")
+
+
+def _check_devices(settings: Settings) -> None:
+    """Raises UserError where two cameras of the rig, started here, read one device, which the kernel gives to one of them."""
+    users: dict[str, str] = {}
+    here = started(settings)
+    for camera in rig_cameras(settings.rig.file):
+        if is_camera(camera.source) and camera.instance in here:
+            device = os.path.realpath(camera.source)
+            if other := users.get(device):
+                names = f"cameras {other} and {camera.name} both read {device}"
+                raise UserError(f"{settings.rig.file}: {names}, which one program at a time may; name each its own")
+            users[device] = camera.name
 
 
 def _check_plate(plate: Plate) -> None:

@@ -4,11 +4,8 @@ It subscribes once and publishes for all under the same protocol, so whatever su
 viewer, a client. A frame has at most so many bytes, and a slow link's relay fewer lights: services/exchange/fewer_lights.py.
 """
 
-import contextlib
-import socket as network
 import time
 from typing import NamedTuple
-from weakref import WeakSet
 
 import msgspec
 import numpy as np
@@ -24,7 +21,6 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import SERVICES
 from vemlight.runtime.log_lines import LogLines
 from vemlight.runtime.open_files import raise_file_limit
-from vemlight.runtime.peers import PEERS, Borrowed, Peer
 from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Settings, Wire
 
@@ -34,9 +30,6 @@ HEAD_BYTES = 850  # 8 x PART_BYTES, and a topic and header with a full report, 4
 POINT_BYTES, SOFT_BYTES = 32, 56  # of a light: id, direction, irradiance; with covariance
 # What the kernel keeps for a slow listener, whose frames are that old: at 1 Mbit/s 0.26 s with its doubling. 8 to 64 kB would do.
 SEND_BUFFER = 16 * 1024
-# A lost packet is sent again after this at most. By its own backing off, TCP would be silent for seconds after a cut of a few: 6.4 s are
-# the sum of its first five waits. Linux 6.15 and later (include/uapi/linux/tcp.h); before, all is as it was
-TCP_RTO_MAX_MS, AGAIN_MS = 44, 1000
 
 
 class Feed(NamedTuple):
@@ -121,7 +114,7 @@ def _described(feed: Feed) -> str:
 
 
 def _pass_on(newest: NewestLights, publisher: zmq.Socket, relayed: Relayed) -> None:
-    said, known = LogLines(), WeakSet()
+    said = LogLines()
     period_s = 1 / relayed.feed.rate_hz if relayed.feed.rate_hz else 0.0
     due_s, waiting, near = 0.0, None, None
     poller = zmq.Poller()
@@ -131,7 +124,6 @@ def _pass_on(newest: NewestLights, publisher: zmq.Socket, relayed: Relayed) -> N
         left_ms = max(0, round((due_s - time.monotonic()) * 1e3)) if waiting else POLL_MS
         poller.poll(min(POLL_MS, left_ms))
         accept_subscriptions(publisher)
-        _send_again_soon(known)
         if message := newest.take():
             waiting, near = message, newest.near(message)
         now_s = time.monotonic()
@@ -144,12 +136,3 @@ def _pass_on(newest: NewestLights, publisher: zmq.Socket, relayed: Relayed) -> N
         for kind in ("status", "end"):
             if message := newest.others.pop(kind, None):
                 publisher.send_multipart(relayed.status(message) if kind == "status" else wire.pack(*message))
-
-
-def _send_again_soon(known: "WeakSet[Peer]") -> None:
-    """Limits the wait of TCP before it sends a lost packet again, for listeners that are new."""
-    for peer in list(PEERS.values()):
-        if peer not in known and peer.is_tcp and peer.monitor.accepts:
-            known.add(peer)
-            with contextlib.suppress(OSError), Borrowed(peer.file) as connection:
-                connection.setsockopt(network.IPPROTO_TCP, TCP_RTO_MAX_MS, AGAIN_MS)

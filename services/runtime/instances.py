@@ -104,6 +104,12 @@ def _named(settings: Settings, service: Service) -> tuple[Instance, ...]:
     return captures(settings) if service == "capture" else (instance_of(settings, service),)
 
 
+def arguments(settings: Settings, instance: Instance) -> tuple[str, ...]:
+    """What the process of an instance is given behind the settings' file: a capture the name of its camera in the rig."""
+    service, _, name = instance.partition(".")
+    return (name,) if service == "capture" and settings.rig.file else ()
+
+
 def upstream(settings: Settings, service: Service) -> tuple[Instance, ...]:
     """Whose frames `service` takes; none of a source."""
     if service == "sampler" and settings.rig.file:

@@ -21,7 +21,7 @@ from vemlight.compiling import COMPILING, compiled_by, compiling_file
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Instance, service_of
 from vemlight.runtime.children import die_with
-from vemlight.runtime.instances import instance_of, started
+from vemlight.runtime.instances import arguments, instance_of, started
 from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
@@ -50,10 +50,12 @@ TERMINATED = 128 + signal.SIGTERM  # as shells count
 class Child:
     """One instance's process, and when it died."""
 
-    def __init__(self, service: Instance, settings_file: Path, listeners: Sequence[Instance] = ()) -> None:
-        """`listeners`: those that the first process waits for before it plays frames, if it is a source."""
+    def __init__(
+        self, service: Instance, settings_file: Path, listeners: Sequence[Instance] = (), arguments: Sequence[str] = ()
+    ) -> None:
+        """listeners: those that the first process waits for before it plays frames, if it is a source. arguments: behind the file."""
         self.service: Instance = service
-        self._settings_file, self._listeners = settings_file, " ".join(listeners)
+        self._settings_file, self._listeners, self._arguments = settings_file, " ".join(listeners), arguments
         self.restarts = 0
         self._deaths_s: deque[float] = deque(maxlen=MAX_DEATHS)
         self._started_s = self._start_at_s = 0.0
@@ -69,9 +71,7 @@ class Child:
             LISTENERS: "" if self.restarts else self._listeners,
         }
         self._started_s = time.monotonic()
-        _, _, name = self.service.partition(".")
-        of_rig = [name] if name and service_of(self.service) == "capture" else []
-        role = Role(service_of(self.service), [str(self._settings_file), *of_rig], environment)
+        role = Role(service_of(self.service), [str(self._settings_file), *self._arguments], environment)
         self.process = spare.become(role) if spare else None
         # Its own process group: Ctrl-C reaches the supervisor alone, which then stops the services in good order.
         self.process = self.process or subprocess.Popen(
@@ -155,7 +155,9 @@ class Supervisor:
         self._settings, self._file, self._folder = settings, settings_file, settings_file.parent
         names = started(settings)
         self._last = instance_of(settings, LAST)
-        self._children = {name: Child(name, settings_file, [other for other in names if other != name]) for name in names}
+        self._children = {
+            name: Child(name, settings_file, [other for other in names if other != name], arguments(settings, name)) for name in names
+        }
         self._transport = Transport(settings.wire)
         self._statuses = [self._transport.subscribe(name, "status") for name in names]
         self._newest: dict[str, wire.StatusMessage] = {}

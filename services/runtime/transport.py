@@ -18,9 +18,10 @@ import zmq
 from vemlight.errors import UserError
 from vemlight.files import read_file, writing_to
 from vemlight.runtime import wire
-from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Instance, service_of
+from vemlight.runtime.channels import BY_KIND, QUEUE_FRAMES, SERVICES, Instance
 from vemlight.runtime.peer_guard import PeerGuard
 from vemlight.runtime.peers import receive
+from vemlight.runtime.wire_names import first_port, host_of
 from vemlight.settings import Wire
 
 Role = Literal["publish", "serve"]
@@ -39,7 +40,9 @@ MAX_ASKED = 1024
 KEYS_OVERHEAD = 64  # bytes that encryption adds to a part: 33; 33 and more would do
 BACKLOG = 16  # peers that wait to be accepted; others try again. 8 to 64 would do
 MAX_TAKEN = 256  # subscriptions at once, so that a flood of them does not keep a service from its work; 64 to 1024 would do
-RECONNECT_MS, MAX_RECONNECT_MS = 50, 500  # a restarted service is found within half a second
+# A restarted service is found, and a link that heals is in use again, within the sum of the last two and a handshake. On the first attempt
+# the system would wait a second and more before it asks again. A round trip by a geostationary satellite takes 600 ms.
+RECONNECT_MS, MAX_RECONNECT_MS, CONNECT_MS = 50, 200, 650
 ZAP_DOMAIN = "vemlight"  # the same on both sides: with a wildcard everyone is refused
 KEY_NAME = "vemlight"
 MAX_KEY_BYTES = 4096  # `vemlight keys` writes 800
@@ -77,14 +80,10 @@ def endpoint(settings: Wire, name: Instance, role: Role) -> str:
         if len(bytes(path)) > MAX_SOCKET_PATH:
             raise UserError(_too_long(path.parent, len(bytes(path))))
         return f"ipc://{path}"
-    service = service_of(name)
-    host = settings.hosts.get(name) or settings.hosts.get(service, "127.0.0.1")
-    first = settings.ports.get(name)
-    if first is None and name != service:
-        raise UserError(f'[wire] ports: has none for {name}; give each its own two, such as ports = {{"{name}" = 5620}}')
+    first = first_port(settings, name)
     if first is None:
-        first = settings.port + 2 * SERVICES.index(service)
-    return f"tcp://{host}:{first + ROLES.index(role)}"
+        raise UserError(f'[wire] ports: has none for {name}; give each its own two, such as ports = {{"{name}" = 5620}}')
+    return f"tcp://{host_of(settings, name)}:{first + ROLES.index(role)}"
 
 
 class Keys(NamedTuple):
@@ -192,7 +191,7 @@ class Transport:
         socket.maxmsgsize = max_part
         socket.handshake_ivl = HANDSHAKE_MS
         socket.sndhwm = socket.rcvhwm = queue
-        socket.reconnect_ivl, socket.reconnect_ivl_max = RECONNECT_MS, MAX_RECONNECT_MS
+        socket.reconnect_ivl, socket.reconnect_ivl_max, socket.connect_timeout = RECONNECT_MS, MAX_RECONNECT_MS, CONNECT_MS
         socket.tcp_keepalive, socket.tcp_keepalive_cnt = 1, KEEPALIVE_PROBES
         socket.tcp_keepalive_idle = socket.tcp_keepalive_intvl = KEEPALIVE_S
         socket.setsockopt(zmq.TCP_MAXRT, TAKES_NOTHING_MS)

@@ -55,7 +55,12 @@ MUTANTS = [
         ("subscriptions to unknown topics", "if topic in _TOPICS:", "if True:"),
         ("secret key's mode", "os.umask(0o077)", "os.umask(0o022)"),
         ("a second process at a socket", "fcntl.LOCK_EX | fcntl.LOCK_NB", "fcntl.LOCK_SH | fcntl.LOCK_NB"),
-        ("ports of a service", "2 * SERVICES.index(service)", "1 * SERVICES.index(service)"),
+    ]),
+    *mutants_of(RUNTIME + "wire_names.py", "tests/test_transport.py tests/test_instances.py", [
+        ("ports of a service", "2 * SERVICES.index(service_of(name))", "1 * SERVICES.index(service_of(name))"),
+        ("second port of a service", "for port in (first, first + 1) if first", "for port in (first,) if first"),
+        ("ports of different hosts", "taken.get((host, port))", "taken.get((LOOPBACK, port))"),
+        ("the page's port", "(other := taken.get(page))", "(other := None)"),
     ]),
     *mutants_of(RUNTIME + "wire.py", "tests/test_wire.py", [
         ("nan in half-float arrays", 'if dtype in ("<f2", "<f4") and', 'if dtype in ("<f4",) and'),

@@ -1,7 +1,6 @@
 """The page's timeline, graphs and source picker in a real browser, over a whole run: what hands do there, and what comes of it."""
 
 import base64
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -75,7 +74,7 @@ def page(folder: Path, browser) -> Iterator:
 
 
 def summary(page) -> dict:
-    return json.loads(page.evaluate("fetch('/healthz').then((answer) => answer.text())"))
+    return page.request.get(f"{page.url}healthz").json()
 
 
 def position(page) -> int:
@@ -186,7 +185,7 @@ def test_a_map_dropped_on_the_sky_plays(page, tmp_path):
     pixel = "(c) => [...c.getContext('2d').getImageData(c.width / 2, c.height / 3, 1, 1).data]"
     eventually(lambda: (rgb := page.locator("#disc").evaluate(pixel))[0] > 3 * max(rgb[1:3]), "a red sky")
     assert page.locator("#source-list input:checked").get_attribute("value").startswith("upload ")
-    assert page.locator("#place").inner_text() == "one picture"
+    page.locator("#place", has_text="one picture").wait_for()
     assert page.locator("#strip").is_hidden()
 
 
@@ -225,6 +224,30 @@ def test_a_recording_is_chosen_by_the_keyboard_and_a_broken_one_is_refused(page)
     assert summary(page)["source"]["choice"] == "recording dusk"
     page.locator("#source-list input[value='']").check()
     eventually(lambda: summary(page)["source"]["choice"] is None, "the settings' source")
+
+
+def test_sources_ranges_and_speeds_are_undone(page):
+    page.locator("input[value='recording dusk']").check()
+    eventually(lambda: summary(page)["source"]["choice"] == "recording dusk", "the recording")
+    assert page.locator("#undo").get_attribute("aria-label") == "Undo: source of light"
+    page.keyboard.press("Control+z")
+    eventually(lambda: summary(page)["source"]["choice"] is None, "the settings' source again")
+    page.keyboard.press("Control+Shift+z")
+    eventually(lambda: summary(page)["source"]["choice"] == "recording dusk", "the recording again")
+    page.keyboard.press("Control+z")
+    eventually(lambda: summary(page)["source"]["choice"] is None and summary(page)["source"]["frames"] == FRAMES, "and back")
+    page.locator("#speed").select_option("2")
+    page.locator("#strip").focus()
+    page.keyboard.press("Home")
+    for key in ("ArrowRight", "ArrowRight", "["):
+        page.keyboard.press(key)
+    eventually(lambda: control(page)["in_s"] == pytest.approx(0.2), "the in point")
+    assert page.locator("#undo").get_attribute("aria-label") == "Undo: range that is played"  # stepping and pausing are no entries
+    page.locator("#undo").click()
+    eventually(lambda: control(page)["in_s"] is None and control(page)["speed"] == 2, "the whole again")
+    page.locator("#undo").click()
+    eventually(lambda: control(page)["speed"] is None, "the settings' speed again")
+    page.locator("#play").click()
 
 
 def test_uploads_are_removed_and_give_their_room_back(page):

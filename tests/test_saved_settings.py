@@ -102,6 +102,15 @@ def test_no_secret_is_in_it():
     assert "/run/1" not in text
 
 
+def test_what_ends_with_the_run_is_left_out_in_a_line_each(settings):
+    control = wire.ControlMessage(scene="0123456789abcdef", source="upload 0123456789abcdef", in_s=1.0)
+    text = settings_file(settings, control).decode()
+    assert [line.split(",")[0] for line in text.splitlines() if line.startswith("# Left out:")] == [
+        "# Left out: the source that was chosen", "# Left out: the range that was played", "# Left out: the scene that was dropped"
+    ]  # fmt: skip
+    assert "0123456789abcdef" not in text
+
+
 def test_names_are_no_more_than_names(settings, tmp_path):
     """A name from a page stands in the file as text, whatever is in it."""
     name = '"]\n[viewer]\ninsecure = true\n# [ 1, ]'

@@ -8,7 +8,9 @@ import msgspec
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, Instance, service_of
 
-UNITS = {"ms": "ms", "hz": "Hz", "frames": "frames"}  # by the last word of a field's name; counts have none
+# By the last word of a field's name; counts have none.
+UNITS = {"ms": "ms", "hz": "Hz", "frames": "frames", "ratio": "%", "depth": "%"}
+KEPT_WORDS = {"depth"}  # that a label needs, too
 
 
 class ReportField(NamedTuple):
@@ -37,7 +39,7 @@ def _field(name: str, hint: Any) -> ReportField:
     title = next((meta.title for meta in metas if meta.title), None)
     return ReportField(
         name=name,
-        label=title or (stem if last in UNITS else name).replace("_", " "),
+        label=title or (stem if last in UNITS and last not in KEPT_WORDS else name).replace("_", " "),
         unit=UNITS.get(last, ""),
         meaning=next((meta.description for meta in metas if meta.description), ""),
         is_loss=any((meta.extra or {}).get("is_loss") for meta in metas),

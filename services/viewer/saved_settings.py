@@ -58,6 +58,8 @@ def settings_file(settings: Settings, control: wire.ControlMessage) -> bytes:
         left_out.append("# Left out: the source that was chosen, which ends with that run. [capture] source is the one before it.\n")
     if control.in_s is not None or control.out_s is not None or control.loop is False:
         left_out.append("# Left out: the range that was played, and that it was played once. [capture] start and end name frames.\n")
+    if control.scene is not None:
+        left_out.append("# Left out: the scene that was dropped, which ends with that run. [renderer] scene is the one before it.\n")
     for section in ("capture", "plate"):
         part = getattr(saved, section)
         if (shown := shown_source(part.source)) != part.source:

@@ -149,6 +149,7 @@ class Site:
         if not data:
             return web.Response(status=404, text="no thumbnails: the source is a camera, or has made none yet\n")
         return web.Response(body=data, content_type="image/jpeg")
+
     async def meter(self, request: web.Request) -> web.Response:
         """Readings of the newest map, its lights, and the plane that `azimuth` and `elevation` name."""
         try:

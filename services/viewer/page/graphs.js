@@ -5,6 +5,7 @@ import { LUMINANCE_WEIGHTS } from "/constants.js";
 const PERIOD_MS = 500, SAMPLES = 600; // five minutes; 11 series of 600 doubles have 53 kB
 const SHORTEST = 120; // samples: a page that was just opened shows a minute, and more as it comes
 const TABLE_MS = 2000; // the table changes so often: faster than that nobody reads it
+const NARROW = 640; // CSS pixels, as in viewer.css
 const TICKS = [1, 2, 5]; // times a power of ten: where an axis ends
 const at = (id) => document.getElementById(id);
 
@@ -35,6 +36,7 @@ export class Graphs {
     this.sampledAt = this.tableAt = -Infinity;
     this.cursor = null; // samples before the newest
     this.panel = at("graphs");
+    this.panel.open = innerWidth > NARROW; // on a phone they are long: they open when somebody wants them
     this.graphs = GRAPHS.map((graph, n) => this.build(graph, n));
     this.panel.addEventListener("toggle", () => this.draw());
     at("graphs-figures").addEventListener("toggle", () => this.fillTable());

@@ -1,10 +1,13 @@
-// Undo and redo of what is chosen on this page: entries hold the choices before and after, and have a name. Pause and armed fixtures are no
-// entries: those are states of a moment, and nothing is armed by going back.
+// Undo and redo of what is chosen on this page: entries hold the choices before and after, and have a name. Pause, seeking, recording and armed
+// fixtures are no entries: those are states of a moment, and nothing is armed or recorded by going back.
 
 const HOLD_MS = 1200; // after a choice the server's summary may still be older than it; any value in 600..3000 does
 const SAME_MS = 900; // choices of the same name, one soon after the other, are one entry: a drag, or a number being typed; 500..2000 would do
 const MAX_ENTRIES = 200; // 100 to 1000 would do
-const NAMES = { count: "number of lights", exposure: "exposure", filtered: "filter" };
+const NAMES = {
+  count: "number of lights", exposure: "exposure", filtered: "filter", source: "source of light", scene: "scene", speed: "speed", loop: "loop",
+  in_s: "range that is played", out_s: "range that is played",
+};
 const KEYED = { poses: "name", lamps: "id" }; // lists whose items go back one by one, so that another page's stay as they are
 
 export class History {
@@ -102,7 +105,7 @@ function withItems(now, from, to, key) {
 // What a choice did, in words.
 export function nameOf(before, after) {
   const [key, ...others] = Object.keys(after);
-  if (others.length) return "reset to settings";
+  if (others.length && NAMES[key] !== NAMES[others[0]]) return "reset to settings";
   if (key in NAMES) return NAMES[key];
   if (key === "camera") return "turned the camera";
   const [old, made] = [before[key] ?? [], after[key] ?? []], id = KEYED[key];

@@ -59,7 +59,7 @@ export class Meter {
   }
 
   async ask() {
-    const wanted = document.visibilityState === "visible" && (this.visible || this.on("colour") || this.on("zebra"));
+    const wanted = this.sky.image && document.visibilityState === "visible" && (this.visible || this.on("colour") || this.on("zebra"));
     try {
       if (wanted) {
         const query = new URLSearchParams({ ...this.look, scale: this.perUnit });

@@ -30,7 +30,7 @@ const MEASURES = [ // of every service: those of wire.StatusMessage
   { name: "restarts", label: "restarts", unit: "", meaning: "by the supervisor", is_loss: true },
   { name: "refused", label: "refused", unit: "", meaning: "messages that are not valid", is_loss: true },
 ];
-const FORMATS = { ms: milliseconds, Hz: hertz, frames: fraction, "": whole };
+const FORMATS = { ms: milliseconds, Hz: hertz, frames: fraction, "%": percent, "": whole };
 const grown = new Map(); // of a loss: its last value and when that rose
 const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
@@ -144,7 +144,10 @@ async function takePicture(bytes) {
   }
   if (bytes[0] !== BINARY_FEEDS.picture) throw new Error(`unknown kind ${bytes[0]}`);
   const canvas = at("picture");
-  if (canvas.width !== image.width || canvas.height !== image.height) [canvas.width, canvas.height] = [image.width, image.height];
+  if (canvas.width !== image.width || canvas.height !== image.height) {
+    [canvas.width, canvas.height] = [image.width, image.height];
+    canvas.parentElement.style.setProperty("--picture-ratio", `${image.width} / ${image.height}`);
+  }
   canvas.getContext("2d").drawImage(image, 0, 0);
   picture?.close();
   picture = image;
@@ -201,6 +204,7 @@ function showCards(summary) {
     for (const field of fields) {
       const cell = card.querySelector(`[data-key="${field.name}"]`), value = row.report?.[field.name] ?? row[field.name];
       cell.textContent = FORMATS[field.unit](value);
+      cell.parentElement.hidden = ["", "%"].includes(field.unit) && !value; // what does not happen takes no room
       cell.classList.toggle("lost", Boolean(field.is_loss) && grows(`${field.name} ${row.service}`, value ?? 0));
     }
   }
@@ -267,6 +271,10 @@ function hertz(value) {
 
 function fraction(value) {
   return value === undefined ? "–" : `${Number(value.toFixed(1))} frames`;
+}
+
+function percent(ratio) {
+  return ratio === undefined ? "–" : `${Number((100 * ratio).toPrecision(2))} %`;
 }
 
 function whole(value) {

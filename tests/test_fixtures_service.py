@@ -122,7 +122,7 @@ def test_a_look_is_kept_for_a_moment_and_for_its_rig(tmp_path, rig, monkeypatch)
 
 @pytest.mark.parametrize(("error", "is_said"), [(RuntimeError("a fault"), False), (UserError("no port"), True)])
 def test_a_fault_says_no_end_because_another_process_goes_on(make_settings, receiver, rig, monkeypatch, error, is_said):
-    def shows_and_fails(stage, sender, *_):
+    def shows_and_fails(_settings, stage, sender, *_):
         sender.show(universes_of(stage.system.rig, np.array([40_000, 0])))
         receiver.wait_for(lambda packet: packet.kind == "data")
         raise error

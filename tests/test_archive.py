@@ -248,6 +248,15 @@ def test_damaged_maps_are_removed_and_made_again(recording, lights, mapped, tmp_
     assert (out / "lights.jsonl").read_bytes() == lights
 
 
+def test_pipes_in_the_folder_are_waited_for_by_nobody(recording, lights, mapped, tmp_path):
+    out = from_maps(mapped, tmp_path / "a")
+    (out / "maps_000000").unlink()
+    for name in ("maps_000000", "lights_000000.jsonl", "state_000003"):
+        os.mkfifo(out / name)
+    archive(ArchiveOptions(source=recording, out=out, chunk=6, workers=1))
+    assert (out / "lights.jsonl").read_bytes() == lights
+
+
 def test_two_archives_cannot_share_a_folder_and_two_makers_of_maps_can(recording, mapped, tmp_path):
     out = from_maps(mapped, tmp_path / "a")
     plan = archiving.found_plan(out)
@@ -268,16 +277,26 @@ def test_a_complete_archive_is_said_to_be_and_a_changed_one_refused(recording, m
         archive(options)
 
 
-def test_a_worker_that_dies_is_replaced_and_three_over_one_chunk_are_enough(recording, lights, tmp_path, monkeypatch):
+@pytest.mark.parametrize("said", ["echo ready; ", ""], ids=["ready", "while it loads"])
+def test_a_worker_that_dies_is_replaced_and_three_over_one_chunk_are_enough(recording, lights, tmp_path, monkeypatch, said):
     script = tmp_path / "python"
-    script.write_text(f'#!/bin/sh\nif mkdir "{tmp_path}/once"; then echo ready; kill -9 $$; fi\nexec {sys.executable} "$@"\n')
+    script.write_text(f'#!/bin/sh\nif mkdir "{tmp_path}/once"; then {said}kill -9 $$; fi\nexec {sys.executable} "$@"\n')
     script.chmod(0o755)
     monkeypatch.setattr(workers.sys, "executable", str(script))
     archive(ArchiveOptions(source=recording, out=tmp_path / "a", chunk=10, workers=1))
     assert (tmp_path / "a" / "lights.jsonl").read_bytes() == lights
-    script.write_text("#!/bin/sh\necho ready\nkill -9 $$\n")
+    script.write_text(f"#!/bin/sh\n{said}kill -9 $$\n")
     with pytest.raises(FatalError, match=r"3 workers ended over chunk 0, the last one was killed by SIGKILL; more memory"):
         archive(ArchiveOptions(source=recording, out=tmp_path / "b", chunk=10, workers=1))
+
+
+def test_a_worker_that_cannot_start_ends_the_archive_at_once(recording, tmp_path, monkeypatch):
+    script = tmp_path / "python"
+    script.write_text("#!/bin/sh\nexit 1\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(workers.sys, "executable", str(script))
+    with pytest.raises(FatalError, match="a worker ended with status 1 before its first chunk"):
+        archive(ArchiveOptions(source=recording, out=tmp_path / "a", chunk=10, workers=1))
 
 
 def test_frames_of_another_size_are_refused_in_any_chunk(recording, tmp_path):

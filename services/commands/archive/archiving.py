@@ -26,7 +26,7 @@ from vemlight.commands.offline import capture_of, limited_to, sampler_settings
 from vemlight.commands.options import ArchiveOptions
 from vemlight.commands.report import Report
 from vemlight.errors import Interrupted, UserError
-from vemlight.files import notice
+from vemlight.files import notice, open_regular
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted, logged
 
@@ -157,14 +157,15 @@ class _Archiving:
         for chunk in chunks:
             if chunk not in there:
                 self._taken(next(made))
-            with open(self._folder.maps(chunk), "rb") as maps:
+            with open_regular(self._folder.maps(chunk)) as maps:
                 yield chunk, maps
 
     def _taken(self, done: ChunkDone) -> ChunkDone:
         say(done)
         if done.fault:
             chunks = self._folder.state.chunks
-            kept = f" ({self._options.out} keeps the {chunks} chunks before it)" if chunks else ""
+            before = f"{chunks} chunks" if chunks > 1 else "chunk"
+            kept = f" ({self._options.out} keeps the {before} before it)" if chunks else ""
             raise UserError(f"{done.fault}{kept}")
         self._maps_s += done.cost_s
         self._mapped += len(self._plan.frames_of(done.chunk))
@@ -210,7 +211,7 @@ class _Archiving:
             most = math.ceil(maps_ms / lights_ms)
             text += (
                 f"\n{maps_ms:.1f} ms of processor time a frame for maps, {lights_ms:.1f} for lights, which one process makes: "
-                f"more than {most} workers gain nothing"
+                f"more than {most} {'worker gains' if most == 1 else 'workers gain'} nothing"
             )
             values |= {"maps_ms": round(maps_ms, 3), "lights_ms": round(lights_ms, 3), "useful_workers": most}
         return Report(text, values)

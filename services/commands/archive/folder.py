@@ -19,7 +19,7 @@ from vemlight.commands.archive.map_file import MapReader
 from vemlight.commands.archive.plan import PLAN, WAY_OUT, ArchivePlan, keep_plan
 from vemlight.commands.lighting import LightingState, first_state
 from vemlight.errors import UserError
-from vemlight.files import notice, sha256_of, writing_to, written_whole
+from vemlight.files import notice, open_regular, read_file, sha256_of, writing_to, written_whole
 from vemlight.journal import claimed
 from vemlight.sampler.snapshot import decoded, encoded
 
@@ -99,17 +99,15 @@ class ArchiveFolder:
         """The state after a chunk, None where it is damaged or of another plan."""
         path = self._state(chunk)
         try:
-            if path.stat().st_size > MAX_STATE_BYTES:
-                return None
-            state = decoded(path.read_bytes(), ArchiveState)
-        except (OSError, ValueError):
+            state = decoded(read_file(path, MAX_STATE_BYTES), ArchiveState)
+        except ValueError:
             return None
         is_its = state.plan == self.plan_digest and state.chunks == len(state.files) == chunk + 1 <= self._plan.chunks
         return state if is_its else None
 
     def _holds(self, chunk: int, digest: bytes) -> bool:
         try:
-            with open(self.lights(chunk), "rb") as file:
+            with open_regular(self.lights(chunk)) as file:
                 return hashlib.file_digest(file, "sha256").digest() == digest
         except OSError:
             return False
@@ -148,7 +146,7 @@ class ArchiveFolder:
         digest, path = hashlib.sha256(), self.path / LIGHTS
         with written_whole(path) as part, writing_to(path), open(part, "wb") as file:
             for chunk in range(self._plan.chunks):
-                with open(self.lights(chunk), "rb") as lights:
+                with open_regular(self.lights(chunk)) as lights:
                     while data := lights.read(COPY_BYTES):
                         digest.update(data)
                         file.write(data)
@@ -166,7 +164,7 @@ class ArchiveFolder:
 def has_maps(path: Path, plan_digest: str, chunk: int, files: str) -> bool:
     """Whether the maps of a chunk are there and of these files. That they are whole is seen when they are read."""
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             header = MapReader(file).header
     except (OSError, ValueError):
         return False

@@ -57,6 +57,11 @@ class _Worker:
             if pipe:
                 pipe.close()
 
+    @property
+    def was_killed(self) -> bool:
+        """Whether a signal ended it, which may be an accident: the kernel's when memory is short, or a person's."""
+        return (self.process.poll() or 0) < 0
+
     def ending(self) -> str:
         """How it ended, in words, once its answers have."""
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -117,7 +122,7 @@ class LocalWorkers:
                 self._workers.remove(worker)
                 how = worker.ending()
                 worker.end()
-                if not worker.is_ready:
+                if not (worker.is_ready or worker.was_killed):  # by its installation, which starts no other one either
                     raise FatalError(f"a worker {how} before its first chunk; its own lines above say why")
                 self._died(worker, how, waiting, deaths)
 

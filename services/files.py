@@ -10,8 +10,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -104,6 +105,15 @@ def decoded_json(content: bytes | str, kind: Any) -> Any:
         raise ValueError(str(error)) from error
 
 
+def checked_utf8(values: Any, where: str) -> bytes:
+    """The values as JSON. Raises UserError for a text in it that is not UTF-8, as a file's name may be, which `where` cannot hold."""
+    try:
+        return msgspec.json.encode(values)
+    except UnicodeEncodeError as error:
+        shown = ascii(error.object)[1:-1]
+        raise UserError(f"{shown}: is not UTF-8, and {where} holds nothing else; rename it, or go by a link") from error
+
+
 def write_toml(path: Path, record: msgspec.Struct) -> None:
     """Writes a record as the TOML file that `read_toml` reads back to the same values, numpy's numbers included.
 
@@ -155,13 +165,13 @@ def fsync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> BufferedReader:
     """A regular file, open to be read. Raises OSError for one that cannot be, and for a device, pipe or folder."""
-    file = open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")  # a pipe that nobody writes to would be waited for
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe that nobody writes to would be waited for
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
         raise OSError(errno.EINVAL, "is not a regular file", str(path))
-    return file
+    return open(descriptor, "rb")
 
 
 def sha256_of(path: Path) -> str:

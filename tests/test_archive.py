@@ -248,6 +248,19 @@ def test_damaged_maps_are_removed_and_made_again(recording, lights, mapped, tmp_
     assert (out / "lights.jsonl").read_bytes() == lights
 
 
+def test_a_name_that_is_not_utf_8_is_refused_for_the_source_and_kept_for_frames(recording, tmp_path):
+    source = tmp_path / os.fsdecode(b"\xff")
+    shutil.copytree(recording, source)
+    with pytest.raises(UserError, match=r"udcff: is not UTF-8, and plan\.json holds nothing else"):
+        archive(ArchiveOptions(source=source, out=tmp_path / "a", workers=1))
+    assert not (tmp_path / "a").exists()
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    shutil.copyfile(recording / "sky_0000.exr", frames / os.fsdecode(b"\xff_0000.exr"))
+    archive(ArchiveOptions(source=frames, out=tmp_path / "b", workers=1))
+    assert (tmp_path / "b" / "lights.jsonl").exists()
+
+
 def test_pipes_in_the_folder_are_waited_for_by_nobody(recording, lights, mapped, tmp_path):
     out = from_maps(mapped, tmp_path / "a")
     (out / "maps_000000").unlink()

@@ -1,5 +1,6 @@
 """Wrong inputs of every kind: status 2, one line that names what is wrong and the way out, and nothing left behind."""
 
+import os
 import re
 import shutil
 import signal
@@ -61,6 +62,18 @@ def test_a_wrong_input_is_one_line_and_leaves_nothing(wrong, given, monkeypatch)
     assert done.stdout == ""
     check_line(wrong, done.stderr)
     assert present(given.parent) == before
+
+
+@pytest.mark.parametrize("command", ["run --source {}", "archive {} --out out"])
+def test_a_folder_whose_name_is_not_utf_8_is_refused_where_it_would_be_kept(command, given, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("vemlight.runtime.supervise.supervise", lambda *_: pytest.fail("services were started"))
+    name = os.fsdecode(b"\xff")
+    shutil.copytree(given / "sequence", tmp_path / name)
+    done = CliRunner().invoke(main, [word.format(name) for word in command.split()], prog_name="vemlight")
+    assert done.exit_code == 2, done.output
+    check_line(Wrong("", ("\\udcff: is not UTF-8", "rename it")), done.stderr)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 def test_a_page_whose_port_is_taken_is_told_before_a_run_starts(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from vemlight.errors import UserError, of_setting
-from vemlight.files import group_hint, may_open
+from vemlight.files import checked_utf8, group_hint, may_open
 from vemlight.journal import DYING_S
 from vemlight.runtime.channels import service_of
 from vemlight.runtime.instances import camera_capture, captures, instances, rig_cameras, started
@@ -28,6 +28,7 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
 
     What the package brings with it is not looked at: it is right, and reading it takes a second.
     """
+    checked_utf8(settings, "a settings file")  # as the services get them
     check_settings(settings, file)
     for name in settings.capture.lenses:
         with _named(file, "[capture] lens"):

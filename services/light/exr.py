@@ -111,7 +111,8 @@ def _decoded(path: Path, data: bytearray, headers: list[dict[str, ExrAttribute]]
 
     OpenEXR.setMaxImageSize(LIMITS.side, LIMITS.side)
     OpenEXR.setMaxTileSize(LIMITS.side, LIMITS.side)
-    source = io.BytesIO(data) if _made_legible(data, headers) else str(path)
+    is_text = str(path).isprintable()  # half characters, of names that are not UTF-8, are not: OpenEXR takes none
+    source = io.BytesIO(data) if _made_legible(data, headers) or not is_text else str(path)
     with silent():
         return OpenEXR.File(source, separate_channels=separate_channels).parts
 

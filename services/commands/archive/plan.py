@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from vemlight.capture.source import FilesOfFrames
 from vemlight.errors import UserError
-from vemlight.files import decoded_json, fsync_folder, read_file, sha256_of
+from vemlight.files import checked_utf8, decoded_json, fsync_folder, read_file, sha256_of
 from vemlight.journal import Sha256
 from vemlight.settings import Capture, Sampler
 
@@ -58,7 +58,10 @@ def plan_json(plan: ArchivePlan) -> bytes:
 
 
 def new_plan(source: FilesOfFrames, capture: Capture, sampling: Sampler, chunk_frames: int) -> ArchivePlan:
-    """The plan of an archive of all frames of a source. Raises OSError for a calibration that cannot be read."""
+    """The plan of an archive of all frames of a source.
+
+    Raises OSError for a calibration that cannot be read, UserError for a name of the source or of a calibration that is not UTF-8.
+    """
     names = hashlib.sha256()
     for k in range(len(source)):
         names.update("\0".join(path.name for path in source.paths(k)).encode(errors="surrogateescape") + b"\n")
@@ -74,8 +77,8 @@ def new_plan(source: FilesOfFrames, capture: Capture, sampling: Sampler, chunk_f
 
 
 def _in_json(section: msgspec.Struct) -> dict[str, Any]:
-    """All its values, defaults too, as they come back from a file: lists for tuples."""
-    return msgspec.json.decode(msgspec.json.encode(msgspec.structs.asdict(section)))
+    """All its values, defaults too, as they come back from a file: lists for tuples. Raises UserError for a name that JSON cannot hold."""
+    return msgspec.json.decode(checked_utf8(msgspec.structs.asdict(section), PLAN))
 
 
 def files_digest(source: FilesOfFrames, frames: range) -> str:

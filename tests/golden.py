@@ -94,7 +94,7 @@ def messages() -> dict[str, wire.Message]:
         "image": (wire.ImageMessage(stamp=STAMP, width=3, height=2, objects=(box,), report=drawn), (pixels,)),
         "plate": (wire.PlateMessage(stamp=STAMP, width=3, height=2), (pixels[..., :3],)),
         "image_linear": (
-            wire.ImageMessage(stamp=STAMP, width=3, height=2, linear=True),
+            wire.ImageMessage(stamp=STAMP, width=3, height=2, linear=True, tone_scale=0.5, tone_white=1.25),
             (pixels, (np.arange(2 * 3 * 4) / 4).astype(np.float16).reshape(2, 3, 4)),
         ),
         "levels": (
@@ -125,6 +125,7 @@ def messages() -> dict[str, wire.Message]:
                 masks=(Mask(points=((10.0, 20.0), (40.0, 20.0), (25.0, 50.0))), stroke),
                 lamps=(VirtualLamp(id=1, azimuth_deg=120.0, elevation_deg=35.0, irradiance=(3.0, 2.5, 2.0)),),
                 speed=0.5, loop=False, in_s=0.2, out_s=1.0, seek_number=3, seek_s=0.4,
+                camera=wire.View(eye=(0.0, -4.0, 2.0), at=(0.0, 0.0, 1.0), fov_y=35.0),
             ),
             (),
         ),
@@ -132,6 +133,11 @@ def messages() -> dict[str, wire.Message]:
             wire.SourceMessage(name="bundled sequence", frames=48, fps=24.0, position=7, thumbnails=2),
             (np.array([0, 47]), (np.arange(2 * 48 * 48 * 3) % 251).astype(np.uint8).reshape(2, 48, 48, 3)),
         ),
+        "scene": (
+            wire.SceneMessage(description_bytes=2, data_bytes=4),  # of no scene that is: flat_scene.py says what the bytes hold
+            (np.frombuffer(b"{}", np.uint8), np.arange(4, dtype=np.uint8)),
+        ),
+        "scene_none": (wire.SceneMessage(description_bytes=0, data_bytes=0, text="too large"), 2 * (np.zeros(0, np.uint8),)),
         "status": (status, ()),
         "end": (wire.EndMessage(sequence=48), ()),
         "request": (wire.RequestMessage(first=12, count=4), ()),
@@ -150,6 +156,8 @@ def refused() -> dict[str, list[bytes]]:
     damaged[5] = np.nan
     line = {"points": [[0, 1], [2, 3]]}
     same_lamp = {"id": 1, "azimuth_deg": 0, "elevation_deg": 0, "irradiance": [1, 1, 1]}
+    huge_scene = {"kind": "scene", "version": 2, "description_bytes": 0, "data_bytes": 2**28}
+    nowhere = {"from": [1, 2, 3], "at": [1, 2, 3], "fov_y": 40}
     not_unit = {"name": "box", "position": [0, 0, 0], "rotation": [0, 0, 0, 2]}
     return {
         "no_header": [topic],
@@ -180,6 +188,8 @@ def refused() -> dict[str, list[bytes]]:
         "lamps_of_one_id": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "lamps": [same_lamp, same_lamp]})],
         "mask_of_two_points": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "masks": [line]})],
         "rotation_not_unit": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "poses": [not_unit]})],
+        "camera_of_no_length": [b"control", msgspec.msgpack.encode({"kind": "control", "version": 2, "camera": nowhere})],
+        "scene_huge": [b"scene", msgspec.msgpack.encode(huge_scene), b"", b""],
         "kind_unknown": [b"sermon", msgspec.msgpack.encode({"kind": "sermon", "version": 2})],
     }
 

@@ -7,6 +7,7 @@ import msgspec
 from vemlight.errors import UserError
 from vemlight.renderer.scene.upload_check import SCENE_FILE
 from vemlight.renderer.stage import RendererStage, SceneChosen
+from vemlight.runtime.announcement import Announcement
 from vemlight.runtime.loop import run_stage
 from vemlight.runtime.session import session_folder, upload_folder
 from vemlight.settings import Settings
@@ -19,7 +20,7 @@ def run_renderer(settings: Settings, restarts: int) -> None:
     while True:
         stage = _stage(settings)
         try:
-            run_stage(settings, stage, restarts)
+            run_stage(settings, stage, restarts, Announcement("scene", stage.scene_message) if "viewer" in settings.services else None)
             return
         except SceneChosen as chosen:
             if folder := session_folder():

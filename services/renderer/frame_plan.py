@@ -199,8 +199,8 @@ def budget_of(setup: FrameSetup, state: FrameState, costs: CostModel) -> Budget:
 
 
 def same_places(a: ScenePose | None, b: ScenePose) -> bool:
-    """Whether the meshes stand in the same places."""
-    return a is b or (a is not None and np.array_equal(a.matrices, b.matrices))
+    """Whether the meshes stand in the same places and are seen from the same."""
+    return a is b or (a is not None and a.camera == b.camera and np.array_equal(a.matrices, b.matrices))
 
 
 def _with_pose(setup: FrameSetup, state: FrameState, pose: ScenePose) -> FrameState:
@@ -333,7 +333,7 @@ def _visibility_cache_pays(size: tuple[int, int], batch: Batch) -> bool:
 
 def _catcher_irradiance(setup: FrameSetup, pose: ScenePose, lights: LightSet) -> Colour:
     """The irradiance that the lights give to the scene's catcher where no shadow falls, above 0 in each channel."""
-    normal = setup.scene.shadow_catcher_normal(pose.matrices)
+    normal = setup.scene.shadow_catcher_normal(pose.matrices, pose.camera)
     if normal is None:
         return (1.0, 1.0, 1.0)
     fractions = received(lights.directions @ normal, Extents.of(lights))

@@ -219,7 +219,7 @@ class Renderer:
         """Moves the surfaces and the luminaires there."""
         if not same_places(self._pose, pose):
             self._g_buffer.place(pose)
-            if self._rays:
+            if self._rays and not np.array_equal(self._pose.matrices, pose.matrices):
                 self._rays.place(pose.matrices)
         self._illumination.place(pose)
         self._pose = pose
@@ -342,7 +342,7 @@ class Renderer:
 
     def _add_mirrors(self, plan: FramePlan, run: PassRun) -> None:
         assert self._mirrors
-        normal = self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices)
+        normal = self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices, plan.shown.pose.camera)
         self._mirrors.trace(self._g_buffer, plan.samples[run.sample].number, plan.lit_by, normal)
         self._mirrors.add(self._g_buffer, self._shading.frame, 1 / len(plan.samples))
 
@@ -364,7 +364,9 @@ class Renderer:
 
     def _gather_bounce(self, plan: FramePlan) -> None:
         assert self._bounce
-        self._bounce.gather(plan.after.gathered, self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices))
+        pose = plan.shown.pose
+        catcher_normal = self.setup.scene.shadow_catcher_normal(pose.matrices, pose.camera)
+        self._bounce.gather(plan.after.gathered, catcher_normal, self._g_buffer.rays.eye)
 
     def _bounce_on_catchers(self, plan: FramePlan) -> None:
         assert self._bounce
@@ -381,7 +383,7 @@ class Renderer:
             self._plate.draw(self._shading.frame, self._shading.matte)
         if plan.shown.background:
             self._background.show(plan.shown.background.radiance, plan.shown.background.coverage)
-            self._background.draw(self._shading.frame, self._shading.matte, self.setup.scene.camera, len(plan.samples) == 1)
+            self._background.draw(self._shading.frame, self._shading.matte, plan.shown.pose.camera, len(plan.samples) == 1)
 
     def _upload(self, plan: FramePlan, _run: PassRun) -> None:
         self._shading.picture.write(np.ascontiguousarray(plan.uploaded, np.float32).tobytes(), alignment=1)

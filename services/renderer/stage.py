@@ -30,9 +30,9 @@ from vemlight.renderer.frame_budget import (
     updated_costs,
 )
 from vemlight.renderer.frame_plan import budget_of, initial_state, plan, plan_upload
-from vemlight.renderer.gl.constants import MAX_HALF
+from vemlight.renderer.gl.constants import MAX_HALF, MAX_RADIANCE
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
-from vemlight.renderer.output.tonemap import Adaptation
+from vemlight.renderer.output.tonemap import Adaptation, tone_curve
 from vemlight.renderer.output.video import check_video_settings
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.measured_lamps import lit_by_lamps, recognised, with_measured_lamps
@@ -54,11 +54,12 @@ def file_samples(scene: Scene) -> int:
 
 
 class PausedPicture(NamedTuple):
-    """A picture that gets better while nothing changes: the light and the poses it shows, its passes so far, its pixels as last shown, its
-    near lights."""
+    """A picture that gets better while nothing changes: the light, the poses and the view it shows, its passes so far, its pixels as last
+    shown, its near lights."""
 
     light: MapLights
     poses: tuple[wire.Pose, ...]
+    view: wire.View | None
     accumulation: Accumulation
     exposure: float
     pixels: np.ndarray
@@ -77,9 +78,9 @@ class RendererState(NamedTuple):
 
     exposure: stops. picture: (height, width, 4) float32, linear; None where nobody wants it. paused_s: how long the scene's animations
     have stood still. environment: the map behind the lights. plate: what the second camera sees, (h, w, 3) uint8 sRGB. paused_picture: in
-    a pause. costs: measured up to the picture before. late: whether the target time cannot be met. notices: lines for the person at the
-    terminal. no_bounce: whether there is no time for light from surface to surface. near: the newest near lights. rig_centre: where
-    they were measured. drawn_near: how many of them the newest picture has.
+    a pause. view: from where the person looks; None: as the scene file says. costs: measured up to the picture before. late: whether the
+    target time cannot be met. notices: lines for the person at the terminal. no_bounce: whether there is no time for light from surface to
+    surface. near: the newest near lights. rig_centre: where they were measured. drawn_near: how many of them the newest picture has.
     """
 
     exposure: float
@@ -88,6 +89,7 @@ class RendererState(NamedTuple):
     frame: FrameState
     picture: np.ndarray | None = None
     poses: tuple[wire.Pose, ...] = ()
+    view: wire.View | None = None
     paused: bool = False
     paused_s: float = 0.0
     environment: EnvironmentMap | None = None
@@ -158,13 +160,20 @@ class RendererStage:
             drawing = msgspec.structs.replace(drawing, light_regions=0)
         self._renderer = Renderer(scene, drawing, file_samples(scene) if self._images else LIVE_SAMPLES)
         self._renderer.warm(bool(settings.rig.file))  # here, since the sampler compiles its own meanwhile, and what plays waits for both
-        self._frame_ms = drawing.frame_ms or 0.0
+        self._frame_ms, self._drawing = drawing.frame_ms or 0.0, drawing
         if settings.sampler.gloss_lights:
             notice("[sampler] gloss_lights: the renderer reflects the map itself; leave the key out unless another program takes that set")
 
     def release(self) -> None:
         """Frees what is on the GPU."""
         self._renderer.release()
+
+    def scene_message(self) -> wire.Message:
+        """The scene for browsers."""
+        from vemlight.renderer.browser.flatten import scene_message  # here, since a run without a page has no use for it
+
+        drawing = self._drawing
+        return scene_message(self._renderer.setup.scene, (drawing.width, drawing.height), drawing.shadow_map)
 
     def first_missing_frame(self) -> int:
         return self._images.count if self._images else 0
@@ -192,7 +201,7 @@ class RendererStage:
         state = state._replace(time_s=time_s, paused_s=paused_s, costs=costs, measured=None, notices=())
         shown = FrameInput(
             lights=self._renderer.drawable(LightSet(*arrays[:-2])),
-            pose=scene_pose(self._renderer.setup.scene, time_s - paused_s, state.poses),
+            pose=scene_pose(self._renderer.setup.scene, time_s - paused_s, state.poses, state.view),
             environment=(state.environment or NO_MAP_YET) if self._glossy else None,
             background=state.environment if self._shows_environment else None,
             plate=PlatePicture(state.plate, self._stops) if state.plate is not None else None,
@@ -210,12 +219,15 @@ class RendererStage:
         budget, near = budget_of(self._renderer.setup, state.frame, state.costs), state.drawn_near
         shining = int(np.count_nonzero(shown.near.intensity.any(axis=1)))
         drawn_for_each = POINTS if header.soft and not self._renderer.setup.traced else 1
+        curve = tone_curve(state.adaptation or Adaptation(), state.exposure, self._renderer.setup.tone)
         made = wire.ImageMessage(
             stamp=header.stamp,
             width=width,
             height=height,
             linear=self._linear,
             objects=shown.pose.objects[: wire.MAX_POSES],
+            tone_scale=min(curve.scale, MAX_RADIANCE),
+            tone_white=min(curve.white or 0.0, MAX_RADIANCE),
             report=wire.ImageReport(
                 drawn_lights=count if state.paused else -(-count // drawn_for_each),
                 render_ms=(time.monotonic() - began_s) * 1e3,
@@ -258,7 +270,12 @@ class RendererStage:
     def _accumulate(self, state: RendererState, shown: FrameInput, light: MapLights) -> tuple[RendererState, np.ndarray, int]:
         """One pass more of a picture under the map itself and its lamps, its pixels and how many lights it has; no work once converged."""
         before = state.paused_picture
-        same = before and before.poses == state.poses and before.near is state.near and before.light.same_as(light)
+        same = (
+            before
+            and (before.poses, before.view) == (state.poses, state.view)
+            and before.near is state.near
+            and before.light.same_as(light)
+        )
         accumulation = before.accumulation if before and same else Accumulation.empty()
         if before and accumulation.converged and before.exposure == state.exposure:
             return state, before.pixels, accumulation.lights
@@ -274,7 +291,7 @@ class RendererStage:
         whole = plan_upload(state.frame, accumulation.picture, shown._replace(tone=tone, linear=False))
         drawn = self._renderer.draw(whole)
         assert drawn.pixels is not None
-        paused_picture = PausedPicture(light, state.poses, accumulation, state.exposure, drawn.pixels, state.near)
+        paused_picture = PausedPicture(light, state.poses, state.view, accumulation, state.exposure, drawn.pixels, state.near)
         return state._replace(adaptation=drawn.adaptation, paused_picture=paused_picture), drawn.pixels, accumulation.lights
 
     def _with_notices(self, state: RendererState) -> RendererState:
@@ -300,8 +317,8 @@ class RendererStage:
                 raise SceneChosen(header.scene)
             exposure = self._exposure if header.exposure is None else header.exposure
             environment = state.environment if header.paused or self._needs_environment else None
-            chosen = {pose.name: pose for pose in (*self._poses, *header.poses)}
-            return state._replace(exposure=exposure, poses=tuple(chosen.values()), paused=header.paused, environment=environment)
+            chosen = tuple({pose.name: pose for pose in (*self._poses, *header.poses)}.values())
+            return state._replace(exposure=exposure, poses=chosen, view=header.camera, paused=header.paused, environment=environment)
         if isinstance(header, wire.MapMessage):
             return state._replace(environment=EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:])))
         if isinstance(header, wire.PlateMessage):

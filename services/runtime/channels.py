@@ -35,6 +35,7 @@ CHANNELS = (
     Channel("map", ("capture", "fuse"), None, 3, QUEUE_FRAMES, "radiance of one frame as a polar map"),
     Channel("lights", ("sampler",), None, 3, QUEUE_FRAMES, "directional lights of one frame"),
     Channel("points", ("fuse",), None, 3, QUEUE_FRAMES, "near lights of one frame, which its map is without"),
+    Channel("scene", ("renderer",), None, 3, 1, "the scene's geometry, materials and textures, to each who subscribes"),
     Channel("image", ("renderer",), None, 3, QUEUE_FRAMES, "the scene lit by one frame's lights, rendered and tone-mapped"),
     Channel("plate", ("plate",), None, 3, QUEUE_FRAMES, "a second camera's picture, shown behind the scene"),
     Channel("levels", ("fixtures",), None, 3, QUEUE_FRAMES, "levels of real fixtures that one frame's lights ask for"),

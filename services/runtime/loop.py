@@ -15,6 +15,7 @@ import zmq
 from vemlight.errors import UserError
 from vemlight.files import one_line
 from vemlight.runtime import wire
+from vemlight.runtime.announcement import Announcement
 from vemlight.runtime.channels import BACKPRESSURE_FROM, LAST, TAKES, Instance, Service
 from vemlight.runtime.demand import Supply
 from vemlight.runtime.instances import Input, instance_of, producer, upstream
@@ -100,8 +101,8 @@ def publish_status(publisher: Any, stats: ServiceStats) -> None:
         publish(publisher, (status, ()))
 
 
-def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
-    """Runs a stage until a signal stops it or, if it is the last, it has done the last frame.
+def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0, announcement: Announcement | None = None) -> None:
+    """Runs a stage until a signal stops it or, if it is the last, it has done the last frame. announcement: sent beside its frames.
 
     Raises UserError for addresses that are taken, and whatever the stage raises.
     """
@@ -111,9 +112,9 @@ def run_stage(settings: Settings, stage: Stage[Any], restarts: int = 0) -> None:
         stats = ServiceStats(name, restarts)
         publisher = transport.bind(name, "publish")
         if settings.mode == "lossless":
-            _run_lossless(stage, settings, transport, publisher, stats, StopSignal())
+            _run_lossless(stage, settings, transport, publisher, stats, StopSignal(), announcement)
         else:
-            _run_live(stage, settings, transport, publisher, stats, StopSignal())
+            _run_live(stage, settings, transport, publisher, stats, StopSignal(), announcement)
     finally:
         transport.close()
 
@@ -126,7 +127,13 @@ def backpressure_from(settings: Settings, service: Service) -> tuple[Instance, .
 
 
 def _run_live(
-    stage: Stage[State], settings: Settings, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal
+    stage: Stage[State],
+    settings: Settings,
+    transport: Transport,
+    publisher: Any,
+    stats: ServiceStats,
+    stop: StopSignal,
+    announcement: Announcement | None,
 ) -> None:
     (before,) = upstream(settings, stage.service)
     frames = transport.subscribe(before, TAKES[stage.service], "status", "end")
@@ -141,7 +148,9 @@ def _run_live(
     input_ = LiveInput(frames, stats)
     while not stop.received:
         poller.poll(POLL_MS)
-        accept_subscriptions(publisher)
+        subscribed = accept_subscriptions(publisher)
+        if announcement:
+            announcement.send(publisher, subscribed)
         for socket in control_sockets:
             for message in receive_all(socket, stats):
                 if isinstance(message[0], wire.ControlMessage | wire.StatusMessage):
@@ -241,7 +250,13 @@ def _disk_needed(out: str, what: str) -> Iterator[None]:
 
 
 def _run_lossless(
-    stage: Stage[State], settings: Settings, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal
+    stage: Stage[State],
+    settings: Settings,
+    transport: Transport,
+    publisher: Any,
+    stats: ServiceStats,
+    stop: StopSignal,
+    announcement: Announcement | None,
 ) -> None:
     out = settings.out
     (before,) = upstream(settings, stage.service)
@@ -260,7 +275,9 @@ def _run_lossless(
 
     while not stop.received:
         zmq.select([*inputs.awaited(), supply.socket, publisher], [], [], POLL_MS / 1e3)
-        accept_subscriptions(publisher)
+        subscribed = accept_subscriptions(publisher)
+        if announcement:
+            announcement.send(publisher, subscribed)
         # A consumer that was restarted may want a frame that is no longer here: the stage starts again before it.
         requested = supply.earliest_requested()
         if requested is not None and requested < due and requested not in made:

@@ -222,16 +222,22 @@ class Transport:
             self._authenticator.configure_curve(domain=ZAP_DOMAIN, location=self.settings.keys)
 
 
-def accept_subscriptions(publisher: Any) -> None:
-    """Takes the subscriptions that wait at a publisher, and only those to our channels: an XPUB keeps each one, 10 kB apiece."""
+def accept_subscriptions(publisher: Any) -> set[str]:
+    """Takes the subscriptions that wait at a publisher, and only those to our channels: an XPUB keeps each one, 10 kB apiece.
+
+    Returns the kinds of message to which somebody has subscribed now.
+    """
+    subscribed: set[str] = set()
     for _ in range(MAX_TAKEN):
         try:
             subscription, sender = receive(publisher)
         except zmq.Again:
-            return
+            break
         if sender:
             sender.on_subscription()
-        _accept(publisher, b"".join(subscription))
+        if kind := _accept(publisher, b"".join(subscription)):
+            subscribed.add(kind)
+    return subscribed
 
 
 async def keep_accepting_subscriptions(publisher: Any) -> None:
@@ -242,11 +248,13 @@ async def keep_accepting_subscriptions(publisher: Any) -> None:
         accept_subscriptions(waiting)
 
 
-def _accept(publisher: Any, subscription: bytes) -> None:
-    """`subscription`: 1 to subscribe or 0 to unsubscribe, and the topic."""
-    topic = subscription[1:]
-    if topic in _TOPICS:
-        publisher.setsockopt(zmq.SUBSCRIBE if subscription[:1] == b"\x01" else zmq.UNSUBSCRIBE, topic)
+def _accept(publisher: Any, subscription: bytes) -> str:
+    """`subscription`: 1 to subscribe or 0 to unsubscribe, and the topic. Returns the kind subscribed to, if there is such."""
+    topic, subscribes = subscription[1:], subscription[:1] == b"\x01"
+    if topic not in _TOPICS:
+        return ""
+    publisher.setsockopt(zmq.SUBSCRIBE if subscribes else zmq.UNSUBSCRIBE, topic)
+    return topic.decode() if subscribes else ""
 
 
 def _numeric(address: str) -> str:

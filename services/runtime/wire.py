@@ -30,6 +30,7 @@ MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of hea
 STEP_BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 STEP_BINS = len(STEP_BOUNDS_MS) + 1  # the last: longer than the last bound
 UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimals of each number are enough
+MIN_VIEW_M = 1e-9  # between an eye and what it looks at; any value in 1e-12 .. 1e-6 does
 MAX_SIDE = 8192  # pixels of a picture's side
 MAX_FIXTURES = 512  # of a rig: with names of 24 four-byte letters 51 kB of header
 
@@ -73,6 +74,18 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     def __post_init__(self) -> None:
         if not abs(sum(q * q for q in self.rotation) - 1) < UNIT:
             raise ValueError("rotation is not a unit quaternion")
+
+
+class View(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """From where a scene is seen: the eye, a point in the middle of the picture, and the angle between lower and upper edge, degrees."""
+
+    eye: tuple[Metres, Metres, Metres] = msgspec.field(name="from")
+    at: tuple[Metres, Metres, Metres]
+    fov_y: Annotated[float, Meta(ge=1, le=170)]
+
+    def __post_init__(self) -> None:
+        if not max(abs(a - b) for a, b in zip(self.eye, self.at, strict=True)) > MIN_VIEW_M:
+            raise ValueError("from and at are one point")
 
 
 LOSS = Meta(extra={"is_loss": True})  # a value of a report that counts losses
@@ -287,7 +300,22 @@ class ImageMessage(FrameHeader, frozen=True, tag="image"):
     height: Side
     linear: bool = False
     objects: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # where the scene's objects and lamps stand in it
+    # Of the curve that made `pixels`: from luminance to L, and the L that becomes white; 0: 1 - exp(-L). None: not tone-mapped.
+    tone_scale: Annotated[float, Meta(ge=0, le=1e30)] | None = None
+    tone_white: Annotated[float, Meta(ge=0, le=1e30)] = 0.0
     report: ImageReport = ImageReport()
+
+
+class SceneMessage(Header, frozen=True, tag="scene"):
+    """The scene as browsers draw it, see vemlight.runtime.flat_scene; without arrays, and with the reason, where it is too large."""
+
+    ARRAYS = (
+        Array("description", "|u1", ("description_bytes",), "JSON, a FlatScene"),
+        Array("data", "|u1", ("data_bytes",), "the arrays and textures that it describes"),
+    )
+    description_bytes: Annotated[int, Meta(ge=0, le=2**22)]
+    data_bytes: Annotated[int, Meta(ge=0, le=48 * 2**20)]
+    text: Annotated[str, Meta(max_length=512)] = ""  # why there is none
 
 
 class PlateMessage(FrameHeader, frozen=True, tag="plate"):
@@ -346,6 +374,7 @@ class ControlMessage(Header, frozen=True, tag="control"):
     scene: Annotated[str, Meta(pattern="^[0-9a-f]{16}$")] | None = None  # the number of an upload; None: the settings'
     record: bool = False  # cameras: their frames are written to a folder of their own
     poses: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)] = ()  # of the objects moved from where scene file or settings have them
+    camera: View | None = None  # None: the scene file's
     masks: Annotated[tuple[Mask, ...], Meta(max_length=MAX_MASKS)] | None = None  # instead of the settings'
     lamps: Annotated[tuple[VirtualLamp, ...], Meta(max_length=MAX_LAMPS)] | None = None  # virtual ones, instead of the settings'
 

@@ -15,7 +15,7 @@ from aiohttp import web
 
 from vemlight.errors import UserError
 from vemlight.runtime import wire
-from vemlight.runtime.channels import FRAMES, QUEUE_FRAMES, REPORT_PERIOD_S, Instance, service_of
+from vemlight.runtime.channels import FRAMES, LAST, QUEUE_FRAMES, REPORT_PERIOD_S, Instance, service_of
 from vemlight.runtime.instances import instance_of
 from vemlight.runtime.log_lines import LogLines
 from vemlight.runtime.sync import receive_all
@@ -54,6 +54,8 @@ async def view(settings: Settings, restarts: int) -> None:
         listener = await _listen(runner, settings.viewer, lines)
         for service in state.liveness.last_received:
             tasks.append(asyncio.create_task(receive(transport, service, state)))
+        if (renderer := instance_of(settings, LAST)) in state.liveness.last_received:
+            tasks.append(asyncio.create_task(receive_scene(transport, renderer, state)))
         tasks.append(asyncio.create_task(keep_accepting_subscriptions(publisher)))
         tasks.append(asyncio.create_task(publish(publisher, state)))
         tasks.append(asyncio.create_task(refresh(state)))
@@ -120,6 +122,15 @@ async def receive(transport: Transport, service: Instance, state: ViewerState) -
     while True:
         await socket.poll()
         state.take(service, receive_all(waiting, state.stats, MAX_TAKEN))
+
+
+async def receive_scene(transport: Transport, renderer: Instance, state: ViewerState) -> None:
+    """Takes the scene, by a socket of its own: the renderer sends it to each who subscribes, once."""
+    socket = transport.subscribe(renderer, "scene")
+    waiting = zmq.Socket.shadow(socket)
+    while True:
+        await socket.poll()
+        state.take_scene(receive_all(waiting, state.stats, MAX_TAKEN))
 
 
 async def publish(publisher: Any, state: ViewerState) -> None:

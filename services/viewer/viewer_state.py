@@ -26,6 +26,7 @@ from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
 from vemlight.viewer.meter import Meter
 from vemlight.viewer.pictures import Sky, picture_jpeg
 from vemlight.viewer.report_fields import report_fields
+from vemlight.viewer.scene_files import NO_SCENE, scene_files
 from vemlight.viewer.sky_values import sky_values
 from vemlight.viewer.timeline import Timeline
 from vemlight.viewer.uploads import Uploads
@@ -36,6 +37,7 @@ NO_ARMING = (
     "whoever reaches this page could arm the fixtures, because it has no token: take [viewer] insecure out of the settings, or arm them "
     "there by [fixtures] arm"
 )
+PICTURE_STATE = "vemlight.picture/1"
 EXAMPLE = '{"count": 72, "exposure": 0.5, "filtered": true, "paused": false, "poses": [{"name": "box", "position": [0, 0, 1]}]}'
 
 
@@ -53,6 +55,8 @@ class ViewerState:
         self.lights_binary = Feed(_lights_binary, self.feeds_changed)
         self.levels = Feed(levels_json, self.feeds_changed)
         self.picture = Feed(self._encode_picture, self.feeds_changed)
+        self.picture_state = Feed(_picture_state, self.feeds_changed)
+        self.scene = NO_SCENE
         self.summaries = Feed(msgspec.json.encode, self.feeds_changed)
         self.meter = Meter()
         self.name, self._last = instance_of(settings, "viewer"), instance_of(settings, LAST)
@@ -100,10 +104,21 @@ class ViewerState:
                 self.levels.put(header, *arrays)
             case wire.ImageMessage():
                 self.picture.put(arrays[0])
+                self.picture_state.put(header)
                 self._objects = header.objects
                 self._ages.take(wire.age_ms(header.stamp))
                 self.stats.skipped += passed_over
                 self.stats.on_finished((header, arrays), self._encode_s)
+
+    def take_scene(self, messages: list[wire.Message]) -> None:
+        """Takes the scene that the renderer sent. One that cannot be is refused, and the page says so."""
+        for header, arrays in messages:
+            if isinstance(header, wire.SceneMessage):
+                try:
+                    self.scene = scene_files(header, *arrays)
+                except ValueError as error:
+                    self.stats.refused += 1
+                    self.scene = NO_SCENE._replace(text=f"the renderer's scene cannot be: {error}")
 
     def _encode_picture(self, pixels: np.ndarray) -> bytes:
         started_s = time.monotonic()
@@ -185,6 +200,7 @@ class ViewerState:
             "age": self._ages.percentiles(),
             "source": self.timeline.summary(),
             "objects": self._objects,
+            "scene": {"hash": self.scene.hash, "text": self.scene.text},
             "fixtures": {"why_not_arm": self.why_not_arm} if "fixtures" in settings.services else None,
             "near_lights": _near_rows(self._near.newest),
             "pages": self.pages,
@@ -219,6 +235,13 @@ def _near_rows(near: NearLights | None) -> list[dict[str, Any]]:
     away = np.linalg.norm(near.points.at - np.array(near.at), axis=1).tolist()
     numbers = zip(near.points.ids.tolist(), away, near.points.sigma.tolist(), strict=True)
     return [{"id": number, "distance_m": distance, "sigma_m": sigma} for number, distance, sigma in numbers]
+
+
+def _picture_state(header: wire.ImageMessage) -> bytes:
+    """By what a picture was made besides its lights: how it was tone-mapped, and each object's position, rotation and scale."""
+    places = [[round(number, 6) for number in (*pose.position, *pose.rotation, pose.scale or 1.0)] for pose in header.objects]
+    tone = None if header.tone_scale is None else {"scale": header.tone_scale, "white": header.tone_white}
+    return msgspec.json.encode({"schema": PICTURE_STATE, "sequence": header.stamp.sequence, "tone": tone, "objects": places})
 
 
 def _lights_line(header: wire.LightsMessage, near: NearLights | None, *lights: np.ndarray) -> bytes:

@@ -20,6 +20,7 @@ from vemlight.viewer.broadcast import Broadcast, Reader
 from vemlight.viewer.connections import busy_middleware, connection_of
 from vemlight.viewer.meter import Look
 from vemlight.viewer.saved_settings import settings_file
+from vemlight.viewer.scene_files import CHUNK, KEPT_FOR_S
 from vemlight.viewer.upload_handlers import UploadHandlers
 from vemlight.viewer.viewer_state import ViewerState
 
@@ -60,7 +61,7 @@ class Site:
         self._sockets: set[web.WebSocketResponse] = set()
         self._feeds = {
             "summary": state.summaries, "lights": state.lights, "levels": state.levels, "disc": state.disc, "picture": state.picture,
-            "lights.bin": state.lights_binary,
+            "lights.bin": state.lights_binary, "picture-state": state.picture_state,
         }  # fmt: skip
         first = {name: byte for name, byte in BINARY_FEEDS.items() if name not in OWN_HEAD}
         self._broadcast = Broadcast(self._feeds, first, set(BINARY_FEEDS), state.feeds_changed)
@@ -79,6 +80,8 @@ class Site:
                 web.get("/ws", self.socket),
                 web.get("/snapshot.jpg", self.snapshot),
                 web.get("/stream.mjpg", self.stream),
+                web.get("/scene.json", self.scene),
+                web.get("/scene/{hash}.bin", self.scene_data),
                 web.get("/lights", self.lights),
                 web.get("/sky.bin", self.sky),
                 web.get("/vemlight.toml", self.saved),
@@ -136,6 +139,30 @@ class Site:
         body = settings_file(self._state.settings, self._state.control)
         headers = {"Content-Disposition": 'attachment; filename="vemlight.toml"'}
         return web.Response(body=body, content_type="application/toml", charset="utf-8", headers=headers)
+
+    async def scene(self, _: web.Request) -> web.Response:
+        scene = self._state.scene
+        if not scene.hash:
+            return web.Response(status=503, text=f"{scene.text}\n", headers=RETRY)
+        return web.Response(body=scene.description, content_type="application/json")
+
+    async def scene_data(self, request: web.Request) -> web.StreamResponse:
+        """The scene's block of bytes, in chunks: a page that takes nothing holds up no more than one."""
+        scene = self._state.scene
+        if not scene.hash or request.match_info["hash"] != scene.hash:
+            raise web.HTTPNotFound(text="no scene of this hash: read /scene.json again\n")
+        headers = {"Cache-Control": f"private, max-age={KEPT_FOR_S}, immutable", "Content-Type": "application/octet-stream"}
+        with self._counted():
+            response = web.StreamResponse(headers=headers)
+            response.content_length = len(scene.data)
+            await response.prepare(request)
+            for first in range(0, len(scene.data), CHUNK):
+                try:
+                    await asyncio.wait_for(response.write(scene.data[first : first + CHUNK]), STREAM_TIMEOUT_S)
+                except (TimeoutError, ConnectionError):
+                    _abort(request)
+                    return response
+            return response
 
     async def levels(self, _: web.Request) -> web.Response:
         number, line = await self._state.levels.newest()

@@ -1,5 +1,6 @@
 """The camera of a scene file: `[camera]` with its place, or with the name of a camera in one of the scene's glTF files."""
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -12,11 +13,14 @@ from vemlight.errors import UserError
 from vemlight.files import notice
 from vemlight.renderer.scene.gltf_cameras import FileCamera
 from vemlight.renderer.scene.luminaire_table import MAX_COORDINATE_M, Vector
+from vemlight.renderer.scene.scene_limits import MAX_VIEWS
+from vemlight.runtime import wire
 
 MIN_VIEW_M = 1e-9  # between the camera and what it looks at; any value in 1e-12 .. 1e-6 does
 MAX_ROLL_DEG = 0.5  # by which a file's camera may be tilted without a word; 0.1 to 1 do
 FOV_Y_DEG = 40.0
 FieldOfView = Annotated[float, Meta(gt=0, lt=180)]
+ViewAngle = Annotated[float, Meta(ge=1, le=170)]  # of wire.View
 
 
 class ViewCamera(msgspec.Struct, frozen=True, kw_only=True):
@@ -34,6 +38,15 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     at: Vector | None = None
     fov_y: FieldOfView | None = None
     preset: Annotated[str, Meta(max_length=200)] = ""
+
+
+class ViewTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`[[view]]` of a scene file: another place to look from, by its name."""
+
+    name: Annotated[str, Meta(min_length=1, max_length=64)]
+    position: Vector = msgspec.field(name="from")
+    at: Vector
+    fov_y: ViewAngle = FOV_Y_DEG
 
 
 class PlacedCamera(NamedTuple):
@@ -59,7 +72,30 @@ def view_camera(table: CameraTable, cameras: Sequence[PlacedCamera], path: Path)
     return camera
 
 
-def _of_preset(table: CameraTable, cameras: Sequence[PlacedCamera], path: Path) -> ViewCamera:
+def named_views(tables: Sequence[ViewTable], cameras: Sequence[PlacedCamera], path: Path) -> tuple[tuple[str, wire.View], ...]:
+    """The places to look from that a page offers: those of `[[view]]`, then the cameras of the scene's files that have perspective.
+
+    Raises UserError that names the scene file `path` for names that are equal, and for a view of no length.
+    """
+    views: dict[str, wire.View] = {}
+    for number, table in enumerate(tables, 1):
+        where = f"{path}: [[view]] {number}"
+        if table.name in views:
+            raise UserError(f"{where}: {table.name} is the name of an earlier one; give each its own")
+        try:
+            views[table.name] = msgspec.convert({"from": table.position, "at": table.at, "fov_y": table.fov_y}, wire.View)
+        except msgspec.ValidationError as error:
+            raise UserError(f"{where}: {error}; correct it") from error
+    for placed in cameras:
+        name = placed.camera.name[:64]
+        if name and name not in views and placed.camera.fov_y_deg is not None and len(views) < MAX_VIEWS:
+            with contextlib.suppress(UserError, msgspec.ValidationError):  # one that looks nowhere is offered to nobody
+                camera = _of_preset(CameraTable(preset=placed.camera.name), [placed], path, quiet=True)
+                views[name] = msgspec.convert({"from": camera.position, "at": camera.at, "fov_y": camera.fov_y}, wire.View)
+    return tuple(views.items())
+
+
+def _of_preset(table: CameraTable, cameras: Sequence[PlacedCamera], path: Path, quiet: bool = False) -> ViewCamera:
     found = next((placed for placed in cameras if placed.camera.name == table.preset), None)
     if found is None:
         raise UserError(f"{path}: [camera] preset = {table.preset[:60]}: no glTF file of the scene has it; {_choices(cameras)}")
@@ -72,11 +108,11 @@ def _of_preset(table: CameraTable, cameras: Sequence[PlacedCamera], path: Path) 
         raise UserError(f"{path}: [camera] preset = {table.preset[:60]}: looks nowhere; correct its node")
     forward = forward / length
     level = np.cross(forward, [0.0, 0.0, 1.0])
-    if (across := float(np.linalg.norm(level))) > np.sin(np.radians(MAX_ROLL_DEG)):
+    if not quiet and (across := float(np.linalg.norm(level))) > np.sin(np.radians(MAX_ROLL_DEG)):
         roll_deg = np.degrees(np.arctan2(up @ level / across, up @ np.cross(level / across, forward)))
         if abs(roll_deg) > MAX_ROLL_DEG:
             notice(f"{path}: [camera] {table.preset[:60]}: its roll of {roll_deg:.1f} degrees is not drawn")
-    if found.camera.moves:
+    if found.camera.moves and not quiet:
         notice(f"{path}: [camera] {table.preset[:60]}: its animation is not followed")
     x, y, z = position.tolist()
     at_x, at_y, at_z = (position + forward).tolist()

@@ -17,7 +17,7 @@ from vemlight.files import contained_path, read_toml
 from vemlight.light.sphere import quaternion_xyz, rotation_xyz
 from vemlight.renderer.gl.constants import GLOSSY_KINDS
 from vemlight.renderer.scene.animation import RigidMotion
-from vemlight.renderer.scene.camera_table import CameraTable, PlacedCamera, ViewCamera, view_camera
+from vemlight.renderer.scene.camera_table import CameraTable, PlacedCamera, ViewCamera, ViewTable, named_views, view_camera
 from vemlight.renderer.scene.luminaire_table import (
     BUNDLED_LAMP,
     MAX_COORDINATE_M,
@@ -41,7 +41,7 @@ from vemlight.renderer.scene.materials import (
 from vemlight.renderer.scene.mesh_files import MESH_SUFFIXES, NODE_SUFFIXES, USD_SUFFIXES, MeshFile, MeshPart, read_meshes
 from vemlight.renderer.scene.meshes import Geometry, Shape, bounds, shape_geometry, swept_bounds
 from vemlight.renderer.scene.plate_table import PlateTable, load_plate
-from vemlight.renderer.scene.scene_limits import MAX_LUMINAIRES, SceneLimits
+from vemlight.renderer.scene.scene_limits import MAX_LUMINAIRES, MAX_VIEWS, SceneLimits
 from vemlight.runtime import wire
 
 BUNDLED_SCENE = Path(__file__).parent / "scenes" / "terrace.toml"
@@ -73,6 +73,7 @@ class SceneTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     mesh: list[MeshTable]
     luminaire: list[LuminaireTable] = []
     plate: PlateTable | None = None
+    view: Annotated[list[ViewTable], Meta(max_length=MAX_VIEWS)] = []
 
 
 class Mesh(NamedTuple):
@@ -93,7 +94,7 @@ class Scene(NamedTuple):
 
     centre, half: centre and half size of the box around all meshes wherever animations bring them, (3,) float64, metres.
     plate: (h, w, 3) float16, radiance of the background picture, row 0 on top. objects: what can be moved, where the scene file places
-    it: one for each [[mesh]], then the lamps.
+    it: one for each [[mesh]], then the lamps. views: other cameras by name.
     """
 
     camera: ViewCamera
@@ -103,6 +104,7 @@ class Scene(NamedTuple):
     luminaires: tuple[Luminaire, ...] = ()
     plate: np.ndarray | None = None
     objects: tuple[wire.Pose, ...] = ()
+    views: tuple[tuple[str, wire.View], ...] = ()
 
     @property
     def glossy(self) -> bool:
@@ -114,14 +116,14 @@ class Scene(NamedTuple):
         """Whether any surface is covered in part by hashed alpha, which takes more samples a pixel."""
         return any(alpha_test.cutoff is None for mesh in self.meshes if (alpha_test := alpha_test_of(mesh.material)))
 
-    def shadow_catcher_normal(self, matrices: np.ndarray) -> np.ndarray | None:
-        """Unit normal (3,) of the shadow catcher on the camera's side; None without one. matrices: (n, 4, 4), world_from_rest."""
+    def shadow_catcher_normal(self, matrices: np.ndarray, camera: ViewCamera) -> np.ndarray | None:
+        """Unit normal (3,) of the shadow catcher on a camera's side; None without one. matrices: (n, 4, 4), world_from_rest."""
         for mesh, matrix in zip(self.meshes, matrices, strict=True):
             if isinstance(mesh.material, ShadowCatcher):
                 normal = np.linalg.inv(matrix[:3, :3]).T @ mesh.geometry.normals[0].astype(np.float64)
                 normal /= np.linalg.norm(normal)
                 point = matrix[:3, :3] @ mesh.geometry.positions[0].astype(np.float64) + matrix[:3, 3]
-                return normal if (self.camera.position - point) @ normal >= 0 else -normal
+                return normal if (camera.position - point) @ normal >= 0 else -normal
         return None
 
 
@@ -155,7 +157,8 @@ def load_scene(path: Path | None) -> Scene:
     boxes = [swept_bounds(mesh.geometry, mesh.motion) for mesh in meshes] + [bounds([mesh.geometry for mesh in meshes])]
     low, high = np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
     _warn_if_far(low, high, path)
-    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, (*lamps, *file_lamps), plate, _objects(table, path, file_lamps))
+    objects, views = _objects(table, path, file_lamps), named_views(table.view, cameras, path)
+    return Scene(camera, tuple(meshes), (low + high) / 2, (high - low) / 2, (*lamps, *file_lamps), plate, objects, views)
 
 
 def _warn_if_far(low: np.ndarray, high: np.ndarray, path: Path) -> None:

@@ -4,6 +4,7 @@ Small files may be instanced and repeated up to fixed counts, large ones as far 
 """
 
 MAX_MESHES = 4096  # drawn one by one: each takes about 1 ms to prepare, and a draw call
+MAX_VIEWS = 32  # that a page offers; as many as fit a menu
 MAX_LUMINAIRES = 256  # each has maps of its own
 FREE_CORNERS = 2**20  # of triangles: 350,000 of them take 1.5 s and 270 MB to clean
 FREE_VERTICES = 2**22  # of meshes in place: with position, normal and texture coordinates 130 MB

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.renderer.scene.meshes import box_corners
-from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.scene import Scene, ViewCamera
 from vemlight.runtime import wire
 
 
@@ -15,13 +15,15 @@ class ScenePose(NamedTuple):
 
     matrices: (n, 4, 4) float64, for each mesh world_from_rest, rest being where the scene file places it; exactly 1 where nothing moves it.
     objects: the poses of the scene's objects and lamps. centre, half: (3,) float64, centre and half size of the box around all meshes,
-    never smaller than at rest. lamp_colours: of luminaires, by their number, that have another colour than at rest.
+    never smaller than at rest. camera: from where it is seen. lamp_colours: of luminaires, by their number, that have another colour than
+    at rest.
     """
 
     matrices: np.ndarray
     objects: tuple[wire.Pose, ...]
     centre: np.ndarray
     half: np.ndarray
+    camera: ViewCamera
     lamp_colours: Mapping[int, tuple[float, float, float]] = {}
 
 
@@ -39,8 +41,11 @@ def world_place(pose: wire.Pose) -> tuple[object, ...]:
     return pose.position, pose.rotation, pose.scale
 
 
-def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> ScenePose:
-    """The scene at a time of its animations, with the objects that `poses` names moved there. Unknown names change nothing."""
+def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = (), view: wire.View | None = None) -> ScenePose:
+    """The scene at a time of its animations, with the objects that `poses` names moved there, seen from `view` or else by its own camera.
+
+    Unknown names change nothing.
+    """
     asked = {pose.name: pose for pose in poses}
     objects = tuple(_with_power(asked[rest.name], rest) if rest.name in asked else rest for rest in scene.objects)
     matrices = np.tile(np.eye(4), (len(scene.meshes), 1, 1))
@@ -54,7 +59,8 @@ def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = ()) -> 
         if mesh.motion is not None or now is not rest:
             corners = box_corners(mesh.geometry) @ matrices[k, :3, :3].T + matrices[k, :3, 3]
             low, high = np.minimum(low, corners.min(axis=0)), np.maximum(high, corners.max(axis=0))
-    return ScenePose(matrices, objects, (low + high) / 2, (high - low) / 2)
+    camera = ViewCamera(position=view.eye, at=view.at, fov_y=view.fov_y) if view else scene.camera
+    return ScenePose(matrices, objects, (low + high) / 2, (high - low) / 2, camera)
 
 
 def _with_power(asked: wire.Pose, rest: wire.Pose) -> wire.Pose:

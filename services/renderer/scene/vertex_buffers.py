@@ -31,17 +31,21 @@ class DrawRange(NamedTuple):
 
 
 class VertexBuffers(NamedTuple):
-    """vertices: (n,) SCENE_VERTEX. indices: (3 m,) uint32. mesh_ranges: one a mesh. second_uvs: (n, 2) float32, 0 where a mesh has none."""
+    """vertices: (n,) SCENE_VERTEX. indices: (3 m,) uint32. mesh_ranges: one a mesh. second_uvs: (n, 2) float32, 0 where a mesh has none.
+
+    vertex_ranges: of each mesh, without those that no triangle has.
+    """
 
     vertices: np.ndarray
     indices: np.ndarray
     mesh_ranges: tuple[IndexRange, ...]
     second_uvs: np.ndarray
+    vertex_ranges: tuple[IndexRange, ...]
 
 
 def vertex_buffers(scene: Scene) -> VertexBuffers:
     """The buffers of all meshes, one after the other."""
-    vertices, indices, mesh_ranges, second_uvs = [], [], [], []
+    vertices, indices, mesh_ranges, second_uvs, vertex_ranges = [], [], [], [], []
     first_vertex = first_index = 0
     for mesh in scene.meshes:
         geometry = local_order(mesh.geometry)
@@ -51,9 +55,11 @@ def vertex_buffers(scene: Scene) -> VertexBuffers:
         vertices.append(rows)
         second_uvs.append(np.zeros_like(geometry.uvs) if geometry.second_uvs is None else geometry.second_uvs)
         indices.append(geometry.triangles.reshape(-1) + np.uint32(first_vertex))
+        vertex_ranges.append(IndexRange(first_vertex, len(rows)))
         mesh_ranges.append(IndexRange(first_index, geometry.triangles.size))
         first_vertex, first_index = first_vertex + len(rows), mesh_ranges[-1].end
-    return VertexBuffers(np.concatenate(vertices), np.concatenate(indices), tuple(mesh_ranges), np.concatenate(second_uvs))
+    joined = np.concatenate(vertices), np.concatenate(indices)
+    return VertexBuffers(*joined, tuple(mesh_ranges), np.concatenate(second_uvs), tuple(vertex_ranges))
 
 
 def draw_ranges(ranges: Iterable[IndexRange], matrices: Iterable[np.ndarray]) -> tuple[DrawRange, ...]:

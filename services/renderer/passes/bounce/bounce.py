@@ -60,7 +60,6 @@ class BounceLight:
         live = sets > 1
         shadow_rays = LIVE_SHADOW_RAYS if live else STILL_SHADOW_RAYS
         self._bounce = Bounce(tracer.scene, reflecting_meshes(scene), tracer.reach_m, self._threads, RAYS, shadow_rays, sets)
-        self._eye = np.array(scene.camera.position, np.float64)
         self._seen: Surfaces | None = None
         self._gathered: dict[int, LitBy] = {}
         self._block = block = block_side(size, live)
@@ -72,14 +71,14 @@ class BounceLight:
         self._programs = [programs.program("screen.vert", "bounce.frag", **variant) for variant in variants]
         self._arrays = [context.vertex_array(program, []) for program in self._programs]
 
-    def gather(self, gathered: Mapping[int, LitBy], catcher_normal: np.ndarray | None) -> None:
+    def gather(self, gathered: Mapping[int, LitBy], catcher_normal: np.ndarray | None, eye: np.ndarray) -> None:
         """Gathers the light that the surfaces seen last send to each other: each set of rays under its lights, if it was not yet.
 
-        catcher_normal: (3,) of the catcher, if there is one.
+        catcher_normal: (3,) of the catcher, if there is one. eye: (3,), from where they were seen.
         """
         if self._seen is not self._tracer.surfaces:
             self._seen, self._gathered = self._tracer.surfaces, {}
-            self._bounce.see(self._of_blocks(self._seen), self._eye)
+            self._bounce.see(self._of_blocks(self._seen), eye)
         stale = {k: lights for k, lights in gathered.items() if self._gathered.get(k) is not lights}
         if not stale and self._gathered:
             return

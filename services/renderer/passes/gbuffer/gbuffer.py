@@ -119,8 +119,8 @@ class GBuffer:
         self.place(scene_pose(scene, 0.0))
 
     def place(self, now: ScenePose) -> None:
-        """Moves the meshes."""
-        self._scene = self._scene._replace(centre=now.centre, half=now.half)
+        """Moves the meshes and the camera."""
+        self._scene = self._scene._replace(centre=now.centre, half=now.half, camera=now.camera)
         a, b, c = np.moveaxis(now.matrices[:, :3, :3], 1, 0)  # rows; normals go by the cofactors, which a flat scale leaves finite
         corners = np.einsum("nij,ncj->nci", now.matrices[:, :3, :3], self._corners) + now.matrices[:, None, :3, 3]
         self._nearest_m = nearest_distance(self._scene.camera, np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1))

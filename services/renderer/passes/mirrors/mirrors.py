@@ -43,7 +43,6 @@ class Mirrors:
         self._threads = ThreadPoolExecutor(os.cpu_count(), "mirrors")
         rays = (LIVE_RAYS, LIVE_SHADOW_RAYS) if live else (STILL_RAYS, STILL_SHADOW_RAYS)
         self._mirror = Mirror(tracer, reflecting_meshes(scene), self._threads, *rays)
-        self._eye = np.array(scene.camera.position, np.float64)
         self._seen: Surfaces | None = None
         self._lit: LitBy | None = None
         constants = {f"HAS_{kind.name}": int(kind in kinds) for kind in GLOSSY_KINDS} | {"ALBEDO_SIZE": SIZE}
@@ -68,7 +67,7 @@ class Mirrors:
             self._context.enable_only(moderngl.NOTHING)
             self._find.render(moderngl.TRIANGLES, vertices=3)
             lobes = np.frombuffer(self._lobes.read(alignment=1), np.float32).reshape(self._size[::-1])
-            self._mirror.see(lobes, self._eye, number)
+            self._mirror.see(lobes, g_buffer.rays.eye, number)
         if self._lit is None or any(before is not now for before, now in zip(self._lit, lit_by, strict=True)):
             self._lit, origin = lit_by, self._tracer.scene.origin
             self.scene.write(self._mirror.lit(light_of(lit_by, origin), ground_albedo(catcher_normal, lit_by.lights)).data)

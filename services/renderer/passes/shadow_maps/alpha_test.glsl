@@ -8,6 +8,16 @@ uint pcg_hash(uint state) {
     return (word >> 22u) ^ word;
 }
 
+#ifdef GL_ES
+uint bitfieldReverse(uint x) {
+    x = (x & 0x55555555u) << 1u | (x >> 1u & 0x55555555u);
+    x = (x & 0x33333333u) << 2u | (x >> 2u & 0x33333333u);
+    x = (x & 0x0f0f0f0fu) << 4u | (x >> 4u & 0x0f0f0f0fu);
+    x = (x & 0x00ff00ffu) << 8u | (x >> 8u & 0x00ff00ffu);
+    return x << 16u | x >> 16u;
+}
+#endif
+
 // A permutation in which each bit depends on those below it (Laine and Karras 2011): of reversed bits, a nested uniform scramble (Owen 1995).
 uint laine_karras_permutation(uint x, uint seed) {
     x += seed;

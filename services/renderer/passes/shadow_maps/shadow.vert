@@ -18,7 +18,12 @@ const float RECEIVER_PLANE_LIFT = 0.9;
 uniform int first_light;
 uniform mat4 world_from_rest;
 #if RECEIVER_PLANE
+#ifdef GL_ES  // which neither clips there nor clamps depths: shadow.frag does
+out vec4 inside;
+out float plane_depth;
+#else
 out float gl_ClipDistance[4];  // what reaches beyond the map ends at its empty rim
+#endif
 #endif
 
 void main() {
@@ -29,10 +34,14 @@ void main() {
     float depth = dot(lights[i].depth, p);
 #if RECEIVER_PLANE
     depth -= RECEIVER_PLANE_LIFT * lights[i].bias;
-    gl_ClipDistance[0] = own.x - GUTTER;
-    gl_ClipDistance[1] = own.y - GUTTER;
-    gl_ClipDistance[2] = lights[i].resolution - GUTTER - own.x;
-    gl_ClipDistance[3] = lights[i].resolution - GUTTER - own.y;
+    vec4 within = vec4(own - vec2(GUTTER), vec2(lights[i].resolution - float(GUTTER)) - own);
+#ifdef GL_ES
+    inside = within;
+    plane_depth = depth;
+    depth = 0.5;
+#else
+    for (int k = 0; k < 4; ++k) gl_ClipDistance[k] = within[k];
+#endif
 #endif
     gl_Position = vec4(2.0 * texel * atlas_texel - 1.0, 2.0 * depth - 1.0, 1.0);
 #if ALPHA_TEST

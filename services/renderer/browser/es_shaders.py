@@ -1,0 +1,52 @@
+"""The renderer's own shaders in the browser's dialect, GLSL ES 3.00: one source, read differently in few places.
+
+Where the dialects differ in what they can do, the files themselves say so under `#ifdef GL_ES`. Here is what a preprocessor cannot do:
+files are included, lights are read from a texture instead of a uniform block (16 kB hold 128 of them), and whole numbers that stand for
+fractions become such.
+"""
+
+import re
+
+from vemlight.renderer.gl.buffers import INCLUDES, LIGHT_FRAME
+from vemlight.renderer.gl.constants import GUTTER, NORMAL_CODES
+from vemlight.renderer.gl.programs import SHADERS
+
+BROWSER_SHADERS = (
+    "surface.vert", "surface.frag", "shadow.vert", "shadow.frag", "shadow_alpha_test.frag", "screen.vert", "shade.frag", "emission.frag",
+    "tonemap.frag",
+)  # fmt: skip
+HEAD = "#version 300 es\n"
+PRECISION = "".join(f"precision highp {kind};\n" for kind in ("float", "int", "sampler2D", "sampler2DArray"))
+AS_FRACTIONS = {"GUTTER": GUTTER, "NORMAL_CODES": NORMAL_CODES}  # whole numbers with which shaders reckon
+LIGHT_TEXELS = LIGHT_FRAME.dtype.itemsize // 16  # of a light in the texture, one light a row
+INCLUDE = re.compile(r'^#include "([\w.]+)"$', re.MULTILINE)
+LIGHTS_BLOCK = "layout(std140) uniform Lights { LightFrame lights[MAX_LIGHTS]; };\n"
+
+
+def browser_shaders() -> dict[str, str]:
+    """Each of BROWSER_SHADERS with all that it includes, by name."""
+    return {name: es_source(SHADERS[name].read_text()) for name in BROWSER_SHADERS}
+
+
+def es_source(source: str) -> str:
+    """A shader of the renderer as GLSL ES 3.00. Raises KeyError for an include that there is not."""
+    files = INCLUDES | {name: path.read_text() for name, path in SHADERS.items() if path.suffix == ".glsl"}
+    while INCLUDE.search(source):
+        source = INCLUDE.sub(lambda found: files[found[1]], source)
+    for name, number in AS_FRACTIONS.items():
+        source = source.replace(f"#define {name} {number}\n", f"#define {name} {number}.0\n")
+    source = source.replace("layout(early_fragment_tests) in;\n", "").replace(LIGHTS_BLOCK, light_functions())
+    source = re.sub(r"\blights\[(\w+)\]\.(\w+)", r"light_\2(\1)", source)
+    return HEAD + PRECISION + source.partition("\n")[2]
+
+
+def light_functions() -> str:
+    """A function for each member of a light's frame, which fetches it from the row of its light: `light_direction(i)`."""
+    lines = ["uniform highp sampler2D lights_texture;\n"]
+    for name in LIGHT_FRAME.dtype.names or ():
+        form, offset = LIGHT_FRAME.dtype.fields[name][:2]  # type: ignore[index]
+        count, first = form.itemsize // 4, offset % 16 // 4
+        kind = "float" if count == 1 else f"vec{count}"
+        fetched = f"texelFetch(lights_texture, ivec2({offset // 16}, i), 0).{'xyzw'[first : first + count]}"
+        lines.append(f"{kind} light_{name}(int i) {{ return {fetched}; }}\n")
+    return "".join(lines)

@@ -1,0 +1,263 @@
+"""A scene for browsers: what vemlight.runtime.flat_scene describes, made of what the renderer draws itself."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from vemlight.light import extent
+from vemlight.light.colour import srgb_from_linear
+from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, browser_shaders
+from vemlight.renderer.browser.subdivision import with_short_edges
+from vemlight.renderer.gl import constants
+from vemlight.renderer.gl.buffers import LIGHT_FRAME
+from vemlight.renderer.gl.constants import HASHED_ALPHA, MaterialTexture
+from vemlight.renderer.passes.gbuffer.material_uniforms import MaterialUniforms, material_uniforms
+from vemlight.renderer.passes.shadow_maps import shadow_map_resolution
+from vemlight.renderer.passes.shadow_maps.casters import Caster, Casters, scene_casters
+from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MapResolutions, map_resolutions
+from vemlight.renderer.scene.alpha_vertices import WHITE
+from vemlight.renderer.scene.materials import Material, ShadowCatcher, alpha_test_of, emits
+from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.textures import Texture
+from vemlight.renderer.scene.vertex_buffers import vertex_buffers
+from vemlight.runtime import flat_scene, wire
+from vemlight.runtime.flat_scene import (
+    ALIGNED,
+    MAX_DATA,
+    FlatCaster,
+    FlatCasters,
+    FlatDetail,
+    FlatMaterial,
+    FlatMesh,
+    FlatRange,
+    FlatScene,
+    FlatTexture,
+    FlatView,
+    Span,
+)
+
+LEAST_TEXTURE_SIDE = 64  # texels, to which textures are reduced at most so that a scene fits; 16 to 256 would do
+TYPES = {"f": "float32", "u": "uint32"}
+LAWS = {
+    constants: ("FARTHEST_DEPTH", "GUTTER", "MAX_RADIANCE", "SHADOW_BIAS_TEXELS"),
+    shadow_map_resolution: ("EXPONENT", "FULL_FRACTION", "HYSTERESIS", "SAME_SHADOW_TEXELS"),
+    extent: ("DIVIDED_RAD", "POINTS"),
+}
+
+
+class TooLargeError(ValueError):
+    """A scene that no browser should be asked to hold."""
+
+
+class Block:
+    """The bytes that the description speaks of."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+        self.size = 0
+
+    def add(self, array: np.ndarray) -> Span:
+        """Appends an array. Raises TooLargeError when there is no more room."""
+        data = array.tobytes()
+        kind = "uint8" if array.dtype == np.uint8 else TYPES[array.dtype.kind]
+        span = Span(offset=self.size, count=array.size, type=kind)  # type: ignore[arg-type]
+        padding = -len(data) % ALIGNED
+        self.size += len(data) + padding
+        if self.size > MAX_DATA:
+            raise TooLargeError
+        self._parts += [data, bytes(padding)]
+        return span
+
+    def bytes(self) -> bytes:
+        return b"".join(self._parts)
+
+
+class Flattened(NamedTuple):
+    """A scene's description and its block of bytes."""
+
+    scene: FlatScene
+    data: bytes
+
+
+def scene_message(scene: Scene, size: tuple[int, int], shadow_map: int | None) -> wire.Message:
+    """The scene as a message; size: of the renderer's pictures, width and height. shadow_map: as in the settings."""
+    try:
+        made = flattened(scene, size, map_resolutions(shadow_map))
+    except TooLargeError:
+        text = f"this scene has more than {MAX_DATA >> 20} MB of triangles: only the server draws it"
+        return wire.SceneMessage(description_bytes=0, data_bytes=0, text=text), (np.zeros(0, np.uint8), np.zeros(0, np.uint8))
+    description = np.frombuffer(flat_scene.encoded(made.scene), np.uint8)
+    data = np.frombuffer(made.data, np.uint8)
+    return wire.SceneMessage(description_bytes=len(description), data_bytes=len(data)), (description, data)
+
+
+def flattened(scene: Scene, size: tuple[int, int], resolutions: MapResolutions) -> Flattened:
+    """The scene and its bytes. Raises TooLargeError for one that does not fit, whose textures may be reduced until it does."""
+    at = np.array(scene.camera.at, np.float64)
+    radius = float(np.linalg.norm(at - scene.camera.position))
+    meshes = (mesh._replace(geometry=with_short_edges(mesh.geometry, at, radius)) for mesh in scene.meshes)
+    scene = scene._replace(meshes=tuple(meshes))
+    casters = scene_casters(scene, resolutions.choices)
+    block = Block()
+    buffers = vertex_buffers(scene)
+    rows = buffers.vertices
+    local = [
+        buffers.indices[run.first : run.end] - np.uint32(own.first)
+        for run, own in zip(buffers.mesh_ranges, buffers.vertex_ranges, strict=True)
+    ]
+    arrays = {name: block.add(rows[name[:-1]].astype("<f4")) for name in ("positions", "normals", "uvs")}
+    if any(mesh.geometry.colours is not None for mesh in scene.meshes):
+        arrays["colours"] = block.add(rows["vertex_colour"].astype("<f4"))
+    if any(mesh.geometry.second_uvs is not None for mesh in scene.meshes):
+        arrays["second_uvs"] = block.add(buffers.second_uvs.astype("<f4"))
+    arrays["indices"] = block.add(np.concatenate(local).astype("<u4"))
+    arrays["caster_positions"] = block.add(casters.positions.astype("<f4"))
+    arrays["caster_indices"] = block.add(casters.indices.astype("<u4"))
+
+    materials, numbers = _distinct([mesh.material for mesh in scene.meshes])
+    emission = any(emits(material) for material in materials)
+    uniforms = [material_uniforms(material, emission) for material in materials]
+    textures, of_texture, reduced = _textures(uniforms, block)
+    meshes = tuple(
+        FlatMesh(
+            name=mesh.name[:200],
+            object=mesh.object_index if mesh.object_index is not None and mesh.object_index < wire.MAX_POSES else None,
+            vertices=FlatRange(first=own.first, count=own.count),
+            indices=FlatRange(first=run.first, count=run.count),
+            material=number,
+        )
+        for mesh, own, run, number in zip(scene.meshes, buffers.vertex_ranges, buffers.mesh_ranges, numbers, strict=True)
+    )
+    camera = wire.View(eye=scene.camera.position, at=scene.camera.at, fov_y=float(np.clip(scene.camera.fov_y, 1, 170)))
+    made = FlatScene(
+        version=1,
+        camera=FlatView(name="scene file", view=camera),
+        views=tuple(FlatView(name=name[:200], view=view) for name, view in scene.views[: flat_scene.MAX_VIEWS]),
+        objects=scene.objects[: wire.MAX_POSES],
+        centre=_triple(scene.centre),
+        half=_triple(scene.half),
+        size=size,
+        arrays=arrays,
+        meshes=meshes,
+        materials=tuple(_material(material, one, of_texture) for material, one in zip(materials, uniforms, strict=True)),
+        textures=textures,
+        casters=_casters(casters),
+        laws={name: float(getattr(module, name)) for module, names in LAWS.items() for name in names}
+        | {"LARGEST_MAP": resolutions.largest, "MAP_HALVINGS": resolutions.halvings, "BY_POWER": float(resolutions.by_power)}
+        | {"LIGHT_TEXELS": LIGHT_TEXELS, "EMISSION": float(emission)}
+        | {f"LIGHT_AT_{name}": LIGHT_FRAME.dtype.fields[name][1] / 4 for name in LIGHT_FRAME.dtype.names or ()},  # type: ignore[index]
+        shaders=browser_shaders(),
+        left_out=tuple(_left_out(scene, reduced)),
+    )
+    return Flattened(made, block.bytes())
+
+
+def _left_out(scene: Scene, reduced: int) -> list[str]:
+    """What browsers do not draw of this scene, a line each."""
+    lines = []
+    if scene.luminaires:
+        lines.append("the scene's lamps")
+    if scene.plate is not None or any(isinstance(mesh.material, ShadowCatcher) for mesh in scene.meshes):
+        lines.append("the plate behind it and shadows on that")
+    if any(mesh.motion for mesh in scene.meshes):
+        lines.append("its files' animations")
+    if reduced > 1:
+        lines.append(f"textures finer than a {reduced}th of theirs" if reduced > 2 else "textures finer than half of theirs")
+    return lines
+
+
+def _distinct(materials: list[Material]) -> tuple[list[Material], list[int]]:
+    """The materials without repetitions, and the number of each mesh's."""
+    numbers: dict[int, int] = {}
+    found: list[Material] = []
+    for material in materials:
+        if id(material) not in numbers:
+            numbers[id(material)] = len(found)
+            found.append(material)
+    return found, [numbers[id(material)] for material in materials]
+
+
+def _material(material: Material, uniforms: MaterialUniforms, of_texture: Callable[[Texture, int], int]) -> FlatMaterial:
+    textures = tuple(None if one is None else of_texture(one, slot) for slot, one in enumerate(uniforms.textures))
+    test = alpha_test_of(material)
+    image = test.image if test and test.image else WHITE
+    transform = np.eye(3)[:2] if image.uv_transform is None else image.uv_transform
+    return FlatMaterial(
+        variant=uniforms.variant,
+        row=tuple(np.frombuffer(uniforms.row.tobytes(), "<f4").tolist()),
+        kind=int(uniforms.row["kind"]),
+        textures=textures,
+        cutoff=None if test is None else HASHED_ALPHA if test.cutoff is None else test.cutoff,
+        alpha=test.alpha if test else 1.0,
+        alpha_uv_set=image.uv_set,
+        alpha_uv_transform=(_triple(transform[0]), _triple(transform[1])),
+    )
+
+
+def _textures(uniforms: list[MaterialUniforms], block: Block) -> tuple[tuple[FlatTexture, ...], Callable[[Texture, int], int], int]:
+    """Adds each image once; returns them, the number of one, and by how much all were reduced in width and height so that they fit."""
+    images: dict[tuple[int, bool], Texture] = {}
+    for one in uniforms:
+        for slot, image in enumerate(one.textures):
+            if image is not None:
+                images.setdefault((id(image.texels), _is_colour(slot)), image)
+    room, reduced = MAX_DATA - block.size, 1
+    while any(images) and sum(4 * np.prod(_reduced(image, reduced)) for image in images.values()) > room:
+        reduced *= 2
+        if reduced > 2**12:
+            raise TooLargeError
+    made, keys = [], list(images)
+    for (_, is_colour), image in images.items():
+        codes = _codes(image, is_colour, _reduced(image, reduced))
+        height, width, _ = codes.shape
+        made.append(
+            FlatTexture(texels=block.add(codes), width=width, height=height, srgb=is_colour, repeats=image.repeats, filters=image.filters)
+        )
+    return tuple(made), lambda image, slot: keys.index((id(image.texels), _is_colour(slot))), reduced
+
+
+def _is_colour(slot: int) -> bool:
+    return slot in (MaterialTexture.COLOUR, MaterialTexture.EMISSIVE)
+
+
+def _reduced(image: Texture, times: int) -> tuple[int, int]:
+    """Height and width of an image that is reduced."""
+    height, width, _ = image.texels.shape
+    least = min(LEAST_TEXTURE_SIDE, height, width)
+    return max(height // times, least), max(width // times, least)
+
+
+def _codes(image: Texture, is_colour: bool, size: tuple[int, int]) -> np.ndarray:
+    """The image as (h, w, 4) uint8; missing channels are 255."""
+    texels = np.clip(image.texels.astype(np.float32), 0, 1)
+    if texels.shape[:2] != size:
+        texels = np.atleast_3d(np.asarray(cv2.resize(texels, size[::-1], interpolation=cv2.INTER_AREA)))
+    if is_colour:
+        texels[..., :3] = srgb_from_linear(texels[..., :3])
+    codes = np.full((*size, 4), 255, np.uint8)
+    codes[..., : texels.shape[2]] = np.rint(255 * texels)
+    return codes
+
+
+def _casters(casters: Casters) -> FlatCasters:
+    centres, halves = [_triple(one) for one in casters.box_centre], [_triple(one) for one in casters.box_half]
+    return FlatCasters(
+        members=tuple(_caster(member) for member in casters.members),
+        receiver_plane=_caster(casters.receiver_plane) if casters.receiver_plane else None,
+        levels=casters.levels,
+        plane_normal=_triple(casters.plane_normal),
+        box_centre=(centres[0], centres[1]),
+        box_half=(halves[0], halves[1]),
+    )
+
+
+def _caster(caster: Caster) -> FlatCaster:
+    details = (FlatDetail(indices=FlatRange(first=own.indices.first, count=own.indices.count), closed=own.closed) for own in caster.details)
+    return FlatCaster(mesh=caster.mesh, details=tuple(details))
+
+
+def _triple(vector: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = np.asarray(vector, np.float64).tolist()
+    return x, y, z

@@ -1,0 +1,280 @@
+// The scene under many lights, drawn in WebGL2 by the renderer's own shaders: surfaces once, then all lights for each pixel, then the screen.
+
+import { clipFromWorld, minus, nearestDistance, rayFromPixel, unit } from "/relit_camera.js";
+import { pointsOf, strongest } from "/relit_lights.js";
+import { Programs } from "/relit_programs.js";
+import { nearest, Shadows, uploaded } from "/relit_shadows.js";
+import { boxCorners, boxOf, identity, transformed, worldFromRest } from "/scene_data.js";
+
+const KIND_CATCHER = 3; // gl/constants.py, MaterialKind
+const NO_TONE = { scale: 1, white: 0 };
+const VERTEX = { position: ["positions", 3], normal: ["normals", 3], uv: ["uvs", 2], vertex_colour: ["colours", 4], second_uv: ["second_uvs", 2] };
+
+// The context, or a line that says why there is none.
+export function contextOf(canvas) {
+  const gl = canvas.getContext("webgl2", { antialias: false, depth: false, premultipliedAlpha: false, powerPreference: "high-performance" });
+  if (!gl) return { why: "this browser has no WebGL2: only the server draws the scene" };
+  if (!gl.getExtension("EXT_color_buffer_float")) return { why: "this browser's WebGL2 cannot draw into floats: only the server draws the scene" };
+  return { gl };
+}
+
+export class SceneDrawing {
+  constructor(gl, scene) {
+    [this.gl, this.scene] = [gl, scene];
+    const { description } = scene;
+    this.laws = description.laws;
+    this.blends = Boolean(gl.getExtension("EXT_float_blend"));
+    this.programs = new Programs(gl, description.shaders);
+    this.empty = gl.createVertexArray();
+    this.white = this.texture({ width: 1, height: 1, srgb: false, repeats: [true, true], filters: [gl.NEAREST, gl.NEAREST] }, new Uint8Array([255, 255, 255, 255]));
+    this.textures = description.textures.map((texture) => this.texture(texture, new Uint8Array(scene.buffer, texture.texels.offset, texture.texels.count)));
+    this.materials = description.materials.map((material) => ({ ...material, block: uploaded(gl, gl.UNIFORM_BUFFER, new Float32Array(material.row)) }));
+    this.buffers = Object.fromEntries(Object.entries(VERTEX).map(([, [name]]) => [name, scene.arrays[name] && uploaded(gl, gl.ARRAY_BUFFER, scene.arrays[name])]));
+    this.indices = uploaded(gl, gl.ELEMENT_ARRAY_BUFFER, scene.arrays.indices);
+    this.items = description.meshes.map((mesh, k) => this.item(mesh, k));
+    this.kinds = [...new Set(description.materials.map((material) => material.kind))].sort();
+    this.shadows = new Shadows(gl, scene, this.programs);
+    this.size = [0, 0];
+  }
+
+  // Draws a frame into the canvas (or nothing but the linear picture, with show: false).
+  // view: { from, at, fov_y }; lights: of lightsOf(); limit: how many are drawn, the strongest; poses: of objects; tone: { scale, white }.
+  // Returns { lights, points, maps }: how many were drawn, as how many points, and how many shadow maps were drawn anew.
+  draw({ view, lights, limit = Infinity, poses, tone, width, height, show = true }) {
+    const { gl } = this, matrices = worldFromRest(this.scene, poses), shown = strongest(lights, limit);
+    const points = pointsOf(shown, this.laws);
+    this.fit(width, height);
+    const maps = this.shadows.draw(points, matrices, (common, first, count) => this.castAlpha(common, first, count, matrices));
+    this.drawSurfaces(view, matrices);
+    this.sumLights(view, points, matrices);
+    if (this.laws.EMISSION) this.addEmission();
+    if (show) this.show(tone ?? NO_TONE);
+    gl.bindVertexArray(null);
+    return { lights: shown.length, points: this.shadows.count, maps };
+  }
+
+  drawSurfaces(view, matrices) {
+    const { gl, size: [width, height] } = this, { description, objects } = this.scene;
+    const boxes = objects.map((mesh, k) => (matrices[k] ? boxOf(boxCorners(mesh.box).flatMap((corner) => transformed(matrices[k], corner, 1))) : mesh.box));
+    const whole = boxCorners([0, 1].map((side) => [0, 1, 2].map((k) => { // as scene_pose.py has it: never smaller than at rest
+      const rest = description.centre[k] + (side ? 1 : -1) * description.half[k];
+      return (side ? Math.max : Math.min)(rest, ...boxes.map((box) => box[side][k]));
+    })));
+    const clip = clipFromWorld(view, width, height, whole, nearestDistance(view.from, boxes));
+    this.rays = { eye: view.from, ray_from_pixel: rayFromPixel(view, width, height) };
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.surfaces);
+    gl.viewport(0, 0, width, height);
+    gl.disable(gl.BLEND);
+    gl.disable(gl.CULL_FACE);
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthMask(true);
+    gl.depthFunc(gl.LESS);
+    this.targets.forEach((_, k) => gl.clearBufferfv(gl.COLOR, k, [0, 0, 0, 0]));
+    gl.clearBufferfv(gl.DEPTH, 0, [1]);
+    this.items.forEach((item, k) => {
+      gl.bindVertexArray(item.array);
+      gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, item.material.block);
+      const [colour, parameter, normal, emissive] = item.material.textures.map((number) => (number === null ? this.white : this.textures[number]));
+      item.program.use({
+        ...this.rays, clip_from_world: clip, world_from_rest: matrices[k] ?? identity(), normal_from_rest: cofactors(matrices[k]), sample_number: 0,
+        colour_texture: colour, parameter_texture: parameter, normal_texture: normal, emissive_texture: emissive,
+      });
+      gl.drawElements(gl.TRIANGLES, item.indices.count, gl.UNSIGNED_INT, 4 * item.indices.first);
+    });
+  }
+
+  // The sum over the lights. A place for lights that are near ("points" of the wire): a pass of its own after this one, added as emission is.
+  sumLights(view, points, matrices) {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);
+    gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
+    gl.disable(gl.DEPTH_TEST);
+    gl.disable(gl.BLEND);
+    for (const kind of this.kinds) {
+      const program = this.programs.of("screen.vert", "shade.frag", { KIND: kind, CACHED_VISIBILITY: 0, WEAK: 0, COARSE: 0, STEP: 1 });
+      this.fill(program, {
+        ...this.rays, ...this.surfaceTextures(), lights_texture: this.shadows.frames.texture, atlas: this.shadows.texture,
+        atlas_texel: [1 / this.shadows.width, 1 / this.shadows.height], light_count: this.shadows.count, weight: 1, alpha: 1,
+        unshadowed: kind === KIND_CATCHER ? this.unshadowed(view, points, matrices) : [1, 1, 1],
+      });
+    }
+  }
+
+  addEmission() {
+    const { gl } = this;
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE);
+    this.fill(this.programs.of("screen.vert", "emission.frag"), { ...this.surfaceTextures(), weight: 1 });
+    gl.disable(gl.BLEND);
+  }
+
+  // Tone-maps the picture as the server's is, and turns it over: the canvas has its first row below.
+  show({ scale, white }) {
+    const { gl, size: [width, height] } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.screen.frame);
+    gl.disable(gl.DEPTH_TEST);
+    this.fill(this.programs.of("screen.vert", "tonemap.frag", { EDGES: 0 }), { picture: this.picture.texture, scale, white: white || 1, exponential: white === 0 });
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.screen.frame);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+    gl.blitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+  }
+
+  // The linear picture drawn last, RGBA, the first row on top.
+  readLinear() {
+    const { gl, size: [width, height] } = this, pixels = new Float32Array(4 * width * height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.FLOAT, pixels);
+    return pixels;
+  }
+
+  // Irradiance of the catcher without shadows.
+  unshadowed(view, points, matrices) {
+    const number = this.scene.description.meshes.findIndex((mesh) => this.materials[mesh.material].kind === KIND_CATCHER), mesh = this.scene.objects[number];
+    const at = (vector, w) => (matrices[number] ? transformed(matrices[number], vector, w) : [...vector]);
+    const normal = unit(at(mesh.normals.subarray(0, 3), 0)), place = at(mesh.positions.subarray(0, 3), 1);
+    const side = minus(view.from, place).reduce((sum, value, k) => sum + value * normal[k], 0) < 0 ? -1 : 1, sum = [0, 0, 0];
+    for (const { direction, irradiance } of points) {
+      const cosine = Math.max(side * direction.reduce((total, value, k) => total + value * normal[k], 0), 0);
+      irradiance.forEach((value, k) => { sum[k] += cosine * value; });
+    }
+    return sum.map((value) => Math.max(value, 1e-30));
+  }
+
+  castAlpha(common, first, count, matrices) {
+    const { gl } = this;
+    gl.disable(gl.CULL_FACE);
+    this.items.forEach((item, k) => {
+      if (!item.caster) return;
+      gl.bindVertexArray(item.caster.array);
+      item.caster.program.use({
+        ...common, first_light: first, world_from_rest: matrices[k] ?? identity(), alpha_cutoff: item.material.cutoff,
+        alpha_texture: item.caster.texture,
+      });
+      gl.drawElementsInstanced(gl.TRIANGLES, item.indices.count, gl.UNSIGNED_INT, 4 * item.indices.first, count);
+    });
+  }
+
+  fill(program, values) {
+    const { gl } = this;
+    program.use({ depth: 0.5, ...values });
+    gl.bindVertexArray(this.empty);
+    gl.viewport(0, 0, ...this.size);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  surfaceTextures() {
+    const [surface_depth, surface_normals, surface_diffuse, surface_specular, surface_emission] = this.targets;
+    return { surface_depth, surface_normals, surface_diffuse, surface_specular, surface_emission };
+  }
+
+  item(mesh, number) {
+    const material = this.materials[mesh.material], { variant } = material;
+    const program = this.programs.of("surface.vert", "surface.frag", variant);
+    return { material, program, array: this.vertices(program, mesh), indices: mesh.indices, caster: material.cutoff === null ? null : this.alphaCaster(mesh, number) };
+  }
+
+  // An alpha-tested mesh as shadow maps draw it: alpha_test.py.
+  alphaCaster(mesh, number) {
+    const { gl } = this, { objects } = this.scene, material = this.materials[mesh.material];
+    const program = this.programs.of("shadow.vert", "shadow_alpha_test.frag", { ALPHA_TEST: 1, RECEIVER_PLANE: 0 });
+    const alpha = material.textures[0], { count, first } = mesh.vertices, object = objects[number];
+    const colours = this.scene.arrays.colours, vertexAlpha = new Float32Array(count);
+    for (let k = 0; k < count; k++) vertexAlpha[k] = material.alpha * (colours ? colours[4 * (first + k) + 3] : 1);
+    const uvs = material.alpha_uv_set && this.scene.arrays.second_uvs ? this.scene.arrays.second_uvs : this.scene.arrays.uvs;
+    const [[a, b, c], [d, e, f]] = material.alpha_uv_transform, placed = new Float32Array(2 * count);
+    for (let k = 0; k < count; k++) {
+      const u = uvs[2 * (first + k)], v = uvs[2 * (first + k) + 1];
+      placed.set([a * u + b * v + c, d * u + e * v + f], 2 * k);
+    }
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    for (const [name, data, numbers] of [["position", object.positions, 3], ["alpha_uv", placed, 2], ["vertex_alpha", vertexAlpha, 1]]) {
+      uploaded(gl, gl.ARRAY_BUFFER, data);
+      const at = program.attribute(name);
+      if (at < 0) continue;
+      gl.enableVertexAttribArray(at);
+      gl.vertexAttribPointer(at, numbers, gl.FLOAT, false, 0, 0);
+    }
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
+    return { program, array, texture: alpha === null ? this.white : this.alphaTexture(alpha) };
+  }
+
+  // The fourth channel of a texture as its first.
+  alphaTexture(number) {
+    const texture = this.scene.description.textures[number];
+    const texels = new Uint8Array(this.scene.buffer, texture.texels.offset, texture.texels.count), alphas = new Uint8Array(texels.length);
+    for (let k = 0; k < texels.length; k++) alphas[k] = texels[k | 3];
+    return this.texture({ ...texture, srgb: false }, alphas);
+  }
+
+  vertices(program, mesh) {
+    const { gl } = this, array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    for (const [name, [source, numbers]] of Object.entries(VERTEX)) {
+      const at = program.attribute(name);
+      if (at < 0) continue;
+      if (!this.buffers[source]) {
+        gl.disableVertexAttribArray(at);
+        gl.vertexAttrib4f(at, 1, 1, 1, 1); // of the context, not of the array: all that lack it are white
+        continue;
+      }
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[source]);
+      gl.enableVertexAttribArray(at);
+      gl.vertexAttribPointer(at, numbers, gl.FLOAT, false, 0, 4 * numbers * mesh.vertices.first);
+    }
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
+    return array;
+  }
+
+  texture({ width, height, srgb, repeats, filters }, texels) {
+    const { gl } = this, texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, srgb ? gl.SRGB8_ALPHA8 : gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, texels);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filters[0]);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, filters[1]);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, repeats[0] ? gl.REPEAT : gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, repeats[1] ? gl.REPEAT : gl.CLAMP_TO_EDGE);
+    return texture;
+  }
+
+  // Makes the textures of a picture of that size.
+  fit(width, height) {
+    if (this.size[0] === width && this.size[1] === height) return;
+    const { gl } = this;
+    this.size = [width, height];
+    for (const texture of [...(this.targets ?? []), this.depth, this.picture?.texture, this.screen?.texture]) gl.deleteTexture(texture ?? null);
+    for (const frame of [this.surfaces, this.picture?.frame, this.screen?.frame]) gl.deleteFramebuffer(frame ?? null);
+    const formats = [gl.R32F, gl.RGBA32F, gl.RGBA16F, gl.RGBA16F, ...(this.laws.EMISSION ? [gl.RGBA32F] : [])];
+    this.targets = formats.map((format) => this.target(format));
+    this.depth = this.target(gl.DEPTH_COMPONENT24);
+    this.surfaces = this.frameOf(this.targets, this.depth);
+    this.picture = { texture: this.target(this.blends || !this.laws.EMISSION ? gl.RGBA32F : gl.RGBA16F) };
+    this.picture.frame = this.frameOf([this.picture.texture]);
+    this.screen = { texture: this.target(gl.RGBA8) };
+    this.screen.frame = this.frameOf([this.screen.texture]);
+    [gl.canvas.width, gl.canvas.height] = [width, height];
+  }
+
+  target(format) {
+    const { gl } = this, texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, format, ...this.size);
+    nearest(gl);
+    return texture;
+  }
+
+  frameOf(textures, depth) {
+    const { gl } = this, frame = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    textures.forEach((texture, k) => gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + k, gl.TEXTURE_2D, texture, 0));
+    if (depth) gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, depth, 0);
+    gl.drawBuffers(textures.map((_, k) => gl.COLOR_ATTACHMENT0 + k));
+    return frame;
+  }
+}
+
+// How normals turn with a matrix of 16 numbers, column by column; poses are rigid, so as it does.
+function cofactors(matrix) {
+  return matrix ? [0, 1, 2].flatMap((col) => [0, 1, 2].map((row) => matrix[4 * col + row])) : [1, 0, 0, 0, 1, 0, 0, 0, 1];
+}

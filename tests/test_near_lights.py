@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
+from vemlight.light.near_lights import MAX_INTENSITY, MAX_NEAR_LIGHTS, NearLightSet
 
 
 def lamps(count: int = 2, **changes: np.ndarray) -> NearLightSet:
@@ -28,6 +28,12 @@ def test_a_directional_light_is_a_near_one_far_away():
     np.testing.assert_allclose(lamp.irradiance_at((1, 1, 1)), [[1, 0, 0]], rtol=3e-3)
 
 
+def test_the_strongest_light_there_can_be_is_finite_in_float32_as_near_as_can_be():
+    lamp = lamps(1, at=np.zeros((1, 3)), intensity=np.full((1, 3), MAX_INTENSITY))
+    assert not lamp.fault()
+    assert np.isfinite(lamp.irradiance_at((0, 0, 0)).astype(np.float32)).all()
+
+
 def test_arrays_have_their_types_whatever_they_came_as():
     assert [array.dtype.str for array in lamps().arrays()] == ["<i8", "<f4", "<f4", "<f4", "<f4"]
 
@@ -45,6 +51,11 @@ def test_arrays_have_their_types_whatever_they_came_as():
         (lamps(intensity=np.array([[1, 1, -1], [0, 0, 0]])), "have a negative intensity, radius or sigma"),
         (lamps(radius=np.array([0, -1])), "have a negative intensity, radius or sigma"),
         (lamps(sigma=np.array([-1, 0])), "have a negative intensity, radius or sigma"),
+        (lamps(at=np.full((2, 3), 1e6)), ""),
+        (lamps(at=np.array([[0, 0, -1.1e6], [0, 0, 1]])), "have a place, radius or sigma beyond 1e+06 m"),
+        (lamps(radius=np.array([1.1e6, 0])), "have a place, radius or sigma beyond 1e+06 m"),
+        (lamps(sigma=np.array([0, 1.1e6])), "have a place, radius or sigma beyond 1e+06 m"),
+        (lamps(intensity=np.full((2, 3), 1e31)), "have an intensity above 1e+30 W/sr"),
     ],
 )
 def test_what_no_near_lights_can_be_has_words(lights, words):

@@ -11,7 +11,7 @@ from vemlight.errors import UserError
 from vemlight.files import check_regular, decoded_json, one_line
 from vemlight.journal import MAX_LINE_BYTES
 from vemlight.light.light_set import LightSet, LightsRow, NearLights, are_covariances
-from vemlight.light.near_lights import MAX_NEAR_LIGHTS, near_lights_from_rows
+from vemlight.light.near_lights import MAX_METRES, MAX_NEAR_LIGHTS, near_lights_from_rows
 from vemlight.light.sphere import Coverage
 
 SUFFIXES = (".json", ".jsonl")
@@ -19,7 +19,6 @@ MAX_FILE_BYTES = 2**40  # read line by line: a day at 30 Hz has 50 GB
 MAX_LIGHTS = 100_000  # of a frame, as on the wire
 MAX_ID = 2**63 - 1
 MAX_TIME_S = 1e12  # as on the wire
-MAX_AT_M = 1e6  # as on the wire
 UNIT = 1e-3  # by which a direction's squared length may be off: three decimals of each number are enough
 NO_COVARIANCE = (0.0,) * 6
 TURNED = "convert the file, or make it again with `vemlight lights`"
@@ -106,8 +105,8 @@ def _near_lights(where: str, row: LightsRow) -> NearLights | None:
         raise UserError(f"{where}: has points, which are of schema vemlight.lights/2, and says vemlight.lights/1; {TURNED}")
     if len(row.points) > MAX_NEAR_LIGHTS:
         raise UserError(f"{where}: has {len(row.points)} near lights, at most {MAX_NEAR_LIGHTS} are read; {TURNED}")
-    if any(not 0 <= point.id <= MAX_ID for point in row.points) or not all(abs(x) <= MAX_AT_M for x in row.at):
-        raise UserError(f"{where}: a near light's id is below 0 or above 2^63 - 1, or at is beyond {MAX_AT_M:g} m; {TURNED}")
+    if any(not 0 <= point.id <= MAX_ID for point in row.points) or not all(abs(x) <= MAX_METRES for x in row.at):
+        raise UserError(f"{where}: a near light's id is below 0 or above 2^63 - 1, or at is beyond {MAX_METRES:g} m; {TURNED}")
     points = near_lights_from_rows(row.points)
     if fault := points.fault():
         raise UserError(f"{where}: near lights {fault}; {TURNED}")

@@ -6,6 +6,8 @@ import msgspec
 import numpy as np
 
 MAX_NEAR_LIGHTS = 256  # of a frame: a room has a dozen lamps, and each may cast shadows to six sides
+MAX_METRES = 1e6  # of a place's numbers, a radius, a sigma: as of all places on the wire
+MAX_INTENSITY = 1e30  # W/sr: at MIN_DISTANCE_M it is an irradiance of 1e36, which float32 holds
 MIN_DISTANCE_M = 1e-3  # of a place from a light: within it, and within its radius, irradiance grows no further
 
 
@@ -53,6 +55,10 @@ class NearLightSet:
             return "have a number that is not finite"
         if any((array < 0).any() for array in (self.intensity, self.radius, self.sigma)):
             return "have a negative intensity, radius or sigma"
+        if any((np.abs(array) > MAX_METRES).any() for array in (self.at, self.radius, self.sigma)):
+            return f"have a place, radius or sigma beyond {MAX_METRES:g} m"
+        if (self.intensity > MAX_INTENSITY).any():
+            return f"have an intensity above {MAX_INTENSITY:g} W/sr"
         if len(np.unique(self.ids)) < len(self.ids):
             return "have an id twice"
         return ""

@@ -275,10 +275,10 @@ class PointsMessage(FrameHeader, frozen=True, tag="points"):
 
     ARRAYS = (
         Array("ids", "<i8", ("count",), "the same as long as the light exists"),
-        Array("at", "<f4", ("count", 3), "the light's place, metres, world"),
-        Array("intensity", "<f4", ("count", 3), "RGB, W/sr: irradiance times squared distance, never negative"),
-        Array("radius", "<f4", ("count",), "metres, of a sphere of equal second moment, never negative"),
-        Array("sigma", "<f4", ("count",), "metres, of the place: square root of the trace of its covariance, never negative"),
+        Array("at", "<f4", ("count", 3), "the light's place, metres, world, each within 10^6"),
+        Array("intensity", "<f4", ("count", 3), "RGB, W/sr: irradiance times squared distance, 0 to 10^30"),
+        Array("radius", "<f4", ("count",), "metres, of a sphere of equal second moment, 0 to 10^6"),
+        Array("sigma", "<f4", ("count",), "metres, of the place: square root of the trace of its covariance, 0 to 10^6"),
     )
     count: Annotated[int, Meta(ge=0, le=MAX_NEAR_LIGHTS)]
     at: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)  # the place that the map and directional lights of this stamp are true for

@@ -21,7 +21,7 @@ LDT = "Me 1 1 1 0 7 15 R1 Lamp L1 f.ldt today 100 100 50 80 80 0 0 0 0 100 100 1
 LDT_LINES = (LDT + " 0" * 10 + " 0 0 15 30 45 60 75 90 1000.5 966.4 866.5 707.6 500.5 259.3 0.5").replace(" ", "\n").encode()
 
 
-def _text_files(**contents: bytes) -> Callable[[Path], list[Path]]:
+def text_files(**contents: bytes) -> Callable[[Path], list[Path]]:
     def whole(folder: Path) -> list[Path]:
         for name, content in contents.items():
             (folder / name.replace("__", ".")).write_bytes(content)
@@ -114,7 +114,7 @@ def _text_bombs(sound: bytes) -> dict[str, bytes]:
     }
 
 
-def _toml_bombs(sound: bytes) -> dict[str, bytes]:
+def toml_bombs(sound: bytes) -> dict[str, bytes]:
     bombs = {
         "arrays": b"a = " + b"[" * 100_000,
         "closed arrays": b"a = " + b"[" * 400 + b"]" * 400,
@@ -155,7 +155,7 @@ def _scene_bombs() -> dict[str, bytes]:
     }
     bombs |= {f"{count} lamps": SCENE + b"[[luminaire]]\n" * count for count in (256, 257, 60_000)}
     bombs["named lamps"] = SCENE + b"".join(b'[[luminaire]]\nname = "%d"\n' % k for k in range(20_000))
-    return {**_toml_bombs(SCENE), **bombs}
+    return {**toml_bombs(SCENE), **bombs}
 
 
 def _settings(path: Path) -> object:
@@ -198,18 +198,37 @@ LIGHTS = (
     b'{"schema":"vemlight.lights/2","sequence":0,"time_s":0.0,"coverage":"sphere","lights":'
     b'[{"id":0,"direction":[0,0,1],"irradiance":[1,1,1],"covariance":[0.01,0,0,0.01,0,0]},{"id":7,"direction":[1,0,0],"irradiance":[2,1,0]}]}\n'
 )
+POINTS = (
+    b'{"schema":"vemlight.lights/2","sequence":0,"time_s":0.0,"coverage":"sphere","lights":[],"at":[0,0,1],'
+    b'"points":[{"id":0,"at":[1,0,2],"intensity":[1,1,1],"radius":0.25,"sigma":0.01},{"id":5,"at":[0,1,2],"intensity":[1,0,1],'
+    b'"radius":0.0,"sigma":0.1}]}\n'
+)
 
 
 def _lights(path: Path) -> object:
+    """Read as every exchange does: also as directional lights, whose places divide."""
+    from vemlight.light.as_directional import as_directional
     from vemlight.light.lights_reader import lights_frames
 
-    return sum(len(frame.lights.ids) for frame in lights_frames(path))
+    return sum(float(as_directional(frame.lights, frame.near).irradiance.sum()) for frame in lights_frames(path))
 
 
 def _lights_bombs() -> dict[str, bytes]:
     light = b'{"id":%d,"direction":[0,0,1],"irradiance":[1,1,1]}'
     many = b",".join(light % k for k in range(300_000))
+    point = b'{"id":%d,"at":[1,0,2],"intensity":[1,1,1],"radius":0.25,"sigma":0.01}'
+    numbers = {
+        f"{key} of {value.decode()[:20]}": POINTS.replace(b'"%s":0.25' % key.encode(), b'"%s":%s' % (key.encode(), value))
+        for key in ("radius",) for value in (b"1e39", b"1e308", b"-1", b"null", b"9" * 400)
+    }  # fmt: skip
+    numbers |= {f"at {value.decode()}": POINTS.replace(b'"at":[1,0,2]', b'"at":' + value) for value in (b"[0,0,1]", b"[1e39,0,0]", b"[]")}
     return {
+        **numbers,
+        "points at the rig": POINTS.replace(b'"at":[1,0,2]', b'"at":[0,0,1]').replace(b"[1,1,1]", b"[3e38,3e38,3e38]"),
+        "points out of sight": POINTS.replace(b'"at":[1,0,2]', b'"at":[1e6,1e6,1e6]'),
+        "points of 3e38": POINTS.replace(b"[1,1,1]", b"[3e38,3e38,3e38]").replace(b'"at":[1,0,2]', b'"at":[0,0,1.0000001]'),
+        "257 points": POINTS.replace(b'{"id":5', b",".join(point % k for k in range(10, 265)) + b',{"id":5'),
+        "300,000 points": POINTS.replace(b'{"id":5', b",".join(point % k for k in range(10, 300_010)) + b',{"id":5'),
         "arrays": b"[" * 100_000,
         "objects": b'{"a":' * 100_000,
         "a line of 10^7 keys": b"{" + b'"a":1,' * 10**7 + b'"b":1}\n',
@@ -355,18 +374,18 @@ def _keys(path: Path) -> object:
 
 SETTINGS = b'mode = "live"\n[capture]\nfps = 20.0\n[sampler]\ncount = 9\n'
 FORMATS = {
-    "ies": Format(".ies", _text_files(a__ies=IES), _read_photometry, lambda: _photometry_bombs(IES, (b" 7 1 1", b"1000.5", b"\n0 15"))),
+    "ies": Format(".ies", text_files(a__ies=IES), _read_photometry, lambda: _photometry_bombs(IES, (b" 7 1 1", b"1000.5", b"\n0 15"))),
     "ldt": Format(
-        ".ldt", _text_files(a__ldt=LDT_LINES), _read_photometry, lambda: _photometry_bombs(LDT_LINES, (b"\n7\n", b"\n1000\n", b"\n0\n"))
+        ".ldt", text_files(a__ldt=LDT_LINES), _read_photometry, lambda: _photometry_bombs(LDT_LINES, (b"\n7\n", b"\n1000\n", b"\n0\n"))
     ),
     "tm25": Format(".tm25ray", _ray_files, _read_rays, _ray_bombs),
     "stage": Format(".mvr", _stage_files, _read_stage, _stage_bombs),
-    "settings": Format(".toml", _text_files(a__toml=SETTINGS), _settings, lambda: _toml_bombs(SETTINGS)),
-    "scene": Format(".toml", _text_files(a__toml=SCENE), _scene, _scene_bombs),
-    "lens": Format(".toml", _text_files(a__toml=LENS), _lens, lambda: _toml_bombs(LENS)),
-    "response": Format(".toml", _text_files(a__toml=RESPONSE), _response, lambda: _toml_bombs(RESPONSE)),
-    "patches": Format(".csv", _text_files(a__csv=PATCHES), _patches, _csv_bombs),
+    "settings": Format(".toml", text_files(a__toml=SETTINGS), _settings, lambda: toml_bombs(SETTINGS)),
+    "scene": Format(".toml", text_files(a__toml=SCENE), _scene, _scene_bombs),
+    "lens": Format(".toml", text_files(a__toml=LENS), _lens, lambda: toml_bombs(LENS)),
+    "response": Format(".toml", text_files(a__toml=RESPONSE), _response, lambda: toml_bombs(RESPONSE)),
+    "patches": Format(".csv", text_files(a__csv=PATCHES), _patches, _csv_bombs),
     "manifest": Format(".jsonl", _manifest_files, _manifest, _json_bombs, _with_chains),
-    "lights": Format(".jsonl", _text_files(a__jsonl=LIGHTS), _lights, _lights_bombs),
-    "keys": Format(".key", _text_files(a__key=KEYS), _keys, _keys_bombs),
+    "lights": Format(".jsonl", text_files(a__jsonl=LIGHTS, b__jsonl=POINTS), _lights, _lights_bombs),
+    "keys": Format(".key", text_files(a__key=KEYS), _keys, _keys_bombs),
 }

@@ -13,6 +13,10 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
 
 from tests import golden
 from vemlight.runtime import wire
@@ -98,10 +102,34 @@ KINDS: tuple[Callable[[Parts, Parts, random.Random], Parts], ...] = (
 )  # fmt: skip
 
 
+def whole_messages() -> list[wire.Message]:
+    """The golden ones, and others that have what those leave out: together every field of every header, not as it is left out."""
+    status, source = wire.StatusMessage, wire.SourceChoice(choice="recording a", label="a")
+    scaled = wire.Pose(name="box", position=(0.0, 0.0, 1.0), power=1.0, scale=2.0)
+    numbers = {"sequence": 7, "rate_hz": 25.0, "age_ms": 3.5, "step_ms": 0.75, "frames": 8, "skipped": 0, "dropped": 0, "refused": 0}
+    reports: list[Any] = [report(**dict.fromkeys(report.__struct_fields__, 1)) for report in wire.Report.__subclasses__()]
+    playing = wire.SourceMessage(
+        name="a", frames=9, fps=24.0, position=3, at_end=True, choice="bundled", choices=(source, source), opening="recording a",
+        refusal="it is gone", recording="b", recorded_frames=4, recorded_bytes=5, record_bytes_s=6.5, free_bytes=7, why_not_record="full",
+        recent_s=20.0, recent_bytes=8,
+    )  # fmt: skip
+    chosen = wire.ControlMessage(source="upload 0123456789abcdef", scene="0123456789abcdef", record=True, poses=(scaled,))
+    drawn, pixels = golden.messages()["image_linear"]
+    seen, radiance = golden.messages()["map"]
+    return [
+        *golden.messages().values(),
+        *((status(service="fuse", restarts=0, report=report, **numbers), ()) for report in reports),
+        (playing, (np.empty(0, np.int64), np.empty((0, wire.THUMBNAIL_SIDE, wire.THUMBNAIL_SIDE, 3), np.uint8))),
+        (chosen, ()),
+        (msgspec.structs.replace(seen, segment=3), radiance),
+        (msgspec.structs.replace(drawn, objects=(scaled,)), pixels),
+    ]
+
+
 def damaged_messages(count: int, seed: int) -> Iterator[Parts]:
     """`count` damaged messages, the same ones for the same seed."""
     chance = random.Random(seed)
-    whole = [wire.pack(*message) for message in golden.messages().values()]
+    whole = [wire.pack(*message) for message in whole_messages()]
     for _ in range(count):
         yield chance.choice(KINDS)(chance.choice(whole), chance.choice(whole), chance)
 

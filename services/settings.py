@@ -34,7 +34,7 @@ from vemlight.light.measured_lamp import MAX_MEASURED, MeasuredLamp
 from vemlight.light.sphere import Coverage
 from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
 from vemlight.runtime.channels import INSTANCE, SERVICES, Instance, Service
-from vemlight.runtime.wire import MAX_PART, MAX_POSES, Pose
+from vemlight.runtime.wire import MAX_PART, MAX_POSES, Pose, View
 from vemlight.runtime.wire_names import check_names
 
 # Limits keep a mistyped number from taking all memory. A map of 4096 x 8192 takes 402 MB, a picture of 8192 x 8192 in float32 RGBA
@@ -316,6 +316,9 @@ class Renderer(SettingsSection, frozen=True):
     background: Annotated[Background, means("behind the scene: nothing, with alpha 0, or the environment map")] = "clear"
     video: Annotated[str, means("file to write all pictures to at the end, .mp4, .mov or .mkv; requires `out`; empty: none"), PATH] = ""
     exr: Annotated[ExrFloats, means("numbers of EXR files; half: 32-bit floats still where a number is beyond 65,504")] = "half"
+    camera: Annotated[
+        View | None, means("`[renderer.camera]`, from where the scene is seen instead of its own camera: from, at, fov_y (degrees)")
+    ] = None
     poses: Annotated[
         Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)],
         means("`[[renderer.poses]]`, where objects and lamps of the scene stand instead: name, position, rotation (quaternion x y z w), "

@@ -38,6 +38,7 @@ CHOSEN = wire.ControlMessage(
     poses=(wire.Pose(name="box", position=(1.0, 0.5, 0.8), rotation=(0.0, 0.0, 0.6, 0.8), scale=1.5),),
     masks=(Mask(points=((80.0, 20.0), (160.0, 25.0), (120.0, 70.0))), Mask(points=((300.0, 50.0),), width_deg=20.0, mode="dark")),
     lamps=(VirtualLamp(id=2, azimuth_deg=200.0, elevation_deg=40.0, irradiance=(2.0, 1.0, 0.5)),),
+    camera=wire.View(eye=(3.0, -5.0, 2.0), at=(0.0, 0.0, 0.4), fov_y=50.0),
 )
 
 

@@ -34,7 +34,7 @@ def _stage(settings: Settings) -> RendererStage:
     number = (folder / CHOICE).read_text() or None if folder and (folder / CHOICE).is_file() else None
     if number and (files := upload_folder(number)):
         try:
-            drawing = msgspec.structs.replace(settings.renderer, scene=str(files / SCENE_FILE), poses=())
+            drawing = msgspec.structs.replace(settings.renderer, scene=str(files / SCENE_FILE), camera=None, poses=())
             return RendererStage(msgspec.structs.replace(settings, renderer=drawing), number)
         except UserError as error:
             print(f"vemlight: {error}; the scene stays", file=sys.stderr, flush=True)

@@ -36,7 +36,7 @@ from vemlight.renderer.output.tonemap import Adaptation, tone_curve
 from vemlight.renderer.output.video import check_video_settings
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.measured_lamps import lit_by_lamps, recognised, with_measured_lamps
-from vemlight.renderer.scene.scene import Scene, load_scene
+from vemlight.renderer.scene.scene import Scene, ViewCamera, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
@@ -140,6 +140,8 @@ class RendererStage:
         check_video_settings(settings)
         with of_setting("[renderer] scene"):
             scene = load_scene(Path(settings.renderer.scene) if settings.renderer.scene else None)
+        if view := settings.renderer.camera:
+            scene = scene._replace(camera=ViewCamera(position=view.eye, at=view.at, fov_y=view.fov_y))
         self._lamps = settings.renderer.lamp
         scene = with_measured_lamps(scene, self._lamps) if self._lamps else scene
         self._plate = ("plate",) if settings.plate.source else ()

@@ -29,7 +29,8 @@ def saved_settings(settings: Settings, control: wire.ControlMessage) -> Settings
     )
     poses = {pose.name: pose for pose in (*renderer.poses, *control.poses)}
     exposure = renderer.exposure if control.exposure is None else control.exposure
-    renderer = msgspec.structs.replace(renderer, exposure=exposure, poses=tuple(poses.values()))
+    camera = renderer.camera if control.camera is None or control.scene else control.camera
+    renderer = msgspec.structs.replace(renderer, exposure=exposure, poses=tuple(poses.values()), camera=camera)
     return msgspec.structs.replace(settings, capture=capture, sampler=sampler, renderer=renderer)
 
 

@@ -105,6 +105,7 @@ function withItems(now, from, to, key) {
 // What a choice did, in words.
 export function nameOf(before, after) {
   const [key, ...others] = Object.keys(after);
+  if ("scene" in after) return NAMES.scene;
   if (others.length && NAMES[key] !== NAMES[others[0]]) return "reset to settings";
   if (key in NAMES) return NAMES[key];
   if (key === "camera") return "turned the camera";

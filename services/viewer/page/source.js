@@ -11,7 +11,7 @@ export class Source {
     this.summary = null;
     this.depth = 0; // of elements that a drag is over
     at("source-list").addEventListener("change", (event) => this.choose({ source: event.target.value || null }));
-    at("scene-list").addEventListener("change", (event) => this.choose({ scene: event.target.value || null }));
+    at("scene-list").addEventListener("change", (event) => this.choose({ scene: event.target.value || null, camera: null })); // another scene is seen by its own camera
     at("source-list").addEventListener("click", (event) => { if (event.target.dataset.remove) this.remove(event.target.dataset.remove); });
     for (const id of ["pick-files", "pick-folder"]) {
       at(id).addEventListener("click", () => at(`${id}-input`).click());
@@ -148,7 +148,7 @@ export class Source {
       this.say(`${label}: being decoded …`, false, 1);
       const { facts } = await (await asked(`/uploads/${id}`, "POST", "{}")).json();
       this.say(`${label}: ${facts}`);
-      this.choose(isScene ? { scene: id } : { source: `upload ${id}` });
+      this.choose(isScene ? { scene: id, camera: null } : { source: `upload ${id}` });
     } catch (error) {
       this.say(`${label}: ${error.message}`, true);
     }

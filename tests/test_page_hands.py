@@ -201,7 +201,7 @@ def test_arming_and_pausing_are_no_entries(page, simulated):
     page.get_by_role("button", name="Pause").click()
     eventually(lambda: newest(simulated).paused, "the pause")
     assert page.locator("#undo").is_disabled()
-    page.get_by_role("button", name="Paused: resume").click()
+    page.get_by_role("button", name="Resume").click()
     eventually(lambda: not newest(simulated).paused, "the end of the pause")
 
 

@@ -76,6 +76,20 @@ def test_a_slow_source_and_a_slow_step_are_no_stall():
     assert liveness.judge(27)["renderer"].state == "silent"
 
 
+def test_a_renderer_that_opens_a_scene_is_not_called_silent_nor_live():
+    liveness = received_all(10)
+    liveness.on_scene_asked(10)
+    assert states(liveness, 11.2)[2] == "starting"
+    assert liveness.judge(40)["renderer"].text == "opens the scene, 30 s so far"
+    assert liveness.judge(40)["capture"].state == "silent"
+    assert liveness.judge(10 + 200)["renderer"].state == "silent"  # it does not come back
+    liveness.last_received["renderer"].take(FRAMES["renderer"], 11.0)  # of the scene before
+    assert liveness.judge(13)["renderer"].state == "starting"
+    liveness.last_received["renderer"].take(FRAMES["renderer"], 20.0)
+    assert liveness.judge(20.5)["renderer"].state == "live"
+    assert liveness.judge(60)["renderer"].state == "silent"  # opened, and then died
+
+
 def test_in_lossless_mode_nobody_stalls_who_is_not_asked():
     liveness = Liveness(MAKERS, fps=25, lossless=True)
     liveness.last_received["capture"].take(FRAMES["capture"], 10)

@@ -100,7 +100,7 @@ def test_the_other_controls_are_published_together(page, simulated):
     page.get_by_role("button", name="Pause").click()
     eventually(lambda: simulated.controls[-1] == wire.ControlMessage(count=72, exposure=-1.5, filtered=False, paused=True), "all of them")
     page.locator("#sky-cover").get_by_text("paused at this frame").wait_for()
-    page.get_by_role("button", name="Paused: resume").click()
+    page.get_by_role("button", name="Resume").click()
     page.get_by_role("button", name="Reset to settings").click()
     eventually(lambda: simulated.controls[-1] == wire.ControlMessage(), "the settings' own again")
     eventually(lambda: page.locator("#exposure").input_value() == "0" and page.locator("#filtered").is_checked(), "the settings shown")

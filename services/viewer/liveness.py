@@ -14,6 +14,8 @@ STATES: tuple[State, ...] = get_args(State)
 HEALTHY: tuple[State, ...] = ("live", "finished")
 
 MIN_STALL_S = 1.0  # `/healthz` shall be red within a second of a stalled stage, and not earlier: frames of fast sources come in bursts
+OPENING_S = 90.0  # for a scene of the page: a few seconds, and ten times that on a loaded machine. Later the renderer is called silent
+OPENING_FRAMES_S = 2.0  # in which a renderer that was asked for another scene still shows the one before: it hears within 0.5 s
 SLOW_STEPS = 3  # a service that works on a frame publishes nothing: it may take three times what its frames took lately
 
 
@@ -69,6 +71,11 @@ class Liveness:
         self.last_received: dict[Instance, LastReceived] = {name: LastReceived(by_status=name in several) for name in upstreams}
         self._upstreams = upstreams
         self._fps, self._lossless = fps, lossless
+        self._scene_asked_s = float("-inf")
+
+    def on_scene_asked(self, now_s: float) -> None:
+        """Another scene was chosen: while the renderers open it, nothing comes from them."""
+        self._scene_asked_s = now_s
 
     def judge(self, now_s: float) -> dict[Instance, Judgement]:
         """One judgement for each service, in the frames' order."""
@@ -86,7 +93,10 @@ class Liveness:
             kernel = compiled_by(service)
             return Judgement("not seen", f"compiling {kernel}, at the first start" if kernel else "nothing received yet")
         slow_s = SLOW_STEPS * max(last.interval_s, (last.status.step_ms or 0.0) / 1e3 if last.status else 0.0)
-        silent_s = now_s - max(last.status_s, last.frame_s)
+        silent_s, opening_s = now_s - max(last.status_s, last.frame_s), now_s - self._scene_asked_s
+        opens = service_of(service) == "renderer" and opening_s < OPENING_S and last.frame_s < self._scene_asked_s + OPENING_FRAMES_S
+        if opens and silent_s > MIN_STALL_S:
+            return Judgement("starting", f"opens the scene, {_duration(opening_s)} so far")
         if silent_s > max(STATUS.timeout_s(self._fps), slow_s):  # a service publishes between two steps, never within one
             return Judgement("silent", f"silent for {_duration(silent_s)}")
         if not last.made:

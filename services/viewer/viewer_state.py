@@ -151,6 +151,8 @@ class ViewerState:
                 raise UserError(f"{key}: is for one camera, and here those of a rig are fused; leave it out")
         if control.armed and self.why_not_arm:
             raise UserError(self.why_not_arm)
+        if control.scene != self.control.scene:
+            self.liveness.on_scene_asked(time.monotonic())
         self.control = control
         self.control_changed.notify()
         self.refresh()

@@ -13,7 +13,7 @@ export class Controls {
     for (const id of ["count", "count-number", "exposure", "exposure-text", "filtered", "pause", "reset", "no-controls"]) {
       this[id] = document.getElementById(id);
     }
-    this.fieldset = document.querySelector("#controls fieldset");
+    this.fieldsets = document.querySelectorAll("#controls fieldset");
     document.getElementById("controls").addEventListener("submit", (event) => event.preventDefault());
     this.count.addEventListener("input", () => this.choose({ count: countFrom(this.count.value) }));
     this["count-number"].addEventListener("change", () => {
@@ -28,7 +28,7 @@ export class Controls {
   }
 
   take(summary) {
-    this.fieldset.disabled = Boolean(summary.why_no_controls);
+    for (const fieldset of this.fieldsets) fieldset.disabled = Boolean(summary.why_no_controls);
     this["no-controls"].hidden = !summary.why_no_controls;
     this["no-controls"].textContent = summary.why_no_controls ?? "";
     if (performance.now() - this.inputAt < HOLD_MS || this.pending) return;
@@ -54,7 +54,7 @@ export class Controls {
     if ("paused" in inForce) {
       this.paused = inForce.paused;
       this.pause.setAttribute("aria-pressed", String(this.paused));
-      this.pause.textContent = this.paused ? "Paused: resume" : "Pause";
+      this.pause.textContent = this.paused ? "Resume" : "Pause";
     }
     for (const range of [this.count, this.exposure]) {
       range.style.setProperty("--filled", `${(100 * (range.value - range.min)) / (range.max - range.min)}%`);

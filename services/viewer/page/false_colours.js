@@ -6,6 +6,8 @@ import { shortNumber } from "/meter_histogram.js";
 const SIDE = 384; // pixels of the disc's overlay
 const HEAD = 16; // bytes of /meter/cells before the codes: rows, cols uint16; coverage uint32; first stop, stops a code float32
 const BLACK = 0, CLIPPED = 255;
+const OUTSIDE = 0.005; // of the sky, that is darker than the scale, and as much brighter: a sun takes 15 stops, and leaves the sky none. 0.002..0.02 do
+const LEAST_STOPS = 2; // of the scale: an even sky has one colour, and no noise in false ones
 const STRIPE = 5; // pixels of a zebra's stripe
 const PICTURE_WIDTH = 320; // pixels of the picture's overlay
 const WHITE_CODE = 254, BLACK_CODE = 1; // display codes from which a pixel is clipped, and up to which it is black
@@ -28,18 +30,19 @@ export class FalseColours {
     const layout = `${rows} ${cols}`;
     if (layout !== this.layout) [this.layout, this.lookup] = [layout, discLookup(rows, cols)];
     this.sphere = sphere;
+    this.scale = scaleOf(this.cells, this.lookup, LEAST_STOPS / this.step);
   }
 
   // The overlay of the disc; null before cells have come.
   disc(colour, zebra) {
     if (!this.cells) return null;
-    const c = this.canvas.getContext("2d"), image = c.createImageData(SIDE, SIDE), highest = 254;
+    const c = this.canvas.getContext("2d"), image = c.createImageData(SIDE, SIDE), { low, high } = this.scale;
     for (let k = 0; k < SIDE * SIDE; k++) {
       if (this.lookup[k] < 0) continue;
       const code = this.cells[this.lookup[k]];
       const marked = zebra && (code === BLACK || code === CLIPPED);
       if (marked) paint(image.data, k, zebraColour(code === CLIPPED, k % SIDE, Math.floor(k / SIDE)));
-      else if (colour) paint(image.data, k, ramp((Math.min(code, highest) - 1) / (highest - 1)));
+      else if (colour) paint(image.data, k, ramp((code - low) / (high - low)));
     }
     c.putImageData(image, 0, 0);
     return this.canvas;
@@ -49,10 +52,25 @@ export class FalseColours {
   legend(element, shown, scale) {
     element.hidden = !shown || !this.cells;
     if (element.hidden) return;
-    const low = this.first + Math.log2(scale ?? 1), high = low + 253 * this.step;
-    const text = [low, (low + high) / 2, high].map((stop) => (scale ? `${shortNumber(2 ** stop)} cd/m²` : `${stop.toFixed(1)} stops`.replace("-", "−")));
+    const { low, high, least, most } = this.scale, stops = [low, (low + high) / 2, high].map((code) => this.first + Math.log2(scale ?? 1) + (code - 1) * this.step);
+    const beyond = [least < low ? "≤ " : "", "", most > high ? "≥ " : ""];
+    const text = stops.map((stop, k) => beyond[k] + (scale ? `${shortNumber(2 ** stop)} cd/m²` : `${stop.toFixed(1)} stops`.replace("-", "−")));
     [...element.querySelectorAll("output")].forEach((output, k) => { if (output.textContent !== text[k]) output.textContent = text[k]; });
   }
+}
+
+// Which codes the colours span: all but those of OUTSIDE of the sky at each end. Clipped cells are at least as bright as the brightest.
+function scaleOf(cells, lookup, leastCodes) {
+  const counts = new Uint32Array(256);
+  for (const cell of lookup) if (cell >= 0) counts[Math.min(cells[cell], CLIPPED - 1)]++;
+  const lit = counts.subarray(1).reduce((sum, count) => sum + count, 0), known = [...counts.keys()].filter((code) => code && counts[code]);
+  if (!lit) return { low: 1, high: CLIPPED - 1, least: 1, most: CLIPPED - 1 };
+  const codeAt = (part) => {
+    let sum = 0;
+    return known.find((code) => (sum += counts[code]) >= part * lit);
+  };
+  const high = codeAt(1 - OUTSIDE);
+  return { low: Math.min(codeAt(OUTSIDE), high - leastCodes), high, least: known[0], most: known.at(-1) };
 }
 
 // The picture has no luminance any more: its colours tell its display levels, 0 to 100 %.

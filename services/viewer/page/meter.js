@@ -1,5 +1,6 @@
 // The light meter: asks GET /meter for readings while somebody can see it, and lays false colours and zebra over the sky and the picture.
 
+import { NEAR_IDS, VIRTUAL_IDS_FROM } from "/constants.js";
 import { FalseColours, paintPicture } from "/false_colours.js";
 import { drawHistogram } from "/meter_histogram.js";
 
@@ -138,7 +139,7 @@ export class Meter {
 
   showState() {
     const pill = at("meter-state"), { readings } = this;
-    const [state, text] = !readings ? ["waiting", "waiting for a map"] : !this.live ? ["stalled", `last values: ${this.why}`]
+    const [state, text] = !readings ? ["waiting", this.sky.image ? "reading …" : "waiting for a map"] : !this.live ? ["stalled", `last values: ${this.why}`]
       : readings.scale_from === "map" ? ["live", "calibrated, cd/m²"] : readings.scale_from === "page" ? ["live", "by your figure, cd/m²"]
       : ["starting", "relative: the camera has no scale"];
     if (pill.textContent !== text) pill.textContent = text;
@@ -149,7 +150,7 @@ export class Meter {
     this.colours = new Map(lights.map((light) => [light.id, `, ${colourWords(light) || "no colour temperature"}`]));
     const rows = lights.slice(0, SHOWN_LIGHTS).map((light) => {
       const row = document.createElement("tr");
-      const cells = [light.id, `${figure(light.illuminance)}${scale ? " lx" : ""}`, light.temperature_k ? `${light.temperature_k.toFixed(0)} K` : "–", duvWords(light.duv)];
+      const cells = [nameOf(light.id), `${figure(light.illuminance)}${scale ? " lx" : ""}`, light.temperature_k ? `${light.temperature_k.toFixed(0)} K` : "–", duvWords(light.duv)];
       row.append(...cells.map((text, k) => Object.assign(document.createElement(k ? "td" : "th"), { textContent: text }, k ? {} : { scope: "row" })));
       return row;
     });
@@ -191,6 +192,10 @@ export class Meter {
     c.arc(-r * Math.cos(phi), -r * Math.sin(phi), 6 * unit, 0, 2 * Math.PI);
     c.fill();
   }
+}
+
+function nameOf(id) {
+  return id >= VIRTUAL_IDS_FROM ? `lamp ${id - VIRTUAL_IDS_FROM}` : id >= NEAR_IDS ? `near ${id - NEAR_IDS}` : id;
 }
 
 function colourWords({ temperature_k, duv }) {

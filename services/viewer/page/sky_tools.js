@@ -70,7 +70,7 @@ export class SkyTools {
   // For the facts over the sky.
   get facts() {
     const count = (n, word) => (n ? ` · ${n} ${word}${n > 1 ? "s" : ""}` : "");
-    return count(this.masks.length, "mask") + count(this.lamps.length, "virtual lamp");
+    return count(this.masks.length, "mask") + count(this.lamps.length, "lamp");
   }
 
   use(tool) {

@@ -131,7 +131,7 @@ async function takeBytes(buffer) {
 function takeLights(frame) {
   sky.take(frame, performance.now());
   graphs.takeLights(frame);
-  at("sky-facts").textContent = `${frame.lights.length} lights${skyTools.facts} · frame ${frame.sequence}`;
+  at("sky-facts").textContent = `${frame.lights.length} lights${skyTools.facts}`;
   at("disc").setAttribute("aria-label", `The sky seen from below with ${frame.lights.length} lights. ${at("light-facts").textContent}`);
 }
 

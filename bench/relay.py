@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import zmq
 
-from tests.support.processes import free_port
+from tests.support.processes import children, free_port
 from tests.support.slow_link import SlowLink
 from vemlight.runtime import wire
 from vemlight.runtime.transport import Transport, accept_subscriptions, make_keys, read_keys
@@ -52,13 +52,13 @@ def publish(folder: Path) -> None:
 
 @contextlib.contextmanager
 def relay(folder: Path, *options: str, host: str = "127.0.0.1", prefix: tuple[str, ...] = ()) -> Iterator[tuple[int, int]]:
-    """Port and process id of a relay that runs."""
+    """Port of a relay that runs, and the id of the process that does its work."""
     port = free_port()
     command = [*prefix, sys.executable, "-m", "vemlight", "relay", "sampler", str(folder / "place.toml"), "--listen", f"{host}:{port}"]
     process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE)
     assert process.stdout
     process.stdout.readline()
-    yield port, process.pid
+    yield port, children(process.pid)["exchange.relay"]
     process.kill()
     process.wait()
 

@@ -19,7 +19,10 @@ def frame(sequence: int) -> wire.Message:
 
 
 class Played:
-    """Cameras that send frame n at n periods and a phase; `lost` says which frames do not come. Time goes on in steps of a millisecond."""
+    """Cameras that send frame n at n periods and a phase; `lost` says which frames do not come. Time goes on in steps of a millisecond.
+
+    every: of how many periods each camera sends a frame, which may be changed in between.
+    """
 
     def __init__(self, phases: list[float], delays_ms: list[float] | None = None) -> None:
         self.moments = Moments(len(phases), FPS)
@@ -27,16 +30,18 @@ class Played:
         self.found = []
         self.now_ns = float(BEGAN_NS)
         self.sent = [0 for _ in phases]
+        self.every = [1.0 for _ in phases]
+        self._at_ns = [BEGAN_NS + phase * PERIOD_NS for phase in phases]
 
     def until(self, periods: float, lost=lambda camera, n: False) -> list:
         before = len(self.found)
         while self.now_ns < BEGAN_NS + periods * PERIOD_NS:
-            for k, phase in enumerate(self.phases):
-                at_ns = BEGAN_NS + (self.sent[k] + phase) * PERIOD_NS
+            for k, at_ns in enumerate(self._at_ns):
                 if at_ns + self.delays_ns[k] <= self.now_ns:
                     if not lost(k, self.sent[k]):
                         self.moments.take(k, frame(self.sent[k]), round(at_ns), round(self.now_ns))
                     self.sent[k] += 1
+                    self._at_ns[k] += self.every[k] * PERIOD_NS
             if moment := self.moments.next(round(self.now_ns)):
                 self.found.append((moment, self.now_ns))
             self.now_ns += 1e6
@@ -92,6 +97,49 @@ def test_a_silent_camera_is_left_out_and_the_others_keep_their_rate_until_it_is_
     back = played.until(120)
     assert len(back) >= 28
     assert all(None not in each for each in numbers(back[2:]))
+
+
+@pytest.mark.parametrize("slow", [0, 1, 2])
+@pytest.mark.parametrize("every", [3.0, 20.0, 50.0])
+def test_a_camera_that_comes_back_slower_costs_the_others_nothing(slow, every):
+    """At 10, 1.5 and 0.6 frames a second beside 30."""
+    played = Played([0, 0.1, 0.2])
+    played.until(30)
+    played.until(60, lambda camera, n: camera == slow)
+    played.every[slow] = every
+    played.until(60 + 4 * every)  # its rate is known after two frames
+    skipped = played.moments.skipped
+    found = played.until(60 + 8 * every)
+    assert played.moments.skipped == skipped
+    assert len(found) >= 4 * every - 2, "the rate of the fast ones"
+    waited_ns = np.array([now_ns - moment.at_ns for moment, now_ns in found])
+    assert np.mean(waited_ns > 0.3 * PERIOD_NS) < 2 / every, "only the slow one's own frame is waited for"
+    assert all(None not in each for each in numbers(found)), "between its frames it is not silent"
+    ages = [moment.spread_ns / PERIOD_NS for moment, _ in found]
+    assert max(ages) <= every + 1, "its last frame is held"
+
+
+def test_a_camera_that_comes_back_faster_sets_the_beat():
+    played = Played([0, 0.1])
+    played.every = [2.0, 2.0]
+    played.until(40)
+    played.until(80, lambda camera, n: camera == 1)
+    played.every[1] = 1.0
+    played.until(90)
+    assert len(played.until(150)) >= 58
+
+
+def test_a_pause_is_no_period():
+    """A camera that was away for long and sends one frame is silent as soon as any other."""
+    played = Played([0, 0])
+    played.until(30)
+    played.until(400, lambda camera, n: camera == 1)
+    for alive in ({440}, {520, 521}):
+        last = max(alive)
+        played.until(last, lambda camera, n, alive=alive: camera == 1 and n not in alive)
+        silent_from = last + SILENT_S * FPS + 2
+        played.until(silent_from, lambda camera, n, alive=alive: camera == 1 and n not in alive)
+        assert played.moments.silent(round(played.now_ns)) == (False, True)
 
 
 def test_all_silent_is_no_moment_and_wakes_nobody():

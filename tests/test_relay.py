@@ -1,5 +1,7 @@
 """`vemlight relay`: many listeners, small frames, keys, slow links and cuts."""
 
+import os
+import signal
 import subprocess
 import sys
 import threading
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 import zmq
 
-from tests.support.processes import LOADED_S, free_port
+from tests.support.processes import LOADED_S, children, free_port, wait_until
 from tests.support.slow_link import SlowLink
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, eventually, frames_of
 from vemlight.exchange.fewer_lights import error_of
@@ -58,10 +60,11 @@ def relay(place: Path) -> Iterator:
     def start(*options: str) -> int:
         port = free_port()
         command = [sys.executable, "-m", "vemlight", "relay", "sampler", str(place / "place.toml"), "--listen", f"127.0.0.1:{port}"]
-        processes.append(subprocess.Popen([*command, *options], stdout=subprocess.PIPE, text=True))
+        processes.append(subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
         assert f"lights at tcp://127.0.0.1:{port}" in processes[-1].stdout.readline()
         return port
 
+    start.processes = processes
     yield start
     for process in processes:
         process.kill()
@@ -159,6 +162,31 @@ def test_a_service_elsewhere_takes_it_for_the_sampler(place, relay):
     first, *_, last = kinds["lights"]
     assert last.stamp.sequence - first.stamp.sequence >= 2 * (len(kinds["lights"]) - 1)  # ten of 25 a second
     there.close()
+
+
+def test_a_relay_that_is_killed_comes_back_and_its_listeners_with_it(place, relay):
+    port = relay()
+    (supervisor,) = relay.processes
+    frames = lights(f"tcp://127.0.0.1:{port}", place / "keys", timeout_s=LOADED_S)
+    assert len(next(frames).ids) == 91
+    for number in (1, 2):
+        worker, before = children(supervisor.pid)["exchange.relay"], next(frames).sequence
+        os.kill(worker, signal.SIGKILL)
+        assert f"lights at tcp://127.0.0.1:{port}" in supervisor.stdout.readline()
+        line = next(line for line in supervisor.stderr if "relay was killed" in line)
+        assert f"by SIGKILL; restart {number} in " in line
+        assert any(frame.sequence > before + 25 for frame in frames), "the same listener, a frame of a second later"
+    supervisor.kill()
+    wait_until(lambda: not children(supervisor.pid), "the end of the worker", 5)
+
+
+def test_a_relay_that_cannot_listen_ends_with_its_line(place, relay):
+    port = relay()
+    command = [sys.executable, "-m", "vemlight", "relay", "sampler", str(place / "place.toml"), "--listen", f"127.0.0.1:{port}"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=LOADED_S, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.count("\n") == 1
+    assert f"127.0.0.1:{port}" in ended.stderr
 
 
 def test_over_a_slow_link_frames_are_young_and_a_cut_of_5_s_heals(place, relay):

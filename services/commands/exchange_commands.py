@@ -1,5 +1,6 @@
 """The commands that hand lights to other programs."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ def relay(service: str, settings: Path | None, listen: str, count: int | None, m
     from vemlight.exchange.stream import destination
     from vemlight.settings import read_settings
 
-    publish(read_settings(settings), destination(listen, "--listen"), Feed(count, max_bytes, rate))
+    sys.exit(publish(read_settings(settings), destination(listen, "--listen"), Feed(count, max_bytes, rate)))
 
 
 COMMANDS = (export, stream, relay)

@@ -2,9 +2,14 @@
 
 It subscribes once and publishes for all under the same protocol, so whatever subscribes to the sampler may subscribe to it: a renderer, a
 viewer, a client. A frame has at most so many bytes, and a slow link's relay fewer lights: services/exchange/fewer_lights.py.
+The work is done by a child process (`python -m vemlight.exchange.relay`), which is started again when it dies.
 """
 
+import os
+import subprocess
+import sys
 import time
+from functools import partial
 from typing import NamedTuple
 
 import msgspec
@@ -19,8 +24,10 @@ from vemlight.light.as_directional import as_directional
 from vemlight.light.light_set import LightSet, NearLights
 from vemlight.runtime import wire
 from vemlight.runtime.channels import SERVICES
+from vemlight.runtime.children import die_with
 from vemlight.runtime.log_lines import LogLines
-from vemlight.runtime.open_files import raise_file_limit
+from vemlight.runtime.restarts import Restarts
+from vemlight.runtime.start import status_of
 from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Settings, Wire
 
@@ -89,15 +96,46 @@ def downstream(settings: Wire, listen: Destination) -> Wire:
     return msgspec.structs.replace(settings, transport="tcp", port=first, hosts={"sampler": listen.host})
 
 
-def relay(settings: Settings, listen: Destination, feed: Feed) -> None:
-    """Runs until it is interrupted. Raises UserError for a feed without room for a light, for keys, and for an address that is taken."""
+class Work(msgspec.Struct, frozen=True):
+    """What the child process is told, as JSON on its standard input: others may read a command line, and settings hold a token."""
+
+    settings: Settings
+    listen: Destination
+    feed: Feed
+
+
+def relay(settings: Settings, listen: Destination, feed: Feed) -> int:
+    """Runs until it is interrupted, or the child cannot go on: its status.
+
+    Raises UserError for a feed without room for a light and for keys.
+    """
     if settings.mode == "lossless":
         raise UserError("relay: in lossless mode frames are sent to who asks for them alone; use live mode")
     if feed.lights(soft=True) < 1:
         raise UserError(f"--bytes {feed.max_bytes}: has no room for a light; give {HEAD_BYTES + SOFT_BYTES} or more")
-    own = downstream(settings.wire, listen)
-    raise_file_limit()
-    inner, outer = Transport(settings.wire), Transport(own)
+    downstream(settings.wire, listen)
+    work = msgspec.json.encode(Work(settings, listen, feed))
+    deaths = Restarts("relay")
+    while True:
+        deaths.on_start()
+        # Its own process group: Ctrl-C reaches this process alone, with which the child ends
+        command, with_us = [sys.executable, "-m", "vemlight.exchange.relay"], partial(die_with, os.getpid())
+        child = subprocess.Popen(command, stdin=subprocess.PIPE, process_group=0, preexec_fn=with_us)
+        try:
+            child.communicate(work)
+        finally:
+            child.kill()
+            status = child.wait()
+        if status == 2:  # its own line says what the user must correct
+            return status
+        deaths.plan(status, may_fail=True)
+        time.sleep(deaths.left_s())
+
+
+def main() -> None:
+    """The child's work. Raises UserError for keys, and for an address that is taken."""
+    settings, listen, feed = msgspec.structs.astuple(msgspec.json.decode(sys.stdin.buffer.read(), type=Work))
+    inner, outer = Transport(settings.wire), Transport(downstream(settings.wire, listen))
     try:
         publisher = outer.bind("sampler", "publish", send_buffer=SEND_BUFFER)
         newest = NewestLights(inner, settings, "status", "end")
@@ -136,3 +174,7 @@ def _pass_on(newest: NewestLights, publisher: zmq.Socket, relayed: Relayed) -> N
         for kind in ("status", "end"):
             if message := newest.others.pop(kind, None):
                 publisher.send_multipart(relayed.status(message) if kind == "status" else wire.pack(*message))
+
+
+if __name__ == "__main__":
+    sys.exit(status_of(main))

@@ -28,7 +28,7 @@ MEMORY = 16  # frames whose mean is taken
 
 class Gains(NamedTuple):
     """ln: (cameras, 3) of the factors. sigma: (cameras,) of ln, 0 where it was not found but given or taken to be 1. frames: (cameras,)
-    int64, in which lights had a say, -1 before the camera's first map.
+    int64, in which lights had a say, -1 before the camera's first map and while it is silent.
     """
 
     ln: np.ndarray
@@ -43,13 +43,18 @@ def initial_gains(rig: CameraRig) -> Gains:
 
 
 def gains_by_walls(before: Gains, rig: CameraRig, maps: Sequence[EnvironmentMap | None]) -> Gains:
-    """What is known once a camera has its first map; as before when none has. maps: of a moment, None where a camera is silent."""
+    """What is known once a camera has its first map, or the first after a silence: it may have another unit then. As before when none has.
+
+    maps: of a moment, None where a camera is silent.
+    """
     new = [each is not None and frames < 0 for each, frames in zip(maps, before.frames, strict=True)]
-    if not any(new):
+    gone = [each is None and frames >= 0 for each, frames in zip(maps, before.frames, strict=True)]
+    if not any(new) and not any(gone):
         return before
     ln, sigma, frames = (array.copy() for array in before)
+    frames[gone] = -1
     frames[new] = 0
-    reference = _reference(rig, [each is not None for each in maps])
+    reference = _reference(rig, [each is not None for each in maps], before.frames)
     blocks = [
         block_radiance(each, camera.world_from_camera, BLOCKS) if each is not None and (is_new or k == reference) else None
         for k, (each, camera, is_new) in enumerate(zip(maps, rig.camera, new, strict=True))
@@ -60,7 +65,8 @@ def gains_by_walls(before: Gains, rig: CameraRig, maps: Sequence[EnvironmentMap 
             continue
         both = (own > 0).all(axis=1) & (first > 0).all(axis=1)  # nan where a block is not seen whole
         ratio = np.median(np.log(own[both]) - np.log(first[both]), axis=0) if both.sum() >= MIN_BLOCKS else np.zeros(3)
-        if np.abs(ratio - ln[reference]).max() > ROUGH_LN or np.ptp(ratio - ln[reference]) > ROUGH_COLOUR:
+        off = ratio + ln[k] - ln[reference]  # with the gain before a silence, 1 at first
+        if np.abs(off).max() > ROUGH_LN or np.ptp(off) > ROUGH_COLOUR:
             ln[k], sigma[k] = ln[reference] - ratio, ROUGH_SIGMA
     return Gains(ln, sigma, frames)
 
@@ -75,7 +81,8 @@ def gains_by_lights(before: Gains, rig: CameraRig, matched: Matches, fluxes: Seq
     sent = np.log(np.maximum(flux, 1e-30)) + np.log((p * p).sum(axis=1))[:, None]
     ln, sigma, frames = (array.copy() for array in before)
     seen = np.bincount(camera, minlength=len(rig.camera)) >= MIN_LIGHTS
-    reference = _reference(rig, seen)
+    reference = _reference(rig, seen, frames)
+    frames[reference] += 1
     own_light = {(n, k): i for i, (n, k) in enumerate(zip(light.tolist(), camera.tolist(), strict=True))}
     for k in np.flatnonzero(seen & np.array([each.gain is None for each in rig.camera])):
         both = [n for n in range(len(matched.fit)) if (n, int(k)) in own_light and (n, reference) in own_light]
@@ -89,7 +96,9 @@ def gains_by_lights(before: Gains, rig: CameraRig, matched: Matches, fluxes: Seq
     return Gains(ln, sigma, frames)
 
 
-def _reference(rig: CameraRig, here: Sequence[bool] | np.ndarray) -> int:
-    """The camera that the others are compared with: the first with a gain of those that are here, else the first of those."""
+def _reference(rig: CameraRig, here: Sequence[bool] | np.ndarray, frames: np.ndarray) -> int:
+    """The camera that the others are compared with: of those that are here the first with a gain, else the one whose own is known longest,
+    so that a first camera that comes late, or comes back, changes nobody's unit. frames: as Gains has them.
+    """
     given = [k for k, camera in enumerate(rig.camera) if camera.gain and here[k]]
-    return given[0] if given else next((k for k in range(len(rig.camera)) if here[k]), 0)
+    return given[0] if given else int(np.argmax(np.where(here, np.minimum(frames, MEMORY), -2)))

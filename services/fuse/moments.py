@@ -1,7 +1,7 @@
 """Live: which frames of several cameras show one moment, as they come. A value of its own; clocks are passed in.
 
-The first camera of the rig whose frames come sets the beat: each of its frames is a moment, of which every other camera gives the frame
-that was seen nearest in time. A moment is ready when no camera can have a nearer one to come, or when its patience is over.
+The fastest camera sets the beat, of several alike the first of the rig: each of its frames is a moment, of which every other camera gives
+the frame that was seen nearest in time. A moment is ready when no camera can have a nearer one to come, or when its patience is over.
 """
 
 import math
@@ -19,7 +19,10 @@ SILENT_FRAMES = FRAMES["capture"].max_missed + 1
 LATE_FRAMES = 1.75  # after which the next camera sets the beat: a frame that is late by three quarters is lost. 1.3 to 2 would do
 PATIENCE_FRAMES = 2.0  # for which a moment waits for the cameras whose frames are on their way: 1 to 3 would do
 LAST_FRAMES = 8  # of a camera: four times what the patience leaves waiting
-BEATS = 16  # whose median interval is the period
+BEATS = 16  # whose median interval is a camera's period
+ALIKE = 1.5  # ratio of the periods of cameras that are equally fast: between 24 and 30 a second and 15 and 30. 1.3 to 1.9 would do
+SLOWEST_NS = 2_000_000_000  # a longer interval is none between two frames but a pause. 1 to 4 s would do
+EARLY = 0.25  # of the beat's period, by which a frame may be seen before it is due. 0.1 to 0.4 would do
 
 
 class Seen(NamedTuple):
@@ -46,28 +49,42 @@ class Moments:
         """`fps`: until frames have shown their own rate."""
         self.skipped = 0  # moments passed over for a newer one
         self._frames: list[deque[Seen]] = [deque(maxlen=LAST_FRAMES) for _ in range(cameras)]
-        self._intervals_ns: deque[int] = deque([round(1e9 / fps)], maxlen=BEATS)
+        self._intervals_ns: list[deque[int]] = [deque(maxlen=BEATS) for _ in range(cameras)]
+        self._first_ns = 1e9 / fps
         self._last_ns: int | None = None
         self._beat = 0  # the camera that set the last one
         self._to_catch_up = 0  # moments that waited when another camera began to set the beat: none of them is passed over
 
     @property
     def period_ns(self) -> float:
-        return median(self._intervals_ns)
+        """Of the camera that sets the beat."""
+        return self._period_ns(self._beat)
+
+    def _period_ns(self, camera: int) -> float:
+        """A camera's own; of one whose rate is not known that of the others."""
+        own = self._intervals_ns[camera]
+        known = [median(intervals) for intervals in ([own] if own else self._intervals_ns) if intervals]
+        return median(known) if known else self._first_ns
+
+    def _silent_ns(self, camera: int) -> float:
+        """After so long without a frame a camera is left out."""
+        return max(SILENT_S * 1e9, SILENT_FRAMES * self._period_ns(camera))
 
     def take(self, camera: int, message: wire.Message, at_ns: int, now_ns: int) -> None:
         """A frame of a camera whose light was seen `at_ns`; in the future nothing was seen."""
-        frames, at_ns = self._frames[camera], min(at_ns, now_ns)
+        frames, intervals, at_ns = self._frames[camera], self._intervals_ns[camera], min(at_ns, now_ns)
         if frames and at_ns <= frames[-1].at_ns:  # a camera that was restarted, or whose clock was set back
             frames.clear()
-        elif frames and camera == self._beat:
-            self._intervals_ns.append(at_ns - frames[-1].at_ns)
+            intervals.clear()
+        elif frames and intervals and now_ns - frames[-1].came_ns > self._silent_ns(camera):  # it may be back at another rate
+            intervals.clear()
+        elif frames and at_ns - frames[-1].at_ns <= SLOWEST_NS:
+            intervals.append(at_ns - frames[-1].at_ns)
         frames.append(Seen(at_ns, now_ns, message))
 
     def silent(self, now_ns: int) -> tuple[bool, ...]:
         """Whether each camera is left out."""
-        limit_ns = max(SILENT_S * 1e9, SILENT_FRAMES * self.period_ns)
-        return tuple(not frames or now_ns - frames[-1].came_ns > limit_ns for frames in self._frames)
+        return tuple(not frames or now_ns - frames[-1].came_ns > self._silent_ns(k) for k, frames in enumerate(self._frames))
 
     def next(self, now_ns: int) -> Moment | None:
         """The newest moment that is ready."""
@@ -96,13 +113,13 @@ class Moments:
         return max(0.0, min(came) + PATIENCE_FRAMES * self.period_ns - now_ns) if came else math.inf
 
     def _set_beat(self, silent: tuple[bool, ...], now_ns: int) -> None:
-        """Chooses the first camera that is not late, or else the first that is not silent."""
-        late_ns = now_ns - LATE_FRAMES * self.period_ns
-        on_time = [k for k, frames in enumerate(self._frames) if frames and frames[-1].came_ns >= late_ns]
-        beat = on_time[0] if on_time else silent.index(False)
+        """Chooses the first of the fastest that are not late, or else the first that is not silent."""
+        periods_ns = [self._period_ns(k) for k in range(len(self._frames))]
+        on_time = [k for k, frames in enumerate(self._frames) if frames and now_ns - frames[-1].came_ns <= LATE_FRAMES * periods_ns[k]]
+        slowest_ns = ALIKE * min((periods_ns[k] for k in on_time), default=0.0)
+        beat = next((k for k in on_time if periods_ns[k] <= slowest_ns), silent.index(False))
         if beat != self._beat:
             self._beat = beat
-            self._intervals_ns = deque([round(self.period_ns)], maxlen=BEATS)
             self._to_catch_up = len(self._waiting())
 
     def _waiting(self) -> list[Seen]:
@@ -113,8 +130,13 @@ class Moments:
     def _is_ready(self, seen: Seen, silent: tuple[bool, ...], now_ns: int) -> bool:
         if now_ns - seen.came_ns >= PATIENCE_FRAMES * self.period_ns:
             return True
-        settled_ns = seen.at_ns - self.period_ns / 2
-        return all(left_out or frames[-1].at_ns >= settled_ns for frames, left_out in zip(self._frames, silent, strict=True))
+        half_ns, early_ns = self.period_ns / 2, EARLY * self.period_ns
+        return all(
+            silent[k]
+            or frames[-1].at_ns >= seen.at_ns - half_ns
+            or frames[-1].at_ns + self._period_ns(k) - early_ns > seen.at_ns + half_ns  # its next one is not due yet
+            for k, frames in enumerate(self._frames)
+        )
 
 
 def _nearest(frames: deque[Seen], at_ns: int) -> Seen:

@@ -12,15 +12,25 @@ from vemlight.settings import read_settings
 
 
 def start(main: Callable[..., None], arguments: Sequence[str]) -> int:
-    """Runs a service with the settings file in `arguments`, if there is one, and as many open files as it may have.
+    """Runs a service with the settings file in `arguments`, if there is one; returns its status.
 
     main: takes the settings, how often the service was restarted, and what follows the settings' file in `arguments`.
+    """
+
+    def work() -> None:
+        main(read_settings(Path(arguments[0]) if arguments else None), int(os.environ.get("VEMLIGHT_RESTARTS", "0")), *arguments[1:])
+
+    return status_of(work)
+
+
+def status_of(work: Callable[[], None]) -> int:
+    """Does the work of a process, with as many open files as it may have.
 
     Returns 0 when it was stopped or is done, 2 for what the user must correct (one line on stderr), 1 for our own fault.
     """
     raise_file_limit()
     try:
-        main(read_settings(Path(arguments[0]) if arguments else None), int(os.environ.get("VEMLIGHT_RESTARTS", "0")), *arguments[1:])
+        work()
     except UserError as error:
         print(f"vemlight: {error}", file=sys.stderr)
         return 2

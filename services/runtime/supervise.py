@@ -7,7 +7,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -25,6 +24,7 @@ from vemlight.runtime.instances import arguments, instance_of, started
 from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
+from vemlight.runtime.restarts import GIVE_UP_S, Restarts
 from vemlight.runtime.session import SESSION, make_session
 from vemlight.runtime.source_protocols import LISTENERS
 from vemlight.runtime.spare import Role, Spare
@@ -34,11 +34,6 @@ from vemlight.settings import Settings
 
 RUN_FOLDER = "vemlight-run-"
 SLOW_START_S = 8.0  # after so long, again and again, a line says why: a start with compiled code takes 2 s. 4 to 15 s would do
-RESTART_DELAY_S = (0.0, 0.5, 1.0, 2.0)  # by how often in a row the service died within SOON_S of its start; the last also for later ones
-SOON_S = 5.0  # a start takes 1 to 3 s: who lived longer has done frames, and did not die of starting. 4 to 10 s would do
-MAX_DEATHS = 5  # of one service within GIVE_UP_S: it dies of itself, and restarting does not help
-AGAIN_S = 15.0  # after which one of several cameras that dies again and again is tried again: 5 to 60 s would do
-GIVE_UP_S = 60.0  # five deaths with their delays take about 10 s when a service cannot even start
 STOP_TIMEOUT_S = 3.0  # between SIGTERM and SIGKILL: a step of the renderer takes up to a second; any value in 2..8 does
 PROGRESS_S = 2.0  # between two lines while files are written; any value in 1..10 does
 POLL_S = 0.1  # how late a death is noticed at most; any value in 0.02..0.3 does
@@ -56,10 +51,7 @@ class Child:
         """listeners: those that the first process waits for before it plays frames, if it is a source. arguments: behind the file."""
         self.service: Instance = service
         self._settings_file, self._listeners, self._arguments = settings_file, " ".join(listeners), arguments
-        self.restarts = 0
-        self._deaths_s: deque[float] = deque(maxlen=MAX_DEATHS)
-        self._started_s = self._start_at_s = 0.0
-        self._soon = 0  # deaths in a row soon after a start
+        self.deaths = Restarts(service)
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self, spare: Spare | None = None) -> None:
@@ -67,10 +59,10 @@ class Child:
         environment = {
             COMPILING: str(compiling_file(self._settings_file.parent, self.service)),
             SESSION: str(self._settings_file.parent / "session"),
-            "VEMLIGHT_RESTARTS": str(self.restarts),
-            LISTENERS: "" if self.restarts else self._listeners,
+            "VEMLIGHT_RESTARTS": str(self.deaths.restarts),
+            LISTENERS: "" if self.deaths.restarts else self._listeners,
         }
-        self._started_s = time.monotonic()
+        self.deaths.on_start()
         role = Role(service_of(self.service), [str(self._settings_file), *self._arguments], environment)
         self.process = spare.become(role) if spare else None
         # Its own process group: Ctrl-C reaches the supervisor alone, which then stops the services in good order.
@@ -82,30 +74,12 @@ class Child:
         )
 
     def plan_restart(self, status: int, may_fail: bool = False) -> str | None:
-        """Plans the restart of a process that ended with `status`; the reason when there is none because it dies again and again.
-
-        may_fail: the others go on without it, and it is tried for ever, if not often.
-        """
-        now_s = time.monotonic()
-        self._deaths_s.append(now_s)
-        recent = [t for t in self._deaths_s if t > now_s - GIVE_UP_S]
+        """As `Restarts.plan`, of the process that ended."""
         self.process = None
-        often = len(recent) == MAX_DEATHS
-        if often and not may_fail:
-            return f"{self.service} died {MAX_DEATHS} times in {GIVE_UP_S:.0f} s ({_ending(status)}); its own lines above say why"
-        self.restarts += 1
-        self._soon = self._soon + 1 if now_s < self._started_s + SOON_S else 0
-        delay_s = AGAIN_S if often else RESTART_DELAY_S[min(self._soon, len(RESTART_DELAY_S) - 1)]
-        self._start_at_s = now_s + delay_s
-        print(f"vemlight: {self.service} {_ending(status)}; restart {self.restarts} in {delay_s:g} s", file=sys.stderr, flush=True)
-        return None
+        return self.deaths.plan(status, may_fail)
 
     def is_due(self) -> bool:
-        return self.process is None and time.monotonic() >= self._start_at_s
-
-
-def _ending(status: int) -> str:
-    return f"was killed by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
+        return self.process is None and not self.deaths.left_s()
 
 
 def supervise(settings: Settings, overwrite: bool = False) -> int:

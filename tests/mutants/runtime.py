@@ -124,7 +124,7 @@ MUTANTS = [
         ("token halved", "TOKEN_BYTES = 24", "TOKEN_BYTES = 12"),
         ("loopback", "return ipaddress.ip_address(host).is_loopback", "return ipaddress.ip_address(host).is_private"),
     ]),
-    *mutants_of(RUNTIME + "supervise.py", "tests/test_supervise.py::test_a_service_that_dies_of_starting_is_restarted_later_and_later "
+    *mutants_of(RUNTIME + "restarts.py", "tests/test_supervise.py::test_a_service_that_dies_of_starting_is_restarted_later_and_later "
                 "tests/test_supervise.py::test_a_service_that_worked_is_restarted_at_once "
                 "tests/test_supervise.py::test_five_deaths_within_a_minute_are_too_many", [
         ("delay of a restart", "min(self._soon, len(RESTART_DELAY_S) - 1)", "min(self._soon, len(RESTART_DELAY_S) - 2)"),

@@ -68,7 +68,7 @@ def children(pid: int) -> dict[str, int]:
         if folder.name.isdecimal():
             try:
                 parent = int(re.search(r"PPid:\s*(\d+)", (folder / "status").read_text())[1])  # type: ignore[index]
-                command = (folder / "cmdline").read_bytes().decode().split("\0")
+                command = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
             except OSError:
                 continue
             if parent == pid and "-m" in command:

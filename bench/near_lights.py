@@ -1,8 +1,9 @@
 """How well near lights are located, on rooms whose light is known: `python -m bench.near_lights [ROOMS] [--seeds FIRST:LAST]`.
 
 ROOMS: `tuned` (default), on which constants may be looked at, or `kept`, on which none was. For rigs of 2, 3 and 4 cameras a metre apart,
-with pose errors as declared, it prints the place's error relative to the distance, the intensity's, error over sigma, what is missed and
-what is false a frame, whether ids stay, and the error of the irradiance a metre away of the first camera's map and of points and rest.
+with pose errors as declared, it prints the place's error relative to the distance, the intensity's, error over sigma (of lamps that stand
+alone, and of all: two that look like one are at neither's place), what is missed and what is false a frame, lit patches of walls that are
+located, whether ids stay, and the error of the irradiance a metre away of the first camera's map and of points and rest.
 """
 
 import argparse
@@ -36,6 +37,8 @@ RIGS = {"2 cameras": PAIR, "3 cameras": TRIANGLE, "4 cameras": SQUARE}
 # rest over the first camera's map; error over sigma of single frames.
 TRIAL = {"2 cameras": ".44-.80 / 1.6-2.0", "3 cameras": ".38-.50 / 1.1-1.2", "4 cameras": ".23-.38 / 0.6-1.4"}
 FRAMES, FIRST = 8, 1  # of a rig; those from the second on are scored
+ALONE_RAD = np.radians(6.0)  # two lamps with 4 degrees between their rims, of 1 degree each, on a map of a degree a cell
+WALL_M = 0.1  # from a wall, within which a point is light that the wall sends back: a lamp is two or three radii from it
 FALSE_SHARE = 0.01  # of the lamps' irradiance at the centre, above which a point that is no lamp counts
 SAME = 0.1  # of the distance, within which a point stands for a lamp
 NORMALS = 64
@@ -47,8 +50,10 @@ class Score(NamedTuple):
     place: list[float]  # error relative to the distance
     intensity: list[float]
     over_sigma: list[float]
+    alone: list[bool]  # no other lamp within ALONE_RAD
     missed: float  # lamps a frame
     false: float  # points a frame
+    patches: float  # of them no lamps but lit walls, which are not counted as false
     changed_ids: int
     map_error: float  # irradiance 1 m away, relative RMSE
     point_error: float
@@ -60,8 +65,10 @@ def score(room: Room, places: np.ndarray, seed: int, error: float = 1.0) -> Scor
     rng = np.random.default_rng(seed)
     rig = rig_of(places)
     still = maps_of(room, rig, rng, error)
-    state, found = FuseState.start(rig), Score([], [], [], 0.0, 0.0, 0, 0.0, 0.0, 0.0)
-    missed, false, changed, ids, cpu = 0, 0, 0, dict[int, int](), []
+    state, found = FuseState.start(rig), Score([], [], [], [], 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0)
+    missed, false, patches, changed, ids, cpu = 0, 0, 0, 0, dict[int, int](), []
+    ways = np.array([(lamp.at - rig.centre) / np.linalg.norm(lamp.at - rig.centre) for lamp in room.lamps])
+    alone = (ways @ ways.T > np.cos(ALONE_RAD)).sum(axis=1) == 1
     frames = FRAMES - FIRST
     for k in range(FRAMES):
         maps = [noisy(each, rng) for each in still]
@@ -73,18 +80,21 @@ def score(room: Room, places: np.ndarray, seed: int, error: float = 1.0) -> Scor
         pairs, others = matched(room.lamps, points, rig.centre)
         missed += len(room.lamps) - len(pairs)
         total = sum(luminance_from_rgb(lamp.intensity_to(rig.centre)) / np.sum((lamp.at - rig.centre) ** 2) for lamp in room.lamps)
-        false += int(np.count_nonzero(luminance_from_rgb(points.irradiance_at(rig.centre))[others] > FALSE_SHARE * total))
+        strong = others & (luminance_from_rgb(points.irradiance_at(rig.centre)) > FALSE_SHARE * total)
+        on_wall = is_on_wall(room, points.at)
+        false, patches = false + int(np.count_nonzero(strong & ~on_wall)), patches + int(np.count_nonzero(strong & on_wall))
         for lamp, point in pairs.items():
             off = float(np.linalg.norm(points.at[point] - room.lamps[lamp].at))
             found.place.append(off / float(np.linalg.norm(room.lamps[lamp].at - rig.centre)))
             found.over_sigma.append(off / float(points.sigma[point]))
+            found.alone.append(bool(alone[lamp]))
             true = luminance_from_rgb(room.lamps[lamp].intensity_to(rig.centre))
             found.intensity.append(abs(float(luminance_from_rgb(points.intensity[point]) / true) - 1))
             changed += lamp in ids and ids[lamp] != points.ids[point]
             ids[lamp] = int(points.ids[point])
     map_error, point_error = irradiance_errors(room, rig.centre, still[0], rest, points)
-    return found._replace(missed=missed / frames, false=false / frames, changed_ids=changed, map_error=map_error, point_error=point_error,
-                          cpu_ms=float(np.median(cpu)))  # fmt: skip
+    found = found._replace(missed=missed / frames, false=false / frames, patches=patches / frames, changed_ids=changed)
+    return found._replace(map_error=map_error, point_error=point_error, cpu_ms=float(np.median(cpu)))
 
 
 def matched(lamps: Sequence[Lamp], points: NearLightSet, centre: np.ndarray) -> tuple[dict[int, int], np.ndarray]:
@@ -96,6 +106,12 @@ def matched(lamps: Sequence[Lamp], points: NearLightSet, centre: np.ndarray) -> 
         pairs[int(lamp)], others[point] = int(point), False
         off[lamp], off[:, point] = np.inf, np.inf
     return pairs, others
+
+
+def is_on_wall(room: Room, places: np.ndarray) -> np.ndarray:
+    """Which places (n, 3) are on a wall of the room."""
+    low, high = np.array([-room.size[0] / 2, -room.size[1] / 2, 0.0]), np.array([room.size[0] / 2, room.size[1] / 2, room.size[2]])
+    return np.minimum(np.abs(places - low), np.abs(places - high)).min(axis=1, initial=np.inf) < WALL_M
 
 
 def irradiance_errors(
@@ -131,8 +147,8 @@ def main() -> None:
     options = parser.parse_args()
     first, last = map(int, options.seeds.split(":"))
     make = kept_room if options.rooms == "kept" else random_room
-    print("| rig | lamps | place median / p90, % (trial) | intensity median / p90, % | error / sigma | missed, false a frame | ids changed "
-          "| irradiance 1 m away, % | ms |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip
+    print("| rig | lamps | place median / p90, % (trial) | intensity median / p90, % | error / sigma, alone (all) "
+          "| missed, false, patches a frame | ids changed | irradiance 1 m away, % | ms |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip
     for name, places in RIGS.items():
         scores = []
         for seed in range(first, last):
@@ -143,16 +159,22 @@ def main() -> None:
 
 
 def _row(scores: Sequence[Score], trial: str = "") -> str:
-    place, intensity, sigmas = (np.array([value for each in scores for value in each[n]]) for n in range(3))
+    place, intensity, sigmas = (np.concatenate([getattr(each, name) for each in scores]) for name in ("place", "intensity", "over_sigma"))
+    alone = np.concatenate([each.alone for each in scores]).astype(bool)
     if not len(place):
-        return f"| 0 | - | - | - | {np.mean([s.missed for s in scores]):.2f}, {np.mean([s.false for s in scores]):.2f} | - | - | - |"
+        return f"| 0 | - | - | - | {_counts(scores)} | - | - | - |"
     before, after = (float(np.sqrt(np.mean([getattr(s, of) ** 2 for s in scores]))) for of in ("map_error", "point_error"))
     return (
         f"| {len(place) // (FRAMES - FIRST)} | {100 * np.median(place):.2f} / {100 * np.quantile(place, 0.9):.2f} ({trial}) "
-        f"| {100 * np.median(intensity):.1f} / {100 * np.quantile(intensity, 0.9):.1f} | {np.sqrt(np.mean(sigmas**2)):.2f} "
-        f"| {np.mean([s.missed for s in scores]):.2f}, {np.mean([s.false for s in scores]):.2f} | {sum(s.changed_ids for s in scores)} "
+        f"| {100 * np.median(intensity):.1f} / {100 * np.quantile(intensity, 0.9):.1f} "
+        f"| {np.sqrt(np.mean(sigmas[alone] ** 2)):.2f} ({np.sqrt(np.mean(sigmas**2)):.2f}) | {_counts(scores)} "
+        f"| {sum(s.changed_ids for s in scores)} "
         f"| {100 * before:.1f} -> {100 * after:.1f} ({after / before:.2f} x) | {np.median([s.cpu_ms for s in scores]):.1f} |"
     )
+
+
+def _counts(scores: Sequence[Score]) -> str:
+    return ", ".join(f"{np.mean(of):.3f}" for of in ([s.missed for s in scores], [s.false for s in scores], [s.patches for s in scores]))
 
 
 if __name__ == "__main__":

@@ -100,8 +100,9 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
     bright = seen.bright_cells
     luminance, power = _luminance(read_only(seen.radiance), of.solid_angles)
     if not power > 0:
-        return CompactSources(*(np.zeros((0, 3)),) * 2, *(np.zeros(0),) * 4, np.zeros((0, 3)),
-                              np.full(rows * cols, -1, np.int16), np.zeros(0, bool))  # fmt: skip
+        vectors, numbers = np.zeros((0, 3)), np.zeros(0)
+        none = np.full(rows * cols, -1, np.int16)
+        return CompactSources(vectors, vectors, numbers, numbers, numbers, numbers, vectors, none, np.zeros(0, bool))
     around = _local_median(luminance, of.theta)
     hot = _hot_cells(luminance, around, HOT_FLOOR * power)
     order = hot[np.argsort(-luminance.reshape(-1)[hot], kind="stable")]

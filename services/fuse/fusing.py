@@ -7,11 +7,11 @@ import numpy as np
 
 from vemlight.fuse.compact_sources import CompactSources, compact_sources
 from vemlight.fuse.gains import Gains, gains_by_lights, gains_by_walls, initial_gains
-from vemlight.fuse.matching import SEEN, SEES, Matches, Seen, matches
+from vemlight.fuse.matching import PAIR_CHI2, SEEN, SEES, Matches, Seen, matches
 from vemlight.fuse.rest import CameraView, FusedMap, fused, fused_layout, layout_of, without_lights
 from vemlight.fuse.rig_file import CameraRig
 from vemlight.fuse.tracks import HITS, Followed, Tracks, followed, no_tracks, tracks_of
-from vemlight.fuse.triangulation import FLUX_SIGMA
+from vemlight.fuse.triangulation import FLUX_SIGMA, UNKNOWN_FLUX
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
@@ -28,6 +28,10 @@ MIN_CLEAR_M = 0.05  # of a light's surface from every camera
 # Of chi2 over its degrees of freedom: rooms have 0.04 to 0.9 when poses are as declared, 0.2 to 2.2 at twice and 1.4 to 3.4 at four times
 # their errors.
 MAX_MISFIT, MISFIT_SIGMAS, MISFIT_FRAMES = 0.8, 2.0, 4
+UNEXPLAINED_CHI2 = 4.0  # of a source that no other camera's fits: it is hidden from them, or a pose is wrong
+# Of a source without a light, near where its camera should see one that has none there, but LEFT_OUT_SIGMAS off (nearer ones were left out
+# for their flux, which says nothing of poses): matching.py's gate, which kept it out.
+LEFT_OUT_CHI2, LEFT_OUT_FREEDOM, LEFT_OUT_SIGMAS = PAIR_CHI2, 3, 3.0
 
 
 class FuseState(NamedTuple):
@@ -94,12 +98,13 @@ def fuse_step(
     seen.table[:, :, 6] += gains.sigma[:, None] ** 2
     matched = matches(seen)
     lights = followed(state.lights, _measured(matched, seen, found), _is_still_lit(state.lights.tracks, seen))
-    fluxes = [each.flux * gain if each else np.zeros((0, 3)) for each, gain in zip(found, in_use, strict=True)]
-    gains = gains_by_lights(gains, state.rig, matched, fluxes, seen.offsets)
-    misfit = _misfit(state.misfit, matched)
+    gains = gains_by_lights(gains, state.rig, matched, _known_fluxes(found, in_use, seen), seen.offsets)
     near = _published(lights.tracks, state.rig)
-    believed = _is_believed(misfit, matched)
-    unexplained = _unexplained(matched, seen) + (0 if believed else int(np.count_nonzero(near.sources >= 0)))
+    unexplained = _unexplained(matched, seen)
+    now = _frame_fit(matched, seen, unexplained)
+    misfit = _misfit(state.misfit, now)
+    believed = _is_believed(misfit, now)
+    unexplained += 0 if believed else int(np.count_nonzero(near.sources >= 0))
     near = near if believed else near.take(np.zeros(len(near.ids), bool))
     points = _near_lights(near, state.rig.centre, max(misfit or 0.0, 1.0))
     rest = _rest(state, in_use, maps, found, near, seen)
@@ -118,24 +123,61 @@ def fuse_step(
     return state._replace(gains=gains, lights=lights, misfit=misfit), rest.map, points, report
 
 
-def _degrees_of_freedom(matched: Matches) -> int:
-    """What is measured of the lights beyond what is wanted."""
-    return int(3 * np.count_nonzero(matched.sources >= 0) - 4 * len(matched.fit))
+def _known_fluxes(found: Sequence[CompactSources | None], gains: np.ndarray, seen: Seen) -> list[np.ndarray]:
+    """Flux (n, 3) of each camera's sources in the rig's unit; nan where pixels are saturated."""
+    fluxes = []
+    for k, each in enumerate(found):
+        flux = each.flux * gains[k] if each else np.zeros((0, 3))
+        fluxes.append(np.where(seen.table[k, : len(flux), 6:7] < UNKNOWN_FLUX, flux, np.nan))
+    return fluxes
 
 
-def _misfit(before: float | None, matched: Matches) -> float | None:
-    """chi2 of the frame's lights over its degrees of freedom, mean of the last frames."""
+class _FrameFit(NamedTuple):
+    """chi2 of a frame's lights, of sources that were left out of them, and of those without a light; and the degrees of freedom."""
+
+    chi2: float
+    freedom: int
+
+
+def _frame_fit(matched: Matches, seen: Seen, unexplained: int) -> _FrameFit | None:
+    """None where no light says anything of the poses."""
     if not len(matched.fit):
+        return None
+    left_out = min(_left_out(matched, seen), unexplained)
+    chi2 = float(matched.fit[:, 5].sum()) + LEFT_OUT_CHI2 * left_out + UNEXPLAINED_CHI2 * (unexplained - left_out)
+    freedom = int(3 * np.count_nonzero(matched.sources >= 0) - 4 * len(matched.fit))
+    return _FrameFit(chi2, freedom + LEFT_OUT_FREEDOM * left_out + unexplained - left_out)
+
+
+def _left_out(matched: Matches, seen: Seen) -> int:
+    """How many sources without a light are about where their camera should see one that it has no source of."""
+    count = 0
+    for k in range(len(seen.counts)):
+        own = seen.table[k, : seen.counts[k]]
+        free = np.setdiff1d(np.arange(len(own)), matched.sources[:, k])
+        lights = matched.fit[matched.sources[:, k] < 0]
+        near = _is_seen_at(lights[:, :3], lights[:, 3], lights[:, 4], seen.offsets[k], own[free])
+        directions, _ = _from_camera(lights[:, :3], lights[:, 3], lights[:, 4], seen.offsets[k])
+        along = (directions * seen.offsets[k]).sum(axis=1)
+        of_place = lights[:, 6] + lights[:, 11] + ((seen.offsets[k] ** 2).sum() - along**2) * lights[:, 16]
+        of_pose = seen.pose[0] ** 2 + (seen.pose[1] * lights[:, 3]) ** 2
+        error = (of_place + of_pose)[:, None] + own[free, 4] + own[free, 5]
+        near &= ((directions[:, None] - own[None, free, :3]) ** 2).sum(axis=2) > LEFT_OUT_SIGMAS**2 * error
+        count += min(int(np.count_nonzero(near.any(axis=0))), int(np.count_nonzero(near.any(axis=1))))
+    return count
+
+
+def _misfit(before: float | None, now: _FrameFit | None) -> float | None:
+    """chi2 over its degrees of freedom, mean of the last frames."""
+    if now is None:
         return before
-    now = float(matched.fit[:, 5].sum()) / _degrees_of_freedom(matched)
-    return now if before is None else before + (now - before) / MISFIT_FRAMES
+    own = now.chi2 / now.freedom
+    return own if before is None else before + (own - before) / MISFIT_FRAMES
 
 
-def _is_believed(misfit: float | None, matched: Matches) -> bool:
+def _is_believed(misfit: float | None, now: _FrameFit | None) -> bool:
     """Whether lights fit their places as well as the rig file's poses promise; the fewer there are, the more chance has a say."""
-    if misfit is None or not len(matched.fit):
-        return True
-    return misfit < MAX_MISFIT + MISFIT_SIGMAS * np.sqrt(2 / _degrees_of_freedom(matched))
+    return misfit is None or now is None or bool(misfit < MAX_MISFIT + MISFIT_SIGMAS * np.sqrt(2 / now.freedom))
 
 
 def _seen(
@@ -173,35 +215,42 @@ def _measured(matched: Matches, seen: Seen, found: Sequence[CompactSources | Non
     """
     count = len(matched.fit)
     chroma, spread, sure, alone = np.zeros((count, 3)), np.zeros(count), np.ones(count, bool), np.ones(count, bool)
-    cameras = np.maximum((matched.sources >= 0).sum(axis=1), 1)
+    cameras, coloured = np.maximum((matched.sources >= 0).sum(axis=1), 1), np.zeros(count)
     for k, each in enumerate(found):
         if each is None or not len(each.flux):
             continue
         there = matched.sources[:, k] >= 0
         own = matched.sources[there, k]
         p = matched.fit[there, :3] + matched.fit[there, 3:4] * seen.offsets[k]
-        chroma[there] += seen.chroma[k, own]
+        weight = np.where(seen.table[k, own, 6] < UNKNOWN_FLUX, 1.0, 1e-3)  # colours of saturated pixels only where there are no others
+        chroma[there] += weight[:, None] * seen.chroma[k, own]
+        coloured[there] += weight
         spread[there] += each.spread[own] * (p * p).sum(axis=1)
         sure[there] &= each.sure[own]
         alone[there] &= (each.directions[own] @ each.directions.T > np.cos(ALONE_RAD)).sum(axis=1) == 1
-    return tracks_of(matched, chroma / cameras[:, None], spread / cameras, sure & (alone | (cameras > 2)))
+    return tracks_of(matched, chroma / np.maximum(coloured, 1e-9)[:, None], spread / cameras, sure & (alone | (cameras > 2)))
 
 
-def _from_camera(tracks: Tracks, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _from_camera(u: np.ndarray, rho: np.ndarray, s: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Directions (n, 3) of lights from a camera, and ln flux (n,) there."""
-    p = tracks.u + tracks.rho[:, None] * offset
+    p = u + rho[:, None] * offset
     length = np.linalg.norm(p, axis=1)
-    return p / np.maximum(length, 1e-9)[:, None], tracks.s - 2 * np.log(np.maximum(length, 1e-9))
+    return p / np.maximum(length, 1e-9)[:, None], s - 2 * np.log(np.maximum(length, 1e-9))
+
+
+def _is_seen_at(u: np.ndarray, rho: np.ndarray, s: np.ndarray, offset: np.ndarray, sources: np.ndarray) -> np.ndarray:
+    """Which of a camera's sources (m, SEEN) are where it would see which lights, and of about their flux: (n, m) bool."""
+    directions, ln_flux = _from_camera(u, rho, s, offset)
+    here = directions @ sources[:, :3].T > np.cos(STILL_LIT_RAD)
+    return here & (np.abs(ln_flux[:, None] - sources[None, :, 3]) < STILL_LN_FLUX)
 
 
 def _is_still_lit(tracks: Tracks, seen: Seen) -> np.ndarray:
-    """Whether any camera has a source where it would see each light, and of about its flux."""
+    """Whether any camera has a source where it would see each light."""
     lit = np.zeros(len(tracks.ids), bool)
     for k in range(len(seen.counts)):
         own = seen.table[k, : seen.counts[k]]
-        directions, ln_flux = _from_camera(tracks, seen.offsets[k])
-        here = (directions @ own[:, :3].T > np.cos(STILL_LIT_RAD)) & (np.abs(ln_flux[:, None] - own[None, :, 3]) < STILL_LN_FLUX)
-        lit |= here.any(axis=1)
+        lit |= _is_seen_at(tracks.u, tracks.rho, tracks.s, seen.offsets[k], own).any(axis=1)
     return lit
 
 
@@ -268,7 +317,7 @@ def _taken(
         return taken
     own = near.sources[:, k]
     taken[own[own >= 0]] = 1.0
-    directions, ln_flux = _from_camera(near, seen.offsets[k])
+    directions, ln_flux = _from_camera(near.u, near.rho, near.s, seen.offsets[k])
     rows, cols, _ = seen_map.radiance.shape
     row, col = cell_from_direction(directions @ world_from_camera, rows, cols, seen_map.coverage)
     flux = np.exp(ln_flux)[:, None] * near.chroma / luminance_from_rgb(near.chroma)[:, None] / gain

@@ -72,13 +72,18 @@ def gains_by_walls(before: Gains, rig: CameraRig, maps: Sequence[EnvironmentMap 
 
 
 def gains_by_lights(before: Gains, rig: CameraRig, matched: Matches, fluxes: Sequence[np.ndarray], offsets: np.ndarray) -> Gains:
-    """What is known after a moment's lights; fluxes: of each camera's sources (n, 3), with the gains before. offsets: as Seen has them."""
+    """What is known after a moment's lights.
+
+    fluxes: of each camera's sources (n, 3), with the gains before; nan where they are unknown. offsets: as Seen has them.
+    """
     light, camera = np.nonzero(matched.sources >= 0)
+    flux = np.array([fluxes[k][matched.sources[n, k]] for n, k in zip(light.tolist(), camera.tolist(), strict=True)]).reshape(-1, 3)
+    known = (flux > 0).all(axis=1)
+    light, camera, flux = light[known], camera[known], flux[known]
     if not len(light):
         return before
     p = matched.fit[light, :3] + matched.fit[light, 3:4] * offsets[camera]
-    flux = np.array([fluxes[k][matched.sources[n, k]] for n, k in zip(light, camera, strict=True)])
-    sent = np.log(np.maximum(flux, 1e-30)) + np.log((p * p).sum(axis=1))[:, None]
+    sent = np.log(flux) + np.log((p * p).sum(axis=1))[:, None]
     ln, sigma, frames = (array.copy() for array in before)
     seen = np.bincount(camera, minlength=len(rig.camera)) >= MIN_LIGHTS
     reference = _reference(rig, seen, frames)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.fuse.triangulation import FIT, add_covariance, fit_light
+from vemlight.fuse.triangulation import FIT, UNKNOWN_FLUX, add_covariance, fit_light
 from vemlight.kernels import kernel, subroutine
 
 EPIPOLAR_SIGMAS = 4.0
@@ -21,6 +21,7 @@ AROUND_SIGMAS, AROUND_RAD = 5.0, 0.005  # of where it is looked for: errors, and
 BEHIND_SIGMAS = 3.0  # of inverse distance: by which noise puts a far light beyond infinity
 A_CAMERA, MISSED = 10.0, 4.0  # value of each camera after the first, and what a camera costs that should see the light and does not
 APART_SIGMAS = 4.0  # of inverse distance, between two explanations of one source
+ASKED = 6.0  # of value: a source with another explanation that is so nearly as good is looked into
 SEES = 0.02  # cosine from a lens's axis at which a map of its hemisphere ends
 MAX_HYPOTHESES = 4096
 MANY_CAMERAS = 5  # from here on a camera that fits is not left out of a hypothesis: sets of cameras double with each
@@ -47,7 +48,7 @@ class Seen(NamedTuple):
 
 class Matches(NamedTuple):
     """Lights that two or more cameras see. sources: (n, cameras) int64, of each camera its source, -1: none. fit: (n, FIT). margin: (n,),
-    by which a light's value is above that of the best other explanation of one of its sources, at another distance; inf: there is none.
+    by which the set's value is above that of the best set in which a light's sources are something else; inf where nothing else is near it.
     """
 
     sources: np.ndarray
@@ -58,16 +59,22 @@ class Matches(NamedTuple):
 def matches(seen: Seen) -> Matches:
     """The set of lights of the greatest value in which each source is used once."""
     sources, values, fit = _hypotheses(*seen)
-    best = best_disjoint(sources + np.where(sources >= 0, np.arange(sources.shape[1]) * seen.table.shape[1], 0), values)
-    return Matches(sources[best], fit[best], _margins(sources, values, fit, best))
+    members = sources + np.where(sources >= 0, np.arange(sources.shape[1]) * seen.table.shape[1], 0)
+    best = best_disjoint(members, values)
+    return Matches(sources[best], fit[best], _margins(members, values, fit, best))
 
 
-def _margins(sources: np.ndarray, values: np.ndarray, fit: np.ndarray, best: np.ndarray) -> np.ndarray:
-    """See Matches."""
-    shares = ((sources[best][:, None] == sources[None]) & (sources[None] >= 0)).any(axis=2)
+def _margins(members: np.ndarray, values: np.ndarray, fit: np.ndarray, best: np.ndarray) -> np.ndarray:
+    """See Matches. Only where another explanation may be as good, the best set is sought in which none has the light at its place."""
+    shares = ((members[best][:, None] == members[None]) & (members[None] >= 0)).any(axis=2)
     elsewhere = np.abs(fit[best, 3][:, None] - fit[None, :, 3]) > APART_SIGMAS * np.sqrt(fit[best, 16][:, None] + fit[None, :, 16])
     others = np.where(shares & elsewhere, values[None], -np.inf)
-    return values[best] - others.max(axis=1, initial=-np.inf)
+    margins = np.full(len(best), np.inf)
+    whole = values[best].sum()
+    for n in np.flatnonzero(values[best] - others.max(axis=1, initial=-np.inf) < ASKED):
+        allowed = np.where(shares[n] & ~elsewhere[n], 0.0, values)
+        margins[n] = whole - values[best_disjoint(members, allowed)].sum()
+    return margins
 
 
 def best_disjoint(members: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -121,7 +128,7 @@ def _hypotheses(table, counts, chroma, offsets, axes, limits, pose):
 def _may_be_one(a, b, chroma_a, chroma_b, baseline, pose):
     # whether two cameras' sources lie in a plane with them and have one colour
     for c in range(3):
-        if abs(chroma_a[c] - chroma_b[c]) > SAME_CHROMA:
+        if abs(chroma_a[c] - chroma_b[c]) > SAME_CHROMA and max(a[6], b[6]) < UNKNOWN_FLUX:
             return False
     if abs(a[3] - b[3]) > PAIR_LN_FLUX + 2 * (np.sqrt(a[6]) + np.sqrt(b[6])):
         return False
@@ -161,7 +168,7 @@ def _extended(table, counts, chroma, offsets, pose, sources, fit, work, at, came
     for k in range(len(counts)):
         if first < 0 and sources[at, k] >= 0:
             first = k
-    mean = chroma[first, sources[at, first]]
+    mean, loose = chroma[first, sources[at, first]], table[first, sources[at, first], 6]
     tried = np.full(NEAREST, -1, np.int64)
     for n in range(NEAREST):
         nearest, best = np.inf, -1
@@ -170,7 +177,7 @@ def _extended(table, counts, chroma, offsets, pose, sources, fit, work, at, came
             for m in range(n):
                 taken = taken or tried[m] == i
             for x in range(3):
-                taken = taken or abs(chroma[camera, i, x] - mean[x]) > SAME_CHROMA
+                taken = taken or (abs(chroma[camera, i, x] - mean[x]) > SAME_CHROMA and max(loose, light[6]) < UNKNOWN_FLUX)
                 off += (light[x] - p[x] / length) ** 2
             faint = abs(light[3] - fit[at, 4] + 2 * np.log(length)) > MORE_LN_FLUX + 2 * np.sqrt(fit[at, 21] + light[6])
             around = AROUND_RAD + AROUND_SIGMAS * np.sqrt(error + light[4] + light[5])

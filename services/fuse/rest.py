@@ -118,7 +118,8 @@ def fused(views: Sequence[CameraView], goal: Layout) -> FusedMap:
     radiance, uncovered = _mean(light, seen, solid, MIN_SEEN * min(view.weight for view in views))
     samples = NO_BRIGHT_CELLS
     if bright:
-        samples = bright_cells_from_light(*(np.concatenate(parts) for parts in zip(*bright, strict=True)), *goal)
+        cells, directions, flux = (np.concatenate(parts) for parts in zip(*bright, strict=True))
+        samples = bright_cells_from_light(cells, directions, flux, *goal)
     return FusedMap(EnvironmentMap(radiance.reshape(goal.rows, goal.cols, 3), goal.coverage, samples), uncovered)
 
 

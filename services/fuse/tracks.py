@@ -17,7 +17,9 @@ STEP_RAD, STEP_RHO, STEP_LN_FLUX = 1e-4, 0.003, 0.03  # by which a light may cha
 GATE = 20.0  # chi2 of 4 degrees of freedom
 NEAR_SIGMAS, STAY_SIGMAS = 5.0, 3.0
 MOVED_RAD, MOVED_CHROMA, MOVED_LN_INTENSITY = np.radians(20.0), 0.04, 0.4  # a light that jumps is the same one within these
+NEW_SLOWER = 5.0  # one that was seen once and moves does so within 4 degrees: a lamp that is carried past at two metres
 BACK_SIGMAS, BACK_M = 4.0, 0.03  # and one that comes back, where it was; what a lamp on a stand sways
+DIMMED_LN_FLUX = 3.0  # by which a light that stays may become fainter or brighter at once: a factor of 20
 MIN_MARGIN = 3.0  # of a light over another explanation, in halves of chi2, for it to be thought near: 20 to 1
 HITS = 2  # frames in which a light must be seen before it is published
 HIDDEN_FRAMES = 8  # for which a light stays that one camera still sees
@@ -66,10 +68,9 @@ class Tracks(NamedTuple):
 
 def no_tracks(cameras: int) -> Tracks:
     """Before the first frame."""
-    shapes = ((3,), (), (), (4, 4), (4, 4), (2, 3), (3,), ())
-    whole = np.zeros(0, np.int64)
-    numbers = (np.zeros((0, *shape)) for shape in shapes)
-    return Tracks(whole, *numbers, whole, whole, np.zeros(0, bool), np.zeros(0, bool), np.zeros((0, cameras), np.int64))
+    whole, number, vector, matrix, flag = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4, 4)), np.zeros(0, bool)
+    return Tracks(whole, vector, number, number, matrix, matrix, np.zeros((0, 2, 3)), vector, number, whole, whole, flag, flag,
+                  np.zeros((0, cameras), np.int64))  # fmt: skip
 
 
 class Followed(NamedTuple):
@@ -98,6 +99,10 @@ def followed(before: Followed, seen: Tracks, is_still_lit: np.ndarray) -> Follow
     own, new = _same(known, seen)
     updated = _filtered(known.take(own), seen.take(new))
     own_left, new_left = np.setdiff1d(np.arange(len(known.ids)), own), np.setdiff1d(np.arange(len(seen.ids)), new)
+    dimmed = _dimmed(known.take(own_left))
+    a, b = _same(dimmed, seen.take(new_left))
+    updated = updated.joined(_filtered(dimmed.take(a), seen.take(new_left[b])))
+    own_left, new_left = np.delete(own_left, a), np.delete(new_left, b)
     a, b = _pairs(_moved_values(known.take(own_left), seen.take(new_left)))
     moved = _restarted(known.take(own_left[a]), seen.take(new_left[b]))
     own_left, new_left = np.delete(own_left, a), np.delete(new_left, b)
@@ -133,17 +138,24 @@ def _same(known: Tracks, seen: Tracks) -> tuple[np.ndarray, np.ndarray]:
     return _pairs(GATE - chi2)
 
 
+def _dimmed(known: Tracks) -> Tracks:
+    """The lights of before, if nothing were known of how bright they are now: what is in the same place is the same lamp."""
+    noise = known.noise.copy()
+    noise[:, 3, 3] += DIMMED_LN_FLUX**2
+    return known._replace(noise=noise)
+
+
 def _moved_values(known: Tracks, seen: Tracks) -> np.ndarray:
     """How like each light of before is each of this frame, where it may have moved; 0 and below: too little."""
     angle = np.arccos(np.clip(known.u @ seen.u.T, -1, 1)) / MOVED_RAD
     colour = np.abs(known.chroma[:, None] - seen.chroma[None]).max(axis=2, initial=0.0) / MOVED_CHROMA
     intensity = np.abs(_ln_intensity(known)[:, None] - _ln_intensity(seen)[None]) / MOVED_LN_INTENSITY
-    published = (known.hits >= HITS)[:, None]
-    return np.where(published & (angle < 1) & (colour < 1) & (intensity < 1), 4 - angle - colour - intensity, 0.0)
+    angle = np.where((known.hits >= HITS)[:, None], angle, NEW_SLOWER * angle)
+    return np.where((angle < 1) & (colour < 1) & (intensity < 1), 4 - angle - colour - intensity, 0.0)
 
 
 def _back_values(lost: Tracks, seen: Tracks) -> np.ndarray:
-    """How like each light that is off is each of this frame, by place, colour and intensity."""
+    """How like each light that is off is each of this frame, by place; by colour and intensity, which may be others now, among several."""
     here = seen.rho > BACK_SIGMAS * np.sqrt(np.maximum(seen.fixed[:, 2, 2] + seen.noise[:, 2, 2], 0))
     values = np.zeros((len(lost.ids), len(seen.ids)))
     if not (len(lost.ids) and here.any()):
@@ -154,7 +166,7 @@ def _back_values(lost: Tracks, seen: Tracks) -> np.ndarray:
     limit = BACK_M + BACK_SIGMAS * np.sqrt(variances[0][:, None] + variances[1][None])
     colour = np.abs(lost.chroma[:, None] - found.chroma[None]).max(axis=2) / MOVED_CHROMA
     intensity = np.abs(_ln_intensity(lost)[:, None] - _ln_intensity(found)[None]) / MOVED_LN_INTENSITY
-    values[:, here] = np.where((away < limit) & (colour < 1) & (intensity < 1), 4 - away / limit - colour - intensity, 0.0)
+    values[:, here] = np.where(away < limit, 4 - away / limit - np.minimum(colour, 1) - np.minimum(intensity, 1), 0.0)
     return values
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from vemlight.kernels import kernel, subroutine
 
 FLUX_SIGMA = 0.12  # of ln flux: lamps do not shine alike to all sides
+UNKNOWN_FLUX = 0.25  # variance of ln flux from which on it, and a colour, are those of saturated pixels
 ROUNDS = 12  # of a fit: three to five are the rule
 ENOUGH = 1e-3  # by which chi2 must fall for another round: far below the gates of matching.py
 MAX_RHO, MIN_RHO = 8.0, -1.0  # 1/m: a light 12 cm from the centre; what noise makes of a far one

@@ -88,7 +88,7 @@ def room_map(
     light = np.zeros((rows * cols, 3))
     fine_directions, fine_light = np.zeros((0, 3)), np.zeros((0, 3))
     for which, samples in ((cells[~near], COARSE), (cells[near], FINE)):
-        directions = _directions_in(which, samples, cols, *angles)
+        directions = directions_in(which, samples, cols, *angles)
         seen = radiance_along(room, place, directions.reshape(-1, 3) @ turn.T, hidden).reshape(*directions.shape)
         light[which] = seen.mean(axis=1)
         if samples == FINE:
@@ -111,7 +111,7 @@ def noisy(seen: EnvironmentMap, rng: np.random.Generator, noise: float = 0.02) -
     return seen._replace(radiance=(seen.radiance * factor).astype(np.float32))
 
 
-def _directions_in(cells: np.ndarray, samples: int, cols: int, row_angle: float, col_angle: float) -> np.ndarray:
+def directions_in(cells: np.ndarray, samples: int, cols: int, row_angle: float, col_angle: float) -> np.ndarray:
     """Unit vectors (cells, samples^2, 3), of equal solid angle."""
     row, col = np.divmod(cells, cols)
     within = (np.arange(samples) + 0.5) / samples

@@ -16,7 +16,8 @@ from tests.support.viewer_process import ViewerProcess
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
 from vemlight.runtime.session import INCOMING, READY, SESSION, make_session, upload_folder
-from vemlight.viewer import uploads
+from vemlight.viewer import upload_handlers, uploads
+from vemlight.viewer.upload_handlers import UploadHandlers
 from vemlight.viewer.uploads import MAX_FILES, MAX_UPLOADS, Announcement, NamedFile, Uploads
 
 HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + 8 * b"\x80\x80\x80\x81"
@@ -72,6 +73,11 @@ def test_a_name_never_leads_anywhere_and_the_bytes_say_the_kind(session, name, s
 def test_names_that_would_fall_together_are_numbers(session):
     _, names = sent(Uploads(1), ("a.hdr", HDR), ("a.exr", HDR), ("b.hdr", HDR))
     assert names == ["b.hdr", "file_000000.hdr", "file_000001.hdr"]
+
+
+def test_a_name_like_our_own_is_a_number_too(session):
+    _, names = sent(Uploads(1), ("file_000001.hdr", HDR), ("\u00e4.hdr", HDR))
+    assert names == ["file_000000.hdr", "file_000001.hdr"]
 
 
 @pytest.mark.parametrize(
@@ -191,6 +197,40 @@ def test_a_child_that_takes_too_long_is_ended(session, monkeypatch):
     with pytest.raises(UserError, match="takes over"):
         asyncio.run(taken.check(number))
     assert left_over(session) == []
+
+
+def test_an_upload_that_is_removed_while_it_is_decoded_is_one_line(session):
+    taken = Uploads(1)
+    number, _ = sent(taken, ("sky.hdr", HDR))
+
+    async def both() -> None:
+        checking = asyncio.create_task(taken.check(number))
+        await asyncio.sleep(0)
+        taken.remove(number)
+        await checking
+
+    with pytest.raises(UserError):
+        asyncio.run(both())
+    assert left_over(session) == []
+    assert taken.summary()["uploads"] == []
+
+
+def test_a_sender_of_some_bytes_now_and_then_loses_its_place(monkeypatch):
+    class Trickle:
+        async def read(self, _: int) -> bytes:
+            await asyncio.sleep(0.02)
+            return b"x"
+
+    class Request:
+        content = Trickle()
+
+    async def received() -> None:
+        async for _ in UploadHandlers._blocks(None, Request()):  # type: ignore[arg-type]
+            pass
+
+    monkeypatch.setattr(upload_handlers, "STALLED_S", 0.2)
+    with pytest.raises(TimeoutError):
+        asyncio.run(asyncio.wait_for(received(), 20))
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,8 @@ from vemlight.viewer.uploads import BLOCK, MAX_FILES, Announcement
 from vemlight.viewer.viewer_state import ViewerState
 
 MAX_ANNOUNCEMENT = 320 * MAX_FILES  # bytes: a name of 255 letters and a size for each file
-STALLED_S = 20.0  # without a byte of a file; a phone in a lift is back by then. 5 to 60 s would do
+STALLED_S = 20.0  # for LEAST bytes of a file; a phone in a lift is back by then. 5 to 60 s would do
+LEAST = 20 * 1024  # bytes of a file in that time, until its last: 1 kB a second, which no connection of a person falls below for long
 BYTES = "application/octet-stream"  # what another page cannot send unasked
 
 
@@ -70,9 +71,13 @@ class UploadHandlers:
         return web.Response(status=204)
 
     async def _blocks(self, request: web.Request):
+        """What comes, in blocks. Raises TimeoutError for a sender that keeps its place by some bytes now and then."""
+        content = request.content
         while True:
             async with asyncio.timeout(STALLED_S):
-                block = await request.content.read(BLOCK)
+                block = await content.read(BLOCK)
+                while block and len(block) < LEAST and (more := await content.read(BLOCK)):
+                    block += more
             if not block:
                 return
             yield block

@@ -39,6 +39,7 @@ CHECKS: dict[Kind, str] = {"light": "vemlight.capture.upload_check", "scene": "v
 TAKEN = {"light": "an .hdr, .exr, .png, .jpg, .tif, .mp4 or .mkv, or a folder of them", "scene": "a .glb"}
 BESIDE = ("lens.toml", "response.toml", "manifest.jsonl")  # texts that belong to a folder of frames
 PLAIN = re.compile(r"[A-Za-z0-9_-]{1,64}", re.ASCII)  # names that may be kept: a manifest refers to them
+OWN = re.compile(r"file_[0-9]{6}", re.ASCII)  # what a name becomes that may not be kept, so nobody else's
 NO_SESSION = "nothing is taken here: the viewer was not started by `vemlight run`, which has the folder for it"
 
 
@@ -157,10 +158,14 @@ class Uploads:
         try:
             async with self._checking:
                 upload.facts = await decoded(CHECKS[upload.announced.kind], upload.folder)
+            if self._uploads.get(number) is not upload:
+                raise UserError("it was removed meanwhile")
             upload.folder = upload.folder.rename(upload.folder.parents[1] / READY / number)
             upload.is_ready = True
-        except BaseException:
+        except BaseException as error:
             self.remove(number)
+            if isinstance(error, OSError):
+                raise UserError(f"it cannot be decoded now ({error.strerror})") from error
             raise
         finally:
             upload.is_checking = False
@@ -188,7 +193,7 @@ def stored_name(part: Path, announced: Announcement, index: int) -> str:
     if found not in SUFFIXES[announced.kind]:
         raise UserError(f"{shown}: is {found or 'no file of a known kind'}; {TAKEN[announced.kind]} is taken here")
     stem, stems = Path(name).stem, [Path(file.name).stem for file in announced.files]
-    is_plain = PLAIN.fullmatch(stem) and stems.count(stem) == 1
+    is_plain = PLAIN.fullmatch(stem) and stems.count(stem) == 1 and not OWN.fullmatch(stem)
     return (stem if is_plain else f"file_{index:06d}") + SUFFIXES[announced.kind][found]
 
 

@@ -4,12 +4,9 @@ import sys
 from pathlib import Path
 
 from vemlight.capture.source import open_files
-from vemlight.errors import UserError
-from vemlight.files import one_line
-from vemlight.runtime.child_limits import limit_process
+from vemlight.runtime.child_limits import checked
 from vemlight.settings import Capture
 
-REFUSED = 2  # exit status: the line says why
 CHECKED_FRAMES = 8  # of a sequence, evenly spaced, the first and the last among them; the others are decoded when they are due
 
 
@@ -23,18 +20,5 @@ def check(folder: Path) -> str:
     return "one picture" if count == 1 else f"{count} frames"
 
 
-def main(folder: Path) -> int:
-    limit_process()
-    try:
-        print(check(folder))
-    except UserError as error:
-        print(error)
-        return REFUSED
-    except Exception as error:  # hostile bytes raise whatever a library trips over
-        print(f"cannot be read ({one_line(error)})")
-        return REFUSED
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    sys.exit(checked(check, Path(sys.argv[1])))

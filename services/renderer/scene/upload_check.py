@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import one_line
 from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.meshes import bounds
 from vemlight.renderer.scene.scene import load_scene
-from vemlight.runtime.child_limits import limit_process
+from vemlight.runtime.child_limits import checked
 
-REFUSED = 2  # exit status: the line says why
 SCENE_FILE = "scene.toml"
 VIEW = np.array([0.75, -1.0, 0.45]) / np.linalg.norm([0.75, -1.0, 0.45])  # from the middle to the camera: three quarters, from above
 DISTANCE = 3.2  # half diagonals of the box around it: at 40 degrees a sphere of that radius fills 0.9 of the height
@@ -46,18 +44,5 @@ def _row(values) -> str:
     return "[" + ", ".join(f"{value:.6f}" for value in values) + "]"
 
 
-def main(folder: Path) -> int:
-    limit_process()
-    try:
-        print(check(folder))
-    except UserError as error:
-        print(error)
-        return REFUSED
-    except Exception as error:  # hostile bytes raise whatever a library trips over
-        print(f"cannot be read ({one_line(error)})")
-        return REFUSED
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    sys.exit(checked(check, Path(sys.argv[1])))

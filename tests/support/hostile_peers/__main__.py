@@ -11,6 +11,7 @@ import contextlib
 import http.client
 import itertools
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -32,6 +33,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, Service
 from vemlight.runtime.demand import Pull
 from vemlight.runtime.service_stats import ServiceStats
+from vemlight.runtime.session import SESSION, make_session
 from vemlight.runtime.transport import Transport, make_keys
 from vemlight.settings import Settings, Wire, read_settings
 from vemlight.viewer.authentication import cookie_of
@@ -69,6 +71,9 @@ class Target:
     """The service that is attacked, its memory, and its lines."""
 
     def __init__(self, file: Path, service: Service, files: int) -> None:
+        """Uploads go to the folder of the settings."""
+        make_session(session := file.parent / "session")
+        environment = os.environ | {SESSION: str(session)}
         module = ["vemlight.viewer", str(file)] if service == "viewer" else ["tests.support.hostile_peers.targets", str(file), service]
 
         def limit() -> None:
@@ -76,7 +81,9 @@ class Target:
                 resource.setrlimit(resource.RLIMIT_NOFILE, (files, files))
 
         self._log = tempfile.TemporaryFile()  # noqa: SIM115, closed with this object
-        self.process = subprocess.Popen([sys.executable, "-m", *module], stderr=self._log, stdout=subprocess.DEVNULL, preexec_fn=limit)
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", *module], stderr=self._log, stdout=subprocess.DEVNULL, env=environment, preexec_fn=limit
+        )
         self.most = 0
         self._said: bytes | None = None
         self._watching = threading.Thread(target=self._watch, daemon=True)

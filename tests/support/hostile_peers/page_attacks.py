@@ -2,6 +2,8 @@
 
 import base64
 import contextlib
+import http.client
+import json
 import os
 import selectors
 import socket
@@ -188,6 +190,51 @@ def _never_read(port: int, count: int, start: Callable[[], bytes], again: bytes)
     return cut_s
 
 
+def _announced(port: int, size: int) -> bytes:
+    """The number of an upload of one picture of so many bytes."""
+    page = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
+    body = json.dumps({"kind": "light", "label": "sky", "files": [{"name": "sky.hdr", "size": size}]})
+    page.request("POST", "/uploads", body, {"Content-Type": "application/json"})
+    return json.loads(page.getresponse().read())["id"].encode()
+
+
+def _sending(number: bytes, size: int) -> bytes:
+    head = b"Content-Type: application/octet-stream\r\nContent-Length: %d\r\n\r\n" % size
+    return b"PUT /uploads/" + number + b"/0 HTTP/1.1\r\n" + HOST + head
+
+
+def slow_upload(port: int) -> float | None:
+    """One that was announced, byte for byte; the others of its number are refused."""
+    size = 2**20
+    return _many(port, 100, _sending(_announced(port, size), size) + b"#?RADIANCE\n", b"x")
+
+
+def upload_without_end(port: int) -> float | None:
+    """Goes on behind the announced bytes."""
+    return _flood(port, _sending(_announced(port, 100), 100), bytes(65536))
+
+
+def announcements(port: int) -> float | None:
+    body = b'{"kind":"light","label":"x","files":[' + b",".join(1000 * [b'{"name":"a","size":0}']) + b"]}"
+    head = b"Content-Type: application/json\r\nContent-Length: %d\r\n\r\n" % len(body)
+    return _flood(port, b"", b"POST /uploads HTTP/1.1\r\n" + HOST + head + body)
+
+
+def small_uploads(port: int) -> float | None:
+    """Of no bytes, as many as are taken, and given back again."""
+    page, began_s = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0), time.monotonic()
+    kind = {"Content-Type": "application/json"}
+    while time.monotonic() - began_s < SECONDS:
+        with contextlib.suppress(OSError, http.client.HTTPException):
+            page.request("POST", "/uploads", '{"kind":"light","label":"x","files":[{"name":"a.hdr","size":0}]}', kind)
+            answer = page.getresponse()
+            text = answer.read()
+            if answer.status == 201:
+                page.request("PUT", f"/uploads/{json.loads(text)['id']}/0", b"", {"Content-Type": "application/octet-stream"})
+                page.getresponse().read()
+    return None
+
+
 def guesses(port: int) -> float | None:
     """Wrong tokens, as fast as they are answered; when the first was refused without being compared."""
     began_s, refused_s = time.monotonic(), None
@@ -225,5 +272,9 @@ PAGE_ATTACKS: dict[str, Callable[[int], float | None]] = {
     "page: frame of 2^40 bytes": large_frame,
     "60 pages that never read": pages_that_never_read,
     "60 streams that never read": streams_that_never_read,
+    "an upload byte for byte": slow_upload,
+    "an upload without end": upload_without_end,
+    "announcements without a pause": announcements,
+    "small uploads without a pause": small_uploads,
     "wrong tokens": guesses,
 }

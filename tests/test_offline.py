@@ -1,5 +1,7 @@
 """`vemlight lights` and `vemlight render` from options to settings."""
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from vemlight.commands.options import LightsOptions, RenderOptions
 from vemlight.commands.rendering import renderer_settings
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
+from vemlight.light.lights_reader import lights_frames
 from vemlight.settings import MAX_PICTURE_SIDE, Renderer
 
 HERE = Path()
@@ -74,6 +77,24 @@ def test_lights_are_written_as_they_are_made(tmp_path, monkeypatch, score):
     assert source.rows == [0, 1, 2, 3, 4]
     assert (tmp_path / "l.jsonl").read_bytes().count(b"\n") == 5
     assert ("score" in report.values) == score
+
+
+def test_lights_that_are_killed_leave_whole_lines_that_are_read(tmp_path, monkeypatch):
+    class Killed(_Watched):
+        def frame(self, k: int) -> Frame:
+            if k == 3:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return super().frame(k)
+
+    part = tmp_path / "l.part.jsonl"
+    monkeypatch.setattr(offline, "open_frames", lambda _: Killed(part, 5))
+    child = os.fork()
+    if not child:
+        write_lights_file(LightsOptions(source=HERE, out=tmp_path / "l.jsonl", count=4))
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    assert [path.name for path in tmp_path.iterdir()] == [part.name]
+    assert [frame.sequence for frame in lights_frames(part)] == [0, 1, 2]
 
 
 def test_lights_of_a_frame_that_cannot_be_read_leave_no_file(tmp_path):

@@ -52,7 +52,7 @@ MUTANTS = [
         ("probes of a silent host halved", "KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3", "KEEPALIVE_S, KEEPALIVE_PROBES = 1, 1"),
         ("time between probes doubled", "KEEPALIVE_S, KEEPALIVE_PROBES = 1, 3", "KEEPALIVE_S, KEEPALIVE_PROBES = 2, 3"),
         ("time of an attempt to connect", "CONNECT_MS = 50, 200, 650", "CONNECT_MS = 50, 200, 1300"),
-        ("subscriptions to unknown topics", "if topic in _TOPICS:", "if True:"),
+        ("subscriptions to unknown topics", "if topic not in _TOPICS:", "if False:"),
         ("secret key's mode", "os.umask(0o077)", "os.umask(0o022)"),
         ("a second process at a socket", "fcntl.LOCK_EX | fcntl.LOCK_NB", "fcntl.LOCK_SH | fcntl.LOCK_NB"),
     ]),

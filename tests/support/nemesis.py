@@ -1,6 +1,6 @@
 """Kills and stops the processes of a lossless run at random moments until it is done, and compares its output with an undisturbed one.
 
-python -m tests.support.nemesis [--frames 1000] [--pictures 40] [--seed 0] [--folder DIR]
+python -m tests.support.nemesis [--frames 1000] [--pictures 40] [--seed 0] [--cameras 1] [--folder DIR]
 """
 
 import argparse
@@ -29,10 +29,10 @@ EARLY, EARLY_S = 0.25, (0.0, 2.0)  # fraction of strikes that do not wait for pi
 LINE_BYTES = 480  # of a picture in the manifest
 
 
-def write_sequence(folder: Path, frames: int) -> None:
-    """Frames of 8 x 16: a sun walks through a sky and flickers."""
+def write_sequence(folder: Path, frames: int, camera: int = 0) -> None:
+    """Frames of 8 x 16: a sun walks through a sky and flickers; another sky for each camera."""
     folder.mkdir()
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(camera)
     for k in range(min(SKIES, frames)):
         sky = rng.uniform(0.1, 1.0, (8, 16, 3)).astype(np.float32)
         sky[2, k] += 300
@@ -41,14 +41,21 @@ def write_sequence(folder: Path, frames: int) -> None:
         (folder / f"sky_{k:06d}.exr").hardlink_to(folder / f"sky_{k % SKIES:06d}.exr")
 
 
-def write_settings(path: Path, source: Path) -> None:
+def write_input(folder: Path, frames: int, cameras: int) -> None:
+    """Settings and sequences: one, or that of each camera of a rig."""
     content = {
-        "capture": {"source": str(source), "rows": 6, "cols": 24},
+        "capture": {"source": "" if cameras > 1 else "sequence", "rows": 6, "cols": 24},
         "sampler": {"count": 12},
         "renderer": {"width": 64, "height": 48, "shadow_map": 64},
         "viewer": {"port": free_port()},
     }
-    path.write_text(tomli_w.dumps(content))
+    if cameras > 1:
+        rig = [{"name": f"c{k}", "source": f"sequence-{k}", "at": [float(k), 0.0, 1.0]} for k in range(cameras)]
+        (folder / "rig.toml").write_text(tomli_w.dumps({"camera": rig}))
+        content["rig"] = {"file": "rig.toml"}
+    (folder / "vemlight.toml").write_text(tomli_w.dumps(content))
+    for k in range(cameras):
+        write_sequence(folder / (f"sequence-{k}" if cameras > 1 else "sequence"), frames, k)
 
 
 def start(settings: Path, out: Path, log: Path) -> subprocess.Popen[bytes]:
@@ -118,10 +125,9 @@ def digests(out: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(out.iterdir())}
 
 
-def compare(folder: Path, frames: int, pictures: int, seed: int) -> Counter[str]:
-    """Makes a sequence, runs it undisturbed and disturbed. Raises AssertionError when a file differs."""
-    write_sequence(folder / "sequence", frames)
-    write_settings(folder / "vemlight.toml", folder / "sequence")
+def compare(folder: Path, frames: int, pictures: int, seed: int, cameras: int = 1) -> Counter[str]:
+    """Makes a sequence for each camera, runs undisturbed and disturbed. Raises AssertionError when a file differs."""
+    write_input(folder, frames, cameras)
     reference = start(folder / "vemlight.toml", folder / "reference", folder / "reference.log")
     if status := reference.wait():
         raise AssertionError(f"the undisturbed run ended with status {status}: {(folder / 'reference.log').read_text()[-2000:]}")
@@ -138,9 +144,10 @@ if __name__ == "__main__":
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--pictures", type=int, default=40, help="between two strikes, on average")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--cameras", type=int, default=1, help="2 and more: a rig")
     parser.add_argument("--folder", type=Path, default=None)
     arguments = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="nemesis-", dir=arguments.folder))
     began_s = time.monotonic()
-    counts = compare(folder, arguments.frames, arguments.pictures, arguments.seed)
+    counts = compare(folder, arguments.frames, arguments.pictures, arguments.seed, arguments.cameras)
     print(f"{arguments.frames} frames, all equal, in {time.monotonic() - began_s:.0f} s: {dict(counts)}")

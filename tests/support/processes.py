@@ -62,7 +62,7 @@ def free_port() -> int:
 
 
 def children(pid: int) -> dict[str, int]:
-    """Service -> process id of the services that `pid` started."""
+    """Service or instance -> process id of the services that `pid` started."""
     found = {}
     for folder in Path("/proc").iterdir():
         if folder.name.isdecimal():
@@ -72,7 +72,9 @@ def children(pid: int) -> dict[str, int]:
             except OSError:
                 continue
             if parent == pid and "-m" in command:
-                found[command[command.index("-m") + 1].removeprefix("vemlight.")] = int(folder.name)
+                _, module, *arguments = command[command.index("-m") :]
+                camera = [each for each in arguments[1:] if each] if module == "vemlight.capture" else []
+                found[".".join([module.removeprefix("vemlight."), *camera])] = int(folder.name)
     return found
 
 

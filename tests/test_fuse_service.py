@@ -168,7 +168,9 @@ def test_the_fused_map_has_the_scale_of_the_cameras_whose_unit_it_has(rig_file, 
     cameras = rig.camera[0], msgspec.structs.replace(rig.camera[1], gain=gain)
     state = FuseState.start(msgspec.structs.replace(rig, camera=cameras))
     _, fused = fused_messages(state, tuple(map_of(scale) for scale in scales), STAMP, 0.0)
-    assert fused.map[0].luminance_scale == expected
+    header = fused.map[0]
+    assert isinstance(header, wire.MapMessage)
+    assert header.luminance_scale == expected
 
 
 def test_a_fused_frame_says_what_its_maps_said_and_who_is_silent(rig_file):

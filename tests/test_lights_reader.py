@@ -57,6 +57,7 @@ def test_near_lights_come_back_to_the_bit_and_make_version_two_of_the_file(tmp_p
     lights = some_lights(4, soft)
     write_lights(tmp_path / "a.json", [lights_row(lights, 0, 0.0, "sphere", near=near)])
     (frame,) = lights_frames(tmp_path / "a.json")
+    assert frame.near
     assert (frame.schema, frame.near.at) == ("vemlight.lights/2", near.at)
     assert (frame.lights.covariances is not None) == soft
     for found, given in zip(frame.near.points.arrays(), near.points.arrays(), strict=True):

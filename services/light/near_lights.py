@@ -1,5 +1,6 @@
 """Near lights: sources at places, as several cameras locate them. What is farther away stays a directional light (light_set.py)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -40,7 +41,7 @@ class NearLightSet:
         """In the order of the message `points`."""
         return self.ids, self.at, self.intensity, self.radius, self.sigma
 
-    def irradiance_at(self, place: np.ndarray) -> np.ndarray:
+    def irradiance_at(self, place: np.ndarray | Sequence[float]) -> np.ndarray:
         """(n, 3) float64, on a plane at `place` (3,) m that faces each light: intensity over squared distance, in the units of a light's
         irradiance. At a place inside a light: as at its surface.
         """

@@ -20,7 +20,11 @@ LISTENERS_S = 900.0  # then it plays in any case: compiling took 300 s on a mach
 class Source(Protocol):
     """Where frames come from."""
 
-    service: Instance
+    @property
+    def service(self) -> Instance:
+        """Whose messages they are."""
+        ...
+
     fps: float
     limit: int | None  # frames to be sent in all; None: no end, from the first again after the last
 
@@ -40,7 +44,11 @@ class Source(Protocol):
 class Camera(Protocol):
     """Where frames come from by themselves."""
 
-    service: Instance
+    @property
+    def service(self) -> Instance:
+        """Whose messages they are."""
+        ...
+
     limit: int | None  # frames to be sent in all; None: no end
 
     @property

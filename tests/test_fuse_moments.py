@@ -160,6 +160,7 @@ def test_a_restarted_camera_whose_clock_begins_anew_is_taken_at_once():
     moments.take(0, frame(1), 10**10 + 3 * 10**7, 10**10 + 3 * 10**7)
     moment = moments.next(10**10 + 10**8)
     assert moment
+    assert moment.frames[1]
     header = moment.frames[1][0]
     assert isinstance(header, wire.MapMessage)
     assert header.stamp.sequence == 7

@@ -239,8 +239,8 @@ def rig_of(
 ) -> CameraRig:
     """A rig of cameras a, b, c, ... at places (n, 3)."""
     cameras = tuple(
-        RigCamera(name="abcdefghijklmnop"[n], source=".", at=tuple(map(float, place)), turn=turns[n] if turns else (0.0, 0.0, 0.0, 1.0))
-        for n, place in enumerate(np.asarray(places))
+        RigCamera(name="abcdefghijklmnop"[n], source=".", at=(x, y, z), turn=turns[n] if turns else (0.0, 0.0, 0.0, 1.0))
+        for n, (x, y, z) in enumerate(np.asarray(places, np.float64).tolist())
     )
     return CameraRig(pose_deg=pose_deg, pose_m=pose_m, camera=cameras)
 

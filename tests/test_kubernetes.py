@@ -1,6 +1,8 @@
 """The Kubernetes manifests and the compose file of archives, read as files: no cluster is needed."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from vemlight.settings import Wire, read_settings
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "deploy" / "k8s"
+OF_RIG = ROOT / "deploy" / "k8s-rig"  # beside it: kustomize takes no base that a folder lies in
 SERVICES: tuple[Service, ...] = ("capture", "sampler", "renderer", "viewer")
 NAME = re.compile(r"[a-z]([-a-z0-9]{0,61}[a-z0-9])?")  # RFC 1123, as a Service's must be
 KINDS = {
@@ -49,7 +52,7 @@ def documents(folder: Path) -> list[dict[str, Any]]:
     return [document for path in sorted(folder.glob("*.yaml")) for document in yaml.safe_load_all(path.read_text())]
 
 
-RIG = documents(FOLDER / "rig")
+RIG = documents(OF_RIG)
 DOCUMENTS = [*documents(FOLDER), *(document for document in RIG if document["kind"] != "Kustomization")]
 WORKLOADS = {document["metadata"]["name"]: document for document in DOCUMENTS if document["kind"] in ("StatefulSet", "Deployment", "Job")}
 KUSTOMIZATION = next(document for document in DOCUMENTS if document["kind"] == "Kustomization")
@@ -114,8 +117,8 @@ def test_the_command_line_takes_what_a_pod_is_given(name, tmp_path):
 
 @pytest.mark.parametrize(("name", "instance", "settings"), [
     *((name, name, "vemlight.toml") for name in SERVICES),
-    ("capture-left", "capture.left", "rig/vemlight.toml"), ("capture-right", "capture.right", "rig/vemlight.toml"),
-    ("fuse", "fuse", "rig/vemlight.toml"),
+    ("capture-left", "capture.left", "../k8s-rig/vemlight.toml"), ("capture-right", "capture.right", "../k8s-rig/vemlight.toml"),
+    ("fuse", "fuse", "../k8s-rig/vemlight.toml"),
 ])  # fmt: skip
 def test_a_service_is_found_at_its_name_and_ports(name, instance, settings):
     wire = read_settings(FOLDER / settings).wire
@@ -136,19 +139,19 @@ def test_a_service_is_found_at_its_name_and_ports(name, instance, settings):
 
 
 def test_a_rig_has_a_stateful_set_a_camera_in_place_of_the_single_one():
-    cameras = [camera.name for camera in read_camera_rig(FOLDER / "rig" / "rig.toml").camera]
+    cameras = [camera.name for camera in read_camera_rig(OF_RIG / "rig.toml").camera]
     sets = [document["metadata"]["name"] for document in RIG if document["kind"] == "StatefulSet"]
     assert sets == [f"capture-{camera}" for camera in cameras]
     own = next(document for document in RIG if document["kind"] == "Kustomization")
-    assert own["resources"][0] == ".."
-    assert {*own["resources"][1:], "kustomization.yaml"} == {path.name for path in (FOLDER / "rig").glob("*.yaml")}
+    assert own["resources"][0] == "../k8s"
+    assert {*own["resources"][1:], "kustomization.yaml"} == {path.name for path in (OF_RIG).glob("*.yaml")}
     removed = [yaml.safe_load(patch["patch"]) for patch in own["patches"]]
     assert [(one["kind"], one["metadata"]["name"], one["$patch"]) for one in removed] == [
         ("StatefulSet", "capture", "delete"), ("Service", "capture", "delete")
     ]  # fmt: skip
     (settings,) = own["configMapGenerator"]
     assert settings == {"name": "vemlight-settings", "behavior": "replace", "files": ["vemlight.toml", "rig.toml"]}
-    assert read_settings(FOLDER / "rig" / "vemlight.toml").rig.file == str(FOLDER / "rig" / "rig.toml")
+    assert read_settings(OF_RIG / "vemlight.toml").rig.file == str(OF_RIG / "rig.toml")
 
 
 def test_a_camera_has_a_stateful_set_and_the_others_never_two_pods_at_once():
@@ -179,6 +182,22 @@ def test_the_kustomization_names_what_is_there():
     assert KUSTOMIZATION["generatorOptions"] == {"disableNameSuffixHash": True}  # pods name them as they are
 
 
+@pytest.mark.skipif(not shutil.which("kubectl"), reason="kubectl, which has kustomize in it, is not installed")
+@pytest.mark.parametrize(("folder", "sets"), [("k8s", ["capture"]), ("k8s-rig", ["capture-left", "capture-right"])])
+def test_kustomize_builds_what_is_applied(tmp_path, folder, sets):
+    shutil.copytree(ROOT / "deploy", tmp_path / "deploy")
+    (tmp_path / "deploy" / "k8s" / "keys").mkdir(exist_ok=True)
+    for name in ("vemlight.key", "vemlight.key_secret"):
+        (tmp_path / "deploy" / "k8s" / "keys" / name).write_text("a key")
+    done = subprocess.run(["kubectl", "kustomize", str(tmp_path / "deploy" / folder)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    built = list(yaml.safe_load_all(done.stdout))
+    assert sorted(each["metadata"]["name"] for each in built if each["kind"] == "StatefulSet") == sets
+    assert all(each["metadata"].get("namespace", "vemlight") == "vemlight" for each in built)
+    names = {each["metadata"]["name"] for each in built if each["kind"] in ("ConfigMap", "Secret")}
+    assert names == {"vemlight-settings", "vemlight-keys"}
+
+
 def test_the_settings_are_those_of_compose():
     of_pods, of_compose = (read_settings(path) for path in (FOLDER / "vemlight.toml", ROOT / "deploy" / "vemlight.toml"))
     assert of_pods == of_compose
@@ -193,6 +212,7 @@ def test_the_indices_of_the_job_share_all_chunks(tmp_path):
     assert options["indices"] == spec["completions"] == spec["parallelism"]
     assert options["maps_only"] is True
     assert options["index"] is None  # the engine's JOB_COMPLETION_INDEX
+    assert container["resources"]["requests"]["cpu"] == str(options["workers"])  # not one for each of the node's processors
     (lights,) = pod("vemlight-lights")["containers"]
     behind = parsed(lights["args"], tmp_path).params
     assert behind["from_maps"] is True

@@ -55,7 +55,9 @@ def test_the_filters_delay_goes_out_in_frames_and_in_ms(name, frames) -> None:
 
 
 @pytest.mark.parametrize("method", ["tracked", "havran-azimuth"])
-def test_after_a_jump_lights_are_those_of_a_sampler_that_begins_and_no_old_one_comes_back(method: Literal["tracked", "havran-azimuth"]) -> None:
+def test_after_a_jump_lights_are_those_of_a_sampler_that_begins_and_no_old_one_comes_back(
+    method: Literal["tracked", "havran-azimuth"],
+) -> None:
     """The filters have nothing of before, although time goes on by one frame, and the tracked lights' ids are new."""
     rng = np.random.default_rng(3)
     before, after = (rng.exponential(1.0, (8, 32, 3)).astype(np.float32) ** 2 for _ in range(2))

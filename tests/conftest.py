@@ -12,7 +12,7 @@ import pytest
 import tomli_w
 from hypothesis import settings as hypothesis_settings
 
-from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
+from tests.support.browser import BROWSER_OPTIONS, CHROMIUM, SOFTWARE_GL
 from tests.support.processes import ServiceProcesses, free_port
 from vemlight.light.images import write_exr
 from vemlight.settings import Settings, read_settings
@@ -91,6 +91,16 @@ def browser() -> Iterator:
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, headless=True, args=BROWSER_OPTIONS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")  # as above
+def software_gl_browser() -> Iterator:
+    """A browser with WebGL."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, headless=True, args=BROWSER_OPTIONS + SOFTWARE_GL)
         yield browser
         browser.close()
 

@@ -174,8 +174,7 @@ class RendererStage:
         """The scene for browsers."""
         from vemlight.renderer.browser.flatten import scene_message  # here, since a run without a page has no use for it
 
-        drawing = self._drawing
-        return scene_message(self._renderer.setup.scene, (drawing.width, drawing.height), drawing.shadow_map)
+        return scene_message(self._renderer.setup.scene, self._drawing)
 
     def first_missing_frame(self) -> int:
         return self._images.count if self._images else 0

@@ -76,6 +76,7 @@ class SimulatedServices(threading.Thread):
         self.publishing: set[Service] = set(makers)
         self.controls: list[wire.ControlMessage] = []
         self.viewers: list[wire.StatusMessage] = []
+        self.scene: wire.Message | None = None  # sent to each who subscribes to it
         self.noise: list[list[bytes]] = []  # published once by the renderer
         self._settings, self._frames, self._stop_asked = settings, frames, threading.Event()
 
@@ -90,7 +91,8 @@ class SimulatedServices(threading.Thread):
             made = self._frames(sequence, count)
             sequence += 1
             for service in self._makers:
-                accept_subscriptions(publishers[service])
+                if "scene" in accept_subscriptions(publishers[service]) and self.scene:
+                    publishers[service].send_multipart(wire.pack(*self.scene))
                 if service in self.publishing:
                     stats[service].on_finished(made[service], 0.004)
                     publishers[service].send_multipart(wire.pack(*made[service]))

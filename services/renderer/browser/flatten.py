@@ -6,6 +6,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from vemlight import settings
 from vemlight.light import extent
 from vemlight.light.colour import srgb_from_linear
 from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, browser_shaders
@@ -16,7 +17,7 @@ from vemlight.renderer.gl.constants import HASHED_ALPHA, MaterialTexture
 from vemlight.renderer.passes.gbuffer.material_uniforms import MaterialUniforms, material_uniforms
 from vemlight.renderer.passes.shadow_maps import shadow_map_resolution
 from vemlight.renderer.passes.shadow_maps.casters import Caster, Casters, scene_casters
-from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MapResolutions, map_resolutions
+from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import map_resolutions
 from vemlight.renderer.scene.alpha_vertices import WHITE
 from vemlight.renderer.scene.materials import Material, ShadowCatcher, alpha_test_of, emits
 from vemlight.renderer.scene.scene import Scene
@@ -81,10 +82,10 @@ class Flattened(NamedTuple):
     data: bytes
 
 
-def scene_message(scene: Scene, size: tuple[int, int], shadow_map: int | None) -> wire.Message:
-    """The scene as a message; size: of the renderer's pictures, width and height. shadow_map: as in the settings."""
+def scene_message(scene: Scene, drawing: settings.Renderer) -> wire.Message:
+    """The scene as a message, to be drawn as the settings say."""
     try:
-        made = flattened(scene, size, map_resolutions(shadow_map))
+        made = flattened(scene, drawing)
     except TooLargeError:
         text = f"this scene has more than {MAX_DATA >> 20} MB of triangles: only the server draws it"
         return wire.SceneMessage(description_bytes=0, data_bytes=0, text=text), (np.zeros(0, np.uint8), np.zeros(0, np.uint8))
@@ -93,8 +94,9 @@ def scene_message(scene: Scene, size: tuple[int, int], shadow_map: int | None) -
     return wire.SceneMessage(description_bytes=len(description), data_bytes=len(data)), (description, data)
 
 
-def flattened(scene: Scene, size: tuple[int, int], resolutions: MapResolutions) -> Flattened:
+def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     """The scene and its bytes. Raises TooLargeError for one that does not fit, whose textures may be reduced until it does."""
+    resolutions = map_resolutions(drawing.shadow_map)
     at = np.array(scene.camera.at, np.float64)
     radius = float(np.linalg.norm(at - scene.camera.position))
     meshes = (mesh._replace(geometry=with_short_edges(mesh.geometry, at, radius)) for mesh in scene.meshes)
@@ -138,7 +140,7 @@ def flattened(scene: Scene, size: tuple[int, int], resolutions: MapResolutions) 
         objects=scene.objects[: wire.MAX_POSES],
         centre=_triple(scene.centre),
         half=_triple(scene.half),
-        size=size,
+        size=(drawing.width, drawing.height),
         arrays=arrays,
         meshes=meshes,
         materials=tuple(_material(material, one, of_texture) for material, one in zip(materials, uniforms, strict=True)),
@@ -149,14 +151,20 @@ def flattened(scene: Scene, size: tuple[int, int], resolutions: MapResolutions) 
         | {"LIGHT_TEXELS": LIGHT_TEXELS, "EMISSION": float(emission)}
         | {f"LIGHT_AT_{name}": LIGHT_FRAME.dtype.fields[name][1] / 4 for name in LIGHT_FRAME.dtype.names or ()},  # type: ignore[index]
         shaders=browser_shaders(),
-        left_out=tuple(_left_out(scene, reduced)),
+        left_out=tuple(_left_out(scene, drawing, reduced)),
     )
     return Flattened(made, block.bytes())
 
 
-def _left_out(scene: Scene, reduced: int) -> list[str]:
+def _left_out(scene: Scene, drawing: settings.Renderer, reduced: int) -> list[str]:
     """What browsers do not draw of this scene, a line each."""
     lines = []
+    if drawing.bounces:
+        lines.append("light from surface to surface")
+    if scene.glossy:
+        lines.append("the sky that mirrors show (here they show the lights)")
+    if drawing.background == "map":
+        lines.append("the sky behind the scene")
     if scene.luminaires:
         lines.append("the scene's lamps")
     if scene.plate is not None or any(isinstance(mesh.material, ShadowCatcher) for mesh in scene.meshes):

@@ -6,11 +6,18 @@
 const VERTEX_NUMBERS = { positions: 3, normals: 3, uvs: 2, colours: 4, second_uvs: 2 };
 const ARRAYS = { float32: Float32Array, uint32: Uint32Array, uint8: Uint8Array };
 
+let kept = null; // the newest scene, for all who ask on this page
+
 // Rejects with an Error whose message is a line for the person, where there is no scene for browsers.
 export async function loadScene() {
   const answer = await fetch("/scene.json");
   if (!answer.ok) throw new Error((await answer.text()).trim());
-  const description = await answer.json();
+  const description = await answer.json(), { hash } = description;
+  if (kept?.hash !== hash) kept = { hash, scene: fetched(description) };
+  return kept.scene.catch((error) => { kept = null; throw error; });
+}
+
+async function fetched(description) {
   const data = await fetch(`/scene/${description.hash}.bin`);
   if (!data.ok) throw new Error((await data.text()).trim());
   return sceneOf(description, await data.arrayBuffer());

@@ -13,12 +13,13 @@ import { Meter } from "/meter.js";
 import { Objects } from "/objects.js";
 import { overallState } from "/overall_state.js";
 import { PersistedControls } from "/persisted_controls.js";
+import { Relit } from "/relit.js";
 import { Sky } from "/sky.js";
 import { SkyTools } from "/sky_tools.js";
 import { Source } from "/source.js";
 import { Timeline } from "/timeline.js";
 
-const FEEDS = "summary,lights.bin,levels,disc,picture";
+const FEEDS = "summary,lights.bin,levels,disc,picture,picture-state";
 const RECONNECT_MS = 1000;
 const GREW_MS = 5000; // a count of losses is coloured while it grows, and for so long after
 const MEASURES = [ // of every service: those of wire.StatusMessage
@@ -44,7 +45,8 @@ const skyTools = new SkyTools(sky, (change) => controls.choose(change), notice);
 const history = new History(applyAgain);
 const persisted = new PersistedControls((control) => history.quietly(() => controls.choose(control)));
 const gizmo = new Gizmo(objects, () => history.control.camera);
-controls.onChoose = (change) => { history.record(change); gizmo.draw(); };
+const relit = new Relit(() => history.control, () => objects.poses, (change) => controls.choose(change));
+controls.onChoose = (change) => { history.record(change); gizmo.draw(); relit.redraw(); };
 const meter = new Meter(sky);
 const guide = new Guide();
 const notices = new Map();
@@ -59,11 +61,18 @@ function notice(about, text) {
 function connect() {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?feeds=${FEEDS}`);
   let shown = []; // feeds to be named at the next frame of the browser
+  let kept = false; // whether a picture waits to be named until somebody looks at the server's
+  relit.onMode = () => {
+    if (!kept || relit.alone || socket.readyState !== WebSocket.OPEN) return;
+    kept = false;
+    socket.send("picture");
+  };
   socket.binaryType = "arraybuffer";
   socket.onopen = () => notice("socket", "");
   socket.onmessage = async ({ data }) => {
     try {
-      const name = typeof data === "string" ? takeText(JSON.parse(data)) : await takeBytes(data);
+      const name = typeof data === "string" ? takeText(JSON.parse(data), data.length) : await takeBytes(data);
+      if (name === "picture" && relit.alone) return void (kept = true);
       if (shown.push(name) > 1) return;
       await new Promise(requestAnimationFrame); // a hidden page asks for nothing
       if (socket.readyState === WebSocket.OPEN) socket.send(shown.join(","));
@@ -85,8 +94,12 @@ function tokenRefused() {
   return fetch("/healthz", { signal: AbortSignal.timeout(RECONNECT_MS) }).then((answer) => answer.status === 401, () => false);
 }
 
-// Text is a summary, or a frame's levels. Returns the feed's name.
-function takeText(message) {
+// Text is a summary, a frame's levels, or how a picture was made. Returns the feed's name.
+function takeText(message, bytes) {
+  if (message.schema?.startsWith("vemlight.picture/")) {
+    relit.takeState(message, bytes);
+    return "picture-state";
+  }
   if (message.schema?.startsWith("vemlight.levels/")) {
     fixtures.show(message);
     count("rig");
@@ -98,6 +111,7 @@ function takeText(message) {
   objects.take(message);
   skyTools.take(message);
   history.take(message);
+  relit.take(message);
   gizmo.take(message);
   fixtures.take(message);
   sky.takeNear(message.near_lights);
@@ -125,6 +139,7 @@ async function takeBytes(buffer) {
   const bytes = new Uint8Array(buffer);
   if (bytes[0] !== BINARY_FEEDS["lights.bin"]) return takePicture(bytes);
   takeLights(lightsFromBytes(buffer));
+  relit.takeLights(buffer);
   return "lights.bin";
 }
 

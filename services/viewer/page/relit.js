@@ -1,0 +1,238 @@
+// The picture that this browser draws, beside the server's: the scene comes once, then lights and poses alone. One of three is shown: the server's
+// picture, the browser's, or both with a line between that a slider moves. The camera that is turned here turns the server's, too.
+
+import { lightsOf } from "/relit_lights.js";
+import { loadScene } from "/scene_data.js";
+import { RelitHands } from "/relit_hands.js";
+import { contextOf, SceneDrawing } from "/relit_draw.js";
+
+const WINDOW_MS = 1000; // over which frames and bytes are counted
+const at = (id) => document.getElementById(id);
+
+export class Relit {
+  // control(): what was chosen; chosenPoses(): of objects; choose: makes a choice.
+  constructor(control, chosenPoses, choose) {
+    [this.control, this.chosenPoses, this.choose] = [control, chosenPoses, choose];
+    [this.canvas, this.slider, this.line, this.presets] = ["relit", "relit-slider", "relit-line", "relit-camera"].map(at);
+    this.mode = "server";
+    this.scene = this.drawing = this.frame = this.own = null;
+    this.hash = undefined;
+    this.why = "the renderer has not sent the scene";
+    this.state = { tone: null, objects: [] };
+    this.counted = []; // of the last second: [when, frames, bytes]
+    this.dirty = this.waiting = false;
+    this.onMode = () => {};
+    for (const key of document.querySelectorAll("[data-relit]")) key.addEventListener("click", () => this.show(key.dataset.relit));
+    this.slider.addEventListener("input", () => this.split());
+    this.presets.addEventListener("change", () => this.takePreset());
+    at("relit-full").addEventListener("click", () => this.toggleFull());
+    this.heed(this.canvas);
+    this.hands = new RelitHands(this);
+    this.showKeys();
+    setInterval(() => this.showLine(), WINDOW_MS);
+  }
+
+  // Whether the server's picture is not looked at.
+  get alone() {
+    return this.mode === "browser" && Boolean(this.drawing);
+  }
+
+  // From where the scene is seen; null before it is there. own: where the server takes no choices.
+  get view() {
+    return (this.locked ? this.own : this.control().camera) ?? this.scene?.cameras[0] ?? null;
+  }
+
+  turn({ from, at: aim, fov_y }) {
+    if (this.locked) this.own = { from, at: aim, fov_y };
+    else this.choose({ camera: { from, at: aim, fov_y } });
+    this.redraw();
+  }
+
+  take(summary) {
+    this.locked = Boolean(summary.why_no_controls);
+    const hash = summary.scene?.hash || null;
+    if (hash !== this.hash) this.load(hash, summary.scene?.text);
+    this.showPreset();
+    this.redraw();
+  }
+
+  async load(hash, why) {
+    this.hash = hash;
+    [this.scene, this.why] = [null, why || "the renderer has not sent the scene"];
+    try {
+      if (hash) this.scene = await loadScene();
+    } catch (error) {
+      this.why = error.message;
+    }
+    if (hash !== this.hash) return; // another has come meanwhile
+    this.presets.replaceChildren(...(this.scene?.cameras ?? []).map(({ name }, k) => new Option(k ? name : `${name} (Home)`, k)), ...(this.scene ? [new Option("turned", "")] : []));
+    this.showPreset();
+    this.build();
+  }
+
+  // Puts the scene on the GPU, when somebody wants to see it. A canvas has one context, which is freed with it.
+  build() {
+    if (this.drawing) this.renewCanvas();
+    this.drawing = null;
+    if (this.scene && this.mode !== "server") {
+      const { gl, why } = contextOf(this.canvas);
+      try {
+        if (gl) this.drawing = new SceneDrawing(gl, this.scene);
+        this.why = why ?? "";
+      } catch (error) {
+        this.why = error.message;
+      }
+    }
+    this.showKeys();
+    this.redraw();
+  }
+
+  renewCanvas() {
+    const fresh = this.canvas.cloneNode();
+    this.canvas.getContext("webgl2").getExtension("WEBGL_lose_context")?.loseContext();
+    this.canvas.replaceWith(fresh);
+    this.canvas = fresh;
+    this.heed(fresh);
+  }
+
+  heed(canvas) {
+    canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault(); // or it would never be restored
+      if (canvas === this.canvas) this.lose();
+    });
+    canvas.addEventListener("webglcontextrestored", () => { if (canvas === this.canvas) this.restore(); });
+  }
+
+  show(mode) {
+    this.mode = mode;
+    if (!this.drawing && mode !== "server") this.build();
+    this.showKeys();
+    this.redraw();
+    this.onMode();
+  }
+
+  showKeys() {
+    for (const key of document.querySelectorAll("[data-relit]")) key.setAttribute("aria-pressed", String(key.dataset.relit === this.mode));
+    const drawn = this.mode !== "server" && Boolean(this.drawing);
+    this.canvas.hidden = !drawn;
+    this.slider.hidden = at("relit-divider").hidden = !(drawn && this.mode === "split");
+    this.canvas.dataset.mode = this.mode;
+    this.presets.hidden = at("relit-full").hidden = !this.scene;
+    this.split();
+    this.showLine();
+  }
+
+  split() {
+    const share = this.mode === "split" ? Number(this.slider.value) : 0;
+    this.canvas.style.clipPath = share ? `inset(0 0 0 ${share}%)` : "";
+    at("relit-divider").style.left = `${share}%`;
+  }
+
+  home() {
+    this.presets.value = "0";
+    this.takePreset();
+  }
+
+  takePreset() {
+    const number = this.presets.value;
+    if (number === "0") this.locked ? (this.own = null) : this.choose({ camera: null });
+    else if (number) return this.turn(this.scene.cameras[Number(number)]);
+    this.redraw();
+  }
+
+  showPreset() {
+    if (!this.scene || document.activeElement === this.presets) return;
+    const now = JSON.stringify(numbersOf(this.view)), found = this.scene.cameras.findIndex((camera) => JSON.stringify(numbersOf(camera)) === now);
+    this.presets.value = found < 0 ? "" : String(found);
+  }
+
+  toggleFull() {
+    document.fullscreenElement ? document.exitFullscreen() : at("scene").requestFullscreen?.();
+  }
+
+  // A frame's lights, the bytes of lights.bin.
+  takeLights(buffer) {
+    this.frame = lightsOf(buffer);
+    this.count(0, buffer.byteLength);
+    this.redraw();
+  }
+
+  // How the server's newest picture was made (feed picture-state), and how many bytes say so.
+  takeState(state, bytes) {
+    this.state = state;
+    this.count(0, bytes);
+    this.redraw();
+  }
+
+  // Objects as the server's picture has them, and as they were chosen here since.
+  poses() {
+    const chosen = new Map(this.chosenPoses().map((pose) => [pose.name, pose]));
+    return this.scene.description.objects.map((rest, k) => {
+      const [x, y, z, qx, qy, qz, qw, scale] = this.state.objects[k] ?? [];
+      const now = scale === undefined ? rest : { ...rest, position: [x, y, z], rotation: [qx, qy, qz, qw], scale };
+      return { ...now, ...chosen.get(rest.name) };
+    });
+  }
+
+  redraw() {
+    this.dirty = true;
+    if (this.waiting || this.mode === "server" || !this.drawing) return;
+    this.waiting = true;
+    requestAnimationFrame(() => {
+      this.waiting = false;
+      if (this.dirty) this.draw();
+    });
+  }
+
+  draw() {
+    this.dirty = false;
+    if (!this.drawing || !this.frame || this.lost) return;
+    const [width, height] = this.scene.description.size;
+    try {
+      this.drawn = this.drawing.draw({ view: this.view, lights: this.frame.lights, poses: this.poses(), tone: this.state.tone, width, height });
+    } catch (error) {
+      [this.drawing, this.why] = [null, error.message];
+      return this.showKeys();
+    }
+    this.count(1, 0);
+    Object.assign(this.canvas.dataset, { shown: Number(this.canvas.dataset.shown ?? 0) + 1, sequence: this.frame.sequence }); // for tests
+  }
+
+  lose() {
+    this.lost = true;
+    this.showLine();
+  }
+
+  restore() {
+    this.lost = false;
+    this.drawing = null; // its textures are gone with the context
+    this.build();
+  }
+
+  count(frames, bytes) {
+    this.counted.push([performance.now(), frames, bytes]);
+  }
+
+  showLine() {
+    const since = performance.now() - WINDOW_MS;
+    this.counted = this.counted.filter(([when]) => when >= since);
+    const sum = (k) => this.counted.reduce((total, entry) => total + entry[k], 0), [frames, bytes] = [sum(1), sum(2)];
+    Object.assign(this.line.dataset, { frames, bytes });
+    const text = this.mode === "server" ? "" : this.words(frames, bytes);
+    if (this.line.textContent !== text) this.line.textContent = text;
+  }
+
+  words(frames, bytes) {
+    if (this.lost) return "The graphics driver of this machine has taken the picture away; it comes back as soon as the driver is ready.";
+    if (!this.drawing) return `Not drawn in this browser: ${this.why}.`;
+    if (!this.frame) return "Waiting for lights …";
+    const { lights = 0, points = 0, wanted = 0 } = this.drawn ?? {}, without = this.scene.description.left_out;
+    const few = points < wanted ? ` (${wanted - points} points of light have no room in the shadow maps that this browser can hold)` : "";
+    const left = without.length ? ` Without ${without.join(", ")}.` : "";
+    return `This browser draws ${frames} pictures a second under ${lights} lights${few}, of ${(bytes / 1000).toFixed(1)} kB a second.${left}`;
+  }
+}
+
+function numbersOf({ from, at: aim, fov_y }) {
+  return [...from, ...aim, fov_y].map((value) => Number(value.toFixed(6)));
+}

@@ -1,0 +1,109 @@
+"""The scene as a browser draws it: the renderer's picture, from lights alone; its camera by hand, its limits in a line."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+from tests.support.browser import CHROMIUM
+from tests.support.hands import drag, newest
+from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually, frames_of
+from vemlight.renderer.browser.flatten import scene_message
+from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
+from vemlight.runtime import wire
+from vemlight.settings import Renderer, Wire
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
+DRAWING = Renderer(width=160, height=120, shadows="maps", bounces=0, frame_ms=0.0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("relit")
+    folder.chmod(0o700)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def simulated(folder: Path) -> Iterator[SimulatedServices]:
+    scene = load_scene(BUNDLED_SCENE)
+    objects = scene.objects
+
+    def frames(sequence: int, count: int) -> dict:
+        made = frames_of(sequence, count)
+        header = wire.ImageMessage(
+            stamp=made["renderer"][0].stamp, width=64, height=48, objects=objects, tone_scale=0.25, tone_white=4.0,
+            report=wire.ImageReport(drawn_lights=count, render_ms=5.0),
+        )  # fmt: skip
+        return made | {"renderer": (header, made["renderer"][1])}
+
+    simulated = SimulatedServices(Wire(folder=str(folder)), frames)
+    simulated.scene = scene_message(scene, DRAWING)
+    simulated.start()
+    yield simulated
+    simulated.end()
+
+
+@pytest.fixture(scope="module")
+def opened(folder: Path, simulated: SimulatedServices, software_gl_browser) -> Iterator:
+    viewer = ViewerProcess(folder)
+    viewer.first_line()
+    page = software_gl_browser.new_page(viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(PATIENCE_S * 1e3)
+    page.complaints, page.asked = [], []
+    page.on("console", lambda message: page.complaints.append(message.text))
+    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    page.on("response", lambda answer: page.asked.append(answer))
+    page.viewer = viewer
+    page.goto(viewer.url)
+    page.locator("#relit-camera").wait_for()
+    yield page
+    assert [line for line in page.complaints if "GPU stall" not in line] == []
+    viewer.end()
+
+
+def shown(page) -> int:
+    return int(page.locator("#relit").get_attribute("data-shown") or 0)
+
+
+def test_browser_draws_once_asked_and_says_what_it_costs(opened):
+    assert opened.locator("#relit").is_hidden()
+    opened.get_by_role("button", name="Browser", exact=True).click()
+    eventually(lambda: shown(opened) > 2, "pictures of the browser")
+    line = opened.locator("#relit-line")
+    eventually(lambda: "kB a second" in line.inner_text(), "a line")
+    assert "72 lights" in line.inner_text()
+
+
+def test_drag_turns_both_pictures(opened, simulated):
+    opened.get_by_role("button", name="Browser", exact=True).click()
+    box = opened.locator("#gizmo").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    drag(opened, (x, y), (x + 60, y))
+    eventually(lambda: newest(simulated).camera, "a camera for the server")
+    first = newest(simulated).camera
+    assert first.at == pytest.approx((-0.02, 0.1, 0.72)), "it turns about what it looks at"
+    opened.keyboard.press("Home")
+    eventually(lambda: newest(simulated).camera is None, "the scene file's camera again")
+
+
+def test_slider_splits_the_pictures(opened):
+    opened.get_by_role("button", name="Split", exact=True).click()
+    slider = opened.locator("#relit-slider")
+    slider.fill("25")
+    assert opened.locator("#relit").evaluate("canvas => canvas.style.clipPath") == "inset(0px 0px 0px 25%)"
+    assert opened.locator("#relit-divider").evaluate("line => line.style.left") == "25%"
+
+
+def test_server_sends_no_pictures_that_nobody_looks_at(opened):
+    picture = opened.locator("#picture")
+    opened.get_by_role("button", name="Browser", exact=True).click()
+    opened.wait_for_timeout(500)
+    before, drawn = picture.get_attribute("data-shown"), shown(opened)
+    eventually(lambda: shown(opened) > drawn + 2, "pictures of the browser")
+    assert picture.get_attribute("data-shown") == before
+    opened.get_by_role("button", name="Server", exact=True).click()
+    eventually(lambda: picture.get_attribute("data-shown") != before, "the server's pictures again")

@@ -1,0 +1,91 @@
+"""The browser's pictures beside the renderer's, under the same lights: the same numbers but at edges, where a rasteriser decides."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.support.browser import CHROMIUM
+from tests.support.light_sets import uniform_lights
+from tests.support.relit_page import RelitPage
+from tests.support.rendering import SceneRenderer
+from vemlight.light.light_set import LightSet
+from vemlight.renderer.scene.scene import BUNDLED_SCENE, Scene, load_scene
+from vemlight.renderer.scene.scene_pose import scene_pose
+from vemlight.runtime import wire
+from vemlight.settings import Renderer
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
+DRAWING = Renderer(width=240, height=180, shadows="maps", bounces=0, frame_ms=0.0)
+EDGE = 0.2  # of a pixel's level, by which one of its eight neighbours differs where there is an edge, of a thing or of its shadow
+LIMIT = 0.01
+
+
+def lights_of(count: int) -> LightSet:
+    """Lights from above, of which the strongest has ten times the power of the weakest."""
+    lights = uniform_lights(count, 0.05)
+    levels = np.geomspace(0.3, 3, count)[:, None] / count * [[1.0, 0.9, 0.7]]
+    return lights._replace(irradiance=np.random.default_rng(5).permutation(levels).astype(np.float32))
+
+
+def off_edges(picture: np.ndarray) -> np.ndarray:
+    """(h, w): where no neighbour differs much."""
+    square = np.ones((3, 3), np.uint8)
+    span = np.max([cv2.dilate(channel, square) - cv2.erode(channel, square) for channel in cv2.split(picture)], axis=0)
+    return span < EDGE * picture.max(axis=2)
+
+
+def relative_error(of_browser: np.ndarray, of_server: np.ndarray) -> float:
+    """Root mean square of the difference over that of the server's picture, off edges."""
+    where = off_edges(of_server)
+    assert where.mean() > 0.4, "most of a picture is no edge"
+    return float(np.sqrt(np.mean((of_browser - of_server)[where] ** 2) / np.mean(of_server[where] ** 2)))
+
+
+def server_picture(scene: Scene, lights: LightSet, view: wire.View | None = None, poses: tuple[wire.Pose, ...] = ()) -> np.ndarray:
+    renderer = SceneRenderer(scene, DRAWING)
+    renderer.pose = scene_pose(scene, 0.0, poses, view)
+    picture = np.ascontiguousarray(renderer.picture(renderer.renderer.drawable(lights))[..., :3])
+    renderer.renderer.release()
+    return picture
+
+
+@pytest.fixture(scope="module", params=["terrace.toml", "headlights.toml"])
+def drawn(request, software_gl_browser):
+    """A bundled scene, without its lamps, and its page."""
+    scene = load_scene(BUNDLED_SCENE.parent / request.param)._replace(luminaires=())
+    page = software_gl_browser.new_page()
+    yield scene, RelitPage(page, scene, DRAWING)
+    page.close()
+
+
+def test_both_pictures_are_the_same_off_edges(drawn):
+    scene, page = drawn
+    lights = lights_of(72)
+    error = relative_error(page.picture(lights), server_picture(scene, lights))
+    print("relative RMSE", error)
+    assert page.drawn["points"] == 72
+    assert error < LIMIT
+
+
+def test_soft_lights_are_the_same(drawn):
+    scene, page = drawn
+    lights = lights_of(6)
+    across = np.eye(3) - lights.directions[:, :, None] * lights.directions[:, None, :]
+    covariances = (0.03 * across).reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]].astype(np.float32)
+    soft = lights._replace(covariances=covariances)
+    error = relative_error(page.picture(soft), server_picture(scene, soft))
+    print("relative RMSE", error)
+    assert page.drawn["points"] == 24
+    assert error < LIMIT
+
+
+def test_moved_objects_from_a_turned_camera_are_the_same(drawn):
+    scene, page = drawn
+    lights = lights_of(12)
+    view = wire.View(eye=(-2.6, -4.1, 2.4), at=(0.3, 0.1, 0.5), fov_y=38.0)
+    ball = next(pose for pose in scene.objects if pose.name == "ball")
+    x, y, z = ball.position
+    poses = (wire.Pose(name="ball", position=(x - 0.9, y - 0.4, z + 0.2), rotation=(0.0, 0.6, 0.0, 0.8), scale=1.5),)
+    error = relative_error(page.picture(lights, view, poses), server_picture(scene, lights, view, poses))
+    print("relative RMSE", error)
+    assert error < LIMIT

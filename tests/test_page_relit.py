@@ -1,14 +1,11 @@
 """The scene as a browser draws it: the renderer's picture, from lights alone; its camera by hand, its limits in a line."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
-from urllib.request import urlopen
 
-import numpy as np
 import pytest
 
-from tests.support.browser import CHROMIUM
+from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
 from tests.support.hands import drag, newest
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually, frames_of
 from vemlight.renderer.browser.flatten import scene_message
@@ -34,8 +31,10 @@ def simulated(folder: Path) -> Iterator[SimulatedServices]:
 
     def frames(sequence: int, count: int) -> dict:
         made = frames_of(sequence, count)
+        before = made["renderer"][0]
+        assert isinstance(before, wire.ImageMessage)
         header = wire.ImageMessage(
-            stamp=made["renderer"][0].stamp, width=64, height=48, objects=objects, tone_scale=0.25, tone_white=4.0,
+            stamp=before.stamp, width=64, height=48, objects=objects, tone_scale=0.25, tone_white=4.0,
             report=wire.ImageReport(drawn_lights=count, render_ms=5.0),
         )  # fmt: skip
         return made | {"renderer": (header, made["renderer"][1])}
@@ -85,6 +84,7 @@ def test_drag_turns_both_pictures(opened, simulated):
     drag(opened, (x, y), (x + 60, y))
     eventually(lambda: newest(simulated).camera, "a camera for the server")
     first = newest(simulated).camera
+    assert first
     assert first.at == pytest.approx((-0.02, 0.1, 0.72)), "it turns about what it looks at"
     opened.keyboard.press("Home")
     eventually(lambda: newest(simulated).camera is None, "the scene file's camera again")
@@ -101,9 +101,56 @@ def test_slider_splits_the_pictures(opened):
 def test_server_sends_no_pictures_that_nobody_looks_at(opened):
     picture = opened.locator("#picture")
     opened.get_by_role("button", name="Browser", exact=True).click()
-    opened.wait_for_timeout(500)
-    before, drawn = picture.get_attribute("data-shown"), shown(opened)
-    eventually(lambda: shown(opened) > drawn + 2, "pictures of the browser")
-    assert picture.get_attribute("data-shown") == before
+    before, drawn = int(picture.get_attribute("data-shown")), shown(opened)
+    eventually(lambda: shown(opened) > drawn + 4, "pictures of the browser")
+    assert int(picture.get_attribute("data-shown")) <= before + 1, "one was on its way"
     opened.get_by_role("button", name="Server", exact=True).click()
-    eventually(lambda: picture.get_attribute("data-shown") != before, "the server's pictures again")
+    eventually(lambda: int(picture.get_attribute("data-shown")) > before + 3, "the server's pictures again")
+
+
+def test_the_scene_is_fetched_once(opened, software_gl_browser, tmp_path):
+    blocks = [answer for answer in opened.asked if answer.url.endswith(".bin")]
+    assert len(blocks) == 1, "for the handles and the picture together"
+    # A page of its own, since what these pages keep is kept in memory, where it has little room.
+    kept = software_gl_browser.browser_type.launch_persistent_context(tmp_path, executable_path=CHROMIUM, args=BROWSER_OPTIONS)
+    sizes = []
+    for _ in range(2):
+        page = kept.new_page()
+        page.goto(opened.viewer.url)
+        page.locator("#relit-camera").wait_for()
+        entries = "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('.bin'))"
+        sizes += page.evaluate(f"{entries}.map(({{ transferSize, encodedBodySize }}) => [transferSize, encodedBodySize])")
+        page.close()
+    kept.close()
+    (first, whole), (second, again) = sizes
+    assert first >= whole == again > 1e6
+    assert second == 0, "out of the browser's own store"
+
+
+def test_a_context_that_is_lost_comes_back(opened):
+    opened.get_by_role("button", name="Browser", exact=True).click()
+    eventually(lambda: shown(opened) > 1, "pictures of the browser")
+    opened.evaluate("window.lost = document.getElementById('relit').getContext('webgl2').getExtension('WEBGL_lose_context')")
+    opened.evaluate("lost.loseContext()")
+    eventually(lambda: "comes back" in opened.locator("#relit-line").inner_text(), "a line")
+    before = shown(opened)
+    opened.evaluate("lost.restoreContext()")
+    eventually(lambda: shown(opened) > before + 1, "pictures again")
+
+
+@pytest.mark.parametrize(("missing", "line"), [("webgl2", "has no WebGL2"), ("EXT_color_buffer_float", "cannot draw into floats")])
+def test_what_a_browser_lacks_is_a_line(opened, software_gl_browser, missing, line):
+    page = software_gl_browser.new_page()
+    page.add_init_script(
+        f"""for (const [kind, method] of [[HTMLCanvasElement, "getContext"], [WebGL2RenderingContext, "getExtension"]]) {{
+            const own = kind.prototype[method];
+            kind.prototype[method] = function (name, ...more) {{ return name === "{missing}" ? null : own.call(this, name, ...more); }};
+        }}"""
+    )
+    page.goto(opened.viewer.url)
+    page.locator("#relit-camera").wait_for()
+    page.get_by_role("button", name="Browser", exact=True).click()
+    eventually(lambda: line in page.locator("#relit-line").inner_text(), "a line")
+    assert page.locator("#relit").is_hidden()
+    eventually(lambda: int(page.locator("#picture").get_attribute("data-shown") or 0) > 1, "the server's pictures")
+    page.close()

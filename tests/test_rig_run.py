@@ -16,7 +16,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.service_stats import LossCounter
 from vemlight.runtime.transport import Transport, make_keys
 
-NAMES = ("a", "b", "c")
+NAMES: tuple[str, ...] = ("a", "b", "c")
 FPS = 6.0
 
 
@@ -54,7 +54,8 @@ class Cameras:
         self.cameras: list[int] = []
 
     def until(self, true, what: str) -> None:
-        until_s = time.monotonic() + LOADED_S
+        """Takes what comes until `true` holds; seven processes start and compile meanwhile."""
+        until_s = time.monotonic() + 3 * LOADED_S
         while not true():
             assert time.monotonic() < until_s, what
             for socket in zmq.select(list(self._names), [], [], 0.1)[0]:

@@ -3,8 +3,10 @@
 import sys
 import time
 
+from vemlight.errors import UserError
 from vemlight.runtime import wire
-from vemlight.runtime.channels import REPORT_PERIOD_S, STATUS, Instance
+from vemlight.runtime.channels import REPORT_PERIOD_S, SERVICES, STATUS, Instance, service_of
+from vemlight.runtime.instances import instances
 from vemlight.runtime.peers import receive
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
@@ -37,8 +39,11 @@ def next_status(settings: Settings, service: Instance, timeout_s: float) -> wire
 def check_health(settings: Settings, service: Instance) -> None:
     """Prints how `service` is doing; exits with status 1 and one line on stderr when no status comes within STATUS_TIMEOUT_S.
 
-    Raises UserError for keys that cannot be used.
+    Raises UserError for keys that cannot be used, and for a name that no process of the settings has.
     """
+    known = instances(settings)
+    if service not in known and (service in SERVICES or (settings.rig.file and service_of(service) == "capture")):
+        raise UserError(f"{service}: no process of these settings is called so; ask for one of {', '.join(known)}")
     status = next_status(settings, service, STATUS_TIMEOUT_S)
     if status is None:
         sys.exit(f"vemlight: {service}: no status within {STATUS_TIMEOUT_S:g} s; start it, or see its own output")

@@ -1,5 +1,6 @@
 """The source that plays: chosen by names that lead nowhere else, opened beside the one that goes on, left when it fails; and recording."""
 
+import os
 import time
 from collections import namedtuple
 from collections.abc import Iterator
@@ -15,11 +16,11 @@ from vemlight.capture.choosing import BUNDLED_CHOICE, RECENT_CHOICE, ChosenSourc
 from vemlight.capture.frames import Frame
 from vemlight.capture.live_recording import MIN_FREE, NO_CAMERA, NO_FOLDER
 from vemlight.capture.recent import RECENT_S, RecentFrames, frame_bytes
-from vemlight.capture.stage import CaptureCamera, CaptureSource
+from vemlight.capture.stage import CaptureCamera, CaptureSource, source_name
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
 from vemlight.runtime.session import READY, SESSION, make_session
-from vemlight.runtime.wire import ControlMessage, SourceMessage
+from vemlight.runtime.wire import ControlMessage, SourceMessage, pack, unpack
 from vemlight.settings import Capture, Settings
 
 SRGB: dict[str, Any] = {"transfer": "srgb", "primaries": "bt709", "matrix": "bt601", "range": "full"}
@@ -200,6 +201,18 @@ def test_a_recording_ends_before_the_disk_is_full(camera, monkeypatch):
     camera.on_control(ControlMessage(record=True))  # the same wish comes again: it does not begin anew
     assert about(camera).recording == ""
     assert "make room" in about(camera).why_not_record
+
+
+def test_what_is_said_of_a_source_can_be_read_however_long_its_names_are(sources, monkeypatch):
+    long = Capture(source=f"rtsp://camera/{4000 * 'x'}")
+    name = source_name(long)
+    odd = source_name(Capture(source=f"/a/{os.fsdecode(bytes([255]))}b"))
+    for text in (name, odd):
+        monkeypatch.setattr(sources.current, "name", text)
+        monkeypatch.setattr(sources._recording, "refusal", 4000 * "y")
+        header, arrays = sources.about()
+        assert unpack(pack(header, arrays))[0] == header
+    assert (name[:20], odd) == ("rtsp://camera/xxxxxx", " b")
 
 
 def test_what_cannot_be_recorded_is_said_before(sources, camera):

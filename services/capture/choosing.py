@@ -22,6 +22,7 @@ from vemlight.settings import chosen_capture, is_live
 
 BUNDLED_CHOICE, RECENT_CHOICE = "bundled", "recent"
 LIST_EVERY = 10  # statuses, which is 5 s: cameras come and go, recordings end
+MAX_REFUSAL = 512  # letters, as on the wire
 MAX_LISTED = 2000  # names of the recordings folder that are looked at
 Playing = CaptureSource | CaptureCamera
 
@@ -118,7 +119,7 @@ class ChosenSources:
             choice=self.choice,
             choices=choices[: wire.MAX_CHOICES],
             opening=self._opening[0] if self._opening else None,
-            refusal=self._refusal or self._recording.refusal,
+            refusal=(self._refusal or self._recording.refusal)[:MAX_REFUSAL],
             recent_s=recent.span_s if recent else 0.0,
             recent_bytes=recent.nbytes if recent else 0,
             **recorded,
@@ -201,4 +202,4 @@ def shown_refusal(choice: str | None, error: Exception, recordings_folder: str =
     text = " ".join(str(error).split()).removeprefix("[capture] source: ")
     folder = upload_folder(number) if kind == "upload" else recordings_folder if kind == "recording" else None
     text = text.replace(f"{folder}/", "").replace(str(folder), "its folder") if folder else text
-    return f"{choice or 'the source'}: {text}"[:512]
+    return f"{choice or 'the source'}: {text}"[:MAX_REFUSAL]

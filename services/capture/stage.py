@@ -15,7 +15,7 @@ from vemlight.capture.recent import RecentFrames
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.source import FrameSource, open_files, open_source
 from vemlight.capture.thumbnails import NO_THUMBNAILS, ThumbnailNews, Thumbnails
-from vemlight.errors import of_setting
+from vemlight.errors import of_setting, printable_line
 from vemlight.files import notice
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Instance
@@ -162,7 +162,8 @@ def source_name(settings: settings.Capture) -> str:
     """What a source is called on the page: the last part of its path; never more of it, which pages are shown to others."""
     if not settings.source:
         return "bundled sequence"
-    return shown_source(settings.source) if is_stream(settings.source) else Path(settings.source).name[:MAX_NAME]
+    name = shown_source(settings.source) if is_stream(settings.source) else Path(settings.source).name
+    return printable_line(name)[:MAX_NAME]
 
 
 def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:

@@ -91,7 +91,7 @@ class Thumbnails:
                 self._made[k] = disc(frame, adapted)
                 if self._closed.wait(PAUSE_S):
                     return
-        except UserError:  # what plays says so when it comes to that frame
+        except (UserError, OSError):  # what plays says so when it comes to that frame
             return
 
     def _in_order(self) -> list[int]:

@@ -35,6 +35,20 @@ def test_nothing_before_a_map():
     assert Meter().cells() is None
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("scale", [None, 1e-30, 1e30])
+@pytest.mark.parametrize("level", [float(np.finfo(np.float32).max), float(np.finfo(np.float32).smallest_subnormal)])
+def test_readings_of_whatever_float32_holds_are_numbers(level, scale):
+    bright = BrightCells(np.array([0, 0]), np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32), np.array([0.5, 0.5], np.float32))
+    made = meter_of(np.full((6, 12, 3), level), scale, saturated=3, bright=bright)
+    for look in (Look(0, 90), Look(90, -90, 1e12)):
+        reading = read(made, look)
+        assert reading["mean"] is not None
+        assert reading["plane"]["illuminance"] is not None  # as JSON has nan and infinity
+        assert None not in reading["histogram"]["light"]
+    assert made.cells()
+
+
 def test_a_calibrated_sphere():
     reading = read(meter_of(np.full((60, 120, 3), 2.0), scale=500.0))
     assert reading["plane"]["illuminance"] == pytest.approx(np.pi * 1000, rel=1e-3)

@@ -25,6 +25,7 @@ MAX_DIRECTIONS = 64  # remembered for one map: one for each page
 # rows, columns, coverage (1: sphere), log2 of the luminance of code 1, stops a code; then the code of each cell, 0 black, 255 clipped
 CELLS_HEAD = struct.Struct("<HHI2f")
 HIGHEST_CODE = 254
+BRIGHTEST = 1e30  # what is brighter counts as so bright, as in the sampler: sums of it are finite in float32
 
 
 class Look(NamedTuple):
@@ -70,7 +71,7 @@ class MapReadings:
 
     def __init__(self, header: wire.MapMessage, environment: EnvironmentMap) -> None:
         self._header = header
-        self._elements = elements_from_map(environment)
+        self._elements = elements_from_map(environment._replace(radiance=np.minimum(environment.radiance, np.float32(BRIGHTEST))))
         self._luminance = luminance_from_rgb(self._elements.radiance)
         self._clipped = clipped_elements(self._elements, header.report.saturated_pixels)
         self._whole = self._of_map()
@@ -104,7 +105,7 @@ class MapReadings:
         plane = {"azimuth": look.azimuth, "elevation": look.elevation, "illuminance": illuminance, **_colour(irradiance)}
         glare = None
         if scale:
-            sources = glare_sources(self._elements, self._luminance * np.float32(scale), look.direction)
+            sources = glare_sources(self._elements, self._luminance.astype(np.float64) * scale, look.direction)
             probability = glare_probability(illuminance, sources, look.direction, look.up)
             glare = {
                 "dgp": probability, "grade": grade_of(probability), "sources": len(sources.luminance),
@@ -190,8 +191,8 @@ def histogram(luminance: np.ndarray, solid_angles: np.ndarray) -> dict[str, Any]
     first = max(bins.min(), bins.max() - MAX_STOPS * BINS_PER_STOP)
     bins = np.maximum(bins - first, 0)
     area = np.bincount(bins, solid_angles[lit]) / solid_angles.sum()
-    light = np.bincount(bins, solid_angles[lit] * luminance[lit])
-    rounded = [np.round(each, 6).tolist() for each in (area, light / light.sum())]
+    light = np.bincount(bins, solid_angles[lit].astype(np.float64) * luminance[lit])
+    rounded = [np.round(each, 6).tolist() for each in (area, light / max(light.sum(), np.finfo(np.float32).tiny))]
     return {"first": float(first) / BINS_PER_STOP, "step": 1 / BINS_PER_STOP, "area": rounded[0], "light": rounded[1]}
 
 

@@ -35,6 +35,7 @@ def main() -> None:
             page.locator("#overall[data-state=live]").wait_for()
             page.locator("#guide-close").click()
             page.locator("#false-colour").click()
+            page.locator("#graphs").evaluate("(panel) => (panel.open = true)")
             page.locator("#meter").scroll_into_view_if_needed()
             session, heaps = page.context.new_cdp_session(page), []
             for minute in range(asked.minutes + 1):

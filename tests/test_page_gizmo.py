@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.browser import CHROMIUM
+from tests.support.browser import CHROMIUM, SIZES, new_page
 from tests.support.hands import drag, newest
-from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
+from tests.support.viewer_process import SimulatedServices, ViewerProcess, eventually
 from vemlight.settings import Wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
@@ -53,20 +53,17 @@ def with_scene(route, scene: dict) -> None:
     server.on_message(onwards)
 
 
-@pytest.fixture(scope="module")
-def opened(folder: Path, simulated: SimulatedServices, browser) -> Iterator:
+@pytest.fixture(scope="module", params=SIZES)
+def opened(folder: Path, simulated: SimulatedServices, browser, request) -> Iterator:
     viewer = ViewerProcess(folder)
     viewer.first_line()
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
-    page.set_default_timeout(PATIENCE_S * 1e3)
-    page.complaints = []
-    page.on("console", lambda message: page.complaints.append(message.text))
-    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    page = new_page(browser, request.param)
     page.viewer, page.scene = viewer, {"hash": "1", "text": ""}
     page.route("**/scene_data.js", lambda route: route.fulfill(body=STAND_IN, content_type="text/javascript"))
     page.route_web_socket("**/ws*", lambda route: with_scene(route, page.scene))
     yield page
     assert page.complaints == []
+    page.context.close()
     viewer.end()
 
 
@@ -127,6 +124,20 @@ def test_a_click_selects_and_handles_move_turn_and_scale(picture, simulated):
     eventually(lambda: newest(simulated).poses == (), "all back")
 
 
+def test_a_finger_moves_an_object_and_does_not_scroll(picture, simulated):
+    page = picture
+    page.mouse.click(*in_picture(page, 1.0, 0.7))
+    page.locator("[data-gizmo=move]").click()
+    session, scrolled = page.context.new_cdp_session(page), page.evaluate("scrollY")
+    (x, y), (to_x, to_y) = in_picture(page, 1.0, 0.9), in_picture(page, 1.0, 1.4)  # the axis that is up, as scrolling goes
+    for kind, part in [("touchStart", 0), *[("touchMove", k / 8) for k in range(1, 9)], ("touchEnd", None)]:
+        points = [] if part is None else [{"x": x + part * (to_x - x), "y": y + part * (to_y - y)}]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    eventually(lambda: newest(simulated).poses, "the box moved")
+    eventually(lambda: newest(simulated).poses[0].position[2] == pytest.approx(1.0, abs=0.04), "up")
+    assert page.evaluate("scrollY") == scrolled
+
+
 def test_a_ring_turns_by_the_angle_of_the_drag(picture, simulated):
     page = picture
     page.mouse.click(*in_picture(page, 1.0, 0.7))
@@ -137,6 +148,20 @@ def test_a_ring_turns_by_the_angle_of_the_drag(picture, simulated):
     wanted = math.acos(0.6 * 0.96 + 0.8 * 0.28)
     eventually(lambda: 2 * math.asin(newest(simulated).poses[0].rotation[1]) == pytest.approx(wanted, abs=0.03), "clockwise about +y")
     assert newest(simulated).poses[0].rotation[0] == pytest.approx(0, abs=1e-6)
+
+
+def test_an_object_is_moved_while_the_renderer_is_dead(picture, simulated):
+    page = picture
+    simulated.publishing.discard("renderer")
+    page.locator("#overall[data-state=silent], #overall[data-state=stalled]").wait_for()
+    page.locator("[data-gizmo=move]").click()
+    page.locator("#gizmo").press("ArrowRight")
+    eventually(lambda: newest(simulated).poses, "moved")
+    page.locator("#undo").click()
+    eventually(lambda: newest(simulated).poses == (), "and back")
+    assert "renderer" in page.locator("#overall").inner_text()
+    simulated.publishing.add("renderer")
+    page.locator("#overall[data-state=live]").wait_for()
 
 
 def test_without_a_scene_there_are_no_handles_and_a_line_says_why(picture):

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.browser import CHROMIUM
+from tests.support.browser import CHROMIUM, SIZES, new_page
 from tests.support.hands import drag, newest
-from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
+from tests.support.viewer_process import SimulatedServices, ViewerProcess, eventually
 from vemlight.light.mask import Mask
 from vemlight.light.virtual_lamp import VIRTUAL_IDS_FROM, VirtualLamp
 from vemlight.runtime import wire
@@ -37,20 +37,17 @@ def simulated(folder: Path) -> Iterator[SimulatedServices]:
     simulated.end()
 
 
-@pytest.fixture(scope="module")
-def opened(folder: Path, simulated: SimulatedServices, browser) -> Iterator:
+@pytest.fixture(scope="module", params=SIZES)
+def opened(folder: Path, simulated: SimulatedServices, browser, request) -> Iterator:
     viewer = ViewerProcess(folder)
     viewer.first_line()
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
-    page.set_default_timeout(PATIENCE_S * 1e3)
-    page.complaints = []
-    page.on("console", lambda message: page.complaints.append(message.text))
-    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    page = new_page(browser, request.param)
     page.viewer = viewer
     page.goto(viewer.url)
     page.locator("#overall[data-state=live]").wait_for()
     yield page
     assert page.complaints == []
+    page.context.close()
     viewer.end()
 
 
@@ -262,12 +259,24 @@ def test_what_is_too_much_is_refused_with_a_line(page, simulated):
     eventually(lambda: newest(simulated).masks == (Mask(points=((0.0, 0.0), (40.0, 0.0), (20.0, 30.0))),), "one that is none of these")
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 900), (800, 600), (390, 844)])
-def test_the_tools_fit_the_window(page, width, height):
+def test_a_lamp_is_put_while_the_renderer_is_dead(page, simulated):
+    simulated.publishing.discard("renderer")
+    page.locator("#overall[data-state=silent], #overall[data-state=stalled]").wait_for()
+    tool(page, "Lamp")
+    page.mouse.click(*place(page, 10, 40))
+    eventually(lambda: len(lamps(simulated)) == 1, "the lamp")
+    page.keyboard.press("Control+z")
+    eventually(lambda: not lamps(simulated), "no lamp")
+    assert "renderer" in page.locator("#overall").inner_text()
+    simulated.publishing.add("renderer")
+    page.locator("#overall[data-state=live]").wait_for()
+
+
+def test_the_tools_fit_the_window(page):
+    width = page.viewport_size["width"]
     tool(page, "Lamp")
     page.mouse.click(*place(page, 10, 40))
     page.locator("#lamp-level").wait_for()
-    page.set_viewport_size({"width": width, "height": height})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     if width < 640:
         small = page.evaluate(
@@ -275,4 +284,3 @@ def test_the_tools_fit_the_window(page, width, height):
                  .filter((e) => e.offsetParent && e.getBoundingClientRect().height < 44).map((e) => e.id || e.textContent)"""
         )
         assert small == []
-    page.set_viewport_size({"width": 1280, "height": 900})

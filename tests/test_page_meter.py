@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.support.browser import CHROMIUM
+from tests.support.browser import CHROMIUM, SIZES, new_page
 from tests.support.page_checks import CONTRAST, NAMES, SIDEWAYS, TARGETS
-from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually, frames_of
+from tests.support.viewer_process import SimulatedServices, ViewerProcess, eventually, frames_of
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
@@ -20,7 +20,6 @@ from vemlight.settings import Wire
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
 
 SCALE, SKY, BUDGET = 100.0, 10.0, 8  # cd/m2 a unit; radiance of the upper half; lights that the renderer has time for
-SIZES = {"desk": (1440, 900), "small": (800, 600), "phone": (390, 844)}
 GROWTH_BYTES = 2**21  # of the heap over GROWTH_S at 25 pictures a second; bench/page_heap.py watches for ten minutes
 GROWTH_S = 4.0
 
@@ -65,17 +64,14 @@ def simulated(tmp_path_factory) -> Iterator[tuple[SimulatedServices, ViewerProce
 @pytest.fixture(scope="module")
 def pages(simulated, browser) -> Iterator[dict]:
     """One page of each size, whose guide was closed at its first visit; none complains."""
-    opened, complaints = {}, []
-    for name, (width, height) in SIZES.items():
-        page = browser.new_page(viewport={"width": width, "height": height}, has_touch=name == "phone", color_scheme="dark")
-        page.set_default_timeout(PATIENCE_S * 1e3)
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
+    opened = {}
+    for name in SIZES:
+        page = new_page(browser, name, color_scheme="dark")
         page.goto(simulated[1].url)
         page.locator("#overall[data-state=live]").wait_for()
         opened[name] = page
     yield opened
-    assert complaints == []
+    assert [page.complaints for page in opened.values()] == [[]] * len(SIZES)
     for page in opened.values():
         page.context.close()
 

@@ -30,6 +30,12 @@ export function whyFewerLights(summary) {
   return `${asked} asked, ${least} drawn.`;
 }
 
+// Below the filter's name: what it does, or why it does nothing.
+export function filterWords({ settings, source }) {
+  if (!settings.filtered) return "no effect: [sampler] filter is \"none\"; \"auto\" would filter";
+  return source?.frames === 1 ? "no effect on one picture" : "steadier, slightly delayed";
+}
+
 function rowOf(summary, kind) {
   return summary.services.find((row) => row.kind === kind);
 }

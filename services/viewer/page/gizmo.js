@@ -57,6 +57,7 @@ export class Gizmo {
 
   use(tool) {
     this.tool = tool;
+    this.canvas.parentElement.dataset.gizmo = tool; // a finger drags handles, and does not scroll
     for (const key of this.tools.querySelectorAll("[data-gizmo]")) key.setAttribute("aria-pressed", String(key.dataset.gizmo === tool));
     this.draw();
   }

@@ -8,6 +8,7 @@ const NAMES = {
   count: "number of lights", exposure: "exposure", filtered: "filter", source: "source of light", scene: "scene", speed: "speed", loop: "loop",
   in_s: "range that is played", out_s: "range that is played",
 };
+const STEPS = ["source", "scene", "speed", "loop", "filtered"]; // chosen at once: one after the other, they are an entry each
 const KEYED = { poses: "name", lamps: "id" }; // lists whose items go back one by one, so that another page's stay as they are
 
 export class History {
@@ -39,7 +40,7 @@ export class History {
     if (this.replaying || !keys.length) return;
     const after = Object.fromEntries(keys.map((key) => [key, change[key]])), name = nameOf(before, after), last = this.done.at(-1);
     if (JSON.stringify(before) === JSON.stringify(after)) return;
-    if (last && last.name === name && now - last.at < SAME_MS && !this.undone.length) Object.assign(last, { after, at: now });
+    if (last && last.name === name && !STEPS.includes(keys[0]) && now - last.at < SAME_MS && !this.undone.length) Object.assign(last, { after, at: now });
     else this.done = [...this.done, { name, before, after, at: now }].slice(-MAX_ENTRIES);
     this.undone = [];
     this.show();

@@ -5,7 +5,7 @@ import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
 import { Gizmo } from "/gizmo.js";
 import { Graphs } from "/graphs.js";
-import { givenUp, whyFewerLights } from "/given_up.js";
+import { filterWords, givenUp, whyFewerLights } from "/given_up.js";
 import { Guide } from "/guide.js";
 import { History } from "/history.js";
 import { lightsFromBytes } from "/lights_from_bytes.js";
@@ -180,6 +180,11 @@ function showState(pill, state, text) {
   if (pill.textContent !== text) pill.textContent = text;
 }
 
+// Changes a text only where it is another one: a live region is read again at each change.
+function say(id, text) {
+  if (at(id).textContent !== text) at(id).textContent = text;
+}
+
 function showFigures(summary) {
   const of = byService(summary);
   at("rate").textContent = rate(of.renderer.rate_hz);
@@ -194,7 +199,8 @@ function showFigures(summary) {
   }));
   at("scene-facts").textContent = passes(of.renderer.report) || (Number.isInteger(of.renderer.sequence) ? `frame ${of.renderer.sequence}` : "");
   showState(at("overall"), ...overallState(summary));
-  at("count-effect").textContent = whyFewerLights(summary);
+  say("count-effect", whyFewerLights(summary));
+  say("filter-effect", filterWords(summary));
 }
 
 // How far a paused picture has come; empty where it is not paused.

@@ -14,6 +14,7 @@ from vemlight.settings import Wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
 STAND_IN = """
+export * from "/scene_data.js?real";
 export async function loadScene() {
   return { cameras: [{ from: [0, -8, 0.5], at: [0, 0, 0.5], fov_y: 40 }] };
 }

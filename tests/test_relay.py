@@ -1,12 +1,15 @@
 """`vemlight relay`: many listeners, small frames, keys, slow links and cuts."""
 
 import os
+import resource
 import signal
+import socket as network
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -57,10 +60,12 @@ def relay(place: Path) -> Iterator:
     """Starts one; gives its port."""
     processes = []
 
-    def start(*options: str) -> int:
+    def start(*options: str, files: int = 0) -> int:
         port = free_port()
+        limited = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (files, files)) if files else None
         command = [sys.executable, "-m", "vemlight", "relay", "sampler", str(place / "place.toml"), "--listen", f"127.0.0.1:{port}"]
-        processes.append(subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        processes.append(subprocess.Popen([*command, *options], **pipes, preexec_fn=limited))
         assert f"lights at tcp://127.0.0.1:{port}" in processes[-1].stdout.readline()
         return port
 
@@ -178,6 +183,30 @@ def test_a_relay_that_is_killed_comes_back_and_its_listeners_with_it(place, rela
         assert any(frame.sequence > before + 25 for frame in frames), "the same listener, a frame of a second later"
     supervisor.kill()
     wait_until(lambda: not children(supervisor.pid), "the end of the worker", 5)
+
+
+def test_a_crowd_beyond_its_open_files_is_refused_in_one_line_and_listeners_go_on(place, relay):
+    port = relay(files=256)
+    (supervisor,) = relay.processes
+    worker = children(supervisor.pid)["exchange.relay"]
+    frames = lights(f"tcp://127.0.0.1:{port}", place / "keys", timeout_s=LOADED_S)
+    before = next(frames).sequence
+    said: list[str] = []
+    threading.Thread(target=said.extend, args=(supervisor.stderr,), daemon=True).start()
+    crowd = [network.socket() for _ in range(300)]
+    for each in crowd:  # without waiting: those who are refused try again and again
+        each.setblocking(False)
+        each.connect_ex(("127.0.0.1", port))
+    newest = before
+    while newest < before + 75:  # three seconds later
+        newest = next(frames).sequence
+    assert children(supervisor.pid)["exchange.relay"] == worker, "it lives"
+    for each in crowd:
+        each.close()
+    supervisor.kill()
+    wait_until(lambda: not children(supervisor.pid), "the end of the worker", 10)
+    refused = "refused a peer: 64 are connected, as many as a limit of 256 open files allows; raise it"
+    wait_until(lambda: sum(refused in line for line in said) == 1, "one line that says so", 5)
 
 
 def test_a_relay_that_cannot_listen_ends_with_its_line(place, relay):

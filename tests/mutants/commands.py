@@ -69,6 +69,7 @@ MUTANTS = [
     ]),
     *mutants_of(COMMANDS + "archive/workers.py", "tests/test_archive.py", [
         ("four deaths", "MAX_DEATHS = 3", "MAX_DEATHS = 4"),
+        ("killed while it loads", "if not (worker.is_ready or worker.was_killed):", "if not worker.is_ready:"),
         ("chunks of the dead are lost", "        waiting.extendleft(reversed(worker.given))", "        pass"),
     ]),
     *mutants_of(COMMANDS + "archive/map_file.py", "tests/test_map_file.py", [
@@ -107,6 +108,7 @@ MUTANTS = [
         ("no near option", "did you mean {' or '.join(near)}?", "see its help"),
     ]),
     *mutants_of(COMMANDS + "run_checks.py", "tests/test_wrong_inputs.py", [
+        ("half characters", '    checked_utf8(settings, "a settings file")', "    pass"),
         ("any source", "        open_files(capture).check()\n", "        pass\n"),
         ("sources by their names only", "open_files(capture).check()", "open_files(capture)"),
         ("any scene", "    if settings.renderer.scene:", "    if False:"),

@@ -96,4 +96,19 @@ MUTANTS = [
         ("messages without a pause", "if not messages.take():", "if False:"),
         ("forms of other pages", 'if request.content_type != "application/json":', "if False:"),
     ]),
+    *mutants_of(VIEWER + "uploads.py", "tests/test_viewer_uploads.py", [
+        ("names like our own", " and not OWN.fullmatch(stem)", ""),
+        ("removed while decoded", "if self._uploads.get(number) is not upload:", "if False:",
+         "the folder is gone then, which is refused too"),
+    ]),
+    *mutants_of(VIEWER + "upload_handlers.py", "tests/test_viewer_uploads.py", [
+        ("any byte keeps a place", "while block and len(block) < LEAST and", "while False and"),
+    ]),
+    *mutants_of(VIEWER + "meter.py", "tests/test_viewer_meter.py", [
+        ("as bright as float32", "np.minimum(environment.radiance, np.float32(BRIGHTEST))", "environment.radiance"),
+    ]),
+    *mutants_of("services/light/near_lights.py", "tests/test_near_lights.py", [
+        ("as far as float32", "MAX_METRES = 1e6", "MAX_METRES = 1e7"),
+        ("as strong as float32", "MAX_INTENSITY = 1e30", "MAX_INTENSITY = 1e34"),
+    ]),
 ]

@@ -250,7 +250,7 @@ WRONG = [
         ("render point_inf.jsonl --out out.png", "point_inf.jsonl: line 1: near lights have a number that is not finite"),
         ("render point_far.jsonl --out out.png", "point_far.jsonl: line 1: near lights have a place, radius or sigma beyond 1e+06 m"),
         ("render point_strong.jsonl --out out.png", "point_strong.jsonl: line 1: near lights have an intensity above 1e+30 W/sr"),
-        ("export point_pair.jsonl --out out.usda", "point_pair.jsonl: line 1: has one of the keys at and points"),
+        ("render point_pair.jsonl --out out.png", "point_pair.jsonl: line 1: has one of the keys at and points"),
         ("export lights.jsonl --frame 1 --gltf out.gltf", "--frame 1: | 1 frame"),
         ("export lights.jsonl --residual --usd out.usda", "--residual: | the source"),
         ("export good.exr --residual --gltf out.gltf", "--residual: | --usd"),

@@ -260,10 +260,10 @@ def _dropped(path: Path) -> object:
 
 
 FORMATS = {
-    "camera rig": Format(".toml", text_files(a__toml=RIG), _rig, _rig_bombs),
+    "rig": Format(".toml", text_files(a__toml=RIG), _rig, _rig_bombs),
     "plan": Format(".json", _plan_files, _plan, _plan_bombs, share=0.5),
     "maps": Format(".maps", _map_files, _maps, _map_bombs, _with_checks),
     "state": Format(".state", _state_files, _state, lambda: {"empty": b"", "digest": bytes(32)}, _with_digest),
-    "saved settings": Format(".toml", _saved_files, _saved, _saved_bombs),
-    "dropped scene": Format(".glb", _dropped_files, _dropped, _dropped_bombs, share=0.5),
+    "saved": Format(".toml", _saved_files, _saved, _saved_bombs),
+    "dropped": Format(".glb", _dropped_files, _dropped, _dropped_bombs, share=0.5),
 }

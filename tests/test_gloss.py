@@ -253,6 +253,16 @@ def test_without_a_map_the_lights_are_points(tmp_path):
     assert (light.direct.tolist(), light.spread.tolist(), light.least_width.tolist()) == ([1.0] * 9, [0.0] * 9, [0.0] * 9)
 
 
+def test_without_a_map_a_soft_light_is_as_wide_in_mirrors_as_it_is(tmp_path):
+    lights = even_lights(2)
+    across = np.eye(3) - lights.directions[:, :, None] * lights.directions[:, None, :]
+    variances = np.array([0.0, 0.02])
+    soft = lights._replace(covariances=(variances[:, None, None] * across).reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]].astype(np.float32))
+    light = reflected_light(soft, None)
+    np.testing.assert_allclose(light.spread, variances, rtol=1e-5)
+    assert (light.direct.tolist(), light.least_width.tolist()) == ([1.0] * 2, [0.0] * 2)
+
+
 def test_a_surface_in_a_closed_box_reflects_nothing(tmp_path):
     """The map behind walls is not seen: all lights in the lobe are shadowed."""
     camera = "[camera]\nfrom = [0.0, -3.0, 0.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 40.0\n"

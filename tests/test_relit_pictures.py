@@ -9,6 +9,8 @@ from tests.support.light_sets import uniform_lights
 from tests.support.relit_page import RelitPage
 from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
+from vemlight.renderer import frame_plan
+from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, Scene, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
@@ -67,8 +69,11 @@ def test_both_pictures_are_the_same_off_edges(drawn):
     assert error < LIMIT
 
 
-def test_soft_lights_are_the_same(drawn):
+def test_soft_lights_are_the_same(drawn, monkeypatch):
+    """Lobes are as wide as each point's light, which the renderer's points alone do not tell."""
     scene, page = drawn
+    wide = ReflectedLight(None, "hemisphere", np.ones(3), np.ones(24), np.full(24, 0.03), np.zeros(24))
+    monkeypatch.setattr(frame_plan, "reflected_light", lambda *_: wide)
     lights = lights_of(6)
     across = np.eye(3) - lights.directions[:, :, None] * lights.directions[:, None, :]
     covariances = (0.03 * across).reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]].astype(np.float32)

@@ -33,12 +33,13 @@ export function strongest(lights, limit) {
   return lit.length <= limit ? lit : lit.sort((a, b) => luminance(b.irradiance) - luminance(a.irradiance)).slice(0, limit);
 }
 
-// Soft lights as laws.POINTS points each, narrow ones as one: points_of_extents of extent.py.
+// Soft lights as laws.POINTS points each, narrow ones as one: points_of_extents of extent.py. Mirrors show each as wide as its light: reflected_light.py.
 export function pointsOf(lights, laws) {
   return lights.flatMap((light) => {
     if (!light.covariance) return [light];
     const [xx, xy, xz, yy, yz, zz] = light.covariance, trace = Math.min(Math.max(xx + yy + zz, 0), 1), id = laws.POINTS * light.id;
-    if (Math.sqrt(trace / 2) < laws.DIVIDED_RAD) return [{ ...light, id }];
+    const variance = trace / 2;
+    if (Math.sqrt(variance) < laws.DIVIDED_RAD) return [{ ...light, id, variance }];
     const full = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
     const [first, second] = tangents(light.direction), across = (a, b) => dot(a, full.map((row) => dot(row, b)));
     const axes = principalAxes(across(first, first), across(first, second), across(second, second)).map(([x, y, size]) =>
@@ -46,7 +47,7 @@ export function pointsOf(lights, laws) {
     const irradiance = light.irradiance.map((value) => value / laws.POINTS), middle = light.direction.map((value) => value * Math.sqrt(1 - trace));
     return [[1, 0], [0, 1], [-1, 0], [0, -1]].map(([a, b], k) => {
       const place = middle.map((value, axis) => value + a * axes[0][axis] + b * axes[1][axis]), length = Math.hypot(...place);
-      return { id: id + k, direction: place.map((value) => value / length), irradiance };
+      return { id: id + k, direction: place.map((value) => value / length), irradiance, variance };
     });
   });
 }
@@ -123,6 +124,7 @@ export function writeFrame(numbers, at, light, map, box, laws) {
   put("resolution", [map.resolution]);
   put("spread", [0]); // soft lights are several points here
   put("concentration", [1]);
+  put("lobe_spread", [light.variance ?? 0]);
   put("direct", [1]);
 }
 

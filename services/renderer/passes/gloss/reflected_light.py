@@ -68,12 +68,13 @@ def _cells(rows: int, cols: int, coverage: Coverage) -> _Cells:
 
 
 def reflected_light(lights: LightSet, environment: EnvironmentMap | None) -> ReflectedLight:
-    """What lobes reflect under `lights`, of the same moment as the map; without one, the lights as they are. Virtual lamps are not in the
-    map: lobes reflect them as lights, widened by their extent.
+    """What lobes reflect under `lights`, of the same moment as the map; without one, the lights, widened by their extent where it is known.
+    Virtual lamps are not in the map: lobes reflect them so, too.
     """
     count = len(lights.ids)
     if environment is None or count == 0:
-        return ReflectedLight(None, "hemisphere", np.ones(3), np.ones(count), np.zeros(count), np.zeros(count))
+        spread = np.zeros(count) if lights.covariances is None else Extents.of(lights).spreads ** 2
+        return ReflectedLight(None, "hemisphere", np.ones(3), np.ones(count), spread, np.zeros(count))
     radiance = np.where(np.isfinite(environment.radiance), environment.radiance, 0).clip(0)
     total = map_irradiance(radiance, environment.coverage)
     sources = _Sources(radiance, environment.coverage, environment.bright_cells)

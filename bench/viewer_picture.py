@@ -16,7 +16,7 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 
 from bench.live import free_port
-from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
+from tests.support.browser import BROWSER_OPTIONS, CHROMIUM, SOFTWARE_GL
 from vemlight.commands.service_commands import BUNDLED_RENDERER
 
 WIDTH, HEIGHT = 1280, 800  # pixels
@@ -65,13 +65,27 @@ def timeline(page: Any) -> None:
     page.locator("#source").evaluate("(panel) => scrollTo(0, panel.offsetTop - 12)")
 
 
-STATES = {"viewer": as_it_opens, "hands": hands, "time": timeline}
+def relit(page: Any) -> None:
+    """The server's picture to the left of a line, the browser's to the right, from a camera that was turned."""
+    page.locator("#relit-camera").wait_for(timeout=START_MS)
+    page.locator("[data-relit=split]").click()
+    box = page.locator("#picture").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 2 - 30, box["y"] + box["height"] / 2 + 10, steps=4)
+    page.mouse.up()
+    page.locator("#relit[data-shown]").wait_for(timeout=START_MS)
+    page.evaluate("scrollTo(0, 0)")
+    page.wait_for_timeout(SETTLE_MS)
+
+
+STATES = {"viewer": as_it_opens, "hands": hands, "time": timeline, "relit": relit}
 
 
 def screenshot(url: str, out: Path, state: str) -> None:
     """The page at `url` as PNG, once it shows pictures."""
     with sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=BROWSER_OPTIONS)
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=BROWSER_OPTIONS + SOFTWARE_GL)
         page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         page.goto(url)
         page.locator("#picture[data-shown]").wait_for(state="attached", timeout=START_MS)

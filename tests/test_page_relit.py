@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
@@ -14,6 +15,7 @@ from vemlight.runtime import wire
 from vemlight.settings import Renderer, Wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
+VIEWS = (("From above", wire.View(eye=(0.0, -2.0, 6.0), at=(0.0, 0.0, 0.5), fov_y=40.0)),)
 DRAWING = Renderer(width=160, height=120, shadows="maps", bounces=0, frame_ms=0.0)
 
 
@@ -26,7 +28,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def simulated(folder: Path) -> Iterator[SimulatedServices]:
-    scene = load_scene(BUNDLED_SCENE)
+    scene = load_scene(BUNDLED_SCENE)._replace(views=VIEWS)
     objects = scene.objects
 
     def frames(sequence: int, count: int) -> dict:
@@ -88,6 +90,95 @@ def test_drag_turns_both_pictures(opened, simulated):
     assert first.at == pytest.approx((-0.02, 0.1, 0.72)), "it turns about what it looks at"
     opened.keyboard.press("Home")
     eventually(lambda: newest(simulated).camera is None, "the scene file's camera again")
+
+
+def middle(page) -> tuple[float, float]:
+    """Of the picture, in the window."""
+    page.locator("#gizmo").scroll_into_view_if_needed()
+    box = page.locator("#gizmo").bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def camera_after(simulated, act) -> wire.View:
+    """The camera that a hand's act chooses."""
+    before = len(simulated.controls)
+    act()
+    return eventually(lambda: next((c.camera for c in reversed(simulated.controls[before:]) if c.camera), None), "a camera for the server")
+
+
+def distance(view: wire.View) -> float:
+    return float(np.linalg.norm(np.subtract(view.eye, view.at)))
+
+
+@pytest.mark.parametrize(
+    ("key", "moves_eye", "moves_aim"),
+    [("ArrowLeft", True, False), ("Shift+ArrowLeft", True, True), ("i", True, True), ("o", True, True), ("-", True, False)],
+)
+def test_keys_turn_move_and_fly(opened, simulated, key, moves_eye, moves_aim):
+    rest = load_scene(BUNDLED_SCENE).camera
+    opened.locator("#gizmo").focus()
+    opened.keyboard.press("Home")
+    eventually(lambda: newest(simulated).camera is None, "the scene file's camera")
+    view = camera_after(simulated, lambda: opened.keyboard.press(key))
+    assert (np.abs(np.subtract(view.eye, rest.position)).max() > 1e-3) == moves_eye
+    assert (np.abs(np.subtract(view.at, rest.at)).max() > 1e-3) == moves_aim
+    opened.keyboard.press("Home")
+    eventually(lambda: newest(simulated).camera is None, "the scene file's camera again")
+
+
+def test_pointer_pans_looks_around_and_comes_nearer(opened, simulated):
+    rest = load_scene(BUNDLED_SCENE).camera
+    x, y = middle(opened)
+
+    def wheel() -> None:
+        opened.mouse.click(x, y + 60)
+        opened.mouse.wheel(0, -300)
+
+    whole = float(np.linalg.norm(np.subtract(rest.position, rest.at)))
+    assert distance(camera_after(simulated, wheel)) < 0.8 * whole
+    opened.keyboard.press("Home")
+    eventually(lambda: newest(simulated).camera is None, "the scene file's camera")
+
+    def pan() -> None:
+        opened.keyboard.down("Shift")
+        drag(opened, (x, y + 60), (x - 50, y + 60))
+        opened.keyboard.up("Shift")
+
+    panned = camera_after(simulated, pan)
+    np.testing.assert_allclose(np.subtract(panned.eye, rest.position), np.subtract(panned.at, rest.at), atol=1e-6)
+    opened.locator("#gizmo").focus()
+    opened.keyboard.press("Home")
+    eventually(lambda: newest(simulated).camera is None, "the scene file's camera")
+
+    def look() -> None:
+        opened.keyboard.down("Alt")
+        drag(opened, (x, y + 60), (x + 50, y + 60))
+        opened.keyboard.up("Alt")
+
+    assert camera_after(simulated, look).eye == pytest.approx(rest.position), "the eye stays"
+
+
+def test_the_list_has_the_scene_files_views_and_undo_goes_back(opened, simulated):
+    camera = opened.locator("#relit-camera")
+    opened.locator("#gizmo").focus()
+    opened.keyboard.press("Home")
+    eventually(lambda: newest(simulated).camera is None, "the scene file's camera")
+    view = camera_after(simulated, lambda: camera.select_option(label="From above"))
+    assert view == VIEWS[0][1]
+    opened.keyboard.press("Control+z")
+    eventually(lambda: newest(simulated).camera is None, "undone")
+    opened.keyboard.press("Control+Shift+z")
+    eventually(lambda: newest(simulated).camera == view, "done again")
+
+
+def test_the_picture_fills_the_screen(opened):
+    opened.locator("#relit-full").click()
+    eventually(lambda: opened.evaluate("document.fullscreenElement?.id") == "scene", "full screen")
+    inner, stage = opened.evaluate("innerHeight"), opened.locator("#scene .stage").bounding_box()["height"]
+    assert stage > 0.6 * inner
+    opened.locator("#gizmo").focus()
+    opened.keyboard.press("f")
+    eventually(lambda: opened.evaluate("document.fullscreenElement") is None, "the page again")
 
 
 def test_slider_splits_the_pictures(opened):

@@ -50,6 +50,7 @@ export class Relit {
 
   take(summary) {
     this.locked = Boolean(summary.why_no_controls);
+    this.near = summary.near_lights?.length > 0;
     const hash = summary.scene?.hash || null;
     if (hash !== this.hash) this.load(hash, summary.scene?.text);
     this.showPreset();
@@ -226,10 +227,10 @@ export class Relit {
     if (this.lost) return "The graphics driver of this machine has taken the picture away; it comes back as soon as the driver is ready.";
     if (!this.drawing) return `Not drawn in this browser: ${this.why}.`;
     if (!this.frame) return "Waiting for lights …";
-    const { lights = 0, points = 0, wanted = 0 } = this.drawn ?? {}, without = this.scene.description.left_out;
-    const few = points < wanted ? ` (${wanted - points} points of light have no room in the shadow maps that this browser can hold)` : "";
+    const { lights = 0, coarser = 0 } = this.drawn ?? {}, without = [...this.scene.description.left_out, ...(this.near ? ["the places of near lights"] : [])];
+    const coarse = coarser ? ` Shadow maps are ${2 ** coarser} times coarser than the settings', for which this browser has no room.` : "";
     const left = without.length ? ` Without ${without.join(", ")}.` : "";
-    return `This browser draws ${frames} pictures a second under ${lights} lights${few}, of ${(bytes / 1000).toFixed(1)} kB a second.${left}`;
+    return `This browser draws ${frames} pictures a second under ${lights} lights, from ${(bytes / 1000).toFixed(1)} kB a second.${coarse}${left}`;
   }
 }
 

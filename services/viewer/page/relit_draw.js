@@ -23,6 +23,8 @@ export class SceneDrawing {
     [this.gl, this.scene] = [gl, scene];
     const { description } = scene;
     this.laws = description.laws;
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE), largest = Math.max(...description.size, ...description.textures.flatMap(({ width, height }) => [width, height]));
+    if (largest > most) throw new Error(`the scene has pictures of ${largest} texels a side, and this browser holds ${most}`);
     this.blends = Boolean(gl.getExtension("EXT_float_blend"));
     this.programs = new Programs(gl, description.shaders);
     this.empty = gl.createVertexArray();
@@ -39,7 +41,8 @@ export class SceneDrawing {
 
   // Draws a frame into the canvas (or nothing but the linear picture, with show: false).
   // view: { from, at, fov_y }; lights: of lightsOf(); limit: how many are drawn, the strongest; poses: of objects; tone: { scale, white }.
-  // Returns { lights, points, maps }: how many were drawn, as how many points, and how many shadow maps were drawn anew.
+  // Returns { lights, points, maps, coarser }: how many were drawn, as how many points, how many shadow maps were drawn anew, and how often all maps
+  // were halved so that they fit.
   draw({ view, lights, limit = Infinity, poses, tone, width, height, show = true }) {
     const { gl } = this, matrices = worldFromRest(this.scene, poses), shown = strongest(lights, limit);
     const points = pointsOf(shown, this.laws);
@@ -50,7 +53,7 @@ export class SceneDrawing {
     if (this.laws.EMISSION) this.addEmission();
     if (show) this.show(tone ?? NO_TONE);
     gl.bindVertexArray(null);
-    return { lights: shown.length, points: this.shadows.count, maps };
+    return { lights: shown.length, points: this.shadows.count, maps, coarser: this.shadows.coarser };
   }
 
   drawSurfaces(view, matrices) {
@@ -83,7 +86,7 @@ export class SceneDrawing {
     });
   }
 
-  // The sum over the lights. A place for lights that are near ("points" of the wire): a pass of its own after this one, added as emission is.
+  // The sum over the lights; near ones come as directional ones, as they are seen from where those are true.
   sumLights(view, points, matrices) {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);

@@ -3,7 +3,8 @@
 import { mapHalvings, packed, writeFrame } from "/relit_lights.js";
 import { boxCorners, boxOf, identity, transformed } from "/scene_data.js";
 
-const MAX_ATLAS_SIDE = 4096; // texels: 64 MB of depth; what does not fit is fewer lights. 2048 to 8192 would do
+const MAX_ATLAS_SIDE = 4096; // texels: 64 MB of depth; where that is too little, maps are coarser. 2048 to 8192 would do
+const LEAST_MAP = 16; // texels, as settings have it
 const STILL = 0.25; // of a texel at the map's rim, by which a light may turn before its map is drawn again; 0.1 to 1 would do
 const MARGIN = 0.1; // casters.py
 
@@ -44,13 +45,14 @@ export class Shadows {
     this.halvings = new Map(lights.map((light, k) => [light.id, halvings[k]]));
     const below = lights.map((light) => (this.plane ? light.direction.reduce((sum, value, k) => sum + value * this.casters.plane_normal[k], 0) < 0 : false));
     const order = Array.from(lights.keys()).sort((a, b) => halvings[a] - halvings[b] || below[a] - below[b] || lights[a].id - lights[b].id);
-    let sizes, packing, shown = count;
-    do { // the weakest, which have the smallest maps, give way
-      sizes = order.slice(0, shown).map((k) => laws.LARGEST_MAP / 2 ** halvings[k]);
+    let sizes, packing, coarser = -1;
+    do { // where there is no room, all maps are halved
+      coarser += 1;
+      sizes = order.map((k) => Math.max(laws.LARGEST_MAP / 2 ** (halvings[k] + coarser), LEAST_MAP));
       packing = packed(sizes, this.maxSide);
-    } while (!packing && (shown = Math.floor(shown * 0.9)) > 0);
-    order.length = sizes.length;
-    this.count = order.length;
+    } while (!packing && sizes[0] > LEAST_MAP);
+    if (!packing) throw new Error(`${count} lights have no room in the shadow maps that this browser can hold; ask for fewer`);
+    [this.count, this.coarser] = [count, coarser];
     const key = `${order.map((k) => lights[k].id)} ${sizes} ${matrices.map((m) => m?.join() ?? "")}`;
     const known = key === this.kept.key, directions = [], redrawn = [];
     order.forEach((light, slot) => {

@@ -154,8 +154,10 @@ def _left_out(matched: Matches, seen: Seen) -> int:
     count = 0
     for k in range(len(seen.counts)):
         own = seen.table[k, : seen.counts[k]]
-        free = np.setdiff1d(np.arange(len(own)), matched.sources[:, k])
         lights = matched.fit[matched.sources[:, k] < 0]
+        if not len(lights):
+            continue
+        free = np.setdiff1d(np.arange(len(own)), matched.sources[:, k])
         near = _is_seen_at(lights[:, :3], lights[:, 3], lights[:, 4], seen.offsets[k], own[free])
         directions, _ = _from_camera(lights[:, :3], lights[:, 3], lights[:, 4], seen.offsets[k])
         along = (directions * seen.offsets[k]).sum(axis=1)

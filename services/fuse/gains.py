@@ -76,25 +76,26 @@ def gains_by_lights(before: Gains, rig: CameraRig, matched: Matches, fluxes: Seq
 
     fluxes: of each camera's sources (n, 3), with the gains before; nan where they are unknown. offsets: as Seen has them.
     """
-    light, camera = np.nonzero(matched.sources >= 0)
-    flux = np.array([fluxes[k][matched.sources[n, k]] for n, k in zip(light.tolist(), camera.tolist(), strict=True)]).reshape(-1, 3)
-    known = (flux > 0).all(axis=1)
-    light, camera, flux = light[known], camera[known], flux[known]
-    if not len(light):
+    sent = np.full((*matched.sources.shape, 3), np.nan)  # ln of intensity, of each light to each camera
+    for k, flux in enumerate(fluxes):
+        light = np.flatnonzero(matched.sources[:, k] >= 0)
+        p = matched.fit[light, :3] + matched.fit[light, 3:4] * offsets[k]
+        own = flux[matched.sources[light, k]]
+        own = np.where((own > 0).all(axis=1, keepdims=True), own, np.nan)
+        sent[light, k] = np.log(own) + np.log((p * p).sum(axis=1))[:, None]
+    known = np.isfinite(sent[:, :, 0])
+    if not known.any():
         return before
-    p = matched.fit[light, :3] + matched.fit[light, 3:4] * offsets[camera]
-    sent = np.log(flux) + np.log((p * p).sum(axis=1))[:, None]
     ln, sigma, frames = (array.copy() for array in before)
-    seen = np.bincount(camera, minlength=len(rig.camera)) >= MIN_LIGHTS
+    seen = known.sum(axis=0) >= MIN_LIGHTS
     reference = _reference(rig, seen, frames)
     frames[reference] += 1
-    own_light = {(n, k): i for i, (n, k) in enumerate(zip(light.tolist(), camera.tolist(), strict=True))}
     for k in np.flatnonzero(seen & np.array([each.gain is None for each in rig.camera])):
-        both = [n for n in range(len(matched.fit)) if (n, int(k)) in own_light and (n, reference) in own_light]
-        if k == reference or len(both) < MIN_LIGHTS:
+        both = known[:, k] & known[:, reference]
+        if k == reference or both.sum() < MIN_LIGHTS:
             continue
-        ratio = np.median([sent[own_light[n, int(k)]] - sent[own_light[n, reference]] for n in both], axis=0)
-        if sigma[k] > 0 or np.abs(ratio).max() > SURE_SIGMAS * FLUX_SIGMA * np.sqrt(2 / len(both)):
+        ratio = np.median(sent[both, k] - sent[both, reference], axis=0)
+        if sigma[k] > 0 or np.abs(ratio).max() > SURE_SIGMAS * FLUX_SIGMA * np.sqrt(2 / both.sum()):
             frames[k] += 1
             ln[k] -= ratio / min(frames[k], MEMORY)
             sigma[k] = FINE_SIGMA

@@ -6,6 +6,7 @@ relative to it; after `read_camera_rig` they are absolute.
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated
@@ -53,15 +54,23 @@ class RigCamera(RigRecord, frozen=True, kw_only=True):
 
     @property
     def world_from_camera(self) -> np.ndarray:
-        """Rotation (3, 3) float64 from the camera's map to the world."""
-        x, y, z, w = np.asarray(self.turn) / np.linalg.norm(self.turn)
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        """Rotation (3, 3) float64 from the camera's map to the world; read-only."""
+        return _rotation(self.turn)
+
+
+@lru_cache(maxsize=64)  # it is asked for twenty times a frame
+def _rotation(turn: tuple[float, float, float, float]) -> np.ndarray:
+    """The rotation of a quaternion x y z w of any length; read-only."""
+    x, y, z, w = np.asarray(turn) / np.linalg.norm(turn)
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    rotation.flags.writeable = False
+    return rotation
 
 
 class CameraRig(RigRecord, frozen=True, kw_only=True):

@@ -87,6 +87,20 @@ MUTANTS = [
         ("steps of the place the other way", "np.concatenate([by_turn, -by_place], axis=2)",
          "np.concatenate([by_turn, by_place], axis=2)"),
     ]),
+    *mutants_of("services/fuse/tracks.py", "tests/test_locating.py", [
+        ("a dimmed lamp is another", "noise[:, 3, 3] += DIMMED_LN_FLUX**2", "pass"),
+        ("a lamp returns as another", "np.where(away < limit, 4 -", "np.where(away < -1, 4 -"),
+        ("a lamp returns anywhere", "np.where(away < limit, 4 -", "np.where(away < 1e9, 4.1 -"),
+        ("errors of poses are averaged", "(self.noise + self.fixed)[:, :3, :3]", "self.noise[:, :3, :3]"),
+    ]),
+    *mutants_of("services/fuse/triangulation.py", "tests/test_locating.py", [
+        ("poses without an error of place", "place = pose[1] * rho / length", "place = 0.0"),
+    ]),
+    *mutants_of("services/fuse/fusing.py", "tests/test_fusing.py", [
+        ("poses that are wrong", "LEFT_OUT_CHI2 * left_out + UNEXPLAINED_CHI2 * (unexplained - left_out)", "0.0"),
+        ("saturated pixels", "SATURATED_SIGMA, FLUX_SIGMA)", "FLUX_SIGMA, FLUX_SIGMA)"),
+        ("light counted twice", "        if source >= 0:\n", "        if False:\n"),
+    ]),
     *mutants_of("services/fuse/wand.py", "tests/test_bundle_adjustment.py", [
         ("lamps of the room", "0, frame.strength)", "frame.strength, frame.strength)"),
         ("single frames beside held places", "held if held.shape[1] >= MIN_STILL else bearings", "bearings"),

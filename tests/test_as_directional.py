@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.support.lights_files import write_lights
 from vemlight.commands.cli import main
 from vemlight.exchange.gltf_lights import LM_PER_W, gltf_from_lights
 from vemlight.exchange.stream import json_line
 from vemlight.light.as_directional import NEAR_IDS, as_directional
-from vemlight.light.light_set import LightSet, NearLights, are_covariances, lights_row, write_lights
+from vemlight.light.light_set import LightSet, NearLights, are_covariances, lights_row
 from vemlight.light.near_lights import NearLightSet
 from vemlight.runtime import wire
 from vemlight.runtime.near_frames import LAST_FRAMES, NearFrames

@@ -21,10 +21,11 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.exchange import turned
+from tests.support.lights_files import write_lights
 from tests.support.viewer_process import SimulatedServices, ViewerProcess, eventually, frames_of
 from vemlight.commands.cli import main
 from vemlight.exchange.punctual import angles_deg, rotations_to
-from vemlight.light.light_set import LightSet, lights_row, write_lights
+from vemlight.light.light_set import LightSet, lights_row
 from vemlight.light.lights_binary import binary_from_lights
 from vemlight.settings import Wire
 

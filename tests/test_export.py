@@ -9,13 +9,14 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.exchange import turned
+from tests.support.lights_files import write_lights
 from vemlight.commands.cli import main
 from vemlight.commands.residual import latlong_from_polar, sources_and_rest
 from vemlight.exchange.punctual import angles_deg
 from vemlight.exchange.usd_file import DOME_ROTATION_WXYZ, time_codes
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.images import read_radiance, write_exr
-from vemlight.light.light_set import LightSet, lights_row, write_lights
+from vemlight.light.light_set import LightSet, lights_row
 from vemlight.light.lights_reader import lights_frames
 from vemlight.light.sphere import latlong_directions, latlong_solid_angles, map_irradiance
 

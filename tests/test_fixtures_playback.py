@@ -9,9 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from tests.support.lights_files import write_lights
 from tests.support.processes import LOADED_S, vemlight
 from tests.support.sacn_receiver import SacnReceiver
-from vemlight.light.light_set import LightSet, lights_row, write_lights
+from vemlight.light.light_set import LightSet, lights_row
 
 RIG = Path(__file__).parents[1] / "services" / "fixtures" / "rigs" / "dome.toml"
 

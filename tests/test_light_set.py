@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from tests.support.lights_files import light_set_from_row, read_lights
+from tests.support.lights_files import light_set_from_row, read_lights, write_lights
 from vemlight.errors import UserError
-from vemlight.light.light_set import LightSet, LightsFile, are_covariances, check_lights_path, lights_row, write_lights
+from vemlight.light.light_set import LightSet, LightsFile, are_covariances, check_lights_path, lights_row
 
 FLOATS = arrays.arrays(np.float32, (3, 3), elements=st.floats(allow_nan=False, allow_infinity=False, width=32))
 

@@ -4,8 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from tests.support.lights_files import write_lights
 from vemlight.errors import UserError
-from vemlight.light.light_set import LightSet, LightsFile, NearLights, lights_json, lights_row, write_lights
+from vemlight.light.light_set import LightSet, LightsFile, NearLights, lights_json, lights_row
 from vemlight.light.lights_reader import is_lights_file, lights_frames
 from vemlight.light.near_lights import NearLightSet
 

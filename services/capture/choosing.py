@@ -2,7 +2,6 @@
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
@@ -25,13 +24,6 @@ LIST_EVERY = 10  # statuses, which is 5 s: cameras come and go, recordings end
 MAX_REFUSAL = 512  # letters, as on the wire
 MAX_LISTED = 2000  # names of the recordings folder that are looked at
 Playing = CaptureSource | CaptureCamera
-
-
-class Opened(NamedTuple):
-    """A source, the choice that it is of, and the text of the settings that made it."""
-
-    choice: str | None
-    source: Playing
 
 
 class ChosenSources:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from vemlight.errors import UserError
-from vemlight.files import notice, written_whole
+from vemlight.files import notice
 from vemlight.journal import JOURNAL_START, Journal, JournalPoint
 from vemlight.light.near_lights import NearLightRow, NearLightSet, near_light_rows
 from vemlight.light.sphere import Coverage
@@ -136,13 +136,6 @@ def check_lights_path(path: Path, frames: int) -> None:
         raise UserError(f"{path}: a .json holds one frame and there are {frames}; name it .jsonl")
     if not path.resolve().parent.is_dir():
         raise UserError(f"{path}: there is no such folder; make it first")
-
-
-def write_lights(path: Path, rows: list[LightsRow]) -> None:
-    """Writes .json (exactly one frame) or .jsonl. Raises UserError for another suffix or several frames in a .json."""
-    check_lights_path(path, len(rows))
-    with written_whole(path) as part:
-        part.write_bytes(b"".join(lights_json(row) + b"\n" for row in rows))
 
 
 class LightsFile:

@@ -2,6 +2,7 @@
 
 import random
 
+from vemlight.compiling import COMPILING, compiling_file
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.service_stats import LossCounter
@@ -88,6 +89,17 @@ def test_a_renderer_that_opens_a_scene_is_not_called_silent_nor_live():
     liveness.last_received["renderer"].take(FRAMES["renderer"], 20.0)
     assert liveness.judge(20.5)["renderer"].state == "live"
     assert liveness.judge(60)["renderer"].state == "silent"  # opened, and then died
+
+
+def test_who_compiles_for_what_was_chosen_is_not_called_silent(tmp_path, monkeypatch):
+    monkeypatch.setenv(COMPILING, str(tmp_path / "viewer.compiling"))
+    compiling_file(tmp_path, "capture").write_text("capture.masking.fill")
+    liveness = received_all(10)
+    assert states(liveness, 10.9) == ["live"] * 3
+    assert liveness.judge(14)["capture"] == ("starting", "compiling capture.masking.fill")
+    assert states(liveness, 14)[1:] == ["silent"] * 2
+    compiling_file(tmp_path, "capture").unlink()
+    assert states(liveness, 14)[0] == "silent"
 
 
 def test_in_lossless_mode_nobody_stalls_who_is_not_asked():

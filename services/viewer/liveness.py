@@ -83,6 +83,8 @@ class Liveness:
         for name, before in self._upstreams.items():
             blocked_by = before[0] if before and all(judged[each].state != "live" for each in before) else None
             judged[name] = self._judge(name, now_s, blocked_by)
+            if judged[name].state in ("silent", "stalled") and (kernel := compiled_by(name)):  # for what was just chosen
+                judged[name] = Judgement("starting", f"compiling {kernel}")
         return judged
 
     def _judge(self, service: Instance, now_s: float, blocked_by: Instance | None) -> Judgement:

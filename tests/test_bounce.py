@@ -9,6 +9,7 @@ from tests.support.gltf_files import TexturedSquare
 from tests.support.light_sets import lights_from, uniform_lights
 from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer import pass_table
 from vemlight.renderer.frame import PlatePicture
 from vemlight.renderer.frame_budget import LATE, MIN_LIGHTS, Budget, CostModel, MapDemand, bounce_affordable
@@ -49,11 +50,12 @@ def renderer_of(scene: Scene, bounces: int = 1, samples: int = 1, shadows: str =
     return SceneRenderer(scene, settings, samples)
 
 
-def added(scene: Scene, lights: LightSet, **options) -> np.ndarray:
+def added(scene: Scene, lights: LightSet, near: NearLightSet | None = None, **options) -> np.ndarray:
     """What the bounce adds to a picture, (height, width, 3)."""
     pictures = []
     for bounces in (0, 1):
         renderer = renderer_of(scene, bounces, **options)
+        renderer.near = near or NearLightSet.empty()
         pictures.append(renderer.picture(lights)[..., :3])
         renderer.release()
     return pictures[1] - pictures[0]
@@ -77,6 +79,24 @@ def test_a_wall_before_a_wide_lit_ground_has_half_of_its_radiosity(tmp_path):
     inner = added(scene, SUN)[12:20, 12:20]
     np.testing.assert_allclose(inner.mean(axis=(0, 1)), expected, rtol=0.02)
     np.testing.assert_allclose(inner, np.broadcast_to(expected, inner.shape), rtol=0.12)
+
+
+@pytest.mark.parametrize(("height_m", "rms"), [(0.02, 0.4), (1.0, 0.08)])
+def test_a_lamp_beside_the_ground_lights_the_wall_from_its_spot_without_sparks(tmp_path, height_m, rms):
+    """The wall receives the integral over the ground, also of a spot that few of its rays meet; by points it is up to 17 times that."""
+    near = NearLightSet.of(np.zeros(1), np.array([[1.3, -0.4, height_m]]), np.full((1, 3), 2.0), np.zeros(1), np.zeros(1))
+    inner = added(scene_of(tmp_path, FACING_WALL + CORNER), LightSet.none(), near)[4:28, 4:28, 0]
+    side = 2 * ((np.arange(4, 28) + 0.5) / 32 - 0.5) * 6.0 * np.tan(np.radians(10.0))
+    wall_y, wall_z = (grid[..., None, None] for grid in np.meshgrid(side, 1 - side))
+    # Within h sqrt(1 / (1 - t)^2 - 1) of the lamp's foot lies a part t of what a plane receives, which is 2 pi I: rings of equal light.
+    t, turn = (np.arange(400) + 0.5) / 400, 2 * np.pi * (np.arange(64) + 0.5) / 64
+    radius = height_m * np.sqrt(1 / (1 - t) ** 2 - 1)
+    x, y = 1.3 + radius[:, None] * np.cos(turn), -0.4 + radius[:, None] * np.sin(turn)
+    square = x**2 + (y - wall_y) ** 2 + wall_z**2
+    received = 2 * np.pi * 2.0 * 0.8 / np.pi * (np.maximum(x, 0) * wall_z / square**2).mean(axis=(-1, -2))
+    expected = 0.5 / np.pi * received
+    assert np.sqrt(np.mean((inner - expected) ** 2)) < rms * expected.mean()
+    assert (inner / expected).max() < 1.5
 
 
 def test_what_lies_in_shadow_sends_nothing(tmp_path):

@@ -148,6 +148,22 @@ def test_the_penumbra_of_a_ball_is_that_of_its_disc(drawn):
     assert np.abs(fraction - exact).mean() < 0.01
 
 
+def test_a_ball_half_in_a_wall_lights_it_live_as_its_disc_does(drawn):
+    """Live a pixel has few rays, and where the surface itself cuts the ball all of them may go below it: it is lit all the same."""
+    near = near_lights((0.1, 0.05, 0.02), radius=0.05)
+    points = ground_points()
+    v = near.at[0].astype(float) - points
+    distance = np.linalg.norm(v, axis=-1)
+    sine, cosine = 0.05 / np.maximum(distance, 0.05), v[..., 2] / distance
+    t = np.clip(cosine / sine, -1, 1)
+    w = np.sqrt(1 - t * t)
+    disc = sine * (t / 2 + (t * t * w + t * np.arcsin(t) + 2 / 3 * w**3) / np.pi)  # near_light.glsl
+    expected = (disc + np.maximum(cosine - sine, 0)) / np.maximum(distance, 0.05) ** 2
+    for frame_ms in (0.0, 10_000.0):
+        picture = drawn(ABOVE + GROUND, near, frame_ms=frame_ms)[..., :3] * np.pi
+        assert picture == pytest.approx(expected[..., None] * near.intensity[0], rel=0.01), frame_ms
+
+
 @BOTH
 def test_a_room_returns_its_light(tmp_path, shadows):
     """Power law: what a light sends out falls on the walls of a closed room about it."""

@@ -44,6 +44,7 @@ MUTANTS = [
     ]),
     *mutants_of(RENDERER + "rays/near_tracing.py", "tests/test_near_light_drawing.py", [
         ("rays go through the ball", "(w - np.sqrt(inside))", "(w + np.sqrt(inside))"),
+        ("dark where no ray was sent", "packet.sent[k] > LEAST_SENT else around", "packet.sent[k] > LEAST_SENT else np.float32(0)"),
     ]),
     *mutants_of(RENDERER + "rays/tracing.py", "tests/test_rays.py", [
         ("rays begin on their surface", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 0.0, 0.0"),
@@ -71,6 +72,7 @@ MUTANTS = [
     ]),
     *mutants_of(RENDERER + "rays/bounce.py", "tests/test_bounce.py", [
         ("chosen lights count once", "share += step / brought[i]", "share = np.float32(1.0)"),
+        ("sparks of lamps beside walls", "blur = np.float32(0.75) * footprint", "blur = np.float32(0.0) * footprint"),
         ("albedo twice", "= albedo / PI *", "= albedo *"),
         ("catchers as in the scene file", "ground[axis] if albedo < 0 else albedo", "max(albedo, np.float32(0.0))"),
         ("light through roofs", "if query.rays[FAR, k] >= 0:", "if query.rays[FAR, k] >= -np.inf:"),

@@ -98,7 +98,7 @@ class Bounce:
         self, scene: RayScene, meshes: ReflectingMeshes, reach_m: float, threads: Executor, rays: int, shadow_rays: int, sets: int = 1
     ) -> None:
         self._scene, self._meshes, self._threads = scene, meshes, threads
-        self._lift_m, self._shadow_rays = LIFT_OF_REACH * reach_m, shadow_rays
+        self._lift_m, self._shadow_rays, self._rays = LIFT_OF_REACH * reach_m, shadow_rays, rays
         pattern, number = hemisphere_pattern(rays), np.arange(rays)
         # One of each `sets` that follow each other in height, and not the same one again, which has a like turn.
         self._patterns = [np.ascontiguousarray(pattern[:, (number + number // sets) % sets == k]) for k in range(sets)]
@@ -132,7 +132,12 @@ class Bounce:
         def own(rows: slice) -> None:
             ends = Hits(*(array[rows] for array in hits))
             radiance = np.empty_like(ends.places)
-            light_hits(self._scene.address, query(), ends, light, albedo, self._offsets, self._shadow_rays, numbers[rows], radiance)
+            footprints = np.zeros(ends.places.shape[:3], np.float32)
+            if len(light.radii):
+                footprints[:] = ((ends.places - places[rows, :, None]) ** 2).sum(axis=-1) / self._rays
+            light_hits(
+                self._scene.address, query(), ends, footprints, light, albedo, self._offsets, self._shadow_rays, numbers[rows], radiance
+            )
             _sum_rays(radiance, Blocks(*(array[rows] for array in made)), pattern, self._eye, rows.start)
 
         self._over_rows(own)
@@ -210,24 +215,31 @@ def _hashed(number):
 
 
 @subroutine
-def _near(light, i, place, nx, ny, nz):
-    """Near light i from a place: its irradiance there over its intensity, the direction to it (three numbers), the standard deviation of
-    its directions along an axis, rad, and how far it is to its ball."""
+def _near(light, i, place, footprint, nx, ny, nz):
+    """Near light i from a place: its irradiance over its intensity, mean of a footprint, the direction to it (three numbers), the standard
+    deviation of its directions along an axis, rad, and how far it is to its ball.
+
+    At a height h over a plane a light gives h / (h^2 + x^2)^1.5 at x from its foot, and 2 / f^2 (1 - h / sqrt(h^2 + f^2)) on average over a
+    disc of radius f there. That is what it gives from sqrt(h^2 + 3/4 f^2), to the fourth order in f / h; and from any height it gives the
+    plane as much in all.
+    """
     x, y, z = light.places[i, 0] - place[0], light.places[i, 1] - place[1], light.places[i, 2] - place[2]
     distance, radius = np.sqrt(x * x + y * y + z * z), light.radii[i]
-    away = max(distance, LEAST_AWAY)
+    away, height = max(distance, LEAST_AWAY), nx * x + ny * y + nz * z
+    blur = np.float32(0.75) * footprint
+    reach = max(np.sqrt(away * away + blur), radius)
+    irradiance = np.sqrt(height * height + blur) / reach**3 if height > 0 else np.float32(0.0)
     x, y, z = x / away, y / away, z / away
-    reach = max(away, radius)
-    irradiance = max(nx * x + ny * y + nz * z, np.float32(0.0)) / (reach * reach)
     end = max(distance - radius, np.float32(0.0)) * (np.float32(1) - ENDS_BEFORE)
-    return irradiance, x, y, z, np.float32(0.5) * radius / reach, end
+    return irradiance, x, y, z, np.float32(0.5) * radius / max(away, radius), end
 
 
 @kernel(nogil=True)
-def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers, radiance):
+def light_hits(scene, query, hits, footprints, light, ground, offsets, shadow_rays, numbers, radiance):
     """Fills the radiance (rows, columns, rays, 3) that the hits send back, of what they emit and of the lights that reach them.
 
-    numbers: (rows, columns) int64, by which lights and places on them are drawn.
+    footprints: (rows, columns, rays) float32 m^2, squared radius of the disc that each hit stands for: near lights beside a surface make
+    spots there that few rays meet. numbers: (rows, columns) int64, by which lights and places on them are drawn.
     """
     rows, columns, count, _ = hits.places.shape
     directional, lights = len(light.spreads), len(light.luminance)
@@ -247,7 +259,10 @@ def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers,
                     total += brought[i]
                     facing += brought[i] > 0
                 for i in range(directional, lights):
-                    own = light.luminance[i] * _near(light, i - directional, hits.places[row, column, ray], nx, ny, nz)[0]
+                    own = (
+                        light.luminance[i]
+                        * _near(light, i - directional, hits.places[row, column, ray], footprints[row, column, ray], nx, ny, nz)[0]
+                    )
                     brought[i] = own
                     total += own
                     facing += own > 0
@@ -279,7 +294,7 @@ def light_hits(scene, query, hits, light, ground, offsets, shadow_rays, numbers,
                         spread, end = light.spreads[i], np.float32(np.inf)
                     else:
                         at = hits.places[row, column, ray]
-                        _, dx, dy, dz, spread, end = _near(light, i - directional, at, nx, ny, nz)
+                        _, dx, dy, dz, spread, end = _near(light, i - directional, at, footprints[row, column, ray], nx, ny, nz)
                     ax, ay, az, bx, by, bz = across(dx, dy, dz)
                     k = int(_hashed(place * 31 + i + 17) * len(offsets))
                     p, q = spread * offsets[k, 0], spread * offsets[k, 1]

@@ -100,7 +100,10 @@ class Mirror:
         def own(part: slice) -> None:
             ends = Hits(*(array[part] for array in hits))
             radiance = np.empty_like(ends.places)
-            light_hits(self._tracer.scene.address, query(), ends, light, albedo, self._offsets, self._shadow_rays, numbers[part], radiance)
+            sharp = np.zeros(ends.places.shape[:3], np.float32)
+            light_hits(
+                self._tracer.scene.address, query(), ends, sharp, light, albedo, self._offsets, self._shadow_rays, numbers[part], radiance
+            )
             mean_of_rays(radiance, ends.normals, self._followed.weights[part], narrow[part])
 
         self._in_parts(own)

@@ -26,6 +26,7 @@ from vemlight.renderer.rays.tracing import (
     TIME,
     RayTracer,
     new_packet,
+    of_tile,
     place_packet,
     unanimous,
 )
@@ -106,10 +107,11 @@ def _trace(scene, packet, seen, surfaces, balls, offsets, agreed, arriving):
             place_packet(packet, surfaces, top, left, height, width)
             for i in range(len(balls.radii)):
                 _trace_ball(scene, packet, seen, balls, i, offsets, agreed)
+                around = of_tile(packet)
                 for y in range(height):
                     for x in range(width):
                         k = TILE * y + x
-                        fraction = packet.received[k] / max(packet.sent[k], LEAST_SENT)
+                        fraction = packet.received[k] / packet.sent[k] if packet.sent[k] > LEAST_SENT else around
                         arriving[i, top + y, left + x] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
 
 

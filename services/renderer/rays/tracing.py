@@ -288,8 +288,9 @@ def _trace(scene, packet, surfaces, lights, pattern, agreed, arriving, found):
                     _trace_soft(scene, packet, lights, i, pattern.few, agreed)
                 else:
                     _trace_soft(scene, packet, lights, i, pattern.many, agreed)
+                around = of_tile(packet)
                 for k in range(TILE * TILE):
-                    fraction = packet.received[k] / max(packet.sent[k], LEAST_SENT)
+                    fraction = packet.received[k] / packet.sent[k] if packet.sent[k] > LEAST_SENT else around
                     packet.codes[k] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
                 for y in range(height):
                     for x in range(width):
@@ -397,6 +398,16 @@ def unanimous(packet):
         lit += received > 0
         dark += received < sent
     return dark == 0 or lit == 0
+
+
+@subroutine
+def of_tile(packet):
+    """The fraction of all rays of a tile that came through: what a pixel takes whose few rays live all went below its horizon."""
+    sent, received = np.float32(0), np.float32(0)
+    for k in range(TILE * TILE):
+        sent += packet.sent[k]
+        received += packet.received[k]
+    return received / max(sent, LEAST_SENT)
 
 
 @subroutine

@@ -2,19 +2,16 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tomli_w
-import zmq
 
-from tests.support.processes import LOADED_S, children, vemlight
+from tests.support.processes import children, vemlight
+from tests.support.rig_listener import LoadedSpare, RigListener
 from vemlight.light.images import write_exr
-from vemlight.runtime import wire
-from vemlight.runtime.service_stats import LossCounter
-from vemlight.runtime.transport import Transport, make_keys
+from vemlight.runtime.transport import make_keys
 
 NAMES: tuple[str, ...] = ("a", "b", "c")
 FPS = 6.0
@@ -40,52 +37,9 @@ def rig(tmp_path, run):
     )  # fmt: skip
 
 
-class Cameras:
-    """What each capture publishes, and fuse: how many frames were lost on the way, and the newest statuses and reports."""
-
-    def __init__(self, settings) -> None:
-        self._transport = Transport(settings.wire)
-        self._sockets = {name: self._transport.subscribe(f"capture.{name}", "map", "status") for name in NAMES}
-        self._sockets["fuse"] = self._transport.subscribe("fuse", "points")
-        self._names = {socket: name for name, socket in self._sockets.items()}
-        self._losses = {name: LossCounter() for name in NAMES}
-        self.numbers: dict[str, list[int]] = {name: [] for name in self._sockets}
-        self.restarts = dict.fromkeys(NAMES, -1)
-        self.cameras: list[int] = []
-
-    def until(self, true, what: str) -> None:
-        """Takes what comes until `true` holds; seven processes start and compile meanwhile."""
-        until_s = time.monotonic() + 3 * LOADED_S
-        while not true():
-            assert time.monotonic() < until_s, what
-            for socket in zmq.select(list(self._names), [], [], 0.1)[0]:
-                self._take(self._names[socket], wire.unpack(socket.recv_multipart())[0])
-
-    def _take(self, name: str, header) -> None:
-        if isinstance(header, wire.StatusMessage):
-            self.restarts[name] = header.restarts
-            self._losses[name].on_status(header.frames)
-            return
-        self.numbers[name].append(header.stamp.sequence)
-        if isinstance(header, wire.PointsMessage):
-            self.cameras.append(header.report.cameras)
-        else:
-            self._losses[name].on_frame()
-
-    def lost(self, name: str) -> int:
-        return self._losses[name].dropped
-
-    def more(self, name: str, count: int) -> None:
-        wanted = len(self.numbers[name]) + count
-        self.until(lambda: len(self.numbers[name]) >= wanted, f"frames of {name}")
-
-    def close(self) -> None:
-        self._transport.close()
-
-
 def test_each_camera_is_killed_in_turn_and_the_others_lose_nothing(rig):
     settings, process = rig
-    seen = Cameras(settings)
+    seen = RigListener(settings, NAMES)
     try:
         seen.until(lambda: 3 in seen.cameras, "a moment of three cameras")
         for killed in NAMES:
@@ -109,17 +63,3 @@ def test_each_camera_is_killed_in_turn_and_the_others_lose_nothing(rig):
         seen.close()
     process.send_signal(signal.SIGTERM)
     assert process.wait(timeout=20) == 0
-
-
-class LoadedSpare:
-    """Whether a run has a spare that waits for its standard input: it has used no processor time for half a second."""
-
-    def __init__(self, run: int) -> None:
-        self._run, self._used, self._since_s = run, [""], time.monotonic()
-
-    def __call__(self) -> bool:
-        spare = children(self._run).get("runtime.spare")
-        used = Path(f"/proc/{spare}/stat").read_text().rpartition(")")[2].split()[11:13] if spare else [""]
-        if used != self._used:
-            self._used, self._since_s = used, time.monotonic()
-        return used != [""] and time.monotonic() > self._since_s + 0.5

@@ -101,6 +101,16 @@ MUTANTS = [
         ("saturated pixels", "SATURATED_SIGMA, FLUX_SIGMA)", "FLUX_SIGMA, FLUX_SIGMA)"),
         ("light counted twice", "        if source >= 0:\n", "        if False:\n"),
     ]),
+    *mutants_of("services/fuse/moments.py", "tests/test_fuse_moments.py", [
+        ("the period of a slow camera", "SILENT_FRAMES * self._period_ns(camera)", "SILENT_FRAMES * self.period_ns"),
+        ("a pause taken for a period", "SLOWEST_NS = 2_000_000_000", "SLOWEST_NS = 200_000_000_000"),
+        ("the first camera sets the beat", "ALIKE = 1.5", "ALIKE = 150"),
+        ("a slow camera is waited for", "self._period_ns(k) - early_ns > seen.at_ns + half_ns", "self._period_ns(k) - early_ns > math.inf"),
+    ]),
+    *mutants_of("services/fuse/gains.py", "tests/test_fuse_return.py", [
+        ("a camera that comes back in another unit", "frames[gone] = -1", "frames[gone] = 0"),
+        ("the reference after its return", "np.minimum(frames, MEMORY)", "0 * np.minimum(frames, MEMORY)"),
+    ]),
     *mutants_of("services/fuse/wand.py", "tests/test_bundle_adjustment.py", [
         ("lamps of the room", "0, frame.strength)", "frame.strength, frame.strength)"),
         ("single frames beside held places", "held if held.shape[1] >= MIN_STILL else bearings", "bearings"),

@@ -7,6 +7,10 @@ import { RelitHands } from "/relit_hands.js";
 import { contextOf, SceneDrawing } from "/relit_draw.js";
 
 const WINDOW_MS = 1000; // over which frames and bytes are counted
+// A picture that takes longer has half the pixels in width and height, one that takes less has them again: software draws 640 x 480 pixels under
+// 72 lights in about a second. Between them a factor of 4 and some, which the pixels cost.
+const SLOW_MS = 200, FAST_MS = 35;
+const MOST_SHRUNK = 4;
 const at = (id) => document.getElementById(id);
 
 export class Relit {
@@ -21,6 +25,7 @@ export class Relit {
     this.state = { tone: null, objects: [] };
     this.counted = []; // of the last second: [when, frames, bytes]
     this.dirty = this.waiting = false;
+    this.shrunk = 1; // by which width and height are smaller than the server's
     this.onMode = () => {};
     for (const key of document.querySelectorAll("[data-relit]")) key.addEventListener("click", () => this.show(key.dataset.relit));
     this.slider.addEventListener("input", () => this.split());
@@ -179,16 +184,27 @@ export class Relit {
     this.dirty = true;
     if (this.waiting || this.mode === "server" || !this.drawing) return;
     this.waiting = true;
-    requestAnimationFrame(() => {
+    requestAnimationFrame(async () => {
+      const { drawing } = this, began = performance.now(), shown = this.canvas.dataset.shown;
+      this.draw();
+      await drawing?.finished(); // else pictures would queue, and the page stand still
+      if (this.canvas.dataset.shown !== shown) this.fit(performance.now() - began);
       this.waiting = false;
-      if (this.dirty) this.draw();
+      if (this.dirty) this.redraw();
     });
+  }
+
+  // As many pixels as there is time for. The first picture after a change of the size makes its textures.
+  fit(ms) {
+    const wanted = ms > SLOW_MS ? Math.min(2 * this.shrunk, MOST_SHRUNK) : ms < FAST_MS ? Math.max(this.shrunk / 2, 1) : this.shrunk;
+    if (wanted === this.shrunk) this.changes = 0;
+    else if ((this.changes = (this.changes ?? 0) + 1) > 1) [this.shrunk, this.changes] = [wanted, -1];
   }
 
   draw() {
     this.dirty = false;
     if (!this.drawing || !this.frame || this.lost) return;
-    const [width, height] = this.scene.description.size;
+    const [width, height] = this.scene.description.size.map((side) => Math.max(Math.round(side / this.shrunk), 1));
     try {
       this.drawn = this.drawing.draw({ view: this.view, lights: this.frame.lights, poses: this.poses(), tone: this.state.tone, width, height });
     } catch (error) {
@@ -229,8 +245,9 @@ export class Relit {
     if (!this.frame) return "Waiting for lights …";
     const { lights = 0, coarser = 0 } = this.drawn ?? {}, without = [...this.scene.description.left_out, ...(this.near ? ["the places of near lights"] : [])];
     const coarse = coarser ? ` Shadow maps are ${2 ** coarser} times coarser than the settings', for which this browser has no room.` : "";
+    const small = this.shrunk > 1 ? ` It has 1/${this.shrunk ** 2} of the server's pixels, as many as this machine draws in time.` : "";
     const left = without.length ? ` Without ${without.join(", ")}.` : "";
-    return `This browser draws ${frames} pictures a second under ${lights} lights, from ${(bytes / 1000).toFixed(1)} kB a second.${coarse}${left}`;
+    return `This browser draws ${frames} pictures a second under ${lights} lights, from ${(bytes / 1000).toFixed(1)} kB a second.${small}${coarse}${left}`;
   }
 }
 

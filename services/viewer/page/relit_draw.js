@@ -7,6 +7,7 @@ import { nearest, Shadows, uploaded } from "/relit_shadows.js";
 import { boxCorners, boxOf, identity, transformed, worldFromRest } from "/scene_data.js";
 
 const KIND_CATCHER = 3; // gl/constants.py, MaterialKind
+const FENCE_MS = 3; // between two looks at it; 1 to 10 would do
 const NO_TONE = { scale: 1, white: 0 };
 const VERTEX = { position: ["positions", 3], normal: ["normals", 3], uv: ["uvs", 2], vertex_colour: ["colours", 4], second_uv: ["second_uvs", 2] };
 
@@ -120,6 +121,14 @@ export class SceneDrawing {
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.screen.frame);
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
     gl.blitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+  }
+
+  // Resolves when all that was drawn is there, while the page goes on.
+  async finished() {
+    const { gl } = this, fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    while (fence && !gl.isContextLost() && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) await new Promise((go) => setTimeout(go, FENCE_MS));
+    gl.deleteSync(fence);
   }
 
   // The linear picture drawn last, RGBA, the first row on top.

@@ -8,22 +8,19 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from vemlight import settings
-from vemlight.capture.source import FrameSource, open_source
+from vemlight.commands.rig_recordings import recording_of
 from vemlight.errors import UserError, of_setting
 from vemlight.files import MAX_TOML_BYTES, notice, read_file, read_toml, written_whole
 from vemlight.fixtures.rig_writing import free_name
 from vemlight.fuse.bundle_adjustment import MIN_PLACES, Adjusted, CalibrationError, Poses, ScaleBar, adjusted
 from vemlight.fuse.compact_sources import compact_sources
-from vemlight.fuse.rig_file import CameraRig, RigCamera, check_one_rate, read_camera_rig
+from vemlight.fuse.rig_file import CameraRig, check_one_rate, read_camera_rig
 from vemlight.fuse.wand import Seen, lamp_bearings, places
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted
-from vemlight.settings import is_live, section_from_options, shown_source
 
-ROWS = {"hemisphere": 90, "sphere": 180}  # one degree of elevation a row
 MAX_METRES = 100.0
 CAMERA_LINE = re.compile(rb"^[ \t]*\[\[[ \t]*camera[ \t]*\]\]", re.MULTILINE)
 
@@ -80,7 +77,7 @@ def calibrate_camera_rig(path: Path, wand: Wand, coverage: str) -> str:
 
 def _bearings(path: Path, rig: CameraRig, coverage: str) -> np.ndarray:
     """Where each camera sees the lamp in each frame, (cameras, frames, 3)."""
-    sources = [_opened(path, camera, coverage) for camera in rig.camera]
+    sources = [recording_of(path, camera, coverage) for camera in rig.camera]
     counts = [len(source) for source in sources]
     if min(counts) > 1:
         check_one_rate(path, rig, [source.fps for source in sources])
@@ -97,15 +94,6 @@ def _bearings(path: Path, rig: CameraRig, coverage: str) -> np.ndarray:
             seen.append(Seen(lamps.directions, luminance_from_rgb(lamps.flux)))
         found.append(lamp_bearings(seen))
     return np.stack(found)
-
-
-def _opened(path: Path, camera: RigCamera, coverage: str) -> FrameSource:
-    with of_setting(f"{path}: camera {camera.name}"):
-        if is_live(camera.source):
-            shown = shown_source(camera.source)
-            raise UserError(f"{shown}: is live; record all cameras while the lamp is carried (vemlight record), and name the recordings")
-        given = {"source": camera.source, "response": camera.response, "coverage": coverage, "rows": ROWS[coverage]}
-        return open_source(section_from_options(settings.Capture, {**given, "lens": camera.lens or None}))
 
 
 def _write(path: Path, found: Adjusted) -> Path:

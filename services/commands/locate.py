@@ -5,15 +5,15 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 
 from vemlight import settings
 from vemlight.capture.frames import Frame
 from vemlight.capture.invalid_cells import InvalidCells
-from vemlight.capture.source import FrameSource, open_source
+from vemlight.capture.source import FrameSource
 from vemlight.commands.options import LocateOptions
 from vemlight.commands.report import Report
+from vemlight.commands.rig_recordings import recording_of
 from vemlight.errors import Interrupted, UserError, of_setting
 from vemlight.files import notice, written_whole
 from vemlight.fuse.fusing import FuseReport, FuseState, fuse_step
@@ -26,9 +26,7 @@ from vemlight.runtime.progress import counted
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
-from vemlight.settings import is_live, section_from_options, shown_source
-
-ROWS: dict[str, int] = {"hemisphere": 90, "sphere": 180}  # one degree of elevation a row
+from vemlight.settings import section_from_options
 
 
 class LocatedFrame(NamedTuple):
@@ -49,7 +47,7 @@ def write_located(options: LocateOptions) -> Report:
     Raises UserError for a rig file, a recording or an `out` that cannot be used; nothing is left behind then.
     """
     rig = read_camera_rig(options.rig)
-    sources = [_opened(options, camera) for camera in rig.camera]
+    sources = [recording_of(options.rig, camera, options.coverage, options.fps, options.frames or 0) for camera in rig.camera]
     count = _frame_count(options, rig, sources)
     if count > 1:
         check_one_rate(options.rig, rig, [source.fps for source in sources])
@@ -74,17 +72,6 @@ def write_located(options: LocateOptions) -> Report:
         text += f"; up to {unexplained} compact sources a frame fit no place: hidden from other cameras, or a pose is wrong"
     values = {"out": str(options.out), "frames": done, "near_lights": len(located), "unexplained": unexplained}
     return Report(text, values)
-
-
-def _opened(options: LocateOptions, camera: RigCamera) -> FrameSource:
-    """The frames of one camera."""
-    with of_setting(f"{options.rig}: camera {camera.name}"):
-        if is_live(camera.source):
-            raise UserError(f"{shown_source(camera.source)}: is live, and recordings are located; record it by `vemlight record`")
-        given = {"source": camera.source, "response": camera.response, "coverage": options.coverage, "rows": ROWS[options.coverage],
-                 "fps": options.fps}  # fmt: skip
-        capture = section_from_options(settings.Capture, {**given, "lens": camera.lens or None})
-        return open_source(msgspec.structs.replace(capture, end=options.frames or 0))
 
 
 def _frame_count(options: LocateOptions, rig: CameraRig, sources: list[FrameSource]) -> int:

@@ -1,7 +1,7 @@
-"""Pictures of the viewer's page for README.md and docs: python -m bench.viewer_picture [--state hands] [--out docs/pictures/viewer.png]
+"""Pictures of the viewer's page for README.md and docs: python -m bench.viewer_picture [--state viewer hands ...] [--out docs/pictures]
 
-Plays the bundled sequence, with half a second for each picture so that all its lights are drawn on any machine, and takes a screenshot of
-the page in Chromium, 1280 x 800, in one of STATES.
+Plays the bundled sequence, with half a second for each picture so that its lights are drawn on a machine that does nothing else, and takes
+a screenshot of the page in Chromium, in each of STATES that is asked for, at a moment when it says so.
 """
 
 import argparse
@@ -10,8 +10,9 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 from playwright.sync_api import sync_playwright
 
@@ -19,11 +20,13 @@ from bench.live import free_port
 from tests.support.browser import BROWSER_OPTIONS, CHROMIUM, SOFTWARE_GL
 from vemlight.commands.service_commands import BUNDLED_RENDERER
 
-WIDTH, HEIGHT = 1280, 800  # pixels
+PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
+NOTHING_CHOSEN = {**dict.fromkeys(("count", "masks", "lamps", "in_s", "out_s", "speed", "camera")), "poses": [], "paused": False}
+SETTLED = '() => ["live", "paused, refined"].includes(document.getElementById("overall").textContent)'
 STATE_MS = 4_000  # in which what was chosen is seen
 START_MS = 180_000  # GL, and the first time compiled code
 FRAME_MS = 500  # target of a picture
-SETTLE_MS = 25_000  # in which lights and exposure settle and the counters of the start are past
+SETTLE_MS = 20_000  # in which lights and exposure settle and the counters of the start are past
 
 
 def as_it_opens(page: Any) -> None:
@@ -53,8 +56,7 @@ def hands(page: Any) -> None:
 
 
 def timeline(page: Any) -> None:
-    """The source of light, the graphs and the timeline, of which a part is played."""
-    page.evaluate("document.getElementById('meter').hidden = true")
+    """The timeline, of which a part is played at half the speed, and the graphs."""
     page.locator("#strip").focus()
     for steps, key in ((12, "["), (28, "]")):
         page.keyboard.press("Home")  # the in point
@@ -62,7 +64,9 @@ def timeline(page: Any) -> None:
             page.keyboard.press("ArrowRight")
         page.keyboard.press(key)
     page.keyboard.press("Space")
-    page.locator("#source").evaluate("(panel) => scrollTo(0, panel.offsetTop - 12)")
+    page.locator("#speed").select_option("0.5")
+    page.evaluate("document.getElementById('meter').hidden = true")
+    page.locator("#timeline").evaluate("(panel) => scrollTo(0, panel.offsetTop - 12)")
 
 
 def relit(page: Any) -> None:
@@ -79,30 +83,76 @@ def relit(page: Any) -> None:
     page.wait_for_timeout(SETTLE_MS)
 
 
-STATES = {"viewer": as_it_opens, "hands": hands, "time": timeline, "relit": relit}
+def meter(page: Any) -> None:
+    """The light meter, below the sky and the picture in false colours."""
+    page.locator("#false-colour").click()
+    page.locator("#meter").scroll_into_view_if_needed()
+    page.locator("#meter-table").click()
+    page.locator("#scene").evaluate("(panel) => scrollTo(0, panel.offsetTop + 120)")
 
 
-def screenshot(url: str, out: Path, state: str) -> None:
+def handles(page: Any) -> None:
+    """The knot on its plinth, selected by a click and moved up, with the handles that turn it."""
+    page.locator("[data-gizmo=turn]:enabled").click()
+    box = page.locator("#gizmo").bounding_box()
+    page.mouse.click(box["x"] + 0.777 * box["width"], box["y"] + 0.33 * box["height"])
+    page.locator("#gizmo").focus()
+    page.keyboard.press("w")
+    for _ in range(2):
+        page.keyboard.press("PageUp")
+    page.keyboard.press("e")
+    page.mouse.move(0, 0)
+
+
+def pause(page: Any) -> None:
+    """A paused picture, refined."""
+    page.locator("#pause").click()
+    page.locator("#scene-facts", has_text="pass 64 of 64").wait_for(timeout=START_MS)
+
+
+class State(NamedTuple):
+    """What is done with the page, and the window: CSS pixels and theme."""
+
+    act: Callable[[Any], None]
+    width: int = 1440
+    height: int = 900
+    theme: Literal["dark", "light"] = "dark"
+
+
+STATES = {
+    "viewer": State(as_it_opens),
+    "hands": State(hands),
+    "handles": State(handles, theme="light"),
+    "time": State(timeline),
+    "relit": State(relit, width=1280, height=800),
+    "meter": State(meter, height=1000),
+    "refined": State(pause),
+    "phone": State(as_it_opens, width=390, height=844),
+}
+
+
+def screenshot(url: str, out: Path, state: State) -> None:
     """The page at `url` as PNG, once it shows pictures."""
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=BROWSER_OPTIONS + SOFTWARE_GL)
-        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
+        page = browser.new_page(viewport={"width": state.width, "height": state.height}, color_scheme=state.theme)
         page.goto(url)
         page.locator("#picture[data-shown]").wait_for(state="attached", timeout=START_MS)
         page.locator("#guide").get_by_role("button", name="Close").click()  # which the first visit shows
         page.wait_for_timeout(SETTLE_MS)
-        STATES[state](page)
+        state.act(page)
         page.wait_for_timeout(STATE_MS)
+        page.wait_for_function(SETTLED, timeout=START_MS)
         page.screenshot(path=out)
+        page.request.post(f"{url}/control", data=NOTHING_CHOSEN)
         browser.close()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--state", choices=STATES, default="viewer")
-    parser.add_argument("--out", type=Path, help="left out: docs/pictures/STATE.png")
+    parser.add_argument("--state", choices=STATES, nargs="+", default=["viewer"], help="of one run, one after the other")
+    parser.add_argument("--out", type=Path, default=PICTURES, help="folder of the pictures, STATE.png")
     asked, port = parser.parse_args(), free_port()
-    out = asked.out or Path(__file__).parents[1] / "docs" / "pictures" / f"{asked.state}.png"
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "vemlight.toml"
         look = "".join(f"{key} = {value!r}\n" for key, value in BUNDLED_RENDERER.items())
@@ -112,7 +162,8 @@ def main() -> None:
         try:
             assert run.stdout
             run.stdout.readline()  # its first line: the page can be opened
-            screenshot(f"http://127.0.0.1:{port}", out, asked.state)
+            for name in asked.state:
+                screenshot(f"http://127.0.0.1:{port}", asked.out / f"{name}.png", STATES[name])
         finally:
             run.send_signal(signal.SIGTERM)
             run.wait()

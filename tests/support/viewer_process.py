@@ -29,11 +29,11 @@ OBJECTS = (
 PATIENCE_S = 20.0  # for what a loaded machine does late; a test that passes waits for none of it
 
 
-def eventually(found, what: str):
+def eventually(found, what: str, patience_s: float = PATIENCE_S):
     """The first true value of `found`."""
-    give_up_s = time.monotonic() + PATIENCE_S
+    give_up_s = time.monotonic() + patience_s
     while not (value := found()):
-        assert time.monotonic() < give_up_s, f"{what}: not within {PATIENCE_S} s"
+        assert time.monotonic() < give_up_s, f"{what}: not within {patience_s} s"
         time.sleep(0.05)
     return value
 

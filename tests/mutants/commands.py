@@ -90,7 +90,7 @@ MUTANTS = [
     *mutants_of("services/fuse/tracks.py", "tests/test_locating.py", [
         ("a dimmed lamp is another", "noise[:, 3, 3] += DIMMED_LN_FLUX**2", "pass"),
         ("a lamp returns as another", "np.where(away < limit, 4 -", "np.where(away < -1, 4 -"),
-        ("a lamp returns anywhere", "np.where(away < limit, 4 -", "np.where(away < 1e9, 4.1 -"),
+        ("a lamp returns anywhere", "np.where(away < limit, 4 - away / limit", "np.where(away < 1e9, 4"),
         ("errors of poses are averaged", "(self.noise + self.fixed)[:, :3, :3]", "self.noise[:, :3, :3]"),
     ]),
     *mutants_of("services/fuse/triangulation.py", "tests/test_locating.py", [

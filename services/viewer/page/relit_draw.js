@@ -112,15 +112,13 @@ export class SceneDrawing {
     gl.disable(gl.BLEND);
   }
 
-  // Tone-maps the picture as the server's is, and turns it over: the canvas has its first row below.
+  // Tone-maps the picture as the server's is. The canvas has its first row below: relit.css turns it over.
   show({ scale, white }) {
-    const { gl, size: [width, height] } = this;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.screen.frame);
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.disable(gl.DEPTH_TEST);
+    gl.disable(gl.BLEND);
     this.fill(this.programs.of("screen.vert", "tonemap.frag", { EDGES: 0 }), { picture: this.picture.texture, scale, white: white || 1, exponential: white === 0 });
-    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, this.screen.frame);
-    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
-    gl.blitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.COLOR_BUFFER_BIT, gl.NEAREST);
   }
 
   // Resolves when all that was drawn is there, while the page goes on.
@@ -255,16 +253,14 @@ export class SceneDrawing {
     if (this.size[0] === width && this.size[1] === height) return;
     const { gl } = this;
     this.size = [width, height];
-    for (const texture of [...(this.targets ?? []), this.depth, this.picture?.texture, this.screen?.texture]) gl.deleteTexture(texture ?? null);
-    for (const frame of [this.surfaces, this.picture?.frame, this.screen?.frame]) gl.deleteFramebuffer(frame ?? null);
+    for (const texture of [...(this.targets ?? []), this.depth, this.picture?.texture]) gl.deleteTexture(texture ?? null);
+    for (const frame of [this.surfaces, this.picture?.frame]) gl.deleteFramebuffer(frame ?? null);
     const formats = [gl.R32F, gl.RGBA32F, gl.RGBA16F, gl.RGBA16F, ...(this.laws.EMISSION ? [gl.RGBA32F] : [])];
     this.targets = formats.map((format) => this.target(format));
     this.depth = this.target(gl.DEPTH_COMPONENT24);
     this.surfaces = this.frameOf(this.targets, this.depth);
     this.picture = { texture: this.target(this.blends || !this.laws.EMISSION ? gl.RGBA32F : gl.RGBA16F) };
     this.picture.frame = this.frameOf([this.picture.texture]);
-    this.screen = { texture: this.target(gl.RGBA8) };
-    this.screen.frame = this.frameOf([this.screen.texture]);
     [gl.canvas.width, gl.canvas.height] = [width, height];
   }
 

@@ -8,6 +8,7 @@ from tests.support.browser import CHROMIUM
 from tests.support.light_sets import uniform_lights
 from tests.support.relit_page import RelitPage
 from tests.support.rendering import SceneRenderer
+from vemlight.light.colour import LUMINANCE_WEIGHTS, srgb_from_linear
 from vemlight.light.light_set import LightSet
 from vemlight.renderer import frame_plan
 from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
@@ -94,3 +95,14 @@ def test_moved_objects_from_a_turned_camera_are_the_same(drawn):
     error = relative_error(page.picture(lights, view, poses), server_picture(scene, lights, view, poses))
     print("relative RMSE", error)
     assert error < LIMIT
+
+
+def test_the_canvas_shows_the_picture_tone_mapped_at_any_size(drawn):
+    _, page = drawn
+    for width, height in ((240, 180), (60, 45), (120, 90), (240, 180)):
+        linear, codes = page.shown(lights_of(4), width, height)
+        level = np.maximum(linear @ LUMINANCE_WEIGHTS, 1e-3)[..., None]
+        wanted = 255 * srgb_from_linear(np.clip(linear * (1 - np.exp(-level)) / level, 0, 1))
+        covered = (codes[..., 3] == 255) & (linear @ LUMINANCE_WEIGHTS > 1e-3)
+        assert covered.mean() > 0.3
+        assert np.abs(wanted - codes[..., :3])[covered].max() < 1.5

@@ -38,6 +38,15 @@ DRAW = """({ bytes, view, poses, width, height, times }) => {
     return { pixels: btoa(text), drawn, ms: made, error: gl.getError() };
 }"""
 
+SHOW = """({ bytes, width, height }) => {
+    const { lights } = lightsOf(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer);
+    drawing.draw({ view: scene.cameras[0], lights, poses: [], tone: { scale: 1, white: 0 }, width, height });
+    const codes = new Uint8Array(4 * width * height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, codes);
+    return [[...drawing.readLinear()], [...codes]];
+}"""
+
 
 class RelitPage:
     """A scene as a browser's page draws it."""
@@ -75,3 +84,9 @@ class RelitPage:
         assert made["error"] == 0
         self.drawn, self.frame_ms = made["drawn"], made["ms"]
         return np.frombuffer(base64.b64decode(made["pixels"]), "<f4").reshape(height, width, 4)[..., :3]
+
+    def shown(self, lights: LightSet, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
+        """The linear picture (height, width, 3) and what the canvas has of it, (height, width, 4) codes."""
+        sent = base64.b64encode(binary_from_lights(lights, 1, 0.0, "sphere")).decode()
+        linear, codes = self.page.evaluate(SHOW, {"bytes": sent, "width": width, "height": height})
+        return np.reshape(linear, (height, width, 4))[..., :3], np.reshape(codes, (height, width, 4))

@@ -164,6 +164,7 @@ def test_a_pause_says_how_far_it_has_come(page):
 
 def test_brackets_and_handles_set_the_range_and_only_it_is_played(page):
     page.locator("#strip").focus()
+    page.keyboard.press("ArrowLeft")  # pauses
     page.keyboard.press("Home")
     for _ in range(4):
         page.keyboard.press("ArrowRight")

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.fuse.matching import Matches, best_disjoint
-from vemlight.fuse.triangulation import basis, solve
+from vemlight.fuse.triangulation import set_basis, solve
 from vemlight.kernels import kernel, subroutine
 
 STEP_RAD, STEP_RHO, STEP_LN_FLUX = 1e-4, 0.003, 0.03  # by which a light may change from frame to frame; of rho relative
@@ -283,5 +283,5 @@ def _updated(u, rho, s, bases, covariance, seen_u, seen_rho, seen_s, noise):
         for x in range(3):
             new_u[k, x] /= np.sqrt(length)
         new_rho[k], new_s[k] = rho[k] + right[2], s[k] + right[3]
-        basis(new_u[k], new_bases[k, 0], new_bases[k, 1])
+        set_basis(new_u[k], new_bases[k, 0], new_bases[k, 1])
     return new_u, new_rho, new_s, new_covariance, new_bases

@@ -22,7 +22,7 @@ FIT = 44  # numbers of a fit: see `fit_light`
 
 
 @subroutine
-def basis(u, e1, e2):
+def set_basis(u, e1, e2):
     # two unit vectors across u (Duff et al. 2017)
     sign = 1.0 if u[2] >= 0 else -1.0
     a = -1.0 / (sign + u[2])
@@ -76,7 +76,7 @@ def _terms(seen, sources, offsets, pose, u, e1, e2, rho, s, normal, right, rando
             return np.inf
         place = pose[1] * rho / length
         variance = light[4] + light[5] + pose[0] * pose[0] + place * place
-        basis(light, t1, t2)
+        set_basis(light, t1, t2)
         for part in range(3):
             if part < 2:
                 t = t1 if part == 0 else t2
@@ -123,7 +123,7 @@ def _descend(seen, sources, offsets, pose, u, start, fit, work):
             count += 1
     s /= count
     damping = 1e-3
-    basis(u, e1, e2)
+    set_basis(u, e1, e2)
     chi2 = _terms(seen, sources, offsets, pose, u, e1, e2, rho, s, normal, right, random)
     for _ in range(ROUNDS):
         if not chi2 < np.inf:
@@ -149,7 +149,7 @@ def _descend(seen, sources, offsets, pose, u, start, fit, work):
             for x in range(3):
                 u[x] = tried[x]
             rho, s, damping = new_rho, new_s, damping * 0.1
-            basis(u, e1, e2)
+            set_basis(u, e1, e2)
             chi2 = _terms(seen, sources, offsets, pose, u, e1, e2, rho, s, normal, right, random)
             if fell < ENOUGH:
                 break
@@ -235,7 +235,7 @@ def add_covariance(seen, sources, offsets, pose, fit, work):
     u, e1, e2, right, column = np.empty(3), np.empty(3), np.empty(3), np.empty(4), np.empty(4)
     for x in range(3):
         u[x] = fit[x]
-    basis(u, e1, e2)
+    set_basis(u, e1, e2)
     _terms(seen, sources, offsets, pose, u, e1, e2, fit[3], fit[4], normal, right, random)
     for c in range(PARAMETERS):
         for i in range(PARAMETERS):

@@ -47,7 +47,7 @@ class UploadHandlers:
     async def _body(self, request: web.Request) -> bytes:
         """What was sent, of a length that was told. Raises ValueError for more than an announcement has."""
         if not 0 < (request.content_length or 0) <= MAX_ANNOUNCEMENT:
-            raise UserError(f"send 1 to {MAX_ANNOUNCEMENT} bytes, with Content-Length")
+            raise UserError(f"no length, or one that is not taken; send 1 to {MAX_ANNOUNCEMENT} bytes, with Content-Length")
         connection = connection_of(request)
         with connection.waiting() if connection else nullcontext():
             async with asyncio.timeout(STALLED_S):
@@ -60,7 +60,7 @@ class UploadHandlers:
         try:
             size = self._uploads.expected(number, index)
             if request.content_length != size:
-                raise UserError(f"send its {size} bytes, with Content-Length")
+                raise UserError(f"not as long as announced; send its {size} bytes, with Content-Length")
             if connection := connection_of(request):
                 connection.expect_bytes(size)
             await self._uploads.receive(number, index, self._blocks(request))

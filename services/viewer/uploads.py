@@ -93,7 +93,7 @@ class Uploads:
         """Makes room for an upload; its number. Raises UserError for one that is over a limit."""
         session = session_folder()
         if not self._max_bytes:
-            raise UserError("nothing is taken here: [viewer] uploads_mb is 0")
+            raise UserError("nothing is taken here: [viewer] uploads_mb is 0; give it a number of MB")
         if session is None:
             raise UserError(NO_SESSION)
         old_s = time.monotonic() - ABANDONED_S
@@ -105,11 +105,11 @@ class Uploads:
             room = f"{left / 1e6:.0f} of {self._max_bytes / 1e6:.0f} MB are left for files"
             raise UserError(f"{wanted / 1e6:.1f} MB are too much: {room}; remove others, or raise [viewer] uploads_mb")
         if shutil.disk_usage(session).free < 2 * wanted:
-            raise UserError("the disk of the run's folder has too little room for it")
+            raise UserError("the disk of the run's folder has too little room for it; remove uploads, or free some")
         if len(self._uploads) >= MAX_UPLOADS:
             raise UserError(f"there are {MAX_UPLOADS} uploads already; remove some")
         if announced.kind == "scene" and len(announced.files) > 1:
-            raise UserError("a scene is one file, a .glb with everything in it")
+            raise UserError("a scene is one file; export it as a .glb with everything in it")
         number = secrets.token_hex(8)
         folder = session / INCOMING / number
         folder.mkdir(mode=0o700)
@@ -135,7 +135,7 @@ class Uploads:
                 async for block in content:
                     received += len(block)
                     if received > size:
-                        raise UserError("more bytes came than were announced")
+                        raise UserError("more bytes came than were announced; announce it anew")
                     upload.moved_s = time.monotonic()
                     await asyncio.to_thread(file.write, block)
             if received < size:
@@ -144,7 +144,7 @@ class Uploads:
         except BaseException as error:
             self.remove(number)
             if isinstance(error, OSError):
-                raise UserError(f"the file cannot be stored ({error.strerror})") from error
+                raise UserError(f"the file cannot be stored ({error.strerror}); try again") from error
             raise
 
     async def check(self, number: str) -> str:
@@ -165,7 +165,7 @@ class Uploads:
         except BaseException as error:
             self.remove(number)
             if isinstance(error, OSError):
-                raise UserError(f"it cannot be decoded now ({error.strerror})") from error
+                raise UserError(f"it cannot be decoded now ({error.strerror}); try again") from error
             raise
         finally:
             upload.is_checking = False
@@ -185,7 +185,7 @@ def stored_name(part: Path, announced: Announcement, index: int) -> str:
     name = announced.files[index].name
     if announced.kind == "light" and name in BESIDE and len(announced.files) > 1:
         if announced.files[index].size > MAX_TEXT:
-            raise UserError(f"{name}: has more than {MAX_TEXT} bytes")
+            raise UserError(f"{name}: has more than {MAX_TEXT} bytes; shorten it")
         return name
     with open(part, "rb") as file:
         found = file_kind(file.read(BINARY_UNTIL))

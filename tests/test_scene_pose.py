@@ -16,7 +16,7 @@ from tests.support.light_sets import lights_from, uniform_lights
 from tests.support.rendering import SceneRenderer
 from vemlight.errors import UserError
 from vemlight.light.sphere import direction_from_angles, quaternion_xyz
-from vemlight.renderer import frame_plan
+from vemlight.renderer import frame_plan, near_planning
 from vemlight.renderer.passes.shadow_maps.casters import moved_by_m, placed_casters, scene_casters
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
@@ -157,7 +157,7 @@ def test_below_the_ground_no_light_from_above_arrives(tmp_path):
 
 def test_cached_maps_follow_moving_casters_within_their_budget(tmp_path, monkeypatch):
     monkeypatch.setattr(frame_plan, "affordable_maps", lambda *_: 4)
-    monkeypatch.setattr(frame_plan, "affordable_lights", lambda *_: None)
+    monkeypatch.setattr(near_planning, "affordable_lights", lambda *_: None)
     scene = a_scene(tmp_path, GROUND + box("[-1.0, 0.0, 0.4]") + box("[1.5, 1.5, 0.4]"))
     renderer, lights = renderer_of(scene, frame_ms=1000.0, shadow_map=64), uniform_lights(24, 0.0)
     renderer.picture(lights)

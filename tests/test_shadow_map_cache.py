@@ -8,7 +8,7 @@ from tests.support.rendering import SceneRenderer
 from tests.support.scenes import SHAPES
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import direction_from_angles
-from vemlight.renderer import frame_plan
+from vemlight.renderer import frame_plan, near_planning
 from vemlight.renderer.passes.shadow_maps.shadow_map_cache import CacheUpdate, Slots, match_lights, update_cache
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
@@ -183,7 +183,7 @@ def test_with_time_enough_the_picture_is_the_one_without_a_target():
 
 
 def test_maps_that_were_not_drawn_anew_err_by_no_more_than_their_angle(monkeypatch):
-    monkeypatch.setattr(frame_plan, "affordable_lights", lambda *_: None)
+    monkeypatch.setattr(near_planning, "affordable_lights", lambda *_: None)
     scene = load_scene(SHAPES)
     exact = SceneRenderer(scene, Settings(width=96, height=72, shadow_map=128))
     errors = {}

@@ -65,7 +65,7 @@ class _Watched:
         return self._count
 
     def frame(self, k: int) -> Frame:
-        self.rows.append(self._part.read_bytes().count(b"\n"))
+        self.rows.append(self._part.read_bytes().count(b"\n") if k else 0)  # the first is made before the file is
         return Frame(np.full((6, 24, 3), 1.0 + k, np.float32), "hemisphere", k / 25, None, 0, 0)
 
 

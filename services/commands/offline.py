@@ -3,7 +3,8 @@
 import os
 import sys
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,7 +14,7 @@ import numpy as np
 from vemlight import settings
 from vemlight.capture.masking import MaskedSource
 from vemlight.capture.source import FrameSource, open_source
-from vemlight.commands.lighting import Tally, lit_frames
+from vemlight.commands.lighting import Lit, Tally, lit_frames
 from vemlight.commands.options import LightsOptions, SamplingOptions
 from vemlight.commands.parameters import STANDARD_OUTPUT
 from vemlight.commands.report import Report
@@ -71,20 +72,23 @@ def write_lights_file(options: LightsOptions) -> Report:
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), clusters=options.clusters, error_percent=options.error_percent,
                                 soft=options.soft)  # fmt: skip
+    if options.out != STANDARD_OUTPUT:
+        check_lights_path(options.out, len(frames))
+    lit = iter(counted(lit_frames(frames, sampling), "frames", len(frames)))
+    lit = chain(list(islice(lit, 1)), lit)  # where there is no first frame there is no file either
     if options.out == STANDARD_OUTPUT:
-        return _write_rows(options, frames, sampling, sys.stdout.buffer)
-    check_lights_path(options.out, len(frames))
+        return _write_rows(options, lit, sampling, sys.stdout.buffer)
     with written_whole(options.out) as part, writing_to(options.out), open(part, "wb") as file:
-        return _write_rows(options, frames, sampling, file)
+        return _write_rows(options, lit, sampling, file)
 
 
-def _write_rows(options: LightsOptions, frames: FrameSource, sampling: settings.Sampler, file: BinaryIO) -> Report:
+def _write_rows(options: LightsOptions, rows: Iterable[tuple[Lit, Tally]], sampling: settings.Sampler, file: BinaryIO) -> Report:
     """Writes a row for each frame; one frame is in memory at a time, and for a score 8 kB of each remain."""
     tally = Tally()
 
     def written() -> Iterator[tuple[np.ndarray, LightSet]]:
         nonlocal tally
-        for lit, after in counted(lit_frames(frames, sampling), "frames", len(frames)):
+        for lit, after in rows:
             file.write(lit.row_json(tally.frames))
             file.flush()
             tally = after

@@ -461,7 +461,7 @@ WRONG = [
             ("no_source", "[rig] file | camera b | nowhere"),
             ("live_camera", "[rig] file | camera b: /dev/video0 is live"),
             ("two_sources", "[capture] source | [rig] file"),
-            ("no_port", "[rig] file | [wire] ports: has none for capture.a"),
+            ("no_port", "[wire] ports: has none for capture.a"),
             ("name", '[wire.names] renderer = "viewer.b"'),
             ("elsewhere", "[wire] elsewhere | live"),
             ("wrong_rig", "[fixtures] rig | near.rig.toml: fixture key | within 0.1 m"),

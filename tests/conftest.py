@@ -118,10 +118,15 @@ def run(services, make_settings):
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--part", default="1/1", help="K/N: of N parts of the test files the K-th, so that N runs beside each other are all")
+    parser.addoption("--long", action="store_true", help="also what is marked `long`: more windows, kills and rigs of what is tested anyway")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keeps one part of the files."""
+    """Keeps one part of the files; skips what takes long unless it is asked for."""
+    if not config.getoption("--long"):
+        for item in items:
+            if item.get_closest_marker("long"):
+                item.add_marker(pytest.mark.skip(reason="takes long: --long"))
     part, parts = map(int, str(config.getoption("--part")).split("/"))
     numbers = {path: k for k, path in enumerate(sorted({item.path for item in items}))}
     left_out = [item for item in items if numbers[item.path] % parts != part - 1]

@@ -36,8 +36,11 @@ def scaled(seen: EnvironmentMap, factor: float) -> EnvironmentMap:
     return EnvironmentMap((factor * seen.radiance).astype(np.float32), seen.coverage, seen.bright_cells)
 
 
-@pytest.mark.parametrize("away", [0, 1, 2])
-@pytest.mark.parametrize("factor", [4.0, 1.5, 0.3])
+@pytest.mark.parametrize(
+    ("away", "factor"),
+    [pytest.param(away, factor, marks=() if (away, factor) in ((0, 4.0), (2, 0.3)) else pytest.mark.long)
+     for away in (0, 1, 2) for factor in (4.0, 1.5, 0.3)],
+)  # fmt: skip
 def test_a_camera_comes_back_with_another_unit_and_size(seen, away, factor):
     maps, small = seen
     fused = Fused()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.browser import CHROMIUM, SIZES, new_page
+from tests.support.browser import CHROMIUM, WINDOWS, new_page
 from tests.support.hands import drag, newest
 from tests.support.viewer_process import SimulatedServices, ViewerProcess, eventually
 from vemlight.settings import Wire
@@ -54,7 +54,7 @@ def with_scene(route, scene: dict) -> None:
     server.on_message(onwards)
 
 
-@pytest.fixture(scope="module", params=SIZES)
+@pytest.fixture(scope="module", params=WINDOWS)
 def opened(folder: Path, simulated: SimulatedServices, browser, request) -> Iterator:
     viewer = ViewerProcess(folder)
     viewer.first_line()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.browser import CHROMIUM, SIZES, new_page
+from tests.support.browser import CHROMIUM, WINDOWS, new_page
 from tests.support.hands import drag, newest
 from tests.support.viewer_process import SimulatedServices, ViewerProcess, eventually
 from vemlight.light.mask import Mask
@@ -37,7 +37,7 @@ def simulated(folder: Path) -> Iterator[SimulatedServices]:
     simulated.end()
 
 
-@pytest.fixture(scope="module", params=SIZES)
+@pytest.fixture(scope="module", params=WINDOWS)
 def opened(folder: Path, simulated: SimulatedServices, browser, request) -> Iterator:
     viewer = ViewerProcess(folder)
     viewer.first_line()

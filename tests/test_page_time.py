@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from tests.support.browser import CHROMIUM, SIZES, new_page
+from tests.support.browser import CHROMIUM, WINDOWS, new_page
 from tests.support.processes import ServiceProcesses, children, free_port
 from tests.support.viewer_process import eventually
 from vemlight.light.images import write_exr
@@ -77,7 +77,7 @@ def run(folder: Path) -> Iterator[Run]:
     services.kill()
 
 
-@pytest.fixture(scope="module", params=SIZES)
+@pytest.fixture(scope="module", params=WINDOWS)
 def page(run: Run, browser, request) -> Iterator:
     """The page of each size, one after the other, of one run."""
     page = new_page(browser, request.param)

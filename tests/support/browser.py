@@ -3,6 +3,8 @@
 import shutil
 from typing import Any
 
+import pytest
+
 from tests.support.viewer_process import PATIENCE_S
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -13,6 +15,7 @@ BROWSER_OPTIONS = [
 SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # WebGL where there is no GPU, as where tests run
 # CSS pixels across and down of the windows that pages are tested in: a screen, a small one, a phone.
 SIZES = {"desk": (1440, 900), "small": (800, 600), "phone": (390, 844)}
+WINDOWS = ("desk", *(pytest.param(size, marks=pytest.mark.long) for size in ("small", "phone")))
 
 
 def new_page(browser: Any, size: str, **options: Any) -> Any:

@@ -118,7 +118,7 @@ def run(services, make_settings):
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--part", default="1/1", help="K/N: of N parts of the test files the K-th, so that N runs beside each other are all")
-    parser.addoption("--long", action="store_true", help="also what is marked `long`: more windows, kills and rigs of what is tested anyway")
+    parser.addoption("--long", action="store_true", help="also what is marked `long`: more windows, kills, rigs of what is tested anyway")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -91,7 +91,7 @@ def test_each_camera_may_die_and_come_back_while_the_others_go_on(make_rig, serv
             assert fuse.poll() is None
         maps = [header.stamp for header in fused.headers if isinstance(header, wire.MapMessage)]
         points = [header.stamp for header in fused.headers if isinstance(header, wire.PointsMessage)]
-        assert sum(stamp in points for stamp in maps) >= 0.8 * len(maps), "both are on one stamp"  # but where a queue was full: a busy machine
+        assert sum(stamp in points for stamp in maps) >= 0.8 * len(maps), "both are on one stamp"  # but where a queue was full
         for a, b in pairwise(points):
             assert b.time_s > a.time_s
             assert b.monotonic_ns > a.monotonic_ns

@@ -1,4 +1,4 @@
-"""`vemlight calibrate rig` of cameras: their poses from recordings of a small lamp that is carried where all of them see it."""
+"""`vemlight calibrate rig` of cameras: their poses from recordings of a small lamp that is carried where all see it, or of a board."""
 
 import math
 import re
@@ -8,10 +8,12 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from vemlight.capture.calibration.boards import CalibrationBoard
 from vemlight.commands.rig_recordings import recording_of
 from vemlight.errors import UserError, of_setting
 from vemlight.files import MAX_TOML_BYTES, notice, read_file, read_toml, written_whole
 from vemlight.fixtures.rig_writing import free_name
+from vemlight.fuse.board_poses import BoardFit
 from vemlight.fuse.bundle_adjustment import MIN_PLACES, Adjusted, CalibrationError, Poses, ScaleBar, adjusted
 from vemlight.fuse.compact_sources import compact_sources
 from vemlight.fuse.rig_file import CameraRig, check_one_rate, read_camera_rig
@@ -65,14 +67,29 @@ def calibrate_camera_rig(path: Path, wand: Wand, coverage: str) -> str:
     if seen.shape[1] < MIN_PLACES:
         found = f"two cameras or more see the lamp at {seen.shape[1]} places, and {MIN_PLACES} are needed"
         raise UserError(f"{path}: {found}; carry a small bright lamp to about 30, in a dim room")
-    start = Poses(np.array([camera.world_from_camera for camera in rig.camera]), rig.places)
     scale = ScaleBar(names.index(wand.first), names.index(wand.second), wand.metres)
     try:
-        found = adjusted(seen, start, scale, names)
+        found = adjusted(seen, _start(rig), scale, names)
     except CalibrationError as error:
         raise UserError(f"{path}: {error}") from error
     old = _write(path, found)
-    return _report(path, old, rig, seen, found)
+    in_all, used = np.isfinite(seen[..., 0]).sum(axis=1), found.used.sum(axis=1)
+    return _report(path, old, rig, found, [f"{n} of {count} places" for n, count in zip(used, in_all, strict=True)])
+
+
+def calibrate_camera_rig_by_board(path: Path, folder: Path, board: CalibrationBoard) -> str:
+    """The same from photographs of a board in folder/NAME/ of each camera, the n-th of all taken at one moment."""
+    from vemlight.commands.camera_rig_boards import poses_from_photographs  # here, since it loads OpenCV
+
+    rig = read_camera_rig(path)
+    found = poses_from_photographs(path, rig, _start(rig), folder, board)
+    old = _write(path, found)
+    return _report(path, old, rig, found, [f"{count} boards" for count in found.moments])
+
+
+def _start(rig: CameraRig) -> Poses:
+    """What the file says of the poses."""
+    return Poses(np.array([camera.world_from_camera for camera in rig.camera]), rig.places)
 
 
 def _bearings(path: Path, rig: CameraRig, coverage: str) -> np.ndarray:
@@ -96,7 +113,7 @@ def _bearings(path: Path, rig: CameraRig, coverage: str) -> np.ndarray:
     return np.stack(found)
 
 
-def _write(path: Path, found: Adjusted) -> Path:
+def _write(path: Path, found: Adjusted | BoardFit) -> Path:
     """Puts the poses, and how well they are known, into the file, which is written anew. Where the old one is kept."""
     content, rig = read_file(path, MAX_TOML_BYTES), read_toml(path, CameraRig)
     cameras = tuple(
@@ -131,10 +148,10 @@ def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     return quaternion if quaternion[3] >= 0 else -quaternion
 
 
-def _report(path: Path, old: Path, rig: CameraRig, seen: np.ndarray, found: Adjusted) -> str:
-    in_all, used, lines = np.isfinite(seen[..., 0]).sum(axis=1), found.used.sum(axis=1), []
+def _report(path: Path, old: Path, rig: CameraRig, found: Adjusted | BoardFit, seen: list[str]) -> str:
+    lines = []
     for k, camera in enumerate(rig.camera):
         sigma = f"+- {1e3 * found.at_m[k]:.1f} mm, {math.degrees(found.turn_rad[k]):.3f} degrees" if k else "fixes the world"
-        lines.append(f"{camera.name}: at {', '.join(f'{x:.4f}' for x in found.poses.at[k])} m, {sigma}; {used[k]} of {in_all[k]} places")
+        lines.append(f"{camera.name}: at {', '.join(f'{x:.4f}' for x in found.poses.at[k])} m, {sigma}; {seen[k]}")
     lines.append(f"{path}: bearings fit to {math.degrees(found.residual_rad):.3f} degrees; the old file is {old}")
     return "\n".join(lines)

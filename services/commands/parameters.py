@@ -78,11 +78,13 @@ class OutFolder(click.Path):
         return path
 
 
-def width_height(_context: click.Context, parameter: click.Parameter, text: str) -> tuple[int, int]:
-    """The two numbers of WIDTHxHEIGHT or COLUMNSxROWS. Raises UserError for anything else."""
+def width_height(_context: click.Context, parameter: click.Parameter, text: str | None) -> tuple[int, int] | None:
+    """The two numbers of WIDTHxHEIGHT or COLUMNSxROWS, None where the option may be left out and is. Raises UserError for anything else."""
+    if text is None:
+        return None
     first, _, second = text.partition("x")
     if not all(number.isdecimal() and len(number) < 6 for number in (first, second)):  # Python reads numbers of up to 4300 digits
-        example = "8x6" if parameter.required else parameter.default
+        example = parameter.default if isinstance(parameter.default, str) else "8x6"
         raise UserError(f"--{parameter.name} {text[:40]}: is not {parameter.metavar}; write it as {example}")
     return int(first), int(second)
 

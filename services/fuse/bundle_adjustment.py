@@ -132,14 +132,14 @@ class _System(NamedTuple):
 def _system(bearings: np.ndarray, used: np.ndarray, poses: Poses, places: np.ndarray) -> _System:
     which, where = np.nonzero(used)
     toward, turns = bearings[which, where], poses.turns[which]
-    across = np.stack(_across(toward), axis=1)
+    axes = np.stack(across(toward), axis=1)
     v = np.einsum("nji,nj->ni", turns, places[where] - poses.at[which])
     length = np.linalg.norm(v, axis=1)
     # 2 tan(angle / 2) in the direction of the error: finite for all but a place straight behind
     below = np.maximum(length + np.einsum("ni,ni->n", v, toward), 1e-9 * length)
-    off = np.einsum("nci,ni->nc", across, v)
+    off = np.einsum("nci,ni->nc", axes, v)
     residuals = 2 * off / below[:, None]
-    by_v = 2 * across / below[:, None, None]
+    by_v = 2 * axes / below[:, None, None]
     by_v -= residuals[:, :, None] * ((v / length[:, None] + toward) / below[:, None])[:, None, :]
     by_place = np.einsum("nci,nji->ncj", by_v, turns)
     by_turn = np.cross(by_v, v[:, None, :])  # turned by w the place moves by v x w in the camera's axes
@@ -232,7 +232,7 @@ def _angles(bearings: np.ndarray, poses: Poses, places: np.ndarray) -> np.ndarra
     return np.nan_to_num(np.arctan2(np.linalg.norm(np.cross(v, bearings), axis=-1), dot))
 
 
-def _across(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def across(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors each, at right angles to the directions (n, 3) and each other."""
     least = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
     east = np.cross(directions, least)

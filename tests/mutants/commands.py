@@ -87,6 +87,14 @@ MUTANTS = [
         ("steps of the place the other way", "np.concatenate([by_turn, -by_place], axis=2)",
          "np.concatenate([by_turn, by_place], axis=2)"),
     ]),
+    *mutants_of("services/fuse/board_poses.py", "tests/test_board_poses.py", [
+        ("two moments are enough", "MIN_MOMENTS = 3", "MIN_MOMENTS = 2"),
+        ("no board is upside down", "ways = (other, _upside_down(other)) if other.whole and one.whole else (other,)", "ways = (other,)"),
+        ("boards that do not fit", "if fit.residual_rad > MAX_RESIDUAL_RAD:", "if False:"),
+        ("deviations x 2", "both = np.sqrt(", "both = 2 * np.sqrt("),
+        ("by the first camera alone", "for known in placed for own in", "for known in (0,) for own in"),
+        ("turns the other way", "turn = Rotation.from_matrix([pose.turn for pose in agreeing]).mean()", "turn = Rotation.identity()"),
+    ]),
     *mutants_of("services/fuse/tracks.py", "tests/test_locating.py", [
         ("a dimmed lamp is another", "noise[:, 3, 3] += DIMMED_LN_FLUX**2", "pass"),
         ("a lamp returns as another", "np.where(away < limit, 4 -", "np.where(away < -1, 4 -"),

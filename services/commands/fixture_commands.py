@@ -130,7 +130,7 @@ def _calibrate_cameras(
 
     if wand is not None:
         if board or square_m or views or dictionary or marker_m:
-            raise UserError(f"--wand: is one way, and a board another; leave out --wand, or all of --board")
+            raise UserError("--wand: is one way, and a board another; leave out --wand, or --board and what belongs to it")
         return calibrate_camera_rig(rig, wand_from_text(wand), coverage)
     if board is None and square_m is None and views is None:
         raise UserError("--wand: is missing; add the measured distance of two cameras: --wand A,B:METRES, or --board, --square and --views")

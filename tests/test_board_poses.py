@@ -10,9 +10,11 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from vemlight.capture.lens import Lens, direction_from_pixel, write_lens
+from tests.support.board_photographs import LENS, board_photograph
+from vemlight.capture.calibration.board_pose import pose_from_rays
+from vemlight.capture.lens import write_lens
 from vemlight.commands.cli import main
-from vemlight.fuse.board_poses import MIN_MOMENTS, BoardFit, Sight, poses_from_boards
+from vemlight.fuse.board_poses import MIN_MOMENTS, BoardFit, Pose, Sight, poses_from_boards
 from vemlight.fuse.bundle_adjustment import CalibrationError, Poses
 from vemlight.fuse.rig_file import CameraRig, RigCamera, read_camera_rig
 
@@ -42,7 +44,9 @@ def sight(camera: int, board, noise_rad: float = 0.0, rng=None, flipped: bool = 
     if rng is not None:
         rays = rays + rng.normal(0, noise_rad, rays.shape)
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return Sight(rays[::-1] if flipped else rays, CORNERS, whole)
+    rays = rays[::-1] if flipped else rays
+    pose, _ = pose_from_rays(rays, CORNERS)
+    return Sight(rays, CORNERS, Pose(Rotation.from_rotvec(pose[:3]).as_matrix(), pose[3:]), whole)
 
 
 def errors(fit: BoardFit) -> tuple[np.ndarray, np.ndarray]:
@@ -58,6 +62,20 @@ def test_exact_corners_give_the_poses_also_where_boards_are_seen_upside_down():
     assert turn_deg.max() < 1e-4
     assert metres.max() < 1e-6
     assert fit.moments.tolist() == [5, 5, 5]
+
+
+def test_a_rig_ten_times_as_large_is_placed_as_well():
+    """Which single boards' poses agree is told by angles, not by metres."""
+    seen = []
+    for k in range(3):
+        small = [sight(k, board, np.radians(0.02), np.random.default_rng(n), flipped=(k + n) % 2 == 0) for n, board in enumerate(BOARDS)]
+        seen.append([s._replace(points=10 * s.points, camera_from_board=s.camera_from_board._replace(at=10 * s.camera_from_board.at))
+                     for s in small])  # fmt: skip
+    fit = poses_from_boards(seen, START, NAMES)
+    fit = fit._replace(poses=Poses(fit.poses.turns, AT[0] + (fit.poses.at - AT[0]) / 10))
+    turn_deg, metres = errors(fit)
+    assert turn_deg.max() < 0.06
+    assert metres.max() < 0.003
 
 
 def test_a_board_is_found_from_the_camera_it_is_shared_with():
@@ -96,27 +114,6 @@ def test_boards_from_which_no_poses_follow_are_refused(spoil, said):
         poses_from_boards(spoil(seen), START, NAMES)
 
 
-LENS = Lens(size=(560, 560), f=(175.0, 175.0), c=(279.5, 279.5), k1=-0.01, k2=0.0, k3=0.0, k4=0.0, rim_deg=90.0)
-SAMPLES = 3  # of a pixel, along a side
-
-
-def photograph(camera: int, board) -> np.ndarray:
-    """The board with a margin of a square, before a gray room, (h, w) uint8."""
-    width, height = LENS.size
-    offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
-    x, y = (np.add.outer(np.arange(n), offsets).ravel() for n in (width, height))
-    rays = direction_from_pixel(np.stack(np.meshgrid(x, y), -1), LENS) @ (TURNS[camera] @ LENS.rotation).T
-    turn, middle = board
-    off, along = (middle - AT[camera]) @ turn[:, 2], rays @ turn[:, 2]
-    hit = AT[camera] + rays * (off / np.where(np.abs(along) < 1e-6, 1e-6, along))[..., None] - middle
-    squares = (hit @ turn[:, :2] + CORNERS.mean(axis=0)) / SQUARE_M + 1  # the board's first square begins at 0
-    inside = (off / along > 0) & (squares > -1).all(axis=-1) & (squares < [COLS + 2, ROWS + 2]).all(axis=-1)
-    on_board = (squares >= 0).all(axis=-1) & (squares < [COLS + 1, ROWS + 1]).all(axis=-1)
-    dark = on_board & (np.floor(squares).sum(axis=-1) % 2 == 0)
-    levels = np.where(inside, np.where(dark, 20.0, 230.0), 110.0)
-    return levels.reshape(height, SAMPLES, width, SAMPLES).mean(axis=(1, 3)).round().astype(np.uint8)
-
-
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory) -> Path:
     """A rig file with rough poses, and photographs of each camera."""
@@ -125,7 +122,8 @@ def rig(tmp_path_factory) -> Path:
     for k, name in enumerate(NAMES):
         (folder / "views" / name).mkdir(parents=True)
         for n, board in enumerate(BOARDS):
-            cv2.imwrite(str(folder / "views" / name / f"shot_{n}.png"), photograph(k, board))
+            seen = board_photograph(TURNS[k], AT[k], *board, (COLS, ROWS), SQUARE_M)
+            cv2.imwrite(str(folder / "views" / name / f"shot_{n}.png"), seen)
     cameras = [RigCamera(name=name, source=name, lens="lens.toml", at=tuple(at.tolist())) for name, at in zip(NAMES, START.at, strict=True)]
     (folder / "rig.toml").write_bytes(msgspec.toml.encode(CameraRig(camera=tuple(cameras))))
     return folder

@@ -2,10 +2,13 @@
 
 from pathlib import Path
 
+from scipy.spatial.transform import Rotation
+
+from vemlight.capture.calibration.board_pose import pose_from_rays
 from vemlight.capture.calibration.boards import BoardView, CalibrationBoard, read_views
 from vemlight.capture.lens import direction_from_pixel, read_lens
 from vemlight.errors import UserError, of_setting
-from vemlight.fuse.board_poses import BoardFit, Sight, poses_from_boards
+from vemlight.fuse.board_poses import BoardFit, Pose, Sight, poses_from_boards
 from vemlight.fuse.bundle_adjustment import CalibrationError, Poses
 from vemlight.fuse.rig_file import CameraRig, RigCamera
 
@@ -54,6 +57,8 @@ def _sights(camera: RigCamera, paths: list[Path], board: CalibrationBoard) -> li
     found = {view.name: view for view in views.views}
 
     def sight(view: BoardView) -> Sight:
-        return Sight(direction_from_pixel(view.pixels, lens) @ lens.rotation.T, view.points, whole=not board.dictionary)
+        rays = direction_from_pixel(view.pixels, lens) @ lens.rotation.T
+        pose, _ = pose_from_rays(rays, view.points)
+        return Sight(rays, view.points, Pose(Rotation.from_rotvec(pose[:3]).as_matrix(), pose[3:]), whole=not board.dictionary)
 
     return [sight(found[path.name]) if path.name in found else None for path in paths]

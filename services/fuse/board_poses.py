@@ -11,21 +11,34 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from vemlight.capture.calibration.board_pose import points_from_pose, pose_from_rays
 from vemlight.fuse.bundle_adjustment import HUBER_RAD, MAX_RESIDUAL_RAD, CalibrationError, Poses, across
 
 MIN_MOMENTS = 3  # in which a camera sees the board together with another: a turned chessboard looks the same, and two agree by chance
-SAME_TURN_RAD = math.radians(5.0)  # between moments: a single board gives a pose to 0.2 degrees, one that is upside down is off by 180
-SAME_PLACE_M = 0.1  # single boards give it to a centimetre; upside down, a camera moves by twice its distance from the board's normal
+SAME_RAD = math.radians(5.0)  # between poses by single boards: corners to 0.02 degrees leave 0.2 to 1, upside down is 180; 2 to 20 would do
+
+
+class Pose(NamedTuple):
+    """turn: (3, 3) float64, target from source; at: (3,), the source's origin in the target's axes, m."""
+
+    turn: np.ndarray
+    at: np.ndarray
+
+    def after(self, other: "Pose") -> "Pose":
+        return Pose(self.turn @ other.turn, self.turn @ other.at + self.at)
+
+    def inverse(self) -> "Pose":
+        return Pose(self.turn.T, -self.turn.T @ self.at)
 
 
 class Sight(NamedTuple):
-    """A board in a photograph. rays: (n, 3) float64. points: (n, 2) float64, m, on the board. whole: whether it may be seen upside down,
-    as a chessboard may, which looks the same then.
+    """A board in a photograph. rays: (n, 3) float64. points: (n, 2) float64, m, on the board. camera_from_board: by this sight alone.
+
+    whole: whether all of a chessboard is seen, which looks the same from the other end.
     """
 
     rays: np.ndarray
     points: np.ndarray
+    camera_from_board: Pose
     whole: bool
 
 
@@ -42,19 +55,6 @@ class BoardFit(NamedTuple):
     at_m: np.ndarray
 
 
-class _Pose(NamedTuple):
-    """turn: (3, 3), target from source; at: (3,), the source's origin in the target's axes."""
-
-    turn: np.ndarray
-    at: np.ndarray
-
-    def after(self, other: "_Pose") -> "_Pose":
-        return _Pose(self.turn @ other.turn, self.turn @ other.at + self.at)
-
-    def inverse(self) -> "_Pose":
-        return _Pose(self.turn.T, -self.turn.T @ self.at)
-
-
 def poses_from_boards(seen: Sequence[Sequence[Sight | None]], start: Poses, names: Sequence[str]) -> BoardFit:
     """The poses that fit the boards best. seen: of each camera (rows) at each moment. start: the first camera's stays, the others' decide
     where the moments leave two ways.
@@ -63,7 +63,7 @@ def poses_from_boards(seen: Sequence[Sequence[Sight | None]], start: Poses, name
     not fit together.
     """
     sights = [list(row) for row in seen]
-    cameras = _placed(sights, [_Pose(turn, at) for turn, at in zip(start.turns, start.at, strict=True)], names)
+    cameras = _placed(sights, [Pose(turn, at) for turn, at in zip(start.turns, start.at, strict=True)], names)
     boards = {moment: _board(sights, cameras, moment) for moment in _shared(sights)}
     fit = _adjusted(sights, cameras, boards)
     if fit.residual_rad > MAX_RESIDUAL_RAD:
@@ -77,11 +77,11 @@ def _shared(sights: Sequence[Sequence[Sight | None]]) -> list[int]:
     return [moment for moment, views in enumerate(zip(*sights, strict=True)) if sum(view is not None for view in views) >= 2]
 
 
-def _placed(sights: list[list[Sight | None]], start: Sequence[_Pose], names: Sequence[str]) -> list[_Pose]:
+def _placed(sights: list[list[Sight | None]], start: Sequence[Pose], names: Sequence[str]) -> list[Pose]:
     """world_from_camera of each, one after the other, each by the placed camera with which it shares most moments. Boards that were taken
     upside down are turned in `sights`.
     """
-    placed: dict[int, _Pose] = {0: start[0]}
+    placed: dict[int, Pose] = {0: start[0]}
     while len(placed) < len(sights):
         links = [(len(_common(sights, known, own)), -known, -own) for known in placed for own in range(len(sights)) if own not in placed]
         count, known, own = max(links)
@@ -96,64 +96,66 @@ def _common(sights: Sequence[Sequence[Sight | None]], a: int, b: int) -> list[in
     return [moment for moment, (one, other) in enumerate(zip(sights[a], sights[b], strict=True)) if one and other]
 
 
-def _linked(sights: list[list[Sight | None]], known: int, world_from_known: _Pose, own: int, start: _Pose) -> _Pose:
+def _linked(sights: list[list[Sight | None]], known: int, world_from_known: Pose, own: int, start: Pose) -> Pose:
     """world_from_camera of `own`, on which most moments agree, the nearest to `start` of several; its boards become those of `known`."""
     moments, candidates = _common(sights, known, own), []
     for moment in moments:
         one, other = sights[known][moment], sights[own][moment]
         assert one
         assert other
-        world_from_board = world_from_known.after(_camera_from_board(one))
+        world_from_board = world_from_known.after(one.camera_from_board)
         ways = (other, _upside_down(other)) if other.whole and one.whole else (other,)
-        candidates.append([(world_from_board.after(_camera_from_board(way).inverse()), way) for way in ways])
+        candidates.append([(world_from_board.after(way.camera_from_board.inverse()), way) for way in ways])
+    reach_m = float(np.median([np.linalg.norm(way.camera_from_board.at) for ways in candidates for _, way in ways]))
     every = [pose for ways in candidates for pose, _ in ways]
-    agree = [sum(min(_difference(pose, other) for other, _ in ways) < 1 for ways in candidates) for pose in every]
-    best = min((pose for pose, count in zip(every, agree, strict=True) if count == max(agree)), key=lambda pose: _difference(pose, start))
+    agree = [sum(min(_difference(pose, other, reach_m) for other, _ in ways) < SAME_RAD for ways in candidates) for pose in every]
+    likely = (pose for pose, count in zip(every, agree, strict=True) if count == max(agree))
+    best = min(likely, key=lambda pose: _difference(pose, start, reach_m))
     for moment, ways in zip(moments, candidates, strict=True):
-        sights[own][moment] = min(ways, key=lambda way: _difference(best, way[0]))[1]
-    agreeing = [pose for ways in candidates for pose, _ in ways if _difference(best, pose) < 1]
+        sights[own][moment] = min(ways, key=lambda way: _difference(best, way[0], reach_m))[1]
+    agreeing = [pose for pose in every if _difference(best, pose, reach_m) < SAME_RAD]
     turn = Rotation.from_matrix([pose.turn for pose in agreeing]).mean().as_matrix()
-    return _Pose(turn, np.median([pose.at for pose in agreeing], axis=0))
+    return Pose(turn, np.median([pose.at for pose in agreeing], axis=0))
 
 
-def _difference(a: _Pose, b: _Pose) -> float:
-    """Of two poses of one camera; below 1 they are the same but for errors of single boards."""
+def _difference(a: Pose, b: Pose, reach_m: float) -> float:
+    """Of two poses of one camera, rad: a board that far away, turned by it, moves the camera as far as they are apart."""
     turn_rad = float(Rotation.from_matrix(a.turn.T @ b.turn).magnitude())
-    return max(turn_rad / SAME_TURN_RAD, float(np.linalg.norm(a.at - b.at)) / SAME_PLACE_M)
+    return max(turn_rad, float(np.linalg.norm(a.at - b.at)) / reach_m)
 
 
 def _upside_down(sight: Sight) -> Sight:
-    return sight._replace(points=sight.points.max(axis=0) + sight.points.min(axis=0) - sight.points)
+    """The same rays with the board turned by 180 degrees about the middle of its points."""
+    both_ends = sight.points.max(axis=0) + sight.points.min(axis=0)
+    turned = Pose(np.diag([-1.0, -1.0, 1.0]), np.append(both_ends, 0.0))
+    return sight._replace(points=both_ends - sight.points, camera_from_board=sight.camera_from_board.after(turned))
 
 
-def _camera_from_board(sight: Sight) -> _Pose:
-    pose, _ = pose_from_rays(sight.rays, sight.points)
-    return _Pose(Rotation.from_rotvec(pose[:3]).as_matrix(), pose[3:])
-
-
-def _board(sights: Sequence[Sequence[Sight | None]], cameras: Sequence[_Pose], moment: int) -> np.ndarray:
+def _board(sights: Sequence[Sequence[Sight | None]], cameras: Sequence[Pose], moment: int) -> np.ndarray:
     """The board's pose (6,) in the world, as the camera sees it that has it largest."""
     views = [(camera, row[moment]) for camera, row in zip(cameras, sights, strict=True)]
     camera, view = max(((c, v) for c, v in views if v), key=lambda pair: float(np.ptp(pair[1].rays, axis=0).max()))
-    pose = camera.after(_camera_from_board(view))
+    pose = camera.after(view.camera_from_board)
     return np.concatenate([Rotation.from_matrix(pose.turn).as_rotvec(), pose.at])
 
 
-def _adjusted(sights: Sequence[Sequence[Sight | None]], cameras: Sequence[_Pose], boards: dict[int, np.ndarray]) -> BoardFit:
+def _adjusted(sights: Sequence[Sequence[Sight | None]], cameras: Sequence[Pose], boards: dict[int, np.ndarray]) -> BoardFit:
     """All poses but the first camera's, and all boards', by Huber's loss of the angles between rays and corners."""
     moved, order = len(cameras) - 1, {moment: n for n, moment in enumerate(boards)}
     seen = [(k, moment, view) for k, row in enumerate(sights) for moment, view in enumerate(row) if view and moment in boards]
     axes = [np.stack(across(view.rays), axis=1) for _, _, view in seen]
 
-    def poses(numbers: np.ndarray) -> list[_Pose]:
+    def poses(numbers: np.ndarray) -> list[Pose]:
         steps = numbers[: 6 * moved].reshape(-1, 6)
-        own = [_Pose(c.turn @ Rotation.from_rotvec(s[:3]).as_matrix(), c.at + s[3:]) for c, s in zip(cameras[1:], steps, strict=True)]
+        own = [Pose(c.turn @ Rotation.from_rotvec(s[:3]).as_matrix(), c.at + s[3:]) for c, s in zip(cameras[1:], steps, strict=True)]
         return [cameras[0], *own]
 
     def residuals(numbers: np.ndarray) -> np.ndarray:
         placed, where, found = poses(numbers), numbers[6 * moved :].reshape(-1, 6), []
         for (k, moment, view), both in zip(seen, axes, strict=True):
-            toward = (points_from_pose(where[order[moment]], view.points) - placed[k].at) @ placed[k].turn
+            board = where[order[moment]]
+            in_world = view.points @ Rotation.from_rotvec(board[:3]).as_matrix()[:, :2].T + board[3:]
+            toward = (in_world - placed[k].at) @ placed[k].turn
             toward /= np.linalg.norm(toward, axis=1, keepdims=True)
             found.append(np.einsum("nci,ni->nc", both, toward).ravel())
         return np.concatenate(found)

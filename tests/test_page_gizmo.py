@@ -24,6 +24,11 @@ export function pick(scene, poses, { from, to }) { // the box, as a ball of radi
   return Math.hypot(...off) ** 2 - along ** 2 < 0.25 ? { name } : null;
 }
 """
+NEAR = [  # in the picture, beside it, behind the eye
+    {"id": 7, "at": [-1.0, 0.0, 1.5], "distance_m": 1.25, "sigma_m": 0.01},
+    {"id": 8, "at": [50.0, 0.0, 0.5], "distance_m": 50.0, "sigma_m": 1.0},
+    {"id": 9, "at": [0.0, -9.0, 0.5], "distance_m": 9.0, "sigma_m": 0.1},
+]
 PIXELS_A_METRE = 0.5 / (8 * math.tan(math.radians(20)))  # of the picture's height, in the plane of the objects
 
 
@@ -43,12 +48,12 @@ def simulated(folder: Path) -> Iterator[SimulatedServices]:
 
 
 def with_scene(route, scene: dict) -> None:
-    """Messages of the viewer, with a scene in its summaries."""
+    """Messages of the viewer, with a scene and near lights in its summaries."""
     server = route.connect_to_server()
 
     def onwards(message: str | bytes) -> None:
         if isinstance(message, str) and message.startswith("{") and "why_no_controls" in message:
-            message = json.dumps({**json.loads(message), "scene": scene})
+            message = json.dumps({**json.loads(message), "scene": scene, "near_lights": NEAR})
         route.send(message)
 
     server.on_message(onwards)
@@ -123,6 +128,18 @@ def test_a_click_selects_and_handles_move_turn_and_scale(picture, simulated):
         page.locator("#undo").click()
     assert set(names) == {"Undo: moved box", "Undo: scaled box", "Undo: turned box"}
     eventually(lambda: newest(simulated).poses == (), "all back")
+
+
+def test_near_lights_are_marked_where_they_are_in_the_picture(picture):
+    eventually(lambda: picture.locator("#gizmo").get_attribute("data-near") == "7", "the one that is in the picture")
+    (x, y), box = in_picture(picture, -1.0, 1.5), picture.locator("#gizmo").bounding_box()
+    inked = """(canvas, [x, y]) => {
+        const side = 24 * devicePixelRatio, copy = new OffscreenCanvas(side, side).getContext("2d", { willReadFrequently: true });
+        copy.drawImage(canvas, side / 2 - x * devicePixelRatio, side / 2 - y * devicePixelRatio);
+        return copy.getImageData(0, 0, side, side).data.some((value, k) => k % 4 === 3 && value > 200);
+    }"""
+    assert picture.locator("#gizmo").evaluate(inked, [x - box["x"], y - box["y"]])
+    assert not picture.locator("#gizmo").evaluate(inked, [x - box["x"] - 60, y - box["y"]])
 
 
 def test_a_finger_moves_an_object_and_does_not_scroll(picture, simulated):

@@ -152,6 +152,7 @@ def test_near_lights_are_in_the_lights_of_the_page(rig_state):
     assert (row["schema"], row["at"], row["points"][0]["id"]) == ("vemlight.lights/2", [0.0, 0.0, 1.0], 3)
     (near,) = rig_state.summary()["near_lights"]
     assert (near["id"], near["distance_m"]) == (3, 1.0)
+    assert near["at"] == row["points"][0]["at"]
 
 
 @pytest.mark.parametrize(

@@ -231,12 +231,12 @@ def service_row(service: Instance, judgement: Judgement, last: LastReceived) -> 
 
 
 def _near_rows(near: NearLights | None) -> list[dict[str, Any]]:
-    """How far each near light is from where the directional ones are true, m, and the standard deviation of its place."""
+    """Where each near light is in the world, how far from where the directional ones are true, and its place's standard deviation, m."""
     if near is None:
         return []
     away = np.linalg.norm(near.points.at - np.array(near.at), axis=1).tolist()
-    numbers = zip(near.points.ids.tolist(), away, near.points.sigma.tolist(), strict=True)
-    return [{"id": number, "distance_m": distance, "sigma_m": sigma} for number, distance, sigma in numbers]
+    numbers = zip(near.points.ids.tolist(), near.points.at.tolist(), away, near.points.sigma.tolist(), strict=True)
+    return [{"id": number, "at": at, "distance_m": distance, "sigma_m": sigma} for number, at, distance, sigma in numbers]
 
 
 def _picture_state(header: wire.ImageMessage) -> bytes:

@@ -4,6 +4,7 @@
 const MODULES = ["/gizmo_handles.js", "/relit_camera.js", "/scene_data.js"]; // what they need, once there is a scene
 const REACH = { mouse: 9, touch: 22 }; // CSS pixels around a handle; 44 across for a finger
 const LEAST_DRAG = 4; // CSS pixels: less is a click
+const NEAR_RADIUS = 9; // CSS pixels, of a near light's mark
 const COLOURS = { x: "#ff6b60", y: "#6fd37c", z: "#6aa8ff", level: "#ffd08a", size: "#ffd08a" };
 const KEYS = { q: "select", w: "move", e: "turn", r: "scale" }; // as editors of scenes have them
 const STEPS = { // what an arrow is: an axis and a sign; page keys go up and down
@@ -18,6 +19,7 @@ export class Gizmo {
     this.tools = document.getElementById("gizmo-tools");
     this.tool = "select";
     this.scene = this.drag = this.hash = null;
+    this.near = []; // near lights of the last summary
     this.with = {}; // the functions of MODULES
     for (const key of this.tools.querySelectorAll("[data-gizmo]")) key.addEventListener("click", () => this.use(key.dataset.gizmo));
     const stage = this.canvas.parentElement;
@@ -29,6 +31,7 @@ export class Gizmo {
   }
 
   take(summary) {
+    this.near = summary.near_lights;
     this.tools.hidden = Boolean(summary.why_no_controls) || !summary.objects.length;
     const hash = summary.scene?.hash || null;
     if (hash !== this.hash || !hash) this.load(hash, summary.scene?.text || "the renderer has not sent it");
@@ -150,9 +153,11 @@ export class Gizmo {
     if (this.canvas.width !== width || this.canvas.height !== height) [this.canvas.width, this.canvas.height] = [width, height];
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.clearRect(0, 0, width, height);
-    if (!frame || this.tools.hidden) return;
+    if (!frame) return;
     c.setTransform(unit, 0, 0, unit, frame.left * unit, frame.top * unit);
     [c.lineCap, c.lineJoin] = ["round", "round"];
+    this.drawNear(c, frame);
+    if (this.tools.hidden) return;
     const pose = this.pose;
     for (const { name, place: [x, y] } of this.lampPlaces(frame)) ring(c, x, y, 7, name === pose?.name ? "#ffd08a" : "#fff");
     if (!pose) return;
@@ -161,6 +166,31 @@ export class Gizmo {
     for (const handle of this.with.handlesOf(frame, this.toolNow, pose)) drawHandle(c, handle, this.drag?.handle?.name === handle.name);
     this.canvas.dataset.selected = pose.name; // for tests
   }
+
+  // A diamond where each near light is in the picture, as on the sky's disc, with its number and its distance from the rig.
+  drawNear(c, frame) {
+    c.font = "600 12px system-ui, sans-serif";
+    const seen = this.near.map((light) => ({ light, place: this.with.placeOf(frame, light.at) })).filter(({ place }) => inside(place, frame));
+    for (const { light, place: [x, y] } of seen) {
+      drawDiamond(c, x, y);
+      const text = `${light.id} · ${light.distance_m.toFixed(2)} m`, left = x + NEAR_RADIUS + 4;
+      [c.lineWidth, c.strokeStyle, c.fillStyle] = [3, "rgb(0 0 0 / 0.55)", "#fff"];
+      c.strokeText(text, left, y + 4);
+      c.fillText(text, left, y + 4);
+    }
+    this.canvas.dataset.near = seen.map(({ light }) => light.id).join(" "); // for tests
+  }
+}
+
+function inside(place, { width, height }) {
+  return place && place[0] >= 0 && place[0] <= width && place[1] >= 0 && place[1] <= height;
+}
+
+function drawDiamond(c, x, y) {
+  c.beginPath();
+  for (const [dx, dy] of [[0, -NEAR_RADIUS], [NEAR_RADIUS, 0], [0, NEAR_RADIUS], [-NEAR_RADIUS, 0]]) c.lineTo(x + dx, y + dy);
+  c.closePath();
+  outline(c, "#fff");
 }
 
 function drawHandle(c, { name, points }, held) {
@@ -177,6 +207,11 @@ function drawHandle(c, { name, points }, held) {
 function ring(c, x, y, radius, colour) {
   c.beginPath();
   c.arc(x, y, radius, 0, 2 * Math.PI);
+  outline(c, colour);
+}
+
+// Strokes the path so that it shows on dark and on bright pictures.
+function outline(c, colour) {
   [c.lineWidth, c.strokeStyle] = [4, "rgb(0 0 0 / 0.55)"];
   c.stroke();
   [c.lineWidth, c.strokeStyle] = [2, colour];

@@ -109,7 +109,7 @@ export function nameOf(before, after) {
   if ("scene" in after) return NAMES.scene;
   if (others.length && NAMES[key] !== NAMES[others[0]]) return "reset to settings";
   if (key in NAMES) return NAMES[key];
-  if (key === "camera") return "turned the camera";
+  if (key === "camera") return after.camera ? "turned the camera" : "reset the camera";
   const [old, made] = [before[key] ?? [], after[key] ?? []], id = KEYED[key];
   if (key === "masks" && made.length !== old.length) return made.length > old.length ? "drew a mask" : "removed a mask";
   if (key === "masks") return made.some((mask, k) => JSON.stringify(mask.points) !== JSON.stringify(old[k].points)) ? "moved a mask" : "changed a mask";

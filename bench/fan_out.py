@@ -8,6 +8,7 @@ they are libzmq's. Ages are from the frame's stamp to the listener's hand.
 """
 
 import argparse
+import math
 import os
 import selectors
 import socket as network
@@ -34,6 +35,7 @@ from vemlight.settings import Wire
 FPS, LIGHTS, MAP_SHAPE = 30, 72, (90, 360, 3)
 GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + b"\0" + bytes(31)  # ZMTP 3.0, RFC 23
 READY = b"\x04\x19\x05READY\x0bSocket-Type\x00\x00\x00\x03SUB"
+CONNECT_S = 60.0  # for a thousand handshakes on two cores
 LONG, MORE = 2, 1  # flags of a frame
 
 
@@ -152,10 +154,12 @@ def without_keys(count: int, address: str, kind: str, seconds: float) -> list[fl
     return ages
 
 
-def with_keys(count: int, address: str, keys: Path, seconds: float) -> list[float]:
+def with_keys(count: int, address: str, keys: Path, seconds: float) -> tuple[list[float], float]:
+    """Ages of all frames of so many listeners, ms, once each has had one, or after CONNECT_S; and after how many s that was."""
     context: Any = zmq.Context()
     context.set(zmq.MAX_SOCKETS, 4096)
-    poller, pair = zmq.Poller(), read_keys(keys)
+    poller, pair, waiting = zmq.Poller(), read_keys(keys), set()
+    start_s = time.monotonic()
     for _ in range(count):
         socket = context.socket(zmq.SUB)
         socket.linger, socket.curve_serverkey = 0, pair.public
@@ -163,15 +167,19 @@ def with_keys(count: int, address: str, keys: Path, seconds: float) -> list[floa
         socket.subscribe(b"lights")
         socket.connect(address)
         poller.register(socket, zmq.POLLIN)
-    begin_s, ages = time.monotonic() + 5, []
+        waiting.add(socket)
+    ages, begin_s = [], math.inf
     while time.monotonic() < begin_s + seconds:
         for socket, _ in poller.poll(100):
             parts = socket.recv_multipart(copy=False)
-            if time.monotonic() > begin_s:
+            waiting.discard(socket)
+            if begin_s < time.monotonic():
                 stamp = msgspec.msgpack.decode(parts[1].bytes)["stamp"]
                 ages.append((time.monotonic_ns() - stamp["monotonic_ns"]) / 1e6)
+        if begin_s == math.inf and (not waiting or time.monotonic() > start_s + CONNECT_S):
+            begin_s = time.monotonic()
     context.destroy(linger=0)
-    return ages
+    return ages, begin_s - start_s
 
 
 @contextmanager
@@ -205,13 +213,16 @@ def measure(settings: Wire, kind: str, count: int, seconds: float) -> None:
 
 def keyed(folder: Path, count: int, seconds: float) -> None:
     """At a relay with keys, whose listeners are libzmq's, in two processes' worth of work."""
+    folder = folder / f"keyed_{count}"
+    folder.mkdir(0o700)
     make_keys(folder / "keys")
     (folder / "place.toml").write_text(f'[wire]\nfolder = "{folder}"\nkeys = "{folder}/keys"\n')
     with publisher(Wire(folder=str(folder)), "lights", bare=False), relay(folder) as (port, pid):
         before_s = cpu_of(pid)
-        ages = with_keys(count, f"tcp://127.0.0.1:{port}", folder / "keys", seconds)
-        core = (cpu_of(pid) - before_s) / (seconds + 5)
-    print(line(f"{count} listeners of lights with keys at a relay", ages, count, seconds, core), flush=True)
+        ages, connected_s = with_keys(count, f"tcp://127.0.0.1:{port}", folder / "keys", seconds)
+        core = (cpu_of(pid) - before_s) / (seconds + connected_s)
+    name = f"{count} listeners of lights with keys at a relay, all there after {connected_s:.1f} s"
+    print(line(name, ages, count, seconds, core), flush=True)
 
 
 def main() -> None:

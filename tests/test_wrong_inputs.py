@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.processes import free_port, vemlight
-from tests.support.wrong_inputs import CAMERA, SCENES, SETTINGS, WRONG, Wrong, write_wrong_inputs
+from tests.support.wrong_input_files import CAMERA, SCENES, SETTINGS, write_wrong_inputs
+from tests.support.wrong_inputs import WRONG, Wrong
 from vemlight.commands.cli import main
 from vemlight.commands.parameters import Number
 

@@ -19,8 +19,9 @@ from vemlight.capture.exposure_merge import (
     merge_tables,
     merged,
 )
-from vemlight.capture.frames import Frame, FrameMaker, Mosaic
+from vemlight.capture.frames import Frame, FrameMaker
 from vemlight.capture.manifest import MANIFEST, read_manifest
+from vemlight.capture.mosaic import Mosaic
 from vemlight.capture.sequence import frame_files
 from vemlight.capture.still_source import StillCodes, StillReader
 from vemlight.errors import UserError

@@ -10,8 +10,9 @@ from vemlight.capture.colour_coding import ENTRIES, HIGHEST, LOWEST, ColourCodin
 from vemlight.capture.exposure_cycle import SETTLING, ExposureCycle
 from vemlight.capture.exposure_merge import CLIPPED, CodeValues
 from vemlight.capture.exposure_recording import EXPOSURE, EXPOSURES, checked_exposures, exposures_text
-from vemlight.capture.frames import Frame, FrameMaker, Mosaic
+from vemlight.capture.frames import Frame, FrameMaker
 from vemlight.capture.live_brackets import LiveBrackets
+from vemlight.capture.mosaic import Mosaic
 from vemlight.errors import UserError
 from vemlight.files import notice
 from vemlight.settings import Capture

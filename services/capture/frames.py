@@ -7,16 +7,18 @@ projection says it; without that, a lens file makes it fisheye and a response fi
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vemlight.capture.colour_coding import ColourCoding
 from vemlight.capture.cube import cube_directions, cube_to_polar, is_cube
 from vemlight.capture.exr_header import bright_cells_from_attributes, count_from_attributes, scale_from_attributes
-from vemlight.capture.fisheye import ALL_PIXELS, BayerPattern, FisheyeToPolar, colour_lattices, fisheye_bright_cells, lit_runs, lit_spans
+from vemlight.capture.fisheye import ALL_PIXELS, FisheyeToPolar, colour_lattices, fisheye_bright_cells, lit_runs, lit_spans
+from vemlight.capture.flat_field import flat_field
 from vemlight.capture.ground import with_ground
 from vemlight.capture.lens import Lens, read_lens
+from vemlight.capture.mosaic import ALL_CODES, Mosaic, mosaic_from_attributes, whole_codes
 from vemlight.capture.mosaic_lights import HALF_WINDOW, SHARP_SHARE, share_of_one_pixel
 from vemlight.capture.planes import Planes, linear_from_planes
 from vemlight.capture.polar import WHOLE_SPHERE, LatlongToPolar, latlong_bright_cells, latlong_to_polar, polar_from_latlong, used_rows
@@ -24,22 +26,16 @@ from vemlight.capture.response import Response, radiance_table, read_response
 from vemlight.capture.scatter import Threads, clipped_counts, polar_from_codes, polar_from_fisheye, polar_from_gray
 from vemlight.capture.several_lenses import check_lenses, directions_of, lenses_to_polar
 from vemlight.errors import UserError
-from vemlight.files import contained_path, notice
+from vemlight.files import notice
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.colour import luminance_from_rgb
-from vemlight.light.images import read_radiance
 from vemlight.light.mask import Mask
 from vemlight.light.sphere import Coverage, cell_solid_angles
 from vemlight.settings import Capture
 
-Mosaic = Literal["mono"] | BayerPattern  # colour filters before a sensor's pixels; "mono": none
-MOSAICS: tuple[Mosaic, ...] = ("mono", *get_args(BayerPattern))
 BRIGHT_FRACTION = 1 / 500  # of the map's power: a cell above it is split into sub-cell samples; a tenth of a light when there are 50
 MAX_BRIGHT_CELLS = 64  # of a frame: 9 samples each stay far below the 4096 that a message takes
-FLAT_FIELD_CENTRE = 1 / 20  # of the image's shorter side: radius of the disc whose mean is the axis's response; 1/40 to 1/10 do
-MIN_FLAT_FIELD = 1e-3  # of the axis's response: less is noise beyond the rim, and would be divided by; any value up to 0.02 does
 MAX_LATLONG_EXCESS = 2  # pixels by which a width may differ from twice the height: what rounding by other programs leaves
-ALL_CODES = 2**16  # a table for uint16 codes needs no check of its index
 
 
 class Frame(NamedTuple):
@@ -350,7 +346,7 @@ class FrameMaker:
         else:
             self._check_lens(name, shape)
             lattices = [ALL_PIXELS] if mosaic in (None, "mono") else colour_lattices(mosaic)
-            flat_fields = [_flat_field(lens, path) for lens, path in zip(self._lenses, self._lens_paths, strict=True)]
+            flat_fields = [flat_field(lens, path) for lens, path in zip(self._lenses, self._lens_paths, strict=True)]
             self._fisheye = [lenses_to_polar(self._lenses, s.rows, s.cols, s.coverage, lattice, flat_fields) for lattice in lattices]
             self._directions = partial(directions_of, self._lenses)
             self._directions(np.zeros((1, 2)))  # compiles it now, and not when the first bright cell appears
@@ -371,40 +367,6 @@ def brightest_cells(radiance: np.ndarray, coverage: Coverage) -> np.ndarray:
     flux[~(flux > 0) | ~np.isfinite(flux)] = 0
     bright = np.flatnonzero(flux > BRIGHT_FRACTION * flux.sum(dtype=np.float64))
     return bright[np.argsort(-flux[bright], kind="stable")][:MAX_BRIGHT_CELLS].astype(np.int32)
-
-
-def _flat_field(lens: Lens, lens_path: Path) -> np.ndarray | None:
-    # the image of an evenly lit surface over its value at the axis, (height, width); None where the lens has none
-    if not lens.flat_field:
-        return None
-    path = contained_path(lens_path.parent, lens.flat_field, f"{lens_path}: flat_field")
-    image = read_radiance(path)[0].mean(axis=-1)
-    if image.shape != (lens.size[1], lens.size[0]):
-        sizes = f"is {image.shape[1]}x{image.shape[0]} and the lens file is for {lens.size[0]}x{lens.size[1]}"
-        raise UserError(f"{path}: {sizes}; name the flat field of this lens")
-    y, x = np.ogrid[: image.shape[0], : image.shape[1]]
-    centre = image[np.hypot(x - lens.c[0], y - lens.c[1]) < max(2, min(lens.size) * FLAT_FIELD_CENTRE)].mean()
-    if not (np.all(np.isfinite(image)) and centre > 0):
-        raise UserError(f"{path}: is no image of an evenly lit surface; it must be finite, and lit at the optical axis")
-    return np.maximum(image / centre, MIN_FLAT_FIELD)
-
-
-def mosaic_from_attributes(name: str, attributes: dict[str, Any]) -> Mosaic | None:
-    """The mosaic that a frame's header names; None for three channels. Raises UserError for one that is not known."""
-    mosaic = attributes.get("vemlight:mosaic")
-    if mosaic not in (None, *MOSAICS):
-        raise UserError(f"{name}: vemlight:mosaic = {str(mosaic)[:40]!r} is not known; it is one of {', '.join(MOSAICS)}")
-    return mosaic
-
-
-def whole_codes(name: str, image: np.ndarray, mosaic: Mosaic | None) -> np.ndarray:
-    """A file's float pixels as uint16 codes: (height, width) of a mosaic, else (height, width, 3). Raises UserError for other values."""
-    if mosaic:
-        image = np.ascontiguousarray(image[..., 0])
-    codes = np.where((image >= 0) & (image < ALL_CODES), image, 0).astype(np.uint16)
-    if not np.array_equal(codes, image):
-        raise UserError(f"{name}: holds values that are no whole codes; leave the response out if it is radiance")
-    return codes
 
 
 def _unknown_kind(name: str, kind: Any) -> UserError:

@@ -4,7 +4,8 @@ import numpy as np
 
 from vemlight.capture.exposure_cycle import ExposureCycle, ExposureRecogniser
 from vemlight.capture.exposure_merge import CodeValues, clipped_pixels, count_from, merge_tables, merged
-from vemlight.capture.frames import Frame, FrameMaker, Mosaic
+from vemlight.capture.frames import Frame, FrameMaker
+from vemlight.capture.mosaic import Mosaic
 from vemlight.capture.strong_lights import StrongLight, add_lights, ceiling, followed, moving, strong_lights, window_on
 from vemlight.files import notice
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vemlight.capture.frames import Mosaic
+from vemlight.capture.mosaic import Mosaic
 from vemlight.capture.planes import Planes, layout_of
 from vemlight.errors import UserError
 from vemlight.kernels import kernel

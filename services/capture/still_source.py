@@ -10,7 +10,8 @@ import numpy as np
 
 from vemlight.capture.colour_coding import STILL, ColourCoding, colour_coding, light_of_rgb_codes
 from vemlight.capture.exposure_merge import CodeValues, clipped_from, values_from_response
-from vemlight.capture.frames import Frame, FrameMaker, Mosaic, mosaic_from_attributes, whole_codes
+from vemlight.capture.frames import Frame, FrameMaker
+from vemlight.capture.mosaic import Mosaic, mosaic_from_attributes, whole_codes
 from vemlight.capture.pixel_formats import mosaic_of
 from vemlight.capture.planes import planes_from_image
 from vemlight.capture.response import Log

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vemlight.capture.camera_controls import CameraControls, controls_of
-from vemlight.capture.frames import Mosaic
 from vemlight.capture.jpeg_frames import JpegDecoder
+from vemlight.capture.mosaic import Mosaic
 from vemlight.capture.pixel_formats import FORMATS, MJPEG, PICTURE_RANK, PixelFormat, codes_from_bytes, planes_from_bytes
 from vemlight.capture.planes import Planes, layout_of
 from vemlight.capture.v4l2_buffers import FilledBuffer, FrameBuffers

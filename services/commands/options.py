@@ -13,7 +13,7 @@ import msgspec
 
 if TYPE_CHECKING:
     from vemlight.capture.calibration.response_fit import Kind
-    from vemlight.capture.frames import Mosaic
+    from vemlight.capture.mosaic import Mosaic
     from vemlight.exchange.usd_file import UsdDialect
 
 Options = TypeVar("Options", bound=msgspec.Struct)

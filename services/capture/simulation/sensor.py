@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 
 from vemlight.capture.exposure_recording import EXPOSURES, exposures_text
-from vemlight.capture.frames import Mosaic
 from vemlight.capture.lens import Lens, pixel_angles, vignetting_from_angle, write_lens
 from vemlight.capture.manifest import MANIFEST, ManifestWriter
+from vemlight.capture.mosaic import Mosaic
 from vemlight.capture.response import Response, code_from_signal, write_response
 from vemlight.light.images import write_exr
 

@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.stream_server import jpeg, serving
 from vemlight.capture import live_recording, recent
-from vemlight.capture.choosing import BUNDLED_CHOICE, RECENT_CHOICE, ChosenSources, chosen_capture, recordings
+from vemlight.capture.choosing import BUNDLED_CHOICE, OFFERED, RECENT_CHOICE, ChosenSources, chosen_capture, recordings
 from vemlight.capture.frames import Frame
 from vemlight.capture.live_recording import MIN_FREE, NO_CAMERA, NO_FOLDER
 from vemlight.capture.recent import RECENT_S, RecentFrames, frame_bytes
@@ -78,6 +78,16 @@ def test_what_may_be_chosen_is_what_can_be_played(sources, folder):
         BUNDLED_CHOICE, "recording broken.hdr", "recording dusk",
     ]  # fmt: skip
     assert recordings("") == recordings(str(folder / "nowhere")) == []
+
+
+def test_of_too_many_recordings_the_newest_are_offered_and_all_can_be_named(sources, folder, capsys):
+    for k in range(OFFERED + 5):
+        (folder / f"shot_{k:03d}").mkdir()
+        os.utime(folder / f"shot_{k:03d}", (0, 2e9 - k))  # the last by name is the oldest
+    assert recordings(str(folder)) == [f"shot_{k:03d}" for k in range(OFFERED)]
+    assert f"the {OFFERED} that were changed last" in capsys.readouterr().err
+    assert "shot_050: holds none" in settled(sources, source="recording shot_050").refusal
+    assert "there is no such file" in settled(sources, source="recording gone.hdr").refusal
 
 
 def test_another_source_is_opened_while_this_one_plays(sources):
@@ -201,6 +211,32 @@ def test_a_recording_ends_before_the_disk_is_full(camera, monkeypatch):
     camera.on_control(ControlMessage(record=True))  # the same wish comes again: it does not begin anew
     assert about(camera).recording == ""
     assert "make room" in about(camera).why_not_record
+
+
+def test_a_recording_ends_with_its_source_and_none_begins_by_itself_on_another(camera, folder, monkeypatch):
+    camera.on_control(ControlMessage(record=True))
+    receive(camera, 2)
+    said = settled(camera, source=BUNDLED_CHOICE, record=True)
+    assert (said.choice, said.recording) == (BUNDLED_CHOICE, "")
+    assert "has ended: another source plays" in said.refusal
+    settled(camera, record=True)
+    assert isinstance(camera.current, CaptureCamera)
+    camera.on_control(ControlMessage(record=True))  # the page's wish stands, and comes twice a second
+    assert about(camera).recording == ""
+    camera.on_control(ControlMessage())
+    monkeypatch.setattr(live_recording.time, "strftime", lambda _: next(folder.glob("20*")).name)  # within the same second
+    camera.on_control(ControlMessage(record=True))  # asked for anew
+    assert about(camera).recording.endswith("_2")
+
+
+def test_a_recording_ends_when_its_camera_fails(camera):
+    camera.on_control(ControlMessage(record=True))
+    receive(camera, 2)
+    camera.choice = "camera video9"
+    camera.fall_back(UserError("is gone"))
+    said = about(camera)
+    assert (said.choice, said.recording) == (None, "")
+    assert camera.current.recorder is None
 
 
 def test_what_is_said_of_a_source_can_be_read_however_long_its_names_are(sources, monkeypatch):

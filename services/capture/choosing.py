@@ -1,6 +1,7 @@
 """Which source plays: the settings' one, or one that the person at the viewer has chosen. Another is opened while this one goes on."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
 from pathlib import Path
 
 import msgspec
@@ -12,6 +13,7 @@ from vemlight.capture.sequence import RADIANCE_SUFFIXES, STILL_SUFFIXES
 from vemlight.capture.stage import CaptureCamera, CaptureSource
 from vemlight.capture.v4l2 import list_cameras
 from vemlight.errors import FatalError, UserError
+from vemlight.files import notice
 from vemlight.light.film_file import FILM_SUFFIXES
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Instance
@@ -22,7 +24,8 @@ from vemlight.settings import chosen_capture, is_live
 BUNDLED_CHOICE, RECENT_CHOICE = "bundled", "recent"
 LIST_EVERY = 10  # statuses, which is 5 s: cameras come and go, recordings end
 MAX_REFUSAL = 512  # letters, as on the wire
-MAX_LISTED = 2000  # names of the recordings folder that are looked at
+MAX_LISTED = 2000  # names of the recordings folder that are looked at, in 10 ms each time
+OFFERED = 48  # recordings: of the 64 choices of a message the other 16 are for cameras, the bundled sequence and the last seconds
 Playing = CaptureSource | CaptureCamera
 
 
@@ -77,8 +80,7 @@ class ChosenSources:
         """Goes on to the source that is ready."""
         assert self._opening
         (choice, future), self._opening = self._opening, None
-        self._recording.obey(False, self.current)
-        self.current.close()
+        self._leave()
         self.choice, self.current = choice, future.result()
         self.current.on_control(self._control)
 
@@ -87,8 +89,13 @@ class ChosenSources:
         if self.choice is None:
             raise error
         self._refuse(self.choice, error)
-        self.current.close()
+        self._leave()
         self.choice, self.current = None, self._made(self._settings.capture)
+
+    def _leave(self) -> None:
+        """Ends the source that plays, and a recording of it."""
+        self._recording.leave(self.current)
+        self.current.close()
 
     def _refuse(self, choice: str | None, error: Exception) -> None:
         self._refused, self._refusal = (choice,), shown_refusal(choice, error, self._settings.capture.recordings)
@@ -120,8 +127,7 @@ class ChosenSources:
 
     def close(self) -> None:
         """Ends what plays and what is recorded."""
-        self._recording.obey(False, self.current)
-        self.current.close()
+        self._leave()
         self._opener.shutdown(wait=False, cancel_futures=True)
 
     def _made(self, capture: settings.Capture) -> Playing:
@@ -144,7 +150,7 @@ class ChosenSources:
             return self._made(chosen_capture(own, ""))
         if kind == "upload" and (folder := upload_folder(name)):
             return self._made(chosen_capture(own, str(played_path(folder))))
-        if kind == "recording" and name in recordings(own.recordings):
+        if kind == "recording" and own.recordings and Path(name).name == name and is_playable(Path(own.recordings) / name):
             return self._made(chosen_capture(own, str(Path(own.recordings) / name)))
         if kind == "camera" and name in {Path(camera.path).name for camera in list_cameras()}:
             same_kind = own if is_live(own.source) else chosen_capture(own, "")
@@ -170,16 +176,27 @@ class ChosenSources:
 
 
 def recordings(folder: str) -> list[str]:
-    """The names of what may be played in the recordings folder: folders, films and images, in order; none without one."""
-    suffixes = (*RADIANCE_SUFFIXES, *STILL_SUFFIXES, *FILM_SUFFIXES)
+    """The names of what may be played in the recordings folder, in order; none without one. Of more than OFFERED those that were changed
+    last; a notice says so.
+    """
     if not folder:
         return []
     try:
-        entries = [path for _, path in zip(range(MAX_LISTED), Path(folder).iterdir(), strict=False)]
+        entries = list(islice(Path(folder).iterdir(), MAX_LISTED + 1))
+        playable = [path for path in entries if is_playable(path)]
+        if len(playable) > OFFERED or len(entries) > MAX_LISTED:
+            notice(f"[capture] recordings: {folder} holds more than the page offers, the {OFFERED} that were changed last; move some away")
+            playable = sorted(playable, key=lambda path: path.stat().st_mtime)[-OFFERED:]
     except OSError:
         return []
-    playable = [path.name for path in entries if not path.name.startswith(".") and (path.is_dir() or path.suffix.lower() in suffixes)]
-    return sorted(name for name in playable if name.isprintable() and len(f"recording {name}") <= 80)
+    return sorted(path.name for path in playable)
+
+
+def is_playable(path: Path) -> bool:
+    """Whether the page may offer what is at the path: a folder, a film or an image whose name fits a choice."""
+    name, suffixes = path.name, (*RADIANCE_SUFFIXES, *STILL_SUFFIXES, *FILM_SUFFIXES)
+    can_be_named = bool(name) and not name.startswith(".") and name.isprintable() and len(f"recording {name}") <= 80
+    return can_be_named and (path.is_dir() or path.suffix.lower() in suffixes)
 
 
 def played_path(folder: Path) -> Path:

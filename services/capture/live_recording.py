@@ -1,7 +1,9 @@
 """Recording of what a camera sends, begun and ended from the page: where to, how much room is left and how long that lasts."""
 
+import os
 import shutil
 import time
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -27,18 +29,22 @@ class LiveRecording:
         self._since = (0.0, 0)
         self.refusal = ""
 
-    def obey(self, wanted: bool, source: CaptureCamera | CaptureSource) -> bool:
-        """Begins or ends a recording of `source` where that has changed; whether it has."""
+    def obey(self, wanted: bool, source: CaptureCamera | CaptureSource) -> None:
+        """Begins or ends a recording of `source` where that has changed."""
         if wanted == self._wanted:
-            return False
+            return
         self._wanted = wanted
-        if wanted:
-            self.refusal = self.why_not(source)
-            if not self.refusal:
-                self._begin(source)
-        elif isinstance(source, CaptureCamera):
+        self.refusal = self.why_not(source) if wanted else ""
+        if not wanted:
             self._end(source)
-        return True
+        elif not self.refusal:
+            self._begin(source)
+
+    def leave(self, source: CaptureCamera | CaptureSource) -> None:
+        """Ends a recording because `source` plays no more. None begins by itself on the next source: it has to be asked for anew."""
+        if self._recorder:
+            self.refusal = f"the recording {self._recorder.folder.name} has ended: another source plays"
+        self._end(source)
 
     def why_not(self, source: CaptureCamera | CaptureSource) -> str:
         """Why nothing can be recorded now; empty where it can."""
@@ -53,16 +59,18 @@ class LiveRecording:
     def _begin(self, source: CaptureCamera | CaptureSource) -> None:
         assert self._folder
         assert isinstance(source, CaptureCamera)
-        folder = self._folder / time.strftime("%Y-%m-%d_%H-%M-%S")
+        name = time.strftime("%Y-%m-%d_%H-%M-%S")
+        names = chain([name], (f"{name}_{k}" for k in count(2)))  # another one may have begun in the same second
         try:
+            folder = next(folder for folder in map(self._folder.joinpath, names) if not os.path.lexists(folder))
             self._recorder = Recorder(folder, calibration=source.calibration)
         except UserError as error:
-            self.refusal = str(error)
+            self.refusal = str(error).replace(f"{self._folder}/", "")  # where it lies is nobody's concern on a page
             return
         source.recorder, self._rate, self._since = self._recorder, 0.0, (time.monotonic(), 0)
 
-    def _end(self, source: CaptureCamera) -> None:
-        if self._recorder:
+    def _end(self, source: CaptureCamera | CaptureSource) -> None:
+        if self._recorder and isinstance(source, CaptureCamera):
             source.recorder = None
             self._recorder.close()
             self._recorder = None
@@ -70,7 +78,7 @@ class LiveRecording:
     def _free(self) -> int:
         """Bytes of the disk that recordings go to; 0 where it cannot be asked."""
         folder = self._folder
-        while folder and not folder.exists() and folder != folder.parent:
+        while folder and not os.path.exists(folder) and folder != folder.parent:  # which raises nothing, unlike Path.exists
             folder = folder.parent
         try:
             return shutil.disk_usage(folder).free if folder else 0

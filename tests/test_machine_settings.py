@@ -19,6 +19,8 @@ from vemlight.commands.machine_settings import (
     candidates,
     check_new,
     fitting,
+    settings_text,
+    tried,
     wanted_hz,
     write_fit,
 )
@@ -95,6 +97,16 @@ def test_what_is_written_is_read_again(tmp_path: Path):
     assert "disk" not in written
     assert "# 360 x 202: 9.5 pictures a second for 60 s, within 0%, with 33 lights or more" in written
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_trial_writes_no_files_and_does_not_end(tmp_path: Path):
+    """And its settings can be read: what it leaves out, nothing else asks for."""
+    capture = Capture(record="rec", recordings="recs", frames=30)
+    wanted = Settings(out="out", capture=capture, renderer=Renderer(width=480, height=270, video="film.mp4"))
+    (tmp_path / "tried.toml").write_bytes(settings_text(tried(wanted, 8090)))
+    found = read_settings(tmp_path / "tried.toml")
+    assert (found.out, found.capture.record, found.capture.recordings, found.capture.frames, found.renderer.video) == ("", "", "", 0, "")
+    assert (found.viewer.port, found.renderer.width) == (8090, 480)
 
 
 def test_what_cannot_be_tried_is_refused_before_anything_runs(tmp_path: Path):

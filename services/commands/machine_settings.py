@@ -119,9 +119,8 @@ def run_windows(settings: Settings) -> Windows:
     with tempfile.TemporaryDirectory() as folder:
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
-        viewer = msgspec.structs.replace(settings.viewer, host="127.0.0.1", port=port, token="", insecure=False)
         file = Path(folder) / "vemlight.toml"
-        file.write_bytes(settings_text(msgspec.structs.replace(settings, out="", mode="live", wire=Wire(), viewer=viewer)))
+        file.write_bytes(settings_text(tried(settings, port)))
         command = [sys.executable, "-m", "vemlight", "run", str(file)]
         own_sockets = os.environ | {"XDG_RUNTIME_DIR": folder}
         run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=own_sockets)
@@ -130,6 +129,17 @@ def run_windows(settings: Settings) -> Windows:
         finally:
             run.send_signal(signal.SIGTERM)
             run.wait()
+
+
+def tried(settings: Settings, port: int) -> Settings:
+    """The settings of a trial: without end, with a page on `port` of this machine, and without files that it would write."""
+    replace = msgspec.structs.replace
+    return replace(
+        settings, out="", mode="live", wire=Wire(),
+        capture=replace(settings.capture, record="", recordings="", frames=0),
+        renderer=replace(settings.renderer, video=""),
+        viewer=replace(settings.viewer, host="127.0.0.1", port=port, token="", insecure=False),
+    )  # fmt: skip
 
 
 def _windows(url: str, run: subprocess.Popen[bytes]) -> Iterator[Window]:

@@ -111,6 +111,8 @@ def calibrate_rig(
             kinds = ("fixtures", "cameras") if has_cameras else ("cameras", "fixtures")
             raise UserError(f"{shown}: is for rigs of {kinds[0]}, and {rig} holds {kinds[1]}; leave it out")
     if has_cameras:
+        if "coverage" in given and of_cameras["board"]:
+            raise UserError("--coverage: is of the maps in which a lamp is looked for, and --board needs none; leave it out")
         click.echo(_calibrate_cameras(rig, **of_cameras))
         return
     if settings is None:

@@ -269,6 +269,7 @@ WRONG = [
         ("calibrate rig cameras.toml --board 8", "--board 8: is not COLUMNSxROWS | 8x6"),
         ("calibrate rig cameras.toml --wand a,b:1 --board 8x5", "--wand: is one way | leave out"),
         ("calibrate rig cameras.toml --board 8x5 --square 0.1 --views nowhere", "nowhere/a: there is no such folder | by its name"),
+        ("calibrate rig cameras.toml --board 8x5 --square 0.1 --views nothing --coverage sphere", "--coverage: | leave it out"),
         ("calibrate rig good.rig.toml --board 8x5", "--board: is for rigs of cameras | holds fixtures"),
         ("calibrate rig good.rig.toml start.toml --arm", "start.toml | no camera or stream"),
         ("calibrate rig good.rig.toml start.toml --arm --level 0", "--level: 0.0 is not in the range"),

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from vemlight.capture.calibration.boards import CalibrationBoard
 from vemlight.commands.rig_recordings import recording_of
@@ -17,7 +18,7 @@ from vemlight.fuse.board_poses import BoardFit
 from vemlight.fuse.bundle_adjustment import MIN_PLACES, Adjusted, CalibrationError, Poses, ScaleBar, adjusted
 from vemlight.fuse.compact_sources import compact_sources
 from vemlight.fuse.rig_file import CameraRig, check_one_rate, read_camera_rig
-from vemlight.fuse.wand import Seen, lamp_bearings, places
+from vemlight.fuse.wand import FrameSources, lamp_bearings, places
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.runtime.interrupt import interruption
@@ -108,7 +109,7 @@ def _bearings(path: Path, rig: CameraRig, coverage: str) -> np.ndarray:
             with of_setting(f"{path}: camera {camera.name}"):
                 frame = source.frame(k)
             lamps = compact_sources(EnvironmentMap(frame.radiance, frame.coverage, frame.bright_cells))
-            seen.append(Seen(lamps.directions, luminance_from_rgb(lamps.flux)))
+            seen.append(FrameSources(lamps.directions, luminance_from_rgb(lamps.flux)))
         found.append(lamp_bearings(seen))
     return np.stack(found)
 
@@ -117,7 +118,7 @@ def _write(path: Path, found: Adjusted | BoardFit) -> Path:
     """Puts the poses, and how well they are known, into the file, which is written anew. Where the old one is kept."""
     content, rig = read_file(path, MAX_TOML_BYTES), read_toml(path, CameraRig)
     cameras = tuple(
-        msgspec.structs.replace(camera, at=_rounded(at, 5), turn=_rounded(quaternion_from_rotation(turn), 7))
+        msgspec.structs.replace(camera, at=_rounded(at, 5), turn=_rounded(Rotation.from_matrix(turn).as_quat(canonical=True), 7))
         for camera, turn, at in zip(rig.camera, found.poses.turns, found.poses.at, strict=True)
     )
     changed = msgspec.structs.replace(
@@ -133,19 +134,6 @@ def _write(path: Path, found: Adjusted | BoardFit) -> Path:
 
 def _rounded(numbers: np.ndarray, digits: int) -> tuple[float, ...]:
     return tuple(round(float(number), digits) + 0.0 for number in numbers)
-
-
-def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """The unit quaternion x y z w, w >= 0, of a rotation (3, 3): the eigenvector of Bar-Itzhack (2000), sound for every angle."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
-    matrix = np.array([
-        [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-        [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-        [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
-    ])  # fmt: skip
-    quaternion = np.linalg.eigh(matrix)[1][:, -1]
-    return quaternion if quaternion[3] >= 0 else -quaternion
 
 
 def _report(path: Path, old: Path, rig: CameraRig, found: Adjusted | BoardFit, seen: list[str]) -> str:

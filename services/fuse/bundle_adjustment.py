@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 MIN_PLACES = 12  # of a camera, seen by another one too: with 8 and 5 unknowns a pair, nothing checks the rest
 MIN_ANGLE_RAD = math.radians(20.0)  # between two places of a camera: bearings within less fix a turn, but hardly a place
@@ -177,7 +178,8 @@ def _normal_equations(system: _System, poses: Poses, scale: ScaleBar, count: int
 def _moved(poses: Poses, places: np.ndarray, step: np.ndarray) -> tuple[Poses, np.ndarray]:
     count = 6 * (len(poses.at) - 1)
     change = np.concatenate([np.zeros((1, 6)), step[:count].reshape(-1, 6)])
-    return Poses(poses.turns @ rotations(change[:, :3]), poses.at + change[:, 3:]), places + step[count:].reshape(-1, 3)
+    turns = poses.turns @ Rotation.from_rotvec(change[:, :3]).as_matrix()
+    return Poses(turns, poses.at + change[:, 3:]), places + step[count:].reshape(-1, 3)
 
 
 def _solved(
@@ -238,16 +240,6 @@ def across(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     east = np.cross(directions, least)
     east /= np.linalg.norm(east, axis=1, keepdims=True)
     return east, np.cross(directions, east)
-
-
-def rotations(vectors: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3) by rotation vectors (n, 3), rad (Rodrigues 1840)."""
-    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
-    cross = np.zeros((len(vectors), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = vectors
-    cross[:, [1, 2, 0], [2, 0, 1]] = -vectors
-    sine, half = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi))
-    return np.eye(3) + sine * cross + 0.5 * half**2 * (cross @ cross)
 
 
 def triangulated(bearings: np.ndarray, seen: np.ndarray, poses: Poses) -> np.ndarray:

@@ -17,9 +17,8 @@ from msgspec import Meta
 
 from vemlight.errors import UserError
 from vemlight.files import read_toml
-from vemlight.settings import is_stream
+from vemlight.runtime.instances import MAX_CAMERAS, with_absolute_paths
 
-MAX_CAMERAS = 16  # the sets of cameras that see a light are looked through; a stage has 4 to 8
 MIN_BASELINE_M = 0.01  # nearer to each other two lenses would touch, and see no parallax
 UNIT = 1e-3  # by which the squared length of `turn` may be off: three decimals of each number are enough
 
@@ -60,7 +59,7 @@ class RigCamera(RigRecord, frozen=True, kw_only=True):
 
 @lru_cache(maxsize=64)  # it is asked for twenty times a frame
 def _rotation(turn: tuple[float, float, float, float]) -> np.ndarray:
-    """The rotation of a quaternion x y z w of any length; read-only."""
+    """The rotation of a quaternion x y z w of any length; read-only. SciPy's takes a third of a second to load."""
     x, y, z, w = np.asarray(turn) / np.linalg.norm(turn)
     rotation = np.array(
         [
@@ -111,17 +110,8 @@ def read_camera_rig(path: Path) -> CameraRig:
     Raises UserError that names file, line and key for what is no rig: fewer than 2 cameras, two of one name, two closer to each other than
     MIN_BASELINE_M, a `turn` that is no unit quaternion, an unknown key.
     """
-    rig, folder = read_toml(path, CameraRig), path.resolve().parent
-    cameras = tuple(
-        msgspec.structs.replace(
-            camera,
-            source=camera.source if is_stream(camera.source) else str(folder / camera.source),
-            lens=str(folder / camera.lens) if camera.lens else "",
-            response=str(folder / camera.response) if camera.response else "",
-        )
-        for camera in rig.camera
-    )
-    return msgspec.structs.replace(rig, camera=cameras)
+    rig = read_toml(path, CameraRig)
+    return msgspec.structs.replace(rig, camera=tuple(with_absolute_paths(camera, path) for camera in rig.camera))
 
 
 def check_one_rate(path: Path, rig: CameraRig, fps: Sequence[float]) -> None:

@@ -15,14 +15,14 @@ APART_RAD = math.radians(2.0)  # between places that are kept, in one camera at 
 MAX_PLACES = 120  # 100 reach 0.025 degrees
 
 
-class Seen(NamedTuple):
+class FrameSources(NamedTuple):
     """The compact sources of a frame: directions (n, 3) in the camera's axes, strength (n,) in luminance."""
 
     directions: np.ndarray
     strength: np.ndarray
 
 
-def lamp_bearings(frames: Sequence[Seen]) -> np.ndarray:
+def lamp_bearings(frames: Sequence[FrameSources]) -> np.ndarray:
     """Where a camera sees the lamp: the strongest source that does not stand still, (frames, 3) float64, nan where there is none."""
     from scipy.spatial import KDTree
 

@@ -6,7 +6,7 @@ whole of it.
 
 from functools import cache
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -16,7 +16,8 @@ from vemlight.files import read_toml
 from vemlight.runtime.channels import UPSTREAM, Instance, Service
 from vemlight.settings import Capture, Settings, is_live, is_stream, shown_source
 
-MAX_CAMERAS = 16  # as of services/fuse/rig_file.py
+MAX_CAMERAS = 16  # the sets of cameras that see a light are looked through; a stage has 4 to 8
+Camera = TypeVar("Camera", bound=msgspec.Struct)
 
 
 class RigCamera(msgspec.Struct, frozen=True):
@@ -48,16 +49,16 @@ def rig_cameras(file: str) -> tuple[RigCamera, ...]:
     """The cameras of a rig's file; none for an empty name. Raises UserError for a file that is no rig."""
     if not file:
         return ()
-    folder = Path(file).resolve().parent
-    return tuple(
-        msgspec.structs.replace(
-            camera,
-            source=camera.source if is_stream(camera.source) else str(folder / camera.source),
-            lens=str(folder / camera.lens) if camera.lens else "",
-            response=str(folder / camera.response) if camera.response else "",
-        )
-        for camera in read_toml(Path(file), _Rig).camera
-    )
+    return tuple(with_absolute_paths(camera, Path(file)) for camera in read_toml(Path(file), _Rig).camera)
+
+
+def with_absolute_paths(camera: Camera, file: Path) -> Camera:
+    """A camera of a rig's file, whose source, lens and response are relative to its folder there, unless the source is a stream."""
+    folder, paths = file.resolve().parent, msgspec.structs.asdict(camera)
+    changed: dict[str, Any] = {key: str(folder / paths[key]) for key in ("source", "lens", "response") if paths[key]}
+    if is_stream(paths["source"]):
+        changed["source"] = paths["source"]
+    return msgspec.structs.replace(camera, **changed)
 
 
 def camera_capture(settings: Settings, name: str) -> Capture:

@@ -1,11 +1,14 @@
 """Near lights of several cameras: located where they are, never where nothing is, and no light lost or counted twice."""
 
+import msgspec
 import numpy as np
 import pytest
 
 from tests.support.analytic_rooms import PAIR, SQUARE, TRIANGLE, Room, maps_of, noisy, rig_of, sphere_lamp
 from tests.support.lamp_maps import Bulb, far, lamp_map, lamp_maps
-from vemlight.fuse.fusing import FuseState, fuse_step
+from vemlight.fuse import compact_sources
+from vemlight.fuse.fusing import FuseState, fuse_step, fuse_still
+from vemlight.fuse.matching import best_disjoint
 from vemlight.light.near_lights import NearLightSet
 from vemlight.light.sphere import cell_directions, map_irradiance
 from vemlight.sampler.sampler_input import SamplerInput
@@ -259,3 +262,39 @@ def test_a_camera_in_another_unit_is_brought_to_the_first_ones():
     assert len(results[-1][1].ids) == 3
     plain = fused(rig, [maps] * 6, rng)[-1]
     np.testing.assert_array_equal(plain[2].gains, 1)  # what is alike is left alone
+
+
+def test_a_still_is_known_as_well_as_one_frame_and_no_better():
+    """Noise counts once, though two passes are made: exact poses, so that noise is most of what sigma says."""
+    rng = np.random.default_rng(22)
+    rig = msgspec.structs.replace(rig_of(TRIANGLE), pose_deg=0.0, pose_m=0.0)
+    maps = [noisy(each, rng) for each in lamp_maps(BULBS, rig, rng)]
+    _, points, report = fuse_still(FuseState.start(rig), maps)
+    once, _, none, _ = fuse_step(FuseState.start(rig), maps)
+    _, _, again, _ = fuse_step(once, maps)
+    covariances = once.lights.tracks.place_covariances()
+    assert (len(points.ids), len(none.ids), report.hidden) == (3, 0, 0)
+    np.testing.assert_allclose(points.sigma, np.sqrt(np.trace(covariances, axis1=1, axis2=2)), rtol=1e-4)
+    assert (again.sigma < points.sigma).all()
+    assert report.misfit < 1
+
+
+def test_limits_that_are_reached_are_said(monkeypatch):
+    rng = np.random.default_rng(23)
+    rig = rig_of(PAIR)
+    maps = lamp_maps(BULBS, rig, rng)
+    assert fused(rig, [maps])[0][2].limits == ()
+    monkeypatch.setattr(compact_sources, "MAX_SOURCES", 2)
+    *_, report = fused(rig, [maps] * 2)[-1]
+    assert [text.partition(" compact")[0] for text in report.limits] == [f"camera {name} sees more than 48" for name in "ab"]
+
+
+def test_a_set_that_was_not_sought_to_the_end_is_not_called_the_best():
+    rng = np.random.default_rng(24)
+    few = np.array([[0, 3, -1], [0, 4, -1], [1, 4, -1]])
+    best, is_exact = best_disjoint(few, np.array([2.0, 3.0, 2.0]))
+    assert (best.tolist(), is_exact) == ([0, 2], True)
+    many = np.stack([20 * k + rng.integers(0, 20, 400) for k in range(3)], axis=1)
+    best, is_exact = best_disjoint(many, rng.uniform(9, 10, 400))
+    assert not is_exact
+    assert len(np.unique(many[best])) == many[best].size > 30

@@ -16,7 +16,7 @@ from vemlight.commands.report import Report
 from vemlight.commands.rig_recordings import recording_of
 from vemlight.errors import Interrupted, UserError, of_setting
 from vemlight.files import notice, written_whole
-from vemlight.fuse.fusing import FuseReport, FuseState, fuse_step
+from vemlight.fuse.fusing import FuseReport, FuseState, fuse_step, fuse_still
 from vemlight.fuse.rig_file import CameraRig, RigCamera, check_one_rate, read_camera_rig
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import ErrorOfLights, LightSet, NearLights, check_lights_path, lights_json, lights_row
@@ -96,9 +96,12 @@ def _located_frames(
             cells.add(frame.radiance)
         maps = [EnvironmentMap(frame.radiance, frame.coverage, frame.bright_cells) for frame in frames]
         clipped = [frame.clipped or frame.saturated > 0 for frame in frames]
-        if count == 1:  # a still: what is seen once is seen as often as it can be
-            state, *_ = fuse_step(state, maps, clipped)
-        state, fused, points, report = fuse_step(state, maps, clipped)
+        if count == 1:
+            fused, points, report = fuse_still(state, maps, clipped)
+        else:
+            state, fused, points, report = fuse_step(state, maps, clipped)
+        for text in report.limits:
+            notice(f"{options.rig}: {text}")
         seen = SamplerInput(fused.radiance, fused.coverage, frames[0].time_s, fused.bright_cells)
         sampled, lights, estimate = step(sampling, sampled, seen)
         limit = 100 * sampling.error_limit

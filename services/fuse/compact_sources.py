@@ -42,7 +42,7 @@ class CompactSources(NamedTuple):
     (n,) rad^2, variance of a direction along an axis across it: what is new in each frame, and what stays. spread: (n,) rad^2, second
     moment of the source about its direction, both axes together. peak: (n,), luminance of its brightest cell. background: (n, 3), radiance
     behind it. owner: (rows * cols,) int16, the source that a cell belongs to, -1: none. sure: (n,) bool, whether it is so far above what is
-    left out that another camera, which sees it too, cannot have left it out.
+    left out that another camera, which sees it too, cannot have left it out. beyond: how many more there are than MAX_SOURCES.
     """
 
     directions: np.ndarray
@@ -54,6 +54,7 @@ class CompactSources(NamedTuple):
     background: np.ndarray
     owner: np.ndarray
     sure: np.ndarray
+    beyond: int
 
 
 class _Geometry(NamedTuple):
@@ -102,9 +103,9 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
     if not power > 0:
         vectors, numbers = np.zeros((0, 3)), np.zeros(0)
         none = np.full(rows * cols, -1, np.int16)
-        return CompactSources(vectors, vectors, numbers, numbers, numbers, numbers, vectors, none, np.zeros(0, bool))
-    around = _local_median(luminance, of.theta)
-    hot = _hot_cells(luminance, around, HOT_FLOOR * power)
+        return CompactSources(vectors, vectors, numbers, numbers, numbers, numbers, vectors, none, np.zeros(0, bool), 0)
+    floor = HOT_FLOOR * power
+    hot = _hot_cells(luminance, _local_median(luminance, of.theta, floor), floor)
     order = hot[np.argsort(-luminance.reshape(-1)[hot], kind="stable")]
     members, starts, core = _components(luminance, order, of.linked, of.grown)
     table, background = _measured(
@@ -116,7 +117,8 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
     least = MIN_SHARE * power
     kept = (strength >= least) & (table[:, 8] <= MAX_RADIUS_RAD) & (table[:, 10] > PROMINENCE * behind)
     order = np.flatnonzero(kept)[np.argsort(-strength[kept], kind="stable")]
-    if len(order) > MAX_SOURCES:
+    beyond = max(len(order) - MAX_SOURCES, 0)
+    if beyond:
         order, least = order[:MAX_SOURCES], strength[order[MAX_SOURCES]]
     sure = (strength[order] > SURE * least) & (table[order, 10] > SURE * PROMINENCE * behind[order])
     owner = np.full(rows * cols, -1, np.int16)
@@ -126,7 +128,7 @@ def compact_sources(seen: EnvironmentMap) -> CompactSources:
     spread = table[:, 9]
     radius2 = 2 * spread  # of an even disc
     fixed = table[:, 7] + LENS_RAD**2 + OF_RADIUS**2 * radius2
-    return CompactSources(table[:, :3], table[:, 3:6], table[:, 6], fixed, spread, table[:, 10], background[order], owner, sure)
+    return CompactSources(table[:, :3], table[:, 3:6], table[:, 6], fixed, spread, table[:, 10], background[order], owner, sure, beyond)
 
 
 @kernel
@@ -171,15 +173,17 @@ def _median(values, count):
 
 
 @kernel
-def _local_median(luminance, theta):
-    """Medians around each block of BLOCK x BLOCK cells, of the blocks' means."""
+def _local_median(luminance, theta, floor):
+    """Medians around each block of BLOCK x BLOCK cells, of the blocks' means; inf where the lowest of them says that no cell is hot."""
     rows, cols = luminance.shape
     down, across = (rows + BLOCK - 1) // BLOCK, (cols + BLOCK - 1) // BLOCK
-    means, counts, medians = np.zeros((down, across)), np.zeros((down, across)), np.zeros((down, across))
+    means, counts, medians = np.zeros((down, across)), np.zeros((down, across)), np.full((down, across), np.inf)
+    brightest = np.zeros((down, across))
     for i in range(rows):
         for j in range(cols):
             means[i // BLOCK, j // BLOCK] += luminance[i, j]
             counts[i // BLOCK, j // BLOCK] += 1
+            brightest[i // BLOCK, j // BLOCK] = max(brightest[i // BLOCK, j // BLOCK], luminance[i, j])
     for i in range(down):
         for j in range(across):
             means[i, j] /= counts[i, j]
@@ -188,14 +192,16 @@ def _local_median(luminance, theta):
         sine = np.sin(theta[min(i * BLOCK + BLOCK // 2, rows - 1)])
         step = min(WINDOW_RAD / sine, np.pi) / WINDOW_COLS * across / (2 * np.pi)  # blocks from place to place
         for j in range(0, across, 2):
-            count = 0
+            count, lowest, beside = 0, np.inf, min(j + 1, across - 1)
             for di in range(-WINDOW_ROWS, WINDOW_ROWS + 1):
                 row = min(max(i + di, 0), down - 1)
                 for dj in range(-WINDOW_COLS, WINDOW_COLS + 1):
                     values[count] = means[row, int(np.floor(j + dj * step + 0.5)) % across]
+                    lowest = min(lowest, values[count])
                     count += 1
-            medians[i, j] = _median(values, count)
-            medians[i, min(j + 1, across - 1)] = medians[i, j]
+            if max(brightest[i, j], brightest[i, beside]) > HOT_RATIO * lowest + floor:
+                medians[i, j] = _median(values, count)
+                medians[i, beside] = medians[i, j]
     return medians
 
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.fuse.compact_sources import CompactSources, compact_sources
+from vemlight.fuse.compact_sources import MAX_SOURCES, CompactSources, compact_sources
 from vemlight.fuse.gains import Gains, gains_by_lights, gains_by_walls, initial_gains
-from vemlight.fuse.matching import PAIR_CHI2, SEEN, SEES, Matches, Seen, matches
+from vemlight.fuse.matching import PAIR_CHI2, SEES, SOURCE_NUMBERS, Matches, SeenSources, matches
 from vemlight.fuse.rest import CameraView, FusedMap, fused, fused_layout, layout_of, without_lights
 from vemlight.fuse.rig_file import CameraRig
 from vemlight.fuse.tracks import HITS, Followed, Tracks, followed, no_tracks, tracks_of
@@ -15,7 +15,7 @@ from vemlight.fuse.triangulation import FLUX_SIGMA, UNKNOWN_FLUX
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
-from vemlight.light.sphere import cell_from_direction, map_irradiance
+from vemlight.light.sphere import cell_from_direction
 
 MIN_SUBJECT_M = 0.05  # a camera nearer to the subject counts as if it were so far, so that it does not count alone
 FLUX_NOISE = 0.01  # of ln flux, new each frame: 2 % a cell over the four cells of the smallest lamp
@@ -47,6 +47,7 @@ class FuseState(NamedTuple):
     gains: Gains
     lights: Followed
     misfit: float | None
+    hits: int = HITS
 
     @staticmethod
     def start(rig: CameraRig, subject: tuple[float, float, float] | None = None) -> "FuseState":
@@ -66,7 +67,7 @@ class FuseReport(NamedTuple):
     that no place explains, as when a pose is wrong by more than the rig file says. silent: names of cameras without a map. gains:
     (cameras, 3), in use. uncovered: fraction of the fused map that no camera sees. misfit: how far the lights of two or more cameras are
     from one place each, chi2 over its degrees of freedom; 0.1 to 0.9 where poses are as good as the rig file says. believed: whether it is
-    small enough for near lights to be published.
+    small enough for near lights to be published. limits: those of this program that were reached, in words.
     """
 
     irradiance: np.ndarray
@@ -79,6 +80,16 @@ class FuseReport(NamedTuple):
     uncovered: float
     misfit: float
     believed: bool
+    limits: tuple[str, ...]
+
+
+def fuse_still(
+    state: FuseState, maps: Sequence[EnvironmentMap | None], saturated: Sequence[bool] = ()
+) -> tuple[EnvironmentMap, NearLightSet, FuseReport]:
+    """As `fuse_step`, of one moment alone: its lights are published though they were seen once."""
+    known, *_ = fuse_step(state, maps, saturated)  # gains are known after it, and apply to the next
+    _, rest, near, report = fuse_step(state._replace(gains=known.gains, hits=1), maps, saturated)
+    return rest, near, report
 
 
 def fuse_step(
@@ -99,7 +110,7 @@ def fuse_step(
     matched = matches(seen)
     lights = followed(state.lights, _measured(matched, seen, found), _is_still_lit(state.lights.tracks, seen))
     gains = gains_by_lights(gains, state.rig, matched, _known_fluxes(found, in_use, seen), seen.offsets)
-    near = _published(lights.tracks, state.rig)
+    near, seen_near = _published(lights.tracks, state.rig, state.hits)
     unexplained = _unexplained(matched, seen)
     now = _frame_fit(matched, seen, unexplained)
     misfit = _misfit(state.misfit, now)
@@ -109,7 +120,7 @@ def fuse_step(
     points = _near_lights(near, state.rig.centre, max(misfit or 0.0, 1.0))
     rest = _rest(state, in_use, maps, found, near, seen)
     report = FuseReport(
-        irradiance=map_irradiance(rest.map.radiance, rest.map.coverage) + points.irradiance_at(state.rig.centre).sum(axis=0),
+        irradiance=rest.irradiance + points.irradiance_at(state.rig.centre).sum(axis=0),
         sources=int(seen.counts.sum()),
         located=len(near.ids),
         hidden=int(np.count_nonzero(near.missed)),
@@ -119,11 +130,12 @@ def fuse_step(
         uncovered=rest.uncovered,
         misfit=misfit or 0.0,
         believed=believed,
+        limits=_limits(state.rig, found, matched, seen_near),
     )
     return state._replace(gains=gains, lights=lights, misfit=misfit), rest.map, points, report
 
 
-def _known_fluxes(found: Sequence[CompactSources | None], gains: np.ndarray, seen: Seen) -> list[np.ndarray]:
+def _known_fluxes(found: Sequence[CompactSources | None], gains: np.ndarray, seen: SeenSources) -> list[np.ndarray]:
     """Flux (n, 3) of each camera's sources in the rig's unit; nan where pixels are saturated."""
     fluxes = []
     for k, each in enumerate(found):
@@ -139,7 +151,7 @@ class _FrameFit(NamedTuple):
     freedom: int
 
 
-def _frame_fit(matched: Matches, seen: Seen, unexplained: int) -> _FrameFit | None:
+def _frame_fit(matched: Matches, seen: SeenSources, unexplained: int) -> _FrameFit | None:
     """None where no light says anything of the poses."""
     if not len(matched.fit):
         return None
@@ -149,7 +161,7 @@ def _frame_fit(matched: Matches, seen: Seen, unexplained: int) -> _FrameFit | No
     return _FrameFit(chi2, freedom + LEFT_OUT_FREEDOM * left_out + unexplained - left_out)
 
 
-def _left_out(matched: Matches, seen: Seen) -> int:
+def _left_out(matched: Matches, seen: SeenSources) -> int:
     """How many sources without a light are about where their camera should see one that it has no source of."""
     count = 0
     for k in range(len(seen.counts)):
@@ -188,11 +200,11 @@ def _seen(
     maps: Sequence[EnvironmentMap | None],
     found: Sequence[CompactSources | None],
     saturated: Sequence[bool],
-) -> Seen:
+) -> SeenSources:
     """The sources of all cameras in the world, in one unit."""
     cameras = len(maps)
     counts = np.array([len(each.flux) if each else 0 for each in found], np.int64)
-    table, chroma = np.zeros((cameras, max(int(counts.max()), 1), SEEN)), np.zeros((cameras, max(int(counts.max()), 1), 3))
+    table, chroma = np.zeros((cameras, max(int(counts.max()), 1), SOURCE_NUMBERS)), np.zeros((cameras, max(int(counts.max()), 1), 3))
     for k, (each, camera) in enumerate(zip(found, rig.camera, strict=True)):
         if each is None or not counts[k]:
             continue
@@ -207,10 +219,10 @@ def _seen(
     limits = np.array([2.0 if each is None else SEES if each.coverage == "hemisphere" else -2.0 for each in maps])
     axes = np.array([camera.world_from_camera[:, 2] for camera in rig.camera])
     pose = np.array([np.radians(rig.pose_deg), rig.pose_m])
-    return Seen(table, counts, chroma, rig.centre - rig.places, axes, limits, pose)
+    return SeenSources(table, counts, chroma, rig.centre - rig.places, axes, limits, pose)
 
 
-def _measured(matched: Matches, seen: Seen, found: Sequence[CompactSources | None]) -> Tracks:
+def _measured(matched: Matches, seen: SeenSources, found: Sequence[CompactSources | None]) -> Tracks:
     """The frame's lights, with the mean colour and extent of their sources.
 
     Two cameras alone are not believed where another source is near: one of them may see two lamps as one.
@@ -241,13 +253,13 @@ def _from_camera(u: np.ndarray, rho: np.ndarray, s: np.ndarray, offset: np.ndarr
 
 
 def _is_seen_at(u: np.ndarray, rho: np.ndarray, s: np.ndarray, offset: np.ndarray, sources: np.ndarray) -> np.ndarray:
-    """Which of a camera's sources (m, SEEN) are where it would see which lights, and of about their flux: (n, m) bool."""
+    """Which of a camera's sources (m, SOURCE_NUMBERS) are where it would see which lights, and of about their flux: (n, m) bool."""
     directions, ln_flux = _from_camera(u, rho, s, offset)
     here = directions @ sources[:, :3].T > np.cos(STILL_LIT_RAD)
     return here & (np.abs(ln_flux[:, None] - sources[None, :, 3]) < STILL_LN_FLUX)
 
 
-def _is_still_lit(tracks: Tracks, seen: Seen) -> np.ndarray:
+def _is_still_lit(tracks: Tracks, seen: SeenSources) -> np.ndarray:
     """Whether any camera has a source where it would see each light."""
     lit = np.zeros(len(tracks.ids), bool)
     for k in range(len(seen.counts)):
@@ -256,15 +268,31 @@ def _is_still_lit(tracks: Tracks, seen: Seen) -> np.ndarray:
     return lit
 
 
-def _published(tracks: Tracks, rig: CameraRig) -> Tracks:
-    """The near lights: seen often enough, outside of every camera, and no weak rays of curved mirrors."""
-    near = tracks.take(tracks.near & (tracks.hits >= HITS))
+def _published(tracks: Tracks, rig: CameraRig, hits: int) -> tuple[Tracks, int]:
+    """The near lights: seen often enough, outside of every camera, and no weak rays of curved mirrors. And how many there are, of which the
+    strongest MAX_NEAR_LIGHTS are published.
+    """
+    near = tracks.take(tracks.near & (tracks.hits >= hits))
     reach = np.sqrt(2 * near.spread) / near.rho + MIN_CLEAR_M
     away = np.linalg.norm((near.offsets() + rig.centre)[:, None] - rig.places[None], axis=2).min(axis=1, initial=np.inf)
     near = near.take(away > reach)
     flux = np.exp(near.s)
     near = near.take(flux >= MIN_OF_NEAR * flux.sum())
-    return near.take(np.sort(np.argsort(-near.s, kind="stable")[:MAX_NEAR_LIGHTS]))
+    return near.take(np.sort(np.argsort(-near.s, kind="stable")[:MAX_NEAR_LIGHTS])), len(near.ids)
+
+
+def _limits(rig: CameraRig, found: Sequence[CompactSources | None], matched: Matches, near: int) -> tuple[str, ...]:
+    """Which limits this moment reached, in words; what is beyond them stays in the directional lights."""
+    said = [
+        f"camera {camera.name} sees more than {MAX_SOURCES} compact sources; lights are located by the strongest {MAX_SOURCES}"
+        for camera, each in zip(rig.camera, found, strict=True)
+        if each and each.beyond
+    ]
+    if matched.cut:
+        said.append("so many sources look alike that not all ways to match them are tried; some lights may stay directional")
+    if near > MAX_NEAR_LIGHTS:
+        said.append(f"there are more than {MAX_NEAR_LIGHTS} near lights; the weaker ones stay directional")
+    return tuple(said)
 
 
 def _near_lights(near: Tracks, centre: np.ndarray, misfit: float) -> NearLightSet:
@@ -276,7 +304,7 @@ def _near_lights(near: Tracks, centre: np.ndarray, misfit: float) -> NearLightSe
     )
 
 
-def _unexplained(matched: Matches, seen: Seen) -> int:
+def _unexplained(matched: Matches, seen: SeenSources) -> int:
     """Sources that two cameras should see, and that are no light of two cameras."""
     count = 0
     for k in range(len(seen.counts)):
@@ -293,7 +321,7 @@ def _rest(
     maps: Sequence[EnvironmentMap | None],
     found: Sequence[CompactSources | None],
     near: Tracks,
-    seen: Seen,
+    seen: SeenSources,
 ) -> FusedMap:
     """The mean of the maps without the near lights."""
     views = []
@@ -305,11 +333,12 @@ def _rest(
     layouts = [layout_of(each.radiance, each.coverage) if each else None for each in maps]
     first = next(layout for layout in layouts if layout)  # of a camera that is silent the layout is taken to be the others'
     cameras = zip(layouts, state.rig.camera, strict=True)
-    return fused(views, fused_layout([(layout or first, camera.world_from_camera) for layout, camera in cameras]))
+    return fused(views, fused_layout(tuple((layout or first, camera.world_from_camera.tobytes()) for layout, camera in cameras)))
 
 
 def _taken(
-    k: int, seen_map: EnvironmentMap, sources: CompactSources, near: Tracks, seen: Seen, world_from_camera: np.ndarray, gain: np.ndarray
+    k: int, seen_map: EnvironmentMap, sources: CompactSources, near: Tracks, seen: SeenSources, world_from_camera: np.ndarray,
+    gain: np.ndarray,
 ) -> np.ndarray:
     """The share (n, 3) of each source of camera k that is light of near lights: all of one that was matched; of one in whose cells a light
     stands that was not, what that light sends there.

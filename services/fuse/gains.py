@@ -74,7 +74,7 @@ def gains_by_walls(before: Gains, rig: CameraRig, maps: Sequence[EnvironmentMap 
 def gains_by_lights(before: Gains, rig: CameraRig, matched: Matches, fluxes: Sequence[np.ndarray], offsets: np.ndarray) -> Gains:
     """What is known after a moment's lights.
 
-    fluxes: of each camera's sources (n, 3), with the gains before; nan where they are unknown. offsets: as Seen has them.
+    fluxes: of each camera's sources (n, 3), with the gains before; nan where they are unknown. offsets: as SeenSources has them.
     """
     sent = np.full((*matched.sources.shape, 3), np.nan)  # ln of intensity, of each light to each camera
     for k, flux in enumerate(fluxes):

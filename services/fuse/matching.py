@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.fuse.triangulation import FIT, UNKNOWN_FLUX, add_covariance, fit_light
+from vemlight.fuse.triangulation import FIT, UNKNOWN_FLUX, WORK, add_covariance, fit_light
 from vemlight.kernels import kernel, subroutine
 
 EPIPOLAR_SIGMAS = 4.0
@@ -26,15 +26,15 @@ SEES = 0.02  # cosine from a lens's axis at which a map of its hemisphere ends
 MAX_HYPOTHESES = 4096
 MANY_CAMERAS = 5  # from here on a camera that fits is not left out of a hypothesis: sets of cameras double with each
 MAX_NODES = 50_000  # of the search for the best set; a dozen lamps take a few hundred
-SEEN = 8  # numbers of a source: see `fit_light`
+SOURCE_NUMBERS = 8  # numbers of a source: see `fit_light`
 
 
-class Seen(NamedTuple):
+class SeenSources(NamedTuple):
     """The sources of all cameras.
 
-    table: (cameras, n, SEEN) float64 as `fit_light` takes them. counts: (cameras,) int64, how many are there. chroma: (cameras, n, 3),
-    shares of r, g, b. offsets: (cameras, 3), centre - place, m. axes: (cameras, 3), of the maps in the world. limits: (cameras,), cosine
-    from the axis above which a camera sees, -2 for a whole sphere, 2 for a silent one. pose: rad, m.
+    table: (cameras, n, SOURCE_NUMBERS) float64 as `fit_light` takes them. counts: (cameras,) int64, how many are there.
+    chroma: (cameras, n, 3), shares of r, g, b. offsets: (cameras, 3), centre - place, m. axes: (cameras, 3), of the maps in the world.
+    limits: (cameras,), cosine from the axis above which a camera sees, -2 for a whole sphere, 2 for a silent one. pose: rad, m.
     """
 
     table: np.ndarray
@@ -49,19 +49,22 @@ class Seen(NamedTuple):
 class Matches(NamedTuple):
     """Lights that two or more cameras see. sources: (n, cameras) int64, of each camera its source, -1: none. fit: (n, FIT). margin: (n,),
     by which the set's value is above that of the best set in which a light's sources are something else; inf where nothing else is near it.
+    cut: whether there were more hypotheses than MAX_HYPOTHESES, or sets to look at than MAX_NODES: a better set may be missed then.
     """
 
     sources: np.ndarray
     fit: np.ndarray
     margin: np.ndarray
+    cut: bool
 
 
-def matches(seen: Seen) -> Matches:
+def matches(seen: SeenSources) -> Matches:
     """The set of lights of the greatest value in which each source is used once."""
     sources, values, fit = _hypotheses(*seen)
     members = sources + np.where(sources >= 0, np.arange(sources.shape[1]) * seen.table.shape[1], 0)
-    best = best_disjoint(members, values)
-    return Matches(sources[best], fit[best], _margins(members, values, fit, best))
+    best, is_exact = best_disjoint(members, values)
+    is_cut = len(values) == MAX_HYPOTHESES or not is_exact
+    return Matches(sources[best], fit[best], _margins(members, values, fit, best), is_cut)
 
 
 def _margins(members: np.ndarray, values: np.ndarray, fit: np.ndarray, best: np.ndarray) -> np.ndarray:
@@ -73,38 +76,41 @@ def _margins(members: np.ndarray, values: np.ndarray, fit: np.ndarray, best: np.
     whole = values[best].sum()
     for n in np.flatnonzero(values[best] - others.max(axis=1, initial=-np.inf) < ASKED):
         allowed = np.where(shares[n] & ~elsewhere[n], 0.0, values)
-        margins[n] = whole - values[best_disjoint(members, allowed)].sum()
+        margins[n] = whole - values[best_disjoint(members, allowed)[0]].sum()
     return margins
 
 
-def best_disjoint(members: np.ndarray, values: np.ndarray) -> np.ndarray:
+def best_disjoint(members: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, bool]:
     """Which rows of members (n, m) int64, numbers >= 0 or -1 for none, to take so that no number comes twice and the values (n,) add up to
-    the most. Ascending indices. Exact where the search takes up to MAX_NODES steps, else the best that it met.
+    the most: ascending indices, and whether they are surely the best. A search of more than MAX_NODES steps gives the best that it met.
     """
     worth = np.flatnonzero(values > 0)
     if not len(worth):
-        return worth
+        return worth, True
     order = worth[np.argsort(-values[worth], kind="stable")]
     numbers, place = np.unique(members[order], return_inverse=True)
     compact = place.reshape(len(order), members.shape[1]) - int(numbers[0] < 0)
-    return np.sort(order[_best(compact, values[order], len(numbers) - int(numbers[0] < 0))])
+    taken, is_exact = _best(compact, values[order], len(numbers) - int(numbers[0] < 0))
+    return np.sort(order[taken]), is_exact
 
 
 @kernel
 def _hypotheses(table, counts, chroma, offsets, axes, limits, pose):
     cameras = len(counts)
-    sources = np.full((MAX_HYPOTHESES, cameras), -1, np.int64)
-    values, fit, work = np.zeros(MAX_HYPOTHESES), np.zeros((MAX_HYPOTHESES, FIT)), np.zeros((12, 4))
+    sources = np.empty((MAX_HYPOTHESES, cameras), np.int64)
+    values, fit, work = np.empty(MAX_HYPOTHESES), np.empty((MAX_HYPOTHESES, FIT)), np.empty((WORK, 4))
     end, active = 0, 0
     for k in range(cameras):
         active += limits[k] < 2
     for a in range(cameras):
         for b in range(a + 1, cameras):
+            baseline = offsets[a] - offsets[b]
             for i in range(counts[a]):
                 for j in range(counts[b]):
                     first, second = table[a, i], table[b, j]
-                    if end < MAX_HYPOTHESES and _may_be_one(first, second, chroma[a, i], chroma[b, j], offsets[a] - offsets[b], pose):
-                        sources[end, a], sources[end, b] = i, j
+                    if end < MAX_HYPOTHESES and _may_be_one(first, second, chroma[a, i], chroma[b, j], baseline, pose):
+                        for k in range(cameras):
+                            sources[end, k] = i if k == a else j if k == b else -1
                         end = _kept(table, sources, offsets, pose, fit, work, PAIR_CHI2, end)
     at = 0
     while at < end:
@@ -147,8 +153,6 @@ def _kept(table, sources, offsets, pose, fit, work, limit, end):
         add_covariance(table, sources[end], offsets, pose, fit[end], work)
         if fit[end, 3] > -BEHIND_SIGMAS * np.sqrt(fit[end, 16]):
             return end + 1
-    for k in range(sources.shape[1]):
-        sources[end, k] = -1
     return end
 
 
@@ -210,7 +214,7 @@ def _missed(sources, offsets, axes, limits, fit):
 
 @kernel
 def _best(members, values, numbers):
-    """Which rows, the greatest value first, a best set takes; members hold 0 .. numbers - 1, or -1.
+    """Which rows, the greatest value first, a best set takes, and whether it is surely the best; members hold 0 .. numbers - 1, or -1.
 
     Rows that are linked by a number are one group, which is searched number by number. A branch is left when the numbers that are still
     free cannot bring more than the best so far: each at most the greatest share of a value that a row has for it.
@@ -230,11 +234,11 @@ def _best(members, values, numbers):
                 best_share[number] = max(best_share[number], values[r] / sizes[r])
                 a, b = _root(group, first), _root(group, number)
                 group[max(a, b)] = min(a, b)
-    taken = np.zeros(rows, np.bool_)
+    taken, is_exact = np.zeros(rows, np.bool_), True
     for root in range(numbers):
         if _root(group, root) == root:
-            _search(root, group, members, values, best_share, taken)
-    return taken
+            is_exact = _search(root, group, members, values, best_share, taken) <= MAX_NODES and is_exact
+    return taken, is_exact
 
 
 @subroutine
@@ -246,6 +250,7 @@ def _root(group, n):
 
 @subroutine
 def _search(root, group, members, values, best_share, taken):
+    # the rows of a group, after how many steps
     rows, width = members.shape
     own, count = np.empty(len(group), np.int64), 0
     rank = np.full(len(group), -1, np.int64)
@@ -312,6 +317,7 @@ def _search(root, group, members, values, best_share, taken):
             _mark(members[row], used, True)
             depth += 1
             choice[depth] = 0
+    return nodes
 
 
 @subroutine

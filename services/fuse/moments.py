@@ -25,7 +25,7 @@ SLOWEST_NS = 2_000_000_000  # a longer interval is none between two frames but a
 EARLY = 0.25  # of the beat's period, by which a frame may be seen before it is due. 0.1 to 0.4 would do
 
 
-class Seen(NamedTuple):
+class SeenFrame(NamedTuple):
     """A camera's frame: when its light was seen, and when it came here, on this host's monotonic clock."""
 
     at_ns: int
@@ -48,7 +48,7 @@ class Moments:
     def __init__(self, cameras: int, fps: float) -> None:
         """`fps`: until frames have shown their own rate."""
         self.skipped = 0  # moments passed over for a newer one
-        self._frames: list[deque[Seen]] = [deque(maxlen=LAST_FRAMES) for _ in range(cameras)]
+        self._frames: list[deque[SeenFrame]] = [deque(maxlen=LAST_FRAMES) for _ in range(cameras)]
         self._intervals_ns: list[deque[int]] = [deque(maxlen=BEATS) for _ in range(cameras)]
         self._first_ns = 1e9 / fps
         self._last_ns: int | None = None
@@ -80,7 +80,7 @@ class Moments:
             intervals.clear()
         elif frames and at_ns - frames[-1].at_ns <= SLOWEST_NS:
             intervals.append(at_ns - frames[-1].at_ns)
-        frames.append(Seen(at_ns, now_ns, message))
+        frames.append(SeenFrame(at_ns, now_ns, message))
 
     def silent(self, now_ns: int) -> tuple[bool, ...]:
         """Whether each camera is left out."""
@@ -122,12 +122,12 @@ class Moments:
             self._beat = beat
             self._to_catch_up = len(self._waiting())
 
-    def _waiting(self) -> list[Seen]:
+    def _waiting(self) -> list[SeenFrame]:
         """The frames of the camera that sets the beat which are later than the last moment, oldest first."""
         after_ns = -math.inf if self._last_ns is None else self._last_ns + self.period_ns / 2
         return [seen for seen in self._frames[self._beat] if seen.at_ns > after_ns]
 
-    def _is_ready(self, seen: Seen, silent: tuple[bool, ...], now_ns: int) -> bool:
+    def _is_ready(self, seen: SeenFrame, silent: tuple[bool, ...], now_ns: int) -> bool:
         if now_ns - seen.came_ns >= PATIENCE_FRAMES * self.period_ns:
             return True
         half_ns, early_ns = self.period_ns / 2, EARLY * self.period_ns
@@ -139,7 +139,7 @@ class Moments:
         )
 
 
-def _nearest(frames: deque[Seen], at_ns: int) -> Seen:
+def _nearest(frames: deque[SeenFrame], at_ns: int) -> SeenFrame:
     return min(frames, key=lambda seen: abs(seen.at_ns - at_ns))
 
 

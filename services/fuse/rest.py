@@ -37,14 +37,16 @@ class Layout(NamedTuple):
 
 
 class CellsInWorld(NamedTuple):
-    """The fused cells that each cell of a camera's map lies in, by rows of a sparse matrix.
+    """The cells of a camera's map that lie in each fused cell, by rows of a sparse matrix.
 
-    starts: (cells + 1,) int64. goals: (n,) int32, fused cells, row * cols + column. solid_angles: (n,) float32, sr.
+    starts: (fused cells + 1,) int64. cells: (n,) int32, row * cols + column in the camera's map. solid_angles: (n,) float32, sr.
+    looked_at: (fused cells,) float64, sr, their sums.
     """
 
     starts: np.ndarray
-    goals: np.ndarray
+    cells: np.ndarray
     solid_angles: np.ndarray
+    looked_at: np.ndarray
 
 
 class CameraView(NamedTuple):
@@ -57,9 +59,10 @@ class CameraView(NamedTuple):
 
 
 class FusedMap(NamedTuple):
-    """map: in the world's axes. uncovered: fraction of its solid angle that no camera sees, which is dark."""
+    """map: in the world's axes. irradiance: (3,) float64, its integral. uncovered: fraction of it that no camera sees, which is dark."""
 
     map: EnvironmentMap
+    irradiance: np.ndarray
     uncovered: float
 
 
@@ -68,14 +71,18 @@ def layout_of(radiance: np.ndarray, coverage: Coverage) -> Layout:
     return Layout(radiance.shape[0], radiance.shape[1], coverage)
 
 
-def fused_layout(views: Sequence[tuple[Layout, np.ndarray]]) -> Layout:
-    """The layout of the fused map of cameras with these maps and turns: as fine as the finest, the sphere if they see its lower half."""
+@lru_cache(maxsize=8)
+def fused_layout(views: tuple[tuple[Layout, bytes], ...]) -> Layout:
+    """The layout of the fused map of cameras with these maps and turns: as fine as the finest, the sphere if they see its lower half.
+
+    Turns are the bytes of world_from_camera, (3, 3) float64.
+    """
     pitch = min(SPAN[layout.coverage] / layout.rows for layout, _ in views)
-    coverage = coverage_of([(layout.coverage, turn) for layout, turn in views])
+    coverage = _coverage_of([(layout.coverage, np.frombuffer(turn).reshape(3, 3)) for layout, turn in views])
     return Layout(round(SPAN[coverage] / pitch), max(layout.cols for layout, _ in views), coverage)
 
 
-def coverage_of(views: Sequence[tuple[Coverage, np.ndarray]]) -> Coverage:
+def _coverage_of(views: Sequence[tuple[Coverage, np.ndarray]]) -> Coverage:
     """What maps of these coverages see together, turned by world_from_camera (3, 3) each."""
     if all(coverage == "hemisphere" and turn[2, 2] > 1 - 1e-9 for coverage, turn in views):
         return "hemisphere"
@@ -108,30 +115,29 @@ def fused(views: Sequence[CameraView], goal: Layout) -> FusedMap:
     for view in views:
         own = layout_of(view.map.radiance, view.map.coverage)
         places = cells_in_world(own, goal, np.ascontiguousarray(view.world_from_camera).tobytes())
-        radiance = view.map.radiance.reshape(-1, 3)
-        is_bright = np.zeros(len(radiance), np.bool_)
-        is_bright[view.map.bright_cells.cells] = True
-        _add(read_only(radiance), is_bright, view.gain * view.weight, view.weight, *places, light, seen)
+        given = _valid_light(read_only(view.map.radiance.reshape(-1, 3)), view.gain * view.weight)
+        given[view.map.bright_cells.cells] = 0
+        _gather(given, places.starts, places.cells, places.solid_angles, light)
+        seen += view.weight * places.looked_at
         if len(view.map.bright_cells.cells):
             bright.append(_bright_samples(view, own, goal, light))
     solid = _cell_solid(goal)
-    radiance, uncovered = _mean(light, seen, solid, MIN_SEEN * min(view.weight for view in views))
+    radiance, irradiance, uncovered = _mean(light, seen, solid, MIN_SEEN * min(view.weight for view in views))
     samples = NO_BRIGHT_CELLS
     if bright:
         cells, directions, flux = (np.concatenate(parts) for parts in zip(*bright, strict=True))
         samples = bright_cells_from_light(cells, directions, flux, *goal)
-    return FusedMap(EnvironmentMap(radiance.reshape(goal.rows, goal.cols, 3), goal.coverage, samples), uncovered)
+    return FusedMap(EnvironmentMap(radiance.reshape(goal.rows, goal.cols, 3), goal.coverage, samples), irradiance, uncovered)
 
 
 def block_radiance(seen: EnvironmentMap, world_from_camera: np.ndarray, blocks: Layout) -> np.ndarray:
     """The mean radiance (rows * cols, 3) of blocks of the world in a camera's map; nan where the camera sees a part of one or nothing."""
     own, count = layout_of(seen.radiance, seen.coverage), blocks.rows * blocks.cols
-    light, looked_at = np.zeros((count, 3)), np.zeros(count)
-    none_bright = np.zeros(own.rows * own.cols, np.bool_)
+    light = np.zeros((count, 3))
     places = cells_in_world(own, blocks, np.ascontiguousarray(world_from_camera).tobytes())
-    _add(read_only(seen.radiance.reshape(-1, 3)), none_bright, np.ones(3), 1.0, *places, light, looked_at)
-    whole = looked_at > WHOLE * _cell_solid(blocks)
-    return np.where(whole[:, None], light / np.maximum(looked_at, TINY)[:, None], np.nan)
+    _gather(_valid_light(read_only(seen.radiance.reshape(-1, 3)), np.ones(3)), places.starts, places.cells, places.solid_angles, light)
+    whole = places.looked_at > WHOLE * _cell_solid(blocks)
+    return np.where(whole[:, None], light / np.maximum(places.looked_at, TINY)[:, None], np.nan)
 
 
 def _bright_samples(view: CameraView, own: Layout, goal: Layout, light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -146,7 +152,7 @@ def _bright_samples(view: CameraView, own: Layout, goal: Layout, light: np.ndarr
         goals, inside = cells, np.ones(len(cells), bool)
     else:
         goals = row.astype(np.int64) * goal.cols + col.astype(np.int64) % goal.cols
-    solid = cell_solid_angles(*own)[cells // own.cols]
+    solid = _cell_solid(own)[cells]
     radiance = view.map.radiance.reshape(-1, 3)[cells].astype(np.float64)
     flux = np.where(np.isfinite(radiance) & (radiance > 0), radiance, 0) * view.gain * (solid * weights * view.weight)[:, None]
     np.add.at(light, goals[inside], flux[inside])
@@ -158,13 +164,14 @@ def _is_same(own: Layout, goal: Layout, world_from_camera: np.ndarray) -> bool:
     return own == goal and bool(np.abs(world_from_camera - np.eye(3)).max() < 1e-12)
 
 
-@lru_cache(maxsize=32)  # two runs of a rig of 16 cameras: 0.2 s and 5 MB each
+@lru_cache(maxsize=32)  # two runs of a rig of 16 cameras: 0.2 s and 2 MB each
 def cells_in_world(own: Layout, goal: Layout, world_from_camera: bytes) -> CellsInWorld:
     """Where the cells of a camera's map lie in the fused map; world_from_camera: the bytes of a (3, 3) float64 array."""
     turn = np.frombuffer(world_from_camera).reshape(3, 3)
-    count = own.rows * own.cols
+    count, goals = own.rows * own.cols, goal.rows * goal.cols
     if _is_same(own, goal, turn):
-        return CellsInWorld(np.arange(count + 1), np.arange(count, dtype=np.int32), _cell_solid(own).astype(np.float32))
+        solid_angles = _cell_solid(own).astype(np.float32)
+        return CellsInWorld(np.arange(count + 1), np.arange(count, dtype=np.int32), solid_angles, solid_angles.astype(np.float64))
     # Parts of cells of equal solid angle, each in one fused cell.
     fine = Layout(own.rows * SUBDIVISION, own.cols * SUBDIVISION, own.coverage)
     cosines = 1 - ring_edges(fine.rows, fine.coverage)
@@ -175,10 +182,11 @@ def cells_in_world(own: Layout, goal: Layout, world_from_camera: bytes) -> Cells
     solid = np.broadcast_to(cell_solid_angles(*fine)[:, None], row.shape)
     inside = row < goal.rows
     fused_cells = row[inside].astype(np.int64) * goal.cols + col[inside].astype(np.int64) % goal.cols
-    pairs, place = np.unique(cell[inside].astype(np.int64) * (goal.rows * goal.cols) + fused_cells, return_inverse=True)
-    source, target = np.divmod(pairs, goal.rows * goal.cols)
-    given = _balanced(source, target, np.bincount(place, solid[inside]), _cell_solid(own), _cell_solid(goal))
-    return CellsInWorld(np.searchsorted(source, np.arange(count + 1)), target.astype(np.int32), given.astype(np.float32))
+    pairs, place = np.unique(fused_cells * count + cell[inside], return_inverse=True)
+    target, source = np.divmod(pairs, count)
+    given = _balanced(source, target, np.bincount(place, solid[inside]), _cell_solid(own), _cell_solid(goal)).astype(np.float32)
+    starts = np.searchsorted(target, np.arange(goals + 1))
+    return CellsInWorld(starts, source.astype(np.int32), given, np.bincount(target, given, goals))
 
 
 def _balanced(source: np.ndarray, target: np.ndarray, given: np.ndarray, own: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -202,35 +210,45 @@ def _cell_solid(layout: Layout) -> np.ndarray:
 
 
 @kernel
-def _add(radiance, is_bright, gain, weight, starts, goals, solid_angles, light, seen):
-    # the light and the solid angle that each of a camera's cells gives to fused cells; that of bright cells is given elsewhere
+def _valid_light(radiance, factor):
+    # radiance (cells, 3) times a factor (3,); 0 where it is not finite or below 0
+    light = np.empty((len(radiance), 3), np.float32)
     for cell in range(len(radiance)):
-        red, green, blue = radiance[cell, 0] * gain[0], radiance[cell, 1] * gain[1], radiance[cell, 2] * gain[2]
-        red = red if 0 < red < np.inf else 0.0
-        green = green if 0 < green < np.inf else 0.0
-        blue = blue if 0 < blue < np.inf else 0.0
-        if is_bright[cell]:
-            red, green, blue = 0.0, 0.0, 0.0
-        for n in range(starts[cell], starts[cell + 1]):
-            goal, solid = goals[n], solid_angles[n]
-            seen[goal] += weight * solid
-            light[goal, 0] += red * solid
-            light[goal, 1] += green * solid
-            light[goal, 2] += blue * solid
+        for c in range(3):
+            value = radiance[cell, c]
+            light[cell, c] = value * factor[c] if 0 < value < np.inf else 0.0
+    return light
+
+
+@kernel
+def _gather(given, starts, cells, solid_angles, light):
+    # adds to fused cells (goals, 3) the light that a camera's cells (cells, 3) give them
+    for goal in range(len(light)):
+        red, green, blue = 0.0, 0.0, 0.0
+        for n in range(starts[goal], starts[goal + 1]):
+            cell, solid = cells[n], np.float64(solid_angles[n])
+            red += given[cell, 0] * solid
+            green += given[cell, 1] * solid
+            blue += given[cell, 2] * solid
+        light[goal, 0] += red
+        light[goal, 1] += green
+        light[goal, 2] += blue
 
 
 @kernel
 def _mean(light, seen, solid_angles, least):
-    # radiance of fused cells (cells, 3), dark where less than `least` of a cell was looked at, and how much of all is
-    radiance, dark, whole = np.zeros((len(light), 3), np.float32), 0.0, 0.0
+    # radiance of fused cells (cells, 3), dark where less than `least` of a cell was looked at, its integral (3,), and how much is dark
+    radiance, irradiance, dark, whole = np.zeros((len(light), 3), np.float32), np.zeros(3), 0.0, 0.0
     for cell in range(len(light)):
-        whole += solid_angles[cell]
-        if seen[cell] > least * solid_angles[cell]:
+        solid = solid_angles[cell]
+        whole += solid
+        if seen[cell] > least * solid:
             for c in range(3):
                 radiance[cell, c] = light[cell, c] / seen[cell]
+                irradiance[c] += radiance[cell, c] * solid
         else:
-            dark += solid_angles[cell]
-    return radiance, dark / whole
+            dark += solid
+    return radiance, irradiance, dark / whole
 
 
 @kernel

@@ -14,6 +14,7 @@ import numpy as np
 import zmq
 
 from vemlight.errors import UserError, of_setting
+from vemlight.files import notice
 from vemlight.fuse.check import warm
 from vemlight.fuse.fusing import FuseReport, FuseState, fuse_step
 from vemlight.fuse.moments import Moments, seen_at_ns
@@ -71,6 +72,8 @@ def fused_messages(
             maps[k], headers[k] = EnvironmentMap(radiance, header.coverage, BrightCells(*bright)), header
     saturated = [k in headers and headers[k].report.saturated_pixels > 0 for k in range(len(frames))]
     state, made, near, report = fuse_step(state, maps, saturated)
+    for limit in report.limits:
+        notice(f"fuse: {limit}")
     rows, cols, _ = made.radiance.shape
     map_header = wire.MapMessage(
         stamp=stamp,

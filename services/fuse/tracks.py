@@ -131,7 +131,7 @@ def followed(before: Followed, seen: Tracks, is_still_lit: np.ndarray) -> Follow
 def _pairs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which row goes with which column of values (n, m), each once, so that the values, those above 0, add up to the most."""
     rows, cols = np.nonzero(values > 0)
-    best = best_disjoint(np.stack([rows, cols + len(values)], axis=1).astype(np.int64), values[rows, cols])
+    best, _ = best_disjoint(np.stack([rows, cols + len(values)], axis=1).astype(np.int64), values[rows, cols])
     return rows[best], cols[best]
 
 

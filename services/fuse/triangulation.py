@@ -19,6 +19,7 @@ STARTS = (0.0, 0.2, 0.5, 1.2)  # 1/m
 GOOD = 6.0  # chi2 over the degrees of freedom, above which the next start is tried
 PARAMETERS = 4  # u in two, rho, s
 FIT = 44  # numbers of a fit: see `fit_light`
+WORK = 26  # rows of what a fit computes with: three matrices, and vectors from row 16 on
 
 
 @subroutine
@@ -58,61 +59,80 @@ def solve(matrix, right, size):
 
 @subroutine
 def _terms(seen, sources, offsets, pose, u, e1, e2, rho, s, normal, right, random):
-    # chi2; and, where `right` has a place, J^T W J, J^T W r and, of the part of the variance that is new each frame, J^T W R W J
-    chi2 = 0.0
-    wanted = len(right) == PARAMETERS
-    if wanted:
-        normal[:], right[:], random[:] = 0.0, 0.0, 0.0
-    p, t1, t2 = np.empty(3), np.empty(3), np.empty(3)
-    row = np.empty(PARAMETERS)
+    # chi2, J^T W J and J^T W r; and, where `random` has rows, J^T W R W J of the part R of the variances that is new each frame. A place is
+    # off in the two directions across a source's d; with d d^T + t1 t1^T + t2 t2^T = 1 their derivatives need no t1 and t2.
+    chi2, all_terms = 0.0, len(random) > 0
+    for i in range(PARAMETERS):
+        right[i] = 0.0
+        for j in range(i + 1):
+            normal[i, j] = 0.0
+            if all_terms:
+                random[i, j] = 0.0
     for k in range(len(sources)):
-        if sources[k] < 0:
+        n = sources[k]
+        if n < 0:
             continue
-        light, q = seen[k, sources[k]], offsets[k]
-        for x in range(3):
-            p[x] = u[x] + rho * q[x]
-        length = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        qx, qy, qz = offsets[k, 0], offsets[k, 1], offsets[k, 2]
+        px, py, pz = u[0] + rho * qx, u[1] + rho * qy, u[2] + rho * qz
+        length = np.sqrt(px * px + py * py + pz * pz)
         if not length > 1e-3:
             return np.inf
-        place = pose[1] * rho / length
-        variance = light[4] + light[5] + pose[0] * pose[0] + place * place
-        set_basis(light, t1, t2)
-        for part in range(3):
-            if part < 2:
-                t = t1 if part == 0 else t2
-                along = (t[0] * p[0] + t[1] * p[1] + t[2] * p[2]) / length
-                residual, of_frame = along, light[4]
-                for c in range(3):
-                    d = e1 if c == 0 else e2 if c == 1 else q
-                    ahead = (d[0] * p[0] + d[1] * p[1] + d[2] * p[2]) / (length * length)
-                    row[c] = (t[0] * d[0] + t[1] * d[1] + t[2] * d[2]) / length - along * ahead
-                row[3] = 0.0
-                weight = 1 / variance
-            else:
-                residual, of_frame = s - 2 * np.log(length) - light[3], light[7]
-                for c in range(3):
-                    d = e1 if c == 0 else e2 if c == 1 else q
-                    row[c] = -2 * (d[0] * p[0] + d[1] * p[1] + d[2] * p[2]) / (length * length)
-                row[3] = 1.0
-                weight = 1 / light[6]
-            chi2 += weight * residual * residual
-            if wanted:
-                for i in range(PARAMETERS):
-                    right[i] -= weight * row[i] * residual
-                    for j in range(i + 1):
-                        normal[i, j] += weight * row[i] * row[j]
-                        random[i, j] += weight * weight * of_frame * row[i] * row[j]
-        # the two tangents see behind themselves no light: what lies on the other side is no solution
-        if light[0] * p[0] + light[1] * p[1] + light[2] * p[2] < 0:
+        px, py, pz = px / length, py / length, pz / length
+        dx, dy, dz = seen[k, n, 0], seen[k, n, 1], seen[k, n, 2]
+        along = dx * px + dy * py + dz * pz
+        if along < 0:  # what lies on the other side is no solution
             return np.inf
+        place = pose[1] * rho / length
+        weight = 1 / (seen[k, n, 4] + seen[k, n, 5] + pose[0] * pose[0] + place * place)
+        x, y, z = dy * pz - dz * py, dz * px - dx * pz, dx * py - dy * px
+        chi2 += weight * (x * x + y * y + z * z)
+        residual, flux_weight = s - 2 * np.log(length) - seen[k, n, 3], 1 / seen[k, n, 6]
+        chi2 += flux_weight * residual * residual
+
+        # of e1, e2 and q: what of them lies along the light, and what they turn it towards the source
+        a1 = e1[0] * px + e1[1] * py + e1[2] * pz
+        a2 = e2[0] * px + e2[1] * py + e2[2] * pz
+        a3 = qx * px + qy * py + qz * pz
+        v1 = e1[0] * dx + e1[1] * dy + e1[2] * dz - along * a1
+        v2 = e2[0] * dx + e2[1] * dy + e2[2] * dz - along * a2
+        v3 = qx * dx + qy * dy + qz * dz - along * a3
+        q1, q2 = e1[0] * qx + e1[1] * qy + e1[2] * qz, e2[0] * qx + e2[1] * qy + e2[2] * qz
+        qq = qx * qx + qy * qy + qz * qz
+        turned, fluxed = weight * along / length, 2 * flux_weight * residual / length
+        right[0] += turned * v1 + fluxed * a1
+        right[1] += turned * v2 + fluxed * a2
+        right[2] += turned * v3 + fluxed * a3
+        right[3] -= flux_weight * residual
+        _add_products(normal, weight, flux_weight, length, a1, a2, a3, v1, v2, v3, q1, q2, qq)
+        if all_terms:
+            of_frame, flux_of_frame = weight * weight * seen[k, n, 4], flux_weight * flux_weight * seen[k, n, 7]
+            _add_products(random, of_frame, flux_of_frame, length, a1, a2, a3, v1, v2, v3, q1, q2, qq)
     return chi2
 
 
 @subroutine
-def _descend(seen, sources, offsets, pose, u, start, fit, work):
-    # from a direction u, which is changed, and an inverse distance; returns chi2 and fills rho, s
-    normal, damped, random = work[:4], work[4:8], work[8:12]
-    right, none, e1, e2, tried = np.empty(4), np.empty(0), np.empty(3), np.empty(3), np.empty(3)
+def _add_products(matrix, weight, flux_weight, length, a1, a2, a3, v1, v2, v3, q1, q2, qq):
+    # the lower triangle of a camera's J^T W J, as `_terms` has its parts
+    across, flux = weight / (length * length), 4 * flux_weight / (length * length)
+    matrix[0, 0] += across * (1 - a1 * a1 - v1 * v1) + flux * a1 * a1
+    matrix[1, 0] += across * (-a1 * a2 - v1 * v2) + flux * a1 * a2
+    matrix[1, 1] += across * (1 - a2 * a2 - v2 * v2) + flux * a2 * a2
+    matrix[2, 0] += across * (q1 - a1 * a3 - v1 * v3) + flux * a1 * a3
+    matrix[2, 1] += across * (q2 - a2 * a3 - v2 * v3) + flux * a2 * a3
+    matrix[2, 2] += across * (qq - a3 * a3 - v3 * v3) + flux * a3 * a3
+    scale = -2 * flux_weight / length
+    matrix[3, 0] += scale * a1
+    matrix[3, 1] += scale * a2
+    matrix[3, 2] += scale * a3
+    matrix[3, 3] += flux_weight
+
+
+@subroutine
+def _descend(seen, sources, offsets, pose, start, fit, work):
+    # from a direction, work[20], which is changed, and an inverse distance; returns chi2 and fills rho, s
+    normal, new_normal, damped, none = work[:4], work[4:8], work[8:12], work[:0]
+    right, new_right, step, u, new_u = work[16], work[17], work[18], work[20], work[21]
+    e1, e2, new_e1, new_e2 = work[22], work[23], work[24], work[25]
     rho, s, count = start, 0.0, 0
     for k in range(len(sources)):
         if sources[k] >= 0:
@@ -124,7 +144,7 @@ def _descend(seen, sources, offsets, pose, u, start, fit, work):
     s /= count
     damping = 1e-3
     set_basis(u, e1, e2)
-    chi2 = _terms(seen, sources, offsets, pose, u, e1, e2, rho, s, normal, right, random)
+    chi2 = _terms(seen, sources, offsets, pose, u, e1, e2, rho, s, normal, right, none)
     for _ in range(ROUNDS):
         if not chi2 < np.inf:
             break
@@ -132,32 +152,33 @@ def _descend(seen, sources, offsets, pose, u, start, fit, work):
             for j in range(i + 1):
                 damped[i, j] = normal[i, j]
             damped[i, i] *= 1 + damping
+            step[i] = right[i]
         damped[2, 2] += 1e-3  # a light on the line through both cameras has no parallax
-        if not solve(damped, right, PARAMETERS):
+        if not solve(damped, step, PARAMETERS):
             break
         length = 0.0
         for x in range(3):
-            tried[x] = u[x] + e1[x] * right[0] + e2[x] * right[1]
-            length += tried[x] * tried[x]
+            new_u[x] = u[x] + e1[x] * step[0] + e2[x] * step[1]
+            length += new_u[x] * new_u[x]
         length = np.sqrt(length)
         for x in range(3):
-            tried[x] /= length
-        new_rho, new_s = min(max(rho + right[2], MIN_RHO), MAX_RHO), s + right[3]
-        new = _terms(seen, sources, offsets, pose, tried, e1, e2, new_rho, new_s, normal, none, random)
+            new_u[x] /= length
+        new_rho, new_s = min(max(rho + step[2], MIN_RHO), MAX_RHO), s + step[3]
+        set_basis(new_u, new_e1, new_e2)
+        new = _terms(seen, sources, offsets, pose, new_u, new_e1, new_e2, new_rho, new_s, new_normal, new_right, none)
         if new < chi2:
             fell = chi2 - new
-            for x in range(3):
-                u[x] = tried[x]
-            rho, s, damping = new_rho, new_s, damping * 0.1
-            set_basis(u, e1, e2)
-            chi2 = _terms(seen, sources, offsets, pose, u, e1, e2, rho, s, normal, right, random)
+            rho, s, chi2, damping = new_rho, new_s, new, damping * 0.1
+            u, new_u, e1, new_e1, e2, new_e2 = new_u, u, new_e1, e1, new_e2, e2
+            normal, new_normal, right, new_right = new_normal, normal, new_right, right
             if fell < ENOUGH:
                 break
         else:
             damping = max(damping * 10, 1e-3)
             if damping > 1e4:
                 break
-            _terms(seen, sources, offsets, pose, u, e1, e2, rho, s, normal, right, random)
+    for x in range(3):
+        work[20, x] = u[x]
     fit[3], fit[4] = rho, s
     return chi2
 
@@ -168,9 +189,9 @@ def fit_light(seen, sources, offsets, pose, fit, work):
 
     seen: (cameras, sources, 8) of each: direction in the world (3), ln flux, variance of the direction new each frame and fixed, variance
     of ln flux, its part that is new each frame. sources: (cameras,), the source of each, -1: none. offsets: (cameras, 3), C - K. pose:
-    turn in rad and place in m, standard deviations.
+    turn in rad and place in m, standard deviations. work: (WORK, 4), room for what is computed.
     """
-    u, best, count = np.zeros(3), np.inf, 0
+    u, best, count = work[20], np.inf, 0
     for k in range(len(sources)):
         if sources[k] >= 0:
             count += 1
@@ -190,7 +211,7 @@ def fit_light(seen, sources, offsets, pose, fit, work):
         for x in range(3):
             u[x] /= length
         rho, s = fit[3], fit[4]
-        chi2 = _descend(seen, sources, offsets, pose, u, start, fit, work)
+        chi2 = _descend(seen, sources, offsets, pose, start, fit, work)
         if chi2 < best:
             best = chi2
             for x in range(3):
@@ -232,7 +253,7 @@ def _start(seen, sources, offsets):
 def add_covariance(seen, sources, offsets, pose, fit, work):
     """Fills the covariances, of all errors and of those that are new each frame, and the basis of a fit; 1e6 where nothing is known."""
     normal, inverse, random = work[:4], work[4:8], work[8:12]
-    u, e1, e2, right, column = np.empty(3), np.empty(3), np.empty(3), np.empty(4), np.empty(4)
+    right, column, u, e1, e2 = work[16], work[17], work[20], work[22], work[23]
     for x in range(3):
         u[x] = fit[x]
     set_basis(u, e1, e2)
@@ -262,7 +283,7 @@ def add_covariance(seen, sources, offsets, pose, fit, work):
 @kernel
 def fits(seen, chosen, offsets, pose):
     """`fit_light` and `add_covariance` of each row of chosen (n, cameras) int64: (n, FIT)."""
-    table, work = np.zeros((len(chosen), FIT)), np.zeros((12, 4))
+    table, work = np.zeros((len(chosen), FIT)), np.zeros((WORK, 4))
     for n in range(len(chosen)):
         fit_light(seen, chosen[n], offsets, pose, table[n], work)
         add_covariance(seen, chosen[n], offsets, pose, table[n], work)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tests.support.analytic_rooms import turned
-from vemlight.fuse.matching import SEEN, SEES, Seen
+from vemlight.fuse.matching import SEES, SOURCE_NUMBERS, SeenSources
 from vemlight.fuse.rig_file import CameraRig
 from vemlight.fuse.triangulation import FLUX_SIGMA
 
@@ -39,10 +39,10 @@ class Eyes(NamedTuple):
         shape = len(self.places), count
         return FIXED_RAD * rng.standard_normal((*shape, 3)), FLUX_SIGMA * rng.standard_normal(shape)
 
-    def see(self, lights: list[Lit], fixed: tuple[np.ndarray, np.ndarray], rng: np.random.Generator) -> Seen:
+    def see(self, lights: list[Lit], fixed: tuple[np.ndarray, np.ndarray], rng: np.random.Generator) -> SeenSources:
         """The sources of a frame, in the order of the lights."""
         cameras, count = len(self.places), len(lights)
-        table, chroma = np.zeros((cameras, max(count, 1), SEEN)), np.zeros((cameras, max(count, 1), 3))
+        table, chroma = np.zeros((cameras, max(count, 1), SOURCE_NUMBERS)), np.zeros((cameras, max(count, 1), 3))
         for k in range(cameras):
             for n, light in enumerate(lights):
                 away = light.at if light.is_far else light.at - self.places[k]
@@ -57,4 +57,4 @@ class Eyes(NamedTuple):
         pose = np.array([np.radians(self.rig.pose_deg), self.rig.pose_m])
         axes = np.tile([0.0, 0.0, 1.0], (cameras, 1))
         counts = np.full(cameras, count, np.int64)
-        return Seen(table, counts, chroma, self.rig.centre - self.rig.places, axes, np.full(cameras, SEES), pose)
+        return SeenSources(table, counts, chroma, self.rig.centre - self.rig.places, axes, np.full(cameras, SEES), pose)

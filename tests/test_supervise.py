@@ -205,3 +205,8 @@ def test_a_restarted_viewer_requires_the_same_token(monkeypatch):
     assert len(token) >= 32
     assert others == 0  # nobody else reads the file
     assert none == none_in_file == ""
+
+
+@pytest.mark.parametrize(("rate_hz", "said"), [(0.0, ""), (24.96, ", 25.0 a second"), (0.5, ", 0.5 a second"), (0.05, ", one in 20 s")])
+def test_the_pace_of_slow_pictures_is_said_in_seconds(rate_hz, said):
+    assert supervise.pace(rate_hz) == said

@@ -217,7 +217,7 @@ class Supervisor:
         if self._settings.out and last and last.sequence is not None and last.sequence >= self._printed:
             self._printed = last.sequence + 1
             wanted = f" of {self._settings.capture.frames}" if self._settings.capture.frames else ""
-            print(f"vemlight: picture {self._printed}{wanted}, {last.rate_hz:.1f} a second", file=sys.stderr, flush=True)
+            print(f"vemlight: picture {self._printed}{wanted}{pace(last.rate_hz)}", file=sys.stderr, flush=True)
 
     def _stop(self) -> None:
         """Terminates the services, and kills those that do not end in time or when a second signal comes."""
@@ -234,6 +234,13 @@ class Supervisor:
                 for process in processes:
                     process.kill()
             time.sleep(0.02)
+
+
+def pace(rate_hz: float) -> str:
+    """How quickly pictures come, as words of a progress line; none before the second."""
+    if rate_hz <= 0:
+        return ""
+    return f", {rate_hz:.1f} a second" if rate_hz >= 0.5 else f", one in {1 / rate_hz:.0f} s"
 
 
 def _remove_dead_runs() -> None:

@@ -270,7 +270,7 @@ def test_a_live_frame_gives_up_the_bounce_when_the_fewest_lights_leave_no_time_f
 def test_a_bounce_is_gathered_once_for_all_samples(tmp_path):
     renderer = renderer_of(scene_of(tmp_path, FACING_WALL + CORNER), samples=4)
     gathered: list[int] = []
-    bounce = renderer.renderer._bounce
+    bounce = renderer.renderer._interreflection._bounce
     assert bounce
     original = bounce.gather
     bounce.gather = lambda *of: (gathered.append(1), original(*of))  # type: ignore[method-assign]

@@ -8,6 +8,7 @@ import pytest
 from tests.support.gltf_files import TexturedSquare
 from vemlight.errors import UserError
 from vemlight.renderer.scene.scene import load_scene
+from vemlight.renderer.scene.scene_limits import MAX_VIEWS
 from vemlight.renderer.scene.view import view_from_world
 
 HALF = float(np.sqrt(0.5))
@@ -96,3 +97,15 @@ def test_scales_that_cannot_be_are_refused(tmp_path, scale):
     with_cameras(tmp_path)
     with pytest.raises(UserError, match="scale"):
         scene(tmp_path, 'preset = "Front"', f"scale = {scale}")
+
+
+def test_a_page_is_offered_named_views_and_the_cameras_of_files_up_to_a_limit_that_is_said(tmp_path, capsys):
+    with_cameras(tmp_path)
+    view = "[[view]]\nname = \"{}\"\nfrom = [0.0, -5.0, 1.0]\nat = [0.0, 0.0, 1.0]\n"
+    few = scene(tmp_path, 'preset = "Front"', view.format("desk") + view.format("Side"))
+    assert [name for name, _ in few.views] == ["desk", "Side", "Front", "Rolled"]  # the scene file's own Side
+    assert dict(few.views)["Front"].eye == pytest.approx((0, -5, 1))
+    assert not capsys.readouterr().err
+    many = scene(tmp_path, 'preset = "Front"', "".join(view.format(f"view {n}") for n in range(MAX_VIEWS - 1)))
+    assert [name for name, _ in many.views[-2:]] == [f"view {MAX_VIEWS - 2}", "Front"]
+    assert "32 views are offered, and the scene's files have more cameras" in capsys.readouterr().err

@@ -84,6 +84,23 @@ def test_a_light_is_one_lamp_and_a_lamp_that_sends_nothing_to_the_rig_is_none(tm
     assert len(recognised(dark.luminaires, [0.3], near_light((1.0, 0.0, 2.0)), RIG).near.ids) == 1
 
 
+def test_of_two_lamps_beside_each_other_the_one_that_is_lit_is_found(tmp_path, lamp_file):
+    """Both lie within reach of the light; the second, which is nearer, is the one, whatever their order."""
+    first, second = (MeasuredLamp(file=lamp_file(80, 80, 80), at=(x, 0.0, 2.0)) for x in (1.0, 1.2))
+    for lamps, lit in (((first, second), 1), ((second, first), 0)):
+        found = recognised(scene_with(tmp_path, *lamps).luminaires, [0.3, 0.3], near_light((1.15, 0.0, 2.0)), RIG)
+        assert [colour != (0.0, 0.0, 0.0) for colour in found.colours] == [number == lit for number in range(2)]
+        assert len(found.near.ids) == 0
+
+
+@pytest.mark.parametrize(("towards", "told"), [(2.0, True), (0.5, False)])
+def test_a_lamp_that_hardly_shines_to_the_rig_is_not_told_by_it(tmp_path, lamp_file, towards, told):
+    """100 cd upwards, and so many to the rig beside it: a hundredth of the brightest is the least."""
+    scene = scene_with(tmp_path, MeasuredLamp(file=lamp_file(100, towards, 0), at=(1.0, 0.0, 1.0)))
+    found = recognised(scene.luminaires, [0.3], near_light((1.0, 0.0, 1.0)), RIG)
+    assert (len(found.near.ids) == 0) == told
+
+
 def test_a_file_that_is_no_lamp_is_named(tmp_path):
     (tmp_path / "lamp.ies").write_text("no lamp\n")
     with pytest.raises(UserError, match=r"\[renderer\] lamp 1: .*lamp.ies"):

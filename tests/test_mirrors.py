@@ -103,7 +103,7 @@ def test_the_share_of_the_gather_fades_with_the_variance_of_the_lobe(tmp_path):
     for exponent in (4, 8, 12, 20, 200):
         renderer = renderer_of(tmp_path, BALL.format(PHONG.format(exponent)) + GROUND.format(0.5))
         renderer.picture(uniform_lights(8, 0.0))
-        part = renderer.renderer._mirrors
+        part = renderer.renderer._interreflection._mirrors
         assert part
         own[exponent] = len(part._mirror._polished.numbers)
         renderer.release()
@@ -129,7 +129,7 @@ def test_pixels_are_polished_where_they_have_a_lobe():
 
 def test_live_rays_are_kept_while_the_light_changes(tmp_path, monkeypatch):
     renderer = renderer_of(tmp_path, BALL.format(CHROME) + GROUND.format(0.5), frame_ms=1e5)
-    part = renderer.renderer._mirrors
+    part = renderer.renderer._interreflection._mirrors
     assert part
     seen: list[int] = []
     lit: list[int] = []

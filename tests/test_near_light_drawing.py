@@ -195,6 +195,32 @@ def test_no_near_light_costs_nothing(tmp_path):
     renderer.release()
 
 
+@pytest.mark.parametrize("height", [2e-4, 5e-4, 2e-3])
+def test_irradiance_grows_no_further_within_a_millimetre(drawn, height):
+    """Drawn as NearLightSet.irradiance_at has it."""
+    below = ground_points()[SIDE // 2, SIDE // 2]
+    near = near_lights(below + np.array([0.0, 0.0, height]), intensity=(3e-6, 2e-6, 1e-6))
+    picture = drawn(ABOVE + GROUND, near)
+    assert picture[SIDE // 2, SIDE // 2, :3] * np.pi == pytest.approx(near.irradiance_at(below)[0], rel=0.02)
+
+
+def test_maps_of_a_light_that_moved_a_little_are_read_as_they_were_drawn(tmp_path):
+    """Across the edge between two faces of the cube, too: they lie about where the light stood then."""
+    cover = '[[mesh]]\nshape = "plane"\nscale = 0.0833\nat = [0.5417, 0.0, 0.1]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    renderer = renderer_of(scene_of(tmp_path, ABOVE + GROUND + cover), "maps", frame_ms=1000.0, side=256)
+    pictures = []
+    for x in (0.0, 0.06):  # an eighth of the radius is 0.069
+        renderer.near = near_lights((x, 0.0, 0.6), radius=0.55)
+        pictures.append(renderer.picture(DARK)[..., 0].copy())
+    assert len(renderer.plan.near[0].traced) == 0
+    renderer.release()
+    points = ground_points(256)
+    shaded = (np.abs(points[..., 0] - 0.69) < 0.05) & (np.abs(points[..., 1]) < 0.08)  # 0.55 to 0.75 by projection, less the cover itself
+    assert shaded.sum() > 200
+    for picture in pictures:
+        assert picture[shaded].max() < 0.01 * picture.max()
+
+
 def test_extreme_lights_stay_finite(drawn):
     near = near_lights((0.0, 0.0, 0.0), (0.1, 0.1, 1e-6), (0.0, 0.0, 2.0), intensity=(3e38, 1e-38, 1.0))
     assert np.isfinite(drawn(ABOVE + GROUND, near)).all()
@@ -322,7 +348,7 @@ def test_the_strongest_of_near_and_directional_lights_are_drawn_and_some_of_eith
     lamps = NearLightSet.of(lamps.ids, lamps.at, np.repeat([[4.0] * 3, [1e-3] * 3], 10, axis=0), lamps.radius, lamps.sigma)
     directional = LightSet.of(np.arange(20), np.tile([0.0, 0.0, 1.0], (20, 1)), np.full((20, 3), 0.1))
     assert mean_irradiance(lamps, placed)[:10] == pytest.approx(4.0 / (4 + 1), rel=1e-6)
-    drawn = {most: len(near_within(lamps, placed, directional, most).ids) for most in (8, 17, 28, 33, 40)}
+    drawn = {most: len(near_within(lamps, placed, directional, most, 256).ids) for most in (8, 17, 28, 33, 40)}
     assert drawn == {8: MIN_LIGHTS, 17: 9, 28: 10, 33: 13, 40: 20}
 
 

@@ -53,18 +53,16 @@ def _renderer() -> None:
     from vemlight.renderer.scene.scene import load_scene
 
     if library() is not None:
-        from vemlight.renderer.rays import edge_samples
+        from vemlight.renderer.rays import edge_samples, near_tracing
         from vemlight.renderer.rays.bounce import Bounce
         from vemlight.renderer.rays.mirror import Mirror
         from vemlight.renderer.rays.reflecting import reflecting_meshes
-        from vemlight.renderer.rays.soft_pattern import soft_pattern
-        from vemlight.renderer.rays.tracing import RayTracer, TracedLights
+        from vemlight.renderer.rays.tracing import RayTracer
 
         scene = load_scene(None)
         tracer = RayTracer(scene, (8, 32))  # rows for more than one thread, as all pictures have
         tracer.warm()
-        # A light that is traced alone, of which all rows lie together in memory.
-        tracer.trace(TracedLights(np.zeros((1, 3), np.float32), np.ones((1, 2, 3), np.float32), np.ones(1, np.int64)), soft_pattern(0, 1))
+        near_tracing.warm(tracer)
         edge_samples.warm(tracer.surfaces)
         with ThreadPoolExecutor(1) as threads:
             meshes = reflecting_meshes(scene)

@@ -28,6 +28,7 @@ from vemlight.renderer.scene.scene_pose import ScenePose
 from vemlight.renderer.scene.view import PixelSample
 
 EDGE_SAMPLES = 8
+NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides; any value far below a star's and above float32's least, 1e-38, does
 LIVE_SETS = 4  # of 16 rays each: the oldest is from a fifth of a second ago at 20 pictures a second
 
 
@@ -186,6 +187,13 @@ class FramePlan(NamedTuple):
     def resolutions(self) -> np.ndarray:
         """Texels on a side of the shadow map that each light reads, (n,) int64."""
         return np.concatenate([np.zeros(0, np.int64), *(batch.resolutions for batch in self.batches)])
+
+    @property
+    def on_catchers(self) -> Colour:
+        """Weight in the matte of catchers of a sample's light that is not among `lights`: it brightens what lies behind by its fraction
+        of the light there."""
+        red, green, blue = (-1 / (len(self.samples) * value) if value > NO_LIGHT else 0.0 for value in self.unshadowed)
+        return red, green, blue
 
     def runs(self, row: Pass) -> bool:
         """Whether a pass is among those run."""

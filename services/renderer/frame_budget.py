@@ -218,11 +218,14 @@ def strongest_lights(lights: LightSet, count: int) -> LightSet:
     count = max(count, 1)
     if count >= len(lights.ids):
         return lights
-    power = lights.irradiance.max(axis=1)
-    octave = np.floor(np.log2(np.maximum(power / max(power.mean(), 1e-30), 1e-6)) + 0.5)
-    chosen = np.sort(np.argsort(-octave, kind="stable")[:count])
+    chosen = np.sort(np.argsort(-octaves(lights.irradiance.max(axis=1)), kind="stable")[:count])
     total, irradiance = lights.irradiance.sum(axis=0, dtype=np.float64), lights.irradiance[chosen].astype(np.float64)
     part = irradiance.sum(axis=0)
     scaled = np.where(part > 0, irradiance * np.divide(total, part, out=np.zeros(3), where=part > 0), total / count)
     covariances = None if lights.covariances is None else lights.covariances[chosen]
     return LightSet.of(lights.ids[chosen], lights.directions[chosen], scaled, covariances)
+
+
+def octaves(power: np.ndarray) -> np.ndarray:
+    """How strong lights of a power (n,) are beside their mean, in whole powers of two: lights that are alike but for noise are equal."""
+    return np.floor(np.log2(np.maximum(power / max(power.mean(), 1e-30), 1e-6)) + 0.5)

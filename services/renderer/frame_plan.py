@@ -7,7 +7,6 @@ gives the same picture: if the GPU holds another state's contents, `draw` first 
 
 from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from vemlight.light.extent import Extents, received
 from vemlight.light.light_set import LightSet
 from vemlight.renderer import pass_table
 from vemlight.renderer.accumulation import spread_points
-from vemlight.renderer.frame import AccumulationPass, FrameInput, FramePlan, FrameSetup, FrameState, GBufferContents, PassRun
+from vemlight.renderer.frame import NO_LIGHT, AccumulationPass, FrameInput, FramePlan, FrameSetup, FrameState, PassRun
 from vemlight.renderer.frame_budget import (
     COARSE_WEIGHT,
     MAX_REDRAWN,
@@ -33,10 +32,10 @@ from vemlight.renderer.frame_budget import (
     strongest_lights,
     updated_demand,
 )
-from vemlight.renderer.gl.constants import MaterialKind
-from vemlight.renderer.near_planning import all_near, lights_in_time, map_works, near_mapped, near_passes, near_traced
-from vemlight.renderer.pass_table import Pass
-from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight, reflected_light, with_reflection
+from vemlight.renderer.gl.constants import NEAR_BATCH, MaterialKind
+from vemlight.renderer.near_planning import all_near, lights_in_time, map_works, near_mapped, near_traced
+from vemlight.renderer.pass_order import Lighting, drawing_passes, output_passes
+from vemlight.renderer.passes.gloss.reflected_light import reflected_light, with_reflection
 from vemlight.renderer.passes.lights.light_regions import SPHERE_REGIONS, light_regions
 from vemlight.renderer.passes.lights.traced_lights import (
     TracedBatch,
@@ -48,7 +47,7 @@ from vemlight.renderer.passes.lights.traced_lights import (
     traced_batches,
 )
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import stale_luminaire_maps
-from vemlight.renderer.passes.near_lights.near_light_plan import LitBy, NearBatch, joined, same_light
+from vemlight.renderer.passes.near_lights.near_light_plan import LitBy, joined, same_light
 from vemlight.renderer.passes.shadow_maps.casters import placed_casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
     Batch,
@@ -64,10 +63,9 @@ from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MAX_COARSENING, map_resolutions
 from vemlight.renderer.scene.materials import Colour, emits, material_kind
 from vemlight.renderer.scene.scene import Scene
-from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
+from vemlight.renderer.scene.scene_pose import ScenePose, same_places, scene_pose
 from vemlight.renderer.scene.view import PixelSample, pixel_samples
 
-NO_LIGHT = 1e-30  # irradiance in place of 0 where it divides; any value far below a star's and above float32's least, 1e-38, does
 ACCUMULATED_RESOLUTION = 256  # of each map of a pass of accumulation, if by power: four and a half for a degree, a cell of the polar map
 COARSE_FROM = 120_000  # pixels, from which on weak lights are summed on coarse pixels live: 480 x 270 is such a picture, 320 x 240 is not
 MAX_CACHE_BYTES = 2**29  # of cached visibility: 256 maps at 1920 x 1080; beyond that lights are looked up in the sum itself
@@ -118,22 +116,6 @@ def initial_state(setup: FrameSetup) -> FrameState:
     )
 
 
-class Lighting(NamedTuple):
-    """How a frame sums its lights; fields as in FramePlan. caches_visibility: whether lookups go through the visibility cache. bounce:
-    whether surfaces light each other. coarse: whether the last batch is summed on coarse pixels. near: batches of near lights.
-    """
-
-    lights: LightSet
-    batches: tuple[Batch, ...]
-    samples: tuple[PixelSample, ...]
-    unshadowed: Colour
-    caches_visibility: bool = False
-    work: FrameWork | None = None
-    bounce: bool = False
-    coarse: bool = False
-    near: tuple[NearBatch, ...] = ()
-
-
 def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostModel) -> tuple[FramePlan, FrameState]:
     """The frame that shows this, and the state after it. With a target time it draws what the costs leave time for."""
     after = _with_pose(setup, state, shown.pose)
@@ -147,7 +129,7 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
     if reflected is not None:
         lighting = lighting._replace(batches=tuple(with_reflection(batch, reflected) for batch in lighting.batches))
     stale = stale_luminaire_maps(setup.scene, state.luminaire_maps, shown.pose)
-    runs, g_buffer = _passes(setup, state.g_buffer, shown, lighting, reflected, any(stale))
+    runs, g_buffer = drawing_passes(setup, state.g_buffer, shown, lighting, reflected, any(stale))
     drawn_for = tuple(shown.pose if redrawn else pose for redrawn, pose in zip(stale, state.luminaire_maps, strict=True))
     kept = state.gathered if lighting.bounce and g_buffer is state.g_buffer else {}
     first = shown.lights.number % setup.bounce_sets if isinstance(shown.lights, AccumulationPass) else 0
@@ -162,7 +144,7 @@ def plan(setup: FrameSetup, state: FrameState, shown: FrameInput, costs: CostMod
         before=state,
         after=after,
         passes=tuple(runs),
-        outputs=_outputs(shown),
+        outputs=output_passes(shown),
         batches=lighting.batches,
         samples=lighting.samples,
         unshadowed=lighting.unshadowed,
@@ -190,17 +172,12 @@ def with_newest(gathered: Mapping[int, LitBy], lights: LitBy, sets: int, first: 
 
 def plan_upload(state: FrameState, picture: np.ndarray, shown: FrameInput) -> FramePlan:
     """The frame that shows a given picture, (height, width, 4) float32; it leaves the state as it is."""
-    return FramePlan(shown, state, state, (PassRun(pass_table.UPLOAD),), _outputs(shown), uploaded=picture)
+    return FramePlan(shown, state, state, (PassRun(pass_table.UPLOAD),), output_passes(shown), uploaded=picture)
 
 
 def budget_of(setup: FrameSetup, state: FrameState, costs: CostModel) -> Budget:
     """What the next frame may take, and what it would take if no surface moved."""
     return Budget(setup.target_ms, costs, state.demand, bounce=state.bounce and setup.bounces, light_weight=state.light_weight)
-
-
-def same_places(a: ScenePose | None, b: ScenePose) -> bool:
-    """Whether the meshes stand in the same places and are seen from the same."""
-    return a is b or (a is not None and a.camera == b.camera and np.array_equal(a.matrices, b.matrices))
 
 
 def _with_pose(setup: FrameSetup, state: FrameState, pose: ScenePose) -> FrameState:
@@ -247,7 +224,7 @@ def _in_time(setup: FrameSetup, state: FrameState, shown: FrameInput, lights: Li
     surfaces_moved = not same_places(state.lookup_pose, shown.pose)
     budget = budget_of(setup, state, costs)._replace(surfaces_moved=surfaces_moved)
     budget = budget._replace(bounce=setup.bounces and bounce_affordable(budget))
-    in_time = lights_in_time(state, shown, lights, budget)
+    in_time = lights_in_time(state, shown, lights, budget, _most_layers(setup.size) if setup.traced else NEAR_BATCH)
     shown, lights = shown._replace(near=in_time.near), strongest_lights(lights, in_time.directional)
     if setup.traced:
         return _traced_in_time(setup, state._replace(bounce=budget.bounce), shown, lights, budget)
@@ -339,72 +316,3 @@ def _catcher_irradiance(setup: FrameSetup, pose: ScenePose, lights: LightSet) ->
     fractions = received(lights.directions @ normal, Extents.of(lights))
     red, green, blue = np.maximum(fractions @ lights.irradiance, NO_LIGHT).tolist()
     return (red, green, blue)
-
-
-def _passes(
-    setup: FrameSetup,
-    g_buffer: GBufferContents | None,
-    shown: FrameInput,
-    lighting: Lighting,
-    reflected: ReflectedLight | None,
-    luminaires_stale: bool,
-) -> tuple[list[PassRun], GBufferContents | None]:
-    """The passes that draw the picture, in their order, and what the G-buffer holds after them."""
-    runs = [PassRun(pass_table.LUMINAIRE_MAPS)] if luminaires_stale else []
-    glossy = reflected is not None and reflected.radiance is not None
-    for number in range(1 if lighting.coarse else len(lighting.batches)):
-        first = number == 0  # what does not depend on the batch is drawn with the first
-        if not setup.traced:
-            runs.append(PassRun(pass_table.SHADOW_MAPS, number))
-        if glossy and first:
-            runs.append(PassRun(pass_table.PREFILTER, number))
-        for k, sample in enumerate(lighting.samples):
-            rows = []
-            if g_buffer is None or g_buffer.sample != sample or not same_places(g_buffer.pose, shown.pose):
-                g_buffer = GBufferContents(shown.pose, sample)
-                rows += [pass_table.G_BUFFER, *[pass_table.COARSE_SURFACES] * setup.coarse, pass_table.CLASSES]
-            if first and setup.emissive:
-                rows.append(pass_table.EMISSION)
-            if first and setup.scene.luminaires:
-                rows.append(pass_table.LUMINAIRES)
-            if lighting.coarse:
-                runs += [PassRun(row) for row in rows]
-                runs += [PassRun(row, 1) for row in _of_coarse_pixels(lighting.bounce, glossy)]
-                rows = []
-            if setup.traced:
-                rows.append(pass_table.RAYS)
-            elif lighting.caches_visibility:
-                rows.append(pass_table.VISIBILITY_CACHE)
-            rows.append(pass_table.LIGHTS)
-            if first:
-                runs += [PassRun(row, number, k) for row in rows]
-                runs += [PassRun(row, own, k) for own in range(len(lighting.near)) for row in near_passes(setup)]
-                rows = []
-            if setup.bounces and first and setup.glossy:  # also where time leaves no bounce: half of a mirror would be black
-                rows.append(pass_table.MIRRORS)
-            if glossy and first:
-                rows.append(pass_table.GLOSS)
-            if lighting.bounce and first and not lighting.coarse:
-                rows.append(pass_table.BOUNCE)
-            runs += [PassRun(row, number, k) for row in rows]
-    if lighting.near and MaterialKind.SHADOW_CATCHER in setup.kinds:
-        runs.append(PassRun(pass_table.NEAR_MATTE))
-    if shown.background or shown.plate or setup.scene.plate is not None:
-        runs.append(PassRun(pass_table.COMPOSITING))
-    return runs, g_buffer
-
-
-def _of_coarse_pixels(bounce: bool, glossy: bool) -> list[Pass]:
-    """The passes over coarse pixels, before the others take what these have received."""
-    rows = [pass_table.WEAK_RAYS, pass_table.WEAK_LIGHTS]
-    return rows + [pass_table.WEAK_BOUNCE] * bounce + [pass_table.WEAK_GLOSS] * glossy
-
-
-def _outputs(shown: FrameInput) -> tuple[Pass, ...]:
-    """The passes that bring a picture to where it is wanted."""
-    rows = [pass_table.READ_BACK] if shown.linear else []
-    if shown.tone and shown.tone.dt_s is not None:
-        rows.append(pass_table.ADAPTATION)
-    if shown.tone:
-        rows.append(pass_table.TONE_MAPPING)
-    return tuple(rows)

@@ -19,6 +19,7 @@ from vemlight.renderer.passes.near_lights.near_light_plan import (
     near_batches,
     near_in_time,
     near_within,
+    slots_for,
     strongest_first,
 )
 from vemlight.renderer.passes.near_lights.near_light_views import FACES, map_resolution
@@ -33,13 +34,13 @@ class LightsInTime(NamedTuple):
     near: NearLightSet
 
 
-def lights_in_time(state: FrameState, shown: FrameInput, lights: LightSet, budget: Budget) -> LightsInTime:
-    """The strongest of all lights that a frame has time for; near ones count as directional ones do."""
+def lights_in_time(state: FrameState, shown: FrameInput, lights: LightSet, budget: Budget, most_layers: int) -> LightsInTime:
+    """The strongest of all lights that a frame has time for; near ones count as directional ones do, `most_layers` at most."""
     affordable, placed = affordable_lights(budget), state.placed
     if not len(shown.near.ids):
         return LightsInTime(affordable or len(lights.ids), shown.near)
     near, most = strongest_first(shown.near, placed), affordable or len(lights.ids) + len(shown.near.ids)
-    near = near_within(near, placed, lights, most)
+    near = near_within(near, placed, lights, most, min(most_layers, NEAR_BATCH))
     return LightsInTime(max(most - len(near.ids), MIN_LIGHTS), near)
 
 
@@ -65,7 +66,7 @@ def near_mapped(setup: FrameSetup, state: FrameState, shown: FrameInput, budget:
     if not count:
         return NearInTime.none()
     kept = None if budget.surfaces_moved else state.near_layers
-    work = map_works(setup, count)
+    work = map_works(setup, slots_for(count, NEAR_BATCH))
     return near_in_time(
         kept, shown.near, np.zeros(count, bool), state.placed, NEAR_BATCH,
         lambda stale: affordable_maps(budget, others + count, np.full(stale, work)),

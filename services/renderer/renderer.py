@@ -1,6 +1,7 @@
 """Draws frames on the GPU, headless, as their plans describe them. It owns only GPU resources: frame_plan.py decides what a frame is."""
 
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,11 +11,13 @@ from vemlight.errors import UserError
 from vemlight.light.extent import points_of_extents
 from vemlight.light.light_set import LightSet
 from vemlight.renderer import pass_table
-from vemlight.renderer.frame import FramePlan, FrameState, PassRun, PlatePicture
+from vemlight.renderer.accumulation import PASSES
+from vemlight.renderer.frame import AccumulationPass, FramePlan, FrameState, PassRun, PlatePicture
 from vemlight.renderer.frame_budget import FrameTimings
-from vemlight.renderer.frame_plan import NO_LIGHT, frame_setup, same_places
+from vemlight.renderer.frame_plan import frame_setup
 from vemlight.renderer.gl.programs import Programs, check_context, context_info, draws_on_processor, headless_context
 from vemlight.renderer.gl.timers import Timers
+from vemlight.renderer.interreflection import Interreflection
 from vemlight.renderer.output.tonemap import Adaptation, adapt, tone_curve
 from vemlight.renderer.passes.background.background import Background
 from vemlight.renderer.passes.background.plate import Plate
@@ -33,7 +36,7 @@ from vemlight.renderer.passes.shadow_maps.light_frames import LightFrames
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import restoring_batches
 from vemlight.renderer.passes.shadow_maps.shadow_maps import ShadowAtlas
 from vemlight.renderer.scene.scene import Scene
-from vemlight.renderer.scene.scene_pose import ScenePose
+from vemlight.renderer.scene.scene_pose import ScenePose, same_places
 from vemlight.renderer.scene.view import PixelSample
 from vemlight.renderer.shadows import chosen_shadows
 
@@ -80,13 +83,10 @@ class Renderer:
         self._frames = LightFrames(context, programs)
         self._layers = VisibilityLayers(context, size)
         self._rays = _traced_visibility(scene, size, self._layers) if traced else None
-        self._bounce = self._rays.bounce(context, programs, scene, setup.bounce_sets) if self._rays and setup.bounces else None
-        self._mirrors = None
-        if self._rays and setup.bounces and setup.glossy:
-            self._mirrors = self._rays.mirrors(context, programs, scene, kinds, setup.target_ms > 0)
         self._atlas = None if traced else ShadowAtlas(context, programs, scene, setup.shadows.casters, self._frames)
         self._g_buffer = GBuffer(context, programs, scene, size)
         self._shading = Shading(context, programs, setup.shadows.regions, kinds, size)
+        self._interreflection = Interreflection(context, programs, setup, self._rays, self._g_buffer, self._shading)
         self._coarse = CoarsePictures(context, programs, scene, size, kinds, self._rays) if setup.coarse and self._rays else None
         depth = self._shading.class_depth
         self._visibility_cache = VisibilityCache(context, programs, self._layers, depth) if setup.caches_visibility else None
@@ -103,7 +103,12 @@ class Renderer:
         self._near = NearPasses(context, programs, scene, setup.kinds, size, setup.shadows, self._shading, occluders, rays, self._coarse)
         self._contents: FrameState | None = None  # the state that describes what is cached on the GPU
         self._pose = setup.rest
-        self._run_pass = {
+        self._run_pass = self._runners()
+        check_context(context)
+
+    def _runners(self) -> dict[pass_table.Pass, Callable[[FramePlan, PassRun], None]]:
+        """What runs each pass of a plan."""
+        return {
             pass_table.LUMINAIRE_MAPS: self._draw_luminaire_maps,
             pass_table.SHADOW_MAPS: self._draw_shadow_maps,
             pass_table.PREFILTER: self._prefilter,
@@ -124,21 +129,18 @@ class Renderer:
             pass_table.WEAK_LIGHTS: self._sum_weak,
             pass_table.WEAK_BOUNCE: self._add_weak_bounce,
             pass_table.WEAK_GLOSS: self._look_up_wide_lobes,
-            pass_table.MIRRORS: self._add_mirrors,
+            pass_table.MIRRORS: self._interreflection.add_mirrors,
             pass_table.GLOSS: self._add_gloss,
-            pass_table.BOUNCE: self._add_bounce,
+            pass_table.BOUNCE: self._interreflection.add_bounce,
             pass_table.COMPOSITING: self._composite,
             pass_table.UPLOAD: self._upload,
         }
-        check_context(context)
 
     def warm(self, near: bool = False) -> None:
         """Compiles, or loads, what rays need, so that no first picture waits for it; before the first frame. near: for near lights, too."""
         if self._rays:
             self._rays.warm(near)
-        for part in (self._bounce, self._mirrors):
-            if part:
-                part.warm()
+        self._interreflection.warm()
 
     def drawable(self, lights: LightSet) -> LightSet:
         """The lights as this renderer draws them: those with extent as they are by rays, as several points each by maps."""
@@ -268,9 +270,8 @@ class Renderer:
     def _add_luminaires(self, plan: FramePlan, _run: PassRun) -> None:
         weight = 1 / len(plan.samples)
         self._illumination.add(self._g_buffer, self._shading.frame, (weight, weight, weight))
-        if self._shading.matte_frame:  # a luminaire brightens what lies behind by its fraction of the light there
-            red, green, blue = (-weight / value if value > NO_LIGHT else 0.0 for value in plan.unshadowed)
-            self._illumination.add(self._g_buffer, self._shading.matte_frame, (red, green, blue), catchers=True)
+        if self._shading.matte_frame:
+            self._illumination.add(self._g_buffer, self._shading.matte_frame, plan.on_catchers, catchers=True)
 
     def _look_up(self, plan: FramePlan, run: PassRun) -> None:
         assert self._visibility_cache
@@ -296,12 +297,8 @@ class Renderer:
         self._coarse.lights.add(self._frames, self._coarse.layers, plan.batches[run.batch])
 
     def _add_weak_bounce(self, plan: FramePlan, _run: PassRun) -> None:
-        """Adds what surfaces send to each other to coarse pixels, and to the matte of catchers."""
-        assert self._bounce
         assert self._coarse
-        self._gather_bounce(plan)
-        self._coarse.lights.add_bounce(self._bounce)
-        self._bounce_on_catchers(plan)
+        self._interreflection.add_weak_bounce(plan, self._coarse.lights)
 
     def _look_up_wide_lobes(self, _plan: FramePlan, _run: PassRun) -> None:
         assert self._gloss
@@ -331,7 +328,9 @@ class Renderer:
         self._near.draw_maps(plan.near[run.batch], plan.shown.pose)
 
     def _trace_near(self, plan: FramePlan, run: PassRun) -> None:
-        self._near.trace(plan.near[run.batch], run.sample, len(plan.samples), whole=plan.after.near_layers is None)
+        lights = plan.shown.lights
+        sample, samples = (lights.number, PASSES) if isinstance(lights, AccumulationPass) else (run.sample, len(plan.samples))
+        self._near.trace(plan.near[run.batch], sample, samples, whole=plan.after.near_layers is None)
 
     def _add_near(self, plan: FramePlan, run: PassRun) -> None:
         first = run.batch == 0
@@ -340,40 +339,12 @@ class Renderer:
     def _add_near_matte(self, plan: FramePlan, _run: PassRun) -> None:
         self._near.add_matte(plan.unshadowed)
 
-    def _add_mirrors(self, plan: FramePlan, run: PassRun) -> None:
-        assert self._mirrors
-        normal = self.setup.scene.shadow_catcher_normal(plan.shown.pose.matrices, plan.shown.pose.camera)
-        self._mirrors.trace(self._g_buffer, plan.samples[run.sample].number, plan.lit_by, normal)
-        self._mirrors.add(self._g_buffer, self._shading.frame, 1 / len(plan.samples))
-
     def _add_gloss(self, plan: FramePlan, _run: PassRun) -> None:
         assert self._gloss
         assert self._shading.lobe_visibility
-        mirrored = self._mirrors.scene if self._mirrors and plan.runs(pass_table.MIRRORS) else None
+        mirrored = self._interreflection.mirrored(plan)
         weight, with_coarse = 1 / len(plan.samples), plan.runs(pass_table.WEAK_GLOSS)
         self._gloss.add(self._g_buffer, self._shading.lobe_visibility, weight, with_coarse, mirrored)
-
-    def _add_bounce(self, plan: FramePlan, run: PassRun) -> None:
-        """Adds what surfaces send to each other; all samples of a pixel have what was gathered at the first."""
-        assert self._bounce
-        if run.sample == 0:
-            self._gather_bounce(plan)
-        weight = 1 / len(plan.samples)
-        self._bounce.add(self._g_buffer, self._shading.frame, (weight, weight, weight))
-        self._bounce_on_catchers(plan)
-
-    def _gather_bounce(self, plan: FramePlan) -> None:
-        assert self._bounce
-        pose = plan.shown.pose
-        catcher_normal = self.setup.scene.shadow_catcher_normal(pose.matrices, pose.camera)
-        self._bounce.gather(plan.after.gathered, catcher_normal, self._g_buffer.rays.eye)
-
-    def _bounce_on_catchers(self, plan: FramePlan) -> None:
-        assert self._bounce
-        weight = 1 / len(plan.samples)
-        if self._shading.matte_frame:  # it brightens what lies behind by its fraction of the light there
-            red, green, blue = (-weight / value if value > NO_LIGHT else 0.0 for value in plan.unshadowed)
-            self._bounce.add(self._g_buffer, self._shading.matte_frame, (red, green, blue), catchers=True)
 
     def _composite(self, plan: FramePlan, _run: PassRun) -> None:
         scene_plate = self.setup.scene.plate
@@ -394,8 +365,7 @@ class Renderer:
             visibility = (
                 self._frames,
                 self._layers,
-                self._bounce,
-                self._mirrors,
+                self._interreflection,
                 self._coarse,
                 self._edges,
                 self._rays,

@@ -134,7 +134,7 @@ class ImageReport(Report, frozen=True, tag="image"):
     ] = 0
     near_lights: Annotated[Count, Meta(title="near lights", description="near lights that shine in the newest picture's frame")] = 0
     left_out_near_lights: Annotated[
-        Count, Meta(title="left out", description="of them, those that are not drawn since time is short; the weakest")
+        Count, Meta(title="left out", description="of them, those for which there is no time: the nearest drawn shine for them")
     ] = 0
     passes: Annotated[Count, Meta(description="of a paused picture, whose mean is shown; 0: not paused")] = 0
     max_passes: Annotated[Count, Meta(title="passes in all", description="after which a paused picture is done; 0: not paused")] = 0

@@ -32,9 +32,21 @@ MUTANTS = [
         ("near lights kept for ever", "KEPT_RAD = np.radians(0.1)", "KEPT_RAD = np.radians(90)"),
         ("dark near lights drawn", "order[added[order] > 0]", "order"),
     ]),
+    *mutants_of(PASSES + "near_lights/near_light_plan.py", "tests/test_near_light_plan.py", [
+        ("near lights lost for time", "    np.add.at(given, nearest, given[count:])\n", ""),
+        ("no layer to spare", "count + math.ceil(SPARE_SLOTS * count)", "count"),
+        ("coarse maps for ever", "not count <= len(layers.ids) <= ROOMY * slots", "len(layers.ids) < count"),
+        ("drawn by noise", "-octaves(added[shining])", "-added[shining]"),
+    ]),
+    *mutants_of(RENDERER + "rays/bounce.py", "tests/test_near_light_plan.py", [
+        ("bounce of lights from inside", "reach = max(far, radius, LEAST_REACH)", "reach = far"),
+    ]),
+    *mutants_of(PASSES + "near_lights/near_light_maps.glsl", "tests/test_near_light_drawing.py", [
+        ("faces where the light is now", "face_of(away)", "face_of(position - near_lights[i].at)"),
+    ]),
     *mutants_of(PASSES + "near_lights/near_light.glsl", "tests/test_near_light_drawing.py", [
         ("near lights fall with distance", "1.0 / (reach * reach)", "1.0 / reach"),
-        ("no light from inside", "max(near_lights[i].radius, 1e-6)", "0.0"),
+        ("no light from inside", "max(near_lights[i].radius, MIN_DISTANCE_M)", "0.0"),
     ]),
     *mutants_of(PASSES + "near_lights/near_matte.frag", "tests/test_near_light_drawing.py", [
         ("catchers without the other lights", "vec3 whole = unshadowed + near.rgb / near.a;", "vec3 whole = near.rgb / near.a;"),
@@ -46,7 +58,7 @@ MUTANTS = [
         ("rays go through the ball", "(w - np.sqrt(inside))", "(w + np.sqrt(inside))"),
         ("dark where no ray was sent", "packet.sent[k] > LEAST_SENT else around", "packet.sent[k] > LEAST_SENT else np.float32(0)"),
     ]),
-    *mutants_of(RENDERER + "rays/tracing.py", "tests/test_rays.py", [
+    *mutants_of(RENDERER + "rays/surfaces.py", "tests/test_rays.py", [
         ("rays begin on their surface", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 0.0, 0.0"),
         ("rays begin far off it", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7", "LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-3, 5e-4"),
     ]),
@@ -57,7 +69,7 @@ MUTANTS = [
     *mutants_of(RENDERER + "rays/edge_samples.py", "tests/test_edges.py", [
         ("the farthest neighbour", 'axis=1), kind="stable")', 'axis=1), kind="stable")[::-1]'),
     ]),
-    *mutants_of(RENDERER + "frame_plan.py", "tests/test_frame_plan.py", [
+    *mutants_of(RENDERER + "pass_order.py", "tests/test_frame_plan.py", [
         ("mirrors that end with the bounce", "if setup.bounces and first and setup", "if lighting.bounce and first and setup"),
     ]),
     *mutants_of(RENDERER + "frame_plan.py", "tests/test_weak_lights.py", [

@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from vemlight.light import colour
+from vemlight.light import colour, near_lights
 
 
 class MaterialKind(IntEnum):
@@ -34,6 +34,7 @@ CLASSES = 1024  # of pixels, by kind of material and light region: 4 x 256; (cla
 GUTTER = 2  # texels at a shadow map's rim that stay empty, so that a filtered lookup of 2 x 2 texels sees no neighbouring map
 FARTHEST_DEPTH = 0.99  # where casters end, so that only an empty texel holds 1; any value in 0.9 to 0.999 does
 SHADOW_BIAS_TEXELS = 1.0  # how far a surface may rise above its tangent plane within a texel, and by how much casters are simplified
+MIN_DISTANCE_M = near_lights.MIN_DISTANCE_M  # from a near light: within it irradiance grows no further
 # Of perspective shadow maps.
 NEAR_FRACTION = 1e-3  # of the far plane: a step of 1 / z in 24 bits is then 6e-5 of the distance
 CUBE_TANGENT = 1.05  # of a cube's face: the margin beyond 1 is a texel from 42 texels a side on, so that lookups filter across edges

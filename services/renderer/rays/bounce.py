@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import llvmlite.binding
 import numpy as np
-from numba import types
 
 from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import LUMINANCE_WEIGHTS
-from vemlight.light.near_lights import NearLightSet
+from vemlight.light.near_lights import MIN_DISTANCE_M, NearLightSet
 from vemlight.renderer.rays.embree import RayScene, function_address
 from vemlight.renderer.rays.hits import (
     GOLDEN,
@@ -29,8 +28,9 @@ from vemlight.renderer.rays.hits import (
     query,
     set_ray,
 )
+from vemlight.renderer.rays.packets import ENDS_BEFORE, FAR, OCCLUDED, PASSED, occluded
 from vemlight.renderer.rays.reflecting import ReflectingMeshes
-from vemlight.renderer.rays.tracing import ENDS_BEFORE, FAR, LIFT_OF_REACH, OCCLUDED, PASSED
+from vemlight.renderer.rays.surfaces import LIFT_OF_REACH
 
 ROWS_PER_TASK = 4  # of blocks; as tracing.TILE_ROWS_PER_TASK
 SAME_NORMAL = 8.0  # exponent of the cosine between two normals: surfaces 30 degrees apart share a third of their light
@@ -38,10 +38,9 @@ SAME_PLANE = 0.02  # of the distance to the eye: so far off a block's plane ligh
 OFFSETS = 64  # directions of a light with extent; a hit takes one. Any value in 16 .. 1024 does
 MIRROR_EXPONENT = 8  # of the lobe about the mirrored view: 30 degrees to half, in which two of sixteen rays lie
 ORIGIN_OF_WORLD = np.zeros(3)
-LEAST_AWAY = np.float32(1e-4)  # metres from a near light, in place of less; any value in 1e-6 .. 1e-3 does
+LEAST_AWAY = np.float32(1e-6)  # metres from a near light, in place of less: there is no direction to it
+LEAST_REACH = np.float32(MIN_DISTANCE_M)
 PI = np.pi
-
-_occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
 
 
 class BlockSurfaces(NamedTuple):
@@ -227,8 +226,9 @@ def _near(light, i, place, footprint, nx, ny, nz):
     distance, radius = np.sqrt(x * x + y * y + z * z), light.radii[i]
     away, height = max(distance, LEAST_AWAY), nx * x + ny * y + nz * z
     blur = np.float32(0.75) * footprint
-    reach = max(np.sqrt(away * away + blur), radius)
-    irradiance = np.sqrt(height * height + blur) / reach**3 if height > 0 else np.float32(0.0)
+    far = np.sqrt(away * away + blur)
+    reach = max(far, radius, LEAST_REACH)
+    irradiance = np.sqrt(height * height + blur) / (far * reach * reach) if height > 0 else np.float32(0.0)
     x, y, z = x / away, y / away, z / away
     end = max(distance - radius, np.float32(0.0)) * (np.float32(1) - ENDS_BEFORE)
     return irradiance, x, y, z, np.float32(0.5) * radius / max(away, radius), end
@@ -242,7 +242,7 @@ def light_hits(scene, query, hits, footprints, light, ground, offsets, shadow_ra
     spots there that few rays meet. numbers: (rows, columns) int64, by which lights and places on them are drawn.
     """
     rows, columns, count, _ = hits.places.shape
-    directional, lights = len(light.spreads), len(light.luminance)
+    lights = len(light.luminance)
     brought, sent = np.empty(lights, np.float32), np.empty((PACKET, 3), np.float32)
     target = np.empty((PACKET, 3), np.int64)
     pending = np.int64(0)
@@ -251,21 +251,7 @@ def light_hits(scene, query, hits, footprints, light, ground, offsets, shadow_ra
             for ray in range(count):
                 for axis in range(3):
                     radiance[row, column, ray, axis] = hits.emission[row, column, ray, axis]
-                nx, ny, nz = hits.normals[row, column, ray]
-                total, facing = np.float32(0.0), 0
-                for i in range(directional):
-                    cosine = nx * light.directions[i, 0] + ny * light.directions[i, 1] + nz * light.directions[i, 2]
-                    brought[i] = light.luminance[i] * max(cosine, np.float32(0.0))
-                    total += brought[i]
-                    facing += brought[i] > 0
-                for i in range(directional, lights):
-                    own = (
-                        light.luminance[i]
-                        * _near(light, i - directional, hits.places[row, column, ray], footprints[row, column, ray], nx, ny, nz)[0]
-                    )
-                    brought[i] = own
-                    total += own
-                    facing += own > 0
+                total, facing = _weigh(hits, footprints, row, column, ray, light, brought)
                 if not total > 0:
                     continue
                 place = numbers[row, column] * count + ray
@@ -283,24 +269,14 @@ def light_hits(scene, query, hits, footprints, light, ground, offsets, shadow_ra
                             following += step
                         if share == 0:
                             continue
-                    cosine = brought[i] / light.luminance[i]  # over the square of a near one's distance
+                    received = share * brought[i] / light.luminance[i]  # over its irradiance, or its intensity
                     for axis in range(3):
                         albedo = hits.albedo[row, column, ray, axis]
                         albedo = ground[axis] if albedo < 0 else albedo
-                        sent[pending, axis] = albedo / PI * light.irradiance[i, axis] * cosine * share
+                        sent[pending, axis] = albedo / PI * light.irradiance[i, axis] * received
                     target[pending, 0], target[pending, 1], target[pending, 2] = row, column, ray
-                    if i < directional:
-                        dx, dy, dz = light.directions[i]
-                        spread, end = light.spreads[i], np.float32(np.inf)
-                    else:
-                        at = hits.places[row, column, ray]
-                        _, dx, dy, dz, spread, end = _near(light, i - directional, at, footprints[row, column, ray], nx, ny, nz)
-                    ax, ay, az, bx, by, bz = across(dx, dy, dz)
                     k = int(_hashed(place * 31 + i + 17) * len(offsets))
-                    p, q = spread * offsets[k, 0], spread * offsets[k, 1]
-                    dx, dy, dz = dx + p * ax + q * bx, dy + p * ay + q * by, dz + p * az + q * bz
-                    set_ray(query, pending, hits.places[row, column, ray], dx, dy, dz)
-                    query.rays[FAR, pending] = end
+                    _aim(query, pending, hits, footprints, row, column, ray, light, i, offsets[k, 0], offsets[k, 1])
                     pending += 1
                     if pending == PACKET:
                         _deliver(scene, query, pending, target, sent, radiance)
@@ -310,11 +286,45 @@ def light_hits(scene, query, hits, footprints, light, ground, offsets, shadow_ra
 
 
 @subroutine
+def _weigh(hits, footprints, row, column, ray, light, brought):
+    """Fills brought (n + m,) with the luminance that each light would bring to a hit; returns its sum and how many bring any."""
+    nx, ny, nz = hits.normals[row, column, ray]
+    total, facing, directional = np.float32(0.0), 0, len(light.spreads)
+    for i in range(directional):
+        cosine = nx * light.directions[i, 0] + ny * light.directions[i, 1] + nz * light.directions[i, 2]
+        brought[i] = light.luminance[i] * max(cosine, np.float32(0.0))
+        total += brought[i]
+        facing += brought[i] > 0
+    for i in range(directional, len(light.luminance)):
+        received, _, _, _, _, _ = _near(light, i - directional, hits.places[row, column, ray], footprints[row, column, ray], nx, ny, nz)
+        brought[i] = light.luminance[i] * received
+        total += brought[i]
+        facing += brought[i] > 0
+    return total, facing
+
+
+@subroutine
+def _aim(query, k, hits, footprints, row, column, ray, light, i, u, v):
+    """Sets ray k of a query to go from a hit to light i, where u and v, in standard deviations, are on it."""
+    directional, at = len(light.spreads), hits.places[row, column, ray]
+    if i < directional:
+        dx, dy, dz = light.directions[i]
+        spread, end = light.spreads[i], np.float32(np.inf)
+    else:
+        nx, ny, nz = hits.normals[row, column, ray]
+        _, dx, dy, dz, spread, end = _near(light, i - directional, at, footprints[row, column, ray], nx, ny, nz)
+    ax, ay, az, bx, by, bz = across(dx, dy, dz)
+    p, q = spread * u, spread * v
+    set_ray(query, k, at, dx + p * ax + q * bx, dy + p * ay + q * by, dz + p * az + q * bz)
+    query.rays[FAR, k] = end
+
+
+@subroutine
 def _deliver(scene, query, pending, target, sent, radiance):
     """Adds what the rays of a packet bring where nothing is in their way."""
     for k in range(pending, PACKET):
         query.wanted[k] = 0
-    _occluded(query.wanted.ctypes.data, scene, query.rays.ctypes.data, query.arguments.ctypes.data)
+    occluded(query.wanted.ctypes.data, scene, query.rays.ctypes.data, query.arguments.ctypes.data)
     for k in range(pending):
         if query.rays[FAR, k] >= 0:
             for axis in range(3):

@@ -6,7 +6,7 @@ Where a pixel's other samples see a surface that a neighbouring pixel sees in it
 import numpy as np
 
 from vemlight.kernels import kernel, subroutine
-from vemlight.renderer.rays.tracing import Surfaces
+from vemlight.renderer.rays.surfaces import Surfaces
 
 NEIGHBOURS = np.array([(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)])  # x, y of a pixel's
 # Of the same surface: normals less than 37 degrees apart, and so much of the distance to the eye off the other's plane.

@@ -6,19 +6,9 @@ import numpy as np
 from numba import types
 
 from vemlight.kernels import kernel, subroutine
+from vemlight.renderer.rays.packets import ALL_FEATURES, DIRECTION, FAR, MASK, NEAR, NUMBER, ORIGIN, PASSED, aligned
 from vemlight.renderer.rays.reflecting import texel_number
-from vemlight.renderer.rays.tracing import (
-    ALL_FEATURES,
-    DIRECTION,
-    FAR,
-    LIFT_OF_DISTANCE,
-    MASK,
-    NEAR,
-    NUMBER,
-    ORIGIN,
-    PASSED,
-    aligned,
-)
+from vemlight.renderer.rays.surfaces import LIFT_OF_DISTANCE
 
 PATTERN = 2  # blocks on a side have different directions, so that a filter of 3 x 3 blocks mixes PATTERN^2 sets
 PACKET = 16

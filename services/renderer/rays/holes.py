@@ -12,7 +12,7 @@ from numba.extending import intrinsic
 
 from vemlight.kernels import callback, subroutine
 from vemlight.renderer.gl.constants import HASHED_ALPHA
-from vemlight.renderer.rays.tracing import NUMBER, PASSED
+from vemlight.renderer.rays.packets import NUMBER, PASSED
 from vemlight.renderer.scene.alpha_vertices import WHITE, alpha_vertices
 from vemlight.renderer.scene.materials import AlphaTest, alpha_test_of
 from vemlight.renderer.scene.meshes import Geometry

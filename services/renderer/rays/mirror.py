@@ -16,10 +16,12 @@ from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.rays.bounce import Light, disc_pattern, light_hits
 from vemlight.renderer.rays.embree import function_address
 from vemlight.renderer.rays.hits import HIT_MESH, INTERSECT, NO_HIT, PACKET, Hits, across, intersect, query, set_ray, take_hit
+from vemlight.renderer.rays.packets import OCCLUDED
 from vemlight.renderer.rays.reflecting import ReflectingMeshes
 from vemlight.renderer.rays.soft_filter import REACH, SAME_PLANE
 from vemlight.renderer.rays.soft_pattern import PLACES
-from vemlight.renderer.rays.tracing import LIFT_OF_REACH, OCCLUDED, RayTracer
+from vemlight.renderer.rays.surfaces import LIFT_OF_REACH
+from vemlight.renderer.rays.tracing import RayTracer
 
 PIXELS_PER_TASK = 512  # a thread's: short against the whole, long against handing it out; any value in 64 .. 4096 does
 # Of the lobe's light, that rays stand for: GGX' last 2 % lie beyond seven alphas, where there is no reflection of anything.

@@ -7,34 +7,31 @@ which is the intensity over d^2 whatever r is. So places on it are drawn evenly 
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
 
-from vemlight.kernels import kernel, subroutine
+from vemlight.kernels import kernel, read_only, subroutine
 from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.rays.hits import GOLDEN, across
-from vemlight.renderer.rays.soft_pattern import STRATA, ball_pattern, live_ball_pattern
-from vemlight.renderer.rays.tracing import (
+from vemlight.renderer.rays.packets import (
     ALIKE_RAD,
     COHERENT,
     DIRECTION,
     ENDS_BEFORE,
     INCOHERENT,
     LEAST_SENT,
-    OCCLUDED,
     ORIGIN,
-    TILE,
     TIME,
-    RayTracer,
     new_packet,
+    occluded,
     of_tile,
     place_packet,
     unanimous,
 )
+from vemlight.renderer.rays.soft_filter import TILE
+from vemlight.renderer.rays.soft_pattern import STRATA, ball_pattern, live_ball_pattern
+from vemlight.renderer.rays.tracing import RayTracer
 
 BALL_AGREED = 1  # ray of each pixel after which a tile is done live where all agree: its 16 rays go to 16 places spread over the ball
 LEAST_SINE = np.float32(1e-4)  # of a ball's radius as a surface sees it: a smaller one is a point; any value in 1e-5 .. 1e-3 does
-
-_occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
 
 
 class Balls(NamedTuple):
@@ -74,7 +71,7 @@ def trace_near(tracer: RayTracer, lights: NearLightSet, sample: int = 0, samples
 
     def own(rows: slice) -> None:
         seen = Seen(np.zeros(TILE * TILE, np.float32), np.zeros(TILE * TILE, np.float32), np.zeros((9, TILE * TILE), np.float32))
-        _trace(tracer.scene.address, new_packet(), seen, surfaces.of(rows), balls, offsets, agreed, arriving[:, rows])
+        _trace(tracer.scene.address, new_packet(), seen, surfaces.of(rows), balls, offsets, agreed, rows.start, arriving)
 
     tracer.in_rows(own)
     return arriving
@@ -90,19 +87,20 @@ def spread(arriving: np.ndarray, weights: np.ndarray, step: int) -> np.ndarray:
 
 def warm(tracer: RayTracer) -> None:
     """Compiles, or loads, what near lights need; the tracer has seen surfaces."""
-    spread(np.zeros((2, 2), np.uint8), np.zeros((4, 4, 4), np.uint8), 2)
+    spread(np.zeros((2, 2), np.uint8), read_only(np.zeros((4, 4, 4), np.uint8)), 2)
     trace_near(tracer, NearLightSet.of(np.zeros(1), np.ones((1, 3)), np.ones((1, 3)), np.ones(1), np.ones(1)))
 
 
 @kernel(nogil=True)
-def _trace(scene, packet, seen, surfaces, balls, offsets, agreed, arriving):
-    """Fills arriving (n, rows, columns) uint8. agreed: how many rays of each pixel may settle a tile."""
-    rows, columns = arriving.shape[1:]
+def _trace(scene, packet, seen, surfaces, balls, offsets, agreed, first, arriving):
+    """Fills the rows of surfaces, from `first` on, of arriving (n, height, columns) uint8. agreed: how many rays of each pixel may settle a
+    tile."""
+    rows, columns = surfaces.distances.shape
     for top in range(0, rows, TILE):
         for left in range(0, columns, TILE):
             height, width = min(TILE, rows - top), min(TILE, columns - left)
             if not np.any(surfaces.distances[top : top + height, left : left + width]):
-                arriving[:, top : top + height, left : left + width] = 0
+                arriving[:, first + top : first + top + height, left : left + width] = 0
                 continue
             place_packet(packet, surfaces, top, left, height, width)
             for i in range(len(balls.radii)):
@@ -112,7 +110,7 @@ def _trace(scene, packet, seen, surfaces, balls, offsets, agreed, arriving):
                     for x in range(width):
                         k = TILE * y + x
                         fraction = packet.received[k] / packet.sent[k] if packet.sent[k] > LEAST_SENT else around
-                        arriving[i, top + y, left + x] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
+                        arriving[i, first + top + y, left + x] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
 
 
 @subroutine
@@ -175,7 +173,7 @@ def _trace_ball(scene, packet, seen, balls, i, offsets, agreed):
                 packet.wanted[k], packet.passed[k] = -1, 1
                 wanted += 1
         if wanted:
-            _occluded(packet.wanted.ctypes.data, scene, packet.rays.ctypes.data, packet.arguments.ctypes.data)
+            occluded(packet.wanted.ctypes.data, scene, packet.rays.ctypes.data, packet.arguments.ctypes.data)
             for k in range(TILE * TILE):
                 if packet.wanted[k] != 0 and packet.far[k] >= 0:
                     packet.received[k] += packet.passed[k] * packet.rays[TIME, k]

@@ -35,8 +35,15 @@ def soft_pattern(sample: int, samples: int) -> SoftPattern:
 
 @cache
 def ball_pattern(sample: int, samples: int) -> np.ndarray:
-    """Offsets (k, 2, 16) float32 evenly over a disc of radius 1, likewise: where rays go on a ball, a pixel's with its other samples."""
-    return _shared(sample, samples, _disc)
+    """Offsets (k, 2, 16) float32 evenly over a disc of radius 1, likewise: where rays go on a ball, a pixel's with its other samples.
+
+    Of samples that have one ray each, each STRATA that follow each other have all strata, at other places of them than those before, and so
+    have 4 x 4 pixels with each sample.
+    """
+    if samples < STRATA:
+        return _shared(sample, samples, _disc)
+    place = PLACES.reshape(-1, 1)
+    return _disc((place + sample) % STRATA, (place + sample // STRATA * FEW) % STRATA)
 
 
 @cache

@@ -10,13 +10,26 @@ from typing import NamedTuple
 
 import llvmlite.binding
 import numpy as np
-from numba import types
 
 from vemlight.kernels import kernel, read_only, subroutine
-from vemlight.renderer.gl.constants import NORMAL_CODES
 from vemlight.renderer.rays.embree import RayScene, function_address
+from vemlight.renderer.rays.packets import (
+    ALIKE_RAD,
+    COHERENT,
+    INCOHERENT,
+    LEAST_SENT,
+    OCCLUDED,
+    ORIGIN,
+    TIME,
+    follow,
+    new_packet,
+    of_tile,
+    place_packet,
+    unanimous,
+)
 from vemlight.renderer.rays.soft_filter import DARK, LIT, TILE, UNKNOWN, filter_rows, tile_states
 from vemlight.renderer.rays.soft_pattern import FEW, POINT, STRATA, SoftPattern, soft_pattern
+from vemlight.renderer.rays.surfaces import LIFT_OF_DISTANCE, LIFT_OF_REACH, Surfaces, decode
 from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.scene import Scene
 
@@ -26,38 +39,6 @@ TILE_ROWS_PER_TASK = 4  # a thread's; any value in 1 .. 16 does: short against t
 TILE_AGREED, PIXEL_AGREED, BUSY = 2, 4, 2
 # Of filtered lights, whose number is rounded up to that: the filter adds so many at a time.
 TOGETHER = 16
-INCOHERENT, COHERENT = 0, 1 << 16  # RTCRayQueryFlags: whether the rays of a packet are much alike
-# Spread of lights to which the rays of a packet are alike: .0008 rad saves a third of the time, .17 rad costs half of it.
-ALIKE_RAD = np.float32(0.01)
-LEAST_SENT = np.float32(1e-6)  # in place of 0 where it divides 0; any value in 1e-30 .. 1e-3 does
-# Rays to a near light end so far before its ball, of their length: the surface of a lamp that is modelled at its radius takes nothing.
-ENDS_BEFORE = np.float32(1e-4)
-ALL_FEATURES = 0xFFFFFFFF
-# Rays begin off their surface, along its flat normal. A place has float32's rounding of its depth and of the vertices' coordinates, 2^-24
-# of either a few times over, and a flat normal is off by 16-bit codes and by differences of places: all that is below a tenth of this.
-LIFT_OF_DISTANCE, LIFT_OF_REACH = 5e-6, 5e-7  # of the distance to the eye; of the farthest coordinate of the scene
-ALIGNMENT = 64  # bytes, of what Embree reads in packets
-# The lines of an RTCRay16, 16 numbers each.
-ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, NUMBER, FLAGS, RAY_LINES = 0, 3, 4, 7, 8, 9, 10, 11, 12
-PASSED = 16  # words into the query's context, behind what Embree keeps there: what fraction of each ray of a packet came through so far
-
-# Compiled code finds Embree by this name, and so can be kept in numba's cache.
-OCCLUDED = "rtcOccluded16"
-_occluded = types.ExternalFunction(OCCLUDED, types.void(types.uintp, types.uintp, types.uintp, types.uintp))
-
-
-class Surfaces(NamedTuple):
-    """What the pixels of a picture see, (height, width, 3) float32: places about the ray scene's origin, lifted off the surface, flat and
-    smooth normals on the viewer's side, zeros where there is no surface. distances: (height, width) float32, of the eye."""
-
-    places: np.ndarray
-    flat_normals: np.ndarray
-    smooth_normals: np.ndarray
-    distances: np.ndarray
-
-    def of(self, rows: slice) -> "Surfaces":
-        """Those of some rows."""
-        return Surfaces(*(each[rows] for each in self))
 
 
 class TracedLights(NamedTuple):
@@ -68,33 +49,6 @@ class TracedLights(NamedTuple):
     directions: np.ndarray
     axes: np.ndarray
     rays: np.ndarray
-
-
-class Packet(NamedTuple):
-    """The memory in which a thread talks to Embree, 16 rays at a time, and what it keeps of a tile.
-
-    wanted: (16,) int32, -1 for rays that are. rays: (RAY_LINES, 16) float32, an RTCRay16; x, y, z: its lines of directions; far: that of
-    their ends. arguments: (16,) uint32, of the query. context: float32; passed: (16,) of it, what fraction of each ray came through.
-    flat, smooth, places: (3, 16) float32, normals and where the tile's pixels are. sent, received: (16,) float32, the rays of a light and
-    what came through. codes, mixed: (16,) uint8.
-    """
-
-    wanted: np.ndarray
-    rays: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    z: np.ndarray
-    far: np.ndarray
-    arguments: np.ndarray
-    context: np.ndarray
-    passed: np.ndarray
-    flat: np.ndarray
-    smooth: np.ndarray
-    places: np.ndarray
-    sent: np.ndarray
-    received: np.ndarray
-    codes: np.ndarray
-    mixed: np.ndarray
 
 
 class RayTracer:
@@ -154,7 +108,7 @@ class RayTracer:
         surfaces = Surfaces(places, flat, smooth, np.zeros((height, width), np.float32))
         camera = np.concatenate([ray_from_pixel.T, [eye - self._scene.origin]])
         lifts = (LIFT_OF_DISTANCE, LIFT_OF_REACH * self._reach_m)
-        self.in_rows(lambda rows: _decode(depth, normal_codes, camera, lifts, rows.start, rows.stop, surfaces))
+        self.in_rows(lambda rows: decode(depth, normal_codes, camera, lifts, rows.start, rows.stop, surfaces))
         return surfaces
 
     def trace(self, lights: TracedLights, pattern: SoftPattern, whole: bool = True) -> np.ndarray:
@@ -167,7 +121,7 @@ class RayTracer:
         arriving = np.empty((len(lights.directions), height, width), np.uint8)
         filtered, agreed = np.flatnonzero(lights.rays == 1), STRATA if whole else TILE_AGREED
         found = np.zeros((height, width, -(-len(filtered) // TOGETHER) * TOGETHER), np.uint16)
-        self.in_rows(lambda rows: self._trace_rows(lights, pattern, rows, agreed, arriving[:, rows], found[rows]))
+        self.in_rows(lambda rows: self._trace_rows(lights, pattern, rows, agreed, arriving, found))
         if len(filtered):
             surfaces, states = self._surfaces, np.zeros((-(-height // TILE), -(-width // TILE), len(filtered)), np.uint8)
             self.in_rows(lambda rows: tile_states(found, rows.start, rows.stop, states))
@@ -185,7 +139,7 @@ class RayTracer:
         self, lights: TracedLights, pattern: SoftPattern, rows: slice, agreed: int, arriving: np.ndarray, found: np.ndarray
     ) -> None:
         assert self._surfaces is not None
-        _trace(self._scene.address, new_packet(), self._surfaces.of(rows), lights, pattern, agreed, arriving, found)
+        _trace(self._scene.address, new_packet(), self._surfaces.of(rows), lights, pattern, agreed, rows.start, arriving, found[rows])
 
     def warm(self) -> None:
         """Compiles, or loads, what a picture needs."""
@@ -202,73 +156,17 @@ class RayTracer:
             self._scene.release()
 
 
-def new_packet() -> Packet:
-    """The memory of a thread."""
-    rays, words, context = aligned(RAY_LINES * 16).reshape(RAY_LINES, 16), aligned(16), aligned(PASSED + 16)
-    arguments = words.view(np.uint32)
-    arguments[1] = ALL_FEATURES
-    arguments[2:4] = np.array([context.ctypes.data], np.uint64).view(np.uint32)
-    words[8] = 1.0  # times the radius of curves, of which there are none
-    context.view(np.uint32)[:PASSED] = 0xFFFFFFFF  # of the instances that a ray is in: none
-    rays.view(np.uint32)[MASK], rays.view(np.uint32)[NUMBER] = 0xFFFFFFFF, np.arange(16)
-    x, y, z, far = (rays[line] for line in (DIRECTION, DIRECTION + 1, DIRECTION + 2, FAR))
-    flat, smooth, places = (np.zeros((3, 16), np.float32) for _ in range(3))
-    sent, received = (np.zeros(16, np.float32) for _ in range(2))
-    codes, mixed = (np.zeros(16, np.uint8) for _ in range(2))
-    wanted, passed = aligned(16).view(np.int32), context[PASSED:]
-    return Packet(wanted, rays, x, y, z, far, arguments, context, passed, flat, smooth, places, sent, received, codes, mixed)
-
-
-def aligned(count: int) -> np.ndarray:
-    """Zeros (count,) float32 from a multiple of ALIGNMENT on."""
-    block = np.zeros(4 * count + ALIGNMENT, np.uint8)
-    first = -block.ctypes.data % ALIGNMENT
-    return block[first : first + 4 * count].view(np.float32)
-
-
 @kernel(nogil=True)
-def _decode(depth, codes, camera, lifts, first, last, surfaces):
-    """Fills rows from first to last of Surfaces, zeros so far; camera: (4, 3), rows of ray_from_pixel's columns and the eye. lifts: a
-    distance to the eye, and all."""
-    for y in range(first, last):
-        for x in range(depth.shape[1]):
-            if not depth[y, x] > 0:
-                continue
-            flat = surfaces.flat_normals[y, x]
-            _unfold(codes[y, x, 0], codes[y, x, 1], surfaces.smooth_normals[y, x])
-            _unfold(codes[y, x, 2], codes[y, x, 3], flat)
-            d, square = float(depth[y, x]), 0.0
-            for axis in range(3):
-                along = d * (camera[0, axis] * (x + 0.5) + camera[1, axis] * (y + 0.5) + camera[2, axis])
-                square += along * along
-                surfaces.places[y, x, axis] = camera[3, axis] + along
-            surfaces.distances[y, x] = np.sqrt(square)
-            lift = lifts[1] + lifts[0] * surfaces.distances[y, x]
-            for axis in range(3):
-                surfaces.places[y, x, axis] += lift * flat[axis]
-
-
-@subroutine
-def _unfold(first, second, normal):
-    """The unit vector (3,) of an octahedron's 16-bit codes, as normals.py has it."""
-    u, v = (first - (NORMAL_CODES + 1.0)) / NORMAL_CODES, (second - (NORMAL_CODES + 1.0)) / NORMAL_CODES
-    z = 1.0 - abs(u) - abs(v)
-    fold = max(-z, 0.0)
-    u, v = u - np.copysign(fold, u), v - np.copysign(fold, v)
-    length = np.sqrt(u * u + v * v + z * z)
-    normal[0], normal[1], normal[2] = u / length, v / length, z / length
-
-
-@kernel(nogil=True)
-def _trace(scene, packet, surfaces, lights, pattern, agreed, arriving, found):
-    """Fills arriving (n, rows, columns) uint8, and found (rows, columns, m) with what the ray of each pixel met on its way to those lights
-    that are filtered: UNKNOWN, so far everywhere, DARK or LIT. agreed: how many rays of each pixel may settle a tile."""
-    rows, columns = arriving.shape[1:]
+def _trace(scene, packet, surfaces, lights, pattern, agreed, first, arriving, found):
+    """Fills the rows of surfaces, from `first` on, of arriving (n, height, columns) uint8, and found (rows, columns, m) with what the ray
+    of each pixel met on its way to those lights that are filtered: UNKNOWN, so far everywhere, DARK or LIT. agreed: how many rays of each
+    pixel may settle a tile."""
+    rows, columns = surfaces.distances.shape
     for top in range(0, rows, TILE):
         for left in range(0, columns, TILE):
             height, width = min(TILE, rows - top), min(TILE, columns - left)
             if not np.any(surfaces.distances[top : top + height, left : left + width]):
-                arriving[:, top : top + height, left : left + width] = 0
+                arriving[:, first + top : first + top + height, left : left + width] = 0
                 continue
             place_packet(packet, surfaces, top, left, height, width)
             m = 0
@@ -294,7 +192,7 @@ def _trace(scene, packet, surfaces, lights, pattern, agreed, arriving, found):
                     packet.codes[k] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
                 for y in range(height):
                     for x in range(width):
-                        arriving[i, top + y, left + x] = packet.codes[TILE * y + x]
+                        arriving[i, first + top + y, left + x] = packet.codes[TILE * y + x]
 
 
 @subroutine
@@ -310,7 +208,7 @@ def _trace_point(scene, packet, directions, i):
         packet.sent[k], packet.received[k] = 1, 0
     if wanted:
         packet.arguments[0] = COHERENT
-        _follow(scene, packet)
+        follow(scene, packet)
         for k in range(TILE * TILE):
             packet.received[k] = packet.passed[k] if packet.wanted[k] != 0 and packet.far[k] >= 0 else np.float32(0)
 
@@ -347,7 +245,7 @@ def _trace_soft(scene, packet, lights, i, offsets, agreed):
             packet.wanted[k] = -1 if min(weight, flat) > 0 else 0
             wanted += packet.wanted[k]
         if wanted:
-            _follow(scene, packet)
+            follow(scene, packet)
             for k in range(TILE * TILE):
                 came = packet.passed[k] * packet.rays[TIME, k]
                 packet.received[k] += came if packet.wanted[k] != 0 and packet.far[k] >= 0 else np.float32(0)
@@ -382,52 +280,8 @@ def _finish_pixels(scene, packet, lights, i, offsets):
             packet.rays[TIME, k] = max(cosine, np.float32(0))
             packet.sent[pixel] += packet.rays[TIME, k]
             packet.wanted[k] = -1 if min(cosine, flat) > 0 else 0
-        _follow(scene, packet)
+        follow(scene, packet)
         for k in range(offsets.shape[0] - PIXEL_AGREED):
             if packet.wanted[k] != 0 and packet.far[k] >= 0:
                 packet.received[pixel] += packet.passed[k] * packet.rays[TIME, k]
     packet.rays[ORIGIN : ORIGIN + 3] = packet.places
-
-
-@subroutine
-def unanimous(packet):
-    """Whether everything that a tile sent to a light came through, or nothing."""
-    dark, lit = 0, 0
-    for k in range(TILE * TILE):
-        sent, received = packet.sent[k], packet.received[k]
-        lit += received > 0
-        dark += received < sent
-    return dark == 0 or lit == 0
-
-
-@subroutine
-def of_tile(packet):
-    """The fraction of all rays of a tile that came through: what a pixel takes whose few rays live all went below its horizon."""
-    sent, received = np.float32(0), np.float32(0)
-    for k in range(TILE * TILE):
-        sent += packet.sent[k]
-        received += packet.received[k]
-    return received / max(sent, LEAST_SENT)
-
-
-@subroutine
-def place_packet(packet, surfaces, top, left, height, width):
-    """Has the rays of a packet begin at a tile's pixels; the normals become theirs, zeros where there is no pixel."""
-    packet.flat[:] = 0
-    packet.smooth[:] = 0
-    for y in range(height):
-        for x in range(width):
-            k = TILE * y + x
-            for axis in range(3):
-                packet.rays[ORIGIN + axis, k] = surfaces.places[top + y, left + x, axis]
-                packet.flat[axis, k] = surfaces.flat_normals[top + y, left + x, axis]
-                packet.smooth[axis, k] = surfaces.smooth_normals[top + y, left + x, axis]
-
-
-@subroutine
-def _follow(scene, packet):
-    """Traces the wanted rays of a packet: those that end at a surface have `far` < 0 then; `passed` is what came through of the others."""
-    for k in range(TILE * TILE):
-        packet.far[k] = np.inf
-        packet.passed[k] = 1
-    _occluded(packet.wanted.ctypes.data, scene, packet.rays.ctypes.data, packet.arguments.ctypes.data)

@@ -88,7 +88,10 @@ def named_views(tables: Sequence[ViewTable], cameras: Sequence[PlacedCamera], pa
             raise UserError(f"{where}: {error}; correct it") from error
     for placed in cameras:
         name = placed.camera.name[:64]
-        if name and name not in views and placed.camera.fov_y_deg is not None and len(views) < MAX_VIEWS:
+        if name and name not in views and placed.camera.fov_y_deg is not None:
+            if len(views) == MAX_VIEWS:
+                notice(f"{path}: {MAX_VIEWS} views are offered, and the scene's files have more cameras; name those you want as [[view]]")
+                break
             with contextlib.suppress(UserError, msgspec.ValidationError):  # one that looks nowhere is offered to nobody
                 camera = _of_preset(CameraTable(preset=placed.camera.name), [placed], path, quiet=True)
                 views[name] = msgspec.convert({"from": camera.position, "at": camera.at, "fov_y": camera.fov_y}, wire.View)

@@ -1,6 +1,6 @@
 """Near lights that are lamps with a measured light field: the field takes the light's place, as strong as the rig measured the light.
 
-Where a lamp is not located it is dark; where its file sends nothing towards the rig, the near light stays.
+Where a lamp is not located it is dark; where its file sends next to nothing towards the rig, the near light stays.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,9 @@ from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose
 
 DARK: Vector = (0.0, 0.0, 0.0)
+# Of its brightest, that a lamp must send to the rig to be told by it: less is stray light in most files, and beside a steep beam a degree
+# off is many times as much. Any value in .003 .. .03 does.
+LEAST_TOWARDS = 0.01
 
 
 class Recognised(NamedTuple):
@@ -53,24 +56,37 @@ def lamp_light(lamp: MeasuredLamp) -> LightField | FarField:
 
 
 def recognised(lamps: Sequence[Luminaire], reaches_m: Sequence[float], near: NearLightSet, rig: np.ndarray) -> Recognised:
-    """Which near lights are lamps, the nearest within each one's reach, and how bright these are. rig: (3,), where they were measured.
+    """Which near lights are lamps, those nearest to each other first, within each lamp's reach, and how bright these are. rig: (3,), where
+    they were measured.
 
     The irradiance that a lamp gives there is the near light's, in each channel; a channel that the file lacks stays dark.
     """
-    free, colours = np.ones(len(near.ids), bool), []
-    measured = near.irradiance_at(rig)
-    for lamp, reach_m in zip(lamps, reaches_m, strict=True):
-        away = np.where(free, np.linalg.norm(near.at - lamp.world_from_local[:3, 3], axis=1), np.inf)
-        colour = DARK
-        if len(away) and away.min() <= reach_m:
-            light, own = int(away.argmin()), irradiance_towards(lamp, rig)
-            if own.sum() > 0:
-                free[light] = False
-                by_channel = np.divide(measured[light], own, out=np.full(3, measured[light].sum() / own.sum()), where=own > 0)
-                red, green, blue = by_channel.tolist()
-                colour = (red, green, blue)
-        colours.append(colour)
+    free, colours = np.ones(len(near.ids), bool), [DARK] * len(lamps)
+    places, measured = np.array([lamp.world_from_local[:3, 3] for lamp in lamps]), near.irradiance_at(rig)
+    away = np.linalg.norm(near.at.astype(np.float64) - places[:, None], axis=-1)
+    pairs = np.argwhere(away <= np.array(reaches_m)[:, None])
+    for lamp, light in pairs[np.argsort(away[tuple(pairs.T)], kind="stable")].tolist():
+        if free[light] and colours[lamp] == DARK:
+            colours[lamp] = _colour(measured[light], lamps[lamp], rig)
+            free[light] = colours[lamp] == DARK
     return Recognised(NearLightSet(*(array[free] for array in near.arrays())), tuple(colours))
+
+
+def _colour(measured: np.ndarray, lamp: Luminaire, rig: np.ndarray) -> Vector:
+    """What a lamp's light is multiplied by to give the rig an irradiance (3,); dark where it sends too little there to tell."""
+    own = irradiance_towards(lamp, rig)
+    if not own.sum() > LEAST_TOWARDS * brightest_towards(lamp, rig).sum():
+        return DARK
+    red, green, blue = np.divide(measured, own, out=np.zeros(3), where=own > 0).tolist()
+    return red, green, blue
+
+
+def brightest_towards(lamp: Luminaire, place: np.ndarray) -> np.ndarray:
+    """What the file's lamp gives at most so far away, (3,) float64; of a light field, along its axis."""
+    distance = float(np.linalg.norm(lamp.world_from_local[:3, 3] - place))
+    if isinstance(lamp.source, FarField):
+        return np.full(3, lamp.source.candela.max() / max(distance, 1e-9) ** 2)
+    return irradiance_towards(lamp, lamp.world_from_local[:3] @ np.array([0.0, 0.0, distance, 1.0]))
 
 
 def irradiance_towards(lamp: Luminaire, place: np.ndarray) -> np.ndarray:

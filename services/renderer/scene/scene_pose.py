@@ -69,3 +69,8 @@ def _with_power(asked: wire.Pose, rest: wire.Pose) -> wire.Pose:
         return wire.Pose(name=rest.name, position=asked.position, rotation=asked.rotation, scale=asked.scale)
     power = rest.power if asked.power is None else asked.power
     return wire.Pose(name=rest.name, position=asked.position, rotation=asked.rotation, power=power)
+
+
+def same_places(a: ScenePose | None, b: ScenePose) -> bool:
+    """Whether the meshes stand in the same places and are seen from the same."""
+    return a is b or (a is not None and a.camera == b.camera and np.array_equal(a.matrices, b.matrices))

@@ -15,7 +15,8 @@ from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.near_lights.near_light_plan import LitBy
 from vemlight.renderer.rays.bounce import SAME_NORMAL, SAME_PLANE, Blocks, BlockSurfaces, Bounce, Light, block_pixels
 from vemlight.renderer.rays.reflecting import reflecting_meshes
-from vemlight.renderer.rays.tracing import RayTracer, Surfaces
+from vemlight.renderer.rays.surfaces import Surfaces
+from vemlight.renderer.rays.tracing import RayTracer
 from vemlight.renderer.scene.scene import Scene
 
 RAYS = 64

@@ -14,7 +14,8 @@ from vemlight.renderer.passes.gloss.lobe_albedo import SIZE, ggx_albedo
 from vemlight.renderer.passes.near_lights.near_light_plan import LitBy
 from vemlight.renderer.rays.mirror import Mirror
 from vemlight.renderer.rays.reflecting import reflecting_meshes
-from vemlight.renderer.rays.tracing import RayTracer, Surfaces
+from vemlight.renderer.rays.surfaces import Surfaces
+from vemlight.renderer.rays.tracing import RayTracer
 from vemlight.renderer.scene.scene import Scene
 
 # Rays of a pixel and its sample, and shadow rays of each of their ends: live, about as many as lights drawn on two cores, and for files.

@@ -14,7 +14,7 @@ struct NearView {
 
 NearView near_view(int i, vec3 position, vec3 normal) {
     vec3 v = near_lights[i].at - position;
-    float distance = length(v), reach = max(distance, max(near_lights[i].radius, 1e-6));
+    float distance = length(v), reach = max(distance, max(near_lights[i].radius, MIN_DISTANCE_M));
     return NearView(distance > 1e-6 ? v / distance : normal, 1.0 / (reach * reach), min(near_lights[i].radius / reach, MAX_SINE));
 }
 

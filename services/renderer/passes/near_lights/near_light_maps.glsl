@@ -7,11 +7,11 @@ uniform float map_size;  // texels of a tile's side
 
 // Fraction of near light i that reaches a surface; 1 within its radius, and where no receiver was known of.
 float near_visibility(int i, vec3 position, vec3 flat_normal) {
-    vec3 away = position - near_lights[i].at;
-    int index = 6 * int(near_lights[i].layer) + face_of(away);
-    NearShadowView view = near_views[index];
+    int first = 6 * int(near_lights[i].layer);
+    vec3 away = position - near_views[first].origin;  // where the light stood when they were drawn, as all six have it
+    NearShadowView view = near_views[first + face_of(away)];
     if (any(lessThanEqual(view.high, view.low)) || dot(away, away) <= view.radius * view.radius) return 1.0;
     if (dot(flat_normal, away) >= 0.0) return 0.0;
-    vec3 q = through_face(position - view.origin, view.face), n = through_face(flat_normal, view.face);
+    vec3 q = through_face(away, view.face), n = through_face(flat_normal, view.face);
     return lit_by_own_plane(near_maps, vec2(textureSize(near_maps, 0)), view.corner, map_size, view.low, view.high, view.inverse_depths, q, n);
 }

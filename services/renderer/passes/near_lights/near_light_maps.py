@@ -42,6 +42,8 @@ class NearLightMaps:
         """Draws the maps of those lights of a batch that are traced anew, of a scene that stands so."""
         self._fit(batch.slots)
         assert self._frame
+        if not len(batch.traced):
+            return
         own, slots = batch.traced, batch.layers[batch.traced]
         corners = np.einsum("mij,mkj->mki", pose.matrices[:, :3, :3], self._corners) + pose.matrices[:, None, :3, 3]
         boxes = receiver_boxes(corners)

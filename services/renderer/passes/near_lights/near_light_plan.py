@@ -3,6 +3,7 @@
 What arrives of a light is kept, a layer of 8 bits a pixel, until the light moves or anything else does.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -10,15 +11,17 @@ import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.light.near_lights import NearLightSet
-from vemlight.renderer.frame_budget import COARSE_WEIGHT, MIN_LIGHTS
-from vemlight.renderer.gl.constants import NEAR_BATCH
+from vemlight.light.near_lights import MAX_INTENSITY, NearLightSet
+from vemlight.renderer.frame_budget import COARSE_WEIGHT, MIN_LIGHTS, octaves
+from vemlight.renderer.gl.constants import MIN_DISTANCE_M, NEAR_BATCH
 from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
+from vemlight.renderer.passes.shadow_maps.shadow_map_plan import SPARE_SLOTS
 
 KEPT_RAD = np.radians(0.1)  # by which a light may turn about the scene before it is traced again, as of directional lights
 STRONG = 0.3  # of all light: from it on a light is traced on all pixels where others are on coarse ones; at most three lights are
 NARROW_RAD = 0.005  # radius of a ball as the scene sees it, below which its penumbrae are narrower than coarse pixels, and it is so, too
 KEPT_RADIUS = 1 / 8  # of its radius, by which it may move or grow: its penumbra hides that
+ROOMY = 4  # times the layers that lights need, beyond which they are laid out anew: so many fewer have maps of twice as many texels a side
 
 
 class LitBy(NamedTuple):
@@ -85,11 +88,15 @@ class NearInTime(NamedTuple):
         return self.layers if len(samples) == 1 and self.drawn else None
 
 
-def mean_irradiance(lights: NearLightSet, placed: PlacedCasters) -> np.ndarray:
-    """What each light gives to what stands in the scene, (n,) float64: its luminance over the mean square of the distance to the points of
-    the box about it."""
+def mean_squares(lights: NearLightSet, placed: PlacedCasters) -> np.ndarray:
+    """Mean square of the distance from each light to the points of the box about what stands in the scene, m^2, (n,) float64."""
     squares = ((lights.at.astype(np.float64) - placed.box_centre) ** 2).sum(axis=1) + (placed.box_half**2).sum() / 3
-    return luminance_from_rgb(lights.intensity.astype(np.float64)) / np.maximum(squares, 1e-12)
+    return np.maximum(squares, MIN_DISTANCE_M**2)
+
+
+def mean_irradiance(lights: NearLightSet, placed: PlacedCasters) -> np.ndarray:
+    """What each light gives to what stands in the scene, (n,) float64: its luminance over `mean_squares`."""
+    return luminance_from_rgb(lights.intensity.astype(np.float64)) / mean_squares(lights, placed)
 
 
 def near_of(lights: NearLightSet, chosen: np.ndarray) -> NearLightSet:
@@ -98,14 +105,16 @@ def near_of(lights: NearLightSet, chosen: np.ndarray) -> NearLightSet:
 
 
 def strongest_first(lights: NearLightSet, placed: PlacedCasters) -> NearLightSet:
-    """The lights that have any intensity, by what they add."""
+    """The lights that have any intensity: those that give the scene more by a power of two come first, then those of lower ids, so that
+    noise does not change which are drawn."""
     added = mean_irradiance(lights, placed)
-    order = np.argsort(-added, kind="stable")
-    return near_of(lights, order[added[order] > 0])
+    shining = np.flatnonzero(added > 0)
+    return near_of(lights, shining[np.lexsort((lights.ids[shining], -octaves(added[shining])))] if len(shining) else shining)
 
 
-def near_within(lights: NearLightSet, placed: PlacedCasters, directional: LightSet, affordable: int) -> NearLightSet:
-    """The strongest of near lights in their order, of which as many are drawn as are among the `affordable` strongest of all lights.
+def near_within(lights: NearLightSet, placed: PlacedCasters, directional: LightSet, affordable: int, most_layers: int) -> NearLightSet:
+    """The first of near lights in their order, `most_layers` at most, of which as many are drawn as are among the `affordable` strongest of
+    all lights; they shine for the others, too.
 
     Directional lights keep MIN_LIGHTS, and so do near ones, if they are as many.
     """
@@ -113,7 +122,20 @@ def near_within(lights: NearLightSet, placed: PlacedCasters, directional: LightS
     order = np.argsort(-np.concatenate([others, mean_irradiance(lights, placed)]), kind="stable")
     count = int(np.count_nonzero(order[:affordable] >= len(others)))
     most = max(affordable - min(MIN_LIGHTS, len(others)), MIN_LIGHTS)
-    return near_of(lights, np.arange(min(max(count, MIN_LIGHTS), most, len(lights.ids))))
+    return with_joined(lights, min(max(count, MIN_LIGHTS), most, most_layers), placed)
+
+
+def with_joined(lights: NearLightSet, count: int, placed: PlacedCasters) -> NearLightSet:
+    """The first `count` of the lights, each with the light of those others to which it is the nearest: together they give the scene, by
+    `mean_squares`, as much in each channel. Where they stand and how large they are stays, and so do their shadows."""
+    if count >= len(lights.ids):
+        return lights
+    at, squares = lights.at.astype(np.float64), mean_squares(lights, placed)[:, None]
+    nearest = np.linalg.norm(at[count:, None] - at[:count], axis=-1).argmin(axis=1)
+    given = lights.intensity / squares
+    np.add.at(given, nearest, given[count:])
+    intensity = np.minimum(given[:count] * squares[:count], MAX_INTENSITY)
+    return NearLightSet.of(lights.ids[:count], lights.at[:count], intensity, lights.radius[:count], lights.sigma[:count])
 
 
 def near_batches(lights: NearLightSet, most_layers: int) -> tuple[NearBatch, ...]:
@@ -121,6 +143,11 @@ def near_batches(lights: NearLightSet, most_layers: int) -> tuple[NearBatch, ...
     together, count = min(max(most_layers, 1), NEAR_BATCH), len(lights.ids)
     parts = [np.arange(first, min(first + together, count)) for first in range(0, count, together)]
     return tuple(NearBatch(near_of(lights, part), every := np.arange(len(part)), len(part), every, every < 0) for part in parts)
+
+
+def slots_for(count: int, most: int) -> int:
+    """Layers, `most` at most, that are laid out for so many lights: some more, for lights that come."""
+    return min(count + math.ceil(SPARE_SLOTS * count), most)
 
 
 def trace_work(coarse: np.ndarray) -> np.ndarray:
@@ -131,8 +158,8 @@ def trace_work(coarse: np.ndarray) -> np.ndarray:
 def may_be_coarse(lights: NearLightSet, placed: PlacedCasters, directional: LightSet) -> np.ndarray:
     """Which lights coarse pixels do for, (n,) bool: those that are neither strong nor narrow."""
     strength, others = mean_irradiance(lights, placed), luminance_from_rgb(directional.irradiance.astype(np.float64)).sum()
-    squares = ((lights.at.astype(np.float64) - placed.box_centre) ** 2).sum(axis=1) + (placed.box_half**2).sum() / 3
-    return (strength < STRONG * (strength.sum() + others)) & (lights.radius >= NARROW_RAD * np.sqrt(squares))
+    narrow = lights.radius < NARROW_RAD * np.sqrt(mean_squares(lights, placed))
+    return (strength < STRONG * (strength.sum() + others)) & ~narrow
 
 
 def near_in_time(
@@ -144,13 +171,13 @@ def near_in_time(
     affordable: Callable[[int], int],
 ) -> NearInTime:
     """The lights, strongest first, as one batch that traces as many of those that moved as are `affordable`, the strongest first and one at
-    least, and all those that no layer has. Beyond `most_layers` they are left out. coarse: (n,) bool, which are traced on coarse pixels."""
-    lights = near_of(lights, np.arange(min(len(lights.ids), most_layers, NEAR_BATCH)))
+    least, and all those that no layer has. most_layers: that there can be, as many as lights at least. coarse: (n,) bool, which are traced
+    on coarse pixels."""
     count = len(lights.ids)
-    if layers is None or len(layers.ids) < count:
-        layers = NearLayers.empty(count)
+    slots = slots_for(count, min(most_layers, NEAR_BATCH))
+    if layers is None or not count <= len(layers.ids) <= ROOMY * slots:
+        layers = NearLayers.empty(slots)
     layers = NearLayers(*(array.copy() for array in layers))
-    coarse = coarse[:count]
     same = (layers.ids == lights.ids[:, None]) & layers.filled
     known = same.any(axis=1)
     layer = same.argmax(axis=1) if len(layers.ids) else np.zeros(0, np.int64)
@@ -161,8 +188,8 @@ def near_in_time(
     stale = known & ((moved > allowed) | (grown > np.maximum(KEPT_RADIUS * layers.radius[layer], 1e-3)))
     new, waiting = np.flatnonzero(~known), np.flatnonzero(stale)
     work = np.cumsum(trace_work(coarse[np.concatenate([new, waiting])]))[len(new) :]
-    most = affordable(int(np.ceil(work[-1]))) if len(waiting) else 0
-    chosen = waiting[: max(int(np.count_nonzero(work <= most)), 1)]
+    in_time = affordable(int(np.ceil(work[-1]))) if len(waiting) else 0
+    chosen = waiting[: max(int(np.count_nonzero(work <= in_time)), 1)]
     free = np.setdiff1d(np.arange(len(layers.ids)), layer[known])
     layer[new] = free[: len(new)]
     traced = np.sort(np.concatenate([new, chosen]))

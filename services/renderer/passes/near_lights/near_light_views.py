@@ -6,8 +6,8 @@ from vemlight.renderer.gl.buffers import NEAR_SHADOW_VIEW
 from vemlight.renderer.gl.constants import CUBE_TANGENT, NEAR_FRACTION
 
 FACES = 6
-MAX_RESOLUTION, MIN_RESOLUTION = 1024, 64  # texels a side of a map, as of directional lights
-MAX_TEXELS = 2**25  # of all maps: 128 MB of depth; four lights have maps of 1024 texels a side, 256 have 128
+MAX_RESOLUTION = 1024  # texels a side of a map, as of directional lights
+MAX_TEXELS = 2**25  # of all maps: 128 MB of depth; five have maps of 1024 texels a side, 256 have 128
 MAX_BOXES = 64  # of receivers apart, beyond which one box counts for all: finding windows stays below a millisecond a light
 EDGE_TEXELS = 2  # about what a window is to show, for lookups that are filtered
 FAR_MARGIN = 1.01  # of the far plane, in distances of the scene's farthest corner; any value in 1.001 .. 1.1 does

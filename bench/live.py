@@ -26,7 +26,8 @@ import tomli_w
 
 from vemlight.runtime import wire
 from vemlight.runtime.transport import Transport
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import Settings
+from vemlight.settings_file import read_settings
 from vemlight.viewer.web import BINARY_FEEDS
 
 WARM_UP_S = 6.0  # the frame budget settles within a few dozen frames

@@ -23,7 +23,7 @@ from vemlight.capture.source import open_source
 from vemlight.fuse.rig_file import CameraRig, read_camera_rig
 from vemlight.light.images import write_png
 from vemlight.light.sphere import cell_from_direction, direction_from_angles
-from vemlight.settings import section_from_options
+from vemlight.settings_file import section_from_options
 
 RIGS = {2: PAIR, 3: TRIANGLE, 4: SQUARE}
 SIZE, RIM = 400, 10  # pixels of a camera's view and around it

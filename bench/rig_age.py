@@ -27,7 +27,8 @@ from vemlight.light.environment_map import EnvironmentMap
 from vemlight.runtime import wire
 from vemlight.runtime.instances import captures
 from vemlight.runtime.transport import Transport, accept_subscriptions
-from vemlight.settings import Capture, Settings, read_settings
+from vemlight.settings import Capture, Settings
+from vemlight.settings_file import read_settings
 
 START_S = 240.0  # compiling, and the room
 ROOM, VARIANTS = 3, 4  # seed of the room; frames with noise of their own, of each camera

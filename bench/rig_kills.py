@@ -21,7 +21,7 @@ import tomli_w
 from tests.support.processes import children, free_port
 from tests.support.rig_listener import RigListener
 from vemlight.light.images import write_exr
-from vemlight.settings import read_settings
+from vemlight.settings_file import read_settings
 
 FRAMES = 8  # of each camera's recording
 

@@ -18,7 +18,8 @@ from matplotlib.patches import FancyBboxPatch
 
 from vemlight.runtime.channels import Instance, service_of
 from vemlight.runtime.instances import instance_of, instances, producer, started, upstream
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import Settings
+from vemlight.settings_file import read_settings
 
 CAMERAS = ("left", "right")
 RUNS = {

@@ -15,7 +15,8 @@ from hypothesis import settings as hypothesis_settings
 from tests.support.browser import BROWSER_OPTIONS, CHROMIUM, SOFTWARE_GL
 from tests.support.processes import ServiceProcesses, free_port
 from vemlight.light.images import write_exr
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import Settings
+from vemlight.settings_file import read_settings
 
 hypothesis_settings.register_profile("any machine", deadline=None)  # how long an example takes says nothing on a busy one
 hypothesis_settings.load_profile("any machine")

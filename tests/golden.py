@@ -11,6 +11,8 @@ from vemlight.light.near_lights import NearLightSet
 from vemlight.light.virtual_lamp import VirtualLamp
 from vemlight.runtime import wire
 from vemlight.runtime.channels import CHANNELS
+from vemlight.runtime.reports import ImageReport, LevelsReport, LightsReport, MapReport, PointsReport
+from vemlight.runtime.wire_schema import schema
 
 PROTO = Path(__file__).parents[1] / "proto"
 TABLE_START = "<!-- made by tests/golden.py from services/runtime/channels.py and wire.py -->\n"
@@ -28,7 +30,7 @@ def messages() -> dict[str, wire.Message]:
     stroke = Mask(points=((0.0, 5.0), (9.0, 5.0)), mode="dark", width_deg=4.0)
     box = wire.Pose(name="box", position=(0.5, -1.0, 0.25), rotation=(0.0, 0.0, 0.6, 0.8))
     lamp = wire.Pose(name="lamp", position=(0.0, 0.0, 2.0), power=0.5)
-    drawn = wire.ImageReport(drawn_lights=72, render_ms=12.5, light_budget=144)
+    drawn = ImageReport(drawn_lights=72, render_ms=12.5, light_budget=144)
     covariances = np.array([[0.1, 0, 0.01, 0.02, 0, 0.001], 6 * [0]], np.float32)
     pixels = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4)
     status = wire.StatusMessage(
@@ -45,7 +47,7 @@ def messages() -> dict[str, wire.Message]:
         restarts=1,
         step_counts=(3, 4, 1, *10 * (0,)),
         step_total_ms=9.5,
-        report=wire.LightsReport(delay_ms=160.0, required_lights=90),
+        report=LightsReport(delay_ms=160.0, required_lights=90),
     )
     return {
         "map": (
@@ -56,7 +58,7 @@ def messages() -> dict[str, wire.Message]:
                 coverage="hemisphere",
                 luminance_scale=179.0,
                 bright_samples=2,
-                report=wire.MapReport(invalid_cells=1),
+                report=MapReport(invalid_cells=1),
             ),
             (radiance, np.array([5, 5], np.int64), directions, np.array([0.25, 0.75], np.float32)),
         ),
@@ -66,7 +68,7 @@ def messages() -> dict[str, wire.Message]:
                 count=2,
                 gloss_count=1,
                 coverage="hemisphere",
-                report=wire.LightsReport(delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0),
+                report=LightsReport(delay_ms=160.0, delay_frames=4.0, lamp_hz=100.0, flicker_hz=16.0),
             ),
             (np.array([0, 2**40], np.int64), directions, irradiance, directions[:1], irradiance[:1] / 2),
         ),
@@ -80,7 +82,7 @@ def messages() -> dict[str, wire.Message]:
         ),
         "points": (
             wire.PointsMessage(
-                stamp=STAMP, count=2, at=(0.0, 0.25, 1.5), report=wire.PointsReport(cameras=3, near_lights=2, spread_ms=1.5)
+                stamp=STAMP, count=2, at=(0.0, 0.25, 1.5), report=PointsReport(cameras=3, near_lights=2, spread_ms=1.5)
             ),
             (
                 np.array([3, 2**40], np.int64),
@@ -108,7 +110,7 @@ def messages() -> dict[str, wire.Message]:
                 unmatched_at=(0.0, 0.0, -1.0),
                 missing_there=0.25,
                 text="At full: key.",
-                report=wire.LevelsReport(armed=1, unmatched_ratio=0.0625, limited_fixtures=1, solve_ms=0.5, packets=40),
+                report=LevelsReport(armed=1, unmatched_ratio=0.0625, limited_fixtures=1, solve_ms=0.5, packets=40),
             ),
             (
                 np.array([[2, 0, 3], [-2, 0, 3]], np.float32),
@@ -229,7 +231,7 @@ def table() -> str:
     for kind, (meaning, sender) in channels.items():
         arrays = "; ".join(_described(array) for array in wire.KINDS[kind].ARRAYS)
         rows.append(f"| `{kind}` | {meaning} | {sender} | {arrays or 'none'} |")
-    definitions = wire.schema()["$defs"]
+    definitions = schema()["$defs"]
     kinds = [header.__name__ for header in wire.KINDS.values()]
     rows.append("\nThe keys of their headers; those in brackets may be left out.")
     for name in [*kinds, *sorted(definitions.keys() - kinds)]:
@@ -281,7 +283,7 @@ def text(content: dict) -> str:
 
 if __name__ == "__main__":
     (PROTO / "vectors").mkdir(parents=True, exist_ok=True)
-    (PROTO / "wire.schema.json").write_text(text(wire.schema()))
+    (PROTO / "wire.schema.json").write_text(text(schema()))
     (PROTO / "README.md").write_text(readme((PROTO / "README.md").read_text()))
     for name, content in vectors().items():
         (PROTO / "vectors" / name).write_text(text(content))

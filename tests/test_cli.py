@@ -23,7 +23,8 @@ from vemlight.commands.options import LensOptions, LightsOptions, RenderOptions,
 from vemlight.light.images import write_exr
 from vemlight.light.sphere import latlong_directions
 from vemlight.renderer.output.video import chosen_encoder
-from vemlight.settings import OPTIONS, Capture, Renderer, Sampler
+from vemlight.settings import Capture, Renderer, Sampler
+from vemlight.settings_file import OPTIONS
 
 LENS = """
 size = [32, 16]

@@ -7,7 +7,7 @@ import pytest
 from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.runtime.channels import SERVICES
 from vemlight.runtime.transport import endpoint
-from vemlight.settings import read_settings
+from vemlight.settings_file import read_settings
 
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).parents[1]

@@ -19,7 +19,8 @@ from vemlight.errors import UserError
 from vemlight.renderer.gl import programs
 from vemlight.renderer.rays import embree
 from vemlight.runtime.channels import SERVICES
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import Settings
+from vemlight.settings_file import read_settings
 
 
 def found(settings: Settings, what: str) -> list[Finding]:

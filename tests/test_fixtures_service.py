@@ -16,7 +16,7 @@ from vemlight.fixtures.last_look import FILE, forget_look, load_look, save_look
 from vemlight.fixtures.rig_file import read_rig
 from vemlight.fixtures.sender import MAX_HZ
 from vemlight.fixtures.slots import universes_of
-from vemlight.settings import check_settings
+from vemlight.settings_file import check_settings
 
 RECEIVER = "127.0.0.32"
 RIG = """

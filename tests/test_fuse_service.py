@@ -19,6 +19,7 @@ from vemlight.fuse.service import fused_messages
 from vemlight.light.images import write_exr
 from vemlight.runtime import wire
 from vemlight.runtime.demand import Pull
+from vemlight.runtime.reports import MapReport
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport
 
@@ -150,7 +151,7 @@ def test_lossless_runs_are_equal_to_the_byte_whoever_is_killed(make_rig, service
 
 def map_of(scale: float | None, saturated: int = 0) -> wire.Message:
     radiance = np.full((8, 32, 3), 0.25, np.float32)
-    report = wire.MapReport(saturated_pixels=saturated, invalid_cells=1)
+    report = MapReport(saturated_pixels=saturated, invalid_cells=1)
     header = wire.MapMessage(stamp=STAMP, rows=8, cols=32, coverage="hemisphere", luminance_scale=scale, report=report)
     return header, (radiance, np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
 

@@ -12,7 +12,8 @@ from vemlight.errors import UserError
 from vemlight.light.images import write_exr
 from vemlight.runtime.instances import arguments, camera_capture, instances, producer, started, upstream
 from vemlight.runtime.transport import endpoint
-from vemlight.settings import Settings, Wire, read_settings
+from vemlight.settings import Settings, Wire
+from vemlight.settings_file import read_settings
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ from vemlight.commands.cli import main
 from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.runtime.channels import Service
 from vemlight.runtime.transport import ROLES, endpoint
-from vemlight.settings import Wire, read_settings
+from vemlight.settings import Wire
+from vemlight.settings_file import read_settings
 
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).parents[1]

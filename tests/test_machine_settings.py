@@ -25,7 +25,8 @@ from vemlight.commands.machine_settings import (
     write_fit,
 )
 from vemlight.errors import UserError
-from vemlight.settings import Capture, Fixtures, Renderer, Settings, read_settings
+from vemlight.settings import Capture, Fixtures, Renderer, Settings
+from vemlight.settings_file import read_settings
 
 SETTINGS = Settings(renderer=Renderer(width=480, height=270))
 

@@ -15,6 +15,7 @@ from tests.support.viewer_process import SimulatedServices, ViewerProcess, event
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
+from vemlight.runtime.reports import ImageReport, MapReport
 from vemlight.settings import Wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
@@ -36,11 +37,11 @@ def frames(sequence: int, count: int = 40) -> dict[Service, wire.Message]:
     radiance = np.zeros((36, 72, 3), np.float32)
     radiance[:18] = SKY
     radiance[4, 10], radiance[17, :4] = 50 * SKY, SKY / 100  # the bounds of the false colours
-    report = wire.MapReport(saturated_pixels=5)
+    report = MapReport(saturated_pixels=5)
     stamp = made["capture"][0].stamp  # type: ignore[attr-defined]
     header = wire.MapMessage(stamp=stamp, rows=36, cols=72, coverage="sphere", luminance_scale=Sky.scale, report=report)
     image, pixels = made["renderer"]
-    drawn = wire.ImageReport(drawn_lights=min(count, BUDGET), render_ms=90.0, light_budget=BUDGET, bounces_left_out=1)
+    drawn = ImageReport(drawn_lights=min(count, BUDGET), render_ms=90.0, light_budget=BUDGET, bounces_left_out=1)
     return {
         "capture": (header, (radiance, *NO_BRIGHT_CELLS)),
         "sampler": made["sampler"],

@@ -12,6 +12,7 @@ from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerPr
 from vemlight.renderer.browser.flatten import scene_message
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
 from vemlight.runtime import wire
+from vemlight.runtime.reports import ImageReport
 from vemlight.settings import Renderer, Wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
@@ -37,7 +38,7 @@ def simulated(folder: Path) -> Iterator[SimulatedServices]:
         assert isinstance(before, wire.ImageMessage)
         header = wire.ImageMessage(
             stamp=before.stamp, width=64, height=48, objects=objects, tone_scale=0.25, tone_white=4.0,
-            report=wire.ImageReport(drawn_lights=count, render_ms=5.0),
+            report=ImageReport(drawn_lights=count, render_ms=5.0),
         )  # fmt: skip
         return made | {"renderer": (header, made["renderer"][1])}
 

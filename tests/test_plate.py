@@ -17,7 +17,8 @@ from vemlight.runtime.instances import Input
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.sync import Lockstep, NearestInTime
 from vemlight.runtime.transport import Transport, accept_subscriptions
-from vemlight.settings import Plate, read_settings
+from vemlight.settings import Plate
+from vemlight.settings_file import read_settings
 
 SIZE = 64, 48
 FRAMES = 12

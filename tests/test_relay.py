@@ -25,6 +25,7 @@ from vemlight.exchange.relay import PART_BYTES, Feed, Relayed
 from vemlight.exchange.stream import light_set
 from vemlight.light.light_set import LightSet
 from vemlight.runtime import wire
+from vemlight.runtime.reports import LightsReport
 from vemlight.runtime.transport import Transport, make_keys, read_keys
 from vemlight.settings import Wire
 from vemlight_client import lights
@@ -37,7 +38,7 @@ def soft_frames(sequence: int, count: int = 150) -> dict:
     header, arrays = frames["sampler"]
     assert isinstance(header, wire.LightsMessage)
     covariances = np.tile(np.array([1e-3, 0, 0, 1e-3, 0, 0], np.float32), (count, 1))
-    report = wire.LightsReport(error_ratio=0.03)
+    report = LightsReport(error_ratio=0.03)
     header = wire.LightsMessage(stamp=header.stamp, count=count, coverage="hemisphere", soft=True, report=report)
     return {**frames, "sampler": (header, (*arrays[:3], covariances, *arrays[3:]))}
 

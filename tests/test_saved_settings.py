@@ -16,7 +16,8 @@ from vemlight.light.virtual_lamp import VirtualLamp
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
 from vemlight.sampler.stage import SamplerStage
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import Settings
+from vemlight.settings_file import read_settings
 from vemlight.viewer.saved_settings import saved_settings, settings_file
 
 SCENE = """

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from vemlight.commands.settings_reference import settings_reference
 from vemlight.errors import UserError
-from vemlight.settings import PATH, Capture, Renderer, Sampler, Settings, check_settings, is_camera, read_settings, section_from_options
+from vemlight.settings import PATH, Capture, Renderer, Sampler, Settings
+from vemlight.settings_file import check_settings, read_settings, section_from_options
+from vemlight.source_names import is_camera
 
 SECTIONS = {name: kind for name, kind in get_type_hints(Settings).items() if isinstance(kind, type) and issubclass(kind, msgspec.Struct)}
 HINTS = {name: get_type_hints(kind, include_extras=True) for name, kind in SECTIONS.items()}

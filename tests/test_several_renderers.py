@@ -8,6 +8,7 @@ import pytest
 
 from tests.support.processes import LOADED_S
 from vemlight.runtime import wire
+from vemlight.runtime.reports import ImageReport
 from vemlight.runtime.transport import Transport
 from vemlight.sampler.stage import FORGOTTEN, StageState, budgets_after
 from vemlight.sampler.state import initial_state
@@ -19,7 +20,7 @@ NAMES = ("renderer", "renderer.slow", "renderer.stopped")
 def status(renderer: str, lights: int) -> wire.StatusMessage:
     return wire.StatusMessage(
         service=renderer, sequence=9, rate_hz=25, age_ms=1, step_ms=1, frames=9, skipped=0, dropped=0, refused=0, restarts=0,
-        report=wire.ImageReport(light_budget=lights),
+        report=ImageReport(light_budget=lights),
     )  # fmt: skip
 
 

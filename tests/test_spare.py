@@ -11,7 +11,8 @@ import tomli_w
 import vemlight.sampler.__main__ as sampler
 from tests.support.processes import LOADED_S
 from vemlight.runtime.spare import Role, Spare, load
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import Settings
+from vemlight.settings_file import read_settings
 
 
 def command_line(pid: int) -> list[str]:

@@ -16,7 +16,8 @@ from vemlight.errors import UserError
 from vemlight.light.colour import srgb_from_linear
 from vemlight.light.sphere import map_irradiance
 from vemlight.runtime.output_folder import run_start
-from vemlight.settings import Capture, Settings, shown_source
+from vemlight.settings import Capture, Settings
+from vemlight.source_names import shown_source
 
 HEIGHT = 64
 SRGB: dict[str, Any] = {"transfer": "srgb", "primaries": "bt709", "matrix": "bt601", "range": "full"}

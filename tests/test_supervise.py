@@ -12,7 +12,8 @@ from tests.support.processes import LOADED_S, MessageListener, children, is_runn
 from vemlight.runtime import supervise, wire
 from vemlight.runtime.restarts import AGAIN_S, MAX_DEATHS
 from vemlight.runtime.supervise import RUN_FOLDER
-from vemlight.settings import Settings, Viewer, read_settings
+from vemlight.settings import Settings, Viewer
+from vemlight.settings_file import read_settings
 
 SPARE = {"runtime.spare"}  # comes when all have been working for a while
 

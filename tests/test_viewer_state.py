@@ -12,6 +12,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from vemlight.errors import UserError
 from vemlight.light.near_lights import NearLightSet
 from vemlight.runtime import wire
+from vemlight.runtime.reports import ImageReport, LightsReport, MapReport, PointsReport
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.settings import Rig, Settings
 from vemlight.viewer.metrics import registry
@@ -53,7 +54,7 @@ def sample(viewer: ViewerState, metric_name: str, **labels: str) -> float:
 
 
 def image(sequence: int) -> wire.Message:
-    header = wire.ImageMessage(stamp=wire.stamp(sequence, 0.0), width=2, height=1, report=wire.ImageReport(drawn_lights=3, render_ms=1))
+    header = wire.ImageMessage(stamp=wire.stamp(sequence, 0.0), width=2, height=1, report=ImageReport(drawn_lights=3, render_ms=1))
     return header, (np.zeros((1, 2, 4), np.uint8),)
 
 
@@ -115,7 +116,7 @@ def rig_state(tmp_path) -> ViewerState:
     (tmp_path / "rig.toml").write_text(tomli_w.dumps({"camera": cameras}))
     state = ViewerState(Settings(rig=Rig(file=str(tmp_path / "rig.toml"))), 0)
     stamp, none = wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
-    report = wire.PointsReport(cameras=1, silent_cameras=1, near_lights=1, spread_ms=2.0)
+    report = PointsReport(cameras=1, silent_cameras=1, near_lights=1, spread_ms=2.0)
     near = NearLightSet.of(np.array([3]), np.array([[0, 0, 2]]), np.array([[4, 4, 4]]), np.zeros(1), np.zeros(1))
     stats = ServiceStats("fuse", 0)
     points = wire.PointsMessage(stamp=stamp, count=1, at=(0.0, 0.0, 1.0), report=report)
@@ -125,7 +126,7 @@ def rig_state(tmp_path) -> ViewerState:
     state.take("fuse", [(points, near.arrays()), (status, ())])
     lights = wire.LightsMessage(stamp=stamp, count=0, coverage="sphere")
     state.take("sampler", [(lights, (np.zeros(0, np.int64), none, none, none, none))])
-    made = msgspec.structs.replace(status, service="capture.a", report=wire.MapReport(saturated_pixels=7))
+    made = msgspec.structs.replace(status, service="capture.a", report=MapReport(saturated_pixels=7))
     state.take("capture.a", [(made, ())])
     return state
 
@@ -168,7 +169,7 @@ def test_what_is_of_one_camera_is_refused_where_several_are_fused(rig_state, cho
 def test_every_field_of_a_report_is_a_metric_in_base_units_and_a_row_of_the_page():
     state, stamp, none = ViewerState(Settings(), 0), wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
     stats = ServiceStats("sampler", 0)
-    report = wire.LightsReport(delay_ms=160.0, delay_frames=4.0, required_lights=90, lamp_hz=100.0)
+    report = LightsReport(delay_ms=160.0, delay_frames=4.0, required_lights=90, lamp_hz=100.0)
     lights = wire.LightsMessage(stamp=stamp, count=0, coverage="hemisphere", report=report)
     stats.on_finished((lights, (np.zeros(0, np.int64), none, none, none, none)), 0.003)
     status = stats.status_if_due()
@@ -181,7 +182,7 @@ def test_every_field_of_a_report_is_a_metric_in_base_units_and_a_row_of_the_page
 
     summary = state.summary()
     assert summary["services"][1]["report"] == msgspec.structs.asdict(report)
-    assert [field["name"] for field in summary["report_fields"]["sampler"]] == list(wire.LightsReport.__struct_fields__)
+    assert [field["name"] for field in summary["report_fields"]["sampler"]] == list(LightsReport.__struct_fields__)
     delay = summary["report_fields"]["sampler"][0]
     assert (delay["label"], delay["unit"], delay["is_loss"]) == ("filter delay", "ms", False)
     assert [field["name"] for field in summary["report_fields"]["capture"] if field["is_loss"]] == ["invalid_cells", "saturated_pixels"]

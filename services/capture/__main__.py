@@ -9,7 +9,8 @@ from vemlight.capture.stage import CaptureCamera, CaptureSource
 from vemlight.runtime.instances import camera_capture, instance_of
 from vemlight.runtime.source_loop import run_camera, run_host, run_source
 from vemlight.runtime.start import start
-from vemlight.settings import Settings, is_live
+from vemlight.settings import Settings
+from vemlight.source_names import is_live
 
 
 def main(settings: Settings, restarts: int = 0, camera: str = "") -> None:

@@ -19,7 +19,8 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import Instance
 from vemlight.runtime.playback import Playback
 from vemlight.runtime.session import upload_folder
-from vemlight.settings import chosen_capture, is_live
+from vemlight.settings import chosen_capture
+from vemlight.source_names import is_live
 
 BUNDLED_CHOICE, RECENT_CHOICE = "bundled", "recent"
 LIST_EVERY = 10  # statuses, which is 5 s: cameras come and go, recordings end

@@ -7,7 +7,8 @@ from typing import Protocol
 from vemlight.capture.frames import Frame
 from vemlight.capture.recorder import Recorder
 from vemlight.errors import UserError
-from vemlight.settings import Capture, is_stream, shown_source
+from vemlight.settings import Capture
+from vemlight.source_names import is_stream, shown_source
 
 WAIT_S = 0.5  # for the next frame, before Ctrl-C is looked for; any value from 0.01 to 5 does
 SILENT_S = 10.0  # without a frame, after which a command that needs more of them ends; a run waits for ever

@@ -16,7 +16,8 @@ from vemlight.capture.source import open_files, open_source
 from vemlight.errors import Interrupted, UserError
 from vemlight.files import notice
 from vemlight.light.images import write_exr
-from vemlight.settings import Capture, is_live
+from vemlight.settings import Capture
+from vemlight.source_names import is_live
 
 CAMERA_WAIT_S = 0.5  # for a camera's next frame, before Ctrl-C is looked for; any value from 0.01 to 5 does
 

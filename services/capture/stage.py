@@ -20,7 +20,8 @@ from vemlight.files import notice
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Instance
 from vemlight.runtime.playback import Playback
-from vemlight.settings import is_stream, shown_source
+from vemlight.runtime.reports import MapReport
+from vemlight.source_names import is_stream, shown_source
 
 MAX_NAME = 200  # letters of a source's name on the page
 MapMessage = tuple[wire.MapMessage, tuple[np.ndarray, ...]]
@@ -180,7 +181,7 @@ def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
         coverage=frame.coverage,
         bright_samples=len(frame.bright_cells.cells),
         luminance_scale=frame.luminance_scale,
-        report=wire.MapReport(
+        report=MapReport(
             invalid_cells=invalid_cells, black_pixels=frame.black, saturated_pixels=frame.saturated, masked_cells=frame.masked_cells
         ),
     )

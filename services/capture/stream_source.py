@@ -13,7 +13,8 @@ from vemlight.errors import UserError
 from vemlight.files import one_line
 from vemlight.light.film_file import MAX_FPS
 from vemlight.light.image_limits import LIMITS
-from vemlight.settings import Capture, shown_source
+from vemlight.settings import Capture
+from vemlight.source_names import shown_source
 
 OPEN_S = 10.0  # for a server to answer and to send its first picture; slow ones take 2 to 5 s to begin a group of pictures
 SILENT_S = 5.0  # without a picture, after which the connection counts as lost; any value from 2 to 30 does

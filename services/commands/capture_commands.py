@@ -156,7 +156,8 @@ def webcam(
     from vemlight.capture.calibration.bracket_response import bracket_summary
     from vemlight.capture.calibration.webcam_response import calibrate_webcam
     from vemlight.commands.run_checks import check_camera
-    from vemlight.settings import Capture, section_from_options
+    from vemlight.settings import Capture
+    from vemlight.settings_file import section_from_options
 
     check_camera(Path(camera))
     given = {"source": camera, "format": form, "width": size[0], "height": size[1], "fps": fps, "controls": dict(controls)}
@@ -174,7 +175,7 @@ def webcam(
 def record(settings: Path | None, source: str | None, frames: int | None, out: Path, **reading: object) -> Report:
     """Record a camera's raw frames, or a file or stream as polar maps, with all metadata in the headers."""
     from vemlight.capture import recording
-    from vemlight.settings import read_settings
+    from vemlight.settings_file import read_settings
 
     wanted = capture_settings(read_settings(settings).capture, source, {"record": str(out), **reading})
     done = recording.record(wanted, frames or 0)

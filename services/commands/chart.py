@@ -27,6 +27,7 @@ from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
 from vemlight.sampler.tracking.tiles import tiles_from_map
 from vemlight.settings import Sampler
+from vemlight.settings_file import section_from_options
 
 # What is measured: any other values give other charts, each as true.
 METHODS: tuple[str, ...] = get_args(get_type_hints(Sampler)["method"])
@@ -161,7 +162,7 @@ def _eventful(event: str, first: Moment) -> list[Moment]:
 
 def _sampler(method: str, **values: Any) -> Sampler:
     name, _, unfiltered = method.partition(",")
-    return settings.section_from_options(Sampler, {"method": name, **({"filter": "none"} if unfiltered else {}), **values})
+    return section_from_options(Sampler, {"method": name, **({"filter": "none"} if unfiltered else {}), **values})
 
 
 def _sampled(sampler: Sampler, moments: list[Moment]) -> Iterator[tuple[LightSet, float]]:

@@ -19,7 +19,8 @@ from vemlight.runtime.instances import camera_capture, rig_cameras, started
 from vemlight.runtime.open_files import FEW_FILES, file_limit, hard_file_limit, peer_limit
 from vemlight.runtime.token import is_loopback
 from vemlight.runtime.transport import ROLES, endpoint, read_keys, runtime_folder
-from vemlight.settings import Settings, is_live, shown_source
+from vemlight.settings import Settings
+from vemlight.source_names import is_live, shown_source
 
 Grade = Literal["pass", "warn", "fail"]
 OPTIONAL = ("embreex",)  # there is none for some processors; the line of the shadows says what is drawn without it

@@ -41,7 +41,7 @@ def stream(settings: Path | None, osc: str | None, jsonl: str | None) -> None:
     """Send the lights of running services to another program, as they come."""
     from vemlight.exchange.stream import destination
     from vemlight.exchange.stream import stream as send
-    from vemlight.settings import read_settings
+    from vemlight.settings_file import read_settings
 
     if not (osc or jsonl):
         raise UserError("--osc, --jsonl: none is given; name a HOST:PORT to send to")
@@ -61,7 +61,7 @@ def relay(service: str, settings: Path | None, listen: str, count: int | None, m
     from vemlight.exchange.relay import Feed
     from vemlight.exchange.relay import relay as publish
     from vemlight.exchange.stream import destination
-    from vemlight.settings import read_settings
+    from vemlight.settings_file import read_settings
 
     sys.exit(publish(read_settings(settings), destination(listen, "--listen"), Feed(count, max_bytes, rate)))
 

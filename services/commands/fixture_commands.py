@@ -71,7 +71,8 @@ def _of_sampler(path: Path, settings: Path | None, arm: bool, blackout: bool) ->
 
     from vemlight.fixtures.check import check_rig_file
     from vemlight.fixtures.service import main
-    from vemlight.settings import Fixtures, read_settings
+    from vemlight.settings import Fixtures
+    from vemlight.settings_file import read_settings
 
     wanted = read_settings(settings)
     check_rig_file(path)

@@ -26,7 +26,7 @@ from vemlight.runtime.progress import counted
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
-from vemlight.settings import section_from_options
+from vemlight.settings_file import section_from_options
 
 
 class LocatedFrame(NamedTuple):

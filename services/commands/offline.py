@@ -24,7 +24,8 @@ from vemlight.light.light_set import LightSet, check_lights_path
 from vemlight.runtime.progress import counted
 from vemlight.sampler.score import score as scored
 from vemlight.sampler.score import score_text
-from vemlight.settings import section_from_options
+from vemlight.settings_file import section_from_options
+from vemlight.source_names import is_camera, is_live
 
 
 def capture_of(options: SamplingOptions) -> settings.Capture:
@@ -37,12 +38,12 @@ def capture_of(options: SamplingOptions) -> settings.Capture:
 def open_frames(options: SamplingOptions) -> FrameSource:
     """The frames of the source; a camera or stream is taken as many frames of as are asked for. Raises UserError."""
     capture = capture_of(options)
-    if settings.is_live(capture.source):
+    if is_live(capture.source):
         from vemlight.capture.live_frames import LiveFrames
         from vemlight.commands.run_checks import check_camera
 
         count = frames_of_live(options.frames, capture.source)
-        if settings.is_camera(capture.source):
+        if is_camera(capture.source):
             check_camera(Path(capture.source))
         return MaskedSource(LiveFrames(capture, count), capture)
     return MaskedSource(open_source(limited_to(capture, options.frames)), capture)

@@ -13,7 +13,7 @@ from vemlight.errors import Interrupted, UserError
 from vemlight.light.images import write_exr, write_png
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted
-from vemlight.settings import section_from_options
+from vemlight.settings_file import section_from_options
 
 
 def renderer_settings(options: RenderOptions) -> settings.Renderer:

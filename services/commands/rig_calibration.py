@@ -14,7 +14,8 @@ from vemlight.fixtures.measuring import Measured, Seen, measure
 from vemlight.fixtures.rig_writing import write_measured
 from vemlight.fixtures.sender import Sender
 from vemlight.runtime.interrupt import interruption
-from vemlight.settings import is_live, read_settings
+from vemlight.settings_file import read_settings
+from vemlight.source_names import is_live
 
 FRAMES = 4  # of which the mean is measured: their noise is half of one frame's. 2 to 16 would do
 

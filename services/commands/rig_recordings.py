@@ -9,7 +9,8 @@ from vemlight import settings
 from vemlight.capture.source import FrameSource, open_source
 from vemlight.errors import UserError, of_setting
 from vemlight.fuse.rig_file import RigCamera
-from vemlight.settings import is_live, section_from_options, shown_source
+from vemlight.settings_file import section_from_options
+from vemlight.source_names import is_live, shown_source
 
 ROWS = {"hemisphere": 90, "sphere": 180}  # one degree of elevation a row
 

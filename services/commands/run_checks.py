@@ -17,7 +17,9 @@ from vemlight.journal import DYING_S
 from vemlight.runtime.channels import service_of
 from vemlight.runtime.instances import camera_capture, captures, instances, rig_cameras, started
 from vemlight.runtime.transport import endpoint
-from vemlight.settings import Capture, Plate, Settings, check_settings, is_camera, is_live, is_stream
+from vemlight.settings import Capture, Plate, Settings
+from vemlight.settings_file import check_settings
+from vemlight.source_names import is_camera, is_live, is_stream
 
 MEMORY_DEVICES = 1  # major number of /dev/null, /dev/zero and their like (Linux, admin-guide/devices.txt)
 MAPS = ("fps", "rows", "cols", "coverage", "frames", "speed", "threads")  # keys under which the bundled sequence plays, whatever they are

@@ -37,7 +37,7 @@ def run(
 
     from vemlight.commands.run_checks import check_run
     from vemlight.runtime.supervise import supervise
-    from vemlight.settings import read_settings
+    from vemlight.settings_file import read_settings
 
     wanted = read_settings(settings)
     if settings is None and source is None:  # the bundled sequence and scene, as they look best
@@ -78,7 +78,7 @@ def doctor(settings: Path | None, as_json: bool, write: Path | None) -> None:
 
     from vemlight.commands.doctor import examine
     from vemlight.commands.machine_settings import check_new, fitting, run_windows, write_fit
-    from vemlight.settings import read_settings
+    from vemlight.settings_file import read_settings
 
     wanted, findings = read_settings(settings), []
     if write:
@@ -126,7 +126,7 @@ def keys(folder: Path) -> None:
 def health(service: "Instance", settings: Path | None) -> None:
     """Ask a running service (of several, by its name: capture.left) for its status: exit status 0 when it answers, 1 when not."""
     from vemlight.runtime.health import check_health
-    from vemlight.settings import read_settings
+    from vemlight.settings_file import read_settings
 
     check_health(read_settings(settings), service)
 

@@ -90,7 +90,9 @@ def capture_settings(capture: Any, source: str | None, given: dict[str, Any]) ->
     """
     import msgspec
 
-    from vemlight.settings import Capture, is_stream, read_settings, section_from_options
+    from vemlight.settings import Capture
+    from vemlight.settings_file import read_settings, section_from_options
+    from vemlight.source_names import is_stream
 
     values = msgspec.structs.asdict(capture)
     if source is not None:
@@ -112,7 +114,7 @@ def capture_settings(capture: Any, source: str | None, given: dict[str, Any]) ->
 
 def frames_of_live(frames: int | None, source: str) -> int:
     """How many frames of a camera or stream a command is to take. Raises UserError where none is said: they have no end."""
-    from vemlight.settings import shown_source
+    from vemlight.source_names import shown_source
 
     if not frames:
         raise UserError(f"{shown_source(source)}: has no last frame; say how many: --frames N")

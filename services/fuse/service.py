@@ -26,6 +26,7 @@ from vemlight.runtime.demand import Supply
 from vemlight.runtime.instances import Input, captures, instance_of
 from vemlight.runtime.loop import CACHED_FRAMES, END_PERIOD_S, POLL_MS, StopSignal, publish, publish_status
 from vemlight.runtime.peers import WORK
+from vemlight.runtime.reports import MapReport, PointsReport
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.sync import Lockstep, receive_all
 from vemlight.runtime.transport import Transport, accept_subscriptions
@@ -82,7 +83,7 @@ def fused_messages(
         coverage=made.coverage,
         bright_samples=len(made.bright_cells.cells),
         luminance_scale=_common_scale(report.gains, headers),
-        report=wire.MapReport(
+        report=MapReport(
             invalid_cells=sum(header.report.invalid_cells for header in headers.values()),
             black_pixels=sum(header.report.black_pixels for header in headers.values()),
             saturated_pixels=sum(header.report.saturated_pixels for header in headers.values()),
@@ -100,8 +101,8 @@ def _common_scale(gains: np.ndarray, headers: dict[int, wire.MapMessage]) -> flo
     return scales.pop() if len(scales) == 1 else None
 
 
-def _points_report(report: FuseReport, cameras: int, spread_ms: float) -> wire.PointsReport:
-    return wire.PointsReport(
+def _points_report(report: FuseReport, cameras: int, spread_ms: float) -> PointsReport:
+    return PointsReport(
         cameras=cameras,
         silent_cameras=len(report.silent),
         sources=report.sources,

@@ -6,7 +6,8 @@ from vemlight.errors import UserError
 from vemlight.plate.stage import PlateCamera, PlateSource
 from vemlight.runtime.source_loop import run_camera, run_source
 from vemlight.runtime.start import start
-from vemlight.settings import Settings, is_camera
+from vemlight.settings import Settings
+from vemlight.source_names import is_camera
 
 
 def main(settings: Settings, restarts: int = 0) -> None:

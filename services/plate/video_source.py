@@ -12,6 +12,7 @@ from vemlight.light.film_file import MAX_FPS, check_film_kind
 from vemlight.light.images import read_picture
 from vemlight.light.quiet import silent
 from vemlight.runtime import wire
+from vemlight.runtime.wire_fields import MAX_SIDE
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # AV_LOG_QUIET: FFmpeg's threads speak when `silent` has ended
@@ -75,7 +76,7 @@ class VideoFile:
         return checked_size(np.ascontiguousarray(pixels[..., ::-1]), f"{self._path}: picture {index}")
 
     def _check_side(self, width: float, height: float) -> None:
-        if not (0 < width <= wire.MAX_SIDE and 0 < height <= wire.MAX_SIDE):
+        if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
             raise UserError(f"{self._path}: has {width:.0f} x {height:.0f} pixels, too many for a plate; make it smaller")
 
     def _read(self, index: int) -> np.ndarray | None:
@@ -89,7 +90,7 @@ class VideoFile:
 
 def checked_size(pixels: np.ndarray, where: str) -> np.ndarray:
     """The picture. Raises UserError for one that is too large for a message."""
-    if max(pixels.shape[:2]) > wire.MAX_SIDE or pixels.nbytes > wire.MAX_PART:
+    if max(pixels.shape[:2]) > MAX_SIDE or pixels.nbytes > wire.MAX_PART:
         raise UserError(f"{where}: has {pixels.shape[1]} x {pixels.shape[0]} pixels, too many for a plate; make it smaller")
     return pixels
 

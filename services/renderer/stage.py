@@ -40,6 +40,7 @@ from vemlight.renderer.scene.scene import Scene, ViewCamera, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
+from vemlight.runtime.reports import ImageReport
 
 FILE_SAMPLES = 4  # a pixel of a file is the average over its area
 BLENDED_SAMPLES = 16  # where surfaces are there in part: each sample sees one, or what lies behind it
@@ -229,7 +230,7 @@ class RendererStage:
             objects=shown.pose.objects[: wire.MAX_POSES],
             tone_scale=min(curve.scale, MAX_RADIANCE),
             tone_white=min(curve.white or 0.0, MAX_RADIANCE),
-            report=wire.ImageReport(
+            report=ImageReport(
                 drawn_lights=count if state.paused else -(-count // drawn_for_each),
                 render_ms=(time.monotonic() - began_s) * 1e3,
                 light_budget=0 if state.paused or not self._frame_ms else self._light_budget(budget, near) // drawn_for_each,

@@ -10,6 +10,7 @@ import msgspec
 from msgspec import Meta
 
 from vemlight.runtime import wire
+from vemlight.runtime.wire_fields import Finite, Side
 
 MAX_DATA = 48 * 2**20  # bytes: what a phone's browser holds twice; a part of a message has 64 MB at most. 16 to 60 MB would do
 MAX_DESCRIPTION = 2**22  # bytes: 4096 meshes with their casters have half of it, the shaders 60 kB
@@ -19,7 +20,7 @@ ITEM_BYTES = {"float32": 4, "uint32": 4, "uint8": 1}
 
 Index = Annotated[int, Meta(ge=0, lt=2**31)]
 Short = Annotated[str, Meta(max_length=200)]
-Matrix = Annotated[tuple[wire.Finite, ...], Meta(min_length=3, max_length=3)]
+Matrix = Annotated[tuple[Finite, ...], Meta(min_length=3, max_length=3)]
 
 
 class Flat(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -81,11 +82,11 @@ class FlatMaterial(Flat, frozen=True):
     """
 
     variant: Annotated[dict[Annotated[str, Meta(max_length=32)], Short | int], Meta(max_length=16)]
-    row: Annotated[tuple[wire.Finite, ...], Meta(max_length=256)]
+    row: Annotated[tuple[Finite, ...], Meta(max_length=256)]
     kind: Annotated[int, Meta(ge=0, lt=16)]
     textures: Annotated[tuple[Index | None, ...], Meta(max_length=8)]
-    cutoff: wire.Finite | None = None
-    alpha: wire.Finite = 1.0
+    cutoff: Finite | None = None
+    alpha: Finite = 1.0
     alpha_uv_set: Annotated[int, Meta(ge=0, le=1)] = 0
     alpha_uv_transform: tuple[Matrix, Matrix] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
@@ -127,13 +128,13 @@ class FlatScene(Flat, frozen=True):
     objects: Annotated[tuple[wire.Pose, ...], Meta(max_length=wire.MAX_POSES)]
     centre: Matrix
     half: Matrix
-    size: tuple[wire.Side, wire.Side]
+    size: tuple[Side, Side]
     arrays: Annotated[dict[Annotated[str, Meta(max_length=32)], Span], Meta(max_length=16)]
     meshes: Annotated[tuple[FlatMesh, ...], Meta(max_length=MAX_MESHES)]
     materials: Annotated[tuple[FlatMaterial, ...], Meta(max_length=MAX_MESHES)]
     textures: Annotated[tuple[FlatTexture, ...], Meta(max_length=MAX_TEXTURES)]
     casters: FlatCasters
-    laws: Annotated[dict[Annotated[str, Meta(max_length=64)], wire.Finite], Meta(max_length=64)]
+    laws: Annotated[dict[Annotated[str, Meta(max_length=64)], Finite], Meta(max_length=64)]
     shaders: Annotated[dict[Annotated[str, Meta(max_length=64)], Annotated[str, Meta(max_length=65536)]], Meta(max_length=32)]
     left_out: Annotated[tuple[Short, ...], Meta(max_length=16)] = ()
 

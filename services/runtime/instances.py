@@ -14,7 +14,8 @@ from msgspec import Meta
 from vemlight.errors import UserError
 from vemlight.files import read_toml
 from vemlight.runtime.channels import UPSTREAM, Instance, Service
-from vemlight.settings import Capture, Settings, is_live, is_stream, shown_source
+from vemlight.settings import Capture, Settings
+from vemlight.source_names import is_live, is_stream, shown_source
 
 MAX_CAMERAS = 16  # the sets of cameras that see a light are looked through; a stage has 4 to 8
 Camera = TypeVar("Camera", bound=msgspec.Struct)

@@ -15,6 +15,7 @@ from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.source_protocols import Camera, Listeners, Source
 from vemlight.runtime.sync import receive_all
 from vemlight.runtime.transport import accept_subscriptions
+from vemlight.runtime.wire_fields import MAX_SEQUENCE
 
 
 class Host(Protocol):
@@ -210,7 +211,7 @@ def _play_camera(
         for heard in outlet.hear(host):
             control = heard
         if camera.limit is not None and outlet.stats.frames >= camera.limit:
-            publish(outlet.publisher, (wire.EndMessage(sequence=wire.MAX_SEQUENCE), ()))
+            publish(outlet.publisher, (wire.EndMessage(sequence=MAX_SEQUENCE), ()))
             time.sleep(END_PERIOD_S)
         else:
             started_s = time.monotonic()

@@ -19,7 +19,8 @@ from vemlight.journal import JOURNAL_START, FileName, Journal, Sha256, claimed
 from vemlight.light.light_set import LightsFile
 from vemlight.runtime.progress import counted
 from vemlight.runtime.run_inputs import input_digests
-from vemlight.settings import Settings, shown_source
+from vemlight.settings import Settings
+from vemlight.source_names import shown_source
 
 MANIFEST, LIGHTS, CONTACT_SHEET, SNAPSHOTS = "manifest.jsonl", "lights.jsonl", "contact.png", "sampler.snapshot"
 ELSEWHERE = ("out", "wire", "viewer")  # settings that change no byte of the output

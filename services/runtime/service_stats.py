@@ -11,6 +11,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import REPORT_PERIOD_S, Instance
 from vemlight.runtime.log_lines import LINE_PERIOD_S, LogLines
 from vemlight.runtime.peers import Peer
+from vemlight.runtime.reports import AnyReport
 
 RATE_WINDOW_S = 2.0  # a quarter of it to four times as much serves: long enough that one late frame does not show, short enough to follow
 STEP_WINDOW = 32  # frames in the median of step times: any value in 8..128 serves
@@ -51,7 +52,7 @@ class ServiceStats:
         self._step_ms: deque[float] = deque(maxlen=STEP_WINDOW)
         self._step_counts = wire.STEP_BINS * [0]
         self._step_total_ms = 0.0
-        self._report: wire.AnyReport | None = None
+        self._report: AnyReport | None = None
         self._due_s = 0.0
         self._lines = LogLines()
         self._unwritten_before: int | None = None  # how many frames were unwritten when a line said that the disk refuses; None: it takes
@@ -69,7 +70,7 @@ class ServiceStats:
         self._step_total_ms += step_s * 1e3
         self._report = getattr(header, "report", None)  # a plate has none
 
-    def on_report(self, report: wire.AnyReport) -> None:
+    def on_report(self, report: AnyReport) -> None:
         """Replaces what the newest frame's header reports: of a service that goes on measuring between frames."""
         self._report = report
 

@@ -17,7 +17,8 @@ import msgspec
 
 from vemlight.runtime.channels import Service
 from vemlight.runtime.start import start
-from vemlight.settings import Settings, read_settings
+from vemlight.settings import Settings
+from vemlight.settings_file import read_settings
 
 ARG_START, ARG_END = 47, 48  # fields of /proc/self/stat, from 0 (proc_pid_stat(5): 48 and 49): where the command line lies
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vemlight.errors import FatalError, UserError
 from vemlight.runtime.open_files import raise_file_limit
-from vemlight.settings import read_settings
+from vemlight.settings_file import read_settings
 
 
 def start(main: Callable[..., None], arguments: Sequence[str]) -> int:

@@ -5,7 +5,6 @@ fixes. `unpack` returns typed, finite data of known shape or raises ValueError. 
 schema and golden messages.
 """
 
-import inspect
 import time
 from collections.abc import Sequence
 from functools import cache
@@ -21,6 +20,20 @@ from vemlight.light.mask import MAX_MASKS, Mask, check_masks
 from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
 from vemlight.light.sphere import Coverage
 from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
+from vemlight.runtime.reports import AnyReport, ImageReport, LevelsReport, LightsReport, MapReport, PointsReport
+from vemlight.runtime.wire_fields import (
+    ChoiceName,
+    Count,
+    Finite,
+    Hertz,
+    Metres,
+    Milliseconds,
+    Name,
+    Nanoseconds,
+    Sequence53,
+    Side,
+    SourceSeconds,
+)
 
 VERSION = 2  # of the protocol; a message without one is of version 1, which had none
 MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 60 kB, most have under 2 kB
@@ -31,25 +44,10 @@ STEP_BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 
 STEP_BINS = len(STEP_BOUNDS_MS) + 1  # the last: longer than the last bound
 UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimals of each number are enough
 MIN_VIEW_M = 1e-9  # between an eye and what it looks at; any value in 1e-12 .. 1e-6 does
-MAX_SIDE = 8192  # pixels of a picture's side
 MAX_FIXTURES = 512  # of a rig: with names of 24 four-byte letters 51 kB of header
 
 MAX_CHOICES = 64  # of sources: with names of 64 four-byte letters 41 kB of header
 MAX_THUMBNAILS, THUMBNAIL_SIDE = 48, 48  # 332 kB in all; a page of 1,920 pixels has room for 40
-
-MAX_SEQUENCE = 2**53 - 1  # exact in JSON and in every language, as a float too
-Sequence53 = Annotated[int, Meta(ge=0, le=MAX_SEQUENCE)]
-Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-Count = Annotated[int, Meta(ge=0, lt=2**53)]
-Name = Annotated[str, Meta(min_length=1, max_length=64)]
-Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
-Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
-Hertz = Annotated[float, Meta(ge=0, le=1e9)]
-Frames = Annotated[float, Meta(ge=0, le=1e6)]
-ChoiceName = Annotated[str, Meta(min_length=1, max_length=80)]
-SourceSeconds = Annotated[float, Meta(ge=0, le=1e7)]  # four months
-Side = Annotated[int, Meta(ge=1, le=MAX_SIDE)]
-Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 
 
 class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -86,99 +84,6 @@ class View(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     def __post_init__(self) -> None:
         if not max(abs(a - b) for a, b in zip(self.eye, self.at, strict=True)) > MIN_VIEW_M:
             raise ValueError("from and at are one point")
-
-
-LOSS = Meta(extra={"is_loss": True})  # a value of a report that counts losses
-
-
-class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"):
-    """What a service measured while it made a frame. Travels in the frame's header and again in the service's status.
-
-    The status, the viewer's page and `/metrics` show every field of the classes below without changes elsewhere: by its name, whose last
-    word is the unit, by its description, and coloured when one that is marked LOSS grows.
-    """
-
-
-class MapReport(Report, frozen=True, tag="map"):
-    """Measured while a map was made."""
-
-    invalid_cells: Annotated[Count, LOSS, Meta(description="cells of the newest map that were nan, infinite or negative, set to 0")] = 0
-    black_pixels: Annotated[Count, Meta(description="pixels of the newest frame that the sensor clipped at its lower end")] = 0
-    saturated_pixels: Annotated[Count, LOSS, Meta(description="pixels clipped at the upper end: their radiance is unknown")] = 0
-    masked_cells: Annotated[Count, Meta(description="cells of the newest map that masks leave out or fill, wholly or in part")] = 0
-
-
-class LightsReport(Report, frozen=True, tag="lights"):
-    """Measured while lights were sampled and filtered."""
-
-    delay_ms: Annotated[Milliseconds, Meta(title="filter delay", description="by how much the temporal filter delays the lights")] = 0.0
-    delay_frames: Annotated[Frames, Meta(title="delay in frames", description="of the filter, at the rate at which frames arrive")] = 0.0
-    required_lights: Annotated[Count, Meta(description="lights that the scene requires for the error allowed; 0: not estimated")] = 0
-    light_budget: Annotated[Count, Meta(description="lights that the renderer can draw in its target frame time; 0: no limit")] = 0
-    error_ratio: Annotated[
-        float, Meta(ge=0, le=1e9, title="error", description="of these lights at hard edges, estimated, relative; 0: no limit is set")
-    ] = 0.0
-    error_limit_ratio: Annotated[float, Meta(ge=0, le=1, title="error limit", description="that the number of lights keeps; 0: none")] = 0.0
-    flicker_hz: Annotated[Hertz, Meta(title="flicker beat", description="beat of the lamps' flicker with the frame rate; 0: none")] = 0.0
-    lamp_hz: Annotated[Hertz, Meta(title="lamp frequency", description="at which the lamps themselves flicker; 0: no flicker")] = 0.0
-    flicker_depth: Annotated[float, Meta(ge=0, le=1e9, description="amplitude of the flicker over its mean")] = 0.0
-
-
-class ImageReport(Report, frozen=True, tag="image"):
-    """Measured while a picture was drawn."""
-
-    drawn_lights: Annotated[Count, Meta(description="lights in the newest picture")] = 0
-    render_ms: Annotated[Milliseconds, Meta(title="render time", description="time to draw the newest picture")] = 0.0
-    light_budget: Annotated[
-        Count, Meta(description="lights that can be drawn in the target frame time; 0: no target, or not yet known")
-    ] = 0
-    near_lights: Annotated[Count, Meta(title="near lights", description="near lights that shine in the newest picture's frame")] = 0
-    left_out_near_lights: Annotated[
-        Count, Meta(title="left out", description="of them, those for which there is no time: the nearest drawn shine for them")
-    ] = 0
-    passes: Annotated[Count, Meta(description="of a paused picture, whose mean is shown; 0: not paused")] = 0
-    max_passes: Annotated[Count, Meta(title="passes in all", description="after which a paused picture is done; 0: not paused")] = 0
-    pass_error_ratio: Annotated[
-        float, Meta(ge=0, le=1e9, title="error of passes", description="of a paused picture, estimated, relative; 0: not known")
-    ] = 0.0
-    bounces_left_out: Annotated[Count, Meta(description="of light from surface to surface, since time is short")] = 0
-    map_halvings: Annotated[Count, Meta(description="how many times the sides of all shadow maps are halved, since time is short")] = 0
-
-
-class LevelsReport(Report, frozen=True, tag="levels"):
-    """Measured while the levels of fixtures were solved and sent."""
-
-    armed: Annotated[int, Meta(ge=0, le=1, description="1: packets are live; 0: a preview, which no fixture shows")] = 0
-    blackout: Annotated[int, Meta(ge=0, le=1, description="1: darkness is sent")] = 0
-    unmatched_ratio: Annotated[
-        float, Meta(ge=0, le=1e9, title="unmatched", description="of the light at the target, that the rig does not give, relative")
-    ] = 0.0
-    limited_fixtures: Annotated[Count, Meta(title="at full", description="fixtures at full that should give more")] = 0
-    off_gamut_fixtures: Annotated[Count, Meta(title="off gamut", description="fixtures that cannot mix the colour asked for")] = 0
-    solve_ms: Annotated[Milliseconds, Meta(title="solve time", description="time to solve the newest levels")] = 0.0
-    delay_ms: Annotated[Milliseconds, Meta(title="delay", description="of smoothing and of packets between two frames")] = 0.0
-    held_ms: Annotated[Milliseconds, Meta(title="look held for", description="time since the last lights came")] = 0.0
-    packets: Annotated[Count, Meta(description="sent since the start")] = 0
-
-
-class PointsReport(Report, frozen=True, tag="points"):
-    """Measured while the maps of several cameras became one."""
-
-    cameras: Annotated[Count, Meta(description="whose maps are in the newest frame")] = 0
-    silent_cameras: Annotated[Count, Meta(description="of the rig, that are left out because nothing comes")] = 0
-    sources: Annotated[Count, Meta(description="compact sources of light, in all maps")] = 0
-    near_lights: Annotated[Count, Meta(description="located and tracked")] = 0
-    hidden_lights: Annotated[Count, Meta(description="of them, those not seen well enough in the newest frame")] = 0
-    unexplained_sources: Annotated[
-        Count, Meta(description="sources that two cameras should see and no place explains: a pose may be wrong")
-    ] = 0
-    uncovered_ratio: Annotated[float, Meta(ge=0, le=1, title="uncovered", description="fraction of the map that no camera sees")] = 0.0
-    spread_ms: Annotated[
-        Milliseconds, Meta(title="spread in time", description="between the earliest and the latest map of the newest frame")
-    ] = 0.0
-
-
-AnyReport = MapReport | LightsReport | ImageReport | LevelsReport | PointsReport
 
 
 class Array(NamedTuple):
@@ -532,19 +437,6 @@ def _header(part: bytes) -> Header:
         return _decoder.decode(part)
     except (RecursionError, OverflowError, MemoryError) as error:  # arrays nested a thousand deep, numbers beyond 64 bits
         raise ValueError(f"a header that cannot be decoded: {error}") from error
-
-
-def schema() -> dict:
-    """The headers' JSON Schema, as exported to proto/wire.schema.json; `x-arrays` describes the arrays that follow a header."""
-    (kinds,), definitions = msgspec.json.schema_components([AnyHeader], ref_template="#/$defs/{name}")
-    for definition in definitions.values():
-        definition["description"] = inspect.cleandoc(definition["description"])
-    for kind in KINDS.values():
-        definition = definitions[kind.__name__]
-        definition["required"].insert(0, "version")  # has a default so that `pack` can fill it in; on the wire it must be there
-        definition["x-arrays"] = [array._asdict() for array in kind.ARRAYS]
-    draft = "https://json-schema.org/draft/2020-12/schema"
-    return {"$schema": draft, "title": f"vemlight wire {VERSION}", **kinds, "$defs": definitions}
 
 
 @cache

@@ -15,6 +15,7 @@ from vemlight.light.near_lights import NearLightSet
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.output_folder import LIGHTS, SNAPSHOTS
+from vemlight.runtime.reports import ImageReport, LightsReport
 from vemlight.sampler.error_limit import capped_text, is_capped
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.snapshot import SNAPSHOT_FRAMES, Snapshot, Snapshots
@@ -52,7 +53,7 @@ class StageState(NamedTuple):
 
 def budgets_after(budgets: tuple[Budget, ...], status: wire.StatusMessage) -> tuple[Budget, ...]:
     """With what a renderer's status says; without those that have been silent for FORGOTTEN statuses of each other one."""
-    if not isinstance(status.report, wire.ImageReport):
+    if not isinstance(status.report, ImageReport):
         return budgets
     others = [budget._replace(others=budget.others + 1) for budget in budgets if budget.renderer != status.service]
     heard = [budget for budget in others if budget.others <= FORGOTTEN * len(others)]
@@ -100,7 +101,7 @@ class SamplerStage:
             gloss_count=len(gloss.ids),
             coverage=header.coverage,
             soft=lights.covariances is not None,
-            report=wire.LightsReport(
+            report=LightsReport(
                 delay_ms=report.delay_s * 1e3,
                 delay_frames=report.delay_frames,
                 required_lights=report.required_lights,

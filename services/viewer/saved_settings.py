@@ -8,7 +8,8 @@ import msgspec
 import tomli_w
 
 from vemlight.runtime import wire
-from vemlight.settings import Capture, Settings, chosen_capture, is_live, shown_source
+from vemlight.settings import Capture, Settings, chosen_capture
+from vemlight.source_names import is_live, shown_source
 
 HEAD = "# What the page of vemlight showed when this was saved. `vemlight run` with this file shows the same.\n"
 MAX_SPEED = 100.0  # that settings take

@@ -24,13 +24,17 @@ MUTANTS = [
         ("a limit beside a number", "if self.is_soft and self.count is None else 0.0", "if self.is_soft else 0.0"),
         ("any filter with any method", '(self.method == "tracked") != (self.filter == "adaptive")', "False"),
         ("a token without one", "if self.token and self.insecure:", "if False:"),
+        ("video paths stay", 'requires `out`; empty: none"), PATH]', 'requires `out`; empty: none")]'),
+    ]),
+    *mutants_of("services/settings_file.py", "tests/test_settings.py", [
         ("tcp without keys", 'and not settings.wire.keys and not settings.wire.insecure', "and False"),
         ("a camera in lossless mode", 'if settings.mode == "lossless" and is_live(source):', "if False:"),
-        ("files in memory are cameras", ' and not source.startswith("/dev/shm/")', ""),
         ("relative paths stay", 'return value if is_stream(value) else str(folder / value)', "return value"),
-        ("passwords are printed", "{host.rpartition('@')[2]}", "{host}"),
-        ("video paths stay", 'requires `out`; empty: none"), PATH]', 'requires `out`; empty: none")]'),
         ("options as in Python", "key.replace('_', '-')", "key"),
+    ]),
+    *mutants_of("services/source_names.py", "tests/test_settings.py", [
+        ("files in memory are cameras", ' and not source.startswith("/dev/shm/")', ""),
+        ("passwords are printed", "{host.rpartition('@')[2]}", "{host}"),
     ]),
     *mutants_of(COMMANDS + "doctor.py", "tests/test_doctor.py", [
         ("libzmq's floor", "MIN_LIBZMQ = (4, 3, 5)", "MIN_LIBZMQ = (4, 3, 4)"),

@@ -20,6 +20,7 @@ import numpy as np
 
 from tests import golden
 from vemlight.runtime import wire
+from vemlight.runtime.reports import Report
 
 Parts = list[bytes]
 # msgpack's markers that announce a length, with the longest length that they can: bin, ext, str, array and map of 8, 16 and 32 bits.
@@ -107,7 +108,7 @@ def whole_messages() -> list[wire.Message]:
     status, source = wire.StatusMessage, wire.SourceChoice(choice="recording a", label="a")
     scaled = wire.Pose(name="box", position=(0.0, 0.0, 1.0), power=1.0, scale=2.0)
     numbers = {"sequence": 7, "rate_hz": 25.0, "age_ms": 3.5, "step_ms": 0.75, "frames": 8, "skipped": 0, "dropped": 0, "refused": 0}
-    reports: list[Any] = [report(**dict.fromkeys(report.__struct_fields__, 1)) for report in wire.Report.__subclasses__()]
+    reports: list[Any] = [report(**dict.fromkeys(report.__struct_fields__, 1)) for report in Report.__subclasses__()]
     playing = wire.SourceMessage(
         name="a", frames=9, fps=24.0, position=3, at_end=True, choice="bundled", choices=(source, source), opening="recording a",
         refusal="it is gone", recording="b", recorded_frames=4, recorded_bytes=5, record_bytes_s=6.5, free_bytes=7, why_not_record="full",

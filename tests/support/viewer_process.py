@@ -16,6 +16,7 @@ import zmq
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
+from vemlight.runtime.reports import ImageReport, LightsReport, MapReport
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Wire
@@ -51,16 +52,16 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
     pixels[:, sequence % 64] = (255, 0, 0, 255)
     return {
         "capture": (
-            wire.MapMessage(stamp=stamp, rows=18, cols=72, coverage="hemisphere", report=wire.MapReport(saturated_pixels=3)),
+            wire.MapMessage(stamp=stamp, rows=18, cols=72, coverage="hemisphere", report=MapReport(saturated_pixels=3)),
             (radiance, *NO_BRIGHT_CELLS),
         ),
         "sampler": (
-            wire.LightsMessage(stamp=stamp, count=count, coverage="hemisphere", report=wire.LightsReport(delay_ms=160.0)),
+            wire.LightsMessage(stamp=stamp, count=count, coverage="hemisphere", report=LightsReport(delay_ms=160.0)),
             (np.arange(count), directions, irradiance, directions[:0], irradiance[:0]),
         ),
         "renderer": (
             wire.ImageMessage(
-                stamp=stamp, width=64, height=48, objects=OBJECTS, report=wire.ImageReport(drawn_lights=count, render_ms=5.0)
+                stamp=stamp, width=64, height=48, objects=OBJECTS, report=ImageReport(drawn_lights=count, render_ms=5.0)
             ),
             (pixels,),
         ),

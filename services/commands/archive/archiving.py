@@ -29,6 +29,7 @@ from vemlight.errors import Interrupted, UserError
 from vemlight.files import notice, open_regular
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted, logged
+from vemlight.source_names import is_live, shown_source
 
 if TYPE_CHECKING:
     from vemlight.commands.archive.dask_workers import DaskWorkers
@@ -40,8 +41,8 @@ def archive(options: ArchiveOptions) -> Report:
     """Makes or continues an archive, or only its maps. Raises UserError before any work for what does not fit together."""
     check_options(options)
     capture = limited_to(capture_of(options), options.frames)
-    if settings.is_live(capture.source):
-        shown = settings.shown_source(capture.source)
+    if is_live(capture.source):
+        shown = shown_source(capture.source)
         raise UserError(f"{shown}: comes live, once; record it first (vemlight record), and archive the recording")
     source = open_files(capture)
     plan = _plan(options, source, capture)

@@ -219,7 +219,7 @@ def _saved_bombs() -> dict[str, bytes]:
 def _saved(path: Path) -> object:
     from vemlight.capture.masking import mask_weights
     from vemlight.light.virtual_lamp import lights_of_lamps
-    from vemlight.settings import read_settings
+    from vemlight.settings_file import read_settings
 
     settings = read_settings(path)
     return mask_weights(settings.capture.masks, 30, 60, "hemisphere"), lights_of_lamps(settings.sampler.lamp)

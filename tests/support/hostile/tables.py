@@ -159,7 +159,7 @@ def _scene_bombs() -> dict[str, bytes]:
 
 
 def _settings(path: Path) -> object:
-    from vemlight.settings import read_settings
+    from vemlight.settings_file import read_settings
 
     return read_settings(path)
 

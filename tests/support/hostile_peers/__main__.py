@@ -35,7 +35,8 @@ from vemlight.runtime.demand import Pull
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.session import SESSION, make_session
 from vemlight.runtime.transport import Transport, make_keys
-from vemlight.settings import Settings, Wire, read_settings
+from vemlight.settings import Settings, Wire
+from vemlight.settings_file import read_settings
 from vemlight.viewer.authentication import cookie_of
 
 START_S = 20.0

@@ -1,11 +1,14 @@
 """`vemlight archive`: the bytes of `vemlight lights` whatever the chunks, workers and interruptions, and what stands in its folder."""
 
+import errno
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from io import BytesIO
 from pathlib import Path
 
 import msgspec
@@ -16,6 +19,9 @@ from click.testing import CliRunner
 from tests.support.processes import vemlight
 from vemlight.commands.archive import archiving, workers
 from vemlight.commands.archive.archiving import archive
+from vemlight.commands.archive.chunks import ChunkMaker
+from vemlight.commands.archive.map_file import MapReader, write_maps
+from vemlight.commands.archive.plan import keep_plan
 from vemlight.commands.cli import main
 from vemlight.commands.offline import write_lights_file
 from vemlight.commands.options import ArchiveOptions, LightsOptions
@@ -214,6 +220,48 @@ def test_another_plan_is_refused_and_the_folder_stays(recording, mapped, given, 
     with pytest.raises(UserError, match=f"holds another archive: {said}; choose another --out"):
         archive(ArchiveOptions(source=recording, out=mapped, **{"from_maps": True, **given}))
     assert {path.name: path.stat().st_mtime_ns for path in mapped.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [({"version": "0.0.9"}, "vemlight is .* and was 0.0.9"), ({"names": 64 * "0"}, "the names of its frames have changed since"),
+     ({"frames": FRAMES + 1}, f"the number of frames is {FRAMES} and was {FRAMES + 1}"),
+     ({"calibration": {"lens.toml": 64 * "0"}}, "lens.toml has changed since")],
+)  # fmt: skip
+def test_a_worker_with_another_version_or_other_files_makes_no_maps(mapped, changed, said):
+    plan = archiving.found_plan(mapped)
+    assert plan
+    file = BytesIO()
+    fault = ChunkMaker(msgspec.structs.replace(plan, **changed)).to(0, file).fault
+    assert re.search(f"on {os.uname().nodename} {said}; all workers need the same", fault)
+    assert not file.getvalue()
+
+
+def test_maps_of_other_files_than_are_here_give_no_lights(recording, mapped, tmp_path, monkeypatch):
+    """As a Dask worker sends them that has a copy of its own, and as frames that change meanwhile give."""
+    out = from_maps(mapped, tmp_path / "a")
+    with open(out / "maps_000000", "rb") as file:
+        reader = MapReader(file)
+        content = BytesIO()
+        write_maps(content, msgspec.structs.replace(reader.header, files=64 * "0"), reader.frames())
+    monkeypatch.setattr(archiving._Archiving, "_chunks", lambda *_: iter([(0, content)]))
+    with pytest.raises(UserError, match="the files of frames 0 to 5 have changed while their maps were made, or a worker has others"):
+        archive(ArchiveOptions(source=recording, out=out, chunk=6))
+    assert not [name for name in names(out) if name.startswith(("state", "lights"))]
+
+
+def test_a_plan_is_kept_on_a_disk_without_links(mapped, tmp_path, monkeypatch):
+    plan = archiving.found_plan(mapped)
+    assert plan
+
+    def refused(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refused)
+    for _ in range(2):
+        keep_plan(tmp_path, plan)
+        assert names(tmp_path) == {"plan.json"}
+        assert archiving.found_plan(tmp_path) == plan
 
 
 def test_lights_that_are_gone_are_made_again(recording, lights, mapped, tmp_path, monkeypatch, capsys):

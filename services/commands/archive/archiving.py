@@ -172,6 +172,13 @@ class _Archiving:
         self._mapped += len(self._plan.frames_of(done.chunk))
         return done
 
+    def _check_files(self, chunk: int, digest: str) -> None:
+        """Raises UserError for maps of other files than are here: an archive with their lights could not be gone on with."""
+        if digest != self._digest(chunk):
+            frames = self._plan.frames_of(chunk)
+            found = f"the files of frames {frames[0]} to {frames[-1]} have changed while their maps were made, or a worker has others"
+            raise UserError(f"{self._options.out}: {found} (sizes or times); give all workers the same, and run the same command again")
+
     def _digest(self, chunk: int) -> str:
         return files_digest(self._source, self._plan.frames_of(chunk))
 
@@ -186,6 +193,7 @@ class _Archiving:
             reader = MapReader(maps)
             if reader.header.frames != len(self._plan.frames_of(chunk)):
                 raise ValueError("has another number of frames")
+            self._check_files(chunk, reader.header.files)
             with self._folder.adding(after, reader.header.files) as file:
                 for frame in reader.frames():
                     number = lighting.tally.frames

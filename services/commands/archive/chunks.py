@@ -13,11 +13,12 @@ from vemlight.capture.frames import Frame
 from vemlight.capture.masking import MaskedSource
 from vemlight.capture.source import FilesOfFrames, open_files
 from vemlight.commands.archive.map_file import ChunkHeader, write_maps
-from vemlight.commands.archive.plan import ArchivePlan, files_digest
+from vemlight.commands.archive.plan import ArchivePlan, difference, files_digest, new_plan
 from vemlight.errors import UserError
 from vemlight.files import kept_notices, notice, writing_to
 
 READY = b"ready\n"  # a worker's first line, behind all that is loaded
+WAY_OUT_OF_WORKERS = "all workers need the same frames, calibration and version of vemlight as who asks them"
 
 
 class ChunkDone(msgspec.Struct, frozen=True):
@@ -64,8 +65,9 @@ class ChunkMaker:
     def _write(self, chunk: int, file: BinaryIO) -> None:
         if self._source is None:
             source = open_files(self._plan.capture_settings())
-            if len(source) != self._plan.frames:
-                raise UserError(f"{self._plan.capture['source']}: has {len(source)} frames and had {self._plan.frames}; name another --out")
+            found = new_plan(source, self._plan.capture_settings(), self._plan.sampler_settings(), self._plan.chunk_frames)
+            if differs := difference(self._plan, found):
+                raise UserError(f"{self._plan.capture['source']}: on {os.uname().nodename} {differs}; {WAY_OUT_OF_WORKERS}")
             if chunk:
                 source.frame(0)  # as in a run from the first frame on, it decides of which size the others are
             self._source, self._masked = source, MaskedSource(source, self._plan.capture_settings())

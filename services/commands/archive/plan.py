@@ -134,7 +134,7 @@ def keep_plan(folder: Path, wanted: ArchivePlan) -> None:
                 os.fsync(handle)
             _link(name, folder / PLAN)
         finally:
-            os.unlink(name)
+            Path(name).unlink(missing_ok=True)
         fsync_folder(folder)
     found = found_plan(folder)
     if found is None:
@@ -149,6 +149,5 @@ def _link(name: str, path: Path) -> None:
         os.link(name, path)
     except FileExistsError:
         pass
-    except OSError:  # a file system without links
-        with open(path, "xb") as file, open(name, "rb") as whole:
-            file.write(whole.read())
+    except OSError:  # a file system without links: the last of several who come at once wins, and the others see it behind this
+        os.replace(name, path)

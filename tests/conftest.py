@@ -73,6 +73,8 @@ def make_settings(tmp_path: Path, sequence: Path) -> Callable[..., tuple[Setting
         }
         for key, value in sections.items():
             content[key] = {**content.get(key, {}), **value} if isinstance(value, dict) else value
+        if content["wire"].get("transport") == "tcp":
+            del content["wire"]["folder"]
         path = tmp_path / name
         path.write_text(tomli_w.dumps(content))
         return read_settings(path), path

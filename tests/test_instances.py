@@ -1,12 +1,13 @@
 """Which processes a run has, what they are called, where they are reached, and whose frames they take."""
 
+import socket as network
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tomli_w
 
-from tests.support.processes import free_port
+from tests.support.processes import free_port, vemlight
 from vemlight.commands.run_checks import check_run
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
@@ -14,6 +15,9 @@ from vemlight.runtime.instances import arguments, camera_capture, instances, pro
 from vemlight.runtime.transport import endpoint
 from vemlight.settings import Settings, Wire
 from vemlight.settings_file import read_settings
+
+TCP = {"transport": "tcp", "insecure": True}
+PORTS = {"capture.left": 5620, "capture.right": 5622}
 
 
 @pytest.fixture
@@ -96,9 +100,15 @@ def test_every_instance_has_its_own_endpoint(rig, tmp_path):
         ({"wire": {"elsewhere": ["plate"]}}, r"elsewhere: plate is no part of these settings, which have no \[plate\] source"),
         ({"wire": {"hosts": {"sampler": "10.0.0.1:5602"}}}, r'\[wire.hosts\] sampler = "10.0.0.1:5602": is no host; .*without a port'),
         ({"wire": {"hosts": {"sampler": ""}}}, "is no host"),
-        ({"wire": {"ports": {"capture.left": 5700, "capture.right": 5701}}}, "5701 of capture.right is taken by capture.left"),
+        ({"wire": {**TCP, "ports": {"capture.left": 5700, "capture.right": 5701}}}, "5701 of capture.right is taken by capture.left"),
         ({"wire": {"ports": {"captre.left": 5700}}}, r"\[wire.ports\] captre.left: is no service"),
         ({"wire": {"names": {"renderer": "renderer.B"}}}, "renderer.B|names"),
+        ({"wire": {"ports": PORTS}}, r'\[wire\] ports: is for transport = "tcp"; leave it out, or set that'),
+        ({"wire": {"hosts": {"sampler": "10.0.0.1"}}}, r'\[wire\] hosts: is for transport = "tcp"'),
+        ({"wire": {"port": 5700}}, r'\[wire\] port: is for transport = "tcp"'),
+        ({"wire": {**TCP, "folder": "s"}}, r'\[wire\] folder: is for transport = "ipc"'),
+        ({"mode": "lossless", "wire": {"renderers": ["renderer"]}}, r'\[wire\] renderers: is for mode = "live"'),
+        ({"out": "o", "wire": {"elsewhere": ["renderer"]}}, r"\[wire\] elsewhere: renderer writes there what `out` is for"),
     ],
 )
 def test_what_does_not_go_together_is_refused(rig, sections, words):
@@ -112,10 +122,6 @@ def test_one_port_may_be_taken_on_each_host(rig):
     settings = rig(wire=wire, viewer={"port": 5603})
     assert endpoint(settings.wire, "capture.left", "publish") == "tcp://10.0.0.1:5620"
     assert endpoint(settings.wire, "capture.right", "publish") == "tcp://10.0.0.2:5620"
-
-
-TCP = {"transport": "tcp", "insecure": True}
-PORTS = {"capture.left": 5620, "capture.right": 5622}
 
 
 @pytest.mark.parametrize(
@@ -137,6 +143,24 @@ def test_a_run_that_could_not_work_is_refused_in_one_line(rig, tmp_path, wire, w
     with pytest.raises(UserError, match=words) as caught:
         check_run(settings, tmp_path / "vemlight.toml", source_option=False)
     assert "\n" not in str(caught.value)
+
+
+def test_of_what_runs_elsewhere_nothing_need_be_here(rig, tmp_path):
+    """Its cameras may be on another machine, and its page on a port that is taken here."""
+    wire = {**TCP, "ports": PORTS, "hosts": {"capture": "10.0.0.7"}, "elsewhere": ["capture", "fuse", "sampler", "viewer"]}
+    with network.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        check_run(rig(wire=wire, viewer={"port": taken.getsockname()[1]}), tmp_path / "vemlight.toml", source_option=False)
+    plain = {"elsewhere": ["capture", "sampler", "renderer"], "folder": str(tmp_path / "sockets")}
+    alone = {"capture": {"source": "nowhere"}, "renderer": {"scene": "nowhere.toml"}, "viewer": {"port": free_port()}, "wire": plain}
+    (tmp_path / "alone.toml").write_text(tomli_w.dumps(alone))
+    check_run(read_settings(tmp_path / "alone.toml"), tmp_path / "alone.toml", source_option=False)
+
+
+def test_options_of_a_source_are_for_the_run_that_has_it(tmp_path):
+    (tmp_path / "wall.toml").write_text('[wire]\nfolder = "sockets"\nelsewhere = ["capture", "sampler"]\n')
+    done = vemlight("run", str(tmp_path / "wall.toml"), "--frames", "3")
+    assert (done.returncode, "elsewhere: capture runs elsewhere" in done.stderr) == (2, True)
 
 
 def write_maps(folder: Path) -> None:

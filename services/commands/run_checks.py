@@ -32,27 +32,48 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
     """
     checked_utf8(settings, "a settings file")  # as the services get them
     check_settings(settings, file)
-    for name in settings.capture.lenses:
-        with _named(file, "[capture] lens"):
-            _read_lens(Path(name))
-    if settings.capture.response:
-        with _named(file, "[capture] response"):
-            _read_response(Path(settings.capture.response))
+    here = [service for service in settings.services if service not in settings.wire.elsewhere]
     if settings.rig.file:
         with _named(file, "[rig] file"):
             _check_rig(settings)
-    else:
-        with _named(None if source_option else file, "--source" if source_option else "[capture] source"):
-            _check_source(settings.capture)
+    elif "capture" in here:
+        _check_capture(settings.capture, file, source_option)
     with _named(file, ""):
         _check_processes(settings)
-    with _named(file, "[plate] source"):
-        _check_plate(settings.plate)
-    if settings.fixtures.rig:
+    if "plate" in here:
+        with _named(file, "[plate] source"):
+            _check_plate(settings.plate)
+    if "fixtures" in here:
         from vemlight.fixtures.check import check_rig_file
 
         with _named(file, "[fixtures] rig"):
             check_rig_file(Path(settings.fixtures.rig))
+    if "renderer" in here:
+        _check_renderer(settings, file)
+    if settings.wire.keys:
+        from vemlight.runtime.transport import read_keys
+
+        with _named(file, "[wire] keys"):
+            read_keys(Path(settings.wire.keys))
+    if "viewer" in here and (reason := _port_kept(settings.viewer.host, settings.viewer.port)):
+        address = f"{settings.viewer.host}:{settings.viewer.port}"
+        with _named(file, "[viewer] host, port"):
+            raise UserError(f"the viewer cannot listen at {address} ({reason}); stop what holds it, or choose another")
+
+
+def _check_capture(capture: Capture, file: Path | None, source_option: bool) -> None:
+    for name in capture.lenses:
+        with _named(file, "[capture] lens"):
+            _read_lens(Path(name))
+    if capture.response:
+        with _named(file, "[capture] response"):
+            _read_response(Path(capture.response))
+    with _named(None if source_option else file, "--source" if source_option else "[capture] source"):
+        _check_source(capture)
+
+
+def _check_renderer(settings: Settings, file: Path | None) -> None:
+    """Raises UserError for a scene, a measured lamp or a video that the renderer could not use."""
     if settings.renderer.scene:
         from vemlight.renderer.scene.scene import load_scene
 
@@ -71,15 +92,6 @@ def check_run(settings: Settings, file: Path | None, source_option: bool) -> Non
 
         with _named(file, ""):
             check_video_settings(settings)
-    if settings.wire.keys:
-        from vemlight.runtime.transport import read_keys
-
-        with _named(file, "[wire] keys"):
-            read_keys(Path(settings.wire.keys))
-    if reason := _port_kept(settings.viewer.host, settings.viewer.port):
-        address = f"{settings.viewer.host}:{settings.viewer.port}"
-        with _named(file, "[viewer] host, port"):
-            raise UserError(f"the viewer cannot listen at {address} ({reason}); stop what holds it, or choose another")
 
 
 @contextmanager
@@ -113,7 +125,7 @@ def _check_source(capture: Capture) -> None:
 
 
 def _check_rig(settings: Settings) -> None:
-    """Raises UserError for a rig of cameras of which one cannot be used, or which do not go together."""
+    """Raises UserError for a rig of cameras of which one that is started here cannot be used, or which do not go together."""
     from vemlight.capture.source import open_files
     from vemlight.fuse.check import check_cameras
 
@@ -121,7 +133,7 @@ def _check_rig(settings: Settings) -> None:
     check_cameras(path, [], [])
     _check_devices(settings)
     fps, frames, some_live = [], [], False
-    for camera in rig_cameras(settings.rig.file):
+    for camera in rig_cameras(settings.rig.file) if "capture" not in settings.wire.elsewhere else ():
         capture = camera_capture(settings, camera.name)
         with of_setting(f"{path}: camera {camera.name}"):
             for name in capture.lenses:

@@ -36,13 +36,18 @@ def run(
     import msgspec
 
     from vemlight.commands.run_checks import check_run
+    from vemlight.errors import UserError
     from vemlight.runtime.supervise import supervise
     from vemlight.settings_file import read_settings
 
     wanted = read_settings(settings)
     if settings is None and source is None:  # the bundled sequence and scene, as they look best
         wanted = msgspec.structs.replace(wanted, renderer=msgspec.structs.replace(wanted.renderer, **BUNDLED_RENDERER))
-    wanted = msgspec.structs.replace(wanted, capture=capture_settings(wanted.capture, source, {"frames": frames, **reading}))
+    capture = capture_settings(wanted.capture, source, {"frames": frames, **reading})
+    if "capture" in wanted.wire.elsewhere and capture != wanted.capture:
+        text = "capture runs elsewhere, and the options given are for a source; give them to that run"
+        raise UserError(f"{settings}: [wire] elsewhere: {text}")
+    wanted = msgspec.structs.replace(wanted, capture=capture)
     if out:
         wanted = msgspec.structs.replace(wanted, out=str(out.resolve()), mode="lossless")
     if rig:

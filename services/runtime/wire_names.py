@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 HOST = r"[A-Za-z0-9_]([A-Za-z0-9._-]{0,252}[A-Za-z0-9_])?"  # a name or an IPv4 address
 LOOPBACK = "127.0.0.1"
+# Keys and `insecure` are for both: a relay of services on one machine publishes over tcp.
+OF_TRANSPORT = {"ipc": ("folder",), "tcp": ("hosts", "port", "ports")}
 OPTIONAL = {"plate": "[plate] source", "fixtures": "[fixtures] rig", "fuse": "[rig] file"}
 
 
@@ -47,14 +49,28 @@ def check_names(settings: "Settings", where: Path | str) -> None:
         raise UserError(f'{where}: [wire] renderers: "{wrong[0]}" is no renderer; name some as "renderer" or "renderer.b"')
     if twice := [name for name in wire.renderers if wire.renderers.count(name) > 1]:
         raise UserError(f'{where}: [wire] renderers: "{twice[0]}" is there twice; each has a name of its own')
+    if wire.renderers and settings.mode == "lossless":
+        raise UserError(f'{where}: [wire] renderers: is for mode = "live"; in lossless mode none hurries the sampler')
+    _check_transport(settings, where)
     _check_elsewhere(settings, where)
     _check_ports(settings, where)
+
+
+def _check_transport(settings: "Settings", where: Path | str) -> None:
+    """Raises UserError for keys of the transport that is not chosen."""
+    wire, unset = settings.wire, type(settings.wire)()
+    other = "ipc" if wire.transport == "tcp" else "tcp"
+    for key in OF_TRANSPORT[other]:
+        if getattr(wire, key) != getattr(unset, key):
+            raise UserError(f'{where}: [wire] {key}: is for transport = "{other}"; leave it out, or set that')
 
 
 def _check_elsewhere(settings: "Settings", where: Path | str) -> None:
     elsewhere = settings.wire.elsewhere
     if elsewhere and settings.mode == "lossless":
         raise UserError(f'{where}: [wire] elsewhere: is for mode = "live"; in lossless mode one run makes all frames')
+    if settings.out and (writers := [service for service in elsewhere if service in ("sampler", "renderer")]):
+        raise UserError(f"{where}: [wire] elsewhere: {writers[0]} writes there what `out` is for; leave one of them out")
     if missing := [service for service in elsewhere if service not in settings.services]:
         found = f"{missing[0]} is no part of these settings, which have no {OPTIONAL[missing[0]]}"
         raise UserError(f"{where}: [wire] elsewhere: {found}; set that as the other run does, or leave {missing[0]} out")

@@ -35,6 +35,8 @@ MUTANTS = [
     ]),
     *mutants_of("services/settings.py", "tests/test_settings.py", [
         ("relative video paths", '`out`; empty: none"), PATH]', '`out`; empty: none")]'),
+    ]),
+    *mutants_of("services/settings_file.py", "tests/test_settings.py", [
         ("relative paths", "elif value and PATH in get_args(hint):", "elif False:"),
     ]),
     *mutants_of(RUNTIME + "transport.py", "tests/test_transport.py", [
@@ -61,6 +63,7 @@ MUTANTS = [
         ("second port of a service", "for port in (first, first + 1) if first", "for port in (first,) if first"),
         ("ports of different hosts", "taken.get((host, port))", "taken.get((LOOPBACK, port))"),
         ("the page's port", "(other := taken.get(page))", "(other := None)"),
+        ("keys of the other transport", "if getattr(wire, key) != getattr(unset, key):", "if False:"),
     ]),
     *mutants_of(RUNTIME + "wire.py", "tests/test_wire.py", [
         ("nan in half-float arrays", 'if dtype in ("<f2", "<f4") and', 'if dtype in ("<f4",) and'),

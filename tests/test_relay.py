@@ -21,12 +21,12 @@ from tests.support.processes import LOADED_S, children, free_port, wait_until
 from tests.support.slow_link import SlowLink
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, eventually, frames_of
 from vemlight.exchange.fewer_lights import error_of
-from vemlight.exchange.relay import PART_BYTES, Feed, Relayed
-from vemlight.exchange.stream import light_set
+from vemlight.exchange.relay import PART_BYTES, Feed, Relayed, downstream
+from vemlight.exchange.stream import Destination, light_set
 from vemlight.light.light_set import LightSet
 from vemlight.runtime import wire
 from vemlight.runtime.reports import LightsReport
-from vemlight.runtime.transport import Transport, make_keys, read_keys
+from vemlight.runtime.transport import Transport, endpoint, make_keys, read_keys
 from vemlight.settings import Wire
 from vemlight_client import lights
 
@@ -150,6 +150,11 @@ def test_without_its_key_a_listener_gets_nothing(place, relay, tmp_path):
         with pytest.raises(TimeoutError):
             next(lights(f"tcp://127.0.0.1:{port}", keys, timeout_s=1.5))
     assert len(next(lights(f"tcp://127.0.0.1:{port}", place / "keys", timeout_s=PATIENCE_S)).ids) == 91
+
+
+def test_it_listens_where_it_is_told_whatever_ports_the_place_has():
+    inner = Wire(transport="tcp", insecure=True, ports={"sampler": 5900}, hosts={"sampler": "10.0.0.7"})
+    assert endpoint(downstream(inner, Destination("127.0.0.1", 5702)), "sampler", "publish") == "tcp://127.0.0.1:5702"
 
 
 def test_a_service_elsewhere_takes_it_for_the_sampler(place, relay):

@@ -93,7 +93,7 @@ def downstream(settings: Wire, listen: Destination) -> Wire:
     first = listen.port - 2 * SERVICES.index("sampler")
     if first < 1:
         raise UserError(f"--listen {listen.host}:{listen.port}: is too low a port; choose one from 1024 on")
-    return msgspec.structs.replace(settings, transport="tcp", port=first, hosts={"sampler": listen.host})
+    return msgspec.structs.replace(settings, transport="tcp", port=first, hosts={"sampler": listen.host}, ports={})
 
 
 class Work(msgspec.Struct, frozen=True):

@@ -9,6 +9,7 @@ import pytest
 
 from tests.support.lights_files import read_lights
 from tests.support.processes import LOADED_S, MessageListener, children, is_running, wait_until
+from vemlight.errors import UserError
 from vemlight.runtime import supervise, wire
 from vemlight.runtime.restarts import AGAIN_S, MAX_DEATHS
 from vemlight.runtime.supervise import RUN_FOLDER
@@ -36,6 +37,21 @@ def test_a_run_with_an_end_writes_everything_and_leaves_nothing(run, tmp_path):
     assert [row.sequence for row in read_lights(tmp_path / "out" / "lights.jsonl")] == list(range(5))
     assert not list(Path(settings.wire.folder).iterdir())
     assert no_run_folder(process.pid)
+
+
+def test_what_a_killed_run_left_goes_even_where_the_next_one_has_its_number(tmp_path, monkeypatch):
+    """In a container that is started again every run has the same."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for name in (os.getpid(), 2**22 + 1, 10**30, os.getppid(), "x"):
+        (tmp_path / f"{RUN_FOLDER}{name}" / "session").mkdir(parents=True)
+    supervise._remove_dead_runs()
+    assert {path.name for path in tmp_path.iterdir()} == {f"{RUN_FOLDER}{name}" for name in (10**30, os.getppid(), "x")}
+
+
+def test_a_full_disk_for_a_runs_folder_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    with pytest.raises(UserError, match=r"vemlight-run-\d+: cannot be made \(No such file"):
+        supervise._run(Settings())
 
 
 def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run):

@@ -17,6 +17,7 @@ import tomli_w
 import zmq
 
 from vemlight.compiling import COMPILING, compiled_by, compiling_file
+from vemlight.errors import UserError
 from vemlight.runtime import wire
 from vemlight.runtime.channels import LAST, Instance, service_of
 from vemlight.runtime.children import die_with
@@ -110,7 +111,10 @@ def _with_result(settings: Settings, status: int) -> int:
 def _run(settings: Settings) -> int:
     _remove_dead_runs()
     folder = Path(tempfile.gettempdir()) / f"{RUN_FOLDER}{os.getpid()}"
-    folder.mkdir(mode=0o700)
+    try:
+        folder.mkdir(mode=0o700)
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be made ({error.strerror}); remove it, make room, or set TMPDIR to another folder") from error
     try:
         if settings.wire.transport == "ipc" and not settings.wire.folder:
             settings = msgspec.structs.replace(settings, wire=msgspec.structs.replace(settings.wire, folder=str(folder)))
@@ -133,7 +137,7 @@ class Supervisor:
             name: Child(name, settings_file, [other for other in names if other != name], arguments(settings, name)) for name in names
         }
         self._transport = Transport(settings.wire)
-        self._statuses = [self._transport.subscribe(name, "status") for name in names]
+        self._statuses = {name: self._transport.subscribe(name, "status") for name in names}
         self._newest: dict[str, wire.StatusMessage] = {}
         self._signals, self._interrupted = 0, False
         self._spare: Spare | None = None
@@ -201,15 +205,15 @@ class Supervisor:
             self._spare_at_s = time.monotonic() + GIVE_UP_S  # one that dies of itself is not started again and again
 
     def _receive_statuses(self) -> None:
-        zmq.select(self._statuses, [], [], timeout=POLL_S)
-        for socket in self._statuses:
+        zmq.select(list(self._statuses.values()), [], [], timeout=POLL_S)
+        for name, socket in self._statuses.items():
             while socket.poll(0):
                 try:
                     header, _ = wire.unpack(receive(socket).parts)
                 except (ValueError, zmq.Again):
                     continue
                 if isinstance(header, wire.StatusMessage):
-                    self._newest[header.service] = header
+                    self._newest[name] = header
 
     def _print_progress(self) -> None:
         """A line while files are written; a live run has its page."""
@@ -244,11 +248,18 @@ def pace(rate_hz: float) -> str:
 
 
 def _remove_dead_runs() -> None:
-    """Folders of runs that were killed outright; their processes ended with them."""
+    """Folders of runs that were killed outright; their processes ended with them.
+
+    One of this process's own number is of a run before it: in a container that is started again each has the same.
+    """
     for folder in Path(tempfile.gettempdir()).glob(f"{RUN_FOLDER}*"):
         try:
-            os.kill(int(folder.name.removeprefix(RUN_FOLDER)), 0)
-        except (ValueError, PermissionError):
+            number = int(folder.name.removeprefix(RUN_FOLDER))
+            if number != os.getpid():
+                os.kill(number, 0)
+                continue
+        except (ValueError, OverflowError, PermissionError):
             continue
         except ProcessLookupError:
-            shutil.rmtree(folder, ignore_errors=True)
+            pass
+        shutil.rmtree(folder, ignore_errors=True)

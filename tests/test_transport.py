@@ -1,5 +1,7 @@
 """Sockets: who may use their folder and their keys, and the limits that each gets."""
 
+import fcntl
+import os
 import re
 import stat
 
@@ -7,7 +9,7 @@ import pytest
 import zmq
 
 from vemlight.errors import UserError
-from vemlight.runtime import wire
+from vemlight.runtime import transport, wire
 from vemlight.runtime.channels import QUEUE_FRAMES
 from vemlight.runtime.transport import Transport, accept_subscriptions, endpoint, make_keys, read_keys, runtime_folder
 from vemlight.settings import Wire
@@ -40,6 +42,34 @@ def test_a_sockets_path_has_up_to_107_bytes(tmp_path, excess, accepted):
     else:
         with pytest.raises(UserError, match="108 of 107 bytes"):
             runtime_folder(Wire(folder=folder))
+
+
+def test_an_address_is_locked_by_the_file_that_has_its_name(tmp_path, monkeypatch):
+    """Who ends removes the file: another one that had opened it before must not hold a lock on a file without a name."""
+    path, flock = tmp_path / "capture.publish.lock", fcntl.flock
+    calls: list[int] = []
+
+    def removed_meanwhile(lock: int, how: int) -> None:
+        calls.append(lock)
+        flock(lock, how)
+        if len(calls) == 1:
+            path.unlink()
+
+    monkeypatch.setattr(fcntl, "flock", removed_meanwhile)
+    lock = transport._locked(path)
+    assert len(calls) == 2
+    assert os.path.samestat(os.fstat(lock), path.stat())
+    with pytest.raises(BlockingIOError):
+        transport._locked(path)
+    os.close(lock)
+
+
+def test_an_address_that_cannot_be_locked_is_one_line(tmp_path, monkeypatch):
+    made = Transport(Wire(folder=str(tmp_path / "s")))
+    monkeypatch.setattr(transport, "_locked", lambda _: os.open(tmp_path / "gone" / "lock", os.O_CREAT))
+    with pytest.raises(UserError, match=r"capture.publish.lock: cannot be locked \(No such file or directory\); make room"):
+        made.bind("capture", "publish")
+    made.close()
 
 
 def test_a_secret_key_that_others_may_read_is_refused(tmp_path):

@@ -176,12 +176,12 @@ class Transport:
             return
         path = runtime_folder(self.settings) / f"{service}.{role}"
         lock_path = path.with_suffix(f"{path.suffix}.lock")
-        lock = os.open(lock_path, os.O_CREAT | os.O_RDWR, 0o600)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(lock)
+            lock = _locked(lock_path)
+        except BlockingIOError as error:
             raise UserError(f"{path}: another {service} runs there; stop it or set [wire] folder to another one") from error
+        except OSError as error:
+            raise UserError(f"{lock_path}: cannot be locked ({error.strerror}); make room, or set [wire] folder to another one") from error
         self._claimed.append(_ClaimedSocket(path, lock_path, lock))
 
     def _socket(self, kind: int, queue: int, max_part: int) -> Any:
@@ -220,6 +220,22 @@ class Transport:
             self._authenticator = ThreadAuthenticator(self.context)
             self._authenticator.start()
             self._authenticator.configure_curve(domain=ZAP_DOMAIN, location=self.settings.keys)
+
+
+def _locked(path: Path) -> int:
+    """The file of that name, made and locked. Raises BlockingIOError where another process has it, OSError where it cannot be made."""
+    while True:
+        lock = os.open(path, os.O_CREAT | os.O_RDWR, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(lock), os.stat(path)):
+                return lock
+        except FileNotFoundError:  # who had it has removed it between the two calls: the next of that name is another file
+            pass
+        except OSError:
+            os.close(lock)
+            raise
+        os.close(lock)
 
 
 def accept_subscriptions(publisher: Any) -> set[str]:

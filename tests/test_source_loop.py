@@ -14,7 +14,7 @@ from vemlight.runtime.loop import publish_status
 from vemlight.runtime.peers import receive
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.source_loop import run_camera
-from vemlight.runtime.source_protocols import LISTENERS, CameraMessage
+from vemlight.runtime.source_protocols import LISTENERS, CameraMessage, Listeners
 from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Settings
 
@@ -86,3 +86,26 @@ def test_of_so_many_frames_none_comes_before_the_listeners_are_ready(limit, make
         assert min(seen) > UNHEARD
     else:
         assert min(seen) <= UNHEARD  # it is looked at while the others still compile
+
+
+def test_who_never_comes_is_named_and_waited_for_no_longer(make_settings, monkeypatch, capsys):
+    settings, _ = make_settings()
+    monkeypatch.setenv(LISTENERS, "sampler renderer nonsense")
+    transport, sampler = Transport(settings.wire), Transport(settings.wire)
+    publisher, stats = sampler.bind("sampler", "publish"), ServiceStats("capture", 0)
+    listeners = Listeners(transport)
+    waited = len(listeners.sockets)
+    while len(listeners.sockets) == waited:
+        assert listeners.awaited(stats)
+        accept_subscriptions(publisher)
+        publish_status(publisher, ServiceStats("sampler", 0))
+    assert (waited, len(listeners.sockets), capsys.readouterr().err) == (2, 1, "")
+    (socket,) = listeners.sockets
+    monkeypatch.setattr(listeners, "_give_up_s", 0.0)
+    assert not listeners.awaited(stats)
+    assert not listeners.awaited(stats)
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["vemlight: capture: plays without renderer, from which nothing has come for 900 s; see its own lines"]
+    assert socket.closed
+    transport.close()
+    sampler.close()

@@ -1,8 +1,9 @@
 """What the loops of sources know of them, and of who listens."""
 
 import os
+import sys
 import time
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -72,10 +73,23 @@ class Listeners:
 
     def __init__(self, transport: Transport) -> None:
         named = os.environ.get(LISTENERS, "").split()
-        self.sockets = [transport.subscribe(name, "status") for name in named if service_of(name) in SERVICES]
+        self._awaited = {name: transport.subscribe(name, "status") for name in named if service_of(name) in SERVICES}
         self._give_up_s = time.monotonic() + LISTENERS_S
 
+    @property
+    def sockets(self) -> list[Any]:
+        """Of those that are not ready yet."""
+        return list(self._awaited.values())
+
     def awaited(self, stats: ServiceStats) -> bool:
-        """Whether one of them is not ready yet."""
-        self.sockets = [socket for socket in self.sockets if not list(receive_all(socket, stats))]
-        return bool(self.sockets) and time.monotonic() < self._give_up_s
+        """Whether one of them is not ready yet. After LISTENERS_S a line says which, and none is waited for."""
+        ready = [name for name, socket in self._awaited.items() if receive_all(socket, stats)]
+        if self._awaited and time.monotonic() > self._give_up_s:
+            missing = ", ".join(name for name in self._awaited if name not in ready)
+            if missing:
+                text = f"plays without {missing}, from which nothing has come for {LISTENERS_S:.0f} s; see its own lines"
+                print(f"vemlight: {stats.service}: {text}", file=sys.stderr, flush=True)
+            ready = list(self._awaited)
+        for name in ready:
+            self._awaited.pop(name).close()
+        return bool(self._awaited)

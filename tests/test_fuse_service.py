@@ -21,6 +21,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.demand import Pull
 from vemlight.runtime.reports import MapReport
 from vemlight.runtime.service_stats import ServiceStats
+from vemlight.runtime.source_protocols import LISTENERS
 from vemlight.runtime.transport import Transport
 
 NAMES = ("a", "b", "c")
@@ -99,6 +100,33 @@ def test_each_camera_may_die_and_come_back_while_the_others_go_on(make_rig, serv
             assert b.sequence > a.sequence
     finally:
         fused.close()
+
+
+def test_of_so_many_frames_no_more_are_fused_when_a_camera_comes_late(make_rig, services, monkeypatch):
+    monkeypatch.setenv(LISTENERS, "fuse")
+    settings, path = make_rig(capture={"frames": 4})
+    transport = Transport(settings.wire)
+    fused, late = transport.subscribe("fuse", "points", "end"), transport.subscribe("capture.c", "end")
+    numbers: list[int] = []
+
+    def has_ended(socket) -> bool:
+        ended = False
+        while socket.poll(50):
+            header, _ = wire.unpack(socket.recv_multipart())
+            if isinstance(header, wire.PointsMessage):
+                numbers.append(header.stamp.sequence)
+            ended |= isinstance(header, wire.EndMessage)
+        return ended
+
+    for name in ("a", "b"):
+        services.start("vemlight.capture", str(path), name)
+    services.start("vemlight.fuse", str(path))
+    wait_until(lambda: has_ended(fused), "the end of two cameras")
+    services.start("vemlight.capture", str(path), "c")
+    wait_until(lambda: has_ended(late), "the end of the third")
+    wait_until(lambda: has_ended(fused), "the end of all")
+    assert 2 <= max(numbers) < 4
+    transport.close()
 
 
 def pulled(settings, count: int, at=lambda k: None) -> list[int]:

@@ -160,7 +160,8 @@ def _run_live(
         poller.poll(math.ceil(min(POLL_MS, cameras.moments.wait_ns(time.monotonic_ns()) / 1e6)))
         accept_subscriptions(publisher)
         cameras.receive()
-        if moment := cameras.moments.next(time.monotonic_ns()):
+        is_done = 0 < settings.capture.frames <= sequence  # the cameras, which begin one after the other, may have more
+        if not is_done and (moment := cameras.moments.next(time.monotonic_ns())):
             began_ns = moment.at_ns if began_ns is None else began_ns
             stamp = msgspec.structs.replace(moment.stamp, sequence=sequence, time_s=(moment.at_ns - began_ns) / 1e9)
             started_s = time.monotonic()
@@ -168,7 +169,7 @@ def _run_live(
                 state, fused = fused_messages(state, moment.frames, stamp, moment.spread_ns / 1e6)
             _publish(fused, publisher, stats, started_s)
             sequence += 1
-        elif cameras.ended():
+        elif is_done or cameras.ended():
             publish(publisher, (wire.EndMessage(sequence=sequence), ()))
             time.sleep(END_PERIOD_S)
         publish_status(publisher, stats)

@@ -72,6 +72,17 @@ def test_near_lights_are_those_of_the_frame_or_the_newest():
     assert newest.points.ids[0] == LAST_FRAMES + 4, "long gone"
 
 
+def test_near_lights_of_before_a_restart_are_none_of_a_frame_behind_it():
+    """A fuse that is restarted counts from 0 again."""
+    frames = NearFrames()
+    for sequence, id_ in ((0, 1), (1, 1), (2, 1), (0, 7)):
+        header, arrays = points_message(sequence)
+        frames.take(header, (np.array([id_, 10**6]), *arrays[1:]))
+    near = frames.of(wire.stamp(2, 0.0))
+    assert near
+    assert near.points.ids[0] == 7
+
+
 def test_streams_of_json_have_them_as_files_have():
     lights = wire.LightsMessage(stamp=wire.stamp(4, 0.1), count=1, coverage="hemisphere")
     arrays = np.zeros(1, np.int64), np.array([[0, 0, 1]], np.float32), np.ones((1, 3), np.float32)

@@ -16,7 +16,8 @@ class NearFrames:
         self._frames: dict[int, NearLights] = {}  # the newest last
 
     def take(self, header: wire.PointsMessage, arrays: tuple[np.ndarray, ...]) -> None:
-        self._frames.pop(header.stamp.sequence, None)
+        if header.stamp.sequence <= next(reversed(self._frames), -1):  # who was restarted counts from 0 again
+            self._frames.clear()
         self._frames[header.stamp.sequence] = NearLights(NearLightSet(*arrays), header.at)
         if len(self._frames) > LAST_FRAMES:
             del self._frames[next(iter(self._frames))]

@@ -25,7 +25,7 @@ from vemlight.commands.machine_settings import (
     write_fit,
 )
 from vemlight.errors import UserError
-from vemlight.settings import Capture, Fixtures, Renderer, Settings
+from vemlight.settings import Capture, Fixtures, Renderer, Settings, Wire
 from vemlight.settings_file import read_settings
 
 SETTINGS = Settings(renderer=Renderer(width=480, height=270))
@@ -117,6 +117,7 @@ def test_what_cannot_be_tried_is_refused_before_anything_runs(tmp_path: Path):
         (there, SETTINGS, "exists already"),
         (tmp_path / "no" / "file.toml", SETTINGS, "no folder"),
         (tmp_path / "new.toml", Settings(mode="lossless"), "lossless"),
+        (tmp_path / "new.toml", Settings(wire=Wire(elsewhere=("capture",))), "leave out elsewhere"),
         (tmp_path / "new.toml", Settings(fixtures=Fixtures(rig="rig.toml")), "rig"),
     ):
         with pytest.raises(UserError, match=words):

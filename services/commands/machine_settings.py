@@ -73,6 +73,8 @@ def check_new(path: Path, settings: Settings) -> None:
         raise UserError(f"{path}: there is no folder {path.parent}; make it, or name another file")
     if settings.mode == "lossless":
         raise UserError('--write tries live pictures, and the settings have mode = "lossless", which is as fast as it is; leave out mode')
+    if settings.wire.elsewhere:
+        raise UserError("--write tries all services, and [wire] elsewhere says that another run has some; leave out elsewhere")
     if settings.fixtures.rig:
         raise UserError("--write tries settings, and [fixtures] rig could move lamps meanwhile; leave out rig")
 

@@ -137,11 +137,11 @@ def _run_live(
 ) -> None:
     (before,) = upstream(settings, stage.service)
     frames = transport.subscribe(before, TAKES[stage.service], "status", "end")
-    control_sockets = [transport.subscribe(instance_of(settings, "viewer"), "control")]
-    control_sockets += [transport.subscribe(name, "status") for name in backpressure_from(settings, stage.service)]
+    controls = transport.subscribe(instance_of(settings, "viewer"), "control")
+    statuses = {name: transport.subscribe(name, "status") for name in backpressure_from(settings, stage.service)}
     nearest = NearestInTime(transport)
     poller = zmq.Poller()
-    for socket in (frames, *control_sockets, publisher):
+    for socket in (frames, controls, *statuses.values(), publisher):
         poller.register(socket, zmq.POLLIN)
 
     state, _ = stage.start_at(0)
@@ -151,9 +151,12 @@ def _run_live(
         subscribed = accept_subscriptions(publisher)
         if announcement:
             announcement.send(publisher, subscribed)
-        for socket in control_sockets:
+        for message in receive_all(controls, stats):
+            if isinstance(message[0], wire.ControlMessage):
+                state = stage.on_message(state, message)
+        for name, socket in statuses.items():
             for message in receive_all(socket, stats):
-                if isinstance(message[0], wire.ControlMessage | wire.StatusMessage):
+                if isinstance(message[0], wire.StatusMessage) and message[0].service == name:
                     state = stage.on_message(state, message)
 
         if newest := input_.newest():

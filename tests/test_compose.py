@@ -97,6 +97,14 @@ def test_a_rig_has_a_container_a_camera_in_place_of_the_single_one():
         assert "ports" not in container
 
 
+def test_all_containers_of_a_rig_read_the_same_settings():
+    """Compose takes the volume of the second file for one of the first at the same place in the container."""
+    ours = "${VEMLIGHT_SETTINGS:-./deploy/rig}:/settings:ro"
+    containers = {name: container for name, container in RIG.items() if name != "capture"}
+    assert containers.keys() == {*CAMERAS, "fuse", "sampler", "renderer", "viewer"}
+    assert all(ours in container["volumes"] for container in containers.values())
+
+
 def test_the_containers_of_a_rig_find_each_other_without_dns():
     addresses = {name: container["networks"]["wire"]["ipv4_address"] for name, container in CAMERAS.items()}
     others = {name: CONTAINERS[name]["networks"]["wire"]["ipv4_address"] for name in SERVICES}

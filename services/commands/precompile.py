@@ -81,7 +81,15 @@ def _fixtures() -> None:
     FixturesStage(msgspec.structs.replace(rig, fixture=(msgspec.structs.replace(rig.fixture[0], bits=8), *rig.fixture[1:])))
 
 
-JOBS = (_sampler, _capture, _renderer, _fixtures)
+def _fuse() -> None:
+    from vemlight.fuse.check import warm
+    from vemlight.fuse.rig_file import CameraRig, RigCamera
+
+    cameras = (RigCamera(name="left", source="left", at=(-0.5, 0.0, 0.0)), RigCamera(name="right", source="right", at=(0.5, 0.0, 0.0)))
+    warm(CameraRig(camera=cameras))
+
+
+JOBS = (_sampler, _capture, _renderer, _fixtures, _fuse)
 
 
 def precompile() -> None:

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from vemlight.files import decoded_json
 from vemlight.runtime import wire
 from vemlight.runtime.wire_fields import Finite, Side
 
@@ -142,7 +143,6 @@ class FlatScene(Flat, frozen=True):
 NUMBERS_A_VERTEX = {"positions": 3, "normals": 3, "uvs": 2, "colours": 4, "second_uvs": 2}
 NEEDED = ("positions", "normals", "uvs", "indices", "caster_positions", "caster_indices")
 TYPES = {name: "uint32" if "indices" in name else "float32" for name in (*NEEDED, *NUMBERS_A_VERTEX)}
-_decoder = msgspec.json.Decoder(FlatScene)
 
 
 def encoded(scene: FlatScene) -> bytes:
@@ -154,10 +154,7 @@ def decoded(description: bytes, data_bytes: int) -> FlatScene:
     """The description of a block of `data_bytes`. Raises ValueError for anything that does not lie within the block or each other."""
     if len(description) > MAX_DESCRIPTION or data_bytes > MAX_DATA:
         raise ValueError(f"scene: more than {MAX_DESCRIPTION} bytes of description or {MAX_DATA} of data")
-    try:
-        scene = _decoder.decode(description)
-    except RecursionError as error:
-        raise ValueError("scene: nested too deep") from error
+    scene: FlatScene = decoded_json(description, FlatScene)
     _check_arrays(scene, data_bytes)
     count = {name: span.count for name, span in scene.arrays.items()}
     vertices = count["positions"] // 3

@@ -17,7 +17,7 @@ from vemlight.runtime.allowance import Allowance
 MANY_PARTS = 1000  # of a message: then its sender is disconnected, and the rest is dropped fast. Any value over wire.MAX_PARTS does
 STRIDE = 64  # parts dropped at once, which may be a few of the next message, too; 16 to 1000 would do
 REFUSED_BURST, REFUSED_PER_S = 32, 0.5  # unreadable messages of a peer: a few come from another version or a fault; 8 to 100 would do
-SUBSCRIPTIONS_BURST, SUBSCRIPTIONS_PER_S = 64, 8  # of a peer: there are 8 topics
+SUBSCRIPTIONS_BURST, SUBSCRIPTIONS_PER_S = 64, 8  # of a peer: there are 11 topics
 SO_COOKIE = 57  # asm-generic/socket.h: a number of this socket alone, while the number of its file is used again
 # A lost packet is sent again after AGAIN_MS at most. By its own backing off, TCP would be silent for seconds after a cut of a few: 6.4 s
 # are the sum of its first five waits. Linux 6.15 and later (include/uapi/linux/tcp.h); before, all is as it was

@@ -311,7 +311,7 @@ MUTANTS = [
         ("light near the rim", "BEYOND_RIM = 1.05", "BEYOND_RIM = 0.9"),
     ]),
     *mutants_of("services/plate/video_source.py", "tests/test_plate.py", [
-        ("side of a picture", "> wire.MAX_SIDE", "> 2 * wire.MAX_SIDE"),
+        ("side of a picture", "> MAX_SIDE", "> 2 * MAX_SIDE"),
         ("bytes of a picture", "> wire.MAX_PART", "> 2 * wire.MAX_PART"),
         ("a video's frame rate", "0 < self.fps <= MAX_FPS", "0 <= self.fps"),
     ]),

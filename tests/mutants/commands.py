@@ -151,7 +151,7 @@ MUTANTS = [
         ("any plate", "    elif plate.source:", "    elif False:"),
         ("devices are cameras", "os.major(status.st_rdev) == MEMORY_DEVICES", "False"),
         ("any video", "    if settings.renderer.video:", "    if False:"),
-        ("a lens that is not named", "    for name in capture.lenses:\n        with _named(file", "    for name in ():\n        with _named(file"),
+        ("a lens that is not named", "    for name in capture.lenses:\n        with _named(", "    for name in ():\n        with _named("),
     ]),
     *mutants_of(COMMANDS + "report.py", "tests/test_cli.py tests/test_wrong_inputs.py", [
         ("quiet prints", "elif not quiet:", "else:"),

@@ -262,7 +262,7 @@ def speed(out: Path) -> None:
     for (count, side), paper_ms in PAPER_PRECOMPUTED_MS.items():
         lamp = field(*{63: (7, 9), 25: (5, 5), 99: (9, 11)}[count], side)
         summed_area_tables(lamp)
-        ms = median_s(lambda lamp=lamp: (summed_area_tables(lamp), shadow_views.cell_views(lamp, 10.0, "measurement"))) * 1e3
+        ms = median_s(lambda lamp=lamp: (summed_area_tables(lamp), shadow_views.cell_views(lamp, 0.01, 10.0, "measurement"))) * 1e3
         rows.append([f"tables, {count} images of {side} x {side}", ms, 1e3 / ms, f"2015: {paper_ms} ms"])
     lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0)}
     for count, polygons in PAPER_2003:

@@ -12,6 +12,7 @@ from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import write_luminaire
 from vemlight.renderer.luminaire.reference import irradiance
 from vemlight.renderer.luminaire.shadow_views import cell_views, median, median_pixel
+from vemlight.renderer.passes.luminaires.depth_range import depth_range
 from vemlight.renderer.passes.luminaires.luminaire_atlas import LuminaireAtlas
 from vemlight.renderer.scene.luminaire_table import world_from_lamp
 from vemlight.renderer.scene.scene import load_scene
@@ -249,7 +250,7 @@ def test_a_bad_table_is_refused(tmp_path, text, said):
 def test_there_are_as_many_maps_as_2015_counts(rows, cols, kind, count):
     field = a_field(kind)._replace(images=np.ones((rows, cols, 4, 4, 3), np.float32))
     for reference in ("sampling", "measurement"):
-        views = cell_views(field, 5.0, reference)
+        views = cell_views(field, 0.005, 5.0, reference)
         assert len(views.views) == count
         assert np.all(views.views["low"] < views.views["high"])
 
@@ -259,17 +260,30 @@ def test_the_reference_on_the_measurement_plane_is_where_the_light_is():
     field.images[:, :, 5, 12] = 1
     s = np.array([-0.2 + 12.5 * 0.025, -0.2 + 5.5 * 0.025])
     assert median_pixel(field.images[0, 0]) == pytest.approx((12.5, 5.5, 1), abs=1e-9)
-    assert cell_views(field, 5.0, "measurement").views["origin"] == pytest.approx(np.tile([*s, 0.3], (20, 1)), abs=1e-6)
+    assert cell_views(field, 0.005, 5.0, "measurement").views["origin"] == pytest.approx(np.tile([*s, 0.3], (20, 1)), abs=1e-6)
     assert median(np.array([1.0, 2.0, 1.0])) == 1.5
     assert median(np.array([0.0, 1.0, 0.0, 1.0, 0.0])) in (2, 3)
     field.images[:] = 0
-    assert np.all(cell_views(field, 5.0, "measurement").views["origin"][:, :2] == 0)
+    assert np.all(cell_views(field, 0.005, 5.0, "measurement").views["origin"][:, :2] == 0)
 
 
-def test_shadow_views_reach_over_a_thousandth_of_the_depth_and_87_degrees():
+def test_maps_begin_at_a_thousandth_of_how_far_things_reach_and_hold_a_ground_of_kilometres():
+    things = np.array([[[0.0, 0.0, 2.0 + k]] * 8 for k in range(4)])
+    ground = np.array([[[6000.0, 8000.0, 0.0]] * 8])
+    assert depth_range(np.zeros(3), things) == pytest.approx((2e-3, 5.05))
+    assert depth_range(np.zeros(3), np.concatenate([things, ground])) == pytest.approx((3e-3, 10_100.0))
+
+
+def test_a_lamp_s_shadow_stays_where_the_ground_is_of_kilometres(tmp_path):
+    plate = '[[mesh]]\nshape = "plane"\nscale = 0.25\nat = [0.0, 0.0, 0.3]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    wide = '[[mesh]]\nshape = "plane"\nscale = 8000.0\nat = [0.0, 0.0, -1.0]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+    near, far = (picture(scene_with(tmp_path, FROM_ABOVE + GROUND + more + plate + LAMP + 'shadows = "maps"\n')) for more in ("", wide))
+    assert far[..., :3] == pytest.approx(near[..., :3], abs=0.01 * float(near.max()))
+
+
+def test_shadow_views_reach_over_87_degrees():
     field = a_field(distance=0.01, window=1.0)
-    views = cell_views(field, 5.0)
-    assert (views.near_m, views.far_m) == (0.005, 5.0)
+    views = cell_views(field, 0.005, 5.0)
     assert np.degrees(np.arctan(views.views["high"])) == pytest.approx(np.full((20, 2), 87.1), abs=0.1)
     assert np.array_equal(views.views["low"], -views.views["high"])
 
@@ -281,7 +295,7 @@ def test_a_luminaire_of_too_many_cells_is_refused(tmp_path):
 
 
 def test_views_stand_in_the_middle_of_their_cells():
-    origins = cell_views(a_field(), 5.0).views["origin"].reshape(4, 5, 3)
+    origins = cell_views(a_field(), 0.005, 5.0).views["origin"].reshape(4, 5, 3)
     assert origins[0, 0] == pytest.approx([-0.06, -0.045, 0], abs=1e-7)  # half a spacing before the first function
     assert origins[-1, -1] == pytest.approx([0.06, 0.045, 0], abs=1e-7)
 

@@ -121,6 +121,15 @@ def test_a_box_casts_the_shadow_of_its_projection(drawn, shadows):
     assert wrong.sum() <= 0.01 * wrong.size
 
 
+@pytest.mark.parametrize("height", [1.2, 100.0])
+def test_shadows_stay_where_the_ground_is_of_kilometres(drawn, height):
+    """As under a terrace: depths of maps must not be spent on what is far away."""
+    near = near_lights((-0.25 * height, -0.15 * height, height), intensity=(height**2,) * 3)
+    small, large = (drawn(ABOVE + ground + BOX, near, shadows="maps")[..., 0] for ground in (GROUND, GROUND.replace("4.0", "8000.0")))
+    assert (small < 0.1 * small.max()).sum() > 25, "a shadow"
+    assert np.abs(large - small).mean() < 0.01 * small.mean()
+
+
 @BOTH
 def test_what_is_nearer_than_the_radius_casts_nothing(drawn, shadows):
     cover = '[[mesh]]\nshape = "plane"\nscale = 0.3\nat = [0.0, 0.0, 1.4]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'

@@ -10,7 +10,6 @@ from vemlight import settings
 from vemlight.light import extent
 from vemlight.light.colour import srgb_from_linear
 from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, browser_shaders
-from vemlight.renderer.browser.subdivision import with_short_edges
 from vemlight.renderer.gl import constants
 from vemlight.renderer.gl.buffers import LIGHT_FRAME
 from vemlight.renderer.gl.constants import HASHED_ALPHA, MaterialTexture
@@ -21,6 +20,7 @@ from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import map_resol
 from vemlight.renderer.scene.alpha_vertices import WHITE
 from vemlight.renderer.scene.materials import Material, ShadowCatcher, alpha_test_of, emits
 from vemlight.renderer.scene.scene import Scene
+from vemlight.renderer.scene.subdivision import seen_short
 from vemlight.renderer.scene.textures import Texture
 from vemlight.renderer.scene.vertex_buffers import vertex_buffers
 from vemlight.runtime import flat_scene, wire
@@ -97,10 +97,8 @@ def scene_message(scene: Scene, drawing: settings.Renderer) -> wire.Message:
 def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     """The scene and its bytes. Raises TooLargeError for one that does not fit, whose textures may be reduced until it does."""
     resolutions = map_resolutions(drawing.shadow_map)
-    at = np.array(scene.camera.at, np.float64)
-    radius = float(np.linalg.norm(at - scene.camera.position))
-    meshes = (mesh._replace(geometry=with_short_edges(mesh.geometry, at, radius)) for mesh in scene.meshes)
-    scene = scene._replace(meshes=tuple(meshes))
+    short = seen_short((mesh.geometry for mesh in scene.meshes), scene.camera)
+    scene = scene._replace(meshes=tuple(mesh._replace(geometry=own) for mesh, own in zip(scene.meshes, short, strict=True)))
     casters = scene_casters(scene, resolutions.choices)
     block = Block()
     buffers = vertex_buffers(scene)

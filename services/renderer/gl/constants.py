@@ -36,7 +36,7 @@ FARTHEST_DEPTH = 0.99  # where casters end, so that only an empty texel holds 1;
 SHADOW_BIAS_TEXELS = 1.0  # how far a surface may rise above its tangent plane within a texel, and by how much casters are simplified
 MIN_DISTANCE_M = near_lights.MIN_DISTANCE_M  # from a near light: within it irradiance grows no further
 # Of perspective shadow maps.
-NEAR_FRACTION = 1e-3  # of the far plane: a step of 1 / z in 24 bits is then 6e-5 of the distance
+NEAR_FRACTION = 1e-3  # of the far plane, or of how far meshes reach: a step of 1 / z in 24 bits is then 6e-5 of the distance
 CUBE_TANGENT = 1.05  # of a cube's face: the margin beyond 1 is a texel from 42 texels a side on, so that lookups filter across edges
 NORMAL_CODES = 32767  # codes of 16 bits on each side of 0, which is a code itself: the axes stay exact
 HASHED_ALPHA = -1.0  # in place of an alpha test's cutoff: alpha is a coverage and hashed

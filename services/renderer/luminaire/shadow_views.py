@@ -12,7 +12,7 @@ import numpy as np
 from vemlight.kernels import kernel, subroutine
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.renderer.gl.buffers import SHADOW_VIEW
-from vemlight.renderer.gl.constants import CUBE_TANGENT, NEAR_FRACTION
+from vemlight.renderer.gl.constants import CUBE_TANGENT
 from vemlight.renderer.luminaire.bases import SUPPORT_CELLS
 from vemlight.renderer.luminaire.lightfield import LightField
 
@@ -28,7 +28,7 @@ class ShadowViews(NamedTuple):
     far_m: float
 
 
-def cell_views(field: LightField, far_m: float, reference: ReferencePlane = "sampling") -> ShadowViews:
+def cell_views(field: LightField, near_m: float, far_m: float, reference: ReferencePlane = "sampling") -> ShadowViews:
     """A view from each cell, rows of cells along v, towards +z, wide enough for every ray between the cell and the window."""
     n, h = SUPPORT_CELLS[field.basis_kind], field.spacing_m
     rows, cols = (count + n - 1 for count in field.images.shape[:2])
@@ -43,7 +43,7 @@ def cell_views(field: LightField, far_m: float, reference: ReferencePlane = "sam
         views["origin"] = np.insert(_median_positions(field, rows, cols), 2, field.distance_m, axis=1)
     views["low"] = np.maximum((window[0] - corner - h) / field.distance_m, -MAX_TANGENT)
     views["high"] = np.minimum((window[1] - corner) / field.distance_m, MAX_TANGENT)
-    return ShadowViews(views, NEAR_FRACTION * far_m, far_m)
+    return ShadowViews(views, near_m, far_m)
 
 
 def _median_positions(field: LightField, rows: int, cols: int) -> np.ndarray:
@@ -91,8 +91,8 @@ def median(weights):
     return k + (min(rest / weights[k], 1.0) if weights[k] > 0 else 0.0)
 
 
-def cube_views(far_m: float) -> ShadowViews:
+def cube_views(near_m: float, far_m: float) -> ShadowViews:
     """Six views from the luminaire's origin, one through each face of a cube."""
     views = np.zeros(6, SHADOW_VIEW.dtype)
     views["face"], views["low"], views["high"] = np.arange(6), -CUBE_TANGENT, CUBE_TANGENT
-    return ShadowViews(views, NEAR_FRACTION * far_m, far_m)
+    return ShadowViews(views, near_m, far_m)

@@ -18,6 +18,7 @@ from vemlight.renderer.luminaire.shadow_views import cell_views, cube_views
 from vemlight.renderer.luminaire.shift_invariant import radiance_images
 from vemlight.renderer.luminaire.tables import summed_area_tables
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
+from vemlight.renderer.passes.luminaires.depth_range import depth_range
 from vemlight.renderer.passes.luminaires.luminaire_atlas import LuminaireAtlas
 from vemlight.renderer.passes.luminaires.occluders import SceneOccluders
 from vemlight.renderer.scene.luminaire_table import Luminaire, Vector
@@ -25,7 +26,6 @@ from vemlight.renderer.scene.scene import Scene
 
 MAX_CELLS = 2048  # of a luminaire: 64 kB of a uniform block, the most that common drivers take; any value in 512..2048 does
 FAR_ROWS, FAR_COLS = 181, 361  # a degree apart, as the finest photometry files have it; finer does no harm
-FAR_MARGIN = 1.01  # of the far plane, in distances of the scene's farthest corner; any value in 1.001..1.1 does
 
 
 class ShaderInputs(NamedTuple):
@@ -68,12 +68,10 @@ class RasterisedLuminaire:
         """Draws the shadow maps."""
         if self._atlas is None:
             return
-        local_from_world, pose = np.linalg.inv(self.luminaire.world_from_local), self._occluders.pose
-        centre = local_from_world[:3, :3] @ pose.centre + local_from_world[:3, 3]
-        far_m = float(np.linalg.norm(centre) + np.linalg.norm(pose.half)) * FAR_MARGIN
-        source = self.luminaire.source
-        views = cube_views(far_m) if isinstance(source, FarField) else cell_views(source, far_m)
-        self._atlas.draw(views, local_from_world, self._occluders)
+        world_from_local, source = self.luminaire.world_from_local, self.luminaire.source
+        depths = depth_range(world_from_local[:3, 3], self._occluders.corners_in(self._occluders.pose))
+        views = cube_views(*depths) if isinstance(source, FarField) else cell_views(source, *depths)
+        self._atlas.draw(views, np.linalg.inv(world_from_local), self._occluders)
 
     def add(self, g_buffer: GBuffer, framebuffer: moderngl.Framebuffer, weight: Vector, catchers: bool) -> None:
         """Adds its light on the surfaces, or its irradiance of shadow catchers, to a picture."""

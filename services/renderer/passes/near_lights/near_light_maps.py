@@ -11,13 +11,12 @@ from vemlight.renderer.passes.luminaires.occluders import SceneOccluders
 from vemlight.renderer.passes.near_lights.near_light_plan import NearBatch
 from vemlight.renderer.passes.near_lights.near_light_views import FACES, map_resolution, receiver_boxes, shadow_views
 from vemlight.renderer.passes.shadow_maps.alpha_test import AlphaTestedMeshes
-from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose
 from vemlight.renderer.scene.vertex_buffers import draw_ranges
 
 GL_CLIP_DISTANCE0 = 0x3000
-CLIP_PLANES = 5  # the sides of a tile, and the light's radius
+CLIP_PLANES = 4  # the sides of a tile
 
 
 class NearLightMaps:
@@ -27,8 +26,7 @@ class NearLightMaps:
         self, context: moderngl.Context, programs: Programs, scene: Scene, occluders: SceneOccluders, shadow_map: int | None
     ) -> None:
         self._context, self._occluders, self._shadow_map = context, occluders, shadow_map
-        self._corners = np.stack([box_corners(mesh.geometry) for mesh in scene.meshes])
-        self._alpha_tested = AlphaTestedMeshes(context, programs, scene, "near_light_map.vert")
+        self._alpha_tested = AlphaTestedMeshes(context, programs, scene, "near_light_map.vert", NEAR_LIGHT=1)
         self._program = programs.program("near_light_map.vert", "near_light_map.frag", ALPHA_TEST=0)
         layout = CASTER_VERTEX.content(occluders.positions, self._program)
         self._array = context.vertex_array(self._program, [layout], occluders.indices, index_element_size=4)
@@ -45,8 +43,7 @@ class NearLightMaps:
         if not len(batch.traced):
             return
         own, slots = batch.traced, batch.layers[batch.traced]
-        corners = np.einsum("mij,mkj->mki", pose.matrices[:, :3, :3], self._corners) + pose.matrices[:, None, :3, 3]
-        boxes = receiver_boxes(corners)
+        boxes = receiver_boxes(self._occluders.corners_in(pose))
         views = shadow_views(batch.lights.at[own], batch.lights.radius[own], slots, boxes, self._resolution, self._columns)
         self._every[slots] = views
         self._views.orphan(max(self._every.nbytes, 16))

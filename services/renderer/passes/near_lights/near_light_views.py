@@ -3,14 +3,14 @@
 import numpy as np
 
 from vemlight.renderer.gl.buffers import NEAR_SHADOW_VIEW
-from vemlight.renderer.gl.constants import CUBE_TANGENT, NEAR_FRACTION
+from vemlight.renderer.gl.constants import CUBE_TANGENT
+from vemlight.renderer.passes.luminaires.depth_range import depth_range
 
 FACES = 6
 MAX_RESOLUTION = 1024  # texels a side of a map, as of directional lights
 MAX_TEXELS = 2**25  # of all maps: 128 MB of depth; five have maps of 1024 texels a side, 256 have 128
 MAX_BOXES = 64  # of receivers apart, beyond which one box counts for all: finding windows stays below a millisecond a light
 EDGE_TEXELS = 2  # about what a window is to show, for lookups that are filtered
-FAR_MARGIN = 1.01  # of the far plane, in distances of the scene's farthest corner; any value in 1.001 .. 1.1 does
 # The axes of each face: x, y and depth of a view are these components of a vector, depth times a sign; as through_face in cube_faces.glsl.
 AXES = np.array([[0, 1, 2], [0, 1, 2], [1, 2, 0], [1, 2, 0], [2, 0, 1], [2, 0, 1]])
 SIGNS = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
@@ -26,15 +26,19 @@ def map_resolution(slots: int, shadow_map: int | None) -> int:
 
 
 def receiver_boxes(corners: np.ndarray) -> np.ndarray:
-    """Boxes (m, 2, 3), low and high, about meshes of corners (m, 8, 3); of too many, one about all."""
-    boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
-    return boxes if len(boxes) <= MAX_BOXES else np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
+    """Boxes (m, 2, 3), low and high, about meshes of corners (m, 8, 3)."""
+    return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+
+
+def box_points(boxes: np.ndarray) -> np.ndarray:
+    """The corners (m, 8, 3) of boxes (m, 2, 3)."""
+    return boxes[:, 0, None] + CORNERS * (boxes[:, 1] - boxes[:, 0])[:, None]
 
 
 def face_windows(at: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """Of each face about a place (3,), the window of tangents (6, 4), low x, low y, high x, high y, that holds what lies in boxes
     (m, 2, 3); high below low where no box reaches the face."""
-    points = boxes[:, 0, None] + CORNERS * (boxes[:, 1] - boxes[:, 0])[:, None] - at  # (m, 8, 3)
+    points = box_points(boxes) - at
     ends = points[:, EDGES]  # (m, 12, 2, 3)
     windows = np.empty((FACES, 4))
     for face in range(FACES):
@@ -59,13 +63,16 @@ def face_windows(at: np.ndarray, boxes: np.ndarray) -> np.ndarray:
 
 def shadow_views(at: np.ndarray, radius: np.ndarray, slots: np.ndarray, boxes: np.ndarray, resolution: int, columns: int) -> np.ndarray:
     """Six views (n, 6) NEAR_SHADOW_VIEW of each light at (n, 3) of a radius (n,) in its slot's tiles of a grid; `high` below `low` where
-    there is nothing to see."""
+    there is nothing to see. boxes: (m, 2, 3), of receivers; of more than MAX_BOXES one about all counts for windows."""
     views = np.zeros((len(at), FACES), NEAR_SHADOW_VIEW.dtype)
-    middle, half = (boxes[:, 0].min(axis=0) + boxes[:, 1].max(axis=0)) / 2, (boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)) / 2
+    corners = box_points(boxes)
+    about = boxes if len(boxes) <= MAX_BOXES else np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
     for k, place in enumerate(at.astype(np.float64)):
-        far_m = float(np.linalg.norm(place - middle) + np.linalg.norm(half)) * FAR_MARGIN
-        near_m = min(max(NEAR_FRACTION * far_m, float(radius[k]) / np.sqrt(3)), far_m / 2)  # whose corners lie within the radius
-        windows = face_windows(place, boxes)
+        near_m, far_m = depth_range(place, corners)
+        empty_m = float(np.linalg.norm(np.maximum(np.maximum(boxes[:, 0] - place, place - boxes[:, 1]), 0), axis=-1).min())
+        # A face's depth is more than half of the distance, also in its corners.
+        near_m = min(max(near_m, float(radius[k]) / 2, empty_m / 2), far_m / 2)
+        windows = face_windows(place, about)
         edge = EDGE_TEXELS / resolution * np.maximum(windows[:, 2:] - windows[:, :2], 0)
         views["low"][k], views["high"][k] = windows[:, :2] - edge, windows[:, 2:] + edge
         views["inverse_depths"][k] = 1 / near_m, 1 / far_m

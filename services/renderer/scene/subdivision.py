@@ -1,12 +1,23 @@
 """Long triangles cut where the camera is near them. Rasterisers of browsers interpolate a triangle's positions and texture coordinates to a
-few 1e-5 of its size: on a ground of 16 km that is half a metre before the camera's feet.
+few 1e-5 of its size: on a ground of 16 km that is half a metre before the camera's feet. All of them clip it to 1e-7 of its size, a
+millimetre: in shadow maps of lamps, whose near planes are centimetres away, that is a tenth of a depth.
 """
+
+from collections.abc import Iterable
 
 import numpy as np
 
+from vemlight.renderer.scene.camera_table import ViewCamera
 from vemlight.renderer.scene.meshes import Geometry
 
 MAX_ROUNDS = 40  # of cutting all edges that are too long in half: from 1e9 to 1e-3 m
+
+
+def seen_short(meshes: Iterable[Geometry], camera: ViewCamera) -> list[Geometry]:
+    """The meshes with short edges about what a camera looks at, which it sees from the radius."""
+    at = np.array(camera.at, np.float64)
+    radius = float(np.linalg.norm(at - camera.position))
+    return [with_short_edges(mesh, at, radius) for mesh in meshes]
 
 
 def with_short_edges(mesh: Geometry, centre: np.ndarray, radius: float) -> Geometry:

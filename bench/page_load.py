@@ -37,7 +37,7 @@ BLOCK, BITS = 16, 20  # pixels of a block's side; blocks in the first row, the l
 FRAME_S = 1 / 60  # of a browser
 READ_OF = 10  # of so many pages one decodes its pictures
 STALLED, STALL_S = 10, 30.0  # tabs that read nothing, and how long they are watched
-PAGE = "summary,lights.bin,levels,disc,picture"  # the feeds that viewer.js asks for
+PAGE = "summary,placed-lights.bin,levels,disc,picture"  # the feeds that viewer.js asks for
 KEY = "dmVtbGlnaHQgcGFnZSAxNg=="  # of the opening handshake: any sixteen bytes
 HANDSHAKE = (
     f"GET /ws?feeds={PAGE} HTTP/1.1\r\nHost: 127.0.0.1:{{}}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

@@ -10,6 +10,7 @@ from tests.support.relit_page import RelitPage
 from tests.support.rendering import SceneRenderer
 from vemlight.light.colour import LUMINANCE_WEIGHTS, srgb_from_linear
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer import frame_plan
 from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, Scene, load_scene
@@ -37,15 +38,18 @@ def off_edges(picture: np.ndarray) -> np.ndarray:
     return span < EDGE * picture.max(axis=2)
 
 
-def relative_error(of_browser: np.ndarray, of_server: np.ndarray) -> float:
-    """Root mean square of the difference over that of the server's picture, off edges."""
+def relative_error(of_browser: np.ndarray, of_server: np.ndarray, least: float = 0.4) -> float:
+    """Root mean square of the difference over that of the server's picture, off edges, which are no more than 1 - `least` of it."""
     where = off_edges(of_server)
-    assert where.mean() > 0.4, "most of a picture is no edge"
+    assert where.mean() > least
     return float(np.sqrt(np.mean((of_browser - of_server)[where] ** 2) / np.mean(of_server[where] ** 2)))
 
 
-def server_picture(scene: Scene, lights: LightSet, view: wire.View | None = None, poses: tuple[wire.Pose, ...] = ()) -> np.ndarray:
+def server_picture(
+    scene: Scene, lights: LightSet, view: wire.View | None = None, poses: tuple[wire.Pose, ...] = (), near: NearLightSet | None = None
+) -> np.ndarray:
     renderer = SceneRenderer(scene, DRAWING)
+    renderer.near = near or NearLightSet.empty()
     renderer.pose = scene_pose(scene, 0.0, poses, view)
     picture = np.ascontiguousarray(renderer.picture(renderer.renderer.drawable(lights))[..., :3])
     renderer.renderer.release()
@@ -95,6 +99,58 @@ def test_moved_objects_from_a_turned_camera_are_the_same(drawn):
     error = relative_error(page.picture(lights, view, poses), server_picture(scene, lights, view, poses))
     print("relative RMSE", error)
     assert error < LIMIT
+
+
+def near_lights(scene: Scene, count: int) -> NearLightSet:
+    """Lamps around what the camera looks at, with radii of .02 to .2 m, among the things that stand there."""
+    random, turn = np.random.default_rng(3), np.arange(count) * 2 * np.pi / count
+    around = np.stack([1.6 * np.cos(turn), 1.6 * np.sin(turn), random.uniform(0.6, 1.8, count)], axis=-1)
+    intensity = np.geomspace(0.3, 3, count)[:, None] / count * [[1.0, 0.8, 0.5]]
+    at = np.append(scene.camera.at[:2], 0.0) + around
+    return NearLightSet.of(np.arange(count) + 7, at, random.permutation(intensity), np.linspace(0.02, 0.2, count), np.zeros(count))
+
+
+@pytest.mark.parametrize(("near_count", "count"), [(8, 16), (8, 0), (0, 0)])
+def test_near_lights_stand_where_they_are(drawn, near_count, count):
+    scene, page = drawn
+    lights, near = lights_of(count) if count else LightSet.none(), near_lights(scene, near_count)
+    browser, server = page.picture(lights, near=near), server_picture(scene, lights, near=near)
+    assert page.drawn["near"] == near_count
+    assert page.drawn["lights"] == near_count + count
+    if not near_count:
+        assert not browser.any()
+        return
+    least = 0.4 if count else 0.2  # a lamp leaves much in the dark, where no level has a tenth of itself
+    error = relative_error(browser, server, least)
+    print("relative RMSE", error)
+    assert error < LIMIT
+    assert relative_error(page.picture(lights), server, least) > 10 * LIMIT, "they are much of the light"
+
+
+def test_shadow_maps_of_near_lights_are_drawn_when_something_moves(drawn):
+    scene, page = drawn
+    near, drawn_maps = near_lights(scene, 5), []
+    near = NearLightSet(near.ids + 100, *near.arrays()[1:])  # no test before had them
+    moved = NearLightSet.of(near.ids, near.at + np.array([[0.3, 0, 0]] + [[0, 0, 0]] * 4), near.intensity, near.radius, near.sigma)
+    poses = (wire.Pose(name="ball", position=(0.5, 0.4, 0.9)),)
+    fewer = NearLightSet(*(array[1:] for array in moved.arrays()))
+    for each, placed in ((near, ()), (near, ()), (moved, ()), (fewer, ()), (moved, ()), (moved, poses)):
+        page.picture(LightSet.none(), poses=placed, near=each)
+        drawn_maps.append(page.drawn["maps"])
+    assert drawn_maps == [5, 0, 1, 0, 0, 5]
+    assert relative_error(page.picture(LightSet.none(), near=moved), server_picture(scene, LightSet.none(), near=moved), 0.2) < LIMIT
+
+
+def test_more_lights_than_there_is_room_for_are_said(drawn):
+    """10,000 lights: the strongest 512 are drawn."""
+    _, page = drawn
+    many = lights_of(10_000)
+    strongest = np.argsort(-(many.irradiance @ LUMINANCE_WEIGHTS), kind="stable")[:512]
+    whole, _ = page.shown(many, 24, 18)
+    assert (page.drawn["lights"], page.drawn["left"]) == (512, 9488)
+    few, _ = page.shown(LightSet.of(many.ids[strongest], many.directions[strongest], many.irradiance[strongest]), 24, 18)
+    assert page.drawn["left"] == 0
+    np.testing.assert_allclose(whole, few, rtol=1e-3, atol=1e-5)
 
 
 def test_the_canvas_shows_the_picture_tone_mapped_at_any_size(drawn):

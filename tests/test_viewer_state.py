@@ -154,6 +154,10 @@ def test_near_lights_are_in_the_lights_of_the_page(rig_state):
     (near,) = rig_state.summary()["near_lights"]
     assert (near["id"], near["distance_m"]) == (3, 1.0)
     assert near["at"] == row["points"][0]["at"]
+    _, placed = asyncio.run(rig_state.placed_lights.newest())
+    assert np.frombuffer(placed[24:48]).tolist() == [0.0, 0.0, 1.0], "docs/clients.md"
+    assert np.frombuffer(placed[56:64])[0] == 3
+    assert np.frombuffer(placed[64:], np.float32).tolist() == [0, 0, 2, 4, 4, 4, 0]
 
 
 @pytest.mark.parametrize(

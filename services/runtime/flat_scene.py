@@ -7,6 +7,7 @@ lights and poses. Numbers are little-endian, each array begins at a multiple of 
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from vemlight.files import decoded_json
@@ -171,6 +172,16 @@ def decoded(description: bytes, data_bytes: int) -> FlatScene:
         _check(len(caster.details) > 0 and (caster is scene.casters.receiver_plane or len(caster.details) > max(scene.casters.levels)),
                "a caster without a level of detail")  # fmt: skip
     return scene
+
+
+def check_indices(scene: FlatScene, data: np.ndarray) -> None:
+    """Raises ValueError for indices of vertices that there are not. data: the block, uint8, of a description that was decoded for it."""
+    arrays = {name: data[span.offset : span.end].view("<u4") for name, span in scene.arrays.items() if span.type == "uint32"}
+    for mesh in scene.meshes:
+        own = arrays["indices"][mesh.indices.first : mesh.indices.first + mesh.indices.count]
+        _check(own.max(initial=0) < max(mesh.vertices.count, 1), "an index beyond its mesh's vertices")
+    casters = scene.arrays["caster_positions"].count // 3
+    _check(arrays["caster_indices"].max(initial=0) < max(casters, 1), "an index beyond the casters' vertices")
 
 
 def _check_arrays(scene: FlatScene, data_bytes: int) -> None:

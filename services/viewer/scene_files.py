@@ -30,6 +30,7 @@ def scene_files(header: wire.SceneMessage, description: np.ndarray, data: np.nda
     if not header.description_bytes:
         return SceneFiles("", b"", b"", header.text or "the renderer sends no scene")
     scene = flat_scene.decoded(description.tobytes(), header.data_bytes)
+    flat_scene.check_indices(scene, data)
     block = data.tobytes()
     name = hashlib.sha256(description.tobytes() + block).hexdigest()[: 2 * HASH_BYTES]
     return SceneFiles(name, msgspec.json.encode({"hash": name, **msgspec.structs.asdict(scene)}), block, "")

@@ -11,7 +11,7 @@ from vemlight.light.as_directional import as_directional
 from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import ErrorOfLights, LightSet, NearLights, lights_json, lights_row
-from vemlight.light.lights_binary import binary_from_lights
+from vemlight.light.lights_binary import binary_from_lights, placed_binary
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Instance, service_of
 from vemlight.runtime.instances import instance_of, instances, upstream
@@ -53,6 +53,7 @@ class ViewerState:
         self.sky = Feed(sky_values, Condition())  # asked for by address, and by no socket that would wait for it
         self.lights = Feed(_lights_line, self.feeds_changed)
         self.lights_binary = Feed(_lights_binary, self.feeds_changed)
+        self.placed_lights = Feed(_placed_lights, self.feeds_changed)
         self.levels = Feed(levels_json, self.feeds_changed)
         self.picture = Feed(self._encode_picture, self.feeds_changed)
         self.picture_state = Feed(_picture_state, self.feeds_changed)
@@ -100,6 +101,7 @@ class ViewerState:
                 near = self._near.of(header.stamp)
                 self.lights.put(header, near, *arrays[:-2])
                 self.lights_binary.put(header, near, *arrays[:-2])
+                self.placed_lights.put(header, near, *arrays[:-2])
             case wire.LevelsMessage():
                 self.levels.put(header, *arrays)
             case wire.ImageMessage():
@@ -255,3 +257,7 @@ def _lights_line(header: wire.LightsMessage, near: NearLights | None, *lights: n
 
 def _lights_binary(header: wire.LightsMessage, near: NearLights | None, *lights: np.ndarray) -> bytes:
     return binary_from_lights(as_directional(LightSet(*lights), near), header.stamp.sequence, header.stamp.time_s, header.coverage)
+
+
+def _placed_lights(header: wire.LightsMessage, near: NearLights | None, *lights: np.ndarray) -> bytes:
+    return placed_binary(LightSet(*lights), near, header.stamp.sequence, header.stamp.time_s, header.coverage)

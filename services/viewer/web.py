@@ -28,13 +28,14 @@ PAGE = Path(__file__).parent / "page"
 CONTENT_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}  # of the page's files
 MAX_PAGES = 64  # sockets and streams at once; each costs a task and one encoded frame on its way. 32 to 256 would do
 MAX_BODY = 48 * 1024  # bytes; a control has under 100, with all that wire.ControlMessage may hold 36,000. Up to 128 kB would do
-MAX_FEED_NAMES = 64  # bytes of a page's message: all names have 58; up to 1024 would do
+MAX_FEED_NAMES = 128  # bytes of a page's message: all names have 77; up to 1024 would do
 HEARTBEAT_S = 10.0  # a page that does not answer within half of it is disconnected; any value in 5..60 does
 STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so long; any value in 5..60 does
 BODY_S = 5.0  # for a control to come; 2 to 20 s would do
 MESSAGES_BURST, MESSAGES_PER_S = 1000, 500  # of a page: it may name each of five feeds once for each picture; 250 to 2000 a second would do
-BINARY_FEEDS = {"disc": 1, "picture": 2, "lights.bin": lights_binary.KIND}  # first byte of a binary message
-OWN_HEAD = {"lights.bin"}  # feeds whose bytes begin with it already; after the others' a JPEG follows
+# First byte of a binary message.
+BINARY_FEEDS = {"disc": 1, "picture": 2, "lights.bin": lights_binary.KIND, "placed-lights.bin": lights_binary.PLACED_KIND}
+OWN_HEAD = {"lights.bin", "placed-lights.bin"}  # feeds whose bytes begin with it already; after the others' a JPEG follows
 PAGE_FEEDS = ("summary", "lights", "levels", "disc", "picture")  # what a socket gets unless it asks for others
 RETRY = {"Retry-After": "1"}
 
@@ -61,7 +62,7 @@ class Site:
         self._sockets: set[web.WebSocketResponse] = set()
         self._feeds = {
             "summary": state.summaries, "lights": state.lights, "levels": state.levels, "disc": state.disc, "picture": state.picture,
-            "lights.bin": state.lights_binary, "picture-state": state.picture_state,
+            "lights.bin": state.lights_binary, "placed-lights.bin": state.placed_lights, "picture-state": state.picture_state,
         }  # fmt: skip
         first = {name: byte for name, byte in BINARY_FEEDS.items() if name not in OWN_HEAD}
         self._broadcast = Broadcast(self._feeds, first, set(BINARY_FEEDS), state.feeds_changed)

@@ -7,8 +7,9 @@ import msgspec
 import numpy as np
 
 from vemlight import settings
-from vemlight.light.light_set import LightSet
-from vemlight.light.lights_binary import binary_from_lights
+from vemlight.light.light_set import LightSet, NearLights
+from vemlight.light.lights_binary import placed_binary
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.browser.flatten import scene_message
 from vemlight.renderer.scene.scene import Scene
 from vemlight.runtime import wire
@@ -20,11 +21,12 @@ OPEN = """async () => {
     const [{ loadScene }, { contextOf, SceneDrawing }] = await Promise.all([import("/scene_data.js"), import("/relit_draw.js")]);
     const scene = await loadScene(), { gl, why } = contextOf(document.querySelector("canvas"));
     if (why) throw new Error(why);
-    Object.assign(window, { scene, gl, drawing: new SceneDrawing(gl, scene), lightsOf: (await import("/relit_lights.js")).lightsOf });
+    const { lightsFromBytes } = await import("/lights_from_bytes.js");
+    Object.assign(window, { scene, gl, drawing: new SceneDrawing(gl, scene), lightsFromBytes });
 }"""
 DRAW = """({ bytes, view, poses, width, height, times }) => {
-    const { lights } = lightsOf(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer), made = [];
-    const frame = { view: view ?? scene.cameras[0], lights, poses, tone: { scale: 1, white: 0 }, width, height };
+    const { directional: lights, near } = lightsFromBytes(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer), made = [];
+    const frame = { view: view ?? scene.cameras[0], lights, near, poses, tone: { scale: 1, white: 0 }, width, height };
     let drawn;
     for (let k = 0; k < times; k++) {
         const began = performance.now();
@@ -39,12 +41,12 @@ DRAW = """({ bytes, view, poses, width, height, times }) => {
 }"""
 
 SHOW = """({ bytes, width, height }) => {
-    const { lights } = lightsOf(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer);
-    drawing.draw({ view: scene.cameras[0], lights, poses: [], tone: { scale: 1, white: 0 }, width, height });
+    const { directional: lights, near } = lightsFromBytes(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer);
+    const drawn = drawing.draw({ view: scene.cameras[0], lights, near, poses: [], tone: { scale: 1, white: 0 }, width, height });
     const codes = new Uint8Array(4 * width * height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, codes);
-    return [[...drawing.readLinear()], [...codes]];
+    return [[...drawing.readLinear()], [...codes], drawn];
 }"""
 
 
@@ -74,12 +76,19 @@ class RelitPage:
         script = constants_js() if path == "constants.js" else (PAGE / path).read_text()
         return route.fulfill(content_type="text/javascript", body=script)
 
-    def picture(self, lights: LightSet, view: wire.View | None = None, poses: tuple[wire.Pose, ...] = (), times: int = 1) -> np.ndarray:
+    def picture(
+        self,
+        lights: LightSet,
+        view: wire.View | None = None,
+        poses: tuple[wire.Pose, ...] = (),
+        near: NearLightSet | None = None,
+        times: int = 1,
+    ) -> np.ndarray:
         """(height, width, 3) float32, linear. `drawn` and `frame_ms` then say how."""
         width, height = self._size
         asked: dict[str, Any] = {"width": width, "height": height, "times": times}
         asked |= {"view": msgspec.to_builtins(view), "poses": msgspec.to_builtins(poses)}
-        asked |= {"bytes": base64.b64encode(binary_from_lights(lights, 1, 0.0, "sphere")).decode()}
+        asked |= {"bytes": frame_bytes(lights, near)}
         made = self.page.evaluate(DRAW, asked)
         assert made["error"] == 0
         self.drawn, self.frame_ms = made["drawn"], made["ms"]
@@ -87,6 +96,11 @@ class RelitPage:
 
     def shown(self, lights: LightSet, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
         """The linear picture (height, width, 3) and what the canvas has of it, (height, width, 4) codes."""
-        sent = base64.b64encode(binary_from_lights(lights, 1, 0.0, "sphere")).decode()
-        linear, codes = self.page.evaluate(SHOW, {"bytes": sent, "width": width, "height": height})
+        linear, codes, self.drawn = self.page.evaluate(SHOW, {"bytes": frame_bytes(lights), "width": width, "height": height})
         return np.reshape(linear, (height, width, 4))[..., :3], np.reshape(codes, (height, width, 4))
+
+
+def frame_bytes(lights: LightSet, near: NearLightSet | None = None) -> str:
+    """What the page receives of a frame, for its own decoder."""
+    placed = NearLights(near, (0.0, 0.0, 0.0)) if near else None
+    return base64.b64encode(placed_binary(lights, placed, 1, 0.0, "sphere")).decode()

@@ -1,25 +1,29 @@
 """The renderer's own shaders in the browser's dialect, GLSL ES 3.00: one source, read differently in few places.
 
 Where the dialects differ in what they can do, the files themselves say so under `#ifdef GL_ES`. Here is what a preprocessor cannot do:
-files are included, lights are read from a texture instead of a uniform block (16 kB hold 128 of them), and whole numbers that stand for
-fractions become such.
+files are included, lights are read from a texture instead of a uniform block (16 kB hold 128 of them) and shadow views of near lights
+instead of a storage buffer, and whole numbers that stand for fractions become such.
 """
 
 import re
 
-from vemlight.renderer.gl.buffers import INCLUDES, LIGHT_FRAME
+import numpy as np
+
+from vemlight.renderer.gl.buffers import INCLUDES, LIGHT_FRAME, NEAR_SHADOW_VIEW
 from vemlight.renderer.gl.constants import GUTTER, NORMAL_CODES
 from vemlight.renderer.gl.programs import SHADERS
 
 BROWSER_SHADERS = (
     "surface.vert", "surface.frag", "shadow.vert", "shadow.frag", "shadow_alpha_test.frag", "screen.vert", "shade.frag", "emission.frag",
-    "tonemap.frag",
+    "tonemap.frag", "near_light_map.vert", "near_light_map.frag", "near_lights.frag",
 )  # fmt: skip
 HEAD = "#version 300 es\n"
 PRECISION = "".join(f"precision highp {kind};\n" for kind in ("float", "int", "sampler2D", "sampler2DArray"))
 AS_FRACTIONS = {"GUTTER": GUTTER, "NORMAL_CODES": NORMAL_CODES}  # whole numbers with which shaders reckon
 LIGHT_TEXELS = LIGHT_FRAME.dtype.itemsize // 16  # of a light in the texture, one light a row
+NEAR_VIEW_TEXELS = NEAR_SHADOW_VIEW.dtype.itemsize // 16  # likewise of a shadow view
 INCLUDE = re.compile(r'^#include "([\w.]+)"$', re.MULTILINE)
+STORED_VIEWS = re.compile(r"layout\(std140, binding = \d\) readonly buffer \w+ \{ NearShadowView (\w+)\[\]; \};\n")
 LIGHTS_BLOCK = "layout(std140) uniform Lights { LightFrame lights[MAX_LIGHTS]; };\n"
 
 
@@ -36,6 +40,9 @@ def es_source(source: str) -> str:
     for name, number in AS_FRACTIONS.items():
         source = source.replace(f"#define {name} {number}\n", f"#define {name} {number}.0\n")
     source = source.replace("layout(early_fragment_tests) in;\n", "").replace(LIGHTS_BLOCK, light_functions())
+    for name in STORED_VIEWS.findall(source):
+        source = STORED_VIEWS.sub(view_function(name), source, count=1)
+        source = re.sub(rf"\b{name}\[([^\]]+)\]", rf"{name}_at(\1)", source)
     source = re.sub(r"\blights\[(\w+)\]\.(\w+)", r"light_\2(\1)", source)
     return HEAD + PRECISION + source.partition("\n")[2]
 
@@ -43,10 +50,24 @@ def es_source(source: str) -> str:
 def light_functions() -> str:
     """A function for each member of a light's frame, which fetches it from the row of its light: `light_direction(i)`."""
     lines = ["uniform highp sampler2D lights_texture;\n"]
-    for name in LIGHT_FRAME.dtype.names or ():
-        form, offset = LIGHT_FRAME.dtype.fields[name][:2]  # type: ignore[index]
-        count, first = form.itemsize // 4, offset % 16 // 4
-        kind = "float" if count == 1 else f"vec{count}"
-        fetched = f"texelFetch(lights_texture, ivec2({offset // 16}, i), 0).{'xyzw'[first : first + count]}"
-        lines.append(f"{kind} light_{name}(int i) {{ return {fetched}; }}\n")
+    for name, kind, texel, part in _members(LIGHT_FRAME.dtype):
+        lines.append(f"{kind} light_{name}(int i) {{ return texelFetch(lights_texture, ivec2({texel}, i), 0).{part}; }}\n")
     return "".join(lines)
+
+
+def view_function(name: str) -> str:
+    """A function `NAME_at(i)` that fetches a shadow view from row i of the texture `NAME_texture`."""
+    texels = "".join(f"    vec4 t{k} = texelFetch({name}_texture, ivec2({k}, i), 0);\n" for k in range(NEAR_VIEW_TEXELS))
+    members = ", ".join(f"t{texel}.{part}" for _, _, texel, part in _members(NEAR_SHADOW_VIEW.dtype))
+    function = f"NearShadowView {name}_at(int i) {{\n{texels}    return NearShadowView({members});\n}}\n"
+    return f"uniform highp sampler2D {name}_texture;\n{function}"
+
+
+def _members(record: np.dtype) -> list[tuple[str, str, int, str]]:
+    """Of each member its name, its type, in which texel of the row it lies, and which of that's components it is."""
+    made = []
+    for name in record.names or ():
+        form, offset = record.fields[name][:2]  # type: ignore[index]
+        count, first = form.itemsize // 4, offset % 16 // 4
+        made.append((name, "float" if count == 1 else f"vec{count}", offset // 16, "xyzw"[first : first + count]))
+    return made

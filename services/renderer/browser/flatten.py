@@ -9,11 +9,13 @@ import numpy as np
 from vemlight import settings
 from vemlight.light import extent
 from vemlight.light.colour import srgb_from_linear
-from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, browser_shaders
+from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, NEAR_VIEW_TEXELS, browser_shaders
 from vemlight.renderer.gl import constants
-from vemlight.renderer.gl.buffers import LIGHT_FRAME
+from vemlight.renderer.gl.buffers import LIGHT_FRAME, NEAR_LIGHT, NEAR_SHADOW_VIEW
 from vemlight.renderer.gl.constants import HASHED_ALPHA, MaterialTexture
 from vemlight.renderer.passes.gbuffer.material_uniforms import MaterialUniforms, material_uniforms
+from vemlight.renderer.passes.luminaires import depth_range
+from vemlight.renderer.passes.near_lights import near_light_plan, near_light_views
 from vemlight.renderer.passes.shadow_maps import shadow_map_resolution
 from vemlight.renderer.passes.shadow_maps.casters import Caster, Casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import map_resolutions
@@ -42,10 +44,14 @@ from vemlight.runtime.flat_scene import (
 LEAST_TEXTURE_SIDE = 64  # texels, to which textures are reduced at most so that a scene fits; 16 to 256 would do
 TYPES = {"f": "float32", "u": "uint32"}
 LAWS = {
-    constants: ("FARTHEST_DEPTH", "GUTTER", "MAX_RADIANCE", "SHADOW_BIAS_TEXELS"),
+    constants: ("CUBE_TANGENT", "FARTHEST_DEPTH", "GUTTER", "NEAR_BATCH", "NEAR_FRACTION", "SHADOW_BIAS_TEXELS"),
     shadow_map_resolution: ("EXPONENT", "FULL_FRACTION", "HYSTERESIS", "SAME_SHADOW_TEXELS"),
     extent: ("DIVIDED_RAD", "POINTS"),
+    depth_range: ("FAR_MARGIN", "QUARTER"),
+    near_light_views: ("EDGE_TEXELS", "MAX_RESOLUTION"),
+    near_light_plan: ("KEPT_RAD", "KEPT_RADIUS"),
 }
+LAYOUTS = {"LIGHT": LIGHT_FRAME, "NEAR": NEAR_LIGHT, "NEAR_VIEW": NEAR_SHADOW_VIEW}  # records of which browsers write fields by name
 
 
 class TooLargeError(ValueError):
@@ -146,8 +152,13 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
         casters=_casters(casters),
         laws={name: float(getattr(module, name)) for module, names in LAWS.items() for name in names}
         | {"LARGEST_MAP": resolutions.largest, "MAP_HALVINGS": resolutions.halvings, "BY_POWER": float(resolutions.by_power)}
-        | {"LIGHT_TEXELS": LIGHT_TEXELS, "EMISSION": float(emission)}
-        | {f"LIGHT_AT_{name}": LIGHT_FRAME.dtype.fields[name][1] / 4 for name in LIGHT_FRAME.dtype.names or ()},  # type: ignore[index]
+        | {"LIGHT_TEXELS": LIGHT_TEXELS, "NEAR_TEXELS": NEAR_LIGHT.dtype.itemsize // 16, "NEAR_VIEW_TEXELS": NEAR_VIEW_TEXELS}
+        | {"EMISSION": float(emission)}
+        | {
+            f"{record}_AT_{name}": layout.dtype.fields[name][1] / 4  # type: ignore[index]
+            for record, layout in LAYOUTS.items()
+            for name in layout.dtype.names or ()
+        },
         shaders=browser_shaders(),
         left_out=tuple(_left_out(scene, drawing, reduced)),
     )

@@ -1,7 +1,6 @@
 // The picture that this browser draws, beside the server's: the scene comes once, then lights and poses alone. One of three is shown: the server's
 // picture, the browser's, or both with a line between that a slider moves. The camera that is turned here turns the server's, too.
 
-import { lightsOf } from "/relit_lights.js";
 import { loadScene } from "/scene_data.js";
 import { RelitHands } from "/relit_hands.js";
 import { contextOf, SceneDrawing } from "/relit_draw.js";
@@ -11,10 +10,12 @@ const WINDOW_MS = 1000; // over which frames and bytes are counted
 // 72 lights in about a second. Between them a factor of 4 and some, which the pixels cost.
 const SLOW_MS = 200, FAST_MS = 35;
 const MOST_SHRUNK = 4;
+const AGAIN_MS = 2000; // after a scene that did not come, until it is asked for again. 1 to 10 s would do
 const at = (id) => document.getElementById(id);
 
 export class Relit {
   // control(): what was chosen; chosenPoses(): of objects; choose: makes a choice.
+  // onMode: called when another picture may be looked at.
   constructor(control, chosenPoses, choose) {
     [this.control, this.chosenPoses, this.choose] = [control, chosenPoses, choose];
     [this.canvas, this.slider, this.line, this.presets] = ["relit", "relit-slider", "relit-line", "relit-camera"].map(at);
@@ -39,7 +40,11 @@ export class Relit {
 
   // Whether the server's picture is not looked at.
   get alone() {
-    return this.mode === "browser" && Boolean(this.drawing);
+    return this.mode === "browser" && this.draws;
+  }
+
+  get draws() {
+    return this.mode !== "server" && Boolean(this.drawing) && !this.lost;
   }
 
   // From where the scene is seen; null before it is there. own: where the server takes no choices.
@@ -55,36 +60,39 @@ export class Relit {
 
   take(summary) {
     this.locked = Boolean(summary.why_no_controls);
-    this.near = summary.near_lights?.length > 0;
     const hash = summary.scene?.hash || null;
-    if (hash !== this.hash) this.load(hash, summary.scene?.text);
+    if (hash !== this.hash || performance.now() > this.again) this.load(hash, summary.scene?.text);
     this.showPreset();
     this.redraw();
   }
 
   async load(hash, why) {
-    this.hash = hash;
+    [this.hash, this.again] = [hash, Infinity];
+    this.free();
     [this.scene, this.why] = [null, why || "the renderer has not sent the scene"];
+    this.showKeys();
+    let scene = null, failure = "";
     try {
-      if (hash) this.scene = await loadScene();
+      if (hash) scene = await loadScene();
     } catch (error) {
-      this.why = error.message;
+      failure = error.message;
     }
     if (hash !== this.hash) return; // another has come meanwhile
+    if (failure) [this.why, this.again] = [failure, performance.now() + AGAIN_MS];
+    this.scene = scene;
     this.presets.replaceChildren(...(this.scene?.cameras ?? []).map(({ name }, k) => new Option(k ? name : `${name} (Home)`, k)), ...(this.scene ? [new Option("turned", "")] : []));
     this.showPreset();
     this.build();
   }
 
-  // Puts the scene on the GPU, when somebody wants to see it. A canvas has one context, which is freed with it.
+  // Puts the scene on the GPU, when somebody wants to see it.
   build() {
-    if (this.drawing) this.renewCanvas();
-    this.drawing = null;
+    this.free();
     if (this.scene && this.mode !== "server") {
-      const { gl, why } = contextOf(this.canvas);
       try {
-        if (gl) this.drawing = new SceneDrawing(gl, this.scene);
-        this.why = why ?? "";
+        const { gl, why } = contextOf(this.canvas);
+        [this.gl, this.why] = [gl, why ?? ""];
+        if (!why) this.drawing = new SceneDrawing(gl, this.scene);
       } catch (error) {
         this.why = error.message;
       }
@@ -93,20 +101,25 @@ export class Relit {
     this.redraw();
   }
 
-  renewCanvas() {
-    const fresh = this.canvas.cloneNode();
-    this.canvas.getContext("webgl2").getExtension("WEBGL_lose_context")?.loseContext();
+  // Frees what is on the GPU. A canvas has one context, which goes with it.
+  free() {
+    this.drawing = null;
+    if (!this.gl) return;
+    const fresh = this.canvas.cloneNode(), { gl } = this;
     this.canvas.replaceWith(fresh);
-    this.canvas = fresh;
+    [this.canvas, this.gl, this.lost] = [fresh, null, false];
     this.heed(fresh);
+    gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 
   heed(canvas) {
     canvas.addEventListener("webglcontextlost", (event) => {
+      if (canvas !== this.canvas) return;
       event.preventDefault(); // or it would never be restored
-      if (canvas === this.canvas) this.lose();
+      this.lost = true;
+      this.showKeys();
     });
-    canvas.addEventListener("webglcontextrestored", () => { if (canvas === this.canvas) this.restore(); });
+    canvas.addEventListener("webglcontextrestored", () => { if (canvas === this.canvas) this.build(); });
   }
 
   show(mode) {
@@ -114,18 +127,17 @@ export class Relit {
     if (!this.drawing && mode !== "server") this.build();
     this.showKeys();
     this.redraw();
-    this.onMode();
   }
 
   showKeys() {
     for (const key of document.querySelectorAll("[data-relit]")) key.setAttribute("aria-pressed", String(key.dataset.relit === this.mode));
-    const drawn = this.mode !== "server" && Boolean(this.drawing);
-    this.canvas.hidden = !drawn;
-    this.slider.hidden = at("relit-divider").hidden = !(drawn && this.mode === "split");
+    this.canvas.hidden = !this.draws;
+    this.slider.hidden = at("relit-divider").hidden = !(this.draws && this.mode === "split");
     this.canvas.dataset.mode = this.mode;
     this.presets.hidden = at("relit-full").hidden = !this.scene;
     this.split();
     this.showLine();
+    this.onMode();
   }
 
   split() {
@@ -156,10 +168,10 @@ export class Relit {
     document.fullscreenElement ? document.exitFullscreen() : at("scene").requestFullscreen?.();
   }
 
-  // A frame's lights, the bytes of lights.bin.
-  takeLights(buffer) {
-    this.frame = lightsOf(buffer);
-    this.count(0, buffer.byteLength);
+  // A frame of lightsFromBytes(), and how many bytes it had.
+  takeLights(frame, bytes) {
+    this.frame = frame;
+    this.count(0, bytes);
     this.redraw();
   }
 
@@ -185,10 +197,9 @@ export class Relit {
     if (this.waiting || this.mode === "server" || !this.drawing) return;
     this.waiting = true;
     requestAnimationFrame(async () => {
-      const { drawing } = this, began = performance.now(), shown = this.canvas.dataset.shown;
-      this.draw();
-      await drawing?.finished(); // else pictures would queue, and the page stand still
-      if (this.canvas.dataset.shown !== shown) this.fit(performance.now() - began);
+      const { drawing } = this, began = performance.now(), drawn = this.draw();
+      if (drawn) await drawing.finished(); // else pictures would queue, and the page stand still
+      if (drawn) this.fit(performance.now() - began);
       this.waiting = false;
       if (this.dirty) this.redraw();
     });
@@ -201,29 +212,23 @@ export class Relit {
     else if ((this.changes = (this.changes ?? 0) + 1) > 1) [this.shrunk, this.changes] = [wanted, -1];
   }
 
+  // Whether there was something to draw.
   draw() {
     this.dirty = false;
-    if (!this.drawing || !this.frame || this.lost) return;
-    const [width, height] = this.scene.description.size.map((side) => Math.max(Math.round(side / this.shrunk), 1));
+    if (!this.drawing || !this.frame || this.lost) return false;
     try {
-      this.drawn = this.drawing.draw({ view: this.view, lights: this.frame.lights, poses: this.poses(), tone: this.state.tone, width, height });
+      const [width, height] = this.scene.description.size.map((side) => Math.max(Math.round(side / this.shrunk), 1)), { directional, near } = this.frame;
+      this.drawn = this.drawing.draw({ view: this.view, lights: directional, near, poses: this.poses(), tone: this.state.tone, width, height });
     } catch (error) {
-      [this.drawing, this.why] = [null, error.message];
-      return this.showKeys();
+      if (this.gl.isContextLost()) return false; // which the canvas is told of soon
+      this.free();
+      this.why = error.message;
+      this.showKeys();
+      return false;
     }
     this.count(1, 0);
     Object.assign(this.canvas.dataset, { shown: Number(this.canvas.dataset.shown ?? 0) + 1, sequence: this.frame.sequence }); // for tests
-  }
-
-  lose() {
-    this.lost = true;
-    this.showLine();
-  }
-
-  restore() {
-    this.lost = false;
-    this.drawing = null; // its textures are gone with the context
-    this.build();
+    return true;
   }
 
   count(frames, bytes) {
@@ -243,11 +248,12 @@ export class Relit {
     if (this.lost) return "The graphics driver of this machine has taken the picture away; it comes back as soon as the driver is ready.";
     if (!this.drawing) return `Not drawn in this browser: ${this.why}.`;
     if (!this.frame) return "Waiting for lights …";
-    const { lights = 0, coarser = 0 } = this.drawn ?? {}, without = [...this.scene.description.left_out, ...(this.near ? ["the places of near lights"] : [])];
+    const { lights = 0, near = 0, left: weaker = 0, coarser = 0 } = this.drawn ?? {}, without = this.scene.description.left_out;
+    const all = `${lights} lights${near ? `, ${near} of them near` : ""}${weaker ? ` (${weaker} weaker ones are left out)` : ""}`;
     const coarse = coarser ? ` Shadow maps are ${2 ** coarser} times coarser than the settings', for which this browser has no room.` : "";
     const small = this.shrunk > 1 ? ` It has 1/${this.shrunk ** 2} of the server's pixels, as many as this machine draws in time.` : "";
     const left = without.length ? ` Without ${without.join(", ")}.` : "";
-    return `This browser draws ${frames} pictures a second under ${lights} lights, from ${(bytes / 1000).toFixed(1)} kB a second.${small}${coarse}${left}`;
+    return `This browser draws ${frames} pictures a second under ${all}, from ${(bytes / 1000).toFixed(1)} kB a second.${small}${coarse}${left}`;
   }
 }
 

@@ -1,9 +1,10 @@
 // The scene under many lights, drawn in WebGL2 by the renderer's own shaders: surfaces once, then all lights for each pixel, then the screen.
 
 import { clipFromWorld, minus, nearestDistance, rayFromPixel, unit } from "/relit_camera.js";
-import { pointsOf, strongest } from "/relit_lights.js";
+import { pointsOf, strongest, withPower } from "/relit_lights.js";
+import { NearLights } from "/relit_near.js";
 import { Programs } from "/relit_programs.js";
-import { nearest, Shadows, uploaded } from "/relit_shadows.js";
+import { checkErrors, nearest, Shadows, uploaded } from "/relit_shadows.js";
 import { boxCorners, boxOf, identity, transformed, worldFromRest } from "/scene_data.js";
 
 const KIND_CATCHER = 3; // gl/constants.py, MaterialKind
@@ -15,6 +16,7 @@ const VERTEX = { position: ["positions", 3], normal: ["normals", 3], uv: ["uvs",
 export function contextOf(canvas) {
   const gl = canvas.getContext("webgl2", { antialias: false, depth: false, premultipliedAlpha: false, powerPreference: "high-performance" });
   if (!gl) return { why: "this browser has no WebGL2: only the server draws the scene" };
+  if (gl.isContextLost()) return { gl, why: "the graphics driver of this machine has taken the picture away" };
   if (!gl.getExtension("EXT_color_buffer_float")) return { why: "this browser's WebGL2 cannot draw into floats: only the server draws the scene" };
   return { gl };
 }
@@ -24,8 +26,9 @@ export class SceneDrawing {
     [this.gl, this.scene] = [gl, scene];
     const { description } = scene;
     this.laws = description.laws;
-    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE), largest = Math.max(...description.size, ...description.textures.flatMap(({ width, height }) => [width, height]));
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE), outputs = gl.getParameter(gl.MAX_DRAW_BUFFERS), largest = Math.max(...description.size, ...description.textures.flatMap(({ width, height }) => [width, height]));
     if (largest > most) throw new Error(`the scene has pictures of ${largest} texels a side, and this browser holds ${most}`);
+    if (outputs < 4 + this.laws.EMISSION) throw new Error(`this browser's WebGL2 draws into ${outputs} pictures at once, and surfaces that shine take 5`);
     this.blends = Boolean(gl.getExtension("EXT_float_blend"));
     this.programs = new Programs(gl, description.shaders);
     this.empty = gl.createVertexArray();
@@ -37,29 +40,37 @@ export class SceneDrawing {
     this.items = description.meshes.map((mesh, k) => this.item(mesh, k));
     this.kinds = [...new Set(description.materials.map((material) => material.kind))].sort();
     this.shadows = new Shadows(gl, scene, this.programs);
+    this.near = new NearLights(this);
     this.size = [0, 0];
+    checkErrors(gl);
   }
 
-  // Draws a frame into the canvas (or nothing but the linear picture, with show: false).
-  // view: { from, at, fov_y }; lights: of lightsOf(); limit: how many are drawn, the strongest; poses: of objects; tone: { scale, white }.
-  // Returns { lights, points, maps, coarser }: how many were drawn, as how many points, how many shadow maps were drawn anew, and how often all maps
-  // were halved so that they fit.
-  draw({ view, lights, limit = Infinity, poses, tone, width, height, show = true }) {
-    const { gl } = this, matrices = worldFromRest(this.scene, poses), shown = strongest(lights, limit);
+  // Draws a frame into the canvas.
+  // view: { from, at, fov_y }; lights: directional ones, and near: the others, of lightsFromBytes(); poses: of objects; tone: { scale, white }.
+  // Returns { lights, near, left, points, maps, coarser }: how many were drawn, near ones among them, and how many there was no room for; as how many
+  // points; how many lights' shadow maps were drawn anew; how often all maps were halved so that they fit.
+  draw({ view, lights, near, poses, tone, width, height }) {
+    const { gl, scene } = this, matrices = worldFromRest(scene, poses), lit = withPower(lights), shown = strongest(lit);
     const points = pointsOf(shown, this.laws);
-    this.fit(width, height);
+    const boxes = scene.objects.map((mesh, k) => (matrices[k] ? boxOf(boxCorners(mesh.box).flatMap((corner) => transformed(matrices[k], corner, 1))) : mesh.box));
+    const anew = this.fit(width, height);
     const maps = this.shadows.draw(points, matrices, (common, first, count) => this.castAlpha(common, first, count, matrices));
-    this.drawSurfaces(view, matrices);
+    const nearMaps = this.near.drawMaps(near, matrices, boxes), nearCount = this.near.lights.length;
+    this.drawSurfaces(view, matrices, boxes);
     this.sumLights(view, points, matrices);
     if (this.laws.EMISSION) this.addEmission();
-    if (show) this.show(tone ?? NO_TONE);
+    this.show(tone ?? NO_TONE);
     gl.bindVertexArray(null);
-    return { lights: shown.length, points: this.shadows.count, maps, coarser: this.shadows.coarser };
+    if (anew) checkErrors(gl); // seldom, since it waits
+    return {
+      lights: shown.length + nearCount, near: nearCount, left: lit.length - shown.length, points: this.shadows.count, maps: maps + nearMaps,
+      coarser: this.shadows.coarser,
+    };
   }
 
-  drawSurfaces(view, matrices) {
-    const { gl, size: [width, height] } = this, { description, objects } = this.scene;
-    const boxes = objects.map((mesh, k) => (matrices[k] ? boxOf(boxCorners(mesh.box).flatMap((corner) => transformed(matrices[k], corner, 1))) : mesh.box));
+  // boxes: of the meshes, where they are now.
+  drawSurfaces(view, matrices, boxes) {
+    const { gl, size: [width, height] } = this, { description } = this.scene;
     const whole = boxCorners([0, 1].map((side) => [0, 1, 2].map((k) => { // as scene_pose.py has it: never smaller than at rest
       const rest = description.centre[k] + (side ? 1 : -1) * description.half[k];
       return (side ? Math.max : Math.min)(rest, ...boxes.map((box) => box[side][k]));
@@ -87,21 +98,23 @@ export class SceneDrawing {
     });
   }
 
-  // The sum over the lights; near ones come as directional ones, as they are seen from where those are true.
+  // The sum over the lights.
   sumLights(view, points, matrices) {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);
     gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
+    const surfaces = { ...this.rays, ...this.surfaceTextures() };
     for (const kind of this.kinds) {
       const program = this.programs.of("screen.vert", "shade.frag", { KIND: kind, CACHED_VISIBILITY: 0, WEAK: 0, COARSE: 0, STEP: 1 });
       this.fill(program, {
-        ...this.rays, ...this.surfaceTextures(), lights_texture: this.shadows.frames.texture, atlas: this.shadows.texture,
+        ...surfaces, lights_texture: this.shadows.frames.texture, atlas: this.shadows.texture,
         atlas_texel: [1 / this.shadows.width, 1 / this.shadows.height], light_count: this.shadows.count, weight: 1, alpha: 1,
         unshadowed: kind === KIND_CATCHER ? this.unshadowed(view, points, matrices) : [1, 1, 1],
       });
     }
+    this.near.add(surfaces, KIND_CATCHER);
   }
 
   addEmission() {
@@ -248,9 +261,9 @@ export class SceneDrawing {
     return texture;
   }
 
-  // Makes the textures of a picture of that size.
+  // Makes the textures of a picture of that size. Whether there were others.
   fit(width, height) {
-    if (this.size[0] === width && this.size[1] === height) return;
+    if (this.size[0] === width && this.size[1] === height) return false;
     const { gl } = this;
     this.size = [width, height];
     for (const texture of [...(this.targets ?? []), this.depth, this.picture?.texture]) gl.deleteTexture(texture ?? null);
@@ -259,9 +272,11 @@ export class SceneDrawing {
     this.targets = formats.map((format) => this.target(format));
     this.depth = this.target(gl.DEPTH_COMPONENT24);
     this.surfaces = this.frameOf(this.targets, this.depth);
-    this.picture = { texture: this.target(this.blends || !this.laws.EMISSION ? gl.RGBA32F : gl.RGBA16F) };
+    this.picture = { texture: this.target(this.blends ? gl.RGBA32F : gl.RGBA16F) };
     this.picture.frame = this.frameOf([this.picture.texture]);
+    checkErrors(gl);
     [gl.canvas.width, gl.canvas.height] = [width, height];
+    return true;
   }
 
   target(format) {
@@ -278,6 +293,9 @@ export class SceneDrawing {
     textures.forEach((texture, k) => gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + k, gl.TEXTURE_2D, texture, 0));
     if (depth) gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, depth, 0);
     gl.drawBuffers(textures.map((_, k) => gl.COLOR_ATTACHMENT0 + k));
+    if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) !== gl.FRAMEBUFFER_COMPLETE && !gl.isContextLost()) {
+      throw new Error(`this browser cannot draw into ${textures.length} pictures of floats at once`);
+    }
     return frame;
   }
 }

@@ -1,36 +1,24 @@
-// Lights as the browser draws them: read from `lights.bin` (docs/clients.md), cut into points where they are soft, each with a shadow map of the
-// resolution that it deserves and a place in the atlas. The laws are those of the renderer: extent.py, shadow_map_resolution.py, light_frames.comp.
+// Directional lights as the browser draws them: cut into points where they are soft, each with a shadow map of the resolution that it deserves and
+// a place in the atlas. The laws are those of the renderer: extent.py, shadow_map_resolution.py, light_frames.comp.
 
 import { LUMINANCE_WEIGHTS } from "/constants.js";
 import { dot } from "/relit_camera.js";
 
-const HEAD_BYTES = 24, COVARIANCE = 6;
-const MAX_LIGHTS = 100000; // wire.LightsMessage
+// The strongest so many are drawn: as four points each they fill the 2048 rows that a texture of any WebGL2 has.
+const MAX_DRAWN = 512;
 const FLATTEST_BOX = 1e-4; // light_frames.comp
-
-// { coverage, sequence, lights: [{ id, direction, irradiance, covariance }] }. Throws an Error for bytes that are no such frame.
-export function lightsOf(buffer) {
-  const head = new DataView(buffer), floats = head.getUint8(2), count = head.getUint32(4, true);
-  if (head.getUint8(1) !== 1) throw new Error("lights of another layout: reload the page");
-  if (count > MAX_LIGHTS || buffer.byteLength !== HEAD_BYTES + count * (8 + 24 + 4 * floats)) throw new Error("lights.bin of another length than it says");
-  const ids = new Float64Array(buffer, HEAD_BYTES, count), numbers = new Float32Array(buffer, HEAD_BYTES + 8 * count);
-  const lights = Array.from(ids, (id, k) => ({
-    id,
-    direction: [...numbers.subarray(3 * k, 3 * k + 3)],
-    irradiance: [...numbers.subarray(3 * (count + k), 3 * (count + k) + 3)],
-    covariance: floats === COVARIANCE ? [...numbers.subarray(6 * count + 6 * k, 6 * count + 6 * k + 6)] : null,
-  }));
-  return { coverage: head.getUint8(3) ? "sphere" : "hemisphere", sequence: head.getFloat64(8, true), lights };
-}
 
 export function luminance(rgb) {
   return dot(rgb, LUMINANCE_WEIGHTS);
 }
 
-// The strongest `limit` of the lights that carry power.
-export function strongest(lights, limit) {
-  const lit = lights.filter((light) => light.irradiance.some((value) => value !== 0));
-  return lit.length <= limit ? lit : lit.sort((a, b) => luminance(b.irradiance) - luminance(a.irradiance)).slice(0, limit);
+export function withPower(lights) {
+  return lights.filter((light) => light.irradiance.some((value) => value !== 0));
+}
+
+// The strongest MAX_DRAWN of the lights.
+export function strongest(lights) {
+  return lights.length <= MAX_DRAWN ? lights : [...lights].sort((a, b) => luminance(b.irradiance) - luminance(a.irradiance)).slice(0, MAX_DRAWN);
 }
 
 // Soft lights as laws.POINTS points each, narrow ones as one: points_of_extents of extent.py. Mirrors show each as wide as its light: reflected_light.py.
@@ -67,22 +55,31 @@ function tangents([x, y, z]) {
 
 // How often the map of each light is halved: map_halvings. previous: of the last frame by id.
 export function mapHalvings(lights, laws, previous) {
-  const count = lights.length, powers = lights.map((light) => luminance(light.irradiance)), total = powers.reduce((a, b) => a + b, 0);
-  const choices = Array.from({ length: laws.MAP_HALVINGS + 1 }, (_, k) => laws.LARGEST_MAP / 2 ** k);
+  const near = laws.BY_POWER ? nearFractions(lights, laws) : null, most = laws.MAP_HALVINGS;
   return lights.map((light, i) => {
-    let exact = 0;
-    if (laws.BY_POWER) {
-      const near = choices.map(() => 0);
-      for (let j = 0; j < count; j++) {
-        const cosine = dot(light.direction, lights[j].direction);
-        choices.forEach((size, k) => { if (cosine > 1 - (laws.SAME_SHADOW_TEXELS / size) ** 2 / 2) near[k] += powers[j] / total; });
-      }
-      exact = Math.min(...near.map((fraction, k) => Math.max(-laws.EXPONENT * Math.log2(Math.max(fraction, 1e-9) / laws.FULL_FRACTION), k)));
+    let exact = near ? Infinity : 0;
+    for (let k = 0; near && k <= most; k++) {
+      exact = Math.min(exact, Math.max(-laws.EXPONENT * Math.log2(Math.max(near[i * (most + 1) + k], 1e-9) / laws.FULL_FRACTION), k));
     }
-    exact = Math.min(Math.max(exact, 0), laws.MAP_HALVINGS);
+    exact = Math.min(Math.max(exact, 0), most);
     const before = previous?.get(light.id);
     return before !== undefined && Math.abs(exact - before) <= 0.5 + laws.HYSTERESIS ? before : Math.floor(exact + 0.5);
   });
+}
+
+// For each light and choice of resolution the fraction of the power whose shadows are the same there. Of pairs of lights most are far apart.
+function nearFractions(lights, laws) {
+  const choices = laws.MAP_HALVINGS + 1, powers = lights.map((light) => luminance(light.irradiance)), total = powers.reduce((a, b) => a + b, 0);
+  const least = Array.from({ length: choices }, (_, k) => 1 - ((laws.SAME_SHADOW_TEXELS * 2 ** k) / laws.LARGEST_MAP) ** 2 / 2);
+  const all = Float64Array.from(lights.flatMap((light) => light.direction)), near = new Float64Array(lights.length * choices);
+  for (let i = 0; i < lights.length; i++) {
+    const x = all[3 * i], y = all[3 * i + 1], z = all[3 * i + 2];
+    for (let j = 0; j < lights.length; j++) {
+      const cosine = x * all[3 * j] + y * all[3 * j + 1] + z * all[3 * j + 2];
+      for (let k = choices - 1; k >= 0 && cosine > least[k]; k--) near[i * choices + k] += powers[j] / total;
+    }
+  }
+  return near;
 }
 
 // Square tiles in rows of equal ones, the largest first: { corners, width, height }, or null where they do not fit. sizes: the largest first.

@@ -1,5 +1,9 @@
 // The renderer's own shaders, in the browser's dialect, compiled when they are first wanted; the files and their text come with the scene.
 
+const BLOCKS = ["MaterialBlock", "NearLights"]; // each at the binding of its number
+// At the same places in all programs, so that a vertex array serves several.
+const ATTRIBUTES = ["position", "normal", "uv", "vertex_colour", "second_uv", "alpha_uv", "vertex_alpha"];
+
 export class Programs {
   constructor(gl, shaders) {
     this.gl = gl;
@@ -31,6 +35,7 @@ export class Program {
       gl.attachShader(this.program, shader);
       if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(`${name}: ${gl.getShaderInfoLog(shader).split("\n")[0]}`);
     });
+    ATTRIBUTES.forEach((attribute, k) => gl.bindAttribLocation(this.program, k, attribute));
     gl.linkProgram(this.program);
     if (!gl.getProgramParameter(this.program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(`${name}: ${gl.getProgramInfoLog(this.program).split("\n")[0]}`);
     this.uniforms = new Map();
@@ -38,8 +43,10 @@ export class Program {
       const { name: uniform, type } = gl.getActiveUniform(this.program, k);
       this.uniforms.set(uniform, { type, at: gl.getUniformLocation(this.program, uniform) });
     }
-    const block = gl.getUniformBlockIndex(this.program, "MaterialBlock");
-    if (block !== gl.INVALID_INDEX) gl.uniformBlockBinding(this.program, block, 0);
+    BLOCKS.forEach((name, k) => {
+      const block = gl.getUniformBlockIndex(this.program, name);
+      if (block !== gl.INVALID_INDEX && block !== null) gl.uniformBlockBinding(this.program, block, k);
+    });
   }
 
   attribute(name) {

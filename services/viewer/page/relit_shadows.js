@@ -160,6 +160,7 @@ export class Shadows {
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.frame);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, this.texture, 0);
     this.kept = { key: "", directions: [] };
+    checkErrors(gl);
   }
 
   // A row of texels for each light's frame.
@@ -178,6 +179,14 @@ export class Shadows {
 export function nearest(gl) {
   for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
   for (const wrap of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, wrap, gl.CLAMP_TO_EDGE);
+}
+
+// Throws an Error where WebGL refused something since the last time.
+export function checkErrors(gl) {
+  const error = gl.getError();
+  if (error !== gl.NO_ERROR && error !== gl.CONTEXT_LOST_WEBGL) {
+    throw new Error(error === gl.OUT_OF_MEMORY ? "the graphics memory of this machine has no room for it" : `its WebGL refuses to draw the scene (error ${error})`);
+  }
 }
 
 export function uploaded(gl, target, data) {

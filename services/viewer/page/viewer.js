@@ -19,7 +19,7 @@ import { SkyTools } from "/sky_tools.js";
 import { Source } from "/source.js";
 import { Timeline } from "/timeline.js";
 
-const FEEDS = "summary,lights.bin,levels,disc,picture,picture-state";
+const FEEDS = "summary,placed-lights.bin,levels,disc,picture,picture-state";
 const RECONNECT_MS = 1000;
 const GREW_MS = 5000; // a count of losses is coloured while it grows, and for so long after
 const MEASURES = [ // of every service: those of wire.StatusMessage
@@ -137,10 +137,11 @@ function applyAgain(change) {
 // Bytes are a frame's lights, its sky or its picture. Returns the feed's name.
 async function takeBytes(buffer) {
   const bytes = new Uint8Array(buffer);
-  if (bytes[0] !== BINARY_FEEDS["lights.bin"]) return takePicture(bytes);
-  takeLights(lightsFromBytes(buffer));
-  relit.takeLights(buffer);
-  return "lights.bin";
+  if (bytes[0] !== BINARY_FEEDS["placed-lights.bin"]) return takePicture(bytes);
+  const frame = lightsFromBytes(buffer);
+  takeLights(frame);
+  relit.takeLights(frame, buffer.byteLength);
+  return "placed-lights.bin";
 }
 
 function takeLights(frame) {

@@ -4,6 +4,17 @@
 const float MAP_BIAS = 0.5;  // texels: what a surface may rise above its tangent plane within a texel
 const float MIN_COSINE = 0.03;  // a receiver at a flatter angle is treated as facing the map
 
+// The four texels about the corner between them, in the order of textureGather.
+vec4 gathered_texels(sampler2D maps, vec2 corner, vec2 texture_size) {
+#ifdef GL_ES
+    ivec2 last = ivec2(corner);
+    vec2 above = vec2(texelFetch(maps, last - ivec2(1, 0), 0).r, texelFetch(maps, last, 0).r);
+    return vec4(above, texelFetch(maps, last - ivec2(0, 1), 0).r, texelFetch(maps, last - 1, 0).r);
+#else
+    return textureGather(maps, corner / texture_size);
+#endif
+}
+
 // A vector as the view through a face sees it, depth in z.
 vec3 through_face(vec3 v, float number) {
     int face = int(number);
@@ -29,7 +40,7 @@ float lit_by_own_plane(sampler2D maps, vec2 texture_size, vec2 corner, float siz
     if (any(lessThan(at, vec2(1.0))) || any(greaterThan(at, vec2(size - 1.0)))) return 1.0;
     vec2 first = floor(at - 0.5);
     vec2 f = at - 0.5 - first;
-    vec4 stored = textureGather(maps, (corner + first + 1.0) / texture_size);
+    vec4 stored = gathered_texels(maps, corner + first + 1.0, texture_size);
     float height = dot(n, q);
     bool grazing = abs(height) < MIN_COSINE * length(q);
     vec2 tangent = low + (first + 0.5) * texel;

@@ -225,6 +225,9 @@ def test_a_context_that_is_lost_comes_back(opened):
     opened.evaluate("window.lost = document.getElementById('relit').getContext('webgl2').getExtension('WEBGL_lose_context')")
     opened.evaluate("lost.loseContext()")
     eventually(lambda: "comes back" in opened.locator("#relit-line").inner_text(), "a line")
+    picture = opened.locator("#picture")
+    server = int(picture.get_attribute("data-shown"))
+    eventually(lambda: int(picture.get_attribute("data-shown")) > server + 2, "the server's pictures meanwhile")
     before = shown(opened)
     opened.evaluate("lost.restoreContext()")
     eventually(lambda: shown(opened) > before + 1, "pictures again")
@@ -245,4 +248,48 @@ def test_what_a_browser_lacks_is_a_line(opened, software_gl_browser, missing, li
     eventually(lambda: line in page.locator("#relit-line").inner_text(), "a line")
     assert page.locator("#relit").is_hidden()
     eventually(lambda: int(page.locator("#picture").get_attribute("data-shown") or 0) > 1, "the server's pictures")
+    page.close()
+
+
+def scene_of(simulated, name: str) -> None:
+    """Has the renderer send another scene."""
+    scene = load_scene(BUNDLED_SCENE.parent / name)._replace(luminaires=())
+    simulated.noise.append(wire.pack(*scene_message(scene, DRAWING)))
+
+
+def names(page) -> list[str]:
+    return page.evaluate("(async () => (await (await fetch('/scene.json')).json()).objects.map(({ name }) => name))()")
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_another_scene_is_drawn_in_its_place(opened, simulated, lost):
+    """Also after the driver took the picture of the one before away, and never gave it back."""
+    opened.get_by_role("button", name="Browser", exact=True).click()
+    eventually(lambda: shown(opened) > 1, "pictures of the browser")
+    if lost:
+        opened.evaluate("document.getElementById('relit').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()")
+        eventually(lambda: opened.locator("#relit").is_hidden(), "no picture of the browser")
+    before = names(opened)
+    scene_of(simulated, "headlights.toml" if lost else "shapes.toml")
+    eventually(lambda: names(opened) != before, "another scene")
+    eventually(lambda: opened.locator("#relit").is_visible(), "a picture of the browser")
+    drawn = shown(opened)
+    eventually(lambda: shown(opened) > drawn + 2, "pictures of the browser")
+    assert "pictures a second" in opened.locator("#relit-line").inner_text()
+
+
+def test_a_scene_that_did_not_come_is_asked_for_again(opened, simulated, software_gl_browser):
+    page = software_gl_browser.new_page()
+    refused: list[str] = []
+
+    def once(route) -> None:
+        if refused:
+            return route.continue_()
+        refused.append(route.request.url)
+        return route.abort()
+
+    page.route("**/scene/*.bin", once)
+    page.goto(opened.viewer.url)
+    page.locator("#relit-camera").wait_for(timeout=PATIENCE_S * 1e3)
+    assert refused
     page.close()

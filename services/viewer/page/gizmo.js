@@ -3,6 +3,7 @@
 
 const MODULES = ["/gizmo_handles.js", "/relit_camera.js", "/scene_data.js"]; // what they need, once there is a scene
 const REACH = { mouse: 9, touch: 22 }; // CSS pixels around a handle; 44 across for a finger
+const AGAIN_MS = 2000; // as relit.js has it
 const LEAST_DRAG = 4; // CSS pixels: less is a click
 const NEAR_RADIUS = 9; // CSS pixels, of a near light's mark
 const COLOURS = { x: "#ff6b60", y: "#6fd37c", z: "#6aa8ff", level: "#ffd08a", size: "#ffd08a" };
@@ -34,12 +35,12 @@ export class Gizmo {
     this.near = summary.near_lights;
     this.tools.hidden = Boolean(summary.why_no_controls) || !summary.objects.length;
     const hash = summary.scene?.hash || null;
-    if (hash !== this.hash || !hash) this.load(hash, summary.scene?.text || "the renderer has not sent it");
+    if (hash !== this.hash || !hash || performance.now() > this.again) this.load(hash, summary.scene?.text || "the renderer has not sent it");
     this.draw();
   }
 
   async load(hash, why) {
-    this.hash = hash;
+    [this.hash, this.again] = [hash, Infinity];
     try {
       if (hash) {
         this.with = Object.assign({}, ...(await Promise.all(MODULES.map((name) => import(name)))));
@@ -48,7 +49,7 @@ export class Gizmo {
         this.scene = null;
       }
     } catch (error) {
-      [this.scene, why] = [null, error.message];
+      [this.scene, why, this.again] = [null, error.message, performance.now() + AGAIN_MS];
     }
     for (const key of this.tools.querySelectorAll("button")) {
       const title = this.scene ? key.dataset.title : `No handles without the scene: ${why}`;

@@ -87,6 +87,10 @@ MUTANTS = [
         ("bright cells of a mosaic by red", "self._fisheye[1 if len(self._fisheye) == 3 else 0]", "self._fisheye[0]"),
         ("clipped codes of red alone", "lit_runs(self._fisheye)", "lit_runs(self._fisheye[:1])"),
     ]),
+    *mutants_of(CAPTURE + "choosing.py", "tests/test_choosing.py", [
+        ("the oldest recordings", "[-OFFERED:]", "[:OFFERED]"),
+        ("a recording goes on without its source", "        self._recording.leave(self.current)\n", ""),
+    ]),
     *mutants_of(CAPTURE + "ground.py", "tests/test_ground.py", [
         ("irradiance of a sphere", "np.diff(edges * (2 - edges)) / 2", "np.diff(edges)"),
         ("suns in the middle of their cells", "total += (cosine", "total += 0 * (cosine"),

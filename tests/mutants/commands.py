@@ -11,6 +11,12 @@ MUTANTS = [
         ("few lights are enough", "ENOUGH_LIGHTS = 20", "ENOUGH_LIGHTS = 10"),
         ("larger pictures without a GPU", "if side <= 1 or on_gpu:", "if True:"),
         ("files that exist", "if path.exists():", "if False:"),
+        ("a trial is recorded", 'record="", recordings=""', 'recordings=""'),
+    ]),
+    *mutants_of(COMMANDS + "locate.py", "tests/test_locate.py", [
+        ("frames of other moments", "> 0.5 / fps + 1e-6:", "> 50 / fps:"),
+        ("a still has no near lights", "        if count == 1:\n", "        if False:\n"),
+        ("all cameras count alike", "FuseState.start(rig, options.subject)", "FuseState.start(rig)"),
     ]),
     *mutants_of("services/settings.py", "tests/test_settings.py", [
         ("pictures x 100", "MAX_PICTURE_SIDE = 8192", "MAX_PICTURE_SIDE = 819200"),
@@ -112,6 +118,8 @@ MUTANTS = [
         ("poses that are wrong", "LEFT_OUT_CHI2 * left_out + UNEXPLAINED_CHI2 * (unexplained - left_out)", "0.0"),
         ("saturated pixels", "SATURATED_SIGMA, FLUX_SIGMA)", "FLUX_SIGMA, FLUX_SIGMA)"),
         ("light counted twice", "        if source >= 0:\n", "        if False:\n"),
+        ("a still's noise is averaged", "state._replace(gains=known.gains, hits=1)", "known._replace(hits=1)"),
+        ("sources beyond the limit are not said", "        if each and each.beyond\n", "        if False\n"),
     ]),
     *mutants_of("services/fuse/moments.py", "tests/test_fuse_moments.py", [
         ("the period of a slow camera", "SILENT_FRAMES * self._period_ns(camera)", "SILENT_FRAMES * self.period_ns"),

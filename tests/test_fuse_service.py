@@ -13,7 +13,9 @@ import tomli_w
 
 from tests.support.lights_files import read_lights
 from tests.support.processes import LOADED_S, wait_until
+from vemlight.fuse.check import warm
 from vemlight.fuse.fusing import FuseState
+from vemlight.fuse.rest import Layout, cells_in_world
 from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.fuse.service import fused_messages
 from vemlight.light.images import write_exr
@@ -199,6 +201,17 @@ def test_the_fused_map_has_the_scale_of_the_cameras_whose_unit_it_has(rig_file, 
     header = fused.map[0]
     assert isinstance(header, wire.MapMessage)
     assert header.luminance_scale == expected
+
+
+def test_the_first_frame_waits_for_nothing_that_could_be_known_before(rig_file):
+    rig = read_camera_rig(rig_file)
+    turned = msgspec.structs.replace(rig, camera=tuple(msgspec.structs.replace(each, turn=(0.0, 0.1, 0.0, 0.995)) for each in rig.camera))
+    cells_in_world.cache_clear()
+    warm(turned, Layout(8, 32, "hemisphere"))
+    before = cells_in_world.cache_info()
+    fused_messages(FuseState.start(turned), (map_of(None),) * 3, STAMP, 0.0)
+    after = cells_in_world.cache_info()
+    assert (after.misses, after.hits) == (before.misses, before.hits + 6), "of each camera's map and of its blocks"
 
 
 def test_a_fused_frame_says_what_its_maps_said_and_who_is_silent(rig_file):

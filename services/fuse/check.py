@@ -6,6 +6,8 @@ import numpy as np
 
 from vemlight.errors import UserError
 from vemlight.fuse.fusing import FuseState, fuse_step
+from vemlight.fuse.gains import BLOCKS
+from vemlight.fuse.rest import Layout, cells_in_world, fused_layout
 from vemlight.fuse.rig_file import CameraRig, check_one_rate, read_camera_rig
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.environment_map import EnvironmentMap
@@ -31,14 +33,21 @@ def check_cameras(path: Path, fps: list[float], frames: list[int]) -> None:
             raise UserError(f"{path}: {found}, and frame k of all is one moment; set [capture] end = {min(frames)}")
 
 
-def warm(rig: CameraRig) -> None:
-    """Compiles everything that a frame may need, on small maps that see a lamp, so that no frame of a run waits for the compiler."""
+def warm(rig: CameraRig, layout: Layout) -> None:
+    """Does what can be done before the first frame, so that none waits for it: compiles, on small maps that see a lamp, and finds where the
+    cells of maps of a layout lie in the world, half a second each.
+    """
     for coverage in ("hemisphere", "sphere"):
         state = FuseState.start(rig)
         maps: list[EnvironmentMap | None] = [_map_of_lamp(rig, k, coverage) for k in range(len(rig.camera))]
         for _ in range(WARM_FRAMES):
             state, *_ = fuse_step(state, maps)
         fuse_step(state, [None, *maps[1:]])
+    turns = [camera.world_from_camera.tobytes() for camera in rig.camera]
+    fused = fused_layout(tuple((layout, turn) for turn in turns))
+    for goal in (fused, BLOCKS):
+        for turn in turns:
+            cells_in_world(layout, goal, turn)
 
 
 def _map_of_lamp(rig: CameraRig, camera: int, coverage: Coverage) -> EnvironmentMap:

@@ -18,6 +18,7 @@ from vemlight.files import notice
 from vemlight.fuse.check import warm
 from vemlight.fuse.fusing import FuseReport, FuseState, fuse_step
 from vemlight.fuse.moments import Moments, seen_at_ns
+from vemlight.fuse.rest import Layout
 from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
@@ -46,7 +47,7 @@ def main(settings: Settings, restarts: int = 0) -> None:
         raise UserError("[rig] file names nothing; name a rig of cameras, or leave out fuse: one camera needs none")
     with of_setting("[rig] file"):
         rig = read_camera_rig(Path(settings.rig.file))
-    warm(rig)
+    warm(rig, layout_of_settings(settings))
     state = FuseState.start(rig)
     transport, stop = Transport(settings.wire), StopSignal()
     try:
@@ -58,6 +59,11 @@ def main(settings: Settings, restarts: int = 0) -> None:
             _run_live(state, settings, transport, publisher, stats, stop)
     finally:
         transport.close()
+
+
+def layout_of_settings(settings: Settings) -> Layout:
+    """Of the maps that the cameras are to send."""
+    return Layout(settings.capture.rows, settings.capture.cols, settings.capture.map_coverage)
 
 
 def fused_messages(

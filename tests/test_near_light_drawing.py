@@ -142,19 +142,22 @@ def test_what_is_nearer_than_the_radius_casts_nothing(drawn, shadows):
         assert seen == passes
 
 
-def test_the_penumbra_of_a_ball_is_that_of_its_disc(drawn):
-    """A long edge half way up: the penumbra is as wide as the ball, and in its middle half of the disc is seen."""
+@pytest.mark.parametrize("live", [False, True])
+def test_the_penumbra_of_a_ball_is_that_of_its_disc(drawn, live):
+    """A long edge half way up: the penumbra is as wide as the ball, and in its middle half of the disc is seen. Live it is as smooth."""
     edge = '[[mesh]]\nshape = "plane"\nscale = 1.0\nat = [1.0, 0.0, 1.0]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
     camera = "[camera]\nfrom = [0.0, 0.0, 0.5]\nat = [0.0, 0.0, 0.0]\nfov_y = 90.0\n"
     near = near_lights((0.0, 0.0, 2.0), radius=0.2)
-    picture = drawn(camera + GROUND + edge, near, side=128, samples=16)
+    picture = drawn(camera + GROUND + edge, near, side=128, samples=1 if live else 16, frame_ms=10_000.0 if live else 0.0)
     x = ((np.arange(128) + 0.5) / 64 - 1) * 0.5
     expected = irradiance(near, np.stack([x, np.zeros(128), np.zeros(128)], axis=-1))[..., 0] / np.pi
     fraction = picture[62:66, :, 0].mean(axis=0) / expected
+    smooth = picture[56:72, :, 0] / expected
     t = np.clip(-x / 0.2, -1, 1)  # the shadow's edge in radii of the disc
     exact = 0.5 + (t * np.sqrt(1 - t * t) + np.arcsin(t)) / np.pi
     assert np.abs(fraction - exact).max() < 0.06
     assert np.abs(fraction - exact).mean() < 0.01
+    assert smooth.std(axis=0).max() < 1 / 15  # along the edge, where all rays together have steps of a sixteenth
 
 
 def test_a_ball_half_in_a_wall_lights_it_live_as_its_disc_does(drawn):

@@ -55,6 +55,7 @@ MUTANTS = [
         ("casters within the radius", "if (dot(from_light, from_light) < light_radius * light_radius) discard;", ""),
     ]),
     *mutants_of(RENDERER + "rays/near_tracing.py", "tests/test_near_light_drawing.py", [
+        ("live penumbrae of dots", "    if whole:\n        return arriving\n", "    return arriving\n"),
         ("rays go through the ball", "(w - np.sqrt(inside))", "(w + np.sqrt(inside))"),
         ("dark where no ray was sent", "packet.sent[k] > LEAST_SENT else around", "packet.sent[k] > LEAST_SENT else np.float32(0)"),
     ]),

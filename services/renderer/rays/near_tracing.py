@@ -26,7 +26,7 @@ from vemlight.renderer.rays.packets import (
     place_packet,
     unanimous,
 )
-from vemlight.renderer.rays.soft_filter import TILE
+from vemlight.renderer.rays.soft_filter import SAME_NORMAL, SAME_PLANE, TILE
 from vemlight.renderer.rays.soft_pattern import STRATA, ball_pattern, live_ball_pattern
 from vemlight.renderer.rays.tracing import RayTracer
 
@@ -62,8 +62,9 @@ class Seen(NamedTuple):
 def trace_near(tracer: RayTracer, lights: NearLightSet, sample: int = 0, samples: int = 1, whole: bool = True) -> np.ndarray:
     """The fraction of each light that arrives at each pixel of the surfaces that a tracer saw last, (n, height, width) uint8.
 
-    sample: of each pixel's `samples`, which together have all rays. whole: as RayTracer.trace has it. What is nearer to a light's middle
-    than its radius takes nothing from it.
+    sample: of each pixel's `samples`, which together have all rays. whole: as RayTracer.trace has it; otherwise 2 x 2 pixels have all rays
+    together, and a pixel the mean of those about it on its surface. What is nearer to a light's middle than its radius takes nothing from
+    it.
     """
     surfaces, balls = tracer.surfaces, Balls.of(lights, tracer.scene.origin)
     arriving = np.empty((len(lights.ids), *surfaces.distances.shape), np.uint8)
@@ -74,7 +75,11 @@ def trace_near(tracer: RayTracer, lights: NearLightSet, sample: int = 0, samples
         _trace(tracer.scene.address, new_packet(), seen, surfaces.of(rows), balls, offsets, agreed, rows.start, arriving)
 
     tracer.in_rows(own)
-    return arriving
+    if whole:
+        return arriving
+    smoothed = np.empty_like(arriving)
+    tracer.in_rows(lambda rows: _smooth(arriving, surfaces, balls.radii, rows.start, rows.stop, smoothed))
+    return smoothed
 
 
 def spread(arriving: np.ndarray, weights: np.ndarray, step: int) -> np.ndarray:
@@ -88,7 +93,7 @@ def spread(arriving: np.ndarray, weights: np.ndarray, step: int) -> np.ndarray:
 def warm(tracer: RayTracer) -> None:
     """Compiles, or loads, what near lights need; the tracer has seen surfaces."""
     spread(np.zeros((2, 2), np.uint8), read_only(np.zeros((4, 4, 4), np.uint8)), 2)
-    trace_near(tracer, NearLightSet.of(np.zeros(1), np.ones((1, 3)), np.ones((1, 3)), np.ones(1), np.ones(1)))
+    trace_near(tracer, NearLightSet.of(np.zeros(1), np.ones((1, 3)), np.ones((1, 3)), np.ones(1), np.ones(1)), whole=False)
 
 
 @kernel(nogil=True)
@@ -191,3 +196,40 @@ def _spread(arriving, weights, step, spread_out):
             value = np.int32(own[0]) * arriving[top, left] + np.int32(own[1]) * arriving[top, right]
             value += np.int32(own[2]) * arriving[bottom, left] + np.int32(own[3]) * arriving[bottom, right]
             spread_out[y, x] = np.uint8((value + total // 2) // max(total, np.int32(1)))
+
+
+@kernel(nogil=True)
+def _smooth(arriving, surfaces, radii, first, last, smoothed):
+    """Fills the rows from first to last of smoothed (n, height, width) uint8: of lights with a radius the mean over the pixels about each
+    on its surface, weighted 1 2 1 each way. That is the mean of the four squares of 2 x 2 in which it lies, each of which has all rays."""
+    _, height, width = arriving.shape
+    for i in range(len(radii)):
+        for y in range(first, last):
+            for x in range(width):
+                own = np.int32(arriving[i, y, x])
+                smoothed[i, y, x] = own
+                if radii[i] == 0 or surfaces.distances[y, x] == 0:
+                    continue
+                mixed = False
+                for k in range(max(y - 1, 0), min(y + 2, height)):
+                    for j in range(max(x - 1, 0), min(x + 2, width)):
+                        mixed |= arriving[i, k, j] != own
+                if mixed:
+                    smoothed[i, y, x] = _mean_about(arriving, surfaces, i, y, x)
+
+
+@subroutine
+def _mean_about(arriving, surfaces, i, y, x):
+    _, height, width = arriving.shape
+    normal, flat, place = surfaces.smooth_normals[y, x], surfaces.flat_normals[y, x], surfaces.places[y, x]
+    near, total, count = SAME_PLANE * surfaces.distances[y, x], np.int32(0), np.int32(0)
+    for k in range(max(y - 1, 0), min(y + 2, height)):
+        for j in range(max(x - 1, 0), min(x + 2, width)):
+            other, there = surfaces.smooth_normals[k, j], surfaces.places[k, j]
+            alike = normal[0] * other[0] + normal[1] * other[1] + normal[2] * other[2]
+            off = flat[0] * (there[0] - place[0]) + flat[1] * (there[1] - place[1]) + flat[2] * (there[2] - place[2])
+            if alike >= SAME_NORMAL and abs(off) <= near:
+                weight = np.int32(2 - abs(k - y)) * np.int32(2 - abs(j - x))
+                total += weight * np.int32(arriving[i, k, j])
+                count += weight
+    return np.uint8((total + count // 2) // count)

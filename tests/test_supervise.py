@@ -65,6 +65,8 @@ def test_killed_services_come_back_with_a_visible_count_and_sigterm_ends_all(run
             os.kill(before[service], signal.SIGKILL)
             listener.next(wire.StatusMessage, lambda status, service=service: status.service == service and status.restarts == 1)
             listener.next(kind)
+        folder = Path(tempfile.gettempdir()) / f"{RUN_FOLDER}{process.pid}"
+        wait_until(lambda: not [*folder.glob("*.restarting")], "nobody being called restarting any more")
         after = children(process.pid)
         assert {name for name in before.keys() - SPARE if after[name] != before[name]} == {"sampler", "renderer"}
     finally:

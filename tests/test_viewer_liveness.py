@@ -2,10 +2,14 @@
 
 import random
 
+import msgspec
+
 from vemlight.compiling import COMPILING, compiling_file
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
+from vemlight.runtime.restarts import restarting_file, say_restarting
 from vemlight.runtime.service_stats import LossCounter
+from vemlight.runtime.session import SESSION
 from vemlight.viewer.liveness import HEALTHY, Liveness
 
 SILENT_S = 1.5  # three statuses in a row are missing
@@ -100,6 +104,21 @@ def test_who_compiles_for_what_was_chosen_is_not_called_silent(tmp_path, monkeyp
     assert states(liveness, 14)[1:] == ["silent"] * 2
     compiling_file(tmp_path, "capture").unlink()
     assert states(liveness, 14)[0] == "silent"
+
+
+def test_who_is_started_again_is_called_restarting_at_once_until_it_works(tmp_path, monkeypatch):
+    monkeypatch.setenv(SESSION, str(tmp_path / "session"))
+    liveness = received_all(10)
+    say_restarting(restarting_file(tmp_path, "renderer"), -9)
+    assert liveness.judge(10.2)["renderer"] == ("starting", "restarting: it was killed by SIGKILL")
+    assert liveness.judge(14)["renderer"].state == "starting"
+    assert liveness.judge(14)["sampler"].state == "silent"  # which nobody starts again
+    say_restarting(restarting_file(tmp_path, "renderer"), None)
+    liveness.last_received["renderer"].take(msgspec.structs.replace(status("renderer"), sequence=None), 14)
+    liveness.last_received["sampler"].take(FRAMES["sampler"], 14)
+    assert liveness.judge(14.1)["renderer"] == ("starting", "no frame yet")
+    liveness.last_received["renderer"].take(FRAMES["renderer"], 14.2)
+    assert liveness.judge(14.3)["renderer"].state == "live"
 
 
 def test_in_lossless_mode_nobody_stalls_who_is_not_asked():

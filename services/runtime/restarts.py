@@ -1,14 +1,22 @@
-"""When a process that died is started again: at once where it had worked, later and later where it dies of starting."""
+"""When a process that died is started again: at once where it had worked, later and later where it dies of starting.
 
+While that lasts, a file in the run's folder says so, for the people at the page.
+"""
+
+import contextlib
 import signal
 import sys
 import time
 from collections import deque
+from pathlib import Path
+
+from vemlight.runtime.session import session_folder
 
 RESTART_DELAY_S = (0.0, 0.5, 1.0, 2.0)  # by how often in a row the process died within SOON_S of its start; the last also for later ones
 SOON_S = 5.0  # a start takes 1 to 3 s: who lived longer has done frames, and did not die of starting. 4 to 10 s would do
 MAX_DEATHS = 5  # of one process within GIVE_UP_S: it dies of itself, and restarting does not help
 AGAIN_S = 15.0  # after which one that dies again and again, and without which others go on, is tried again: 5 to 60 s would do
+MAX_TEXT = 200  # bytes of what the file says: it has under 60
 GIVE_UP_S = 60.0  # five deaths with their delays take about 10 s when a process cannot even start
 
 
@@ -48,6 +56,32 @@ class Restarts:
     def left_s(self) -> float:
         """How long until it is to be started."""
         return max(0.0, self._start_at_s - time.monotonic())
+
+
+def say_restarting(file: Path, status: int | None) -> None:
+    """Notes that a process that ended with `status` is being started again; None: that it works."""
+    with contextlib.suppress(OSError):  # nobody is told; the start goes on
+        if status is None:
+            file.unlink(missing_ok=True)
+        else:
+            file.write_text(f"it {_ending(status)}")
+
+
+def restarting_file(folder: Path, service: str) -> Path:
+    """Where `vemlight run` says that it is starting a service again. folder: of the run."""
+    return folder / f"{service}.restarting"
+
+
+def restart_of(service: str) -> str:
+    """Why a service of this process's run is being started again, as "it was killed by SIGKILL"; "" where it is not."""
+    session = session_folder()
+    if session is None:
+        return ""
+    try:
+        with restarting_file(session.parent, service).open("rb") as file:
+            return file.read(MAX_TEXT).decode("ascii", "replace")
+    except OSError:
+        return ""
 
 
 def _ending(status: int) -> str:

@@ -25,7 +25,7 @@ from vemlight.runtime.instances import arguments, instance_of, started
 from vemlight.runtime.interrupt import INTERRUPTED
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.peers import receive
-from vemlight.runtime.restarts import GIVE_UP_S, Restarts
+from vemlight.runtime.restarts import GIVE_UP_S, Restarts, restarting_file, say_restarting
 from vemlight.runtime.session import SESSION, make_session
 from vemlight.runtime.source_protocols import LISTENERS
 from vemlight.runtime.spare import Role, Spare
@@ -52,6 +52,7 @@ class Child:
         """listeners: those that the first process waits for before it plays frames, if it is a source. arguments: behind the file."""
         self.service: Instance = service
         self._settings_file, self._listeners, self._arguments = settings_file, " ".join(listeners), arguments
+        self._restarting_file = restarting_file(settings_file.parent, service)
         self.deaths = Restarts(service)
         self.process: subprocess.Popen[bytes] | None = None
 
@@ -77,7 +78,14 @@ class Child:
     def plan_restart(self, status: int, may_fail: bool = False) -> str | None:
         """As `Restarts.plan`, of the process that ended."""
         self.process = None
+        compiling_file(self._settings_file.parent, self.service).unlink(missing_ok=True)  # it compiles nothing any more
+        say_restarting(self._restarting_file, status)
         return self.deaths.plan(status, may_fail)
+
+    def on_status(self, status: wire.StatusMessage) -> None:
+        """Takes what the process says of itself: the one that was started again works."""
+        if self.deaths.restarts and status.restarts == self.deaths.restarts:
+            say_restarting(self._restarting_file, None)
 
     def is_due(self) -> bool:
         return self.process is None and not self.deaths.left_s()
@@ -214,6 +222,7 @@ class Supervisor:
                     continue
                 if isinstance(header, wire.StatusMessage):
                     self._newest[name] = header
+                    self._children[name].on_status(header)
 
     def _print_progress(self) -> None:
         """A line while files are written; a live run has its page."""

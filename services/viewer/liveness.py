@@ -6,9 +6,11 @@ from typing import Literal, NamedTuple, get_args
 from vemlight.compiling import compiled_by
 from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, REPORT_PERIOD_S, STATUS, Instance, service_of
+from vemlight.runtime.restarts import restart_of
 
-# not seen: nothing yet. starting: a status but no frame yet. live: frames come. waiting: no frames because the service before it has none.
-# stalled: statuses come, and frames do not. silent: not even statuses. finished: its stream has ended.
+# not seen: nothing yet. starting: a status but no frame yet, or started again after a death. live: frames come.
+# waiting: no frames because the service before it has none. stalled: statuses come, and frames do not. silent: not even statuses.
+# finished: its stream has ended.
 State = Literal["not seen", "starting", "live", "waiting", "stalled", "silent", "finished"]
 STATES: tuple[State, ...] = get_args(State)
 HEALTHY: tuple[State, ...] = ("live", "finished")
@@ -46,6 +48,7 @@ class LastReceived:
             case wire.StatusMessage():
                 if self.by_status and header.sequence is not None and (self.status is None or header.frames != self.status.frames):
                     self.frame_s, self.made, self.ended = now_s, True, False
+                self.made = self.made and header.sequence is not None  # a process that was started again begins anew
                 self.status, self.status_s = header, now_s
             case wire.FrameHeader():
                 self.interval_s = now_s - self.frame_s if self.stamp else 0.0
@@ -85,6 +88,8 @@ class Liveness:
             judged[name] = self._judge(name, now_s, blocked_by)
             if judged[name].state in ("silent", "stalled") and (kernel := compiled_by(name)):  # for what was just chosen
                 judged[name] = Judgement("starting", f"compiling {kernel}")
+            elif reason := restart_of(name):
+                judged[name] = Judgement("starting", f"restarting: {reason}")
         return judged
 
     def _judge(self, service: Instance, now_s: float, blocked_by: Instance | None) -> Judgement:

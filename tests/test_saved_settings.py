@@ -111,6 +111,23 @@ def test_what_ends_with_the_run_is_left_out_in_a_line_each(settings):
         "# Left out: the source that was chosen", "# Left out: the range that was played", "# Left out: the scene that was dropped"
     ]  # fmt: skip
     assert "0123456789abcdef" not in text
+    assert "# Left out: that it was played once" in settings_file(settings, wire.ControlMessage(loop=False)).decode()
+
+
+@pytest.mark.parametrize(("in_s", "out_s", "frames"), [
+    (0.4, 1.0, range(7, 14)), (None, 0.5, range(3, 9)), (2.0, None, range(23, 33)), (99.0, 100.0, range(32, 33)),
+])  # fmt: skip
+def test_the_range_that_is_played_is_saved_in_frames(in_s, out_s, frames):
+    """Of 30 frames at 10 a second, the first of which is number 3 of its folder."""
+    own = msgspec.convert({"capture": {"source": "/own", "start": 3}}, Settings)
+    plays = wire.SourceMessage(name="own", frames=30, fps=10.0)
+    control = wire.ControlMessage(in_s=in_s, out_s=out_s)
+    saved = saved_settings(own, control, plays).capture
+    assert range(saved.start, saved.end) == frames
+    assert "# Left out" not in settings_file(own, control, plays).decode()
+    of_another = msgspec.structs.replace(plays, choice="bundled")  # which the capture has not left yet: its frames are others
+    assert saved_settings(own, control, of_another) == own
+    assert settings_file(own, control, of_another).decode().count("# Left out: the range that was played") == 1
 
 
 def test_names_are_no_more_than_names(settings, tmp_path):

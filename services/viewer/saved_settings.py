@@ -16,12 +16,17 @@ MAX_SPEED = 100.0  # that settings take
 NUMBERS = re.compile(r"\[\n(?:\s+[-+.\deE]+,\n)+\s*\]")  # a list of numbers, which tomli_w writes one a line
 
 
-def saved_settings(settings: Settings, control: wire.ControlMessage) -> Settings:
-    """The settings with the choices in them. Pause is none of them, nor are armed fixtures: those wait for a person."""
+def saved_settings(settings: Settings, control: wire.ControlMessage, source: wire.SourceMessage | None = None) -> Settings:
+    """The settings with the choices in them. Pause is none of them, nor are armed fixtures: those wait for a person.
+
+    source: what the capture says of the one that plays, without which a range in seconds is not known in frames.
+    """
     sampler, renderer = settings.sampler, settings.renderer
     capture = _played(settings.capture, control.source) or settings.capture
     masks, speed = capture.masks if control.masks is None else control.masks, capture.speed * (control.speed or 1.0)
     capture = msgspec.structs.replace(capture, masks=masks, speed=min(speed, MAX_SPEED))
+    if frames := _range(capture, control, source):
+        capture = msgspec.structs.replace(capture, start=frames.start, end=frames.stop)
     sampler = msgspec.structs.replace(
         sampler,
         count=control.count or sampler.count,
@@ -50,16 +55,30 @@ def _played(own: Capture, choice: str | None) -> Capture | None:
     return None
 
 
-def settings_file(settings: Settings, control: wire.ControlMessage) -> bytes:
+def _range(saved: Capture, control: wire.ControlMessage, source: wire.SourceMessage | None) -> range | None:
+    """The frames, as `[capture]` counts them, of a range that was chosen; None where there is none, or of another source than is saved."""
+    chosen = control.in_s is not None or control.out_s is not None
+    lasts = control.source is None or _played(saved, control.source) is not None
+    if not (chosen and lasts and source and source.choice == control.source and source.frames):
+        return None
+    last = source.frames - 1
+    first = 0 if control.in_s is None else min(round(control.in_s * source.fps), last)
+    final = last if control.out_s is None else min(round(control.out_s * source.fps), last)
+    return range(saved.start + first, saved.start + max(first, final) + 1)
+
+
+def settings_file(settings: Settings, control: wire.ControlMessage, source: wire.SourceMessage | None = None) -> bytes:
     """The TOML text of `saved_settings`, with a line for each thing that is left out of it because it is secret, or this run's own."""
-    saved, left_out = saved_settings(settings, control), []
+    saved, left_out = saved_settings(settings, control, source), []
     if saved.viewer.token:
         saved = msgspec.structs.replace(saved, viewer=msgspec.structs.replace(saved.viewer, token=""))
         left_out.append("# Left out: [viewer] token, which opens the page. Without one a new one is made where one is needed.\n")
     if control.source is not None and _played(settings.capture, control.source) is None:
         left_out.append("# Left out: the source that was chosen, which ends with that run. [capture] source is the one before it.\n")
-    if control.in_s is not None or control.out_s is not None or control.loop is False:
-        left_out.append("# Left out: the range that was played, and that it was played once. [capture] start and end name frames.\n")
+    if (control.in_s is not None or control.out_s is not None) and _range(saved.capture, control, source) is None:
+        left_out.append("# Left out: the range that was played, of a source that is not in here. [capture] start and end name frames.\n")
+    if control.loop is False:
+        left_out.append("# Left out: that it was played once. A run plays its frames again and again; [capture] frames ends it.\n")
     if control.scene is not None:
         left_out.append("# Left out: the scene that was dropped, which ends with that run. [renderer] scene is the one before it.\n")
     for section in ("capture", "plate"):

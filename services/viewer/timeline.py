@@ -14,20 +14,20 @@ class Timeline:
 
     def __init__(self) -> None:
         self.number = 0
-        self._header: wire.SourceMessage | None = None
+        self.header: wire.SourceMessage | None = None  # None before the first message
         self._positions: list[int] = []
         self._discs = np.empty((0, wire.THUMBNAIL_SIDE, wire.THUMBNAIL_SIDE, 3), np.uint8)
         self._encoded, self._jpeg = 0, b""
 
     def take(self, header: wire.SourceMessage, arrays: tuple[np.ndarray, ...]) -> None:
         """Takes a message; one without thumbnails leaves those that are there, if they are of the same source."""
-        before = self._header
+        before = self.header
         if before and (before.name, before.frames) != (header.name, header.frames):
             self._replace([], self._discs[:0])
         positions, discs = arrays
         if header.thumbnails and (positions.tolist() != self._positions or not np.array_equal(discs, self._discs)):
             self._replace(positions.tolist(), discs)
-        self._header = header
+        self.header = header
 
     def _replace(self, positions: list[int], discs: np.ndarray) -> None:
         self._positions, self._discs = positions, discs
@@ -36,13 +36,13 @@ class Timeline:
     @property
     def choices(self) -> tuple[str | None, ...]:
         """What plays and what is being opened."""
-        return (self._header.choice, self._header.opening) if self._header else ()
+        return (self.header.choice, self.header.opening) if self.header else ()
 
     def summary(self) -> dict[str, Any] | None:
         """For the page; None before the first message. thumbnails: which frames the picture shows, from left to right."""
-        if self._header is None:
+        if self.header is None:
             return None
-        said = msgspec.structs.asdict(self._header)
+        said = msgspec.structs.asdict(self.header)
         del said["version"]
         return said | {"thumbnails": self._positions, "thumbnails_number": self.number}
 

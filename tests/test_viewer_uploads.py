@@ -151,6 +151,18 @@ def test_what_is_decoded_becomes_playable_by_its_number_alone(session):
     assert left_over(session) == []
 
 
+def test_a_viewer_that_starts_again_deletes_what_the_one_before_it_left(session):
+    before = Uploads(1)
+    number, _ = sent(before, ("sky.hdr", HDR))
+    asyncio.run(before.check(number))
+    sent(before, ("other.hdr", HDR))
+    assert len(left_over(session)) == 4  # two folders with a file each
+    after = Uploads(1)
+    after.remove_left_over()
+    assert left_over(session) == []
+    assert upload_folder(number) is None
+
+
 @pytest.mark.parametrize("number", ["", "..", "../incoming", "0" * 15, "0" * 17, "A" * 16, "0" * 15 + "/", "0" * 16 + "\n", "٠" * 16])
 def test_a_number_is_sixteen_digits_and_no_path(session, number):
     assert upload_folder(number) is None

@@ -43,6 +43,7 @@ async def view(settings: Settings, restarts: int) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     transport = Transport(settings.wire, zmq.asyncio.Context())
     state = ViewerState(settings, restarts)
+    state.uploads.remove_left_over()
     lines = LogLines()
     for name in ("asyncio", "aiohttp"):
         logging.getLogger(name).addHandler(LineHandler(lines))

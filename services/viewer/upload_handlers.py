@@ -17,6 +17,7 @@ from vemlight.viewer.viewer_state import ViewerState
 MAX_ANNOUNCEMENT = 320 * MAX_FILES  # bytes: a name of 255 letters and a size for each file
 STALLED_S = 20.0  # for LEAST bytes of a file; a phone in a lift is back by then. 5 to 60 s would do
 LEAST = 20 * 1024  # bytes of a file in that time, until its last: 1 kB a second, which no connection of a person falls below for long
+STALLED = "upload: it stalled; send it again\n"
 BYTES = "application/octet-stream"  # what another page cannot send unasked
 
 
@@ -40,6 +41,8 @@ class UploadHandlers:
         try:
             announced = decoded_json(await self._body(request), Announcement)
             number = self._uploads.announce(announced)
+        except TimeoutError as error:
+            raise web.HTTPRequestTimeout(text=STALLED, headers={"Connection": "close"}) from error
         except ValueError as error:
             raise web.HTTPBadRequest(text=f"upload: {error}\n") from error
         return web.json_response({"id": number}, status=201)
@@ -65,7 +68,7 @@ class UploadHandlers:
                 connection.expect_bytes(size)
             await self._uploads.receive(number, index, self._blocks(request))
         except TimeoutError as error:
-            raise web.HTTPRequestTimeout(text="upload: it stalled\n", headers={"Connection": "close"}) from error
+            raise web.HTTPRequestTimeout(text=STALLED, headers={"Connection": "close"}) from error
         except UserError as error:
             raise web.HTTPBadRequest(text=f"upload: {error}\n", headers={"Connection": "close"}) from error
         return web.Response(status=204)
@@ -95,7 +98,7 @@ class UploadHandlers:
     async def remove(self, request: web.Request) -> web.Response:
         number = request.match_info["number"]
         if number in self._state.playing_uploads:
-            raise web.HTTPConflict(text="upload: it is playing; choose another source first\n")
+            raise web.HTTPConflict(text="upload: it is in use; choose another source or scene first\n")
         self._uploads.remove(number)
         self._state.refresh()
         return web.Response(status=204)

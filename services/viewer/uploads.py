@@ -3,7 +3,6 @@ before anything plays them.
 """
 
 import asyncio
-import os
 import re
 import secrets
 import shutil
@@ -16,9 +15,9 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-import vemlight
 from vemlight.errors import UserError, printable_line
 from vemlight.file_kinds import BINARY_UNTIL, file_kind
+from vemlight.runtime.children import plain_environment
 from vemlight.runtime.session import INCOMING, READY, session_folder
 
 MAX_FILES = 1000  # of an upload: a folder of frames; half a minute at 25 a second
@@ -77,6 +76,14 @@ class Uploads:
     def __init__(self, max_mb: int) -> None:
         self._max_bytes, self._uploads = max_mb * 1_000_000, dict[str, Upload]()
         self._checking = asyncio.Lock()  # one child at a time: each may take much memory
+
+    def remove_left_over(self) -> None:
+        """Deletes what a viewer of this run left that was killed: nobody offers it, or counts its bytes, any more."""
+        session = session_folder()
+        for folder in (session / INCOMING, session / READY) if session else ():
+            for left in folder.iterdir() if folder.is_dir() else ():
+                if left.name not in self._uploads:
+                    shutil.rmtree(left, ignore_errors=True)
 
     def summary(self) -> dict[str, Any]:
         """For the page."""
@@ -199,11 +206,8 @@ def stored_name(part: Path, announced: Announcement, index: int) -> str:
 
 async def decoded(module: str, folder: Path) -> str:
     """What a child says that decodes the files of a folder. Raises UserError with its line when it refuses, ends or takes too long."""
-    package = str(Path(vemlight.__file__).parents[1])
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("VEMLIGHT_")}
-    environment |= {"PYTHONPATH": os.pathsep.join([package, *filter(None, [environment.get("PYTHONPATH")])])}
     child = await asyncio.create_subprocess_exec(
-        sys.executable, "-P", "-m", module, str(folder), env=environment,
+        sys.executable, "-P", "-m", module, str(folder), env=plain_environment(),
         stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL,
     )  # fmt: skip
     try:

@@ -87,6 +87,7 @@ def fitting(settings: Settings, on_gpu: bool, windows: Callable[[Settings], Wind
     best = "nothing came"
     for candidate in candidates(settings, on_gpu):
         size = f"{candidate.renderer.width} x {candidate.renderer.height}"
+        say(f"{size}: trying")
         with contextlib.closing(windows(candidate)) as seen:
             first = next(seen)
             say(f"{size}: {first.rate_hz:.1f} pictures a second with {first.lights} lights or more")
@@ -178,11 +179,6 @@ def _read_pictures(url: str) -> None:
             pass
 
 
-def settings_text(settings: Settings) -> bytes:
-    """The settings as a file."""
-    return settings_file(settings, wire.ControlMessage()).removeprefix(HEAD.encode()).lstrip()
-
-
 def write_fit(path: Path, fit: Fit, findings: list[Finding]) -> None:
     """Writes the settings, with what was found and measured above them."""
     drawn = fit.settings.renderer
@@ -196,6 +192,11 @@ def write_fit(path: Path, fit: Fit, findings: list[Finding]) -> None:
     text = "".join(f"# {line}\n" for line in head).encode()
     with written_whole(path) as part:
         part.write_bytes(text + b"\n" + settings_text(fit.settings))
+
+
+def settings_text(settings: Settings) -> bytes:
+    """The settings as a file."""
+    return settings_file(settings, wire.ControlMessage()).removeprefix(HEAD.encode()).lstrip()
 
 
 def _load() -> str:

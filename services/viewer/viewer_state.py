@@ -23,9 +23,11 @@ from vemlight.viewer.ages import Ages
 from vemlight.viewer.feeds import Condition, Feed
 from vemlight.viewer.levels_json import levels_json
 from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
+from vemlight.viewer.measuring import Measuring
 from vemlight.viewer.meter import Meter
 from vemlight.viewer.pictures import Sky, picture_jpeg
 from vemlight.viewer.report_fields import report_fields
+from vemlight.viewer.saved_settings import saved_settings
 from vemlight.viewer.scene_files import NO_SCENE, scene_files
 from vemlight.viewer.sky_values import sky_values
 from vemlight.viewer.timeline import Timeline
@@ -70,6 +72,7 @@ class ViewerState:
         self._objects: tuple[wire.Pose, ...] = ()
         self.timeline = Timeline()
         self.uploads = Uploads(settings.viewer.uploads_mb)
+        self.measuring = Measuring()
         self._ages = Ages()
         self._near = NearFrames()
 
@@ -155,9 +158,28 @@ class ViewerState:
             raise UserError(self.why_not_arm)
         if control.scene != self.control.scene:
             self.liveness.on_scene_asked(time.monotonic())
+        self._take_control(control)
+
+    def _take_control(self, control: wire.ControlMessage) -> None:
         self.control = control
         self.control_changed.notify()
         self.refresh()
+
+    def measure(self) -> None:
+        """Begins to look for settings that hold their rate here, from those in use; meanwhile what is seen stands still, to take no time.
+
+        Raises UserError with one line where that cannot be.
+        """
+        if self.settings.mode == "lossless":
+            raise UserError(NO_CONTROLS)
+        task = self.measuring.start(saved_settings(self.settings, self.control, self.timeline.header))
+        if not self.control.paused:
+            self._pause(True)
+            task.add_done_callback(lambda _: self._pause(False))
+        self.refresh()
+
+    def _pause(self, paused: bool) -> None:
+        self._take_control(msgspec.structs.replace(self.control, paused=paused))
 
     @property
     def playing_uploads(self) -> set[str]:
@@ -207,6 +229,7 @@ class ViewerState:
             "scene": {"hash": self.scene.hash, "text": self.scene.text},
             "fixtures": {"why_not_arm": self.why_not_arm} if "fixtures" in settings.services else None,
             "near_lights": _near_rows(self._near.newest),
+            "measuring": self.measuring.summary(),
             "pages": self.pages,
             "services": [*rows, own],
             "report_fields": {service: [field._asdict() for field in report_fields(service)] for service in judged},

@@ -44,7 +44,7 @@ def constants_js() -> str:
     """The constants that the page has in common with the services, as a JavaScript module."""
     constants = {"LUMINANCE_WEIGHTS": LUMINANCE_WEIGHTS.tolist(), "BINARY_FEEDS": BINARY_FEEDS}
     constants |= {"MAX_MASKS": mask.MAX_MASKS, "MAX_MASK_POINTS": mask.MAX_MASK_POINTS, "MAX_POINTS": mask.MAX_POINTS}
-    constants |= {"NEAR_IDS": as_directional.NEAR_IDS}
+    constants |= {"NEAR_IDS": as_directional.NEAR_IDS, "MAX_PAGES": MAX_PAGES}
     constants |= {name: getattr(virtual_lamp, name) for name in ("MAX_LAMPS", "MAX_LAMP_ID", "VIRTUAL_IDS_FROM")}
     return "".join(f"export const {name} = {json.dumps(value)};\n" for name, value in constants.items())
 
@@ -86,6 +86,9 @@ class Site:
                 web.get("/lights", self.lights),
                 web.get("/sky.bin", self.sky),
                 web.get("/vemlight.toml", self.saved),
+                web.post("/measure", self.measure),
+                web.delete("/measure", self.stop_measuring),
+                web.get("/measured.toml", self.measured),
                 web.get("/levels", self.levels),
                 web.get("/thumbnails.jpg", self.thumbnails),
                 web.get("/meter", self.meter),
@@ -137,9 +140,28 @@ class Site:
 
     async def saved(self, _: web.Request) -> web.Response:
         """What is seen, as a settings file to keep."""
-        body = settings_file(self._state.settings, self._state.control)
-        headers = {"Content-Disposition": 'attachment; filename="vemlight.toml"'}
-        return web.Response(body=body, content_type="application/toml", charset="utf-8", headers=headers)
+        return _settings(settings_file(self._state.settings, self._state.control, self._state.timeline.header))
+
+    async def measure(self, request: web.Request) -> web.Response:
+        """Begins to look for settings that hold their rate on this machine; the summary says how it stands."""
+        if request.content_type != "application/json":  # which a form on another page cannot send unasked
+            raise web.HTTPUnsupportedMediaType(text="measure: send Content-Type: application/json\n")
+        try:
+            self._state.measure()
+        except UserError as error:
+            raise web.HTTPBadRequest(text=f"measure: {error}\n") from error
+        return web.Response(status=202)
+
+    async def stop_measuring(self, _: web.Request) -> web.Response:
+        await self._state.measuring.stop()
+        self._state.refresh()
+        return web.Response(status=204)
+
+    async def measured(self, _: web.Request) -> web.Response:
+        """The settings that were found."""
+        if not self._state.measuring.file:
+            raise web.HTTPNotFound(text="nothing was measured: POST /measure begins it\n")
+        return _settings(self._state.measuring.file)
 
     async def scene(self, _: web.Request) -> web.Response:
         scene = self._state.scene
@@ -171,9 +193,12 @@ class Site:
             return web.Response(status=503, text="no levels yet: there is no rig, or no light has come\n", headers=RETRY)
         return web.Response(body=line, content_type="application/json")
 
-    async def thumbnails(self, _: web.Request) -> web.Response:
-        """Those of the timeline, side by side."""
-        data = self._state.timeline.thumbnails_jpeg()
+    async def thumbnails(self, request: web.Request) -> web.Response:
+        """Those of the timeline, side by side; with `?number=` those alone, and nothing (204) when there are others by now."""
+        timeline = self._state.timeline
+        if request.query.get("number", str(timeline.number)) != str(timeline.number):
+            return web.Response(status=204)
+        data = timeline.thumbnails_jpeg()
         if not data:
             return web.Response(status=404, text="no thumbnails: the source is a camera, or has made none yet\n")
         return web.Response(body=data, content_type="image/jpeg")
@@ -291,6 +316,7 @@ class Site:
 
     async def _close_sockets(self, _: web.Application) -> None:
         self._broadcast.stop()
+        await self._state.measuring.stop()
         for socket in list(self._sockets):
             await socket.close(code=WSCloseCode.GOING_AWAY)
 
@@ -304,6 +330,12 @@ def look_from_query(query: Mapping[str, str]) -> Look:
     if not (math.isfinite(azimuth) and -90 <= elevation <= 90 and (scale == 0 or 1e-12 <= scale <= 1e12)):
         raise ValueError("azimuth is finite, elevation from -90 to 90 degrees, scale from 1e-12 to 1e12 cd/m2 a unit")
     return Look(round(azimuth) % 360, round(elevation), scale)
+
+
+def _settings(text: bytes) -> web.Response:
+    """A settings file to keep."""
+    headers = {"Content-Disposition": 'attachment; filename="vemlight.toml"'}
+    return web.Response(body=text, content_type="application/toml", charset="utf-8", headers=headers)
 
 
 def _reading(content: bytes | None, content_type: str) -> web.Response:

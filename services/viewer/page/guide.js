@@ -14,6 +14,7 @@ export class Guide {
     at("guide-close").addEventListener("click", () => this.dialog.close());
     this.dialog.addEventListener("close", () => this.remember());
     this.dialog.addEventListener("keydown", (event) => { if (event.key === "Escape") this.dialog.close(); });
+    at("measure").addEventListener("click", () => this.measure());
     this.go(0);
     this.dialog.toggleAttribute("open", !this.wasClosed()); // it takes no focus by itself
   }
@@ -22,6 +23,27 @@ export class Guide {
   take(summary) {
     const text = summary.source?.name || "the source of the settings";
     if (at("guide-source").textContent !== text) at("guide-source").textContent = text;
+    this.showMeasuring(summary.measuring);
+  }
+
+  // How looking for settings of this machine stands (`vemlight doctor --write`, which the viewer runs).
+  showMeasuring({ state, text }) {
+    this.runs = state === "running";
+    const key = this.runs ? "Stop" : "Find settings for this machine", said = { running: `${text} …`, done: `Found: ${text}.`, failed: `Nothing was found: ${text}` }[state];
+    if (at("measure").textContent !== key) at("measure").textContent = key;
+    if (said && !this.refused && at("measure-said").textContent !== said) at("measure-said").textContent = said;
+    at("measured").hidden = state !== "done";
+  }
+
+  async measure() {
+    this.refused = false;
+    let line = "the viewer does not answer";
+    try {
+      const answer = await fetch("/measure", { method: this.runs ? "DELETE" : "POST", headers: { "Content-Type": "application/json" } });
+      line = answer.ok ? "" : (await answer.text()).trim().replace(/^measure: /, "");
+    } catch { /* as the line says */ }
+    this.refused = Boolean(line);
+    if (line) at("measure-said").textContent = `Not now: ${line}`;
   }
 
   open() {

@@ -1,13 +1,12 @@
 """The page in a real browser: objects and lamps are selected, moved, turned and scaled by handles over the picture, and by keys."""
 
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.support.browser import CHROMIUM, WINDOWS, new_page
+from tests.support.browser import CHROMIUM, WINDOWS, new_page, with_summary
 from tests.support.hands import drag, newest
 from tests.support.viewer_process import SimulatedServices, ViewerProcess, eventually
 from vemlight.settings import Wire
@@ -47,26 +46,14 @@ def simulated(folder: Path) -> Iterator[SimulatedServices]:
     simulated.end()
 
 
-def with_scene(route, scene: dict) -> None:
-    """Messages of the viewer, with a scene and near lights in its summaries."""
-    server = route.connect_to_server()
-
-    def onwards(message: str | bytes) -> None:
-        if isinstance(message, str) and message.startswith("{") and "why_no_controls" in message:
-            message = json.dumps({**json.loads(message), "scene": scene, "near_lights": NEAR})
-        route.send(message)
-
-    server.on_message(onwards)
-
-
 @pytest.fixture(scope="module", params=WINDOWS)
 def opened(folder: Path, simulated: SimulatedServices, browser, request) -> Iterator:
     viewer = ViewerProcess(folder)
     viewer.first_line()
     page = new_page(browser, request.param)
-    page.viewer, page.scene = viewer, {"hash": "1", "text": ""}
+    page.viewer, page.summary = viewer, {"scene": {"hash": "1", "text": ""}, "near_lights": NEAR}
     page.route("**/scene_data.js", lambda route: route.fulfill(body=STAND_IN, content_type="text/javascript"))
-    page.route_web_socket("**/ws*", lambda route: with_scene(route, page.scene))
+    page.route_web_socket("**/ws*", lambda route: with_summary(route, page.summary))
     yield page
     assert page.complaints == []
     page.context.close()
@@ -184,7 +171,7 @@ def test_an_object_is_moved_while_the_renderer_is_dead(picture, simulated):
 
 def test_without_a_scene_there_are_no_handles_and_a_line_says_why(picture):
     page = picture
-    page.scene = {"hash": "", "text": "the scene is too large"}
+    page.summary["scene"] = {"hash": "", "text": "the scene is too large"}
     page.reload()
     page.locator("[data-gizmo=move][title*='too large']").wait_for()
     assert page.locator("[data-gizmo=move]").is_disabled()

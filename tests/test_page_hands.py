@@ -194,6 +194,35 @@ def test_an_object_goes_back_and_forth_by_name(page, simulated):
     eventually(lambda: newest(simulated).exposure == 1.5 and newest(simulated).poses[0].position[0] == 3, "both again")
 
 
+def test_a_drag_is_one_entry_however_long_it_takes_and_a_field_shows_what_was_undone(page, simulated):
+    slider = page.locator("#exposure")
+    slider.scroll_into_view_if_needed()
+    box = slider.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    for part in (0.6, 0.7):
+        page.mouse.move(box["x"] + part * box["width"], box["y"] + box["height"] / 2)
+        page.wait_for_timeout(1000)  # longer than choices of one kind count as one
+    page.mouse.up()
+    eventually(lambda: (newest(simulated).exposure or 0) > 2, "the exposure")
+    page.keyboard.press("Control+z")
+    eventually(lambda: newest(simulated).exposure is None, "one entry")
+    assert page.locator("#undo").is_disabled()
+
+    page.locator("#object").select_option("box")
+    page.locator("#object-x").fill("3")
+    eventually(lambda: newest(simulated).poses, "the box moved")
+    page.locator("#object-x").press("Control+z")
+    eventually(lambda: newest(simulated).poses == (), "the box back")
+    assert page.locator("#object-x").input_value() == "1"
+    page.locator("#count-number").fill("9")
+    page.locator("#count-number").press("Enter")
+    eventually(lambda: newest(simulated).count == 9, "the count")
+    page.locator("#count-number").press("Control+z")
+    eventually(lambda: newest(simulated).count is None, "the settings' count")
+    assert page.locator("#count-number").input_value() != "9"
+
+
 def test_arming_and_pausing_are_no_entries(page, simulated):
     page.get_by_role("button", name="Pause").click()
     eventually(lambda: newest(simulated).paused, "the pause")

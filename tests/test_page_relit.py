@@ -190,6 +190,20 @@ def test_slider_splits_the_pictures(opened):
     assert opened.locator("#relit-divider").evaluate("line => line.style.left") == "25%"
 
 
+def test_the_line_between_them_is_dragged(opened):
+    opened.get_by_role("button", name="Split", exact=True).click()
+    opened.locator("#relit-divider").wait_for()
+    camera = lambda: opened.request.get(f"{opened.url}healthz").json()["control"]["camera"]  # noqa: E731
+    before = camera()
+    line, stage = opened.locator("#relit-divider").bounding_box(), opened.locator("#scene .stage").bounding_box()
+    y = line["y"] + line["height"] / 2
+    drag(opened, (line["x"] + line["width"] / 2, y), (stage["x"] + 0.75 * stage["width"], y))
+    assert float(opened.locator("#relit-slider").input_value()) == pytest.approx(75, abs=0.5)
+    assert camera() == before
+    opened.locator("#relit-slider").press("ArrowLeft")
+    assert float(opened.locator("#relit-slider").input_value()) < 75
+
+
 def test_server_sends_no_pictures_that_nobody_looks_at(opened):
     picture = opened.locator("#picture")
     opened.get_by_role("button", name="Browser", exact=True).click()

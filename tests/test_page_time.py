@@ -3,6 +3,7 @@
 import base64
 import os
 import signal
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -21,8 +22,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this ma
 FRAMES = 40
 START_MS = 240_000  # compiling, on a loaded machine
 PATIENCE_MS = 60_000
-# Of a console: what was refused, thumbnails of a source that has just gone, and what tests read of canvases.
-READ_HERE = ("400 (Bad Request)", "409", "404", "willReadFrequently")
+READ_HERE = ("400 (Bad Request)", "409", "willReadFrequently")  # of a console: what was refused, and what tests read of canvases
 DROP = """([selector, files]) => {
     const data = new DataTransfer();
     for (const [name, content] of files) data.items.add(new File([Uint8Array.from(atob(content), (c) => c.charCodeAt(0))], name));
@@ -270,6 +270,23 @@ def test_sources_ranges_and_speeds_are_undone(page):
     page.locator("#play").click()
 
 
+def test_a_range_is_of_its_source_and_saved_with_it(page):
+    page.locator("#strip").focus()
+    for key in ("ArrowLeft", "Home", "ArrowRight", "ArrowRight", "ArrowRight", "["):  # the first pauses
+        page.keyboard.press(key)
+    eventually(lambda: control(page)["in_s"] == pytest.approx(0.3), "the in point")
+    saved = tomllib.loads(page.request.get(f"{page.url}vemlight.toml").text())["capture"]
+    assert (saved["start"], saved["end"]) == (3, FRAMES)
+    page.locator("input[value='recording dusk']").check()
+    eventually(lambda: summary(page)["source"]["choice"] == "recording dusk", "the recording")
+    assert control(page)["in_s"] is None
+    page.locator("#undo").click()
+    eventually(lambda: summary(page)["source"]["choice"] is None and control(page)["in_s"] == pytest.approx(0.3), "both again")
+    page.locator("#whole").click()
+    page.locator("#play").click()
+    eventually(lambda: not control(page)["paused"] and control(page)["in_s"] is None, "the whole plays")
+
+
 def test_uploads_are_removed_and_give_their_room_back(page):
     while (buttons := page.locator("#source-list button")).count():
         count = buttons.count()
@@ -327,6 +344,7 @@ def test_the_timeline_seeks_while_the_renderer_is_dead(page, run):
         page.keyboard.press(key)
     eventually(lambda: position(page) == 1 and control(page)["paused"], "a step")
     os.kill(renderer, signal.SIGKILL)
+    page.locator("#scene-cover", has_text="restarting: it was killed by SIGKILL").wait_for()
     page.locator("#overall[data-state=paused]").wait_for()
     page.keyboard.press("Space")
     page.locator("#overall[data-state=live]").wait_for()

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.browser import CHROMIUM
+from tests.support.browser import CHROMIUM, with_summary
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
 from vemlight.light.sphere import quaternion_xyz
 from vemlight.runtime import wire
 from vemlight.settings import Wire
+from vemlight.viewer.web import BINARY_FEEDS
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
 
@@ -197,12 +198,45 @@ def test_a_lost_viewer_is_reported_and_found_again(tmp_path, browser):
     eventually(lambda: shown(page, "#picture") > 2, "pictures")
     viewer.end()
     page.get_by_text("The viewer does not answer").wait_for()
+    assert page.locator(".pill[data-state=live], article[data-state=live]").count() == 0  # nothing is known of anybody
     again = ViewerProcess(tmp_path, port=viewer.port)
     page.locator("#overall[data-state=live]").wait_for()
     assert page.locator("#notice").is_hidden()
     page.close()
     again.end()
     simulated.end()
+
+
+def test_a_page_too_many_says_so(page, browser):
+    second = browser.new_page()
+    second.route_web_socket("**/ws*", lambda route: route.close())
+    second.route("**/healthz", lambda route: route.fulfill(json={"pages": 64}))
+    second.goto(page.viewer.url)
+    second.locator("#notice", has_text="64 pages are open").wait_for()
+    second.close()
+
+
+def test_what_is_stored_or_sent_damaged_does_not_stop_the_page(page, browser):
+    second = browser.new_page()
+    second.add_init_script("localStorage.setItem('vemlight controls', '{')")
+
+    def with_damage(route) -> None:
+        server, damaged = route.connect_to_server(), []
+
+        def onwards(message: str | bytes) -> None:
+            if isinstance(message, bytes) and message[0] == BINARY_FEEDS["picture"] and not damaged:
+                damaged.append(message)
+                message = message[:1] + b"no picture"
+            route.send(message)
+
+        server.on_message(onwards)
+
+    second.route_web_socket("**/ws*", with_damage)
+    second.goto(page.viewer.url)
+    second.locator("#overall[data-state=live]").wait_for()
+    eventually(lambda: shown(second, "#picture") > 3, "the pictures after the damaged one")
+    assert second.locator("#notice").is_hidden()
+    second.close()
 
 
 def test_choices_outlive_the_viewer(tmp_path, browser):
@@ -239,6 +273,57 @@ def test_choices_outlive_the_viewer(tmp_path, browser):
     for page in pages:
         page.context.close()
     simulated.end()
+
+
+def test_what_lasts_is_repeated_to_a_viewer_that_starts_again(page):
+    repeated = page.evaluate(
+        """async () => {
+            const { PersistedControls } = await import("/persisted_controls.js"), repeated = [];
+            const kept = new PersistedControls((control) => repeated.push(control));
+            [kept.read, kept.write] = [() => kept.text, (text) => { kept.text = text; }];
+            const none = { count: null, filtered: null, paused: false, source: null, in_s: null, out_s: null, speed: null, poses: [] };
+            const take = (started_s, control) => kept.take({ started_s, mode: "live", settings: {}, control: { ...none, ...control } });
+            const chosen = [{ filtered: false }, { source: "recording dusk", in_s: 1 }, { source: "upload 0", in_s: 1, speed: 2 }, {}];
+            chosen.forEach((control, k) => { take(k, control); take(k + 1, {}); });
+            const own = (control) => Object.entries(control).filter(([key, value]) => value !== none[key] && key !== "poses");
+            return repeated.map((control) => Object.fromEntries(own(control)));
+        }"""
+    )
+    assert repeated == [{"filtered": False}, {"source": "recording dusk", "in_s": 1}, {"speed": 2}]
+
+
+def test_settings_for_this_machine_are_found_from_the_guide(page, browser):
+    second, told, asked = browser.new_page(), {"state": "idle", "text": ""}, []
+
+    def answer(route) -> None:
+        asked.append(route.request.method)
+        told.update(state="running", text="640 x 480: 3.1 pictures a second")
+        route.fulfill(status=202)
+
+    second.route("**/measure", answer)
+    second.route_web_socket("**/ws*", lambda route: with_summary(route, {"measuring": told}))
+    second.goto(page.viewer.url)
+    second.locator("#guide-next").click()
+    key, said = second.locator("#measure"), second.locator("#measure-said")
+    assert "two to five minutes" in said.inner_text()
+    key.click()
+    second.locator("#measure-said", has_text="640 x 480: 3.1 pictures a second …").wait_for()
+    second.locator("#overall", has_text="measuring this machine").wait_for()
+    assert (asked, key.inner_text()) == (["POST"], "Stop")
+    key.click()
+    eventually(lambda: asked == ["POST", "DELETE"], "the wish to stop")
+    told.update(state="done", text="480 x 270: 9.1 pictures a second")
+    second.locator("#measured").wait_for()
+    assert said.inner_text() == "Found: 480 x 270: 9.1 pictures a second."
+    assert second.locator("#measured").get_attribute("href") == "/measured.toml"
+    told.update(state="failed", text="OpenGL: does not start")
+    second.locator("#measure-said", has_text="Nothing was found: OpenGL: does not start").wait_for()
+    assert second.locator("#measured").is_hidden()
+    second.unroute("**/measure")
+    second.route("**/measure", lambda route: route.fulfill(status=400, body="measure: a camera serves one run at a time\n"))
+    key.click()
+    second.locator("#measure-said", has_text="Not now: a camera serves one run at a time").wait_for()
+    second.close()
 
 
 def test_the_page_behind_a_token(tmp_path, browser):

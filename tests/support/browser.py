@@ -1,5 +1,6 @@
 """The browser of the tests of pages."""
 
+import json
 import shutil
 from typing import Any
 
@@ -27,3 +28,15 @@ def new_page(browser: Any, size: str, **options: Any) -> Any:
     page.on("console", lambda message: page.complaints.append(message.text))
     page.on("pageerror", lambda error: page.complaints.append(str(error)))
     return page
+
+
+def with_summary(route: Any, more: dict) -> None:
+    """For `route_web_socket`: messages of the viewer, with other values in its summaries, as they are when each is sent."""
+    server = route.connect_to_server()
+
+    def onwards(message: str | bytes) -> None:
+        if isinstance(message, str) and message.startswith("{") and "why_no_controls" in message:
+            message = json.dumps({**json.loads(message), **more})
+        route.send(message)
+
+    server.on_message(onwards)

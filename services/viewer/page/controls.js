@@ -9,6 +9,7 @@ export class Controls {
     this.pending = null;
     this.sending = false;
     this.paused = false;
+    this.settings = {}; // what counts where nothing is chosen
     this.onChoose = null; // is given each choice before it is made
     for (const id of ["count", "count-number", "exposure", "exposure-text", "filtered", "pause", "reset", "no-controls"]) {
       this[id] = document.getElementById(id);
@@ -24,13 +25,14 @@ export class Controls {
     this.exposure.addEventListener("dblclick", () => this.choose({ exposure: 0 }));
     this.filtered.addEventListener("change", () => this.choose({ filtered: this.filtered.checked }));
     this.pause.addEventListener("click", () => this.choose({ paused: !this.paused }));
-    this.reset.addEventListener("click", () => { this.choose({ count: null, exposure: null, filtered: null }); this.inputAt = -Infinity; });
+    this.reset.addEventListener("click", () => this.choose({ count: null, exposure: null, filtered: null }));
   }
 
   take(summary) {
     for (const fieldset of this.fieldsets) fieldset.disabled = Boolean(summary.why_no_controls);
     this["no-controls"].hidden = !summary.why_no_controls;
     this["no-controls"].textContent = summary.why_no_controls ?? "";
+    this.settings = summary.settings;
     if (performance.now() - this.inputAt < HOLD_MS || this.pending) return;
     const inForce = { ...summary.settings, paused: summary.control.paused };
     for (const key of ["count", "exposure", "filtered"]) if (summary.control[key] !== null) inForce[key] = summary.control[key];
@@ -64,7 +66,8 @@ export class Controls {
   choose(change) {
     this.onChoose?.(change);
     this.inputAt = performance.now();
-    this.show(Object.fromEntries(Object.entries(change).filter(([, value]) => value !== null)));
+    const inForce = Object.entries(change).map(([key, value]) => [key, value ?? this.settings[key]]);
+    this.show(Object.fromEntries(inForce.filter(([, value]) => value !== undefined)));
     this.pending = { ...this.pending, ...change };
     this.send();
   }

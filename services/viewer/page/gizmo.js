@@ -41,16 +41,18 @@ export class Gizmo {
 
   async load(hash, why) {
     [this.hash, this.again] = [hash, Infinity];
+    let scene = null;
     try {
       if (hash) {
         this.with = Object.assign({}, ...(await Promise.all(MODULES.map((name) => import(name)))));
-        this.scene = await this.with.loadScene();
-      } else {
-        this.scene = null;
+        scene = await this.with.loadScene();
       }
     } catch (error) {
-      [this.scene, why, this.again] = [null, error.message, performance.now() + AGAIN_MS];
+      [why, this.again] = [error.message, performance.now() + AGAIN_MS];
     }
+    if (hash !== this.hash) return; // another has come meanwhile
+    this.scene = scene;
+    this.canvas.parentElement.toggleAttribute("data-scene", Boolean(scene)); // fingers turn it; else they scroll the page
     for (const key of this.tools.querySelectorAll("button")) {
       const title = this.scene ? key.dataset.title : `No handles without the scene: ${why}`;
       key.disabled = !this.scene;
@@ -89,10 +91,11 @@ export class Gizmo {
 
   down(event) {
     const frame = this.frame;
+    if (this.drag && this.drag.pointer !== event.pointerId) return this.downBeside(event);
     if (!frame || event.button || this.tools.hidden || !event.target.matches?.("canvas")) return;
     const at = this.place(event, frame), pose = this.pose, reach = event.pointerType === "touch" ? REACH.touch : REACH.mouse;
     const handle = pose ? this.with.handleAt(this.with.handlesOf(frame, this.toolNow, pose), at, reach) : null;
-    this.drag = { frame, from: at, handle, pose, moved: false, tool: this.toolNow };
+    this.drag = { frame, from: at, handle, pose, moved: false, tool: this.toolNow, pointer: event.pointerId };
     if (!handle) return; // the camera's drag, or a click
     event.stopPropagation();
     event.preventDefault();
@@ -100,9 +103,15 @@ export class Gizmo {
     this.draw();
   }
 
+  // A second finger: two select nothing, and turn no camera while one of them holds a handle.
+  downBeside(event) {
+    this.drag.moved = true;
+    if (this.drag.handle) event.stopPropagation();
+  }
+
   moveOrUp(event) {
     const drag = this.drag;
-    if (!drag) return;
+    if (drag?.pointer !== event.pointerId) return;
     const at = this.place(event, drag.frame);
     drag.moved ||= Math.hypot(at[0] - drag.from[0], at[1] - drag.from[1]) >= LEAST_DRAG;
     if (drag.handle) {

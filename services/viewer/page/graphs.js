@@ -1,6 +1,6 @@
 // Graphs of the last minutes, drawn on canvases: rings of numbers that take no more memory the longer the page is open.
 
-import { LUMINANCE_WEIGHTS } from "/constants.js";
+import { grouped } from "/numbers.js";
 
 const PERIOD_MS = 500, SAMPLES = 600; // five minutes; 11 series of 600 doubles have 53 kB
 const SHORTEST = 120; // samples: a page that was just opened shows a minute, and more as it comes
@@ -32,7 +32,7 @@ export class Graphs {
     this.series = GRAPHS.flatMap((graph) => graph.series.map(() => new Float64Array(SAMPLES).fill(NaN)));
     this.next = 0; // where in the rings the next sample goes
     this.taken = 0;
-    this.power = undefined;
+    this.power = undefined; // of the newest lights
     this.sampledAt = this.tableAt = -Infinity;
     this.cursor = null; // samples before the newest
     this.panel = at("graphs");
@@ -83,17 +83,12 @@ export class Graphs {
     this.draw();
   }
 
-  // Lights of a frame, as in `vemlight.lights/1`: their power counts until the next come.
-  takeLights(frame) {
-    this.power = frame.lights.reduce((sum, { irradiance }) => sum + irradiance.reduce((y, value, k) => y + LUMINANCE_WEIGHTS[k] * value, 0), 0);
-  }
-
   // Summaries come four times a second; every second one is a sample. What is not live has no value, and the line a gap.
   take(summary) {
     const now = performance.now();
     if (now - this.sampledAt < 0.75 * PERIOD_MS) return;
     this.sampledAt = now;
-    const live = Object.fromEntries(summary.services.filter(({ state }) => state === "live").map((row) => [row.service, row]));
+    const live = Object.fromEntries(summary.services.filter(({ state }) => state === "live").map((row) => [row.kind, row]));
     const values = GRAPHS.flatMap(({ series }) => series.map(({ of }) => of(live, summary, live.sampler ? this.power : undefined)));
     values.forEach((value, k) => { this.series[k][this.next] = value ?? NaN; });
     this.next = (this.next + 1) % SAMPLES;
@@ -198,5 +193,5 @@ function axisEnd(value) {
 
 function number(value) {
   if (Number.isNaN(value)) return "–";
-  return Math.abs(value) >= 1000 ? Math.round(value).toLocaleString("en").replaceAll(",", "\u202f") : String(Number(value.toPrecision(3)));
+  return Math.abs(value) >= 1000 ? grouped(Math.round(value)) : String(Number(value.toPrecision(3)));
 }

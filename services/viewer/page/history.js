@@ -19,11 +19,20 @@ export class History {
     this.undone = [];
     this.chosenAt = -Infinity;
     this.replaying = false;
+    this.press = 0; // of the pointer that is down now, counted; 0: none
+    this.presses = 0;
     [this.undoKey, this.redoKey, this.said] = ["undo", "redo", "hands-said"].map((id) => document.getElementById(id));
     this.undoKey.addEventListener("click", () => this.undo());
     this.redoKey.addEventListener("click", () => this.redo());
     document.addEventListener("keydown", (event) => this.key(event));
+    document.addEventListener("pointerdown", () => { this.press = ++this.presses; }, { capture: true });
+    for (const kind of ["pointerup", "pointercancel"]) document.addEventListener(kind, () => this.release(this.press), { capture: true });
     this.show();
+  }
+
+  // After what is chosen at the end of a press.
+  release(press) {
+    setTimeout(() => { if (this.press === press) this.press = 0; });
   }
 
   take(summary) {
@@ -40,8 +49,9 @@ export class History {
     if (this.replaying || !keys.length) return;
     const after = Object.fromEntries(keys.map((key) => [key, change[key]])), name = nameOf(before, after), last = this.done.at(-1);
     if (JSON.stringify(before) === JSON.stringify(after)) return;
-    if (last && last.name === name && !STEPS.includes(keys[0]) && now - last.at < SAME_MS && !this.undone.length) Object.assign(last, { after, at: now });
-    else this.done = [...this.done, { name, before, after, at: now }].slice(-MAX_ENTRIES);
+    const goesOn = last && last.name === name && !this.undone.length && (now - last.at < SAME_MS || (this.press && last.press === this.press));
+    if (goesOn && !STEPS.includes(keys[0])) Object.assign(last, { after, at: now });
+    else this.done = [...this.done, { name, before, after, at: now, press: this.press }].slice(-MAX_ENTRIES);
     this.undone = [];
     this.show();
   }
@@ -106,7 +116,7 @@ function withItems(now, from, to, key) {
 // What a choice did, in words.
 export function nameOf(before, after) {
   const [key, ...others] = Object.keys(after);
-  if ("scene" in after) return NAMES.scene;
+  for (const of of ["scene", "source"]) if (of in after) return NAMES[of];
   if (others.length && NAMES[key] !== NAMES[others[0]]) return "reset to settings";
   if (key in NAMES) return NAMES[key];
   if (key === "camera") return after.camera ? "turned the camera" : "reset the camera";

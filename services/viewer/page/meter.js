@@ -3,6 +3,7 @@
 import { NEAR_IDS, VIRTUAL_IDS_FROM } from "/constants.js";
 import { FalseColours, paintPicture } from "/false_colours.js";
 import { drawHistogram } from "/meter_histogram.js";
+import { grouped } from "/numbers.js";
 
 const PERIOD_MS = 250; // figures that change faster nobody reads
 const SHOWN_LIGHTS = 8;
@@ -20,11 +21,12 @@ export class Meter {
     this.visible = false;
     this.colours = new Map(); // of lights, by id: words
     this.buttons = { colour: this.toggle("false-colour"), zebra: this.toggle("zebra") };
-    at("meter-azimuth").addEventListener("input", () => this.enter());
-    at("meter-elevation").addEventListener("input", () => this.enter());
+    for (const id of ["meter-azimuth", "meter-elevation"]) {
+      at(id).addEventListener("input", () => this.enter());
+      at(id).addEventListener("blur", () => this.turn({})); // then it has the number that counts
+    }
     at("meter-eye").addEventListener("click", () => this.turn({ elevation: 0 }));
     at("meter-table").addEventListener("click", () => this.turn({ elevation: 90 }));
-    at("meter").addEventListener("submit", (event) => event.preventDefault());
     at("meter-measured").addEventListener("change", () => this.calibrate());
     const dial = at("meter-dial");
     dial.addEventListener("pointerdown", (event) => { dial.setPointerCapture(event.pointerId); this.drag(event); });
@@ -56,6 +58,12 @@ export class Meter {
     const maker = (kind) => summary.services.find((service) => service.kind === kind), row = maker("fuse") ?? maker("capture");
     this.live = !row || ["live", "finished"].includes(row.state);
     this.why = row ? `${row.service} ${row.text}` : "";
+    this.showState();
+  }
+
+  // The viewer is away: what stands here is old.
+  lose() {
+    [this.live, this.why] = [false, "the viewer does not answer"];
     this.showState();
   }
 
@@ -210,7 +218,7 @@ function duvWords(duv) {
 export function figure(value) {
   if (!(value > 0)) return "0";
   if (value < 0.01 || value >= 1e6) return value.toExponential(2).replace("e", " × 10^").replace("+", "");
-  return Number(value.toPrecision(3)).toLocaleString("en").replaceAll(",", "\u202f");
+  return grouped(Number(value.toPrecision(3)));
 }
 
 function rangeWords({ histogram, black, clipped, clipped_pixels }) {

@@ -39,7 +39,7 @@ export class Objects {
   adopt(poses) {
     this.inputAt = performance.now();
     this.poses = poses ?? [];
-    this.show();
+    this.show(true);
   }
 
   selected() {
@@ -50,12 +50,13 @@ export class Objects {
     return this.poses.filter((pose) => pose.name !== name);
   }
 
-  show() {
+  // anew: also what is in the field that is being typed in.
+  show(anew = false) {
     const object = this.selected();
     if (!object) return;
     const pose = this.poseNow(), [power, scale] = this.inputs.slice(-2).map((input) => input.closest("label"));
     const numbers = [...pose.position, ...anglesFromRotation(pose.rotation), pose.power ?? 0, pose.scale];
-    this.inputs.forEach((input, k) => { if (document.activeElement !== input) input.value = Number(numbers[k].toFixed(3)); });
+    this.inputs.forEach((input, k) => { if (anew || document.activeElement !== input) input.value = Number(numbers[k].toFixed(3)); });
     power.hidden = object.power === null;
     scale.hidden = object.power !== null;
     this.reset.disabled = this.others(object.name).length === this.poses.length;

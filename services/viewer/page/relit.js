@@ -30,6 +30,7 @@ export class Relit {
     this.onMode = () => {};
     for (const key of document.querySelectorAll("[data-relit]")) key.addEventListener("click", () => this.show(key.dataset.relit));
     this.slider.addEventListener("input", () => this.split());
+    this.heedDivider(at("relit-divider"));
     this.presets.addEventListener("change", () => this.takePreset());
     at("relit-full").addEventListener("click", () => this.toggleFull());
     this.heed(this.canvas);
@@ -110,6 +111,17 @@ export class Relit {
     [this.canvas, this.gl, this.lost] = [fresh, null, false];
     this.heed(fresh);
     gl.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+
+  // The line itself is dragged, too; keys have the slider.
+  heedDivider(divider) {
+    divider.addEventListener("pointerdown", (event) => { divider.setPointerCapture(event.pointerId); event.stopPropagation(); });
+    divider.addEventListener("pointermove", (event) => {
+      if (!divider.hasPointerCapture(event.pointerId)) return;
+      const { left, width } = divider.parentElement.getBoundingClientRect();
+      this.slider.value = String((100 * (event.clientX - left)) / width);
+      this.split();
+    });
   }
 
   heed(canvas) {

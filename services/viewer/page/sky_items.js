@@ -26,7 +26,8 @@ export class SkyItems {
     if (item && (!field || (field.checkValidity() && !Number.isNaN(field.valueAsNumber)))) this.tools.change({ ...item, ...change });
   }
 
-  show() {
+  // anew: also what is in the field that is being typed in.
+  show(anew = false) {
     const { masks, lamps, selected } = this.tools, item = this.tools.item();
     const words = [
       ...masks.map((mask, k) => ["masks", k, `Mask ${k + 1}: ${mask.mode === "dark" ? "dark" : "filled"}${mask.width_deg ? ", brush" : ""}`]),
@@ -46,10 +47,11 @@ export class SkyItems {
     this["sky-items"].hidden = !keys.length;
     this["sky-item"].hidden = !item;
     this.tools.sky.canvas.toggleAttribute("data-selected", Boolean(item)); // a finger drags it, and does not scroll
-    if (item) this.fill(item, selected.kind);
+    if (item) this.fill(item, selected.kind, anew);
   }
 
-  fill(item, kind) {
+  fill(item, kind, anew) {
+    const put = (input, value) => { if (anew || document.activeElement !== input) input.value = value; };
     this["mask-fields"].hidden = kind !== "masks";
     this["lamp-fields"].hidden = kind !== "lamps";
     this["sky-remove"].textContent = kind === "masks" ? "Remove mask" : `Remove lamp ${item.id}`;
@@ -64,10 +66,6 @@ export class SkyItems {
     put(this["lamp-level"], Number(top.toPrecision(6)));
     if (top > 0 && document.activeElement !== this["lamp-colour"]) this["lamp-colour"].value = hexFromLinear(item.irradiance.map((value) => value / top));
   }
-}
-
-function put(input, value) {
-  if (document.activeElement !== input) input.value = value;
 }
 
 // IEC 61966-2-1, both ways. Black stands for white: a lamp's colour is that at full, and its level says how much.

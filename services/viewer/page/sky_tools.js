@@ -47,6 +47,7 @@ export class SkyTools {
   take(summary) {
     this["sky-tools"].hidden = Boolean(summary.why_no_controls);
     this.own = summary.settings;
+    if (this.told) this.tell(); // the sky moves also under a pointer that rests
     if (this.drag || performance.now() - this.inputAt < HOLD_MS) return;
     this.show(summary.control);
   }
@@ -54,16 +55,16 @@ export class SkyTools {
   // What was chosen before is chosen again.
   adopt(change) {
     this.inputAt = performance.now();
-    this.show(change);
+    this.show(change, true);
   }
 
   // Masks and lamps as a control has them, null as the settings do; without a key they stay.
-  show(control) {
+  show(control, anew = false) {
     const before = JSON.stringify([this.masks, this.lamps]);
     for (const kind of ["masks", "lamps"]) if (kind in control) this[kind] = control[kind] ?? this.own[kind];
     if (before === JSON.stringify([this.masks, this.lamps])) return;
     if (!this.item()) this.selected = null;
-    this.items.show();
+    this.items.show(anew);
     this.sky.draw();
   }
 
@@ -120,7 +121,7 @@ export class SkyTools {
   }
 
   down(event) {
-    if (this["sky-tools"].hidden || event.button) return;
+    if (this["sky-tools"].hidden || event.button || !event.isPrimary) return; // a second finger draws nothing
     const at = this.place(event);
     this.sky.canvas.setPointerCapture(event.pointerId);
     this.drag = { from: at, at, x: event.clientX, y: event.clientY, moved: false };
@@ -133,7 +134,7 @@ export class SkyTools {
   move(event) {
     const at = this.place(event), drag = this.drag;
     this.tell(at);
-    if (!drag) return;
+    if (!drag || !event.isPrimary) return;
     drag.moved ||= Math.hypot(event.clientX - drag.x, event.clientY - drag.y) >= LEAST_DRAG;
     if (!drag.moved) return;
     if (this.tool === "brush" && Math.hypot(at[0] - drag.at[0], at[1] - drag.at[1]) > BRUSH_SPACING) this.drawing.push(at);
@@ -143,6 +144,7 @@ export class SkyTools {
   }
 
   up(event) {
+    if (!event.isPrimary) return;
     const drag = this.drag;
     this.drag = null;
     if (!drag) return;
@@ -226,6 +228,7 @@ export class SkyTools {
 
   cancel() {
     [this.drawing, this.drag] = [null, null];
+    this.notice("sky", "");
     this.sky.draw();
   }
 

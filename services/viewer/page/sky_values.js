@@ -1,5 +1,7 @@
 // The map's luminance as numbers, asked for while somebody points at the sky.
 
+import { grouped } from "/numbers.js";
+
 const PERIOD_MS = 500; // between two askings; 200..2000 would do
 
 export class SkyValues {
@@ -54,5 +56,5 @@ function degrees(angle) {
 // Three digits that count.
 export function number(value) {
   if (!(Math.abs(value) >= 1e-4)) return value === 0 ? "0" : value.toExponential(1);
-  return Math.abs(value) >= 1e6 ? value.toExponential(2) : Number(value.toPrecision(3)).toLocaleString("en").replaceAll(",", "\u202f");
+  return Math.abs(value) >= 1e6 ? value.toExponential(2) : grouped(Number(value.toPrecision(3)));
 }

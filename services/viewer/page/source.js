@@ -3,30 +3,44 @@
 const SCENES = [".glb", ".gltf"];
 const MAX_FILES = 1000; // of a folder: as the viewer's uploads.py
 const ANEW_MS = 700; // until the capture has heard that nothing is to be recorded: controls are published twice a second
+const AWAY = "the viewer does not answer, or has ended the connection";
 const at = (id) => document.getElementById(id);
 
 export class Source {
   constructor(choose) {
     this.choose = choose;
     this.summary = null;
+    this.texts = {}; // of the lists, as they are shown
     this.depth = 0; // of elements that a drag is over
-    at("source-list").addEventListener("change", (event) => this.choose({ source: event.target.value || null }));
-    at("scene-list").addEventListener("change", (event) => this.choose({ scene: event.target.value || null, camera: null })); // another scene is seen by its own camera
-    at("source-list").addEventListener("click", (event) => { if (event.target.dataset.remove) this.remove(event.target.dataset.remove); });
+    at("source-list").addEventListener("change", (event) => this.pick(event.target.value || null));
+    at("scene-list").addEventListener("change", (event) => this.pickScene(event.target.value || null));
+    for (const id of ["source-list", "scene-list"]) {
+      at(id).addEventListener("click", (event) => { if (event.target.dataset.remove) this.remove(event.target.dataset.remove); });
+    }
     for (const id of ["pick-files", "pick-folder"]) {
       at(id).addEventListener("click", () => at(`${id}-input`).click());
       at(`${id}-input`).addEventListener("change", (event) => {
         const files = [...event.target.files].map((file) => ({ file, path: file.webkitRelativePath || file.name }));
         event.target.value = "";
-        this.send(files);
+        this.send(files.filter(({ path }) => path.split("/").length <= 2)); // of a folder those that lie in it, not deeper
       });
     }
     at("record").addEventListener("click", () => {
       if (this.wanted && !this.recording) this.choose({ record: false }); // it has ended by itself, and begins anew after that
       setTimeout(() => this.choose({ record: !this.recording }), this.wanted && !this.recording ? ANEW_MS : 0);
     });
-    at("look-again").addEventListener("click", () => this.choose({ source: "recent" }));
+    at("look-again").addEventListener("click", () => this.pick("recent"));
     for (const name of ["dragenter", "dragover", "dragleave", "drop"]) document.addEventListener(name, (event) => this.drag(event));
+  }
+
+  // Another source has a range of its own, and is not recorded because the one before it was.
+  pick(source) {
+    this.choose({ source, in_s: null, out_s: null, ...(this.wanted && { record: false }) });
+  }
+
+  // Another scene is seen by its own camera.
+  pickScene(scene) {
+    this.choose({ scene, camera: null });
   }
 
   take(summary) {
@@ -40,14 +54,12 @@ export class Source {
       ...source.choices.map(({ choice, label }) => ({ value: choice, label: kindOf(choice) + label })),
       ...uploads.map(({ id, label, facts }) => ({ value: `upload ${id}`, label: `dropped: ${label} (${facts})`, remove: id })),
     ];
-    const chosen = summary.control.source ?? "", text = JSON.stringify([rows, source.choice, source.opening, chosen]);
-    if (text !== this.text) {
-      this.text = text;
-      this.list(rows, chosen, source);
-    }
+    const chosen = summary.control.source ?? "";
+    const stateOf = ({ value }) => (value === (source.choice ?? "") ? " · plays" : source.opening !== null && value === chosen ? " · opening …" : "");
+    this.list("source", rows.map((row) => ({ ...row, state: stateOf(row) })), chosen);
     const refusal = source.refusal && (chosen !== (source.choice ?? "") || source.refusal.startsWith("the recording") || summary.control.record) ? source.refusal : "";
     if (at("source-refusal").textContent !== refusal) at("source-refusal").textContent = refusal;
-    at("room").textContent = `${megabytes(summary.used_bytes)} of ${megabytes(summary.max_bytes)} for dropped files are in use`;
+    at("room").textContent = summary.used_bytes ? `${megabytes(summary.used_bytes)} of ${megabytes(summary.max_bytes)} for dropped files are in use` : "";
     this.takeRecording(source, summary.control.record);
     this.takeScenes(summary);
   }
@@ -55,28 +67,22 @@ export class Source {
   // A dropped scene has a line with a key that goes back to the settings' one.
   takeScenes({ uploads, control, services }) {
     const scenes = uploads.filter(({ kind }) => kind === "scene"), state = services.find(({ kind }) => kind === "renderer")?.state;
-    const text = JSON.stringify([scenes, control.scene, state === "live"]);
-    if (text === this.scenesText) return;
-    this.scenesText = text;
     at("scene-list").hidden = !scenes.length;
-    const rows = [{ id: "", label: "the settings' scene" }, ...scenes];
-    at("scene-list").replaceChildren(...rows.map(({ id, label, facts }) => {
-      const row = document.createElement("label"), radio = document.createElement("input"), words = document.createElement("span");
-      Object.assign(radio, { type: "radio", name: "scene", value: id, checked: id === (control.scene ?? "") });
-      const waits = radio.checked && state !== "live" ? " · the renderer opens it …" : "";
-      words.textContent = `${id ? `scene: ${label} (${facts})` : label}${waits}`;
-      row.append(radio, words);
-      return row;
-    }));
+    const rows = [{ value: "", label: "the settings' scene" }, ...scenes.map(({ id, label, facts }) => ({ value: id, label: `scene: ${label} (${facts})`, remove: id }))];
+    const chosen = control.scene ?? "", stateOf = ({ value }) => (value === chosen && state !== "live" ? " · the renderer opens it …" : "");
+    this.list("scene", rows.map((row) => ({ ...row, state: stateOf(row) })), chosen);
   }
 
-  list(rows, chosen, source) {
-    const focused = document.activeElement?.closest("#source-list") ? document.activeElement.value : undefined;
-    at("source-list").replaceChildren(...rows.map((row) => {
+  // Choices of one kind, "source" or "scene", each with a key that removes it where that can be. Made anew when they change: the focus stays.
+  list(kind, rows, chosen) {
+    const text = JSON.stringify([rows, chosen]), list = at(`${kind}-list`);
+    if (text === this.texts[kind]) return;
+    this.texts[kind] = text;
+    const focused = list.contains(document.activeElement) ? document.activeElement.value : undefined;
+    list.replaceChildren(...rows.map((row) => {
       const label = document.createElement("label"), radio = document.createElement("input"), words = document.createElement("span");
-      Object.assign(radio, { type: "radio", name: "source", value: row.value, checked: row.value === chosen });
-      const state = row.value === (source.choice ?? "") ? " · plays" : source.opening !== null && row.value === chosen ? " · opening …" : "";
-      words.textContent = row.label + state;
+      Object.assign(radio, { type: "radio", name: kind, value: row.value, checked: row.value === chosen });
+      words.textContent = row.label + row.state;
       label.append(radio, words);
       if (!row.remove) return label;
       const line = document.createElement("div"), button = document.createElement("button");
@@ -86,7 +92,7 @@ export class Source {
       line.append(label, button);
       return line;
     }));
-    if (focused !== undefined) at("source-list").querySelector(`input[value="${CSS.escape(focused)}"]`)?.focus();
+    if (focused !== undefined) (list.querySelector(`input[value="${CSS.escape(focused)}"]`) ?? list.querySelector("input")).focus();
   }
 
   takeRecording(source, wanted) {
@@ -131,7 +137,7 @@ export class Source {
   async send(files) {
     const usable = files.filter(({ file }) => !file.name.startsWith(".")).sort((a, b) => a.path.localeCompare(b.path, "en", { numeric: true }));
     if (!usable.length) return this.say("There is no file in it.", true);
-    if (usable.length > MAX_FILES) return this.say(`A folder of ${usable.length} files is too large; ${MAX_FILES} are taken at once.`, true);
+    if (usable.length > MAX_FILES) return this.say(`More than ${MAX_FILES} files are not taken at once.`, true);
     const isScene = SCENES.some((suffix) => usable[0].file.name.toLowerCase().endsWith(suffix)), kind = isScene ? "scene" : "light";
     const folder = usable[0].path.includes("/") ? usable[0].path.split("/")[0] : "", label = folder || usable[0].file.name;
     const total = usable.reduce((sum, { file }) => sum + file.size, 0);
@@ -141,14 +147,15 @@ export class Source {
       const { id } = await (await asked("/uploads", "POST", JSON.stringify(announced))).json();
       let sent = 0;
       for (const [n, { file }] of usable.entries()) {
-        this.say(`${label}: ${megabytes(sent)} of ${megabytes(total)}`, false, sent / Math.max(1, total));
-        await asked(`/uploads/${id}/${n}`, "PUT", file, "application/octet-stream");
+        await sentFile(`/uploads/${id}/${n}`, file, (part) => {
+          this.say(`${label}: ${megabytes(sent + part)} of ${megabytes(total)}`, false, (sent + part) / Math.max(1, total));
+        });
         sent += file.size;
       }
       this.say(`${label}: being decoded …`, false, 1);
       const { facts } = await (await asked(`/uploads/${id}`, "POST", "{}")).json();
       this.say(`${label}: ${facts}`);
-      this.choose(isScene ? { scene: id, camera: null } : { source: `upload ${id}` });
+      isScene ? this.pickScene(id) : this.pick(`upload ${id}`);
     } catch (error) {
       this.say(`${label}: ${error.message}`, true);
     }
@@ -163,6 +170,7 @@ export class Source {
   }
 
   say(text, isRefusal = false, progress = null) {
+    at("upload-state").setAttribute("aria-live", progress === null || progress === 1 ? "polite" : "off"); // the bar says how far it is
     at("upload-state").textContent = isRefusal ? "" : text;
     at("upload-refusal").textContent = isRefusal ? text : "";
     at("upload-progress").hidden = progress === null;
@@ -176,10 +184,28 @@ async function asked(path, method, body, type = "application/json") {
   try {
     answer = await fetch(path, { method, headers: { "Content-Type": type }, body });
   } catch {
-    throw new Error("the viewer does not answer, or has ended the connection");
+    throw new Error(AWAY);
   }
-  if (!answer.ok) throw new Error((await answer.text()).trim().replace(/^upload: /, ""));
+  if (!answer.ok) throw refusalOf(await answer.text());
   return answer;
+}
+
+function refusalOf(text) {
+  return new Error(text.trim().replace(/^upload: /, ""));
+}
+
+// Sends a file; `onSent` is told how many bytes have left, which fetch does not say.
+function sentFile(path, file, onSent) {
+  return new Promise((done, failed) => {
+    const request = new XMLHttpRequest();
+    request.open("PUT", path);
+    request.setRequestHeader("Content-Type", "application/octet-stream");
+    request.upload.addEventListener("progress", ({ loaded }) => onSent(loaded));
+    request.addEventListener("load", () => (request.status < 300 ? done() : failed(refusalOf(request.responseText))));
+    request.addEventListener("error", () => failed(new Error(AWAY)));
+    onSent(0);
+    request.send(file);
+  });
 }
 
 // The files of what was dropped: of a folder those that lie in it, not deeper.

@@ -11,7 +11,7 @@ export class Timeline {
     this.source = null;
     this.position = 0; // the frame shown, as this page last knew it
     this.knownAt = 0; // when: in between it goes on by itself
-    this.heldUntil = -Infinity;
+    this.heldUntil = this.rangeHeldUntil = -Infinity;
     this.image = null;
     this.number = null;
     this.seekNumber = 0;
@@ -55,9 +55,7 @@ export class Timeline {
       return;
     }
     for (const part of at("transport").querySelectorAll("button, select")) part.disabled = Boolean(summary.why_no_controls);
-    const frame = (seconds, other) => (seconds === null ? other : Math.min(Math.round(seconds * source.fps), source.frames - 1));
-    if (!held) this.first = frame(control.in_s, 0);
-    if (!held) this.last = Math.max(this.first, frame(control.out_s, source.frames - 1));
+    if (performance.now() > this.rangeHeldUntil) this.takeRange(control);
     this.speed = control.speed ?? 1;
     this.looping = control.loop !== false;
     this.playing = !this.paused && !source.at_end && summary.services.some((row) => row.kind === "capture" && row.state === "live");
@@ -73,21 +71,32 @@ export class Timeline {
     this.draw();
   }
 
+  takeRange({ in_s, out_s }) {
+    const { frames, fps } = this.source, frame = (seconds, other) => (seconds === null ? other : Math.min(Math.round(seconds * fps), frames - 1));
+    this.first = frame(in_s, 0);
+    this.last = Math.max(this.first, frame(out_s, frames - 1));
+  }
+
+  // What was chosen before is chosen again.
+  adopt(change) {
+    if (!("in_s" in change) || "source" in change || !this.source?.frames) return;
+    this.rangeHeldUntil = performance.now() + HOLD_MS;
+    this.takeRange(change);
+    this.draw();
+  }
+
   async fetchThumbnails(source) {
-    this.number = source.thumbnails_number;
-    const frames = source.thumbnails;
-    if (!frames.length) this.image = null;
-    else {
-      try {
-        const answer = await fetch(`/thumbnails.jpg?number=${this.number}`);
-        if (!answer.ok) return;
-        const image = await createImageBitmap(await answer.blob());
-        this.image?.close();
-        [this.image, this.frames] = [image, frames];
-      } catch {
-        this.number = null; // the next summary tries again
-      }
+    const number = (this.number = source.thumbnails_number), frames = source.thumbnails;
+    let image = null;
+    try {
+      const answer = frames.length ? await fetch(`/thumbnails.jpg?number=${number}`) : null;
+      if (answer?.status === 200) image = await createImageBitmap(await answer.blob()); // 204: there are others by now, as the next summary says
+    } catch {
+      if (number === this.number) this.number = null; // the next summary tries again
     }
+    if (number !== this.number) return void image?.close();
+    this.image?.close();
+    [this.image, this.frames] = [image, frames];
     this.draw();
   }
 
@@ -126,7 +135,7 @@ export class Timeline {
     if (first > last) return;
     this.choose({ in_s: first === 0 ? null : first / fps, out_s: last === frames - 1 ? null : last / fps });
     [this.first, this.last] = [first, last];
-    this.heldUntil = performance.now() + HOLD_MS;
+    this.rangeHeldUntil = performance.now() + HOLD_MS;
     this.draw();
   }
 

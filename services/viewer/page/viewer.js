@@ -1,6 +1,6 @@
 // The page: one websocket, whose messages go to the sky, the picture, the figures and the controls.
 
-import { BINARY_FEEDS } from "/constants.js";
+import { BINARY_FEEDS, MAX_PAGES } from "/constants.js";
 import { Controls } from "/controls.js";
 import { Fixtures } from "/fixtures.js";
 import { Gizmo } from "/gizmo.js";
@@ -10,6 +10,7 @@ import { Guide } from "/guide.js";
 import { History } from "/history.js";
 import { lightsFromBytes } from "/lights_from_bytes.js";
 import { Meter } from "/meter.js";
+import { grouped } from "/numbers.js";
 import { Objects } from "/objects.js";
 import { overallState } from "/overall_state.js";
 import { PersistedControls } from "/persisted_controls.js";
@@ -32,6 +33,11 @@ const MEASURES = [ // of every service: those of wire.StatusMessage
   { name: "refused", label: "refused", unit: "", meaning: "messages that are not valid", is_loss: true },
 ];
 const FORMATS = { ms: milliseconds, Hz: hertz, frames: fraction, "%": percent, "": whole };
+const FEED_OF_BYTE = Object.fromEntries(Object.entries(BINARY_FEEDS).map(([name, byte]) => [byte, name]));
+const TAKE = { // by the name of a feed: what shows its message
+  summary: takeSummary, levels: takeLevels, "picture-state": (state, bytes) => relit.takeState(state, bytes), "placed-lights.bin": takeLights, disc: takeDisc,
+  picture: takePicture,
+};
 const grown = new Map(); // of a loss: its last value and when that rose
 const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
@@ -55,7 +61,7 @@ let picture = null;
 function notice(about, text) {
   text ? notices.set(about, text) : notices.delete(about);
   at("notice").hidden = notices.size === 0;
-  at("notice").textContent = [...notices.values()].join(" · ");
+  say("notice", [...notices.values()].join(" · "));
 }
 
 function connect() {
@@ -70,41 +76,62 @@ function connect() {
   socket.binaryType = "arraybuffer";
   socket.onopen = () => notice("socket", "");
   socket.onmessage = async ({ data }) => {
-    try {
-      const name = typeof data === "string" ? takeText(JSON.parse(data), data.length) : await takeBytes(data);
-      if (name === "picture" && relit.alone) return void (kept = true);
-      if (shown.push(name) > 1) return;
-      await new Promise(requestAnimationFrame); // a hidden page asks for nothing
-      if (socket.readyState === WebSocket.OPEN) socket.send(shown.join(","));
-      shown = [];
-    } catch (error) {
-      notice("message", `This page could not show a message: ${error.message}`);
-    }
+    const name = await take(data);
+    if (!name || (name === "picture" && relit.alone)) return void (kept ||= Boolean(name));
+    if (shown.push(name) > 1) return;
+    await new Promise(requestAnimationFrame); // a hidden page asks for nothing
+    if (socket.readyState === WebSocket.OPEN) socket.send(shown.join(","));
+    shown = [];
   };
   socket.onclose = async () => {
-    showState(at("overall"), "lost", "viewer lost");
-    document.body.classList.add("dim");
-    notice("socket", (await tokenRefused()) ? "The viewer has a new token: open the address that it printed." : "The viewer does not answer; trying again …");
+    showLost();
+    notice("socket", await whyLost());
     setTimeout(connect, RECONNECT_MS);
   };
 }
 
-// Whether the viewer answers, but does not accept this page's token. A refused socket does not say why.
-function tokenRefused() {
-  return fetch("/healthz", { signal: AbortSignal.timeout(RECONNECT_MS) }).then((answer) => answer.status === 401, () => false);
+// Nothing is known any more: nothing is called live.
+function showLost() {
+  for (const pill of document.querySelectorAll(".pill[data-state]")) showState(pill, "lost", pill.id === "overall" ? "viewer lost" : "not known");
+  [at("overall-said").dataset.kind, at("overall-said").textContent] = ["lost", "viewer lost"];
+  for (const card of document.querySelectorAll("article")) card.dataset.state = "lost";
+  document.body.classList.add("dim");
+  meter.lose();
 }
 
-// Text is a summary, a frame's levels, or how a picture was made. Returns the feed's name.
-function takeText(message, bytes) {
-  if (message.schema?.startsWith("vemlight.picture/")) {
-    relit.takeState(message, bytes);
-    return "picture-state";
+// A refused socket does not say why.
+async function whyLost() {
+  try {
+    const answer = await fetch("/healthz", { signal: AbortSignal.timeout(RECONNECT_MS) });
+    if (answer.status === 401) return "The viewer has a new token: open the address that it printed.";
+    if ((await answer.json()).pages >= MAX_PAGES) return `${MAX_PAGES} pages are open, the most that the viewer takes: close one. Trying again …`;
+  } catch { /* it is away, or not ready */ }
+  return "The viewer does not answer; trying again …";
+}
+
+// Shows a message, and returns the name of its feed: what cannot be shown is said, and does not hold up what follows. Null for an unknown kind.
+async function take(data) {
+  const text = typeof data === "string" ? JSON.parse(data) : null, name = text ? feedOfText(text) : FEED_OF_BYTE[new Uint8Array(data, 0, 1)[0]] ?? null;
+  try {
+    if (!name) throw new Error("of an unknown kind");
+    await TAKE[name](text ?? data, data.length);
+    notice(`message ${name}`, "");
+  } catch (error) {
+    notice(`message ${name}`, `This page could not show a message (${name ?? "its kind"}): ${error.message}`);
   }
-  if (message.schema?.startsWith("vemlight.levels/")) {
-    fixtures.show(message);
-    count("rig");
-    return "levels";
-  }
+  return name;
+}
+
+function feedOfText({ schema }) {
+  return schema?.startsWith("vemlight.picture/") ? "picture-state" : schema?.startsWith("vemlight.levels/") ? "levels" : "summary";
+}
+
+function takeLevels(levels) {
+  fixtures.show(levels);
+  count("rig");
+}
+
+function takeSummary(message) {
   document.body.classList.remove("dim");
   persisted.take(message);
   controls.take(message);
@@ -123,43 +150,35 @@ function takeText(message, bytes) {
   showFigures(message);
   showCards(message);
   showCovers(message);
-  return "summary";
 }
 
 // A choice that was made before is made again: undo and redo.
 function applyAgain(change) {
   controls.choose(change);
-  controls.inputAt = -Infinity;
   if ("poses" in change) objects.adopt(change.poses);
   skyTools.adopt(change);
+  timeline.adopt(change);
 }
 
-// Bytes are a frame's lights, its sky or its picture. Returns the feed's name.
-async function takeBytes(buffer) {
-  const bytes = new Uint8Array(buffer);
-  if (bytes[0] !== BINARY_FEEDS["placed-lights.bin"]) return takePicture(bytes);
+function takeLights(buffer) {
   const frame = lightsFromBytes(buffer);
-  takeLights(frame);
   relit.takeLights(frame, buffer.byteLength);
-  return "placed-lights.bin";
-}
-
-function takeLights(frame) {
   sky.take(frame, performance.now());
-  graphs.takeLights(frame);
-  at("sky-facts").textContent = `${frame.lights.length} lights${skyTools.facts}`;
-  at("disc").setAttribute("aria-label", `The sky seen from below with ${frame.lights.length} lights. ${at("light-facts").textContent}`);
+  graphs.power = sky.power; // it counts until the next come
+  say("sky-facts", `${frame.lights.length} lights${skyTools.facts}`);
 }
 
-async function takePicture(bytes) {
-  const image = await createImageBitmap(new Blob([bytes.subarray(1)], { type: "image/jpeg" }));
-  if (bytes[0] === BINARY_FEEDS.disc) {
-    sky.show(image);
-    count("disc");
-    return "disc";
-  }
-  if (bytes[0] !== BINARY_FEEDS.picture) throw new Error(`unknown kind ${bytes[0]}`);
-  const canvas = at("picture");
+function imageOf(buffer) {
+  return createImageBitmap(new Blob([new Uint8Array(buffer, 1)], { type: "image/jpeg" }));
+}
+
+async function takeDisc(buffer) {
+  sky.show(await imageOf(buffer));
+  count("disc");
+}
+
+async function takePicture(buffer) {
+  const image = await imageOf(buffer), canvas = at("picture");
   if (canvas.width !== image.width || canvas.height !== image.height) {
     [canvas.width, canvas.height] = [image.width, image.height];
     canvas.parentElement.style.setProperty("--picture-ratio", `${image.width} / ${image.height}`);
@@ -168,7 +187,6 @@ async function takePicture(bytes) {
   picture?.close();
   picture = image;
   count("picture");
-  return "picture";
 }
 
 // How many frames have been shown, for tests.
@@ -199,8 +217,11 @@ function showFigures(summary) {
     return [`${k ? " · " : ""}${row.service} `, number];
   }));
   at("scene-facts").textContent = passes(of.renderer.report) || (Number.isInteger(of.renderer.sequence) ? `frame ${of.renderer.sequence}` : "");
-  showState(at("overall"), ...overallState(summary));
+  const [state, words] = overallState(summary), kind = words.replace(/\d+/g, "");
+  showState(at("overall"), state, words);
+  if (at("overall-said").dataset.kind !== kind) [at("overall-said").dataset.kind, at("overall-said").textContent] = [kind, words]; // not each second anew
   say("count-effect", whyFewerLights(summary));
+  if (at("count-effect").textContent) at("count-effect").classList.add("was-said");
   say("filter-effect", filterWords(summary));
 }
 
@@ -300,7 +321,7 @@ function percent(ratio) {
 }
 
 function whole(value) {
-  return value === undefined || value === null ? "–" : Number(value.toFixed(3)).toLocaleString("en").replaceAll(",", "\u202f");
+  return value === undefined || value === null ? "–" : grouped(Number(value.toFixed(3)));
 }
 
 connect();

@@ -8,7 +8,7 @@ from tests.support.analytic_rooms import PAIR, SQUARE, TRIANGLE, Room, maps_of, 
 from tests.support.lamp_maps import Bulb, far, lamp_map, lamp_maps
 from vemlight.fuse import compact_sources
 from vemlight.fuse.fusing import FuseState, fuse_step, fuse_still
-from vemlight.fuse.matching import best_disjoint
+from vemlight.fuse.set_packing import best_disjoint
 from vemlight.light.near_lights import NearLightSet
 from vemlight.light.sphere import cell_directions, map_irradiance
 from vemlight.sampler.sampler_input import SamplerInput

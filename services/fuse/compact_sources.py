@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.fuse.union_find import root_of
 from vemlight.kernels import kernel, read_only, subroutine
 from vemlight.light.colour import LUMINANCE_BLUE, LUMINANCE_GREEN, LUMINANCE_RED
 from vemlight.light.environment_map import EnvironmentMap
@@ -239,7 +240,7 @@ def _components(luminance, order, linked, grown):
     taken, end, sources = in_core.copy(), 0, 0
     first = np.zeros(len(order) + 1, np.int64)  # the hot cells by source: a counting sort
     for cell in order:
-        label[cell] = _root(root, label[cell])
+        label[cell] = root_of(root, label[cell])
         first[label[cell] + 1] += in_core[cell]
     for n in range(count):
         first[n + 1] += first[n]
@@ -264,13 +265,6 @@ def _components(luminance, order, linked, grown):
 
 
 @subroutine
-def _root(root, n):
-    while root[n] != n:
-        n = root[n]
-    return n
-
-
-@subroutine
 def _joined(cell, light, luminance, label, root, peak, columns):
     # the source of the brightest cell near one, joined with others near it that have no valley in between; -1: none is near
     cols = luminance.shape[1]
@@ -292,13 +286,13 @@ def _joined(cell, light, luminance, label, root, peak, columns):
                     if luminance[row + k, column] > brightest:
                         own, brightest = other, luminance[row + k, column]
                     continue
-                a, b = _root(root, own), _root(root, other)
+                a, b = root_of(root, own), root_of(root, other)
                 if a != b and light >= MERGE * min(peak[a], peak[b]):
                     higher, lower = (a, b) if peak[a] >= peak[b] else (b, a)
                     root[lower] = higher
         if own < 0:
             return own
-    return _root(root, own)
+    return root_of(root, own)
 
 
 @subroutine

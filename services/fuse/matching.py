@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vemlight.fuse.set_packing import best_disjoint
 from vemlight.fuse.triangulation import FIT, UNKNOWN_FLUX, WORK, add_covariance, fit_light
 from vemlight.kernels import kernel, subroutine
 
@@ -23,9 +24,8 @@ A_CAMERA, MISSED = 10.0, 4.0  # value of each camera after the first, and what a
 APART_SIGMAS = 4.0  # of inverse distance, between two explanations of one source
 ASKED = 6.0  # of value: a source with another explanation that is so nearly as good is looked into
 SEES = 0.02  # cosine from a lens's axis at which a map of its hemisphere ends
-MAX_HYPOTHESES = 4096
+MAX_HYPOTHESES = 4096  # four cameras with twelve lamps alike have 133
 MANY_CAMERAS = 5  # from here on a camera that fits is not left out of a hypothesis: sets of cameras double with each
-MAX_NODES = 50_000  # of the search for the best set; a dozen lamps take a few hundred
 SOURCE_NUMBERS = 8  # numbers of a source: see `fit_light`
 
 
@@ -49,7 +49,7 @@ class SeenSources(NamedTuple):
 class Matches(NamedTuple):
     """Lights that two or more cameras see. sources: (n, cameras) int64, of each camera its source, -1: none. fit: (n, FIT). margin: (n,),
     by which the set's value is above that of the best set in which a light's sources are something else; inf where nothing else is near it.
-    cut: whether there were more hypotheses than MAX_HYPOTHESES, or sets to look at than MAX_NODES: a better set may be missed then.
+    cut: whether there were more hypotheses than MAX_HYPOTHESES, or sets to look at than a search takes: a better set may be missed then.
     """
 
     sources: np.ndarray
@@ -78,20 +78,6 @@ def _margins(members: np.ndarray, values: np.ndarray, fit: np.ndarray, best: np.
         allowed = np.where(shares[n] & ~elsewhere[n], 0.0, values)
         margins[n] = whole - values[best_disjoint(members, allowed)[0]].sum()
     return margins
-
-
-def best_disjoint(members: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Which rows of members (n, m) int64, numbers >= 0 or -1 for none, to take so that no number comes twice and the values (n,) add up to
-    the most: ascending indices, and whether they are surely the best. A search of more than MAX_NODES steps gives the best that it met.
-    """
-    worth = np.flatnonzero(values > 0)
-    if not len(worth):
-        return worth, True
-    order = worth[np.argsort(-values[worth], kind="stable")]
-    numbers, place = np.unique(members[order], return_inverse=True)
-    compact = place.reshape(len(order), members.shape[1]) - int(numbers[0] < 0)
-    taken, is_exact = _best(compact, values[order], len(numbers) - int(numbers[0] < 0))
-    return np.sort(order[taken]), is_exact
 
 
 @kernel
@@ -210,126 +196,3 @@ def _missed(sources, offsets, axes, limits, fit):
                 along += p * axes[k, x]
             count += along > limits[k] * np.sqrt(length)
     return count
-
-
-@kernel
-def _best(members, values, numbers):
-    """Which rows, the greatest value first, a best set takes, and whether it is surely the best; members hold 0 .. numbers - 1, or -1.
-
-    Rows that are linked by a number are one group, which is searched number by number. A branch is left when the numbers that are still
-    free cannot bring more than the best so far: each at most the greatest share of a value that a row has for it.
-    """
-    rows, width = members.shape
-    group, best_share = np.arange(numbers), np.zeros(numbers)
-    sizes = np.zeros(rows, np.int64)
-    for r in range(rows):
-        first = -1
-        for m in range(width):
-            if members[r, m] >= 0:
-                sizes[r] += 1
-                first = members[r, m] if first < 0 else first
-        for m in range(width):
-            number = members[r, m]
-            if number >= 0:
-                best_share[number] = max(best_share[number], values[r] / sizes[r])
-                a, b = _root(group, first), _root(group, number)
-                group[max(a, b)] = min(a, b)
-    taken, is_exact = np.zeros(rows, np.bool_), True
-    for root in range(numbers):
-        if _root(group, root) == root:
-            is_exact = _search(root, group, members, values, best_share, taken) <= MAX_NODES and is_exact
-    return taken, is_exact
-
-
-@subroutine
-def _root(group, n):
-    while group[n] != n:
-        n = group[n]
-    return n
-
-
-@subroutine
-def _search(root, group, members, values, best_share, taken):
-    # the rows of a group, after how many steps
-    rows, width = members.shape
-    own, count = np.empty(len(group), np.int64), 0
-    rank = np.full(len(group), -1, np.int64)
-    for n in range(len(group)):
-        if _root(group, n) == root:
-            own[count] = n
-            count += 1
-    for i in range(1, count):  # the numbers with the greatest share first
-        n, j = own[i], i
-        while j > 0 and best_share[own[j - 1]] < best_share[n]:
-            own[j] = own[j - 1]
-            j -= 1
-        own[j] = n
-    for i in range(count):
-        rank[own[i]] = i
-    # Rows by the first of their numbers, in the order of their values.
-    starts, listed = np.zeros(count + 1, np.int64), np.empty(rows, np.int64)
-    end = 0
-    for i in range(count):
-        starts[i] = end
-        for r in range(rows):
-            lowest = count
-            for m in range(width):
-                if members[r, m] >= 0 and rank[members[r, m]] >= 0:
-                    lowest = min(lowest, rank[members[r, m]])
-            if lowest == i:
-                listed[end] = r
-                end += 1
-    starts[count] = end
-    used, choice, chosen = np.zeros(len(group), np.bool_), np.zeros(count + 1, np.int64), np.full(count + 1, -1, np.int64)
-    best, value, depth, nodes = -1.0, 0.0, 0, 0
-    while depth >= 0:
-        if chosen[depth] >= 0:  # back from below: undo
-            value -= values[chosen[depth]]
-            _mark(members[chosen[depth]], used, False)
-            chosen[depth] = -1
-        bound = value
-        for i in range(depth, count):
-            if not used[own[i]]:
-                bound += best_share[own[i]]
-        if depth == count and value > best:
-            best = value
-            for n in range(end):
-                taken[listed[n]] = False
-            for i in range(count):
-                if chosen[i] >= 0:
-                    taken[chosen[i]] = True
-        nodes += 1
-        options = starts[depth + 1] - starts[depth] if depth < count else -1
-        if depth == count or bound <= best + 1e-9 or choice[depth] > options or (nodes > MAX_NODES and best >= 0):
-            choice[depth] = 0
-            depth -= 1
-            continue
-        option = choice[depth]
-        choice[depth] += 1
-        if option == options:
-            depth += 1  # none of them
-            choice[depth] = 0
-            continue
-        row = listed[starts[depth] + option]
-        if _is_free(members[row], used):
-            chosen[depth] = row
-            value += values[row]
-            _mark(members[row], used, True)
-            depth += 1
-            choice[depth] = 0
-    return nodes
-
-
-@subroutine
-def _is_free(row, used):
-    free = True
-    for number in row:
-        free = free and not (number >= 0 and used[number])
-    return free
-
-
-@subroutine
-def _mark(row, used, to):
-    for number in row:
-        if number >= 0:
-            used[number] = to

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemlight.fuse.matching import Matches, best_disjoint
+from vemlight.fuse.matching import Matches
+from vemlight.fuse.set_packing import best_disjoint
 from vemlight.fuse.triangulation import set_basis, solve
 from vemlight.kernels import kernel, subroutine
 

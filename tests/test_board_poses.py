@@ -101,7 +101,7 @@ def test_noise_leaves_what_a_board_allows_and_the_deviations_say_it():
         assert metres.max() < 0.003
         over += [*(np.radians(turn_deg[1:]) / fit.turn_rad[1:]), *(metres[1:] / fit.at_m[1:])]
         assert (fit.turn_rad[0], fit.at_m[0]) == (0, 0)
-    assert 0.4 < np.sqrt(np.mean(np.square(over)) / 3) < 1.6  # three axes together
+    assert 0.65 < np.sqrt(np.mean(np.square(over)) / 3) < 1.4  # three axes together; 0.84 to 1.17 with six seeds
 
 
 @pytest.mark.parametrize(("spoil", "said"), [

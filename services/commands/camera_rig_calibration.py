@@ -16,7 +16,7 @@ from vemlight.files import MAX_TOML_BYTES, notice, read_file, read_toml, written
 from vemlight.fixtures.rig_writing import free_name
 from vemlight.fuse.board_poses import BoardFit
 from vemlight.fuse.bundle_adjustment import MIN_PLACES, Adjusted, CalibrationError, Poses, ScaleBar, adjusted
-from vemlight.fuse.compact_sources import compact_sources
+from vemlight.fuse.compact_sources import LENS_RAD, compact_sources
 from vemlight.fuse.rig_file import CameraRig, check_one_rate, read_camera_rig
 from vemlight.fuse.wand import FrameSources, lamp_bearings, places
 from vemlight.light.colour import luminance_from_rgb
@@ -121,8 +121,10 @@ def _write(path: Path, found: Adjusted | BoardFit) -> Path:
         msgspec.structs.replace(camera, at=_rounded(at, 5), turn=_rounded(Rotation.from_matrix(turn).as_quat(canonical=True), 7))
         for camera, turn, at in zip(rig.camera, found.poses.turns, found.poses.at, strict=True)
     )
+    # Later bearings are as wrong as these were: what coarse pixels or a lens file do beyond what is taken of any lens.
+    turn_rad = math.sqrt(float(found.turn_rad.max()) ** 2 + max(found.residual_rad**2 - LENS_RAD**2, 0.0))
     changed = msgspec.structs.replace(
-        rig, camera=cameras, pose_deg=round(float(np.degrees(found.turn_rad.max())), 4), pose_m=round(float(found.at_m.max()), 5)
+        rig, camera=cameras, pose_deg=round(math.degrees(turn_rad), 4), pose_m=round(float(found.at_m.max()), 5)
     )
     text = msgspec.toml.encode(changed)
     old = free_name(path)

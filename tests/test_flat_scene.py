@@ -11,6 +11,7 @@ import pytest
 from vemlight.renderer.browser.es_shaders import BROWSER_SHADERS, browser_shaders
 from vemlight.renderer.browser.flatten import flattened, scene_message
 from vemlight.renderer.scene.meshes import Geometry
+from vemlight.renderer.scene.materials import Ggx
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
 from vemlight.renderer.scene.subdivision import with_short_edges
 from vemlight.runtime import flat_scene, wire
@@ -18,6 +19,8 @@ from vemlight.settings import Renderer
 from vemlight.viewer.scene_files import scene_files
 
 DRAWING = Renderer(width=64, height=48, shadow_map=64)
+
+TEXTURE = {"texels": {"offset": 0, "count": 4, "type": "uint8"}, "width": 1, "height": 1, "srgb": False, "repeats": [True, True]}
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +71,8 @@ def test_the_description_has_all_that_the_renderer_draws(message):
         lambda scene: scene["casters"]["members"][0]["details"][0]["indices"].update(count=2**24),
         lambda scene: scene["camera"]["view"].update(at=scene["camera"]["view"]["from"]),
         lambda scene: scene["shaders"].update(long="x" * 70_000),
+        lambda scene: scene.update(textures=[TEXTURE | {"filters": [9729, 9987]}]),
+        lambda scene: scene["laws"].update(MAP_HALVINGS=1e9),
         lambda scene: scene.update(version=2),
         lambda scene: scene.update(surprise=1),
         lambda scene: scene.update(meshes=scene["meshes"] * 2000),
@@ -127,6 +132,23 @@ def test_textures_are_reduced_until_a_scene_fits(monkeypatch):
     less = flattened(scene, DRAWING)
     assert len(less.data) < len(whole.data)
     assert "textures finer than half of theirs" in less.scene.left_out
+
+
+def test_an_image_that_is_read_in_two_ways_travels_once_and_keeps_both():
+    scene = load_scene(BUNDLED_SCENE)
+    ground, plinth = scene.meshes[0], scene.meshes[1]
+    assert isinstance(ground.material, Ggx)
+    assert isinstance(plinth.material, Ggx)
+    image = ground.material.colour_map
+    assert image
+    clamped = image._replace(repeats=(False, True), filters=(9728, 9728))
+    other = plinth._replace(material=plinth.material._replace(colour_map=clamped))
+    both = flattened(scene._replace(meshes=(ground, other, *scene.meshes[2:])), DRAWING).scene
+    first, second = (both.textures[both.materials[mesh.material].textures[0] or 0] for mesh in both.meshes[:2])
+    assert first is not second
+    assert first.texels == second.texels
+    assert (first.repeats, first.filters) == (image.repeats, image.filters)
+    assert (second.repeats, second.filters) == (clamped.repeats, clamped.filters)
 
 
 def test_shaders_are_whole_and_of_the_browsers_dialect():

@@ -18,6 +18,7 @@ MAX_DATA = 48 * 2**20  # bytes: what a phone's browser holds twice; a part of a 
 MAX_DESCRIPTION = 2**22  # bytes: 4096 meshes with their casters have half of it, the shaders 60 kB
 ALIGNED = 4
 MAX_MESHES, MAX_TEXTURES, MAX_VIEWS = 4096, 1000, 32
+MAX_HALVINGS = 16  # of shadow maps: from 65,536 texels a side to one. A page counts them for each light
 ITEM_BYTES = {"float32": 4, "uint32": 4, "uint8": 1}
 
 Index = Annotated[int, Meta(ge=0, lt=2**31)]
@@ -73,7 +74,7 @@ class FlatTexture(Flat, frozen=True):
     height: Annotated[int, Meta(ge=1, le=8192)]
     srgb: bool
     repeats: tuple[bool, bool]
-    filters: tuple[Index, Index]
+    filters: tuple[Literal[9728, 9729, 9984, 9985, 9986, 9987], Literal[9728, 9729]]
 
 
 class FlatMaterial(Flat, frozen=True):
@@ -157,6 +158,7 @@ def decoded(description: bytes, data_bytes: int) -> FlatScene:
         raise ValueError(f"scene: more than {MAX_DESCRIPTION} bytes of description or {MAX_DATA} of data")
     scene: FlatScene = decoded_json(description, FlatScene)
     _check_arrays(scene, data_bytes)
+    _check(0 <= scene.laws.get("MAP_HALVINGS", 0) <= MAX_HALVINGS, "shadow maps that are halved more often than any can be")
     count = {name: span.count for name, span in scene.arrays.items()}
     vertices = count["positions"] // 3
     for mesh in scene.meshes:

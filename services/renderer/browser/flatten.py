@@ -214,25 +214,39 @@ def _material(material: Material, uniforms: MaterialUniforms, of_texture: Callab
 
 
 def _textures(uniforms: list[MaterialUniforms], block: Block) -> tuple[tuple[FlatTexture, ...], Callable[[Texture, int], int], int]:
-    """Adds each image once; returns them, the number of one, and by how much all were reduced in width and height so that they fit."""
-    images: dict[tuple[int, bool], Texture] = {}
+    """Adds each image's texels once; returns a texture for each way in which one is read, the number of one, and by how much all were
+    reduced in width and height so that they fit."""
+    ways: dict[tuple[object, ...], tuple[Texture, bool]] = {}
     for one in uniforms:
         for slot, image in enumerate(one.textures):
             if image is not None:
-                images.setdefault((id(image.texels), _is_colour(slot)), image)
+                ways.setdefault(_way(image, slot), (image, _is_colour(slot)))
+    images = {(id(image.texels), is_colour): image for image, is_colour in ways.values()}
     room, reduced = MAX_DATA - block.size, 1
-    while any(images) and sum(4 * np.prod(_reduced(image, reduced)) for image in images.values()) > room:
+    while images and sum(4 * np.prod(_reduced(image, reduced)) for image in images.values()) > room:
         reduced *= 2
         if reduced > 2**12:
             raise TooLargeError
-    made, keys = [], list(images)
-    for (_, is_colour), image in images.items():
-        codes = _codes(image, is_colour, _reduced(image, reduced))
-        height, width, _ = codes.shape
+    spans = {key: block.add(_codes(image, key[1], _reduced(image, reduced))) for key, image in images.items()}
+    made, keys = [], list(ways)
+    for image, is_colour in ways.values():
+        height, width = _reduced(image, reduced)
         made.append(
-            FlatTexture(texels=block.add(codes), width=width, height=height, srgb=is_colour, repeats=image.repeats, filters=image.filters)
+            FlatTexture(
+                texels=spans[id(image.texels), is_colour],
+                width=width,
+                height=height,
+                srgb=is_colour,
+                repeats=image.repeats,
+                filters=image.filters,  # type: ignore[arg-type]
+            )
         )
-    return tuple(made), lambda image, slot: keys.index((id(image.texels), _is_colour(slot))), reduced
+    return tuple(made), lambda image, slot: keys.index(_way(image, slot)), reduced
+
+
+def _way(image: Texture, slot: int) -> tuple[object, ...]:
+    """Which texels a texture has, and how they are read."""
+    return id(image.texels), _is_colour(slot), image.repeats, image.filters
 
 
 def _is_colour(slot: int) -> bool:

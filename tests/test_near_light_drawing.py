@@ -10,6 +10,7 @@ from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
 from vemlight.renderer import pass_table
+from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import MIN_LIGHTS
 from vemlight.renderer.passes.near_lights.near_light_plan import mean_irradiance, near_within
 from vemlight.renderer.passes.near_lights.near_light_views import face_windows
@@ -142,19 +143,40 @@ def test_what_is_nearer_than_the_radius_casts_nothing(drawn, shadows):
         assert seen == passes
 
 
+HALF_SHADED = "[camera]\nfrom = [0.0, 0.0, 0.5]\nat = [0.0, 0.0, 0.0]\nfov_y = 90.0\n" + GROUND
+HALF_SHADED += '[[mesh]]\nshape = "plane"\nscale = 1.0\nat = [1.0, 0.0, 1.0]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
+
+
+def half_shaded(near: NearLightSet, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of a row of HALF_SHADED's pixels under a light 2 m up, 0.2 m in radius: radiance without shadows, the fraction that arrives."""
+    x = ((np.arange(side) + 0.5) / (side / 2) - 1) * 0.5
+    t = np.clip(-x / 0.2, -1, 1)  # the shadow's edge in radii of the disc
+    whole = irradiance(near, np.stack([x, np.zeros(side), np.zeros(side)], axis=-1))[..., 0] / np.pi
+    return whole, 0.5 + (t * np.sqrt(1 - t * t) + np.arcsin(t)) / np.pi
+
+
+def test_penumbrae_get_better_all_through_a_pause(tmp_path):
+    """A ray of each pixel a pass: after 16 passes like the sixteen of a file, and better after 64."""
+    renderer = renderer_of(scene_of(tmp_path, HALF_SHADED), frame_ms=10_000.0)
+    renderer.near = near = near_lights((0.0, 0.0, 2.0), radius=0.2)
+    expected, exact = half_shaded(near, SIDE)
+    dark, total, errors = MapLights(np.zeros((4, 8, 3), np.float32), "hemisphere"), np.zeros((8, SIDE)), []
+    for number in range(64):
+        total += renderer.picture_of_pass(dark, number)[28:36, :, 0] / expected
+        errors.append(np.sqrt(np.mean((total / (number + 1) - exact) ** 2)))
+    renderer.release()
+    assert errors[15] < 0.03
+    assert errors[63] < 0.7 * errors[15]
+
+
 @pytest.mark.parametrize("live", [False, True])
 def test_the_penumbra_of_a_ball_is_that_of_its_disc(drawn, live):
     """A long edge half way up: the penumbra is as wide as the ball, and in its middle half of the disc is seen. Live it is as smooth."""
-    edge = '[[mesh]]\nshape = "plane"\nscale = 1.0\nat = [1.0, 0.0, 1.0]\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
-    camera = "[camera]\nfrom = [0.0, 0.0, 0.5]\nat = [0.0, 0.0, 0.0]\nfov_y = 90.0\n"
     near = near_lights((0.0, 0.0, 2.0), radius=0.2)
-    picture = drawn(camera + GROUND + edge, near, side=128, samples=1 if live else 16, frame_ms=10_000.0 if live else 0.0)
-    x = ((np.arange(128) + 0.5) / 64 - 1) * 0.5
-    expected = irradiance(near, np.stack([x, np.zeros(128), np.zeros(128)], axis=-1))[..., 0] / np.pi
+    picture = drawn(HALF_SHADED, near, side=128, samples=1 if live else 16, frame_ms=10_000.0 if live else 0.0)
+    expected, exact = half_shaded(near, 128)
     fraction = picture[62:66, :, 0].mean(axis=0) / expected
     smooth = picture[56:72, :, 0] / expected
-    t = np.clip(-x / 0.2, -1, 1)  # the shadow's edge in radii of the disc
-    exact = 0.5 + (t * np.sqrt(1 - t * t) + np.arcsin(t)) / np.pi
     assert np.abs(fraction - exact).max() < 0.06
     assert np.abs(fraction - exact).mean() < 0.01
     assert smooth.std(axis=0).max() < 1 / 15  # along the edge, where all rays together have steps of a sixteenth

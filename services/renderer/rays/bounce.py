@@ -17,7 +17,6 @@ from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.light.near_lights import MIN_DISTANCE_M, NearLightSet
 from vemlight.renderer.rays.embree import RayScene, function_address
 from vemlight.renderer.rays.hits import (
-    GOLDEN,
     INTERSECT,
     PACKET,
     PATTERN,
@@ -30,6 +29,7 @@ from vemlight.renderer.rays.hits import (
 )
 from vemlight.renderer.rays.packets import ENDS_BEFORE, FAR, OCCLUDED, PASSED, occluded
 from vemlight.renderer.rays.reflecting import ReflectingMeshes
+from vemlight.renderer.rays.soft_pattern import GOLDEN
 from vemlight.renderer.rays.surfaces import LIFT_OF_REACH
 
 ROWS_PER_TASK = 4  # of blocks; as tracing.TILE_ROWS_PER_TASK

@@ -8,6 +8,7 @@ from numba import types
 from vemlight.kernels import kernel, subroutine
 from vemlight.renderer.rays.packets import ALL_FEATURES, DIRECTION, FAR, MASK, NEAR, NUMBER, ORIGIN, PASSED, aligned
 from vemlight.renderer.rays.reflecting import texel_number
+from vemlight.renderer.rays.soft_pattern import GOLDEN
 from vemlight.renderer.rays.surfaces import LIFT_OF_DISTANCE
 
 PATTERN = 2  # blocks on a side have different directions, so that a filter of 3 x 3 blocks mixes PATTERN^2 sets
@@ -16,7 +17,6 @@ NO_HIT = 0xFFFFFFFF
 OF_GROUND = -1.0  # in place of the albedo of a catcher, which depends on the light
 # The lines of an RTCRayHit16 behind the ray's, 16 numbers each.
 HIT_NORMAL, HIT_U, HIT_V, HIT_TRIANGLE, HIT_MESH, HIT_LINES = 12, 15, 16, 17, 18, 22
-GOLDEN = (np.sqrt(5) - 1) / 2
 
 INTERSECT = "rtcIntersect16"  # by this name Embree finds what numba calls
 intersect = types.ExternalFunction(INTERSECT, types.void(types.uintp, types.uintp, types.uintp, types.uintp))

@@ -10,7 +10,7 @@ import numpy as np
 
 from vemlight.kernels import kernel, read_only, subroutine
 from vemlight.light.near_lights import NearLightSet
-from vemlight.renderer.rays.hits import GOLDEN, across
+from vemlight.renderer.rays.hits import across
 from vemlight.renderer.rays.packets import (
     ALIKE_RAD,
     COHERENT,
@@ -27,7 +27,7 @@ from vemlight.renderer.rays.packets import (
     unanimous,
 )
 from vemlight.renderer.rays.soft_filter import SAME_NORMAL, SAME_PLANE, TILE
-from vemlight.renderer.rays.soft_pattern import STRATA, ball_pattern, live_ball_pattern
+from vemlight.renderer.rays.soft_pattern import GOLDEN, STRATA, ball_pattern, live_ball_pattern
 from vemlight.renderer.rays.tracing import RayTracer
 
 BALL_AGREED = 1  # ray of each pixel after which a tile is done live where all agree: its 16 rays go to 16 places spread over the ball

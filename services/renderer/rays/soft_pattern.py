@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 POINT, FEW = 0, 4  # rays of a pixel to a light: one to its middle, and some
+GOLDEN = (np.sqrt(5) - 1) / 2  # turns that are multiples of it are spread most evenly
 STRATA = 16  # of a light: the rays of a pixel over its samples, or of 4 x 4 pixels with one sample
 # The order in which 4 x 4 pixels take them (Bayer 1973): neighbours are far apart.
 PLACES = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
@@ -37,13 +38,13 @@ def soft_pattern(sample: int, samples: int) -> SoftPattern:
 def ball_pattern(sample: int, samples: int) -> np.ndarray:
     """Offsets (k, 2, 16) float32 evenly over a disc of radius 1, likewise: where rays go on a ball, a pixel's with its other samples.
 
-    Of samples that have one ray each, each STRATA that follow each other have all strata, at other places of them than those before, and so
-    have 4 x 4 pixels with each sample.
+    Of samples that have one ray each, each STRATA that follow each other have all strata, turned about the middle against those before, and
+    so have 4 x 4 pixels with each sample.
     """
     if samples < STRATA:
         return _shared(sample, samples, _disc)
     place = PLACES.reshape(-1, 1)
-    return _disc((place + sample) % STRATA, (place + sample // STRATA * FEW) % STRATA)
+    return _disc((place + sample) % STRATA, (place + sample // STRATA * FEW) % STRATA, sample // STRATA * GOLDEN)
 
 
 @cache
@@ -68,10 +69,10 @@ def _gaussian(stratum: np.ndarray, place: np.ndarray) -> np.ndarray:
     return _points(np.sqrt(-2 * np.log(1 - radial)) / np.sqrt(_variance()), angle)
 
 
-def _disc(stratum: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Points likewise of a disc of radius 1."""
+def _disc(stratum: np.ndarray, place: np.ndarray, turns: float = 0.0) -> np.ndarray:
+    """Points likewise of a disc of radius 1, turned so often about its middle."""
     radial, angle = _radial_and_angle(stratum, place)
-    return _points(np.sqrt(radial), angle)
+    return _points(np.sqrt(radial), angle + 2 * np.pi * turns)
 
 
 def _radial_and_angle(stratum: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,8 +10,8 @@ import pytest
 
 from vemlight.renderer.browser.es_shaders import BROWSER_SHADERS, browser_shaders
 from vemlight.renderer.browser.flatten import flattened, scene_message
-from vemlight.renderer.scene.meshes import Geometry
 from vemlight.renderer.scene.materials import Ggx
+from vemlight.renderer.scene.meshes import Geometry
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
 from vemlight.renderer.scene.subdivision import with_short_edges
 from vemlight.runtime import flat_scene, wire

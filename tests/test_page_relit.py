@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 from tests.support.browser import BROWSER_OPTIONS, CHROMIUM
 from tests.support.hands import drag, newest
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually, frames_of
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.browser.flatten import scene_message
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
 from vemlight.runtime import wire
@@ -307,3 +309,31 @@ def test_a_scene_that_did_not_come_is_asked_for_again(opened, simulated, softwar
     page.locator("#relit-camera").wait_for(timeout=PATIENCE_S * 1e3)
     assert refused
     page.close()
+
+
+def test_near_lights_of_a_rig_are_drawn_where_they_are(tmp_path, software_gl_browser):
+    """From the wire's `points` to the picture: two lamps beside six directional lights, which the line says."""
+    tmp_path.chmod(0o700)
+    cameras = [{"name": name, "source": name, "at": [k, 0, 1]} for k, name in enumerate("ab")]
+    (tmp_path / "rig.toml").write_text(tomli_w.dumps({"camera": cameras}))
+    at, intensity = np.array([[1.6, 0.1, 1.2], [-1.6, 0.1, 1.0]]), np.full((2, 3), 5.0)
+    near = NearLightSet.of(np.array([3, 4]), at, intensity, np.full(2, 0.05), np.zeros(2))
+
+    def frames(sequence: int, _: int) -> dict:
+        made = frames_of(sequence, 6)
+        points = wire.PointsMessage(stamp=made["sampler"][0].stamp, count=2, report=wire.PointsReport(cameras=2, near_lights=2))  # type: ignore[union-attr]
+        return made | {"fuse": (points, near.arrays())}
+
+    simulated = SimulatedServices(Wire(folder=str(tmp_path)), frames, ("fuse", "sampler", "renderer"))
+    simulated.scene = scene_message(load_scene(BUNDLED_SCENE), DRAWING)
+    simulated.start()
+    viewer = ViewerProcess(tmp_path, more=f'[rig]\nfile = "{tmp_path}/rig.toml"')
+    viewer.first_line()
+    page = software_gl_browser.new_page()
+    page.goto(viewer.url)
+    page.locator("#relit-camera").wait_for(timeout=PATIENCE_S * 1e3)
+    page.get_by_role("button", name="Browser", exact=True).click()
+    eventually(lambda: "8 lights, 2 of them near" in page.locator("#relit-line").inner_text(), "near lights in the line")
+    page.close()
+    viewer.end()
+    simulated.end()

@@ -48,7 +48,8 @@ class Lights(NamedTuple):
 def lights(
     address: str = "", keys: str | Path | None = None, timeout_s: float | None = None, context: "zmq.Context[Any] | None" = None
 ) -> Generator[Lights, None, None]:
-    """The newest frame each time one is asked for; frames that came meanwhile are passed over. Ends never.
+    """The newest frame each time one is asked for; frames that came meanwhile are passed over. Ends never. Of a rig of cameras the
+    sampler's lights are without near lights; a relay's have them, as directional lights.
 
     address: of the sampler's or a relay's `publish` socket, tcp://HOST:5602 or ipc:///FOLDER/sampler.publish; empty: this user's, on this
     machine. keys: the folder that `vemlight keys` made, for tcp with keys. Raises TimeoutError when none comes for `timeout_s`, ValueError

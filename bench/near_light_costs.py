@@ -1,6 +1,7 @@
 """What near lights cost in pictures of the bundled scene, and what a picture loses that has no time for all.
 
     python -m bench.near_light_costs [--counts 1,16,64,256] [--shadows rays|maps] [--size 640x480] [--pictures FOLDER]
+    python -m bench.near_light_costs --fewer
 
 For each count of lamps the processor's time for a picture of a file (4 samples a pixel, one bounce), for a live frame when nothing is
 cached and for one when all is, without a limit: of all cores together, which a busy machine changes least. Then live frames of 100 ms,
@@ -19,9 +20,11 @@ import numpy as np
 from vemlight.light.images import write_png
 from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import NearLightSet
+from vemlight.renderer.frame_budget import MIN_LIGHTS
 from vemlight.renderer.frame_plan import initial_state
 from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.output.tonemap import adapt, tone_mapped
+from vemlight.renderer.passes.near_lights.near_light_plan import near_of, strongest_first, with_joined
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.settings import Renderer as Settings
@@ -84,27 +87,49 @@ def in_time(options: argparse.Namespace, count: int) -> tuple[float, int, np.nda
     return float(np.median(times[FRAMES:])), drawn, picture
 
 
+def errors(picture: np.ndarray, wanted: np.ndarray) -> str:
+    """Median relative error of the pixels that are lit, relative RMSE and light of a picture over those of another."""
+    a, b = (each[..., :3].astype(np.float64).mean(axis=-1) for each in (picture, wanted))
+    lit = b > 0
+    median, rmse = np.median(np.abs(a - b)[lit] / b[lit]), np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2))
+    return f"{median:6.3f} {rmse:5.2f} {a.mean() / b.mean():6.2f}"
+
+
+def fewer(options: argparse.Namespace, count: int) -> None:
+    """Prints what MIN_LIGHTS of the lamps err by, with the others' light and without, where there is no bounce."""
+    settings = Settings(width=options.size[0], height=options.size[1], shadows=options.shadows, bounces=0)
+    sequence = FrameSequence(Renderer(load_scene(None), settings))
+    near, placed = strongest_first(lamps(count), sequence.state.placed), sequence.state.placed
+    whole = sequence.render(LightSet.none(), near=near)
+    for words, few in (
+        ("with the others' light", with_joined(near, MIN_LIGHTS, placed)),
+        ("without it", near_of(near, np.arange(MIN_LIGHTS))),
+    ):
+        print(f"{MIN_LIGHTS} of {count:3}: {errors(sequence.render(LightSet.none(), near=few), whole)} {words}", flush=True)
+    sequence.release()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--counts", type=lambda text: [int(part) for part in text.split(",")], default=[1, 16, 64, 256])
     parser.add_argument("--shadows", choices=("rays", "maps"), default="rays")
     parser.add_argument("--size", type=lambda text: [int(part) for part in text.split("x")], default=[640, 480])
     parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--fewer", action="store_true", help="only what the fewest lamps err by, with the others' light and without")
     options = parser.parse_args()
+    if options.fewer:
+        print("lamps       error  RMSE  light")
+        for count in options.counts:
+            fewer(options, count)
+        return
     print("lamps  file s  live anew ms  cached ms  in 100 ms: ms  drawn  error  RMSE  light  load")
     for count in options.counts:
         near = lamps(count)
         took_s, exact = still(options, near)
         anew_ms, cached_ms, whole = live(options, near)
         frame_ms, drawn, picture = in_time(options, count)
-        got, wanted = (each[..., :3].astype(np.float64).mean(axis=-1) for each in (picture, whole))
-        lit = wanted > 0
-        error = float(np.median(np.abs(got - wanted)[lit] / wanted[lit]))
-        rmse, light = float(np.sqrt(np.mean((got - wanted) ** 2) / np.mean(wanted**2))), float(got.mean() / wanted.mean())
-        numbers = (
-            f"{count:5} {took_s:7.2f} {anew_ms:13.0f} {cached_ms:10.0f} {frame_ms:14.0f} {drawn:6} {error:6.3f} {rmse:5.2f} {light:6.2f}"
-        )
-        print(f"{numbers} {os.getloadavg()[0]:5.1f}", flush=True)
+        costs = f"{count:5} {took_s:7.2f} {anew_ms:13.0f} {cached_ms:10.0f} {frame_ms:14.0f} {drawn:6}"
+        print(f"{costs} {errors(picture, whole)} {os.getloadavg()[0]:5.1f}", flush=True)
         if options.pictures:
             options.pictures.mkdir(parents=True, exist_ok=True)
             eye = adapt(None, exact, 0.0)

@@ -7,11 +7,9 @@ lights, the covariance of all that it stands for, and the kept one's id.
 import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb
-from vemlight.light.light_set import LightSet
+from vemlight.light.light_set import MATRIX_OF_SIX, SIX_OF_MATRIX, LightSet
 
 STAY = 1.25  # a light that was kept counts so much more, or two of like strength would take turns; 1.1 to 2 would do
-FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # of a covariance's six numbers the nine of its matrix
-HALF = [0, 1, 2, 4, 5, 8]  # and back
 
 
 def fewer_lights(lights: LightSet, count: int, kept_before: np.ndarray) -> LightSet:
@@ -35,8 +33,8 @@ def fewer_lights(lights: LightSet, count: int, kept_before: np.ndarray) -> Light
     mean = share @ means
     length = np.linalg.norm(mean, axis=1, keepdims=True)
     towards = np.where(length > 1e-6, mean / np.maximum(length, 1e-6), directions[kept])
-    second = share @ (extents[:, FULL] + np.einsum("ni,nj->nij", means, means).reshape(-1, 9))
-    covariances = (second - np.einsum("ni,nj->nij", mean, mean).reshape(-1, 9))[:, HALF]
+    second = share @ (extents[:, np.ravel(MATRIX_OF_SIX)] + np.einsum("ni,nj->nij", means, means).reshape(-1, 9))
+    covariances = (second - np.einsum("ni,nj->nij", mean, mean).reshape(-1, 9))[:, SIX_OF_MATRIX]
     irradiance = np.zeros((count, 3))
     np.add.at(irradiance, owner, lights.irradiance.astype(np.float64))
     return LightSet.of(lights.ids[kept], towards, irradiance, None if lights.covariances is None else covariances)

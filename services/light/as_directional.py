@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from vemlight.light.light_set import LightSet, NearLights
+from vemlight.light.light_set import SIX_OF_MATRIX, LightSet, NearLights
 
 NEAR_IDS = 2**30  # added to a near light's id, which may be that of a directional one; below what OSC and float64 hold
-HALF = [0, 1, 2, 4, 5, 8]  # of a 3 x 3 matrix: xx xy xz yy yz zz
 
 
 def as_directional(lights: LightSet, near: NearLights | None, place: np.ndarray | tuple[float, float, float] | None = None) -> LightSet:
@@ -23,7 +22,7 @@ def as_directional(lights: LightSet, near: NearLights | None, place: np.ndarray 
     if lights.covariances is not None:
         variance = np.minimum(points.radius / np.maximum(distance, 1e-9), 1.0) ** 2 / 4
         across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-        extents = (across * variance[:, None, None]).reshape(-1, 9)[:, HALF]
+        extents = (across * variance[:, None, None]).reshape(-1, 9)[:, SIX_OF_MATRIX]
         covariances = np.concatenate([lights.covariances, extents])
     return LightSet.of(
         np.concatenate([lights.ids, points.ids % NEAR_IDS + NEAR_IDS]),

@@ -17,6 +17,8 @@ from vemlight.light.near_lights import NearLightRow, NearLightSet, near_light_ro
 from vemlight.light.sphere import Coverage
 
 MAX_ROUNDING = 1e-6  # of a covariance: ten roundings of float32
+MATRIX_OF_SIX = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]  # which of a covariance's six numbers each cell of its matrix is
+SIX_OF_MATRIX = [0, 1, 2, 4, 5, 8]  # and back, of its nine cells in a row
 
 
 class LightSet(NamedTuple):
@@ -48,7 +50,7 @@ class LightSet(NamedTuple):
 
 def are_covariances(covariances: np.ndarray) -> bool:
     """Whether directions can vary so: (n, 6) finite, no eigenvalue below 0 and no trace above 1 by more than MAX_ROUNDING."""
-    full = covariances.astype(np.float64)[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    full = covariances.astype(np.float64)[:, MATRIX_OF_SIX]
     if not np.isfinite(full).all():
         return False
     values = np.linalg.eigvalsh(full)

@@ -206,7 +206,7 @@ def test_the_disk_is_the_one_written_to(settings, tmp_path, monkeypatch):
     assert one(out, "disk").grade == "fail"
 
 
-@pytest.mark.parametrize(("hard", "grade", "peers"), [(256, "warn", 64), (1023, "warn", 319), (1024, "pass", 320), (2**20, "pass", 2048)])
+@pytest.mark.parametrize(("hard", "grade", "peers"), [(256, "warn", 42), (1023, "warn", 298), (1024, "pass", 298), (2**20, "pass", 2048)])
 def test_open_files_and_the_peers_that_they_allow(settings, monkeypatch, hard, grade, peers):
     monkeypatch.setattr(doctor, "hard_file_limit", lambda: hard)
     finding = one(settings, "open files")

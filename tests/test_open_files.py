@@ -5,6 +5,7 @@ import resource
 import pytest
 
 from tests.support.hostile_peers.__main__ import cost_of
+from vemlight.runtime.instances import MAX_CAMERAS
 from vemlight.runtime.open_files import MAX_PEERS, OWN_FILES, file_limit, hard_file_limit, peer_limit, raise_file_limit
 
 
@@ -21,6 +22,7 @@ def test_the_limit_is_raised_to_the_hard_one():
 def test_peers_leave_room_for_the_service_and_for_those_that_come_meanwhile(files):
     assert 1 <= peer_limit(files) <= MAX_PEERS
     assert peer_limit(files) == 1 or OWN_FILES + 2 * peer_limit(files) <= files
+    assert peer_limit(files) == 1 or 45 + 4 * MAX_CAMERAS + 3 * peer_limit(files) <= files, "a rig's viewer, in a crowd"
     assert MAX_PEERS >= 1000  # subscribers that one machine can serve
     assert peer_limit(2**20) == MAX_PEERS
 

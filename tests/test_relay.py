@@ -211,7 +211,7 @@ def test_a_crowd_beyond_its_open_files_is_refused_in_one_line_and_listeners_go_o
         each.close()
     supervisor.kill()
     wait_until(lambda: not children(supervisor.pid), "the end of the worker", 10)
-    refused = "refused a peer: 64 are connected, as many as a limit of 256 open files allows; raise it"
+    refused = "refused a peer: 42 are connected, as many as a limit of 256 open files allows; raise it"
     wait_until(lambda: sum(refused in line for line in said) == 1, "one line that says so", 5)
 
 

@@ -6,7 +6,9 @@ disconnects peers long before.
 
 import resource
 
-OWN_FILES = 64  # of a service without peers: sockets, monitors, libraries, the source; the viewer has 45, the sampler 40
+# Of a service without peers: sockets, monitors, libraries, the source. The viewer has 45, the sampler 40, and each of MAX_CAMERAS of a rig
+# takes 4 more in fuse and viewer. 112 to 192 would do
+OWN_FILES = 128
 FEW_FILES = 1024  # below this the peers of a busy day are too many; 512 to 4096 would do
 MAX_PEERS = 2048  # of a service: twice the thousand subscribers that one machine can serve with lights at 30 a second
 

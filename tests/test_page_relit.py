@@ -14,7 +14,7 @@ from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.browser.flatten import scene_message
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
 from vemlight.runtime import wire
-from vemlight.runtime.reports import ImageReport
+from vemlight.runtime.reports import ImageReport, PointsReport
 from vemlight.settings import Renderer, Wire
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
@@ -321,7 +321,7 @@ def test_near_lights_of_a_rig_are_drawn_where_they_are(tmp_path, software_gl_bro
 
     def frames(sequence: int, _: int) -> dict:
         made = frames_of(sequence, 6)
-        points = wire.PointsMessage(stamp=made["sampler"][0].stamp, count=2, report=wire.PointsReport(cameras=2, near_lights=2))  # type: ignore[union-attr]
+        points = wire.PointsMessage(stamp=made["sampler"][0].stamp, count=2, report=PointsReport(cameras=2, near_lights=2))  # type: ignore[union-attr]
         return made | {"fuse": (points, near.arrays())}
 
     simulated = SimulatedServices(Wire(folder=str(tmp_path)), frames, ("fuse", "sampler", "renderer"))

@@ -17,7 +17,8 @@ import tomli_w
 
 from vemlight.errors import UserError, printable_line
 from vemlight.runtime.children import plain_environment
-from vemlight.settings import Settings, is_camera
+from vemlight.settings import Settings
+from vemlight.source_names import is_camera
 
 MAX_TEXT = 400  # letters of a line
 MAX_LINE = 2**16  # bytes of one that the child prints; it prints under a thousand

@@ -100,6 +100,8 @@ MUTANTS = [
     ]),
     *mutants_of("services/renderer/passes/luminaires/rasterised_luminaire.py", f"{T}illumination.py", [
         ("cells doubled", "MAX_CELLS = 2048", "MAX_CELLS = 4096"),
+    ]),
+    *mutants_of("services/renderer/passes/luminaires/depth_range.py", f"{T}illumination.py", [
         ("far plane of the maps", "FAR_MARGIN = 1.01", "FAR_MARGIN = 0.5"),
     ]),
     *mutants_of("services/renderer/passes/luminaires/cube_faces.glsl", f"{T}illumination.py", [

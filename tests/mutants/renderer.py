@@ -30,7 +30,7 @@ MUTANTS = [
         ("strong near lights doubled", "STRONG = 0.3", "STRONG = 0.05"),
         ("narrow near lights are coarse", "NARROW_RAD = 0.005", "NARROW_RAD = 0.0"),
         ("near lights kept for ever", "KEPT_RAD = np.radians(0.1)", "KEPT_RAD = np.radians(90)"),
-        ("dark near lights drawn", "order[added[order] > 0]", "order"),
+        ("dark near lights drawn", "np.flatnonzero(added > 0)", "np.flatnonzero(added >= 0)"),
     ]),
     *mutants_of(PASSES + "near_lights/near_light_plan.py", "tests/test_near_light_plan.py", [
         ("near lights lost for time", "    np.add.at(given, nearest, given[count:])\n", ""),

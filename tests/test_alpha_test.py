@@ -9,6 +9,7 @@ import pytest
 from tests.support.gltf_files import TexturedSquare
 from tests.support.rendering import SceneRenderer
 from vemlight.light.light_set import LightSet
+from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.mesh_files import read_meshes
@@ -180,6 +181,20 @@ def test_a_lamp_shines_through_holes(tmp_path):
     ring[5:27, 5:27] = False  # the ground beside the sheet
     assert whole[ring].mean() < 0.9 * half[ring].mean()
     assert half[ring].mean() < none[ring].mean() * 0.98
+
+
+def test_a_near_light_passes_what_of_a_mask_is_nearer_than_its_radius(tmp_path):
+    """A ball of .5 m, .2 m above the middle of the sheet: through a hole of .46 m it lights the ground to 1.6 m, far beyond the sheet."""
+    image = np.full((8, 8, 4), 255, np.uint8)
+    image[0, 0, 3] = 0  # a hole in a corner
+    renderer = renderer_of(tmp_path, sheet_of("MASK", 0.9, image, 0.5), ABOVE.replace("11.0", "30.0"), side=64)
+    row = np.abs((np.arange(64) + 0.5) / 32 - 1) * 10.5 * np.tan(np.radians(15.0))  # m from the middle, on the ground
+    for radius, reach in ((0.5, 1.6), (0.1, 0.0)):
+        renderer.near = NearLightSet.of(np.zeros(1), np.array([[0, 0, 0.2]]), np.full((1, 3), 5.0), np.full(1, radius), np.zeros(1))
+        ground = renderer.picture(DARK)[32, :, 0]
+        lit = ground > 0.05
+        assert np.array_equal(lit[(row > 1.1) & (np.abs(row - reach) > 0.1)], (row < reach)[(row > 1.1) & (np.abs(row - reach) > 0.1)])
+    renderer.release()
 
 
 def test_a_scene_of_nothing_but_holes_is_drawn(tmp_path):

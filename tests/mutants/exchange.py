@@ -44,6 +44,9 @@ MUTANTS = [
         ("another layout", "KIND, LAYOUT = 3, 1", "KIND, LAYOUT = 3, 2"),
         ("hemispheres for spheres", '("hemisphere", "sphere")', '("sphere", "hemisphere")'),
     ]),
+    *mutants_of("services/light/lights_binary.py", "tests/test_placed_lights.py tests/test_viewer_state.py", [
+        ("near lights out of place", "(points.at, points.intensity, points.radius)", "(points.intensity, points.at, points.radius)"),
+    ]),
     *mutants_of("vemlight_client.py", "tests/test_vemlight_client.py", [
         ("a short queue", "QUEUE = 1000", "QUEUE = 4"),
         ("any version", 'if header.get("version", 1) != VERSION:', "if False:"),

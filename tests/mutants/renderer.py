@@ -54,6 +54,16 @@ MUTANTS = [
     *mutants_of(PASSES + "near_lights/near_light_map.frag", "tests/test_near_light_drawing.py", [
         ("casters within the radius", "if (dot(from_light, from_light) < light_radius * light_radius) discard;", ""),
     ]),
+    *mutants_of(PASSES + "shadow_maps/shadow_alpha_test.frag", "tests/test_alpha_test.py", [
+        ("masks within the radius", "if (dot(from_light, from_light) < light_radius * light_radius) discard;", ""),
+    ]),
+    *mutants_of(PASSES + "luminaires/depth_range.py", "tests/test_near_light_drawing.py tests/test_luminaire_illumination.py", [
+        ("the farthest mesh", 'np.quantile(farthest, QUARTER, method="lower")', "farthest.max()"),
+    ]),
+    *mutants_of(PASSES + "luminaires/occluders.py", "tests/test_near_light_drawing.py", [
+        ("long triangles", "= seen_short((mesh.geometry for mesh in scene.meshes), scene.camera)",
+         "= [each.geometry for each in scene.meshes]"),
+    ]),
     *mutants_of(RENDERER + "rays/near_tracing.py", "tests/test_near_light_drawing.py", [
         ("live penumbrae of dots", "    if whole:\n        return arriving\n", "    return arriving\n"),
         ("rays go through the ball", "(w - np.sqrt(inside))", "(w + np.sqrt(inside))"),

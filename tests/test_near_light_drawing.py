@@ -15,6 +15,7 @@ from vemlight.renderer.frame_budget import MIN_LIGHTS
 from vemlight.renderer.passes.near_lights.near_light_plan import mean_irradiance, near_within
 from vemlight.renderer.passes.near_lights.near_light_views import face_windows
 from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
+from vemlight.renderer.rays import near_tracing
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
@@ -352,6 +353,20 @@ def test_coarse_pixels_do_for_weak_wide_lights_alone_and_change_little(tmp_path)
         renderer.release()
     whole, live = pictures
     assert np.sqrt(np.mean((live - whole) ** 2) / np.mean(whole**2)) < 0.02
+
+
+def test_the_first_near_lights_wait_for_no_compiler(tmp_path):
+    """What `warm` compiled is what one light, several, and those on coarse pixels run."""
+    wanted = Settings(width=400, height=300, shadows="rays", frame_ms=10_000.0, bounces=0)
+    renderer = SceneRenderer(scene_of(tmp_path, ABOVE + GROUND + BOX), wanted, 1)
+    renderer.renderer.warm(near=True)
+    for places in ([(0.3, 0.1, 1.5)], [(np.cos(turn), np.sin(turn), 1.5) for turn in range(5)]):
+        renderer.near = near_lights(*places, radius=0.15)
+        renderer.picture(DARK)
+    assert renderer.plan.near[0].coarse.any()
+    renderer.release()
+    kernels = (near_tracing._trace, near_tracing._smooth, near_tracing._spread)
+    assert [len(kernel.signatures) for kernel in kernels] == [1, 1, 1]
 
 
 def test_the_renderer_takes_points_and_says_how_many_it_leaves_out(tmp_path):

@@ -8,7 +8,7 @@ export class Controls {
     this.inputAt = -Infinity;
     this.pending = null;
     this.sending = false;
-    this.paused = false;
+    this.paused = this.typing = false; // typing: a number of lights, which is not chosen yet
     this.settings = {}; // what counts where nothing is chosen
     this.onChoose = null; // is given each choice before it is made
     for (const id of ["count", "count-number", "exposure", "exposure-text", "filtered", "pause", "reset", "no-controls"]) {
@@ -17,7 +17,10 @@ export class Controls {
     this.fieldsets = document.querySelectorAll("#controls fieldset");
     document.getElementById("controls").addEventListener("submit", (event) => event.preventDefault());
     this.count.addEventListener("input", () => this.choose({ count: countFrom(this.count.value) }));
+    this["count-number"].addEventListener("input", () => { this.typing = true; });
+    this["count-number"].addEventListener("blur", () => { this.typing = false; });
     this["count-number"].addEventListener("change", () => {
+      this.typing = false;
       const value = Math.round(Number(this["count-number"].value));
       this.choose({ count: Math.min(1000, Math.max(1, value || 1)) });
     });
@@ -43,7 +46,7 @@ export class Controls {
   show(inForce) {
     if ("count" in inForce) {
       if (countFrom(this.count.value) !== inForce.count) this.count.value = Math.round(100 * Math.log10(inForce.count));
-      if (document.activeElement !== this["count-number"] || performance.now() - this.inputAt < 50) this["count-number"].value = inForce.count;
+      if (!this.typing) this["count-number"].value = inForce.count;
       this.count.setAttribute("aria-valuetext", `${inForce.count} lights`);
     }
     if ("exposure" in inForce) {

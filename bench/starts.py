@@ -23,11 +23,13 @@ import zmq
 
 from vemlight.runtime import wire
 from vemlight.runtime.peers import receive
+from vemlight.runtime.restarts import GIVE_UP_S, MAX_DEATHS
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
 
 SERVICES = ("capture", "sampler", "renderer", "viewer")
 RUNS = 5  # of a command; the median is printed
+PAUSE_S = GIVE_UP_S / (MAX_DEATHS - 1) + 1  # between two kills of a service, however soon it is back: sooner, and the supervisor gives up
 START_S, BACK_S = 300.0, 60.0  # longest waits for a first picture and after a kill
 
 
@@ -110,7 +112,9 @@ def kills(count: int) -> None:
         for service in SERVICES[:3]:
             lights, images = [], []
             for _ in range(count):
-                time.sleep(13)  # the supervisor waits longer after deaths within a minute, and gives up after five
+                time.sleep(PAUSE_S)
+                if run.process.poll() is not None:
+                    sys.exit(f"the run has ended with status {run.process.returncode}")
                 run.kill(service)
                 light_s, image_s = run.arrivals(time.monotonic_ns(), BACK_S)
                 lights.append(light_s)

@@ -74,9 +74,9 @@ def relit(page: Any) -> None:
     page.locator("#relit-camera").wait_for(timeout=START_MS)
     page.locator("[data-relit=split]").click()
     box = page.locator("#picture").bounding_box()
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.move(box["x"] + box["width"] / 4, box["y"] + box["height"] / 2)  # beside the line between the two
     page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] / 2 - 30, box["y"] + box["height"] / 2 + 10, steps=4)
+    page.mouse.move(box["x"] + box["width"] / 4 - 30, box["y"] + box["height"] / 2 + 10, steps=4)
     page.mouse.up()
     page.locator("#relit[data-shown]").wait_for(timeout=START_MS)
     page.evaluate("scrollTo(0, 0)")

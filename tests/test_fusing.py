@@ -4,11 +4,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.support.analytic_rooms import PAIR, SQUARE, TRIANGLE, Room, maps_of, noisy, rig_of, sphere_lamp
+from tests.support.analytic_rooms import PAIR, SQUARE, TRIANGLE, Room, maps_of, noisy, rig_of, room_map, sphere_lamp
 from tests.support.lamp_maps import Bulb, far, lamp_map, lamp_maps
 from vemlight.fuse import compact_sources
 from vemlight.fuse.fusing import FuseState, fuse_step, fuse_still
+from vemlight.fuse.gains import gains_by_walls, initial_gains
 from vemlight.fuse.set_packing import best_disjoint
+from vemlight.light.bright_cells import NO_BRIGHT_CELLS
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.near_lights import NearLightSet
 from vemlight.light.sphere import cell_directions, map_irradiance
 from vemlight.sampler.sampler_input import SamplerInput
@@ -223,6 +226,31 @@ def test_a_silent_camera_is_left_out_and_returns():
         fuse_step(FuseState.start(rig), [None] * 3)
 
 
+def test_a_covered_camera_counts_as_silent():
+    """A black map beside others would lessen their mean, and speak against every lamp that it should show."""
+    rng = np.random.default_rng(31)
+    rig = rig_of(TRIANGLE)
+    maps = lamp_maps(BULBS, rig, rng)
+    black = maps[1]._replace(radiance=np.zeros_like(maps[1].radiance), bright_cells=NO_BRIGHT_CELLS)
+    without, with_ = (fused(rig, [[maps[0], each, maps[2]]] * 2)[-1] for each in (None, black))
+    assert without[2].silent == with_[2].silent == ("b",)
+    assert (len(with_[1].ids), with_[2].unexplained) == (3, 0)
+    np.testing.assert_array_equal(with_[2].irradiance, without[2].irradiance)
+
+
+def test_a_source_that_another_camera_may_have_left_out_speaks_against_no_pose():
+    """Sources end at 0.2 % of a map's light: what one camera sees just above that, the next may have just below."""
+    rng = np.random.default_rng(32)
+    rig = rig_of(TRIANGLE)
+    maps = lamp_maps(BULBS, rig, rng)
+    power = float(luminance_from_rgb(map_irradiance(maps[0].radiance, maps[0].coverage)))
+    for times, unexplained in ((1.25, 0), (2.5, 1)):
+        faint = far((-0.5, -0.5, 1.0), times * compact_sources.MIN_SHARE * power, 0.02)
+        first = lamp_map((*BULBS, faint), TRIANGLE[0], np.eye(3))
+        report = fused(rig, [[first, *maps[1:]]] * 2, rng)[-1][2]
+        assert (report.sources, report.unexplained) == (10, unexplained)
+
+
 def test_a_step_leaves_the_state_before_it_as_it_was():
     rng = np.random.default_rng(19)
     rig = rig_of(PAIR)
@@ -265,6 +293,19 @@ def test_a_camera_in_another_unit_is_brought_to_the_first_ones():
     assert len(results[-1][1].ids) == 3
     plain = fused(rig, [maps] * 6, rng)[-1]
     np.testing.assert_array_equal(plain[2].gains, 1)  # what is alike is left alone
+
+
+def test_walls_of_other_colours_are_no_gain():
+    """Cameras four metres apart look at other parts of a room with coloured walls: only what is alike in all of them is a gain."""
+    rng = np.random.default_rng(33)
+    wide = np.array([[-2.0, 0.3, 1.2], [2.0, -0.3, 1.2]])
+    for _ in range(6):
+        room = Room(np.array([9.0, 7.0, 3.0]), rng.uniform(0.1, 0.9, (6, 3)), (sphere_lamp((rng.uniform(-3, 3), 1.5, 2.2), 2.0),))
+        alike, other = ([room_map(room, place) for place in places] for places in (wide, wide / 16 + (0, 0, 1.1)))
+        np.testing.assert_array_equal(gains_by_walls(initial_gains(rig_of(wide)), rig_of(wide), alike).ln, 0)
+        changed = other[1]._replace(radiance=other[1].radiance * np.array([0.2, 0.25, 0.3], np.float32))
+        found = gains_by_walls(initial_gains(rig_of(wide)), rig_of(wide), [other[0], changed])
+        np.testing.assert_allclose(np.exp(found.ln[1]) * (0.2, 0.25, 0.3), 1, rtol=0.15)
 
 
 def test_a_still_is_known_as_well_as_one_frame_and_no_better():

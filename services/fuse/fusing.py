@@ -64,10 +64,11 @@ class FuseReport(NamedTuple):
 
     irradiance: (3,) float64, integral at the rig's centre of the fused map and the near lights together. sources: compact sources seen,
     of all cameras. located: near lights. hidden: of them, not located in this frame. unexplained: sources that two cameras should see and
-    that no place explains, as when a pose is wrong by more than the rig file says. silent: names of cameras without a map. gains:
-    (cameras, 3), in use. uncovered: fraction of the fused map that no camera sees. misfit: how far the lights of two or more cameras are
-    from one place each, chi2 over its degrees of freedom; 0.1 to 0.9 where poses are as good as the rig file says. believed: whether it is
-    small enough for near lights to be published. limits: those of this program that were reached, in words.
+    that no place explains, as when a pose is wrong by more than the rig file says. silent: names of cameras without a map, or without any
+    light in it beside others that have some. gains: (cameras, 3), in use. uncovered: fraction of the fused map that no camera sees. misfit:
+    how far the lights of two or more cameras are from one place each, chi2 over its degrees of freedom; 0.1 to 0.9 where poses are as good
+    as the rig file says. believed: whether it is small enough for near lights to be published. limits: those of this program that were
+    reached, in words.
     """
 
     irradiance: np.ndarray
@@ -97,11 +98,13 @@ def fuse_step(
 ) -> tuple[FuseState, EnvironmentMap, NearLightSet, FuseReport]:
     """The fused map, in the world's axes and true at the rig's centre, without the near lights, and these.
 
-    maps: one of each camera in the rig's order, in its own axes; None where it is silent. saturated: of each camera, whether its map has
-    pixels at the sensor's highest code; left out: none has. Raises ValueError when all are silent.
+    maps: one of each camera in the rig's order, in its own axes; None where it is silent, as one is taken to be that has no light beside
+    others. saturated: of each camera, whether its map has pixels at the sensor's highest code; left out: none has. Raises ValueError when
+    all are silent.
     """
     if all(each is None for each in maps):
         raise ValueError("all cameras are silent")
+    maps = _lit(maps)
     gains = gains_by_walls(state.gains, state.rig, maps)
     in_use = np.exp(gains.ln)
     found = [compact_sources(each) if each else None for each in maps]
@@ -111,7 +114,7 @@ def fuse_step(
     lights = followed(state.lights, _measured(matched, seen, found), _is_still_lit(state.lights.tracks, seen))
     gains = gains_by_lights(gains, state.rig, matched, _known_fluxes(found, in_use, seen), seen.offsets)
     near, seen_near = _published(lights.tracks, state.rig, state.hits)
-    unexplained = _unexplained(matched, seen)
+    unexplained = _unexplained(matched, seen, found)
     now = _frame_fit(matched, seen, unexplained)
     misfit = _misfit(state.misfit, now)
     believed = _is_believed(misfit, now)
@@ -133,6 +136,12 @@ def fuse_step(
         limits=_limits(state.rig, found, matched, seen_near),
     )
     return state._replace(gains=gains, lights=lights, misfit=misfit), rest.map, points, report
+
+
+def _lit(maps: Sequence[EnvironmentMap | None]) -> list[EnvironmentMap | None]:
+    """The maps; None for one without light beside others with it: its lens is covered, and it tells neither light nor darkness."""
+    lit = [each is not None and bool((each.radiance > 0).any()) for each in maps]
+    return [each if here or not any(lit) else None for each, here in zip(maps, lit, strict=True)]
 
 
 def _known_fluxes(found: Sequence[CompactSources | None], gains: np.ndarray, seen: SeenSources) -> list[np.ndarray]:
@@ -304,14 +313,16 @@ def _near_lights(near: Tracks, centre: np.ndarray, misfit: float) -> NearLightSe
     )
 
 
-def _unexplained(matched: Matches, seen: SeenSources) -> int:
-    """Sources that two cameras should see, and that are no light of two cameras."""
+def _unexplained(matched: Matches, seen: SeenSources, found: Sequence[CompactSources | None]) -> int:
+    """Sources that two cameras should see, and that are no light of two cameras; what another one may have left out says nothing."""
     count = 0
-    for k in range(len(seen.counts)):
+    for k, each in enumerate(found):
+        if each is None:
+            continue
         explained = np.zeros(seen.counts[k], bool)
         explained[matched.sources[matched.sources[:, k] >= 0, k]] = True
         others = seen.table[k, : seen.counts[k], :3] @ seen.axes.T > seen.limits
-        count += int(np.count_nonzero(~explained & (others.sum(axis=1) >= 2)))
+        count += int(np.count_nonzero(~explained & each.sure & (others.sum(axis=1) >= 2)))
     return count
 
 

@@ -1,7 +1,8 @@
 """Gains that bring a rig's cameras to one radiance unit, from what they see in common.
 
 Roughly, from the walls: two cameras' ratio in a channel is the median over blocks of the world that both see whole. Walls are nearer to
-one camera than to another, so it is believed only beyond ROUGH_LN, or ROUGH_COLOUR between channels. Then from lights that several cameras
+one camera than to another, so it is believed only beyond ROUGH_LN, or ROUGH_COLOUR between channels, and beyond what the blocks' own
+scatter makes of it: a gain is the same in all, walls are not. Then from lights that several cameras
 see: flux times squared distance is the same for all. A gain that the rig file states stands; one that is not surely another than 1 stays 1.
 """
 
@@ -20,6 +21,7 @@ BLOCKS = Layout(12, 24, "sphere")  # of 15 degrees: as wide as a wall's parallax
 MIN_BLOCKS = 6  # that two cameras must have in common
 ROUGH_LN = 0.7  # of a ratio: cameras a metre apart in small rooms see walls differ by 0.5
 ROUGH_COLOUR = 0.15  # of a channel's over another's: walls of other colours make 0.05
+WALLS = 5  # that look different, over the hemisphere: blocks of one wall are alike, and their number counts for nothing
 ROUGH_SIGMA, FINE_SIGMA = 0.4, 0.05  # of ln of a gain by walls and by lights
 SURE_SIGMAS = 4.0  # from 1 and more, a gain by lights is believed
 MIN_LIGHTS = 2  # one alone may shine more to one side
@@ -64,11 +66,26 @@ def gains_by_walls(before: Gains, rig: CameraRig, maps: Sequence[EnvironmentMap 
         if k == reference or own is None or first is None or rig.camera[k].gain:
             continue
         both = (own > 0).all(axis=1) & (first > 0).all(axis=1)  # nan where a block is not seen whole
-        ratio = np.median(np.log(own[both]) - np.log(first[both]), axis=0) if both.sum() >= MIN_BLOCKS else np.zeros(3)
+        ratio, sigma_of_ratio = _median_ratio(own[both], first[both])
         off = ratio + ln[k] - ln[reference]  # with the gain before a silence, 1 at first
-        if np.abs(off).max() > ROUGH_LN or np.ptp(off) > ROUGH_COLOUR:
+        sure = SURE_SIGMAS * sigma_of_ratio
+        if np.abs(off).max() > max(ROUGH_LN, sure) or np.ptp(off) > max(ROUGH_COLOUR, sure):
             ln[k], sigma[k] = ln[reference] - ratio, ROUGH_SIGMA
     return Gains(ln, sigma, frames)
+
+
+def _median_ratio(own: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, float]:
+    """Medians (3,) of ln of own / first (blocks, 3), and their standard deviation, of the channel that has the greatest; 0 of too few.
+
+    The deviation of a median is 1.25 that of a value over the root of their number, and of a value 1.48 times the median of the absolute
+    ones (Huber 1981, sections 1.2 and 5.1).
+    """
+    if len(own) < MIN_BLOCKS:
+        return np.zeros(3), 0.0
+    ratios = np.log(own) - np.log(first)
+    ratio = np.median(ratios, axis=0)
+    scatter = 1.48 * float(np.median(np.abs(ratios - ratio), axis=0).max())
+    return ratio, 1.25 * scatter / np.sqrt(WALLS * len(own) / (BLOCKS.rows * BLOCKS.cols / 2))
 
 
 def gains_by_lights(before: Gains, rig: CameraRig, matched: Matches, fluxes: Sequence[np.ndarray], offsets: np.ndarray) -> Gains:

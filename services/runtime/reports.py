@@ -84,7 +84,7 @@ class PointsReport(Report, frozen=True, tag="points"):
     """Measured while the maps of several cameras became one."""
 
     cameras: Annotated[Count, Meta(description="whose maps are in the newest frame")] = 0
-    silent_cameras: Annotated[Count, Meta(description="of the rig, that are left out because nothing comes")] = 0
+    silent_cameras: Annotated[Count, Meta(description="of the rig, that are left out because nothing comes, or nothing but black")] = 0
     sources: Annotated[Count, Meta(description="compact sources of light, in all maps")] = 0
     near_lights: Annotated[Count, Meta(description="located and tracked")] = 0
     hidden_lights: Annotated[Count, Meta(description="of them, those not seen well enough in the newest frame")] = 0

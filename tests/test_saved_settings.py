@@ -15,6 +15,7 @@ from vemlight.light.sphere import latlong_directions
 from vemlight.light.virtual_lamp import VirtualLamp
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
+from vemlight.runtime.session import SESSION
 from vemlight.sampler.stage import SamplerStage
 from vemlight.settings import Settings
 from vemlight.settings_file import read_settings
@@ -93,7 +94,8 @@ def test_poses_of_settings_and_page_are_joined_by_name(settings):
     assert {pose.name: pose.position for pose in joined} == {"box": (-1.0, 0.0, 0.4), "plane": (0.0, 0.0, 0.1)}
 
 
-def test_no_secret_is_in_it():
+def test_no_secret_is_in_it(monkeypatch):
+    monkeypatch.setenv(SESSION, "/run/1/session")
     source, token = "rtsp://me:secret@camera/live?key=secret", "0123456789secret"
     given = {"capture": {"source": source}, "viewer": {"token": token}, "wire": {"folder": "/run/1"}}
     settings = msgspec.convert(given, Settings)
@@ -102,6 +104,14 @@ def test_no_secret_is_in_it():
     assert 'source = "rtsp://camera/live"' in text
     assert text.count("# Left out:") == 2
     assert "/run/1" not in text
+
+
+def test_a_second_runs_file_names_the_folder_that_it_shares_with_the_first(monkeypatch):
+    """Without it the saved file is refused, since its sampler is elsewhere, in sockets of that folder."""
+    monkeypatch.setenv(SESSION, "/run/1/session")
+    wired = {"folder": "/run/studio", "names": {"renderer": "renderer.wall"}, "elsewhere": ["capture", "sampler"]}
+    text = settings_file(msgspec.convert({"wire": wired}, Settings), wire.ControlMessage()).decode()
+    assert msgspec.toml.decode(text)["wire"] == wired
 
 
 def test_what_ends_with_the_run_is_left_out_in_a_line_each(settings):

@@ -8,6 +8,7 @@ import msgspec
 import tomli_w
 
 from vemlight.runtime import wire
+from vemlight.runtime.session import session_folder
 from vemlight.settings import Capture, Settings, chosen_capture
 from vemlight.source_names import is_live, shown_source
 
@@ -86,7 +87,8 @@ def settings_file(settings: Settings, control: wire.ControlMessage, source: wire
         if (shown := shown_source(part.source)) != part.source:
             saved = msgspec.structs.replace(saved, **{section: msgspec.structs.replace(part, source=shown)})
             left_out.append(f"# Left out: user, password and query of [{section}] source. Add them to the address if it needs them.\n")
-    if saved.wire.transport == "ipc":
+    session = session_folder()
+    if session is not None and saved.wire.folder == str(session.parent):  # made by this run and gone with it; any other is shared with runs
         saved = msgspec.structs.replace(saved, wire=msgspec.structs.replace(saved.wire, folder=""))
     sections = {key: value for key, value in _without_null(msgspec.to_builtins(saved)).items() if value != {}}
     text = NUMBERS.sub(lambda found: " ".join(found[0].split()).replace("[ ", "[").replace(", ]", "]"), tomli_w.dumps(sections))

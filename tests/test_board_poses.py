@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.board_photographs import LENS, board_photograph
 from vemlight.capture.calibration.board_pose import pose_from_rays
+from vemlight.capture.calibration.boards import CalibrationBoard
 from vemlight.capture.lens import write_lens
+from vemlight.commands.camera_rig_boards import poses_from_photographs
 from vemlight.commands.cli import main
 from vemlight.fuse.board_poses import MIN_MOMENTS, BoardFit, Pose, Sight, poses_from_boards
 from vemlight.fuse.bundle_adjustment import CalibrationError, Poses
@@ -146,6 +148,9 @@ def test_from_photographs_to_the_rig_file(rig):
 @pytest.mark.parametrize(("options", "said"), [
     (["--board", "8x5"], "--square: is missing; poses by a board take"),
     (["--wand", "a,b:1", "--board", "8x5"], "--wand: is one way, and a board another"),
+    (["--board", "8x5", "--square", "0.1", "--views", "{}/views", "--dictionary", "DICT_4X4_50"], "^vemlight: --marker: is missing"),
+    (["--board", "8x5", "--square", "0.1", "--views", "{}/views", "--dictionary", "DICT_4X4_50", "--marker", "0.05"],
+     "check --board, --dictionary, and"),
     ([], "--wand: is missing; add"),
     (["--board", "8x5", "--square", "0.1", "--views", "{}/nowhere"], "nowhere/a: there is no such folder; --views names one"),
     (["--board", "8x5", "--square", "0.1", "--views", "{}/fewer"], r"different numbers of photographs \(a 2, b 2, c 1\); keep one"),
@@ -162,6 +167,22 @@ def test_what_gives_no_poses_is_one_line_and_the_file_stays(rig, options, said):
     (line,) = done.stderr.splitlines()
     assert re.search(said, line), line
     assert (rig / "rig.toml").read_bytes() == before
+
+
+def test_photographs_are_paired_by_numbers_and_one_without_the_board_is_named(rig, tmp_path, capfd):
+    """One camera counts across 9 to 10, another across 99 to 100; by letters IMG_10 would come before IMG_8."""
+    for name, first in zip(NAMES, (8, 98, 1), strict=True):
+        (tmp_path / name).mkdir()
+        for n in range(len(BOARDS)):
+            (tmp_path / name / f"IMG_{first + n}.png").write_bytes((rig / "views" / name / f"shot_{n}.png").read_bytes())
+    cv2.imwrite(str(tmp_path / "b" / "IMG_100.png"), np.full((560, 560), 110, np.uint8))
+    taken = read_camera_rig(rig / "rig.toml")
+    fit = poses_from_photographs(rig / "rig.toml", taken, START, tmp_path, CalibrationBoard((COLS, ROWS), SQUARE_M))
+    turn_deg, metres = errors(fit)
+    assert turn_deg.max() < 0.1
+    assert metres.max() < 0.005
+    assert fit.moments.tolist() == [4, 4, 5]  # of a's IMG_9 the board is not found, either
+    assert "b: no board was found in IMG_100.png; the other 4 are used" in capfd.readouterr().err
 
 
 def test_photographs_of_another_size_than_the_lens_are_refused(rig, tmp_path):

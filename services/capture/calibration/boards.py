@@ -75,7 +75,8 @@ def read_views(paths: list[Path], board: CalibrationBoard) -> BoardViews:
     if not views or brightest is None:
         size = "x".join(map(str, board.corners))
         where = str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
-        raise UserError(f"{where}: no board of {size} inner corners was found; check --board, and that the photographs are sharp")
+        options = "--board, --dictionary" if board.dictionary else "--board"
+        raise UserError(f"{where}: no board of {size} inner corners was found; check {options}, and that the photographs are sharp")
     return BoardViews(views, without_board, brightest)
 
 
@@ -89,6 +90,8 @@ def check_board(board: CalibrationBoard) -> None:
     names = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
     if board.dictionary and board.dictionary not in names:
         raise UserError(f"--dictionary {board.dictionary}: OpenCV has none of that name; {choice_hint(board.dictionary, names)}")
+    if board.dictionary and not board.marker_m:
+        raise UserError("--marker: is missing; a ChArUco board takes the side of its markers in metres")
     if board.dictionary and not 0 < board.marker_m < board.square_m:
         limit = f"above 0 and below the --square of {board.square_m:g}"
         raise UserError(f"--marker {board.marker_m:g}: does not fit into the squares; give the side of a marker in metres, {limit}")

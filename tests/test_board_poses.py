@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.board_photographs import LENS, board_photograph
 from vemlight.capture.calibration.board_pose import pose_from_rays
-from vemlight.capture.calibration.boards import CalibrationBoard
+from vemlight.capture.calibration.boards import SEARCH_PX, CalibrationBoard, find_board
 from vemlight.capture.lens import write_lens
 from vemlight.commands.camera_rig_boards import poses_from_photographs
 from vemlight.commands.cli import main
@@ -192,3 +192,20 @@ def test_photographs_of_another_size_than_the_lens_are_refused(rig, tmp_path):
     done = CliRunner().invoke(main, command)
     assert done.exit_code == 2
     assert "its photographs are 560x560, and lens.toml is of 640x640; take them" in done.stderr
+
+
+def test_large_photographs_are_searched_in_a_small_copy_and_give_the_same_corners(monkeypatch):
+    photograph, board = board_photograph(TURNS[0], AT[0], *BOARDS[0], (COLS, ROWS), SQUARE_M), CalibrationBoard((COLS, ROWS), SQUARE_M)
+    small, searched = find_board("small", photograph, board), []
+    found = cv2.findChessboardCorners
+
+    def watched(image, *rest, **flags):
+        searched.append(image.shape)
+        return found(image, *rest, **flags)
+
+    monkeypatch.setattr(cv2, "findChessboardCorners", watched)
+    large = find_board("large", cv2.resize(photograph, None, fx=5, fy=5, interpolation=cv2.INTER_CUBIC), board)
+    assert small
+    assert large
+    assert searched == [(SEARCH_PX, SEARCH_PX)]
+    np.testing.assert_allclose((large.pixels + 0.5) / 5 - 0.5, small.pixels, atol=0.3)  # of squares of 12

@@ -84,9 +84,11 @@ def _fixtures() -> None:
 def _fuse() -> None:
     from vemlight.fuse.check import warm
     from vemlight.fuse.rig_file import CameraRig, RigCamera
+    from vemlight.fuse.service import layout_of_settings
+    from vemlight.settings import Settings
 
     cameras = (RigCamera(name="left", source="left", at=(-0.5, 0.0, 0.0)), RigCamera(name="right", source="right", at=(0.5, 0.0, 0.0)))
-    warm(CameraRig(camera=cameras))
+    warm(CameraRig(camera=cameras), layout_of_settings(Settings()))
 
 
 JOBS = (_sampler, _capture, _renderer, _fixtures, _fuse)

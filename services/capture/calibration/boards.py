@@ -13,6 +13,9 @@ from vemlight.toml import choice_hint
 
 QUICK = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ADAPTIVE_THRESH
 THOROUGH = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+# Larger photographs are searched in a smaller copy: OpenCV's search takes minutes for twelve megapixels without a board, and squares of the
+# largest board that is allowed are 20 pixels here. Corners are refined in the photograph itself; 1500 to 3000 would do.
+SEARCH_PX = 2000
 MIN_CHARUCO_CORNERS = 8  # in a view: a pose takes 4, and twice that is needed to notice a wrong one; 6 to 12 do
 MIN_CORNERS, MAX_CORNERS = 3, 100  # on a side: OpenCV finds no chessboard with fewer than 3; more than 100 would be under 10 px apart
 MIN_SQUARE_M, MAX_SQUARE_M = 1e-4, 100  # a tenth of a millimetre and a stadium: beyond, another unit was meant
@@ -104,12 +107,17 @@ def find_board(name: str, image: np.ndarray, board: CalibrationBoard) -> BoardVi
 
 def _find_chessboard(name: str, image: np.ndarray, board: CalibrationBoard) -> BoardView | None:
     cols, rows = board.corners
-    found, pixels = cv2.findChessboardCorners(image, (cols, rows), flags=QUICK)
+    shrink = max(1.0, max(image.shape) / SEARCH_PX)
+    height, width = (round(side / shrink) for side in image.shape)
+    searched = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) if shrink > 1 else image
+    found, pixels = cv2.findChessboardCorners(searched, (cols, rows), flags=QUICK)
     if not found:
-        found, pixels = cv2.findChessboardCornersSB(image, (cols, rows), flags=THOROUGH)
+        found, pixels = cv2.findChessboardCornersSB(searched, (cols, rows), flags=THOROUGH)
     if not found or pixels is None or pixels.size != 2 * cols * rows:
         return None
     grid = pixels.reshape(rows, cols, 2).astype(np.float64)
+    if shrink > 1:
+        grid = (grid + 0.5) * (np.array(image.shape[::-1]) / (width, height)) - 0.5
     spacing = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min()) for axis in (0, 1))
     points = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), -1).reshape(-1, 2) * board.square_m
     return BoardView(name, _refined(image, grid.reshape(-1, 2), spacing), points)

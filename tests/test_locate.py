@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -43,6 +44,7 @@ def test_a_recording_has_its_lamps_at_their_places_and_all_its_light(recorded):
     assert done.exit_code == 0, done.output
     assert "2 near lights in 3 frames of 3 cameras" in done.stdout
     assert "fit no place" not in done.stdout
+    assert "no near light is published" not in done.stdout
     rows = rows_of(recorded.with_name("lights.jsonl"))
     assert [row["sequence"] for row in rows] == [0, 1, 2]
     assert [row["time_s"] for row in rows] == pytest.approx([0.0, 0.04, 0.08])
@@ -56,6 +58,19 @@ def test_a_recording_has_its_lamps_at_their_places_and_all_its_light(recorded):
     for bulb in BULBS:
         at = min((point["at"] for point in rows[2]["points"]), key=lambda place: np.linalg.norm(np.subtract(place, bulb.at)))
         assert np.linalg.norm(np.subtract(at, bulb.at)) < 0.05
+
+
+def test_frames_whose_lamps_fit_no_place_publish_none_and_a_line_says_why(tmp_path):
+    """Three lamps, since two fit some place by chance more often."""
+    rng = np.random.default_rng(0)
+    maps = lamp_maps((*SKY, Bulb((0.7, -1.5, 2.1), (0.8, 0.8, 0.8))), RIG, rng)
+    wrong = rng.normal(0, 0.03, (3, 3))  # m, where the file says 2 mm
+    moved = [msgspec.structs.replace(c, at=tuple(np.add(c.at, by).tolist())) for c, by in zip(RIG.camera, wrong, strict=True)]
+    recorded = write_rig(tmp_path / "rig", msgspec.structs.replace(RIG, camera=tuple(moved)), [maps] * 3)
+    done = located(recorded)
+    assert done.exit_code == 0, done.output
+    assert "in 3 frames no near light is published: lamps do not fit one place each" in done.stdout
+    assert not any(row["points"] for row in rows_of(recorded.with_name("lights.jsonl")))
 
 
 def test_a_still_has_its_near_lights_though_they_are_seen_once(tmp_path, moments):

@@ -55,7 +55,7 @@ def write_located(options: LocateOptions) -> Report:
     given = {"count": options.count, "error_percent": options.error_percent, "soft": options.soft, "filter": None if count > 1 else "none"}
     sampling = section_from_options(settings.Sampler, given)
     x, y, z = map(float, rig.centre)
-    located, unexplained, done = set[int](), 0, 0
+    located, unexplained, misfits, done = set[int](), 0, 0, 0
     moments = _located_frames(options, rig, sources, count, sampling)
     first = next(moments)  # what cannot be read is found before anything is written
     with interruption.deferred(), written_whole(options.out) as part, open(part, "wb") as file:
@@ -64,13 +64,16 @@ def write_located(options: LocateOptions) -> Report:
             row = lights_row(frame.lights, k, frame.time_s, frame.coverage, frame.error, frame.clipped, near)
             file.write(lights_json(row) + b"\n")
             located |= set(frame.points.ids.tolist())
-            unexplained, done = max(unexplained, frame.report.unexplained), k + 1
+            unexplained, misfits, done = max(unexplained, frame.report.unexplained), misfits + (not frame.report.believed), k + 1
             if interruption.came and done < count:
                 raise Interrupted(f"there is no {options.out}")
     text = f"{options.out}: {len(located)} near lights in {done} frame{'s' if done > 1 else ''} of {len(rig.camera)} cameras"
     if unexplained:
         text += f"; up to {unexplained} compact sources a frame fit no place: hidden from other cameras, or a pose is wrong"
-    values = {"out": str(options.out), "frames": done, "near_lights": len(located), "unexplained": unexplained}
+    if misfits:
+        text += f"; in {misfits} frames no near light is published: lamps do not fit one place each within pose_deg and pose_m of the "
+        text += "rig: a pose is wrong by more, or the cameras see the lamps differently (panels from the side, lamps that are half hidden)"
+    values = {"out": str(options.out), "frames": done, "near_lights": len(located), "unexplained": unexplained, "misfits": misfits}
     return Report(text, values)
 
 

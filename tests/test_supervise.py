@@ -137,7 +137,9 @@ def test_a_service_that_dies_again_and_again_is_given_up(run):
 
 
 @pytest.fixture
-def clock(monkeypatch) -> list[float]:
+def clock(monkeypatch, tmp_path) -> list[float]:
+    """What time it is, in a folder of its own, as a child whose settings lie here leaves notes beside them."""
+    monkeypatch.chdir(tmp_path)
     now = [100.0]
     monkeypatch.setattr(supervise.time, "monotonic", lambda: now[0])
     return now

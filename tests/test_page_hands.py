@@ -225,7 +225,7 @@ def test_arming_and_pausing_are_no_entries(page, simulated):
     eventually(lambda: not newest(simulated).paused, "the end of the pause")
 
 
-def test_what_is_seen_is_saved(page, simulated):
+def test_what_is_seen_is_saved(page, simulated, folder):
     tool(page, "Lamp")
     page.mouse.click(*place(page, 10, 40))
     page.locator("#exposure").fill("-1")
@@ -237,7 +237,7 @@ def test_what_is_seen_is_saved(page, simulated):
     saved = record_from_toml("vemlight.toml", content, Settings)
     assert saved.renderer.exposure == -1
     assert saved.sampler.lamp == newest(simulated).lamps
-    assert "wire" not in tomllib.loads(content.decode())  # its folder is this run's own
+    assert tomllib.loads(content.decode())["wire"] == {"folder": str(folder)}  # as the settings have it
 
 
 def test_the_sky_has_numbers(page):

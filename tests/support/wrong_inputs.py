@@ -217,7 +217,7 @@ WRONG = [
         ("calibrate lens photo.png --board 1x1 --square 0.03 --out out.toml", "--board 1x1"),
         ("calibrate lens photo.png --board 8 --square 0.03 --out out.toml", "--board 8 | 8x6"),
         ("calibrate lens photo.png --board 8x6 --square 0.03 --dictionary Board --out out.toml", "--dictionary Board | DICT_4X4_50"),
-        ("calibrate lens photo.png --board 8x6 --square 0.03 --dictionary DICT_4X4_50 --out out.toml", "--marker 0 | --square"),
+        ("calibrate lens photo.png --board 8x6 --square 0.03 --dictionary DICT_4X4_50 --out out.toml", "--marker: is missing | in metres"),
         ("calibrate lens text.txt --board 8x6 --square 0.03 --out out.toml", "text.txt: is not a readable image"),
         ("calibrate lens good.exr --board 8x6 --square 0.03 --out out.toml", "good.exr: is not a readable image but an OpenEXR picture"),
         ("calibrate response nowhere.csv --out out.toml", "nowhere.csv: there is no such file"),

@@ -2,7 +2,16 @@ import numpy as np
 import pytest
 
 from vemlight.sampler.light_map import light_map
-from vemlight.sampler.temporal.flicker import FIT_FRAMES, MIN_FIT_FRAMES, NO_FLICKER, block_powers, flicker_after, without_flicker
+from vemlight.sampler.temporal.flicker import (
+    BLACK_FRAME,
+    FIT_FRAMES,
+    MIN_FIT_FRAMES,
+    MOST_OF_MEAN,
+    NO_FLICKER,
+    block_powers,
+    flicker_after,
+    without_flicker,
+)
 
 
 def watch(times, power):
@@ -221,3 +230,21 @@ def test_lamps_of_both_mains_are_found_together_and_removed(fps, lost):
         np.testing.assert_allclose(np.sort(state.lamps_hz), seen, atol=0.1)
     left = np.array([p / state.excess[0] for p, state in zip(power[FIT_FRAMES:], found, strict=True)])
     assert left.std() < 0.15 * power[FIT_FRAMES:].std()
+
+
+@pytest.mark.parametrize("depth", [0.9, 3.0, 300.0])
+def test_a_block_is_corrected_by_no_more_than_a_lamp_can_do(depth):
+    """Beside a lamp a weak block follows the beat: by 0.9 in the logarithm a lamp may, by 3 none does, and by 300 numbers end."""
+    times = np.arange(64) / 21
+    beat = np.sin(2 * np.pi * 100 * times)
+    powers = np.stack([1 + 0.3 * beat, 1e-3 * np.exp(depth * (beat - 1))], axis=1)
+    powers[:, 1] = np.maximum(powers[:, 1], 1e-300)
+    state = NO_FLICKER
+    for time_s, now in zip(times, powers, strict=True):
+        state = flicker_after(state, time_s, now)
+        assert np.isfinite(state.excess).all()
+        assert (state.excess <= MOST_OF_MEAN).all()
+        assert (state.excess >= BLACK_FRAME).all()
+    assert state.depth > 0
+    assert state.excess[0] != 1
+    assert (state.excess[1] != 1) == (depth < 1)

@@ -65,6 +65,8 @@ MUTANTS = [
         ("time constant", "np.sqrt(np.sqrt(2.0) - 1)", "np.sqrt(2.0)"),
     ]),
     *mutants_of(SAMPLER + "temporal/flicker.py", "tests/test_flicker.py", [
+        ("light that no lamp has", "possible = lit & (MOST_OF_MEAN * mean >= 1)", "possible = lit & (mean >= 0)"),
+        ("few lamps go out", "MOST_OF_MEAN = 3.0", "MOST_OF_MEAN = 2.0"),
         ("frames of the fit halved", "\nFIT_FRAMES = 64", "\nFIT_FRAMES = 32"),
         ("frames before a fit doubled", "MIN_FIT_FRAMES = 24", "MIN_FIT_FRAMES = 48"),
         ("frames before a fit halved", "MIN_FIT_FRAMES = 24", "MIN_FIT_FRAMES = 12"),

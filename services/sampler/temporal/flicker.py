@@ -30,6 +30,7 @@ DETECTED, LOST = 0.75, 0.5  # fraction of the variance that sines must explain t
 BLACK_FRAME = 1e-3  # of the mean: no lamp dims so far, and the logarithm of such a frame would dominate the fit; up to 1e-2 does
 MIN_DEPTH = 3e-3  # below which flicker is not worth a report: half of the 0.5 % that eyes can see (Weber)
 CORRECT_FULLY, CORRECT_NOT = 0.6, 0.3  # fraction of a block's variance that the sines explain when it is corrected in full, and not at all
+MOST_OF_MEAN = 3.0  # a lamp that goes out, as the square of a sine, has 2; the fit of its logarithm overshoots; 2.5 to 4 would do
 BLOCKS = (6, 24)  # rows and columns: 15 degrees on the hemisphere, about the distance of lamps in a room
 
 
@@ -263,10 +264,15 @@ def _search(ages, target, nominal, rate, beside):
 
 
 def _excess(columns: np.ndarray, powers: np.ndarray) -> np.ndarray:
-    """Power now over power without flicker, for each block (n, blocks); 1 where a block was dark or changes in another way."""
+    """Power now over power without flicker, for each block (n, blocks); 1 where a block was dark or changes in another way, as where sines
+    fit it that no lamp has: of more than MOST_OF_MEAN, or darker than a black frame.
+    """
     lit = powers.min(axis=0) > BLACK_FRAME * np.maximum(powers.mean(axis=0), 1e-300)
     target = np.log(np.where(lit, powers, 1.0))
     weights, residuals = _least_squares(columns, target)
     explained = _explained(_least_squares(columns[:3], target)[1], residuals, len(target))
-    lamp = np.exp(columns[3:].T @ weights[3:])
-    return (lamp[-1] / lamp.mean(axis=0)) ** (lit * np.clip((explained - CORRECT_NOT) / (CORRECT_FULLY - CORRECT_NOT), 0, 1))
+    waves = columns[3:].T @ weights[3:]
+    lamp = np.exp(waves - waves.max(axis=0))  # of the brightest frame, which overflows nowhere
+    mean = lamp.mean(axis=0)
+    possible = lit & (MOST_OF_MEAN * mean >= 1) & (lamp.min(axis=0) >= BLACK_FRAME * mean)
+    return (lamp[-1] / mean) ** (possible * np.clip((explained - CORRECT_NOT) / (CORRECT_FULLY - CORRECT_NOT), 0, 1))

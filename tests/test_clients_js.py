@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tests.support.browser import CHROMIUM
+from tests.support.light_sets import some_lights
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually, frames_of
 from vemlight.light.light_set import LightSet
 from vemlight.light.lights_binary import binary_from_lights
@@ -68,14 +69,6 @@ def page(browser, origin: str):
     page.set_default_timeout(PATIENCE_S * 1e3)
     page.goto(f"{origin}/blank.html")
     return page
-
-
-def some_lights(count: int, soft: bool) -> LightSet:
-    random = np.random.default_rng(count)
-    directions = random.normal(size=(count, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    covariances = np.tile([1e-3, 0, 0, 2e-3, 0, 3e-3], (count, 1)) if soft else None
-    return LightSet.of(random.permutation(count) + 2**40, directions, random.random((count, 3)), covariances)
 
 
 DECODE = """async ([data, call]) => {

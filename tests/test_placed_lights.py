@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tests.support.browser import CHROMIUM
+from tests.support.light_sets import some_lights
 from vemlight.light.as_directional import as_directional
-from vemlight.light.light_set import LightSet, NearLights
+from vemlight.light.light_set import NearLights
 from vemlight.light.lights_binary import placed_binary
 from vemlight.light.near_lights import NearLightSet
 from vemlight.viewer.web import PAGE, constants_js
@@ -43,14 +44,6 @@ def page(browser):
 
 def decoded(page, data: bytes):
     return page.evaluate(DECODE, base64.b64encode(data).decode())
-
-
-def some_lights(count: int, soft: bool) -> LightSet:
-    random = np.random.default_rng(count)
-    directions = random.normal(size=(count, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    covariances = np.tile([1e-3, 0, 0, 2e-3, 0, 3e-3], (count, 1)) if soft else None
-    return LightSet.of(random.permutation(count) + 2**40, directions, random.random((count, 3)), covariances)
 
 
 def some_near(count: int) -> NearLights:

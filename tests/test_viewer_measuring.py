@@ -84,18 +84,23 @@ def test_a_child_that_says_nothing_and_fails_has_failed(doctor):
     assert measured(SETTINGS).state == "failed"
 
 
+async def pids_of(made: Measuring) -> list[int]:
+    """Those of the child that waits and of what it has started, once it has said them."""
+    async with asyncio.timeout(60):
+        while not made.text[:1].isdigit():
+            await asyncio.sleep(0.02)
+    return [int(pid) for pid in made.text.split()]
+
+
 def test_one_at_a_time_and_stopping_leaves_no_process(doctor):
     doctor(WAITS)
 
     async def whole() -> list[int]:
         made = Measuring()
         made.start(SETTINGS)
-        async with asyncio.timeout(60):
-            while not made.text[:1].isdigit():
-                await asyncio.sleep(0.02)
+        pids = await pids_of(made)
         with pytest.raises(UserError, match="going on already"):
             made.start(SETTINGS)
-        pids = [int(pid) for pid in made.text.split()]
         assert all(is_running(pid) for pid in pids)
         await made.stop()
         assert made.summary() == {"state": "idle", "text": ""}
@@ -111,10 +116,7 @@ def test_a_child_that_does_not_end_is_killed_with_what_it_started(doctor, monkey
     async def whole() -> list[int]:
         made = Measuring()
         made.start(SETTINGS)
-        async with asyncio.timeout(60):
-            while not made.text[:1].isdigit():
-                await asyncio.sleep(0.02)
-        pids = [int(pid) for pid in made.text.split()]
+        pids = await pids_of(made)
         await made.stop()
         return pids
 

@@ -19,3 +19,12 @@ def uniform_lights(count: int, lowest_z: float) -> LightSet:
     z = lowest_z + (1 - lowest_z) * (np.arange(count) + 0.5) / count
     phi = np.arange(count) * np.pi * (3 - np.sqrt(5))
     return lights_from(direction_from_angles(np.arccos(z), phi), 2 * np.pi * (1 - lowest_z) / count)
+
+
+def some_lights(count: int, soft: bool) -> LightSet:
+    """Seeded by their number, with ids beyond 32 bits."""
+    random = np.random.default_rng(count)
+    directions = random.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    covariances = np.tile([1e-3, 0, 0, 2e-3, 0, 3e-3], (count, 1)) if soft else None
+    return LightSet.of(random.permutation(count) + 2**40, directions, random.random((count, 3)), covariances)

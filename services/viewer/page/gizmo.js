@@ -1,6 +1,8 @@
 // Handles over the picture, the server's and the browser's: an object or lamp is selected by a click, and moved, turned or scaled by a drag, or by
 // keys while the picture has the focus. What is no handle's is left to the camera.
 
+import { traceDiamond } from "/sky_geometry.js";
+
 const MODULES = ["/gizmo_handles.js", "/relit_camera.js", "/scene_data.js"]; // what they need, once there is a scene
 const REACH = { mouse: 9, touch: 22 }; // CSS pixels around a handle; 44 across for a finger
 const AGAIN_MS = 2000; // as relit.js has it
@@ -182,7 +184,8 @@ export class Gizmo {
     c.font = "600 12px system-ui, sans-serif";
     const seen = this.near.map((light) => ({ light, place: this.with.placeOf(frame, light.at) })).filter(({ place }) => inside(place, frame));
     for (const { light, place: [x, y] } of seen) {
-      drawDiamond(c, x, y);
+      traceDiamond(c, x, y, NEAR_RADIUS);
+      outline(c, "#fff");
       const text = `${light.id} · ${light.distance_m.toFixed(2)} m`, left = x + NEAR_RADIUS + 4;
       [c.lineWidth, c.strokeStyle, c.fillStyle] = [3, "rgb(0 0 0 / 0.55)", "#fff"];
       c.strokeText(text, left, y + 4);
@@ -194,13 +197,6 @@ export class Gizmo {
 
 function inside(place, { width, height }) {
   return place && place[0] >= 0 && place[0] <= width && place[1] >= 0 && place[1] <= height;
-}
-
-function drawDiamond(c, x, y) {
-  c.beginPath();
-  for (const [dx, dy] of [[0, -NEAR_RADIUS], [NEAR_RADIUS, 0], [0, NEAR_RADIUS], [-NEAR_RADIUS, 0]]) c.lineTo(x + dx, y + dy);
-  c.closePath();
-  outline(c, "#fff");
 }
 
 function drawHandle(c, { name, points }, held) {

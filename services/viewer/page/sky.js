@@ -2,6 +2,7 @@
 // Seen from below: zenith in the middle, +Y at the top, +X at the left, the angle from the zenith proportional to the radius.
 
 import { LUMINANCE_WEIGHTS, NEAR_IDS, VIRTUAL_IDS_FROM } from "/constants.js";
+import { traceDiamond } from "/sky_geometry.js";
 
 const TRAIL_MS = 900;
 const MAX_TRAIL_POINTS = 12000; // over all lights: 12 positions each for 1000 of them
@@ -117,7 +118,9 @@ export class Sky {
       c.lineWidth = 1 * unit;
       c.strokeStyle = "#fff";
       c.stroke();
-      if (this.near.has(light.id)) drawDiamond(c, light.x * disc, light.y * disc, light.r + 4 * unit);
+      if (!this.near.has(light.id)) continue;
+      traceDiamond(c, light.x * disc, light.y * disc, light.r + 4 * unit);
+      c.stroke();
     }
   }
 
@@ -147,14 +150,6 @@ export class Sky {
     const name = best ? shown[0].toUpperCase() + shown.slice(1) : `Strongest ${shown}`;
     this.facts.textContent = `${name}: ${(100 * light.fraction).toFixed(1)} %, azimuth ${azimuth.toFixed(0)}°, elevation ${elevation.toFixed(0)}°${away}${this.more(light)}`;
   }
-}
-
-// Around a near light.
-function drawDiamond(c, x, y, r) {
-  c.beginPath();
-  for (const [dx, dy] of [[0, -r], [r, 0], [0, r], [-r, 0]]) c.lineTo(x + dx, y + dy);
-  c.closePath();
-  c.stroke();
 }
 
 function drawRings(c, disc, unit, coverage) {

@@ -54,3 +54,10 @@ function within(line, tolerance) {
   if (far <= tolerance) return line.length > 1 ? [line[0], line.at(-1)] : line;
   return [...within(line.slice(0, at + 1), tolerance).slice(0, -1), ...within(line.slice(at), tolerance)];
 }
+
+// The mark of a near light, as a path about a place; whoever calls it strokes it.
+export function traceDiamond(c, x, y, r) {
+  c.beginPath();
+  for (const [dx, dy] of [[0, -r], [r, 0], [0, r], [-r, 0]]) c.lineTo(x + dx, y + dy);
+  c.closePath();
+}

@@ -32,7 +32,7 @@ from vemlight.light.sphere import (
     latlong_solid_angles,
 )
 from vemlight.sampler.probes import SOFTNESS, probes
-from vemlight.sampler.score import MIN_SPREAD_RAD
+from vemlight.sampler.score import MIN_SPREAD_RAD, irradiance_of_soft_lights
 
 BRIGHTEST = 4096  # source pixels that are not resampled to the grid
 PROBES = 1500  # with soft edges
@@ -130,6 +130,14 @@ def probe_irradiance(points: Points, count: int = PROBES, coverage: Coverage = "
     if len(light):
         _gather_soft(*probes(count, coverage), np.ascontiguousarray(light.T), SOFTNESS, result.soft)
     return result
+
+
+def judged_softened(lights: LightSet, count: int = PROBES) -> np.ndarray:
+    """Luminance (count,) of the irradiance at probes with softened edges, under lights with extent or without."""
+    if lights.covariances is None:
+        return luminance_from_rgb(probe_irradiance(points_of_lights(lights), count).soft)
+    at = probes(count, "hemisphere")
+    return irradiance_of_soft_lights(at, lights.directions, luminance_from_rgb(lights.irradiance.astype(float)), lights.covariances)
 
 
 def judged_hard(lights: LightSet) -> np.ndarray:

@@ -82,6 +82,7 @@ def _mitsuba() -> list[Method]:
 
 POINTS, SOFT = "tracked, points", "tracked, soft lights (default)"
 STILL = [
+    ours(SOFT, method="tracked", filter="none"),
     ours(POINTS, method="tracked", filter="none", soft=False),
     ours("Havran, azimuth first", method="havran-azimuth", filter="none"),
     ours("Havran, radius first", method="havran-radius", filter="none"),
@@ -97,9 +98,9 @@ STILL = [
     anew("Q2-tree", q2tree, steady=True),
     anew("Penrose tiling", penrose, steady=True),
     *_mitsuba(),
-    ours(SOFT, method="tracked", filter="none", soft=True),
 ]
 MOVING = [
+    ours(SOFT, method="tracked"),
     ours(POINTS, method="tracked", soft=False),
     ours("tracked, points, nothing smoothed", method="tracked", filter="none", soft=False),
     ours("Havran 2005: azimuth first, FIR", method="havran-azimuth", points="relaxed", deflicker=False),

@@ -38,6 +38,7 @@ from matplotlib import pyplot as plt
 OUT = Path(__file__).parents[1] / "docs" / "charts"
 METHODS: tuple[WarpName, ...] = ("havran-azimuth", "havran-radius", "standard")
 BATCHES = 5
+DEFAULT_STEP = "step: tracked, soft lights (default)"
 PAPER_SAMPLES_PER_MS = 410  # Havran et al. 2005, section 5, a Pentium 4 of 3 GHz
 FIRST_FRAME = """
 import time; start = time.perf_counter()
@@ -156,7 +157,12 @@ def scaling() -> list[Row]:
         settings = Sampler(method=METHODS[0], count=count)
         state = step(settings, initial_state(), SamplerInput(sky(), "hemisphere", 0.0))[0]
         work = partial(step, settings, state, SamplerInput(sky(), "hemisphere", 0.04))
-        rows.append(measured("step: lights, FIR", count, work, 20, count))
+        rows.append(measured("step: lights of 2005, FIR", count, work, 20, count))
+    for count in (16, 64, 256, 1000):
+        settings = Sampler(count=count)
+        state = step(settings, initial_state(), SamplerInput(sky(), "hemisphere", 0.0))[0]
+        work = partial(step, settings, state, SamplerInput(sky(), "hemisphere", 0.04))
+        rows.append(measured(DEFAULT_STEP, count, work, 50, count))
     return rows
 
 
@@ -223,9 +229,9 @@ def chart(rows: list[Row], path: Path) -> None:
         own = [row for row in rows if row.what == what]
         left.loglog([row.size for row in own], [row.per_ms for row in own], "o-", label=what.removeprefix("samples: "))
     left.axhline(PAPER_SAMPLES_PER_MS, color="gray", linestyle="--", label="Havran et al. 2005, Pentium 4")
-    left.set(xlabel="samples drawn at once", ylabel="samples per ms", title="Sampling, 90 x 360 map")
+    left.set(xlabel="samples drawn at once", ylabel="samples per ms", title="Sampling by the warps of 2005, 90 x 360 map")
     left.legend()
-    for what in ("vemlight: new map, then samples", "mitsuba envmap: new map, then samples", "step: lights, FIR"):
+    for what in (DEFAULT_STEP, "step: lights of 2005, FIR", "vemlight: new map, then samples", "mitsuba envmap: new map, then samples"):
         own = [row for row in rows if row.what == what]
         if own:
             right.loglog([row.size for row in own], [row.median_ms for row in own], "o-", label=what)

@@ -2,7 +2,7 @@
 
 One small multiple for each case: error of the irradiance at the probes, frame by frame, against the map of that frame (so the delay of
 a filter is an error; for lamps on mains it is the change from frame to frame), for the 2005 method with its filter, without, with other
-filters, for the other warps, and for the default. 72 lights, 25 fps.
+filters, for the other warps, and for tracked lights, as points and soft (the default). COUNT lights, 25 fps.
 """
 
 import csv
@@ -13,9 +13,11 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
+from bench.evaluation import judged_softened
+from bench.methods import POINTS, SOFT
 from vemlight.files import written_whole
 from vemlight.sampler.light_map import light_map
-from vemlight.sampler.probes import irradiance_of_lights, irradiance_of_map, probes
+from vemlight.sampler.probes import irradiance_of_map, probes
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.state import initial_state
 from vemlight.sampler.step import step
@@ -24,7 +26,8 @@ from vemlight.settings import Sampler as Settings
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-Sampler = partial(Settings, method="havran-azimuth")  # the filters, gloss set and clusters of 2005
+COUNT = 72
+Sampler = partial(Settings, method="havran-azimuth", count=COUNT, deflicker=False)  # the filters, gloss set and clusters of 2005
 
 OUT = Path(__file__).parents[1] / "docs" / "charts"
 ROWS, COLS, FRAMES, FPS = 60, 240, 48, 25.0
@@ -37,7 +40,8 @@ VARIANTS = {
     "havran-azimuth, fir2005, deflicker": Sampler(deflicker=True),
     "havran-radius, none": Sampler(method="havran-radius", filter="none"),
     "standard, none": Sampler(method="standard", filter="none"),
-    "tracked": Settings(),
+    POINTS: Settings(count=COUNT, soft=False),
+    SOFT: Settings(count=COUNT),
 }
 Sequence = list[tuple[float, np.ndarray]]  # times in s and maps
 Line = tuple[str, str, int, float, float]  # case, variant, frame, error, change
@@ -101,7 +105,7 @@ def errors(settings: Settings, sequence: Sequence) -> tuple[np.ndarray, np.ndarr
     for time_s, radiance in sequence:
         state, lights, _ = step(settings, state, SamplerInput(radiance, "hemisphere", time_s))
         truth.append(irradiance_of_map(at, light_map(radiance, "hemisphere").radiance, "hemisphere"))
-        got.append(irradiance_of_lights(at, lights.directions, lights.irradiance))
+        got.append(judged_softened(lights, len(at.normals)))
     scale = np.mean(truth)
     change = np.diff(np.array(got), axis=0, prepend=got[:1])
     return np.linalg.norm(np.array(got) - truth, axis=1) / scale / 16, np.linalg.norm(change, axis=1) / scale / 16  # 16: root of the probes
@@ -111,7 +115,7 @@ def measured() -> list[Line]:
     lines: list[Line] = []
     for name, sequence in cases().items():
         for variant, settings in VARIANTS.items():
-            if settings.deflicker and not name.startswith(MAINS):
+            if variant.endswith("deflicker") and not name.startswith(MAINS):
                 continue  # does nothing where nothing flickers
             error, change = (x[-FRAMES:] for x in errors(settings, sequence))
             lines += [(name, variant, k, float(e), float(c)) for k, (e, c) in enumerate(zip(error, change, strict=True))]
@@ -137,7 +141,7 @@ def chart(lines: list[Line], path: Path) -> None:
         for k, variant in enumerate(VARIANTS):
             column = 4 if name.startswith(MAINS) else 3
             values = [max(line[column], 1e-4) for line in lines if line[:2] == (name, variant)]
-            axis.semilogy(values, f"C{k}", label=variant, linewidth=2.4 - 0.25 * k)  # those below still show where lines meet
+            axis.semilogy(values, f"C{k}", label=variant, linewidth=2.4 if variant == SOFT else 1.8 - 0.15 * k)  # those below still show
         axis.set_title(name + (": change a frame" if name.startswith(MAINS) else ""), fontsize=9)
         axis.set_ylim(3e-4, 3)
         axis.grid(alpha=0.3)
@@ -146,7 +150,7 @@ def chart(lines: list[Line], path: Path) -> None:
     figure.legend(*axes.flat[-3].get_legend_handles_labels(), loc="lower right", bbox_to_anchor=(0.98, 0.05))
     figure.supxlabel("frame")
     figure.supylabel("error of the irradiance, RMS over 256 probes, relative to their mean")
-    figure.text(0.01, 0.005, "python -m bench.sampler_failures; 72 lights, map 60 x 240", fontsize=7)
+    figure.text(0.01, 0.005, f"python -m bench.sampler_failures; {COUNT} lights, map 60 x 240", fontsize=7)
     figure.tight_layout(rect=(0.01, 0.02, 1, 1))
     figure.savefig(path, dpi=90)
 

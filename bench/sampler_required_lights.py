@@ -37,7 +37,7 @@ def chosen(source: Source | np.ndarray) -> list[tuple[float, int, float]]:
     radiance, bright = (source, NO_BRIGHT_CELLS) if isinstance(source, np.ndarray) else (source.polar, source.bright_cells)
     cells, result = tiles_from_map(radiance, "hemisphere", SINGLE_CELLS, bright), []
     for limit in LIMITS:
-        wanted = Sampler(method="havran-azimuth", filter="none", count=MAX_COUNT, error_percent=100 * limit)
+        wanted = Sampler(filter="none", count=MAX_COUNT, error_percent=100 * limit)
         _, lights, _ = step(wanted, initial_state(), SamplerInput(radiance, "hemisphere", 0.0, bright))
         error = np.sqrt(relative_squares(hard_probes("hemisphere", *UNSEEN), cells, lights).mean())
         result.append((limit, len(lights.ids), float(error)))
@@ -72,7 +72,12 @@ def main() -> None:
     left.legend(fontsize=7)
     right.plot([4, 50], [4, 50], color="gray", linestyle="--")
     right.set(xlabel="error limit, %", ylabel="error on other probes, %", title="Error and its limit")
-    figure.text(0.01, 0.01, "python -m bench.sampler_required_lights; havran-azimuth, at most 1024 lights", fontsize=7)
+    for axis, down in ((left, (5, 10, 20, 40, 80)), (right, (5, 10, 20, 40))):
+        axis.set_xticks((5, 10, 20, 40), ("5", "10", "20", "40"))
+        axis.set_yticks(down, map(str, down))
+        axis.minorticks_off()
+        axis.grid(alpha=0.3)
+    figure.text(0.01, 0.01, "python -m bench.sampler_required_lights; tracked, soft lights (default), at most 1024", fontsize=7)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     figure.savefig(OUT / "sampler_required_lights.png", dpi=110)
 

@@ -11,7 +11,7 @@ from rich.progress import Progress
 
 from bench.accuracy.drawing import colour, grid, leave_margin, legend, save
 from bench.accuracy.maps import chosen
-from bench.evaluation import ProbeIrradiance, points_of, points_of_lights, probe_irradiance
+from bench.evaluation import ProbeIrradiance, judged_hard, judged_softened, points_of, probe_irradiance
 from bench.methods import MOVING
 from bench.sequences import FRAMES, SEQUENCES, world_from_latlong
 from vemlight.light.colour import luminance_from_rgb
@@ -41,7 +41,7 @@ def moving(out: Path, progress: Progress) -> None:
 
 
 def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
-    """One row a method, and its error and flicker in each frame (frames, 2); of sequences that settle first, the last FRAMES."""
+    """One row a method, and its error and flicker in each of the last FRAMES (FRAMES, 2): some sequences settle first."""
     truths: list[ProbeIrradiance] = []
     for k, frame in enumerate(frames):
         steady = k > 0 and frame.source.brightest is frames[k - 1].source.brightest
@@ -49,19 +49,18 @@ def _run(frames: list[Any]) -> list[tuple[dict[str, Any], np.ndarray]]:
     mean = np.mean([luminance_from_rgb(truth.hard).mean() for truth in truths])
     made = []
     for method in MOVING:
-        state, hard, soft, lights, ms, power = method.start(COUNT), [], [], [], [], []
-        for frame, truth in zip(frames, truths, strict=True):
+        state, lights, ms, power = method.start(COUNT), [], [], []
+        for frame in frames:
             begin = time.thread_time()
             state, now = method.step(state, SamplerInput(frame.seen, "hemisphere", frame.time_s, frame.source.bright_cells))
             ms.append(1e3 * (time.thread_time() - begin))
-            got = probe_irradiance(points_of_lights(now))
-            hard.append(np.sqrt(np.mean(luminance_from_rgb(got.hard - truth.hard) ** 2)) / mean)
-            soft.append(luminance_from_rgb(got.soft - truth.soft) / mean)
             lights.append(now)
             total = map_irradiance(frame.source.polar, "hemisphere")
             power.append(float(np.abs(now.irradiance.sum(axis=0, dtype=float) / total - 1).max()))
-        error = np.array(hard)[-FRAMES:]
-        flicker = np.sqrt(np.mean(np.square(np.diff(soft, axis=0, prepend=soft[:1])), axis=1))[-FRAMES:]
+        counted = [*zip(lights, truths, strict=True)][-FRAMES:]
+        error = np.array([np.sqrt(np.mean(luminance_from_rgb(judged_hard(now) - truth.hard) ** 2)) / mean for now, truth in counted])
+        soft = np.array([judged_softened(now) - luminance_from_rgb(truth.soft) for now, truth in counted]) / mean
+        flicker = np.sqrt(np.mean(np.square(np.diff(soft, axis=0, prepend=soft[:1])), axis=1))
         row = {
             "method": method.name, "error": float(error.mean()), "error_worst": float(error.max()),
             "flicker": float(np.sqrt(np.mean(flicker[1:] ** 2))), "flicker_worst": float(flicker[1:].max()),
@@ -93,10 +92,16 @@ def _chart_flicker(rows: list[dict[str, Any]], out: Path) -> None:
     figure, axes = grid(len(SEQUENCES), 3.9)
     for axis, name in zip(axes, SEQUENCES, strict=False):
         for k, method in enumerate(MOVING):
-            axis.loglog(_means(rows, name, method.name, "error"), _means(rows, name, method.name, "flicker"), "*" if k < 1 else "o",
-                        ms=15 if k < 1 else 7, color=colour(k), label=method.name)
+            axis.loglog(
+                _means(rows, name, method.name, "error"),
+                _means(rows, name, method.name, "flicker"),
+                "*" if k < 1 else "o",
+                ms=15 if k < 1 else 7,
+                color=colour(k),
+                label=method.name,
+            )
         axis.set(title=name, xlabel="error, hard edges", ylabel="flicker per frame, softened edges")
-        axis.set(xlim=(0.008, 2), ylim=(2e-4, 1))
+        axis.set(xlim=(0.003, 1), ylim=(5e-5, 1))
         axis.minorticks_off()
         axis.grid(alpha=0.3)
     legend(figure, axes[0])
@@ -112,8 +117,13 @@ def _chart_motion(rows: list[dict[str, Any]], out: Path) -> None:
         for k, method in enumerate(methods):
             width = 0.84 / len(methods)
             place = np.arange(len(SEQUENCES)) + (k - (len(methods) - 1) / 2) * width
-            axis.bar(place, [_means(rows, name, method.name, key) for name in SEQUENCES], width,
-                     color=colour(MOVING.index(method)), label=method.name)
+            axis.bar(
+                place,
+                [_means(rows, name, method.name, key) for name in SEQUENCES],
+                width,
+                color=colour(MOVING.index(method)),
+                label=method.name,
+            )
         axis.set(ylabel=f"{label}, per frame", yscale="symlog")
         axis.set_yscale("symlog", linthresh=0.1)
         axis.set_xticks(np.arange(len(SEQUENCES)), list(SEQUENCES), rotation=40, ha="right", fontsize=8)

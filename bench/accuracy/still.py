@@ -12,13 +12,12 @@ from bench.accuracy.drawing import colour, leave_margin, legend, save, write_tab
 from bench.accuracy.maps import chosen, maps
 from bench.evaluation import (
     CIRCLES,
-    PROBES,
     TURNS,
     ProbeIrradiance,
     Source,
     judged_hard,
+    judged_softened,
     points_of,
-    points_of_lights,
     probe_irradiance,
     read_source,
     relative_rms,
@@ -26,9 +25,6 @@ from bench.evaluation import (
 )
 from bench.methods import POINTS, SOFT, STILL, Method, settled
 from vemlight.light.colour import luminance_from_rgb
-from vemlight.light.light_set import LightSet
-from vemlight.sampler.probes import probes
-from vemlight.sampler.score import irradiance_of_soft_lights
 
 BOUND = Path(__file__).parents[2] / "docs" / "charts" / "soft_bound.csv"
 COUNTS = tuple(2**k for k in range(2, 11))
@@ -62,8 +58,16 @@ def _chart(rows: list[dict[str, Any]], paths: dict[str, Path], out: Path) -> Non
             for k, method in enumerate(STILL):
                 own = [r for r in rows if r["map"] == kind and r["method"] == method.name]
                 heavy = method.name in (POINTS, SOFT)
-                axis.loglog([r[against] for r in own], [r["error_hard"] for r in own], "o-", color=colour(k), ms=3,
-                            lw=2.4 if heavy else 1, label=method.name, zorder=3 if heavy else 2)
+                axis.loglog(
+                    [r[against] for r in own],
+                    [r["error_hard"] for r in own],
+                    "o-",
+                    color=colour(k),
+                    ms=3,
+                    lw=2.4 if heavy else 1,
+                    label=method.name,
+                    zorder=3 if heavy else 2,
+                )
             if against == "ms":
                 front = _front([(r["ms"], r["error_hard"]) for r in rows if r["map"] == kind])
                 axis.step(*zip(*front, strict=True), where="post", color="0.6", lw=5, alpha=0.4, zorder=1, label="Pareto front")
@@ -87,20 +91,13 @@ def _all_maps() -> list[dict[str, Any]]:
 
 def _row(kind: str, method: Method, count: int, source: Source, truth: ProbeIrradiance) -> dict[str, Any]:
     lights, ms = settled(method, count, source)
-    hard = judged_hard(lights)
+    hard, softened = judged_hard(lights), luminance_from_rgb(truth.soft)
+    error_soft = np.sqrt(np.mean((judged_softened(lights) - softened) ** 2)) / softened.mean()
     return {
         "map": kind, "method": method.name, "asked": count, "lights": len(lights.ids), "ms": ms,
-        "error_hard": relative_rms(hard - truth.hard, truth.hard), "error_soft": _at_soft_edges(lights, truth),
+        "error_hard": relative_rms(hard - truth.hard, truth.hard), "error_soft": float(error_soft),
         "error_rgb": relative_rms_rgb(hard - truth.hard, truth.hard),
     }  # fmt: skip
-
-
-def _at_soft_edges(lights: LightSet, truth: ProbeIrradiance) -> float:
-    if lights.covariances is None:
-        return relative_rms(probe_irradiance(points_of_lights(lights)).soft - truth.soft, truth.soft)
-    at, expected = probes(PROBES, "hemisphere"), luminance_from_rgb(truth.soft)
-    got = irradiance_of_soft_lights(at, lights.directions, luminance_from_rgb(lights.irradiance.astype(float)), lights.covariances)
-    return float(np.sqrt(np.mean((got - expected) ** 2)) / expected.mean())
 
 
 def _bound(path: Path) -> list[tuple[float, float]]:

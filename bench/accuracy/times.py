@@ -82,8 +82,8 @@ def _parts(radiance: np.ndarray) -> list[tuple[str, float | None, Callable[[], o
         ("lights for 200 regions of normals", 1.0, lambda: region_rows(regions, lights.directions)),
         ("clustering of 300 lights", 1.0, lambda: clustered(lights, 72, "hemisphere", clusters)),
         ("300 lights with filter and clusters, whole", 5.0, _step(radiance, method="havran-azimuth", count=300, clusters=72)),
-        ("64 tracked lights, whole", None, _step(radiance, method="tracked", count=64)),
-        ("300 tracked lights, whole", None, _step(radiance, method="tracked", count=300)),
+        ("64 tracked soft lights (default), whole", None, _step(radiance, method="tracked", count=64)),
+        ("300 tracked soft lights (default), whole", None, _step(radiance, method="tracked", count=300)),
     ]
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from bench.evaluation import ProbeIrradiance, points_of
 from bench.methods import MOVING as METHODS
-from bench.methods import SOFT, Method, ours
+from bench.methods import Method
 from bench.rivals.sequential import begun, sequential
 from bench.rivals.spatiotemporal import spatiotemporal
 from bench.sequences import FRAMES, Frame, world_from_latlong
@@ -34,10 +34,9 @@ from vemlight.sampler.sampler_input import SamplerInput
 
 OUT = Path(__file__).parents[2] / "docs" / "charts"
 FAULTS = {"damaged frames", "black frames", "lost frames", "mains 21 fps", "mains 25 fps", "mains 30 fps", "strobe"}  # of the input
-SOFT_LIGHTS = ours(SOFT, method="tracked")
 SEQUENTIAL = Method("sequential (Ghosh et al. 2006)", begun, sequential, steady=True)
 SPATIOTEMPORAL = "spatiotemporal (Wan et al. 2011), offline"
-NAMES = [SOFT, *(method.name for method in METHODS), SEQUENTIAL.name, SPATIOTEMPORAL]
+NAMES = [*(method.name for method in METHODS), SEQUENTIAL.name, SPATIOTEMPORAL]
 SHOWN = ("error", "error_worst", "flicker", "born", "torn", "id_changes", "carried", "wobble", "place_wobble", "ms")
 
 
@@ -51,7 +50,7 @@ def lights_of(name: str, count: int, frames: Sequence[SamplerInput]) -> tuple[li
         begin = time.thread_time()
         lights = spatiotemporal(count, frames)
         return lights, 1e3 * (time.thread_time() - begin) / len(frames)
-    method = next(method for method in (SOFT_LIGHTS, *METHODS, SEQUENTIAL) if method.name == name)
+    method = next(method for method in (*METHODS, SEQUENTIAL) if method.name == name)
     state, made, taken_ms = method.start(count), [], []
     for frame in frames:
         begin = time.thread_time()

@@ -5,14 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.evaluation import Points, ProbeIrradiance, points_of, points_of_lights, probe_irradiance
+from bench.evaluation import Points, ProbeIrradiance, judged_hard, judged_softened, points_of, probe_irradiance
 from bench.sequences import Frame
-from bench.soft_lights import judged_hard
-from vemlight.light.colour import LUMINANCE_WEIGHTS, luminance_from_rgb
+from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import angle_between
-from vemlight.sampler.probes import probes
-from vemlight.sampler.score import irradiance_of_soft_lights
 
 SOFT_PROBES = 512
 KNOWN_FRAMES = 25  # a second: an id that was not there for longer is born
@@ -32,7 +29,12 @@ def measured(frames: Sequence[Frame], truths: Sequence[ProbeIrradiance], lights:
     """
     mean = float(np.mean([luminance_from_rgb(truth.hard).mean() for truth in truths]))
     hard = [_rms(judged_hard(now) - truth.hard) / mean for now, truth in zip(lights, truths, strict=True)][settling:]
-    soft = np.array([_soft(now) - luminance_from_rgb(truth.soft) for now, truth in zip(lights, truths, strict=True)])[settling:] / mean
+    soft = (
+        np.array([judged_softened(now, SOFT_PROBES) - luminance_from_rgb(truth.soft) for now, truth in zip(lights, truths, strict=True)])[
+            settling:
+        ]
+        / mean
+    )
     steps = np.sqrt(np.mean(np.diff(soft, axis=0) ** 2, axis=1))
     return {
         "error": float(np.mean(hard)), "error_worst": float(np.max(hard)),
@@ -48,14 +50,6 @@ def truth_of(points: Points) -> ProbeIrradiance:
 
 def _rms(difference: np.ndarray) -> float:
     return float(np.sqrt(np.mean(luminance_from_rgb(difference) ** 2)))
-
-
-def _soft(lights: LightSet) -> np.ndarray:
-    """Irradiance (SOFT_PROBES,) with soft edges, luminance."""
-    if lights.covariances is None:
-        return luminance_from_rgb(probe_irradiance(points_of_lights(lights), SOFT_PROBES).soft)
-    at = probes(SOFT_PROBES, "hemisphere")
-    return irradiance_of_soft_lights(at, lights.directions, lights.irradiance @ LUMINANCE_WEIGHTS, lights.covariances)
 
 
 def _identity(lights: Sequence[LightSet], settling: int) -> Measures:

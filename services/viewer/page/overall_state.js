@@ -1,7 +1,13 @@
-// The state of the whole, for the pill at the top: [state, words]. It is live only while pictures of newest light come.
+// What pills say, [state, words]: one service's, and the whole, for the pill at the top. Live is only what is not late.
 
 const WORST = ["silent", "stalled", "not seen", "starting"];
-const BEHIND_S = 2; // from which age of its light a picture that comes is said to be late; 1 to 5 s would do
+const BEHIND_S = 2; // from which age of its light on what comes is late; 1 to 5 s would do
+
+// A service whose frames come, but of light that is old, is behind. Where it is known why they are old, in a pause and in lossless mode, it is not.
+export function rowState(row, { control, mode, measuring }) {
+  const age_s = row.age_ms / 1e3, known = control.paused || mode === "lossless" || measuring.state === "running";
+  return row.state === "live" && age_s >= BEHIND_S && !known ? ["behind", `${duration(age_s)} behind`] : [row.state, row.text];
+}
 
 export function overallState(summary) {
   const { services, control, mode, measuring } = summary;
@@ -14,8 +20,14 @@ export function overallState(summary) {
   if (control.paused) return ["paused", pauseWords(services.find((row) => row.kind === "renderer")?.report)];
   if (services.some((row) => row.state === "finished")) return ["finished", "finished"];
   if (mode === "lossless") return ["live", "lossless"];
-  const age_s = services.find((row) => row.kind === "renderer")?.age_ms / 1e3;
-  return ["live", age_s >= BEHIND_S ? `live, ${age_s.toFixed(0)} s behind` : "live"];
+  const renderer = services.find((row) => row.kind === "renderer"); // the last: what is late before it is late in it
+  return renderer ? rowState(renderer, summary) : ["live", "live"];
+}
+
+// As liveness.py has it.
+function duration(seconds) {
+  if (seconds < 100) return `${seconds.toFixed(0)} s`;
+  return seconds < 6000 ? `${(seconds / 60).toFixed(0)} min` : `${(seconds / 3600).toFixed(0)} h`;
 }
 
 function culpritWords({ service, kind, state, text }) {

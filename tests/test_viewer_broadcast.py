@@ -34,6 +34,7 @@ def reader_of(wire: Wire, *feeds: str, stalled=lambda: None) -> Reader:
 
 async def settled() -> None:
     for _ in range(20):
+        await asyncio.to_thread(int)  # as frames are encoded: late where those are
         await asyncio.sleep(0.002)
 
 
@@ -42,13 +43,13 @@ class Site:
 
     def __init__(self) -> None:
         changed = Condition()
-        self.encoded: list[int] = []
+        self.encoded: list[object] = []
         self.a, self.b = Feed(self._encode, changed), Feed(self._encode, changed)
         self.broadcast = Broadcast({"a": self.a, "b": self.b}, {"b": 7}, {"b"}, changed)
 
     def _encode(self, frame: int) -> bytes:
         self.encoded.append(frame)
-        return str(frame).encode()
+        return str(int(frame)).encode()
 
     def run(self, steps) -> None:
         async def whole() -> None:
@@ -110,6 +111,25 @@ def test_nothing_is_encoded_that_nobody_waits_for():
         site.a.put(1)
         await settled()
         assert site.encoded == [0]
+
+    Site().run(steps)
+
+
+def test_a_frame_that_cannot_be_encoded_does_not_end_its_feed():
+    async def steps(site: Site) -> None:
+        wire, other = Wire(), Wire()
+        reader = reader_of(wire, "a")
+        site.broadcast.add(reader)
+        site.broadcast.add(reader_of(other, "b"))
+        for frame in (0, None, None, 3):  # of which None is no number
+            site.a.put(frame)
+            site.b.put(1)
+            await settled()
+            site.broadcast.ask(reader, "a")
+            await settled()
+        assert wire.written == [b"\x81\x010", b"\x81\x013"]
+        assert site.encoded.count(None) == 2, "each is tried once"
+        assert other.written, "others go on"
 
     Site().run(steps)
 

@@ -14,6 +14,36 @@ class Encoder:
         return str(frame).encode()
 
 
+def test_a_frame_that_cannot_be_encoded_is_said_once_and_passed_over():
+    async def run() -> None:
+        tried: list[int] = []
+
+        def encode(frame: int) -> bytes:
+            tried.append(frame)
+            if frame % 2:
+                raise ValueError(f"no {frame}\x1b")
+            return str(frame).encode()
+
+        feed = Feed(encode, Condition())
+        for frame, newest, failure in [
+            (2, (1, b"2"), ""),
+            (3, (1, b"2"), "ValueError: no 3 "),
+            (5, (1, b"2"), "ValueError: no 5 "),
+            (6, (4, b"6"), ""),
+        ]:
+            feed.put(frame)
+            assert [await feed.newest(), await feed.newest()] == [newest, newest]
+            assert feed.failure == failure
+        assert tried == [2, 3, 5, 6]
+        waiting = asyncio.create_task(feed.after(4))
+        for frame in (7, 8):
+            feed.put(frame)
+            await asyncio.sleep(0.05)
+        assert await waiting == (6, b"8")
+
+    asyncio.run(run())
+
+
 def test_a_frame_is_encoded_once_for_any_number_of_readers():
     async def run() -> None:
         encode = Encoder()

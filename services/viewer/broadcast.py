@@ -81,12 +81,15 @@ class Broadcast:
             self._changed.notify()  # there is a newer one, for which nobody has asked yet
 
     async def _serve(self, name: str) -> None:
-        feed = self._feeds[name]
+        feed, tried = self._feeds[name], 0
         while True:
-            if feed.number == self._newest[name][0] or not any(name in reader.waiting for reader in self._readers):
+            if feed.number == tried or not any(name in reader.waiting for reader in self._readers):
                 await self._changed.wait()
                 continue
+            tried = feed.number
             number, content = await feed.newest()
+            if number == self._newest[name][0]:  # this one cannot be encoded, as the page is told
+                continue
             self._newest[name] = number, self._message(name, content)
             for reader in self._readers:
                 if name in reader.waiting:

@@ -4,6 +4,10 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any
 
+from vemlight.errors import printable_line
+
+MAX_FAILURE = 200  # letters of why a frame could not be encoded
+
 
 class Condition:
     """Wakes all who wait, each time it is notified."""
@@ -21,14 +25,18 @@ class Condition:
 
 
 class Feed:
-    """The newest frame of one kind and its bytes. `number` counts the frames put in: a reader remembers the one it has."""
+    """The newest frame of one kind and its bytes. `number` counts the frames put in: a reader remembers the one it has.
+
+    A frame that cannot be encoded is passed over; `failure` says why, until a later one can.
+    """
 
     def __init__(self, encode: Callable[..., bytes], condition: Condition) -> None:
         self.number = 0
+        self.failure = ""
         self._encode, self._condition = encode, condition
         self._frame: tuple[Any, ...] = ()
         self._bytes = b""
-        self._encoded = 0
+        self._encoded = self._tried = 0
         self._encoding = asyncio.Lock()
 
     def put(self, *frame: Any) -> None:
@@ -38,16 +46,27 @@ class Feed:
         self._condition.notify()
 
     async def newest(self) -> tuple[int, bytes]:
-        """Number and bytes of the newest frame; (0, b"") before the first. It is encoded in a thread, while the event loop goes on."""
+        """Number and bytes of the newest frame that could be encoded; (0, b"") before the first. It is encoded in a thread, while the
+        event loop goes on."""
         async with self._encoding:
-            if self._encoded != self.number:
+            if self._tried != self.number:
                 number, frame = self.number, self._frame
-                self._bytes = await asyncio.to_thread(self._encode, *frame)
-                self._encoded = number
+                try:
+                    self._bytes = await asyncio.to_thread(self._encode, *frame)
+                except Exception as error:  # whatever it is, the next frame may be another
+                    self.failure = printable_line(f"{type(error).__name__}: {error}")[:MAX_FAILURE]
+                else:
+                    self._encoded, self.failure = number, ""
+                self._tried = number
             return self._encoded, self._bytes
 
     async def after(self, number: int) -> tuple[int, bytes]:
         """As `newest`, but waits for a frame later than `number`."""
-        while self.number <= number:
-            await self._condition.wait()
-        return await self.newest()
+        tried = number
+        while True:
+            while self.number <= tried:
+                await self._condition.wait()
+            tried = self.number
+            found, content = await self.newest()
+            if found > number:
+                return found, content

@@ -9,6 +9,7 @@ from tests.support.rendering import SceneRenderer
 from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
+from vemlight.light.reflected_light import reflected_light
 from vemlight.light.sphere import (
     Coverage,
     cell_directions,
@@ -21,7 +22,6 @@ from vemlight.renderer.gl.programs import Programs, headless_context
 from vemlight.renderer.passes.gbuffer.normals import direction_from_octahedron
 from vemlight.renderer.passes.gloss.lobe_albedo import SIZE, ggx_albedo
 from vemlight.renderer.passes.gloss.prefiltered_map import LEVELS, PrefilteredMap
-from vemlight.renderer.passes.gloss.reflected_light import reflected_light
 from vemlight.renderer.scene.materials import Ggx
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.stage import RendererStage

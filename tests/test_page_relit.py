@@ -1,5 +1,6 @@
 """The scene as a browser draws it: the renderer's picture, from lights alone; its camera by hand, its limits in a line."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
 from vemlight.runtime import wire
 from vemlight.runtime.reports import ImageReport, PointsReport
 from vemlight.settings import Renderer, Wire
+from vemlight.viewer.web import BINARY_FEEDS
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
 VIEWS = (("From above", wire.View(eye=(0.0, -2.0, 6.0), at=(0.0, 0.0, 0.5), fov_y=40.0)),)
@@ -80,6 +82,31 @@ def test_browser_draws_once_asked_and_says_what_it_costs(opened):
     line = opened.locator("#relit-line")
     eventually(lambda: "kB a second" in line.inner_text(), "a line")
     assert "72 lights" in line.inner_text()
+
+
+def test_the_sky_comes_while_the_browser_draws_and_seldom(opened, software_gl_browser):
+    page = software_gl_browser.new_page()
+    came: list[float] = []
+
+    def take(data) -> None:
+        if isinstance(data, bytes) and data[0] == BINARY_FEEDS["environment.bin"]:
+            came.append(time.monotonic())
+
+    page.on("websocket", lambda socket: socket.on("framereceived", take))
+    page.goto(opened.viewer.url)
+    page.locator("#relit-camera").wait_for(timeout=PATIENCE_S * 1e3)
+    page.wait_for_timeout(1500)
+    assert not came, "nobody looks at it"
+    page.get_by_role("button", name="Browser", exact=True).click()
+    eventually(lambda: page.wait_for_timeout(50) or len(came) > 2, "maps")
+    assert came[2] - came[0] > 1.5, "at most one a second"
+    page.get_by_role("button", name="Server", exact=True).click()
+    page.wait_for_timeout(1500)  # in which what was on its way comes
+    before = len(came)
+    page.wait_for_timeout(2500)
+    assert len(came) == before
+    assert page.locator("#notice").is_hidden()
+    page.close()
 
 
 def test_drag_turns_both_pictures(opened, simulated):

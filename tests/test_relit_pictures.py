@@ -9,17 +9,19 @@ from tests.support.light_sets import uniform_lights
 from tests.support.relit_page import RelitPage
 from tests.support.rendering import SceneRenderer
 from vemlight.light.colour import LUMINANCE_WEIGHTS, srgb_from_linear
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import NearLightSet
+from vemlight.light.reflected_light import ReflectedLight
+from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles
 from vemlight.renderer import frame_plan
-from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, Scene, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.settings import Renderer
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
-DRAWING = Renderer(width=240, height=180, shadows="maps", bounces=0, frame_ms=0.0)
+DRAWING = Renderer(width=240, height=180, shadows="maps", bounces=0, frame_ms=0.0, background="map")
 EDGE = 0.2  # of a pixel's level, by which one of its eight neighbours differs where there is an edge, of a thing or of its shadow
 LIMIT = 0.01
 
@@ -46,12 +48,18 @@ def relative_error(of_browser: np.ndarray, of_server: np.ndarray, least: float =
 
 
 def server_picture(
-    scene: Scene, lights: LightSet, view: wire.View | None = None, poses: tuple[wire.Pose, ...] = (), near: NearLightSet | None = None
+    scene: Scene,
+    lights: LightSet,
+    view: wire.View | None = None,
+    poses: tuple[wire.Pose, ...] = (),
+    near: NearLightSet | None = None,
+    environment: EnvironmentMap | None = None,
 ) -> np.ndarray:
     renderer = SceneRenderer(scene, DRAWING)
     renderer.near = near or NearLightSet.empty()
     renderer.pose = scene_pose(scene, 0.0, poses, view)
-    picture = np.ascontiguousarray(renderer.picture(renderer.renderer.drawable(lights))[..., :3])
+    renderer.background = environment
+    picture = np.ascontiguousarray(renderer.picture(renderer.renderer.drawable(lights), environment)[..., :3])
     renderer.renderer.release()
     return picture
 
@@ -99,6 +107,39 @@ def test_moved_objects_from_a_turned_camera_are_the_same(drawn):
     error = relative_error(page.picture(lights, view, poses), server_picture(scene, lights, view, poses))
     print("relative RMSE", error)
     assert error < LIMIT
+
+
+def sky_and_lights(coverage: Coverage) -> tuple[EnvironmentMap, LightSet]:
+    """A sky with clouds and a sun of nine cells, and its lights: the sun, and 40 of which each has its part of the rest."""
+    random, shape = np.random.default_rng(8), (90, 360) if coverage == "hemisphere" else (90, 180)
+    clouds = cv2.GaussianBlur(random.lognormal(0, 1.5, shape), (0, 0), 5)
+    radiance = (clouds[..., None] * np.array([0.6, 0.8, 1.2])).astype(np.float32)
+    row, col = shape[0] // 4, shape[1] // 3
+    radiance[row - 1 : row + 2, col - 1 : col + 2] += np.array([900.0, 800.0, 600.0], np.float32)
+    directions, area = cell_directions(*shape, coverage), cell_solid_angles(*shape, coverage)
+    power = radiance.astype(np.float64) * area[:, None, None]
+    sun, sky = directions[row, col], uniform_lights(40, 0.0).directions
+    of_sun = np.zeros(shape, bool)
+    of_sun[row - 1 : row + 2, col - 1 : col + 2] = True
+    nearest = np.argmax(directions.reshape(-1, 3) @ sky.T, axis=1)
+    parts = np.stack([np.bincount(nearest, channel, 40) for channel in np.where(of_sun[..., None], 0, power).reshape(-1, 3).T], axis=1)
+    lights = LightSet.of(
+        np.arange(41) + 5, np.vstack([sun, sky]).astype(np.float32), np.vstack([power[of_sun].sum(axis=0), parts]).astype(np.float32)
+    )
+    return EnvironmentMap(radiance, coverage), lights
+
+
+@pytest.mark.parametrize("coverage", ["hemisphere", "sphere"])
+def test_the_sky_is_the_same_behind_the_scene_and_in_what_is_polished(drawn, coverage):
+    scene, page = drawn
+    environment, lights = sky_and_lights(coverage)
+    view = wire.View(eye=(0.4, -5.0, 1.1), at=(0.1, 0.0, 1.2), fov_y=45.0)  # with much of the sky
+    browser = page.picture(lights, view, environment=environment)
+    server = server_picture(scene, lights, view, environment=environment)
+    error = relative_error(browser, server)
+    print("relative RMSE", error)
+    assert error < LIMIT
+    assert relative_error(page.picture(lights, view), server) > 10 * LIMIT, "the sky is much of the picture"
 
 
 def near_lights(scene: Scene, count: int) -> NearLightSet:

@@ -11,10 +11,10 @@ from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.extent import Extents, points_of_extents, received
 from vemlight.light.light_set import LightSet, are_covariances
 from vemlight.light.mask import MAX_POINTS
+from vemlight.light.reflected_light import reflected_light
 from vemlight.light.sphere import direction_from_angles, map_irradiance
 from vemlight.light.virtual_lamp import MAX_LAMP_ID, VIRTUAL_IDS_FROM, VirtualLamp, check_lamps, is_virtual, lights_of_lamps, with_lamps
 from vemlight.renderer.accumulation import PASSES, MapLights
-from vemlight.renderer.passes.gloss.reflected_light import reflected_light
 from vemlight.runtime import wire
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.stage import SamplerStage

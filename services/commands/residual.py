@@ -53,9 +53,9 @@ def residual_folder(stage: Path) -> Iterator[Path]:
 def sources_and_rest(lights: LightSet, environment: EnvironmentMap) -> tuple[LightSet, EnvironmentMap]:
     """The lights that are compact sources of the map, and the map without them; together they have the lights' irradiance in each channel.
 
-    What counts as a source is what glossy lobes reflect as one: services/renderer/passes/gloss/reflected_light.py.
+    What counts as a source is what glossy lobes reflect as one: services/light/reflected_light.py.
     """
-    from vemlight.renderer.passes.gloss.reflected_light import reflected_light  # here, since few ask for it
+    from vemlight.light.reflected_light import reflected_light  # here, since few ask for it
 
     found = reflected_light(lights, environment)
     if found.radiance is None:  # no lights

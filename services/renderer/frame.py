@@ -12,12 +12,12 @@ from vemlight.choices import Tone
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import NearLightSet
+from vemlight.light.reflected_light import ReflectedLight
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import FrameWork, MapDemand
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.pass_table import Pass
-from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
 from vemlight.renderer.passes.lights.traced_lights import TracedLayers
 from vemlight.renderer.passes.near_lights.near_light_plan import LitBy, NearBatch, NearLayers
 from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters

@@ -13,6 +13,7 @@ import numpy as np
 from vemlight import settings
 from vemlight.light.extent import Extents, received
 from vemlight.light.light_set import LightSet
+from vemlight.light.reflected_light import reflected_light
 from vemlight.renderer import pass_table
 from vemlight.renderer.accumulation import spread_points
 from vemlight.renderer.frame import NO_LIGHT, AccumulationPass, FrameInput, FramePlan, FrameSetup, FrameState, PassRun
@@ -35,7 +36,6 @@ from vemlight.renderer.frame_budget import (
 from vemlight.renderer.gl.constants import NEAR_BATCH, MaterialKind
 from vemlight.renderer.near_planning import all_near, lights_in_time, map_works, near_mapped, near_traced
 from vemlight.renderer.pass_order import Lighting, drawing_passes, output_passes
-from vemlight.renderer.passes.gloss.reflected_light import reflected_light, with_reflection
 from vemlight.renderer.passes.lights.light_regions import SPHERE_REGIONS, light_regions
 from vemlight.renderer.passes.lights.traced_lights import (
     TracedBatch,
@@ -58,6 +58,7 @@ from vemlight.renderer.passes.shadow_maps.shadow_map_plan import (
     max_atlas_side,
     with_lookups,
     with_moved_casters,
+    with_reflection,
     without_lookups,
 )
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import MAX_COARSENING, map_resolutions

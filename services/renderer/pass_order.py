@@ -3,13 +3,13 @@
 from typing import NamedTuple
 
 from vemlight.light.light_set import LightSet
+from vemlight.light.reflected_light import ReflectedLight
 from vemlight.renderer import pass_table
 from vemlight.renderer.frame import FrameInput, FrameSetup, GBufferContents, PassRun
 from vemlight.renderer.frame_budget import FrameWork
 from vemlight.renderer.gl.constants import MaterialKind
 from vemlight.renderer.near_planning import near_passes
 from vemlight.renderer.pass_table import Pass
-from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
 from vemlight.renderer.passes.near_lights.near_light_plan import NearBatch
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 from vemlight.renderer.scene.materials import Colour

@@ -121,8 +121,9 @@ class FlatCasters(Flat, frozen=True):
 
 class FlatScene(Flat, frozen=True):
     """The description. arrays: `positions`, `normals` (3 a vertex), `uvs` (2), `colours` (4) and `second_uvs` (2) where a mesh has them,
-    `indices`, `caster_positions`, `caster_indices`. laws: the renderer's constants by name. shaders: GLSL ES 3.00 by file name; what
-    a variant defines comes after the first line. left_out: what the server's picture has and these do not, a line each.
+    `indices`, `caster_positions`, `caster_indices`, and `lobe_albedo` (2 an entry) where something is glossy. laws: the renderer's
+    constants by name. shaders: GLSL ES 3.00 by file name; what a variant defines comes after the first line. left_out: what the
+    server's picture has and these do not, a line each.
     """
 
     version: Literal[1]
@@ -137,14 +138,14 @@ class FlatScene(Flat, frozen=True):
     materials: Annotated[tuple[FlatMaterial, ...], Meta(max_length=MAX_MESHES)]
     textures: Annotated[tuple[FlatTexture, ...], Meta(max_length=MAX_TEXTURES)]
     casters: FlatCasters
-    laws: Annotated[dict[Annotated[str, Meta(max_length=64)], Finite], Meta(max_length=64)]
+    laws: Annotated[dict[Annotated[str, Meta(max_length=64)], Finite], Meta(max_length=128)]
     shaders: Annotated[dict[Annotated[str, Meta(max_length=64)], Annotated[str, Meta(max_length=65536)]], Meta(max_length=32)]
     left_out: Annotated[tuple[Short, ...], Meta(max_length=16)] = ()
 
 
 NUMBERS_A_VERTEX = {"positions": 3, "normals": 3, "uvs": 2, "colours": 4, "second_uvs": 2}
 NEEDED = ("positions", "normals", "uvs", "indices", "caster_positions", "caster_indices")
-TYPES = {name: "uint32" if "indices" in name else "float32" for name in (*NEEDED, *NUMBERS_A_VERTEX)}
+TYPES = {name: "uint32" if "indices" in name else "float32" for name in (*NEEDED, *NUMBERS_A_VERTEX, "lobe_albedo")}
 
 
 def encoded(scene: FlatScene) -> bytes:

@@ -59,7 +59,7 @@ async def view(settings: Settings, restarts: int) -> None:
             tasks.append(asyncio.create_task(receive_scene(transport, renderer, state)))
         tasks.append(asyncio.create_task(keep_accepting_subscriptions(publisher)))
         tasks.append(asyncio.create_task(publish(publisher, state)))
-        tasks.append(asyncio.create_task(refresh(state)))
+        tasks.append(asyncio.create_task(refresh(state, lines)))
         print(f"vemlight: {address(settings.viewer)}", flush=True)
         tasks.append(asyncio.create_task(stop.wait()))
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -150,8 +150,10 @@ async def publish(publisher: Any, state: ViewerState) -> None:
             await asyncio.wait_for(state.control_changed.wait(), REPORT_PERIOD_S)
 
 
-async def refresh(state: ViewerState) -> None:
-    """Refreshes the page's figures."""
+async def refresh(state: ViewerState, lines: LogLines) -> None:
+    """Refreshes the page's figures, and says what could not be sent to it."""
     while True:
         state.refresh()
+        for name, reason in state.failures.items():
+            lines.say(f"feed {name}", f"viewer: cannot make {name} for pages, and goes on with the next: {reason}")
         await asyncio.sleep(SUMMARY_PERIOD_S)

@@ -20,6 +20,7 @@ from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.token import is_loopback
 from vemlight.settings import Settings
 from vemlight.viewer.ages import Ages
+from vemlight.viewer.environment_feed import EnvironmentFeed
 from vemlight.viewer.feeds import Condition, Feed
 from vemlight.viewer.levels_json import levels_json
 from vemlight.viewer.liveness import HEALTHY, Judgement, LastReceived, Liveness
@@ -59,8 +60,14 @@ class ViewerState:
         self.levels = Feed(levels_json, self.feeds_changed)
         self.picture = Feed(self._encode_picture, self.feeds_changed)
         self.picture_state = Feed(_picture_state, self.feeds_changed)
-        self.scene = NO_SCENE
+        self.environment = EnvironmentFeed(self.feeds_changed)
         self.summaries = Feed(msgspec.json.encode, self.feeds_changed)
+        self.feeds: dict[str, Feed] = {  # of sockets, by name
+            "summary": self.summaries, "lights": self.lights, "levels": self.levels, "disc": self.disc, "picture": self.picture,
+            "lights.bin": self.lights_binary, "placed-lights.bin": self.placed_lights, "picture-state": self.picture_state,
+            "environment.bin": self.environment,
+        }  # fmt: skip
+        self.scene = NO_SCENE
         self.meter = Meter()
         self.name, self._last = instance_of(settings, "viewer"), instance_of(settings, LAST)
         self.stats = ServiceStats(self.name, restarts)
@@ -95,12 +102,14 @@ class ViewerState:
             case wire.MapMessage():
                 self.disc.put(header, arrays[0])
                 self.sky.put(header, arrays[0])
-                self.meter.take_map(header, EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:4])))
+                self.environment.newest_map = EnvironmentMap(arrays[0], header.coverage, BrightCells(*arrays[1:4]))
+                self.meter.take_map(header, self.environment.newest_map)
             case wire.PointsMessage():
                 self._near.take(header, arrays)
             case wire.LightsMessage():
                 self._light_count = header.count
                 self.meter.take_lights(arrays[0], arrays[2])
+                self.environment.newest_lights = LightSet(*arrays[:-2])
                 near = self._near.of(header.stamp)
                 self.lights.put(header, near, *arrays[:-2])
                 self.lights_binary.put(header, near, *arrays[:-2])
@@ -197,8 +206,14 @@ class ViewerState:
         return "" if viewer.token or is_loopback(viewer.host) else NO_ARMING
 
     def refresh(self) -> None:
-        """Puts a new summary into its feed."""
+        """Puts a new summary into its feed, and the map for browsers' pictures where it is time and it is another one."""
         self.summaries.put(self.summary())
+        self.environment.put_if_due(time.monotonic())
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """By name the feeds whose newest frame could not be encoded, and why."""
+        return {name: feed.failure for name, feed in {**self.feeds, "sky.bin": self.sky}.items() if feed.failure}
 
     def summary(self) -> dict[str, Any]:
         """How everything stands, for the page, `/healthz` and `/metrics`."""
@@ -231,6 +246,7 @@ class ViewerState:
             "near_lights": _near_rows(self._near.newest),
             "measuring": self.measuring.summary(),
             "pages": self.pages,
+            "failures": self.failures,
             "services": [*rows, own],
             "report_fields": {service: [field._asdict() for field in report_fields(service)] for service in judged},
         }  # fmt: skip

@@ -15,9 +15,11 @@ from vemlight.errors import UserError
 from vemlight.light import as_directional, lights_binary, mask, virtual_lamp
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.runtime.allowance import Allowance
+from vemlight.viewer import environment_binary
 from vemlight.viewer.authentication import add_headers, authentication_middleware
 from vemlight.viewer.broadcast import Broadcast, Reader
 from vemlight.viewer.connections import busy_middleware, connection_of
+from vemlight.viewer.feeds import Feed
 from vemlight.viewer.meter import Look
 from vemlight.viewer.saved_settings import settings_file
 from vemlight.viewer.scene_files import CHUNK, KEPT_FOR_S
@@ -34,8 +36,11 @@ STREAM_TIMEOUT_S = 10.0  # and so is a stream whose reader takes nothing for so 
 BODY_S = 5.0  # for a control to come; 2 to 20 s would do
 MESSAGES_BURST, MESSAGES_PER_S = 1000, 500  # of a page: it may name each of five feeds once for each picture; 250 to 2000 a second would do
 # First byte of a binary message.
-BINARY_FEEDS = {"disc": 1, "picture": 2, "lights.bin": lights_binary.KIND, "placed-lights.bin": lights_binary.PLACED_KIND}
-OWN_HEAD = {"lights.bin", "placed-lights.bin"}  # feeds whose bytes begin with it already; after the others' a JPEG follows
+BINARY_FEEDS = {
+    "disc": 1, "picture": 2, "lights.bin": lights_binary.KIND, "placed-lights.bin": lights_binary.PLACED_KIND,
+    "environment.bin": environment_binary.KIND,
+}  # fmt: skip
+OWN_HEAD = {"lights.bin", "placed-lights.bin", "environment.bin"}  # feeds whose bytes begin with it; after the others' a JPEG follows
 PAGE_FEEDS = ("summary", "lights", "levels", "disc", "picture")  # what a socket gets unless it asks for others
 RETRY = {"Retry-After": "1"}
 
@@ -60,12 +65,8 @@ class Site:
         self._files["/constants.js"] = constants_js().encode(), "text/javascript"
         self._metrics: Any = None  # a CollectorRegistry, made when it is first asked for
         self._sockets: set[web.WebSocketResponse] = set()
-        self._feeds = {
-            "summary": state.summaries, "lights": state.lights, "levels": state.levels, "disc": state.disc, "picture": state.picture,
-            "lights.bin": state.lights_binary, "placed-lights.bin": state.placed_lights, "picture-state": state.picture_state,
-        }  # fmt: skip
         first = {name: byte for name, byte in BINARY_FEEDS.items() if name not in OWN_HEAD}
-        self._broadcast = Broadcast(self._feeds, first, set(BINARY_FEEDS), state.feeds_changed)
+        self._broadcast = Broadcast(state.feeds, first, set(BINARY_FEEDS), state.feeds_changed)
 
     def app(self) -> web.Application:
         middlewares = [busy_middleware, authentication_middleware(self._state.settings.viewer)]
@@ -120,20 +121,20 @@ class Site:
         return web.Response(status=204)
 
     async def snapshot(self, _: web.Request) -> web.Response:
-        number, jpeg = await self._state.picture.newest()
+        number, jpeg = await _newest(self._state.picture)
         if not number:
             return web.Response(status=503, text="no picture yet: the renderer has sent none\n", headers=RETRY)
         return web.Response(body=jpeg, content_type="image/jpeg")
 
     async def lights(self, _: web.Request) -> web.Response:
-        number, line = await self._state.lights.newest()
+        number, line = await _newest(self._state.lights)
         if not number:
             return web.Response(status=503, text="no lights yet: the sampler has sent none\n", headers=RETRY)
         return web.Response(body=line, content_type="application/json")
 
     async def sky(self, _: web.Request) -> web.Response:
         """The newest map's luminance as numbers (sky_values.py)."""
-        number, values = await self._state.sky.newest()
+        number, values = await _newest(self._state.sky)
         if not number:
             return web.Response(status=503, text="no map yet: the capture has sent none\n", headers=RETRY)
         return web.Response(body=values, content_type="application/octet-stream")
@@ -188,7 +189,7 @@ class Site:
             return response
 
     async def levels(self, _: web.Request) -> web.Response:
-        number, line = await self._state.levels.newest()
+        number, line = await _newest(self._state.levels)
         if not number:
             return web.Response(status=503, text="no levels yet: there is no rig, or no light has come\n", headers=RETRY)
         return web.Response(body=line, content_type="application/json")
@@ -267,8 +268,8 @@ class Site:
         `?feeds=lights.bin` gives that feed instead, `feeds=lights,picture` these two (docs/clients.md).
         """
         asked = set(request.query.get("feeds", ",".join(PAGE_FEEDS)).split(","))
-        if not asked <= self._feeds.keys():
-            raise web.HTTPBadRequest(text=f"feeds: choose from {', '.join(self._feeds)}, with commas between\n")
+        if not asked <= self._state.feeds.keys():
+            raise web.HTTPBadRequest(text=f"feeds: choose from {', '.join(self._state.feeds)}, with commas between\n")
         with self._counted():
             socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_FEED_NAMES, compress=False, autoping=False)
             await socket.prepare(request)
@@ -289,7 +290,7 @@ class Site:
                     if message.type is WSMsgType.PONG:
                         continue
                     names = message.data.split(",") if message.type is WSMsgType.TEXT else [""]
-                    if not self._feeds.keys() >= set(names):
+                    if not self._state.feeds.keys() >= set(names):
                         await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"send the names of feeds, with commas between")
                         break
                     for name in names:
@@ -330,6 +331,14 @@ def look_from_query(query: Mapping[str, str]) -> Look:
     if not (math.isfinite(azimuth) and -90 <= elevation <= 90 and (scale == 0 or 1e-12 <= scale <= 1e12)):
         raise ValueError("azimuth is finite, elevation from -90 to 90 degrees, scale from 1e-12 to 1e12 cd/m2 a unit")
     return Look(round(azimuth) % 360, round(elevation), scale)
+
+
+async def _newest(feed: Feed) -> tuple[int, bytes]:
+    """As `Feed.newest`. Raises HTTPServiceUnavailable where that could not be encoded: what is older is not the newest."""
+    found = await feed.newest()
+    if feed.failure:
+        raise web.HTTPServiceUnavailable(text=f"the newest cannot be sent: {feed.failure}\n", headers=RETRY)
+    return found
 
 
 def _settings(text: bytes) -> web.Response:

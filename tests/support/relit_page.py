@@ -7,12 +7,14 @@ import msgspec
 import numpy as np
 
 from vemlight import settings
+from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet, NearLights
 from vemlight.light.lights_binary import placed_binary
 from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.browser.flatten import scene_message
 from vemlight.renderer.scene.scene import Scene
 from vemlight.runtime import wire
+from vemlight.viewer.environment_binary import environment_binary
 from vemlight.viewer.scene_files import scene_files
 from vemlight.viewer.web import PAGE, constants_js
 
@@ -21,10 +23,11 @@ OPEN = """async () => {
     const [{ loadScene }, { contextOf, SceneDrawing }] = await Promise.all([import("/scene_data.js"), import("/relit_draw.js")]);
     const scene = await loadScene(), { gl, why } = contextOf(document.querySelector("canvas"));
     if (why) throw new Error(why);
-    const { lightsFromBytes } = await import("/lights_from_bytes.js");
-    Object.assign(window, { scene, gl, drawing: new SceneDrawing(gl, scene), lightsFromBytes });
+    const { lightsFromBytes } = await import("/lights_from_bytes.js"), { environmentFromBytes } = await import("/relit_environment.js");
+    Object.assign(window, { scene, gl, drawing: new SceneDrawing(gl, scene), lightsFromBytes, environmentFromBytes });
 }"""
-DRAW = """({ bytes, view, poses, width, height, times }) => {
+DRAW = """async ({ bytes, environment, view, poses, width, height, times }) => {
+    drawing.environment.take(environment && await environmentFromBytes(Uint8Array.from(atob(environment), (c) => c.charCodeAt(0)).buffer));
     const { directional: lights, near } = lightsFromBytes(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer), made = [];
     const frame = { view: view ?? scene.cameras[0], lights, near, poses, tone: { scale: 1, white: 0 }, width, height };
     let drawn;
@@ -83,12 +86,15 @@ class RelitPage:
         poses: tuple[wire.Pose, ...] = (),
         near: NearLightSet | None = None,
         times: int = 1,
+        environment: EnvironmentMap | None = None,
     ) -> np.ndarray:
         """(height, width, 3) float32, linear. `drawn` and `frame_ms` then say how."""
         width, height = self._size
         asked: dict[str, Any] = {"width": width, "height": height, "times": times}
         asked |= {"view": msgspec.to_builtins(view), "poses": msgspec.to_builtins(poses)}
-        asked |= {"bytes": frame_bytes(lights, near)}
+        asked |= {"bytes": frame_bytes(lights, near), "environment": None}
+        if environment is not None:
+            asked["environment"] = base64.b64encode(environment_binary(environment, lights)).decode()
         made = self.page.evaluate(DRAW, asked)
         assert made["error"] == 0
         self.drawn, self.frame_ms = made["drawn"], made["ms"]

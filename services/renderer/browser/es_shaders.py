@@ -15,7 +15,7 @@ from vemlight.renderer.gl.programs import SHADERS
 
 BROWSER_SHADERS = (
     "surface.vert", "surface.frag", "shadow.vert", "shadow.frag", "shadow_alpha_test.frag", "screen.vert", "shade.frag", "emission.frag",
-    "tonemap.frag", "near_light_map.vert", "near_light_map.frag", "near_lights.frag",
+    "background.frag", "prefilter.frag", "gloss.frag", "tonemap.frag", "near_light_map.vert", "near_light_map.frag", "near_lights.frag",
 )  # fmt: skip
 HEAD = "#version 300 es\n"
 PRECISION = "".join(f"precision highp {kind};\n" for kind in ("float", "int", "sampler2D", "sampler2DArray"))

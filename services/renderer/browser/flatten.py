@@ -7,13 +7,14 @@ import cv2
 import numpy as np
 
 from vemlight import settings
-from vemlight.light import extent
+from vemlight.light import extent, reflected_light
 from vemlight.light.colour import srgb_from_linear
 from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, NEAR_VIEW_TEXELS, browser_shaders
 from vemlight.renderer.gl import constants
 from vemlight.renderer.gl.buffers import LIGHT_FRAME, NEAR_LIGHT, NEAR_SHADOW_VIEW
-from vemlight.renderer.gl.constants import HASHED_ALPHA, MaterialTexture
+from vemlight.renderer.gl.constants import HASHED_ALPHA, MaterialKind, MaterialTexture
 from vemlight.renderer.passes.gbuffer.material_uniforms import MaterialUniforms, material_uniforms
+from vemlight.renderer.passes.gloss import lobe_albedo, prefiltered_map
 from vemlight.renderer.passes.luminaires import depth_range
 from vemlight.renderer.passes.near_lights import near_light_plan, near_light_views
 from vemlight.renderer.passes.shadow_maps import shadow_map_resolution
@@ -50,6 +51,8 @@ LAWS = {
     depth_range: ("FAR_MARGIN", "QUARTER"),
     near_light_views: ("EDGE_TEXELS", "MAX_RESOLUTION"),
     near_light_plan: ("KEPT_RAD", "KEPT_RADIUS"),
+    prefiltered_map: ("HEXAGON_VARIANCE", "LEVELS", "REACH"),
+    reflected_light: ("CELL_VARIANCE", "GAUSSIAN_SPACING", "NEIGHBOURS"),
 }
 LAYOUTS = {"LIGHT": LIGHT_FRAME, "NEAR": NEAR_LIGHT, "NEAR_VIEW": NEAR_SHADOW_VIEW}  # records of which browsers write fields by name
 
@@ -119,6 +122,8 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     if any(mesh.geometry.second_uvs is not None for mesh in scene.meshes):
         arrays["second_uvs"] = block.add(buffers.second_uvs.astype("<f4"))
     arrays["indices"] = block.add(np.concatenate(local).astype("<u4"))
+    if scene.glossy:
+        arrays["lobe_albedo"] = block.add(lobe_albedo.ggx_albedo())
     arrays["caster_positions"] = block.add(casters.positions.astype("<f4"))
     arrays["caster_indices"] = block.add(casters.indices.astype("<u4"))
 
@@ -153,7 +158,10 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
         laws={name: float(getattr(module, name)) for module, names in LAWS.items() for name in names}
         | {"LARGEST_MAP": resolutions.largest, "MAP_HALVINGS": resolutions.halvings, "BY_POWER": float(resolutions.by_power)}
         | {"LIGHT_TEXELS": LIGHT_TEXELS, "NEAR_TEXELS": NEAR_LIGHT.dtype.itemsize // 16, "NEAR_VIEW_TEXELS": NEAR_VIEW_TEXELS}
-        | {"EMISSION": float(emission)}
+        | {"EMISSION": float(emission), "BACKGROUND": float(drawing.background == "map")}
+        | {"PREFILTER_SIDE": prefiltered_map.SIDES[0], "PREFILTER_TEXEL_RAD": prefiltered_map.texel_rad(prefiltered_map.SIDES[0])}
+        | {"ALBEDO_SIZE": lobe_albedo.SIZE}
+        | {f"KIND_{kind.name}": kind.value for kind in MaterialKind}
         | {
             f"{record}_AT_{name}": layout.dtype.fields[name][1] / 4  # type: ignore[index]
             for record, layout in LAYOUTS.items()
@@ -169,11 +177,7 @@ def _left_out(scene: Scene, drawing: settings.Renderer, reduced: int) -> list[st
     """What browsers do not draw of this scene, a line each."""
     lines = []
     if drawing.bounces:
-        lines.append("light from surface to surface")
-    if scene.glossy:
-        lines.append("the sky that mirrors show (here they show the lights)")
-    if drawing.background == "map":
-        lines.append("the sky behind the scene")
+        lines.append("light from surface to surface, also in mirrors" if scene.glossy else "light from surface to surface")
     if scene.luminaires:
         lines.append("the scene's lamps")
     if scene.plate is not None or any(isinstance(mesh.material, ShadowCatcher) for mesh in scene.meshes):

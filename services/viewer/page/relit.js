@@ -4,6 +4,7 @@
 import { loadScene } from "/scene_data.js";
 import { RelitHands } from "/relit_hands.js";
 import { contextOf, SceneDrawing } from "/relit_draw.js";
+import { environmentFromBytes } from "/relit_environment.js";
 
 const WINDOW_MS = 1000; // over which frames and bytes are counted
 // A picture that takes longer has half the pixels in width and height, one that takes less has them again: software draws 640 x 480 pixels under
@@ -20,7 +21,7 @@ export class Relit {
     [this.control, this.chosenPoses, this.choose] = [control, chosenPoses, choose];
     [this.canvas, this.slider, this.line, this.presets] = ["relit", "relit-slider", "relit-line", "relit-camera"].map(at);
     this.mode = "server";
-    this.scene = this.drawing = this.frame = this.own = null;
+    this.scene = this.drawing = this.frame = this.own = this.environment = null;
     this.hash = undefined;
     this.why = "the renderer has not sent the scene";
     this.state = { tone: null, objects: [] };
@@ -94,6 +95,7 @@ export class Relit {
         const { gl, why } = contextOf(this.canvas);
         [this.gl, this.why] = [gl, why ?? ""];
         if (!why) this.drawing = new SceneDrawing(gl, this.scene);
+        this.drawing?.environment.take(this.environment);
       } catch (error) {
         this.why = error.message;
       }
@@ -184,6 +186,14 @@ export class Relit {
   takeLights(frame, bytes) {
     this.frame = frame;
     this.count(0, bytes);
+    this.redraw();
+  }
+
+  // The map behind the lights, as the feed environment.bin has it.
+  async takeEnvironment(buffer) {
+    this.environment = await environmentFromBytes(buffer);
+    this.drawing?.environment.take(this.environment);
+    this.count(0, buffer.byteLength);
     this.redraw();
   }
 

@@ -1,5 +1,6 @@
 // The scene under many lights, drawn in WebGL2 by the renderer's own shaders: surfaces once, then all lights for each pixel, then the screen.
 
+import { Environment, withReflection } from "/relit_environment.js";
 import { clipFromWorld, minus, nearestDistance, rayFromPixel, unit } from "/relit_camera.js";
 import { pointsOf, strongest, withPower } from "/relit_lights.js";
 import { NearLights } from "/relit_near.js";
@@ -7,7 +8,6 @@ import { Programs } from "/relit_programs.js";
 import { checkErrors, nearest, Shadows, uploaded } from "/relit_shadows.js";
 import { boxCorners, boxOf, identity, transformed, worldFromRest } from "/scene_data.js";
 
-const KIND_CATCHER = 3; // gl/constants.py, MaterialKind
 const FENCE_MS = 3; // between two looks at it; 1 to 10 would do
 const NO_TONE = { scale: 1, white: 0 };
 const VERTEX = { position: ["positions", 3], normal: ["normals", 3], uv: ["uvs", 2], vertex_colour: ["colours", 4], second_uv: ["second_uvs", 2] };
@@ -41,6 +41,8 @@ export class SceneDrawing {
     this.kinds = [...new Set(description.materials.map((material) => material.kind))].sort();
     this.shadows = new Shadows(gl, scene, this.programs);
     this.near = new NearLights(this);
+    this.environment = new Environment(this);
+    this.catches = this.kinds.includes(this.laws.KIND_SHADOW_CATCHER);
     this.size = [0, 0];
     checkErrors(gl);
   }
@@ -51,7 +53,7 @@ export class SceneDrawing {
   // points; how many lights' shadow maps were drawn anew; how often all maps were halved so that they fit.
   draw({ view, lights, near, poses, tone, width, height }) {
     const { gl, scene } = this, matrices = worldFromRest(scene, poses), lit = withPower(lights), shown = strongest(lit);
-    const points = pointsOf(shown, this.laws);
+    const cut = pointsOf(shown, this.laws), points = this.environment.map ? withReflection(cut, this.environment.map, this.laws) : cut;
     const boxes = scene.objects.map((mesh, k) => (matrices[k] ? boxOf(boxCorners(mesh.box).flatMap((corner) => transformed(matrices[k], corner, 1))) : mesh.box));
     const anew = this.fit(width, height);
     const maps = this.shadows.draw(points, matrices, (common, first, count) => this.castAlpha(common, first, count, matrices));
@@ -59,6 +61,7 @@ export class SceneDrawing {
     this.drawSurfaces(view, matrices, boxes);
     this.sumLights(view, points, matrices);
     if (this.laws.EMISSION) this.addEmission();
+    if (this.environment.map && this.laws.BACKGROUND) this.environment.drawBehind(this.rays, this.catches ? this.matte : null);
     this.show(tone ?? NO_TONE);
     gl.bindVertexArray(null);
     if (anew) checkErrors(gl); // seldom, since it waits
@@ -101,20 +104,34 @@ export class SceneDrawing {
   // The sum over the lights.
   sumLights(view, points, matrices) {
     const { gl } = this;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);
-    gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
+    for (const frame of [this.picture.frame, this.picture.lobes, this.picture.matte]) {
+      if (!frame) continue;
+      gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+      gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
+      if (frame !== this.picture.frame) gl.clearBufferfv(gl.COLOR, 1, [0, 0, 0, 0]);
+    }
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
     const surfaces = { ...this.rays, ...this.surfaceTextures() };
     for (const kind of this.kinds) {
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.frameOfKind(kind));
       const program = this.programs.of("screen.vert", "shade.frag", { KIND: kind, CACHED_VISIBILITY: 0, WEAK: 0, COARSE: 0, STEP: 1 });
       this.fill(program, {
         ...surfaces, lights_texture: this.shadows.frames.texture, atlas: this.shadows.texture,
         atlas_texel: [1 / this.shadows.width, 1 / this.shadows.height], light_count: this.shadows.count, weight: 1, alpha: 1,
-        unshadowed: kind === KIND_CATCHER ? this.unshadowed(view, points, matrices) : [1, 1, 1],
+        unshadowed: kind === this.laws.KIND_SHADOW_CATCHER ? this.unshadowed(view, points, matrices) : [1, 1, 1],
       });
     }
-    this.near.add(surfaces, KIND_CATCHER);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);
+    this.near.add(surfaces, this.laws.KIND_SHADOW_CATCHER);
+    if (this.environment.map && this.environment.glossy && points.length) this.environment.addReflected({ ...surfaces, lobe_visibility: this.lobes });
+  }
+
+  // What shading a kind of material writes beside radiance has a frame of its own.
+  frameOfKind(kind) {
+    const { KIND_SHADOW_CATCHER, KIND_PHONG, KIND_GGX } = this.laws;
+    if (kind === KIND_SHADOW_CATCHER) return this.picture.matte;
+    return kind === KIND_PHONG || kind === KIND_GGX ? this.picture.lobes : this.picture.frame;
   }
 
   addEmission() {
@@ -152,7 +169,7 @@ export class SceneDrawing {
 
   // Irradiance of the catcher without shadows.
   unshadowed(view, points, matrices) {
-    const number = this.scene.description.meshes.findIndex((mesh) => this.materials[mesh.material].kind === KIND_CATCHER), mesh = this.scene.objects[number];
+    const number = this.scene.description.meshes.findIndex((mesh) => this.materials[mesh.material].kind === this.laws.KIND_SHADOW_CATCHER), mesh = this.scene.objects[number];
     const at = (vector, w) => (matrices[number] ? transformed(matrices[number], vector, w) : [...vector]);
     const normal = unit(at(mesh.normals.subarray(0, 3), 0)), place = at(mesh.positions.subarray(0, 3), 1);
     const side = minus(view.from, place).reduce((sum, value, k) => sum + value * normal[k], 0) < 0 ? -1 : 1, sum = [0, 0, 0];
@@ -266,14 +283,16 @@ export class SceneDrawing {
     if (this.size[0] === width && this.size[1] === height) return false;
     const { gl } = this;
     this.size = [width, height];
-    for (const texture of [...(this.targets ?? []), this.depth, this.picture?.texture]) gl.deleteTexture(texture ?? null);
-    for (const frame of [this.surfaces, this.picture?.frame]) gl.deleteFramebuffer(frame ?? null);
+    for (const texture of [...(this.targets ?? []), this.depth, this.picture?.texture, this.lobes, this.matte]) gl.deleteTexture(texture ?? null);
+    for (const frame of [this.surfaces, this.picture?.frame, this.picture?.lobes, this.picture?.matte]) gl.deleteFramebuffer(frame ?? null);
     const formats = [gl.R32F, gl.RGBA32F, gl.RGBA16F, gl.RGBA16F, ...(this.laws.EMISSION ? [gl.RGBA32F] : [])];
     this.targets = formats.map((format) => this.target(format));
     this.depth = this.target(gl.DEPTH_COMPONENT24);
     this.surfaces = this.frameOf(this.targets, this.depth);
     this.picture = { texture: this.target(this.blends ? gl.RGBA32F : gl.RGBA16F) };
     this.picture.frame = this.frameOf([this.picture.texture]);
+    if (this.environment.glossy) this.picture.lobes = this.frameOf([this.picture.texture, (this.lobes = this.target(gl.RG32F))]);
+    if (this.catches) this.picture.matte = this.frameOf([this.picture.texture, (this.matte = this.target(gl.RGBA16F))]);
     checkErrors(gl);
     [gl.canvas.width, gl.canvas.height] = [width, height];
     return true;

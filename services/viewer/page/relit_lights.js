@@ -121,7 +121,8 @@ export function writeFrame(numbers, at, light, map, box, laws) {
   put("resolution", [map.resolution]);
   put("spread", [0]); // soft lights are several points here
   put("concentration", [1]);
-  put("lobe_spread", [light.variance ?? 0]);
-  put("direct", [1]);
+  put("lobe_spread", [light.spread ?? light.variance ?? 0]);
+  put("least_width", [light.leastWidth ?? 0]);
+  put("direct", [light.direct ?? 1]); // withReflection(), where there is a map
 }
 

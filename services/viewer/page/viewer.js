@@ -12,7 +12,7 @@ import { lightsFromBytes } from "/lights_from_bytes.js";
 import { Meter } from "/meter.js";
 import { grouped } from "/numbers.js";
 import { Objects } from "/objects.js";
-import { overallState } from "/overall_state.js";
+import { overallState, rowState } from "/overall_state.js";
 import { PersistedControls } from "/persisted_controls.js";
 import { Relit } from "/relit.js";
 import { Sky } from "/sky.js";
@@ -20,6 +20,7 @@ import { SkyTools } from "/sky_tools.js";
 import { Source } from "/source.js";
 import { Timeline } from "/timeline.js";
 
+// environment.bin is asked for while this browser draws.
 const FEEDS = "summary,placed-lights.bin,levels,disc,picture,picture-state";
 const RECONNECT_MS = 1000;
 const GREW_MS = 5000; // a count of losses is coloured while it grows, and for so long after
@@ -36,8 +37,9 @@ const FORMATS = { ms: milliseconds, Hz: hertz, frames: fraction, "%": percent, "
 const FEED_OF_BYTE = Object.fromEntries(Object.entries(BINARY_FEEDS).map(([name, byte]) => [byte, name]));
 const TAKE = { // by the name of a feed: what shows its message
   summary: takeSummary, levels: takeLevels, "picture-state": (state, bytes) => relit.takeState(state, bytes), "placed-lights.bin": takeLights, disc: takeDisc,
-  picture: takePicture,
+  picture: takePicture, "environment.bin": (buffer) => relit.takeEnvironment(buffer),
 };
+const failed = new Set(); // feeds whose newest frame could not be made
 const grown = new Map(); // of a loss: its last value and when that rose
 const at = (id) => document.getElementById(id);
 const sky = new Sky(at("disc"), at("light-facts"));
@@ -67,17 +69,20 @@ function notice(about, text) {
 function connect() {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?feeds=${FEEDS}`);
   let shown = []; // feeds to be named at the next frame of the browser
-  let kept = false; // whether a picture waits to be named until somebody looks at the server's
+  const kept = new Set(["environment.bin"]); // feeds to be named when somebody looks at what they show
+  const wanted = (name) => (name === "picture" ? !relit.alone : name !== "environment.bin" || relit.draws);
   relit.onMode = () => {
-    if (!kept || relit.alone || socket.readyState !== WebSocket.OPEN) return;
-    kept = false;
-    socket.send("picture");
+    const now = [...kept].filter(wanted);
+    if (!now.length || socket.readyState !== WebSocket.OPEN) return;
+    for (const name of now) kept.delete(name);
+    socket.send(now.join(","));
   };
   socket.binaryType = "arraybuffer";
-  socket.onopen = () => notice("socket", "");
+  socket.onopen = () => { notice("socket", ""); relit.onMode(); };
   socket.onmessage = async ({ data }) => {
     const name = await take(data);
-    if (!name || (name === "picture" && relit.alone)) return void (kept ||= Boolean(name));
+    if (!name) return;
+    if (!wanted(name)) return void kept.add(name);
     if (shown.push(name) > 1) return;
     await new Promise(requestAnimationFrame); // a hidden page asks for nothing
     if (socket.readyState === WebSocket.OPEN) socket.send(shown.join(","));
@@ -147,9 +152,19 @@ function takeSummary(message) {
   graphs.take(message);
   meter.take(message);
   guide.take(message);
+  showFailures(message.failures);
   showFigures(message);
   showCards(message);
   showCovers(message);
+}
+
+// What the viewer could not send: the page shows what was before.
+function showFailures(failures) {
+  for (const name of new Set([...failed, ...Object.keys(failures)])) {
+    const reason = failures[name];
+    notice(`feed ${name}`, reason ? `The viewer could not make ${name} (${reason}): what you see of it is older.` : "");
+    reason ? failed.add(name) : failed.delete(name);
+  }
 }
 
 // A choice that was made before is made again: undo and redo.
@@ -240,8 +255,9 @@ function showCards(summary) {
   for (const row of summary.services) {
     const fields = [...MEASURES, ...(summary.report_fields[row.service] ?? [])];
     const card = at(`card-${row.service}`) ?? newCard(row, fields);
-    card.dataset.state = row.state;
-    showState(card.querySelector(".pill"), row.state, row.text);
+    const [state, words] = rowState(row, summary);
+    card.dataset.state = state;
+    showState(card.querySelector(".pill"), state, words);
     card.querySelector("output").textContent = rate(row.rate_hz);
     card.querySelector(".given-up").textContent = row.kind === "renderer" ? givenUp(summary) : "";
     for (const field of fields) {

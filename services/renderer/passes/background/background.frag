@@ -5,6 +5,7 @@ layout(early_fragment_tests) in;
 
 uniform sampler2D polar;
 uniform float span;  // of theta: pi / 2 or pi
+uniform float gain;
 uniform mat3 ray_from_pixel;
 layout(location = 0) out vec4 radiance;
 
@@ -15,5 +16,5 @@ void main() {
     vec3 ray = ray_from_pixel * vec3(gl_FragCoord.xy, 1.0);
     float theta = atan(length(ray.xy), ray.z);
     if (theta >= span && span < WHOLE_SPHERE) discard;
-    radiance = composited(textureLod(polar, vec2(atan(ray.y, ray.x) / TURN, theta / span), 0.0).rgb);
+    radiance = composited(textureLod(polar, vec2(atan(ray.y, ray.x) / TURN, theta / span), 0.0).rgb * gain);
 }

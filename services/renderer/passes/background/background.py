@@ -16,6 +16,7 @@ class Background(BackgroundLayer):
 
     def __init__(self, context: moderngl.Context, programs: Programs, size: tuple[int, int]) -> None:
         super().__init__(context, programs, size, "background.frag")
+        self._program["gain"] = 1.0  # browsers have the map in another unit
         self._shown: np.ndarray | None = None
 
     def show(self, radiance: np.ndarray, coverage: Coverage) -> None:

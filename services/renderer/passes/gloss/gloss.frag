@@ -107,6 +107,9 @@ void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     int kind = int(surface_diffuse_at(pixel).kind);
     SurfaceSpecular specular = surface_specular_at(pixel);
+#ifdef GL_ES  // which has no classes of pixels
+    if (surface_depth_at(pixel).depth == 0.0 || (kind != MATERIAL_PHONG && kind != MATERIAL_GGX) || map_fraction(kind, specular.lobe) <= 0.0) discard;
+#endif
     vec4 reflected = vec4(0.0);
 #if PIXELS == WITH_COARSE
     reflected = nearby(pixel);

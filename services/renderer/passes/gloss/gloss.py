@@ -6,13 +6,13 @@ pass over the lights sums both.
 
 import moderngl
 
+from vemlight.light.reflected_light import ReflectedLight
 from vemlight.renderer.gl.constants import GLOSSY_KINDS, MaterialKind
 from vemlight.renderer.gl.programs import Programs
 from vemlight.renderer.passes.gbuffer.coarse_surfaces import STEP, CoarseSurfaces
 from vemlight.renderer.passes.gbuffer.gbuffer import GBuffer
 from vemlight.renderer.passes.gloss.lobe_albedo import SIZE, ggx_albedo
 from vemlight.renderer.passes.gloss.prefiltered_map import PrefilteredMap
-from vemlight.renderer.passes.gloss.reflected_light import ReflectedLight
 
 # Of gloss.frag and gloss_classes.frag: for which pixels a program is, and the depths of the classes.
 PIXELS = {"ALL": 0, "COARSE": 1, "WITH_COARSE": 2}

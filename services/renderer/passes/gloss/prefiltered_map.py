@@ -48,7 +48,7 @@ class PrefilteredMap:
         for level in range(LEVELS):
             program, variance = self._next if level else self._first, self.base_variance * 4**level
             if level:
-                program["level"] = level
+                program["before"] = float(level - 1)
                 program["spacing"] = math.sqrt((variance * 3 / 4 - texel_rad(side) ** 2 / 6) / HEXAGON_VARIANCE)
             program["lowest"] = -REACH * math.sqrt(variance) if coverage == "hemisphere" else -1.0
             (self.texture if level else self._polar).use(0)

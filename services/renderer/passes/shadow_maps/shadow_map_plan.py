@@ -12,6 +12,7 @@ import numpy as np
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.extent import Extents
 from vemlight.light.light_set import LightSet
+from vemlight.light.reflected_light import ReflectedLight
 from vemlight.renderer.frame_budget import map_work
 from vemlight.renderer.gl.buffers import LIGHT_ENTRY
 from vemlight.renderer.gl.constants import MAX_LIGHTS
@@ -290,3 +291,11 @@ def lit_lights(lights: LightSet) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of the lights that carry power, and that power, luminance."""
     lit = np.flatnonzero(np.any(lights.irradiance != 0, axis=1))
     return lit, luminance_from_rgb(lights.irradiance[lit].astype(np.float64))
+
+
+def with_reflection(batch: Batch, light: ReflectedLight) -> Batch:
+    """The batch with what lobes reflect of each of its lights."""
+    entries, number = batch.entries.copy(), batch.entries["number"].astype(np.int64)
+    for name, values in {"direct": light.direct, "lobe_spread": light.spread, "least_width": light.least_width}.items():
+        entries[name] = values[number]
+    return batch._replace(entries=entries)

@@ -17,7 +17,6 @@ from vemlight.light.extent import POINTS, Extents
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import SPAN, Coverage, cell_directions, cell_from_direction, cell_solid_angles, map_irradiance
 from vemlight.light.virtual_lamp import VIRTUAL_IDS_FROM, is_virtual
-from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
 
 SOURCE_RADIUS = 1.5  # cells of the map: a source in the corner of four cells reaches into all of them
 SURROUNDING_RADIUS = 3.0  # cells: the ring from SOURCE_RADIUS on is what a source has to stand out of
@@ -103,14 +102,6 @@ def _lamp_variances(lights: LightSet) -> np.ndarray:
         points = lights.directions[lamp == each].astype(np.float64)
         variances[lamp == each] = ((points - points.mean(axis=0)) ** 2).sum(axis=1) / 2
     return variances
-
-
-def with_reflection(batch: Batch, light: ReflectedLight) -> Batch:
-    """The batch with what lobes reflect of each of its lights."""
-    entries, number = batch.entries.copy(), batch.entries["number"].astype(np.int64)
-    for name, values in {"direct": light.direct, "lobe_spread": light.spread, "least_width": light.least_width}.items():
-        entries[name] = values[number]
-    return batch._replace(entries=entries)
 
 
 class _Sources:

@@ -1,9 +1,10 @@
 """The source that plays: chosen by names that lead nowhere else, opened beside the one that goes on, left when it fails; and recording."""
 
+import errno
 import os
 import time
 from collections import namedtuple
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.support.stream_server import jpeg, serving
-from vemlight.capture import live_recording, recent
+from vemlight.capture import live_recording, recent, recorder
 from vemlight.capture.choosing import BUNDLED_CHOICE, OFFERED, RECENT_CHOICE, ChosenSources, chosen_capture, recordings
 from vemlight.capture.frames import Frame
 from vemlight.capture.live_recording import MIN_FREE, NO_CAMERA, NO_FOLDER
@@ -175,6 +176,14 @@ def receive(sources: ChosenSources, count: int) -> list[float]:
     return means
 
 
+def received_until(sources: ChosenSources, wanted: Callable[[SourceMessage], Any]) -> SourceMessage:
+    """Receives frames until what is said of the source is as wanted."""
+    until_s = time.monotonic() + PATIENCE_S
+    while not wanted(said := about(sources)) and time.monotonic() < until_s:
+        receive(sources, 1)
+    return said
+
+
 def test_the_last_seconds_of_a_camera_can_be_looked_at_again(camera):
     said = about(camera)
     assert said.recent_s > 0
@@ -211,6 +220,25 @@ def test_a_recording_ends_before_the_disk_is_full(camera, monkeypatch):
     camera.on_control(ControlMessage(record=True))  # the same wish comes again: it does not begin anew
     assert about(camera).recording == ""
     assert "make room" in about(camera).why_not_record
+
+
+def test_a_disk_that_refuses_is_said_while_the_light_is_on_and_the_recording_goes_on(camera, folder, monkeypatch):
+    refuses = [True]
+
+    def full(*frame) -> None:
+        if refuses[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write_exr(*frame)
+
+    monkeypatch.setattr(recorder, "write_exr", full)
+    camera.on_control(ControlMessage(record=True))
+    said = received_until(camera, lambda said: said.refusal)
+    assert said.recording
+    assert said.refusal == f"the recording {said.recording}: frames are not recorded (No space left on device) until there is room"
+    assert str(folder) not in said.refusal
+    refuses[0] = False
+    said = received_until(camera, lambda said: said.recorded_frames)
+    assert (said.refusal, bool(said.recording)) == ("", True)
 
 
 def test_a_recording_ends_with_its_source_and_none_begins_by_itself_on_another(camera, folder, monkeypatch):

@@ -252,7 +252,12 @@ def test_choices_outlive_the_viewer(tmp_path, browser):
     pages[0].locator("#exposure").fill("-1.5")
     pages[1].locator("#object-x").fill("-0.25")
     whole = eventually(lambda: next((c for c in simulated.controls if c.exposure == -1.5 and c.poses), None), "both choices")
-    eventually(lambda: all("0.25" in page.evaluate("localStorage.getItem('vemlight controls')") for page in pages), "both pages know")
+
+    def known(page) -> bool:  # both choices, of which either may have come first
+        kept = page.evaluate("localStorage.getItem('vemlight controls')")
+        return "-1.5" in kept and "-0.25" in kept
+
+    eventually(lambda: all(map(known, pages)), "both pages know both")
     viewer.end()
     simulated.controls.clear()
     again = ViewerProcess(tmp_path, port=viewer.port)

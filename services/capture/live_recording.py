@@ -94,6 +94,8 @@ class LiveRecording:
             recorder = None
         if recorder is None:
             return {"free_bytes": free, "why_not_record": self.why_not(source)[:256]}
+        # A disk may refuse with room left, for a quota or as it is read-only now; the light would be on and nothing recorded.
+        self.refusal = f"the recording {recorder.folder.name}: {recorder.why_refused}" if recorder.refusing else ""
         began_s, before = self._since
         if (passed_s := time.monotonic() - began_s) > RATE_S:
             self._rate, self._since = (recorder.nbytes - before) / passed_s, (time.monotonic(), recorder.nbytes)

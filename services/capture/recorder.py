@@ -30,7 +30,7 @@ class Recorder:
     """Writes frames to a folder as NAME_000000.exr, numbered by their sequence, and lists each in manifest.jsonl once it is complete.
 
     `written`, `dropped` (the queue was full) and `failed` (the disk refused) count frames; `nbytes` is what those written take;
-    `last_error` says why the last one failed, and `refusing` whether that was the newest.
+    `last_error` says why the last one failed, `why_refused` without the folder, and `refusing` whether that was the newest.
     """
 
     def __init__(self, folder: Path, name: str = "frame", calibration: tuple[Path, ...] = ()):
@@ -39,7 +39,7 @@ class Recorder:
         Raises UserError when the folder cannot be made or holds a recording.
         """
         self.folder, self.written, self.dropped, self.failed, self.last_error, self.refusing = folder, 0, 0, 0, "", False
-        self._name, self.nbytes = name, 0
+        self._name, self.nbytes, self.why_refused = name, 0, ""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if (folder / MANIFEST).exists():
@@ -83,7 +83,8 @@ class Recorder:
             except OSError as error:
                 self.failed += 1
                 reason = error.strerror or one_line(error)
-                self.last_error = f"{self.folder}: frames are not recorded ({reason}) until there is room"
+                self.why_refused = f"frames are not recorded ({reason}) until there is room"
+                self.last_error = f"{self.folder}: {self.why_refused}"
                 self.refusing = True
             else:
                 self.written += 1

@@ -28,7 +28,7 @@ from vemlight.viewer.web import Site
 
 SUMMARY_PERIOD_S = 0.25  # how often the page's figures change: faster than this nobody reads them; any value in 0.1..0.5 does
 MAX_TAKEN = 4 * QUEUE_FRAMES  # messages at once: more than the queues at both ends hold, and a flood cannot fill memory
-RECONNECT_S = 5.0  # pages try to reconnect each second (page/viewer.js), and a busy browser that draws the scene late; 3..8 s would do
+RECONNECT_S = 8.0  # pages try to reconnect each second (page/viewer.js), a busy browser or a loaded machine late; 5..10 s would do
 BACKLOG = 64  # connections that wait to be accepted, which is how many come at once; 16 to 128 would do
 LINGER_S = 2.0  # to take the rest of a request that was refused, so that its sender can read why; 0.5 to 5 s would do
 SHUTDOWN_S = 0.1  # aiohttp waits for open streams so long twice, and they would go on for ever; any value below 1 s does

@@ -20,6 +20,6 @@ def sky_values(header: wire.MapMessage, radiance: np.ndarray) -> bytes:
     """HEAD, then the mean luminance of each cell of a polar map of at most MAX_CELLS cells, (rows, cols) float32, in the map's unit."""
     luminance = luminance_from_rgb(radiance.astype(np.float64))
     means = fewer_cells(luminance, header.coverage, MAX_CELLS)
-    total = min(float(cell_solid_angles(*luminance.shape, header.coverage) @ luminance.sum(axis=1)), LARGEST)
+    total = min(float(cell_solid_angles(len(luminance), luminance.shape[1], header.coverage) @ luminance.sum(axis=1)), LARGEST)
     head = HEAD.pack(b"sky1", means.shape[0], means.shape[1], COVERAGES.index(header.coverage), 0, header.luminance_scale or 0.0, total)
     return head + np.minimum(means, LARGEST).astype("<f4").tobytes()

@@ -14,6 +14,7 @@ from vemlight.commands.cli import main
 from vemlight.commands.residual import latlong_from_polar, sources_and_rest
 from vemlight.exchange.punctual import angles_deg
 from vemlight.exchange.usd_file import DOME_ROTATION_WXYZ, time_codes
+from vemlight.exchange.usd_text import decimals
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.images import read_radiance, write_exr
 from vemlight.light.light_set import LightSet, lights_row
@@ -21,7 +22,7 @@ from vemlight.light.lights_reader import lights_frames
 from vemlight.light.sphere import latlong_directions, latlong_solid_angles, map_irradiance
 
 Z = np.array([0.0, 0, 1])
-NEEDS = "is not installed: pip install 'vemlight[export]'"
+NEEDS = "is not installed: pip install 'vemlight[export,usd]'"
 
 
 def lights_at(frame: int) -> LightSet:
@@ -89,11 +90,52 @@ def test_a_usd_stage_has_the_lights_of_each_frame(lights_file, tmp_path, suffix)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["lights.jsonl", out.name]
 
 
-def test_a_usdc_in_many_pieces_is_the_same_stage(lights_file, tmp_path, monkeypatch):
-    pytest.importorskip("pxr", reason=f"usd-core {NEEDS}")
-    monkeypatch.setattr("vemlight.exchange.usd_file.PIECE_FRAMES", 1)
-    export(lights_file, "--usd", tmp_path / "out.usdc")
-    check_stage(tmp_path / "out.usdc", lights_file)
+@pytest.mark.parametrize("dialect", ["standard", "blender"])
+def test_text_and_binary_are_the_same_layer(lights_file, tmp_path, dialect):
+    check_same_layer(tmp_path, lights_file, "--usd-dialect", dialect)
+
+
+def test_text_and_binary_are_the_same_layer_with_a_dome_a_frame(sequence, tmp_path):
+    check_same_layer(tmp_path, sequence, "--residual", "--frames", "3", "--count", "8")
+
+
+def test_text_and_binary_are_the_same_layer_of_one_frame_without_lights(tmp_path):
+    write_lights(tmp_path / "dark.json", [lights_row(LightSet.none(), 0, 0.0, "sphere")])
+    check_same_layer(tmp_path, tmp_path / "dark.json")
+
+
+def test_text_and_binary_are_the_same_layer_of_many_lights_that_live_for_a_frame(tmp_path):
+    """So that each table has more than 65,536 bytes, ids more than 32 bits and time codes all digits."""
+    random = np.random.default_rng(5)
+
+    def lights(k: int) -> LightSet:
+        directions = random.normal(size=(400, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        return LightSet.of(np.arange(400) + 2**40 + 400 * (k // 2), directions, random.random((400, 3)))
+
+    write_lights(tmp_path / "many.jsonl", [lights_row(lights(k), k, k / 30 + 0.004 * random.random(), "sphere") for k in range(8)])
+    check_same_layer(tmp_path, tmp_path / "many.jsonl")
+
+
+def check_same_layer(folder: Path, *source: str | Path) -> None:
+    """As usd-core reads them."""
+    sdf = pytest.importorskip("pxr.Sdf", reason=f"usd-core {NEEDS}")
+    texts = []
+    for suffix in ("usda", "usdc"):
+        export(*source, "--usd", folder / f"out.{suffix}")
+        texts.append(sdf.Layer.OpenAsAnonymous(str(folder / f"out.{suffix}")).ExportToString())
+    assert texts[0] == texts[1]
+    assert texts[0].count("def ") > 0
+
+
+def test_nine_digits_bring_each_float32_back():
+    random = np.random.default_rng(1)
+    values = random.integers(0, 2**32, 100_000, dtype=np.uint32).view(np.float32)
+    edges = np.array([0, -0.0, 1, 10, 1e9, 999999999, 99999.9999, 1e-45, 1.1754944e-38, 3.4028235e38], np.float32)
+    values = np.concatenate([values[np.isfinite(values)], edges])
+    texts = [text.tobytes() for text in decimals(values)]
+    assert {len(text) for text in texts} == {15}
+    np.testing.assert_array_equal(np.array([float(text) for text in texts], np.float32).view(np.uint32), values.view(np.uint32))
 
 
 def test_the_dialect_of_blender_has_a_quarter_of_the_intensity_and_half_the_angle(lights_file, tmp_path):
@@ -234,16 +276,17 @@ def test_the_dome_s_texture_is_turned_to_where_its_light_is(tmp_path, sequence):
     assert np.abs(turned(np.array([[*axis, w]]), theirs) - ours).max() < 1e-12
 
 
-def test_without_the_packages_one_line_names_the_extra(lights_file, tmp_path, monkeypatch):
-    for option, name, package in ("--usd", "out.usdc", "pxr"), ("--mcap", "out.mcap", "mcap.writer"):
+def test_without_its_package_one_line_names_the_extra(lights_file, tmp_path, monkeypatch):
+    for package in ("pxr", "mcap.writer"):
         monkeypatch.setitem(__import__("sys").modules, package, None)
-        done = CliRunner().invoke(main, ["export", str(lights_file), option, str(tmp_path / name)])
-        assert done.exit_code == 2
-        (line,) = done.stderr.splitlines()
-        assert line.startswith(f"vemlight: {option}: ")
-        assert "pip install 'vemlight[export]'" in line
-        assert [path.name for path in tmp_path.iterdir()] == ["lights.jsonl"]
-    export(lights_file, "--usd", tmp_path / "out.usda", "--gltf", tmp_path / "out.gltf")  # need none
+    done = CliRunner().invoke(main, ["export", str(lights_file), "--mcap", str(tmp_path / "out.mcap")])
+    assert done.exit_code == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("vemlight: --mcap: ")
+    assert "pip install 'vemlight[export]'" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["lights.jsonl"]
+    for name in ("out.usda", "out.usdc"):
+        export(lights_file, "--usd", tmp_path / name, "--gltf", tmp_path / "out.gltf")  # need none
 
 
 def test_a_bad_row_leaves_none_of_the_files(lights_file, tmp_path):

@@ -4,14 +4,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from vemlight.capture.frames import Frame
-from vemlight.commands.lighting import lit_frames
-from vemlight.commands.offline import open_frames, sampler_settings
 from vemlight.commands.options import ExportOptions
 from vemlight.commands.report import Report
-from vemlight.commands.residual import Residual, residual_folder
 from vemlight.errors import UserError
 from vemlight.exchange.gltf_lights import gltf_from_lights, write_gltf
 from vemlight.exchange.mcap_file import mcap_recording
@@ -23,12 +19,16 @@ from vemlight.light.lights_reader import LightsFrame, is_lights_file, lights_fra
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import awaited, counted
 
+if TYPE_CHECKING:  # what reads and samples maps is imported where there are any: it takes longer than exporting a minute of lights
+    from vemlight.capture.frames import Frame
+    from vemlight.commands.residual import Residual
+
 
 class ToExport(NamedTuple):
     """A frame of lights; of a source also its map."""
 
     lights: LightsFrame
-    map: Frame | None = None
+    map: "Frame | None" = None
 
     @property
     def scale(self) -> float | None:
@@ -96,6 +96,9 @@ def _frames(options: ExportOptions, open_: ExitStack) -> Iterator[ToExport]:
         for frame in islice(lights_frames(Path(options.source)), options.frames):
             yield ToExport(frame)
         return
+    from vemlight.commands.lighting import lit_frames
+    from vemlight.commands.offline import open_frames, sampler_settings
+
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), error_percent=options.error_percent, soft=options.soft)
     for k, ((frame, lights, error), _) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
@@ -109,15 +112,22 @@ class _Stage:
     def __init__(self, options: ExportOptions, open_: ExitStack) -> None:
         assert options.usd
         self._path, self._options, self._open = options.usd, options, open_
-        self._folder = open_.enter_context(residual_folder(options.usd)) if options.residual else None
         self._usd: Any = None
+        self._folder: Path | None = None
         self._residual: Residual | None = None
+        if options.residual:
+            from vemlight.commands.residual import residual_folder
+
+            self._folder = open_.enter_context(residual_folder(options.usd))
 
     def add(self, frame: ToExport) -> None:
         if self._usd is None:
             self._usd = UsdStage(self._path, self._options.usd_dialect, frame.scale)
             self._open.enter_context(self._usd.columns)
-            self._residual = Residual(self._folder, frame.scale) if self._folder else None
+            if self._folder:
+                from vemlight.commands.residual import Residual
+
+                self._residual = Residual(self._folder, frame.scale)
         elif frame.scale != self._usd.scale:
             raise UserError(
                 f"frame {frame.lights.sequence}: has a luminance scale of {frame.scale} and the first one of {self._usd.scale}; "

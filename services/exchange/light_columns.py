@@ -10,6 +10,7 @@ import numpy as np
 from vemlight.exchange.punctual import angles_deg
 from vemlight.light.light_set import LightSet
 
+ROWS_AT_ONCE = 2**13  # 350 kB: of 72 lights a hundred frames, so that numpy's calls take a hundredth each
 ROW = np.dtype([("id", "<i8"), ("frame", "<i4"), ("direction", "<f4", 3), ("irradiance", "<f4", 3), ("angle_deg", "<f4")])
 
 
@@ -30,6 +31,8 @@ class LightColumns:
         self.times_s: list[float] = []
         self._file: Any = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115, until the context ends
         self._rows = 0
+        self._waiting: list[LightSet] = []  # the newest frames
+        self._waiting_rows = 0
 
     def __enter__(self) -> "LightColumns":
         return self
@@ -39,15 +42,28 @@ class LightColumns:
 
     def add(self, lights: LightSet, time_s: float) -> None:
         """Adds a frame. Raises OSError when the disk refuses."""
-        rows = np.empty(len(lights.ids), ROW)
-        rows["id"], rows["frame"] = lights.ids, len(self.times_s)
-        rows["direction"], rows["irradiance"], rows["angle_deg"] = lights.directions, lights.irradiance, angles_deg(lights)
+        self._waiting.append(lights)
+        self.times_s.append(time_s)
+        self._waiting_rows += len(lights.ids)
+        if self._waiting_rows >= ROWS_AT_ONCE:
+            self._write()
+
+    def _write(self) -> None:
+        rows = np.empty(self._waiting_rows, ROW)
+        if self._waiting:
+            first = len(self.times_s) - len(self._waiting)
+            rows["frame"] = np.repeat(np.arange(first, len(self.times_s)), [len(lights.ids) for lights in self._waiting])
+            rows["id"] = np.concatenate([lights.ids for lights in self._waiting])
+            rows["direction"] = np.concatenate([lights.directions for lights in self._waiting])
+            rows["irradiance"] = np.concatenate([lights.irradiance for lights in self._waiting])
+            rows["angle_deg"] = np.concatenate([angles_deg(lights) for lights in self._waiting])
         self._file.write(rows.tobytes())
         self._rows += len(rows)
-        self.times_s.append(time_s)
+        self._waiting, self._waiting_rows = [], 0
 
     def series(self) -> Iterator[LightSeries]:
         """Each light, by id."""
+        self._write()
         self._file.flush()
         if not self._rows:
             return

@@ -7,9 +7,11 @@ EXCHANGE = "services/exchange/"
 MUTANTS = [
     *mutants_of("services/light/lights_reader.py", "tests/test_lights_reader.py", [
         ("time that stands", "if frame.time_s <= time_s:", "if frame.time_s < time_s:"),
-        ("ids below 0", "0 <= light.id <= MAX_ID", "-9 <= light.id <= MAX_ID"),
+        ("ids below 0", "not 0 <= min(ids)", "not -9 <= min(ids)"),
         ("negative light", "(irradiance < 0).any(axis=1)", "(irradiance < -9).any(axis=1)"),
-        ("ids twice", "if len(set(ids.tolist())) < len(ids):", "if False:"),
+        ("ids twice", "if len(ids) < len(row.lights):", "if False:"),
+        ("a bad line passed over", "    if late:\n        raise late\n", "    del late\n"),
+        ("what is possible unlooked at", "not _impossible(LightSet(", "bool(LightSet("),
         ("no frame", "    if time_s < 0:\n", "    if False:\n"),
     ]),
     *mutants_of(EXCHANGE + "punctual.py", "tests/test_exchange_punctual.py", [
@@ -19,13 +21,23 @@ MUTANTS = [
         ("digits near straight down", "np.where(z < 0, across**2 / (1 + np.abs(z)), 1 + z)", "1 + z"),
     ]),
     *mutants_of(EXCHANGE + "usd_file.py", "tests/test_export.py", [
-        ("light after a light's end", "np.concatenate([frames - 1, frames + 1])", "frames - 1"),
-        ("light before its start", "np.concatenate([frames - 1, frames + 1])", "frames + 1"),
+        ("light after a light's end", "np.union1d(frames[born] - 1, frames[gone] + 1)", "frames[born] - 1"),
+        ("light before its start", "np.union1d(frames[born] - 1, frames[gone] + 1)", "frames[gone] + 1"),
         ("Blender's intensity", "Factors(4, 2)", "Factors(2, 2)"),
         ("Blender's angle", "Factors(4, 2)", "Factors(4, 1)"),
         ("codes off the frames", "ON_A_FRAME = 0.02", "ON_A_FRAME = 0.0"),
         ("the dome turned the other way", "(0.5, 0.5, 0.5, 0.5)", "(-0.5, 0.5, 0.5, 0.5)"),
         ("no 1000/1001", "round(rate * 1.001) / 1.001", "round(rate)"),
+    ]),
+    *mutants_of(EXCHANGE + "usd_text.py", "tests/test_export.py", [
+        ("eight digits", "10.0 ** (8 - np", "10.0 ** (7 - np"),
+        ("ten of ten", "grown = digits >= 1e9", "grown = digits > 1e9"),
+    ]),
+    *mutants_of(EXCHANGE + "usd_crate.py", "tests/test_export.py", [
+        ("the real part first", "values[:, [1, 2, 3, 0]]", "values[:, [0, 1, 2, 3]]"),
+        ("times of another light", "if self._times[0] is not attribute.frames:", "if self._times[0] is None:"),
+        ("a prim in a prim", "1 + end - begin, field_set", "end - begin, field_set"),
+        ("misaligned", "bytes(-self._at % 8)", "bytes(3)"),
     ]),
     *mutants_of(EXCHANGE + "gltf_lights.py", "tests/test_export.py", [
         ("lumens", "LM_PER_W = 683.0", "LM_PER_W = 680.0"),

@@ -7,9 +7,12 @@ it gets one.
 """
 
 import gc
+import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -24,6 +27,7 @@ try:
     import numba
     import numba.np.arraymath
     from numba.core import event
+    from numba.core.caching import FunctionCache
 finally:
     del sys.modules[BLAS]
     if _loaded:
@@ -68,6 +72,36 @@ class CompilerNotice(event.Listener):
 
 
 event.register("numba:compile", CompilerNotice())
+
+
+@contextmanager
+def signals_after() -> Iterator[None]:
+    """What SIGINT and SIGTERM do in the main thread, they do when its body has ended."""
+    if threading.current_thread() is not threading.main_thread():  # which alone gets signals
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in came:
+            signal.raise_signal(number)
+
+
+# LLVM asks for a cached kernel's machine code through a callback of ctypes, which drops whatever is raised in it: after Ctrl-C there the
+# kernel would be an address of 0, which is called.
+_load_overload = FunctionCache.load_overload
+
+
+def _load_whole(self: Any, *arguments: Any) -> Any:
+    with signals_after():
+        return _load_overload(self, *arguments)
+
+
+FunctionCache.load_overload = _load_whole  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:

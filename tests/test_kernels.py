@@ -2,6 +2,9 @@
 
 import ast
 import gc
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -81,3 +84,32 @@ def test_garbage_is_seldom_collected_while_numba_compiles_and_as_before_after_it
         assert gc.get_threshold() == (COMPILING_GC, *before[1:])
     assert gc.get_threshold() == before
     assert COMPILING_GC >= 20_000
+
+
+INTERRUPTED_LOAD = """
+import signal, sys
+sys.path.insert(0, sys.argv[1])
+from vemlight.kernels import numba
+from numba.core.codegen import JITCodeLibrary
+given, pressed = JITCodeLibrary._object_getbuffer_hook, [signal.SIGINT]
+def asked(library):
+    if pressed:
+        signal.raise_signal(pressed.pop())  # while LLVM waits for the machine code
+    return given(library)
+JITCodeLibrary._object_getbuffer_hook = asked
+import doubling
+try:
+    doubling.twice(2.0)
+except KeyboardInterrupt:
+    print("interrupted", doubling.twice(4.0))
+"""
+
+
+def test_ctrl_c_while_a_kernel_is_loaded_comes_when_it_is_whole(tmp_path):
+    (tmp_path / "doubling.py").write_text("from vemlight.kernels import kernel\n@kernel\ndef twice(x):\n    return 2 * x\n")
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    compiling = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import doubling; doubling.twice(1.0)"
+    subprocess.run([sys.executable, "-c", compiling], check=True, env=environment)
+    command = [sys.executable, "-c", INTERRUPTED_LOAD, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "interrupted 8.0\n", "")

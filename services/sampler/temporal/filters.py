@@ -16,6 +16,9 @@ BINOMIAL_WEIGHTS = (1.0, 4.0, 6.0, 4.0, 1.0)  # no negative weight, so nothing o
 MAX_STOP_OVER_NYQUIST = 0.9  # the stop band must have a width, and 0.9 of half the rate leaves the design some; any value in 0.8..0.95 does
 MAX_PASS_OVER_STOP = 0.7  # the transition band as well, where the stop band had to be moved; any value in 0.6..0.8 does
 
+MAX_LEFT = 0.2  # of what is stopped, beyond which a line says so; the default's design leaves .16 at 60 frames a second. .17 to .3 would do
+BAND_PROBES = 200  # of a band; its gain has order / 2 waves at most, 32
+
 
 class TemporalFilter(NamedTuple):
     """weights: of the newest frames, for the settings and a frame rate in Hz (0 when unknown); symmetric, so that the delay is half of
@@ -47,7 +50,8 @@ def _unit_sum(weights: tuple[float, ...]) -> np.ndarray:
 def equiripple(order: int, pass_hz: float, stop_hz: float, rate_hz: float) -> np.ndarray:
     """The low-pass of `order` + 1 weights whose largest error in both bands is smallest (Parks and McClellan 1972), with gain 1 at rest.
 
-    A rate too low for the stop band has nothing above its half to remove: both bands are moved below it, and a line says so.
+    A rate too low for the stop band has nothing above its half to remove: both bands are moved below it, and a line says so. Another one
+    does where so few weights cannot hold both bands.
     """
     from scipy.signal import firls, remez  # here, since it takes most of a second to import and only this filter needs it
 
@@ -67,7 +71,20 @@ def equiripple(order: int, pass_hz: float, stop_hz: float, rate_hz: float) -> np
         weights = remez(order + 1, bands, [1, 0], fs=rate_hz)
     except ValueError:  # where no ripple is left to make equal, Remez's exchange does not converge
         weights = firls(order + 1, bands, [1, 1, 0, 0], fs=rate_hz)
-    return _unit_sum(tuple(weights.tolist()))
+    made = _unit_sum(tuple(weights.tolist()))
+    changed = max(abs(gain(made, hertz / rate_hz) - 1) for hertz in np.linspace(0, passed, BAND_PROBES))
+    left = max(gain(made, hertz / rate_hz) for hertz in np.linspace(stop, half, BAND_PROBES))
+    if left > MAX_LEFT or changed > 2 * MAX_LEFT:
+        notice(
+            f"filter fir: order {order} at {rate_hz:g} frames a second leaves up to {left:.0%} of what is faster than {stop:.3g} Hz and is off "
+            f"by up to {changed:.0%} below {passed:.3g} Hz; raise order, or set pass_hz and stop_hz further apart"
+        )
+    return made
+
+
+def gain(weights: np.ndarray, cycles: float) -> float:
+    """What is left of a sine wave of so many cycles a frame."""
+    return float(abs((weights * np.exp(-2j * np.pi * cycles * np.arange(len(weights)))).sum()))
 
 
 def _equiripple_from_settings(settings: Sampler, rate_hz: float) -> np.ndarray:

@@ -221,11 +221,13 @@ def test_the_theme_that_is_chosen_stays(pages):
     page.locator("#overall[data-state=live]").wait_for()
 
 
-def test_axe_finds_no_violation(pages):
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_axe_finds_no_violation(pages, theme):
     script = os.environ.get("VEMLIGHT_AXE", "")
     if not script:
         pytest.skip("VEMLIGHT_AXE does not name axe.min.js of the package axe-core: only our own checks were made")
     for page in pages.values():
+        page.emulate_media(color_scheme=theme)
         page.evaluate(Path(script).read_text())  # a script element would be refused by the page's security policy
         found = page.evaluate("async () => (await axe.run()).violations.map(({ id, nodes }) => `${id}: ${nodes[0].html.slice(0, 120)}`)")
         assert found == []

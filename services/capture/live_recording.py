@@ -90,7 +90,8 @@ class LiveRecording:
         free, recorder = self._free(), self._recorder
         if recorder and isinstance(source, CaptureCamera) and free < MIN_FREE:
             self._end(source)
-            self.refusal = f"the recording {recorder.folder.name} has ended: the disk has under {MIN_FREE >> 20} MB left"
+            left = f"the disk has under {MIN_FREE >> 20} MB left; make room, and record again"
+            self.refusal = f"the recording {recorder.folder.name} has ended: {left}"
             recorder = None
         if recorder is None:
             return {"free_bytes": free, "why_not_record": self.why_not(source)[:256]}

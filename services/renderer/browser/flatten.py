@@ -177,7 +177,7 @@ def _left_out(scene: Scene, drawing: settings.Renderer, reduced: int) -> list[st
     """What browsers do not draw of this scene, a line each."""
     lines = []
     if drawing.bounces:
-        lines.append("light from surface to surface, also in mirrors" if scene.glossy else "light from surface to surface")
+        lines.append("light from surface to surface (mirrors show the sky alone)" if scene.glossy else "light from surface to surface")
     if scene.luminaires:
         lines.append("the scene's lamps")
     if scene.plate is not None or any(isinstance(mesh.material, ShadowCatcher) for mesh in scene.meshes):

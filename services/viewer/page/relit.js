@@ -275,7 +275,7 @@ export class Relit {
     const coarse = coarser ? ` Shadow maps are ${2 ** coarser} times coarser than the settings', for which this browser has no room.` : "";
     const small = this.shrunk > 1 ? ` It has 1/${this.shrunk ** 2} of the server's pixels, as many as this machine draws in time.` : "";
     const left = without.length ? ` Without ${without.join(", ")}.` : "";
-    return `This browser draws ${frames ? `${frames} pictures` : "less than one picture"} a second under ${all}, from ${(bytes / 1000).toFixed(1)} kB a second.${small}${coarse}${left}`;
+    return `This browser draws ${frames ? `${frames} picture${frames > 1 ? "s" : ""}` : "less than one picture"} a second under ${all}, from ${(bytes / 1000).toFixed(1)} kB a second.${small}${coarse}${left}`;
   }
 }
 

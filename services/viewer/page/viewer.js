@@ -296,21 +296,21 @@ function newCard(row, fields) {
 
 // Over the pictures: what is awaited, or why the picture does not change.
 function showCovers(summary) {
-  const of = byService(summary);
+  const of = byService({ services: summary.services.map((row) => ({ ...row, stated: rowState(row, summary) })) });
   cover("sky", of.fuse ?? of.capture, Boolean(sky.image), summary.control.paused);
   cover("scene", of.renderer, Boolean(picture), false);
 }
 
 function cover(id, row, hasFrame, paused) {
-  const line = at(`${id}-cover`), still = !["live", "finished"].includes(row.state);
+  const [state, words] = row.stated, line = at(`${id}-cover`), still = !["live", "finished", "behind"].includes(state);
   line.hidden = hasFrame && !still && !paused;
   line.classList.toggle("empty", !hasFrame);
-  line.dataset.state = hasFrame ? (still ? row.state : "paused") : "";
+  line.dataset.state = hasFrame ? (still ? state : "paused") : "";
   at(id).classList.toggle("dim", hasFrame && still);
   if (!hasFrame) {
     line.textContent = row.state === "not seen" ? `waiting for ${row.service} … (${row.text}: ${Math.round(performance.now() / 1000)} s so far)` : `${row.service}: ${row.text} …`;
   } else {
-    line.textContent = still ? `${row.service}: ${row.text}` : "paused at this frame";
+    line.textContent = still ? `${row.service}: ${words}` : "paused at this frame";
   }
 }
 

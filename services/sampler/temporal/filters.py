@@ -76,8 +76,8 @@ def equiripple(order: int, pass_hz: float, stop_hz: float, rate_hz: float) -> np
     left = max(gain(made, hertz / rate_hz) for hertz in np.linspace(stop, half, BAND_PROBES))
     if left > MAX_LEFT or changed > 2 * MAX_LEFT:
         notice(
-            f"filter fir: order {order} at {rate_hz:g} frames a second leaves up to {left:.0%} of what is faster than {stop:.3g} Hz and is off "
-            f"by up to {changed:.0%} below {passed:.3g} Hz; raise order, or set pass_hz and stop_hz further apart"
+            f"filter fir: order {order} at {rate_hz:g} frames a second leaves up to {left:.0%} of what is faster than {stop:.3g} Hz, and "
+            f"is off by up to {changed:.0%} below {passed:.3g} Hz; raise order, or set pass_hz and stop_hz further apart"
         )
     return made
 

@@ -19,7 +19,7 @@ from vemlight.renderer.frame_sequence import FrameSequence
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 SCENES = Path(__file__).parents[1] / "services" / "renderer" / "scene" / "scenes"
@@ -56,10 +56,10 @@ class MovingScene:
 
     def frame(self, k: int) -> None:
         turn = 0.01 * k
-        ball = wire.Pose(
+        ball = Pose(
             name="ball", position=(3.6 + np.sin(turn), -0.5 + np.cos(turn), 0.6), rotation=quaternion_xyz((0.0, 57 * turn, 0.0))
         )
-        lamp = wire.Pose(
+        lamp = Pose(
             name="left headlight", position=(-0.25, 0.45, 0.7), rotation=quaternion_xyz((0.0, 95.0, 20 * np.sin(turn))), power=1 + k % 2
         )
         lights: LightSet | AccumulationPass = sky(COUNTS[k // 100 % len(COUNTS)], turn)

@@ -27,7 +27,7 @@ import zmq
 
 from bench.relay import cpu_of, relay
 from tests.support.processes import free_port
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.open_files import raise_file_limit
 from vemlight.runtime.transport import Transport, accept_subscriptions, endpoint, make_keys, read_keys
 from vemlight.settings import Wire
@@ -40,7 +40,7 @@ LONG, MORE = 2, 1  # flags of a frame
 
 
 def message(kind: str, sequence: int) -> list[bytes]:
-    stamp = wire.stamp(sequence, sequence / FPS)
+    stamp = stamps.stamp(sequence, sequence / FPS)
     random = np.random.default_rng(0)
     if kind == "map":
         radiance = np.ones(MAP_SHAPE, np.float32)

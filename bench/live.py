@@ -24,7 +24,7 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.transport import Transport
 from vemlight.settings import Settings
 from vemlight.settings_file import read_settings
@@ -61,7 +61,7 @@ def pictures(subscription: Any, seconds: float) -> list[tuple[wire.ImageMessage,
         if subscription.poll(int(left_s * 1e3) + 1):
             header, _ = wire.unpack(subscription.recv_multipart())
             if isinstance(header, wire.ImageMessage):
-                came.append((header, wire.age_ms(header.stamp)))
+                came.append((header, stamps.age_ms(header.stamp)))
     return came
 
 

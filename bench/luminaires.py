@@ -42,7 +42,7 @@ from vemlight.renderer.scene.luminaire_table import Luminaire, LuminaireTable, w
 from vemlight.renderer.scene.meshes import bounds, shape_geometry
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, Mesh, Scene, ViewCamera, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -301,7 +301,7 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
     Of 30 frames, of 3 that take more than a second, and one that takes more than ten.
     """
     table, step = scene.luminaires[0].table, iter(range(100))
-    lamp = wire.Pose(name="lamp", position=table.at, rotation=quaternion_xyz(table.rotate), power=1.0)
+    lamp = Pose(name="lamp", position=table.at, rotation=quaternion_xyz(table.rotate), power=1.0)
     scene = scene._replace(objects=(*scene.objects, lamp))
     renderer = FrameSequence(Renderer(scene, Settings(width=size[0], height=size[1])))
 
@@ -331,7 +331,7 @@ def moving(out: Path) -> None:
             offset = 0.0 if name == "a lamp's power" else 1e-3 * k
             power = 1.0 + k if name == "a lamp's power" else None
             at = [(o.position[0], o.position[1], o.position[2] + offset) for o in objects]
-            poses = [wire.Pose(name=o.name, position=p, rotation=o.rotation, power=power) for o, p in zip(objects, at, strict=True)]
+            poses = [Pose(name=o.name, position=p, rotation=o.rotation, power=power) for o, p in zip(objects, at, strict=True)]
             start = time.perf_counter()
             renderer.render(DARK, pose=scene_pose(scene, 0.0, poses))
             spent.append(((time.perf_counter() - start) * 1e3, renderer.timings.timers_ms.get("luminaire maps", 0.0)))

@@ -25,7 +25,7 @@ import numpy as np
 from tests.support.processes import free_port
 from vemlight.capture.source import open_source
 from vemlight.capture.stage import map_message
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.supervise import QUIET_BLAS
 from vemlight.runtime.transport import Transport, accept_subscriptions
@@ -66,7 +66,7 @@ def publish(folder: Path) -> None:
         time.sleep(max(0, start_s + sequence / FPS - time.monotonic()))
         for bit in range(BITS):
             picture[:BLOCK, bit * BLOCK : (bit + 1) * BLOCK, :3] = 255 * (sequence >> bit & 1)
-        stamp = wire.stamp(sequence, sequence / FPS)
+        stamp = stamps.stamp(sequence, sequence / FPS)
         print(sequence, time.monotonic(), flush=True)
         made = {
             "capture": map_message(frames[sequence % len(frames)], stamp),

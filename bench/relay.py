@@ -23,7 +23,7 @@ import zmq
 
 from tests.support.processes import children, free_port
 from tests.support.slow_link import SlowLink
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.transport import Transport, accept_subscriptions, make_keys, read_keys
 from vemlight.settings import Wire
 
@@ -45,7 +45,7 @@ def publish(folder: Path) -> None:
     while True:
         time.sleep(max(0, start_s + sequence / FPS - time.monotonic()))
         accept_subscriptions(publisher)
-        header = wire.LightsMessage(stamp=wire.stamp(sequence, sequence / FPS), count=LIGHTS, coverage="sphere", soft=True)
+        header = wire.LightsMessage(stamp=stamps.stamp(sequence, sequence / FPS), count=LIGHTS, coverage="sphere", soft=True)
         publisher.send_multipart(wire.pack(header, arrays))
         sequence += 1
 
@@ -89,7 +89,7 @@ def fan_out(folder: Path, count: int, seconds: float) -> None:
                 if received % LOOKED_AT == 0:
                     header, _ = wire.unpack(parts)
                     assert isinstance(header, wire.LightsMessage)
-                    ages_ms.append(wire.age_ms(header.stamp))
+                    ages_ms.append(stamps.age_ms(header.stamp))
         share = received / (count * FPS * seconds)
         p50, p99 = np.percentile(ages_ms, [50, 99])
         core = (cpu_of(pid) - cpu_s) / seconds

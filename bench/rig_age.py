@@ -24,7 +24,7 @@ from vemlight.capture.source import open_files
 from vemlight.capture.stage import map_message
 from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.light.environment_map import EnvironmentMap
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.instances import captures
 from vemlight.runtime.transport import Transport, accept_subscriptions
 from vemlight.settings import Capture, Settings
@@ -55,14 +55,14 @@ def room_frames(settings: Settings) -> list[list[wire.Message]]:
 
 def _message(seen: EnvironmentMap) -> wire.Message:
     rows, cols, _ = seen.radiance.shape
-    stamp, bright = wire.stamp(0, 0.0), seen.bright_cells
+    stamp, bright = stamps.stamp(0, 0.0), seen.bright_cells
     header = wire.MapMessage(stamp=stamp, rows=rows, cols=cols, coverage=seen.coverage, bright_samples=len(bright.cells))
     return header, (seen.radiance, *bright)
 
 
 def map_frames(settings: Settings, maps: list[Path]) -> list[list[wire.Message]]:
     """Of each camera the maps, its own first, each held for a while."""
-    made = [map_message(open_files(Capture(source=str(path))).frame(0), wire.stamp(0, 0.0)) for path in maps]
+    made = [map_message(open_files(Capture(source=str(path))).frame(0), stamps.stamp(0, 0.0)) for path in maps]
     turns = [made[k % len(made) :] + made[: k % len(made)] for k in range(len(captures(settings)))]
     return [[each for each in turn for _ in range(HELD)] for turn in turns]
 
@@ -76,7 +76,7 @@ def play(settings: Settings, maps: list[Path]) -> None:
     while True:
         number += 1
         time.sleep(max(0.0, number / fps - time.monotonic()))
-        stamp = msgspec.structs.replace(wire.stamp(number, number / fps), monotonic_ns=round(number / fps * 1e9))
+        stamp = msgspec.structs.replace(stamps.stamp(number, number / fps), monotonic_ns=round(number / fps * 1e9))
         for own, publisher in zip(frames, publishers, strict=True):
             accept_subscriptions(publisher)
             header, arrays = own[number % len(own)]
@@ -112,7 +112,7 @@ def measure(path: Path, maps: list[Path], seconds: float) -> str:
             elif isinstance(header, wire.MapMessage):
                 if not ages:
                     busy_s, until_s = processor_s(fuse), time.monotonic() + seconds
-                ages.append(wire.age_ms(header.stamp))
+                ages.append(stamps.age_ms(header.stamp))
         busy_ms = 1e3 * (processor_s(fuse) - busy_s) / max(1, len(ages))
         p50, p99 = np.percentile(ages, [50, 99])
         return f"{near} | {len(ages) / seconds:.1f} | {skipped} | {p50:.1f} | {p99:.1f} | {busy_ms:.1f}"

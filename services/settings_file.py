@@ -10,7 +10,8 @@ from vemlight.file_kinds import BINARY_UNTIL, file_kind
 from vemlight.files import read_toml
 from vemlight.runtime.wire import MAX_PART
 from vemlight.runtime.wire_names import check_names
-from vemlight.settings import PATH, Settings, SettingsSection
+from vemlight.setting_keys import PATH
+from vemlight.settings import Settings, SettingsSection
 from vemlight.source_names import is_camera, is_live, is_stream, shown_source
 
 OPTIONS = {"error_percent": "--error", "controls": "--control"}  # of the command line, for keys whose option has another name

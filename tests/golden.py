@@ -9,8 +9,9 @@ import numpy as np
 from vemlight.light.mask import Mask
 from vemlight.light.near_lights import NearLightSet
 from vemlight.light.virtual_lamp import VirtualLamp
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import CHANNELS
+from vemlight.runtime.poses import Pose, View
 from vemlight.runtime.reports import ImageReport, LevelsReport, LightsReport, MapReport, PointsReport
 from vemlight.runtime.wire_schema import schema
 
@@ -19,7 +20,7 @@ TABLE_START = "<!-- made by tests/golden.py from services/runtime/channels.py an
 TABLE_END = "<!-- end -->"
 POWERS = {2**53 - 1: "2^53 - 1", 2**63 - 1: "2^63 - 1"}
 VERSION_LINE = "message of wire version 1; this is version 2: install the same vemlight on both sides"
-STAMP = wire.Stamp(sequence=7, time_s=0.28, captured_ns=1_700_000_000_123_456_789, monotonic_ns=5_000_000_001, boot_id="0b00t1d0")
+STAMP = stamps.Stamp(sequence=7, time_s=0.28, captured_ns=1_700_000_000_123_456_789, monotonic_ns=5_000_000_001, boot_id="0b00t1d0")
 
 
 def messages() -> dict[str, wire.Message]:
@@ -28,8 +29,8 @@ def messages() -> dict[str, wire.Message]:
     directions = np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32)
     irradiance = np.array([[1, 0.5, 0.25], [2e6, 0, 1e-3]], np.float32)
     stroke = Mask(points=((0.0, 5.0), (9.0, 5.0)), mode="dark", width_deg=4.0)
-    box = wire.Pose(name="box", position=(0.5, -1.0, 0.25), rotation=(0.0, 0.0, 0.6, 0.8))
-    lamp = wire.Pose(name="lamp", position=(0.0, 0.0, 2.0), power=0.5)
+    box = Pose(name="box", position=(0.5, -1.0, 0.25), rotation=(0.0, 0.0, 0.6, 0.8))
+    lamp = Pose(name="lamp", position=(0.0, 0.0, 2.0), power=0.5)
     drawn = ImageReport(drawn_lights=72, render_ms=12.5, light_budget=144)
     covariances = np.array([[0.1, 0, 0.01, 0.02, 0, 0.001], 6 * [0]], np.float32)
     pixels = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4)
@@ -127,7 +128,7 @@ def messages() -> dict[str, wire.Message]:
                 masks=(Mask(points=((10.0, 20.0), (40.0, 20.0), (25.0, 50.0))), stroke),
                 lamps=(VirtualLamp(id=1, azimuth_deg=120.0, elevation_deg=35.0, irradiance=(3.0, 2.5, 2.0)),),
                 speed=0.5, loop=False, in_s=0.2, out_s=1.0, seek_number=3, seek_s=0.4,
-                camera=wire.View(eye=(0.0, -4.0, 2.0), at=(0.0, 0.0, 1.0), fov_y=35.0),
+                camera=View(eye=(0.0, -4.0, 2.0), at=(0.0, 0.0, 1.0), fov_y=35.0),
             ),
             (),
         ),

@@ -18,7 +18,8 @@ from vemlight.renderer.accumulation import PASS_LIGHTS, PASSES, Accumulation, Ma
 from vemlight.renderer.frame import AccumulationPass
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.stage import RendererStage
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Size
 from vemlight.settings import Settings
 
@@ -139,7 +140,7 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     monkeypatch.setattr(stage._renderer, "draw", noted)
 
     def shown(state, sequence, radiance, **wish):
-        header = wire.MapMessage(stamp=wire.stamp(sequence, sequence / 10), rows=30, cols=120, coverage="hemisphere")
+        header = wire.MapMessage(stamp=stamps.stamp(sequence, sequence / 10), rows=30, cols=120, coverage="hemisphere")
         state = stage.on_message(controlled(stage, state, **wish), (header, (radiance, *NO_BRIGHT_CELLS)))
         return stepped(stage, state, sequence)
 
@@ -156,7 +157,7 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
     state, _ = shown(state, 8, a_map(), paused=True, exposure=1.0)  # of what is seen nothing changed
     assert drawn == [0, 1, 2, 3]
     assert picture_of(state) is converged
-    moved = wire.Pose(name="box", position=(0.0, 0.0, 0.42))
+    moved = Pose(name="box", position=(0.0, 0.0, 0.42))
     state, _ = shown(state, 9, a_map(), paused=True, poses=(moved,))
     state, _ = shown(state, 10, 2 * a_map(), paused=True, poses=(moved,))
     assert drawn == [0, 1, 2, 3, 0, 0]

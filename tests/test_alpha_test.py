@@ -16,6 +16,7 @@ from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.scene.textures import alpha_bled
 from vemlight.renderer.stage import file_samples
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 ABOVE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 11.0\n"  # sees x, y from -0.963 to 0.963
@@ -160,10 +161,9 @@ def test_the_pattern_of_one_sample_stays_and_moves_with_the_sheet(tmp_path):
     assert set(np.unique(one)) == {0, 1}
     renderer.picture(SUN)
     assert np.array_equal(renderer.picture(DARK)[..., 0], one)
-    from vemlight.runtime import wire
 
     step_m = 4 * 2 * 10 * np.tan(np.radians(5.5)) / 32  # four pixels
-    renderer.place(0.0, [wire.Pose(name="sheet", position=(step_m, 0.0, 0.0), rotation=(0.0, 0.0, 0.0, 1.0), power=None)])
+    renderer.place(0.0, [Pose(name="sheet", position=(step_m, 0.0, 0.0), rotation=(0.0, 0.0, 0.0, 1.0), power=None)])
     moved = renderer.picture(DARK).copy()[..., 0]
     renderer.release()
     assert np.mean(moved[:, 5:] == one[:, 1:-4]) > 0.97

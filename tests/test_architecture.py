@@ -14,7 +14,7 @@ FLOORS = (
     {"choices", "errors", "file_kinds", "source_names", "toml", "files", "kernels", "compiling"},
     {"journal"},
     {"light"},
-    {"settings", "settings_file", "runtime"},
+    {"setting_keys", "settings", "settings_file", "runtime"},
     {"capture", "fuse", "sampler", "renderer", "plate", "fixtures", "viewer", "exchange"},
     {"commands"},  # where services meet: one process on files, the command line, the check of the machine
     {"__main__"},
@@ -23,7 +23,7 @@ FLOORS = (
 RENDERER_FLOORS = ({"gl"}, {"luminaire", "output", "pass_table"}, {"scene", "frame_budget"}, {"rays"}, {"passes"})
 TEST_SUPPORT = {"tests.support", "tests.golden", "tests.references", "tests.mutants"}  # what tests may import of tests/
 # The settings name the services, and the runtime reads the settings.
-TOGETHER = ({"settings", "settings_file", "runtime"}, {"errors", "file_kinds", "toml", "files"}, {"kernels", "compiling"})
+TOGETHER = ({"setting_keys", "settings", "settings_file", "runtime"}, {"errors", "file_kinds", "toml", "files"}, {"kernels", "compiling"})
 
 
 def imported_modules(path: Path) -> set[str]:

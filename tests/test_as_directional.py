@@ -12,7 +12,7 @@ from vemlight.exchange.stream import json_line
 from vemlight.light.as_directional import NEAR_IDS, as_directional
 from vemlight.light.light_set import LightSet, NearLights, are_covariances, lights_row
 from vemlight.light.near_lights import NearLightSet
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.near_frames import LAST_FRAMES, NearFrames
 
 LAMPS = NearLightSet.of(
@@ -56,16 +56,16 @@ def test_a_light_at_the_place_itself_is_finite():
 
 
 def points_message(sequence: int) -> tuple[wire.PointsMessage, tuple[np.ndarray, ...]]:
-    return wire.PointsMessage(stamp=wire.stamp(sequence, 0.0), count=2, at=NEAR.at), LAMPS.arrays()
+    return wire.PointsMessage(stamp=stamps.stamp(sequence, 0.0), count=2, at=NEAR.at), LAMPS.arrays()
 
 
 def test_near_lights_are_those_of_the_frame_or_the_newest():
     frames = NearFrames()
-    assert frames.of(wire.stamp(0, 0.0)) is None
+    assert frames.of(stamps.stamp(0, 0.0)) is None
     for sequence in range(LAST_FRAMES + 5):
         header, arrays = points_message(sequence)
         frames.take(header, (np.array([sequence, 10**6]), *arrays[1:]))
-    its, newest = frames.of(wire.stamp(9, 0.0)), frames.of(wire.stamp(1, 0.0))
+    its, newest = frames.of(stamps.stamp(9, 0.0)), frames.of(stamps.stamp(1, 0.0))
     assert its
     assert its.points.ids[0] == 9
     assert newest
@@ -78,13 +78,13 @@ def test_near_lights_of_before_a_restart_are_none_of_a_frame_behind_it():
     for sequence, id_ in ((0, 1), (1, 1), (2, 1), (0, 7)):
         header, arrays = points_message(sequence)
         frames.take(header, (np.array([id_, 10**6]), *arrays[1:]))
-    near = frames.of(wire.stamp(2, 0.0))
+    near = frames.of(stamps.stamp(2, 0.0))
     assert near
     assert near.points.ids[0] == 7
 
 
 def test_streams_of_json_have_them_as_files_have():
-    lights = wire.LightsMessage(stamp=wire.stamp(4, 0.1), count=1, coverage="hemisphere")
+    lights = wire.LightsMessage(stamp=stamps.stamp(4, 0.1), count=1, coverage="hemisphere")
     arrays = np.zeros(1, np.int64), np.array([[0, 0, 1]], np.float32), np.ones((1, 3), np.float32)
     none = np.zeros((0, 3), np.float32)
     row = msgspec.json.decode(json_line((lights, (*arrays, none, none)), NEAR))

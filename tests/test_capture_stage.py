@@ -9,7 +9,7 @@ from vemlight import files
 from vemlight.capture import stage
 from vemlight.capture.frames import Frame
 from vemlight.capture.stage import CaptureCamera, CaptureSource
-from vemlight.runtime import wire
+from vemlight.runtime import stamps
 from vemlight.settings import Capture, Settings
 
 
@@ -55,7 +55,7 @@ def test_age_is_that_of_the_kernels_stamp(camera, age_ns: int) -> None:
     assert stamp.monotonic_ns == before_ns - age_ns
     assert before_wall_ns - age_ns <= stamp.captured_ns + 5_000_000  # the two clocks are read one after the other
     assert stamp.captured_ns <= time.time_ns() - age_ns
-    assert wire.age_ms(stamp) >= age_ns / 1e6
+    assert stamps.age_ms(stamp) >= age_ns / 1e6
 
 
 def test_a_stamp_in_the_future_counts_as_now(camera) -> None:
@@ -69,7 +69,7 @@ def test_a_stamp_in_the_future_counts_as_now(camera) -> None:
 def test_invalid_pixels_are_counted_and_black() -> None:
     radiance = np.ones((4, 8, 3), np.float32)
     radiance[0, 0, 1], radiance[1, 1, 0], radiance[2, 2], radiance[3, 3, 2] = np.nan, np.inf, -1.0, -1e-30
-    header, (sent, *_) = stage.map_message(Frame(radiance, "hemisphere", 0.0, None, 5, 7), wire.stamp(0, 0.0))
+    header, (sent, *_) = stage.map_message(Frame(radiance, "hemisphere", 0.0, None, 5, 7), stamps.stamp(0, 0.0))
     assert (header.report.invalid_cells, header.report.black_pixels, header.report.saturated_pixels) == (4, 5, 7)
     invalid = ~(np.isfinite(radiance) & (radiance >= 0))
     assert np.all(sent[invalid] == 0)

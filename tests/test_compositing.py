@@ -9,7 +9,7 @@ from tests.support.renderer_steps import lights_message
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
 from vemlight.light.images import read_radiance
 from vemlight.renderer.stage import RendererStage
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.settings import Plate, Renderer, Settings
 
 SCENE = '[camera]\nfrom = [0.0, -7.0, 1.0]\nat = [0.0, 0.0, 3.0]\n[[mesh]]\nshape = "sphere"\nscale = 0.2\n'
@@ -33,9 +33,9 @@ def corner(stage: RendererStage, messages: list[wire.Message]) -> np.ndarray:
 
 def test_the_map_and_the_plate_are_seen_behind_the_scene(scene):
     size = Renderer(scene=scene, width=32, height=24, shadow_map=32, picture="linear16")
-    header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="sphere")
+    header = wire.MapMessage(stamp=stamps.stamp(0, 0.0), rows=4, cols=8, coverage="sphere")
     around = header, (np.full((4, 8, 3), 0.3, np.float32), *NO_BRIGHT_CELLS)
-    plate = wire.PlateMessage(stamp=wire.stamp(0, 0.0), width=2, height=2), (np.full((2, 2, 3), 188, np.uint8),)  # 188 is 0.503 linear
+    plate = wire.PlateMessage(stamp=stamps.stamp(0, 0.0), width=2, height=2), (np.full((2, 2, 3), 188, np.uint8),)  # 188 is 0.503 linear
 
     plain = RendererStage(Settings(renderer=size, mode="lossless"))
     assert plain.side_inputs(plain.start_at(0)[0]) == ()

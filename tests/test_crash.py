@@ -12,7 +12,7 @@ from vemlight.journal import JOURNAL_START
 from vemlight.light.light_set import LightsFile
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.runtime import wire
+from vemlight.runtime import stamps
 from vemlight.runtime.output_folder import SNAPSHOTS, claimed_output
 from vemlight.sampler.snapshot import Snapshot, Snapshots
 from vemlight.sampler.state import initial_state
@@ -61,7 +61,7 @@ def write_run(settings: Settings) -> None:
                 snapshots.add(Snapshot(lights.end, initial_state()))
             if k >= writer.count:
                 picture = np.full((4, 4, 4), k, np.float32)
-                writer.add(picture, picture.astype(np.uint8), wire.stamp(k, k / 25), Adaptation(k))
+                writer.add(picture, picture.astype(np.uint8), stamps.stamp(k, k / 25), Adaptation(k))
         writer.complete()
         writer.close()
         lights.close()

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tests.support.sockets import FakeSocket
-from vemlight.runtime import demand, wire
+from vemlight.runtime import demand, stamps, wire
 from vemlight.runtime.demand import Pull, Supply
 from vemlight.runtime.service_stats import ServiceStats
 
 
 def frame(sequence: int) -> wire.Message:
-    header = wire.MapMessage(stamp=wire.stamp(sequence, sequence / 25), rows=1, cols=1, coverage="hemisphere")
+    header = wire.MapMessage(stamp=stamps.stamp(sequence, sequence / 25), rows=1, cols=1, coverage="hemisphere")
     empty = np.empty(0, np.int64), np.empty((0, 3), np.float32), np.empty(0, np.float32)
     return header, (np.zeros((1, 1, 3), np.float32), *empty)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from vemlight.errors import UserError
-from vemlight.runtime import loop, wire
+from vemlight.runtime import loop, stamps, wire
 from vemlight.runtime.service_stats import ServiceStats
 
-FRAME: wire.Message = (wire.PlateMessage(stamp=wire.stamp(0, 0.0), width=1, height=1), (np.zeros((1, 1, 3), np.uint8),))
+FRAME: wire.Message = (wire.PlateMessage(stamp=stamps.stamp(0, 0.0), width=1, height=1), (np.zeros((1, 1, 3), np.uint8),))
 
 
 class FullDisk:

@@ -13,7 +13,7 @@ from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.passes.edges.edges import SAMPLES
 from vemlight.renderer.rays.edge_samples import NEIGHBOURS, nearest_neighbours
 from vemlight.renderer.scene.scene import Scene, load_scene
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 SCENE = """
@@ -80,7 +80,7 @@ def test_smooth_edges_stay_while_the_light_changes_and_go_when_surfaces_move(sce
     changed = live.picture(low).copy()
     again = renderer_of(scene)
     assert np.array_equal(changed, still(again, low))
-    moved = wire.Pose(name="post", position=(0.4, 0.0, 0.8), rotation=(0.0, 0.0, 0.0, 1.0))
+    moved = Pose(name="post", position=(0.4, 0.0, 0.8), rotation=(0.0, 0.0, 0.0, 1.0))
     live.place(0.0, [moved])
     first = live.picture(low).copy()
     assert live.state.edge_samples == 0
@@ -96,7 +96,7 @@ def test_a_state_drawn_again_has_the_same_edges(scene):
     for _ in range(4):
         expected = live.picture(ABOVE).copy()
         state = live.state
-    live.place(0.0, [wire.Pose(name="post", position=(0.4, 0.0, 0.8), rotation=(0.0, 0.0, 0.0, 1.0))])
+    live.place(0.0, [Pose(name="post", position=(0.4, 0.0, 0.8), rotation=(0.0, 0.0, 0.0, 1.0))])
     live.picture(ABOVE)
     live.place(0.0, [])
     live.state = state._replace(edge_samples=state.edge_samples - 1)

@@ -21,11 +21,11 @@ from vemlight.renderer.passes.shadow_maps.shadow_map_cache import texel_rad
 from vemlight.renderer.renderer import Renderer
 from vemlight.renderer.scene.scene import load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 
 ROOT = Path(__file__).parents[1]
 COSTS = CostModel()
-MOVED = wire.Pose(name="box", position=(0.5, 0.5, 0.6))
+MOVED = Pose(name="box", position=(0.5, 0.5, 0.6))
 
 
 def setup_of(frame_ms: float = 1e4, samples: int = 1, **changes) -> FrameSetup:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vemlight.fuse.moments import PATIENCE_FRAMES, SILENT_S, Moments, seen_at_ns
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 
 FPS = 30.0
 PERIOD_NS = 1e9 / FPS
@@ -14,7 +14,7 @@ BEGAN_NS = 10**12
 
 
 def frame(sequence: int) -> wire.Message:
-    stamp = wire.Stamp(sequence=sequence, time_s=0.0, captured_ns=0, monotonic_ns=0, boot_id="")
+    stamp = stamps.Stamp(sequence=sequence, time_s=0.0, captured_ns=0, monotonic_ns=0, boot_id="")
     return wire.MapMessage(stamp=stamp, rows=1, cols=1, coverage="hemisphere"), (np.zeros((1, 1, 3), np.float32),)
 
 
@@ -174,6 +174,6 @@ def test_a_stamp_of_the_future_holds_up_nothing():
 
 
 def test_stamps_of_another_host_count_by_their_realtime():
-    here = wire.Stamp(sequence=0, time_s=0.0, captured_ns=5_000, monotonic_ns=70, boot_id="a")
+    here = stamps.Stamp(sequence=0, time_s=0.0, captured_ns=5_000, monotonic_ns=70, boot_id="a")
     assert seen_at_ns(here, "a", 100, 5_040) == 70
     assert seen_at_ns(here, "b", 100, 5_040) == 60

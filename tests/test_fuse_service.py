@@ -19,7 +19,7 @@ from vemlight.fuse.rest import Layout, cells_in_world
 from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.fuse.service import fused_messages
 from vemlight.light.images import write_exr
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.demand import Pull
 from vemlight.runtime.reports import MapReport
 from vemlight.runtime.service_stats import ServiceStats
@@ -28,7 +28,7 @@ from vemlight.runtime.transport import Transport
 
 NAMES = ("a", "b", "c")
 FRAMES = 12
-STAMP = wire.stamp(7, 0.25)
+STAMP = stamps.stamp(7, 0.25)
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from vemlight.renderer.passes.gloss.prefiltered_map import LEVELS, PrefilteredMa
 from vemlight.renderer.scene.materials import Ggx
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.stage import RendererStage
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.settings import Renderer as Settings
 from vemlight.settings import Settings as AllSettings
 
@@ -352,7 +352,7 @@ def test_the_stage_reflects_the_map_of_a_message(tmp_path):
     environment, lights = sky_with_sun(30, 60, "hemisphere")
     state, _ = stage.start_at(0)
     assert stage.side_inputs(state) == ("map",)
-    stamp = wire.stamp(0, 0.0)
+    stamp = stamps.stamp(0, 0.0)
     cells = (np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
     state = stage.on_message(state, (wire.MapMessage(stamp=stamp, rows=30, cols=60, coverage="hemisphere"), (environment.radiance, *cells)))
     none = np.zeros((0, 3), np.float32)

@@ -13,7 +13,7 @@ from vemlight.light.light_set import LightSet
 from vemlight.renderer.scene.luminaire_table import Luminaire
 from vemlight.renderer.scene.mesh_files import read_meshes
 from vemlight.renderer.scene.scene import Scene, load_scene
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 CAMERA = "[camera]\nfrom = [0.0, 0.0, 20.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 5.0\n"
@@ -81,7 +81,7 @@ def test_a_spot_shines_along_its_axis_within_its_cone(tmp_path):
     half_way = (np.cos(0.45) - np.cos(0.6)) / (np.cos(0.3) - np.cos(0.6))
     np.testing.assert_allclose(intensity(far_field(lamp), towards), 9 * np.array([1, 1, half_way**2, 0, 0]), atol=0.01)
     assert scene.objects[-1].name == "Key"
-    moved = wire.Pose(name="Key", position=(0.0, 0.0, 1.5), rotation=scene.objects[-1].rotation)
+    moved = Pose(name="Key", position=(0.0, 0.0, 1.5), rotation=scene.objects[-1].rotation)
     np.testing.assert_allclose(middle(scene, [moved]), 9 / 1.5**2 / np.pi, rtol=0.01)
 
 

@@ -11,7 +11,7 @@ import pytest
 from vemlight.errors import UserError
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.runtime import wire
+from vemlight.runtime import stamps
 from vemlight.settings import Mode, Settings
 
 
@@ -22,7 +22,7 @@ def opened(folder: Path, mode: Mode = "lossless") -> ImageSequenceWriter:
 def add(writer: ImageSequenceWriter, sequence: int, level: int = 90, width: int = 64, height: int = 48) -> None:
     pixels = np.full((height, width, 4), 255, np.uint8)
     pixels[..., :3] = level
-    writer.add(np.zeros((height, width, 4), np.float32), pixels, wire.stamp(sequence, sequence / 25), Adaptation(sequence))
+    writer.add(np.zeros((height, width, 4), np.float32), pixels, stamps.stamp(sequence, sequence / 25), Adaptation(sequence))
 
 
 def kept(folder: Path) -> int:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.support.sockets import FakeSocket
-from vemlight.runtime import loop, wire
+from vemlight.runtime import loop, stamps, wire
 from vemlight.runtime.service_stats import ServiceStats
 
 
@@ -25,7 +25,7 @@ class StubSocket(FakeSocket):
 
 
 def frame(sequence: int) -> wire.Message:
-    header = wire.PlateMessage(stamp=wire.stamp(sequence, 0.0), width=1, height=1)
+    header = wire.PlateMessage(stamp=stamps.stamp(sequence, 0.0), width=1, height=1)
     return header, (np.zeros((1, 1, 3), np.uint8),)
 
 
@@ -47,7 +47,7 @@ def newest(socket: StubSocket, stats: ServiceStats) -> int | None:
 @pytest.mark.parametrize(("age_ms", "polls"), [(45.0, 0), (75.0, 1)])
 def test_a_frame_older_than_one_and_a_half_intervals_is_passed_over_for_the_next(monkeypatch, age_ms, polls):
     ages = iter([age_ms, 1.0])
-    monkeypatch.setattr(wire, "age_ms", lambda _stamp: next(ages))
+    monkeypatch.setattr(stamps, "age_ms", lambda _stamp: next(ages))
     socket, stats = StubSocket([frame(3)], [frame(7)]), ServiceStats("sampler", 0)
     assert newest(socket, stats) == (7 if polls else 3)
     assert len(socket.polled_ms) == polls
@@ -56,7 +56,7 @@ def test_a_frame_older_than_one_and_a_half_intervals_is_passed_over_for_the_next
 
 
 def test_a_stale_frame_is_taken_when_no_other_comes(monkeypatch):
-    monkeypatch.setattr(wire, "age_ms", lambda _stamp: 500.0)
+    monkeypatch.setattr(stamps, "age_ms", lambda _stamp: 500.0)
     assert newest(StubSocket([frame(3)]), ServiceStats("sampler", 0)) == 3
 
 

@@ -16,7 +16,7 @@ from vemlight.renderer.passes.luminaires.depth_range import depth_range
 from vemlight.renderer.passes.luminaires.luminaire_atlas import LuminaireAtlas
 from vemlight.renderer.scene.luminaire_table import world_from_lamp
 from vemlight.renderer.scene.scene import load_scene
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 DARK = LightSet.of(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
@@ -51,7 +51,7 @@ def picture(scene, lights: LightSet = DARK, samples: int = 1, move=None) -> np.n
             renderer.picture(lights)
             number, at, rotate, power = move
             lamp = scene.objects[len(scene.objects) - len(scene.luminaires) + number].name
-            renderer.place(0.0, [wire.Pose(name=lamp, position=at, rotation=quaternion_xyz(rotate), power=power)])
+            renderer.place(0.0, [Pose(name=lamp, position=at, rotation=quaternion_xyz(rotate), power=power)])
         return renderer.picture(lights).copy()
     finally:
         renderer.release()
@@ -166,8 +166,8 @@ def test_a_moved_and_dimmed_lamp_is_as_if_it_had_always_been_there(tmp_path):
     assert np.array_equal(picture(scene, move=(0, (0.3, 0.1, 1.2), (180.0, 0.0, 0.0), 0.5)), picture(there))
 
 
-def pose(name: str, at: tuple[float, float, float], power: float | None = None) -> wire.Pose:
-    return wire.Pose(name=name, position=at, rotation=quaternion_xyz((180.0, 0.0, 0.0)), power=power)
+def pose(name: str, at: tuple[float, float, float], power: float | None = None) -> Pose:
+    return Pose(name=name, position=at, rotation=quaternion_xyz((180.0, 0.0, 0.0)), power=power)
 
 
 def test_poses_of_several_lamps_make_the_picture_of_lamps_that_stand_there(tmp_path):
@@ -195,12 +195,12 @@ def test_only_the_maps_of_a_lamp_that_moved_are_drawn(tmp_path, monkeypatch):
         draw(atlas, *arguments)
     monkeypatch.setattr(LuminaireAtlas, "draw", counted)
 
-    def maps_of(*poses: wire.Pose) -> int:
+    def maps_of(*poses: Pose) -> int:
         drawn.clear()
         renderer.place(0.0, poses)
         renderer.picture(DARK)
         return len(set(drawn))
-    there, ball = pose("a", (0.1, 0.0, 1.5)), wire.Pose(name="sphere", position=(0.2, 0.1, 0.4))
+    there, ball = pose("a", (0.1, 0.0, 1.5)), Pose(name="sphere", position=(0.2, 0.1, 0.4))
     assert maps_of() == 2
     assert maps_of() == 0
     assert maps_of(there) == 1

@@ -8,7 +8,7 @@ from vemlight.light.sphere import quaternion_xyz
 from vemlight.renderer.passes.luminaires.luminaire_map_plan import placed_luminaires, stale_luminaire_maps
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.scene.scene_pose import ScenePose, scene_pose
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 
 SCENE = """
 [camera]
@@ -41,7 +41,7 @@ def scene(tmp_path) -> Scene:
 
 def pose(scene: Scene, name: str = "", position: tuple[float, float, float] = (0.0, 0.0, 0.0), power: float | None = None) -> ScenePose:
     turned = quaternion_xyz((180.0, 0.0, 0.0)) if name in ("lamp", "bare") else (0.0, 0.0, 0.0, 1.0)
-    return scene_pose(scene, 0.0, [wire.Pose(name=name, position=position, rotation=turned, power=power)] if name else [])
+    return scene_pose(scene, 0.0, [Pose(name=name, position=position, rotation=turned, power=power)] if name else [])
 
 
 def stale(scene: Scene, now: ScenePose, drawn: ScenePose | None = None) -> tuple[bool, ...]:

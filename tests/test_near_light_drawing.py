@@ -18,7 +18,7 @@ from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 from vemlight.renderer.rays import near_tracing
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.stage import RendererStage
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.settings import Renderer as Settings
 from vemlight.settings import Settings as AllSettings
 
@@ -378,7 +378,7 @@ def test_the_renderer_takes_points_and_says_how_many_it_leaves_out(tmp_path):
     turn = np.arange(40) * np.pi / 20
     lamps = near_lights(*np.stack([np.cos(turn), np.sin(turn), np.full(40, 1.5)], axis=-1))
     lamps.intensity[3] = 0.0
-    header = wire.PointsMessage(stamp=wire.stamp(0, 0.0), count=40)
+    header = wire.PointsMessage(stamp=stamps.stamp(0, 0.0), count=40)
     message = wire.unpack(wire.pack(header, lamps.arrays()))
     reports = []
     for sequence in range(6):

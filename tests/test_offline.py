@@ -15,7 +15,8 @@ from vemlight.commands.rendering import renderer_settings
 from vemlight.errors import UserError
 from vemlight.light.images import write_exr
 from vemlight.light.lights_reader import lights_frames
-from vemlight.settings import MAX_PICTURE_SIDE, Renderer
+from vemlight.setting_keys import MAX_PICTURE_SIDE
+from vemlight.settings import Renderer
 
 HERE = Path()
 

@@ -13,7 +13,7 @@ from vemlight.errors import UserError
 from vemlight.light.light_set import LightsFile
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.runtime import wire
+from vemlight.runtime import stamps
 from vemlight.runtime.output_folder import claimed_output, is_complete
 from vemlight.runtime.run_inputs import input_digests
 from vemlight.settings import Capture, Renderer, Settings
@@ -33,7 +33,7 @@ def wanted(tmp_path) -> Settings:
     lights, writer = LightsFile(tmp_path / "out" / "lights.jsonl", True), ImageSequenceWriter(settings)
     for k in range(PICTURES):
         lights.append(lights_from([0, 0, 1]), k, k / 25, "hemisphere")
-        writer.add(np.zeros((6, 8, 4), np.float32), np.zeros((6, 8, 4), np.uint8), wire.stamp(k, k / 25), Adaptation())
+        writer.add(np.zeros((6, 8, 4), np.float32), np.zeros((6, 8, 4), np.uint8), stamps.stamp(k, k / 25), Adaptation())
     lights.close()
     writer.close()
     return settings
@@ -130,7 +130,7 @@ def test_a_live_run_is_not_continued(tmp_path):
     live = Settings(out=str(tmp_path))
     with claimed_output(live, overwrite=False):
         writer = ImageSequenceWriter(live)
-        writer.add(np.zeros((6, 8, 4), np.float32), np.zeros((6, 8, 4), np.uint8), wire.stamp(0, 0.0), Adaptation())
+        writer.add(np.zeros((6, 8, 4), np.float32), np.zeros((6, 8, 4), np.uint8), stamps.stamp(0, 0.0), Adaptation())
         writer.close()
     with pytest.raises(UserError, match="a live run, which cannot be continued"), claimed_output(live, False):
         pass

@@ -15,12 +15,13 @@ from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.browser.flatten import scene_message
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
 from vemlight.runtime import wire
+from vemlight.runtime.poses import View
 from vemlight.runtime.reports import ImageReport, PointsReport
 from vemlight.settings import Renderer, Wire
 from vemlight.viewer.web import BINARY_FEEDS
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
-VIEWS = (("From above", wire.View(eye=(0.0, -2.0, 6.0), at=(0.0, 0.0, 0.5), fov_y=40.0)),)
+VIEWS = (("From above", View(eye=(0.0, -2.0, 6.0), at=(0.0, 0.0, 0.5), fov_y=40.0)),)
 DRAWING = Renderer(width=160, height=120, shadows="maps", bounces=0, frame_ms=0.0)
 
 
@@ -129,14 +130,14 @@ def middle(page) -> tuple[float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
-def camera_after(simulated, act) -> wire.View:
+def camera_after(simulated, act) -> View:
     """The camera that a hand's act chooses."""
     before = len(simulated.controls)
     act()
     return eventually(lambda: next((c.camera for c in reversed(simulated.controls[before:]) if c.camera), None), "a camera for the server")
 
 
-def distance(view: wire.View) -> float:
+def distance(view: View) -> float:
     return float(np.linalg.norm(np.subtract(view.eye, view.at)))
 
 

@@ -11,7 +11,7 @@ from tests.support.processes import wait_until
 from vemlight.errors import UserError
 from vemlight.plate.stage import PlateSource
 from vemlight.plate.video_source import checked_size, open_video_source
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.demand import Supply
 from vemlight.runtime.instances import Input
 from vemlight.runtime.service_stats import ServiceStats
@@ -97,14 +97,14 @@ def transport(make_settings):
 
 
 def plate(sequence: int, monotonic_ns: int) -> wire.Message:
-    stamp = msgspec.structs.replace(wire.stamp(sequence, 0.0), monotonic_ns=monotonic_ns)
+    stamp = msgspec.structs.replace(stamps.stamp(sequence, 0.0), monotonic_ns=monotonic_ns)
     return wire.PlateMessage(stamp=stamp, width=1, height=1), (np.full((1, 1, 3), sequence, np.uint8),)
 
 
 def test_live_the_picture_nearest_in_time_is_taken(transport):
     publisher = transport.bind("plate", "publish")
     nearest, stats = NearestInTime(transport), ServiceStats("renderer", 0)
-    lights = msgspec.structs.replace(wire.stamp(90, 0.0), monotonic_ns=1_000_000)
+    lights = msgspec.structs.replace(stamps.stamp(90, 0.0), monotonic_ns=1_000_000)
     assert nearest.frames_at(lights, [PLATE], stats) == []
     wait_until(lambda: publisher.poll(0) or None, "the subscription")
     accept_subscriptions(publisher)

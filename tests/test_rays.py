@@ -19,7 +19,7 @@ from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer import pass_table, shadows
 from vemlight.renderer.passes.lights.traced_lights import KEPT_RAD
 from vemlight.renderer.scene.scene import Scene, load_scene
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 ABOVE = "[camera]\nfrom = [0.0, 0.0, 10.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 11.0\n"  # sees x, y from -0.963 to 0.963
@@ -135,7 +135,7 @@ def test_what_is_moved_casts_its_shadow_where_it_is(tmp_path):
     renderer = renderer_of(scene_of(tmp_path, text), 32, frame_ms=1e4)
     before = renderer.picture(SLANTED).copy()
     for _ in range(2):  # with the first the surfaces come to their places
-        renderer.place(0.0, [wire.Pose(name="box", position=(0.3, 0.2, 1.2), rotation=(0.0, 0.0, 0.0, 1.0))])
+        renderer.place(0.0, [Pose(name="box", position=(0.3, 0.2, 1.2), rotation=(0.0, 0.0, 0.0, 1.0))])
         moved = renderer.picture(SLANTED).copy()
     renderer.release()
     fresh = renderer_of(scene_of(tmp_path, text.replace("[0.0, 0.0, 1.0]", "[0.3, 0.2, 1.2]")), 32)

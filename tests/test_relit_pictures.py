@@ -17,7 +17,7 @@ from vemlight.light.sphere import Coverage, cell_directions, cell_solid_angles
 from vemlight.renderer import frame_plan
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, Scene, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose, View
 from vemlight.settings import Renderer
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not tested in a browser")
@@ -50,8 +50,8 @@ def relative_error(of_browser: np.ndarray, of_server: np.ndarray, least: float =
 def server_picture(
     scene: Scene,
     lights: LightSet,
-    view: wire.View | None = None,
-    poses: tuple[wire.Pose, ...] = (),
+    view: View | None = None,
+    poses: tuple[Pose, ...] = (),
     near: NearLightSet | None = None,
     environment: EnvironmentMap | None = None,
 ) -> np.ndarray:
@@ -100,10 +100,10 @@ def test_soft_lights_are_the_same(drawn, monkeypatch):
 def test_moved_objects_from_a_turned_camera_are_the_same(drawn):
     scene, page = drawn
     lights = lights_of(12)
-    view = wire.View(eye=(-2.6, -4.1, 2.4), at=(0.3, 0.1, 0.5), fov_y=38.0)
+    view = View(eye=(-2.6, -4.1, 2.4), at=(0.3, 0.1, 0.5), fov_y=38.0)
     ball = next(pose for pose in scene.objects if pose.name == "ball")
     x, y, z = ball.position
-    poses = (wire.Pose(name="ball", position=(x - 0.9, y - 0.4, z + 0.2), rotation=(0.0, 0.6, 0.0, 0.8), scale=1.5),)
+    poses = (Pose(name="ball", position=(x - 0.9, y - 0.4, z + 0.2), rotation=(0.0, 0.6, 0.0, 0.8), scale=1.5),)
     error = relative_error(page.picture(lights, view, poses), server_picture(scene, lights, view, poses))
     print("relative RMSE", error)
     assert error < LIMIT
@@ -133,7 +133,7 @@ def sky_and_lights(coverage: Coverage) -> tuple[EnvironmentMap, LightSet]:
 def test_the_sky_is_the_same_behind_the_scene_and_in_what_is_polished(drawn, coverage):
     scene, page = drawn
     environment, lights = sky_and_lights(coverage)
-    view = wire.View(eye=(0.4, -5.0, 1.1), at=(0.1, 0.0, 1.2), fov_y=45.0)  # with much of the sky
+    view = View(eye=(0.4, -5.0, 1.1), at=(0.1, 0.0, 1.2), fov_y=45.0)  # with much of the sky
     browser = page.picture(lights, view, environment=environment)
     server = server_picture(scene, lights, view, environment=environment)
     error = relative_error(browser, server)
@@ -173,7 +173,7 @@ def test_shadow_maps_of_near_lights_are_drawn_when_something_moves(drawn):
     near, drawn_maps = near_lights(scene, 5), []
     near = NearLightSet(near.ids + 100, *near.arrays()[1:])  # no test before had them
     moved = NearLightSet.of(near.ids, near.at + np.array([[0.3, 0, 0]] + [[0, 0, 0]] * 4), near.intensity, near.radius, near.sigma)
-    poses = (wire.Pose(name="ball", position=(0.5, 0.4, 0.9)),)
+    poses = (Pose(name="ball", position=(0.5, 0.4, 0.9)),)
     fewer = NearLightSet(*(array[1:] for array in moved.arrays()))
     for each, placed in ((near, ()), (near, ()), (moved, ()), (fewer, ()), (moved, ()), (moved, poses)):
         page.picture(LightSet.none(), poses=placed, near=each)

@@ -14,7 +14,8 @@ from vemlight.light.sphere import direction_from_angles, quaternion_xyz
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import CostModel
 from vemlight.renderer.stage import RendererStage
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer, Settings
 
 SCENE = """
@@ -49,7 +50,7 @@ def test_an_image_lists_the_poses_of_objects_and_a_control_moves_them(stage):
         ("plane", (0, 0, 0), None), ("film", (-1, 0, 0), None), ("torch", (0, 0, 2), 1)
     ]  # fmt: skip
     lit = picture_of(state)
-    there = wire.Pose(name="torch", position=(1.0, 0.0, 2.0), rotation=quaternion_xyz((180.0, 0.0, 0.0)), power=5.0)
+    there = Pose(name="torch", position=(1.0, 0.0, 2.0), rotation=quaternion_xyz((180.0, 0.0, 0.0)), power=5.0)
     state, image = stepped(stage, controlled(stage, state, poses=(there,)), 0)
     assert image.objects[2] == there
     assert not np.array_equal(picture_of(state), lit)
@@ -169,12 +170,12 @@ def test_a_step_has_no_effect_but_its_result(tmp_path, moving_sky, monkeypatch, 
     (tmp_path / "scene.toml").write_text(plane + boxes + lamp.replace('shadows = "none"', "shadow_map = 16"))
     drawing = Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, shadow_map=64, frame_ms=frame_ms, picture="linear16")
     stage = RendererStage(Settings(renderer=drawing))
-    header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=4, cols=8, coverage="hemisphere")
+    header = wire.MapMessage(stamp=stamps.stamp(0, 0.0), rows=4, cols=8, coverage="hemisphere")
     sky = header, (np.ones((4, 8, 3), np.float32), *NO_BRIGHT_CELLS)
     state, made = stage.start_at(0)[0], []
     for sequence in range(6):
         if sequence == 3:
-            state = controlled(stage, state, poses=(wire.Pose(name="box", position=(-0.7, 0.0, 0.5)),))
+            state = controlled(stage, state, poses=(Pose(name="box", position=(-0.7, 0.0, 0.5)),))
         if paused and sequence >= 3:
             state = stage.on_message(controlled(stage, state, paused=True, poses=state.poses), sky)
         before = state

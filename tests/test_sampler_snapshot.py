@@ -7,7 +7,7 @@ import pytest
 
 from vemlight.journal import JournalPoint
 from vemlight.light.bright_cells import BrightCells
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.snapshot import SNAPSHOT_FRAMES, Snapshot, Snapshots, decoded, encoded
 from vemlight.sampler.stage import SamplerStage
@@ -90,7 +90,7 @@ def test_arrays_that_cannot_be_are_refused(array):
 
 
 def map_message(k: int) -> wire.Message:
-    header = wire.MapMessage(stamp=wire.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere", bright_samples=0)
+    header = wire.MapMessage(stamp=stamps.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere", bright_samples=0)
     return header, (frame(k).radiance, *NO_BRIGHT)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.sampler.stage import SamplerStage
 from vemlight.settings import Sampler, Settings
 
@@ -27,7 +27,7 @@ stage = SamplerStage(Settings(sampler=Sampler(method=sys.argv[1])))
 ready = compiled()
 state, _ = stage.start_at(0)
 for k in range(30):  # light that flickers with the mains, until the search for it has begun
-    header = wire.MapMessage(stamp=wire.stamp(k, k / 21), rows=6, cols=24, coverage="hemisphere", bright_samples=1)
+    header = wire.MapMessage(stamp=stamps.stamp(k, k / 21), rows=6, cols=24, coverage="hemisphere", bright_samples=1)
     radiance = np.full((6, 24, 3), 1 + 0.3 * np.sin(200 * np.pi * k / 21), np.float32)
     arrays = radiance, np.array([30]), np.array([[0.0, 0.0, 1.0]], np.float32), np.ones(1, np.float32)
     state, _ = stage.step(state, wire.unpack(wire.pack(header, arrays)))
@@ -47,7 +47,7 @@ def test_the_filters_delay_goes_out_in_frames_and_in_ms(name, frames) -> None:
     stage = SamplerStage(Settings(sampler=Sampler(method="havran-azimuth", filter=name, count=4)))
     state, _ = stage.start_at(0)
     for k in range(6):
-        header = wire.MapMessage(stamp=wire.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere")
+        header = wire.MapMessage(stamp=stamps.stamp(k, k / 25), rows=6, cols=24, coverage="hemisphere")
         arrays = np.ones((6, 24, 3), np.float32), *NO_BRIGHT_CELLS
         state, (made, _) = stage.step(state, (header, arrays))
     assert isinstance(made, wire.LightsMessage)
@@ -64,7 +64,7 @@ def test_after_a_jump_lights_are_those_of_a_sampler_that_begins_and_no_old_one_c
     stage = SamplerStage(Settings(sampler=Sampler(method=method, count=12)))
 
     def stepped(state, k: int, radiance: np.ndarray, segment: int):
-        header = wire.MapMessage(stamp=wire.stamp(k, k / 25), rows=8, cols=32, coverage="hemisphere", segment=segment)
+        header = wire.MapMessage(stamp=stamps.stamp(k, k / 25), rows=8, cols=32, coverage="hemisphere", segment=segment)
         return stage.step(state, (header, (radiance, *NO_BRIGHT_CELLS)))
 
     state, _ = stage.start_at(0)

@@ -15,6 +15,7 @@ from vemlight.light.sphere import latlong_directions
 from vemlight.light.virtual_lamp import VirtualLamp
 from vemlight.renderer.stage import RendererStage
 from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose, View
 from vemlight.runtime.session import SESSION
 from vemlight.sampler.stage import SamplerStage
 from vemlight.settings import Settings
@@ -37,10 +38,10 @@ CHOSEN = wire.ControlMessage(
     count=20,
     exposure=0.5,
     filtered=False,
-    poses=(wire.Pose(name="box", position=(1.0, 0.5, 0.8), rotation=(0.0, 0.0, 0.6, 0.8), scale=1.5),),
+    poses=(Pose(name="box", position=(1.0, 0.5, 0.8), rotation=(0.0, 0.0, 0.6, 0.8), scale=1.5),),
     masks=(Mask(points=((80.0, 20.0), (160.0, 25.0), (120.0, 70.0))), Mask(points=((300.0, 50.0),), width_deg=20.0, mode="dark")),
     lamps=(VirtualLamp(id=2, azimuth_deg=200.0, elevation_deg=40.0, irradiance=(2.0, 1.0, 0.5)),),
-    camera=wire.View(eye=(3.0, -5.0, 2.0), at=(0.0, 0.0, 0.4), fov_y=50.0),
+    camera=View(eye=(3.0, -5.0, 2.0), at=(0.0, 0.0, 0.4), fov_y=50.0),
 )
 
 
@@ -89,7 +90,7 @@ def test_it_is_read_as_what_was_meant(settings, tmp_path, control):
 
 
 def test_poses_of_settings_and_page_are_joined_by_name(settings):
-    other = wire.Pose(name="plane", position=(0.0, 0.0, 0.1))
+    other = Pose(name="plane", position=(0.0, 0.0, 0.1))
     joined = saved_settings(settings, wire.ControlMessage(poses=(other,))).renderer.poses
     assert {pose.name: pose.position for pose in joined} == {"box": (-1.0, 0.0, 0.4), "plane": (0.0, 0.0, 0.1)}
 
@@ -143,7 +144,7 @@ def test_the_range_that_is_played_is_saved_in_frames(in_s, out_s, frames):
 def test_names_are_no_more_than_names(settings, tmp_path):
     """A name from a page stands in the file as text, whatever is in it."""
     name = '"]\n[viewer]\ninsecure = true\n# [ 1, ]'
-    control = wire.ControlMessage(poses=(wire.Pose(name=name, position=(1.0, 2.0, 3.0)),))
+    control = wire.ControlMessage(poses=(Pose(name=name, position=(1.0, 2.0, 3.0)),))
     (tmp_path / "vemlight.toml").write_bytes(settings_file(settings, control))
     saved = read_settings(tmp_path / "vemlight.toml")
     assert saved.renderer.poses[-1].name == name

@@ -20,7 +20,7 @@ from vemlight.renderer import frame_plan, near_planning
 from vemlight.renderer.passes.shadow_maps.casters import moved_by_m, placed_casters, scene_casters
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 CAMERA = "[camera]\nfrom = [0.0, -7.0, 4.0]\nat = [0.0, 0.0, 0.4]\nfov_y = 40.0\n"
@@ -41,8 +41,8 @@ def renderer_of(scene: Scene, **settings) -> SceneRenderer:
     return SceneRenderer(scene, Settings(**{"width": 96, "height": 72, "shadow_map": 256, **settings}))
 
 
-def pose(name: str, at: tuple[float, float, float], rotate=(0.0, 0.0, 0.0), power: float | None = None) -> wire.Pose:
-    return wire.Pose(name=name, position=at, rotation=quaternion_xyz(rotate), power=power)
+def pose(name: str, at: tuple[float, float, float], rotate=(0.0, 0.0, 0.0), power: float | None = None) -> Pose:
+    return Pose(name=name, position=at, rotation=quaternion_xyz(rotate), power=power)
 
 
 def relative_rmse(a: np.ndarray, b: np.ndarray) -> float:
@@ -259,5 +259,5 @@ def test_what_was_scaled_looks_as_if_it_had_always_been_so_large(tmp_path, shado
 
 def test_a_lamp_has_no_scale(tmp_path):
     scene = a_scene(tmp_path, GROUND + "[[luminaire]]\npower = 2.0\n")
-    asked = wire.Pose(name="torch", position=(1.0, 0.0, 2.0), scale=3.0)
-    assert scene_pose(scene, 0.0, [asked]).objects[1] == wire.Pose(name="torch", position=(1.0, 0.0, 2.0), power=2.0)
+    asked = Pose(name="torch", position=(1.0, 0.0, 2.0), scale=3.0)
+    assert scene_pose(scene, 0.0, [asked]).objects[1] == Pose(name="torch", position=(1.0, 0.0, 2.0), power=2.0)

@@ -5,12 +5,12 @@ import errno
 import numpy as np
 import pytest
 
-from vemlight.runtime import service_stats, wire
+from vemlight.runtime import service_stats, stamps, wire
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 
 
 def frame(sequence: int) -> wire.Message:
-    header = wire.PlateMessage(stamp=wire.stamp(sequence, 0.0), width=1, height=1)
+    header = wire.PlateMessage(stamp=stamps.stamp(sequence, 0.0), width=1, height=1)
     return header, (np.zeros((1, 1, 3), np.uint8),)
 
 

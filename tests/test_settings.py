@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from vemlight.commands.settings_reference import settings_reference
 from vemlight.errors import UserError
-from vemlight.settings import PATH, Capture, Renderer, Sampler, Settings
+from vemlight.setting_keys import PATH
+from vemlight.settings import Capture, Renderer, Sampler, Settings
 from vemlight.settings_file import check_settings, read_settings, section_from_options
 from vemlight.source_names import is_camera
 

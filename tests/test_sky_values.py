@@ -5,7 +5,7 @@ import pytest
 
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.sphere import Coverage, cell_solid_angles, map_irradiance
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.viewer.sky_values import COVERAGES, HEAD, MAX_CELLS, sky_values
 
 
@@ -16,7 +16,7 @@ def read(values: bytes) -> tuple[int, int, int, float, float, np.ndarray]:
 
 
 def message(rows: int, cols: int, coverage: Coverage = "hemisphere", scale: float | None = None) -> wire.MapMessage:
-    return wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=rows, cols=cols, coverage=coverage, luminance_scale=scale)
+    return wire.MapMessage(stamp=stamps.stamp(0, 0.0), rows=rows, cols=cols, coverage=coverage, luminance_scale=scale)
 
 
 @pytest.mark.parametrize("coverage", COVERAGES)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.loop import publish_status
 from vemlight.runtime.peers import receive
@@ -39,7 +39,7 @@ class CountingCamera:
         if self.made >= UNHEARD:
             publish_status(self._sampler, self._stats)
         self.made += 1
-        header = wire.MapMessage(stamp=wire.stamp(self.made, self.made / 20), rows=2, cols=4, coverage="hemisphere")
+        header = wire.MapMessage(stamp=stamps.stamp(self.made, self.made / 20), rows=2, cols=4, coverage="hemisphere")
         return (header, (np.ones((2, 4, 3), np.float32), *NO_CELLS)), 1
 
     def on_control(self, control: wire.ControlMessage) -> None:

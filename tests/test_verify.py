@@ -17,7 +17,7 @@ from vemlight.errors import UserError
 from vemlight.light.light_set import LightsFile
 from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
-from vemlight.runtime import wire
+from vemlight.runtime import stamps
 from vemlight.settings import Settings
 
 FRAMES = 4
@@ -42,7 +42,7 @@ def output(tmp_path_factory) -> Path:
     lights, writer = LightsFile(folder / "lights.jsonl", True), ImageSequenceWriter(Settings(mode="lossless", out=str(folder)))
     for k in range(FRAMES):
         lights.append(lights_from([[0, 0, 1]]), k, k / 25, "hemisphere")
-        writer.add(np.full((6, 8, 4), k, np.float32), np.full((6, 8, 4), k, np.uint8), wire.stamp(k, k / 25), Adaptation(k))
+        writer.add(np.full((6, 8, 4), k, np.float32), np.full((6, 8, 4), k, np.uint8), stamps.stamp(k, k / 25), Adaptation(k))
     writer.complete()
     writer.close()
     lights.close()

@@ -15,7 +15,7 @@ from vemlight.renderer.output.image_sequence import ImageSequenceWriter
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import BACKGROUND, ENCODERS, VideoEncoder, chosen_encoder, over_background, video_writer
 from vemlight.renderer.stage import RendererStage
-from vemlight.runtime import wire
+from vemlight.runtime import stamps
 from vemlight.settings import Renderer, Settings
 
 
@@ -168,7 +168,7 @@ def test_where_no_video_can_be_is_one_line(tmp_path, name):
 def test_an_image_sequence_becomes_a_video_though_its_writer_was_started_again(tmp_path):
     def add(writer: ImageSequenceWriter, sequence: int) -> None:
         picture = np.full((36, 47, 4), sequence / 10, np.float32)
-        writer.add(picture, flat(47, 36, (20 * sequence, 90, 200)), wire.stamp(sequence, sequence / 24), Adaptation())
+        writer.add(picture, flat(47, 36, (20 * sequence, 90, 200)), stamps.stamp(sequence, sequence / 24), Adaptation())
 
     wanted = Settings(mode="lossless", out=str(tmp_path / "out"))
     writer = ImageSequenceWriter(wanted)

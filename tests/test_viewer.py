@@ -18,6 +18,7 @@ from tests.support.lights_files import light_set_from_row
 from tests.support.viewer_process import PATIENCE_S, SimulatedServices, ViewerProcess, eventually
 from vemlight.light.light_set import LightsRow
 from vemlight.runtime import wire
+from vemlight.runtime.poses import MAX_POSES
 from vemlight.settings import Wire
 from vemlight.viewer.authentication import GUESSES_BURST, cookie_of
 from vemlight.viewer.web import MAX_BODY, MAX_PAGES, MESSAGES_BURST
@@ -106,7 +107,7 @@ def test_a_control_may_move_as_many_objects_as_a_message_holds(viewer):
     third = 1 / 3  # with all its digits
     poses = [
         {"name": f"an object with number {k}", "position": 3 * [-third], "rotation": [0.0, 0.0, -0.6000000000000001, 0.8000000000000002]}
-        for k in range(wire.MAX_POSES)
+        for k in range(MAX_POSES)
     ]
     assert viewer.choose(poses=poses)[0] == 200
     assert viewer.choose(poses=None)[0] == 200

@@ -5,7 +5,7 @@ import random
 import msgspec
 
 from vemlight.compiling import COMPILING, compiling_file
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import Service
 from vemlight.runtime.restarts import restarting_file, say_restarting
 from vemlight.runtime.service_stats import LossCounter
@@ -13,7 +13,7 @@ from vemlight.runtime.session import SESSION
 from vemlight.viewer.liveness import HEALTHY, Liveness
 
 SILENT_S = 1.5  # three statuses in a row are missing
-STAMP = wire.stamp(5, 0.2)
+STAMP = stamps.stamp(5, 0.2)
 MAKERS: dict[str, tuple[str, ...]] = {"capture": (), "sampler": ("capture",), "renderer": ("sampler",)}
 FRAMES: dict[Service, wire.Header] = {
     "capture": wire.MapMessage(stamp=STAMP, rows=1, cols=1, coverage="hemisphere"),

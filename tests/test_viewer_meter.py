@@ -7,7 +7,7 @@ import pytest
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.map_elements import elements_from_map
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.reports import MapReport
 from vemlight.viewer import meter
 from vemlight.viewer.meter import BINS_PER_STOP, CELLS_HEAD, HIGHEST_CODE, MAX_STOPS, Look, Meter, clipped_elements, histogram
@@ -19,7 +19,7 @@ EYE = Look(90, 0)
 def meter_of(radiance: np.ndarray, scale: float | None = None, saturated: int = 0, bright: BrightCells = NO_BRIGHT_CELLS) -> Meter:
     rows, cols, _ = radiance.shape
     report = MapReport(saturated_pixels=saturated)
-    header = wire.MapMessage(stamp=wire.stamp(7, 0.28), rows=rows, cols=cols, coverage="sphere", luminance_scale=scale, report=report)
+    header = wire.MapMessage(stamp=stamps.stamp(7, 0.28), rows=rows, cols=cols, coverage="sphere", luminance_scale=scale, report=report)
     made = Meter()
     made.take_map(header, EnvironmentMap(radiance.astype(np.float32), "sphere", bright))
     return made

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from vemlight.light.sphere import Coverage, angles_from_direction, cell_from_direction
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.viewer.pictures import DISC_PIXELS, GROUND, SRGB_CODES, Sky, _with_neighbours, disc_lookup, jpeg, picture_jpeg
 
-STAMP = wire.stamp(0, 0.0)
+STAMP = stamps.stamp(0, 0.0)
 
 
 def decoded(jpeg: bytes) -> np.ndarray:

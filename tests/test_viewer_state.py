@@ -11,7 +11,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from vemlight.errors import UserError
 from vemlight.light.near_lights import NearLightSet
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
+from vemlight.runtime.poses import Pose
 from vemlight.runtime.reports import ImageReport, LightsReport, MapReport, PointsReport
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.settings import Rig, Settings
@@ -54,7 +55,7 @@ def sample(viewer: ViewerState, metric_name: str, **labels: str) -> float:
 
 
 def image(sequence: int) -> wire.Message:
-    header = wire.ImageMessage(stamp=wire.stamp(sequence, 0.0), width=2, height=1, report=ImageReport(drawn_lights=3, render_ms=1))
+    header = wire.ImageMessage(stamp=stamps.stamp(sequence, 0.0), width=2, height=1, report=ImageReport(drawn_lights=3, render_ms=1))
     return header, (np.zeros((1, 2, 4), np.uint8),)
 
 
@@ -115,7 +116,7 @@ def rig_state(tmp_path) -> ViewerState:
     cameras = [{"name": name, "source": name, "at": [k, 0, 1]} for k, name in enumerate("ab")]
     (tmp_path / "rig.toml").write_text(tomli_w.dumps({"camera": cameras}))
     state = ViewerState(Settings(rig=Rig(file=str(tmp_path / "rig.toml"))), 0)
-    stamp, none = wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
+    stamp, none = stamps.stamp(8, 0.32), np.zeros((0, 3), np.float32)
     report = PointsReport(cameras=1, silent_cameras=1, near_lights=1, spread_ms=2.0)
     near = NearLightSet.of(np.array([3]), np.array([[0, 0, 2]]), np.array([[4, 4, 4]]), np.zeros(1), np.zeros(1))
     stats = ServiceStats("fuse", 0)
@@ -171,7 +172,7 @@ def test_what_is_of_one_camera_is_refused_where_several_are_fused(rig_state, cho
 
 
 def test_every_field_of_a_report_is_a_metric_in_base_units_and_a_row_of_the_page():
-    state, stamp, none = ViewerState(Settings(), 0), wire.stamp(8, 0.32), np.zeros((0, 3), np.float32)
+    state, stamp, none = ViewerState(Settings(), 0), stamps.stamp(8, 0.32), np.zeros((0, 3), np.float32)
     stats = ServiceStats("sampler", 0)
     report = LightsReport(delay_ms=160.0, delay_frames=4.0, required_lights=90, lamp_hz=100.0)
     lights = wire.LightsMessage(stamp=stamp, count=0, coverage="hemisphere", report=report)
@@ -224,7 +225,7 @@ def test_durations_are_a_histogram_of_the_time_for_a_frame():
 def test_a_pose_is_chosen_and_withdrawn() -> None:
     state = ViewerState(Settings(), 0)
     state.set_control(b'{"poses": [{"name": "box", "position": [0, 0, 1]}], "count": 5}')
-    assert state.control.poses == (wire.Pose(name="box", position=(0.0, 0.0, 1.0)),)
+    assert state.control.poses == (Pose(name="box", position=(0.0, 0.0, 1.0)),)
     state.set_control(b'{"exposure": 1.0}')
     assert len(state.control.poses) == 1
     state.set_control(b'{"poses": null, "count": null}')

@@ -16,6 +16,7 @@ from vemlight.light.sphere import direction_from_angles, map_irradiance
 from vemlight.light.virtual_lamp import MAX_LAMP_ID, VIRTUAL_IDS_FROM, VirtualLamp, check_lamps, is_virtual, lights_of_lamps, with_lamps
 from vemlight.renderer.accumulation import PASSES, MapLights
 from vemlight.runtime import wire
+from vemlight.runtime.poses import MAX_POSES, Pose
 from vemlight.sampler.sampler_input import SamplerInput
 from vemlight.sampler.stage import SamplerStage
 from vemlight.sampler.state import initial_state
@@ -125,7 +126,7 @@ def test_gloss_shows_them_as_lights_and_the_map_as_it_is(as_points):
 def test_the_largest_control_fits_into_a_header():
     name = "\U0001f4a1" * 61
     poses = tuple(
-        wire.Pose(name=f"{name}{k:03d}", position=(0.1, 0.2, 0.3), rotation=(0.5, 0.5, 0.5, 0.5), power=1.5) for k in range(wire.MAX_POSES)
+        Pose(name=f"{name}{k:03d}", position=(0.1, 0.2, 0.3), rotation=(0.5, 0.5, 0.5, 0.5), power=1.5) for k in range(MAX_POSES)
     )
     points = tuple((k + 0.123, 10.1) for k in range(MAX_POINTS // 16))
     masks = tuple({"points": points, "width_deg": 1.5, "mode": "dark"} for _ in range(16))

@@ -8,7 +8,7 @@ from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer import frame_plan, pass_table
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.scene.scene import load_scene
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.settings import Renderer as Settings
 
 STEP = 0.5 / 256  # the most that 8 bits are off
@@ -63,7 +63,7 @@ def test_lights_that_move_are_looked_up_anew(in_time, monkeypatch):
 def test_what_moved_is_looked_up_anew(in_time):
     pictures(in_time, [0.0, 0.0])
     name = in_time.place(0.0)[1].name
-    pose = wire.Pose(name=name, position=(0.3, 0.4, 0.8), rotation=(0.0, 0.0, 0.0, 1.0))
+    pose = Pose(name=name, position=(0.3, 0.4, 0.8), rotation=(0.0, 0.0, 0.0, 1.0))
     in_time.place(0.0, [pose])
     moved = pictures(in_time, [0.0, 0.0, 0.0])
     fresh = renderer_of(0.0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests import golden
 from tests.support.damaged_messages import damaged_messages
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import CHANNELS
 from vemlight.runtime.wire_schema import schema
 
@@ -106,18 +106,18 @@ def test_a_golden_message_with_damaged_bytes_is_legal_or_refused(data):
 
 
 def test_age_uses_the_monotonic_clock_on_one_host_and_realtime_between_hosts():
-    now = wire.stamp(0, 0.0)
+    now = stamps.stamp(0, 0.0)
     stepped = msgspec.structs.replace(now, captured_ns=0)
-    assert wire.age_ms(stepped) < 60_000
+    assert stamps.age_ms(stepped) < 60_000
     elsewhere = msgspec.structs.replace(now, monotonic_ns=0, boot_id="another")
-    assert wire.age_ms(elsewhere) < 60_000
+    assert stamps.age_ms(elsewhere) < 60_000
     ahead = msgspec.structs.replace(now, captured_ns=2**62, boot_id="another")
-    assert wire.age_ms(ahead) == 0
+    assert stamps.age_ms(ahead) == 0
 
 
 def lights_message(squared_length: float) -> list[bytes]:
     """One light whose direction has that squared length."""
-    header = wire.LightsMessage(stamp=wire.stamp(0, 0.0), count=1, coverage="sphere")
+    header = wire.LightsMessage(stamp=stamps.stamp(0, 0.0), count=1, coverage="sphere")
     none, direction = np.empty((0, 3), np.float32), np.array([[0, 0, np.sqrt(squared_length)]], np.float32)
     return wire.pack(header, [np.zeros(1, np.int64), direction, np.ones((1, 3), np.float32), none, none])
 
@@ -133,7 +133,7 @@ def test_directions_are_unit_vectors_to_a_thousandth(squared_length, accepted):
 
 @pytest.mark.parametrize("weight", [0.0, -0.5, 1.5])
 def test_a_bright_cells_weight_is_a_fraction(weight):
-    header = wire.MapMessage(stamp=wire.stamp(0, 0.0), rows=1, cols=2, coverage="hemisphere", bright_samples=1)
+    header = wire.MapMessage(stamp=stamps.stamp(0, 0.0), rows=1, cols=2, coverage="hemisphere", bright_samples=1)
     arrays = np.zeros((1, 2, 3), np.float32), np.zeros(1, np.int64), np.array([[0, 0, 1]], np.float32), np.array([weight], np.float32)
     with pytest.raises(ValueError, match="weight outside"):
         wire.unpack(wire.pack(header, arrays))
@@ -145,7 +145,7 @@ def test_headers_of_64_kilobytes_and_arrays_of_64_megabytes_are_the_largest():
     with pytest.raises(ValueError, match=r"^(?!a header has)"):
         wire.unpack([b"map", bytes(2**16)])
     for height, accepted in ((4096, True), (4097, False)):
-        header = wire.ImageMessage(stamp=wire.stamp(0, 0.0), width=4096, height=height)
+        header = wire.ImageMessage(stamp=stamps.stamp(0, 0.0), width=4096, height=height)
         parts = [*wire.pack(wire.ImageMessage(stamp=header.stamp, width=1, height=1), [np.zeros((1, 1, 4), np.uint8)])]
         parts[1:] = [msgspec.msgpack.encode(header), bytes(4096 * height * 4)]
         if accepted:

@@ -14,7 +14,8 @@ from vemlight.capture.still_source import StillReader
 from vemlight.errors import UserError
 from vemlight.files import decoded_json
 from vemlight.light.images import read_radiance
-from vemlight.settings import Capture, ExposureTimes
+from vemlight.setting_keys import ExposureTimes
+from vemlight.settings import Capture
 
 EXPOSURES = "vemlight:exposures"  # JSON in each frame's header: what the camera was asked for, falling, s
 EXPOSURE = "vemlight:exposure"  # text: the frame's own, one of these, where it was recognised

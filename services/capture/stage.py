@@ -17,7 +17,7 @@ from vemlight.capture.source import FrameSource, open_files, open_source
 from vemlight.capture.thumbnails import NO_THUMBNAILS, ThumbnailNews, Thumbnails
 from vemlight.errors import of_setting, printable_line
 from vemlight.files import notice
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import Instance
 from vemlight.runtime.playback import Playback
 from vemlight.runtime.reports import MapReport
@@ -78,7 +78,7 @@ class CaptureSource:
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
         """Raises UserError for a damaged file."""
         frame = self._masking.masked(self._source.frame(index), self._masks)
-        return map_message(frame, wire.stamp(sequence, time_s))
+        return map_message(frame, stamps.stamp(sequence, time_s))
 
     def on_control(self, control: wire.ControlMessage) -> None:
         self._masks = self._configured if control.masks is None else control.masks
@@ -115,7 +115,7 @@ class CaptureCamera:
         if self.recent:
             self.recent.add(frame)
         self._sequence += frame.lost + 1
-        stamp = wire.stamp(self._sequence, frame.time_s)
+        stamp = stamps.stamp(self._sequence, frame.time_s)
         if frame.monotonic_ns is not None:  # the kernel's stamp: both clocks go back by the age of the frame
             age_ns = max(0, stamp.monotonic_ns - frame.monotonic_ns)  # some drivers stamp the end of a frame before it has arrived
             stamp = msgspec.structs.replace(
@@ -167,7 +167,7 @@ def source_name(settings: settings.Capture) -> str:
     return printable_line(name)[:MAX_NAME]
 
 
-def map_message(frame: Frame, stamp: wire.Stamp) -> MapMessage:
+def map_message(frame: Frame, stamp: stamps.Stamp) -> MapMessage:
     """The frame as a message: pixels that are nan, infinite or negative are counted as invalid and set to 0."""
     valid = valid_values(frame.radiance)
     rows, cols, _ = frame.radiance.shape

@@ -13,14 +13,15 @@ from vemlight.errors import Interrupted, UserError
 from vemlight.light.images import write_exr, write_png
 from vemlight.runtime.interrupt import interruption
 from vemlight.runtime.progress import counted
+from vemlight.setting_keys import MAX_PICTURE_SIDE
 from vemlight.settings_file import section_from_options
 
 
 def renderer_settings(options: RenderOptions) -> settings.Renderer:
     """How to render. Raises UserError for a size that no picture may have."""
     width, height = options.size
-    if not all(1 <= side <= settings.MAX_PICTURE_SIDE for side in options.size):
-        raise UserError(f"--size {width}x{height}: a side has 1 to {settings.MAX_PICTURE_SIDE} pixels; choose another size")
+    if not all(1 <= side <= MAX_PICTURE_SIDE for side in options.size):
+        raise UserError(f"--size {width}x{height}: a side has 1 to {MAX_PICTURE_SIDE} pixels; choose another size")
     given = {
         "width": width,
         "height": height,

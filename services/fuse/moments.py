@@ -9,7 +9,7 @@ from collections import deque
 from statistics import median
 from typing import NamedTuple
 
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import FRAMES
 
 # A camera is left out when nothing came from it for so long, and for as many of its frames as a service may miss: until then its last map
@@ -37,7 +37,7 @@ class Moment(NamedTuple):
     """What is fused. frames: of each camera; None where it is silent. spread_ns: between the earliest and the latest of them."""
 
     at_ns: int
-    stamp: wire.Stamp
+    stamp: stamps.Stamp
     frames: tuple[wire.Message | None, ...]
     spread_ns: int
 
@@ -143,7 +143,7 @@ def _nearest(frames: deque[SeenFrame], at_ns: int) -> SeenFrame:
     return min(frames, key=lambda seen: abs(seen.at_ns - at_ns))
 
 
-def seen_at_ns(stamp: wire.Stamp, boot_id: str, monotonic_ns: int, realtime_ns: int) -> int:
+def seen_at_ns(stamp: stamps.Stamp, boot_id: str, monotonic_ns: int, realtime_ns: int) -> int:
     """When the light of a stamp was seen, on the monotonic clock of this host. Of another host: by its realtime clock.
 
     boot_id, monotonic_ns, realtime_ns: this host's, now.

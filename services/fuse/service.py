@@ -22,7 +22,7 @@ from vemlight.fuse.rest import Layout
 from vemlight.fuse.rig_file import read_camera_rig
 from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.demand import Supply
 from vemlight.runtime.instances import Input, captures, instance_of
 from vemlight.runtime.loop import CACHED_FRAMES, END_PERIOD_S, POLL_MS, StopSignal, publish, publish_status
@@ -67,7 +67,7 @@ def layout_of_settings(settings: Settings) -> Layout:
 
 
 def fused_messages(
-    state: FuseState, frames: tuple[wire.Message | None, ...], stamp: wire.Stamp, spread_ms: float
+    state: FuseState, frames: tuple[wire.Message | None, ...], stamp: stamps.Stamp, spread_ms: float
 ) -> tuple[FuseState, Fused]:
     """The step from messages to messages. frames: `map` of each camera in the rig's order; None where it is silent."""
     maps: list[EnvironmentMap | None] = [None] * len(frames)
@@ -138,7 +138,7 @@ class LiveCameras:
                 header = message[0]
                 if isinstance(header, wire.MapMessage):
                     now_ns = time.monotonic_ns()
-                    self.moments.take(k, message, seen_at_ns(header.stamp, wire.boot_id(), now_ns, time.time_ns()), now_ns)
+                    self.moments.take(k, message, seen_at_ns(header.stamp, stamps.boot_id(), now_ns, time.time_ns()), now_ns)
                     self._losses[k].on_frame()
                     self._ended[k] = False
                 elif isinstance(header, wire.StatusMessage):

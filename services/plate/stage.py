@@ -10,7 +10,7 @@ import numpy as np
 from vemlight import settings
 from vemlight.errors import UserError, of_setting
 from vemlight.plate.video_source import VideoSource, open_video_source
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import Service
 
 REOPEN_S = 1.0  # between two tries to open a camera that is gone; any value in 0.2 .. 5 does
@@ -34,7 +34,7 @@ class PlateSource:
 
     def message(self, sequence: int, index: int, time_s: float) -> wire.Message:
         """Picture `index` as frame `sequence`. Raises UserError for one that is damaged."""
-        return plate_frame(self._video.picture(index), wire.stamp(sequence, time_s))
+        return plate_frame(self._video.picture(index), stamps.stamp(sequence, time_s))
 
     def on_control(self, control: wire.ControlMessage) -> None:
         pass
@@ -72,7 +72,7 @@ class PlateCamera:
         self._sequence += 1
         if not self._paused or self._shown is None:
             self._shown = pixels[..., ::-1]
-        return plate_frame(self._shown, wire.stamp(self._sequence, time.monotonic() - self._started_s)), 0
+        return plate_frame(self._shown, stamps.stamp(self._sequence, time.monotonic() - self._started_s)), 0
 
     def on_control(self, control: wire.ControlMessage) -> None:
         self._paused = control.paused
@@ -88,7 +88,7 @@ def _opened(path: str, fps: float) -> cv2.VideoCapture:
     return camera
 
 
-def plate_frame(pixels: np.ndarray, stamp: wire.Stamp) -> PlateFrame:
+def plate_frame(pixels: np.ndarray, stamp: stamps.Stamp) -> PlateFrame:
     """The message of a picture (h, w, 3) uint8, sRGB."""
     height, width, _ = pixels.shape
     return wire.PlateMessage(stamp=stamp, width=width, height=height), (pixels,)

@@ -40,6 +40,7 @@ from vemlight.renderer.scene.scene import Scene, ViewCamera, load_scene
 from vemlight.renderer.scene.scene_pose import scene_pose
 from vemlight.runtime import wire
 from vemlight.runtime.channels import Service
+from vemlight.runtime.poses import MAX_POSES, Pose, View
 from vemlight.runtime.reports import ImageReport
 
 FILE_SAMPLES = 4  # a pixel of a file is the average over its area
@@ -59,8 +60,8 @@ class PausedPicture(NamedTuple):
     shown, its near lights."""
 
     light: MapLights
-    poses: tuple[wire.Pose, ...]
-    view: wire.View | None
+    poses: tuple[Pose, ...]
+    view: View | None
     accumulation: Accumulation
     exposure: float
     pixels: np.ndarray
@@ -89,8 +90,8 @@ class RendererState(NamedTuple):
     time_s: float
     frame: FrameState
     picture: np.ndarray | None = None
-    poses: tuple[wire.Pose, ...] = ()
-    view: wire.View | None = None
+    poses: tuple[Pose, ...] = ()
+    view: View | None = None
     paused: bool = False
     paused_s: float = 0.0
     environment: EnvironmentMap | None = None
@@ -227,7 +228,7 @@ class RendererStage:
             width=width,
             height=height,
             linear=self._linear,
-            objects=shown.pose.objects[: wire.MAX_POSES],
+            objects=shown.pose.objects[: MAX_POSES],
             tone_scale=min(curve.scale, MAX_RADIANCE),
             tone_white=min(curve.white or 0.0, MAX_RADIANCE),
             report=ImageReport(

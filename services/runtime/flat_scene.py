@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta
 
 from vemlight.files import decoded_json
-from vemlight.runtime import wire
+from vemlight.runtime.poses import MAX_POSES, Pose, View
 from vemlight.runtime.wire_fields import Finite, Side
 
 MAX_DATA = 48 * 2**20  # bytes: what a phone's browser holds twice; a part of a message has 64 MB at most. 16 to 60 MB would do
@@ -43,10 +43,10 @@ class Span(Flat, frozen=True):
 
 
 class FlatView(Flat, frozen=True):
-    """A camera by name, as wire.View."""
+    """A camera by name, as View."""
 
     name: Short
-    view: wire.View
+    view: View
 
 
 class FlatRange(Flat, frozen=True):
@@ -60,7 +60,7 @@ class FlatMesh(Flat, frozen=True):
     """A mesh: the object that it is part of, its vertices, its indices (of these vertices, from 0 on) and its material."""
 
     name: Short
-    object: Annotated[int, Meta(ge=0, lt=wire.MAX_POSES)] | None
+    object: Annotated[int, Meta(ge=0, lt=MAX_POSES)] | None
     vertices: FlatRange
     indices: FlatRange
     material: Index
@@ -129,7 +129,7 @@ class FlatScene(Flat, frozen=True):
     version: Literal[1]
     camera: FlatView
     views: Annotated[tuple[FlatView, ...], Meta(max_length=MAX_VIEWS)]
-    objects: Annotated[tuple[wire.Pose, ...], Meta(max_length=wire.MAX_POSES)]
+    objects: Annotated[tuple[Pose, ...], Meta(max_length=MAX_POSES)]
     centre: Matrix
     half: Matrix
     size: tuple[Side, Side]

@@ -14,7 +14,7 @@ import zmq
 
 from vemlight.errors import UserError
 from vemlight.files import one_line
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.announcement import Announcement
 from vemlight.runtime.channels import BACKPRESSURE_FROM, LAST, TAKES, Instance, Service
 from vemlight.runtime.demand import Supply
@@ -204,7 +204,7 @@ class LiveInput:
                     self._stats.dropped = self._losses.dropped
                 elif isinstance(header, wire.EndMessage):
                     self.end = header
-            stale = newest is not None and isinstance(newest[0], wire.FrameHeader) and wire.age_ms(newest[0].stamp) > STALE_MS
+            stale = newest is not None and isinstance(newest[0], wire.FrameHeader) and stamps.age_ms(newest[0].stamp) > STALE_MS
             left_ms = round((give_up_s - time.monotonic()) * 1e3)
             if self.end or not stale or left_ms <= 0 or not self._socket.poll(left_ms):
                 return newest

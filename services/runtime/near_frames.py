@@ -4,7 +4,7 @@ import numpy as np
 
 from vemlight.light.light_set import NearLights
 from vemlight.light.near_lights import NearLightSet
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 
 LAST_FRAMES = 32  # many times what lights are behind their map
 
@@ -27,6 +27,6 @@ class NearFrames:
         """None before the first, and where there is one camera."""
         return next(reversed(self._frames.values()), None)
 
-    def of(self, stamp: wire.Stamp) -> NearLights | None:
+    def of(self, stamp: stamps.Stamp) -> NearLights | None:
         """Those on the stamp, or where they have not come the newest."""
         return self._frames.get(stamp.sequence, self.newest)

@@ -7,7 +7,7 @@ from collections import deque
 from statistics import median
 
 from vemlight.files import one_line
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import REPORT_PERIOD_S, Instance
 from vemlight.runtime.log_lines import LINE_PERIOD_S, LogLines
 from vemlight.runtime.peers import Peer
@@ -46,7 +46,7 @@ class ServiceStats:
     def __init__(self, service: Instance, restarts: int) -> None:
         self.service, self.restarts = service, restarts
         self.frames = self.skipped = self.dropped = self.refused = self.unwritten = 0
-        self._newest: wire.Stamp | None = None
+        self._newest: stamps.Stamp | None = None
         self._age_ms = 0.0
         self._finished_s: deque[float] = deque(maxlen=256)  # of 250 frames a second and more the rate is that of the last 256
         self._step_ms: deque[float] = deque(maxlen=STEP_WINDOW)
@@ -63,7 +63,7 @@ class ServiceStats:
         header = message[0]
         assert isinstance(header, wire.FrameHeader)
         self.frames += 1
-        self._newest, self._age_ms = header.stamp, wire.age_ms(header.stamp)
+        self._newest, self._age_ms = header.stamp, stamps.age_ms(header.stamp)
         self._finished_s.append(time.monotonic())
         self._step_ms.append(step_s * 1e3)
         self._step_counts[bisect.bisect_left(wire.STEP_BOUNDS_MS, step_s * 1e3)] += 1

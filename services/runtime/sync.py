@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import zmq
 
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.demand import Pull
 from vemlight.runtime.instances import Input
 from vemlight.runtime.peers import receive
@@ -34,7 +34,7 @@ class NearestInTime:
         self._transport = transport
         self._subscriptions: dict[Input, _Subscription] = {}
 
-    def frames_at(self, stamp: wire.Stamp, inputs: Sequence[Input], stats: ServiceStats) -> list[wire.Message]:
+    def frames_at(self, stamp: stamps.Stamp, inputs: Sequence[Input], stats: ServiceStats) -> list[wire.Message]:
         """One frame of each of `inputs` that has sent any since it was first asked for here. Unsubscribes from all others."""
         for wanted, (socket, _) in list(self._subscriptions.items()):
             if wanted not in inputs:
@@ -52,7 +52,7 @@ class NearestInTime:
         return nearest
 
 
-def distance_ns(header: wire.Header, stamp: wire.Stamp) -> int:
+def distance_ns(header: wire.Header, stamp: stamps.Stamp) -> int:
     """How far apart in time the light of a frame and that of `stamp` was seen."""
     assert isinstance(header, wire.FrameHeader)
     same_clock = stamp.boot_id and stamp.boot_id == header.stamp.boot_id

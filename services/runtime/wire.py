@@ -5,10 +5,7 @@ fixes. `unpack` returns typed, finite data of known shape or raises ValueError. 
 schema and golden messages.
 """
 
-import time
 from collections.abc import Sequence
-from functools import cache
-from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple, Union
 
 import msgspec
@@ -20,7 +17,9 @@ from vemlight.light.mask import MAX_MASKS, Mask, check_masks
 from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
 from vemlight.light.sphere import Coverage
 from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
+from vemlight.runtime.poses import MAX_POSES, Pose, View
 from vemlight.runtime.reports import AnyReport, ImageReport, LevelsReport, LightsReport, MapReport, PointsReport
+from vemlight.runtime.stamps import Stamp
 from vemlight.runtime.wire_fields import (
     ChoiceName,
     Count,
@@ -29,7 +28,6 @@ from vemlight.runtime.wire_fields import (
     Metres,
     Milliseconds,
     Name,
-    Nanoseconds,
     Sequence53,
     Side,
     SourceSeconds,
@@ -38,52 +36,14 @@ from vemlight.runtime.wire_fields import (
 VERSION = 2  # of the protocol; a message without one is of version 1, which had none
 MAX_HEADER = 64 * 1024  # bytes; the longest legal header has 60 kB, most have under 2 kB
 MAX_PART = 64 * 1024 * 1024  # bytes: a 4096 x 4096 RGBA picture, or a 1365 x 4096 map
-MAX_POSES = 128  # of a message: with names of 64 four-byte letters 45 kB of header
 # Upper bounds of the histogram of a service's times for one frame: three a decade, from a fast capture to a picture of many samples.
 STEP_BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 STEP_BINS = len(STEP_BOUNDS_MS) + 1  # the last: longer than the last bound
 UNIT = 1e-3  # by which a unit vector's squared length may be off: three decimals of each number are enough
-MIN_VIEW_M = 1e-9  # between an eye and what it looks at; any value in 1e-12 .. 1e-6 does
 MAX_FIXTURES = 512  # of a rig: with names of 24 four-byte letters 51 kB of header
 
 MAX_CHOICES = 64  # of sources: with names of 64 four-byte letters 41 kB of header
 MAX_THUMBNAILS, THUMBNAIL_SIDE = 48, 48  # 332 kB in all; a page of 1,920 pixels has room for 40
-
-
-class Stamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which frame this is and when its light was seen."""
-
-    sequence: Sequence53
-    time_s: Annotated[float, Meta(ge=0, le=1e12)]  # on the source's own clock: filters use it
-    captured_ns: Nanoseconds  # realtime
-    monotonic_ns: Nanoseconds  # for ages on one host: steps of the realtime clock do not change it
-    boot_id: Annotated[str, Meta(max_length=64)]  # monotonic clocks compare only when this is equal
-
-
-class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where a named object or lamp of the scene stands."""
-
-    name: Name
-    position: tuple[Metres, Metres, Metres]
-    rotation: tuple[Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 1.0)  # unit quaternion x, y, z, w
-    power: Annotated[float, Meta(ge=0, le=1e12)] | None = None  # of a lamp: times the measured one; None: unchanged, or not a lamp
-    scale: Annotated[float, Meta(ge=1e-3, le=1e3)] = 1.0  # of an object, over its size in the scene file; lamps have none
-
-    def __post_init__(self) -> None:
-        if not abs(sum(q * q for q in self.rotation) - 1) < UNIT:
-            raise ValueError("rotation is not a unit quaternion")
-
-
-class View(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """From where a scene is seen: the eye, a point in the middle of the picture, and the angle between lower and upper edge, degrees."""
-
-    eye: tuple[Metres, Metres, Metres] = msgspec.field(name="from")
-    at: tuple[Metres, Metres, Metres]
-    fov_y: Annotated[float, Meta(ge=1, le=170)]
-
-    def __post_init__(self) -> None:
-        if not max(abs(a - b) for a, b in zip(self.eye, self.at, strict=True)) > MIN_VIEW_M:
-            raise ValueError("from and at are one point")
 
 
 class Array(NamedTuple):
@@ -437,23 +397,3 @@ def _header(part: bytes) -> Header:
         return _decoder.decode(part)
     except (RecursionError, OverflowError, MemoryError) as error:  # arrays nested a thousand deep, numbers beyond 64 bits
         raise ValueError(f"a header that cannot be decoded: {error}") from error
-
-
-@cache
-def boot_id() -> str:
-    """Names this run of this machine's kernel: monotonic clocks compare only within one."""
-    try:
-        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-    except OSError:
-        return ""
-
-
-def stamp(sequence: int, time_s: float) -> Stamp:
-    """A stamp for light that is seen now."""
-    return Stamp(sequence=sequence, time_s=time_s, captured_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), boot_id=boot_id())
-
-
-def age_ms(of: Stamp) -> float:
-    """Milliseconds since the light was seen: by the monotonic clock on one host, by realtime between hosts; never negative."""
-    same_clock = of.boot_id and of.boot_id == boot_id()
-    return max(0.0, ((time.monotonic_ns() - of.monotonic_ns) if same_clock else (time.time_ns() - of.captured_ns)) / 1e6)

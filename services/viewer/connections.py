@@ -22,7 +22,7 @@ PART_OF_ADDRESS = 2  # an address has the half: a proxy brings everybody from on
 HEADER_S = 5.0  # from the connection to the end of the first request's headers; 2 to 20 s would do
 IDLE_S = 15.0  # to the next request's, and for the last answer to be taken: browsers keep connections for a while. 5 to 60 s would do
 TAKES_NOTHING_MS = 10_000  # a reader who takes nothing of what was sent for so long is gone; 5 to 60 s would do
-# Bytes of a connection: a page that drags each of wire.MAX_POSES objects sends a control of 24 kB 30 times a second.
+# Bytes of a connection: a page that drags each of MAX_POSES objects sends a control of 24 kB 30 times a second.
 BYTES_BURST, BYTES_PER_S = 2 * 2**20, 2**20
 IPV6_PREFIX = 64  # bits of an address that its owner does not choose
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple, get_args
 
 from vemlight.compiling import compiled_by
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import FRAMES, REPORT_PERIOD_S, STATUS, Instance, service_of
 from vemlight.runtime.restarts import restart_of
 
@@ -37,7 +37,7 @@ class LastReceived:
         self.made = False  # whether it has made a frame
         self.status: wire.StatusMessage | None = None
         self.status_s = 0.0
-        self.stamp: wire.Stamp | None = None
+        self.stamp: stamps.Stamp | None = None
         self.frame_s = 0.0
         self.interval_s = 0.0  # between its last two frames
         self.ended = False
@@ -58,7 +58,7 @@ class LastReceived:
 
     def age_ms(self) -> float | None:
         """How long ago the light of its newest frame was seen: it grows while the service stands still."""
-        return None if self.stamp is None else wire.age_ms(self.stamp)
+        return None if self.stamp is None else stamps.age_ms(self.stamp)
 
 
 class Liveness:

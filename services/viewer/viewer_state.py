@@ -12,10 +12,11 @@ from vemlight.light.bright_cells import BrightCells
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import ErrorOfLights, LightSet, NearLights, lights_json, lights_row
 from vemlight.light.lights_binary import binary_from_lights, placed_binary
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import FRAMES, LAST, UPSTREAM, Instance, service_of
 from vemlight.runtime.instances import instance_of, instances, upstream
 from vemlight.runtime.near_frames import NearFrames
+from vemlight.runtime.poses import Pose
 from vemlight.runtime.service_stats import LossCounter, ServiceStats
 from vemlight.runtime.token import is_loopback
 from vemlight.settings import Settings
@@ -76,7 +77,7 @@ class ViewerState:
         self.liveness = Liveness(makers, settings.capture.fps, settings.mode == "lossless")
         self.pages = 0
         self._losses, self._light_count, self._encode_s = LossCounter(), 0, 0.0
-        self._objects: tuple[wire.Pose, ...] = ()
+        self._objects: tuple[Pose, ...] = ()
         self.timeline = Timeline()
         self.uploads = Uploads(settings.viewer.uploads_mb)
         self.measuring = Measuring()
@@ -120,7 +121,7 @@ class ViewerState:
                 self.picture.put(arrays[0])
                 self.picture_state.put(header)
                 self._objects = header.objects
-                self._ages.take(wire.age_ms(header.stamp))
+                self._ages.take(stamps.age_ms(header.stamp))
                 self.stats.skipped += passed_over
                 self.stats.on_finished((header, arrays), self._encode_s)
 

@@ -18,12 +18,14 @@ MUTANTS = [
         ("a still has no near lights", "        if count == 1:\n", "        if False:\n"),
         ("all cameras count alike", "FuseState.start(rig, options.subject)", "FuseState.start(rig)"),
     ]),
-    *mutants_of("services/settings.py", "tests/test_settings.py", [
+    *mutants_of("services/setting_keys.py", "tests/test_settings.py", [
         ("pictures x 100", "MAX_PICTURE_SIDE = 8192", "MAX_PICTURE_SIDE = 819200"),
         ("lights x 10", "Count = Annotated[int, Meta(ge=1, le=100_000)]", "Count = Annotated[int, Meta(ge=1, le=1_000_000)]"),
         ("no lights", "Count = Annotated[int, Meta(ge=1, le=100_000)]", "Count = Annotated[int, Meta(ge=0, le=100_000)]"),
         ("frames beyond the rate", "Rate = Annotated[float, Meta(gt=0, le=1000)]", "Rate = Annotated[float, Meta(ge=0, le=1000)]"),
         ("ports beyond TCP's", "Meta(ge=1, le=65_000)", "Meta(ge=1, le=65_535)"),
+    ]),
+    *mutants_of("services/settings.py", "tests/test_settings.py", [
         ("default lights", "FIXED_COUNT = 72", "FIXED_COUNT = 144"),
         ("default error", "ADAPTIVE_PERCENT = 5.0", "ADAPTIVE_PERCENT = 10.0"),
         ("default maximum", "ADAPTIVE_COUNT = 256", "ADAPTIVE_COUNT = 512"),
@@ -59,7 +61,7 @@ MUTANTS = [
     ]),
     *mutants_of(COMMANDS + "rendering.py", "tests/test_offline.py", [
         ("regions of a hemisphere", '0 if options.coverage == "hemisphere" and not options.ground else None', "None"),
-        ("pictures without pixels", "1 <= side <= settings.MAX_PICTURE_SIDE", "side <= settings.MAX_PICTURE_SIDE"),
+        ("pictures without pixels", "1 <= side <= MAX_PICTURE_SIDE", "side <= settings.MAX_PICTURE_SIDE"),
     ]),
     *mutants_of(COMMANDS + "archive/folder.py", "tests/test_archive.py", [
         ("states of other plans", "state.plan == self.plan_digest and ", ""),

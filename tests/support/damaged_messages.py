@@ -20,6 +20,7 @@ import numpy as np
 
 from tests import golden
 from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 from vemlight.runtime.reports import Report
 
 Parts = list[bytes]
@@ -106,7 +107,7 @@ KINDS: tuple[Callable[[Parts, Parts, random.Random], Parts], ...] = (
 def whole_messages() -> list[wire.Message]:
     """The golden ones, and others that have what those leave out: together every field of every header, not as it is left out."""
     status, source = wire.StatusMessage, wire.SourceChoice(choice="recording a", label="a")
-    scaled = wire.Pose(name="box", position=(0.0, 0.0, 1.0), power=1.0, scale=2.0)
+    scaled = Pose(name="box", position=(0.0, 0.0, 1.0), power=1.0, scale=2.0)
     numbers = {"sequence": 7, "rate_hz": 25.0, "age_ms": 3.5, "step_ms": 0.75, "frames": 8, "skipped": 0, "dropped": 0, "refused": 0}
     reports: list[Any] = [report(**dict.fromkeys(report.__struct_fields__, 1)) for report in Report.__subclasses__()]
     playing = wire.SourceMessage(

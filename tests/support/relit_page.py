@@ -14,6 +14,7 @@ from vemlight.light.near_lights import NearLightSet
 from vemlight.renderer.browser.flatten import scene_message
 from vemlight.renderer.scene.scene import Scene
 from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose, View
 from vemlight.viewer.environment_binary import environment_binary
 from vemlight.viewer.scene_files import scene_files
 from vemlight.viewer.web import PAGE, constants_js
@@ -82,8 +83,8 @@ class RelitPage:
     def picture(
         self,
         lights: LightSet,
-        view: wire.View | None = None,
-        poses: tuple[wire.Pose, ...] = (),
+        view: View | None = None,
+        poses: tuple[Pose, ...] = (),
         near: NearLightSet | None = None,
         times: int = 1,
         environment: EnvironmentMap | None = None,

@@ -4,13 +4,13 @@ import numpy as np
 
 from tests.support.light_sets import uniform_lights
 from vemlight.renderer.stage import RendererStage, RendererState
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 
 
 def lights_message(sequence: int, fps: float = 10.0) -> wire.Message:
     lights = uniform_lights(3, 0.0)
     none = np.zeros((0, 3), np.float32)
-    header = wire.LightsMessage(stamp=wire.stamp(sequence, sequence / fps), count=3, coverage="hemisphere")
+    header = wire.LightsMessage(stamp=stamps.stamp(sequence, sequence / fps), count=3, coverage="hemisphere")
     return header, (lights.ids, lights.directions, lights.irradiance, none, none)
 
 

@@ -16,7 +16,7 @@ from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.renderer import DrawnFrame, Renderer
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import scene_pose
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 
 
 class SceneRenderer(FrameSequence):
@@ -29,7 +29,7 @@ class SceneRenderer(FrameSequence):
         self.plate: PlatePicture | None = None
         self.near = NearLightSet.empty()
 
-    def place(self, time_s: float, poses: Iterable[wire.Pose] = ()) -> tuple[wire.Pose, ...]:
+    def place(self, time_s: float, poses: Iterable[Pose] = ()) -> tuple[Pose, ...]:
         """Moves the scene before the next picture; where its objects and lamps then are."""
         self.pose = scene_pose(self.renderer.setup.scene, time_s, poses)
         return self.pose.objects

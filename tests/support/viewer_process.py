@@ -14,8 +14,9 @@ import numpy as np
 import zmq
 
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import Service
+from vemlight.runtime.poses import Pose
 from vemlight.runtime.reports import ImageReport, LightsReport, MapReport
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.runtime.transport import Transport, accept_subscriptions
@@ -24,8 +25,8 @@ from vemlight.settings import Wire
 MAKERS: tuple[Service, ...] = ("capture", "sampler", "renderer")
 FPS = 25.0
 OBJECTS = (
-    wire.Pose(name="box", position=(1.0, 0.0, 0.5)),
-    wire.Pose(name="lamp", position=(0.0, 0.0, 2.0), rotation=(1.0, 0.0, 0.0, 0.0), power=1.0),
+    Pose(name="box", position=(1.0, 0.0, 0.5)),
+    Pose(name="lamp", position=(0.0, 0.0, 2.0), rotation=(1.0, 0.0, 0.0, 0.0), power=1.0),
 )
 PATIENCE_S = 20.0  # for what a loaded machine does late; a test that passes waits for none of it
 
@@ -41,7 +42,7 @@ def eventually(found, what: str, patience_s: float = PATIENCE_S):
 
 def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
     """One frame of each service: a bright spot that goes round, as many lights as wanted, a picture with a bar that moves."""
-    stamp = wire.stamp(sequence, sequence / FPS)
+    stamp = stamps.stamp(sequence, sequence / FPS)
     radiance = np.full((18, 72, 3), (0.3, 0.5, 0.9), np.float32)
     radiance[6, sequence % 72] = 500.0
     phi = 2 * np.pi * (np.arange(count) / count + sequence / 720)

@@ -41,6 +41,7 @@ from vemlight.runtime.flat_scene import (
     FlatView,
     Span,
 )
+from vemlight.runtime.poses import MAX_POSES, View
 
 LEAST_TEXTURE_SIDE = 64  # texels, to which textures are reduced at most so that a scene fits; 16 to 256 would do
 TYPES = {"f": "float32", "u": "uint32"}
@@ -134,19 +135,19 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     meshes = tuple(
         FlatMesh(
             name=mesh.name[:200],
-            object=mesh.object_index if mesh.object_index is not None and mesh.object_index < wire.MAX_POSES else None,
+            object=mesh.object_index if mesh.object_index is not None and mesh.object_index < MAX_POSES else None,
             vertices=FlatRange(first=own.first, count=own.count),
             indices=FlatRange(first=run.first, count=run.count),
             material=number,
         )
         for mesh, own, run, number in zip(scene.meshes, buffers.vertex_ranges, buffers.mesh_ranges, numbers, strict=True)
     )
-    camera = wire.View(eye=scene.camera.position, at=scene.camera.at, fov_y=float(np.clip(scene.camera.fov_y, 1, 170)))
+    camera = View(eye=scene.camera.position, at=scene.camera.at, fov_y=float(np.clip(scene.camera.fov_y, 1, 170)))
     made = FlatScene(
         version=1,
         camera=FlatView(name="scene file", view=camera),
         views=tuple(FlatView(name=name[:200], view=view) for name, view in scene.views[: flat_scene.MAX_VIEWS]),
-        objects=scene.objects[: wire.MAX_POSES],
+        objects=scene.objects[: MAX_POSES],
         centre=_triple(scene.centre),
         half=_triple(scene.half),
         size=(drawing.width, drawing.height),

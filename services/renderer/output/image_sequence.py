@@ -11,7 +11,7 @@ from vemlight.light.images import write_exr, write_png
 from vemlight.renderer.output.exr_attributes import exr_pixels, time_attributes
 from vemlight.renderer.output.tonemap import Adaptation
 from vemlight.renderer.output.video import BACKGROUND, over_background, video_writer
-from vemlight.runtime import wire
+from vemlight.runtime import stamps
 from vemlight.runtime.output_folder import CONTACT_SHEET, RunManifest, WrittenPicture, run_start
 from vemlight.runtime.progress import counted
 from vemlight.settings import Settings
@@ -51,7 +51,7 @@ class ImageSequenceWriter:
     def last(self) -> PictureEntry | None:
         return self._manifest.pictures[-1] if self._manifest.pictures else None
 
-    def add(self, picture: np.ndarray, pixels: np.ndarray, stamp: wire.Stamp, adaptation: Adaptation) -> None:
+    def add(self, picture: np.ndarray, pixels: np.ndarray, stamp: stamps.Stamp, adaptation: Adaptation) -> None:
         """Writes one frame: `picture` (height, width, 4) float32, linear, and `pixels`, the same tone-mapped, uint8.
 
         The manifest names it once its files are on the disk. Raises OSError when the disk refuses; nothing of it is then there.
@@ -79,7 +79,7 @@ class ImageSequenceWriter:
             exr.with_suffix(".png").unlink(missing_ok=True)
             raise
 
-    def _captured_ns(self, stamp: wire.Stamp) -> int | None:
+    def _captured_ns(self, stamp: stamps.Stamp) -> int | None:
         """When a live picture's light was seen. In lossless mode a stamp says when a file was read, which differs from run to run."""
         return stamp.captured_ns if self._is_live else None
 

@@ -14,13 +14,13 @@ from vemlight.files import notice
 from vemlight.renderer.scene.gltf_cameras import FileCamera
 from vemlight.renderer.scene.luminaire_table import MAX_COORDINATE_M, Vector
 from vemlight.renderer.scene.scene_limits import MAX_VIEWS
-from vemlight.runtime import wire
+from vemlight.runtime.poses import View
 
 MIN_VIEW_M = 1e-9  # between the camera and what it looks at; any value in 1e-12 .. 1e-6 does
 MAX_ROLL_DEG = 0.5  # by which a file's camera may be tilted without a word; 0.1 to 1 do
 FOV_Y_DEG = 40.0
 FieldOfView = Annotated[float, Meta(gt=0, lt=180)]
-ViewAngle = Annotated[float, Meta(ge=1, le=170)]  # of wire.View
+ViewAngle = Annotated[float, Meta(ge=1, le=170)]  # of View
 
 
 class ViewCamera(msgspec.Struct, frozen=True, kw_only=True):
@@ -72,18 +72,18 @@ def view_camera(table: CameraTable, cameras: Sequence[PlacedCamera], path: Path)
     return camera
 
 
-def named_views(tables: Sequence[ViewTable], cameras: Sequence[PlacedCamera], path: Path) -> tuple[tuple[str, wire.View], ...]:
+def named_views(tables: Sequence[ViewTable], cameras: Sequence[PlacedCamera], path: Path) -> tuple[tuple[str, View], ...]:
     """The places to look from that a page offers: those of `[[view]]`, then the cameras of the scene's files that have perspective.
 
     Raises UserError that names the scene file `path` for names that are equal, and for a view of no length.
     """
-    views: dict[str, wire.View] = {}
+    views: dict[str, View] = {}
     for number, table in enumerate(tables, 1):
         where = f"{path}: [[view]] {number}"
         if table.name in views:
             raise UserError(f"{where}: {table.name} is the name of an earlier one; give each its own")
         try:
-            views[table.name] = msgspec.convert({"from": table.position, "at": table.at, "fov_y": table.fov_y}, wire.View)
+            views[table.name] = msgspec.convert({"from": table.position, "at": table.at, "fov_y": table.fov_y}, View)
         except msgspec.ValidationError as error:
             raise UserError(f"{where}: {error}; correct it") from error
     for placed in cameras:
@@ -94,7 +94,7 @@ def named_views(tables: Sequence[ViewTable], cameras: Sequence[PlacedCamera], pa
                 break
             with contextlib.suppress(UserError, msgspec.ValidationError):  # one that looks nowhere is offered to nobody
                 camera = _of_preset(CameraTable(preset=placed.camera.name), [placed], path, quiet=True)
-                views[name] = msgspec.convert({"from": camera.position, "at": camera.at, "fov_y": camera.fov_y}, wire.View)
+                views[name] = msgspec.convert({"from": camera.position, "at": camera.at, "fov_y": camera.fov_y}, View)
     return tuple(views.items())
 
 

@@ -17,7 +17,7 @@ from vemlight.renderer.luminaire.lightfield import LightField
 from vemlight.renderer.luminaire.luminaire_file import read_luminaire
 from vemlight.renderer.luminaire.shift_invariant import DrawnBy
 from vemlight.renderer.scene.gltf_lights import FileLamp
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 
 Vector = tuple[float, float, float]
 Method = Literal["auto", "sampled", "shift-invariant"]
@@ -125,10 +125,10 @@ def luminaire_of_file(lamp: FileLamp, world_from_file: np.ndarray) -> Luminaire:
     return Luminaire(lamp.far_field, world_from_local, 1.0, LuminaireTable(), colour=lamp.colour)
 
 
-def lamp_pose(lamp: Luminaire, name: str) -> wire.Pose:
+def lamp_pose(lamp: Luminaire, name: str) -> Pose:
     """Where a luminaire stands, as an object that can be moved."""
     from scipy.spatial.transform import Rotation  # here, since it takes a third of a second to load
 
     x, y, z = lamp.world_from_local[:3, 3].tolist()
     a, b, c, d = Rotation.from_matrix(lamp.world_from_local[:3, :3]).as_quat().tolist()
-    return wire.Pose(name=name, position=(x, y, z), rotation=(a, b, c, d), power=lamp.power)
+    return Pose(name=name, position=(x, y, z), rotation=(a, b, c, d), power=lamp.power)

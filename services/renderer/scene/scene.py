@@ -42,7 +42,7 @@ from vemlight.renderer.scene.mesh_files import MESH_SUFFIXES, NODE_SUFFIXES, USD
 from vemlight.renderer.scene.meshes import Geometry, Shape, bounds, shape_geometry, swept_bounds
 from vemlight.renderer.scene.plate_table import PlateTable, load_plate
 from vemlight.renderer.scene.scene_limits import MAX_LUMINAIRES, MAX_VIEWS, SceneLimits
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose, View
 
 BUNDLED_SCENE = Path(__file__).parent / "scenes" / "terrace.toml"
 MAX_RELATIVE_OFFSET = 1000  # scene sizes from the origin: there float32 is 6e-5 of the size, a tenth of a texel of the largest shadow map
@@ -103,8 +103,8 @@ class Scene(NamedTuple):
     half: np.ndarray
     luminaires: tuple[Luminaire, ...] = ()
     plate: np.ndarray | None = None
-    objects: tuple[wire.Pose, ...] = ()
-    views: tuple[tuple[str, wire.View], ...] = ()
+    objects: tuple[Pose, ...] = ()
+    views: tuple[tuple[str, View], ...] = ()
 
     @property
     def glossy(self) -> bool:
@@ -168,7 +168,7 @@ def _warn_if_far(low: np.ndarray, high: np.ndarray, path: Path) -> None:
         print(f"vemlight: {path}: {line}", file=sys.stderr, flush=True)
 
 
-def _objects(table: SceneTable, path: Path, file_lamps: list[Luminaire]) -> tuple[wire.Pose, ...]:
+def _objects(table: SceneTable, path: Path, file_lamps: list[Luminaire]) -> tuple[Pose, ...]:
     """The objects and lamps, those of mesh files last. A name left out is the file's or the shape's, with a number where another has it
     already."""
     rows: list[tuple[MeshTable | LuminaireTable, str, float | None]] = [(row, row.shape or Path(row.file).stem, None) for row in table.mesh]
@@ -182,7 +182,7 @@ def _objects(table: SceneTable, path: Path, file_lamps: list[Luminaire]) -> tupl
         stem = stem[:56] or "mesh"  # of the 64 characters of a name, 8 for the number behind it
         name = row.name or _free_name(stem, taken)
         taken.add(name)
-        objects.append(wire.Pose(name=name, position=row.at, rotation=quaternion_xyz(row.rotate), power=power))
+        objects.append(Pose(name=name, position=row.at, rotation=quaternion_xyz(row.rotate), power=power))
     for lamp in file_lamps:
         name = _free_name(lamp.source.name, taken)
         taken.add(name)

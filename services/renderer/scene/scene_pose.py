@@ -7,7 +7,7 @@ import numpy as np
 
 from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene, ViewCamera
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose, View
 
 
 class ScenePose(NamedTuple):
@@ -20,14 +20,14 @@ class ScenePose(NamedTuple):
     """
 
     matrices: np.ndarray
-    objects: tuple[wire.Pose, ...]
+    objects: tuple[Pose, ...]
     centre: np.ndarray
     half: np.ndarray
     camera: ViewCamera
     lamp_colours: Mapping[int, tuple[float, float, float]] = {}
 
 
-def world_from_object(pose: wire.Pose) -> np.ndarray:
+def world_from_object(pose: Pose) -> np.ndarray:
     """The transform (4, 4) from an object's own axes: scaled evenly, turned and moved."""
     from scipy.spatial.transform import Rotation  # here, since it takes a third of a second to load
 
@@ -36,12 +36,12 @@ def world_from_object(pose: wire.Pose) -> np.ndarray:
     return matrix
 
 
-def world_place(pose: wire.Pose) -> tuple[object, ...]:
+def world_place(pose: Pose) -> tuple[object, ...]:
     """All of a pose but its name and power."""
     return pose.position, pose.rotation, pose.scale
 
 
-def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = (), view: wire.View | None = None) -> ScenePose:
+def scene_pose(scene: Scene, time_s: float, poses: Iterable[Pose] = (), view: View | None = None) -> ScenePose:
     """The scene at a time of its animations, with the objects that `poses` names moved there, seen from `view` or else by its own camera.
 
     Unknown names change nothing.
@@ -63,12 +63,12 @@ def scene_pose(scene: Scene, time_s: float, poses: Iterable[wire.Pose] = (), vie
     return ScenePose(matrices, objects, (low + high) / 2, (high - low) / 2, camera)
 
 
-def _with_power(asked: wire.Pose, rest: wire.Pose) -> wire.Pose:
+def _with_power(asked: Pose, rest: Pose) -> Pose:
     """A pose that is asked for, with the scene file's power where it names none; only lamps have power, and only objects a scale."""
     if rest.power is None:
-        return wire.Pose(name=rest.name, position=asked.position, rotation=asked.rotation, scale=asked.scale)
+        return Pose(name=rest.name, position=asked.position, rotation=asked.rotation, scale=asked.scale)
     power = rest.power if asked.power is None else asked.power
-    return wire.Pose(name=rest.name, position=asked.position, rotation=asked.rotation, power=power)
+    return Pose(name=rest.name, position=asked.position, rotation=asked.rotation, power=power)
 
 
 def same_places(a: ScenePose | None, b: ScenePose) -> bool:

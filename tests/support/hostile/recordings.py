@@ -190,7 +190,8 @@ def _with_digest(content: bytes) -> bytes:
 def _saved_files(folder: Path) -> list[Path]:
     from vemlight.light.mask import Mask
     from vemlight.light.virtual_lamp import VirtualLamp
-    from vemlight.runtime.wire import ControlMessage, Pose
+    from vemlight.runtime.poses import Pose
+    from vemlight.runtime.wire import ControlMessage
     from vemlight.settings import Settings
     from vemlight.viewer.saved_settings import settings_file
 

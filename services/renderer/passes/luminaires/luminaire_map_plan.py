@@ -9,7 +9,7 @@ from vemlight.renderer.scene.luminaire_table import Luminaire, Vector
 from vemlight.renderer.scene.meshes import box_corners
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.scene_pose import ScenePose, world_from_object
-from vemlight.runtime import wire
+from vemlight.runtime.poses import Pose
 
 
 def placed_luminaires(scene: Scene, pose: ScenePose) -> tuple[Luminaire, ...]:
@@ -21,7 +21,7 @@ def placed_luminaires(scene: Scene, pose: ScenePose) -> tuple[Luminaire, ...]:
     )
 
 
-def _lamp_poses(objects: Sequence[wire.Pose]) -> list[wire.Pose]:
+def _lamp_poses(objects: Sequence[Pose]) -> list[Pose]:
     return [pose for pose in objects if pose.power is not None]
 
 
@@ -29,7 +29,7 @@ def _coloured(luminaire: Luminaire, colour: Vector | None) -> Luminaire:
     return luminaire if colour is None else luminaire._replace(colour=colour)
 
 
-def _placed(luminaire: Luminaire, rest: wire.Pose, pose: wire.Pose) -> Luminaire:
+def _placed(luminaire: Luminaire, rest: Pose, pose: Pose) -> Luminaire:
     unmoved = (pose.position, pose.rotation) == (rest.position, rest.rotation)
     matrix = luminaire.world_from_local if unmoved else world_from_object(pose)
     return luminaire._replace(world_from_local=matrix, power=luminaire.power if pose == rest else pose.power or 0.0)

@@ -13,6 +13,7 @@ from vemlight.fixtures.photometrics import emitter_colours
 from vemlight.fixtures.report import report_of, report_words
 from vemlight.fixtures.rig import Group
 from vemlight.fixtures.rig_system import RigSystem, light_of_slots, slots_of_light
+from vemlight.fixtures.solver import KEPT_STEPS
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import rotation_xyz
 
@@ -159,12 +160,25 @@ def test_whole_numbers_near_the_lower_end_make_up_for_each_other():
     np.testing.assert_allclose(levels.slots, levels.levels * 255, atol=1e-9)
 
 
+def test_no_step_of_two_numbers_is_better():
+    """Nor of one: the search ends at a minimum of the quadratic form among its neighbours, but for what keeps numbers where they are."""
+    lights = light_set(dome(11), np.random.default_rng(3).uniform(1, 6, (11, 3)) * 8)
+    system, levels = settled(rig_of([beam(k, d, bits=8) for k, d in enumerate(dome(16))], gain=1.0), lights)
+    rest = system.target_of(SoftLights(lights)) - system.matrix @ levels.levels
+    steps = np.concatenate([np.eye(len(rest)), -np.eye(len(rest))]) / 255
+    steps = steps[((levels.levels + steps >= 0) & (levels.levels + steps <= 1)).all(axis=1)]
+    pairs = (steps[:, None] + steps).reshape(-1, len(rest))
+    cost = np.einsum("ni,ij,nj->n", pairs, system.matrix, pairs) - 2 * pairs @ rest
+    own = pairs**2 @ np.diag(system.matrix)
+    assert (cost >= -(2 * KEPT_STEPS - 1) * own - 1e-12 * own.max()).all()
+
+
 def test_a_number_stays_while_the_light_trembles():
     rig = rig_of([beam(0, [0, 0, 1], bits=8)], gain=1.0)
     system = RigSystem.of(rig)
     state, seen = initial_state(system), set()
     for k in range(20):
-        light = (100.5 + 0.05 * (-1) ** k) / 255 * system.pieces.strengths[0]  # on the border of two numbers
+        light = (100.5 + 0.04 * (-1) ** k) / 255 * system.pieces.strengths[0]  # on the border of two numbers
         state, levels = step(system, state, light_set([[0, 0, 1]], [[light, light, light]]), k / 25)
         seen.add(tuple(levels.slots.tolist()))
     assert len(seen) == 1

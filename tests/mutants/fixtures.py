@@ -28,9 +28,10 @@ MUTANTS = [
         ("luminance traded for colour", "    return 3 * np.outer(LUMINANCE_WEIGHTS, LUMINANCE_WEIGHTS) +", "    return np.eye(3) +"),
     ]),
     *mutants_of(PACKAGE + "solver.py", f"{T}levels.py", [
-        ("numbers tremble", "KEPT_STEPS = 0.6", "KEPT_STEPS = 0.5"),
+        ("numbers tremble", "KEPT_STEPS = 0.55", "KEPT_STEPS = 0.5"),
+        ("one at a time", "if best_i != 0:", "if False:"),
         ("few sweeps", "MAX_SWEEPS = 400", "MAX_SWEEPS = 4"),
-        ("rounded and left so", "    for _ in range(MAX_SWEEPS):\n", "    for _ in range(0):\n"),
+        ("rounded and left so", "    for _ in range(MAX_SWEEPS):\n        _single", "    for _ in range(0):\n        _single"),
     ]),
     *mutants_of(PACKAGE + "levels.py", f"{T}levels.py", [
         ("a gain that pumps", "return state.gain, -math.inf", "return AUTO_LEVEL / max(float(target.max()), 1e-9), -math.inf"),

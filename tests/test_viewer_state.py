@@ -88,6 +88,21 @@ def test_the_summary_has_a_row_for_each_service():
     assert ViewerState(Settings(), 0).summary()["services"][-1]["text"] == "waiting for renderer"
 
 
+def test_a_feed_whose_newest_cannot_be_encoded_is_named_until_one_can():
+    state, failures = ViewerState(Settings(), 0), []
+
+    async def run() -> None:
+        for pixels in (np.zeros((2, 3), np.uint8), np.zeros((2, 3, 4), np.uint8)):  # the first has no colours
+            state.picture.put(pixels)
+            await state.picture.newest()
+            failures.append(state.summary()["failures"])
+
+    asyncio.run(run())
+    (named, reason), *others = failures[0].items()
+    assert (named, others, failures[1]) == ("picture", [], {})
+    assert "error" in reason
+
+
 def test_a_choice_changes_what_it_names():
     state = ViewerState(Settings(), 0)
     state.set_control(b'{"count": 5, "paused": true}')

@@ -55,7 +55,6 @@ def rgb9e5(rgb: np.ndarray) -> np.ndarray:
     """Colours (..., 3) from 0 to 65408 as words of GL_UNSIGNED_INT_5_9_9_9_REV, (...) uint32."""
     largest = rgb.max(axis=-1)
     exponent = np.maximum(np.frexp(largest)[1], -BIAS)  # largest < 2 ** exponent
-    exponent += np.rint(np.ldexp(largest, MANTISSA - exponent)) == 2**MANTISSA
     exponent = np.minimum(exponent, LARGEST_EXPONENT - BIAS)
     mantissas = np.rint(np.ldexp(rgb, (MANTISSA - exponent)[..., None])).clip(0, 2**MANTISSA - 1).astype("<u4")
     red, green, blue = np.moveaxis(mantissas, -1, 0)

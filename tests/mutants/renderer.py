@@ -180,7 +180,7 @@ MUTANTS = [
         ("the map for wide lobes", "GGX_FADE = vec2(0.25, 0.09)", "GGX_FADE = vec2(1.0, 0.8)"),
         ("lights for narrow Phong lobes", "PHONG_FADE = vec2(6.0, 30.0)", "PHONG_FADE = vec2(60.0, 300.0)"),
     ]),
-    *mutants_of(PASSES + "gloss/prefilter.comp", "tests/test_gloss.py", [
+    *mutants_of(PASSES + "gloss/prefilter.glsl", "tests/test_gloss.py", [
         ("a level of the taps' middle alone", "    return sum / 7.0;", "    return sum / 6.0;"),
         ("a hexagon turned", "high = 0.8660254 * up", "high = 0.5 * up"),
     ]),
@@ -191,7 +191,7 @@ MUTANTS = [
     *mutants_of(PASSES + "gloss/lobe_albedo.py", "tests/test_gloss.py", [
         ("a coarse quadrature", "STEPS, TURNS = 128, 24", "STEPS, TURNS = 4, 24"),
     ]),
-    *mutants_of(PASSES + "gloss/reflected_light.py", "tests/test_gloss.py", [
+    *mutants_of("services/light/reflected_light.py", "tests/test_gloss.py", [
         ("a window's light is a source", "ISOLATED = (0.1, 0.3)", "ISOLATED = (10.0, 30.0)"),
         ("no light is a source", "COMPACT = (0.25, 0.5)", "COMPACT = (25.0, 50.0)"),
         ("every light is a source", "COMPACT = (0.25, 0.5)", "COMPACT = (-2.0, -1.0)"),

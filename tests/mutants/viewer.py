@@ -27,6 +27,14 @@ MUTANTS = [
         ("the pole", "codes.shape[1] // 2, axis=1)", "0, axis=1)"),
         ("equation 4", "(1 + y * to_key / WHITE**2)", "(1 + y * to_key / WHITE)"),
     ]),
+    *mutants_of(VIEWER + "environment_feed.py", "tests/test_environment_feed.py", [
+        ("as often as it comes", "PERIOD_S = 1.0", "PERIOD_S = 0.05"),
+        ("the same again", "if self._taken and _same(self._taken[0]", "if False and _same(self._taken[0]"),
+    ]),
+    *mutants_of(VIEWER + "environment_binary.py", "tests/test_environment_feed.py", [
+        ("lights are not taken out", "rgb9e5(rest / unit)", "rgb9e5(whole / unit)"),
+        ("mantissas of a bit less", "(MANTISSA - exponent)[..., None])", "(MANTISSA - 1 - exponent)[..., None])"),
+    ]),
     *mutants_of(VIEWER + "broadcast.py", "tests/test_viewer_broadcast.py", [
         ("never stalled", "return now_s - self._took_all_s > STALL_S", "return False"),
         ("stalled though it takes all", "if not self._transport.get_write_buffer_size():", "if False:"),
@@ -82,8 +90,8 @@ MUTANTS = [
         ("neighbours in a network", "IPV6_PREFIX = 64", "IPV6_PREFIX = 128"),
     ]),
     *mutants_of(VIEWER + "feeds.py", "tests/test_viewer_feeds.py", [
-        ("frames encoded once", "if self._encoded != self.number:", "if True:"),
-        ("waiting for a later frame", "while self.number <= number:", "while self.number < number:"),
+        ("frames encoded once", "if self._tried != self.number:", "if True:"),
+        ("a frame again in place of a later one", "if found > number:", "if True:"),
     ]),
     *mutants_of(VIEWER + "saved_settings.py", "tests/test_saved_settings.py", [
         ("the token", 'token=""))', "token=saved.viewer.token))"),

@@ -14,7 +14,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from tests.support.processes import vemlight
 from vemlight.commands.archive import archiving, workers
@@ -22,7 +21,6 @@ from vemlight.commands.archive.archiving import archive
 from vemlight.commands.archive.chunks import ChunkMaker
 from vemlight.commands.archive.map_file import MapReader, write_maps
 from vemlight.commands.archive.plan import keep_plan
-from vemlight.commands.cli import main
 from vemlight.commands.offline import write_lights_file
 from vemlight.commands.options import ArchiveOptions, LightsOptions
 from vemlight.errors import FatalError, Interrupted, UserError
@@ -370,28 +368,6 @@ def test_frames_of_another_size_are_refused_in_any_chunk(recording, tmp_path):
     with pytest.raises(UserError) as by_archive:
         archive(ArchiveOptions(source=source, out=tmp_path / "a", chunk=10, workers=2))
     assert str(by_archive.value).startswith(str(by_lights.value))
-
-
-@pytest.mark.parametrize(
-    ("environment", "options", "said"),
-    [
-        ({"JOB_COMPLETION_INDEX": "1"}, ["--maps-only", "--indices", "2"], "maps of 2 of 4 chunks, 1 of 2"),
-        ({"JOB_COMPLETION_INDEX": "7"}, ["--maps-only", "--indices", "2", "--index", "0"], "maps of 2 of 4 chunks, 0 of 2"),
-        ({"JOB_COMPLETION_INDEX": "2"}, ["--maps-only", "--indices", "2"], "--index 2: is not below --indices 2"),
-        ({"JOB_COMPLETION_INDEX": "x"}, ["--maps-only", "--indices", "2"], "JOB_COMPLETION_INDEX=x: is no index of a job"),
-        ({"JOB_COMPLETION_INDEX": "1"}, ["--maps-only"], "--indices: is missing beside JOB_COMPLETION_INDEX=1"),
-        ({"JOB_COMPLETION_INDEX": "9"}, ["--from-maps"], "lights of 20 frames"),  # the job's own number means nothing there
-    ],
-)
-def test_the_index_of_a_job_says_which_chunks(recording, mapped, tmp_path, environment, options, said):
-    out = from_maps(mapped, tmp_path / "a")
-    done = CliRunner().invoke(main, ["archive", str(recording), "--out", str(out), *options], env=environment)
-    assert said in done.output
-    assert done.exit_code == (2 if ": is" in said else 0), done.output
-
-
-def test_shares_of_the_chunks_make_all_of_them_once(mapped):
-    assert {name for name in names(mapped) if name.startswith("maps")} == {f"maps_{k:06d}" for k in range(4)}
 
 
 def test_the_command_line_says_what_it_did(recording, mapped, tmp_path):

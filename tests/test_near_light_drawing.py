@@ -12,9 +12,6 @@ from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
 from vemlight.renderer import pass_table
 from vemlight.renderer.accumulation import MapLights
 from vemlight.renderer.frame_budget import MIN_LIGHTS
-from vemlight.renderer.passes.near_lights.near_light_plan import mean_irradiance, near_within
-from vemlight.renderer.passes.near_lights.near_light_views import face_windows
-from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 from vemlight.renderer.rays import near_tracing
 from vemlight.renderer.scene.scene import Scene, load_scene
 from vemlight.renderer.stage import RendererStage
@@ -388,29 +385,3 @@ def test_the_renderer_takes_points_and_says_how_many_it_leaves_out(tmp_path):
     assert reports[0] == (39, 0)  # before costs are known all are drawn
     assert reports[-1] == (39, 39 - MIN_LIGHTS)
     stage._renderer.release()
-
-
-def test_the_strongest_of_near_and_directional_lights_are_drawn_and_some_of_either():
-    """Ten strong and ten weak near lights beside twenty directional ones between them."""
-    placed = PlacedCasters((), (), np.zeros(3), np.zeros(3), np.ones(3), np.zeros((0, 4, 4)))
-    lamps = near_lights(*[(0.0, 0.0, 2.0)] * 20)
-    lamps = NearLightSet.of(lamps.ids, lamps.at, np.repeat([[4.0] * 3, [1e-3] * 3], 10, axis=0), lamps.radius, lamps.sigma)
-    directional = LightSet.of(np.arange(20), np.tile([0.0, 0.0, 1.0], (20, 1)), np.full((20, 3), 0.1))
-    assert mean_irradiance(lamps, placed)[:10] == pytest.approx(4.0 / (4 + 1), rel=1e-6)
-    drawn = {most: len(near_within(lamps, placed, directional, most, 256).ids) for most in (8, 17, 28, 33, 40)}
-    assert drawn == {8: MIN_LIGHTS, 17: 9, 28: 10, 33: 13, 40: 20}
-
-
-@pytest.mark.parametrize(("at", "faces"), [
-    ((0.0, 0.0, 0.0), {0, 1, 2, 3, 4, 5}),
-    ((0.0, 0.0, 9.0), {1}),
-    ((9.0, 0.0, 0.0), {3}),
-    ((4.0, 0.0, 4.0), {1, 3}),
-])  # fmt: skip
-def test_maps_look_where_receivers_are(at, faces):
-    """A box of 2 m about the origin: the faces through which it is seen, and windows that hold its corners."""
-    box = np.array([[[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]])
-    windows = face_windows(np.array(at), box)
-    assert set(np.flatnonzero(np.all(windows[:, 2:] > windows[:, :2], axis=1)).tolist()) == faces
-    if len(faces) == 1:
-        assert windows[next(iter(faces))] == pytest.approx([-1 / 8, -1 / 8, 1 / 8, 1 / 8])

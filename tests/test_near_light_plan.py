@@ -4,18 +4,22 @@ import numpy as np
 import pytest
 
 from vemlight.kernels import kernel
+from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import MAX_INTENSITY, NearLightSet
+from vemlight.renderer.frame_budget import MIN_LIGHTS
 from vemlight.renderer.gl.constants import NEAR_BATCH
 from vemlight.renderer.passes.near_lights.near_light_plan import (
     NearInTime,
     NearLayers,
+    mean_irradiance,
     mean_squares,
     near_in_time,
     near_of,
+    near_within,
     strongest_first,
     with_joined,
 )
-from vemlight.renderer.passes.near_lights.near_light_views import MAX_RESOLUTION, map_resolution
+from vemlight.renderer.passes.near_lights.near_light_views import MAX_RESOLUTION, face_windows, map_resolution
 from vemlight.renderer.passes.shadow_maps.casters import PlacedCasters
 from vemlight.renderer.rays.bounce import Light, _near
 from vemlight.renderer.rays.soft_pattern import STRATA, ball_pattern
@@ -122,3 +126,28 @@ def test_samples_of_one_ray_each_fill_a_ball_evenly():
     assert all(len(set(own.tolist())) == STRATA for own in ring)
     assert all(len(np.unique(offsets[:, :, pixel].round(4), axis=0)) == 64 for pixel in range(16))
     assert np.abs(offsets.mean(axis=0)).max() < np.abs(ball_pattern(0, 1).mean(axis=0)).max()  # of a pixel: better than one pass of 16 rays
+
+
+def test_the_strongest_of_near_and_directional_lights_are_drawn_and_some_of_either():
+    """Ten strong and ten weak near lights beside twenty directional ones between them."""
+    intensity = np.repeat([[4.0] * 3, [1e-3] * 3], 10, axis=0)
+    near = NearLightSet.of(np.arange(20), np.tile([0.0, 0.0, 2.0], (20, 1)), intensity, np.zeros(20), np.zeros(20))
+    directional = LightSet.of(np.arange(20), np.tile([0.0, 0.0, 1.0], (20, 1)), np.full((20, 3), 0.1))
+    assert mean_irradiance(near, PLACED)[:10] == pytest.approx(4.0 / (4 + 1), rel=1e-6)
+    drawn = {most: len(near_within(near, PLACED, directional, most, 256).ids) for most in (8, 17, 28, 33, 40)}
+    assert drawn == {8: MIN_LIGHTS, 17: 9, 28: 10, 33: 13, 40: 20}
+
+
+@pytest.mark.parametrize(("at", "faces"), [
+    ((0.0, 0.0, 0.0), {0, 1, 2, 3, 4, 5}),
+    ((0.0, 0.0, 9.0), {1}),
+    ((9.0, 0.0, 0.0), {3}),
+    ((4.0, 0.0, 4.0), {1, 3}),
+])  # fmt: skip
+def test_maps_look_where_receivers_are(at, faces):
+    """A box of 2 m about the origin: the faces through which it is seen, and windows that hold its corners."""
+    box = np.array([[[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]])
+    windows = face_windows(np.array(at), box)
+    assert set(np.flatnonzero(np.all(windows[:, 2:] > windows[:, :2], axis=1)).tolist()) == faces
+    if len(faces) == 1:
+        assert windows[next(iter(faces))] == pytest.approx([-1 / 8, -1 / 8, 1 / 8, 1 / 8])

@@ -138,7 +138,7 @@ MUTANTS = [
         ("single frames beside held places", "held if held.shape[1] >= MIN_STILL else bearings", "bearings"),
         ("places of one camera", ".sum(axis=0) >= 2]", ".sum(axis=0) >= 1]"),
     ]),
-    *mutants_of(COMMANDS + "archive/index.py", "tests/test_archive.py", [
+    *mutants_of(COMMANDS + "archive/index.py", "tests/test_archive_index.py", [
         ("no number of indices", "    if options.indices is None:", "    if False:"),
     ]),
     *mutants_of(COMMANDS + "parameters.py", "tests/test_cli.py", [

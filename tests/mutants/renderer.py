@@ -26,7 +26,7 @@ MUTANTS = [
         ("shadow bias none", "SHADOW_BIAS_TEXELS = 1.0", "SHADOW_BIAS_TEXELS = 0.1"),
         ("number of a material", "GGX = 2", "GGX = 4"),
     ]),
-    *mutants_of(PASSES + "near_lights/near_light_plan.py", "tests/test_near_light_drawing.py", [
+    *mutants_of(PASSES + "near_lights/near_light_plan.py", "tests/test_near_light_drawing.py tests/test_near_light_plan.py", [
         ("strong near lights doubled", "STRONG = 0.3", "STRONG = 0.05"),
         ("narrow near lights are coarse", "NARROW_RAD = 0.005", "NARROW_RAD = 0.0"),
         ("near lights kept for ever", "KEPT_RAD = np.radians(0.1)", "KEPT_RAD = np.radians(90)"),

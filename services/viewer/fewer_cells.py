@@ -8,7 +8,9 @@ from vemlight.light.sphere import Coverage, cell_solid_angles
 def fewer_cells(values: np.ndarray, coverage: Coverage, most: int) -> np.ndarray:
     """The map (rows, cols, ...) float64, or the means of its cells in at most `most` of the same shape."""
     rows, cols, *_ = values.shape
-    side = max(1.0, float(np.sqrt(rows * cols / most)))
+    if rows * cols <= most:
+        return values.astype(np.float64)
+    side = float(np.sqrt(rows * cols / most))
     area = cell_solid_angles(rows, cols, coverage)
     down, across = _overlaps(rows, max(1, int(rows / side))) * area, _overlaps(cols, max(1, int(cols / side)))
     down, across = down / down.sum(axis=1, keepdims=True), across / across.sum(axis=1, keepdims=True)

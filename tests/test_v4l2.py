@@ -11,6 +11,7 @@ from vemlight.capture.pixel_formats import FORMATS, PICTURES, PixelFormat, codes
 from vemlight.capture.planes import linear_from_planes
 from vemlight.capture.scatter import ONE_THREAD
 from vemlight.capture.v4l2 import V4l2Camera, frames_between, list_cameras
+from vemlight.capture.v4l2_buffers import FrameBuffers
 from vemlight.errors import UserError
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.settings import Capture
@@ -148,3 +149,17 @@ def test_automatic_gain_is_switched_off_and_restored() -> None:
         assert v4l2.get_control(watching, 0x00980912) == 1
     finally:
         os.close(watching)
+
+
+@pytest.mark.parametrize("granted", [2, 4, 6])
+def test_a_driver_grants_as_many_buffers_as_it_likes(monkeypatch: pytest.MonkeyPatch, granted: int) -> None:
+    """The kernel's loopback has two."""
+    from linuxpy.video import device as v4l2
+
+    enqueued = []
+    monkeypatch.setattr(v4l2, "request_buffers", lambda *_: v4l2.raw.v4l2_requestbuffers(count=granted))
+    monkeypatch.setattr(v4l2, "query_buffer", lambda _device, _kind, _memory, index: v4l2.raw.v4l2_buffer(index=index))
+    monkeypatch.setattr(v4l2, "mmap_from_buffer", lambda _device, buffer: buffer.index)
+    monkeypatch.setattr(v4l2, "enqueue_buffer_raw", lambda _device, buffer: enqueued.append(buffer.index))
+    FrameBuffers(-1, is_multiplanar=False, planes=1)
+    assert enqueued == list(range(granted))

@@ -27,8 +27,8 @@ class FrameBuffers:
         self._device, self._planes, self._is_multiplanar = device, planes, is_multiplanar
         self._kind = v4l2.BufferType.VIDEO_CAPTURE_MPLANE if is_multiplanar else v4l2.BufferType.VIDEO_CAPTURE
         self._maps: list[list[Any]] = []
-        v4l2.request_buffers(device, self._kind, v4l2.Memory.MMAP, BUFFERS)
-        for index in range(BUFFERS):
+        granted = v4l2.request_buffers(device, self._kind, v4l2.Memory.MMAP, BUFFERS).count  # a driver may grant fewer, or more
+        for index in range(granted):
             self._map(index)
 
     def _map(self, index: int) -> None:

@@ -31,11 +31,13 @@ from vemlight.light.sphere import Coverage
 from vemlight.light.virtual_lamp import MAX_LAMPS, VirtualLamp, check_lamps
 from vemlight.runtime.channels import SERVICES, Service
 from vemlight.runtime.poses import MAX_POSES, Pose, View
+from vemlight.runtime.wire_fields import Lux
 from vemlight.setting_keys import (
     CD_M2,
     FPS,
     FRAMES,
     HZ,
+    LUX,
     MB,
     MS,
     PATH,
@@ -147,6 +149,9 @@ class Capture(SettingsSection, frozen=True):
     exposure_control: Annotated[
         str, means("cameras: the control that sets them; other than exposure_time_absolute, exposures are its own counts")
     ] = "exposure_time_absolute"
+    meter_lux: Annotated[
+        Lux, means("reading of a light meter that lies level beside the camera: clipped light is estimated by it; 0: no estimate"), LUX
+    ] = 0.0
     brackets: Annotated[bool, means("folders of photographs: several exposures, by their EXIF, are one frame")] = False
     record: Annotated[str, means("folder to record to; empty: nothing is recorded"), PATH] = ""
     recordings: Annotated[

@@ -8,11 +8,12 @@ from PIL.TiffImagePlugin import IFDRational
 
 from tests.support.photographs import dng, write_photograph
 from vemlight.capture.exposure_groups import Photograph, exposure_groups
+from vemlight.capture.ground import horizontal_irradiance
 from vemlight.capture.lens import read_lens
 from vemlight.capture.response import Linear, Log, Srgb, code_from_radiance, write_response
 from vemlight.capture.source import open_files
 from vemlight.errors import UserError
-from vemlight.light.colour import srgb_from_linear
+from vemlight.light.colour import luminance_from_rgb, srgb_from_linear
 from vemlight.light.images import write_exr
 from vemlight.light.sphere import cell_solid_angles, map_irradiance
 from vemlight.settings import Capture
@@ -125,6 +126,22 @@ def test_light_clipped_in_every_exposure_is_a_lower_bound(tmp_path, capsys):
 
     write_lights_file(LightsOptions(source=folder, brackets=True, transfer="linear", out=tmp_path / "l.json", count=8))
     assert json.loads((tmp_path / "l.json").read_text())["clipped"] is True
+
+
+def test_light_clipped_in_every_exposure_is_estimated_by_a_meter(tmp_path):
+    folder = shots(tmp_path / "s", exposures=(1.0, 1 / 32))
+    (folder / "response.toml").write_text('kind = "linear"\nbits = 16\na = 0.0\nb = 65535.0\nluminance_scale = 100.0\n')
+
+    def level_lux(frame):
+        return 100 * luminance_from_rgb(horizontal_irradiance(frame.radiance, frame.bright_cells))
+
+    seen, true = frame_of(folder), truth(tmp_path)
+    got = frame_of(folder, meter_lux=level_lux(true))
+    assert (seen.clipped, got.clipped, seen.estimated_lux) == (True, True, 0)
+    assert level_lux(got) == pytest.approx(level_lux(true), rel=0.005)
+    assert level_lux(seen) + got.estimated_lux == pytest.approx(level_lux(true), rel=1e-6)
+    # the sun is white where it was clipped
+    np.testing.assert_allclose(luminance_from_rgb(irradiance(got)), luminance_from_rgb(irradiance(true)), rtol=0.02)
 
 
 def test_a_log_of_weights_finds_little_light_between_noise(tmp_path):

@@ -52,6 +52,15 @@ def test_a_sun_counts_from_where_it_lies_in_its_cell_and_no_ground_is_less_than_
     assert horizontal_irradiance(np.zeros((3, 4, 3), np.float32), NO_BRIGHT_CELLS).tolist() == [0, 0, 0]
 
 
+def test_no_light_from_below_the_horizon_reaches_a_surface_that_faces_up():
+    """Of a sphere of 5 rings, whose middle one is half above the horizon; bright cells below it, too."""
+    whole = np.ones((5, 16, 3), np.float32)
+    np.testing.assert_allclose(horizontal_irradiance(whole, NO_BRIGHT_CELLS, "sphere"), np.pi, rtol=1e-6)
+    whole[:3] = 0
+    bright = BrightCells(np.array([3 * 16 + 5]), np.array([[0.0, 0.8, -0.6]], np.float32), np.ones(1, np.float32))
+    np.testing.assert_array_equal(horizontal_irradiance(whole, bright, "sphere"), 0)
+
+
 def test_a_source_with_a_ground_gives_spheres(tmp_path):
     write_exr(tmp_path / "map.exr", np.full((32, 64, 3), 0.5, np.float32))
     source = str(tmp_path / "map.exr")

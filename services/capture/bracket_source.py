@@ -122,8 +122,14 @@ class BracketMerger:
         saturated = int(count_from(codes[-1].reshape(*codes.shape[1:3], -1), values.saturated_from, spans))
         if saturated:
             notice(f"{name}: light is clipped in its shortest exposure, too: the map holds less than there was; add a shorter one")
-        frame = self.maker.frame_from_radiance(name, self._image, values.rec709_from_light, time_s)
-        return frame._replace(luminance_scale=values.luminance_scale, saturated=saturated, clipped=saturated > 0)
+        image, top = self._image, codes[-1] >= values.saturated_from
+
+        def made(gain: float) -> Frame:
+            brighter = np.where(top, np.float32(1 + gain) * image, image) if gain else image
+            frame = self.maker.frame_from_radiance(name, brighter, values.rec709_from_light, time_s)
+            return frame._replace(luminance_scale=values.luminance_scale, saturated=saturated, clipped=saturated > 0)
+
+        return self.maker.with_estimate(name, made)
 
 
 def refined(exposures: Sequence[float], codes: np.ndarray, values: CodeValues, names: Sequence[str]) -> list[float]:

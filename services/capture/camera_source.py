@@ -122,7 +122,8 @@ class CameraSource:
     def _made(self, raw: RawFrame, time_s: float) -> Frame:
         if raw.planes is not None:
             assert self._coding is not None
-            return self._maker.frame_from_planes(self._camera.path, raw.planes, self._coding, time_s)
+            frame = self._maker.frame_from_planes(self._camera.path, raw.planes, self._coding, time_s)
+            return frame._replace(clipped=frame.saturated > 0)
         assert raw.codes is not None
         return self._maker.frame_from_codes(self._camera.path, raw.codes, raw.mosaic, time_s)
 

@@ -23,6 +23,7 @@ LOWEST, HIGHEST = -0.125, 1.125
 # Entries of the table between them, with straight lines from one to the next: PQ, the steepest, is then right to 2e-4 from 0.01 cd/m2 on,
 # and the table fits the first cache; 2048 to 16384 do.
 ENTRIES = 5121
+PER_SIGNAL = (ENTRIES - 1) / (HIGHEST - LOWEST)
 LUMA = {"bt601": (0.299, 0.114), "bt709": (0.2126, 0.0722), "bt2020": (0.2627, 0.0593)}  # K_R and K_B of BT.601-7, BT.709-6, BT.2020-2
 REC2020_LUMINANCE = (0.2627, 0.6780, 0.0593)
 STILL = ColourTags("srgb", "bt709", "bt601", "full")  # of JPEG files without tags (JFIF 1.02)
@@ -70,6 +71,20 @@ def colour_coding(
         light = np.clip(response.radiance(signals * response.top), 0, np.finfo(np.float32).max).astype(np.float32)
         return ColourCoding(range_, matrix, light, rec709_from_primaries(PRIMARIES[primaries]), 0.0, 0.0, response.luminance_scale)
     return _coding(settings, name, transfer, primaries, matrix, range_)
+
+
+def white_entry(bits: int) -> float:
+    """The place in the table from which a signal counts as the highest: 1, less half of the smallest step of codes of so many bits."""
+    return (1 - 0.5 / (2**bits - 1) - LOWEST) * PER_SIGNAL
+
+
+def with_bright_white(coding: ColourCoding, bits: int, gain: float) -> ColourCoding:
+    """The coding in which signals that count as the highest have so many times their light in addition. bits: of a code."""
+    if not gain:
+        return coding
+    table = coding.table.copy()
+    table[int(np.ceil(white_entry(bits))) :] *= np.float32(1 + gain)
+    return coding._replace(table=table)
 
 
 def _chosen(name: str, what: str, setting: str | None, tag: str | None, unsaid: str | None) -> tuple[str, list[str]]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from vemlight.capture.camera_controls import EXPOSURE_UNIT_S, CameraControls
-from vemlight.capture.colour_coding import ENTRIES, HIGHEST, LOWEST, ColourCoding
+from vemlight.capture.colour_coding import LOWEST, PER_SIGNAL, ColourCoding, white_entry
 from vemlight.capture.exposure_cycle import SETTLING, ExposureCycle
 from vemlight.capture.exposure_merge import CLIPPED, CodeValues
 from vemlight.capture.exposure_recording import EXPOSURE, EXPOSURES, checked_exposures, exposures_text
@@ -18,12 +18,11 @@ from vemlight.files import notice
 from vemlight.settings import Capture
 
 TIME = "exposure_time_absolute"
-PER_SIGNAL = (ENTRIES - 1) / (HIGHEST - LOWEST)  # entries of a coding's table
 
 
 def values_from_coding(coding: ColourCoding, bits: int, exposure_s: float) -> CodeValues:
     """What the entries of a coding's table are worth, of codes of so many bits. exposure_s: for which the table holds."""
-    clipped, white = (int(np.ceil((signal - LOWEST) * PER_SIGNAL)) for signal in (CLIPPED, 1 - 0.5 / (2**bits - 1)))
+    clipped, white = (int(np.ceil(entry)) for entry in ((CLIPPED - LOWEST) * PER_SIGNAL, white_entry(bits)))
     light = np.maximum.accumulate(coding.table.astype(np.float64)) * exposure_s
     return CodeValues(light, clipped, white, 1, coding.rec709_from_light, coding.luminance_scale, PER_SIGNAL / (2**bits - 1))
 

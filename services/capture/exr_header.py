@@ -9,12 +9,14 @@ from msgspec import Meta
 from vemlight.errors import UserError
 from vemlight.files import decoded_json
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
+from vemlight.runtime.wire_fields import Lux
 
 BRIGHT_CELLS = "vemlight:bright_cells"
 OLD_BRIGHT_CELLS = "vemlight:strong"  # the same, in recordings of version 1
 # By how much the length of a unit vector may differ from 1. float32 leaves 1e-7, and other writers may round to five digits; what
 # differs more was never a direction. Any value from 1e-5 to 1e-2 does.
 UNIT_TOLERANCE = 1e-4
+ESTIMATED_LUX = "vemlight:estimated_lux"
 MAX_LUMINANCE_SCALE = 1e30  # cd/m2 per unit: products with it stay finite in float32
 Coordinate = Annotated[float, Meta(ge=-1 - UNIT_TOLERANCE, le=1 + UNIT_TOLERANCE)]
 Sample = tuple[Annotated[int, Meta(ge=0)], Coordinate, Coordinate, Coordinate, Annotated[float, Meta(gt=0, le=1)]]
@@ -53,6 +55,14 @@ def count_from_attributes(attributes: dict[str, Any], key: str) -> int:
     """A count in the header; 0 where there is none."""
     count = attributes.get(key)
     return count if isinstance(count, int) and count >= 0 else 0
+
+
+def estimate_from_attributes(attributes: dict[str, Any]) -> float:
+    """Illuminance of clipped light that was estimated, lux; 0 where there is none."""
+    try:
+        return msgspec.convert(attributes.get(ESTIMATED_LUX, 0.0), Lux, strict=False)
+    except ValueError:
+        return 0.0
 
 
 def scale_from_attributes(attributes: dict[str, Any]) -> float | None:

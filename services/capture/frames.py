@@ -11,15 +11,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vemlight.capture.colour_coding import ColourCoding
+from vemlight.capture.clipped_light import gain_by_meter, level_lux, with_bright_top
+from vemlight.capture.colour_coding import ColourCoding, with_bright_white
 from vemlight.capture.cube import cube_directions, cube_to_polar, is_cube
-from vemlight.capture.exr_header import bright_cells_from_attributes, count_from_attributes, scale_from_attributes
+from vemlight.capture.exr_header import (
+    bright_cells_from_attributes,
+    count_from_attributes,
+    estimate_from_attributes,
+    scale_from_attributes,
+)
 from vemlight.capture.fisheye import ALL_PIXELS, FisheyeToPolar, colour_lattices, fisheye_bright_cells, lit_runs, lit_spans
 from vemlight.capture.flat_field import flat_field
 from vemlight.capture.ground import with_ground
 from vemlight.capture.lens import Lens, read_lens
 from vemlight.capture.mosaic import ALL_CODES, Mosaic, mosaic_from_attributes, whole_codes
-from vemlight.capture.mosaic_lights import HALF_WINDOW, SHARP_SHARE, share_of_one_pixel
+from vemlight.capture.mosaic_lights import is_sharper_than_mosaic
 from vemlight.capture.planes import Planes, linear_from_planes
 from vemlight.capture.polar import WHOLE_SPHERE, LatlongToPolar, latlong_bright_cells, latlong_to_polar, polar_from_latlong, used_rows
 from vemlight.capture.response import Response, radiance_table, read_response
@@ -52,7 +58,8 @@ class Frame(NamedTuple):
     monotonic_ns: int | None = None  # cameras: the kernel's time stamp
     masks: tuple[Mask, ...] = ()  # that were taken out of the radiance
     masked_cells: int = 0  # that they cover, wholly or in part
-    clipped: bool = False  # exposures: light is clipped in the shortest one, too, and the map holds less than there was
+    clipped: bool = False  # cameras, codes: light is clipped, in the shortest exposure too, and the map holds less than there was
+    estimated_lux: float = 0.0  # on a level surface, of clipped light: estimated by a light meter, and added to what was seen
 
 
 class FrameMaker:
@@ -115,6 +122,8 @@ class FrameMaker:
         """
         kind = self._kind(attributes)
         self._check_shape(name, image.shape)
+        if self._settings.meter_lux and kind != "codes":
+            raise UserError(f"{name}: holds radiance, of which meter_lux cannot tell what was clipped; leave meter_lux out")
         if kind == "codes":
             mosaic = mosaic_from_attributes(name, attributes)
             return self.frame_from_codes(name, whole_codes(name, image, mosaic), mosaic, time_s)
@@ -130,13 +139,19 @@ class FrameMaker:
         black, saturated = (count_from_attributes(attributes, key) for key in ("vemlight:black", "vemlight:saturated"))
         scale = scale_from_attributes(attributes)
         made = self._made(radiance, bright_cells, time_s, scale, black, saturated)
-        return made._replace(clipped=count_from_attributes(attributes, "vemlight:clipped") > 0)
+        clipped = count_from_attributes(attributes, "vemlight:clipped") > 0
+        return made._replace(clipped=clipped, estimated_lux=estimate_from_attributes(attributes))
 
     def frame_from_planes(self, name: str, planes: Planes, coding: ColourCoding, time_s: float) -> Frame:
         """The frame of a film's or a camera's picture in colour: its planes, and how their codes become light.
 
         Colours outside Rec. 709 count as 0 where a cell's mean has a component below 0. Raises UserError as `frame`.
         """
+        return self.with_estimate(
+            name, lambda gain: self._from_planes(name, planes, with_bright_white(coding, planes.layout.bits, gain), time_s)
+        )
+
+    def _from_planes(self, name: str, planes: Planes, coding: ColourCoding, time_s: float) -> Frame:
         kind, spans = self._kind({}), self.spans(name, (planes.height, planes.width), None)
         picture = linear_from_planes(planes, coding, spans, self._threads, self._pixels)
         self._pixels = picture.pixels  # memory that is new takes a fifth of the time
@@ -163,10 +178,12 @@ class FrameMaker:
         spans[: used_rows(self._latlong_weights(name, shape)), 1] = shape[1]
         return spans
 
-    def frame_from_radiance(self, name: str, image: np.ndarray, rec709_from_light: np.ndarray, time_s: float) -> Frame:
+    def frame_from_radiance(
+        self, name: str, image: np.ndarray, rec709_from_light: np.ndarray, time_s: float, is_still: bool = True
+    ) -> Frame:
         """The frame of linear light merged from several exposures, (height, width, 3) float32, or (height, width) of the mosaic of `spans`.
 
-        Nothing below 0 is left. Raises UserError as `frame`.
+        Nothing below 0 is left. is_still: no light of it was moved between its pixels. Raises UserError as `frame`.
         """
         latlong, matrix = self._kind({}) == "latlong", rec709_from_light.astype(np.float32)
         if latlong or image.ndim == 3:
@@ -179,6 +196,8 @@ class FrameMaker:
             radiance = np.stack(maps, axis=-1) @ matrix.T if len(maps) == 3 else np.repeat(maps[0][..., None], 3, axis=-1)
             flat = image.reshape(-1)
             bright = self._bright_cells(radiance, lambda pixel: flat[pixel])  # a mosaic's green pixels represent its luminance
+            if is_still:
+                self._say_sharp_lights(name, lambda pixel: flat[pixel], radiance)
         return self._made(np.maximum(radiance, 0), bright, time_s, None, 0, 0)
 
     def frame_from_codes(self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float) -> Frame:
@@ -189,6 +208,13 @@ class FrameMaker:
         self._check_shape(name, codes.shape)
         self._prepare(name, codes.shape, mosaic)
         response, table = self._calibrated(name)
+        return self.with_estimate(
+            name, lambda gain: self._from_codes(name, codes, mosaic, time_s, response, with_bright_top(table, response.top, gain))
+        )
+
+    def _from_codes(
+        self, name: str, codes: np.ndarray, mosaic: Mosaic | None, time_s: float, response: Response, table: np.ndarray
+    ) -> Frame:
         channels = [codes] * 3 if codes.ndim == 2 else [np.ascontiguousarray(codes[..., n]) for n in range(3)]
         distinct = channels[:1] if codes.ndim == 2 else channels
         counts = [clipped_counts(channel, self._runs, response.top) for channel in distinct]
@@ -204,10 +230,31 @@ class FrameMaker:
         # a mosaic's green pixels represent its luminance
         in_colour = codes.ndim == 3
         bright = self._bright_cells(radiance, lambda pixel: luminance_from_rgb(table[flat[pixel]]) if in_colour else table[flat[pixel]])
-        if len(self._fisheye) == 3 and codes.ndim == 2 and not self._said_sharp:
-            self._say_sharp_lights(name, codes, table, radiance)
+        if codes.ndim == 2:
+            self._say_sharp_lights(name, lambda pixel: table[flat[pixel]], radiance)
         black, saturated = (int(sum(count[n] for count in counts)) for n in (0, 1))
-        return self._made(radiance, bright, time_s, response.luminance_scale, black, saturated)
+        made = self._made(radiance, bright, time_s, response.luminance_scale, black, saturated)
+        return made._replace(clipped=saturated > 0)
+
+    def with_estimate(self, name: str, made: Callable[[float], Frame]) -> Frame:
+        """`made(0)`, or what a light meter makes of it. made: the frame whose clipped pixels have so many times their light in addition.
+
+        Raises UserError where meter_lux is set and it is no sensor's light, or its unit is not known.
+        """
+        frame, s = made(0.0), self._settings
+        if not s.meter_lux:
+            return frame
+        if self._response is None or frame.luminance_scale is None:
+            raise UserError(f"{name}: meter_lux needs a sensor's response file with luminance_scale; name one, or leave meter_lux out")
+        if not frame.saturated:
+            return frame
+        seen, with_clipped_twice = (level_lux(*each[:2], each.bright_cells, frame.luminance_scale) for each in (frame, made(1.0)))
+        gain = gain_by_meter(s.meter_lux, seen, with_clipped_twice - seen)
+        found = made(gain)
+        if s.coverage == "sphere":  # what is below the horizon stays as it was seen
+            below = (np.arange(s.rows) + 1 > s.rows / 2)[:, None, None]
+            found = found._replace(radiance=np.where(below, frame.radiance, found.radiance))
+        return found._replace(estimated_lux=s.meter_lux - seen if gain else 0.0)
 
     def _made(
         self, radiance: np.ndarray, bright: BrightCells, time_s: float, luminance_scale: float | None, black: int, saturated: int
@@ -216,16 +263,16 @@ class FrameMaker:
             radiance = with_ground(radiance, bright, self._settings.ground)
         return Frame(radiance, self._settings.map_coverage, time_s, luminance_scale, black, saturated, bright)
 
-    def _say_sharp_lights(self, name: str, codes: np.ndarray, table: np.ndarray, radiance: np.ndarray) -> None:
+    def _say_sharp_lights(self, name: str, brightness: Callable[[np.ndarray], np.ndarray], radiance: np.ndarray) -> None:
         # one line, once, for a bright light of a mosaic whose colour and power cannot be told
-        flat, width = codes.reshape(-1), codes.shape[1]
+        if len(self._fisheye) != 3 or self._said_sharp:
+            return
         for cell in brightest_cells(radiance, self._settings.coverage):
             pixels = np.concatenate([w.pixel[w.by_cell[w.start[cell] : w.start[cell + 1]]] for w in self._fisheye]).astype(np.int64)
-            row, column = divmod(int(pixels[table[flat[pixels]].argmax()]), width)
-            top, left = max(row - HALF_WINDOW, 0), max(column - HALF_WINDOW, 0)
-            near = table[codes[top : row + HALF_WINDOW + 1, left : column + HALF_WINDOW + 1]]
-            if share_of_one_pixel(near, row - top, column - left) > SHARP_SHARE:
+            brightest = int(pixels[brightness(pixels).argmax()])
+            if is_sharper_than_mosaic(brightness, brightest, self._fisheye[0].shape):
                 self._said_sharp = True
+                row, column = divmod(brightest, self._fisheye[0].shape[1])
                 where = f"a light at pixel {column}, {row} is sharper than the mosaic"
                 notice(f"{name}: {where}: its power and colour may be off by half and more")
                 return

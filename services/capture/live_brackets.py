@@ -6,7 +6,7 @@ from vemlight.capture.exposure_cycle import ExposureCycle, ExposureRecogniser
 from vemlight.capture.exposure_merge import CodeValues, clipped_pixels, count_from, merge_tables, merged
 from vemlight.capture.frames import Frame, FrameMaker
 from vemlight.capture.mosaic import Mosaic
-from vemlight.capture.strong_lights import StrongLight, add_lights, ceiling, followed, moving, strong_lights, window_on
+from vemlight.capture.strong_lights import StrongLight, add_lights, ceiling, clipped_part, followed, moving, strong_lights, window_on
 from vemlight.files import notice
 
 FAINT_WEIGHT = 1e-30  # of what is above the ceiling: it counts where nothing else does
@@ -45,12 +45,26 @@ class LiveBrackets:
             exposure = self._first if not self._newest else self._recogniser.recognised(codes, self._image, min(self._newest))
         self._take(codes, exposure, spans)
         self._merge(spans)
-        frame = self._maker.frame_from_radiance(self._name, self._image, self._values.rec709_from_light, time_s)
         shortest = max(self._newest) == len(self._exposures) - 1
         clipped = shortest and self._saturated > 0
+        is_still = exposure == len(self._exposures) - 1  # strong lights are where that frame shows them
+
+        def made(gain: float) -> Frame:
+            image = self._with_bright_lights(gain) if gain else self._image
+            frame = self._maker.frame_from_radiance(self._name, image, self._values.rec709_from_light, time_s, is_still)
+            return frame._replace(luminance_scale=self._values.luminance_scale, saturated=self._saturated, clipped=clipped)
+
         if clipped:
             notice(f"{self._name}: light is clipped in the shortest exposure, too: the map holds less than there was; add a shorter one")
-        return frame._replace(luminance_scale=self._values.luminance_scale, saturated=self._saturated, clipped=clipped), exposure
+        return self._maker.with_estimate(self._name, made), exposure
+
+    def _with_bright_lights(self, gain: float) -> np.ndarray:
+        """The merged image with so many times the light in addition that is clipped in the shortest exposure."""
+        image = self._image.copy()
+        top = float(self._values.light[self._values.saturated_from]) / self._exposures[-1]
+        clipped = [clipped_part(light, top, ceiling(self._values, self._exposures), gain) for light in self._lights]
+        add_lights(clipped, len(self._exposures), image.reshape(*image.shape[:2], -1), self._step)
+        return image
 
     def _take(self, codes: np.ndarray, exposure: int, spans: np.ndarray) -> None:
         self._stack[exposure] = codes

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vemlight.capture.colour_coding import ENTRIES, HIGHEST, LOWEST, REC2020_LUMINANCE, ColourCoding, signal_from_codes
+from vemlight.capture.colour_coding import ENTRIES, LOWEST, PER_SIGNAL, REC2020_LUMINANCE, ColourCoding, signal_from_codes, white_entry
 from vemlight.capture.scatter import MAP_PARTS, Threads
 from vemlight.errors import UserError
 from vemlight.kernels import kernel, subroutine
@@ -124,11 +124,9 @@ def linear_from_planes(
     Colours outside Rec. 709 have components below 0. pixels: of an earlier picture with the same spans, to be written again.
     """
     layout = planes.layout
-    per_signal = (ENTRIES - 1) / (HIGHEST - LOWEST)
-    to_index = signal_from_codes(coding, layout.bits, layout.is_rgb) * per_signal
-    to_index[:, 3] -= LOWEST * per_signal
-    # signal 1 itself, less half of the smallest step: a code above it is white
-    white = np.float32(((1 - 0.5 / (2**layout.bits - 1)) - LOWEST) * per_signal)
+    to_index = signal_from_codes(coding, layout.bits, layout.is_rgb) * PER_SIGNAL
+    to_index[:, 3] -= LOWEST * PER_SIGNAL
+    white = np.float32(white_entry(layout.bits))
     if pixels is None:
         pixels = np.zeros((planes.height, planes.width, 3), np.float32)
     ends = np.linspace(0, planes.height, MAP_PARTS + 1).astype(int)
@@ -149,9 +147,8 @@ def linear_from_planes(
 def codes_from_planes(planes: Planes, coding: ColourCoding, spans: np.ndarray, threads: Threads) -> np.ndarray:
     """Red, green and blue of the pixels inside `spans` as entries of the coding's table, (height, width, 3) uint16."""
     layout = planes.layout
-    per_signal = (ENTRIES - 1) / (HIGHEST - LOWEST)
-    to_index = signal_from_codes(coding, layout.bits, layout.is_rgb) * per_signal
-    to_index[:, 3] += 0.5 - LOWEST * per_signal  # the nearest
+    to_index = signal_from_codes(coding, layout.bits, layout.is_rgb) * PER_SIGNAL
+    to_index[:, 3] += 0.5 - LOWEST * PER_SIGNAL  # the nearest
     entries = np.zeros((planes.height, planes.width, 3), np.uint16)
     components = [planes.samples[component.plane] for component in layout.components]
     places = tuple(component[1:] for component in layout.components)

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from vemlight.capture.exr_header import BRIGHT_CELLS, bright_cells_text
+from vemlight.capture.exr_header import BRIGHT_CELLS, ESTIMATED_LUX, bright_cells_text
 from vemlight.capture.frames import Frame
 
 
@@ -23,6 +23,8 @@ def map_attributes(frame: Frame, fps: float) -> dict[str, Any]:
         attributes["vemlight:masks"] = msgspec.json.encode(frame.masks).decode()
     if frame.clipped:
         attributes["vemlight:clipped"] = 1
+    if frame.estimated_lux:
+        attributes[ESTIMATED_LUX] = repr(frame.estimated_lux)
     if frame.luminance_scale is not None:
         attributes |= {"whiteLuminance": frame.luminance_scale, "vemlight:luminance_scale": repr(frame.luminance_scale)}
     return attributes

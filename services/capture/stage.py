@@ -181,8 +181,13 @@ def map_message(frame: Frame, stamp: stamps.Stamp) -> MapMessage:
         coverage=frame.coverage,
         bright_samples=len(frame.bright_cells.cells),
         luminance_scale=frame.luminance_scale,
+        clipped=frame.clipped,
         report=MapReport(
-            invalid_cells=invalid_cells, black_pixels=frame.black, saturated_pixels=frame.saturated, masked_cells=frame.masked_cells
+            invalid_cells=invalid_cells,
+            black_pixels=frame.black,
+            saturated_pixels=frame.saturated,
+            estimated_lux=frame.estimated_lux,
+            masked_cells=frame.masked_cells,
         ),
     )
     return header, (np.where(valid, frame.radiance, np.float32(0)), *frame.bright_cells)

@@ -15,6 +15,7 @@ REACH = 25  # pixels around a light's last place in which it is looked for: 2 de
 RING = 0.8  # of REACH: from there on a pixel belongs to the light's surroundings
 ROUNDS = 3  # of moving that window to the centre found in it
 FAINT = 0.1  # of the top code, below which a pixel is no part of a light
+ROUNDED = 1 - 1e-5  # times the radiance of the highest code, which float32 and a difference round by 1e-6
 MAX_STRONG = 8  # lights that are followed, those of most flux; others, and windows larger than REACH, stay where they were seen
 
 
@@ -79,6 +80,12 @@ def strong_lights(
         else:
             lights.append(StrongLight(excess, corner, dict(zip(frames, [middle] * len(frames), strict=True)), shortest))
     return lights
+
+
+def clipped_part(light: StrongLight, top: float, highest: float, gain: float) -> StrongLight:
+    """So many times what a light's clipped pixels saw. top: radiance of the highest code. highest: see `ceiling`."""
+    seen = light.light if light.region is not None else light.light + highest
+    return light._replace(light=np.where(seen >= ROUNDED * top, gain * top, 0).astype(np.float32), region=None)
 
 
 def moving(lights: list[StrongLight]) -> list[StrongLight]:

@@ -102,7 +102,7 @@ def _frames(options: ExportOptions, open_: ExitStack) -> Iterator[ToExport]:
     frames = open_frames(options)
     sampling = sampler_settings(options, len(frames), error_percent=options.error_percent, soft=options.soft)
     for k, ((frame, lights, error), _) in enumerate(counted(lit_frames(frames, sampling), "frames", len(frames))):
-        row = lights_row(lights, k, frame.time_s, frame.coverage, error)
+        row = lights_row(lights, k, frame.time_s, frame.coverage, error, frame.clipped, estimated_lux=frame.estimated_lux)
         yield ToExport(LightsFrame(row.schema, k, frame.time_s, frame.coverage, lights, lights_json(row)), frame)
 
 

@@ -28,7 +28,8 @@ class Lit(NamedTuple):
     def row_json(self, number: int) -> bytes:
         """Its line in a file of lights, as frame `number`, with the line's end."""
         frame, lights, error = self
-        return lights_json(lights_row(lights, number, frame.time_s, frame.coverage, error, frame.clipped)) + b"\n"
+        row = lights_row(lights, number, frame.time_s, frame.coverage, error, frame.clipped, estimated_lux=frame.estimated_lux)
+        return lights_json(row) + b"\n"
 
 
 class Tally(NamedTuple):

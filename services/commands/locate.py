@@ -1,6 +1,6 @@
 """`vemlight locate`: the recordings of several cameras become near lights at their places, and directional lights for the rest."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +38,7 @@ class LocatedFrame(NamedTuple):
     points: NearLightSet
     error: ErrorOfLights | None
     clipped: bool
+    estimated_lux: float
     report: FuseReport
 
 
@@ -61,7 +62,7 @@ def write_located(options: LocateOptions) -> Report:
     with interruption.deferred(), written_whole(options.out) as part, open(part, "wb") as file:
         for k, frame in enumerate(counted(chain([first], moments), "frames", count)):
             near = NearLights(frame.points, (x, y, z))
-            row = lights_row(frame.lights, k, frame.time_s, frame.coverage, frame.error, frame.clipped, near)
+            row = lights_row(frame.lights, k, frame.time_s, frame.coverage, frame.error, frame.clipped, near, frame.estimated_lux)
             file.write(lights_json(row) + b"\n")
             located |= set(frame.points.ids.tolist())
             unexplained, misfits, done = max(unexplained, frame.report.unexplained), misfits + (not frame.report.believed), k + 1
@@ -109,9 +110,14 @@ def _located_frames(
         sampled, lights, estimate = step(sampling, sampled, seen)
         limit = 100 * sampling.error_limit
         error = ErrorOfLights(100 * estimate.error, limit) if limit else None
-        yield LocatedFrame(frames[0].time_s, fused.coverage, lights, points, error, any(frame.clipped for frame in frames), report)
+        yield LocatedFrame(frames[0].time_s, fused.coverage, lights, points, error, *_clipped(frames), report)
     for cells in invalid_cells:
         cells.say()
+
+
+def _clipped(frames: Sequence[Frame]) -> tuple[bool, float]:
+    """Whether light of any camera is clipped, and the most that was estimated of it, lux."""
+    return any(frame.clipped for frame in frames), max(frame.estimated_lux for frame in frames)
 
 
 def _frame(path: Path, camera: RigCamera, source: FrameSource, k: int) -> Frame:

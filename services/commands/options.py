@@ -46,6 +46,7 @@ class SamplingOptions(msgspec.Struct, frozen=True, kw_only=True):
     brackets: bool | None = None
     exposures: tuple[float, ...] | None = None
     exposure_control: str | None = None
+    meter_lux: float | None = None
     format: str | None = None
     ground: float | None = None
     masks: Path | None = None

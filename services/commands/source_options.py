@@ -66,13 +66,14 @@ SOURCE_OPTIONS = (
     click.option("--exposures", type=Numbers(0), metavar="S,S,..", help="Cameras: exposures to take in turn and to merge, in seconds."),
     click.option("--exposure-control", help="Cameras: the control that sets them; left out: exposure_time_absolute."),
     click.option("--brackets", is_flag=True, default=None, help="Folders of photographs: several exposures, by EXIF, are one frame."),
+    click.option("--meter-lux", type=Number(0, 1e6), help="Level light meter's reading, lux: clipped light is estimated by it."),
     click.option("--stereo", type=_choice(Stereo), help="Films for two eyes: how they lie; the first is taken."),
     click.option("--ground", type=Number(0, 1), help="Albedo of a ground below the horizon, which sends light up; left out: none."),
     click.option("--masks", type=PATH, help="Settings file whose [[capture.masks]] leave regions out of the map, as the page saves one."),
 )
 CAPTURE_KEYS = (
     "transfer", "primaries", "matrix", "range", "light", "peak", "projection", "span", "stereo", "format", "ground", "brackets",
-    "exposures", "exposure_control", "masks",
+    "exposures", "exposure_control", "meter_lux", "masks",
 )  # fmt: skip
 
 

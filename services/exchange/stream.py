@@ -112,5 +112,6 @@ def json_line(message: wire.Message, near: NearLights | None = None) -> bytes:
     assert isinstance(header, wire.LightsMessage)
     report = header.report
     error = ErrorOfLights(100 * report.error_ratio, 100 * report.error_limit_ratio) if report.error_limit_ratio else None
-    row = lights_row(light_set(header, arrays), header.stamp.sequence, header.stamp.time_s, header.coverage, error, near=near)
+    stamp, lights = header.stamp, light_set(header, arrays)
+    row = lights_row(lights, stamp.sequence, stamp.time_s, header.coverage, error, header.clipped, near, header.estimated_lux)
     return lights_json(row) + b"\n"

@@ -89,10 +89,12 @@ def fused_messages(
         coverage=made.coverage,
         bright_samples=len(made.bright_cells.cells),
         luminance_scale=_common_scale(report.gains, headers),
+        clipped=any(header.clipped for header in headers.values()),
         report=MapReport(
             invalid_cells=sum(header.report.invalid_cells for header in headers.values()),
             black_pixels=sum(header.report.black_pixels for header in headers.values()),
             saturated_pixels=sum(header.report.saturated_pixels for header in headers.values()),
+            estimated_lux=max((header.report.estimated_lux for header in headers.values()), default=0.0),
         ),
     )
     x, y, z = map(float, state.rig.centre)

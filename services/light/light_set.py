@@ -88,6 +88,7 @@ class LightsRow(msgspec.Struct, frozen=True, kw_only=True):
     coverage: Coverage
     error_percent: ErrorOfLights | msgspec.UnsetType = msgspec.UNSET  # left out where the number of lights is fixed
     clipped: bool | msgspec.UnsetType = msgspec.UNSET  # true where the map holds less light than there was; else left out
+    estimated_lux: float | msgspec.UnsetType = msgspec.UNSET  # with clipped: what was estimated of it, on a level surface; else left out
     at: tuple[float, float, float] | msgspec.UnsetType = msgspec.UNSET  # with points: the place, m, that the directions are true for
     points: list[NearLightRow] | msgspec.UnsetType = msgspec.UNSET  # near lights, which `lights` are without; left out: none were sought
     lights: list[LightRow]
@@ -108,10 +109,12 @@ def lights_row(
     error: ErrorOfLights | None = None,
     clipped: bool = False,
     near: NearLights | None = None,
+    estimated_lux: float = 0.0,
 ) -> LightsRow:
     """The frame's record; float32 values are written with the digits that bring them back exactly.
 
-    clipped: light of the frame was clipped in its shortest exposure, too, so that the lights are a lower bound. near: of several cameras.
+    clipped: light of the frame was clipped in its shortest exposure, too, so that the lights are a lower bound, or, with estimated_lux, an
+    estimate. near: of several cameras.
     """
     soft = lights.covariances is not None
     extents = [tuple(c) for c in lights.covariances.tolist()] if lights.covariances is not None else [None] * len(lights.ids)
@@ -126,6 +129,7 @@ def lights_row(
         coverage=coverage,
         error_percent=msgspec.UNSET if error is None else error,
         clipped=clipped or msgspec.UNSET,
+        estimated_lux=estimated_lux or msgspec.UNSET,
         at=near.at if near else msgspec.UNSET,
         points=near_light_rows(near.points) if near else msgspec.UNSET,
         lights=rows,
@@ -188,9 +192,11 @@ class LightsFile:
         coverage: Coverage,
         error: ErrorOfLights | None = None,
         near: NearLights | None = None,
+        clipped: bool = False,
+        estimated_lux: float = 0.0,
     ) -> None:
         """Adds a frame; it is on the disk when the call returns. Raises OSError when the disk refuses."""
-        self._journal.append(lights_json(lights_row(lights, sequence, time_s, coverage, error, near=near)))
+        self._journal.append(lights_json(lights_row(lights, sequence, time_s, coverage, error, clipped, near, estimated_lux)))
 
     def close(self) -> None:
         self._journal.close()

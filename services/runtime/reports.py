@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from vemlight.runtime.wire_fields import Count, Frames, Hertz, Milliseconds
+from vemlight.runtime.wire_fields import Count, Frames, Hertz, Lux, Milliseconds
 
 LOSS = Meta(extra={"is_loss": True})  # a value of a report that counts losses
 
@@ -24,6 +24,10 @@ class MapReport(Report, frozen=True, tag="map"):
     invalid_cells: Annotated[Count, LOSS, Meta(description="cells of the newest map that were nan, infinite or negative, set to 0")] = 0
     black_pixels: Annotated[Count, Meta(description="pixels of the newest frame that the sensor clipped at its lower end")] = 0
     saturated_pixels: Annotated[Count, LOSS, Meta(description="pixels clipped at the upper end: their radiance is unknown")] = 0
+    estimated_lux: Annotated[
+        Lux,
+        Meta(title="estimated light", description="on a level surface, that clipped pixels do not show and a light meter tells; 0: none"),
+    ] = 0.0
     masked_cells: Annotated[Count, Meta(description="cells of the newest map that masks leave out or fill, wholly or in part")] = 0
 
 

@@ -25,6 +25,7 @@ from vemlight.runtime.wire_fields import (
     Count,
     Finite,
     Hertz,
+    Lux,
     Metres,
     Milliseconds,
     Name,
@@ -96,6 +97,7 @@ class MapMessage(FrameHeader, frozen=True, tag="map"):
     bright_samples: Annotated[int, Meta(ge=0, le=4096)] = 0
     segment: Count = 0  # how often the source has jumped: light of another segment says nothing about this one's
     luminance_scale: Annotated[float, Meta(gt=0, le=1e30)] | None = None  # cd/m2 per unit, when calibrated
+    clipped: bool = False  # the sensor clipped light, so that the map holds less than there was, or an estimate
     report: MapReport = MapReport()
 
     def check(self, arrays: Sequence[np.ndarray]) -> None:
@@ -125,6 +127,8 @@ class LightsMessage(FrameHeader, frozen=True, tag="lights"):
     coverage: Coverage
     soft: bool = False  # the lights of the first set have extents
     gloss_count: Annotated[int, Meta(ge=0, le=100_000)] = 0
+    clipped: bool = False  # as the map says
+    estimated_lux: Lux = 0.0  # on a level surface, of clipped light that the map's source estimated
     report: LightsReport = LightsReport()
 
     def check(self, arrays: Sequence[np.ndarray]) -> None:

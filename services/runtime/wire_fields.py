@@ -13,6 +13,7 @@ Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Finite = Annotated[float, Meta(ge=-1e30, le=1e30)]
 Milliseconds = Annotated[float, Meta(ge=0, le=1e14)]  # ages since 1970 fit: 2 x 10^12
 Hertz = Annotated[float, Meta(ge=0, le=1e9)]
+Lux = Annotated[float, Meta(ge=0, le=1e6)]  # ten times what the sun gives
 Frames = Annotated[float, Meta(ge=0, le=1e6)]
 ChoiceName = Annotated[str, Meta(min_length=1, max_length=80)]
 SourceSeconds = Annotated[float, Meta(ge=0, le=1e7)]  # four months

@@ -101,6 +101,8 @@ class SamplerStage:
             gloss_count=len(gloss.ids),
             coverage=header.coverage,
             soft=lights.covariances is not None,
+            clipped=header.clipped,
+            estimated_lux=header.report.estimated_lux,
             report=LightsReport(
                 delay_ms=report.delay_s * 1e3,
                 delay_frames=report.delay_frames,
@@ -139,7 +141,7 @@ class SamplerStage:
         if self._file:
             self._file.append(
                 LightSet(*arrays[:-2]), header.stamp.sequence, header.stamp.time_s, header.coverage,
-                ErrorOfLights(error, limit) if limit else None, state.near,
+                ErrorOfLights(error, limit) if limit else None, state.near, header.clipped, header.estimated_lux,
             )  # fmt: skip
             if self._snapshots and self._file.count % SNAPSHOT_FRAMES == 0:
                 self._snapshots.add(Snapshot(self._file.end, state.sampler))

@@ -9,7 +9,7 @@ from vemlight.runtime import wire
 from vemlight.runtime.channels import FRAMES, Instance, service_of
 
 # By the last word of a field's name; counts have none.
-UNITS = {"ms": "ms", "hz": "Hz", "frames": "frames", "ratio": "%", "depth": "%"}
+UNITS = {"ms": "ms", "hz": "Hz", "frames": "frames", "ratio": "%", "depth": "%", "lux": "lux"}
 KEPT_WORDS = {"depth"}  # that a label needs, too
 
 

@@ -291,7 +291,9 @@ def _picture_state(header: wire.ImageMessage) -> bytes:
 def _lights_line(header: wire.LightsMessage, near: NearLights | None, *lights: np.ndarray) -> bytes:
     report = header.report
     error = ErrorOfLights(100 * report.error_ratio, 100 * report.error_limit_ratio) if report.error_limit_ratio else None
-    row = lights_row(LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage, error, near=near)
+    row = lights_row(
+        LightSet(*lights), header.stamp.sequence, header.stamp.time_s, header.coverage, error, header.clipped, near, header.estimated_lux
+    )
     return lights_json(row)
 
 

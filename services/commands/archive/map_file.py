@@ -42,6 +42,7 @@ class _FrameHeader(msgspec.Struct, array_like=True, frozen=True):
     rows: Side
     cols: Side
     samples: Annotated[int, Meta(ge=0, le=MAX_SAMPLES)]
+    estimated_lux: float = 0.0
 
 
 def write_maps(file: BinaryIO, header: ChunkHeader, frames: Iterable[Frame]) -> None:
@@ -55,7 +56,7 @@ def write_maps(file: BinaryIO, header: ChunkHeader, frames: Iterable[Frame]) -> 
             np.ascontiguousarray(frame.radiance, "<f4"), np.ascontiguousarray(cells, "<i8"), np.ascontiguousarray(directions, "<f4"),
             np.ascontiguousarray(weights, "<f4"),
         ]  # fmt: skip
-        _write_record(file, _FrameHeader(frame.time_s, frame.clipped, rows, cols, len(cells)), arrays)
+        _write_record(file, _FrameHeader(frame.time_s, frame.clipped, rows, cols, len(cells), frame.estimated_lux), arrays)
 
 
 def _write_record(file: BinaryIO, record: msgspec.Struct, arrays: Iterable[np.ndarray]) -> None:
@@ -104,7 +105,8 @@ class MapReader:
             radiance, *bright = arrays
             if not ((bright[0] >= 0) & (bright[0] < cells)).all():
                 raise ValueError("has a bright cell outside its map")
-            yield Frame(radiance, self.header.coverage, head.time_s, None, 0, 0, BrightCells(*bright), clipped=head.clipped)
+            frame = Frame(radiance, self.header.coverage, head.time_s, None, 0, 0, BrightCells(*bright))
+            yield frame._replace(clipped=head.clipped, estimated_lux=head.estimated_lux)
         if self._left:
             raise ValueError("goes on after its last frame")
 

@@ -93,9 +93,10 @@ def merged(codes: np.ndarray, clipped: np.ndarray | None, tables: np.ndarray, sp
     """
     if clipped is None:
         _merge_gray(codes, tables, spans, image)
+    elif codes.ndim == 3:
+        _merge_mosaic(codes, clipped, tables, spans, image)
     else:
-        shape = (*codes.shape[:3], -1)
-        _merge_pixels(codes.reshape(shape), clipped, tables, spans, image.reshape(shape[1:]))
+        _merge_colours(codes, clipped, tables, spans, image)
 
 
 @kernel
@@ -112,19 +113,35 @@ def _merge_gray(codes, tables, spans, image):
 
 
 @kernel
-def _merge_pixels(codes, clipped, tables, spans, image):
-    exposures, height, _, channels = codes.shape
+def _merge_mosaic(codes, clipped, tables, spans, image):
+    exposures, height, _ = codes.shape
+    last = exposures - 1
     for y in range(height):
         for x in range(spans[y, 0], spans[y, 1]):
-            for c in range(channels):
-                light, weight = np.float32(0), np.float32(0)
-                for e in range(exposures):
-                    if clipped[e, y, x] and e < exposures - 1:
-                        continue
-                    code = codes[e, y, x, c]
+            light, weight = np.float32(0), np.float32(0)
+            for e in range(last):
+                if not clipped[e, y, x]:
+                    code = codes[e, y, x]
                     light += tables[e, code, 0]
                     weight += tables[e, code, 1]
-                image[y, x, c] = light / weight
+            code = codes[last, y, x]
+            image[y, x] = (light + tables[last, code, 0]) / (weight + tables[last, code, 1])
+
+
+@kernel
+def _merge_colours(codes, clipped, tables, spans, image):
+    exposures, height, _, _ = codes.shape
+    for y in range(height):
+        for x in range(spans[y, 0], spans[y, 1]):
+            red, green, blue = np.float32(0), np.float32(0), np.float32(0)
+            of_red, of_green, of_blue = np.float32(0), np.float32(0), np.float32(0)
+            for e in range(exposures):
+                if e == exposures - 1 or not clipped[e, y, x]:
+                    r, g, b = codes[e, y, x, 0], codes[e, y, x, 1], codes[e, y, x, 2]
+                    red, of_red = red + tables[e, r, 0], of_red + tables[e, r, 1]
+                    green, of_green = green + tables[e, g, 0], of_green + tables[e, g, 1]
+                    blue, of_blue = blue + tables[e, b, 0], of_blue + tables[e, b, 1]
+            image[y, x, 0], image[y, x, 1], image[y, x, 2] = red / of_red, green / of_green, blue / of_blue
 
 
 def clipped_pixels(codes: np.ndarray, values: CodeValues) -> np.ndarray:
@@ -143,12 +160,13 @@ def clipped_pixels(codes: np.ndarray, values: CodeValues) -> np.ndarray:
 @kernel
 def _any_from(codes, level):
     height, width, channels = codes.shape
-    mask = np.zeros((height, width), np.bool_)
+    mask = np.empty((height, width), np.bool_)
     for y in range(height):
         for x in range(width):
+            clipped = False
             for c in range(channels):
-                if codes[y, x, c] >= level:
-                    mask[y, x] = True
+                clipped |= codes[y, x, c] >= level
+            mask[y, x] = clipped
     return mask
 
 

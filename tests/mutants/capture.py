@@ -122,7 +122,7 @@ MUTANTS = [
         ("one id twice", "if ids.count(each) > 1", "if ids.count(each) > 2"),
     ]),
     *mutants_of(CAPTURE + "exposure_merge.py", "tests/test_brackets.py", [
-        ("a channel alone", "if clipped[e, y, x] and e < exposures - 1:", "if False:"),
+        ("a channel alone", "if e == exposures - 1 or not clipped[e, y, x]:", "if True:"),
         ("weights of all exposures alike", "weight = np.square(exposures)[:, None] / relative",
          "weight = np.ones(len(exposures))[:, None] / relative"),
         ("clipped codes count", "weight[:-1, values.clipped_from :] = 0", "weight[:-1, values.clipped_from :] *= 1"),

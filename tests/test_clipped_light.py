@@ -25,6 +25,7 @@ from vemlight.light.colour_tags import ColourTags
 from vemlight.light.images import write_exr
 from vemlight.light.sphere import cell_directions, map_irradiance
 from vemlight.runtime import wire
+from vemlight.runtime.stamps import stamp
 from vemlight.sampler.stage import SamplerStage
 from vemlight.settings import Capture, Settings
 
@@ -141,7 +142,7 @@ def test_what_was_clipped_and_estimated_reaches_rows_and_messages(tmp_path: Path
     from vemlight.commands.options import LightsOptions
 
     frame = frame_of(tmp_path, scene(30), "mono", meter_lux=50_000.0)
-    _, (header, _) = SamplerStage(Settings()).step(SamplerStage(Settings()).start_at(0)[0], map_message(frame, wire.stamp(0, 0.0)))
+    _, (header, _) = SamplerStage(Settings()).step(SamplerStage(Settings()).start_at(0)[0], map_message(frame, stamp(0, 0.0)))
     assert isinstance(header, wire.LightsMessage)
     assert (header.clipped, header.estimated_lux) == (True, frame.estimated_lux)
     folder = tmp_path / "codes"

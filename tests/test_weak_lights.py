@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from tests.support.light_sets import uniform_lights
+from tests.support.light_sets import sky_and_sun, uniform_lights
 from tests.support.rendering import SceneRenderer
 from tests.support.scenes import SHAPES
 from vemlight.light.environment_map import EnvironmentMap
-from vemlight.light.light_set import LightSet
 from vemlight.light.near_lights import NearLightSet
 from vemlight.light.sphere import direction_from_angles
 from vemlight.renderer import frame_plan, pass_table
@@ -24,18 +23,6 @@ from vemlight.settings import Renderer as Settings
 @pytest.fixture(autouse=True)
 def rough_edges(monkeypatch):
     monkeypatch.setattr("vemlight.renderer.frame.EDGE_SAMPLES", 0)
-
-
-def sky_and_sun(turn: float = 0.0, strength: float = 3.0) -> LightSet:
-    """Twenty soft lights of the sky and a narrow sun."""
-    k = np.arange(21) + 0.5
-    directions = direction_from_angles(np.arccos(1 - 0.9 * k / 21), k * 2.4 + turn)
-    irradiance = np.tile([0.1, 0.11, 0.13], (21, 1))
-    irradiance[8] = strength
-    spread = np.where(np.arange(21) == 8, 0.004, 0.2)
-    across = np.eye(3) - directions[:, :, None] * directions[:, None]
-    covariances = (across * spread[:, None, None] ** 2)[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-    return LightSet.of(np.arange(21), directions, irradiance, covariances)
 
 
 def renderer_of(coarse: bool, monkeypatch, bounces: int = 0, size: tuple[int, int] = (97, 73)) -> SceneRenderer:

@@ -53,7 +53,7 @@ def _renderer() -> None:
     from vemlight.renderer.scene.scene import load_scene
 
     if library() is not None:
-        from vemlight.renderer.rays import edge_samples, near_tracing
+        from vemlight.renderer.rays import edge_samples, near_tracing, sampled_tracing
         from vemlight.renderer.rays.bounce import Bounce
         from vemlight.renderer.rays.mirror import Mirror
         from vemlight.renderer.rays.reflecting import reflecting_meshes
@@ -62,6 +62,7 @@ def _renderer() -> None:
         scene = load_scene(None)
         tracer = RayTracer(scene, (8, 32))  # rows for more than one thread, as all pictures have
         tracer.warm()
+        sampled_tracing.warm(tracer)
         near_tracing.warm(tracer)
         edge_samples.warm(tracer.surfaces)
         with ThreadPoolExecutor(1) as threads:

@@ -139,7 +139,7 @@ class Renderer:
     def warm(self, near: bool = False) -> None:
         """Compiles, or loads, what rays need, so that no first picture waits for it; before the first frame. near: for near lights, too."""
         if self._rays:
-            self._rays.warm(near)
+            self._rays.warm(near, len(self.setup.samples))
         self._interreflection.warm()
 
     def drawable(self, lights: LightSet) -> LightSet:

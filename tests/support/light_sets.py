@@ -21,6 +21,18 @@ def uniform_lights(count: int, lowest_z: float) -> LightSet:
     return lights_from(direction_from_angles(np.arccos(z), phi), 2 * np.pi * (1 - lowest_z) / count)
 
 
+def sky_and_sun(turn: float = 0.0, strength: float = 3.0) -> LightSet:
+    """Twenty soft lights of the sky and a narrow sun."""
+    k = np.arange(21) + 0.5
+    directions = direction_from_angles(np.arccos(1 - 0.9 * k / 21), k * 2.4 + turn)
+    irradiance = np.tile([0.1, 0.11, 0.13], (21, 1))
+    irradiance[8] = strength
+    spread = np.where(np.arange(21) == 8, 0.004, 0.2)
+    across = np.eye(3) - directions[:, :, None] * directions[:, None]
+    covariances = (across * spread[:, None, None] ** 2)[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    return LightSet.of(np.arange(21), directions, irradiance, covariances)
+
+
 def some_lights(count: int, soft: bool) -> LightSet:
     """Seeded by their number, with ids beyond 32 bits."""
     random = np.random.default_rng(count)

@@ -76,7 +76,7 @@ def aligned(count: int) -> np.ndarray:
     return block[first : first + 4 * count].view(np.float32)
 
 
-@subroutine
+@subroutine(forceinline=True)
 def unanimous(packet):
     """Whether everything that a tile sent to a light came through, or nothing."""
     dark, lit = 0, 0
@@ -87,7 +87,7 @@ def unanimous(packet):
     return dark == 0 or lit == 0
 
 
-@subroutine
+@subroutine(forceinline=True)
 def of_tile(packet):
     """The fraction of all rays of a tile that came through: what a pixel takes whose few rays live all went below its horizon."""
     sent, received = np.float32(0), np.float32(0)
@@ -111,7 +111,56 @@ def place_packet(packet, surfaces, top, left, height, width):
                 packet.smooth[axis, k] = surfaces.smooth_normals[top + y, left + x, axis]
 
 
-@subroutine
+@subroutine(forceinline=True)
+def send(scene, packet, lights, i, offsets, first, last):
+    """Traces rays first to last of each pixel of a tile to places spread over light i; adds their weights, the cosines with the surface, to
+    `sent`, and of those that came through to `received`."""
+    x, y, z = lights.directions[i, 0], lights.directions[i, 1], lights.directions[i, 2]
+    ax, ay, az = lights.axes[i, 0, 0], lights.axes[i, 0, 1], lights.axes[i, 0, 2]
+    bx, by, bz = lights.axes[i, 1, 0], lights.axes[i, 1, 1], lights.axes[i, 1, 2]
+    packet.arguments[0] = COHERENT if alike(lights, i) else INCOHERENT
+    for turn in range(first, last):
+        wanted = 0
+        for k in range(TILE * TILE):
+            u, v = offsets[turn, 0, k], offsets[turn, 1, k]
+            packet.x[k], packet.y[k], packet.z[k] = x + u * ax + v * bx, y + u * ay + v * by, z + u * az + v * bz
+        for k in range(TILE * TILE):
+            dx, dy, dz = packet.x[k], packet.y[k], packet.z[k]
+            cosine = packet.smooth[0, k] * dx + packet.smooth[1, k] * dy + packet.smooth[2, k] * dz
+            flat = packet.flat[0, k] * dx + packet.flat[1, k] * dy + packet.flat[2, k] * dz
+            weight = max(cosine, np.float32(0))
+            packet.sent[k] += weight
+            packet.rays[TIME, k] = weight
+            packet.wanted[k] = -1 if min(weight, flat) > 0 else 0
+            wanted += packet.wanted[k]
+        if wanted:
+            follow(scene, packet)
+            for k in range(TILE * TILE):
+                came = packet.passed[k] * packet.rays[TIME, k]
+                packet.received[k] += came if packet.wanted[k] != 0 and packet.far[k] >= 0 else np.float32(0)
+
+
+@subroutine(forceinline=True)
+def alike(lights, i):
+    """Whether the rays of a packet to light i are much alike."""
+    ax, ay, az = lights.axes[i, 0, 0], lights.axes[i, 0, 1], lights.axes[i, 0, 2]
+    bx, by, bz = lights.axes[i, 1, 0], lights.axes[i, 1, 1], lights.axes[i, 1, 2]
+    return max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz) < ALIKE_RAD * ALIKE_RAD
+
+
+@subroutine(forceinline=True)
+def keep_arriving(packet, top, left, height, width, arriving):
+    """Fills the pixels of a tile of arriving (rows, columns) uint8 with which fraction of what they sent came through."""
+    around = of_tile(packet)
+    for k in range(TILE * TILE):
+        fraction = packet.received[k] / packet.sent[k] if packet.sent[k] > LEAST_SENT else around
+        packet.codes[k] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
+    for y in range(height):
+        for x in range(width):
+            arriving[top + y, left + x] = packet.codes[TILE * y + x]
+
+
+@subroutine(forceinline=True)
 def follow(scene, packet):
     """Traces the wanted rays of a packet: those that end at a surface have `far` < 0 then; `passed` is what came through of the others."""
     for k in range(TILE * TILE):

@@ -44,7 +44,7 @@ def filter_rows(found, states, surfaces, first, last, chosen, arriving):
     sums, around = np.zeros(count, np.uint16), np.zeros(len(chosen), np.uint8)
     for top in range(first, last, TILE):
         for left in range(0, width, TILE):
-            _states_around(states, top // TILE, left // TILE, around)
+            states_around(states, top // TILE, left // TILE, 1, around)
             bottom, right = min(top + TILE, height), min(left + TILE, width)
             mixed = False
             for m in range(len(chosen)):
@@ -61,11 +61,11 @@ def filter_rows(found, states, surfaces, first, last, chosen, arriving):
 
 
 @subroutine
-def _states_around(states, row, column, around):
-    """Fills around (m,) with what the rays of a tile and of its neighbours found."""
+def states_around(states, row, column, reach, around):
+    """Fills around (m,) with what the rays of a tile and of those up to `reach` tiles away found."""
     around[:] = 0
-    for j in range(max(row - 1, 0), min(row + 2, states.shape[0])):
-        for i in range(max(column - 1, 0), min(column + 2, states.shape[1])):
+    for j in range(max(row - reach, 0), min(row + reach + 1, states.shape[0])):
+        for i in range(max(column - reach, 0), min(column + reach + 1, states.shape[1])):
             for m in range(len(around)):
                 around[m] |= states[j, i, m]
 

@@ -14,17 +14,16 @@ import numpy as np
 from vemlight.kernels import kernel, read_only, subroutine
 from vemlight.renderer.rays.embree import RayScene, function_address
 from vemlight.renderer.rays.packets import (
-    ALIKE_RAD,
     COHERENT,
-    INCOHERENT,
-    LEAST_SENT,
     OCCLUDED,
     ORIGIN,
     TIME,
+    alike,
     follow,
+    keep_arriving,
     new_packet,
-    of_tile,
     place_packet,
+    send,
     unanimous,
 )
 from vemlight.renderer.rays.soft_filter import DARK, LIT, TILE, UNKNOWN, filter_rows, tile_states
@@ -172,7 +171,7 @@ def _trace(scene, packet, surfaces, lights, pattern, agreed, first, arriving, fo
             m = 0
             for i in range(len(lights.directions)):
                 if lights.rays[i] == POINT:
-                    _trace_point(scene, packet, lights.directions, i)
+                    trace_point(scene, packet, lights.directions, i)
                 elif lights.rays[i] == 1:
                     _trace_soft(scene, packet, lights, i, pattern.one, agreed)
                     for y in range(height):
@@ -186,17 +185,11 @@ def _trace(scene, packet, surfaces, lights, pattern, agreed, first, arriving, fo
                     _trace_soft(scene, packet, lights, i, pattern.few, agreed)
                 else:
                     _trace_soft(scene, packet, lights, i, pattern.many, agreed)
-                around = of_tile(packet)
-                for k in range(TILE * TILE):
-                    fraction = packet.received[k] / packet.sent[k] if packet.sent[k] > LEAST_SENT else around
-                    packet.codes[k] = np.uint8(np.int32(np.float32(255) * fraction + np.float32(0.5)))
-                for y in range(height):
-                    for x in range(width):
-                        arriving[i, first + top + y, left + x] = packet.codes[TILE * y + x]
+                keep_arriving(packet, first + top, left, height, width, arriving[i])
 
 
-@subroutine
-def _trace_point(scene, packet, directions, i):
+@subroutine(forceinline=True)
+def trace_point(scene, packet, directions, i):
     """Traces a tile's rays to a point; received: (16,), what came through."""
     x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
     wanted = 0
@@ -213,42 +206,21 @@ def _trace_point(scene, packet, directions, i):
             packet.received[k] = packet.passed[k] if packet.wanted[k] != 0 and packet.far[k] >= 0 else np.float32(0)
 
 
-@subroutine
+@subroutine(forceinline=True)
 def _trace_soft(scene, packet, lights, i, offsets, agreed):
     """Traces a tile's rays to places spread over light i, other ones in each pixel. sent, received: (16,), the rays above the surface,
     weighted with their cosines, and what came through. After `agreed` rays of each pixel no more are traced if all or none came through."""
-    x, y, z = lights.directions[i, 0], lights.directions[i, 1], lights.directions[i, 2]
-    ax, ay, az = lights.axes[i, 0, 0], lights.axes[i, 0, 1], lights.axes[i, 0, 2]
-    bx, by, bz = lights.axes[i, 1, 0], lights.axes[i, 1, 1], lights.axes[i, 1, 2]
-    for k in range(TILE * TILE):
-        packet.sent[k], packet.received[k] = 0, 0
-    alike = max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz) < ALIKE_RAD * ALIKE_RAD
-    packet.arguments[0] = COHERENT if alike else INCOHERENT
+    packet.sent[:] = 0
+    packet.received[:] = 0
+    narrow = alike(lights, i)
     for turn in range(offsets.shape[0]):
         if turn >= agreed:
-            if (turn == PIXEL_AGREED or (alike and turn < PIXEL_AGREED)) and unanimous(packet):
+            if (turn == PIXEL_AGREED or (narrow and turn < PIXEL_AGREED)) and unanimous(packet):
                 break
-            if alike and turn == PIXEL_AGREED:
+            if narrow and turn == PIXEL_AGREED:
                 _finish_pixels(scene, packet, lights, i, offsets)
                 break
-        wanted = 0
-        for k in range(TILE * TILE):
-            u, v = offsets[turn, 0, k], offsets[turn, 1, k]
-            packet.x[k], packet.y[k], packet.z[k] = x + u * ax + v * bx, y + u * ay + v * by, z + u * az + v * bz
-        for k in range(TILE * TILE):
-            dx, dy, dz = packet.x[k], packet.y[k], packet.z[k]
-            cosine = packet.smooth[0, k] * dx + packet.smooth[1, k] * dy + packet.smooth[2, k] * dz
-            flat = packet.flat[0, k] * dx + packet.flat[1, k] * dy + packet.flat[2, k] * dz
-            weight = max(cosine, np.float32(0))
-            packet.sent[k] += weight
-            packet.rays[TIME, k] = weight
-            packet.wanted[k] = -1 if min(weight, flat) > 0 else 0
-            wanted += packet.wanted[k]
-        if wanted:
-            follow(scene, packet)
-            for k in range(TILE * TILE):
-                came = packet.passed[k] * packet.rays[TIME, k]
-                packet.received[k] += came if packet.wanted[k] != 0 and packet.far[k] >= 0 else np.float32(0)
+        send(scene, packet, lights, i, offsets, turn, turn + 1)
 
 
 @subroutine

@@ -22,6 +22,8 @@ from vemlight.renderer.passes.lights.visibility_layers import VisibilityLayers
 from vemlight.renderer.passes.mirrors.mirrors import Mirrors
 from vemlight.renderer.passes.near_lights.near_light_plan import near_of
 from vemlight.renderer.passes.shadow_maps.shadow_map_plan import Batch
+from vemlight.renderer.rays.sampled_tracing import Settled, trace_first, trace_next
+from vemlight.renderer.rays.sampled_tracing import warm as warm_samples
 from vemlight.renderer.rays.soft_pattern import soft_pattern
 from vemlight.renderer.rays.tracing import RayTracer, TracedLights
 from vemlight.renderer.scene.scene import Scene
@@ -36,6 +38,7 @@ class TracedVisibility:
     def __init__(self, scene: Scene, size: tuple[int, int], layers: VisibilityLayers, beside: "TracedVisibility | None" = None) -> None:
         """beside: for the same scene at another size, whose triangles this uses."""
         self._tracer, self._size, self._layers = RayTracer(scene, size, beside and beside._tracer), size, layers
+        self._settled: dict[int, Settled] = {}  # by the first sample, of the lights from a number on
 
     def coarse(self, scene: Scene, size: tuple[int, int], layers: VisibilityLayers) -> "TracedVisibility":
         """What traces for the same scene at another size."""
@@ -65,14 +68,21 @@ class TracedVisibility:
         """Traces those lights of a batch that its plan says, from a sample of each pixel's `samples`. whole: as RayTracer.trace has it."""
         texture = self._layers.make_room(max(batch.slots, 1))
         layers = batch.of(batch.unknown)["map"].astype(int).tolist()
-        lights, pattern = traced_lights(batch.traced, batch.rays), soft_pattern(sample, samples)
+        lights = traced_lights(batch.traced, batch.rays)
         width, height = self._size
         together = max(MAX_TRACED_BYTES // (width * height), 1)
         for first in range(0, len(layers), together):
             part = TracedLights(*(each[first : first + together] for each in lights))
-            arriving = self._tracer.trace(part, pattern, whole)
+            arriving = self._trace(part, sample, samples, first) if samples > 1 else self._tracer.trace(part, soft_pattern(0, 1), whole)
             for own, layer in zip(arriving, layers[first : first + together], strict=True):
                 texture.write(own.data, viewport=(0, 0, layer, width, height, 1), alignment=1)
+
+    def _trace(self, lights: TracedLights, sample: int, samples: int, number: int) -> np.ndarray:
+        """Traces lights, from a number of their batch on, at one of several samples; the first comes first."""
+        if sample:
+            return trace_next(self._tracer, lights, sample, samples, self._settled[number])
+        arriving, self._settled[number] = trace_first(self._tracer, lights, samples)
+        return arriving
 
     def near(self, lights: NearLightSet, sample: int, samples: int, whole: bool) -> Iterator[np.ndarray]:
         """The fraction (height, width) uint8 of each near light that arrives, one after the other; the others as `trace` has them."""
@@ -83,9 +93,11 @@ class TracedVisibility:
             part = np.arange(first, min(first + together, len(lights.ids)))
             yield from trace_near(self._tracer, near_of(lights, part), sample, samples, whole)
 
-    def warm(self, near: bool) -> None:
-        """Compiles, or loads, what a picture needs; near: one with near lights."""
+    def warm(self, near: bool, samples: int) -> None:
+        """Compiles, or loads, what a picture of so many samples needs; near: one with near lights."""
         self._tracer.warm()
+        if samples > 1:
+            warm_samples(self._tracer)
         if near:
             from vemlight.renderer.rays.near_tracing import warm
 

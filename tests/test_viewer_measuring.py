@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import tomli_w
 
 from tests.support.processes import is_running
 from vemlight.errors import UserError
@@ -123,13 +124,29 @@ def test_a_child_that_does_not_end_is_killed_with_what_it_started(doctor, monkey
     assert not any(is_running(pid) for pid in asyncio.run(whole()))
 
 
-@pytest.mark.parametrize(("settings", "line"), [
-    (Settings(capture=Capture(source="/dev/video0")), "a camera serves one run at a time"),
-    (Settings(rig=Rig(file="rig.toml")), "cameras of a rig serve one run at a time"),
-])  # fmt: skip
-def test_what_one_run_holds_is_not_given_to_another(settings, line):
-    with pytest.raises(UserError, match=line):
-        Measuring().start(settings)
+def rig_file(folder: Path, *sources: str) -> str:
+    """A rig's file with a camera of each source."""
+    cameras = [{"name": f"c{k}", "source": source, "at": [float(k), 0.0, 1.0]} for k, source in enumerate(sources)]
+    (folder / "rig.toml").write_text(tomli_w.dumps({"camera": cameras}))
+    return str(folder / "rig.toml")
+
+
+def test_what_one_run_holds_is_not_given_to_another(tmp_path):
+    with pytest.raises(UserError, match="a camera serves one run at a time"):
+        Measuring().start(Settings(capture=Capture(source="/dev/video0")))
+    with pytest.raises(UserError, match="cameras of a rig serve one run at a time"):
+        Measuring().start(Settings(rig=Rig(file=rig_file(tmp_path, "recorded", "/dev/video0"))))
+
+
+def test_a_rig_of_recordings_is_measured(doctor, tmp_path):
+    doctor(FOUND)
+
+    async def whole() -> str:
+        made = Measuring()
+        await made.start(Settings(rig=Rig(file=rig_file(tmp_path, "left", "right"))))
+        return made.state
+
+    assert asyncio.run(whole()) == "done"
 
 
 def test_the_newest_line_is_told_unless_something_fails():

@@ -17,6 +17,7 @@ import tomli_w
 
 from vemlight.errors import UserError, printable_line
 from vemlight.runtime.children import plain_environment
+from vemlight.runtime.instances import rig_cameras
 from vemlight.settings import Settings
 from vemlight.source_names import is_camera
 
@@ -46,8 +47,10 @@ class Measuring:
         """Begins to try `settings`; the task ends with it. Raises UserError where that cannot be, or goes on already."""
         if self.state == "running":
             raise UserError("it is going on already; wait for it, or stop it")
-        if is_camera(settings.capture.source) or settings.rig.file:
-            raise UserError(RIG if settings.rig.file else CAMERA)
+        if is_camera(settings.capture.source):
+            raise UserError(CAMERA)
+        if any(is_camera(camera.source) for camera in rig_cameras(settings.rig.file)):
+            raise UserError(RIG)
         self.state, self.text, self.file = "running", "looking at this machine", b""
         self._task = asyncio.create_task(self._measure(settings))
         return self._task

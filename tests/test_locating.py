@@ -115,6 +115,18 @@ def test_a_lamp_that_flickers_or_is_dimmed_keeps_its_id(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("level", [-2.0, -0.7, 0.7])
+def test_a_lamp_that_moves_and_is_dimmed_at_once_is_the_same(seed, level):
+    """A lamp that is carried, 8 cm from a frame to the next, and switched to another level; not so one that is twice as far away."""
+    moved = LAMP._replace(at=LAMP.at + np.array([0.06, -0.05, 0.02]), ln_power=level)
+    ids = ids_of(rig_of(TRIANGLE), [[OTHER, LAMP]] * 4 + [[OTHER, moved]] * 3, seed)
+    assert all(each == [0, 1] for each in ids[1:])
+    behind = LAMP._replace(at=np.array([2.4, 1.8, 3.5]), ln_power=level)
+    ids = ids_of(rig_of(TRIANGLE), [[OTHER, LAMP]] * 4 + [[OTHER, behind]] * 3, seed)
+    assert ids[-1] == [0, 2]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_lamp_that_returns_has_its_id_in_its_first_frame(seed):
     """However long it was off, and however bright it is now."""
     off = [[OTHER]] * (3 + 7 * seed)

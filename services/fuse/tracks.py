@@ -19,6 +19,7 @@ GATE = 20.0  # chi2 of 4 degrees of freedom
 NEAR_SIGMAS, STAY_SIGMAS = 5.0, 3.0
 MOVED_RAD, MOVED_CHROMA, MOVED_LN_INTENSITY = np.radians(20.0), 0.04, 0.4  # a light that jumps is the same one within these
 NEW_SLOWER = 5.0  # one that was seen once and moves does so within 4 degrees: a lamp that is carried past at two metres
+DIMMED_RHO = 0.2  # relative, by which the distance of one that moves and is dimmed at once may change: 4 degrees are 7 % across
 BACK_SIGMAS, BACK_M = 4.0, 0.03  # and one that comes back, where it was; what a lamp on a stand sways
 DIMMED_LN_FLUX = 3.0  # by which a light that stays may become fainter or brighter at once: a factor of 20
 MIN_MARGIN = 3.0  # of a light over another explanation, in halves of chi2, for it to be thought near: 20 to 1
@@ -105,9 +106,10 @@ def followed(before: Followed, seen: Tracks, is_still_lit: np.ndarray) -> Follow
         a, b = _same(dimmed, seen.take(new_left))
         tracks = tracks.joined(_filtered(dimmed.take(a), seen.take(new_left[b])))
         own_left, new_left = np.delete(own_left, a), np.delete(new_left, b)
-        a, b = _pairs(_moved_values(known.take(own_left), seen.take(new_left)))
-        tracks = tracks.joined(_restarted(known.take(own_left[a]), seen.take(new_left[b])))
-        own_left, new_left = np.delete(own_left, a), np.delete(new_left, b)
+        for values in (_moved_values, _moved_and_dimmed_values):
+            a, b = _pairs(values(known.take(own_left), seen.take(new_left)))
+            tracks = tracks.joined(_restarted(known.take(own_left[a]), seen.take(new_left[b])))
+            own_left, new_left = np.delete(own_left, a), np.delete(new_left, b)
     lost = before.lost
     if len(lost.ids) and len(new_left):
         a, b = _pairs(_back_values(lost, seen.take(new_left)))
@@ -157,6 +159,17 @@ def _moved_values(known: Tracks, seen: Tracks) -> np.ndarray:
     intensity = np.abs(_ln_intensity(known)[:, None] - _ln_intensity(seen)[None]) / MOVED_LN_INTENSITY
     angle = np.where((known.hits >= HITS)[:, None], angle, NEW_SLOWER * angle)
     return np.where((angle < 1) & (colour < 1) & (intensity < 1), 4 - angle - colour - intensity, 0.0)
+
+
+def _moved_and_dimmed_values(known: Tracks, seen: Tracks) -> np.ndarray:
+    """The same where it may have become fainter or brighter, too: within 4 degrees, and not much nearer or farther."""
+    angle = NEW_SLOWER * np.arccos(np.clip(known.u @ seen.u.T, -1, 1)) / MOVED_RAD
+    colour = np.abs(known.chroma[:, None] - seen.chroma[None]).max(axis=2, initial=0.0) / MOVED_CHROMA
+    variances = (known.noise + known.fixed)[:, 2, 2, None] + (seen.noise + seen.fixed)[None, :, 2, 2]
+    inward = np.abs(known.rho[:, None] - seen.rho[None]) / (DIMMED_RHO * np.abs(known.rho[:, None]) + BACK_SIGMAS * np.sqrt(variances))
+    dimmed = np.abs(_ln_intensity(known)[:, None] - _ln_intensity(seen)[None]) / DIMMED_LN_FLUX
+    like = (angle < 1) & (colour < 1) & (inward < 1) & (dimmed < 1) & (known.near & (known.hits >= HITS))[:, None]
+    return np.where(like, 4 - angle - colour - inward, 0.0)
 
 
 def _back_values(lost: Tracks, seen: Tracks) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 A cell is hot where its luminance is above HOT_RATIO times the median around it. Hot cells around a
 peak, linked in steps of LINK_RAD, are a source; its core are those above CORE of the peak: a lamp without its glow on the wall beside it.
-Its light is what its core and the cells within GROW_RAD of that, the rim, hold above the median of the rim.
+Its light is what its core and the cells within GROW_RAD of that, the rim, hold above the median of the rim; its direction is that of the
+cells above BRIGHT of the peak, since glow on a wall lies to one side of its lamp.
 """
 
 import math
@@ -24,6 +25,9 @@ WINDOW_ROWS, WINDOW_COLS, WINDOW_RAD = 1, 3, math.radians(15.0)  # blocks up and
 PROMINENCE = 3.0  # of the peak over the rim: light on a wall beside a lamp fades out and has 1.5 to 3, a window 6, a lamp 20 and more
 SURE = 1.5  # times the limits of strength and prominence: cameras a metre apart see a lamp's flux alike to a third
 CORE = 0.03  # of a source's brightest cell: above the glow on walls near a lamp, below the cells at a lamp's edge; 0.02 to 0.1 would do
+# Of a source's brightest cell, above which cells have a say in its direction. Degrees rms in large rooms, lamps 10 to 20 cm from a wall and
+# lamps in the open: .19, .076 by all cells; .16, .073 by the core; .085, .063 above .1; .065, .066 above .2; .068, .073 above .3.
+BRIGHT = 0.15
 MERGE = 0.5  # of the lower of two peaks: the saddle below which they are two lamps; noise makes 0.9, two lamps two cells apart 0.1
 LINK_RAD = math.radians(1.6)  # at cells of a degree: the next but one is another source
 GROW_RAD = math.radians(1.5)  # what blur of a lens and a cell leave around a lamp
@@ -39,11 +43,12 @@ SUBCELL = 1 / 3  # of a cell's side: a part of a bright cell
 class CompactSources(NamedTuple):
     """Sources of a map, the strongest first, in the map's axes.
 
-    directions: (n, 3) float64 unit vectors, centroids of their flux. flux: (n, 3) RGB irradiance on a plane that faces them. noise, fixed:
-    (n,) rad^2, variance of a direction along an axis across it: what is new in each frame, and what stays. spread: (n,) rad^2, second
-    moment of the source about its direction, both axes together. peak: (n,), luminance of its brightest cell. background: (n, 3), radiance
-    behind it. owner: (rows * cols,) int16, the source that a cell belongs to, -1: none. sure: (n,) bool, whether it is so far above what is
-    left out that another camera, which sees it too, cannot have left it out. beyond: how many more there are than MAX_SOURCES.
+    directions: (n, 3) float64 unit vectors, centroids of their bright cells' flux. flux: (n, 3) RGB irradiance on a plane that faces them.
+    noise, fixed: (n,) rad^2, variance of a direction along an axis across it: what is new in each frame, and what stays. spread: (n,)
+    rad^2, second moment of the source about its direction, both axes together. peak: (n,), luminance of its brightest cell. background:
+    (n, 3), radiance behind it. owner: (rows * cols,) int16, the source that a cell belongs to, -1: none. sure: (n,) bool, whether it is so
+    far above what is left out that another camera, which sees it too, cannot have left it out. beyond: how many more there are than
+    MAX_SOURCES.
     """
 
     directions: np.ndarray
@@ -351,6 +356,10 @@ def _centroid(s, radiance, luminance, members, background, behind, directions, s
             light = radiance[i, j, c]
             table[s, 3 + c] += ((light if 0 < light < np.inf else 0.0) - background[c]) * solid_angles[i]
         table[s, 10] = max(table[s, 10], luminance[i, j])
+    for cell in members:
+        i, j = cell // cols, cell % cols
+        if luminance[i, j] < BRIGHT * table[s, 10]:
+            continue
         light = (luminance[i, j] - behind) * solid_angles[i]
         n = part_of[cell]
         if n < 0:
@@ -370,7 +379,7 @@ def _centroid(s, radiance, luminance, members, background, behind, directions, s
 def _spreads(s, luminance, members, core, behind, directions, solid_angles, pitch, part_of, cells, centres, weights, table):
     # variances, radius and second moment of a source about its direction
     cols = luminance.shape[1]
-    flux, noise, grain, moment = 0.0, 0.0, 0.0, 0.0
+    flux, bright_flux, noise, grain, moment = 0.0, 0.0, 0.0, 0.0, 0.0
     for at in range(len(members)):
         cell = members[at]
         i, j = cell // cols, cell % cols
@@ -389,9 +398,11 @@ def _spreads(s, luminance, members, core, behind, directions, solid_angles, pitc
                 moment += light * weights[n] * (centres[n, x] - table[s, x]) ** 2
             n += 1
         flux += light
-        noise += seen * seen * away
-        grain += light * light * side * side / 12
-    if flux > 0:
-        table[s, 6] = NOISE * NOISE * noise / (2 * flux * flux)
-        table[s, 7] = grain / (flux * flux)
+        if luminance[i, j] >= BRIGHT * table[s, 10]:
+            bright_flux += light
+            noise += seen * seen * away
+            grain += light * light * side * side / 12
+    if flux > 0 and bright_flux > 0:
+        table[s, 6] = NOISE * NOISE * noise / (2 * bright_flux * bright_flux)
+        table[s, 7] = grain / (bright_flux * bright_flux)
         table[s, 9] = max(moment / flux, 0.0)

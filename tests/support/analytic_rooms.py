@@ -13,12 +13,13 @@ from vemlight.fuse.rig_file import CameraRig, RigCamera
 from vemlight.light.bright_cells import bright_cells_from_light
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
-from vemlight.light.sphere import SPAN, Coverage, cell_directions, cell_solid_angles, direction_from_angles
+from vemlight.light.sphere import SPAN, Coverage, cell_directions, cell_solid_angles, direction_from_angles, quaternion_xyz
 
 COARSE, FINE = 2, 13  # samples on a side of a cell, and of one near a lamp
 NEAR_RAD = math.radians(2.0)  # around a lamp
 BRIGHT_FRACTION, MAX_BRIGHT_CELLS = 1 / 500, 64  # as capture makes them
 FAR = 1e9
+TILE_M = 0.4  # of a textured wall
 
 
 class Lamp(NamedTuple):
@@ -47,7 +48,8 @@ class Lamp(NamedTuple):
 
 class Room(NamedTuple):
     """size: (3,) m. albedo: (6, 3) of the walls -x, x, -y, y, floor, ceiling. boxes: (low, high, albedo). ambient: radiance of the even
-    rest at albedo 1. mirror: part of the wall +x that mirrors, (y0, z0, y1, z1, reflectance), or None.
+    rest at albedo 1. mirror: part of the wall +x that mirrors, (y0, z0, y1, z1, reflectance), or None. texture: standard deviation of ln
+    albedo from one tile of TILE_M to the next.
     """
 
     size: np.ndarray
@@ -56,6 +58,7 @@ class Room(NamedTuple):
     boxes: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...] = ()
     ambient: float = 0.02
     mirror: tuple[float, float, float, float, float] | None = None
+    texture: float = 0.0
 
 
 def sphere_lamp(at: tuple[float, float, float], candela: tuple[float, float, float] | float, radius: float = 0.04) -> Lamp:
@@ -79,7 +82,7 @@ def room_map(
     """What a camera at `place`, turned by world_from_camera (3, 3), sees, 4 columns a row of the hemisphere. lamps_seen: which lamps it
     sees; the others are hidden from it alone, as behind a pole."""
     turn = np.eye(3) if turn is None else turn
-    cols = 360
+    cols = round(rows * 2 * math.pi / SPAN[coverage])
     place = np.asarray(place, float)
     hidden = () if lamps_seen is None else tuple(n for n, seen in enumerate(lamps_seen) if not seen)
     angles = SPAN[coverage] / rows, 2 * math.pi / cols
@@ -223,6 +226,10 @@ def _reflected(room: Room, places: np.ndarray, normals: np.ndarray, albedo: np.n
             distance, _ = _box(places + 1e-4 * normals, to / away[:, None], low, high)
             seen = np.where(distance < away, 0.0, seen)
         light += (seen * cosine / (math.pi * away**2))[:, None] * lamp.intensity_to(places)
+    if room.texture:
+        tile = np.floor((places + 100.0) / TILE_M - 1e-6).astype(np.uint64) @ np.array([73856093, 19349663, 83492791], np.uint64)
+        even = ((tile * np.uint64(2654435761) >> np.uint64(8)) % np.uint64(65536) + 0.5) / 65536
+        albedo = np.minimum(albedo * np.exp(room.texture * math.sqrt(12) * (even - 0.5))[:, None], 0.95)
     return albedo * light
 
 
@@ -315,3 +322,54 @@ def kept_room(seed: int) -> Room:
     low = np.array([rng.uniform(1.6, 2.0), rng.uniform(-1.5, 0.5), 0.0])
     boxes = ((low, low + rng.uniform(0.4, 1.0, 3) * (1, 1, 1.5), rng.uniform(0.1, 0.8, 3)),)
     return Room(size, albedo, tuple(lamps), boxes, float(rng.uniform(0.005, 0.08)))
+
+
+class WideRig(NamedTuple):
+    """Places (n, 3) and turns (n quaternions) of cameras that stand 0.25 to 4 m apart."""
+
+    places: np.ndarray
+    turns: list[tuple[float, float, float, float]]
+
+
+def wide_room(seed: int) -> tuple[Room, WideRig]:
+    """A large room that each camera of its rig, of 2 to 6 on the floor, a wall or the ceiling, sees otherwise: textured walls, lamps a
+    hand's breadth from them, panels that face anywhere into the room, and pillars that hide lamps from some.
+    """
+    rng = np.random.default_rng(50_000 + seed)
+    size = np.array([rng.uniform(6, 12), rng.uniform(5, 9), rng.uniform(2.8, 4.5)])
+    half = size[:2] / 2
+    albedo = np.clip(rng.uniform(0.2, 0.8, (6, 1)) * rng.uniform(0.85, 1.15, (6, 3)), 0, 0.9)
+    kind, apart = rng.choice(["floor", "wall", "ceiling"], p=[0.5, 0.3, 0.2]), float(rng.uniform(0.5, 4))
+    count = int(rng.integers(2, 7))
+    centre = {"floor": (0.0, 0.0, 1.0), "wall": (0.0, -half[1] + 0.4, 1.6), "ceiling": (0.0, 0.0, size[2] - 0.3)}[str(kind)]
+    along = np.linspace(-0.5, 0.5, count) * max(count - 1, 1) ** 0.5
+    places = np.array(centre) + apart * np.stack([along, 0.4 * rng.uniform(-1, 1, count) * (kind != "wall"), 0 * along], axis=1)
+    places[:, 2] += rng.uniform(-0.15, 0.15, count) * (1 if kind == "floor" else 0.5)
+    places[:, :2] = np.clip(places[:, :2], -half + 0.3, half - 0.3)
+    tilt = {"floor": 0.0, "wall": -90.0, "ceiling": 180.0}[str(kind)]  # about x: the axis looks up, along y, down
+    turns = [quaternion_xyz((tilt + rng.uniform(-5, 5), rng.uniform(-5, 5), rng.uniform(-180, 180) * (kind == "floor"))) for _ in places]
+    lamps, wanted = list[Lamp](), int(rng.integers(3, 8))
+    while len(lamps) < wanted:
+        low = 0.3 if kind != "floor" else 1.3
+        at = np.array([*(rng.uniform(-0.9, 0.9, 2) * half), rng.uniform(low, size[2] - (0.3 if kind != "ceiling" else 0.8))])
+        by_wall = rng.random() < 0.3
+        if by_wall:
+            side = int(rng.integers(0, 2))
+            at[side] = rng.choice([-1, 1]) * (half[side] - rng.uniform(0.1, 0.2))
+        if np.linalg.norm(places - at, axis=1).min() < 1.0 or any(np.linalg.norm(at - lamp.at) < 0.6 for lamp in lamps):
+            continue
+        strength, colour = 10 ** rng.uniform(-0.3, 0.5), rng.uniform(0.6, 1.0, 3)
+        if not by_wall and rng.random() < 0.5:
+            towards = places.mean(axis=0) + rng.uniform(-4, 4, 3) * (1, 1, 0.3)
+            lamps.append(panel_lamp(tuple(at), tuple(towards), strength, float(rng.uniform(0.1, 0.4)), tuple(colour)))
+        else:
+            lamps.append(sphere_lamp(tuple(at), tuple(strength * colour), float(rng.uniform(0.02, 0.07))))
+    boxes = []
+    for _ in range(int(rng.integers(0, 6))):
+        corner = np.array([*(rng.uniform(-0.8, 0.8, 2) * half), 0.0])
+        if np.linalg.norm(places[:, :2] - corner[:2], axis=1).min() > 0.8:
+            extent = np.array([*rng.uniform(0.2, 0.5, 2), size[2] * rng.uniform(0.5, 1.0)])
+            boxes.append((corner, corner + extent, rng.uniform(0.2, 0.7, 3)))
+    texture = float(rng.choice([0.0, 0.6, 1.2]))
+    room = Room(size, albedo, tuple(lamps), tuple(boxes), float(rng.uniform(0.01, 0.05)), None, texture)
+    return room, WideRig(places, turns)

@@ -130,11 +130,11 @@ def test_a_lamp_on_the_line_through_both_cameras_has_its_distance_by_flux():
         assert len(first[1].ids) == 0
         for _, points, _ in results:
             assert len(points.ids) == 1
-            assert errors(points, (bulb,))[0] < 3 * points.sigma[0] < 0.6 * distance
+            assert errors(points, (bulb,))[0] < 3 * points.sigma[0] < 0.65 * distance
 
 
 def test_poses_that_are_more_wrong_than_declared_publish_nothing():
-    """Two cameras have few checks, and a wrong rig passes them by chance: 5, 0 and 0 of 40 with 2, 3 and 4 cameras were measured."""
+    """Two cameras have few checks, and a wrong rig passes them by chance: 2, 0 and 0 of 40 with 2, 3 and 4 cameras were measured."""
     rng = np.random.default_rng(8)
     for places, most in ((PAIR, 2), (TRIANGLE, 0), (SQUARE, 0)):
         rig, published = rig_of(places), 0
@@ -143,6 +143,33 @@ def test_poses_that_are_more_wrong_than_declared_publish_nothing():
             published += len(points.ids) > 0
             assert len(points.ids) > 0 or (report.unexplained >= 2 and report.located == 0)
         assert published <= most
+
+
+def test_lamps_that_some_cameras_see_otherwise_or_not_at_all_silence_no_other():
+    """Cameras metres apart: each sees two lamps of its own, and a panel sends each another flux. Poses are right: the rest is sure."""
+    rng = np.random.default_rng(34)
+    rig = rig_of(TRIANGLE * (3, 3, 1))
+    own = [[far((*rng.normal(size=2), rng.uniform(0.3, 1.0)), 0.3, 0.02) for _ in range(2)] for _ in TRIANGLE]
+    panel = Bulb((-0.5, 2.2, 2.4))
+    maps = [
+        lamp_maps((*BULBS, *alone, panel._replace(intensity=(power,) * 3)), rig, np.random.default_rng(35))[k]
+        for k, (alone, power) in enumerate(zip(own, (0.25, 1.0, 2.0), strict=True))
+    ]
+    for _, points, report in fused(rig, [maps] * 3, rng)[1:]:
+        assert report.believed
+        assert report.unexplained >= 5
+        away = np.array([np.linalg.norm(np.subtract(bulb.at, rig.centre)) for bulb in BULBS])
+        assert (errors(points, BULBS) < 0.02 * away).all()
+
+
+def test_glow_on_a_wall_turns_no_bearing():
+    """A lamp 12 cm from a wall lights it to one side; its direction is right to a tenth of a cell, of 1 and of 2 degrees."""
+    lamp, place = sphere_lamp((1.2, 2.38, 2.0), 1.0), np.array([0.3, -0.4, 1.1])
+    room = Room(np.array([6.0, 5.0, 3.0]), np.full((6, 3), 0.7), (lamp,), ambient=0.01)
+    to = (lamp.at - place) / np.linalg.norm(lamp.at - place)
+    for rows in (90, 45):
+        found = compact_sources.compact_sources(room_map(room, place, rows=rows))
+        assert np.degrees(np.linalg.norm(found.directions - to, axis=1).min()) < 0.1 * 90 / rows
 
 
 def test_a_lamp_in_a_mirror_is_where_it_seems_to_be():

@@ -73,7 +73,7 @@ def write_located(options: LocateOptions) -> Report:
         text += f"; up to {unexplained} compact sources a frame fit no place: hidden from other cameras, or a pose is wrong"
     if misfits:
         text += f"; in {misfits} frames no near light is published: lamps do not fit one place each within pose_deg and pose_m of the "
-        text += "rig: a pose is wrong by more, or the cameras see the lamps differently (panels from the side, lamps that are half hidden)"
+        text += "rig: a pose is wrong by more, or the lamps are too few to tell"
     values = {"out": str(options.out), "frames": done, "near_lights": len(located), "unexplained": unexplained, "misfits": misfits}
     return Report(text, values)
 

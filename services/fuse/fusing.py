@@ -7,11 +7,12 @@ import numpy as np
 
 from vemlight.fuse.compact_sources import MAX_SOURCES, CompactSources, compact_sources
 from vemlight.fuse.gains import Gains, gains_by_lights, gains_by_walls, initial_gains
-from vemlight.fuse.matching import PAIR_CHI2, SEES, SOURCE_NUMBERS, Matches, SeenSources, matches
+from vemlight.fuse.matching import SEES, SOURCE_NUMBERS, Matches, SeenSources, from_camera, is_seen_at, matches
 from vemlight.fuse.rest import CameraView, FusedMap, fused, fused_layout, layout_of, without_lights
 from vemlight.fuse.rig_file import CameraRig
 from vemlight.fuse.tracks import HITS, Followed, Tracks, followed, no_tracks, tracks_of
 from vemlight.fuse.triangulation import FLUX_SIGMA, UNKNOWN_FLUX
+from vemlight.fuse.trust import FRAMES, evidence
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.near_lights import MAX_NEAR_LIGHTS, NearLightSet
@@ -21,25 +22,17 @@ MIN_SUBJECT_M = 0.05  # a camera nearer to the subject counts as if it were so f
 FLUX_NOISE = 0.01  # of ln flux, new each frame: 2 % a cell over the four cells of the smallest lamp
 SATURATED_SIGMA = 1.0  # of ln flux where pixels are at the sensor's highest code
 SATURATED_SHARE = 0.5  # of the map's brightest cell: sources with such a peak may hold them
-STILL_LIT_RAD, STILL_LN_FLUX = np.radians(1.5), 1.0  # of a source that may be a light which is not located
 ALONE_RAD = np.radians(3.0)  # from the next source: twice the reach of a source's rim
 MIN_OF_NEAR = 0.01  # of the near lights' irradiance: what curved mirrors show is weaker, and no place holds it
 MIN_CLEAR_M = 0.05  # of a light's surface from every camera
-# Of chi2 over its degrees of freedom: rooms have 0.04 to 0.9 when poses are as declared, 0.2 to 2.2 at twice and 1.4 to 3.4 at four times
-# their errors.
-MAX_MISFIT, MISFIT_SIGMAS, MISFIT_FRAMES = 0.8, 2.0, 4
-UNEXPLAINED_CHI2 = 4.0  # of a source that no other camera's fits: it is hidden from them, or a pose is wrong
-# Of a source without a light, near where its camera should see one that has none there, but LEFT_OUT_SIGMAS off (nearer ones were left out
-# for their flux, which says nothing of poses): matching.py's gate, which kept it out.
-LEFT_OUT_CHI2, LEFT_OUT_FREEDOM, LEFT_OUT_SIGMAS = PAIR_CHI2, 3, 3.0
 
 
 class FuseState(NamedTuple):
     """What fusing remembers between frames.
 
     rig: the cameras. weights: (cameras,) of each map in the mean, sum 1. gains: what brings the cameras to one radiance unit. lights: near
-    and far ones, which more than one camera sees, and those that are off. misfit: mean of the last frames', see FuseReport; None before the
-    first light.
+    and far ones, which more than one camera sees, and those that are off. misfit, trust: means of the last frames' misfit and ln odds, see
+    trust.py; None before the first light.
     """
 
     rig: CameraRig
@@ -47,6 +40,7 @@ class FuseState(NamedTuple):
     gains: Gains
     lights: Followed
     misfit: float | None
+    trust: float | None
     hits: int = HITS
 
     @staticmethod
@@ -56,7 +50,7 @@ class FuseState(NamedTuple):
         if subject is not None:
             weights = 1 / np.maximum(np.linalg.norm(rig.places - np.asarray(subject), axis=1), MIN_SUBJECT_M) ** 2
         none = no_tracks(len(rig.camera))
-        return FuseState(rig, weights / weights.sum(), initial_gains(rig), Followed(none, none, 0), None)
+        return FuseState(rig, weights / weights.sum(), initial_gains(rig), Followed(none, none, 0), None, None)
 
 
 class FuseReport(NamedTuple):
@@ -66,9 +60,8 @@ class FuseReport(NamedTuple):
     of all cameras. located: near lights. hidden: of them, not located in this frame. unexplained: sources that two cameras should see and
     that no place explains, as when a pose is wrong by more than the rig file says. silent: names of cameras without a map, or without any
     light in it beside others that have some. gains: (cameras, 3), in use. uncovered: fraction of the fused map that no camera sees. misfit:
-    how far the lights of two or more cameras are from one place each, chi2 over its degrees of freedom; 0.1 to 0.9 where poses are as good
-    as the rig file says. believed: whether it is small enough for near lights to be published. limits: those of this program that were
-    reached, in words.
+    how far the directions of lights are from one place each, as trust.py has it. believed: whether poses as the rig file has them are the
+    likelier explanation, so that near lights are published. limits: those of this program that were reached, in words.
     """
 
     irradiance: np.ndarray
@@ -114,10 +107,12 @@ def fuse_step(
     lights = followed(state.lights, _measured(matched, seen, found), _is_still_lit(state.lights.tracks, seen))
     gains = gains_by_lights(gains, state.rig, matched, _known_fluxes(found, in_use, seen), seen.offsets)
     near, seen_near = _published(lights.tracks, state.rig, state.hits)
-    unexplained = _unexplained(matched, seen, found)
-    now = _frame_fit(matched, seen, unexplained)
-    misfit = _misfit(state.misfit, now)
-    believed = _is_believed(misfit, now)
+    free = _unexplained(matched, seen, found)
+    unexplained = sum(len(each) for each in free)
+    now = evidence(matched, seen, free)
+    trust = _mean(state.trust, now and now.ln_odds)
+    misfit = _mean(state.misfit, now and now.misfit)
+    believed = trust is None or trust > 0
     unexplained += 0 if believed else int(np.count_nonzero(near.sources >= 0))
     near = near if believed else near.take(np.zeros(len(near.ids), bool))
     points = _near_lights(near, state.rig.centre, max(misfit or 0.0, 1.0))
@@ -135,7 +130,7 @@ def fuse_step(
         believed=believed,
         limits=_limits(state.rig, found, matched, seen_near),
     )
-    return state._replace(gains=gains, lights=lights, misfit=misfit), rest.map, points, report
+    return state._replace(gains=gains, lights=lights, misfit=misfit, trust=trust), rest.map, points, report
 
 
 def _lit(maps: Sequence[EnvironmentMap | None]) -> list[EnvironmentMap | None]:
@@ -151,56 +146,6 @@ def _known_fluxes(found: Sequence[CompactSources | None], gains: np.ndarray, see
         flux = each.flux * gains[k] if each else np.zeros((0, 3))
         fluxes.append(np.where(seen.table[k, : len(flux), 6:7] < UNKNOWN_FLUX, flux, np.nan))
     return fluxes
-
-
-class _FrameFit(NamedTuple):
-    """chi2 of a frame's lights, of sources that were left out of them, and of those without a light; and the degrees of freedom."""
-
-    chi2: float
-    freedom: int
-
-
-def _frame_fit(matched: Matches, seen: SeenSources, unexplained: int) -> _FrameFit | None:
-    """None where no light says anything of the poses."""
-    if not len(matched.fit):
-        return None
-    left_out = min(_left_out(matched, seen), unexplained)
-    chi2 = float(matched.fit[:, 5].sum()) + LEFT_OUT_CHI2 * left_out + UNEXPLAINED_CHI2 * (unexplained - left_out)
-    freedom = int(3 * np.count_nonzero(matched.sources >= 0) - 4 * len(matched.fit))
-    return _FrameFit(chi2, freedom + LEFT_OUT_FREEDOM * left_out + unexplained - left_out)
-
-
-def _left_out(matched: Matches, seen: SeenSources) -> int:
-    """How many sources without a light are about where their camera should see one that it has no source of."""
-    count = 0
-    for k in range(len(seen.counts)):
-        own = seen.table[k, : seen.counts[k]]
-        lights = matched.fit[matched.sources[:, k] < 0]
-        if not len(lights):
-            continue
-        free = np.setdiff1d(np.arange(len(own)), matched.sources[:, k])
-        near = _is_seen_at(lights[:, :3], lights[:, 3], lights[:, 4], seen.offsets[k], own[free])
-        directions, _ = _from_camera(lights[:, :3], lights[:, 3], lights[:, 4], seen.offsets[k])
-        along = (directions * seen.offsets[k]).sum(axis=1)
-        of_place = lights[:, 6] + lights[:, 11] + ((seen.offsets[k] ** 2).sum() - along**2) * lights[:, 16]
-        of_pose = seen.pose[0] ** 2 + (seen.pose[1] * lights[:, 3]) ** 2
-        error = (of_place + of_pose)[:, None] + own[free, 4] + own[free, 5]
-        near &= ((directions[:, None] - own[None, free, :3]) ** 2).sum(axis=2) > LEFT_OUT_SIGMAS**2 * error
-        count += min(int(np.count_nonzero(near.any(axis=0))), int(np.count_nonzero(near.any(axis=1))))
-    return count
-
-
-def _misfit(before: float | None, now: _FrameFit | None) -> float | None:
-    """chi2 over its degrees of freedom, mean of the last frames."""
-    if now is None:
-        return before
-    own = now.chi2 / now.freedom
-    return own if before is None else before + (own - before) / MISFIT_FRAMES
-
-
-def _is_believed(misfit: float | None, now: _FrameFit | None) -> bool:
-    """Whether lights fit their places as well as the rig file's poses promise; the fewer there are, the more chance has a say."""
-    return misfit is None or now is None or bool(misfit < MAX_MISFIT + MISFIT_SIGMAS * np.sqrt(2 / now.freedom))
 
 
 def _seen(
@@ -254,26 +199,12 @@ def _measured(matched: Matches, seen: SeenSources, found: Sequence[CompactSource
     return tracks_of(matched, chroma / np.maximum(coloured, 1e-9)[:, None], spread / cameras, sure & (alone | (cameras > 2)))
 
 
-def _from_camera(u: np.ndarray, rho: np.ndarray, s: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (n, 3) of lights from a camera, and ln flux (n,) there."""
-    p = u + rho[:, None] * offset
-    length = np.linalg.norm(p, axis=1)
-    return p / np.maximum(length, 1e-9)[:, None], s - 2 * np.log(np.maximum(length, 1e-9))
-
-
-def _is_seen_at(u: np.ndarray, rho: np.ndarray, s: np.ndarray, offset: np.ndarray, sources: np.ndarray) -> np.ndarray:
-    """Which of a camera's sources (m, SOURCE_NUMBERS) are where it would see which lights, and of about their flux: (n, m) bool."""
-    directions, ln_flux = _from_camera(u, rho, s, offset)
-    here = directions @ sources[:, :3].T > np.cos(STILL_LIT_RAD)
-    return here & (np.abs(ln_flux[:, None] - sources[None, :, 3]) < STILL_LN_FLUX)
-
-
 def _is_still_lit(tracks: Tracks, seen: SeenSources) -> np.ndarray:
     """Whether any camera has a source where it would see each light."""
     lit = np.zeros(len(tracks.ids), bool)
     for k in range(len(seen.counts)):
         own = seen.table[k, : seen.counts[k]]
-        lit |= _is_seen_at(tracks.u, tracks.rho, tracks.s, seen.offsets[k], own).any(axis=1)
+        lit |= is_seen_at(tracks.u, tracks.rho, tracks.s, seen.offsets[k], own).any(axis=1)
     return lit
 
 
@@ -313,17 +244,20 @@ def _near_lights(near: Tracks, centre: np.ndarray, misfit: float) -> NearLightSe
     )
 
 
-def _unexplained(matched: Matches, seen: SeenSources, found: Sequence[CompactSources | None]) -> int:
-    """Sources that two cameras should see, and that are no light of two cameras; what another one may have left out says nothing."""
-    count = 0
+def _unexplained(matched: Matches, seen: SeenSources, found: Sequence[CompactSources | None]) -> list[np.ndarray]:
+    """Of each camera, the sources that two should see and that are no light's; what another camera may have left out says nothing."""
+    free = []
     for k, each in enumerate(found):
-        if each is None:
-            continue
         explained = np.zeros(seen.counts[k], bool)
         explained[matched.sources[matched.sources[:, k] >= 0, k]] = True
-        others = seen.table[k, : seen.counts[k], :3] @ seen.axes.T > seen.limits
-        count += int(np.count_nonzero(~explained & each.sure & (others.sum(axis=1) >= 2)))
-    return count
+        others = (seen.table[k, : seen.counts[k], :3] @ seen.axes.T > seen.limits).sum(axis=1)
+        free.append(np.flatnonzero(~explained & each.sure & (others >= 2)) if each else np.zeros(0, np.int64))
+    return free
+
+
+def _mean(before: float | None, now: float | None) -> float | None:
+    """Of the last frames."""
+    return before if now is None else now if before is None else before + (now - before) / FRAMES
 
 
 def _rest(
@@ -359,7 +293,7 @@ def _taken(
         return taken
     own = near.sources[:, k]
     taken[own[own >= 0]] = 1.0
-    directions, ln_flux = _from_camera(near.u, near.rho, near.s, seen.offsets[k])
+    directions, ln_flux = from_camera(near.u, near.rho, near.s, seen.offsets[k])
     rows, cols, _ = seen_map.radiance.shape
     row, col = cell_from_direction(directions @ world_from_camera, rows, cols, seen_map.coverage)
     flux = np.exp(ln_flux)[:, None] * near.chroma / luminance_from_rgb(near.chroma)[:, None] / gain

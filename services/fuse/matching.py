@@ -23,6 +23,7 @@ BEHIND_SIGMAS = 3.0  # of inverse distance: by which noise puts a far light beyo
 A_CAMERA, MISSED = 10.0, 4.0  # value of each camera after the first, and what a camera costs that should see the light and does not
 APART_SIGMAS = 4.0  # of inverse distance, between two explanations of one source
 ASKED = 6.0  # of value: a source with another explanation that is so nearly as good is looked into
+ABOUT_RAD, ABOUT_LN_FLUX = np.radians(1.5), 1.0  # of a source that may be a light which it was not matched with
 SEES = 0.02  # cosine from a lens's axis at which a map of its hemisphere ends
 MAX_HYPOTHESES = 4096  # four cameras with twelve lamps alike have 133
 MANY_CAMERAS = 5  # from here on a camera that fits is not left out of a hypothesis: sets of cameras double with each
@@ -65,6 +66,22 @@ def matches(seen: SeenSources) -> Matches:
     best, is_exact = best_disjoint(members, values)
     is_cut = len(values) == MAX_HYPOTHESES or not is_exact
     return Matches(sources[best], fit[best], _margins(members, values, fit, best), is_cut)
+
+
+def from_camera(u: np.ndarray, rho: np.ndarray, s: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (n, 3) of lights from a camera, and ln flux (n,) there."""
+    p = u + rho[:, None] * offset
+    length = np.linalg.norm(p, axis=1)
+    return p / np.maximum(length, 1e-9)[:, None], s - 2 * np.log(np.maximum(length, 1e-9))
+
+
+def is_seen_at(
+    u: np.ndarray, rho: np.ndarray, s: np.ndarray, offset: np.ndarray, sources: np.ndarray, about_rad: float = ABOUT_RAD
+) -> np.ndarray:
+    """Which of a camera's sources (m, SOURCE_NUMBERS) are about where it would see which lights, and of about their flux: (n, m) bool."""
+    directions, ln_flux = from_camera(u, rho, s, offset)
+    here = directions @ sources[:, :3].T > np.cos(about_rad)
+    return here & (np.abs(ln_flux[:, None] - sources[None, :, 3]) < ABOUT_LN_FLUX)
 
 
 def _margins(members: np.ndarray, values: np.ndarray, fit: np.ndarray, best: np.ndarray) -> np.ndarray:

@@ -117,11 +117,17 @@ MUTANTS = [
         ("poses without an error of place", "place = pose[1] * rho / length", "place = 0.0"),
     ]),
     *mutants_of("services/fuse/fusing.py", "tests/test_fusing.py", [
-        ("poses that are wrong", "LEFT_OUT_CHI2 * left_out + UNEXPLAINED_CHI2 * (unexplained - left_out)", "0.0"),
+        ("poses that are wrong", "trust is None or trust > 0", "True"),
         ("saturated pixels", "SATURATED_SIGMA, FLUX_SIGMA)", "FLUX_SIGMA, FLUX_SIGMA)"),
         ("light counted twice", "        if source >= 0:\n", "        if False:\n"),
         ("a still's noise is averaged", "state._replace(gains=known.gains, hits=1)", "known._replace(hits=1)"),
         ("sources beyond the limit are not said", "        if each and each.beyond\n", "        if False\n"),
+    ]),
+    *mutants_of("services/fuse/trust.py", "tests/test_fusing.py", [
+        ("a hidden lamp speaks against poses", "UNEXPLAINED = 0.3", "UNEXPLAINED = 5.0"),
+    ]),
+    *mutants_of("services/fuse/compact_sources.py", "tests/test_fusing.py", [
+        ("glow on a wall turns a bearing", "BRIGHT = 0.15", "BRIGHT = 0.0"),
     ]),
     *mutants_of("services/fuse/moments.py", "tests/test_fuse_moments.py", [
         ("the period of a slow camera", "SILENT_FRAMES * self._period_ns(camera)", "SILENT_FRAMES * self.period_ns"),

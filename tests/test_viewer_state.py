@@ -23,6 +23,7 @@ from vemlight.viewer.viewer_state import ViewerState
 UNITS = (
     "_total",
     "_hertz",
+    "_lux",
     "_seconds",
     "_frames",
     "_bytes",

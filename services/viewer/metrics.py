@@ -13,7 +13,7 @@ from vemlight.viewer.report_fields import ReportField
 
 OUTCOMES = {"done": "frames", "skipped": "skipped", "dropped": "dropped", "refused": "refused", "unwritten": "unwritten"}
 # Of report_fields.UNITS. What the page shows in % is a ratio here, as its name says.
-BASE_UNITS = {"ms": ("seconds", 1e-3), "Hz": ("hertz", 1.0), "frames": ("frames", 1.0), "%": ("", 1.0), "": ("", 1.0)}
+BASE_UNITS = {"ms": ("seconds", 1e-3), "Hz": ("hertz", 1.0), "lux": ("lux", 1.0), "frames": ("frames", 1.0), "%": ("", 1.0), "": ("", 1.0)}
 
 
 def registry(summary: Callable[[], dict[str, Any]]) -> CollectorRegistry:

@@ -7,8 +7,10 @@ import numpy as np
 from vemlight.errors import UserError
 from vemlight.fuse.fusing import FuseState, fuse_step
 from vemlight.fuse.gains import BLOCKS
+from vemlight.fuse.matching import SOURCE_NUMBERS
 from vemlight.fuse.rest import Layout, cells_in_world, fused_layout
 from vemlight.fuse.rig_file import CameraRig, check_one_rate, read_camera_rig
+from vemlight.fuse.triangulation import fits
 from vemlight.light.bright_cells import NO_BRIGHT_CELLS, BrightCells
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.sphere import Coverage, cell_from_direction
@@ -43,6 +45,8 @@ def warm(rig: CameraRig, layout: Layout) -> None:
         for _ in range(WARM_FRAMES):
             state, *_ = fuse_step(state, maps)
         fuse_step(state, [None, *maps[1:]])
+    cameras, pose = len(rig.camera), np.array([np.radians(rig.pose_deg), rig.pose_m])
+    fits(np.zeros((cameras, 1, SOURCE_NUMBERS)), np.zeros((0, cameras), np.int64), rig.centre - rig.places, pose)  # of sources left out
     turns = [camera.world_from_camera.tobytes() for camera in rig.camera]
     fused = fused_layout(tuple((layout, turn) for turn in turns))
     for goal in (fused, BLOCKS):

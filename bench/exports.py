@@ -19,6 +19,7 @@ import numpy as np
 from vemlight.light.light_set import LightSet, lights_json, lights_row
 
 RUNS = 3
+UNMEASURED: tuple[float, int] = np.inf, 0  # seconds, MB
 FPS = 30
 OUTPUTS = {"usda": ["--usd"], "usdc": ["--usd"], "mcap": ["--mcap"], "gltf": ["--frame", "{last}", "--gltf"]}
 
@@ -66,7 +67,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "lights.jsonl"
         for soft in (False, True):
-            json_s, best = np.inf, dict.fromkeys(OUTPUTS, (np.inf, 0))
+            json_s, best = np.inf, dict.fromkeys(OUTPUTS, UNMEASURED)
             for _ in range(RUNS):
                 # In a process of its own, since a command's memory begins with that of whoever starts it.
                 with multiprocessing.get_context("spawn").Pool(1) as pool:

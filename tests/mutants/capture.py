@@ -229,8 +229,10 @@ MUTANTS = [
         ("tags over settings", "    if setting:\n        return setting, []\n", ""),
         ("any log's range", 'CODE_LOGS = ("slog3", "vlog")', 'CODE_LOGS = ("slog3", "vlog", "logc4")'),
     ]),
-    *mutants_of(CAPTURE + "planes.py", "tests/test_planes.py", [
+    *mutants_of(CAPTURE + "colour_coding.py", "tests/test_planes.py", [
         ("half a step of white", "(1 - 0.5 / ", "(1 - 1.5 / "),
+    ]),
+    *mutants_of(CAPTURE + "planes.py", "tests/test_planes.py", [
         ("gain of a display", ", none) ** exponent", ", none) ** 0"),
     ]),
     *mutants_of(CAPTURE + "several_lenses.py", "tests/test_projections.py", [

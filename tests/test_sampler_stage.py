@@ -15,7 +15,7 @@ from vemlight.settings import Sampler, Settings
 FIRST_MAP = """
 import sys
 import numpy as np
-from vemlight.runtime import wire
+from vemlight.runtime import stamps, wire
 from vemlight.sampler.stage import SamplerStage
 from vemlight.settings import Sampler, Settings
 

@@ -87,7 +87,8 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Driver:
     for name, call in {
         "get_raw_format": simulated.format, "dequeue_buffer": simulated.dequeue, "mmap_from_buffer": simulated.map,
         "set_format": simulated.set_format, "get_fps": lambda *_: 25.0,
-        **dict.fromkeys(("set_fps", "request_buffers", "query_buffer", "enqueue_buffer_raw", "stream_on"), lambda *_: None),
+        "request_buffers": lambda *asked: SimpleNamespace(count=asked[-1]),
+        **dict.fromkeys(("set_fps", "query_buffer", "enqueue_buffer_raw", "stream_on"), lambda *_: None),
     }.items():  # fmt: skip
         monkeypatch.setattr(device, name, call)
     return simulated

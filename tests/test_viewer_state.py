@@ -1,6 +1,8 @@
 """The state counts what it shows and passes over; `/metrics` is text that Prometheus reads."""
 
 import asyncio
+import re
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -16,6 +18,7 @@ from vemlight.runtime.poses import Pose
 from vemlight.runtime.reports import ImageReport, LightsReport, MapReport, PointsReport
 from vemlight.runtime.service_stats import ServiceStats
 from vemlight.settings import Rig, Settings
+from vemlight.viewer import report_fields as report_fields_module
 from vemlight.viewer.metrics import registry
 from vemlight.viewer.report_fields import report_fields
 from vemlight.viewer.viewer_state import ViewerState
@@ -185,6 +188,13 @@ def test_what_is_of_one_camera_is_refused_where_several_are_fused(rig_state, cho
         rig_state.set_control(b"{" + choice + b"}")
     assert rig_state.control == wire.ControlMessage()
     rig_state.set_control(b'{"paused": true, "exposure": 1}')
+
+
+def test_the_page_shows_every_unit_of_a_report():
+    page = (Path(__file__).parents[1] / "services" / "viewer" / "page" / "viewer.js").read_text()
+    shown = re.search(r"const FORMATS = \{ (.*?) \};", page)
+    assert shown
+    assert {word.partition(":")[0].strip('"') for word in shown[1].split(", ")} == {"", *report_fields_module.UNITS.values()}
 
 
 def test_every_field_of_a_report_is_a_metric_in_base_units_and_a_row_of_the_page():

@@ -118,12 +118,14 @@ def whole_messages() -> list[wire.Message]:
     chosen = wire.ControlMessage(source="upload 0123456789abcdef", scene="0123456789abcdef", record=True, poses=(scaled,))
     drawn, pixels = golden.messages()["image_linear"]
     seen, radiance = golden.messages()["map"]
+    lit, lights = golden.messages()["lights"]
     return [
         *golden.messages().values(),
         *((status(service="fuse", restarts=0, report=report, **numbers), ()) for report in reports),
         (playing, (np.empty(0, np.int64), np.empty((0, wire.THUMBNAIL_SIDE, wire.THUMBNAIL_SIDE, 3), np.uint8))),
         (chosen, ()),
-        (msgspec.structs.replace(seen, segment=3), radiance),
+        (msgspec.structs.replace(seen, segment=3, clipped=True), radiance),
+        (msgspec.structs.replace(lit, clipped=True, estimated_lux=9.5), lights),
         (msgspec.structs.replace(drawn, objects=(scaled,)), pixels),
     ]
 

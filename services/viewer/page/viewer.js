@@ -33,7 +33,7 @@ const MEASURES = [ // of every service: those of wire.StatusMessage
   { name: "restarts", label: "restarts", unit: "", meaning: "by the supervisor", is_loss: true },
   { name: "refused", label: "refused", unit: "", meaning: "messages that are not valid", is_loss: true },
 ];
-const FORMATS = { ms: milliseconds, Hz: hertz, frames: fraction, "%": percent, "": whole };
+const FORMATS = { ms: milliseconds, Hz: hertz, frames: fraction, "%": percent, lux, "": whole }; // of the units that report_fields.py has
 const FEED_OF_BYTE = Object.fromEntries(Object.entries(BINARY_FEEDS).map(([name, byte]) => [byte, name]));
 const TAKE = { // by the name of a feed: what shows its message
   summary: takeSummary, levels: takeLevels, "picture-state": (state, bytes) => relit.takeState(state, bytes), "placed-lights.bin": takeLights, disc: takeDisc,
@@ -334,6 +334,10 @@ function fraction(value) {
 
 function percent(ratio) {
   return ratio === undefined ? "–" : `${Number((100 * ratio).toPrecision(2))} %`;
+}
+
+function lux(value) {
+  return value === undefined ? "–" : `${grouped(Math.round(value))} lx`;
 }
 
 function whole(value) {

@@ -30,8 +30,8 @@ class Packet(NamedTuple):
 
     wanted: (16,) int32, -1 for rays that are. rays: (RAY_LINES, 16) float32, an RTCRay16; x, y, z: its lines of directions; far: that of
     their ends. arguments: (16,) uint32, of the query. context: float32; passed: (16,) of it, what fraction of each ray came through.
-    flat, smooth, places: (3, 16) float32, normals and where the tile's pixels are. sent, received: (16,) float32, the rays of a light and
-    what came through. codes, mixed: (16,) uint8.
+    flat, smooth, places: (3, 16) float32, normals and where the tile's pixels are; steps: (2, 3, 16), from each to the pixel on its right
+    and the one below. sent, received: (16,) float32, the rays of a light and what came through. codes, mixed: (16,) uint8.
     """
 
     wanted: np.ndarray
@@ -46,6 +46,7 @@ class Packet(NamedTuple):
     flat: np.ndarray
     smooth: np.ndarray
     places: np.ndarray
+    steps: np.ndarray
     sent: np.ndarray
     received: np.ndarray
     codes: np.ndarray
@@ -63,10 +64,11 @@ def new_packet() -> Packet:
     rays.view(np.uint32)[MASK], rays.view(np.uint32)[NUMBER] = 0xFFFFFFFF, np.arange(16)
     x, y, z, far = (rays[line] for line in (DIRECTION, DIRECTION + 1, DIRECTION + 2, FAR))
     flat, smooth, places = (np.zeros((3, 16), np.float32) for _ in range(3))
+    steps = np.zeros((2, 3, 16), np.float32)
     sent, received = (np.zeros(16, np.float32) for _ in range(2))
     codes, mixed = (np.zeros(16, np.uint8) for _ in range(2))
     wanted, passed = aligned(16).view(np.int32), context[PASSED:]
-    return Packet(wanted, rays, x, y, z, far, arguments, context, passed, flat, smooth, places, sent, received, codes, mixed)
+    return Packet(wanted, rays, x, y, z, far, arguments, context, passed, flat, smooth, places, steps, sent, received, codes, mixed)
 
 
 def aligned(count: int) -> np.ndarray:

@@ -15,23 +15,34 @@ STRATA = 16  # of a light: the rays of a pixel over its samples, or of 4 x 4 pix
 # The order in which 4 x 4 pixels take them (Bayer 1973): neighbours are far apart.
 PLACES = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
 
+# Where the rays of a pixel's only sample begin, (k, 2) float32, right and down from its middle: of STRATA and of FEW. Each four
+# that follow each other are in all columns and rows of 4 x 4 places, the first two far apart: they tell whether there is an edge.
+LATIN = np.array([[0, 1], [3, 2], [1, 3], [2, 0]])
+WITHIN = (np.concatenate([(LATIN + np.array([0, shift])) % 4 for shift in range(4)]) / 4 - 0.375).astype(np.float32)
+WITHIN_FEW = np.array([[-0.25, -0.25], [0.25, 0.25], [0.25, -0.25], [-0.25, 0.25]], np.float32)
+
 
 class SoftPattern(NamedTuple):
     """Offsets (k, 2, 16) float32 in standard deviations along a light's axes, of each pixel of 4 x 4 row by row.
 
     one: k = 1, and 4 x 4 pixels have all strata together. few: k = FEW, and 2 x 2 pixels have. many: a pixel has, with its other samples.
+    within_few, within: (k, 2) float32, where those rays begin, from the middle of the pixel; of one of several samples they begin there.
     """
 
     one: np.ndarray
     few: np.ndarray
     many: np.ndarray
+    within_few: np.ndarray
+    within: np.ndarray
 
 
 @cache
 def soft_pattern(sample: int, samples: int) -> SoftPattern:
     """The pattern at a sample of each pixel's `samples`."""
     place = PLACES.reshape(-1, 1)
-    return SoftPattern(_gaussian(place, np.full_like(place, STRATA // 2)), _shared(place % FEW, FEW), _shared(sample, samples))
+    one, few, many = _gaussian(place, np.full_like(place, STRATA // 2)), _shared(place % FEW, FEW), _shared(sample, samples)
+    spread = np.float32(samples == 1)
+    return SoftPattern(one, few, many, spread * WITHIN_FEW, spread * WITHIN[: len(many)])
 
 
 @cache

@@ -28,7 +28,7 @@ from vemlight.renderer.rays.packets import (
 )
 from vemlight.renderer.rays.soft_filter import DARK, LIT, TILE, UNKNOWN, filter_rows, tile_states
 from vemlight.renderer.rays.soft_pattern import FEW, POINT, STRATA, SoftPattern, soft_pattern
-from vemlight.renderer.rays.surfaces import LIFT_OF_DISTANCE, LIFT_OF_REACH, Surfaces, decode
+from vemlight.renderer.rays.surfaces import LIFT_OF_DISTANCE, LIFT_OF_REACH, Surfaces, decode, pixel_steps
 from vemlight.renderer.scene.materials import alpha_test_of
 from vemlight.renderer.scene.scene import Scene
 
@@ -38,6 +38,8 @@ TILE_ROWS_PER_TASK = 4  # a thread's; any value in 1 .. 16 does: short against t
 TILE_AGREED, PIXEL_AGREED, BUSY = 2, 4, 2
 # Of filtered lights, whose number is rounded up to that: the filter adds so many at a time.
 TOGETHER = 16
+AT_THE_MIDDLE = np.zeros((1, 2), np.float32)
+NO_STEPS = np.zeros((0, 0, 2, 3), np.float32)  # of pixels none of whose lights has several rays
 
 
 class TracedLights(NamedTuple):
@@ -60,6 +62,7 @@ class RayTracer:
         """
         self._size, self._owns = size, beside is None
         self._surfaces: Surfaces | None = None
+        self._camera, self._steps = np.zeros((4, 3)), np.zeros((0, 0, 2, 3), np.float32)
         if beside:
             self._scene, self._reach_m, self._threads = beside._scene, beside._reach_m, beside._threads
             return
@@ -99,28 +102,46 @@ class RayTracer:
         """Takes the surfaces of a G-buffer: depth (height, width) float32 in lengths of the pixel's ray, 0 where there is none; codes of
         normals (height, width, 4) uint16, the flat normal's last; the matrix (3, 3) from pixels to rays; the eye (3,), float64."""
         self._surfaces = self.surfaces_of(depth, normal_codes, ray_from_pixel, eye)
+        self._camera, self._steps = self._camera_of(ray_from_pixel, eye), self._steps[:0]
+
+    def _camera_of(self, ray_from_pixel: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        return np.concatenate([ray_from_pixel.T, [eye - self._scene.origin]])
+
+    @property
+    def _lifts(self) -> tuple[float, float]:
+        return LIFT_OF_DISTANCE, LIFT_OF_REACH * self._reach_m
 
     def surfaces_of(self, depth: np.ndarray, normal_codes: np.ndarray, ray_from_pixel: np.ndarray, eye: np.ndarray) -> Surfaces:
         """The surfaces of a G-buffer, as `see` takes it."""
         width, height = self._size
         places, flat, smooth = (np.zeros((height, width, 3), np.float32) for _ in range(3))
         surfaces = Surfaces(places, flat, smooth, np.zeros((height, width), np.float32))
-        camera = np.concatenate([ray_from_pixel.T, [eye - self._scene.origin]])
-        lifts = (LIFT_OF_DISTANCE, LIFT_OF_REACH * self._reach_m)
+        camera, lifts = self._camera_of(ray_from_pixel, eye), self._lifts
         self.in_rows(lambda rows: decode(depth, normal_codes, camera, lifts, rows.start, rows.stop, surfaces))
         return surfaces
+
+    def _pixel_steps(self) -> np.ndarray:
+        """As `pixel_steps` has them, of what `see` was given last."""
+        surfaces, camera, lifts = self.surfaces, self._camera, self._lifts
+        if not len(self._steps):
+            steps = np.zeros((*surfaces.distances.shape, 2, 3), np.float32)
+            self.in_rows(lambda rows: pixel_steps(surfaces, camera, lifts, rows.start, rows.stop, steps))
+            self._steps = steps
+        return self._steps
 
     def trace(self, lights: TracedLights, pattern: SoftPattern, whole: bool = True) -> np.ndarray:
         """The fraction of each light that arrives at each pixel, (n, height, width) uint8. pattern: where rays go on soft lights.
 
         whole: whether all rays are traced. Otherwise 4 x 4 pixels whose first rays to a light agree are done, which shows in faint fringes.
+        The rays of a pixel to a light that has several begin all over the pixel, so that edges of shadows are smooth.
         """
         assert self._surfaces is not None
         width, height = self._size
         arriving = np.empty((len(lights.directions), height, width), np.uint8)
         filtered, agreed = np.flatnonzero(lights.rays == 1), STRATA if whole else TILE_AGREED
         found = np.zeros((height, width, -(-len(filtered) // TOGETHER) * TOGETHER), np.uint16)
-        self.in_rows(lambda rows: self._trace_rows(lights, pattern, rows, agreed, arriving, found))
+        steps = self._pixel_steps() if np.any(lights.rays > 1) and pattern.within.any() else None
+        self.in_rows(lambda rows: self._trace_rows(lights, pattern, rows, agreed, steps, arriving, found))
         if len(filtered):
             surfaces, states = self._surfaces, np.zeros((-(-height // TILE), -(-width // TILE), len(filtered)), np.uint8)
             self.in_rows(lambda rows: tile_states(found, rows.start, rows.stop, states))
@@ -135,17 +156,24 @@ class RayTracer:
             task.result()
 
     def _trace_rows(
-        self, lights: TracedLights, pattern: SoftPattern, rows: slice, agreed: int, arriving: np.ndarray, found: np.ndarray
+        self,
+        lights: TracedLights,
+        pattern: SoftPattern,
+        rows: slice,
+        agreed: int,
+        steps: np.ndarray | None,
+        arriving: np.ndarray,
+        found: np.ndarray,
     ) -> None:
-        assert self._surfaces is not None
-        _trace(self._scene.address, new_packet(), self._surfaces.of(rows), lights, pattern, agreed, rows.start, arriving, found[rows])
+        own, spread = self.surfaces.of(rows), NO_STEPS if steps is None else steps[rows]
+        _trace(self._scene.address, new_packet(), own, spread, lights, pattern, agreed, rows.start, arriving, found[rows])
 
     def warm(self) -> None:
         """Compiles, or loads, what a picture needs."""
         width, height = self._size
         depth, codes = np.zeros((height, width), np.float32), np.zeros((height, width, 4), np.uint16)
         self.see(read_only(depth), read_only(codes), np.eye(3), np.zeros(3))
-        lights = TracedLights(np.zeros((2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.array([POINT, 1]))
+        lights = TracedLights(np.zeros((3, 3), np.float32), np.ones((3, 2, 3), np.float32), np.array([POINT, 1, STRATA]))
         self.trace(lights, soft_pattern(0, 1))
 
     def release(self) -> None:
@@ -156,10 +184,10 @@ class RayTracer:
 
 
 @kernel(nogil=True)
-def _trace(scene, packet, surfaces, lights, pattern, agreed, first, arriving, found):
+def _trace(scene, packet, surfaces, steps, lights, pattern, agreed, first, arriving, found):
     """Fills the rows of surfaces, from `first` on, of arriving (n, height, columns) uint8, and found (rows, columns, m) with what the ray
-    of each pixel met on its way to those lights that are filtered: UNKNOWN, so far everywhere, DARK or LIT. agreed: how many rays of each
-    pixel may settle a tile."""
+    of each pixel met on its way to those lights that are filtered: UNKNOWN, so far everywhere, DARK or LIT. steps: (rows, columns, 2, 3) of
+    pixels. agreed: how many rays of each pixel may settle a tile."""
     rows, columns = surfaces.distances.shape
     for top in range(0, rows, TILE):
         for left in range(0, columns, TILE):
@@ -168,12 +196,15 @@ def _trace(scene, packet, surfaces, lights, pattern, agreed, first, arriving, fo
                 arriving[:, first + top : first + top + height, left : left + width] = 0
                 continue
             place_packet(packet, surfaces, top, left, height, width)
+            packet.places[:] = packet.rays[ORIGIN : ORIGIN + 3]
+            if len(steps):
+                _step_packet(packet, steps, top, left, height, width)
             m = 0
             for i in range(len(lights.directions)):
                 if lights.rays[i] == POINT:
                     trace_point(scene, packet, lights.directions, i)
                 elif lights.rays[i] == 1:
-                    _trace_soft(scene, packet, lights, i, pattern.one, agreed)
+                    _trace_soft(scene, packet, lights, i, pattern.one, AT_THE_MIDDLE, agreed)
                     for y in range(height):
                         for x in range(width):
                             k = TILE * y + x
@@ -182,9 +213,9 @@ def _trace(scene, packet, surfaces, lights, pattern, agreed, first, arriving, fo
                     m += 1
                     continue
                 elif lights.rays[i] == FEW:
-                    _trace_soft(scene, packet, lights, i, pattern.few, agreed)
+                    _trace_soft(scene, packet, lights, i, pattern.few, pattern.within_few, agreed)
                 else:
-                    _trace_soft(scene, packet, lights, i, pattern.many, agreed)
+                    _trace_soft(scene, packet, lights, i, pattern.many, pattern.within, agreed)
                 keep_arriving(packet, first + top, left, height, width, arriving[i])
 
 
@@ -206,10 +237,30 @@ def trace_point(scene, packet, directions, i):
             packet.received[k] = packet.passed[k] if packet.wanted[k] != 0 and packet.far[k] >= 0 else np.float32(0)
 
 
+@subroutine
+def _step_packet(packet, steps, top, left, height, width):
+    """The steps of a tile's pixels become those of a packet."""
+    packet.steps[:] = 0
+    for y in range(height):
+        for x in range(width):
+            for axis in range(3):
+                packet.steps[0, axis, TILE * y + x] = steps[top + y, left + x, 0, axis]
+                packet.steps[1, axis, TILE * y + x] = steps[top + y, left + x, 1, axis]
+
+
 @subroutine(forceinline=True)
-def _trace_soft(scene, packet, lights, i, offsets, agreed):
-    """Traces a tile's rays to places spread over light i, other ones in each pixel. sent, received: (16,), the rays above the surface,
-    weighted with their cosines, and what came through. After `agreed` rays of each pixel no more are traced if all or none came through."""
+def _begin_within(packet, right, down):
+    """Has the rays of a packet begin beside the middles of their pixels."""
+    for axis in range(3):
+        for k in range(TILE * TILE):
+            packet.rays[ORIGIN + axis, k] = packet.places[axis, k] + right * packet.steps[0, axis, k] + down * packet.steps[1, axis, k]
+
+
+@subroutine(forceinline=True)
+def _trace_soft(scene, packet, lights, i, offsets, within, agreed):
+    """Traces a tile's rays to places spread over light i, other ones in each pixel, from places (k, 2) within the pixels. sent, received:
+    (16,), the rays above the surface, weighted with their cosines, and what came through. After `agreed` rays of each pixel no more are
+    traced if all or none came through."""
     packet.sent[:] = 0
     packet.received[:] = 0
     narrow = alike(lights, i)
@@ -218,18 +269,19 @@ def _trace_soft(scene, packet, lights, i, offsets, agreed):
             if (turn == PIXEL_AGREED or (narrow and turn < PIXEL_AGREED)) and unanimous(packet):
                 break
             if narrow and turn == PIXEL_AGREED:
-                _finish_pixels(scene, packet, lights, i, offsets)
+                _finish_pixels(scene, packet, lights, i, offsets, within)
                 break
+        _begin_within(packet, within[turn, 0], within[turn, 1])
         send(scene, packet, lights, i, offsets, turn, turn + 1)
+    _begin_within(packet, np.float32(0), np.float32(0))
 
 
 @subroutine
-def _finish_pixels(scene, packet, lights, i, offsets):
+def _finish_pixels(scene, packet, lights, i, offsets, within):
     """Traces the rays from PIXEL_AGREED on, those of a pixel together, where the first do not agree."""
     x, y, z = lights.directions[i, 0], lights.directions[i, 1], lights.directions[i, 2]
     ax, ay, az = lights.axes[i, 0, 0], lights.axes[i, 0, 1], lights.axes[i, 0, 2]
     bx, by, bz = lights.axes[i, 1, 0], lights.axes[i, 1, 1], lights.axes[i, 1, 2]
-    packet.places[:] = packet.rays[ORIGIN : ORIGIN + 3]
     for k in range(TILE * TILE):
         packet.mixed[k] = packet.received[k] > 0 and packet.received[k] < packet.sent[k]
     for pixel in range(TILE * TILE):
@@ -242,7 +294,10 @@ def _finish_pixels(scene, packet, lights, i, offsets):
         for k in range(TILE * TILE):
             packet.wanted[k] = 0
         for axis in range(3):
-            packet.rays[ORIGIN + axis] = packet.places[axis, pixel]
+            for k in range(offsets.shape[0] - PIXEL_AGREED):
+                right, down = within[PIXEL_AGREED + k, 0], within[PIXEL_AGREED + k, 1]
+                aside = right * packet.steps[0, axis, pixel] + down * packet.steps[1, axis, pixel]
+                packet.rays[ORIGIN + axis, k] = packet.places[axis, pixel] + aside
         for k in range(offsets.shape[0] - PIXEL_AGREED):
             u, v = offsets[PIXEL_AGREED + k, 0, pixel], offsets[PIXEL_AGREED + k, 1, pixel]
             packet.x[k], packet.y[k], packet.z[k] = x + u * ax + v * bx, y + u * ay + v * by, z + u * az + v * bz
@@ -256,4 +311,3 @@ def _finish_pixels(scene, packet, lights, i, offsets):
         for k in range(offsets.shape[0] - PIXEL_AGREED):
             if packet.wanted[k] != 0 and packet.far[k] >= 0:
                 packet.received[pixel] += packet.passed[k] * packet.rays[TIME, k]
-    packet.rays[ORIGIN : ORIGIN + 3] = packet.places

@@ -127,7 +127,7 @@ MUTANTS = [
         ("a hidden lamp speaks against poses", "UNEXPLAINED = 0.3", "UNEXPLAINED = 5.0"),
     ]),
     *mutants_of("services/fuse/compact_sources.py", "tests/test_fusing.py", [
-        ("glow on a wall turns a bearing", "BRIGHT = 0.15", "BRIGHT = 0.0"),
+        ("glow on a wall turns a bearing", "BRIGHT = 0.1", "BRIGHT = 0.0"),
     ]),
     *mutants_of("services/fuse/moments.py", "tests/test_fuse_moments.py", [
         ("the period of a slow camera", "SILENT_FRAMES * self._period_ns(camera)", "SILENT_FRAMES * self.period_ns"),

@@ -197,7 +197,8 @@ class _Archiving:
             with self._folder.adding(after, reader.header.files) as file:
                 for frame in reader.frames():
                     number = lighting.tally.frames
-                    lighting, lit = lit_frame(self._sampling, lighting, frame)
+                    with interruption.deferred():  # raised while numba loads a kernel, Ctrl-C ended the process by a segmentation fault
+                        lighting, lit = lit_frame(self._sampling, lighting, frame)
                     file.write(lit.row_json(number))
                     self._made += 1
                     yield

@@ -53,13 +53,8 @@ def figure6(out: Path, progress: Progress) -> None:
             _label(axis, count, error)
             progress.advance(task)
         line[0].set_ylabel(method.name.replace(" (", "\n("), fontsize=9)
-    save(
-        figure,
-        rows,
-        out,
-        "figure6",
-        f"{path.stem}, equal-area; circles grow with the light's power, orange: extents, one sigma; error, hard edges.",
-    )
+    note = f"{path.stem}, equal-area; circles grow with the light's power, orange: extents, one sigma; error, hard edges."
+    save(figure, rows, out, "figure6", note)
 
 
 def pictures(out: Path, progress: Progress) -> None:

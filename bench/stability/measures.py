@@ -29,12 +29,8 @@ def measured(frames: Sequence[Frame], truths: Sequence[ProbeIrradiance], lights:
     """
     mean = float(np.mean([luminance_from_rgb(truth.hard).mean() for truth in truths]))
     hard = [_rms(judged_hard(now) - truth.hard) / mean for now, truth in zip(lights, truths, strict=True)][settling:]
-    soft = (
-        np.array([judged_softened(now, SOFT_PROBES) - luminance_from_rgb(truth.soft) for now, truth in zip(lights, truths, strict=True)])[
-            settling:
-        ]
-        / mean
-    )
+    softened = [judged_softened(now, SOFT_PROBES) - luminance_from_rgb(truth.soft) for now, truth in zip(lights, truths, strict=True)]
+    soft = np.array(softened[settling:]) / mean
     steps = np.sqrt(np.mean(np.diff(soft, axis=0) ** 2, axis=1))
     return {
         "error": float(np.mean(hard)), "error_worst": float(np.max(hard)),

@@ -1,6 +1,6 @@
 """README's picture: the bundled scene under the bundled sky, two seconds later, and in the bundled interior.
 
-    python -m bench.bundled_picture [--out docs/pictures/bundled.jpg]
+python -m bench.bundled_picture [--out docs/pictures/bundled.jpg]
 """
 
 import argparse

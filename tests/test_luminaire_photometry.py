@@ -36,7 +36,8 @@ def eulumdat(symmetry, table, planes=24, flux=2000.0):
 
 def stored(symmetry, planes=24):
     c = np.arange(planes) * 360 / planes
-    return {0: c, 1: c[:1], 2: c[: planes // 2 + 1], 3: c[planes // 4 : 3 * planes // 4 + 1], 4: c[: planes // 4 + 1]}[symmetry]
+    from_270_by_0_to_90 = np.roll(c, planes // 4)[: planes // 2 + 1]  # Mc1 = 3 Mc / 4 + 1, Mc2 = Mc1 + Mc / 2
+    return {0: c, 1: c[:1], 2: c[: planes // 2 + 1], 3: from_270_by_0_to_90, 4: c[: planes // 4 + 1]}[symmetry]
 
 
 @pytest.mark.parametrize("symmetry", [0, 2, 3, 4])
@@ -48,6 +49,22 @@ def test_eulumdat_symmetries_unfold_to_the_whole_turn(tmp_path, symmetry):
     assert far.size_m == (0.25, 0.25, 0.04)  # a width of 0: round
     assert far.valid_from_m == 1.25
     assert far.name == "a lamp"
+
+
+def test_an_asymmetric_eulumdat_lamp_shines_to_the_plane_that_is_stored_last(tmp_path):
+    table = np.repeat(np.linspace(10, 90, 13)[:, None], len(GAMMA), axis=1)  # from C270, behind, to C90, in front
+    (tmp_path / "a.ldt").write_text(eulumdat(3, table))
+    far = read_photometry(tmp_path / "a.ldt")
+    towards = np.array([[0.0, 1.0, 1.0], [0.0, -1.0, 1.0]]) / np.sqrt(2)  # C90, C270
+    assert intensity(far, towards) == pytest.approx([90, 10])
+
+
+@pytest.mark.parametrize(("symmetry", "planes"), [(2, 5), (3, 6), (4, 6)])
+def test_eulumdat_planes_that_leave_out_the_plane_of_symmetry_are_refused(tmp_path, symmetry, planes):
+    count = {2: planes // 2 + 1, 3: planes // 2 + 1, 4: planes // 4 + 1}[symmetry]
+    (tmp_path / "a.ldt").write_text(eulumdat(symmetry, np.full((count, len(GAMMA)), 100.0), planes))
+    with pytest.raises(UserError, match=f"symmetry {symmetry} and are stored from"):
+        read_photometry(tmp_path / "a.ldt")
 
 
 @pytest.mark.parametrize(("last", "count"), [(90, 7), (180, 13), (360, 25), (0, 1)])
@@ -100,10 +117,15 @@ def test_a_broken_lm63_is_refused(tmp_path, text):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("spoil", [
-    lambda t: t[: len(t) // 2], lambda t: t.replace("\r\n24\r\n", "\r\n-4\r\n", 1), lambda t: "maker\r\n" * 9,
-    lambda t: t.replace("2000.0", "1e400"),
-])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda t: t[: len(t) // 2],
+        lambda t: t.replace("\r\n24\r\n", "\r\n-4\r\n", 1),
+        lambda t: "maker\r\n" * 9,
+        lambda t: t.replace("2000.0", "1e400"),
+    ],
+)
 def test_a_broken_eulumdat_is_refused(tmp_path, spoil):
     (tmp_path / "bad.ldt").write_text(spoil(eulumdat(0, symmetric(0, stored(0)))))
     with pytest.raises(UserError, match=r"bad\.ldt"):
@@ -128,9 +150,15 @@ def test_an_eulumdat_has_up_to_2000_planes(tmp_path, planes, said):
         read_photometry(tmp_path / "bad.ldt")
 
 
-@pytest.mark.parametrize(("line", "value", "said"), [
-    (25, 20, "cut off"), (25, 21, "sets of lamps"), (28, 0.9e9, ""), (28, 1.1e9, "a flux of"),
-])
+@pytest.mark.parametrize(
+    ("line", "value", "said"),
+    [
+        (25, 20, "cut off"),
+        (25, 21, "sets of lamps"),
+        (28, 0.9e9, ""),
+        (28, 1.1e9, "a flux of"),
+    ],
+)
 def test_limits_of_an_eulumdat(tmp_path, line, value, said):
     text = eulumdat(0, symmetric(0, stored(0))).split("\r\n")
     text[line] = str(value)
@@ -163,6 +191,7 @@ LM63 = LM63.format(LM63_CANDELA)
     lambda t: t.replace(LM63_CANDELA, LM63_CANDELA.replace(".", ",")), lambda t: t.replace(LM63_CANDELA, LM63_CANDELA.replace(" ", ",")),
     lambda t: t.replace(LM63_CANDELA, LM63_CANDELA.replace(" ", ", ")), lambda t: t.replace("IESNA:LM-63-2002\n", ""),
     lambda t: t.replace("IESNA:LM-63-2002", "IES:LM-63-2019").replace("1 1 10\n", "1 1.10000 10\n"),
+    lambda t: "\n" + t.replace("1 1 10\n", "1 7 10\n"), lambda t: "  " + t.replace("1 1 10\n", "1 7 10\n"),
     lambda t: t.replace("1 1 10\n", "1 7 10\n"), lambda t: t.replace("IESNA:LM-63-2002", "IESNA91").replace("1 1 10\n", "0.5 2 10\n"),
     lambda t: t.replace("259.3 0.5", "259.3 -0.1"),
 ])  # fmt: skip
@@ -196,6 +225,12 @@ def test_a_factor_of_1986_multiplies(tmp_path):
     assert total_flux_lm(read_photometry(tmp_path / "old.ies")) == pytest.approx(0.9 * 3126.6, rel=1e-3)
 
 
+def test_a_tilt_table_that_is_not_applied_is_said(tmp_path, capsys):
+    (tmp_path / "tilted.ies").write_text(LM63.replace("=NONE", "=INCLUDE\n1\n2\n0 90\n1 0.8"))
+    read_photometry(tmp_path / "tilted.ies")
+    assert "tilt, which is not applied" in capsys.readouterr().err
+
+
 def changed_line(text, changes):
     lines = text.split("\r\n")
     for number, value in changes.items():
@@ -203,10 +238,19 @@ def changed_line(text, changes):
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize(("changes", "said"), [
-    ({24: "0"}, "line 24"), ({24: "-1"}, "line 24"), ({29: ""}, "line 29"), ({30: "4000\n9"}, "follow what its header promises"),
-    ({4: "24 "}, ""), ({13: "", 14: "", 15: "", 18: "", 24: ""}, ""), ({24: "1,0"}, ""), ({26: ""}, ""),
-])
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({24: "0"}, "line 24"),
+        ({24: "-1"}, "line 24"),
+        ({29: ""}, "line 29"),
+        ({30: "4000\n9"}, "follow what its header promises"),
+        ({4: "24 "}, ""),
+        ({13: "", 14: "", 15: "", 18: "", 24: ""}, ""),
+        ({24: "1,0"}, ""),
+        ({26: ""}, ""),
+    ],
+)
 def test_blank_and_odd_lines_of_an_eulumdat(tmp_path, changes, said):
     text = eulumdat(1, symmetric(1, stored(1)))
     (tmp_path / "a.ldt").write_text(text)

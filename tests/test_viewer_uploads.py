@@ -175,6 +175,7 @@ def test_a_link_is_no_upload(session, tmp_path):
 
 def png_bomb() -> bytes:
     """20,000 x 20,000 pixels of black in a megabyte."""
+
     def chunk(kind: bytes, data: bytes) -> bytes:
         return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
 

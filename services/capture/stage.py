@@ -118,9 +118,7 @@ class CaptureCamera:
         stamp = stamps.stamp(self._sequence, frame.time_s)
         if frame.monotonic_ns is not None:  # the kernel's stamp: both clocks go back by the age of the frame
             age_ns = max(0, stamp.monotonic_ns - frame.monotonic_ns)  # some drivers stamp the end of a frame before it has arrived
-            stamp = msgspec.structs.replace(
-                stamp, monotonic_ns=stamp.monotonic_ns - age_ns, captured_ns=stamp.captured_ns - age_ns
-            )
+            stamp = msgspec.structs.replace(stamp, monotonic_ns=stamp.monotonic_ns - age_ns, captured_ns=stamp.captured_ns - age_ns)
         if not self._paused or self._shown is None:
             self._shown = frame
         return map_message(self._masking.masked(self._shown, self._masks), stamp), frame.lost

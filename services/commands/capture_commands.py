@@ -87,9 +87,7 @@ def lens(options: LensOptions) -> None:
 
     board = CalibrationBoard(options.board, options.square_m, options.dictionary, options.marker_m)
     picture = options.picture or options.out.with_suffix(".png")
-    report = calibrate_lens(
-        list(options.images), board, options.out, rim_deg=options.rim_deg, accept=options.accept, picture=picture
-    )
+    report = calibrate_lens(list(options.images), board, options.out, rim_deg=options.rim_deg, accept=options.accept, picture=picture)
     click.echo(f"{lens_summary(report)}\nsee {picture}")
 
 

@@ -124,7 +124,13 @@ def calibrate_rig(
 
 
 def _calibrate_cameras(
-    rig: Path, wand: str | None, coverage: str, board: tuple[int, int] | None, square_m: float | None, views: Path | None, dictionary: str,
+    rig: Path,
+    wand: str | None,
+    coverage: str,
+    board: tuple[int, int] | None,
+    square_m: float | None,
+    views: Path | None,
+    dictionary: str,
     marker_m: float,
 ) -> str:
     """By the wand or by a board. Returns lines about the poses."""

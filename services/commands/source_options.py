@@ -51,9 +51,7 @@ def _choice(kind: Any) -> click.Choice:
 SOURCE_OPTIONS = (
     click.option("--lens", "lenses", type=PATH, multiple=True, help="Lens file of fisheye frames; once for each lens in the frame."),
     click.option("--response", type=PATH, help="Response file of raw frames."),
-    click.option(
-        "--transfer", help="Curve of films, PNG, JPEG: srgb bt709 bt1886 pq hlg linear logc3 logc4 slog3 vlog acescct ocio:NAME."
-    ),
+    click.option("--transfer", help="Curve of films, PNG, JPEG: srgb bt709 bt1886 pq hlg linear logc3 logc4 slog3 vlog acescct ocio:NAME."),
     click.option("--primaries", type=_choice(Primaries), help="Primaries of their colours; left out: as their tags say."),
     click.option("--matrix", type=_choice(Matrix), help="Matrix of their luma and chroma; left out: as their tags say."),
     click.option("--range", type=_choice(Range), help="Codes of black and white; left out: as their tags say."),

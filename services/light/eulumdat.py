@@ -109,12 +109,18 @@ def _size_m(lines: _Lines) -> tuple[float, float, float]:
 def _full_circle(c_deg: np.ndarray, table: np.ndarray, symmetry: int) -> tuple[np.ndarray, np.ndarray]:
     """C angles from 0 to 360 with both ends, and their rows, from the planes that are stored.
 
-    Symmetry: 0 none, 1 about the axis, 2 about C0-C180, 3 about C90-C270, 4 about both. A single plane is symmetric about the axis.
+    Symmetry: 0 none, 1 about the axis, 2 about C0-C180, 3 about C90-C270, 4 about both. A single plane is symmetric about the axis. Raises
+    ValueError where the planes of symmetry are none of the file's.
     """
     if symmetry == 1 or len(c_deg) == 1:
         return np.array([0.0, 360.0]), np.vstack([table[:1], table[:1]])
-    first = len(c_deg) // 4 if symmetry == 3 else 0  # stored from C90 by C180 to C270
-    rows = {round(c, 6): row for c, row in zip(c_deg[first : first + len(table)].tolist(), table, strict=True)}
+    planes = len(c_deg) - (c_deg[-1] == 360)
+    # The format's Mc1 for symmetry 3 is 3 Mc / 4 + 1: from C270 by C0 to C90, where the light of an asymmetric lamp goes.
+    first = 3 * planes // 4 if symmetry == 3 else 0
+    angles = c_deg[(first + np.arange(len(table))) % planes if symmetry else np.arange(len(table))]
+    if (ends := {2: (0, 180), 3: (270, 90), 4: (0, 90)}.get(symmetry)) and not np.allclose(angles[[0, -1]], ends):
+        raise ValueError(f"its C planes have symmetry {symmetry} and are stored from {angles[0]:g} to {angles[-1]:g} degrees")
+    rows = {round(c, 6): row for c, row in zip(angles.tolist(), table, strict=True)}
     if symmetry in (3, 4):
         rows |= {round((180 - c) % 360, 6): row for c, row in list(rows.items())}
     if symmetry in (2, 4):

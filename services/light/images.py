@@ -103,7 +103,7 @@ def _stored_pixels(path: Path, flags: int, upright: bool = False) -> np.ndarray:
 
 
 def _but(data: bytes) -> str:
-    """" but a PDF document": what a file is instead of an image, where its first bytes say so."""
+    """ " but a PDF document": what a file is instead of an image, where its first bytes say so."""
     found = file_kind(data[:BINARY_UNTIL])
     return f" but {found}" if found and found != BINARY else ""
 

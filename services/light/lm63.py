@@ -11,7 +11,7 @@ METRES_BY_UNIT = {1: 0.3048, 2: 1.0}
 TILT_LINE = re.compile(r"^[ \t]*TILT[ \t]*=[ \t]*(.*?)[ \t]*$", re.MULTILINE | re.IGNORECASE)
 # In files of these the twelfth number multiplies the light: the ballast-lamp photometric factor. 1995 and 2002 keep it for future use,
 # 2019 makes it a code of how the file came to be.
-FACTOR_EDITIONS = re.compile(r"\s*(?!IES)|\s*IESNA:?\s*(LM-63-)?(19)?(86|91)\b", re.IGNORECASE)
+FACTOR_EDITIONS = re.compile(r"(?!IES)|IESNA:?\s*(LM-63-)?(19)?(86|91)\b", re.IGNORECASE)
 
 
 def read_lm63(text: str) -> tuple[FarField, list[str]]:
@@ -22,7 +22,7 @@ def read_lm63(text: str) -> tuple[FarField, list[str]]:
     found = TILT_LINE.search(text)
     if not found:
         raise ValueError("there is no TILT line")
-    head, tilt = text[: found.start()], found[1].upper()
+    head, tilt = text[: found.start()].lstrip(), found[1].upper()
     if tilt not in ("NONE", "INCLUDE"):
         raise ValueError(f"TILT={found[1][:40]} is neither NONE nor INCLUDE; a tilt table in another file is not read")
     numbers = _numbers(text[found.end() :], tilt == "INCLUDE")
@@ -37,6 +37,8 @@ def read_lm63(text: str) -> tuple[FarField, list[str]]:
         factor *= twelfth
     elif twelfth != 1 and "2019" not in head.partition("\n")[0]:
         notes.append(f"its number for future use is {twelfth:g}, which changes nothing")
+    if tilt == "INCLUDE":
+        notes.append("has a table of its light by tilt, which is not applied: it is drawn as measured")
     if not factor > 0:
         raise ValueError(f"a multiplier of {multiplier:g} and a ballast factor of {ballast:g}, which leave no light")
 

@@ -39,9 +39,7 @@ def tracked_method(settings: Sampler, state: SamplerState, frame: SamplerInput) 
         tracked_gloss, gloss, _ = tracked_step(settings.gloss_lights, tracked_gloss, frame, smoothing)
     if not settings.deflicker:
         flicker = flicker_after(flicker, frame.time_s, np.array([float(luminance_from_rgb(report.irradiance))]))
-    state = state._replace(
-        time_s=frame.time_s, flicker=flicker, tracked=tracked, tracked_gloss=tracked_gloss
-    )
+    state = state._replace(time_s=frame.time_s, flicker=flicker, tracked=tracked, tracked_gloss=tracked_gloss)
     published = SamplerReport(
         delay_frames=0.0,
         delay_s=0.0,

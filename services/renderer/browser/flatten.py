@@ -147,7 +147,7 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
         version=1,
         camera=FlatView(name="scene file", view=camera),
         views=tuple(FlatView(name=name[:200], view=view) for name, view in scene.views[: flat_scene.MAX_VIEWS]),
-        objects=scene.objects[: MAX_POSES],
+        objects=scene.objects[:MAX_POSES],
         centre=_triple(scene.centre),
         half=_triple(scene.half),
         size=(drawing.width, drawing.height),

@@ -26,9 +26,11 @@ def describe(path: Path, lamp_set: int = 0) -> list[str]:
     """`vemlight luminaire show LAMP`: lines about a light field (.exr) or a far field (.ldt, .ies)."""
     if path.suffix.lower() in PHOTOMETRY_SUFFIXES:
         far = read_photometry(path, lamp_set)
-        return [f"{far.name}: far field, {len(far.c_deg)} C planes x {len(far.gamma_deg)} angles, {far.candela.max():.4g} cd at most",
-                f"flux {total_flux_lm(far):.5g} lm of {far.lamp_flux_lm:.5g} lm of the lamps",
-                f"luminous area {' x '.join(f'{side:.3g}' for side in far.size_m)} m: a point from {far.valid_from_m:.3g} m on"]
+        return [
+            f"{far.name}: far field, {len(far.c_deg)} C planes x {len(far.gamma_deg)} angles, {far.candela.max():.4g} cd at most",
+            f"flux {total_flux_lm(far):.5g} lm" + ("" if np.isnan(far.lamp_flux_lm) else f" of {far.lamp_flux_lm:.5g} lm of the lamps"),
+            f"luminous area {' x '.join(f'{side:.3g}' for side in far.size_m)} m: a point from {far.valid_from_m:.3g} m on",
+        ]
     field = read_luminaire(path)
     rows, cols, height, width, _ = field.images.shape
     flux_unit = "lm" if field.unit == "photometric" else "W"
@@ -38,11 +40,13 @@ def describe(path: Path, lamp_set: int = 0) -> list[str]:
     else:
         tried = f", on walls {drawn.shift_invariant_error:.2%}; of {EQUAL_SAMPLES} samples {drawn.sampling_error:.2%}"
     method = "shift-invariant" if drawn.shift_invariant else f"with {drawn.samples} samples a pixel"
-    return [f"{field.name}: light field, {rows} x {cols} images of {width} x {height}, {field.basis_kind} basis, {field.unit}",
-            f"spacing {field.spacing_m * 1e3:.4g} mm, planes {field.distance_m * 1e3:.4g} mm apart, "
-            f"window {(field.window_m[2] - field.window_m[0]) * 1e3:.4g} x {(field.window_m[3] - field.window_m[1]) * 1e3:.4g} mm",
-            f"flux {float(luminance_from_rgb(flux(field))):.5g} {flux_unit}",
-            f"error of the shift-invariant approximation at most {error_bound(field):.2%}{tried}: rendered {method} by default"]
+    return [
+        f"{field.name}: light field, {rows} x {cols} images of {width} x {height}, {field.basis_kind} basis, {field.unit}",
+        f"spacing {field.spacing_m * 1e3:.4g} mm, planes {field.distance_m * 1e3:.4g} mm apart, "
+        f"window {(field.window_m[2] - field.window_m[0]) * 1e3:.4g} x {(field.window_m[3] - field.window_m[1]) * 1e3:.4g} mm",
+        f"flux {float(luminance_from_rgb(flux(field))):.5g} {flux_unit}",
+        f"error of the shift-invariant approximation at most {error_bound(field):.2%}{tried}: rendered {method} by default",
+    ]
 
 
 def contact_sheet(field: LightField) -> np.ndarray:

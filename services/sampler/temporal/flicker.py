@@ -79,9 +79,7 @@ def flicker_after(before: Flicker, time_s: float, powers: np.ndarray) -> Flicker
         return steady
     lamps = np.array([frequency for _, frequency in found])
     columns = np.concatenate([_trend(ages), *(_waves(ages, frequency, rate) for frequency in lamps)])
-    return steady._replace(
-        lamps_hz=lamps, beat_hz=_beat(lamps[0], rate), depth=found[0][0], excess=_excess(columns, history)
-    )
+    return steady._replace(lamps_hz=lamps, beat_hz=_beat(lamps[0], rate), depth=found[0][0], excess=_excess(columns, history))
 
 
 def _frame_rate(times: np.ndarray) -> float:

@@ -28,9 +28,7 @@ class Sites(NamedTuple):
     next_id: int
 
 
-def split_and_merge(
-    tiles: Tiles, sites: Sites, cells: Cells, spare: int, urgent: float, scene_change: bool
-) -> tuple[int, Sites, Cells]:
+def split_and_merge(tiles: Tiles, sites: Sites, cells: Cells, spare: int, urgent: float, scene_change: bool) -> tuple[int, Sites, Cells]:
     """(count, sites, cells) after at most MAX_EXCHANGES exchanges, each the split of one cell paid by the merge of two others.
 
     Of those that save less than the fraction `urgent` of the energy at most `spare`. The new light takes the merged one's place in the

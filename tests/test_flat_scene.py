@@ -60,6 +60,8 @@ def test_the_description_has_all_that_the_renderer_draws(message):
         lambda scene: scene["arrays"]["indices"].update(type="float32"),
         lambda scene: scene["arrays"].pop("uvs"),
         lambda scene: scene["arrays"].update(more=scene["arrays"]["uvs"]),
+        lambda scene: scene["arrays"]["reflecting"].update(count=60),
+        lambda scene: scene["arrays"]["reflecting_texels"].update(count=2**24),
         lambda scene: scene["meshes"][0]["indices"].update(count=2**24),
         lambda scene: scene["meshes"][0]["vertices"].update(first=2**24),
         lambda scene: scene["meshes"][0].update(material=99),
@@ -123,6 +125,15 @@ def test_a_scene_that_is_too_large_is_a_line(monkeypatch):
     assert isinstance(header, wire.SceneMessage)
     assert "only the server draws it" in header.text
     assert scene_files(header, *arrays).text == header.text
+
+
+def test_scenes_of_too_many_triangles_for_rays_are_said(monkeypatch):
+    scene = load_scene(BUNDLED_SCENE.parent / "headlights.toml")
+    assert flattened(scene, DRAWING).scene.laws["RAYS"] == 1
+    monkeypatch.setattr("vemlight.renderer.browser.flatten.MOST_RAY_TRIANGLES", 1000)
+    made = flattened(scene, DRAWING).scene
+    assert made.laws["RAYS"] == 0
+    assert "light from surface to surface (mirrors show the sky alone)" in made.left_out
 
 
 def test_textures_are_reduced_until_a_scene_fits(monkeypatch):

@@ -19,6 +19,7 @@ MAX_DESCRIPTION = 2**22  # bytes: 4096 meshes with their casters have half of it
 ALIGNED = 4
 MAX_MESHES, MAX_TEXTURES, MAX_VIEWS = 4096, 1000, 32
 MAX_HALVINGS = 16  # of shadow maps: from 65,536 texels a side to one. A page counts them for each light
+REFLECTING_NUMBERS = 20  # of a mesh in `reflecting`: five texels
 ITEM_BYTES = {"float32": 4, "uint32": 4, "uint8": 1}
 
 Index = Annotated[int, Meta(ge=0, lt=2**31)]
@@ -121,9 +122,10 @@ class FlatCasters(Flat, frozen=True):
 
 class FlatScene(Flat, frozen=True):
     """The description. arrays: `positions`, `normals` (3 a vertex), `uvs` (2), `colours` (4) and `second_uvs` (2) where a mesh has them,
-    `indices`, `caster_positions`, `caster_indices`, and `lobe_albedo` (2 an entry) where something is glossy. laws: the renderer's
-    constants by name. shaders: GLSL ES 3.00 by file name; what a variant defines comes after the first line. left_out: what the
-    server's picture has and these do not, a line each.
+    `indices`, `caster_positions`, `caster_indices`, and `lobe_albedo` (2 an entry) where something is glossy. What rays find, as
+    vemlight.renderer.browser.reflecting_rows has it: `reflecting` (REFLECTING_NUMBERS a mesh), `reflecting_texels` (4), and `colour_uvs`
+    and `emission_uvs` (2 a vertex) where they are not `uvs`. laws: the renderer's constants by name. shaders: GLSL ES 3.00 by file name;
+    what a variant defines comes after the first line. left_out: what the server's picture has and these do not, a line each.
     """
 
     version: Literal[1]
@@ -143,9 +145,10 @@ class FlatScene(Flat, frozen=True):
     left_out: Annotated[tuple[Short, ...], Meta(max_length=16)] = ()
 
 
-NUMBERS_A_VERTEX = {"positions": 3, "normals": 3, "uvs": 2, "colours": 4, "second_uvs": 2}
-NEEDED = ("positions", "normals", "uvs", "indices", "caster_positions", "caster_indices")
+NUMBERS_A_VERTEX = {"positions": 3, "normals": 3, "uvs": 2, "colours": 4, "second_uvs": 2, "colour_uvs": 2, "emission_uvs": 2}
+NEEDED = ("positions", "normals", "uvs", "indices", "caster_positions", "caster_indices", "reflecting", "reflecting_texels")
 TYPES = {name: "uint32" if "indices" in name else "float32" for name in (*NEEDED, *NUMBERS_A_VERTEX, "lobe_albedo")}
+TYPES["reflecting_texels"] = "uint8"
 
 
 def encoded(scene: FlatScene) -> bytes:
@@ -194,6 +197,8 @@ def _check_arrays(scene: FlatScene, data_bytes: int) -> None:
     vertices = scene.arrays["positions"].count // 3
     for name, numbers in NUMBERS_A_VERTEX.items():
         _check(name not in scene.arrays or scene.arrays[name].count == numbers * vertices, f"{name} of another number of vertices")
+    _check(scene.arrays["reflecting"].count == REFLECTING_NUMBERS * len(scene.meshes), "what rays find of another number of meshes")
+    _check(scene.arrays["reflecting_texels"].count % 4 == 0, "texels that are not whole")
     for texture in scene.textures:
         fits = texture.texels.type == "uint8" and texture.texels.count == 4 * texture.width * texture.height
         _check(fits and texture.texels.end <= data_bytes, "a texture beyond the block")

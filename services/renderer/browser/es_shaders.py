@@ -6,17 +6,24 @@ instead of a storage buffer, and whole numbers that stand for fractions become s
 """
 
 import re
+from pathlib import Path
 
 import numpy as np
 
 from vemlight.renderer.gl.buffers import INCLUDES, LIGHT_FRAME, NEAR_SHADOW_VIEW
 from vemlight.renderer.gl.constants import GUTTER, NORMAL_CODES
 from vemlight.renderer.gl.programs import SHADERS
+from vemlight.renderer.rays.mirror import MOST, ray_pattern
+from vemlight.renderer.rays.soft_filter import REACH, SAME_PLANE
 
 BROWSER_SHADERS = (
     "surface.vert", "surface.frag", "shadow.vert", "shadow.frag", "shadow_alpha_test.frag", "screen.vert", "shade.frag", "emission.frag",
     "background.frag", "prefilter.frag", "gloss.frag", "tonemap.frag", "near_light_map.vert", "near_light_map.frag", "near_lights.frag",
+    "mirror_rays.frag", "mirror_filter.frag", "mirrors.frag",
 )  # fmt: skip
+# Those that no other dialect needs, where a processor follows the rays, lie beside this file.
+FILES = SHADERS | {path.name: path for path in Path(__file__).parent.iterdir() if path.suffix in (".glsl", ".frag", ".vert")}
+RAY_LIFT = 1e-4  # of the distance to the eye, by which rays begin off a surface: a triangle's places are interpolated to a few 1e-5
 HEAD = "#version 300 es\n"
 PRECISION = "".join(f"precision highp {kind};\n" for kind in ("float", "int", "sampler2D", "sampler2DArray"))
 AS_FRACTIONS = {"GUTTER": GUTTER, "NORMAL_CODES": NORMAL_CODES}  # whole numbers with which shaders reckon
@@ -29,12 +36,13 @@ LIGHTS_BLOCK = "layout(std140) uniform Lights { LightFrame lights[MAX_LIGHTS]; }
 
 def browser_shaders() -> dict[str, str]:
     """Each of BROWSER_SHADERS with all that it includes, by name."""
-    return {name: es_source(SHADERS[name].read_text()) for name in BROWSER_SHADERS}
+    return {name: es_source(FILES[name].read_text()) for name in BROWSER_SHADERS}
 
 
 def es_source(source: str) -> str:
     """A shader of the renderer as GLSL ES 3.00. Raises KeyError for an include that there is not."""
-    files = INCLUDES | {name: path.read_text() for name, path in SHADERS.items() if path.suffix == ".glsl"}
+    files = INCLUDES | {"mirror_laws.glsl": mirror_laws()}
+    files |= {name: path.read_text() for name, path in FILES.items() if path.suffix == ".glsl"}
     while INCLUDE.search(source):
         source = INCLUDE.sub(lambda found: files[found[1]], source)
     for name, number in AS_FRACTIONS.items():
@@ -45,6 +53,14 @@ def es_source(source: str) -> str:
         source = re.sub(rf"\b{name}\[([^\]]+)\]", rf"{name}_at(\1)", source)
     source = re.sub(r"\blights\[(\w+)\]\.(\w+)", r"light_\2(\1)", source)
     return HEAD + PRECISION + source.partition("\n")[2]
+
+
+def mirror_laws() -> str:
+    """The constants of rays/mirror.py: where in the lobe each pixel of 4 x 4 has its ray, and the filter over them."""
+    points = ", ".join(f"vec2({u!r}, {turn!r})" for u, turn in ray_pattern(0, 1)[:, 0].tolist())
+    numbers = {"MIRROR_MOST": MOST, "SAME_PLANE": SAME_PLANE, "RAY_LIFT": RAY_LIFT}
+    constants = "".join(f"const float {name} = {float(value)!r};\n" for name, value in numbers.items())
+    return f"const vec2 MIRROR_PATTERN[16] = vec2[]({points});\n{constants}const int FILTER_REACH = {REACH};\n"
 
 
 def light_functions() -> str:

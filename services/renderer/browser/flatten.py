@@ -10,6 +10,7 @@ from vemlight import settings
 from vemlight.light import extent, reflected_light
 from vemlight.light.colour import srgb_from_linear
 from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, NEAR_VIEW_TEXELS, browser_shaders
+from vemlight.renderer.browser.reflecting_rows import reflecting_rows
 from vemlight.renderer.gl import constants
 from vemlight.renderer.gl.buffers import LIGHT_FRAME, NEAR_LIGHT, NEAR_SHADOW_VIEW
 from vemlight.renderer.gl.constants import HASHED_ALPHA, MaterialKind, MaterialTexture
@@ -25,7 +26,7 @@ from vemlight.renderer.scene.materials import Material, ShadowCatcher, alpha_tes
 from vemlight.renderer.scene.scene import Scene
 from vemlight.renderer.scene.subdivision import seen_short
 from vemlight.renderer.scene.textures import Texture
-from vemlight.renderer.scene.vertex_buffers import vertex_buffers
+from vemlight.renderer.scene.vertex_buffers import local_order, vertex_buffers
 from vemlight.runtime import flat_scene, wire
 from vemlight.runtime.flat_scene import (
     ALIGNED,
@@ -43,6 +44,7 @@ from vemlight.runtime.flat_scene import (
 )
 from vemlight.runtime.poses import MAX_POSES, View
 
+MOST_RAY_TRIANGLES = 2**18  # 16 MB of textures in a browser, which puts them anew in 0.1 s when something moves
 LEAST_TEXTURE_SIDE = 64  # texels, to which textures are reduced at most so that a scene fits; 16 to 256 would do
 TYPES = {"f": "float32", "u": "uint32"}
 LAWS = {
@@ -125,6 +127,12 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     arrays["indices"] = block.add(np.concatenate(local).astype("<u4"))
     if scene.glossy:
         arrays["lobe_albedo"] = block.add(lobe_albedo.ggx_albedo())
+    found = reflecting_rows(scene._replace(meshes=tuple(mesh._replace(geometry=local_order(mesh.geometry)) for mesh in scene.meshes)))
+    arrays["reflecting"], arrays["reflecting_texels"] = block.add(found.rows), block.add(found.texels)
+    for name, own, texture in (("colour_uvs", found.colour_uvs, 12), ("emission_uvs", found.emission_uvs, 16)):
+        where = np.repeat(found.rows[:, texture] >= 0, [run.count for run in buffers.vertex_ranges])
+        if not np.array_equal(own[where], rows["uv"][where]):
+            arrays[name] = block.add(own)
     arrays["caster_positions"] = block.add(casters.positions.astype("<f4"))
     arrays["caster_indices"] = block.add(casters.indices.astype("<u4"))
 
@@ -159,7 +167,7 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
         laws={name: float(getattr(module, name)) for module, names in LAWS.items() for name in names}
         | {"LARGEST_MAP": resolutions.largest, "MAP_HALVINGS": resolutions.halvings, "BY_POWER": float(resolutions.by_power)}
         | {"LIGHT_TEXELS": LIGHT_TEXELS, "NEAR_TEXELS": NEAR_LIGHT.dtype.itemsize // 16, "NEAR_VIEW_TEXELS": NEAR_VIEW_TEXELS}
-        | {"EMISSION": float(emission), "BACKGROUND": float(drawing.background == "map")}
+        | {"EMISSION": float(emission), "RAYS": float(_has_rays(scene, drawing)), "BACKGROUND": float(drawing.background == "map")}
         | {"PREFILTER_SIDE": prefiltered_map.SIDES[0], "PREFILTER_TEXEL_RAD": prefiltered_map.texel_rad(prefiltered_map.SIDES[0])}
         | {"ALBEDO_SIZE": lobe_albedo.SIZE}
         | {f"KIND_{kind.name}": kind.value for kind in MaterialKind}
@@ -178,7 +186,8 @@ def _left_out(scene: Scene, drawing: settings.Renderer, reduced: int) -> list[st
     """What browsers do not draw of this scene, a line each."""
     lines = []
     if drawing.bounces:
-        lines.append("light from surface to surface (mirrors show the sky alone)" if scene.glossy else "light from surface to surface")
+        only = " (mirrors show the sky alone)" if scene.glossy and not _has_rays(scene, drawing) else ""
+        lines.append(f"light from surface to surface{only}")
     if scene.luminaires:
         lines.append("the scene's lamps")
     if scene.plate is not None or any(isinstance(mesh.material, ShadowCatcher) for mesh in scene.meshes):
@@ -188,6 +197,11 @@ def _left_out(scene: Scene, drawing: settings.Renderer, reduced: int) -> list[st
     if reduced > 1:
         lines.append(f"textures finer than a {reduced}th of theirs" if reduced > 2 else "textures finer than half of theirs")
     return lines
+
+
+def _has_rays(scene: Scene, drawing: settings.Renderer) -> bool:
+    """Whether browsers follow rays through the scene."""
+    return drawing.bounces > 0 and sum(len(mesh.geometry.triangles) for mesh in scene.meshes) <= MOST_RAY_TRIANGLES
 
 
 def _distinct(materials: list[Material]) -> tuple[list[Material], list[int]]:

@@ -62,15 +62,15 @@ def reflecting_meshes(scene: Scene) -> ReflectingMeshes:
     """What each mesh of a scene reflects and emits, in the meshes' own order, which is that of RayScene."""
     parts = [(mesh.geometry, _reflection(mesh.material)) for mesh in scene.meshes]
     numbers: dict[int, int] = {}
-    reduced: list[tuple[np.ndarray, tuple[bool, bool]]] = []
+    smaller: list[tuple[np.ndarray, tuple[bool, bool]]] = []
     for _, reflection in parts:
         for image in (reflection.colour_map, reflection.emission_map):
             if image is not None and id(image.texels) not in numbers:
-                numbers[id(image.texels)] = len(reduced)
-                reduced.append((_reduced(image.texels), image.repeats))
-    sizes = [texels.shape[0] * texels.shape[1] for texels, _ in reduced]
+                numbers[id(image.texels)] = len(smaller)
+                smaller.append((reduced(image.texels), image.repeats))
+    sizes = [texels.shape[0] * texels.shape[1] for texels, _ in smaller]
     firsts = np.cumsum([0, *sizes])
-    rows = [(first, *texels.shape[:2], *repeats) for first, (texels, repeats) in zip(firsts.tolist(), reduced, strict=False)]
+    rows = [(first, *texels.shape[:2], *repeats) for first, (texels, repeats) in zip(firsts.tolist(), smaller, strict=False)]
     vertices = np.cumsum([0, *(len(geometry.positions) for geometry, _ in parts)])
 
     def stacked(values: list[np.ndarray], width: int) -> np.ndarray:
@@ -90,7 +90,7 @@ def reflecting_meshes(scene: Scene) -> ReflectingMeshes:
         catcher=np.array([isinstance(mesh.material, ShadowCatcher) for mesh in scene.meshes]),
         colour_texture=np.array([_number(numbers, reflection.colour_map) for _, reflection in parts]),
         emission_texture=np.array([_number(numbers, reflection.emission_map) for _, reflection in parts]),
-        texels=stacked([texels.reshape(-1, 3) for texels, _ in reduced], 3),
+        texels=stacked([texels.reshape(-1, 3) for texels, _ in smaller], 3),
         textures=np.array(rows, np.int64).reshape(-1, 5),
     )
 
@@ -137,8 +137,8 @@ def _uvs(geometry: Geometry, image: Texture | None) -> np.ndarray:
     return uvs @ transform[:, :2].T + transform[:, 2]
 
 
-def _reduced(texels: np.ndarray) -> np.ndarray:
-    """The colours of a texture with at most REDUCED texels a side, (h, w, 3) float32, each the mean of those that it covers."""
+def reduced(texels: np.ndarray) -> np.ndarray:
+    """The first three channels of a texture (h, w, c) with at most REDUCED texels a side, float32: means of those they cover."""
     colours = texels[..., :3].astype(np.float32)
     for axis in (0, 1):
         length = colours.shape[axis]

@@ -1,10 +1,12 @@
 // The scene under many lights, drawn in WebGL2 by the renderer's own shaders: surfaces once, then all lights for each pixel, then the screen.
 
 import { Environment, withReflection } from "/relit_environment.js";
-import { clipFromWorld, minus, nearestDistance, rayFromPixel, unit } from "/relit_camera.js";
+import { clipFromWorld, dot, minus, nearestDistance, rayFromPixel, unit } from "/relit_camera.js";
 import { pointsOf, strongest, withPower } from "/relit_lights.js";
+import { Mirrors } from "/relit_mirrors.js";
 import { NearLights } from "/relit_near.js";
 import { Programs } from "/relit_programs.js";
+import { SceneRays } from "/relit_rays.js";
 import { checkErrors, nearest, Shadows, uploaded } from "/relit_shadows.js";
 import { boxCorners, boxOf, identity, transformed, worldFromRest } from "/scene_data.js";
 
@@ -42,6 +44,8 @@ export class SceneDrawing {
     this.shadows = new Shadows(gl, scene, this.programs);
     this.near = new NearLights(this);
     this.environment = new Environment(this);
+    this.sceneRays = this.laws.RAYS ? new SceneRays(gl, scene) : null;
+    this.mirrors = this.sceneRays && this.environment.glossy ? new Mirrors(this, this.sceneRays) : null;
     this.catches = this.kinds.includes(this.laws.KIND_SHADOW_CATCHER);
     this.size = [0, 0];
     checkErrors(gl);
@@ -59,8 +63,9 @@ export class SceneDrawing {
     const maps = this.shadows.draw(points, matrices, (common, first, count) => this.castAlpha(common, first, count, matrices));
     const nearMaps = this.near.drawMaps(near, matrices, boxes), nearCount = this.near.lights.length;
     this.drawSurfaces(view, matrices, boxes);
+    this.sceneRays?.place(matrices);
     this.sumLights(view, points, matrices);
-    if (this.laws.EMISSION) this.addEmission();
+    if (this.laws.EMISSION) this.addEmission(this.surfaceTextures());
     if (this.environment.map && this.laws.BACKGROUND) this.environment.drawBehind(this.rays, this.catches ? this.matte : null);
     this.show(tone ?? NO_TONE);
     gl.bindVertexArray(null);
@@ -115,16 +120,29 @@ export class SceneDrawing {
     const surfaces = { ...this.rays, ...this.surfaceTextures() };
     for (const kind of this.kinds) {
       gl.bindFramebuffer(gl.FRAMEBUFFER, this.frameOfKind(kind));
-      const program = this.programs.of("screen.vert", "shade.frag", { KIND: kind, CACHED_VISIBILITY: 0, WEAK: 0, COARSE: 0, STEP: 1 });
-      this.fill(program, {
-        ...surfaces, lights_texture: this.shadows.frames.texture, atlas: this.shadows.texture,
-        atlas_texel: [1 / this.shadows.width, 1 / this.shadows.height], light_count: this.shadows.count, weight: 1, alpha: 1,
-        unshadowed: kind === this.laws.KIND_SHADOW_CATCHER ? this.unshadowed(view, points, matrices) : [1, 1, 1],
-      });
+      this.shade(kind, { ...surfaces, unshadowed: kind === this.laws.KIND_SHADOW_CATCHER ? this.unshadowed(view, points, matrices) : [1, 1, 1] });
     }
+    this.mirrors?.trace(surfaces, this.catches ? this.groundAlbedo(view, points, matrices) : [0, 0, 0]);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);
-    this.near.add(surfaces, this.laws.KIND_SHADOW_CATCHER);
-    if (this.environment.map && this.environment.glossy && points.length) this.environment.addReflected({ ...surfaces, lobe_visibility: this.lobes });
+    this.near.add(surfaces, this.kinds.filter((kind) => kind !== this.laws.KIND_SHADOW_CATCHER));
+    if (this.environment.map && this.environment.glossy && points.length) this.environment.addReflected({ ...surfaces, lobe_visibility: this.lobes }, this.mirrors?.scene);
+    this.mirrors?.add(surfaces);
+  }
+
+  // Sums the lights for surfaces of a kind, into the frame that is bound.
+  shade(kind, values, defines = {}) {
+    const { frames, texture, width, height, count } = this.shadows;
+    this.fill(this.programs.of("screen.vert", "shade.frag", { KIND: kind, CACHED_VISIBILITY: 0, WEAK: 0, COARSE: 0, STEP: 1, ...defines }), {
+      lights_texture: frames.texture, atlas: texture, atlas_texel: [1 / width, 1 / height], light_count: count, weight: 1, alpha: 1, ...values,
+    });
+  }
+
+  // What places on surfaces that are given as such send out evenly, into the frame that is bound.
+  lightPoints(values) {
+    const points = { POINTS: 1 }, kind = this.laws.KIND_LAMBERT;
+    this.shade(kind, values, points);
+    this.near.add(values, [kind], points);
+    if (this.laws.EMISSION) this.addEmission(values);
   }
 
   // What shading a kind of material writes beside radiance has a frame of its own.
@@ -134,11 +152,12 @@ export class SceneDrawing {
     return kind === KIND_PHONG || kind === KIND_GGX ? this.picture.lobes : this.picture.frame;
   }
 
-  addEmission() {
+  // Adds what surfaces emit to the frame that is bound.
+  addEmission(surfaces) {
     const { gl } = this;
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE);
-    this.fill(this.programs.of("screen.vert", "emission.frag"), { ...this.surfaceTextures(), weight: 1 });
+    this.fill(this.programs.of("screen.vert", "emission.frag"), { ...surfaces, weight: 1 });
     gl.disable(gl.BLEND);
   }
 
@@ -169,15 +188,21 @@ export class SceneDrawing {
 
   // Irradiance of the catcher without shadows.
   unshadowed(view, points, matrices) {
+    return irradianceOn(this.catcherNormal(view, matrices), points).map((value) => Math.max(value, 1e-30));
+  }
+
+  // Of the ground that the catcher stands for: ground_albedo of bounce.py.
+  groundAlbedo(view, points, matrices) {
+    const normal = this.catcherNormal(view, matrices), down = irradianceOn(normal, points), up = irradianceOn(normal.map((value) => -value), points);
+    return up.map((value, k) => (down[k] > 0 ? Math.min(value / down[k], 1) : 0));
+  }
+
+  // On the viewer's side.
+  catcherNormal(view, matrices) {
     const number = this.scene.description.meshes.findIndex((mesh) => this.materials[mesh.material].kind === this.laws.KIND_SHADOW_CATCHER), mesh = this.scene.objects[number];
     const at = (vector, w) => (matrices[number] ? transformed(matrices[number], vector, w) : [...vector]);
     const normal = unit(at(mesh.normals.subarray(0, 3), 0)), place = at(mesh.positions.subarray(0, 3), 1);
-    const side = minus(view.from, place).reduce((sum, value, k) => sum + value * normal[k], 0) < 0 ? -1 : 1, sum = [0, 0, 0];
-    for (const { direction, irradiance } of points) {
-      const cosine = Math.max(side * direction.reduce((total, value, k) => total + value * normal[k], 0), 0);
-      irradiance.forEach((value, k) => { sum[k] += cosine * value; });
-    }
-    return sum.map((value) => Math.max(value, 1e-30));
+    return dot(minus(view.from, place), normal) < 0 ? normal.map((value) => -value) : normal;
   }
 
   castAlpha(common, first, count, matrices) {
@@ -293,6 +318,7 @@ export class SceneDrawing {
     this.picture.frame = this.frameOf([this.picture.texture]);
     if (this.environment.glossy) this.picture.lobes = this.frameOf([this.picture.texture, (this.lobes = this.target(gl.RG32F))]);
     if (this.catches) this.picture.matte = this.frameOf([this.picture.texture, (this.matte = this.target(gl.RGBA16F))]);
+    this.mirrors?.fit();
     checkErrors(gl);
     [gl.canvas.width, gl.canvas.height] = [width, height];
     return true;
@@ -317,6 +343,16 @@ export class SceneDrawing {
     }
     return frame;
   }
+}
+
+// What lights give a plane of this normal.
+function irradianceOn(normal, lights) {
+  const sum = [0, 0, 0];
+  for (const { direction, irradiance } of lights) {
+    const cosine = Math.max(dot(direction, normal), 0);
+    irradiance.forEach((value, k) => { sum[k] += cosine * value; });
+  }
+  return sum;
 }
 
 // How normals turn with a matrix of 16 numbers, column by column; poses are rigid, so as it does.

@@ -134,14 +134,15 @@ export class Environment {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAX_LEVEL, laws.LEVELS - 1);
   }
 
-  // Adds what lobes reflect of the map to the picture, whose frame is bound; values: of the surfaces, and lobe_visibility.
-  addReflected(values) {
+  // Adds what lobes reflect of the map to the picture, whose frame is bound; values: of the surfaces, and lobe_visibility. mirrored: what they
+  // show of the scene before it, if that is known.
+  addReflected(values, mirrored) {
     const { gl, map } = this;
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE);
     this.drawing.fill(this.programs.of("screen.vert", "gloss.frag", this.constants), {
       ...values, weight: 1, scale: map.scale.map((value) => value * map.unit), base_variance: this.variance, prefiltered: this.prefiltered,
-      albedo: this.albedo, mirrors: 0, mirrored_scene: this.drawing.white,
+      albedo: this.albedo, mirrors: Number(Boolean(mirrored)), mirrored_scene: mirrored ?? this.drawing.white,
     });
     gl.disable(gl.BLEND);
   }

@@ -14,8 +14,8 @@ const NEAR_BINDING = 1; // relit_programs.js
 export class NearLights {
   // drawing: a SceneDrawing, with its materials on the GPU.
   constructor(drawing) {
-    const { gl, scene, laws, programs, items, kinds } = drawing;
-    Object.assign(this, { drawing, gl, laws, programs, items, kinds });
+    const { gl, scene, laws, programs, items } = drawing;
+    Object.assign(this, { drawing, gl, laws, programs, items });
     this.boxes = scene.objects.map((mesh) => mesh.box);
     this.maxSide = Math.min(MAX_SIDE, gl.getParameter(gl.MAX_TEXTURE_SIZE));
     this.kept = []; // of each slot the light whose maps it holds, as it was when they were drawn: { id, at, radius }; null: none
@@ -105,15 +105,15 @@ export class NearLights {
     gl.bufferSubData(gl.UNIFORM_BUFFER, 0, numbers);
   }
 
-  // Adds their light to the picture, whose frame is bound; values: of the surfaces. Catchers are left to the server.
-  add(values, catcher) {
+  // Adds their light to surfaces of these kinds, in the frame that is bound; values: of the surfaces. Catchers are left to the server.
+  add(values, kinds, defines = {}) {
     const { gl } = this;
     if (!this.lights.length) return;
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE);
     gl.bindBufferBase(gl.UNIFORM_BUFFER, NEAR_BINDING, this.block);
-    for (const kind of this.kinds.filter((each) => each !== catcher)) {
-      this.drawing.fill(this.programs.of("screen.vert", "near_lights.frag", { KIND: kind, TRACED: 0 }), {
+    for (const kind of kinds) {
+      this.drawing.fill(this.programs.of("screen.vert", "near_lights.frag", { KIND: kind, TRACED: 0, ...defines }), {
         ...values, near_maps: this.texture, near_views_texture: this.viewsTexture, map_size: this.side, light_count: this.lights.length, weight: 1,
       });
     }

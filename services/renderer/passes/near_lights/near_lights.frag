@@ -28,7 +28,7 @@ layout(location = 1) out vec4 unshadowed;
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
 #ifdef GL_ES  // which has no classes of pixels
-    if (surface_depth_at(pixel).depth == 0.0 || int(surface_diffuse_at(pixel).kind + 0.5) != KIND) discard;
+    if (surface_position(pixel).w == 0.0 || int(surface_diffuse_at(pixel).kind + 0.5) != KIND) discard;
 #endif
     vec3 position = surface_position(pixel).xyz;
     vec3 smooth_normal = surface_smooth_normal(pixel);

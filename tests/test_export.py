@@ -12,9 +12,10 @@ from tests.support.exchange import turned
 from tests.support.lights_files import write_lights
 from vemlight.commands.cli import main
 from vemlight.commands.residual import latlong_from_polar, sources_and_rest
+from vemlight.exchange import light_columns
 from vemlight.exchange.punctual import angles_deg
 from vemlight.exchange.usd_file import DOME_ROTATION_WXYZ, time_codes
-from vemlight.exchange.usd_text import decimals
+from vemlight.exchange.usd_text import DECIMAL, write_decimals
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.images import read_radiance, write_exr
 from vemlight.light.light_set import LightSet, lights_row
@@ -128,12 +129,35 @@ def check_same_layer(folder: Path, *source: str | Path) -> None:
     assert texts[0].count("def ") > 0
 
 
+def test_each_light_is_given_whole_with_as_many_more_as_are_wanted_at_once(tmp_path, monkeypatch):
+    """Light 3 has more rows than that."""
+    monkeypatch.setattr(light_columns, "ROWS_AT_ONCE", 20)
+    random = np.random.default_rng(6)
+    wanted: dict[int, list[int]] = {}
+    with light_columns.LightColumns(tmp_path) as columns:
+        for k in range(40):
+            ids = np.unique([3, *random.integers(0, 30, 4)])
+            columns.add(LightSet.of(ids, np.eye(3)[np.zeros(len(ids), int)], np.outer(ids, [1, 1, 1])), k / 30)
+            for number in ids.tolist():
+                wanted.setdefault(number, []).append(k)
+        blocks = list(columns.lights())
+    found = {}
+    for block in blocks:
+        assert len(block.frames) <= 20 or len(block.ids) == 1
+        for number, begin, end in zip(block.ids.tolist(), block.bounds[:-1], block.bounds[1:], strict=True):
+            found[number] = block.frames[begin:end].tolist()
+            assert (block.irradiance[begin:end] == number).all()
+    assert list(found.items()) == sorted(wanted.items())
+
+
 def test_nine_digits_bring_each_float32_back():
     random = np.random.default_rng(1)
     values = random.integers(0, 2**32, 100_000, dtype=np.uint32).view(np.float32)
     edges = np.array([0, -0.0, 1, 10, 1e9, 999999999, 99999.9999, 1e-45, 1.1754944e-38, 3.4028235e38], np.float32)
     values = np.concatenate([values[np.isfinite(values)], edges])
-    texts = [text.tobytes() for text in decimals(values)]
+    written = np.zeros(len(values), DECIMAL)
+    write_decimals(written, values)
+    texts = [text.tobytes().rstrip(b"\0") for text in written]
     assert {len(text) for text in texts} == {15}
     np.testing.assert_array_equal(np.array([float(text) for text in texts], np.float32).view(np.uint32), values.view(np.uint32))
 

@@ -1,4 +1,4 @@
-"""All frames of a recording turned into one series a light, by way of a file: 40 bytes a light and frame, however many there are."""
+"""All frames of a recording turned into each light's, by way of a file: 40 bytes a light and frame, however many there are."""
 
 import tempfile
 from collections.abc import Iterator
@@ -14,10 +14,14 @@ ROWS_AT_ONCE = 2**13  # 350 kB: of 72 lights a hundred frames, so that numpy's c
 ROW = np.dtype([("id", "<i8"), ("frame", "<i4"), ("direction", "<f4", 3), ("irradiance", "<f4", 3), ("angle_deg", "<f4")])
 
 
-class LightSeries(NamedTuple):
-    """One light's frames. frames: (n,) int32, ascending. directions: (n, 3), irradiance: (n, 3), angles_deg: (n,), float32."""
+class LightRows(NamedTuple):
+    """All frames of some lights, light after light, by id. ids: (lights,) int64. bounds: (lights + 1,), between which each one's rows are.
 
-    id: int
+    frames: (n,) int32, ascending within a light. directions: (n, 3), irradiance: (n, 3), angles_deg: (n,), float32.
+    """
+
+    ids: np.ndarray
+    bounds: np.ndarray
     frames: np.ndarray
     directions: np.ndarray
     irradiance: np.ndarray
@@ -61,16 +65,20 @@ class LightColumns:
         self._rows += len(rows)
         self._waiting, self._waiting_rows = [], 0
 
-    def series(self) -> Iterator[LightSeries]:
-        """Each light, by id."""
+    def lights(self) -> Iterator[LightRows]:
+        """All lights by id: as many at once as ROWS_AT_ONCE rows have, one at least."""
         self._write()
         self._file.flush()
         if not self._rows:
             return
-        rows = np.memmap(self._file, ROW, mode="r", shape=(self._rows,))
+        rows = np.asarray(np.memmap(self._file, ROW, mode="r", shape=(self._rows,)))
         order = np.argsort(rows["id"], kind="stable")
-        ends = np.flatnonzero(np.diff(rows["id"][order], append=-1)) + 1
-        for begin, end in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=True):
-            of_light = rows[order[begin:end]]
-            arrays = (of_light[name] for name in ("frame", "direction", "irradiance", "angle_deg"))
-            yield LightSeries(int(of_light["id"][0]), *arrays)
+        bounds = np.append(np.flatnonzero(np.diff(rows["id"][order], prepend=-1)), self._rows)
+        first = 0
+        while first < len(bounds) - 1:
+            last = max(first + 1, int(np.searchsorted(bounds, bounds[first] + ROWS_AT_ONCE, side="right")) - 1)
+            here = rows.take(order[bounds[first] : bounds[last]])  # a quarter of the time of rows[]
+            begins = bounds[first : last + 1] - bounds[first]
+            arrays = (here[name] for name in ("frame", "direction", "irradiance", "angle_deg"))
+            yield LightRows(here["id"][begins[:-1]], begins, *arrays)
+            first = last

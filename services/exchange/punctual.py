@@ -33,16 +33,20 @@ class Punctual(NamedTuple):
 def rotations_to(directions: np.ndarray) -> np.ndarray:
     """Unit quaternions (n, 4) float64 x, y, z, w that turn +Z to directions (n, 3); straight down is half a turn about +X.
 
-    The rotation by the angle theta about Z x d has w = cos(theta / 2) and sin(theta / 2) along (-d_y, d_x). Near straight down 1 + d_z is
-    taken as (d_x^2 + d_y^2) / (1 - d_z), which keeps its digits.
+    For d of length r the rotation is (r + d_z, -d_y, d_x, 0), w first, over its length. Near straight down r + d_z is taken as
+    (d_x^2 + d_y^2) / (r - d_z), which keeps its digits.
     """
-    directions = directions.astype(np.float64) / np.linalg.norm(directions.astype(np.float64), axis=1, keepdims=True)
-    x, y, z = directions.T
-    across = np.hypot(x, y)
-    cos_half = np.sqrt(np.where(z < 0, across**2 / (1 + np.abs(z)), 1 + z) / 2)
-    sin_half = np.sqrt(np.where(z > 0, across**2 / (1 + np.abs(z)), 1 - z) / 2)
-    axis = np.divide(np.stack([-y, x]), across, out=np.stack([np.ones_like(x), np.zeros_like(x)]), where=across > 0)
-    return np.stack([axis[0] * sin_half, axis[1] * sin_half, np.zeros_like(x), cos_half], axis=1)
+    x, y, z = np.ascontiguousarray(directions.T, np.float64)
+    across = x * x + y * y
+    length = np.sqrt(across + z * z)
+    w = np.where(z < 0, across / (length + np.abs(z)), length + z)
+    scale = np.sqrt(across + w * w)
+    down = scale == 0
+    scale[down] = 1
+    rotations = np.zeros((len(x), 4))
+    rotations[:, 0], rotations[:, 1], rotations[:, 3] = -y / scale, x / scale, w / scale
+    rotations[down, 0] = 1
+    return rotations
 
 
 def angles_deg(lights: LightSet) -> np.ndarray:

@@ -21,9 +21,10 @@ class Attribute(NamedTuple):
     @staticmethod
     def of_frames(kind: str, name: str, frames: np.ndarray, values: np.ndarray, is_custom: bool = False) -> "Attribute":
         """values: (n,) or (n, k), cast to float32; a single value where it never changes."""
-        values = values.astype(np.float32)
-        if (values == values[0]).all():
-            return Attribute(kind, name, values[0].tolist(), None, is_custom)
+        values = values.astype(np.float32, copy=False)
+        first = values[0].tolist()
+        if values[-1].tolist() == first and (values == values[0]).all():  # mostly the ends differ, which takes less to see
+            return Attribute(kind, name, first, None, is_custom)
         return Attribute(kind, name, values, frames, is_custom)
 
 
@@ -36,8 +37,8 @@ class LayerHead(NamedTuple):
 
 
 class LayerWriter(Protocol):
-    """Writes a layer with one Xform, ROOT, and prims below it, one after the other. All raise OSError when the disk refuses."""
+    """Writes a layer with one Xform, ROOT, and prims below it, some at a time. All raise OSError when the disk refuses."""
 
-    def prim(self, kind: str, name: str, attributes: list[Attribute]) -> None: ...
+    def prims(self, kind: str, prims: dict[str, list[Attribute]]) -> None: ...
 
     def finish(self) -> None: ...

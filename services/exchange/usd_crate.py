@@ -49,7 +49,11 @@ class CrateLayer:
         self._times: tuple[np.ndarray | None, int] = (None, 0)  # the frames of the newest samples, and their rep
         self._put(bytes(BOOTSTRAP.size))
 
-    def prim(self, kind: str, name: str, attributes: list[Attribute]) -> None:
+    def prims(self, kind: str, prims: dict[str, list[Attribute]]) -> None:
+        for name, attributes in prims.items():
+            self._prim(kind, name, attributes)
+
+    def _prim(self, kind: str, name: str, attributes: list[Attribute]) -> None:
         properties = self._token_list(one.name for one in attributes)
         fields = [("specifier", _inline(SPECIFIER, 0)), ("typeName", self._token_rep(kind)), ("properties", properties)]
         self._prims.append((self._token(name), self._field_set(fields), len(self._specs)))

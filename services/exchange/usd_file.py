@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from vemlight.exchange.light_columns import LightColumns, LightSeries
+from vemlight.exchange.light_columns import LightColumns, LightRows
 from vemlight.exchange.punctual import rotations_to
 from vemlight.exchange.usd_attribute import Attribute, LayerHead, LayerWriter
 from vemlight.exchange.usd_crate import CrateLayer
@@ -34,6 +34,12 @@ DEFAULT_FPS = 24.0  # of one frame: USD's own
 TIME_ERROR_S = 1e-3  # of the first and last time together: three decimals are the fewest that files have
 ON_A_FRAME = 0.02  # of a frame: times that are so near to one are on it; with four decimals at 100 Hz they are
 ROOT = "vemlight"
+OF_EACH = (
+    Attribute("bool", "inputs:normalize", True),
+    Attribute("float", "inputs:exposure", 0.0),
+    Attribute("bool", "inputs:enableColorTemperature", False),
+)
+ORDER = Attribute("token[]", "xformOpOrder", ["xformOp:orient"], is_uniform=True)
 # A lat-long texture has +Y above, +Z in its centre and +X a quarter from the left (UsdLux, as OpenEXR's envmap); ours +Z, +X and +Y. So a
 # third of a turn about (1, 1, 1) takes +Z to +X, +X to +Y and +Y to +Z.
 DOME_ROTATION_WXYZ = (0.5, 0.5, 0.5, 0.5)
@@ -68,34 +74,40 @@ class UsdStage:
             kind = CrateLayer if self.path.suffix.lower() == ".usdc" else TextLayer
             layer: LayerWriter = kind(file, ROOT, LayerHead(codes, rate, notes))
             count = 0
-            for series in self.columns.series():
-                layer.prim("DistantLight", f"light_{series.id:04d}", self._light(series, len(codes)))
-                count += 1
+            for lights in self.columns.lights():
+                layer.prims("DistantLight", self._prims(lights, len(codes)))
+                count += len(lights.ids)
             if self.dome:
-                layer.prim("DomeLight", "residual", _dome(self.dome))
+                layer.prims("DomeLight", {"residual": _dome(self.dome)})
             layer.finish()
         return count
 
-    def _light(self, series: LightSeries, frame_count: int) -> list[Attribute]:
+    def _prims(self, lights: LightRows, frame_count: int) -> dict[str, list[Attribute]]:
+        """Name and attributes of each; what is calculated is so for all at once."""
         factors = DIALECTS[self.dialect]
-        strength = series.irradiance.max(axis=1)
-        colour = np.divide(series.irradiance, strength[:, None], out=np.ones_like(series.irradiance), where=strength[:, None] > 0)
-        rotation = rotations_to(series.directions)[:, [3, 0, 1, 2]]
-        here = series.frames
-        attributes = [
-            Attribute("int64", "vemlight:id", series.id, is_custom=True),
-            Attribute("bool", "inputs:normalize", True),
-            Attribute("float", "inputs:exposure", 0.0),
-            Attribute("bool", "inputs:enableColorTemperature", False),
-            _intensity(here, strength.astype(np.float64) * (self.scale or 1.0) / factors.intensity, frame_count),
-            Attribute.of_frames("color3f", "inputs:color", here, colour),
-            Attribute.of_frames("float", "inputs:angle", here, series.angles_deg / np.float32(factors.angle)),
-            Attribute.of_frames("quatf", "xformOp:orient", here, rotation),
-            Attribute("token[]", "xformOpOrder", ["xformOp:orient"], is_uniform=True),
-        ]
-        if self.scale is not None or self.dialect != "standard":
-            attributes.append(Attribute.of_frames("color3f", "vemlight:irradiance", here, series.irradiance, is_custom=True))
-        return attributes
+        red, green, blue = lights.irradiance.T
+        strength = np.maximum(np.maximum(red, green), blue)  # a fifth of the time of max(axis=1)
+        colour = np.divide(lights.irradiance, strength[:, None], out=np.ones_like(lights.irradiance), where=strength[:, None] > 0)
+        rotation = rotations_to(lights.directions)[:, [3, 0, 1, 2]].astype(np.float32)
+        angle = lights.angles_deg / np.float32(factors.angle)
+        intensity = _with_darkness(lights, strength.astype(np.float64) * (self.scale or 1.0) / factors.intensity, frame_count)
+        prims: dict[str, list[Attribute]] = {}
+        for k, number in enumerate(lights.ids.tolist()):
+            rows, shown = slice(*lights.bounds[k : k + 2]), slice(*intensity.bounds[k : k + 2])
+            here = lights.frames[rows]
+            attributes = [
+                Attribute("int64", "vemlight:id", number, is_custom=True),
+                *OF_EACH,
+                Attribute.of_frames("float", "inputs:intensity", intensity.frames[shown], intensity.values[shown]),
+                Attribute.of_frames("color3f", "inputs:color", here, colour[rows]),
+                Attribute.of_frames("float", "inputs:angle", here, angle[rows]),
+                Attribute.of_frames("quatf", "xformOp:orient", here, rotation[rows]),
+                ORDER,
+            ]
+            if self.scale is not None or self.dialect != "standard":
+                attributes.append(Attribute.of_frames("color3f", "vemlight:irradiance", here, lights.irradiance[rows], is_custom=True))
+            prims[f"light_{number:04d}"] = attributes
+        return prims
 
 
 def _dome(dome: Dome) -> list[Attribute]:
@@ -106,7 +118,7 @@ def _dome(dome: Dome) -> list[Attribute]:
         Attribute("asset", "inputs:texture:file", textures, frames),
         Attribute("token", "inputs:texture:format", "latlong"),
         Attribute("quatf", "xformOp:orient", DOME_ROTATION_WXYZ),
-        Attribute("token[]", "xformOpOrder", ["xformOp:orient"], is_uniform=True),
+        ORDER,
     ]
 
 
@@ -128,12 +140,23 @@ def time_codes(times_s: list[float]) -> tuple[np.ndarray, float]:
     return np.where(np.abs(codes - np.round(codes)) < ON_A_FRAME, np.round(codes), codes), rate
 
 
-def _intensity(frames: np.ndarray, strength: np.ndarray, frame_count: int) -> Attribute:
+class _Samples(NamedTuple):
+    """bounds: (lights + 1,), where each light's samples begin, and end. frames: (n,). values: (n,) float64."""
+
+    bounds: np.ndarray
+    frames: np.ndarray
+    values: np.ndarray
+
+
+def _with_darkness(lights: LightRows, strength: np.ndarray, frame_count: int) -> _Samples:
     """Samples of the intensity, which is 0 in the frames beside a light's life, so that it is dark in all where it is not."""
-    born, gone = np.diff(frames, prepend=-2) > 1, np.diff(frames, append=frame_count + 1) > 1
-    beside = np.union1d(frames[born] - 1, frames[gone] + 1)
-    beside = beside[(beside >= 0) & (beside < frame_count)]
-    if not len(beside):
-        return Attribute.of_frames("float", "inputs:intensity", frames, strength)
-    at = np.searchsorted(frames, beside)
-    return Attribute.of_frames("float", "inputs:intensity", np.insert(frames, at, beside), np.insert(strength, at, 0.0))
+    span = frame_count + 2  # of each light's keys: its frames count from 1, so that one beside them is never another light's
+    starts = span * np.arange(len(lights.bounds))
+    keys = np.repeat(starts[:-1], np.diff(lights.bounds)) + lights.frames + 1
+    before = keys[np.diff(keys, prepend=-2) > 1] - 1
+    after = keys[np.diff(keys, append=keys[-1] + 3) > 2] + 1  # a gap of one frame is before the next already
+    beside = np.sort(np.concatenate([before, after]))
+    beside = beside[(beside % span > 0) & (beside % span <= frame_count)]
+    at = np.searchsorted(keys, beside)
+    bounds = lights.bounds + np.searchsorted(beside, starts)
+    return _Samples(bounds, np.insert(lights.frames, at, beside % span - 1), np.insert(strength, at, 0.0))

@@ -1,5 +1,6 @@
 """Reads files of lights frame by frame, `vemlight.lights/1` and `/2`, however long they are."""
 
+import struct
 from collections.abc import Iterator
 from itertools import accumulate, chain, pairwise
 from pathlib import Path
@@ -60,7 +61,7 @@ def lights_frames(path: Path) -> Iterator[LightsFrame]:
     is_single = path.suffix.lower() == ".json"
     check_regular(path, MAX_LINE_BYTES if is_single else MAX_FILE_BYTES)
     time_s = -1.0
-    with open(path, "rb") as file:
+    with open(path, "rb", buffering=BLOCK_BYTES) as file:  # 8 kB, as without it, are less than a line
         for block in _blocks(_lines(path, file, is_single)):
             for where, frame in _frames(block):
                 if frame.time_s <= time_s:
@@ -158,7 +159,7 @@ def _light_sets(rows: list[LightsRow]) -> tuple[list[LightSet], bool]:
     directions = _floats([light.direction for light in lights], 3)
     irradiance = _floats([light.irradiance for light in lights], 3)
     covariances = _floats([extent or NO_COVARIANCE for extent in extents] if any(soft) else [], 6)
-    ids = np.array([light.id for light in lights], np.int64)
+    ids = np.frombuffer(struct.pack(f"{len(lights)}q", *[light.id for light in lights]), np.int64)
     ends = [0, *accumulate(len(row.lights) for row in rows)]
     sets = [
         LightSet(ids[a:b], directions[a:b], irradiance[a:b], covariances[a:b] if is_soft else None)
@@ -168,9 +169,10 @@ def _light_sets(rows: list[LightsRow]) -> tuple[list[LightSet], bool]:
 
 
 def _floats(rows: list[tuple[float, ...]], width: int) -> np.ndarray:
-    """(n, width) float32, in half of the time that np.array takes of tuples; what is beyond becomes inf."""
+    """(n, width) float32, in a third of the time that np.array takes of tuples; what is beyond becomes inf."""
+    packed = struct.pack(f"{width * len(rows)}d", *chain.from_iterable(rows))
     with np.errstate(over="ignore"):
-        return np.fromiter(chain.from_iterable(rows), np.float64, width * len(rows)).astype(np.float32).reshape(-1, width)
+        return np.frombuffer(packed).astype(np.float32).reshape(-1, width)
 
 
 def _has_extents(row: LightsRow, can_be_extended: bool) -> bool:
@@ -186,11 +188,11 @@ def _impossible(lights: LightSet) -> str:
         return "a direction or irradiance is too large for a float32"
     faults = (
         (np.abs(np.einsum("ij,ij->i", directions, directions) - 1) >= UNIT, "has a direction that is no unit vector"),
-        ((irradiance < 0).any(axis=1), "has negative irradiance"),
+        (irradiance < 0, "has negative irradiance"),
     )
     for wrong, text in faults:
         if wrong.any():
-            return f"light {ids[np.argmax(wrong)]} {text}"
+            return f"light {ids[np.argmax(wrong) * len(ids) // wrong.size]} {text}"
     if covariances is not None and not are_covariances(covariances):
         return "a covariance is one that no directions have"
     return ""

@@ -8,7 +8,7 @@ MUTANTS = [
     *mutants_of("services/light/lights_reader.py", "tests/test_lights_reader.py", [
         ("time that stands", "if frame.time_s <= time_s:", "if frame.time_s < time_s:"),
         ("ids below 0", "not 0 <= min(ids)", "not -9 <= min(ids)"),
-        ("negative light", "(irradiance < 0).any(axis=1)", "(irradiance < -9).any(axis=1)"),
+        ("negative light", "(irradiance < 0,", "(irradiance < -9,"),
         ("ids twice", "if len(ids) < len(row.lights):", "if False:"),
         ("a bad line passed over", "    if late:\n        raise late\n", "    del late\n"),
         ("what is possible unlooked at", "not _impossible(LightSet(", "bool(LightSet("),
@@ -18,16 +18,21 @@ MUTANTS = [
         ("a larger sun", "SUN_DEG = 0.53", "SUN_DEG = 0.6"),
         ("wider than a hemisphere", "WHOLE_DEG = 180.0", "WHOLE_DEG = 360.0"),
         ("half the angle", "4 * np.degrees", "2 * np.degrees"),
-        ("digits near straight down", "np.where(z < 0, across**2 / (1 + np.abs(z)), 1 + z)", "1 + z"),
+        ("digits near straight down", "np.where(z < 0, across / (length + np.abs(z)), length + z)", "length + z"),
     ]),
     *mutants_of(EXCHANGE + "usd_file.py", "tests/test_export.py", [
-        ("light after a light's end", "np.union1d(frames[born] - 1, frames[gone] + 1)", "frames[born] - 1"),
-        ("light before its start", "np.union1d(frames[born] - 1, frames[gone] + 1)", "frames[gone] + 1"),
+        ("light after a light's end", "np.concatenate([before, after])", "before"),
+        ("light before its start", "np.concatenate([before, after])", "after"),
+        ("darkness at another light's end", "lights.bounds + np.searchsorted(beside, starts)", "lights.bounds"),
         ("Blender's intensity", "Factors(4, 2)", "Factors(2, 2)"),
         ("Blender's angle", "Factors(4, 2)", "Factors(4, 1)"),
         ("codes off the frames", "ON_A_FRAME = 0.02", "ON_A_FRAME = 0.0"),
         ("the dome turned the other way", "(0.5, 0.5, 0.5, 0.5)", "(-0.5, 0.5, 0.5, 0.5)"),
         ("no 1000/1001", "round(rate * 1.001) / 1.001", "round(rate)"),
+    ]),
+    *mutants_of(EXCHANGE + "light_columns.py", "tests/test_export.py", [
+        ("all lights at once", "int(np.searchsorted(bounds, ", "len(bounds) + 0 * int(np.searchsorted(bounds, "),
+        ("frames of another light", "prepend=-1)", "prepend=0)"),
     ]),
     *mutants_of(EXCHANGE + "usd_text.py", "tests/test_export.py", [
         ("eight digits", "10.0 ** (8 - np", "10.0 ** (7 - np"),

@@ -270,7 +270,7 @@ def replaced(folder, codes, exposure_s=1 / 32, suffix="png", **tags):
     (lambda folder: replaced(folder, np.zeros((SIZE, SIZE), np.uint16)), r"shot_001\.png: holds other codes than shot_000\.png"),
     (lambda folder: replaced(folder, np.zeros((SIZE, SIZE, 3), np.uint8)), r"shot_001\.png: holds other codes than shot_000\.png"),
     (lambda folder: replaced(folder, np.zeros((SIZE, SIZE, 3), np.uint16), f_number=4.0), r"shot_000\.png: does not say its f-number"),
-    (lambda folder: (folder / "shot_001.png").write_bytes(b"\x89PNG\r\n\x1a\n cut"), r"shot_001\.png: is not a readable image"),
+    (lambda folder: (folder / "shot_001.png").write_bytes(b"\x89PNG\r\n\x1a\n cut"), r"shot_001\.png: is a PNG picture that is cut off"),
     (lambda folder: write_response(folder / "response.toml", Log(bits=16, a=1.0, b=2.0, c=1.0)), "its response is that of a log sensor"),
     (lambda folder: write_response(folder / "response.toml", Srgb(bits=8)), r"shot_000\.png: has code \d+ and the response 8 bits"),
 ])  # fmt: skip

@@ -2,6 +2,7 @@
 
 import struct
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import OpenEXR
@@ -10,7 +11,7 @@ import pytest
 from vemlight.errors import UserError
 from vemlight.light.exr import read_exr
 from vemlight.light.image_limits import ImageLimits
-from vemlight.light.primaries import REC709, XYZ, rec709_from_primaries, xyz_from_primaries
+from vemlight.light.primaries import PRIMARIES, REC709, XYZ, rec709_from_primaries, xyz_from_primaries
 
 REC2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
 
@@ -169,11 +170,48 @@ def test_the_part_that_is_the_picture_is_taken_and_named(tmp_path, picture, caps
 @pytest.mark.parametrize(("channels", "header", "cause"), [
     ({"Z": 1}, {}, "no R, G, B and no Y"),
     ({"r": 1, "g": 1, "b": 1}, {}, "no R, G, B and no Y"),
+    ({"X": 1, "Y": 1, "Z": 1}, {}, "no Y of a luminance"),
+    ({"N.X": 1, "N.Y": 1, "N.Z": 1, "Z": 1}, {}, "no Y of a luminance"),
+    ({"RY": 1, "Y": 1}, {}, "no Y of a luminance"),
     ({"R": 1, "G": 1, "B": 1}, {"envmap": OpenEXR.ENVMAP_CUBE}, "cube map"),
+    ({"R": 1, "G": 1, "B": 1}, {"colorInteropID": "srgb_rec709_display"}, "not linear"),
+    ({"R": 1, "G": 1, "B": 1}, {"colorInteropID": "lin_mine_scene"}, "primaries are not known"),
 ])  # fmt: skip
 def test_what_holds_no_map_is_refused(tmp_path, channels, header, cause):
     path = write(tmp_path / "a.exr", {name: np.ones((8, 16), np.float32) for name in channels}, **header)
     with pytest.raises(UserError, match=cause):
+        read(path)
+
+
+def test_colours_in_parts_of_their_own_are_refused(tmp_path, picture):
+    path = write_parts(tmp_path / "a.exr", {name: {name: picture[..., k].copy()} for k, name in enumerate("RGB")})
+    with pytest.raises(UserError, match="in one part"):
+        read(path)
+
+
+@pytest.mark.parametrize(("header", "primaries"), [
+    ({"colorInteropID": "lin_ap1_scene"}, PRIMARIES["ap1"]), ({"colorInteropID": "lin_rec2020_scene"}, PRIMARIES["bt2020"]),
+    ({"colorInteropID": "lin_rec709_scene"}, REC709), ({"colorInteropID": "unknown"}, REC709),
+    ({"acesImageContainerFlag": 1}, PRIMARIES["ap0"]),
+    ({"colorInteropID": "lin_ap1_scene", "chromaticities": PRIMARIES["bt2020"]}, PRIMARIES["bt2020"]),
+    ({"colorInteropID": "lin_mine_scene", "chromaticities": PRIMARIES["bt2020"]}, PRIMARIES["bt2020"]),
+])  # fmt: skip
+def test_primaries_that_are_said_by_a_name(tmp_path, picture, header, primaries):
+    found, attributes = read_exr(write(tmp_path / "a.exr", rgb(picture), **header))
+    np.testing.assert_allclose(found, picture @ rec709_from_primaries(primaries).T, rtol=1e-4, atol=1e-5)
+    assert ("chromaticities" in attributes) == (header != {"colorInteropID": "unknown"})
+
+
+def test_a_display_window_beside_the_pixels_is_said(tmp_path, picture, capsys):
+    windows = {"dataWindow": window(100, 100, 16, 8), "displayWindow": window(0, 0, 16, 8)}
+    assert not read(write(tmp_path / "a.exr", rgb(picture), **windows)).any()
+    assert "none of its pixels lie in its display window" in capsys.readouterr().err
+
+
+def test_parts_that_the_library_leaves_out_are_said(tmp_path, picture, monkeypatch):
+    path = write(tmp_path / "a.exr", rgb(picture))
+    monkeypatch.setattr(OpenEXR, "File", lambda *_, **__: SimpleNamespace(parts=[]))  # as it does where chunks are missing
+    with pytest.raises(UserError, match="pixels of 1 of its 1 parts are missing or damaged"):
         read(path)
 
 

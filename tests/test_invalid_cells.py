@@ -15,7 +15,7 @@ def test_cells_are_counted_over_all_frames(capsys):
     counted.say()
     assert capsys.readouterr().err == ""
     radiance[0, :2, 1] = np.nan, -1
-    radiance[3, 7] = np.inf
+    radiance[3, 7] = np.inf, 1e30, 2
     counted.add(radiance)
     counted.say()
     assert "3 of 64 cells of the map were nan, infinite or negative in 1 of 2 frames" in capsys.readouterr().err

@@ -114,6 +114,12 @@ def test_exposures_multiply_and_are_taken_out(tmp_path, codes, lines):
     np.testing.assert_allclose(read_radiance_hdr(write(tmp_path / "a.hdr", codes, lines=lines)), radiance(codes) / 2, rtol=1e-6)
 
 
+def test_a_gamma_that_the_format_does_not_know_is_said(tmp_path, codes, capsys):
+    for gamma in ("1", "1.0", "2.2"):
+        read_radiance_hdr(write(tmp_path / "a.hdr", codes, lines=("FORMAT=32-bit_rle_rgbe", f"GAMMA={gamma}")))
+        assert ("GAMMA=2.2" in capsys.readouterr().err) == (gamma == "2.2")
+
+
 def test_colour_corrections_are_taken_out(tmp_path, codes):
     path = write(tmp_path / "a.hdr", codes, lines=("FORMAT=32-bit_rle_rgbe", "COLORCORR=1 2 4", "COLORCORR=1 1 0.5"))
     np.testing.assert_allclose(read_radiance_hdr(path), radiance(codes) / [1, 2, 2], rtol=1e-6)
@@ -141,6 +147,7 @@ def test_stated_primaries_are_honoured_and_zeros_are_none(tmp_path, codes):
     {"lines": ("FORMAT = 32-bit_rle_rgbe",)},
     {"lines": ("x" * 127, "y" * 254, "FORMAT=32-bit_rle_rgbe", "z" * 381)},
     {"lines": ("pfilt -x 64 EXPOSURE of old", "FORMAT=32-bit_rle_rgbe")},
+    {"lines": ("FORMAT=32-bit_rle_rgbe", "old.hdr:", "\tpfilt -e 4", "\tEXPOSURE=4", " COLORCORR=1 2 4", "pcomb old.hdr")},
 ])  # fmt: skip
 def test_headers_that_differ_from_the_usual(tmp_path, codes, options):
     np.testing.assert_array_equal(read_radiance_hdr(write(tmp_path / "a.hdr", codes, **options)), radiance(codes))

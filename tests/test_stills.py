@@ -87,7 +87,49 @@ def test_chunks_of_a_png_are_obeyed(tmp_path, name, data, transfer, primaries):
     np.testing.assert_allclose(irradiance_of(tmp_path / "sky.png"), truth(), rtol=0.005)
 
 
-def test_profiles_are_read_by_their_names(tmp_path, capsys):
+def test_a_cicp_chunk_counts_where_it_is_one(tmp_path):
+    """Behind any length of text, and not inside one."""
+    write_png(tmp_path / "plain.png", codes_of(room(), "srgb", 16))
+    plain = (tmp_path / "plain.png").read_bytes()
+    in_text = with_chunk(plain, b"tEXt", b"a\0\0\0\0\4cICP\x09\x10\0\1zzzz")
+    (tmp_path / "in_text.png").write_bytes(with_chunk(in_text, b"sRGB", b"\0"))
+    behind = with_chunk(with_chunk(plain, b"cICP", bytes((1, 13, 0, 1))), b"tEXt", b"a\0" + b"x" * 70_000)
+    (tmp_path / "behind.png").write_bytes(behind)
+    for name in ("in_text.png", "behind.png"):
+        np.testing.assert_allclose(irradiance_of(tmp_path / name), truth(), rtol=0.005)
+
+
+def test_chromaticities_and_gamma_of_a_png(tmp_path, capsys):
+    def said(gamma, primaries):
+        x = PRIMARIES[primaries] if primaries else (0.6, 0.3, 0.3, 0.6, 0.2, 0.1, 0.3, 0.3)
+        chromaticities = struct.pack(">8I", *(round(100_000 * value) for value in (*x[6:], *x[:6])))
+        data = with_chunk((tmp_path / "plain.png").read_bytes(), b"cHRM", chromaticities)
+        (tmp_path / "sky.png").write_bytes(with_chunk(data, b"gAMA", struct.pack(">I", gamma)))
+        return irradiance_of(tmp_path / "sky.png")
+
+    write_png(tmp_path / "plain.png", codes_of(room(), "linear", 16, "p3d65"))
+    np.testing.assert_allclose(said(100_000, "p3d65"), truth(), rtol=0.005)
+    assert not capsys.readouterr().err
+    with pytest.raises(UserError, match=r"primaries is tag cHRM 0\.6 0\.3"):
+        said(100_000, None)
+    with pytest.raises(UserError, match=r"transfer is tag gAMA 0\.45455"):
+        said(45_455, "bt709")
+
+
+@pytest.mark.parametrize("mark", [b'hdrgm:Version="1.0"', b"urn:iso:std:iso:ts:21496:-1\0"])
+def test_a_gain_map_that_is_not_read_is_said(tmp_path, capsys, mark):
+    Image.fromarray(codes_of(room(), "srgb", 8)).save(tmp_path / "sky.jpg", comment=mark)
+    irradiance_of(tmp_path / "sky.jpg")
+    assert "gain map, which is not read" in capsys.readouterr().err
+
+
+def test_colours_for_print_are_refused(tmp_path):
+    Image.fromarray(codes_of(room(), "srgb", 8)).convert("CMYK").save(tmp_path / "sky.jpg")
+    with pytest.raises(UserError, match="CMYK"):
+        irradiance_of(tmp_path / "sky.jpg")
+
+
+def test_profiles_are_read_by_their_numbers(tmp_path, capsys):
     srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     Image.fromarray(codes_of(room(), "srgb", 8)).save(tmp_path / "sky.png", icc_profile=srgb)
     np.testing.assert_allclose(irradiance_of(tmp_path / "sky.png"), truth(), rtol=0.02)
@@ -113,9 +155,11 @@ def test_a_folder_of_pictures(tmp_path):
     np.testing.assert_allclose(power, truth()[1] * np.array([1, 2, 3]) / 3, rtol=1e-3)
 
 
-@pytest.mark.parametrize(("scale", "order"), [(-1.0, "<f4"), (1.0, ">f4"), (-2.5, "<f4")])
-def test_portable_float_maps(tmp_path, scale, order):
-    header = f"PF\n{2 * HEIGHT} {HEIGHT}\n{scale}\n".encode()
+@pytest.mark.parametrize(("scale", "order", "end"), [
+    (-1.0, "<f4", "\n"), (1.0, ">f4", "\n"), (-2.5, "<f4", "\n"), (-1.0, "<f4", "\r\n"), (-1.0, "<f4", " \n"), (-1.0, "<f4", " "),
+])  # fmt: skip
+def test_portable_float_maps(tmp_path, scale, order, end):
+    header = f"PF\n{2 * HEIGHT} {HEIGHT}\n{scale}{end}".encode()
     (tmp_path / "sky.pfm").write_bytes(header + room()[::-1].astype(order).tobytes())
     np.testing.assert_allclose(irradiance_of(tmp_path / "sky.pfm"), truth() * abs(scale), rtol=1e-5)
     (tmp_path / "gray.pfm").write_bytes(f"Pf 2 1 {scale} ".encode() + np.array([1.0, 3.0], order).tobytes())

@@ -4,10 +4,12 @@ import numpy as np
 
 from vemlight.files import notice
 
+INFINITE = 1e30  # and what is above: no sun has 1e10 cd/m2; sums over the sphere then stay far from float32's 3.4e38
+
 
 def valid_values(radiance: np.ndarray) -> np.ndarray:
-    """Which values can be light: finite and not negative, bool of the same shape."""
-    return np.isfinite(radiance) & (radiance >= 0)
+    """Which values can be light: finite, as those above INFINITE are not taken to be, and not negative; bool of the same shape."""
+    return (radiance < INFINITE) & (radiance >= 0)
 
 
 class InvalidCells:

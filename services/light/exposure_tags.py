@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from vemlight.errors import UserError
 from vemlight.files import one_line, read_file
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
-from vemlight.light.images import FORMATS
+from vemlight.light.images import FORMATS, why_unreadable
 from vemlight.light.quiet import silent
 from vemlight.light.raw_photograph import RAW_SUFFIXES, opened_raw
 
@@ -53,7 +53,7 @@ def read_exposure(path: Path) -> PhotographExposure:
 
 
 def _from_exif(path: Path) -> tuple[Any, Any, Any]:
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     data = read_file(path, MAX_IMAGE_BYTES)
     try:
@@ -62,6 +62,8 @@ def _from_exif(path: Path) -> tuple[Any, Any, Any]:
             exif = image.getexif().get_ifd(EXIF_IFD)
     except UserError:
         raise
+    except UnidentifiedImageError as error:
+        raise UserError(f"{path}: {why_unreadable(data)}") from error
     except Exception as error:  # a hostile file raises whatever Pillow trips over
         raise UserError(f"{path}: is not a readable image ({one_line(error)}); give PNG, TIFF or JPEG") from error
     return exif.get(EXPOSURE_TIME), exif.get(SENSITIVITY), exif.get(F_NUMBER)

@@ -17,14 +17,21 @@ from vemlight.errors import UserError
 from vemlight.file_kinds import BINARY_UNTIL, check_kind
 from vemlight.files import notice, one_line, read_file
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, ImageLimits
-from vemlight.light.primaries import REC709, rec709_from_primaries, xyz_from_primaries
+from vemlight.light.primaries import D65, PRIMARIES, REC709, XYZ, rec709_from_primaries, xyz_from_primaries
 from vemlight.light.quiet import silent
 
 MAGIC = b"\x76\x2f\x31\x01"
 SINGLE_TILED, DEEP, MULTIPART = 0x200, 0x800, 0x1000  # flags in the version field
 HALF = 1  # the number of a channel's type; the other two take four bytes
+ADOBE_RGB = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, *D65)  # Adobe RGB (1998), 4.3.1
 MAX_PARTS = 1024  # of a file; renderers write a part a layer, some dozens
 MAX_CHANNELS = 1024  # of a part; renderers write some hundreds
+# Linear spaces by their names ("Color Interop IDs", ASWF 2024), and names that say nothing.
+INTEROP = {
+    "lin_rec709_scene": REC709, "lin_p3d65_scene": PRIMARIES["p3d65"], "lin_rec2020_scene": PRIMARIES["bt2020"],
+    "lin_ap0_scene": PRIMARIES["ap0"], "lin_ap1_scene": PRIMARIES["ap1"], "lin_adobergb_scene": ADOBE_RGB,
+    "lin_ciexyzd65_scene": (*XYZ, *D65), "data": None, "unknown": None, "none": None,
+}  # fmt: skip
 MAIN_LAYERS = ("", "rgba", "rgb", "beauty", "combined", "main", "color")  # names of what is the picture itself, in this order
 
 
@@ -66,6 +73,7 @@ def read_exr(path: Path, layer: str = "", limits: ImageLimits = LIMITS) -> tuple
         planes = {name: (channel.pixels, channel.xSampling, channel.ySampling) for name, channel in channels.items()}
     if str(attributes.get("envmap")).endswith("CUBE"):
         raise UserError(f"{path}: is a cube map by its header (envmap); make it lat-long first: exrenvmap -l")
+    _name_primaries(path, attributes)
     try:
         primaries = tuple(attributes.get("chromaticities", REC709))
         pixels = _rgb(path, planes, primaries if any(primaries) else REC709, found.is_gray)
@@ -73,7 +81,21 @@ def read_exr(path: Path, layer: str = "", limits: ImageLimits = LIMITS) -> tuple
         raise
     except (ValueError, TypeError) as error:  # TypeError: an attribute of that name and another type
         raise UserError(f"{path}: chromaticities in its header: {error}; write it again with the right ones") from error
-    return _in_display_window(pixels, attributes), attributes
+    return _in_display_window(path, pixels, attributes), attributes
+
+
+def _name_primaries(path: Path, attributes: dict[str, Any]) -> None:
+    """Gives `attributes` the chromaticities that are said by a name alone. Raises UserError for a space that is not linear."""
+    name = str(attributes.get("colorInteropID", "")).lower()
+    if name and name not in INTEROP and not name.startswith("lin_"):
+        raise UserError(f"{path}: its values are not linear by its header (colorInteropID {name[:40]}); convert it to a linear space")
+    known = INTEROP.get(name)
+    if known is None and attributes.get("acesImageContainerFlag") == 1:
+        known = PRIMARIES["ap0"]  # SMPTE ST 2065-4
+    if known and not any(attributes.get("chromaticities", ())):
+        attributes["chromaticities"] = known
+    elif name.startswith("lin_") and name not in INTEROP and "chromaticities" not in attributes:
+        raise UserError(f"{path}: its primaries are not known by their name (colorInteropID {name[:40]}); write its chromaticities")
 
 
 def read_parts(path: Path, limits: ImageLimits = LIMITS) -> list[Any]:
@@ -114,7 +136,10 @@ def _decoded(path: Path, data: bytearray, headers: list[dict[str, ExrAttribute]]
     is_text = str(path).isprintable()  # half characters, of names that are not UTF-8, are not: OpenEXR takes none
     source = io.BytesIO(data) if _made_legible(data, headers) or not is_text else str(path)
     with silent():
-        return OpenEXR.File(source, separate_channels=separate_channels).parts
+        parts = OpenEXR.File(source, separate_channels=separate_channels).parts
+    if len(parts) != len(headers):  # the library leaves out those whose pixels it cannot read
+        raise UserError(f"{path}: pixels of {len(headers) - len(parts)} of its {len(headers)} parts are missing or damaged; copy it again")
+    return parts
 
 
 def _headers(data: bytearray) -> Iterator[dict[str, ExrAttribute]]:
@@ -221,7 +246,8 @@ def _layer(path: Path, parts: list[tuple[str, tuple[str, ...]]], wanted: str) ->
     layers = [layer for number, (name, channels) in enumerate(parts) for layer in _layers_of(number, name, channels)]
     if not layers:
         channels = ", ".join(sorted(channel for _, names in parts for channel in names)) or "none"
-        raise UserError(f"{path}: has channels {channels[:200]}: no R, G, B and no Y; export it as RGB")
+        wanted = "no R, G, B and no Y of a luminance in one part"
+        raise UserError(f"{path}: has channels {channels[:200]}: {wanted}; export it as RGB")
     names = ", ".join(dict.fromkeys(layer.name or "(unnamed)" for layer in layers))
     if wanted:
         chosen = [layer for layer in layers if layer.name == wanted] or [layer for layer in layers if layer.name.lower() == wanted.lower()]
@@ -244,15 +270,15 @@ def _layer(path: Path, parts: list[tuple[str, tuple[str, ...]]], wanted: str) ->
 
 
 def _layers_of(number: int, part: str, channels: tuple[str, ...]) -> Iterator[Layer]:
-    """The layers of one part: each prefix with R, G and B, or with Y."""
+    """The layers of one part: each prefix with R, G and B, or with a luminance Y, which in X, Y and Z is another number."""
     prefixes = dict.fromkeys(name[: name.rfind(".") + 1] for name in channels)
     for prefix in prefixes:
         has = {name.removeprefix(prefix) for name in channels if name.startswith(prefix)}
         name = ".".join(filter(None, (part, prefix.rstrip("."))))
         if {"R", "G", "B"} <= has:
             yield Layer(number, prefix, name, False)
-        elif "Y" in has:
-            yield Layer(number, prefix, name, "RY" not in has or "BY" not in has)
+        elif "Y" in has and not has & {"X", "Z"} and ("RY" in has) == ("BY" in has):
+            yield Layer(number, prefix, name, "RY" not in has)
 
 
 def _rgb(path: Path, planes: Mapping[str, tuple[np.ndarray, int, int]], primaries: tuple[float, ...], is_gray: bool) -> np.ndarray:
@@ -292,7 +318,7 @@ def _whole(plane: np.ndarray, across: int, down: int, shape: tuple[int, ...]) ->
     return np.repeat(np.repeat(plane, down, axis=0), across, axis=1)[: shape[0], : shape[1]]
 
 
-def _in_display_window(pixels: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
+def _in_display_window(path: Path, pixels: np.ndarray, attributes: Mapping[str, Any]) -> np.ndarray:
     """The picture that the display window shows: black where no pixels are stored, without those that lie outside."""
     (left, top), _ = (np.asarray(corner).tolist() for corner in attributes["dataWindow"])
     (first, above), (last, below) = (np.asarray(corner).tolist() for corner in attributes["displayWindow"])
@@ -305,4 +331,6 @@ def _in_display_window(pixels: np.ndarray, attributes: Mapping[str, Any]) -> np.
     if rows.start < rows.stop and cols.start < cols.stop:
         stored = pixels[rows.start - top : rows.stop - top, cols.start - left : cols.stop - left]
         shown[rows.start - above : rows.stop - above, cols.start - first : cols.stop - first] = stored
+    else:
+        notice(f"{path}: none of its pixels lie in its display window, so it is black")
     return shown

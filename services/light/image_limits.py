@@ -28,6 +28,8 @@ class ImageLimits(NamedTuple):
 
     def check(self, path: Path | str, width: int, height: int, stored_bytes: int, pixel_bytes: int = 12) -> None:
         """Raises UserError for an image that is too large, in itself or for the bytes that it is stored in."""
+        if min(width, height) < 1:
+            raise UserError(f"{path}: has {width} x {height} pixels, which is no picture; make it again")
         if not (0 < width <= self.side and 0 < height <= self.side and width * height <= self.pixels):
             limits = f"at most {self.side} on a side and {self.pixels} in all are read"
             raise UserError(f"{path}: has {width} x {height} pixels and {limits}; scale it down")

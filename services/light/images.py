@@ -20,8 +20,8 @@ from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, check_chunks
 from vemlight.light.pfm import read_pfm
 from vemlight.light.primaries import REC709
 from vemlight.light.quiet import silent
+from vemlight.light.tiff_header import SIGNATURES, UPRIGHT, stored_tiff
 
-UPRIGHT = 1  # EXIF orientation of pixels that are stored as they are seen
 EXIF_ORIENTATION = 0x0112
 FORMATS = ("PNG", "TIFF", "JPEG")  # Pillow knows forty more, some of which start other programs
 
@@ -83,29 +83,47 @@ def _stored_pixels(path: Path, flags: int, upright: bool = False) -> np.ndarray:
 
     data = read_file(path, MAX_IMAGE_BYTES)
     check_chunks(path, data)
+    tiff = stored_tiff(path, data) if data.startswith(SIGNATURES) else None
+    data = tiff.data if tiff else data
     try:
         with silent(), Image.open(io.BytesIO(data), formats=FORMATS) as image:
             LIMITS.check(path, *image.size, len(data), pixel_bytes=6)
-            orientation = image.getexif().get(EXIF_ORIENTATION, UPRIGHT)  # which reads a PNG to its end
+            if image.mode == "CMYK":
+                raise UserError(f"{path}: its colours are CMYK, for print; export it as RGB")
+            # getexif reads a PNG to its end
+            orientation = tiff.orientation if tiff else image.getexif().get(EXIF_ORIENTATION, UPRIGHT)
         with silent():
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION))
     except UserError:
         raise
     except (Image.UnidentifiedImageError, cv2.error) as error:  # whose texts are about Python objects and OpenCV's source
-        raise UserError(f"{path}: is not a readable image{_but(data)}; give PNG, TIFF or JPEG") from error
+        raise UserError(f"{path}: {why_unreadable(data)}") from error
     except Exception as error:  # a hostile file raises whatever Pillow trips over: SyntaxError, struct.error, zlib.error and more
         raise UserError(f"{path}: is not a readable image ({one_line(error)}); give PNG, TIFF or JPEG") from error
     if pixels is None:
-        raise UserError(f"{path}: is not a readable image; give PNG, TIFF or JPEG")
+        raise UserError(f"{path}: {why_unreadable(data)}")
+    if tiff and tiff.is_inverted:
+        pixels = (255 if pixels.dtype == np.uint8 else 65_535) - pixels
+    if tiff and upright:
+        return np.ascontiguousarray(_turned(pixels, orientation))
     if orientation != UPRIGHT and not upright:
         notice(f"{path}: its EXIF orientation ({orientation}) is ignored: pixels stay where the sensor has them")
     return pixels
 
 
-def _but(data: bytes) -> str:
-    """ " but a PDF document": what a file is instead of an image, where its first bytes say so."""
+def _turned(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Pixels as they are to be seen, by the number that says where their first row and column lie (TIFF 6.0, Orientation)."""
+    if orientation in (5, 6, 7, 8):
+        pixels = np.swapaxes(pixels, 0, 1)
+    return pixels[:: -1 if orientation in (3, 4, 7, 8) else 1, :: -1 if orientation in (2, 3, 6, 7) else 1]
+
+
+def why_unreadable(data: bytes) -> str:
+    """Why no pixels came of a file, by its first bytes, and the way out."""
     found = file_kind(data[:BINARY_UNTIL])
-    return f" but {found}" if found and found != BINARY else ""
+    if found in ("a PNG picture", "a TIFF picture", "a JPEG picture"):
+        return f"is {found} that is cut off, damaged, or coded in a rare way; copy it again, or export it with 8 or 16 bits"
+    return f"is not a readable image{f' but {found}' if found and found != BINARY else ''}; give PNG, TIFF or JPEG"
 
 
 def write_exr(path: Path, pixels: np.ndarray, attributes: dict[str, Any] | None = None) -> None:

@@ -13,7 +13,7 @@ from vemlight.errors import UserError
 from vemlight.files import read_file
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES
 
-HEADER = re.compile(rb"P([Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]{1,40})\s")
+HEADER = re.compile(rb"P([Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]{1,40})(?:[ \t]*\r?\n|\s)")
 LARGEST = float(np.finfo(np.float32).max)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from vemlight.errors import UserError
 from vemlight.file_kinds import check_kind
-from vemlight.files import read_file
+from vemlight.files import notice, read_file
 from vemlight.kernels import kernel
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_primaries, rec709_from_xyz
@@ -82,10 +82,12 @@ def _header(path: Path, data: np.ndarray) -> RadianceHeader:
         if end < 0:
             what = "has no end to its header; copy it again" if known else "is no Radiance picture; give the kind that its suffix says"
             raise UserError(f"{path}: {what}")
-        line = text[at:end].strip(b"\r\t ")
+        indented, line = text[at : at + 1] in b"\t ", text[at:end].strip(b"\r\t ")
         at = end + 1
         if not line:
             break
+        if indented:  # of the pictures that this one was made of, as pcomb writes them: what they were is in the pixels
+            continue
         key, _, value = line.partition(b"=")
         match key.strip().upper():
             case b"FORMAT":
@@ -100,6 +102,9 @@ def _header(path: Path, data: np.ndarray) -> RadianceHeader:
             case b"PRIMARIES":
                 stated = _numbers(path, line, 8)
                 primaries = tuple(stated.tolist()) if stated.any() else REC709  # some programs write eight zeros for "not known"
+            case b"GAMMA" if value.strip() not in (b"1", b"1.0", b"1.000000"):
+                shown = value.strip()[:20].decode("ascii", "replace")
+                notice(f"{path}: says GAMMA={shown}, which is no field of the format; its values are taken as linear")
     if not (np.isfinite(scale).all() and (scale > 0).all()):
         raise UserError(f"{path}: its EXPOSURE and COLORCORR make a factor of {scale.tolist()}; correct the header")
     end = text.find(b"\n", at)

@@ -1,7 +1,7 @@
-"""The pixel formats of the kernel's cameras: their names, and how a frame's bytes are codes, or planes of a picture in colour."""
+"""The pixel formats of the kernel's and of GenICam's cameras: their names, and how a frame's bytes are codes, or planes of a picture."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -12,19 +12,25 @@ from vemlight.kernels import kernel
 
 BIG_ENDIAN = 1 << 31  # in a format's code
 MJPEG = "mjpeg"  # instead of a layout: each frame is a JPEG file
+Packing = Literal["", "mipi", "lsb", "gige"]  # how codes of 10 to 14 bits lie without gaps between them; "": each in whole bytes
 
 
 class PixelFormat(NamedTuple):
     """How a frame's bytes are codes."""
 
-    name: str  # the kernel's four letters, followed by -BE for the big-endian form
+    name: str  # the kernel's four letters, followed by -BE for the big-endian form; or GenICam's name
     dtype: str
     mosaic: Mosaic | None  # None: a picture in colour
     bits: int
-    packed: bool = False  # codes of 10 or 12 bits without gaps between them
+    packing: Packing = ""
     layout: str = ""  # FFmpeg's name of the layout of a picture in colour, or MJPEG
     is_swapped: bool = False  # the third plane comes before the second
     planes_apart: bool = False  # planes in buffers of their own (multi-planar)
+
+    @property
+    def stored_bits(self) -> int:
+        """Bits that a pixel of codes takes."""
+        return 12 if self.packing == "gige" else self.bits if self.packing else 8 * np.dtype(self.dtype).itemsize
 
 
 FOURCC_BY_BITS: dict[Mosaic, dict[int, str]] = {  # the kernel's four letters
@@ -41,6 +47,12 @@ PACKED_FOURCC_BY_BITS: dict[Mosaic, dict[int, str]] = {  # MIPI's RAW10 and RAW1
     "GRBG": {10: "pgAA", 12: "pgCC"},
     "RGGB": {10: "pRAA", 12: "pRCC"},
 }
+PFNC_MOSAICS: dict[str, Mosaic] = {"Mono": "mono", "BayerRG": "RGGB", "BayerGR": "GRBG", "BayerGB": "GBRG", "BayerBG": "BGGR"}
+PFNC_CODES: tuple[tuple[str, int, Packing], ...] = (  # what follows these names, bits, packing (GenICam, Pixel Format Naming Convention)
+    ("8", 8, ""), ("10", 10, ""), ("12", 12, ""), ("14", 14, ""), ("16", 16, ""), ("10p", 10, "lsb"), ("12p", 12, "lsb"),
+    ("14p", 14, "lsb"), ("10Packed", 10, "gige"), ("12Packed", 12, "gige"),
+)  # fmt: skip
+PFNC_PICTURES = (("RGB8", "rgb24"), ("BGR8", "bgr24"), ("RGBa8", "rgba"), ("BGRa8", "bgra"))  # name, layout; the best first
 PICTURES = (  # four letters, layout, second and third plane swapped, planes apart; the best first
     ("RGB3", "rgb24", False, False), ("BGR3", "bgr24", False, False), ("NV24", "nv24", False, False), ("422P", "yuv422p", False, False),
     ("YUYV", "yuyv422", False, False), ("UYVY", "uyvy422", False, False), ("YVYU", "yvyu422", False, False),
@@ -61,7 +73,7 @@ def _formats() -> dict[int, PixelFormat]:
                 formats[code | BIG_ENDIAN] = PixelFormat(fourcc.strip() + "-BE", ">u2", mosaic, bits)
     for mosaic, by_bits in PACKED_FOURCC_BY_BITS.items():
         for bits, fourcc in by_bits.items():
-            formats[_code(fourcc)] = PixelFormat(fourcc, "<u1", mosaic, bits, packed=True)
+            formats[_code(fourcc)] = PixelFormat(fourcc, "<u1", mosaic, bits, packing="mipi")
     for fourcc, layout, is_swapped, apart in PICTURES:
         bits = 10 if layout == "p010le" else 8
         dtype = "<u2" if bits > 8 else "<u1"
@@ -73,7 +85,16 @@ def _code(fourcc: str) -> int:
     return int.from_bytes(fourcc.encode(), "little")
 
 
+def _pfnc_formats() -> dict[str, PixelFormat]:
+    formats = {}
+    for kind, mosaic in PFNC_MOSAICS.items():
+        for suffix, bits, packing in PFNC_CODES:
+            formats[kind + suffix] = PixelFormat(kind + suffix, "<u2" if bits > 8 and not packing else "<u1", mosaic, bits, packing)
+    return formats | {name: PixelFormat(name, "<u1", None, 8, layout=layout) for name, layout in PFNC_PICTURES}
+
+
 FORMATS = _formats()  # by the kernel's code
+PFNC_FORMATS = _pfnc_formats()  # by GenICam's name
 PICTURE_RANK = {fourcc: rank for rank, (fourcc, *_) in enumerate(PICTURES)}
 
 
@@ -94,10 +115,19 @@ def codes_from_bytes(data: Any, form: PixelFormat, width: int, height: int, stri
 
     Raises ValueError when there are fewer bytes than that takes.
     """
-    length = -(-width * form.bits // 8) if form.packed else width * np.dtype(form.dtype).itemsize
-    rows = _rows(data, 0, length, height, stride, (width, height))
-    if form.packed:
+    bits = form.stored_bits
+    length = -(-width * bits // 8)
+    if form.packing in ("lsb", "gige") and width * bits % 8 and stride == length:
+        # rows of these without padding follow each other bit by bit, and may begin within a byte
+        whole = -(-width * height * bits // 8)
+        rows, across = _rows(data, 0, whole, 1, whole, (width, height)), width * height
+    else:
+        rows, across = _rows(data, 0, length, height, stride, (width, height)), width
+    if form.packing == "mipi":
         return _unpacked(rows, width, form.bits)
+    if form.packing:
+        unpacked = _unpacked_lsb(rows, across, form.bits) if form.packing == "lsb" else _unpacked_gige(rows, across, form.bits)
+        return unpacked.reshape(height, width)
     codes = rows[:, :length].copy().view(form.dtype)
     return codes.astype(codes.dtype.newbyteorder("="), copy=False)
 
@@ -126,6 +156,32 @@ def _unpacked(rows, width, bits):
             at, place = x // group * (group + 1), x % group
             high, low = np.uint16(rows[y, at + place]), rows[y, at + group] >> (place * low_bits)
             codes[y, x] = (high << low_bits) | (low & ((1 << low_bits) - 1))
+    return codes
+
+
+@kernel
+def _unpacked_lsb(rows, width, bits):
+    """Codes of PFNC's 10p, 12p and 14p: one after the other from the lowest bit on."""
+    codes = np.empty((len(rows), width), np.uint16)
+    last = rows.shape[1] - 1
+    for y in range(len(rows)):
+        for x in range(width):
+            at, shift = (x * bits) >> 3, (x * bits) & 7
+            three = np.uint32(rows[y, at]) | np.uint32(rows[y, at + 1]) << 8 | np.uint32(rows[y, min(at + 2, last)]) << 16
+            codes[y, x] = (three >> shift) & ((1 << bits) - 1)
+    return codes
+
+
+@kernel
+def _unpacked_gige(rows, width, bits):
+    """Codes of GigE Vision's 10Packed and 12Packed: two in three bytes, high bits around a byte of low ones, the first pixel's lowest."""
+    codes = np.empty((len(rows), width), np.uint16)
+    low_bits = bits - 8
+    for y in range(len(rows)):
+        for x in range(width):
+            at, second = x // 2 * 3, x % 2
+            low = (rows[y, at + 1] >> (4 * second)) & ((1 << low_bits) - 1)
+            codes[y, x] = np.uint16(rows[y, at + 2 * second]) << low_bits | low
     return codes
 
 

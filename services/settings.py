@@ -94,7 +94,7 @@ class Capture(SettingsSection, frozen=True):
     """Where the light comes from, and the polar map that is made of it."""
 
     source: Annotated[
-        str, means("lat-long .hdr or .exr, a folder of them, a recording, or /dev/videoN; empty: the bundled sequence"), PATH
+        str, means("lat-long .hdr or .exr, a folder of them, a recording, /dev/videoN, genicam:SERIAL; empty: the bundled sequence"), PATH
     ] = ""
     lens: Annotated[
         str | tuple[str, ...], means("fisheye frames: the lens file, or a list of several lenses'; empty: lens.toml beside them"), PATH
@@ -115,14 +115,14 @@ class Capture(SettingsSection, frozen=True):
     speed: Annotated[float, Meta(gt=0, le=100), means("files: playback rate, as a multiple of their own")] = 1.0
     format: Annotated[
         str,
-        means("cameras: pixel format by the kernel's letters, such as Y12, RG10, YUYV, MJPG; empty: with a response file the one with the "
-              "most bits, else the best in colour. PNG: its mosaic"),
+        means("cameras: pixel format by the kernel's letters, such as Y12, RG10, YUYV, MJPG, or GenICam's name, such as Mono12p; empty: "
+              "with a response file the one with the most bits (GenICam: with its bits), else the best in colour. PNG: its mosaic"),
     ] = ""  # fmt: skip
     controls: Annotated[
-        dict[str, int], means("cameras: controls to set, such as gain = 50, by the names that `vemlight doctor` lists")
+        dict[str, int], means("cameras: controls to set, such as gain = 50, by the names that `vemlight doctor` lists; GenICam: features")
     ] = {}
-    width: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame width to ask for; 0: the lens file's"), PIXELS] = 0
-    height: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame height to ask for; 0: the lens file's"), PIXELS] = 0
+    width: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame width to ask for; 0: the lens file's (GenICam: own)"), PIXELS] = 0
+    height: Annotated[int, Meta(ge=0, le=16384), means("cameras: frame height to ask for; 0: the lens file's (GenICam: own)"), PIXELS] = 0
     transfer: Annotated[
         str,
         means("curve of films, cameras in colour, PNG, JPEG: srgb, bt709, bt1886, pq, hlg, linear, logc3, logc4, slog3, vlog, acescct, or "
@@ -147,7 +147,7 @@ class Capture(SettingsSection, frozen=True):
         ExposureTimes, means("cameras: exposures to take in turn and to merge, such as [0.008, 0.0005, 0.00003] s; empty: one")
     ] = ()
     exposure_control: Annotated[
-        str, means("cameras: the control that sets them; other than exposure_time_absolute, exposures are its own counts")
+        str, means("cameras: the control that sets them; other than exposure_time_absolute (and GenICam's own), exposures are its counts")
     ] = "exposure_time_absolute"
     meter_lux: Annotated[
         Lux, means("reading of a light meter that lies level beside the camera: clipped light is estimated by it; 0: no estimate"), LUX

@@ -12,7 +12,7 @@ from vemlight.runtime.wire import MAX_PART
 from vemlight.runtime.wire_names import check_names
 from vemlight.setting_keys import PATH
 from vemlight.settings import Settings, SettingsSection
-from vemlight.source_names import is_camera, is_live, is_stream, shown_source
+from vemlight.source_names import is_camera, is_live, is_path, shown_source
 
 OPTIONS = {"error_percent": "--error", "controls": "--control"}  # of the command line, for keys whose option has another name
 Section = TypeVar("Section", bound=SettingsSection)
@@ -55,8 +55,8 @@ def _with_absolute_paths(section: Section, folder: Path) -> Section:
 
 
 def _absolute(folder: Path, value: str) -> str:
-    """A path from `folder` on; the address of a stream as it is."""
-    return value if is_stream(value) else str(folder / value)
+    """A path from `folder` on; the address of a stream and the name of a camera as they are."""
+    return str(folder / value) if is_path(value) else value
 
 
 def check_settings(settings: Settings, path: Path | None = None) -> None:

@@ -234,7 +234,7 @@ def test_entries_of_a_coding_are_its_light(layout):
 class Controls:
     """The exposure of a virtual camera, in counts of 100 us; gain has one value."""
 
-    exposure_s = 0.002
+    exposure_s, time_control, unit_s = 0.002, "exposure_time_absolute", 1e-4
 
     def __init__(self) -> None:
         self.log: list[int] = []

@@ -27,6 +27,7 @@ MANUAL = {  # ids of what adjusts itself (linux/v4l2-controls.h), and the value 
 }
 EXPOSURE = 0x009A0902  # exposure_time_absolute, in units of EXPOSURE_UNIT_S
 EXPOSURE_UNIT_S = 1e-4
+EXPOSURE_NAME = "exposure_time_absolute"  # as V4L2 has it; in the settings, the exposure of any camera
 DISABLED, READ_ONLY, WRITE_ONLY = 0x0001, 0x0004, 0x0040  # flags
 INTEGER, BOOLEAN, MENU, INTEGER_MENU = 1, 2, 3, 9  # types whose value is one whole number
 CLASSES = (0x00980000, 0x009A0000)  # of user and camera controls; others set up codecs and tests
@@ -63,6 +64,8 @@ def _queried(v4l2: Any, device: int) -> Iterator[Any]:
 
 class CameraControls:
     """The controls of an open camera, while they are ours. values: what was read back, by name."""
+
+    time_control, unit_s = EXPOSURE_NAME, EXPOSURE_UNIT_S
 
     def __init__(self, device: int, path: str, wanted: Mapping[str, int]) -> None:
         """Stops what adjusts itself and sets what is `wanted`; notices tell what did not obey.

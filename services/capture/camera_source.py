@@ -12,15 +12,37 @@ from vemlight.capture.camera_controls import CameraControls
 from vemlight.capture.colour_coding import colour_coding
 from vemlight.capture.exposure_camera import ExposureCamera, values_from_coding
 from vemlight.capture.frames import Frame, FrameMaker
+from vemlight.capture.genicam_camera import GenicamCamera
+from vemlight.capture.genicam_controls import GenicamControls
+from vemlight.capture.lens import Lens
 from vemlight.capture.pixel_formats import MJPEG
 from vemlight.capture.planes import Planes, codes_from_planes, layout_of
 from vemlight.capture.recorder import Recorder
 from vemlight.capture.recording_attributes import map_attributes
+from vemlight.capture.response import Response
 from vemlight.capture.scatter import Threads
 from vemlight.capture.still_source import StillReader
 from vemlight.capture.v4l2 import RawFrame, V4l2Camera
 from vemlight.errors import UserError
+from vemlight.files import notice
 from vemlight.settings import Capture
+from vemlight.source_names import is_genicam
+
+EXPOSURE_ERROR = 0.05  # between the exposure that a frame tells and the one that was read back; rows round it by a per cent or two
+
+
+def open_camera(settings: Capture, response: Response | None, lens: Lens | None = None) -> V4l2Camera | GenicamCamera:
+    """The camera that the settings name, for that response and lens. Raises UserError when it cannot be used."""
+    if is_genicam(settings.source):  # a size is a part of the sensor there, which a lens file does not place
+        return GenicamCamera(
+            settings.source, form=settings.format, width=settings.width, height=settings.height, fps=settings.fps,
+            response_bits=response.bits if response else None, controls=settings.controls,
+        )  # fmt: skip
+    width, height = lens.size if lens else (0, 0)
+    return V4l2Camera(
+        settings.source, form=settings.format, width=settings.width or width, height=settings.height or height, fps=settings.fps,
+        in_colour=response is None, controls=settings.controls,
+    )  # fmt: skip
 
 
 class CameraSource:
@@ -29,20 +51,12 @@ class CameraSource:
     def __init__(self, settings: Capture):
         """Raises UserError for a camera, lens or response that cannot be used, and for a lens of another size."""
         self._maker = FrameMaker(settings, Path.cwd())
-        width, height = self._maker.lens.size if self._maker.lens else (0, 0)
-        self._camera = V4l2Camera(
-            settings.source,
-            form=settings.format,
-            width=settings.width or width,
-            height=settings.height or height,
-            fps=settings.fps,
-            in_colour=self._maker.response is None,
-            controls=settings.controls,
-        )
+        self._camera = open_camera(settings, self._maker.response, self._maker.lens)
         self.fps, self._coding = self._camera.fps, None
         self._exposures: ExposureCamera | None = None
         self._threads = Threads(settings.threads)
         try:
+            self._check_response(settings)
             if self._camera.form.mosaic is None:
                 camera = self._camera
                 self._coding = colour_coding(settings, camera.path, camera.tags, camera.unsaid, self._maker.response)
@@ -83,9 +97,10 @@ class CameraSource:
         self._count += raw.lost + 1
         of_exposures: dict[str, Any] = {}
         if self._exposures:
-            frame, of_exposures = self._exposures.frame(self._codes(raw), time_s)
+            frame, of_exposures = self._exposures.frame(self._codes(raw), time_s, raw.exposure_s)
         else:
             frame = self._made(raw, time_s)
+            self._check_exposure(raw)
         if self.recorder:
             attributes = raw_attributes(raw, self.fps, self._camera.controls)
             if self._exposures:
@@ -109,6 +124,20 @@ class CameraSource:
             assert self._coding is not None
             values = values_from_coding(self._coding, dark.planes.layout.bits, response.exposure_s if response else 1.0)
         return ExposureCamera(settings, self._maker, camera.path, camera.controls, values, camera.form.mosaic, self.fps)
+
+    def _check_response(self, settings: Capture) -> None:
+        """Raises UserError for a GenICam camera of raw codes without response file, and says what is in one: such sensors are linear."""
+        form = self._camera.form
+        if form.mosaic and self._maker.response is None and is_genicam(settings.source):
+            says = f'kind = "linear", bits = {form.bits}, a = 0.0 (better: its code of darkness), b = {2**form.bits - 1}.0'
+            fault = f"sends raw codes ({form.name}), which need a response file"
+            raise UserError(f"{self._camera.path}: {fault}; a linear sensor's says {says}")
+
+    def _check_exposure(self, raw: RawFrame) -> None:
+        """Says it where frames tell another exposure than the one that is set."""
+        held_s = self._camera.controls.exposure_s if self._camera.controls else None
+        if raw.exposure_s and held_s and abs(raw.exposure_s - held_s) > EXPOSURE_ERROR * held_s:
+            notice(f"{self._camera.path}: frames tell other exposures than the {held_s:g} s that is set; its light may change by itself")
 
     def _codes(self, raw: RawFrame) -> np.ndarray:
         """The codes of a frame of changing exposure."""
@@ -145,12 +174,12 @@ class CameraSource:
             self.recorder.close()
 
 
-def raw_attributes(raw: RawFrame, fps: float, controls: CameraControls | None = None) -> dict[str, Any]:
+def raw_attributes(raw: RawFrame, fps: float, controls: CameraControls | GenicamControls | None = None) -> dict[str, Any]:
     """The EXR attributes of a camera's frame; nanoseconds are text, because the format's integers have 32 bits."""
     captured_s = time.time() - (time.monotonic_ns() - raw.monotonic_ns) / 1e9
     held: dict[str, Any] = {"vemlight:controls": json.dumps(controls.values)} if controls and controls.values else {}
-    if controls and controls.exposure_s is not None:
-        held["expTime"] = controls.exposure_s
+    if exposure_s := raw.exposure_s or (controls.exposure_s if controls else None):
+        held["expTime"] = exposure_s
     return {
         **held,
         "vemlight:kind": "codes",

@@ -5,19 +5,20 @@ from typing import Any
 
 import numpy as np
 
-from vemlight.capture.camera_controls import EXPOSURE_UNIT_S, CameraControls
+from vemlight.capture.camera_controls import EXPOSURE_NAME, CameraControls
 from vemlight.capture.colour_coding import LOWEST, PER_SIGNAL, ColourCoding, white_entry
 from vemlight.capture.exposure_cycle import SETTLING, ExposureCycle
 from vemlight.capture.exposure_merge import CLIPPED, CodeValues
 from vemlight.capture.exposure_recording import EXPOSURE, EXPOSURES, checked_exposures, exposures_text
 from vemlight.capture.frames import Frame, FrameMaker
+from vemlight.capture.genicam_controls import GenicamControls
 from vemlight.capture.live_brackets import LiveBrackets
 from vemlight.capture.mosaic import Mosaic
 from vemlight.errors import UserError
 from vemlight.files import notice
 from vemlight.settings import Capture
 
-TIME = "exposure_time_absolute"
+ALIKE = 0.05  # at most, between an exposure that a frame tells and the one of the cycle that it is; 0.02 to 0.2 do
 
 
 def values_from_coding(coding: ColourCoding, bits: int, exposure_s: float) -> CodeValues:
@@ -35,15 +36,17 @@ class ExposureCamera:
         settings: Capture,
         maker: FrameMaker,
         name: str,
-        controls: CameraControls,
+        controls: CameraControls | GenicamControls,
         values: CodeValues,
         mosaic: Mosaic | None,
         fps: float,
     ) -> None:
         """Tries each exposure and sets the first one. Raises UserError for a control or exposures that the camera does not have."""
-        self._control, self._is_time = settings.exposure_control, settings.exposure_control == TIME
+        asked = settings.exposure_control
+        self._control = controls.time_control if asked == EXPOSURE_NAME else asked
+        self._unit_s = controls.unit_s if self._control == controls.time_control else 0.0  # 0: exposures are the control's own counts
         counts = self._counts(name, settings.exposures, *controls.limits(self._control))
-        unit = EXPOSURE_UNIT_S if self._is_time else 1.0
+        unit = self._unit_s or 1.0
         found = {count: controls.written(self._control, count) for count in counts}
         if refused := [count for count, value in found.items() if value is None or value <= 0]:
             raise UserError(f"{name}: does not take {self._control} = {refused[0]}; choose other exposures")
@@ -52,30 +55,30 @@ class ExposureCamera:
                 notice(f"{name}: makes {self._control} = {value} of {count}; its exposures are read back")
         self._count_by_exposure = {value * unit: count for count, value in found.items() if value is not None}
         self.cycle = ExposureCycle(checked_exposures(name, tuple(self._count_by_exposure)))
-        if self._is_time and fps * self.cycle.exposures[0] > 1:
+        if self._unit_s and fps * self.cycle.exposures[0] > 1:
             longest = f"an exposure of {self.cycle.exposures[0]:g} s is longer than a frame at {fps:g} a second"
             notice(f"{name}: {longest}; frames may come later")
         self._received = 0
         self._live = LiveBrackets(maker, name, self.cycle, values, mosaic)
         self.write(controls, self.cycle.first)
 
-    def _counts(self, name: str, exposures: tuple[float, ...], least: int, most: int) -> list[int]:
+    def _counts(self, name: str, exposures: tuple[float, ...], least: float, most: float) -> list[int]:
         """The values of the control, each in its limits."""
         counts = []
         for exposure in exposures:
-            count = exposure / EXPOSURE_UNIT_S if self._is_time else exposure
+            unit = self._unit_s or 1.0
+            count = exposure / unit
             if not least <= round(count) <= most or round(count) < 1:
-                unit = EXPOSURE_UNIT_S if self._is_time else 1
-                reach = f"{max(least, 1) * unit:g} to {most * unit:g}{' s' if self._is_time else ''}"
+                reach = f"{max(least, 1) * unit:g} to {most * unit:g}{' s' if self._unit_s else ''}"
                 raise UserError(f"{name}: an exposure of {exposure:g} is not in its {reach} of {self._control}; choose one in it")
             counts.append(round(count))
         return counts
 
-    def write(self, controls: CameraControls, number: int) -> None:
+    def write(self, controls: CameraControls | GenicamControls, number: int) -> None:
         """Asks for the exposure of that number."""
         controls.write(self._control, self._count_by_exposure[self.cycle.exposures[number]])
 
-    def received(self, controls: CameraControls) -> bool:
+    def received(self, controls: CameraControls | GenicamControls) -> bool:
         """To be called for each frame, before it is used: asks for a later one's exposure. Whether this one is to be used."""
         self._received += 1
         ahead = self.cycle.asked_after(self._received)
@@ -83,9 +86,16 @@ class ExposureCamera:
             self.write(controls, ahead)
         return self._received >= SETTLING
 
-    def frame(self, codes: np.ndarray, time_s: float) -> tuple[Frame, dict[str, Any]]:
-        """The map of a frame and those before it, and the attributes of a recorded frame's header."""
-        frame, number = self._live.frame(codes, time_s)
+    def frame(self, codes: np.ndarray, time_s: float, exposure_s: float | None = None) -> tuple[Frame, dict[str, Any]]:
+        """The map of a frame and those before it, and the attributes of a recorded frame's header.
+
+        exposure_s: where the camera tells each frame's; else it is recognised from the picture, as where it tells none of those asked for.
+        """
+        told = None
+        if exposure_s and self._unit_s:
+            nearest = min(range(len(self.cycle.exposures)), key=lambda n: abs(exposure_s / self.cycle.exposures[n] - 1))
+            told = nearest if abs(exposure_s / self.cycle.exposures[nearest] - 1) < ALIKE else None
+        frame, number = self._live.frame(codes, time_s, told)
         exposure = self.cycle.exposures[number]
         return frame, {EXPOSURES: exposures_text(self.cycle.exposures), EXPOSURE: repr(exposure)}
 

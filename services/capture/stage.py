@@ -21,7 +21,7 @@ from vemlight.runtime import stamps, wire
 from vemlight.runtime.channels import Instance
 from vemlight.runtime.playback import Playback
 from vemlight.runtime.reports import MapReport
-from vemlight.source_names import is_stream, shown_source
+from vemlight.source_names import is_path, shown_source
 
 MAX_NAME = 200  # letters of a source's name on the page
 MapMessage = tuple[wire.MapMessage, tuple[np.ndarray, ...]]
@@ -161,7 +161,7 @@ def source_name(settings: settings.Capture) -> str:
     """What a source is called on the page: the last part of its path; never more of it, which pages are shown to others."""
     if not settings.source:
         return "bundled sequence"
-    name = shown_source(settings.source) if is_stream(settings.source) else Path(settings.source).name
+    name = Path(settings.source).name if is_path(settings.source) else shown_source(settings.source)
     return printable_line(name)[:MAX_NAME]
 
 

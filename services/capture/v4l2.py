@@ -38,6 +38,7 @@ class RawFrame(NamedTuple):
     monotonic_ns: int  # the kernel's time stamp, on the monotonic clock
     lost: int  # frames between the previous one and this one
     planes: Planes | None = None
+    exposure_s: float | None = None  # where the camera tells each frame's
 
 
 class CameraInfo(NamedTuple):
@@ -48,6 +49,7 @@ class CameraInfo(NamedTuple):
     formats: list[str]  # names of those that can be read here
     others: tuple[str, ...] = ()  # four letters of those that it has as well
     controls: tuple[str, ...] = ()  # names of those that have one number each
+    is_free: bool = True  # False: another program has it
 
 
 def list_cameras() -> list[CameraInfo]:
@@ -141,10 +143,10 @@ class V4l2Camera:
         try:
             self._open()
         except UserError:
-            self._close()
+            self.close()
             raise
         except OSError as error:
-            self._close()
+            self.close()
             raise UserError(f"{path}: cannot be opened as a camera ({error.strerror}); check the path, or free it") from error
 
     def _open(self) -> None:

@@ -157,7 +157,7 @@ def webcam(
     from vemlight.settings import Capture
     from vemlight.settings_file import section_from_options
 
-    check_camera(Path(camera))
+    check_camera(camera)
     given = {"source": camera, "format": form, "width": size[0], "height": size[1], "fps": fps, "controls": dict(controls)}
     found, exposures = calibrate_webcam(section_from_options(Capture, given), out, accept=accept)
     click.echo(f"{bracket_summary(found)}\nexposures = [{', '.join(f'{exposure:g}' for exposure in exposures)}] span what it can")

@@ -5,10 +5,10 @@ import platform
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
@@ -21,6 +21,9 @@ from vemlight.runtime.token import is_loopback
 from vemlight.runtime.transport import ROLES, endpoint, read_keys, runtime_folder
 from vemlight.settings import Settings
 from vemlight.source_names import is_live, shown_source
+
+if TYPE_CHECKING:
+    from vemlight.capture.v4l2 import CameraInfo
 
 Grade = Literal["pass", "warn", "fail"]
 OPTIONAL = ("embreex",)  # there is none for some processors; the line of the shadows says what is drawn without it
@@ -50,6 +53,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
     yield _encoder()
     yield _charts()
     yield from _cameras()
+    yield from _genicam_cameras()
     yield from _ports(settings)
     yield _page(settings)
     yield _sockets(settings)
@@ -160,27 +164,54 @@ def _charts() -> Finding:
 
 
 def _cameras() -> Iterator[Finding]:
+    from vemlight.capture.genicam_producers import PRODUCERS
     from vemlight.capture.pixel_formats import FORMATS
     from vemlight.capture.v4l2 import list_cameras
 
     cameras = list_cameras()
     stable_names = {os.path.realpath(link): link for link in sorted(Path("/dev/v4l/by-id").glob("*"))}
+    letters = {form.name for form in FORMATS.values() if not form.name.endswith("-BE")}
     for camera in cameras:
         name = str(stable_names.get(camera.path, camera.path))  # does not change with the order of plugging in
-        others = f"; not read: {', '.join(camera.others)}" if camera.others else ""
-        exposure = next((name for name in camera.controls if name.startswith("exposure") and "auto" not in name), None)
-        locks = f"--control {exposure}=N locks its exposure" if exposure else "it has no control of its exposure; lock it at the camera"
-        if camera.formats:
-            yield Finding("pass", "camera", f"{name}: {camera.card}, {', '.join(camera.formats)}{others}; {locks}")
-        else:
-            letters = ", ".join(sorted({form.name for form in FORMATS.values() if not form.name.endswith("-BE")}))
-            found = f"{name}: {camera.card} has no format that is read{others}"
-            yield Finding("warn", "camera", found, f"use one that has any of {letters}")
+        yield _camera(camera, name, letters)
     for path in sorted(Path("/dev").glob("video*")):
         if not may_open(path):
             yield Finding("fail", "camera", f"{path} may not be opened by this user", group_hint(path))
-    if not any(Path("/dev").glob("video*")):
+    if not any(Path("/dev").glob("video*")) and not os.environ.get(PRODUCERS):
         yield Finding("warn", "camera", "none", "plug one in (a container needs its device), or replay: [capture] source = FOLDER")
+
+
+def _camera(camera: "CameraInfo", name: str, read: Collection[str]) -> Finding:
+    """read: names of formats, for the hint."""
+    others = f"; not read: {', '.join(camera.others)}" if camera.others else ""
+    exposure = next((name for name in camera.controls if name.lower().startswith("exposure") and "auto" not in name), None)
+    locks = f"--control {exposure}=N locks its exposure" if exposure else "it has no control of its exposure; lock it at the camera"
+    if camera.formats:
+        return Finding("pass", "camera", f"{name}: {camera.card}, {', '.join(camera.formats)}{others}; {locks}")
+    found = f"{name}: {camera.card} has no format that is read{others}"
+    return Finding("warn", "camera", found, f"use one that has any of {', '.join(sorted(read))}")
+
+
+def _genicam_cameras() -> Iterator[Finding]:
+    """Only where a producer is installed, which says that there are such cameras."""
+    from vemlight.capture.genicam_producers import PRODUCERS, list_genicam
+    from vemlight.capture.pixel_formats import PFNC_FORMATS
+
+    if not os.environ.get(PRODUCERS):
+        return
+    try:
+        cameras = list_genicam()
+    except UserError as error:
+        found, _, hint = str(error).rpartition("; ")
+        yield Finding("warn", "camera", found, hint)
+        return
+    for camera in cameras:
+        if camera.is_free:
+            yield _camera(camera, camera.path, PFNC_FORMATS)
+        else:
+            yield Finding("warn", "camera", f"{camera.path}: {camera.card}, which cannot be opened", "end the program that uses it")
+    if not cameras:
+        yield Finding("warn", "camera", f"no GenICam camera is found by the producers of {PRODUCERS}", "plug one in, or set its address")
 
 
 def _ports(settings: Settings) -> Iterator[Finding]:

@@ -5,7 +5,6 @@ import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
-from pathlib import Path
 from typing import BinaryIO
 
 import msgspec
@@ -44,7 +43,7 @@ def open_frames(options: SamplingOptions) -> FrameSource:
 
         count = frames_of_live(options.frames, capture.source)
         if is_camera(capture.source):
-            check_camera(Path(capture.source))
+            check_camera(capture.source)
         return MaskedSource(LiveFrames(capture, count), capture)
     return MaskedSource(open_source(limited_to(capture, options.frames)), capture)
 

@@ -19,7 +19,7 @@ from vemlight.runtime.instances import camera_capture, captures, instances, rig_
 from vemlight.runtime.transport import endpoint
 from vemlight.settings import Capture, Plate, Settings
 from vemlight.settings_file import check_settings
-from vemlight.source_names import is_camera, is_live, is_stream
+from vemlight.source_names import is_camera, is_genicam, is_live, is_stream
 
 MEMORY_DEVICES = 1  # major number of /dev/null, /dev/zero and their like (Linux, admin-guide/devices.txt)
 MAPS = ("fps", "rows", "cols", "coverage", "frames", "speed", "threads")  # keys under which the bundled sequence plays, whatever they are
@@ -117,7 +117,7 @@ def _check_source(capture: Capture) -> None:
     if is_stream(capture.source):
         return  # a server that is asked twice may refuse the second: capture itself says what is wrong
     if is_camera(capture.source):
-        check_camera(Path(capture.source))
+        check_camera(capture.source)
     elif msgspec.structs.replace(capture, **{key: getattr(Capture(), key) for key in MAPS}) != Capture():
         from vemlight.capture.source import open_files
 
@@ -184,16 +184,24 @@ def _check_devices(settings: Settings) -> None:
 
 
 def _check_plate(plate: Plate) -> None:
+    if is_genicam(plate.source):
+        raise UserError(f"{plate.source}: is a GenICam camera, which the light is taken from; name a video, pictures, or /dev/videoN")
     if is_camera(plate.source):
-        check_camera(Path(plate.source))
+        check_camera(plate.source)
     elif plate.source:
         from vemlight.plate.video_source import open_video_source
 
         open_video_source(Path(plate.source), plate.fps).picture(0)
 
 
-def check_camera(device: Path) -> None:
-    """Raises UserError for what is no camera, is not there, or may not be opened."""
+def check_camera(source: str) -> None:
+    """Raises UserError for what is no camera, is not there, or may not be opened; of GenICam's, for want of what finds them."""
+    if is_genicam(source):
+        from vemlight.capture.genicam_producers import check_producers
+
+        check_producers(source)
+        return
+    device = Path(source)
     if not device.exists():
         raise UserError(f"{device}: there is no such camera; plug it in, or see `vemlight doctor`")
     status = device.stat()

@@ -60,7 +60,7 @@ SOURCE_OPTIONS = (
     click.option("--projection", type=_choice(Projection), help="Where pixels look; left out: fisheye with a lens, else equirect."),
     click.option("--span", type=Numbers(2), metavar="ACROSS,DOWN", help="equirect: degrees that the image covers; left out: 360,180."),
     click.option("--control", "controls", type=Assignment(), multiple=True, help="Cameras: NAME=VALUE of a control; as often as needed."),
-    click.option("--format", help="Cameras: pixel format by the kernel's letters, such as YUYV or MJPG. PNG: its mosaic."),
+    click.option("--format", help="Cameras: pixel format by the kernel's letters, such as YUYV, or GenICam's name. PNG: its mosaic."),
     click.option("--exposures", type=Numbers(0), metavar="S,S,..", help="Cameras: exposures to take in turn and to merge, in seconds."),
     click.option("--exposure-control", help="Cameras: the control that sets them; left out: exposure_time_absolute."),
     click.option("--brackets", is_flag=True, default=None, help="Folders of photographs: several exposures, by EXIF, are one frame."),
@@ -85,17 +85,17 @@ def source_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def capture_settings(capture: Any, source: str | None, given: dict[str, Any]) -> Any:
     """The settings' section with what a command's options say instead; None and () were left out. Raises UserError.
 
-    source: a path from the working folder, or the address of a stream. given: by the names of SOURCE_OPTIONS and of [capture] keys.
+    source: a path from the working folder, an address, or a camera's name. given: by the names of SOURCE_OPTIONS and of [capture] keys.
     """
     import msgspec
 
     from vemlight.settings import Capture
     from vemlight.settings_file import read_settings, section_from_options
-    from vemlight.source_names import is_stream
+    from vemlight.source_names import is_path
 
     values = msgspec.structs.asdict(capture)
     if source is not None:
-        values["source"] = source if is_stream(source) else str(Path.cwd() / source)
+        values["source"] = str(Path.cwd() / source) if is_path(source) else source
     lenses, response = given.pop("lenses", ()), given.pop("response", None)
     if lenses:
         names = [str(Path.cwd() / lens) for lens in lenses]

@@ -15,7 +15,7 @@ from vemlight.errors import UserError
 from vemlight.files import read_toml
 from vemlight.runtime.channels import UPSTREAM, Instance, Service
 from vemlight.settings import Capture, Settings
-from vemlight.source_names import is_live, is_stream, shown_source
+from vemlight.source_names import is_live, is_path, shown_source
 
 MAX_CAMERAS = 16  # the sets of cameras that see a light are looked through; a stage has 4 to 8
 Camera = TypeVar("Camera", bound=msgspec.Struct)
@@ -54,10 +54,10 @@ def rig_cameras(file: str) -> tuple[RigCamera, ...]:
 
 
 def with_absolute_paths(camera: Camera, file: Path) -> Camera:
-    """A camera of a rig's file, whose source, lens and response are relative to its folder there, unless the source is a stream."""
+    """A camera of a rig's file, whose source, lens and response are relative to its folder there, unless the source has no path."""
     folder, paths = file.resolve().parent, msgspec.structs.asdict(camera)
     changed: dict[str, Any] = {key: str(folder / paths[key]) for key in ("source", "lens", "response") if paths[key]}
-    if is_stream(paths["source"]):
+    if not is_path(paths["source"]):
         changed["source"] = paths["source"]
     return msgspec.structs.replace(camera, **changed)
 

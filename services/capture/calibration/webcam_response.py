@@ -7,10 +7,12 @@ import msgspec
 import numpy as np
 
 from vemlight.capture.calibration.bracket_response import BracketResponseReport, calibrate_from_exposures
-from vemlight.capture.camera_controls import EXPOSURE_UNIT_S
+from vemlight.capture.camera_controls import EXPOSURE_NAME
+from vemlight.capture.camera_source import open_camera
 from vemlight.capture.colour_coding import LOWEST, colour_coding
 from vemlight.capture.exposure_camera import PER_SIGNAL
 from vemlight.capture.exposure_cycle import SETTLING
+from vemlight.capture.genicam_camera import GenicamCamera
 from vemlight.capture.planes import Planes, codes_from_planes
 from vemlight.capture.scatter import ONE_THREAD
 from vemlight.capture.v4l2 import V4l2Camera
@@ -30,21 +32,20 @@ def calibrate_webcam(settings: Capture, out: Path, accept: bool) -> tuple[Bracke
     Raises UserError for a camera that cannot be used, sends raw codes, or has no control of its exposure, and as
     `calibrate_from_exposures`.
     """
-    camera = V4l2Camera(
-        settings.source, form=settings.format, width=settings.width, height=settings.height, fps=settings.fps, in_colour=True,
-        controls=settings.controls,
-    )  # fmt: skip
+    camera = open_camera(settings, None)
     try:
         if camera.form.mosaic or camera.controls is None:
             raise UserError(f"{camera.path}: sends raw codes ({camera.form.name}), not a picture in colour; calibrate it from patches")
-        counts = _counts(*camera.controls.limits(settings.exposure_control), longest_s=1 / camera.fps)
+        control = camera.controls.time_control if settings.exposure_control == EXPOSURE_NAME else settings.exposure_control
+        unit_s = camera.controls.unit_s
+        counts = _counts(*camera.controls.limits(control), 1 / camera.fps / unit_s)
         # the table of the coding is not used: its signals are what is calibrated
         coding = colour_coding(msgspec.structs.replace(settings, transfer="srgb"), camera.path, camera.tags, camera.unsaid)
         shots, bits = [], 8
         for count in counts:
-            value = camera.controls.written(settings.exposure_control, count)
+            value = camera.controls.written(control, count)
             if value is None or value <= 0:
-                raise UserError(f"{camera.path}: does not take {settings.exposure_control} = {count}; see `vemlight doctor`")
+                raise UserError(f"{camera.path}: does not take {control} = {count}; see `vemlight doctor`")
             total = 0.0
             for k in range(SETTLING + MEANS):
                 planes = _next(camera)
@@ -52,13 +53,13 @@ def calibrate_webcam(settings: Capture, out: Path, accept: bool) -> tuple[Bracke
                     bits = planes.layout.bits
                     spans = np.tile([0, planes.width], (planes.height, 1))
                     total = total + codes_from_planes(planes, coding, spans, ONE_THREAD).astype(np.float64) / PER_SIGNAL + LOWEST
-            shots.append((np.clip(np.asarray(total) / MEANS, 0, 1), value * EXPOSURE_UNIT_S))
+            shots.append((np.clip(np.asarray(total) / MEANS, 0, 1), value * unit_s))
     finally:
         camera.close()
     ordered = sorted(shots, key=lambda shot: -shot[1])
     distinct = [shot for n, shot in enumerate(ordered) if n == 0 or ordered[n - 1][1] > 1.1 * shot[1]]
     if len(distinct) < 2:
-        fault = f"its {settings.exposure_control} has one value alone, {ordered[0][1]:g} s"
+        fault = f"its {control} has one value alone, {ordered[0][1]:g} s"
         raise UserError(f"{camera.path}: {fault}; calibrate it from patches")
     report = calibrate_from_exposures(camera.path, distinct, bits, out, accept)
     longest, shortest = distinct[0][1], distinct[-1][1]
@@ -66,16 +67,16 @@ def calibrate_webcam(settings: Capture, out: Path, accept: bool) -> tuple[Bracke
     return report, tuple(float(exposure) for exposure in np.geomspace(longest, shortest, steps + 1))
 
 
-def _counts(least: int, most: int, longest_s: float) -> list[int]:
-    """Values of the control in steps of a stop, from the longest that fits into a frame down."""
-    count, counts = float(min(most, longest_s / EXPOSURE_UNIT_S)), []
+def _counts(least: float, most: float, of_a_frame: float) -> list[int]:
+    """Values of the control in steps of a stop, from the longest that fits into a frame down. of_a_frame: its duration in that unit."""
+    count, counts = float(min(most, of_a_frame)), []
     while round(count) >= max(least, 1) and len(counts) < MAX_SHOTS:
         counts.append(round(count))
         count /= STEP
-    return counts or [max(least, 1)]
+    return counts or [round(max(least, 1))]
 
 
-def _next(camera: V4l2Camera) -> Planes:
+def _next(camera: V4l2Camera | GenicamCamera) -> Planes:
     """The planes of the next frame. Raises UserError when none comes."""
     until_s = time.monotonic() + SILENT_S
     while time.monotonic() < until_s:

@@ -91,6 +91,8 @@ class GenicamCamera:
             if pixels:
                 controls.settle(name, pixels)
         self.width, self.height = int(self._nodes.Width.value), int(self._nodes.Height.value)
+        if chosen.packing:  # compiles the loop before the first frame is due
+            codes_from_bytes(memoryview(bytes(16)), chosen, 4, 1, 4 * chosen.stored_bits // 8)
 
     def _agree_on_rate(self, controls: GenicamControls, fps: float) -> float:
         if fps and controls.read("TriggerMode") != "On":

@@ -1,5 +1,6 @@
 """Settings from a file or a command's options, and which values do not go together."""
 
+import re
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -100,7 +101,10 @@ def section_from_options(kind: type[Section], values: dict[str, Any]) -> Section
         text, _, where = str(error).partition(" - at `$.")
         if not where:  # values that do not go together; the text says how to fix them
             raise UserError(text) from error
-        key = where.rstrip("`")
+        key, _, index = where.rstrip("`").partition("[")
+        text = re.sub(r"^Expected `(float|int)` (?=[<>])", "must be ", text)
+        if index:
+            text = f"number {int(index.rstrip(']')) + 1} of it {text}"
         type_ = get_type_hints(kind).get(key)
         hint = f"choose from {', '.join(get_args(type_))}" if get_origin(type_) is Literal else "change that option"
         option = OPTIONS.get(key, f"--{key.replace('_', '-')}")

@@ -55,6 +55,32 @@ def test_files_of_gltf_1_are_refused(tmp_path):
         read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
 
 
+def test_files_that_need_a_later_version_are_refused(tmp_path):
+    sheet = TexturedSquare()
+    sheet.document["asset"]["minVersion"] = "2.5"
+    with pytest.raises(UserError, match=r"needs glTF 2\.5"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
+def test_numbers_behind_the_end_of_their_view_are_none(tmp_path):
+    sheet = TexturedSquare()
+    position = sheet.document["accessors"][sheet.primitive["attributes"]["POSITION"]]
+    sheet.document["bufferViews"][position["bufferView"]]["byteLength"] -= 4
+    with pytest.raises(UserError, match="outside their buffer view"):
+        read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here")
+
+
+def test_what_a_node_hides_is_not_drawn(tmp_path):
+    sheet = TexturedSquare()
+    nodes = sheet.document["nodes"]
+    nodes += [{"mesh": 0}, {"children": [len(nodes)], "extensions": {"KHR_node_visibility": {"visible": False}}}]
+    sheet.document["scenes"][0]["nodes"].append(len(nodes) - 1)
+    sheet.document["extensionsRequired"] = sheet.document["extensionsUsed"] = ["KHR_node_visibility"]
+    assert len(read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts) == 1
+    nodes[-1]["extensions"]["KHR_node_visibility"]["visible"] = True
+    assert len(read_meshes(sheet.write(tmp_path / "sheet.gltf"), "here").parts) == 2
+
+
 def test_strips_and_vertices_without_indices_are_triangles(tmp_path):
     sheet = TexturedSquare()
     sheet.primitive.update(mode=5, indices=sheet.accessor(np.array([0, 1, 3, 2], np.uint32)[:, None]))

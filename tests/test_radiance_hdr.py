@@ -8,7 +8,8 @@ import pytest
 from vemlight.errors import UserError
 from vemlight.light.image_limits import ImageLimits
 from vemlight.light.primaries import REC709, rec709_from_xyz, xyz_from_primaries
-from vemlight.light.radiance_hdr import MAX_HEADER_BYTES, read_radiance_hdr
+from vemlight.light.radiance_hdr import MAX_HEADER_BYTES
+from vemlight.light.radiance_hdr import read_radiance_hdr as read_with_header
 
 HEIGHT, WIDTH = 6, 16
 
@@ -38,6 +39,10 @@ def radiance(codes):
         if exponent:
             out[y, x] = [(mantissa + 0.5) * 2.0 ** (exponent - 136) for mantissa in mantissas]
     return out.astype(np.float32)
+
+
+def read_radiance_hdr(path, *limits):
+    return read_with_header(path, *limits)[0]
 
 
 def flat(row):
@@ -112,6 +117,14 @@ def test_all_eight_orientations_are_the_same_picture(tmp_path, codes, y, x, colu
 ])  # fmt: skip
 def test_exposures_multiply_and_are_taken_out(tmp_path, codes, lines):
     np.testing.assert_allclose(read_radiance_hdr(write(tmp_path / "a.hdr", codes, lines=lines)), radiance(codes) / 2, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("line", "stated"), [
+    ("FORMAT=32-bit_rle_rgbe", False), ("FORMAT=32-bit_rle_xyze", True), ("PRIMARIES=0 0 0 0 0 0 0 0", False),
+    ("PRIMARIES=0.64 0.33 0.3 0.6 0.15 0.06 0.3127 0.329", True),
+])  # fmt: skip
+def test_whether_primaries_are_stated_is_handed_on(tmp_path, codes, line, stated):
+    assert ("chromaticities" in read_with_header(write(tmp_path / "a.hdr", codes, lines=(line,)))[1]) == stated
 
 
 def test_a_gamma_that_the_format_does_not_know_is_said(tmp_path, codes, capsys):

@@ -3,6 +3,7 @@
 import struct
 import warnings
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image, ImageCms
@@ -121,6 +122,15 @@ def test_a_gain_map_that_is_not_read_is_said(tmp_path, capsys, mark):
     Image.fromarray(codes_of(room(), "srgb", 8)).save(tmp_path / "sky.jpg", comment=mark)
     irradiance_of(tmp_path / "sky.jpg")
     assert "gain map, which is not read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("settings", "said"), [
+    (Capture(layer="A"), "layer: is of EXR files"), (Capture(controls={"gain": 5}), "controls: is for cameras"),
+])  # fmt: skip
+def test_what_says_nothing_of_a_picture_is_refused(tmp_path, settings, said):
+    write_png(tmp_path / "sky.png", codes_of(room(), "srgb", 8))
+    with pytest.raises(UserError, match=said):
+        open_files(msgspec.structs.replace(settings, source=str(tmp_path / "sky.png")))
 
 
 def test_colours_for_print_are_refused(tmp_path):

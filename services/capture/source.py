@@ -169,8 +169,12 @@ def open_files(settings: Capture) -> FileSource | FilmSource | BracketSource | E
     path = Path(settings.source) if settings.source else BUNDLED
     if not os.path.exists(path):  # False for a name that is none, too
         raise UserError(f"{path}: there is no such file or folder; check the path")
+    if settings.controls:
+        raise UserError(f"{path}: --control, [capture] controls: is for cameras, and this is no camera; leave it out")
     if settings.brackets:
         return BracketSource(settings, path)
+    if settings.layer and path.is_file() and path.suffix.lower() != ".exr":
+        raise UserError(f"{path}: --layer, [capture] layer: is of EXR files, and this is another; leave it out")
     if not path.is_dir() and path.suffix.lower() in FILM_SUFFIXES:
         return FilmSource(settings, path)
     if not path.is_dir():

@@ -94,6 +94,8 @@ def capture_settings(capture: Any, source: str | None, given: dict[str, Any]) ->
     from vemlight.source_names import is_path
 
     values = msgspec.structs.asdict(capture)
+    if source == "":
+        raise UserError("the source is an empty name; name a file, a folder, a camera or a stream")
     if source is not None:
         values["source"] = str(Path.cwd() / source) if is_path(source) else source
     lenses, response = given.pop("lenses", ()), given.pop("response", None)

@@ -27,7 +27,7 @@ FORMATS = ("PNG", "TIFF", "JPEG")  # Pillow knows forty more, some of which star
 
 
 def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, Any]]:
-    """Reads an image (height, width, 3) float32, linear Rec. 709, and the EXR's attributes (none for .hdr and .pfm).
+    """Reads an image (height, width, 3) float32, linear Rec. 709, and the EXR's attributes (of .hdr its chromaticities).
 
     Gray files are repeated in three channels; alpha is left out. nan, inf and negative pixels are preserved. layer: of an EXR with several.
     Raises UserError for a file that is missing, damaged, too large or of another kind.
@@ -38,7 +38,7 @@ def read_radiance(path: Path, layer: str = "") -> tuple[np.ndarray, dict[str, An
         if path.suffix.lower() in (".hdr", ".pic"):
             from vemlight.light.radiance_hdr import read_radiance_hdr  # here, since its kernels load numba
 
-            return read_radiance_hdr(path), {}
+            return read_radiance_hdr(path)
         if path.suffix.lower() == ".pfm":
             return read_pfm(path), {}
     check_regular(path, MAX_IMAGE_BYTES)

@@ -6,7 +6,7 @@ Ward 1991, "Real Pixels", Graphics Gems II; Larson and Shakespeare 1998, "Render
 
 import re
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from vemlight.file_kinds import check_kind
 from vemlight.files import notice, read_file
 from vemlight.kernels import kernel
 from vemlight.light.image_limits import LIMITS, MAX_IMAGE_BYTES, ImageLimits
-from vemlight.light.primaries import REC709, rec709_from_primaries, rec709_from_xyz
+from vemlight.light.primaries import D65, REC709, XYZ, rec709_from_primaries, rec709_from_xyz
 
 MAX_HEADER_BYTES = 64 * 1024  # a history of thousands of commands fits; what is longer is another kind of file
 RGBE, XYZE = "32-bit_rle_rgbe", "32-bit_rle_xyze"
@@ -26,21 +26,23 @@ RESOLUTION = re.compile(rb"([+-])([XY]) +(\d+) +([+-])([XY]) +(\d+)\s*")
 class RadianceHeader(NamedTuple):
     """What a header says.
 
-    scale: (3,) by which stored values are divided, all EXPOSURE times COLORCORR. primaries: x, y of red, green, blue and white.
+    scale: (3,) by which stored values are divided, all EXPOSURE times COLORCORR. primaries: x, y of red, green, blue and white; None
+    where it does not say.
     first, second: sign and axis of the scanlines and of the pixels in them, such as ("-", "Y") and ("+", "X"), with their counts.
     begin: the offset of the first pixel.
     """
 
     is_xyz: bool
     scale: np.ndarray
-    primaries: tuple[float, ...]
+    primaries: tuple[float, ...] | None
     first: tuple[str, str, int]
     second: tuple[str, str, int]
     begin: int
 
 
-def read_radiance_hdr(path: Path, limits: ImageLimits = LIMITS) -> np.ndarray:
-    """The picture (height, width, 3) float32 in linear Rec. 709, in the radiance units of the scene, the top row first.
+def read_radiance_hdr(path: Path, limits: ImageLimits = LIMITS) -> tuple[np.ndarray, dict[str, Any]]:
+    """The picture (height, width, 3) float32 in linear Rec. 709, in the radiance units of the scene, the top row first, and its attributes
+    as an EXR would have them: the chromaticities, where the header says them.
 
     Raises UserError, by its cause, for a file that is cut off, damaged, larger than the limits or of another kind.
     """
@@ -61,18 +63,19 @@ def read_radiance_hdr(path: Path, limits: ImageLimits = LIMITS) -> np.ndarray:
         pixels = pixels / header.scale
     if header.is_xyz:
         pixels = pixels @ rec709_from_xyz().T
-    elif not np.allclose(header.primaries, REC709, atol=1e-3):
+    elif header.primaries and not np.allclose(header.primaries, REC709, atol=1e-3):
         try:
             pixels = pixels @ rec709_from_primaries(header.primaries).T
         except ValueError as error:
             raise UserError(f"{path}: its PRIMARIES: {error}; correct the header") from error
-    return np.ascontiguousarray(pixels, np.float32)
+    primaries = (*XYZ, *D65) if header.is_xyz else header.primaries
+    return np.ascontiguousarray(pixels, np.float32), {"chromaticities": primaries} if primaries else {}
 
 
 def _header(path: Path, data: np.ndarray) -> RadianceHeader:
     """Reads the lines up to the resolution. Raises UserError for what is none."""
     text = data[:MAX_HEADER_BYTES].tobytes()
-    scale, is_xyz, primaries, at = np.ones(3), False, REC709, 0
+    scale, is_xyz, primaries, at = np.ones(3), False, None, 0
     if not text:
         raise UserError(f"{path}: is empty; copy it again")
     check_kind(path, text, "a Radiance picture")
@@ -101,7 +104,7 @@ def _header(path: Path, data: np.ndarray) -> RadianceHeader:
                 scale = scale * _numbers(path, line, 3)
             case b"PRIMARIES":
                 stated = _numbers(path, line, 8)
-                primaries = tuple(stated.tolist()) if stated.any() else REC709  # some programs write eight zeros for "not known"
+                primaries = tuple(stated.tolist()) if stated.any() else None  # some programs write eight zeros for "not known"
             case b"GAMMA" if value.strip() not in (b"1", b"1.0", b"1.000000"):
                 shown = value.strip()[:20].decode("ascii", "replace")
                 notice(f"{path}: says GAMMA={shown}, which is no field of the format; its values are taken as linear")

@@ -205,6 +205,8 @@ WRONG = [
         ("polar good.exr --lens no_f.lens.toml --out out.exr", "no_f.lens.toml | no f; add"),
         ("polar good.exr --lens rim.lens.toml --out out.exr", "rim.lens.toml | rim_deg"),
         ("polar good.exr --lens png.hdr --out out.exr", "png.hdr: is a PNG picture, and not TOML"),
+        ("lights good.exr --span 0,180 --projection equirect --out out.json", "--span: number 1 of it must be > 0"),
+        ("lights good.exr --control gain=5 --out out.json", "good.exr: --control | no camera; leave it out"),
         ("simulate nowhere.hdr --lens camera.toml --out out", "nowhere.hdr | sky, interior"),
         ("simulate png.hdr --lens camera.toml --out out", "png.hdr: is a PNG picture"),
         ("simulate sky --lens camera.toml --keyframes keyframes.toml --out out", "keyframes.toml: time_s must rise"),

@@ -34,7 +34,7 @@ READ_EXTENSIONS = frozenset(
     {
         "EXT_mesh_gpu_instancing", "EXT_texture_webp", "KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_materials_ior",
         "KHR_materials_pbrSpecularGlossiness",
-        "KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform",
+        "KHR_materials_unlit", "KHR_mesh_quantization", "KHR_node_visibility", "KHR_texture_transform",
     }
 )  # fmt: skip
 
@@ -60,6 +60,8 @@ class GltfFile:
         self._numbers = 0
         if not str(self.document["asset"]["version"]).startswith("2."):
             raise ValueError("is of another version than glTF 2")
+        if (least := str(self.document["asset"].get("minVersion", "2.0"))) != "2.0":
+            raise ValueError(f"needs glTF {least[:10]}, and 2.0 is read here")
         if missing := sorted(set(self.document.get("extensionsRequired", [])) - READ_EXTENSIONS):
             raise ValueError(f"needs the extension {str(missing[0])[:60]}, which is not read here")
 
@@ -123,8 +125,11 @@ class GltfFile:
         data = self._buffer(int(view["buffer"]))
         first = int(view.get("byteOffset", 0)) + int(where.get("byteOffset", 0))
         stride = int(view.get("byteStride", width * dtype.itemsize))
-        if first < 0 or stride < width * dtype.itemsize or first + (count - 1) * stride + width * dtype.itemsize > len(data):
+        end = int(where.get("byteOffset", 0)) + (count - 1) * stride + width * dtype.itemsize
+        if first < 0 or stride < width * dtype.itemsize or int(view.get("byteOffset", 0)) + end > len(data):
             raise ValueError("has numbers that lie outside their buffer")
+        if end > int(view["byteLength"]):  # what lies behind are other numbers
+            raise ValueError("has numbers that lie outside their buffer view")
         return np.ndarray((count, width), dtype, data, first, (stride, dtype.itemsize))
 
     def _buffer(self, number: int) -> bytes:

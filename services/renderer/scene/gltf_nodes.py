@@ -66,7 +66,10 @@ class NodeTree(NamedTuple):
 
 
 def read_nodes(file: GltfFile) -> NodeTree:
-    """The nodes of the file's scene; none where it has no scene. Raises ValueError for a node that has two parents."""
+    """The nodes of the file's scene; none where it has no scene, and of those that the file hides only cameras.
+
+    Raises ValueError for a node that has two parents.
+    """
     document = file.document
     nodes, meshes = document.get("nodes", []), document.get("meshes", [])
     scenes = document.get("scenes", [])
@@ -75,9 +78,9 @@ def read_nodes(file: GltfFile) -> NodeTree:
     camera_nodes: list[tuple[int, np.ndarray]] = []
     light_nodes: list[tuple[int, np.ndarray]] = []
     parents: dict[int, int | None] = {}
-    stack: list[tuple[int, int | None, int, np.ndarray]] = [(root, None, 1, np.eye(4)) for root in roots]
+    stack: list[tuple[int, int | None, int, np.ndarray, bool]] = [(root, None, 1, np.eye(4), True) for root in roots]
     while stack:  # depth first, the last child before the first
-        number, parent, depth, file_from_parent = stack.pop()
+        number, parent, depth, file_from_parent, visible = stack.pop()
         if number in parents:
             raise ValueError("has nodes with several parents")
         if len(parents) >= MAX_NODES or depth > MAX_DEPTH:
@@ -85,9 +88,12 @@ def read_nodes(file: GltfFile) -> NodeTree:
         parents[number] = parent
         node = item(nodes, number, "nodes")
         file_from_node = file_from_parent @ rest_matrix(node)
-        stack += [(child, number, depth + 1, file_from_node) for child in node.get("children", [])]
+        visible = visible and node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True) is True
+        stack += [(child, number, depth + 1, file_from_node, visible) for child in node.get("children", [])]
         if "camera" in node:
             camera_nodes.append((number, file_from_node))
+        if not visible:
+            continue
         if "KHR_lights_punctual" in node.get("extensions", {}):
             light_nodes.append((number, file_from_node))
         if "mesh" in node:

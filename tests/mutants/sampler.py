@@ -162,7 +162,7 @@ MUTANTS = [
             ("waiting doubled", "WAIT_S = 1.0", "WAIT_S = 2.0"),
             ("waiting halved", "WAIT_S = 1.0", "WAIT_S = 0.5"),
             ("a wide light's edge", "while reached < 0.75 * area:", "while reached < 0.3 * area:"),
-            ("what a source leaves", "_is_apart(made.directions[:count], centre):", "True:"),
+            ("what a source leaves", "_is_apart(made.directions, count, centre):", "True:"),
             ("a halo in its source", "CORE_SPREADS = 2.0", "CORE_SPREADS = 20.0"),
             ("a source without its edge", "CORE_SPREADS = 2.0", "CORE_SPREADS = 0.5"),
             ("forgotten over a gap", "| (before.seen_s >= before.seen_s.max(initial=-np.inf))", ""),

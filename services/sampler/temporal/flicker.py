@@ -6,6 +6,7 @@ to the power at the frames' own times. A rate that divides the frequency (25 or 
 It is removed from each block of the map by itself: tubes near a window must not make the window flicker the other way.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -138,7 +139,7 @@ def _add_blocks(radiance, solid_angles, powers):
 @kernel
 def _beat(frequency, rate):
     """The frequency as frames at `rate` see it, at most half the rate."""
-    return abs(frequency - np.round(frequency / rate) * rate)
+    return abs(frequency - math.floor(frequency / rate + 0.5) * rate)
 
 
 @kernel
@@ -246,7 +247,9 @@ def _search(ages, target, nominal, rate, beside):
     for k in range(DRIFT_STEPS):
         _copy_rows(_waves(ages, nominal - DRIFT_HZ + k * DRIFT_STEP_HZ, rate), columns[c:])
         explained[k] = _explained(about, _least_squares(columns, single)[1], n)[0]
-    k = int(np.argmax(explained))
+    k = 0
+    for other in range(1, DRIFT_STEPS):
+        k = other if explained[other] > explained[k] else k
     offset = 0.0
     if 0 < k < DRIFT_STEPS - 1:  # the top of the parabola through the best and its neighbours
         bend = explained[k - 1] - 2 * explained[k] + explained[k + 1]

@@ -59,17 +59,26 @@ def _sums(tiles: Tiles, places, assignment: Assignment, sources: SourceTiles):
         _add(moments, t, (1 - part) * (1 - overlap), sums, s + assignment.nearest[t])
         if overlap > 0:
             _add(moments, t, (1 - part) * overlap, sums, s + assignment.second[t])
-    around = _nearest_sites(places[s:])
+    around = _nearest_sites(places, s)
     count = around.shape[1]
     weights, near = np.empty(count + 1, np.float32), np.empty((around.shape[0], TERMS, count), np.float32)
+    log, of_sources = np.empty(1, np.float32), np.empty((s, TERMS, 1), np.float32)
     for _ in range(STEPS):
         gaussians = _gaussians(sums, places)
-        _gather(gaussians[s:], around, near)
-        sums[:] = 0.0
+        _gather(gaussians, s, around, near)
+        for source in range(s):
+            for c in range(TERMS):
+                of_sources[source, c, 0] = gaussians[source, c]
+        for k in range(places.shape[0]):
+            for c in range(SUMS):
+                sums[k, c] = 0.0
         for t in range(tiles.power.size):
             nearest, source = assignment.nearest[t], sources.owner[t] if sources.part[t] > 0 else -1
             _log_likelihoods(tiles, t, near, nearest, weights)
-            weights[count] = _log_likelihood(tiles, t, gaussians[source]) if source >= 0 else -np.inf
+            weights[count] = -np.inf
+            if source >= 0:
+                _log_likelihoods(tiles, t, of_sources, source, log)
+                weights[count] = log[0]
             total = _exponentials(weights)
             for k in range(count):
                 if weights[k] > 0:
@@ -136,12 +145,15 @@ def _add(moments, t, weight, sums, k):
 
 
 @subroutine
-def _gather(gaussians, around, near):
-    """Fills near (n, TERMS, k) with the Gaussians of the sites around each site, term by term, so that they are computed side by side."""
+def _gather(gaussians, first, around, near):
+    """Fills near (n, TERMS, k) with the Gaussians, from the `first` on, of the sites around each site.
+
+    Term by term, so that they are computed side by side.
+    """
     for s in range(around.shape[0]):
         for k in range(around.shape[1]):
             for c in range(TERMS):
-                near[s, c, k] = gaussians[around[s, k], c]
+                near[s, c, k] = gaussians[first + around[s, k], c]
 
 
 # Comparisons in place of max() and sums in any order, so that the loops compute several at a time.
@@ -165,12 +177,14 @@ def _exponentials(logs):
 
 
 @subroutine
-def _nearest_sites(sites):
-    """(n, k) int64: the sites nearest to each site, itself first, in no other order."""
-    n = sites.shape[0]
+def _nearest_sites(places, first):
+    """(n, k) int64: the sites, places from the `first` on, nearest to each site, itself first, in no other order."""
+    n = places.shape[0] - first
     k = min(NEIGHBOURS, n)
     around, chords = np.zeros((n, k), np.int64), np.empty(n, np.float32)
-    xs, ys, zs = sites[:, 0].astype(np.float32), sites[:, 1].astype(np.float32), sites[:, 2].astype(np.float32)
+    xs, ys, zs = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    for s in range(n):
+        xs[s], ys[s], zs[s] = places[first + s, 0], places[first + s, 1], places[first + s, 2]
     for s in range(n):
         x, y, z = xs[s], ys[s], zs[s]
         for other in range(n):
@@ -244,14 +258,6 @@ def _log_likelihoods(tiles, t, near, s, logs):
         u, v = x * near[s, 3, k] + y * near[s, 4, k] + z * near[s, 5, k], x * near[s, 6, k] + y * near[s, 7, k] + z * near[s, 8, k]
         form = u * u * near[s, 9, k] + np.float32(2) * u * v * near[s, 10, k] + v * v * near[s, 11, k]
         logs[k] = SHARPNESS * (near[s, 12, k] - form / height - near[s, 13, k] * spread)  # Lambert's square: 2 form / height
-
-
-@subroutine
-def _log_likelihood(tiles, t, gaussian):
-    """The same for one Gaussian (TERMS,)."""
-    log, near = np.empty(1, np.float32), gaussian.astype(np.float32).reshape(1, TERMS, 1)
-    _log_likelihoods(tiles, t, near, near.shape[0] - 1, log)  # for a 0 in its place numba compiles another version
-    return log[0]
 
 
 @subroutine(inline="always")

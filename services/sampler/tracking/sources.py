@@ -175,16 +175,32 @@ def source_lights(tiles: Tiles, peaks, lit):
     return SourceTiles(moment, owner, part), flux, rest
 
 
-@kernel
-def peaks_of(tiles: Tiles):
+def peaks_of(tiles: Tiles) -> Peaks:
     """The compact peaks of the tiles that hold STAY_POWER, from the brightest tile down."""
-    n, total, radiance = tiles.power.size, tiles.power.sum(), tiles.power / tiles.area
-    made = Peaks(np.empty((MAX_PEAKS, 3)), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.full(n, -1), np.zeros(n))
+    made, count = _peaks_of(tiles)
+    return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.left[:count], made.owner, made.part)
+
+
+@kernel
+def _peaks_of(tiles: Tiles):
+    """(Peaks with room for MAX_PEAKS, how many they are)."""
+    n, total = tiles.power.size, 0.0
+    power, ring, left, owner, part = np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.empty(MAX_PEAKS), np.empty(n, np.int64), np.zeros(n)
+    made = Peaks(np.empty((MAX_PEAKS, 3)), power, ring, left, owner, part)
+    radiance, dimness = np.empty(n), np.empty(n)
+    bright, inside, seen = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    for t in range(n):
+        total += tiles.power[t]
+        radiance[t], made.owner[t], seen[t] = tiles.power[t] / tiles.area[t], -1, 0
     faintest = STAY_POWER * total / (np.pi * SOURCE_RAD**2)  # of which even SOURCE_RAD full holds too little
-    bright = np.flatnonzero(radiance >= faintest)
-    order, seen, count, looked = bright[np.argsort(-radiance[bright])], np.zeros(n, np.bool_), np.int64(0), 0
-    inside, centre = np.empty(n, np.int64), np.empty(3)
-    for peak in order:
+    candidates, count, looked, centre = np.int64(0), np.int64(0), 0, np.empty(3)
+    for t in range(n):
+        if radiance[t] >= faintest:
+            bright[candidates], dimness[candidates] = t, -radiance[t]
+            candidates += 1
+    order = _order_of(dimness, candidates)
+    for candidate in range(candidates):
+        peak = bright[order[candidate]]
         if count == MAX_PEAKS or looked == MAX_PEAKS:
             break
         if seen[peak]:
@@ -193,35 +209,61 @@ def peaks_of(tiles: Tiles):
         for c in range(3):
             centre[c] = tiles.direction[c, peak]
         found = _within(tiles, made.owner, centre, inside)
-        if tiles.power[inside[:found]].sum() >= STAY_POWER * total:
+        if _power_of(tiles, inside, found) >= STAY_POWER * total:
             behind, _ = _ring(tiles, radiance, centre)
             for _ in range(SHIFTS):
-                _shift(tiles, inside[:found], behind, centre)
+                _shift(tiles, inside, found, behind, centre)
                 found = _within(tiles, made.owner, centre, inside)
             behind, quartile = _ring(tiles, radiance, centre)
-            own = _shift(tiles, inside[:found], behind, centre)
+            own = _shift(tiles, inside, found, behind, centre)
             around = quartile * np.pi * (RING_RAD**2 - SOURCE_RAD**2)
-            if own >= STAY_POWER * total and around <= STAY_RING * own and _is_apart(made.directions[:count], centre):
+            if own >= STAY_POWER * total and around <= STAY_RING * own and _is_apart(made.directions, count, centre):
                 for c in range(3):
                     made.directions[count, c] = centre[c]
                 made.power[count], made.ring[count] = own / total, around / own
-                core = max(CORE_SPREADS * _spread(tiles, inside[:found], behind, centre, own), MIN_CORE_RAD)
-                for t in inside[:found]:
+                core = max(CORE_SPREADS * _spread(tiles, inside, found, behind, centre, own), MIN_CORE_RAD)
+                for k in range(found):
+                    t = inside[k]
                     above = 1 - behind / radiance[t]
                     if above > 0 and _chord(tiles, t, centre) <= core**2:
                         made.owner[t], made.part[t] = count, above
-                made.left[count] = made.power[count] * _left(tiles, inside[:found], made, count)
+                made.left[count] = made.power[count] * _left(tiles, inside, found, made, count)
                 count += 1
-        seen[peak] = True
-        for t in inside[:found]:
-            seen[t] = True
-    return Peaks(made.directions[:count], made.power[:count], made.ring[:count], made.left[:count], made.owner, made.part)
+        seen[peak] = 1
+        for k in range(found):
+            seen[inside[k]] = 1
+    return made, count
 
 
 @subroutine
-def _is_apart(others, centre):
+def _order_of(values, count):
+    """The places (count,) of the first values from the least up, by Shell's sort, of which numba compiles less than of np.argsort."""
+    order, gap = np.empty(count, np.int64), count
+    for k in range(count):
+        order[k] = k
+    while gap > 1:
+        gap = max(gap * 5 // 11, 1)  # Gonnet's gaps
+        for k in range(gap, count):
+            taken, place = order[k], k
+            while place >= gap and values[order[place - gap]] > values[taken]:
+                order[place] = order[place - gap]
+                place -= gap
+            order[place] = taken
+    return order
+
+
+@subroutine
+def _power_of(tiles, inside, found):
+    power = 0.0
+    for k in range(found):
+        power += tiles.power[inside[k]]
+    return power
+
+
+@subroutine
+def _is_apart(others, count, centre):
     """Whether a centre lies RING_RAD from all others: nearer light is what a source that is wider than SOURCE_RAD leaves."""
-    for k in range(others.shape[0]):
+    for k in range(count):
         if (others[k, 0] - centre[0]) ** 2 + (others[k, 1] - centre[1]) ** 2 + (others[k, 2] - centre[2]) ** 2 < RING_RAD**2:
             return False
     return True
@@ -246,29 +288,30 @@ def _within(tiles, owner, centre, inside):
 @subroutine
 def _ring(tiles, radiance, centre):
     """(median radiance, upper quartile) of the ring around a centre, of the tiles that reach into it by the area that can lie in it."""
-    near, areas, count, area = np.empty(radiance.size, np.int64), np.empty(radiance.size), 0, 0.0
+    values, areas, count, area = np.empty(radiance.size), np.empty(radiance.size), 0, 0.0
     for t in range(radiance.size):
         chord = _chord(tiles, t, centre)
         if chord > SOURCE_RAD**2 and chord < (RING_RAD + tiles.radius[t]) ** 2:
-            near[count], areas[count] = t, min(tiles.area[t], np.sqrt(2) * tiles.radius[t] * (RING_RAD - SOURCE_RAD))
+            values[count], areas[count] = radiance[t], min(tiles.area[t], np.sqrt(2) * tiles.radius[t] * (RING_RAD - SOURCE_RAD))
             area, count = area + areas[count], count + 1
     if count == 0:
         return 0.0, 0.0
-    order = np.argsort(radiance[near[:count]])
+    order = _order_of(values, count)
     reached, median, k = areas[order[0]], -1.0, 0
     while reached < 0.75 * area:
-        median = radiance[near[order[k]]] if median < 0 and reached >= 0.5 * area else median
+        median = values[order[k]] if median < 0 and reached >= 0.5 * area else median
         k += 1
         reached += areas[order[k]]
-    quartile = radiance[near[order[k]]]
+    quartile = values[order[k]]
     return quartile if median < 0 else median, quartile
 
 
 @subroutine
-def _shift(tiles, inside, behind, centre):
-    """Moves the centre to the centroid of the light above `behind` in the tiles inside; returns its power."""
+def _shift(tiles, inside, found, behind, centre):
+    """Moves the centre to the centroid of the light above `behind` in the first `found` tiles of inside; returns its power."""
     x = y = z = own = 0.0
-    for t in inside:
+    for k in range(found):
+        t = inside[k]
         above = tiles.power[t] - behind * tiles.area[t]
         if above > 0:
             x, y, z = x + above * tiles.direction[0, t], y + above * tiles.direction[1, t], z + above * tiles.direction[2, t]
@@ -280,13 +323,14 @@ def _shift(tiles, inside, behind, centre):
 
 
 @subroutine
-def _spread(tiles, inside, behind, centre, own):
+def _spread(tiles, inside, found, behind, centre, own):
     """The distance from the centre within which half of the light above `behind` lies."""
-    chords = np.empty(inside.size)
-    for k in range(inside.size):
+    chords = np.empty(found)
+    for k in range(found):
         chords[k] = _chord(tiles, inside[k], centre)
-    reached = 0.0
-    for k in np.argsort(chords):
+    order, reached = _order_of(chords, found), 0.0
+    for n in range(found):
+        k = order[n]
         reached += max(tiles.power[inside[k]] - behind * tiles.area[inside[k]], 0.0)
         if reached >= 0.5 * own:
             return np.sqrt(chords[k])
@@ -294,9 +338,9 @@ def _spread(tiles, inside, behind, centre, own):
 
 
 @subroutine
-def _left(tiles, inside, peaks, k):
-    """What the best Gaussian leaves of the k-th peak, whose tiles are inside: the RMS difference of irradiance at hard edges over the mean
-    irradiance of light that has its direction, 0 for a peak narrower than WIDE_RAD.
+def _left(tiles, inside, found, peaks, k):
+    """What the best Gaussian leaves of the k-th peak, whose tiles are the first `found` of inside: the RMS difference of irradiance at hard
+    edges over the mean irradiance of light that has its direction, 0 for a peak narrower than WIDE_RAD.
 
     Along each of four axes, with F and G the distributions of light and Gaussian, half the integral of (F - G)^2 is the mean over edges,
     and a surface's facing makes of it 5.3 to 10.7 squared mean irradiances, from the zenith to the horizon.
@@ -305,31 +349,39 @@ def _left(tiles, inside, peaks, k):
     # Two axes across the third (Duff et al. 2017).
     sign = 1.0 if z >= 0 else -1.0
     a, b = -1.0 / (sign + z), -x * y / (sign + z)
-    own, across = np.zeros((4, inside.size)), np.zeros(2)
-    for n in range(inside.size):
+    power, u, v, half, whole = np.zeros(found), np.zeros(found), np.zeros(found), np.zeros(found), 0.0
+    for n in range(found):
         t = inside[n]
         if peaks.owner[t] == k:
             dx, dy, dz = tiles.direction[0, t], tiles.direction[1, t], tiles.direction[2, t]
-            own[0, n], own[3, n] = peaks.part[t] * tiles.power[t], tiles.radius[t] / np.sqrt(2)
-            own[1, n], own[2, n] = (1 + sign * x * x * a) * dx + sign * b * dy - sign * x * dz, b * dx + (sign + y * y * a) * dy - y * dz
-    whole = own[0].sum()
-    for n in range(inside.size):
-        own[0, n] /= whole
-    across[0], across[1] = (own[0] * own[1]).sum(), (own[0] * own[2]).sum()
-    if (own[0] * ((own[1] - across[0]) ** 2 + (own[2] - across[1]) ** 2)).sum() < 2 * WIDE_RAD**2:
+            power[n], half[n] = peaks.part[t] * tiles.power[t], tiles.radius[t] / np.sqrt(2)
+            u[n], v[n] = (1 + sign * x * x * a) * dx + sign * b * dy - sign * x * dz, b * dx + (sign + y * y * a) * dy - y * dz
+            whole += power[n]
+    mean_u = mean_v = square = 0.0
+    for n in range(found):
+        power[n] /= whole
+        mean_u, mean_v = mean_u + power[n] * u[n], mean_v + power[n] * v[n]
+    for n in range(found):
+        square += power[n] * ((u[n] - mean_u) ** 2 + (v[n] - mean_v) ** 2)
+    if square < 2 * WIDE_RAD**2:
         return 0.0
-    total = 0.0
+    along, total = np.zeros(found), 0.0
     for axis in range(4):
         p, q = np.cos(0.25 * np.pi * axis), np.sin(0.25 * np.pi * axis)
-        total += _difference(p * (own[1] - across[0]) + q * (own[2] - across[1]), own[0], own[3])
+        for n in range(found):
+            along[n] = p * (u[n] - mean_u) + q * (v[n] - mean_v)
+        total += _difference(along, power, half)
     return np.sqrt(4.5 * total / 4)
 
 
 @subroutine
 def _difference(along, power, half):
     """The integral of (F - G)^2 of light of this power (n,) at `along` (n,), each even over `half` (n,) either way."""
-    variance = (power * (along**2 + half**2 / 3)).sum()
-    least = (power * np.exp(-(along**2) / (2 * variance))).sum()
+    variance = least = 0.0
+    for t in range(power.size):
+        variance += power[t] * (along[t] ** 2 + half[t] ** 2 / 3)
+    for t in range(power.size):
+        least += power[t] * np.exp(-(along[t] ** 2) / (2 * variance))
     deviation = np.sqrt(variance * (1 / least**2 - 1))  # as in extents.py
     total, step = 0.0, 2 * LEFT_REACH * deviation / LEFT_GRID
     for n in range(LEFT_GRID):

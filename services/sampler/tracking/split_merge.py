@@ -61,11 +61,15 @@ def best_splits(tiles: Tiles, directions, cells, max_count, scene_change):
     directions: (n, 3), of the sites. A cell of one tile cannot be split.
     """
     # Cells by falling energy, which bounds the gain of a split: done once no other cell can gain more.
-    energy, count = cells.root_energy**2, 0
+    energy, count = np.empty(cells.root_energy.size), 0
+    for cell in range(energy.size):
+        energy[cell] = cells.root_energy[cell] ** 2
     gains, chosen, halves = np.empty(max_count), np.empty(max_count, np.int64), np.empty((max_count, 2, 3))
     two = np.empty((2, 3))
     for _ in range(energy.size):
-        cell = energy.argmax()
+        cell = np.int64(0)
+        for other in range(1, energy.size):
+            cell = other if energy[other] > energy[cell] else cell
         if count == max_count and energy[cell] <= gains[max_count - 1]:
             break
         gain, energy[cell] = split(tiles, cells.assignment.nearest, cell, directions[cell], scene_change, two), -1.0
@@ -173,7 +177,11 @@ def _two_means(own, count, whole, halves, moment):
     for c in range(3):
         halves[0, c], halves[1, c] = whole[c], own[c, farthest]
     for _ in range(TWO_MEANS_STEPS):
-        moment[:2], site_moment[:] = 0.0, 0.0
+        for s in range(2):
+            for c in range(4):
+                moment[s, c] = 0.0
+            for c in range(3):
+                site_moment[s, c] = 0.0
         for k in range(count):
             s = 0 if _chord(own, k, halves[0]) <= _chord(own, k, halves[1]) else 1
             _add(own, k, moment[s])

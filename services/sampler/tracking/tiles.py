@@ -98,22 +98,26 @@ def tiles_from_map(radiance: np.ndarray, coverage: Coverage, count: int, bright_
     """The tiles of a clean map (rows, cols, 3) float32, small enough for `count` lights. A cell's weights are brought to the sum 1."""
     rows, cols, _ = radiance.shape
     # Copied, since numba compiles a second version of a function for arrays that are read-only, as those off the wire are.
-    cells, directions, weights = (np.array(array) for array in bright_cells)
-    table = _fill(radiance, grid(rows, cols, coverage), count, cells, directions, weights)
+    cells, directions, weights = np.array(bright_cells.cells), np.array(bright_cells.directions), np.array(bright_cells.weights, np.float64)
+    table, n = _fill(radiance, grid(rows, cols, coverage), count, cells, directions, weights)
+    table = table[:, :n].copy()
     return Tiles(table[0:3], table[3], table[4:7], table[7], table[8], table[9])
 
 
 @kernel
 def _fill(radiance, of, count, cells, directions, weights):
-    """The table (10, tiles): flux, power, direction, weight, radius, area."""
+    """(table (10, tiles or more): flux, power, direction, weight, radius, area; how many tiles). weights: brought to the sum 1."""
     rows, cols, _ = radiance.shape
     samples = _cell_samples(BrightCells(cells, directions, weights), rows * cols)
     # Base tiles first, for the sum of the density, power^0.8 area^0.2; those of bright sources count for MAX_LIGHTS.
     luminance, across = np.empty((rows, cols), np.float32), -(-cols // BASE)
     bases, density = _bases(radiance, of, luminance)
-    total = density.sum()
-    total = np.minimum(density, MAX_LIGHTS / max(count, MAX_LIGHTS) * total).sum()
-    limit = TILE_FRACTION / count * total
+    total = counted = 0.0
+    for k in range(density.size):
+        total += density[k]
+    for k in range(density.size):
+        counted += min(density[k], MAX_LIGHTS / max(count, MAX_LIGHTS) * total)
+    limit = TILE_FRACTION / count * counted
 
     table, n = np.empty((10, rows * cols + cells.size)), np.int64(0)
     stack, sums = np.empty((STACK, 4), np.int64), np.zeros((BASE + 1, BASE + 1))
@@ -125,7 +129,7 @@ def _fill(radiance, of, count, cells, directions, weights):
             for c in range(10):
                 table[c, n] = bases[c, base]
             n += 1
-    return table[:, :n].copy()
+    return table, n
 
 
 @subroutine
@@ -179,7 +183,9 @@ def _tile(of, span, flux, moment, table, n):
 @subroutine
 def _cell_samples(bright, count):
     """The sub-cell samples of a map of `count` cells, with the weights of each cell normalised."""
-    first, weights, k = np.full(count, -1, np.int32), bright.weights.astype(np.float64), 0
+    first, weights, k = np.empty(count, np.int32), bright.weights, 0
+    for cell in range(count):
+        first[cell] = -1
     while k < weights.size:
         begin, whole = k, 0.0
         while k < weights.size and bright.cells[k] == bright.cells[begin]:

@@ -54,10 +54,10 @@ def assign(tiles: Tiles, sites, moved, assignment: Assignment):
     """
     nearest, second, overlap = assignment.nearest, assignment.second, assignment.overlap
     n, count = sites.shape[0], nearest.size
-    places = np.full((3, -(-n // LANES) * LANES), FAR)
-    for s in range(n):
+    places = np.empty((3, -(-n // LANES) * LANES), np.float32)
+    for s in range(places.shape[1]):
         for c in range(3):
-            places[c, s] = sites[s, c]
+            places[c, s] = sites[s, c] if s < n else FAR
     near, names, chords = np.empty((3, n + 1), np.float32), np.empty(n + 1, np.int64), np.empty(places.shape[1], np.float32)
     of, best = np.empty((3, RUN), np.float32), np.empty((4, RUN), np.float32)
     for begin in range(0, count, RUN):
@@ -94,14 +94,17 @@ def _near(of, places, n, chords, near, names):
     most r nearer.
     """
     xs, ys, zs = of
-    x, y, z = xs.mean(), ys.mean(), zs.mean()
-    reach = np.float32(0)
+    x = y = z = reach = np.float32(0)
+    for t in range(RUN):
+        x, y, z = x + xs[t] / np.float32(RUN), y + ys[t] / np.float32(RUN), z + zs[t] / np.float32(RUN)
     for t in range(RUN):
         reach = max(reach, (xs[t] - x) ** 2 + (ys[t] - y) ** 2 + (zs[t] - z) ** 2)
     xs, ys, zs = places
     for s in range(chords.size):
         chords[s] = (xs[s] - x) ** 2 + (ys[s] - y) ** 2 + (zs[s] - z) ** 2
-    lanes = np.full((2, LANES), UNREACHED)
+    lanes = np.empty((2, LANES), np.float32)
+    for k in range(LANES):
+        lanes[0, k] = lanes[1, k] = UNREACHED
     for start in range(0, chords.size, LANES):
         for k in range(LANES):
             chord, one, two = chords[start + k], lanes[0, k], lanes[1, k]
@@ -128,7 +131,9 @@ def _nearest_two(of, near, found, best):
 
     All in float32, which holds whole numbers up to 2^24, so that the loop over the tiles needs no branch and one register each.
     """
-    best[:2], best[2:] = FAR, 0
+    for t in range(RUN):
+        best[0, t] = best[1, t] = FAR
+        best[2, t] = best[3, t] = 0
     for k in range(found):
         x, y, z, name = near[0, k], near[1, k], near[2, k], np.float32(k)
         for t in range(RUN):
@@ -161,8 +166,16 @@ def _overlap(radius, sites, a, b, da, db):
 def cells_from_sites(tiles: Tiles, sites):
     """The cells of sites (n, 3)."""
     assignment = _unassigned(tiles.power.size)
-    assign(tiles, sites, np.arange(sites.shape[0]), assignment)
+    assign(tiles, sites, _numbers(sites.shape[0]), assignment)
     return cells_from_assignment(tiles, sites, assignment)
+
+
+@subroutine
+def _numbers(count):
+    numbers = np.empty(count, np.int64)
+    for k in range(count):
+        numbers[k] = k
+    return numbers
 
 
 @subroutine
@@ -204,7 +217,7 @@ def _add_site_moments(tiles: Tiles, nearest, site_moment):
 def relax(tiles: Tiles, sites, site_moment, steps):
     """(sites, cells) after so many Lloyd updates. site_moment: of the cells before the first one."""
     sites, assignment = sites.copy(), _unassigned(tiles.power.size)
-    every = np.arange(sites.shape[0])
+    every = _numbers(sites.shape[0])
     lloyd_update(site_moment, sites)
     for _ in range(steps - 1):
         assign(tiles, sites, every, assignment)
